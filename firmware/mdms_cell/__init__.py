@@ -1,0 +1,1 @@
+"""The firmware of one cell, for MicroPython and CPython alike."""

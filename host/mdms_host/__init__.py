@@ -1,0 +1,1 @@
+"""The coordinator and its tools: everything that runs on the host."""

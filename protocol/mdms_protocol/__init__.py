@@ -1,0 +1,1 @@
+"""What every cell and every host agree on: identifiers, objects, frames."""

@@ -1,0 +1,1 @@
+"""The virtual array: bus, clock, cells and stick-slip physics."""

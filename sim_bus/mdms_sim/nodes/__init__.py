@@ -1,0 +1,1 @@
+"""The cells of the virtual array: Python objects or MicroPython processes."""
