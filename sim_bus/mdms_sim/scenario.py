@@ -1,53 +1,83 @@
 """What a scenario says: the array, its cells, the parcels, the motion and the run, as plain values.
 
 Lengths in metres in the table frame (origin at the centre of the array, x along the columns),
-angles in radians, everything in SI units. `scenario_file` reads these from TOML and checks them.
+angles in radians, everything in SI units. `scenario_file` reads these from TOML and checks them
+by their types and by the `Limit` beside each field.
 """
 
 from dataclasses import dataclass, field
+from dataclasses import field as member
+from typing import TypedDict
+
+
+class ScenarioError(ValueError):
+    """A scenario that cannot be run; the message is one line with key, value, limit and way out."""
+
+
+class Limit(TypedDict, total=False):
+    """What a value, or each number of a list, may be; it stands as the field's metadata."""
+
+    above: float
+    at_least: float
+    at_most: float
+    choices: tuple[str, ...]
+    items: tuple[int, int]
+
+
+LENGTH = Limit(above=0.0, at_most=1000.0)
+PLACE = Limit(at_least=-1000.0, at_most=1000.0)
+ANGLE = Limit(at_least=-1000.0, at_most=1000.0)
+POSITIVE = Limit(above=0.0, at_most=1e6)
+NOT_NEGATIVE = Limit(at_least=0.0, at_most=1e6)
+
+FIELDS = ("inward", "uniform", "rotate", "elliptic", "twist", "squeeze", "table", "goal")
+FIDELITIES = ("row", "ideal", "firmware")
 
 
 @dataclass(frozen=True, slots=True)
 class Array:
     """The grid of cells."""
 
-    columns: int
-    rows: int
-    pitch_m: float = 0.127
+    columns: int = field(metadata=Limit(at_least=1, at_most=1000))
+    rows: int = field(metadata=Limit(at_least=1, at_most=1000))
+    pitch_m: float = field(default=0.127, metadata=LENGTH)
 
 
 @dataclass(frozen=True, slots=True)
 class Wheel:
     """One driven wheel of every cell: a support point that pushes along one direction."""
 
-    direction_rad: float = 0.0
-    offset_m: tuple[float, float] = (0.0, 0.0)
+    direction_rad: float = field(default=0.0, metadata=ANGLE)
+    offset_m: tuple[float, float] = field(default=(0.0, 0.0), metadata=PLACE)
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
     """Mechanics and electrics that all cells share; spreads vary them from cell to cell by seed."""
 
-    wheel: tuple[Wheel, ...] = (Wheel(),)
-    wheel_radius_m: float = 0.0254
-    gear_ratio: float = 3.0
-    torque_constant_nm_per_a: float = 0.024
-    resistance_ohm: float = 4.0
-    damping_nms: float = 3.5e-6
-    rotor_inertia_kg_m2: float = 0.0
-    gain_vs_per_m: float = 10.0
-    supply_v: float = 24.0
-    friction: float = 0.3
-    viscous_friction_s_per_m: float = 0.0
-    encoder_counts_per_motor_rev: int = 2000
-    pwm_steps: int = 1000
-    motor_spread: float = 0.0
-    sensor_offset_m: tuple[tuple[float, float], ...] = (
-        (0.0, 0.0),
-        (0.03175, 0.03175),
-        (-0.03175, 0.03175),
-        (-0.03175, -0.03175),
-        (0.03175, -0.03175),
+    wheel: tuple[Wheel, ...] = field(default=(Wheel(),), metadata=Limit(items=(1, 3)))
+    wheel_radius_m: float = field(default=0.0254, metadata=LENGTH)
+    gear_ratio: float = field(default=3.0, metadata=POSITIVE)
+    torque_constant_nm_per_a: float = field(default=0.024, metadata=POSITIVE)
+    resistance_ohm: float = field(default=4.0, metadata=POSITIVE)
+    damping_nms: float = field(default=3.5e-6, metadata=NOT_NEGATIVE)
+    rotor_inertia_kg_m2: float = field(default=0.0, metadata=NOT_NEGATIVE)
+    gain_vs_per_m: float = field(default=10.0, metadata=NOT_NEGATIVE)
+    supply_v: float = field(default=24.0, metadata=POSITIVE)
+    friction: float = field(default=0.3, metadata=NOT_NEGATIVE)
+    viscous_friction_s_per_m: float = field(default=0.0, metadata=NOT_NEGATIVE)
+    encoder_counts_per_motor_rev: int = field(default=2000, metadata=Limit(at_least=1, at_most=1e6))
+    pwm_steps: int = field(default=1000, metadata=Limit(at_least=1, at_most=1e6))
+    motor_spread: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=0.9))
+    sensor_offset_m: tuple[tuple[float, float], ...] = field(
+        default=(
+            (0.0, 0.0),
+            (0.03175, 0.03175),
+            (-0.03175, 0.03175),
+            (-0.03175, -0.03175),
+            (0.03175, -0.03175),
+        ),
+        metadata=Limit(items=(1, 5)),
     )
 
 
@@ -55,9 +85,9 @@ class Cell:
 class Goal:
     """The pose that a parcel is steered to [table frame]."""
 
-    x_m: float
-    y_m: float
-    yaw_rad: float = 0.0
+    x_m: float = field(metadata=PLACE)
+    y_m: float = field(metadata=PLACE)
+    yaw_rad: float = field(default=0.0, metadata=ANGLE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,13 +95,13 @@ class Parcel:
     """One flat-bottomed rectangular parcel and where it starts, at rest."""
 
     name: str
-    mass_kg: float
-    length_m: float
-    width_m: float
-    x_m: float = 0.0
-    y_m: float = 0.0
-    yaw_rad: float = 0.0
-    centre_of_mass_m: tuple[float, float] = (0.0, 0.0)
+    mass_kg: float = field(metadata=POSITIVE)
+    length_m: float = field(metadata=LENGTH)
+    width_m: float = field(metadata=LENGTH)
+    x_m: float = field(default=0.0, metadata=PLACE)
+    y_m: float = field(default=0.0, metadata=PLACE)
+    yaw_rad: float = field(default=0.0, metadata=ANGLE)
+    centre_of_mass_m: tuple[float, float] = field(default=(0.0, 0.0), metadata=PLACE)
     goal: Goal | None = None
 
 
@@ -79,19 +109,20 @@ class Parcel:
 class Motion:
     """What the wheels are told to do."""
 
-    field: str = "inward"
-    speed_m_s: float = 0.0
+    # This class has a field called `field`, so the function needs another name here.
+    field: str = member(default="inward", metadata=Limit(choices=FIELDS))
+    speed_m_s: float = member(default=0.0, metadata=Limit(at_least=-100.0, at_most=100.0))
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
     """How, how long and with which chance the scenario is simulated."""
 
-    fidelity: str = "row"
-    duration_s: float = 20.0
-    step_s: float = 0.001
-    seed: int = 1
-    gravity_m_s2: float = 9.81
+    fidelity: str = field(default="row", metadata=Limit(choices=FIDELITIES))
+    duration_s: float = field(default=20.0, metadata=Limit(above=0.0, at_most=1e5))
+    step_s: float = field(default=0.001, metadata=Limit(above=0.0, at_most=1.0))
+    seed: int = field(default=1, metadata=Limit(at_least=0, at_most=2**63 - 1))
+    gravity_m_s2: float = field(default=9.81, metadata=Limit(above=0.0, at_most=1000.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +132,6 @@ class Scenario:
     title: str
     array: Array
     cell: Cell = field(default_factory=Cell)
-    parcel: tuple[Parcel, ...] = ()
+    parcel: tuple[Parcel, ...] = field(default=(), metadata=Limit(items=(1, 10_000)))
     motion: Motion = field(default_factory=Motion)
     run: Run = field(default_factory=Run)
