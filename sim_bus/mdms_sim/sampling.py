@@ -1,0 +1,58 @@
+"""Sampled history of a running world, gathered into a `Record`."""
+
+import numpy as np
+
+from mdms_sim.physics.world import World
+from mdms_sim.record import Event, Floats, Record
+
+
+class Sampler:
+    """Copies the state of a world at chosen instants."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._time_s: list[float] = []
+        self._rows: dict[str, list[Floats]] = {name: [] for name in _SAMPLED}
+        self._contact: list[np.ndarray[tuple[int], np.dtype[np.int8]]] = []
+
+    def sample(
+        self, now_s: float, reference_m_s: Floats, voltage_v: Floats, estimate: Floats
+    ) -> None:
+        """Append the state at `now_s`; references and voltages of shape (W,), estimate (P, 3)."""
+        world = self._world
+        self._time_s.append(now_s)
+        values = (
+            world.pose,
+            world.twist,
+            reference_m_s,
+            world.wheel_speed_m_s,
+            voltage_v,
+            world.normal_n,
+            world.force_n,
+            estimate,
+        )
+        for name, value in zip(_SAMPLED, values, strict=True):
+            self._rows[name].append(value.copy())
+        self._contact.append(world.contact.copy())
+
+    def record(self, events: list[Event]) -> Record:
+        """Return what was sampled so far as one `Record` with these events, ordered by time."""
+        columns = {name: np.array(rows) for name, rows in self._rows.items()}
+        return Record(
+            time_s=np.array(self._time_s),
+            contact=np.array(self._contact, dtype=np.int8),
+            events=sorted(events, key=lambda event: event.time_s),
+            **columns,
+        )
+
+
+_SAMPLED = (
+    "pose",
+    "twist",
+    "reference_m_s",
+    "speed_m_s",
+    "voltage_v",
+    "normal_n",
+    "force_n",
+    "estimate",
+)
