@@ -1,0 +1,226 @@
+"""The speed loop of a cell's two axes: one function over one buffer of 32-bit integers.
+
+`step(registers)` is one control period of 1 ms: it tracks both encoders, limits and ramps the
+targets, applies the paper's law V = G (r - v) and watches for faults. It is integer arithmetic
+that stays within 31 bits, so that nothing is allocated, and the same source runs as plain Python
+over an `array('i')`, as MicroPython bytecode, as viper machine code and compiled by numba.
+
+The registers of axis 1 start at 0, those of axis 2 at `AXIS`: `registers[AXIS + TARGET]` is the
+target of axis 2. COUNT, CURRENT and VOLTAGE are as wired, everything else is signed along the
+wheel's own direction. No register may leave -2**30..2**30 - 1; the ranges stand beside each.
+"""
+
+import sys
+
+try:
+    import micropython
+    from micropython import const
+except ImportError:
+    from mdms_cell.cpython import const, micropython, ptr32
+
+# Of each axis. Read from the board:
+COUNT = const(0)  # encoder [counts]; only the low 16 bits are looked at
+CURRENT = const(1)  # [mA], as wired
+# Commands:
+TARGET = const(2)  # reference r [um/s], +-2**30; clipped to TARGET_LIMIT
+MODE = const(3)  # OFF, RUN or STOP
+AGE = const(4)  # ticks since the last target, counted here, zeroed by whoever writes TARGET
+# Parameters; those marked * are written by `mdms_cell.tuning` only, for they depend on each other:
+INVERTED = const(5)  # 1: motor and encoder are mounted the other way round
+TARGET_LIMIT = const(6)  # [um/s], 0..SPEED_MAX_UM_S
+ACCELERATION = const(7)  # ramp of the reference [um/s per tick], 0..SPEED_MAX_UM_S; 0: none
+QUICK_STOP = const(8)  # ramp of the reference when stopping [um/s per tick]; 0: none
+GAIN = const(9)  # * G [V s/m / 16], 0..2**20
+VOLTAGE_LIMIT = const(10)  # * [uV], 0..VOLTAGE_MAX_UV
+ERROR_LIMIT = const(11)  # * speed error beyond which the voltage is at its limit [um/s]
+ALPHA = const(12)  # * share of the innovation that corrects the position [1/4096], 0..4096
+BETA = const(13)  # * and the velocity [1/4096], 0..4096
+SCALE = const(14)  # * um/s of one unit of RATE, times 2**(SHIFT + 6), 0..2**15 - 1
+SHIFT = const(15)  # * 1..14
+RATE_LIMIT = const(16)  # * of RATE, so that RATE * SCALE fits, 0..2**27
+CURRENT_LIMIT = const(17)  # [mA]; 0: not watched
+CURRENT_TICKS = const(18)  # ticks of over-current that are a fault
+STALL_VOLTAGE = const(19)  # a wheel is stalled at this voltage or more [uV]; 0: not watched ...
+STALL_SPEED = const(20)  # ... below this speed [um/s] ...
+STALL_TICKS = const(21)  # ... for so many ticks
+FOLLOWING_LIMIT = const(22)  # largest difference of reference and speed [um/s]; 0: not watched
+FOLLOWING_TICKS = const(23)  # ticks of a larger one that are a fault
+# State and results:
+POSITION = const(24)  # tracked position [2**-14 counts], modulo 2**30
+RATE = const(25)  # tracked velocity [2**-14 counts per tick]
+ACTUAL = const(26)  # the same [um/s]
+DEMAND = const(27)  # the ramped reference r that the law sees [um/s]
+VOLTAGE = const(28)  # what the board is to apply [uV], as wired
+FAULTS = const(29)  # bits below; kept until cleared from outside, and the voltage is 0 while set
+CURRENT_COUNT = const(30)  # ticks of over-current so far
+STALL_COUNT = const(31)  # ticks of stall so far
+FOLLOWING_COUNT = const(32)  # ticks of following error so far
+
+AXIS = const(33)  # registers of an axis
+AXES = const(2)
+
+# Of the cell:
+TICKS = const(66)  # ticks since the start, modulo 2**30
+AGE_LIMIT = const(67)  # a target older than this is stale [ticks]
+SUPPLY = const(68)  # supply voltage [uV], from the board or a parameter; 1_000_000..VOLTAGE_MAX_UV
+WIDEN = const(69)  # what sign-extends a loaded register, see `reset`
+REGISTERS = const(70)
+
+# Values of MODE.
+OFF = const(0)  # voltage 0
+RUN = const(1)  # follow TARGET
+STOP = const(2)  # ramp to standstill, whatever TARGET says
+
+# Bits of FAULTS.
+STALE = const(1)
+OVER_CURRENT = const(2)
+STALLED = const(4)
+FOLLOWING = const(8)
+
+TICK_HZ = const(1000)
+SPEED_MAX_UM_S = const(8_000_000)
+VOLTAGE_MAX_UV = const(60_000_000)
+
+
+def reset(registers):
+    """Zero all registers but the one that tells `step` how wide a machine word is.
+
+    Viper on a 64-bit machine loads a negative register as a large positive number; shifting it up
+    and down again by 32 bits repairs that, and by 0 bits does nothing where it is not needed.
+    """
+    for index in range(REGISTERS):
+        registers[index] = 0
+    registers[WIDEN] = 32 if sys.maxsize >> 32 else 0
+
+
+@micropython.viper
+def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it compiles to one
+    """Advance both axes by one tick of 1 ms, in place."""
+    widen = registers[WIDEN]
+    base = 0
+    while base < AXES * AXIS:
+        # Predict the position, and compare it with the count, modulo 2**16 counts.
+        rate = registers[base + RATE] << widen >> widen
+        position = (registers[base + POSITION] << widen >> widen) + rate
+        position = ((position & 0x3FFFFFFF) ^ 0x20000000) - 0x20000000
+        count = registers[base + COUNT] & 0xFFFF
+        if registers[base + INVERTED]:
+            count = 0 - count
+        count = ((count & 0xFFFF) ^ 0x8000) - 0x8000
+        innovation = (count << 14) - position
+        innovation = ((innovation & 0x3FFFFFFF) ^ 0x20000000) - 0x20000000
+
+        # Correct both. Products are taken in two halves, for the whole would not fit.
+        high = innovation >> 12
+        low = innovation & 0xFFF
+        gain = registers[base + ALPHA]
+        position += high * gain + (low * gain >> 12)
+        registers[base + POSITION] = ((position & 0x3FFFFFFF) ^ 0x20000000) - 0x20000000
+        gain = registers[base + BETA]
+        rate += high * gain + (low * gain >> 12)
+        limit = registers[base + RATE_LIMIT]
+        if rate > limit:
+            rate = limit
+        elif rate < 0 - limit:
+            rate = 0 - limit
+        registers[base + RATE] = rate
+        shift = registers[base + SHIFT]
+        gain = registers[base + SCALE]
+        low = rate & ((1 << shift) - 1)
+        actual = ((rate >> shift) * gain + (low * gain >> shift)) >> 6
+        registers[base + ACTUAL] = actual
+
+        # Limit and ramp the reference.
+        mode = registers[base + MODE]
+        target = 0
+        if mode == RUN:
+            target = registers[base + TARGET] << widen >> widen
+            limit = registers[base + TARGET_LIMIT]
+            if target > limit:
+                target = limit
+            elif target < 0 - limit:
+                target = 0 - limit
+        ramp = registers[base + ACCELERATION]
+        if mode == STOP:
+            ramp = registers[base + QUICK_STOP]
+        demand = registers[base + DEMAND] << widen >> widen
+        if ramp == 0:
+            demand = target
+        elif target > demand + ramp:
+            demand += ramp
+        elif target < demand - ramp:
+            demand -= ramp
+        else:
+            demand = target
+
+        # The paper's law: V = G (r - v), within the voltage limit.
+        error = demand - actual
+        distance = error
+        limit = registers[base + ERROR_LIMIT]
+        if error > limit:
+            error = limit
+        elif error < 0 - limit:
+            error = 0 - limit
+        voltage = error * registers[base + GAIN] >> 4
+        limit = registers[base + VOLTAGE_LIMIT]
+        if voltage > limit:
+            voltage = limit
+        elif voltage < 0 - limit:
+            voltage = 0 - limit
+
+        # Watch over the axis. A count of ticks stands still at its limit.
+        faults = registers[base + FAULTS]
+        age = registers[base + AGE]
+        if age <= registers[AGE_LIMIT]:
+            registers[base + AGE] = age + 1
+        elif mode == RUN:
+            faults |= STALE
+
+        current = registers[base + CURRENT] << widen >> widen
+        if current < 0:
+            current = 0 - current
+        limit = registers[base + CURRENT_LIMIT]
+        ticks = 0
+        if limit != 0 and current > limit:
+            ticks = registers[base + CURRENT_COUNT] + 1
+            if ticks >= registers[base + CURRENT_TICKS]:
+                ticks = registers[base + CURRENT_TICKS]
+                faults |= OVER_CURRENT
+        registers[base + CURRENT_COUNT] = ticks
+
+        level = voltage
+        if level < 0:
+            level = 0 - level
+        speed = actual
+        if speed < 0:
+            speed = 0 - speed
+        limit = registers[base + STALL_VOLTAGE]
+        ticks = 0
+        if mode != OFF and limit != 0 and level >= limit and speed < registers[base + STALL_SPEED]:
+            ticks = registers[base + STALL_COUNT] + 1
+            if ticks >= registers[base + STALL_TICKS]:
+                ticks = registers[base + STALL_TICKS]
+                faults |= STALLED
+        registers[base + STALL_COUNT] = ticks
+
+        if distance < 0:
+            distance = 0 - distance
+        limit = registers[base + FOLLOWING_LIMIT]
+        ticks = 0
+        if mode != OFF and limit != 0 and distance > limit:
+            ticks = registers[base + FOLLOWING_COUNT] + 1
+            if ticks >= registers[base + FOLLOWING_TICKS]:
+                ticks = registers[base + FOLLOWING_TICKS]
+                faults |= FOLLOWING
+        registers[base + FOLLOWING_COUNT] = ticks
+        registers[base + FAULTS] = faults
+
+        if mode == OFF or faults != 0:
+            demand = 0
+            voltage = 0
+        if registers[base + INVERTED]:
+            voltage = 0 - voltage
+        registers[base + DEMAND] = demand
+        registers[base + VOLTAGE] = voltage
+        base += AXIS
+    registers[TICKS] = (registers[TICKS] + 1) & 0x3FFFFFFF
