@@ -1,0 +1,40 @@
+"""Identifiers on the bus: the predefined connection set of CiA 301 and those of LSS (CiA 305).
+
+The names ending in `_BASE` are the identifier of node 0; add the node id.
+"""
+
+NMT = 0x000
+SYNC = 0x080
+EMCY_BASE = 0x080
+TIME = 0x100
+TPDO_BASES = (0x180, 0x280, 0x380, 0x480)
+RPDO_BASES = (0x200, 0x300, 0x400, 0x500)
+SDO_RESPONSE_BASE = 0x580
+SDO_REQUEST_BASE = 0x600
+HEARTBEAT_BASE = 0x700
+LSS_RESPONSE = 0x7E4
+LSS_REQUEST = 0x7E5
+
+#: Node ids that a cell may have, and the one that says it has none yet.
+NODE_MIN = 1
+NODE_MAX = 127
+NODE_NONE = 255
+
+#: Bit 31 of a COB-ID object: the service does not exist; bit 29: 29-bit identifier (not supported).
+INVALID = 1 << 31
+EXTENDED = 1 << 29
+#: Bit 30: of a PDO, no remote request; of SYNC, this device produces it.
+FLAG_30 = 1 << 30
+IDENTIFIER = 0x7FF
+
+
+def restricted(can_id: int) -> bool:
+    """Whether CiA 301 keeps this identifier from use by a configurable service (table 41)."""
+    return (
+        can_id <= 0x07F
+        or 0x101 <= can_id <= 0x180
+        or 0x581 <= can_id <= 0x5FF
+        or 0x601 <= can_id <= 0x67F
+        or 0x6E0 <= can_id <= 0x6FF
+        or can_id >= 0x701
+    )

@@ -1,0 +1,65 @@
+"""Process data: what the default PDOs carry, encoded and decoded by the object table."""
+
+from mdms_protocol import cob
+from mdms_protocol.dictionary import ENTRIES, RPDO_MAPS, TPDO_MAPS
+from mdms_protocol.entry import Entry
+
+
+class OutOfRangeError(ValueError):
+    """A value does not fit its object; the message tells object, value and limits."""
+
+
+class PdoMap:
+    """An ordered set of objects that one frame carries."""
+
+    def __init__(self, base: int, mapping: tuple[int, ...]) -> None:
+        self.base = base
+        self.entries = tuple(ENTRIES[item >> 16, item >> 8 & 0xFF] for item in mapping)
+        self.length = sum(entry.type.size for entry in self.entries)
+
+    def can_id(self, node_id: int) -> int:
+        """The identifier that the predefined connection set gives this PDO at a node."""
+        return self.base + node_id
+
+    def encode(self, values: tuple[int, ...]) -> bytes:
+        """The frame's data, from one integer an object; raises OutOfRangeError, or ValueError."""
+        if len(values) != len(self.entries):
+            raise ValueError("%d values for %d objects" % (len(values), len(self.entries)))
+        data = b""
+        for entry, value in zip(self.entries, values):  # noqa: B905
+            check(entry, value)
+            data += (value & _mask(entry)).to_bytes(entry.type.size, "little")
+        return data
+
+    def decode(self, data: bytes) -> tuple[int, ...] | None:
+        """A tuple of integers, one an object; None for a frame of another length."""
+        if len(data) != self.length:
+            return None
+        values = []
+        start = 0
+        for entry in self.entries:
+            size = entry.type.size
+            value = int.from_bytes(data[start : start + size], "little")
+            values.append(value - _mask(entry) - 1 if value > entry.type.high else value)
+            start += size
+        return tuple(values)
+
+
+def check(entry: Entry, value: int) -> None:
+    """Raises OutOfRangeError if a value may not be written to an object."""
+    if not entry.low <= value <= entry.high:
+        raise OutOfRangeError(
+            "0x%04X:%d %s: %r is not in %d..%d"
+            % (entry.index, entry.sub, entry.name, value, entry.low, entry.high)
+        )
+
+
+def _mask(entry: Entry) -> int:
+    size: int = entry.type.size
+    return (1 << 8 * size) - 1
+
+
+TARGET_VELOCITY = PdoMap(cob.RPDO_BASES[0], RPDO_MAPS[0])
+CONTROLWORD = PdoMap(cob.RPDO_BASES[1], RPDO_MAPS[1])
+ACTUAL_VELOCITY = PdoMap(cob.TPDO_BASES[0], TPDO_MAPS[0])
+STATUS = PdoMap(cob.TPDO_BASES[1], TPDO_MAPS[1])
