@@ -1,0 +1,19 @@
+"""Pictures of a run: position over time for rows, a top view for the plane."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mdms_sim.plots.canvas import save
+from mdms_sim.plots.plane import draw_plane
+from mdms_sim.plots.row import draw_row
+from mdms_sim.plots.table import is_row
+
+if TYPE_CHECKING:
+    from mdms_sim.record import Record
+    from mdms_sim.scenario import Scenario
+
+
+def save_picture(path: Path, scenario: "Scenario", record: "Record") -> None:
+    """Draw a run into a PNG file, in the way that suits its array. Raises OSError."""
+    draw = draw_row if is_row(scenario) else draw_plane
+    save(draw(scenario, record), path)

@@ -1,0 +1,39 @@
+"""What all pictures share: size, colours, type, and how they are written."""
+
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+DPI = 150
+INK = "#1c2733"
+FAINT = "#8b97a3"
+#: One colour per parcel, told apart by people with any kind of colour vision (Okabe and Ito).
+PARCEL_COLOURS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+
+
+def new_figure(width_in: float, height_in: float) -> Figure:
+    """An empty figure of its own; no state is shared with any other."""
+    figure = Figure(figsize=(width_in, height_in), dpi=DPI, facecolor="white")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def tidy(axes: Axes) -> None:
+    """Take away the frame's unneeded sides and quieten its colours."""
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_color(FAINT)
+    axes.tick_params(colors=INK, labelsize=9)
+
+
+def parcel_colour(number: int) -> str:
+    """The colour of a parcel by its place in the scenario."""
+    return PARCEL_COLOURS[number % len(PARCEL_COLOURS)]
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG, the same bytes for the same picture. Raises OSError."""
+    figure.savefig(path, format="png", metadata={"Software": None})

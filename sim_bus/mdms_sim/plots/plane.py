@@ -1,0 +1,80 @@
+"""A run in the plane at one glance: the table from above, and x, y and yaw over time."""
+
+from math import degrees, hypot, pi
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from mdms_sim.plots.canvas import FAINT, INK, new_figure, parcel_colour
+from mdms_sim.plots.pose_panels import draw_pose_panels
+from mdms_sim.plots.top_view import draw_slip_scale, draw_top_view, extent_m
+from mdms_sim.record import Floats, Record
+from mdms_sim.scenario import Parcel, Scenario
+
+WIDTH_IN, TOP_IN, BOTTOM_IN = 13.0, 0.95, 1.0
+LEFT, MIDDLE, PANELS, RIGHT = 0.06, 0.60, 0.68, 0.985
+
+
+def draw_plane(scenario: Scenario, record: Record) -> Figure:
+    """The figure of a run on an array of any shape."""
+    low_m, high_m = extent_m(scenario, record)
+    width_m, depth_m = high_m - low_m
+    view_in = (MIDDLE - LEFT) * WIDTH_IN * depth_m / width_m
+    height_in = TOP_IN + BOTTOM_IN + min(max(view_in, 4.0), 8.0)
+    figure = new_figure(WIDTH_IN, height_in)
+    bottom, top = BOTTOM_IN / height_in, 1 - TOP_IN / height_in
+    axes = figure.add_axes((LEFT, bottom, MIDDLE - LEFT, top - bottom))
+    draw_top_view(axes, scenario, record)
+    draw_slip_scale(figure, (LEFT + 0.07, 0.2 / height_in, 0.11, 0.12 / height_in))
+    draw_pose_panels(figure, (PANELS, bottom, RIGHT - PANELS, top - bottom), scenario, record)
+    _add_legend(figure, scenario, record)
+    _add_titles(figure, height_in, scenario, record)
+    return figure
+
+
+def _add_legend(figure: Figure, scenario: Scenario, record: Record) -> None:
+    handles: list[Artist] = []
+    for number, parcel in enumerate(scenario.parcel[:4]):
+        colour = parcel_colour(number)
+        handles.append(Patch(facecolor=f"{colour}55", edgecolor=colour, label=parcel.name))
+    handles.append(Line2D([], [], color=FAINT, linestyle=(0, (1, 1.5)), lw=1.6, label="start"))
+    if any(parcel.goal for parcel in scenario.parcel):
+        handles.append(Line2D([], [], color=INK, linestyle=(0, (4, 2)), label="goal"))
+    if record.estimate is not None and np.isfinite(record.estimate).any():
+        handles.append(Line2D([], [], color=INK, linewidth=1, label="as the coordinator believes"))
+    figure.legend(
+        handles=handles,
+        loc="lower right",
+        bbox_to_anchor=(RIGHT, 0.01),
+        ncols=len(handles),
+        frameon=False,
+        fontsize=9,
+        labelcolor=INK,
+    )
+
+
+def _add_titles(figure: Figure, height_in: float, scenario: Scenario, record: Record) -> None:
+    figure.text(
+        LEFT, 1 - 0.42 / height_in, scenario.title, color=INK, fontsize=14, fontweight="bold"
+    )
+    stories = [
+        _story(parcel, record.pose[:, number]) for number, parcel in enumerate(scenario.parcel[:2])
+    ]
+    if len(scenario.parcel) > len(stories):
+        stories.append(f"{len(scenario.parcel) - len(stories)} more")
+    figure.text(LEFT, 1 - 0.72 / height_in, ";  ".join(stories), color=FAINT, fontsize=10)
+
+
+def _story(parcel: Parcel, pose: Floats) -> str:
+    """What became of a parcel, in one clause."""
+    shift_m = hypot(*(pose[-1, :2] - pose[0, :2]))
+    turn_deg = degrees(pose[-1, 2] - pose[0, 2])
+    story = f"{parcel.name} moved {shift_m:.3f} m and turned {turn_deg:+.1f}°"
+    if parcel.goal is None:
+        return story
+    miss_m = hypot(pose[-1, 0] - parcel.goal.x_m, pose[-1, 1] - parcel.goal.y_m)
+    miss_rad = (pose[-1, 2] - parcel.goal.yaw_rad + pi) % (2 * pi) - pi
+    return f"{story}, {1000 * miss_m:.1f} mm and {abs(degrees(miss_rad)):.1f}° off its goal"

@@ -1,0 +1,143 @@
+"""The table from above: cells, wheels coloured by how often they slipped, and parcels' ways."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon, Rectangle
+from numpy.typing import NDArray
+
+from mdms_sim.plots.canvas import FAINT, INK, parcel_colour
+from mdms_sim.plots.table import cell_centres_m, outline_m, wheel_directions, wheel_places_m
+from mdms_sim.record import Contact, Floats, Record
+from mdms_sim.scenario import Parcel, Scenario
+
+SLIP_COLOURS = LinearSegmentedColormap.from_list("slip", ["#2f6db5", "#9a5bb0", "#d6124a"])
+UNTOUCHED = "#cfd5da"
+FOOTPRINTS = 6
+MARGIN_M = 0.01
+WHEEL_SHARE = 0.26
+
+
+def draw_top_view(axes: Axes, scenario: Scenario, record: Record) -> None:
+    """Fill the axes; one metre is as long along x as along y."""
+    _draw_cells(axes, scenario)
+    for number, parcel in enumerate(scenario.parcel):
+        _draw_way(axes, parcel, record.pose[:, number], parcel_colour(number))
+        _draw_goal(axes, parcel)
+    _draw_wheels(axes, scenario, record)
+    low_m, high_m = extent_m(scenario, record)
+    axes.set_xlim(low_m[0], high_m[0])
+    axes.set_ylim(low_m[1], high_m[1])
+    axes.set_aspect("equal", anchor="N")
+    axes.set_xlabel("x [m]", color=INK)
+    axes.set_ylabel("y [m]", color=INK)
+    axes.tick_params(colors=INK, labelsize=9, length=0)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+
+
+def extent_m(scenario: Scenario, record: Record) -> tuple[Floats, Floats]:
+    """Lower left and upper right of all there is to see: the table and the parcels on their way."""
+    array = scenario.array
+    seen_m = [np.array([array.columns, array.rows]) * array.pitch_m / 2]
+    seen_m.append(-seen_m[0])
+    for number, parcel in enumerate(scenario.parcel):
+        pose = record.pose[:, number]
+        for place in _milestones(pose, parcel):
+            seen_m.extend(outline_m(pose[place], parcel.length_m, parcel.width_m))
+    return np.min(seen_m, axis=0) - MARGIN_M, np.max(seen_m, axis=0) + MARGIN_M
+
+
+def draw_slip_scale(figure: Figure, box: tuple[float, float, float, float]) -> None:
+    """What the wheels' colours mean, in a box (left, bottom, width, height) of the figure."""
+    axes = figure.add_axes(box)
+    axes.imshow(np.linspace(0, 1, 128)[None, :], cmap=SLIP_COLOURS, aspect="auto")
+    axes.set_axis_off()
+    axes.text(-4, 0, "wheel rolled", ha="right", va="center", fontsize=9, color=INK)
+    axes.text(132, 0, "slipped whenever a parcel was on it", va="center", fontsize=9, color=INK)
+
+
+def slip_share(contact: NDArray[np.int8]) -> Floats:
+    """For each wheel the share of its time under parcels that it slipped; NaN if never under one.
+
+    `contact` has shape (T, W), the result (W,).
+    """
+    touched = np.count_nonzero(contact != Contact.NONE, axis=0)
+    slipped = np.count_nonzero(contact >= Contact.SLIDING_FORWARD, axis=0)
+    return np.where(touched > 0, slipped / np.maximum(touched, 1), np.nan)
+
+
+def _draw_cells(axes: Axes, scenario: Scenario) -> None:
+    pitch_m = scenario.array.pitch_m
+    side_m = 0.94 * pitch_m
+    for number, (x_m, y_m) in enumerate(cell_centres_m(scenario), start=1):
+        corner = (x_m - side_m / 2, y_m - side_m / 2)
+        axes.add_patch(Rectangle(corner, side_m, side_m, facecolor="#f3f5f7", edgecolor="#dde2e6"))
+        axes.annotate(
+            f"{number}", (x_m - 0.40 * pitch_m, y_m - 0.40 * pitch_m), color=FAINT, fontsize=7
+        )
+
+
+def _draw_wheels(axes: Axes, scenario: Scenario, record: Record) -> None:
+    """Each wheel as a short bar at its contact point, along the direction that it pushes."""
+    places_m = wheel_places_m(scenario)
+    reach_m = wheel_directions(scenario) * scenario.array.pitch_m * WHEEL_SHARE / 2
+    share = slip_share(record.contact)
+    colours = [UNTOUCHED if np.isnan(value) else SLIP_COLOURS(value) for value in share]
+    bars = np.stack((places_m - reach_m, places_m + reach_m), axis=1)
+    axes.add_collection(
+        LineCollection(list(bars), colors=colours, linewidths=3.0, capstyle="round", zorder=4)
+    )
+
+
+def _draw_way(axes: Axes, parcel: Parcel, pose: Floats, colour: str) -> None:
+    """Footprints that grow stronger from start to end, and the path of the centre."""
+    chosen = _milestones(pose, parcel)
+    for place, strength in zip(chosen, np.linspace(0.25, 0.7, len(chosen)), strict=True):
+        _draw_outline(axes, parcel, pose[place], edgecolor=colour, lw=0.9, alpha=strength)
+    _draw_outline(axes, parcel, pose[0], edgecolor=colour, linestyle=(0, (1, 1.5)), lw=1.6)
+    _draw_outline(axes, parcel, pose[-1], facecolor=f"{colour}38", zorder=3)
+    _draw_outline(axes, parcel, pose[-1], edgecolor=colour, lw=2.6)
+    _draw_nose(axes, pose[0], parcel, f"{colour}80")
+    _draw_nose(axes, pose[-1], parcel, colour)
+    axes.plot(pose[:, 0], pose[:, 1], color=colour, lw=2.0, zorder=6)
+    axes.plot(*pose[0, :2], "o", color="white", markeredgecolor=colour, markersize=6, zorder=7)
+    axes.plot(*pose[-1, :2], "o", color=colour, markeredgecolor="white", markersize=9, zorder=7)
+
+
+def _draw_outline(axes: Axes, parcel: Parcel, pose: Floats, **style: Any) -> None:
+    corners = outline_m(pose, parcel.length_m, parcel.width_m)
+    axes.add_patch(
+        Polygon(corners, **{"facecolor": "none", "edgecolor": "none", "zorder": 5, **style})
+    )
+
+
+def _draw_nose(axes: Axes, pose: Floats, parcel: Parcel, colour: str) -> None:
+    """A small triangle at the parcel's +x side, so that its turn can be seen."""
+    tip, depth = parcel.length_m / 2, 0.09 * parcel.length_m
+    turned = np.array([[np.cos(pose[2]), np.sin(pose[2])], [-np.sin(pose[2]), np.cos(pose[2])]])
+    corners = np.array([(tip, 0.0), (tip - depth, depth / 2), (tip - depth, -depth / 2)])
+    axes.add_patch(Polygon(corners @ turned + pose[:2], facecolor=colour, lw=0, zorder=6))
+
+
+def _draw_goal(axes: Axes, parcel: Parcel) -> None:
+    if parcel.goal is None:
+        return
+    pose = np.array([parcel.goal.x_m, parcel.goal.y_m, parcel.goal.yaw_rad])
+    _draw_outline(axes, parcel, pose, edgecolor=INK, linestyle=(0, (4, 2)), lw=1.4, zorder=8)
+    axes.plot(*pose[:2], "+", color=INK, markersize=15, markeredgewidth=1.4, zorder=8)
+
+
+def _milestones(pose: Floats, parcel: Parcel) -> list[int]:
+    """Samples evenly spread over the way made, so that a rest at the end adds none."""
+    reach_m = np.hypot(parcel.length_m, parcel.width_m) / 2
+    steps_m = np.hypot(np.diff(pose[:, 0]), np.diff(pose[:, 1])) + reach_m * abs(
+        np.diff(pose[:, 2])
+    )
+    way_m = np.concatenate(([0.0], np.cumsum(steps_m)))
+    wanted_m = np.linspace(0.0, way_m[-1], FOOTPRINTS)
+    return sorted(set(np.searchsorted(way_m, wanted_m).clip(0, len(pose) - 1).tolist()))
