@@ -1,0 +1,256 @@
+"""Brings the cells up, tells every wheel its speed in step with SYNC, and stops all if one fails.
+
+It sees frames and the time it is given, nothing else: the simulation and a real bus drive it alike.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from mdms_protocol import cia402, cob, nmt, pdo
+from mdms_protocol.frame import Frame
+from numpy.typing import NDArray
+
+from mdms_host.layout import Layout
+from mdms_host.phase import BRING_UP, STOPPED, TRANSITIONS, Phase, Signal
+from mdms_host.program import Program
+from mdms_host.remote_cell import RemoteCell
+from mdms_host.schedule import Schedule, Timing
+from mdms_host.sdo_client import SdoClient, Setting
+from mdms_host.tracker import Estimate, Parcel, Tracker
+
+Floats = NDArray[np.float64]
+
+_SYNC = Frame(cob.SYNC, b"")
+
+
+class Coordinator:
+    """A participant of the bus that runs a program on all cells of a layout.
+
+    `phase` tells where it is, `fault` what went wrong (None: nothing), `events` what happened when,
+    as (time [s], text). Raises ValueError for cells of more wheels than the wire has axes.
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        program: Program,
+        *,
+        parcels: tuple[Parcel, ...] = (),
+        settings: tuple[Setting, ...] = (),
+        timing: Timing | None = None,
+        host_node_id: int = cob.NODE_MAX,
+    ) -> None:
+        self._axes = len(layout.wheels)
+        if self._axes > len(pdo.TARGET_VELOCITY.entries):
+            raise ValueError(
+                f"a cell has {len(pdo.TARGET_VELOCITY.entries)} axes on the wire, "
+                f"the layout wants {self._axes}"
+            )
+        self.phase = Phase.WAITING
+        self.fault: str | None = None
+        self.events: list[tuple[float, str]] = []
+        self.tracker = Tracker(layout, parcels)
+        self.cells = tuple(
+            RemoteCell(number, node_id) for number, node_id in enumerate(layout.node_ids, 1)
+        )
+        self.references_m_s: Floats = np.zeros(len(layout.wheel_cells))
+        self._program = program
+        self._timing = timing or Timing()
+        self._by_node = {cell.node_id: cell for cell in self.cells}
+        self._sdo = {cell.node_id: SdoClient(cell.node_id, settings) for cell in self.cells}
+        self._alive = nmt.heartbeat(host_node_id, nmt.OPERATIONAL)
+        self._now_s = 0.0
+        self._phase_since_s: float | None = None
+        self._synced_s = 0.0
+        self._schedule = Schedule()
+        self._schedule.set("heartbeat", 0.0)
+        self._stop_wanted = False
+
+    @property
+    def finished(self) -> bool:
+        """Whether the program has reached what it is for."""
+        return self._program.finished
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the array is off and nothing more is going to happen."""
+        return self.phase in STOPPED
+
+    @property
+    def wake_s(self) -> float:
+        """When to poll next, if no frame comes before [s]."""
+        return self._schedule.wake_s
+
+    def estimate(self, parcel: str) -> Estimate | None:
+        """Where the parcel of that name is believed to be now; None if it has not been found."""
+        return self.tracker.estimate(parcel, self._now_s)
+
+    def stop(self) -> None:
+        """Ask for an orderly end; the next poll begins it."""
+        self._stop_wanted = True
+
+    def on_frame(self, frame: Frame, now_s: float) -> None:
+        """Take in a frame from the bus; what is not a cell's, or makes no sense, does nothing."""
+        cell = self._by_node.get(frame.can_id & 0x7F)
+        if cell is None:
+            return
+        base = frame.can_id - cell.node_id
+        cell.on_frame(frame.can_id, frame.data, now_s)
+        if base == cob.SDO_RESPONSE_BASE:
+            self._sdo[cell.node_id].on_response(frame.data)
+        elif base == pdo.STATUS.base and cell.presence is not None:
+            self.tracker.on_presence(now_s, cell.number, cell.presence)
+        elif base == cob.EMCY_BASE:
+            self.events.append((now_s, f"{cell.name} sends emergency 0x{cell.emergency or 0:04X}"))
+        if base in (cob.SDO_RESPONSE_BASE, pdo.STATUS.base) and self.phase in BRING_UP:
+            self._schedule.set("command", now_s)
+
+    def poll(self, now_s: float) -> list[Frame]:
+        """What to send now."""
+        self._now_s = now_s
+        if self._phase_since_s is None:
+            self._enter(Phase.WAITING)
+        self._watch()
+        self._advance()
+        return [*self._host_heartbeat(), *self._commands(), *self._sync(), *self._setpoints()]
+
+    def _watch(self) -> None:
+        """Turn the first thing that is wrong into a fault, and a wish to stop into the end."""
+        if self.phase in (Phase.FAILING, *STOPPED):
+            return
+        wrong = next(filter(None, map(self._wrong_with, self.cells)), None)
+        if wrong:
+            self._fail(wrong)
+        elif self._stop_wanted and (self.phase, Signal.STOP) in TRANSITIONS:
+            self._signal(Signal.STOP)
+
+    def _wrong_with(self, cell: RemoteCell) -> str | None:
+        """What is wrong with a cell, None if nothing is."""
+        if self._silent(cell):
+            return f"{cell.name} has fallen silent: no heartbeat for {self._timing.silence_s:.3g} s"
+        if self._sdo[cell.node_id].failure:
+            return f"{cell.name} cannot be set up: {self._sdo[cell.node_id].failure}"
+        if self.phase in (Phase.ENABLING, Phase.RUNNING) and cell.nmt_state != nmt.OPERATIONAL:
+            return f"{cell.name} is no longer operational: it has restarted or was stopped"
+        if self.phase == Phase.RUNNING and not cell.enabled(self._axes):
+            return f"{cell.name} has disabled its drives: {cell.drive_text}"
+        return None
+
+    def _advance(self) -> None:
+        """End the phase when all cells are done with it; give up on those that never are."""
+        if self.phase in (Phase.RUNNING, *STOPPED):
+            return
+        late = [cell for cell in self.cells if not self._done_with(cell)]
+        waited_s = self._now_s - (self._phase_since_s or 0.0)
+        if not late:
+            self._signal(Signal.DONE)
+        elif self.phase in BRING_UP and waited_s >= self._timing.phase_limit_s:
+            self._fail(self._late_text(late))
+        elif self.phase not in BRING_UP and waited_s >= self._timing.stop_limit_s:
+            self._note(f"not confirmed to be off: {_names(late)}")
+            self._signal(Signal.DONE)
+
+    def _done_with(self, cell: RemoteCell) -> bool:
+        """Whether a cell has done its part of the present phase."""
+        match self.phase:
+            case Phase.WAITING:
+                return cell.heard_s is not None
+            case Phase.CONFIGURING:
+                return self._sdo[cell.node_id].done
+            case Phase.STARTING:
+                return cell.nmt_state == nmt.OPERATIONAL
+            case Phase.ENABLING:
+                return cell.enabled(self._axes)
+            case _:
+                return self._silent(cell) or not cell.moving
+
+    def _host_heartbeat(self) -> Iterator[Frame]:
+        if self._schedule.take("heartbeat", self._now_s, self._timing.heartbeat_period_s):
+            yield self._alive
+
+    def _commands(self) -> Iterator[Frame]:
+        """What the cells need to hear to get on with the phase, again until they have."""
+        if not self._schedule.take("command", self._now_s, self._timing.command_period_s):
+            return
+        for cell in self.cells:
+            if self.phase == Phase.CONFIGURING:
+                yield from self._sdo[cell.node_id].poll(self._now_s)
+            elif self.phase == Phase.STARTING and cell.nmt_state != nmt.OPERATIONAL:
+                yield nmt.command(nmt.START, cell.node_id)
+            elif self.phase == Phase.ENABLING and not cell.enabled(self._axes):
+                yield from cell.enable_frames()
+            elif self.phase in (Phase.STOPPING, Phase.FAILING):
+                yield cell.control_frame(cia402.QUICK_STOP)
+            elif self.phase in STOPPED:
+                yield cell.control_frame(cia402.DISABLE_VOLTAGE)
+        if self.phase in (Phase.RUNNING, *STOPPED):
+            self._schedule.cancel("command")
+
+    def _sync(self) -> Iterator[Frame]:
+        if self._schedule.take("sync", self._now_s, self._timing.sync_period_s):
+            self._synced_s = self._now_s
+            yield _SYNC
+
+    def _setpoints(self) -> Iterator[Frame]:
+        """Take in the speeds of the last SYNC and tell what to do from the next one on."""
+        if not self._schedule.take("setpoint", self._now_s, self._timing.sync_period_s):
+            return
+        self._track()
+        self.references_m_s = np.zeros_like(self.references_m_s)
+        if self.phase == Phase.RUNNING:
+            poses = self.tracker.poses(self._schedule.next_s("sync"))
+            self.references_m_s = self._program.references_m_s(poses, self._timing.sync_period_s)
+        um_s = np.rint(self.references_m_s * 1e6).astype(np.int64).reshape(-1, self._axes)
+        for cell, values in zip(self.cells, um_s.tolist(), strict=True):
+            yield cell.setpoint_frame(values)
+
+    def _track(self) -> None:
+        """Hand the speeds at the last SYNC to the tracker, once all cells have told theirs."""
+        speeds_um_s = [cell.speeds_um_s for cell in self.cells]
+        if None not in speeds_um_s:
+            used = np.array(speeds_um_s, dtype=np.float64)[:, : self._axes]
+            self.tracker.on_speeds(self._synced_s, used.ravel() * 1e-6)
+
+    def _signal(self, signal: Signal) -> None:
+        self._enter(TRANSITIONS[self.phase, signal])
+
+    def _enter(self, phase: Phase) -> None:
+        self.phase, self._phase_since_s = phase, self._now_s
+        self._note(phase.value)
+        self._schedule.set("command", self._now_s)
+        if phase == Phase.ENABLING:
+            self._schedule.set("sync", self._now_s)
+            self._schedule.set("setpoint", self._now_s + self._timing.sync_period_s / 2)
+        elif phase in STOPPED:
+            self._schedule.cancel("sync")
+            self._schedule.cancel("setpoint")
+
+    def _fail(self, text: str) -> None:
+        self.fault = text
+        self._note(f"fault: {text}")
+        self._signal(Signal.FAULT)
+
+    def _note(self, text: str) -> None:
+        self.events.append((self._now_s, text))
+
+    def _silent(self, cell: RemoteCell) -> bool:
+        return cell.heard_s is not None and self._now_s - cell.heard_s > self._timing.silence_s
+
+    def _late_text(self, late: list[RemoteCell]) -> str:
+        """Which cells have not got on in time, and with what."""
+        limit = f"within {self._timing.phase_limit_s:g} s"
+        match self.phase:
+            case Phase.WAITING if len(late) == len(self.cells):
+                return f"no cell was heard {limit}; is the bus connected and are the cells powered?"
+            case Phase.WAITING:
+                return f"not heard {limit}: {_names(late)}"
+            case Phase.CONFIGURING:
+                return f"settings not written {limit}: {_names(late)}"
+            case Phase.STARTING:
+                return f"not operational {limit}: {_names(late)}"
+            case _:
+                return f"drives not enabled {limit}: {_names(late)} ({late[0].drive_text})"
+
+
+def _names(cells: list[RemoteCell]) -> str:
+    return ", ".join(cell.name for cell in cells)

@@ -1,0 +1,92 @@
+"""Closed-loop steering of one parcel to a goal pose, gently enough that its wheels roll."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """The pose that a parcel is steered to [table frame], and when it counts as reached."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float = 0.0
+    tolerance_m: float = 0.002
+    tolerance_rad: float = 0.01
+    settle_s: float = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """How fast a parcel may be moved.
+
+    `speed_m_s` bounds the speed of its centre and of its corners' turning together; the
+    acceleration takes at most `friction_share` of what friction can give (mu g).
+    """
+
+    speed_m_s: float = 0.1
+    friction: float = 0.3
+    friction_share: float = 0.15
+    gravity_m_s2: float = 9.81
+    stiffness_per_s: float = 3.0
+
+    @property
+    def acceleration_m_s2(self) -> float:
+        """Greatest acceleration [m/s2] at which wheels are taken to roll."""
+        return self.friction_share * self.friction * self.gravity_m_s2
+
+
+class GoalController:
+    """From a pose to the twist that takes it to the goal; says when it has arrived.
+
+    Translation and rotation are one motion: yaw counts by the way of the corners, `reach_m` from
+    the centre, so that both end together.
+    """
+
+    def __init__(self, goal: Goal, limits: Limits, reach_m: float) -> None:
+        self.goal = goal
+        self.arrived = False
+        self._limits = limits
+        self._extent_m = np.array([1.0, 1.0, reach_m])
+        self._twist_m_s: Floats = np.zeros(3)
+        self._within_s = 0.0
+
+    def step(self, pose: Floats, step_s: float) -> Floats:
+        """Twist (vx, vy, yaw rate) to command for the next step, shape (3,), about the centre."""
+        error_m = self._error_m(pose)
+        self._judge(error_m, step_s)
+        wanted_m_s = np.zeros(3) if self.arrived else self._approach(error_m)
+        change_m_s = wanted_m_s - self._twist_m_s
+        most_m_s = self._limits.acceleration_m_s2 * step_s
+        size_m_s = float(np.linalg.norm(change_m_s))
+        self._twist_m_s = self._twist_m_s + change_m_s * min(1.0, most_m_s / max(size_m_s, 1e-12))
+        return np.asarray(self._twist_m_s / self._extent_m)
+
+    def _error_m(self, pose: Floats) -> Floats:
+        """What is left to go, shape (3,); yaw as the way of a corner [m]."""
+        yaw_rad = (self.goal.yaw_rad - pose[2] + np.pi) % (2 * np.pi) - np.pi
+        left = np.array([self.goal.x_m - pose[0], self.goal.y_m - pose[1], yaw_rad])
+        return np.asarray(left * self._extent_m)
+
+    def _approach(self, error_m: Floats) -> Floats:
+        """Straight to the goal, slowing down as braking demands [m/s], shape (3,)."""
+        way_m = max(float(np.linalg.norm(error_m)), 1e-12)
+        braking_m_s = np.sqrt(self._limits.acceleration_m_s2 * way_m)
+        speed_m_s = min(
+            self._limits.speed_m_s, self._limits.stiffness_per_s * way_m, float(braking_m_s)
+        )
+        return error_m * (speed_m_s / way_m)
+
+    def _judge(self, error_m: Floats, step_s: float) -> None:
+        """Arrived after a while within the tolerance; gone again outside twice of it."""
+        slack = 2.0 if self.arrived else 1.0
+        within = (
+            np.hypot(error_m[0], error_m[1]) <= slack * self.goal.tolerance_m
+            and abs(error_m[2]) <= slack * self.goal.tolerance_rad * self._extent_m[2]
+        )
+        self._within_s = self._within_s + step_s if within else 0.0
+        self.arrived = bool(within) and (self.arrived or self._within_s >= self.goal.settle_s)

@@ -1,0 +1,113 @@
+"""The array as the host believes it to be: where its wheels and sensors are, which node is which.
+
+Cells are numbered from 1, along x first; wheels are ordered by cell, then by axis. The origin of
+the table frame is the centre of the array.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_SENSOR_OFFSETS_M = (
+    (0.0, 0.0),
+    (0.03175, 0.03175),
+    (-0.03175, 0.03175),
+    (-0.03175, -0.03175),
+    (0.03175, -0.03175),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class WheelPlace:
+    """A wheel within its cell: the direction it pushes along and its contact from the centre."""
+
+    direction_rad: float
+    offset_m: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A grid of like cells; `node_ids` are those of cells 1, 2, ..., by default the same numbers.
+
+    Raises ValueError when the grid is empty or the node ids do not fit it.
+    """
+
+    columns: int
+    rows: int
+    pitch_m: float = 0.127
+    wheels: tuple[WheelPlace, ...] = (WheelPlace(0.0), WheelPlace(np.pi / 2))
+    sensor_offsets_m: tuple[tuple[float, float], ...] = _SENSOR_OFFSETS_M
+    node_ids: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.columns < 1 or self.rows < 1 or not self.wheels:
+            raise ValueError(
+                f"an array needs columns, rows and wheels; got {self.columns} x {self.rows} cells "
+                f"of {len(self.wheels)} wheels"
+            )
+        if not self.node_ids:
+            object.__setattr__(self, "node_ids", tuple(range(1, self.cells + 1)))
+        if len(set(self.node_ids)) != self.cells or len(self.node_ids) != self.cells:
+            raise ValueError(
+                f"{self.cells} cells need as many different node ids, got {self.node_ids}"
+            )
+        if not all(1 <= node <= 127 for node in self.node_ids):
+            raise ValueError(f"node ids must be 1 to 127, got {self.node_ids}")
+
+    @property
+    def cells(self) -> int:
+        """How many cells there are."""
+        return self.columns * self.rows
+
+    @cached_property
+    def cell_positions_m(self) -> Floats:
+        """Centres of the cells [m; table frame], shape (cells, 2)."""
+        x_m = (np.arange(self.columns) - (self.columns - 1) / 2) * self.pitch_m
+        y_m = (np.arange(self.rows) - (self.rows - 1) / 2) * self.pitch_m
+        grid_x_m, grid_y_m = np.meshgrid(x_m, y_m)
+        return np.column_stack((grid_x_m.ravel(), grid_y_m.ravel()))
+
+    @cached_property
+    def wheel_positions_m(self) -> Floats:
+        """Contact points of the wheels [m; table frame], shape (W, 2)."""
+        offsets_m = np.array([wheel.offset_m for wheel in self.wheels], dtype=np.float64)
+        places_m: Floats = self.cell_positions_m[:, None, :] + offsets_m
+        return places_m.reshape(-1, 2)
+
+    @cached_property
+    def wheel_directions(self) -> Floats:
+        """Unit vectors along which the wheels push [table frame], shape (W, 2)."""
+        angles_rad = np.array([wheel.direction_rad for wheel in self.wheels])
+        return np.tile(np.column_stack((np.cos(angles_rad), np.sin(angles_rad))), (self.cells, 1))
+
+    @cached_property
+    def wheel_cells(self) -> Ints:
+        """Number of the cell that each wheel belongs to, from 1, shape (W,)."""
+        return np.repeat(np.arange(1, self.cells + 1), len(self.wheels))
+
+    @cached_property
+    def wheel_axes(self) -> Ints:
+        """Number of each wheel's axis within its cell, from 1, shape (W,)."""
+        return np.tile(np.arange(1, len(self.wheels) + 1), self.cells)
+
+    @cached_property
+    def sensor_positions_m(self) -> Floats:
+        """Places of the presence sensors [m; table frame], shape (cells, sensors, 2)."""
+        offsets_m = np.array(self.sensor_offsets_m, dtype=np.float64)
+        places_m: Floats = self.cell_positions_m[:, None, :] + offsets_m
+        return places_m
+
+    def surface_jacobian(self, x_m: float, y_m: float) -> Floats:
+        """Matrix that maps a rigid twist (vx, vy, omega) about a point to speeds along the wheels.
+
+        Shape (W, 3); the point in m, table frame.
+        """
+        arm_m = self.wheel_positions_m - (x_m, y_m)
+        along = self.wheel_directions
+        moment_m = along[:, 1] * arm_m[:, 0] - along[:, 0] * arm_m[:, 1]
+        return np.column_stack((along, moment_m))

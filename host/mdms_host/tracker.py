@@ -1,0 +1,158 @@
+"""Which sensors tell of which parcel, and the estimates of all parcels kept by them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mdms_host.estimator import ParcelEstimator
+from mdms_host.layout import Layout
+from mdms_host.rectangle import Rectangle
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+#: A parcel must stand still this long before it is looked for.
+_STILL_S = 0.05
+#: Covered sensors this near to each other are taken to be under one parcel.
+_LINK_PITCHES = 0.51
+
+
+@dataclass(frozen=True, slots=True)
+class Parcel:
+    """What the host is told of a parcel: its size, and roughly where it was put.
+
+    `near_m` tells parcels apart when there are several; the yaw starts as the one that looks the
+    same and is nearest to `yaw_hint_rad`.
+    """
+
+    name: str
+    length_m: float
+    width_m: float
+    near_m: tuple[float, float] | None = None
+    yaw_hint_rad: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """Believed pose of a parcel [m, m, rad; table frame] and its standard deviations."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    x_deviation_m: float
+    y_deviation_m: float
+    yaw_deviation_rad: float
+
+
+class Tracker:
+    """Estimates of all parcels on the array, fed with presence bits and wheel speeds."""
+
+    def __init__(self, layout: Layout, parcels: tuple[Parcel, ...]) -> None:
+        self._sensors_m = layout.sensor_positions_m.reshape(-1, 2)
+        self._link_m = _LINK_PITCHES * layout.pitch_m
+        self._sensors_per_cell = len(layout.sensor_offsets_m)
+        self._covered = np.zeros(len(self._sensors_m), dtype=bool)
+        self._known = np.zeros(len(self._sensors_m), dtype=bool)
+        self._changed_s = -np.inf
+        self.parcels = {parcel.name: parcel for parcel in parcels}
+        self._estimators = {
+            parcel.name: ParcelEstimator(
+                layout, Rectangle(parcel.length_m, parcel.width_m), parcel.yaw_hint_rad
+            )
+            for parcel in parcels
+        }
+
+    def on_presence(self, now_s: float, cell: int, bits: int) -> None:
+        """Cell `cell` (from 1) tells which of its sensors are covered: bit k sensor k."""
+        first = (cell - 1) * self._sensors_per_cell
+        for sensor in range(first, first + self._sensors_per_cell):
+            covered = bool(bits >> (sensor - first) & 1)
+            if self._known[sensor] and self._covered[sensor] != covered:
+                self._on_edge(now_s, sensor)
+            if not self._known[sensor] or self._covered[sensor] != covered:
+                self._changed_s = now_s
+            self._covered[sensor], self._known[sensor] = covered, True
+
+    def on_speeds(self, now_s: float, speed_m_s: Floats) -> None:
+        """All wheels, shape (W,), had these speeds at that time."""
+        for estimator in self._estimators.values():
+            estimator.predict(now_s, speed_m_s)
+        self._find_missing(now_s)
+        owners = self._owners(now_s)
+        for number, estimator in enumerate(self._estimators.values()):
+            if estimator.pose is not None:
+                estimator.agree(now_s, self._covered, owners == number)
+
+    def estimate(self, name: str, now_s: float) -> Estimate | None:
+        """Where the parcel is believed to be; None as long as it has not been found."""
+        estimator = self._estimators[name]
+        pose = estimator.pose_at(now_s)
+        if pose is None:
+            return None
+        deviation = np.sqrt(np.diag(estimator.covariance))
+        return Estimate(*map(float, pose), *map(float, deviation))
+
+    def poses(self, now_s: float) -> Mapping[str, Floats]:
+        """Pose (x, y, yaw) of every parcel that has been found."""
+        found = ((name, one.pose_at(now_s)) for name, one in self._estimators.items())
+        return {name: pose for name, pose in found if pose is not None}
+
+    def _on_edge(self, now_s: float, sensor: int) -> None:
+        """The parcel whose edge is nearest to the sensor has crossed it."""
+        away_m = {
+            name: abs(one.distance_m(now_s)[sensor]) for name, one in self._estimators.items()
+        }
+        if away_m:
+            self._estimators[min(away_m, key=away_m.__getitem__)].edge(now_s, sensor)
+
+    def _owners(self, now_s: float) -> NDArray[np.int64]:
+        """Number of the parcel that each sensor is nearest to, shape (S,)."""
+        distances_m = [one.distance_m(now_s) for one in self._estimators.values()]
+        if not distances_m:
+            return np.zeros(len(self._sensors_m), dtype=np.int64)
+        return np.asarray(np.argmin(distances_m, axis=0))
+
+    def _find_missing(self, now_s: float) -> None:
+        """Look for the parcels not found yet, once all cells have spoken and nothing moves."""
+        missing = [name for name, one in self._estimators.items() if one.pose is None]
+        if not missing or not self._known.all() or now_s < self._changed_s + _STILL_S:
+            return
+        explained = np.zeros_like(self._covered)
+        for one in self._estimators.values():
+            explained |= one.distance_m(now_s) < 0
+        groups = _groups(self._sensors_m, self._covered & ~explained, self._link_m)
+        for name in missing:
+            group = self._group_of(self.parcels[name], groups)
+            if group is not None:
+                others = self._covered & ~groups[group]
+                self._estimators[name].acquire(now_s, self._covered, ~others)
+                del groups[group]
+
+    def _group_of(self, parcel: Parcel, groups: list[Bools]) -> int | None:
+        """The group of covered sensors that the parcel is taken to cover."""
+        if not groups:
+            return None
+        if parcel.near_m is None:
+            return max(range(len(groups)), key=lambda number: int(groups[number].sum()))
+        away_m = [
+            float(np.hypot(*(self._sensors_m[group].mean(axis=0) - parcel.near_m)))
+            for group in groups
+        ]
+        return int(np.argmin(away_m))
+
+
+def _groups(sensors_m: Floats, covered: Bools, link_m: float) -> list[Bools]:
+    """Covered sensors, those within the link of each other together: masks of shape (S,)."""
+    near = np.hypot(*(sensors_m[:, None] - sensors_m[None]).transpose(2, 0, 1)) <= link_m
+    near &= covered & covered[:, None]
+    groups: list[Bools] = []
+    left = covered.copy()
+    while left.any():
+        group = np.arange(len(left)) == np.argmax(left)
+        while (grown := near[group].any(axis=0)).sum() > group.sum():
+            group = grown
+        groups.append(group)
+        left &= ~group
+    return groups

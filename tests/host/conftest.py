@@ -1,0 +1,166 @@
+"""A small kinematic array to try the host on: ideal rolling, the real protocol, late frames."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from mdms_host.coordinator import Coordinator
+from mdms_host.layout import Layout
+from mdms_host.rectangle import Rectangle
+from mdms_protocol import cia402, cob, nmt, pdo
+from mdms_protocol.frame import Frame
+
+STEP_S = 0.001
+DROOP = 0.775
+
+#: What a controlword makes of a state (CiA 402-2, the transitions that matter here).
+NEXT = {
+    (cia402.SWITCH_ON_DISABLED, cia402.SHUTDOWN): cia402.READY_TO_SWITCH_ON,
+    (cia402.READY_TO_SWITCH_ON, cia402.SWITCH_ON): cia402.SWITCHED_ON,
+    (cia402.SWITCHED_ON, cia402.ENABLE_OPERATION): cia402.OPERATION_ENABLED,
+    (cia402.OPERATION_ENABLED, cia402.QUICK_STOP): cia402.SWITCH_ON_DISABLED,
+}
+
+
+@dataclass
+class KinematicCell:
+    """Speaks for one cell; its wheels have no dynamics."""
+
+    node_id: int
+    boots_s: float = 0.05
+    dies_s: float = np.inf
+    stuck: bool = False
+    nmt_state: int = nmt.INITIALISING
+    states: list[int] = field(default_factory=lambda: [cia402.SWITCH_ON_DISABLED] * 2)
+    waiting_um_s: tuple[int, ...] = (0, 0)
+    target_um_s: tuple[int, ...] = (0, 0)
+    status: tuple[int, ...] | None = None
+    heartbeat_s: float = 0.0
+    writes: list[bytes] = field(default_factory=list)
+
+    def alive(self, now_s: float) -> bool:
+        return self.boots_s <= now_s < self.dies_s
+
+    def on_frame(self, frame: Frame, speeds_um_s: tuple[int, ...]) -> list[Frame]:
+        if frame.can_id == cob.NMT and frame.data[1] in (0, self.node_id):
+            self.nmt_state = nmt.TRANSITIONS[frame.data[0]]
+            return [nmt.heartbeat(self.node_id, self.nmt_state)]
+        if frame.can_id == cob.SYNC and self.nmt_state == nmt.OPERATIONAL:
+            self.target_um_s = self.waiting_um_s
+            data = pdo.ACTUAL_VELOCITY.encode(speeds_um_s)
+            return [Frame(pdo.ACTUAL_VELOCITY.can_id(self.node_id), data)]
+        if frame.can_id == pdo.TARGET_VELOCITY.can_id(self.node_id):
+            self.waiting_um_s = pdo.TARGET_VELOCITY.decode(frame.data)
+        if frame.can_id == pdo.CONTROLWORD.can_id(self.node_id) and not self.stuck:
+            words = pdo.CONTROLWORD.decode(frame.data)
+            self.states = [NEXT.get(pair, pair[0]) for pair in zip(self.states, words, strict=True)]
+        if frame.can_id == cob.SDO_REQUEST_BASE + self.node_id:
+            self.writes.append(frame.data)
+            answer = b"\x60" + frame.data[1:4] + bytes(4)
+            return [Frame(cob.SDO_RESPONSE_BASE + self.node_id, answer)]
+        return []
+
+    def poll(self, now_s: float, presence: int) -> list[Frame]:
+        frames = []
+        if self.heartbeat_s <= now_s:
+            frames.append(nmt.heartbeat(self.node_id, self.nmt_state))
+            if self.nmt_state == nmt.INITIALISING:
+                self.nmt_state = nmt.PRE_OPERATIONAL
+            self.heartbeat_s = now_s + 0.1
+        status = (*self.states, presence)
+        if self.nmt_state == nmt.OPERATIONAL and status != self.status:
+            self.status = status
+            frames.append(Frame(pdo.STATUS.can_id(self.node_id), pdo.STATUS.encode(status)))
+        return frames
+
+
+class RollingArray:
+    """One parcel that follows the wheels under it as closely as a rigid body can."""
+
+    def __init__(
+        self,
+        layout: Layout,
+        bottom: Rectangle,
+        pose: tuple[float, float, float],
+        *,
+        latency_s: float = 0.002,
+        speed_error: float = 0.0,
+        noise_m_s: float = 0.0,
+        seed: int = 1,
+    ) -> None:
+        self.layout = layout
+        self.bottom = bottom
+        self.pose = np.array(pose)
+        self.now_s = 0.0
+        self.cells = [KinematicCell(node_id) for node_id in layout.node_ids]
+        self._latency_s = latency_s
+        self._speed_error = speed_error
+        self._noise_m_s = noise_m_s
+        self._random = np.random.default_rng(seed)
+        self._speeds_m_s = np.zeros(len(layout.wheel_cells))
+        self._on_wire: list[tuple[float, bool, Frame]] = []
+
+    def inject(self, frame: Frame) -> None:
+        self._on_wire.append((self.now_s, True, frame))
+
+    def run(
+        self,
+        coordinator: Coordinator,
+        until_s: float,
+        done: Callable[[], bool] = lambda: False,
+    ) -> None:
+        while self.now_s < until_s and not done():
+            self._deliver(coordinator)
+            if coordinator.wake_s <= self.now_s + 1e-9:
+                self._queue(coordinator.poll(self.now_s), False)
+            self._move()
+            presence = self.presence()
+            for cell, bits in zip(self.cells, presence, strict=True):
+                if cell.alive(self.now_s):
+                    self._queue(cell.poll(self.now_s, int(bits)), True)
+            self.now_s = round(self.now_s + STEP_S, 6)
+
+    def presence(self) -> np.ndarray:
+        sensors_m = self.layout.sensor_positions_m
+        covered = self.bottom.distance_m(sensors_m.reshape(-1, 2), self.pose) < 0
+        return covered.reshape(sensors_m.shape[:2]) @ (1 << np.arange(sensors_m.shape[1]))
+
+    def _queue(self, frames: list[Frame], to_host: bool) -> None:
+        self._on_wire += [(self.now_s + self._latency_s, to_host, frame) for frame in frames]
+
+    def _deliver(self, coordinator: Coordinator) -> None:
+        due = [item for item in self._on_wire if item[0] <= self.now_s + 1e-9]
+        self._on_wire = [item for item in self._on_wire if item[0] > self.now_s + 1e-9]
+        for _, to_host, frame in due:
+            if to_host:
+                coordinator.on_frame(frame, self.now_s)
+                continue
+            for cell, speeds in zip(self.cells, self._told_um_s(), strict=True):
+                if cell.alive(self.now_s):
+                    self._queue(cell.on_frame(frame, tuple(speeds)), True)
+
+    def _told_um_s(self) -> list[list[int]]:
+        noise = self._random.normal(0.0, self._noise_m_s, self._speeds_m_s.shape)
+        told_m_s = self._speeds_m_s * (1 + self._speed_error) + noise
+        return np.rint(told_m_s * 1e6).astype(int).reshape(-1, 2).tolist()
+
+    def _move(self) -> None:
+        enabled = [cell.states == [cia402.OPERATION_ENABLED] * 2 for cell in self.cells]
+        targets = np.array([cell.target_um_s for cell in self.cells]) * 1e-6 * DROOP
+        self._speeds_m_s = (targets * np.array(enabled)[:, None]).ravel()
+        under = self.bottom.distance_m(self.layout.wheel_positions_m, self.pose) < 0
+        jacobian = self.layout.surface_jacobian(*self.pose[:2])[under]
+        twist = np.linalg.lstsq(jacobian, self._speeds_m_s[under], rcond=None)[0]
+        self._speeds_m_s[under] = jacobian @ twist
+        self.pose = self.pose + twist * STEP_S
+
+
+@pytest.fixture
+def kinematic_cell() -> type[KinematicCell]:
+    return KinematicCell
+
+
+@pytest.fixture
+def rolling_array() -> type[RollingArray]:
+    return RollingArray
