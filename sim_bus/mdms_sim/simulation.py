@@ -1,0 +1,274 @@
+"""The one place where bus, cells and physics meet: a scenario in virtual time.
+
+Every millisecond the world moves under the voltages of the last one, the cells sample it and answer
+with new voltages; in between, frames travel over the bus in their real time. Nothing here decides
+anything: cells and participants do.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from math import ceil
+from pathlib import Path
+from typing import BinaryIO, Protocol
+
+import numpy as np
+
+from mdms_protocol import pdo
+from mdms_protocol.frame import Frame
+from mdms_sim.bus.bus import Bus
+from mdms_sim.bus_log import BusLog
+from mdms_sim.kernel import Kernel
+from mdms_sim.nodes import CellBank
+from mdms_sim.nodes.micropython_bank import MicropythonBank
+from mdms_sim.nodes.python_bank import PythonBank
+from mdms_sim.physics.world import World
+from mdms_sim.record import Floats, Record
+from mdms_sim.sampling import Sampler
+from mdms_sim.scenario import Scenario
+
+NS_PER_S = 1_000_000_000
+TICK_NS = 1_000_000
+#: Latency of a cell's background loop: from a frame's end, or a tick, to its answer in a mailbox.
+PROCESSING_NS = 100_000
+SAMPLE_NS = 10_000_000
+#: A participant is not polled more often than this.
+POLL_NS = 100_000
+
+# At one instant frames end first, then the world moves and the cells tick, then answers leave.
+PRIORITY_TICK = 10
+PRIORITY_COLLECT = 20
+PRIORITY_POLL = 30
+PRIORITY_SAMPLE = 40
+
+UV_PER_V = 1e6
+UM_PER_M = 1e6
+
+
+Progress = Callable[[float], object]
+
+
+class Participant(Protocol):
+    """Anything on the bus that is not a cell: a coordinator, a commissioning tool."""
+
+    def on_frame(self, frame: Frame, now_s: float) -> object:
+        """A frame was on the bus."""
+
+    def poll(self, now_s: float) -> Iterable[Frame]:
+        """What it wants to send now."""
+
+    @property
+    def wake_s(self) -> float:
+        """When it wants to be polled next, if nothing comes in before [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class BusFigures:
+    """What the bus carried: `load` is the share of time it was not idle."""
+
+    frames: int
+    load: float
+    errors: int
+    log_sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a simulated run leaves behind."""
+
+    record: Record
+    bus: BusFigures
+
+
+class Simulation:
+    """A scenario with its cells, its bus and its participants, ready to run.
+
+    `estimates` returns the poses that somebody believes the parcels to have, shape (P, 3), NaN
+    where unknown; they are only recorded.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        bank: CellBank,
+        participants: Sequence[Participant] = (),
+        bus_log: BinaryIO | None = None,
+        estimates: Callable[[], Floats] | None = None,
+    ) -> None:
+        self.kernel = Kernel()
+        self.bus = Bus(self.kernel)
+        self.world = World(scenario)
+        self.log = BusLog(bus_log)
+        self.bus.observe(self.log.on_frame)
+        self._bank = bank
+        self._estimates = estimates
+        self._sampler = Sampler(self.world)
+        self._substeps = max(1, round(TICK_NS / NS_PER_S / scenario.run.step_s))
+        self._cells = scenario.array.columns * scenario.array.rows
+        self._axes = len(scenario.cell.wheel)
+        self._counts = np.zeros((self._cells, 2), dtype=np.int32)
+        self._voltage_v: Floats = np.zeros(self._cells * self._axes)
+        self._references = _References(self._cells, self._axes)
+        self.bus.observe(self._references.on_frame)
+        self._mailboxes = [
+            self.bus.attach(_CellStation(self, cell), bank.accepts(cell))
+            for cell in range(self._cells)
+        ]
+        self._collecting = [False] * self._cells
+        self._unknown: Floats = np.full((len(scenario.parcel), 3), np.nan)
+        self._drivers = [_Driver(self.kernel, self.bus, one) for one in participants]
+        self.kernel.at(0, PRIORITY_TICK, self._tick)
+        self.kernel.at(0, PRIORITY_SAMPLE, self._sample)
+
+    def run_until(self, time_s: float, progress: Progress | None = None) -> None:
+        """Let virtual time pass, up to and including `time_s`, or until a parcel tips.
+
+        `progress` is told the time reached [s] now and then.
+        """
+        end_ns = round(time_s * NS_PER_S)
+        while self.kernel.now_ns < end_ns and not self.tipped:
+            self.kernel.run_until(min(self.kernel.now_ns + SAMPLE_NS, end_ns))
+            if progress is not None:
+                progress(self.kernel.now_ns / NS_PER_S)
+
+    @property
+    def tipped(self) -> bool:
+        """Whether a parcel has tipped off its supports."""
+        return any(event.kind == "tip" for event in self.world.events)
+
+    def outcome(self) -> Outcome:
+        """Everything recorded so far."""
+        figures = BusFigures(self.bus.frames, self.bus.load(), self.bus.errors, self.log.log_sha256)
+        return Outcome(self._sampler.record(list(self.world.events)), figures)
+
+    def deliver(self, cell: int, frame: Frame) -> None:
+        """A frame has reached a cell (from 0); its background loop deals with it soon."""
+        self._bank.deliver(cell, frame)
+        if not self._collecting[cell]:
+            self._collecting[cell] = True
+            self.kernel.at(
+                self.kernel.now_ns + PROCESSING_NS, PRIORITY_COLLECT, lambda: self._collect(cell)
+            )
+
+    def _tick(self) -> None:
+        now_ns = self.kernel.now_ns
+        if now_ns:
+            self._move(TICK_NS / NS_PER_S)
+        self._counts[:, : self._axes] = self.world.encoder_counts().reshape(self._cells, -1)
+        voltages_uv = self._bank.tick(self._counts, self.world.presence())
+        self._voltage_v = voltages_uv[:, : self._axes].ravel() / UV_PER_V
+        self.kernel.at(now_ns + PROCESSING_NS, PRIORITY_COLLECT, self._collect_all)
+        self.kernel.at(now_ns + TICK_NS, PRIORITY_TICK, self._tick)
+
+    def _move(self, period_s: float) -> None:
+        for _ in range(self._substeps):
+            self.world.step_voltage(self._voltage_v, period_s / self._substeps)
+
+    def _collect(self, cell: int) -> None:
+        self._collecting[cell] = False
+        for frame in self._bank.collect(cell):
+            self._mailboxes[cell].send(frame)
+
+    def _collect_all(self) -> None:
+        for cell in range(self._cells):
+            for frame in self._bank.collect(cell):
+                self._mailboxes[cell].send(frame)
+
+    def _sample(self) -> None:
+        now_ns = self.kernel.now_ns
+        estimates = self._estimates() if self._estimates else self._unknown
+        self._sampler.sample(
+            now_ns / NS_PER_S, self._references.reference_m_s, self._voltage_v, estimates
+        )
+        self.kernel.at(now_ns + SAMPLE_NS, PRIORITY_SAMPLE, self._sample)
+
+
+def simulate(
+    scenario: Scenario,
+    participants: Sequence[Participant],
+    nodes: str = "cpython",
+    *,
+    bus_log: Path | None = None,
+    estimates: Callable[[], Floats] | None = None,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Run a whole scenario with cells of the kind `nodes`: "cpython" or "micropython".
+
+    The bus is logged into the file `bus_log`, if named. Raises `NodeError` when the cells cannot
+    run.
+    """
+    with ExitStack() as stack:
+        bank = open_bank(nodes, scenario.array.columns * scenario.array.rows)
+        stack.enter_context(closing(bank))
+        log = stack.enter_context(bus_log.open("wb")) if bus_log else None
+        simulation = Simulation(scenario, bank, participants, log, estimates)
+        simulation.run_until(scenario.run.duration_s, progress)
+        return simulation.outcome()
+
+
+def open_bank(nodes: str, cells: int) -> CellBank:
+    """Cells with node ids from 1, as Python objects or as MicroPython processes."""
+    node_ids = range(1, cells + 1)
+    if nodes == "micropython":
+        return MicropythonBank(node_ids)
+    return PythonBank(node_ids)
+
+
+class _CellStation:
+    """A cell as the bus sees it."""
+
+    def __init__(self, simulation: Simulation, cell: int) -> None:
+        self._simulation = simulation
+        self._cell = cell
+
+    def on_frame(self, frame: Frame, now_ns: int) -> None:
+        self._simulation.deliver(self._cell, frame)
+
+
+class _Driver:
+    """Puts a participant on the bus and polls it when it wants to be polled."""
+
+    def __init__(self, kernel: Kernel, bus: Bus, participant: Participant) -> None:
+        self._kernel = kernel
+        self._participant = participant
+        self._mailbox = bus.attach(self)
+        self._due_ns: int | None = None
+        self._schedule()
+
+    def on_frame(self, frame: Frame, now_ns: int) -> None:
+        self._participant.on_frame(frame, now_ns / NS_PER_S)
+        self._schedule()
+
+    def _schedule(self) -> None:
+        wake_ns = max(ceil(self._participant.wake_s * NS_PER_S), self._kernel.now_ns)
+        if self._due_ns is None or wake_ns < self._due_ns:
+            self._due_ns = wake_ns
+            self._kernel.at(wake_ns, PRIORITY_POLL, lambda: self._poll(wake_ns))
+
+    def _poll(self, due_ns: int) -> None:
+        if due_ns != self._due_ns:
+            return
+        for frame in self._participant.poll(due_ns / NS_PER_S):
+            self._mailbox.send(frame)
+        self._due_ns = None
+        wake_ns = ceil(self._participant.wake_s * NS_PER_S)
+        self._due_ns = next_ns = max(wake_ns, due_ns + POLL_NS)
+        self._kernel.at(next_ns, PRIORITY_POLL, lambda: self._poll(next_ns))
+
+
+class _References:
+    """The references last told to the wheels, read off the bus for the record."""
+
+    def __init__(self, cells: int, axes: int) -> None:
+        self.reference_m_s: Floats = np.zeros(cells * axes)
+        self._axes = axes
+        self._first = {pdo.TARGET_VELOCITY.can_id(cell + 1): cell * axes for cell in range(cells)}
+
+    def on_frame(self, frame: Frame, now_ns: int) -> None:
+        first = self._first.get(frame.can_id)
+        if first is None:
+            return
+        values = pdo.TARGET_VELOCITY.decode(frame.data)
+        if values is not None:
+            self.reference_m_s[first : first + self._axes] = values[: self._axes]
+            self.reference_m_s[first : first + self._axes] /= UM_PER_M
