@@ -27,6 +27,7 @@ class Limit(TypedDict, total=False):
 LENGTH = Limit(above=0.0, at_most=1000.0)
 PLACE = Limit(at_least=-1000.0, at_most=1000.0)
 ANGLE = Limit(at_least=-1000.0, at_most=1000.0)
+SPEED = Limit(at_least=-100.0, at_most=100.0)
 POSITIVE = Limit(above=0.0, at_most=1e6)
 NOT_NEGATIVE = Limit(at_least=0.0, at_most=1e6)
 
@@ -107,11 +108,21 @@ class Parcel:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What the wheels are told to do."""
+    """What the wheels are told to do: a field of references, or goals to steer parcels to.
+
+    Of the rest each field uses what it needs: `heading_rad` uniform, elliptic and squeeze,
+    `velocity_m_s` and `yaw_rate_rad_s` twist, `ratio` elliptic, `table_m_s` table.
+    """
 
     # This class has a field called `field`, so the function needs another name here.
     field: str = member(default="inward", metadata=Limit(choices=FIELDS))
-    speed_m_s: float = member(default=0.0, metadata=Limit(at_least=-100.0, at_most=100.0))
+    speed_m_s: float = member(default=0.0, metadata=SPEED)
+    heading_rad: float = member(default=0.0, metadata=ANGLE)
+    centre_m: tuple[float, float] = member(default=(0.0, 0.0), metadata=PLACE)
+    velocity_m_s: tuple[float, float] = member(default=(0.0, 0.0), metadata=SPEED)
+    yaw_rate_rad_s: float = member(default=0.0, metadata=SPEED)
+    ratio: float = member(default=0.5, metadata=Limit(at_least=0.0, at_most=1.0))
+    table_m_s: tuple[float, ...] = member(default=(), metadata=SPEED)
 
 
 @dataclass(frozen=True, slots=True)

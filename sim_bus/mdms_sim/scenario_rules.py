@@ -5,11 +5,15 @@ from math import cos, sin
 from mdms_sim.scenario import Parcel, Scenario, ScenarioError
 
 MOST_STEPS = 100_000_000
+#: Node ids go up to 127, which is the host's own.
+MOST_NODES = 126
+MOST_AXES = 2
 
 
 def check_rules(scenario: Scenario) -> None:
     """Refuse what no single value shows. Raises `ScenarioError` with the key's full path."""
     _check_steps(scenario)
+    _check_fidelity(scenario)
     _check_names(scenario)
     for number, parcel in enumerate(scenario.parcel):
         _check_centre_of_mass(parcel, f"parcel.{number}")
@@ -24,6 +28,32 @@ def _check_steps(scenario: Scenario) -> None:
             f"run.step_s is {run.step_s}, which makes {run.duration_s / run.step_s:.3g} steps in "
             f"run.duration_s, but at most {MOST_STEPS} are allowed; take a longer step"
         )
+
+
+def _check_fidelity(scenario: Scenario) -> None:
+    array, wheels = scenario.array, len(scenario.cell.wheel)
+    if scenario.run.fidelity == "firmware" and array.columns * array.rows > MOST_NODES:
+        raise ScenarioError(
+            f"array has {array.columns} x {array.rows} cells, but one bus takes at most "
+            f"{MOST_NODES}; make it smaller or set run.fidelity to 'ideal'"
+        )
+    if scenario.run.fidelity == "firmware" and wheels > MOST_AXES:
+        raise ScenarioError(
+            f"cell.wheel has {wheels} items, but the firmware drives at most {MOST_AXES}; "
+            "set run.fidelity to 'ideal'"
+        )
+    if scenario.run.fidelity == "row" and not _is_paper_row(scenario):
+        raise ScenarioError(
+            "run.fidelity is 'row', which needs array.rows = 1 and one wheel a cell that pushes "
+            "along x; set run.fidelity to 'ideal'"
+        )
+
+
+def _is_paper_row(scenario: Scenario) -> bool:
+    wheels = scenario.cell.wheel
+    return (
+        scenario.array.rows == 1 and len(wheels) == 1 and abs(sin(wheels[0].direction_rad)) < 1e-9
+    )
 
 
 def _check_names(scenario: Scenario) -> None:

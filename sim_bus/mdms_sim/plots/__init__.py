@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from mdms_sim.plots.canvas import save
 from mdms_sim.plots.plane import draw_plane
 from mdms_sim.plots.row import draw_row
-from mdms_sim.plots.table import is_row
+from mdms_sim.table import is_row
 
 if TYPE_CHECKING:
     from mdms_sim.record import Record

@@ -16,9 +16,9 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from mdms_sim.plots.canvas import FAINT, INK, new_figure, parcel_colour, tidy
-from mdms_sim.plots.table import cell_centres_m
 from mdms_sim.record import Contact, Floats, Record
 from mdms_sim.scenario import Scenario
+from mdms_sim.table import cell_centres_m
 
 BAND_SHARE = 0.34
 BANDS = {"no contact": "#e3e6e9", "sliding": "#9aa1a8", "rolling": "#16191d"}

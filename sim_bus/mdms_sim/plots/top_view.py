@@ -11,9 +11,9 @@ from matplotlib.patches import Polygon, Rectangle
 from numpy.typing import NDArray
 
 from mdms_sim.plots.canvas import FAINT, INK, parcel_colour
-from mdms_sim.plots.table import cell_centres_m, outline_m, wheel_directions, wheel_places_m
 from mdms_sim.record import Contact, Floats, Record
 from mdms_sim.scenario import Parcel, Scenario
+from mdms_sim.table import cell_centres_m, outline_m, wheel_directions, wheel_places_m
 
 SLIP_COLOURS = LinearSegmentedColormap.from_list("slip", ["#2f6db5", "#9a5bb0", "#d6124a"])
 UNTOUCHED = "#cfd5da"

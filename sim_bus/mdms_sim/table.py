@@ -1,4 +1,4 @@
-"""Where cells and wheels are on the table, for drawing [m; table frame]."""
+"""Where cells and wheels are on the table, as the scenario places them [m; table frame]."""
 
 from math import cos, sin
 

@@ -1,0 +1,45 @@
+"""What verbs are given, read and checked before anything is written."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mdms_host.command.exits import CommandError, Exit
+
+if TYPE_CHECKING:
+    from mdms_sim.run_folder import StoredRun
+    from mdms_sim.scenario import Scenario
+
+
+def open_scenario(name_or_path: str, overrides: Sequence[str]) -> "Scenario":
+    """A checked scenario. Raises `CommandError` (bad input)."""
+    from mdms_sim.scenario import ScenarioError
+    from mdms_sim.scenario_file import load_scenario
+
+    try:
+        return load_scenario(name_or_path, overrides)
+    except ScenarioError as error:
+        raise CommandError(str(error), Exit.USAGE) from None
+
+
+def open_run(folder: Path) -> "StoredRun":
+    """A run read back. Raises `CommandError` (bad input)."""
+    from mdms_sim.run_folder import RunFolderError, read_run
+
+    try:
+        return read_run(folder)
+    except RunFolderError as error:
+        raise CommandError(str(error), Exit.USAGE) from None
+
+
+@contextmanager
+def folder_to_fill(folder: Path) -> Iterator[Path]:
+    """A new run folder, put in place when all went well. Raises `CommandError` (bad input)."""
+    from mdms_sim.run_folder import RunFolderError, fresh_folder
+
+    try:
+        with fresh_folder(folder) as partial:
+            yield partial
+    except RunFolderError as error:
+        raise CommandError(str(error), Exit.USAGE) from None

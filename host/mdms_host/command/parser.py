@@ -1,0 +1,42 @@
+"""The command line: which verbs there are and what they share."""
+
+from argparse import Action, ArgumentParser
+from typing import Any, NoReturn
+
+from mdms_host.command import demo, export, limits, plot, scenarios, simulate
+from mdms_host.command.exits import Exit
+
+VERBS = (demo, simulate, scenarios, limits, plot, export)
+DESCRIPTION = "Modular distributed manipulator: simulate, run and look after an array of cells."
+EPILOG = """\
+Results go to stdout, messages to stderr. Exit codes: 0 ok, 1 failure, 2 usage or bad input,
+3 time limit, 4 no bus or device, 5 node fault or protocol mismatch.
+"""
+
+
+class Parser(ArgumentParser):
+    """An argument parser that complains in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """End with the exit code for bad usage."""
+        self.exit(Exit.USAGE, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+class _ShowVersion(Action):
+    """Looks the version up only when it is asked for."""
+
+    def __call__(self, parser: ArgumentParser, *_: Any) -> NoReturn:
+        from importlib.metadata import version
+
+        print(version("mdms-array"))
+        parser.exit()
+
+
+def build_parser() -> Parser:
+    """The parser of all verbs; each stores its function under `run`."""
+    parser = Parser(prog="mdms", description=DESCRIPTION, epilog=EPILOG)
+    parser.add_argument("--version", action=_ShowVersion, nargs=0, help="print the version")
+    verbs = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
+    for verb in VERBS:
+        verb.add_to(verbs)
+    return parser

@@ -1,0 +1,84 @@
+"""`mdms simulate`: one scenario in virtual time."""
+
+import json
+from argparse import Namespace
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mdms_host.command.console import progress, say
+from mdms_host.command.exits import Exit
+from mdms_host.command.inputs import folder_to_fill, open_scenario
+from mdms_host.command.options import Verbs, add_json, add_scenario
+
+if TYPE_CHECKING:
+    from mdms_sim.scenario import Scenario
+
+    from mdms_host.command.compose import Finished
+
+FIDELITIES = ("row", "ideal", "firmware")
+NODES = ("cpython", "micropython")
+
+
+def add_to(verbs: Verbs) -> None:
+    """Register the verb."""
+    parser = verbs.add_parser("simulate", help="run one scenario in virtual time")
+    add_scenario(parser)
+    parser.add_argument("--out", metavar="DIR", type=Path, help="write a run folder")
+    parser.add_argument("--seed", metavar="N", type=int, help="instead of the scenario's run.seed")
+    parser.add_argument(
+        "--nodes", choices=NODES, default="cpython", help="what the cells' firmware runs on"
+    )
+    parser.add_argument("--fidelity", choices=FIDELITIES, help="instead of run.fidelity")
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> Exit:
+    """Simulate, print the figures, and write the run folder if one is wanted."""
+    overrides = list(arguments.overrides)
+    for name in ("seed", "fidelity"):
+        if getattr(arguments, name) is not None:
+            overrides.append(f"run.{name}={getattr(arguments, name)}")
+    scenario = open_scenario(arguments.scenario, overrides)
+    finished, figures = simulate(scenario, arguments.nodes, arguments.out)
+    if arguments.json:
+        print(json.dumps(figures))
+    else:
+        from mdms_host.command.figures import report
+
+        print(*report(figures), sep="\n")
+    return verdict(finished)
+
+
+def simulate(
+    scenario: "Scenario", nodes: str, out: Path | None
+) -> "tuple[Finished, dict[str, Any]]":
+    """Run a scenario and keep it in a folder, if any. Raises `CommandError`."""
+    from mdms_host.command.compose import run_scenario
+    from mdms_host.command.figures import figures_of
+
+    with ExitStack() as stack:
+        folder = stack.enter_context(folder_to_fill(out)) if out else None
+        with progress(scenario.title) as advance:
+            bus_log = folder / "bus.log" if folder else None
+            finished = run_scenario(scenario, nodes, advance, bus_log)
+        figures = figures_of(scenario, finished)
+        if folder:
+            from mdms_sim.run_folder import write_run
+
+            figures["run"] = str(out)
+            write_run(folder, scenario, finished.record, figures)
+    return finished, figures
+
+
+def verdict(finished: "Finished") -> Exit:
+    """Tell what went wrong, if anything did, and how the command ends."""
+    for event in finished.record.events:
+        if event.kind == "tip":
+            say(f"mdms: {event.time_s:.3f} s: {event.detail}")
+            return Exit.FAILURE
+    if finished.fault is not None:
+        say(f"mdms: {finished.fault}")
+        return Exit.NODE_FAULT
+    return Exit.OK
