@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
+    from mdms_host.command.compose import Finished
     from mdms_sim.record import Floats, Record
     from mdms_sim.scenario import Scenario
-
-    from mdms_host.command.compose import Finished
 
 POSE = ("x_m", "y_m", "yaw_rad")
 TWIST = ("vx_m_s", "vy_m_s", "yaw_rate_rad_s")

@@ -12,9 +12,8 @@ from mdms_host.command.inputs import folder_to_fill, open_scenario
 from mdms_host.command.options import Verbs, add_json, add_scenario
 
 if TYPE_CHECKING:
-    from mdms_sim.scenario import Scenario
-
     from mdms_host.command.compose import Finished
+    from mdms_sim.scenario import Scenario
 
 FIDELITIES = ("row", "ideal", "firmware")
 NODES = ("cpython", "micropython")

@@ -1,0 +1,26 @@
+"""What a scenario's field tells the wheels."""
+
+from mdms_host import fields
+from mdms_host.command.exits import CommandError, Exit
+from mdms_sim.record import Floats
+from mdms_sim.scenario import Scenario
+from mdms_sim.table import wheel_directions, wheel_places_m
+
+
+def references_m_s(scenario: Scenario) -> Floats:
+    """References of all wheels [m/s], shape (W,). Raises `CommandError` for a field's bad table."""
+    motion = scenario.motion
+    shape = fields.FieldShape(
+        speed_m_s=motion.speed_m_s,
+        heading_rad=motion.heading_rad,
+        centre_m=motion.centre_m,
+        velocity_m_s=motion.velocity_m_s,
+        yaw_rate_rad_s=motion.yaw_rate_rad_s,
+        ratio=motion.ratio,
+        table_m_s=motion.table_m_s,
+    )
+    places_m, directions = wheel_places_m(scenario), wheel_directions(scenario)
+    try:
+        return fields.references_m_s(motion.field, places_m, directions, shape)
+    except fields.FieldError as error:
+        raise CommandError(f"motion.field: {error}", Exit.USAGE) from None
