@@ -28,43 +28,44 @@ AGE = const(4)  # ticks since the last target, counted here, zeroed by whoever w
 # Parameters; those marked * are written by `mdms_cell.tuning` only, for they depend on each other:
 INVERTED = const(5)  # 1: motor and encoder are mounted the other way round
 TARGET_LIMIT = const(6)  # [um/s], 0..SPEED_MAX_UM_S
-ACCELERATION = const(7)  # ramp of the reference [um/s per tick], 0..SPEED_MAX_UM_S; 0: none
-QUICK_STOP = const(8)  # ramp of the reference when stopping [um/s per tick]; 0: none
-GAIN = const(9)  # * G [V s/m / 16], 0..2**20
-VOLTAGE_LIMIT = const(10)  # * [uV], 0..VOLTAGE_MAX_UV
-ERROR_LIMIT = const(11)  # * speed error beyond which the voltage is at its limit [um/s]
-ALPHA = const(12)  # * share of the innovation that corrects the position [1/4096], 0..4096
-BETA = const(13)  # * and the velocity [1/4096], 0..4096
-SCALE = const(14)  # * um/s of one unit of RATE, times 2**(SHIFT + 6), 0..2**15 - 1
-SHIFT = const(15)  # * 1..14
-RATE_LIMIT = const(16)  # * of RATE, so that RATE * SCALE fits, 0..2**27
-CURRENT_LIMIT = const(17)  # [mA]; 0: not watched
-CURRENT_TICKS = const(18)  # ticks of over-current that are a fault
-STALL_VOLTAGE = const(19)  # a wheel is stalled at this voltage or more [uV]; 0: not watched ...
-STALL_SPEED = const(20)  # ... below this speed [um/s] ...
-STALL_TICKS = const(21)  # ... for so many ticks
-FOLLOWING_LIMIT = const(22)  # largest difference of reference and speed [um/s]; 0: not watched
-FOLLOWING_TICKS = const(23)  # ticks of a larger one that are a fault
+ACCELERATION = const(7)  # ramp of the reference away from 0 [um/s per tick]; 0: it jumps
+DECELERATION = const(8)  # ramp of the reference towards 0 [um/s per tick]; 0: it jumps
+QUICK_STOP = const(9)  # ramp in STOP [um/s per tick]; 0: it jumps
+GAIN = const(10)  # * G [V s/m / 16], 0..2**20
+VOLTAGE_LIMIT = const(11)  # * [uV], 0..VOLTAGE_MAX_UV
+ERROR_LIMIT = const(12)  # * speed error beyond which the voltage is at its limit [um/s]
+ALPHA = const(13)  # * share of the innovation that corrects the position [1/4096], 0..4096
+BETA = const(14)  # * and the velocity [1/4096], 0..4096
+SCALE = const(15)  # * um/s of one unit of RATE, times 2**(SHIFT + 6), 0..2**15 - 1
+SHIFT = const(16)  # * 1..14
+RATE_LIMIT = const(17)  # * of RATE, so that RATE * SCALE fits, 0..2**27
+CURRENT_LIMIT = const(18)  # [mA]; 0: not watched
+CURRENT_TICKS = const(19)  # ticks of over-current that are a fault
+STALL_VOLTAGE = const(20)  # a wheel is stalled at this voltage or more [uV]; 0: not watched ...
+STALL_SPEED = const(21)  # ... below this speed [um/s] ...
+STALL_TICKS = const(22)  # ... for so many ticks
+FOLLOWING_LIMIT = const(23)  # largest difference of reference and speed [um/s]; 0: not watched
+FOLLOWING_TICKS = const(24)  # ticks of a larger one that are a fault
 # State and results:
-POSITION = const(24)  # tracked position [2**-14 counts], modulo 2**30
-RATE = const(25)  # tracked velocity [2**-14 counts per tick]
-ACTUAL = const(26)  # the same [um/s]
-DEMAND = const(27)  # the ramped reference r that the law sees [um/s]
-VOLTAGE = const(28)  # what the board is to apply [uV], as wired
-FAULTS = const(29)  # bits below; kept until cleared from outside, and the voltage is 0 while set
-CURRENT_COUNT = const(30)  # ticks of over-current so far
-STALL_COUNT = const(31)  # ticks of stall so far
-FOLLOWING_COUNT = const(32)  # ticks of following error so far
+POSITION = const(25)  # tracked position [2**-14 counts], modulo 2**30
+RATE = const(26)  # tracked velocity [2**-14 counts per tick]
+ACTUAL = const(27)  # the same [um/s]
+DEMAND = const(28)  # the ramped reference r that the law sees [um/s]
+VOLTAGE = const(29)  # what the board is to apply [uV], as wired
+FAULTS = const(30)  # bits below; kept until cleared from outside, and the voltage is 0 while set
+CURRENT_COUNT = const(31)  # ticks of over-current so far
+STALL_COUNT = const(32)  # ticks of stall so far
+FOLLOWING_COUNT = const(33)  # ticks of following error so far
 
-AXIS = const(33)  # registers of an axis
+AXIS = const(34)  # registers of an axis
 AXES = const(2)
 
 # Of the cell:
-TICKS = const(66)  # ticks since the start, modulo 2**30
-AGE_LIMIT = const(67)  # a target older than this is stale [ticks]
-SUPPLY = const(68)  # supply voltage [uV], from the board or a parameter; 1_000_000..VOLTAGE_MAX_UV
-WIDEN = const(69)  # what sign-extends a loaded register, see `reset`
-REGISTERS = const(70)
+TICKS = const(68)  # ticks since the start, modulo 2**30
+AGE_LIMIT = const(69)  # a target older than this is stale [ticks]
+SUPPLY = const(70)  # supply voltage [uV], from the board or a parameter; 1_000_000..VOLTAGE_MAX_UV
+WIDEN = const(71)  # what sign-extends a loaded register, see `reset`
+REGISTERS = const(72)
 
 # Values of MODE.
 OFF = const(0)  # voltage 0
@@ -78,7 +79,7 @@ STALLED = const(4)
 FOLLOWING = const(8)
 
 TICK_HZ = const(1000)
-SPEED_MAX_UM_S = const(8_000_000)
+SPEED_MAX_UM_S = const(10_000_000)
 VOLTAGE_MAX_UV = const(60_000_000)
 
 
@@ -140,10 +141,12 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
                 target = limit
             elif target < 0 - limit:
                 target = 0 - limit
+        demand = registers[base + DEMAND] << widen >> widen
         ramp = registers[base + ACCELERATION]
         if mode == STOP:
             ramp = registers[base + QUICK_STOP]
-        demand = registers[base + DEMAND] << widen >> widen
+        elif (demand > 0 and target < demand) or (demand < 0 and target > demand):
+            ramp = registers[base + DECELERATION]
         if ramp == 0:
             demand = target
         elif target > demand + ramp:

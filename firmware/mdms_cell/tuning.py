@@ -1,7 +1,8 @@
-"""Parameters of the speed loop that depend on each other, worked out in integers of any size.
+"""Settings in the units of the object table, turned into the parameters of the speed loop.
 
-Called from the background when a setting changes; `speed_loop.step` only multiplies and shifts.
-`base` is 0 for axis 1 and `speed_loop.AXIS` for axis 2. Values out of range raise ValueError.
+Called from the background when a setting changes, in integers of any size; `speed_loop.step` is
+left with multiplications and shifts. `base` is 0 for axis 1 and `speed_loop.AXIS` for axis 2.
+A value out of range raises ValueError.
 """
 
 from mdms_cell import speed_loop
@@ -10,7 +11,11 @@ COUNTS_PER_METRE_MIN = 300
 COUNTS_PER_METRE_MAX = 3_900_000
 LAG_MIN_US = 1_000
 LAG_MAX_US = 20_000
-GAIN_MAX = 1 << 20
+LAG_US = 4_500
+GAIN_MAX_MV_S_M = 65_536_000
+CURRENT_MAX_MA = 1_000_000
+TIME_MAX_MS = 65_535
+STALL_SPEED_UM_S = 2_000
 
 _RATE_MAX = 1 << 27
 
@@ -19,7 +24,7 @@ def set_encoder(registers, base, counts_per_metre):
     """Scale the tracked velocity to um/s, for an encoder of so many counts per metre of wheel rim.
 
     A unit of RATE is 10**9 / (2**14 counts_per_metre) um/s. It is kept as a fraction of 15 bits,
-    which is exact to 6e-5.
+    which is exact to 3e-5.
     """
     _check("counts per metre", counts_per_metre, COUNTS_PER_METRE_MIN, COUNTS_PER_METRE_MAX)
     shift = 14
@@ -40,7 +45,7 @@ def set_observer(registers, base, lag_us):
     """Make the observer's velocity trail a steady acceleration by `lag_us` less half a tick.
 
     An alpha-beta filter with both poles at z (critically damped) has alpha = 1 - z**2 and
-    beta = (1 - z)**2, and trails by alpha / beta = (1 + z) / (1 - z) ticks, less one half.
+    beta = (1 - z)**2, and trails by alpha / beta - 1/2 = (1 + z) / (1 - z) - 1/2 ticks.
     """
     _check("observer lag [us]", lag_us, LAG_MIN_US, LAG_MAX_US)
     square = (lag_us + 1000) ** 2
@@ -48,14 +53,52 @@ def set_observer(registers, base, lag_us):
     registers[base + speed_loop.BETA] = (4 * 4096 * 1000 * 1000 + square // 2) // square
 
 
-def set_law(registers, base, gain, voltage_limit_uv):
-    """Set the gain G [V s/m / 16] and the largest voltage [uV] of the law V = G (r - v)."""
-    _check("gain [V s/m / 16]", gain, 0, GAIN_MAX)
-    _check("voltage limit [uV]", voltage_limit_uv, 0, speed_loop.VOLTAGE_MAX_UV)
+def set_law(registers, base, gain_mv_s_m, voltage_limit_mv):
+    """Set the gain G [mV s/m, in steps of 62.5] and voltage limit [mV] of the law V = G (r - v)."""
+    _check("gain [mV s/m]", gain_mv_s_m, 0, GAIN_MAX_MV_S_M)
+    _check("voltage limit [mV]", voltage_limit_mv, 0, speed_loop.VOLTAGE_MAX_UV // 1000)
+    gain = (gain_mv_s_m * 16 + 500) // 1000
+    limit_uv = voltage_limit_mv * 1000
     registers[base + speed_loop.GAIN] = gain
-    registers[base + speed_loop.VOLTAGE_LIMIT] = voltage_limit_uv
-    limit = -(-voltage_limit_uv * 16 // gain) if gain else 0
-    registers[base + speed_loop.ERROR_LIMIT] = limit
+    registers[base + speed_loop.VOLTAGE_LIMIT] = limit_uv
+    registers[base + speed_loop.ERROR_LIMIT] = (limit_uv * 16 + gain - 1) // gain if gain else 0
+
+
+def set_ramps(registers, base, acceleration, deceleration, quick_stop):
+    """Set how fast the reference may change [um/s2]; 0 lets it jump."""
+    registers[base + speed_loop.ACCELERATION] = _per_tick(acceleration)
+    registers[base + speed_loop.DECELERATION] = _per_tick(deceleration)
+    registers[base + speed_loop.QUICK_STOP] = _per_tick(quick_stop)
+
+
+def set_over_current(registers, base, limit_ma, time_ms):
+    """Make more than `limit_ma` for `time_ms` a fault; a time of 0 does not watch."""
+    _check("current limit [mA]", limit_ma, 0, CURRENT_MAX_MA)
+    _check("over-current time [ms]", time_ms, 0, TIME_MAX_MS)
+    registers[base + speed_loop.CURRENT_TICKS] = time_ms
+    registers[base + speed_loop.CURRENT_LIMIT] = limit_ma if time_ms else 0
+
+
+def set_stall(registers, base, voltage_mv, time_ms):
+    """Make standing still under `voltage_mv` or more for `time_ms` a fault; 0 does not watch."""
+    _check("stall voltage [mV]", voltage_mv, 0, speed_loop.VOLTAGE_MAX_UV // 1000)
+    _check("stall time [ms]", time_ms, 0, TIME_MAX_MS)
+    registers[base + speed_loop.STALL_SPEED] = STALL_SPEED_UM_S
+    registers[base + speed_loop.STALL_TICKS] = time_ms
+    registers[base + speed_loop.STALL_VOLTAGE] = voltage_mv * 1000 if time_ms else 0
+
+
+def set_following(registers, base, limit_um_s, time_ms):
+    """Make a speed this far off the reference for `time_ms` a fault; 0 does not watch."""
+    _check("following error limit [um/s]", limit_um_s, 0, 2 * speed_loop.SPEED_MAX_UM_S)
+    _check("following error time [ms]", time_ms, 0, TIME_MAX_MS)
+    registers[base + speed_loop.FOLLOWING_TICKS] = time_ms
+    registers[base + speed_loop.FOLLOWING_LIMIT] = limit_um_s if time_ms else 0
+
+
+def _per_tick(acceleration_um_s2):
+    _check("acceleration [um/s2]", acceleration_um_s2, 0, 1_000_000_000)
+    return -(-acceleration_um_s2 // speed_loop.TICK_HZ)
 
 
 def _check(name, value, low, high):

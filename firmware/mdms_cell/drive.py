@@ -1,0 +1,188 @@
+"""One axis of the drive: the state machine of CiA 402-2 around the registers of the speed loop.
+
+The motor is driven in 'operation enabled', and in 'quick stop active' while it brakes to
+standstill; in every other state the speed loop's mode is OFF and its voltage 0. A fault that the
+speed loop finds has cut the voltage in that very tick; `poll` then takes the state after it.
+"""
+
+from mdms_cell import speed_loop
+from mdms_protocol import cia402
+
+# Events besides the controlword's commands, which stand for themselves
+FAILURE = 0x100
+STANDSTILL = 0x101
+
+#: All transitions, with their numbers in CiA 402-2. What is not here changes nothing.
+#: The reaction to a failure, voltage off, is complete at once, so 13 and 14 are one.
+TRANSITIONS = {
+    (cia402.SWITCH_ON_DISABLED, cia402.SHUTDOWN): cia402.READY_TO_SWITCH_ON,  # 2
+    (cia402.READY_TO_SWITCH_ON, cia402.SWITCH_ON): cia402.SWITCHED_ON,  # 3
+    (cia402.READY_TO_SWITCH_ON, cia402.ENABLE_OPERATION): cia402.OPERATION_ENABLED,  # 3, 4
+    (cia402.SWITCHED_ON, cia402.ENABLE_OPERATION): cia402.OPERATION_ENABLED,  # 4
+    (cia402.OPERATION_ENABLED, cia402.SWITCH_ON): cia402.SWITCHED_ON,  # 5
+    (cia402.SWITCHED_ON, cia402.SHUTDOWN): cia402.READY_TO_SWITCH_ON,  # 6
+    (cia402.READY_TO_SWITCH_ON, cia402.QUICK_STOP): cia402.SWITCH_ON_DISABLED,  # 7
+    (cia402.READY_TO_SWITCH_ON, cia402.DISABLE_VOLTAGE): cia402.SWITCH_ON_DISABLED,  # 7
+    (cia402.OPERATION_ENABLED, cia402.SHUTDOWN): cia402.READY_TO_SWITCH_ON,  # 8
+    (cia402.OPERATION_ENABLED, cia402.DISABLE_VOLTAGE): cia402.SWITCH_ON_DISABLED,  # 9
+    (cia402.SWITCHED_ON, cia402.QUICK_STOP): cia402.SWITCH_ON_DISABLED,  # 10
+    (cia402.SWITCHED_ON, cia402.DISABLE_VOLTAGE): cia402.SWITCH_ON_DISABLED,  # 10
+    (cia402.OPERATION_ENABLED, cia402.QUICK_STOP): cia402.QUICK_STOP_ACTIVE,  # 11
+    (cia402.QUICK_STOP_ACTIVE, cia402.DISABLE_VOLTAGE): cia402.SWITCH_ON_DISABLED,  # 12
+    (cia402.QUICK_STOP_ACTIVE, STANDSTILL): cia402.SWITCH_ON_DISABLED,  # 12
+    (cia402.SWITCH_ON_DISABLED, FAILURE): cia402.FAULT,  # 13, 14
+    (cia402.READY_TO_SWITCH_ON, FAILURE): cia402.FAULT,  # 13, 14
+    (cia402.SWITCHED_ON, FAILURE): cia402.FAULT,  # 13, 14
+    (cia402.OPERATION_ENABLED, FAILURE): cia402.FAULT,  # 13, 14
+    (cia402.QUICK_STOP_ACTIVE, FAILURE): cia402.FAULT,  # 13, 14
+    (cia402.FAULT, cia402.FAULT_RESET): cia402.SWITCH_ON_DISABLED,  # 15
+}
+
+MODES = {
+    cia402.OPERATION_ENABLED: speed_loop.RUN,
+    cia402.QUICK_STOP_ACTIVE: speed_loop.STOP,
+}
+
+# Error codes of CiA 301 and CiA 402-2, as in 0x603F and in the emergency message
+STALE_SETPOINT = 0x8250
+OVER_CURRENT = 0x2310
+STALLED = 0x7121
+FOLLOWING_ERROR = 0x8611
+
+_ERROR_CODES = (
+    (speed_loop.OVER_CURRENT, OVER_CURRENT),
+    (speed_loop.STALLED, STALLED),
+    (speed_loop.FOLLOWING, FOLLOWING_ERROR),
+    (speed_loop.STALE, STALE_SETPOINT),
+)
+
+SPEED_ZERO_UM_S = 5_000
+
+
+def command_of(controlword):
+    """The command that a controlword gives, told by its bits 0 to 3 (CiA 402-2, table 27)."""
+    if not controlword & cia402.CONTROL_VOLTAGE:
+        return cia402.DISABLE_VOLTAGE
+    if not controlword & cia402.CONTROL_NO_QUICK_STOP:
+        return cia402.QUICK_STOP
+    if not controlword & cia402.CONTROL_SWITCH_ON:
+        return cia402.SHUTDOWN
+    if controlword & cia402.CONTROL_ENABLE:
+        return cia402.ENABLE_OPERATION
+    return cia402.SWITCH_ON
+
+
+class Drive:
+    """The drive of the axis whose registers start at `base`; it starts switched off."""
+
+    def __init__(self, registers, base):
+        self.registers = registers
+        self.base = base
+        self.state = cia402.SWITCH_ON_DISABLED
+        self.controlword = 0
+        self.error_code = 0
+        self.target_um_s = 0
+        self.window_um_s = 5_000
+        self.window_ms = 10
+        self._reached_ms = None
+        self._zero_ms = None
+        self._reached = False
+        self._zero = False
+        self._enter(cia402.SWITCH_ON_DISABLED)
+
+    def control(self, controlword):
+        """Take a controlword: one command, or the rising edge of fault reset."""
+        reset = controlword & ~self.controlword & cia402.CONTROL_FAULT_RESET
+        self.controlword = controlword
+        if reset:
+            self._happen(cia402.FAULT_RESET)
+        elif not controlword & cia402.CONTROL_FAULT_RESET:
+            self._happen(command_of(controlword))
+        self._aim()
+
+    def set_target(self, target_um_s):
+        """Take a target velocity [um/s], clipped to what the speed loop bears, as fresh."""
+        limit = speed_loop.SPEED_MAX_UM_S
+        self.target_um_s = min(max(target_um_s, -limit), limit)
+        self._aim()
+        self.registers[self.base + speed_loop.AGE] = 0
+
+    def fail(self, error_code):
+        """Cut the motor and go to 'fault', for a reason from outside the speed loop."""
+        self.registers[self.base + speed_loop.MODE] = speed_loop.OFF
+        if self._happen(FAILURE):
+            self.error_code = error_code
+
+    def poll(self, now_ms):
+        """Follow what the speed loop did; return the error code of a new fault, or 0."""
+        registers = self.registers
+        base = self.base
+        faults = registers[base + speed_loop.FAULTS]
+        if faults and self.state != cia402.FAULT:
+            for bit, code in _ERROR_CODES:
+                if faults & bit:
+                    self.fail(code)
+                    return code
+        if self.state == cia402.QUICK_STOP_ACTIVE and self._at_rest():
+            self._happen(STANDSTILL)
+        self._watch_speed(now_ms)
+        return 0
+
+    def statusword(self):
+        """The statusword of CiA 402-2 with the bits of profile velocity."""
+        word = self.state | cia402.REMOTE
+        if self.registers[speed_loop.SUPPLY]:
+            word |= cia402.VOLTAGE_ENABLED
+        if self._reached:
+            word |= cia402.TARGET_REACHED
+        if self._zero:
+            word |= cia402.SPEED_ZERO
+        if self.registers[self.base + speed_loop.FAULTS] & speed_loop.FOLLOWING:
+            word |= cia402.SLIPPAGE
+        return word
+
+    def _happen(self, event):
+        state = TRANSITIONS.get((self.state, event))
+        if state is None:
+            return False
+        self._enter(state)
+        return True
+
+    def _enter(self, state):
+        registers = self.registers
+        base = self.base
+        registers[base + speed_loop.MODE] = speed_loop.OFF
+        if self.state == cia402.FAULT:
+            registers[base + speed_loop.FAULTS] = 0
+            self.error_code = 0
+        self.state = state
+        registers[base + speed_loop.AGE] = 0
+        registers[base + speed_loop.MODE] = MODES.get(state, speed_loop.OFF)
+
+    def _aim(self):
+        halted = self.controlword & cia402.CONTROL_HALT
+        self.registers[self.base + speed_loop.TARGET] = 0 if halted else self.target_um_s
+
+    def _at_rest(self):
+        registers = self.registers
+        base = self.base
+        return (
+            registers[base + speed_loop.DEMAND] == 0
+            and abs(registers[base + speed_loop.ACTUAL]) < SPEED_ZERO_UM_S
+        )
+
+    def _watch_speed(self, now_ms):
+        actual = self.registers[self.base + speed_loop.ACTUAL]
+        target = self.registers[self.base + speed_loop.TARGET]
+        near = abs(actual - target) <= self.window_um_s
+        if not near:
+            self._reached_ms = None
+        elif self._reached_ms is None:
+            self._reached_ms = now_ms
+        self._reached = near and now_ms - self._reached_ms >= self.window_ms
+        slow = abs(actual) < SPEED_ZERO_UM_S
+        if not slow:
+            self._zero_ms = None
+        elif self._zero_ms is None:
+            self._zero_ms = now_ms
+        self._zero = slow and now_ms - self._zero_ms >= self.window_ms
