@@ -1,7 +1,7 @@
 """Compilation of inner loops: once per machine, kept beside the source."""
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numba
 
@@ -10,5 +10,4 @@ Function = TypeVar("Function", bound=Callable[..., object])
 
 def compiled(function: Function) -> Function:
     """The function compiled by numba at its first call, cached on disk, its type unchanged."""
-    result: Function = numba.njit(cache=True, error_model="numpy")(function)
-    return result
+    return cast(Function, numba.njit(cache=True, error_model="numpy")(function))

@@ -77,4 +77,5 @@ def wheel_places_m(scenario: Scenario, parcel: Parcel) -> Floats:
     rows = steps if array.rows > 1 else np.zeros(1)
     cells = np.array([(x_m, y_m) for x_m in steps for y_m in rows])
     offsets = np.array([wheel.offset_m for wheel in scenario.cell.wheel])
-    return (cells[:, np.newaxis] + offsets).reshape(-1, 2)
+    wheels: Floats = (cells[:, np.newaxis] + offsets).reshape(-1, 2)
+    return wheels

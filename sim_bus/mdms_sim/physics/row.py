@@ -9,15 +9,12 @@ import math
 from itertools import chain, pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mdms_sim.physics.drive import drive_of
 from mdms_sim.physics.row_journey import Journey, events_of, journey_of
-from mdms_sim.physics.row_samples import CONTACT_OF_MODE, loads, places
-from mdms_sim.record import Contact, Record
+from mdms_sim.physics.row_samples import CONTACT_OF_MODE, course, loads
+from mdms_sim.record import Contact, Floats, Record
 from mdms_sim.scenario import Scenario, ScenarioError
-
-Floats = NDArray[np.float64]
 
 
 def solve_row(scenario: Scenario, reference_m_s: Floats) -> Record:
@@ -61,7 +58,9 @@ def _instants(scenario: Scenario, journeys: list[Journey]) -> Floats:
     run = scenario.run
     end_s = min([run.duration_s, *(journey.tip_s for journey in journeys)])
     grid_s = np.arange(math.floor(run.duration_s / run.step_s * (1 + 1e-12)) + 1) * run.step_s
-    times_s = np.concatenate([grid_s, [end_s], *(journey.phases[:, 0] for journey in journeys)])
+    times_s = np.concatenate(
+        [grid_s, [end_s], *(journey.trace.phases[:, 0] for journey in journeys)]
+    )
     times_s = np.unique(times_s)
     return times_s[times_s <= end_s]
 
@@ -87,15 +86,15 @@ def _blank(scenario: Scenario, reference_m_s: Floats, time_s: Floats) -> Record:
 
 def _write(record: Record, number: int, journey: Journey) -> None:
     """Write one parcel, and the wheels while it is on them."""
-    phases, x_m, speed = places(journey.phases, record.time_s)
-    normal_n, force_n, mode = loads(journey.row, journey.whys, journey.modes, phases, x_m, speed)
-    record.pose[:, number, 0] = x_m
-    record.twist[:, number, 0] = speed
-    record.normal_n += normal_n
-    record.force_n += force_n
+    way = course(journey.trace, record.time_s)
+    found = loads(journey.row, journey.trace, way)
+    record.pose[:, number, 0] = way.x_m
+    record.twist[:, number, 0] = way.speed
+    record.normal_n += found.normal_n
+    record.force_n += found.force_n
     for code, contact in CONTACT_OF_MODE.items():
         if contact != Contact.NONE:
-            record.contact[mode == code] = contact
+            record.contact[found.mode == code] = contact
 
 
 def _derive_wheels(scenario: Scenario, record: Record) -> None:

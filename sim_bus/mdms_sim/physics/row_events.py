@@ -7,14 +7,9 @@ event can hide.
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mdms_sim.physics.compiled import compiled
 from mdms_sim.physics.row_motion import advance, first_zero, half_period
-from mdms_sim.physics.row_parcel import ROLLING, Modes, RowParcel
-
-Floats = NDArray[np.float64]
+from mdms_sim.physics.row_parcel import ROLLING, Footing, RowParcel
 
 START, SUPPORT, CONTACT, REVERSAL, REST, HELD, TIP, END = range(8)
 """What begins a phase. HELD: at rest on an edge between two support sets that push it together."""
@@ -35,13 +30,22 @@ class Phase(NamedTuple):
     gamma: float
 
 
+class Margin(NamedTuple):
+    """A linear function of place and speed; where it falls below -`slack` an event has come."""
+
+    now: float
+    by_x: float
+    by_v: float
+    slack: float
+
+
 @compiled
 def next_event(
-    row: RowParcel, k: int, line: Floats, mode: Modes, phase: Phase, until_s: float
+    row: RowParcel, foot: Footing, phase: Phase, until_s: float
 ) -> tuple[float, int, int, int]:
     """How long the phase lasts, what ends it, and for a CONTACT the wheel and its new mode.
 
-    For a SUPPORT the third is the side on which the parcel leaves stretch `k`, -1 or 1.
+    For a SUPPORT the third is the side on which the parcel leaves its stretch, -1 or 1.
     """
     soonest_s, cause, what, becomes = until_s - phase.time_s, END, 0, 0
     turn_s = first_zero(phase.beta, phase.gamma, phase.speed, phase.acceleration)
@@ -50,71 +54,89 @@ def next_event(
     heading = phase.speed if phase.speed != 0.0 else phase.acceleration
     if heading != 0.0:
         side = 1 if heading > 0.0 else -1
-        edge_m = row.edge_m[k + 1] if side > 0 else row.edge_m[k]
-        at_s = crossing(phase, side * (edge_m - phase.x_m), -side, 0.0, SLACK_M, soonest_s)
+        at_s = crossing(phase, edge_margin(row, foot, phase, side), soonest_s)
         if at_s < soonest_s:
             soonest_s, cause, what = at_s, SUPPORT, side
-    slack_n = SLACK * row.weight_n
-    for i in range(row.first[k], row.last[k] + 1):
-        hold_n = row.friction * (line[0, i] + line[1, i] * phase.x_m)
-        hold_slope = row.friction * line[1, i]
-        rolling_n = row.push_n[i] - row.drag * phase.speed
+    for i in range(foot.first, foot.last + 1):
         for side in (-1, 1):
-            if mode[i] != ROLLING and mode[i] != side:
-                continue
-            sense = 1.0 if mode[i] == ROLLING else -1.0
-            margin_n = sense * (hold_n - side * rolling_n)
-            by_x, by_v = sense * hold_slope, sense * side * row.drag
-            at_s = crossing(phase, margin_n, by_x, by_v, slack_n, soonest_s)
-            if at_s < soonest_s:
-                soonest_s, cause, what = at_s, CONTACT, i
-                becomes = side if mode[i] == ROLLING else ROLLING
+            if foot.mode[i] == ROLLING or foot.mode[i] == side:
+                at_s = crossing(phase, mode_margin(row, foot, phase, i, side), soonest_s)
+                if at_s < soonest_s:
+                    soonest_s, cause, what = at_s, CONTACT, i
+                    becomes = side if foot.mode[i] == ROLLING else ROLLING
     return soonest_s, cause, what, becomes
 
 
 @compiled
-def crossing(
-    phase: Phase, margin: float, by_x: float, by_v: float, slack: float, until_s: float
-) -> float:
-    """When margin + by_x dx + by_v dv falls through zero in the phase; `until_s` if not before.
+def edge_margin(row: RowParcel, foot: Footing, phase: Phase, side: int) -> Margin:
+    """Way left to the edge of the stretch on one side."""
+    edge_m = row.edge_m[foot.k + 1] if side > 0 else row.edge_m[foot.k]
+    return Margin(side * (edge_m - phase.x_m), -side, 0.0, SLACK_M)
 
-    Only a fall below -`slack` counts; its time is that of the zero on the way there.
+
+@compiled
+def mode_margin(row: RowParcel, foot: Footing, phase: Phase, i: int, side: int) -> Margin:
+    """Force by which wheel `i` keeps its mode: friction over a rolling wheel's force, or under.
+
+    A wheel that rolls may slip to either `side`; one that slips to `side` may roll again (eq 12).
+    """
+    sense = 1.0 if foot.mode[i] == ROLLING else -1.0
+    hold_n = row.friction * (foot.load[0, i] + foot.load[1, i] * phase.x_m)
+    rolling_n = row.push_n[i] - row.drag * phase.speed
+    return Margin(
+        sense * (hold_n - side * rolling_n),
+        sense * row.friction * foot.load[1, i],
+        sense * side * row.drag,
+        SLACK * row.weight_n,
+    )
+
+
+@compiled
+def crossing(phase: Phase, margin: Margin, until_s: float) -> float:
+    """When the margin falls through zero in the phase; `until_s` if not before.
+
+    Only a fall below its slack counts; the time is that of the zero on the way there.
     """
     beta, gamma = phase.beta, phase.gamma
-    rate = by_x * phase.speed + by_v * phase.acceleration
-    bend = by_x * phase.acceleration + by_v * (gamma * phase.acceleration + beta * phase.speed)
+    rate = margin.by_x * phase.speed + margin.by_v * phase.acceleration
+    jerk = gamma * phase.acceleration + beta * phase.speed
+    bend = margin.by_x * phase.acceleration + margin.by_v * jerk
     extreme_s, swing_s = first_zero(beta, gamma, rate, bend), half_period(beta, gamma)
     low_s = 0.0
     while low_s < until_s:
         high_s = min(extreme_s, until_s)
-        dx_m, dv, _ = advance(beta, gamma, phase.speed, phase.acceleration, high_s)
-        if margin + by_x * dx_m + by_v * dv < -slack:
-            return zero_between(phase, margin, by_x, by_v, low_s, high_s)
+        value, _ = margin_at(phase, margin, high_s)
+        if value < -margin.slack:
+            return falling_zero(phase, margin, low_s, high_s)
         low_s, extreme_s = high_s, extreme_s + swing_s
     return until_s
 
 
 @compiled
-def zero_between(
-    phase: Phase, margin: float, by_x: float, by_v: float, low_s: float, high_s: float
-) -> float:
+def margin_at(phase: Phase, margin: Margin, after_s: float) -> tuple[float, float]:
+    """A margin some time into the phase, and its rate."""
+    dx_m, dv, acceleration = advance(
+        phase.beta, phase.gamma, phase.speed, phase.acceleration, after_s
+    )
+    value = margin.now + margin.by_x * dx_m + margin.by_v * dv
+    return value, margin.by_x * (phase.speed + dv) + margin.by_v * acceleration
+
+
+@compiled
+def falling_zero(phase: Phase, margin: Margin, low_s: float, high_s: float) -> float:
     """The zero of a margin that falls from `low_s` to `high_s`: Newton's steps, kept inside."""
-    beta, gamma = phase.beta, phase.gamma
+    value, rate = margin_at(phase, margin, low_s)
+    if value <= 0.0:
+        return low_s
     at_s = low_s
     for _ in range(200):
-        dx_m, dv, acceleration = advance(beta, gamma, phase.speed, phase.acceleration, at_s)
-        value = margin + by_x * dx_m + by_v * dv
-        if value > 0.0:
-            low_s = at_s
-        elif at_s == low_s:
-            return at_s
-        else:
-            high_s = at_s
-        slope = by_x * (phase.speed + dv) + by_v * acceleration
-        before_s = at_s
-        at_s = at_s - value / slope if slope < 0.0 else (low_s + high_s) / 2
-        if not low_s <= at_s <= high_s:
-            at_s = (low_s + high_s) / 2
+        newton_s = at_s - value / rate if rate < 0.0 else high_s
+        before_s, at_s = at_s, newton_s if low_s < newton_s < high_s else (low_s + high_s) / 2
         if abs(at_s - before_s) <= 2e-16 * high_s:
             break
+        value, rate = margin_at(phase, margin, at_s)
+        if value > 0.0:
+            low_s = at_s
+        else:
+            high_s = at_s
     return at_s

@@ -4,18 +4,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mdms_sim.physics.drive import drive_of
-from mdms_sim.physics.row_events import HELD, REVERSAL, SUPPORT, TIP
-from mdms_sim.physics.row_parcel import ABSENT, BACKWARD, FORWARD, ROLLING, Modes, RowParcel
+from mdms_sim.physics.row_events import HELD, REVERSAL, TIP
+from mdms_sim.physics.row_parcel import ABSENT, BACKWARD, FORWARD, ROLLING, RowParcel
 from mdms_sim.physics.row_supports import stretches_of
-from mdms_sim.physics.row_trace import trace
-from mdms_sim.record import Event
+from mdms_sim.physics.row_trace import Trace, trace
+from mdms_sim.record import Event, Floats
 from mdms_sim.scenario import Parcel, Scenario
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 NEW_MODE = {
     ROLLING: "starts to roll",
@@ -26,24 +22,22 @@ NEW_MODE = {
 
 @dataclass(frozen=True, slots=True)
 class Journey:
-    """A parcel's phases, as `row_trace.trace` gives them."""
+    """A parcel's motion, from rest to the end of the run or until it tips."""
 
     parcel: Parcel
     row: RowParcel
-    phases: Floats
-    whys: Ints
-    modes: Modes
+    trace: Trace
 
     @property
     def tip_s(self) -> float:
         """When the parcel tips; inf where it does not."""
-        return float(self.phases[-1, 0]) if self.whys[-1, 0] == TIP else np.inf
+        return float(self.trace.phases[-1, 0]) if self.trace.whys[-1, 0] == TIP else np.inf
 
 
 def journey_of(scenario: Scenario, parcel: Parcel, reference_m_s: Floats) -> Journey:
     """Trace one parcel from rest over the scenario's duration; as if it were alone."""
     row = row_parcel(scenario, parcel, reference_m_s)
-    return Journey(parcel, row, *trace(row, parcel.x_m, scenario.run.duration_s))
+    return Journey(parcel, row, trace(row, parcel.x_m, scenario.run.duration_s))
 
 
 def row_parcel(scenario: Scenario, parcel: Parcel, reference_m_s: Floats) -> RowParcel:
@@ -69,29 +63,29 @@ def row_parcel(scenario: Scenario, parcel: Parcel, reference_m_s: Floats) -> Row
 def wheel_places_m(scenario: Scenario) -> Floats:
     """Contact points along the row, ascending [m; table frame]."""
     array = scenario.array
-    middle = (array.columns - 1) / 2
-    return (np.arange(array.columns) - middle) * array.pitch_m + scenario.cell.wheel[0].offset_m[0]
+    first_m = -(array.columns - 1) / 2 * array.pitch_m + scenario.cell.wheel[0].offset_m[0]
+    return first_m + array.pitch_m * np.arange(array.columns, dtype=np.float64)
 
 
 def events_of(journey: Journey) -> Iterator[Event]:
     """What happened on the way, in order of time."""
-    for at in range(len(journey.phases)):
-        cause = journey.whys[at, 0]
+    for at in range(len(journey.trace.phases)):
+        cause = journey.trace.whys[at, 0]
         if cause == REVERSAL:
-            yield _event(journey, at, "reversal", f"turns at {journey.phases[at, 1]:+.6f} m")
+            yield _event(journey, at, "reversal", f"turns at {journey.trace.phases[at, 1]:+.6f} m")
         elif cause == TIP:
-            yield _event(journey, at, "tip", f"tips at {journey.phases[at, 1]:+.6f} m")
+            yield _event(journey, at, "tip", f"tips at {journey.trace.phases[at, 1]:+.6f} m")
             return
         elif cause == HELD:
-            where_m = journey.phases[at, 1]
+            where_m = journey.trace.phases[at, 1]
             yield _event(journey, at, "support", f"rests on an edge at {where_m:+.6f} m")
         if at > 0 and cause != HELD:
             yield from _wheel_events(journey, at)
 
 
 def _wheel_events(journey: Journey, at: int) -> Iterator[Event]:
-    before, after = journey.modes[at - 1], journey.modes[at]
-    for wheel in np.flatnonzero(before != after):
+    before, after = journey.trace.modes[at - 1], journey.trace.modes[at]
+    for wheel in np.flatnonzero(before != after).tolist():
         if before[wheel] == ABSENT:
             yield _event(journey, at, "support", "takes load", wheel)
         elif after[wheel] == ABSENT:
@@ -101,5 +95,5 @@ def _wheel_events(journey: Journey, at: int) -> Iterator[Event]:
 
 
 def _event(journey: Journey, at: int, kind: str, detail: str, wheel: int | None = None) -> Event:
-    cell, axis = (None, None) if wheel is None else (int(wheel) + 1, 1)
-    return Event(float(journey.phases[at, 0]), kind, detail, journey.parcel.name, cell, axis)
+    cell, axis = (None, None) if wheel is None else (wheel + 1, 1)
+    return Event(float(journey.trace.phases[at, 0]), kind, detail, journey.parcel.name, cell, axis)

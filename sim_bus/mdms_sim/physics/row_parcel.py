@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mdms_sim.physics.compiled import compiled
-from mdms_sim.physics.row_supports import spread
+from mdms_sim.physics.row_supports import Ints, spread
+from mdms_sim.record import Floats
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Modes = NDArray[np.int8]
 
 BACKWARD, ROLLING, FORWARD, ABSENT = -1, 0, 1, 2
@@ -33,6 +32,19 @@ class RowParcel(NamedTuple):
     com_m: float
 
 
+class Footing(NamedTuple):
+    """The wheels `first` to `last` that carry in stretch `k`: their loads and their modes.
+
+    Wheel i carries load[0, i] + load[1, i] x [N], x the parcel's place (eq 1).
+    """
+
+    k: int
+    first: int
+    last: int
+    load: Floats
+    mode: Modes
+
+
 @compiled
 def carried(row: RowParcel, k: int) -> bool:
     """Whether the parcel has supports on both sides of its centre of mass in stretch `k`."""
@@ -40,44 +52,45 @@ def carried(row: RowParcel, k: int) -> bool:
 
 
 @compiled
-def load_line(row: RowParcel, k: int, line: Floats) -> None:
-    """Write the normal forces in stretch `k` as N_i = line[0, i] + line[1, i] x (eq 1)."""
+def footing(row: RowParcel, k: int, x_m: float, speed: float) -> Footing:
+    """What carries in stretch `k`; each wheel rolls where friction can hold it (eq 12)."""
+    wheels = len(row.wheel_x_m)
+    load, mode = np.zeros((2, wheels)), np.full(wheels, ABSENT, np.int8)
     first, last = row.first[k], row.last[k]
     mean_m, spread_m2 = spread(row.wheel_x_m, first, last)
     for i in range(first, last + 1):
         slope = row.weight_n * (row.wheel_x_m[i] - mean_m) / spread_m2
-        line[0, i] = row.weight_n / (last - first + 1) + slope * (row.com_m - mean_m)
-        line[1, i] = slope
-
-
-@compiled
-def classify(row: RowParcel, k: int, line: Floats, x_m: float, speed: float, mode: Modes) -> None:
-    """Write what every wheel does in stretch `k`: it rolls where friction can hold it (eq 12)."""
-    mode[:] = ABSENT
-    for i in range(row.first[k], row.last[k] + 1):
-        hold_n = row.friction * (line[0, i] + line[1, i] * x_m)
+        load[0, i] = row.weight_n / (last - first + 1) + slope * (row.com_m - mean_m)
+        load[1, i] = slope
+        hold_n = row.friction * (load[0, i] + slope * x_m)
         rolling_n = row.push_n[i] - row.drag * speed
         mode[i] = FORWARD if rolling_n > hold_n else BACKWARD if rolling_n < -hold_n else ROLLING
+    return Footing(k, first, last, load, mode)
 
 
 @compiled
-def coefficients(row: RowParcel, k: int, line: Floats, mode: Modes) -> tuple[float, float, float]:
-    """The phase's x'' = alpha + beta x + gamma x', from eq (6) where wheels slide and eq (11)."""
+def no_footing(row: RowParcel, k: int) -> Footing:
+    """A stretch in which nothing carries."""
+    wheels = len(row.wheel_x_m)
+    return Footing(k, 0, -1, np.zeros((2, wheels)), np.full(wheels, ABSENT, np.int8))
+
+
+@compiled
+def coefficients(row: RowParcel, foot: Footing) -> tuple[float, float, float]:
+    """Of x'' = alpha + beta x + gamma x': eq (6) where wheels slide, eq (11) where they roll."""
     force_n, spring, damping = 0.0, 0.0, 0.0
-    for i in range(row.first[k], row.last[k] + 1):
-        if mode[i] == ROLLING:
+    for i in range(foot.first, foot.last + 1):
+        if foot.mode[i] == ROLLING:
             force_n += row.push_n[i]
             damping += row.drag
         else:
-            force_n += mode[i] * row.friction * line[0, i]
-            spring += mode[i] * row.friction * line[1, i]
+            force_n += foot.mode[i] * row.friction * foot.load[0, i]
+            spring += foot.mode[i] * row.friction * foot.load[1, i]
     return force_n / row.mass_kg, spring / row.mass_kg, -damping / row.mass_kg
 
 
 @compiled
-def enter(row: RowParcel, k: int, x_m: float, speed: float, line: Floats, mode: Modes) -> float:
-    """Take on the supports of stretch `k`; the parcel's acceleration on them [m/s^2]."""
-    load_line(row, k, line)
-    classify(row, k, line, x_m, speed, mode)
-    alpha, beta, gamma = coefficients(row, k, line, mode)
+def acceleration(row: RowParcel, foot: Footing, x_m: float, speed: float) -> float:
+    """Of the parcel, from eqs (6) and (11) [m/s^2]."""
+    alpha, beta, gamma = coefficients(row, foot)
     return alpha + beta * x_m + gamma * speed

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mdms_sim.physics.compiled import compiled
+from mdms_sim.record import Floats
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 EDGE_M = 1e-9
@@ -38,6 +38,8 @@ def stretches_of(wheel_x_m: Floats, length_m: float, com_m: float) -> Stretches:
 
     `wheel_x_m` ascends.
     """
+    if len(wheel_x_m) == 0:
+        return Stretches(np.zeros(1), np.zeros(0, np.int64), np.zeros(0, np.int64))
     return Stretches(*cut(wheel_x_m, length_m, com_m))
 
 
@@ -47,10 +49,11 @@ def cut(wheel_x_m: Floats, length_m: float, com_m: float) -> tuple[Floats, Ints,
     half_m = length_m / 2
     ends = np.sort(np.concatenate((wheel_x_m - half_m, wheel_x_m + half_m)))
     edge, first, last = [ends[0] - half_m, ends[0]], [0], [-1]
-    for left_m, right_m in zip(ends[:-1], ends[1:]):  # noqa: B905 (numba knows no strict zip)
-        middle_m = (left_m + right_m) / 2
-        head = np.searchsorted(wheel_x_m, middle_m - half_m)
-        tail = np.searchsorted(wheel_x_m, middle_m + half_m) - 1
+    for cover in range(len(ends) - 1):
+        right_m = ends[cover + 1]
+        middle_m = (ends[cover] + right_m) / 2
+        head = int(np.searchsorted(wheel_x_m, middle_m - half_m))
+        tail = int(np.searchsorted(wheel_x_m, middle_m + half_m)) - 1
         while edge[-1] < right_m - EDGE_M:
             i, j, stop_m = support_set(wheel_x_m, head, tail, edge[-1] + com_m)
             if i != first[-1] or j != last[-1]:
@@ -90,7 +93,8 @@ def unloading(wheel_x_m: Floats, first: int, last: int, end: int) -> float:
     The zero of eq (1): 1/n + (x_c - mean) (x_end - mean) / spread = 0.
     """
     mean_m, spread_m2 = spread(wheel_x_m, first, last)
-    return mean_m - spread_m2 / ((last - first + 1) * (wheel_x_m[end] - mean_m))
+    place_m = mean_m - spread_m2 / ((last - first + 1) * (wheel_x_m[end] - mean_m))
+    return float(place_m)
 
 
 @compiled
@@ -99,10 +103,3 @@ def spread(wheel_x_m: Floats, first: int, last: int) -> tuple[float, float]:
     places_m = wheel_x_m[first : last + 1]
     mean_m = places_m.mean()
     return mean_m, ((places_m - mean_m) ** 2).sum()
-
-
-def normals(wheel_x_m: Floats, com_x_m: float, weight_n: float) -> Floats:
-    """Normal forces of supports that all carry, from the place of the centre of mass (eq 1)."""
-    arm_m = wheel_x_m - wheel_x_m.mean()
-    moment = (com_x_m - wheel_x_m.mean()) / (arm_m @ arm_m)
-    return weight_n * (1 / len(wheel_x_m) + moment * arm_m)
