@@ -1,0 +1,68 @@
+"""Runs the benchmarks and prints one table: ours beside a peer in the same run.
+
+`python -m tests.benchmarks [NAME ...]`: each NAME is a module of this folder that has `run()`, which
+returns rows with `name`, `ours`, `peer` (or None), `ratio` (or None), `unit` and whatever else tells.
+Everything goes into `build/bench.json` as well.
+"""
+
+import json
+import platform
+import sys
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+FOLDER = Path(__file__).parent
+RESULT = Path("build/bench.json")
+
+Row = dict[str, Any]
+
+
+def available() -> list[str]:
+    """Names of all benchmarks."""
+    return sorted(path.stem for path in FOLDER.glob("*.py") if not path.stem.startswith("_"))
+
+
+def figure(value: object) -> str:
+    """A number in four digits, a dash for none."""
+    if value is None:
+        return "-"
+    return f"{value:,.4g}" if isinstance(value, int | float) else str(value)
+
+
+def print_rows(rows: list[Row]) -> None:
+    """One line a row; what is not a column stands behind it."""
+    for row in rows:
+        rest = {
+            key: value
+            for key, value in row.items()
+            if key not in ("name", "ours", "peer", "ratio", "unit")
+        }
+        notes = "  ".join(f"{key}={figure(value)}" for key, value in rest.items())
+        print(
+            f"  {row['name']:<52} {figure(row.get('ours')):>11} {figure(row.get('peer')):>11} "
+            f"{figure(row.get('ratio')):>9} {row.get('unit', ''):<12} {notes}",
+            flush=True,
+        )
+
+
+def main(names: list[str]) -> int:
+    """Run the named benchmarks, or all."""
+    unknown = sorted(set(names) - set(available()))
+    if unknown:
+        print(f"no benchmark {', '.join(unknown)}; there are {', '.join(available())}")
+        return 2
+    results: dict[str, list[Row]] = {}
+    for name in names or available():
+        print(f"{name:<54} {'ours':>11} {'peer':>11} {'ratio':>9}", flush=True)
+        results[name] = import_module(f"tests.benchmarks.{name}").run()
+        print_rows(results[name])
+    RESULT.parent.mkdir(exist_ok=True)
+    machine = {"python": platform.python_version(), "machine": platform.machine()}
+    RESULT.write_text(json.dumps({"machine": machine, "results": results}, indent=2) + "\n")
+    print(f"written to {RESULT}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
