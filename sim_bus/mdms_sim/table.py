@@ -5,7 +5,7 @@ from math import cos, sin
 import numpy as np
 
 from mdms_sim.record import Floats
-from mdms_sim.scenario import Scenario
+from mdms_sim.scenario import Goal, Parcel, Scenario
 
 
 def is_row(scenario: Scenario) -> bool:
@@ -35,6 +35,11 @@ def wheel_directions(scenario: Scenario) -> Floats:
     turns = [wheel.direction_rad for wheel in scenario.cell.wheel]
     one_cell = np.array([(cos(turn), sin(turn)) for turn in turns])
     return np.tile(one_cell, (scenario.array.columns * scenario.array.rows, 1))
+
+
+def goal_of(scenario: Scenario, parcel: Parcel) -> Goal | None:
+    """Where a parcel is steered to, if the motion steers at all."""
+    return parcel.goal if scenario.motion.field == "goal" else None
 
 
 def outline_m(pose: Floats, length_m: float, width_m: float) -> Floats:

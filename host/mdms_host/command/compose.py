@@ -7,6 +7,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from mdms_host.command.exits import CommandError, Exit
+from mdms_host.command.inputs import refusing_bad_scenarios
 
 if TYPE_CHECKING:
     from mdms_sim.record import Floats, Record
@@ -32,14 +33,10 @@ def run_scenario(
     bus_log: Path | None = None,
 ) -> Finished:
     """Run a scenario in its fidelity. Raises `CommandError` for what it cannot be run with."""
-    from mdms_sim.scenario import ScenarioError
-
-    try:
+    with refusing_bad_scenarios():
         if scenario.run.fidelity == "firmware":
             return _run_firmware(scenario, nodes, progress, bus_log)
         return _run_model(scenario)
-    except ScenarioError as error:
-        raise CommandError(str(error), Exit.USAGE) from None
 
 
 def _run_model(scenario: "Scenario") -> Finished:

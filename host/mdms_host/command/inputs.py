@@ -12,15 +12,23 @@ if TYPE_CHECKING:
     from mdms_sim.scenario import Scenario
 
 
-def open_scenario(name_or_path: str, overrides: Sequence[str]) -> "Scenario":
-    """A checked scenario. Raises `CommandError` (bad input)."""
+@contextmanager
+def refusing_bad_scenarios() -> Iterator[None]:
+    """Turns any `ScenarioError` inside into a `CommandError` (bad input)."""
     from mdms_sim.scenario import ScenarioError
-    from mdms_sim.scenario_file import load_scenario
 
     try:
-        return load_scenario(name_or_path, overrides)
+        yield
     except ScenarioError as error:
         raise CommandError(str(error), Exit.USAGE) from None
+
+
+def open_scenario(name_or_path: str, overrides: Sequence[str]) -> "Scenario":
+    """A checked scenario. Raises `CommandError` (bad input)."""
+    from mdms_sim.scenario_file import load_scenario
+
+    with refusing_bad_scenarios():
+        return load_scenario(name_or_path, overrides)
 
 
 def open_run(folder: Path) -> "StoredRun":

@@ -2,10 +2,11 @@
 
 import json
 from argparse import Namespace
+from dataclasses import asdict
 from typing import Any
 
 from mdms_host.command.exits import Exit
-from mdms_host.command.inputs import open_scenario
+from mdms_host.command.inputs import open_scenario, refusing_bad_scenarios
 from mdms_host.command.options import Verbs, add_json, add_scenario
 
 #: Name in JSON, what people are told, unit.
@@ -34,10 +35,8 @@ def run(arguments: Namespace) -> Exit:
     scenario = open_scenario(arguments.scenario, arguments.overrides)
     from mdms_sim.physics.limits import parcel_limits
 
-    bounds = [
-        {"name": parcel.name, **_plain(parcel_limits(scenario, parcel))}
-        for parcel in scenario.parcel
-    ]
+    with refusing_bad_scenarios():
+        bounds = [asdict(parcel_limits(scenario, parcel)) for parcel in scenario.parcel]
     if arguments.json:
         print(json.dumps({"parcels": bounds}))
     else:
@@ -45,14 +44,10 @@ def run(arguments: Namespace) -> Exit:
     return Exit.OK
 
 
-def _plain(limits: object) -> dict[str, Any]:
-    return {name: getattr(limits, name) for name, _text, _unit in ROWS}
-
-
 def _table(title: str, parcel: dict[str, Any]) -> str:
     width = max(len(text) for _name, text, _unit in ROWS)
     lines = [f"{title}: {parcel['name']}"]
     lines += [
-        f"  {text:{width}}  {parcel[name]:>8.4g} {unit}".rstrip() for name, text, unit in ROWS
+        f"  {text:{width}}  {parcel[name]:>9.4g} {unit}".rstrip() for name, text, unit in ROWS
     ]
     return "\n".join(lines)

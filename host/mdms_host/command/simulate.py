@@ -75,7 +75,7 @@ def verdict(finished: "Finished") -> Exit:
     """Tell what went wrong, if anything did, and how the command ends."""
     for event in finished.record.events:
         if event.kind == "tip":
-            say(f"mdms: {event.time_s:.3f} s: {event.detail}")
+            say(f"mdms: {event.parcel} tips at {event.time_s:.3f} s: {event.detail}")
             return Exit.FAILURE
     if finished.fault is not None:
         say(f"mdms: {finished.fault}")

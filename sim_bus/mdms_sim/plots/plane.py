@@ -11,8 +11,9 @@ from matplotlib.patches import Patch
 from mdms_sim.plots.canvas import FAINT, INK, new_figure, parcel_colour
 from mdms_sim.plots.pose_panels import draw_pose_panels
 from mdms_sim.plots.top_view import draw_slip_scale, draw_top_view, extent_m
-from mdms_sim.record import Floats, Record
-from mdms_sim.scenario import Parcel, Scenario
+from mdms_sim.record import Record
+from mdms_sim.scenario import Scenario
+from mdms_sim.table import goal_of
 
 WIDTH_IN, TOP_IN, BOTTOM_IN = 13.0, 0.95, 1.0
 LEFT, MIDDLE, PANELS, RIGHT = 0.06, 0.60, 0.68, 0.985
@@ -41,7 +42,7 @@ def _add_legend(figure: Figure, scenario: Scenario, record: Record) -> None:
         colour = parcel_colour(number)
         handles.append(Patch(facecolor=f"{colour}55", edgecolor=colour, label=parcel.name))
     handles.append(Line2D([], [], color=FAINT, linestyle=(0, (1, 1.5)), lw=1.6, label="start"))
-    if any(parcel.goal for parcel in scenario.parcel):
+    if any(goal_of(scenario, parcel) for parcel in scenario.parcel):
         handles.append(Line2D([], [], color=INK, linestyle=(0, (4, 2)), label="goal"))
     if record.estimate is not None and np.isfinite(record.estimate).any():
         handles.append(Line2D([], [], color=INK, linewidth=1, label="as the coordinator believes"))
@@ -60,21 +61,27 @@ def _add_titles(figure: Figure, height_in: float, scenario: Scenario, record: Re
     figure.text(
         LEFT, 1 - 0.42 / height_in, scenario.title, color=INK, fontsize=14, fontweight="bold"
     )
-    stories = [
-        _story(parcel, record.pose[:, number]) for number, parcel in enumerate(scenario.parcel[:2])
-    ]
+    stories = [_story(scenario, record, number) for number in range(min(2, len(scenario.parcel)))]
     if len(scenario.parcel) > len(stories):
         stories.append(f"{len(scenario.parcel) - len(stories)} more")
     figure.text(LEFT, 1 - 0.72 / height_in, ";  ".join(stories), color=FAINT, fontsize=10)
 
 
-def _story(parcel: Parcel, pose: Floats) -> str:
+def _story(scenario: Scenario, record: Record, number: int) -> str:
     """What became of a parcel, in one clause."""
+    parcel, pose = scenario.parcel[number], record.pose[:, number]
     shift_m = hypot(*(pose[-1, :2] - pose[0, :2]))
     turn_deg = degrees(pose[-1, 2] - pose[0, 2])
     story = f"{parcel.name} moved {shift_m:.3f} m and turned {turn_deg:+.1f}°"
-    if parcel.goal is None:
+    tips = (
+        event.time_s
+        for event in record.events
+        if event.kind == "tip" and event.parcel == parcel.name
+    )
+    if (tipped_s := next(tips, None)) is not None:
+        return f"{story}; tipped off at {tipped_s:.2f} s"
+    if (goal := goal_of(scenario, parcel)) is None:
         return story
-    miss_m = hypot(pose[-1, 0] - parcel.goal.x_m, pose[-1, 1] - parcel.goal.y_m)
-    miss_rad = (pose[-1, 2] - parcel.goal.yaw_rad + pi) % (2 * pi) - pi
+    miss_m = hypot(pose[-1, 0] - goal.x_m, pose[-1, 1] - goal.y_m)
+    miss_rad = (pose[-1, 2] - goal.yaw_rad + pi) % (2 * pi) - pi
     return f"{story}, {1000 * miss_m:.1f} mm and {abs(degrees(miss_rad)):.1f}° off its goal"

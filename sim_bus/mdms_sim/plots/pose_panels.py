@@ -6,7 +6,8 @@ from matplotlib.figure import Figure
 
 from mdms_sim.plots.canvas import INK, parcel_colour, tidy
 from mdms_sim.record import Floats, Record
-from mdms_sim.scenario import Parcel, Scenario
+from mdms_sim.scenario import Scenario
+from mdms_sim.table import goal_of
 
 PANELS = (("x [m]", 1.0), ("y [m]", 1.0), ("yaw [°]", 180 / np.pi))
 GAP_SHARE = 0.06
@@ -24,7 +25,9 @@ def draw_pose_panels(
         axes = figure.add_axes((left, low, width, step * (1 - GAP_SHARE)))
         for number, parcel in enumerate(scenario.parcel):
             _draw_parcel(axes, record, number, part, factor)
-            _draw_goal(axes, parcel, number, part, factor)
+            if goal := goal_of(scenario, parcel):
+                wanted = (goal.x_m, goal.y_m, goal.yaw_rad)[part] * factor
+                axes.axhline(wanted, color=parcel_colour(number), lw=1.1, linestyle=(0, (4, 2)))
         axes.set_ylabel(name, color=INK)
         axes.set_xlim(record.time_s[0], record.time_s[-1])
         _widen(axes, LEAST_SPAN[part])
@@ -47,12 +50,6 @@ def _near(believed: Floats, true: Floats, part: int) -> Floats:
     """An angle told within the turn nearest to the true one; lengths as they are."""
     turns = np.round((true - believed) / (2 * np.pi)) if part == 2 else 0.0
     return believed + turns * 2 * np.pi
-
-
-def _draw_goal(axes: Axes, parcel: Parcel, number: int, part: int, factor: float) -> None:
-    if parcel.goal is not None:
-        wanted = (parcel.goal.x_m, parcel.goal.y_m, parcel.goal.yaw_rad)[part] * factor
-        axes.axhline(wanted, color=parcel_colour(number), lw=1.1, linestyle=(0, (4, 2)))
 
 
 def _widen(axes: Axes, least: float) -> None:

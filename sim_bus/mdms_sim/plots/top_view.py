@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from mdms_sim.plots.canvas import FAINT, INK, parcel_colour
 from mdms_sim.record import Contact, Floats, Record
-from mdms_sim.scenario import Parcel, Scenario
-from mdms_sim.table import cell_centres_m, outline_m, wheel_directions, wheel_places_m
+from mdms_sim.scenario import Goal, Parcel, Scenario
+from mdms_sim.table import cell_centres_m, goal_of, outline_m, wheel_directions, wheel_places_m
 
 SLIP_COLOURS = LinearSegmentedColormap.from_list("slip", ["#2f6db5", "#9a5bb0", "#d6124a"])
 UNTOUCHED = "#cfd5da"
@@ -27,7 +27,8 @@ def draw_top_view(axes: Axes, scenario: Scenario, record: Record) -> None:
     _draw_cells(axes, scenario)
     for number, parcel in enumerate(scenario.parcel):
         _draw_way(axes, parcel, record.pose[:, number], parcel_colour(number))
-        _draw_goal(axes, parcel)
+        if goal := goal_of(scenario, parcel):
+            _draw_goal(axes, parcel, goal)
     _draw_wheels(axes, scenario, record)
     low_m, high_m = extent_m(scenario, record)
     axes.set_xlim(low_m[0], high_m[0])
@@ -124,10 +125,8 @@ def _draw_nose(axes: Axes, pose: Floats, parcel: Parcel, colour: str) -> None:
     axes.add_patch(Polygon(corners @ turned + pose[:2], facecolor=colour, lw=0, zorder=6))
 
 
-def _draw_goal(axes: Axes, parcel: Parcel) -> None:
-    if parcel.goal is None:
-        return
-    pose = np.array([parcel.goal.x_m, parcel.goal.y_m, parcel.goal.yaw_rad])
+def _draw_goal(axes: Axes, parcel: Parcel, goal: Goal) -> None:
+    pose = np.array([goal.x_m, goal.y_m, goal.yaw_rad])
     _draw_outline(axes, parcel, pose, edgecolor=INK, linestyle=(0, (4, 2)), lw=1.4, zorder=8)
     axes.plot(*pose[:2], "+", color=INK, markersize=15, markeredgewidth=1.4, zorder=8)
 
