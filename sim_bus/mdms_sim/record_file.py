@@ -100,7 +100,7 @@ def _add_messages(writer: Writer, sources: dict[int, Iterator[dict[str, Any]]]) 
 
 
 def _parcel_messages(record: Record, number: int) -> Iterator[dict[str, Any]]:
-    states = np.hstack((record.pose[:, number], record.twist[:, number])).tolist()
+    states = _plain(np.hstack((record.pose[:, number], record.twist[:, number])))
     estimates: Any = repeat(None)
     if record.estimate is not None:
         estimates = _plain(record.estimate[:, number])
@@ -119,7 +119,7 @@ def _wheel_messages(record: Record) -> Iterator[dict[str, Any]]:
 
 
 def _event_messages(record: Record) -> Iterator[dict[str, Any]]:
-    for event in record.events:
+    for event in sorted(record.events, key=lambda event: event.time_s):
         yield {name: value for name, value in asdict(event).items() if value is not None}
 
 

@@ -1,0 +1,47 @@
+"""A run in the plane made by hand, to keep, draw and export."""
+
+import numpy as np
+import pytest
+
+from mdms_sim.record import Contact, Event, Record
+from mdms_sim.scenario import Scenario
+from mdms_sim.scenario_file import load_scenario
+
+SAMPLES = 41
+
+
+@pytest.fixture
+def plane() -> Scenario:
+    return load_scenario("array18", ["run.duration_s=4"])
+
+
+@pytest.fixture
+def plane_record(plane) -> Record:
+    """The box glides to its goal; half of its wheels slip half of the time."""
+    parcel, wheels = plane.parcel[0], 2 * plane.array.columns * plane.array.rows
+    time_s = np.linspace(0.0, 4.0, SAMPLES)
+    share = np.clip(time_s / 3, 0, 1)[:, None]
+    start = np.array([parcel.x_m, parcel.y_m, parcel.yaw_rad])
+    pose = start + share * (np.array([0.1, 0.0, 0.5236]) - start)
+    estimate = pose + 0.001
+    estimate[:5] = np.nan
+    contact = np.full((SAMPLES, wheels), Contact.ROLLING, dtype=np.int8)
+    contact[:, : wheels // 2] = Contact.NONE
+    contact[::2, -wheels // 4 :] = Contact.SLIDING_BACKWARD
+    numbers = np.random.default_rng(7).normal(size=(5, SAMPLES, wheels))
+    return Record(
+        time_s=time_s,
+        pose=pose[:, None],
+        twist=np.gradient(pose, time_s, axis=0)[:, None],
+        reference_m_s=numbers[0],
+        speed_m_s=numbers[1],
+        voltage_v=numbers[2],
+        normal_n=numbers[3],
+        force_n=numbers[4],
+        contact=contact,
+        estimate=estimate[:, None],
+        events=[
+            Event(0.5, "coordinator", "running"),
+            Event(1 / 3, "contact", "slips", parcel="box", cell=3, axis=2),
+        ],
+    )
