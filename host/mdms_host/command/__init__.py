@@ -3,6 +3,7 @@
 Importing this is light; every verb imports what it needs when it runs.
 """
 
+import os
 import sys
 from collections.abc import Sequence
 
@@ -16,10 +17,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line and return its exit code; see `Exit`."""
     try:
         arguments = build_parser().parse_args(argv)
-        return int(arguments.run(arguments))
+        code = int(arguments.run(arguments))
+        sys.stdout.flush()
+        return code
     except CommandError as error:
         print(f"mdms: {error}", file=sys.stderr)
         return error.code
+    except BrokenPipeError:
+        # Whoever read has seen enough; let the interpreter's own last flush go nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return Exit.OK
     except KeyboardInterrupt:
         print("mdms: interrupted", file=sys.stderr)
         return INTERRUPTED

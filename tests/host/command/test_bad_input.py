@@ -1,0 +1,109 @@
+"""Bad input ends in one line on stderr and exit code 2, and nothing is written."""
+
+import pytest
+
+SCENARIO = """
+title = "a row"
+[array]
+columns = 10
+rows = 1
+[[parcel]]
+name = "box"
+mass_kg = 2.0
+length_m = 0.4445
+width_m = 0.1
+[motion]
+speed_m_s = 0.0635
+"""
+
+
+def assert_refused(done, told, folder, files=()):
+    assert done.returncode == 2, done.stderr
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1
+    assert done.stderr.startswith("mdms")
+    assert told in done.stderr
+    assert sorted(path.name for path in folder.iterdir()) == sorted(files)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (("mass_kg", "mas_kg"), "parcel.0.mas_kg is not a known key; did you mean mass_kg?"),
+        (("mass_kg = 2.0", "mass_kg = -2.0"), "parcel.0.mass_kg is -2.0, but must be above 0"),
+        (("width_m = 0.1", "width_m = 0.1\nx_m = 0.9"), "parcel.0.x_m is 0.9"),
+        (("columns = 10", "columns = 0"), "array.columns is 0, but must be at least 1"),
+        (("length_m = 0.4445", 'length_m = "long"'), "parcel.0.length_m is 'long', but must be a"),
+        (("rows = 1", "rows = 1 1"), "not valid TOML"),
+    ],
+)
+@pytest.mark.parametrize("verb", [("simulate", "--out", "run", "--json"), ("limits",)])
+def test_scenario_that_cannot_be(mdms, tmp_path, verb, change, told):
+    (tmp_path / "bad.toml").write_text(SCENARIO.replace(*change))
+    assert_refused(mdms(verb[0], "bad.toml", *verb[1:]), told, tmp_path, ["bad.toml"])
+
+
+@pytest.mark.parametrize("verb", ["simulate", "limits"])
+def test_missing_scenario(mdms, tmp_path, verb):
+    done = mdms(verb, "none.toml")
+    assert_refused(done, "none.toml: no such scenario file; built-in scenarios: array18", tmp_path)
+
+
+def test_override_that_cannot_be(mdms, tmp_path):
+    done = mdms("simulate", "paper-fig7", "--out", "run", "--set", "parcel.0.mass_kg=heavy")
+    assert_refused(done, "parcel.0.mass_kg is 'heavy', but must be a number", tmp_path)
+
+
+@pytest.mark.parametrize("arguments", [("plot", "none"), ("export", "none", "--csv", "tables")])
+def test_run_folder_that_is_not_there(mdms, tmp_path, arguments):
+    assert_refused(mdms(*arguments), "none: no such run folder", tmp_path)
+
+
+@pytest.mark.parametrize("arguments", [("plot", "."), ("export", ".", "--csv", "tables")])
+def test_run_folder_that_is_none(mdms, tmp_path, arguments):
+    assert_refused(mdms(*arguments), "not a run folder", tmp_path)
+
+
+def test_run_into_foreign_files(mdms, tmp_path):
+    (tmp_path / "thesis.tex").write_text("mine")
+    done = mdms("simulate", "paper-fig7", "--out", ".")
+    assert_refused(done, "holds files that are no run", tmp_path, ["thesis.tex"])
+
+
+def test_run_below_a_file(mdms, tmp_path):
+    (tmp_path / "file").write_text("mine")
+    done = mdms("simulate", "paper-fig7", "--out", "file/run")
+    assert_refused(done, "file/run: cannot be made", tmp_path, ["file"])
+
+
+def test_goal_without_the_cells_sensors(mdms, tmp_path):
+    done = mdms("simulate", "array18", "--fidelity", "ideal", "--out", "run")
+    assert_refused(done, "set run.fidelity to 'firmware'", tmp_path)
+
+
+def test_field_table_of_the_wrong_length(mdms, tmp_path):
+    done = mdms(
+        "simulate", "paper-fig7", "--set", "motion.field=table", "--set", "motion.table_m_s=[1]"
+    )
+    assert_refused(done, "one speed for each of the 10 wheels", tmp_path)
+
+
+def test_gain_that_the_firmware_cannot_hold(mdms, tmp_path):
+    done = mdms("simulate", "array18", "--set", "cell.gain_vs_per_m=1000", "--out", "run")
+    assert_refused(done, "cell.gain_vs_per_m does not fit the firmware", tmp_path)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        (),
+        ("fly",),
+        ("simulate",),
+        ("simulate", "paper-fig7", "--fidelity", "exact"),
+        ("simulate", "paper-fig7", "--nodes", "abacus"),
+        ("simulate", "paper-fig7", "--seed", "many"),
+        ("export", "run"),
+    ],
+)
+def test_bad_usage(mdms, tmp_path, arguments):
+    assert_refused(mdms(*arguments), "--help", tmp_path)
