@@ -7,13 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from mdms_sim.physics.wheels import build_wheels
 from mdms_sim.record import Contact, Record
 from mdms_sim.record_file import POSE, TWIST
 from mdms_sim.scenario import Scenario
+from mdms_sim.slip import slip_m_s
 
 PARCELS_HEADER = ("time_s", "parcel", *POSE, *TWIST)
 CELL_COLUMNS = ("reference_m_s", "speed_m_s", "voltage_v", "normal_n", "force_n")
-CELLS_HEADER = ("time_s", "cell", "axis", *CELL_COLUMNS, "contact")
+CELLS_HEADER = ("time_s", "cell", "axis", *CELL_COLUMNS, "contact", "slip_m_s")
 
 
 def export_csv(folder: Path, scenario: Scenario, record: Record) -> tuple[Path, Path]:
@@ -33,14 +35,16 @@ def _parcel_rows(scenario: Scenario, record: Record) -> Iterable[tuple[Any, ...]
 
 
 def _cell_rows(scenario: Scenario, record: Record) -> Iterable[tuple[Any, ...]]:
-    axes = len(scenario.cell.wheel)
-    wheels = [(wheel // axes + 1, wheel % axes + 1) for wheel in range(record.contact.shape[1])]
+    wheels = build_wheels(scenario)
+    axes = np.arange(len(wheels.cell)) - wheels.first[wheels.cell]
+    places = list(zip((wheels.cell + 1).tolist(), (axes + 1).tolist(), strict=True))
     names = {int(contact): contact.name.lower() for contact in Contact}
     values = np.stack([getattr(record, name) for name in CELL_COLUMNS], axis=2).tolist()
-    samples = zip(record.time_s.tolist(), values, record.contact.tolist(), strict=True)
-    for time_s, sample, contacts in samples:
-        for place, state, contact in zip(wheels, sample, contacts, strict=True):
-            yield time_s, *place, *state, names[contact]
+    slips = slip_m_s(scenario, record).tolist()
+    samples = zip(record.time_s.tolist(), values, record.contact.tolist(), slips, strict=True)
+    for time_s, *sample in samples:
+        for place, state, contact, slip in zip(places, *sample, strict=True):
+            yield time_s, *place, *state, names[contact], slip
 
 
 def _write(path: Path, header: tuple[str, ...], rows: Iterable[tuple[Any, ...]]) -> None:

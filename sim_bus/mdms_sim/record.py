@@ -44,7 +44,8 @@ class Record:
     `pose` [m, m, rad] and `twist` [m/s, m/s, rad/s] are of shape (T, P, 3) in the table frame and
     tell of the parcels' geometric centres; `estimate` is the coordinator's belief of `pose`, NaN
     where it had none. The wheels' arrays are of shape (T, W); speeds are of the wheel's surface,
-    `contact` holds `Contact` codes.
+    `contact` holds `Contact` codes. `slip_m_s` is the surface's speed over the parcel on the wheel,
+    positive ahead, 0 without contact; None where nobody has worked it out.
     """
 
     time_s: Floats
@@ -58,3 +59,4 @@ class Record:
     contact: NDArray[np.int8]
     estimate: Floats | None = None
     events: list[Event] = field(default_factory=list)
+    slip_m_s: Floats | None = None

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex, to_rgb
 
-from mdms_sim.plots import save_picture
+from mdms_sim.plots import is_row, save_picture
 from mdms_sim.plots.canvas import parcel_colour
 from mdms_sim.plots.plane import draw_plane
 from mdms_sim.plots.row import BANDS, draw_row
+from mdms_sim.plots.shapes import outline_m
 from mdms_sim.plots.top_view import slip_share
 from mdms_sim.record import Contact, Event, Record
 from mdms_sim.scenario_file import load_scenario
-from mdms_sim.table import is_row, outline_m, wheel_places_m
 
 
 @pytest.fixture
@@ -142,11 +142,3 @@ def test_same_run_gives_the_same_picture(tmp_path, plane, plane_record):
 def test_row_is_told_from_plane(row, plane):
     assert is_row(row)
     assert not is_row(plane)
-
-
-def test_wheels_are_placed_cell_by_cell(plane):
-    places_m = wheel_places_m(plane)
-    half_x_m, half_y_m = 2.5 * 0.127, 0.127
-    np.testing.assert_allclose(places_m[0], (-half_x_m - 0.03, -half_y_m))
-    np.testing.assert_allclose(places_m[1], (-half_x_m + 0.03, -half_y_m))
-    np.testing.assert_allclose(places_m[-1], (half_x_m + 0.03, half_y_m))

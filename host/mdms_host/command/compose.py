@@ -33,10 +33,15 @@ def run_scenario(
     bus_log: Path | None = None,
 ) -> Finished:
     """Run a scenario in its fidelity. Raises `CommandError` for what it cannot be run with."""
+    from mdms_sim.slip import slip_m_s
+
     with refusing_bad_scenarios():
         if scenario.run.fidelity == "firmware":
-            return _run_firmware(scenario, nodes, progress, bus_log)
-        return _run_model(scenario)
+            finished = _run_firmware(scenario, nodes, progress, bus_log)
+        else:
+            finished = _run_model(scenario)
+    finished.record.slip_m_s = slip_m_s(scenario, finished.record)
+    return finished
 
 
 def _run_model(scenario: "Scenario") -> Finished:

@@ -2,9 +2,9 @@
 
 from mdms_host import fields
 from mdms_host.command.exits import CommandError, Exit
+from mdms_sim.physics.wheels import build_wheels
 from mdms_sim.record import Floats
 from mdms_sim.scenario import Scenario
-from mdms_sim.table import wheel_directions, wheel_places_m
 
 
 def references_m_s(scenario: Scenario) -> Floats:
@@ -19,8 +19,8 @@ def references_m_s(scenario: Scenario) -> Floats:
         ratio=motion.ratio,
         table_m_s=motion.table_m_s,
     )
-    places_m, directions = wheel_places_m(scenario), wheel_directions(scenario)
+    wheels = build_wheels(scenario)
     try:
-        return fields.references_m_s(motion.field, places_m, directions, shape)
+        return fields.references_m_s(motion.field, wheels.position_m, wheels.direction, shape)
     except fields.FieldError as error:
         raise CommandError(f"motion.field: {error}", Exit.USAGE) from None

@@ -1,16 +1,23 @@
 """Pictures of a run: position over time for rows, a top view for the plane."""
 
+from math import sin
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mdms_sim.plots.canvas import save
 from mdms_sim.plots.plane import draw_plane
 from mdms_sim.plots.row import draw_row
-from mdms_sim.table import is_row
 
 if TYPE_CHECKING:
     from mdms_sim.record import Record
     from mdms_sim.scenario import Scenario
+
+
+def is_row(scenario: "Scenario") -> bool:
+    """Whether all there is to see is position along one line: a row of wheels that push along x."""
+    return scenario.array.rows == 1 and all(
+        abs(sin(wheel.direction_rad)) < 1e-9 for wheel in scenario.cell.wheel
+    )
 
 
 def save_picture(path: Path, scenario: "Scenario", record: "Record") -> None:

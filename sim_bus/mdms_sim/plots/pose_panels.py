@@ -5,9 +5,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from mdms_sim.plots.canvas import INK, parcel_colour, tidy
+from mdms_sim.plots.shapes import goal_of
 from mdms_sim.record import Floats, Record
 from mdms_sim.scenario import Scenario
-from mdms_sim.table import goal_of
 
 PANELS = (("x [m]", 1.0), ("y [m]", 1.0), ("yaw [°]", 180 / np.pi))
 GAP_SHARE = 0.06

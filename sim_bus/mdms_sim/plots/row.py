@@ -15,10 +15,10 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
+from mdms_sim.physics.wheels import cell_centres
 from mdms_sim.plots.canvas import FAINT, INK, new_figure, parcel_colour, tidy
 from mdms_sim.record import Contact, Floats, Record
 from mdms_sim.scenario import Scenario
-from mdms_sim.table import cell_centres_m
 
 BAND_SHARE = 0.34
 BANDS = {"no contact": "#e3e6e9", "sliding": "#9aa1a8", "rolling": "#16191d"}
@@ -47,7 +47,7 @@ def draw_row(scenario: Scenario, record: Record) -> Figure:
 def _draw_bands(axes: Axes, scenario: Scenario, record: Record) -> None:
     height_m = BAND_SHARE * scenario.array.pitch_m
     wheels = len(scenario.cell.wheel)
-    for number, (x_m, _y_m) in enumerate(cell_centres_m(scenario)):
+    for number, (x_m, _y_m) in enumerate(cell_centres(scenario.array)):
         contact = _of_cell(record.contact[:, number * wheels : (number + 1) * wheels])
         for state, spans in _spans(record.time_s, contact).items():
             place = (x_m - height_m / 2, height_m)
@@ -88,7 +88,7 @@ def _label(axes: Axes, scenario: Scenario, record: Record) -> None:
     tidy(axes)
     cells = axes.secondary_yaxis("right")
     cells.set_yticks(
-        cell_centres_m(scenario)[:, 0], [f"{i + 1}" for i in range(scenario.array.columns)]
+        cell_centres(scenario.array)[:, 0], [f"{i + 1}" for i in range(scenario.array.columns)]
     )
     cells.set_ylabel("cell", color=FAINT)
     cells.tick_params(length=0, labelsize=9, colors=FAINT)

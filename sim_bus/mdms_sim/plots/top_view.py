@@ -10,10 +10,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 from numpy.typing import NDArray
 
+from mdms_sim.physics.wheels import build_wheels, cell_centres
 from mdms_sim.plots.canvas import FAINT, INK, parcel_colour
+from mdms_sim.plots.shapes import goal_of, outline_m
 from mdms_sim.record import Contact, Floats, Record
 from mdms_sim.scenario import Goal, Parcel, Scenario
-from mdms_sim.table import cell_centres_m, goal_of, outline_m, wheel_directions, wheel_places_m
 
 SLIP_COLOURS = LinearSegmentedColormap.from_list("slip", ["#2f6db5", "#9a5bb0", "#d6124a"])
 UNTOUCHED = "#cfd5da"
@@ -75,7 +76,7 @@ def slip_share(contact: NDArray[np.int8]) -> Floats:
 def _draw_cells(axes: Axes, scenario: Scenario) -> None:
     pitch_m = scenario.array.pitch_m
     side_m = 0.94 * pitch_m
-    for number, (x_m, y_m) in enumerate(cell_centres_m(scenario), start=1):
+    for number, (x_m, y_m) in enumerate(cell_centres(scenario.array), start=1):
         corner = (x_m - side_m / 2, y_m - side_m / 2)
         axes.add_patch(Rectangle(corner, side_m, side_m, facecolor="#f3f5f7", edgecolor="#dde2e6"))
         axes.annotate(
@@ -85,11 +86,11 @@ def _draw_cells(axes: Axes, scenario: Scenario) -> None:
 
 def _draw_wheels(axes: Axes, scenario: Scenario, record: Record) -> None:
     """Each wheel as a short bar at its contact point, along the direction that it pushes."""
-    places_m = wheel_places_m(scenario)
-    reach_m = wheel_directions(scenario) * scenario.array.pitch_m * WHEEL_SHARE / 2
+    wheels = build_wheels(scenario)
+    reach_m = wheels.direction * scenario.array.pitch_m * WHEEL_SHARE / 2
     share = slip_share(record.contact)
     colours = [UNTOUCHED if np.isnan(value) else SLIP_COLOURS(value) for value in share]
-    bars = np.stack((places_m - reach_m, places_m + reach_m), axis=1)
+    bars = np.stack((wheels.position_m - reach_m, wheels.position_m + reach_m), axis=1)
     axes.add_collection(
         LineCollection(list(bars), colors=colours, linewidths=3.0, capstyle="round", zorder=4)
     )
