@@ -5,7 +5,7 @@ standstill; in every other state the speed loop's mode is OFF and its voltage 0.
 speed loop finds has cut the voltage in that very tick; `poll` then takes the state after it.
 """
 
-from mdms_cell import speed_loop
+from mdms_cell import speed_loop, ticks
 from mdms_protocol import cia402
 
 # Events besides the controlword's commands, which stand for themselves
@@ -72,6 +72,22 @@ def command_of(controlword):
     return cia402.SWITCH_ON
 
 
+class Steady:
+    """Whether a condition has lasted."""
+
+    def __init__(self):
+        self.lasts = False
+        self._since_ms = -1
+
+    def poll(self, holds, now_ms, time_ms):
+        """Tell whether the condition holds now; `lasts` is true once it has for `time_ms`."""
+        if not holds:
+            self._since_ms = -1
+        elif self._since_ms < 0:
+            self._since_ms = now_ms
+        self.lasts = holds and (self.lasts or ticks.diff(now_ms, self._since_ms) >= time_ms)
+
+
 class Drive:
     """The drive of the axis whose registers start at `base`; it starts switched off."""
 
@@ -84,10 +100,8 @@ class Drive:
         self.target_um_s = 0
         self.window_um_s = 5_000
         self.window_ms = 10
-        self._reached_ms = None
-        self._zero_ms = None
-        self._reached = False
-        self._zero = False
+        self._near = Steady()
+        self._slow = Steady()
         self._enter(cia402.SWITCH_ON_DISABLED)
 
     def control(self, controlword):
@@ -133,9 +147,9 @@ class Drive:
         word = self.state | cia402.REMOTE
         if self.registers[speed_loop.SUPPLY]:
             word |= cia402.VOLTAGE_ENABLED
-        if self._reached:
+        if self._near.lasts:
             word |= cia402.TARGET_REACHED
-        if self._zero:
+        if self._slow.lasts:
             word |= cia402.SPEED_ZERO
         if self.registers[self.base + speed_loop.FAULTS] & speed_loop.FOLLOWING:
             word |= cia402.SLIPPAGE
@@ -175,14 +189,5 @@ class Drive:
         actual = self.registers[self.base + speed_loop.ACTUAL]
         target = self.registers[self.base + speed_loop.TARGET]
         near = abs(actual - target) <= self.window_um_s
-        if not near:
-            self._reached_ms = None
-        elif self._reached_ms is None:
-            self._reached_ms = now_ms
-        self._reached = near and now_ms - self._reached_ms >= self.window_ms
-        slow = abs(actual) < SPEED_ZERO_UM_S
-        if not slow:
-            self._zero_ms = None
-        elif self._zero_ms is None:
-            self._zero_ms = now_ms
-        self._zero = slow and now_ms - self._zero_ms >= self.window_ms
+        self._near.poll(near, now_ms, self.window_ms)
+        self._slow.poll(abs(actual) < SPEED_ZERO_UM_S, now_ms, self.window_ms)

@@ -18,54 +18,53 @@ try:
 except ImportError:
     from mdms_cell.cpython import const, micropython, ptr32
 
-# Of each axis. Read from the board:
-COUNT = const(0)  # encoder [counts]; only the low 16 bits are looked at
-CURRENT = const(1)  # [mA], as wired
-# Commands:
-TARGET = const(2)  # reference r [um/s], +-2**30; clipped to TARGET_LIMIT
-MODE = const(3)  # OFF, RUN or STOP
-AGE = const(4)  # ticks since the last target, counted here, zeroed by whoever writes TARGET
+# Of each axis. Commands:
+TARGET = const(0)  # reference r [um/s], clipped to +-SPEED_MAX_UM_S
+MODE = const(1)  # OFF, RUN or STOP
+AGE = const(2)  # ticks since the last target, counted here, zeroed by whoever writes TARGET
 # Parameters; those marked * are written by `mdms_cell.tuning` only, for they depend on each other:
-INVERTED = const(5)  # 1: motor and encoder are mounted the other way round
-TARGET_LIMIT = const(6)  # [um/s], 0..SPEED_MAX_UM_S
-ACCELERATION = const(7)  # ramp of the reference away from 0 [um/s per tick]; 0: it jumps
-DECELERATION = const(8)  # ramp of the reference towards 0 [um/s per tick]; 0: it jumps
-QUICK_STOP = const(9)  # ramp in STOP [um/s per tick]; 0: it jumps
-GAIN = const(10)  # * G [V s/m / 16], 0..2**20
-VOLTAGE_LIMIT = const(11)  # * [uV], 0..VOLTAGE_MAX_UV
-ERROR_LIMIT = const(12)  # * speed error beyond which the voltage is at its limit [um/s]
-ALPHA = const(13)  # * share of the innovation that corrects the position [1/4096], 0..4096
-BETA = const(14)  # * and the velocity [1/4096], 0..4096
-SCALE = const(15)  # * um/s of one unit of RATE, times 2**(SHIFT + 6), 0..2**15 - 1
-SHIFT = const(16)  # * 1..14
-RATE_LIMIT = const(17)  # * of RATE, so that RATE * SCALE fits, 0..2**27
-CURRENT_LIMIT = const(18)  # [mA]; 0: not watched
-CURRENT_TICKS = const(19)  # ticks of over-current that are a fault
-STALL_VOLTAGE = const(20)  # a wheel is stalled at this voltage or more [uV]; 0: not watched ...
-STALL_SPEED = const(21)  # ... below this speed [um/s] ...
-STALL_TICKS = const(22)  # ... for so many ticks
-FOLLOWING_LIMIT = const(23)  # largest difference of reference and speed [um/s]; 0: not watched
-FOLLOWING_TICKS = const(24)  # ticks of a larger one that are a fault
+INVERTED = const(3)  # 1: motor and encoder are mounted the other way round
+ACCELERATION = const(4)  # ramp of the reference away from 0 [um/s per tick]; 0: it jumps
+DECELERATION = const(5)  # ramp of the reference towards 0 [um/s per tick]; 0: it jumps
+QUICK_STOP = const(6)  # ramp in STOP [um/s per tick]; 0: it jumps
+GAIN = const(7)  # * G [V s/m / 16], 0..2**20
+VOLTAGE_LIMIT = const(8)  # * [uV], 0..VOLTAGE_MAX_UV
+ERROR_LIMIT = const(9)  # * speed error beyond which the voltage is at its limit [um/s]
+ALPHA = const(10)  # * share of the innovation that corrects the position [1/4096], 0..4096
+BETA = const(11)  # * and the velocity [1/4096], 0..4096
+SCALE = const(12)  # * um/s of one unit of RATE, times 2**(SHIFT + 6), 0..2**15 - 1
+SHIFT = const(13)  # * 1..14
+RATE_LIMIT = const(14)  # * of RATE, so that RATE * SCALE fits, 0..2**27
+CURRENT_LIMIT = const(15)  # [mA]; 0: not watched
+CURRENT_TICKS = const(16)  # ticks of over-current that are a fault
+STALL_VOLTAGE = const(17)  # a wheel is stalled at this voltage or more [uV]; 0: not watched ...
+STALL_SPEED = const(18)  # ... below this speed [um/s] ...
+STALL_TICKS = const(19)  # ... for so many ticks
+FOLLOWING_LIMIT = const(20)  # largest difference of reference and speed [um/s]; 0: not watched
+FOLLOWING_TICKS = const(21)  # ticks of a larger one that are a fault
+# Read from the board:
+COUNT = const(22)  # encoder [counts]; only the low 16 bits are looked at
+CURRENT = const(23)  # [mA], as wired
 # State and results:
-POSITION = const(25)  # tracked position [2**-14 counts], modulo 2**30
-RATE = const(26)  # tracked velocity [2**-14 counts per tick]
-ACTUAL = const(27)  # the same [um/s]
-DEMAND = const(28)  # the ramped reference r that the law sees [um/s]
-VOLTAGE = const(29)  # what the board is to apply [uV], as wired
-FAULTS = const(30)  # bits below; kept until cleared from outside, and the voltage is 0 while set
-CURRENT_COUNT = const(31)  # ticks of over-current so far
-STALL_COUNT = const(32)  # ticks of stall so far
-FOLLOWING_COUNT = const(33)  # ticks of following error so far
+POSITION = const(24)  # tracked position [2**-14 counts], modulo 2**30
+RATE = const(25)  # tracked velocity [2**-14 counts per tick]
+ACTUAL = const(26)  # the same [um/s]
+DEMAND = const(27)  # the ramped reference r that the law sees [um/s]
+VOLTAGE = const(28)  # what the board is to apply [uV], as wired
+FAULTS = const(29)  # bits below; kept until cleared from outside, and the voltage is 0 while set
+CURRENT_COUNT = const(30)  # ticks of over-current so far
+STALL_COUNT = const(31)  # ticks of stall so far
+FOLLOWING_COUNT = const(32)  # ticks of following error so far
 
-AXIS = const(34)  # registers of an axis
+AXIS = const(33)  # registers of an axis
 AXES = const(2)
 
 # Of the cell:
-TICKS = const(68)  # ticks since the start, modulo 2**30
-AGE_LIMIT = const(69)  # a target older than this is stale [ticks]
-SUPPLY = const(70)  # supply voltage [uV], from the board or a parameter; 1_000_000..VOLTAGE_MAX_UV
-WIDEN = const(71)  # what sign-extends a loaded register, see `reset`
-REGISTERS = const(72)
+TICKS = const(66)  # ticks since the start, modulo 2**30
+AGE_LIMIT = const(67)  # a target older than this is stale [ticks]
+SUPPLY = const(68)  # supply voltage [uV], from the board or a parameter; 1_000_000..VOLTAGE_MAX_UV
+WIDEN = const(69)  # what sign-extends a loaded register, see `reset`
+REGISTERS = const(70)
 
 # Values of MODE.
 OFF = const(0)  # voltage 0
@@ -136,11 +135,10 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         target = 0
         if mode == RUN:
             target = registers[base + TARGET] << widen >> widen
-            limit = registers[base + TARGET_LIMIT]
-            if target > limit:
-                target = limit
-            elif target < 0 - limit:
-                target = 0 - limit
+            if target > SPEED_MAX_UM_S:
+                target = SPEED_MAX_UM_S
+            elif target < 0 - SPEED_MAX_UM_S:
+                target = 0 - SPEED_MAX_UM_S
         demand = registers[base + DEMAND] << widen >> widen
         ramp = registers[base + ACCELERATION]
         if mode == STOP:

@@ -20,13 +20,16 @@ STALL_SPEED_UM_S = 2_000
 _RATE_MAX = 1 << 27
 
 
-def set_encoder(registers, base, counts_per_metre):
-    """Scale the tracked velocity to um/s, for an encoder of so many counts per metre of wheel rim.
+def set_encoder(registers, base, counts_per_metre, lag_us=LAG_US):
+    """Track an encoder of so many counts per metre of wheel rim.
 
     A unit of RATE is 10**9 / (2**14 counts_per_metre) um/s. It is kept as a fraction of 15 bits,
-    which is exact to 3e-5.
+    which is exact to 3e-5. An alpha-beta filter with both poles at z (critically damped) has
+    alpha = 1 - z**2 and beta = (1 - z)**2, and its velocity trails a steady acceleration by
+    alpha / beta = (1 + z) / (1 - z) ticks, less one half: by `lag_us` less half a tick.
     """
     _check("counts per metre", counts_per_metre, COUNTS_PER_METRE_MIN, COUNTS_PER_METRE_MAX)
+    _check("observer lag [us]", lag_us, LAG_MIN_US, LAG_MAX_US)
     shift = 14
     while _scale(shift, counts_per_metre) >= 1 << 15:
         shift -= 1
@@ -34,23 +37,14 @@ def set_encoder(registers, base, counts_per_metre):
     registers[base + speed_loop.SCALE] = _scale(shift, counts_per_metre)
     fastest = speed_loop.SPEED_MAX_UM_S * (counts_per_metre << 14) // 1_000_000_000
     registers[base + speed_loop.RATE_LIMIT] = min(fastest, _RATE_MAX)
+    square = (lag_us + 1000) ** 2
+    registers[base + speed_loop.ALPHA] = (4 * 4096 * 1000 * lag_us + square // 2) // square
+    registers[base + speed_loop.BETA] = (4 * 4096 * 1000 * 1000 + square // 2) // square
 
 
 def _scale(shift, counts_per_metre):
     denominator = counts_per_metre << 14
     return ((1_000_000_000 << (shift + 6)) + denominator // 2) // denominator
-
-
-def set_observer(registers, base, lag_us):
-    """Make the observer's velocity trail a steady acceleration by `lag_us` less half a tick.
-
-    An alpha-beta filter with both poles at z (critically damped) has alpha = 1 - z**2 and
-    beta = (1 - z)**2, and trails by alpha / beta - 1/2 = (1 + z) / (1 - z) - 1/2 ticks.
-    """
-    _check("observer lag [us]", lag_us, LAG_MIN_US, LAG_MAX_US)
-    square = (lag_us + 1000) ** 2
-    registers[base + speed_loop.ALPHA] = (4 * 4096 * 1000 * lag_us + square // 2) // square
-    registers[base + speed_loop.BETA] = (4 * 4096 * 1000 * 1000 + square // 2) // square
 
 
 def set_law(registers, base, gain_mv_s_m, voltage_limit_mv):
