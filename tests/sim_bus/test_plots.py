@@ -12,6 +12,7 @@ from mdms_sim.plots.plane import draw_plane
 from mdms_sim.plots.row import BANDS, draw_row
 from mdms_sim.plots.shapes import outline_m
 from mdms_sim.plots.top_view import slip_share
+from mdms_sim.plots.wheels import draw_wheels
 from mdms_sim.record import Contact, Event, Record
 from mdms_sim.scenario_file import load_scenario
 
@@ -142,3 +143,25 @@ def test_same_run_gives_the_same_picture(tmp_path, plane, plane_record):
 def test_row_is_told_from_plane(row, plane):
     assert is_row(row)
     assert not is_row(plane)
+
+
+def test_wheels_have_a_panel_for_each_quantity(plane, plane_record):
+    panels = draw_wheels(plane, plane_record).axes[::2]
+    told = [axes.get_ylabel().partition("\n")[0] for axes in panels]
+    assert told == ["contact", "normal [N]", "friction [N]", "slip [m/s]"]
+    contact, normal = (axes.collections[0].get_array() for axes in panels[:2])
+    np.testing.assert_array_equal(contact, plane_record.contact[:-1].T)
+    np.testing.assert_array_equal(normal, plane_record.normal_n[:-1].T)
+
+
+def test_long_run_is_thinned_for_the_wheels(row, row_record):
+    many = 5000
+    long = Record(
+        np.linspace(0, 50, many),
+        np.zeros((many, 1, 3)),
+        np.zeros((many, 1, 3)),
+        *[np.zeros((many, 10))] * 5,
+        np.zeros((many, 10), dtype=np.int8),
+    )
+    stripes = draw_wheels(row, long).axes[0].collections[0]
+    assert stripes.get_array().shape[1] <= 1500

@@ -13,7 +13,10 @@ def add_to(verbs: Verbs) -> None:
     parser = verbs.add_parser("plot", help="draw a run")
     add_run(parser)
     parser.add_argument(
-        "--out", metavar="FILE.png", type=Path, help="the picture (default: RUN/picture.png)"
+        "--wheels", action="store_true", help="contact, forces and slip of every wheel instead"
+    )
+    parser.add_argument(
+        "--out", metavar="FILE.png", type=Path, help="the picture (default: in the run folder)"
     )
     parser.set_defaults(run=run)
 
@@ -21,11 +24,13 @@ def add_to(verbs: Verbs) -> None:
 def run(arguments: Namespace) -> Exit:
     """Draw the run and print the path of the picture."""
     stored = open_run(arguments.folder)
-    path = arguments.out or arguments.folder / "picture.png"
-    from mdms_sim.plots import save_picture
+    name = "wheels.png" if arguments.wheels else "picture.png"
+    path = arguments.out or arguments.folder / name
+    from mdms_sim.plots import save_picture, save_wheels
 
+    save = save_wheels if arguments.wheels else save_picture
     try:
-        save_picture(path, stored.scenario, stored.record)
+        save(path, stored.scenario, stored.record)
     except OSError as error:
         raise CommandError(f"{path}: cannot be written: {error.strerror}", Exit.USAGE) from None
     print(path)

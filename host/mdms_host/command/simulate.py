@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mdms_host.command.console import progress, say
+from mdms_host.command.console import compiling_told, progress, say
 from mdms_host.command.exits import Exit
 from mdms_host.command.inputs import folder_to_fill, open_scenario
 from mdms_host.command.options import Verbs, add_json, add_scenario
@@ -54,14 +54,12 @@ def simulate(
     scenario: "Scenario", nodes: str, out: Path | None
 ) -> "tuple[Finished, dict[str, Any]]":
     """Run a scenario and keep it in a folder, if any. Raises `CommandError`."""
-    from mdms_host.command.compose import run_scenario
     from mdms_host.command.figures import figures_of
 
     with ExitStack() as stack:
         folder = stack.enter_context(folder_to_fill(out)) if out else None
-        with progress(scenario.title) as advance:
-            bus_log = folder / "bus.log" if folder else None
-            finished = run_scenario(scenario, nodes, advance, bus_log)
+        bus_log = folder / "bus.log" if folder else None
+        finished = _run(scenario, nodes, bus_log)
         figures = figures_of(scenario, finished)
         if folder:
             from mdms_sim.run_folder import write_run
@@ -69,6 +67,16 @@ def simulate(
             figures["run"] = str(out)
             write_run(folder, scenario, finished.record, figures)
     return finished, figures
+
+
+def _run(scenario: "Scenario", nodes: str, bus_log: Path | None) -> "Finished":
+    from mdms_host.command.compose import run_scenario
+
+    with compiling_told():
+        if scenario.run.fidelity != "firmware":
+            return run_scenario(scenario)
+        with progress(scenario.title) as advance:
+            return run_scenario(scenario, nodes, advance, bus_log)
 
 
 def verdict(finished: "Finished") -> Exit:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from mdms_sim.plots.canvas import save
 from mdms_sim.plots.plane import draw_plane
 from mdms_sim.plots.row import draw_row
+from mdms_sim.plots.wheels import draw_wheels
 
 if TYPE_CHECKING:
     from mdms_sim.record import Record
@@ -24,3 +25,8 @@ def save_picture(path: Path, scenario: "Scenario", record: "Record") -> None:
     """Draw a run into a PNG file, in the way that suits its array. Raises OSError."""
     draw = draw_row if is_row(scenario) else draw_plane
     save(draw(scenario, record), path)
+
+
+def save_wheels(path: Path, scenario: "Scenario", record: "Record") -> None:
+    """Draw every wheel's contact, forces and slip into a PNG file. Raises OSError."""
+    save(draw_wheels(scenario, record), path)

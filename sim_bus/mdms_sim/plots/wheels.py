@@ -1,0 +1,91 @@
+"""All wheels over time, one stripe each: contact, normal force, friction force and slip."""
+
+from typing import TypeAlias
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize
+from matplotlib.figure import Figure
+
+from mdms_sim.physics.wheels import Wheels, build_wheels
+from mdms_sim.plots.canvas import INK, new_figure, tidy
+from mdms_sim.record import Contact, Floats, Record
+from mdms_sim.scenario import Scenario
+from mdms_sim.slip import slip_m_s
+
+#: In the order of the codes of `Contact`; forward and backward are told apart by warmth.
+CONTACT_COLOURS = ListedColormap(["#e3e6e9", "#16191d", "#d9795d", "#6d9fc9"])
+CONTACT_NAMES = [contact.name.lower().replace("_", "\n") for contact in Contact]
+Paint: TypeAlias = tuple[Colormap | str, Normalize]
+MOST_COLUMNS = 1500
+STRIPE_IN, LEAST_PANEL_IN = 0.045, 1.25
+LEFT, RIGHT, SCALE_WIDTH = 0.08, 0.88, 0.012
+
+
+def draw_wheels(scenario: Scenario, record: Record) -> Figure:
+    """The figure: four panels, one above the other, with a stripe for each wheel."""
+    wheels = build_wheels(scenario)
+    panel_in = max(LEAST_PANEL_IN, STRIPE_IN * len(wheels.cell))
+    height_in = 4 * (panel_in + 0.25) + 1.15
+    figure = new_figure(11.0, height_in)
+    figure.text(
+        LEFT, 1 - 0.45 / height_in, scenario.title, color=INK, fontsize=14, fontweight="bold"
+    )
+    for part, (name, values, colours, norm) in enumerate(_panels(scenario, record)):
+        low_in = height_in - 0.55 - (part + 1) * (panel_in + 0.25)
+        box = (LEFT, low_in / height_in, RIGHT - LEFT, panel_in / height_in)
+        axes = figure.add_axes(box)
+        _draw_stripes(axes, record.time_s, values, (colours, norm))
+        _label(axes, name, wheels, is_last=part == 3)
+        scale = figure.add_axes((RIGHT + 0.015, box[1], SCALE_WIDTH, box[3]))
+        bar = figure.colorbar(ScalarMappable(norm, colours), cax=scale)
+        if part == 0:
+            bar.set_ticks(list(range(len(Contact))), labels=CONTACT_NAMES)
+        scale.tick_params(labelsize=7, colors=INK)
+    return figure
+
+
+def _panels(scenario: Scenario, record: Record) -> list[tuple[str, Floats, *Paint]]:
+    slip = slip_m_s(scenario, record)
+    kinds = BoundaryNorm(np.arange(len(Contact) + 1) - 0.5, len(Contact))
+    return [
+        ("contact", record.contact.astype(float), CONTACT_COLOURS, kinds),
+        ("normal [N]", record.normal_n, "YlGnBu", Normalize(0, _most(record.normal_n))),
+        ("friction [N]", record.force_n, "RdBu_r", _centred(record.force_n)),
+        ("slip [m/s]", slip, "RdBu_r", _centred(slip)),
+    ]
+
+
+def _most(values: Floats) -> float:
+    """The greatest size, 1 where all is nought, so that a scale always has a span."""
+    return float(np.nanmax(abs(values), initial=0.0)) or 1.0
+
+
+def _centred(values: Floats) -> Normalize:
+    return Normalize(-_most(values), _most(values))
+
+
+def _draw_stripes(axes: Axes, time_s: Floats, values: Floats, paint: Paint) -> None:
+    step = -(-len(time_s) // MOST_COLUMNS)
+    edges = np.arange(values.shape[1] + 1)
+    axes.pcolormesh(
+        np.append(time_s[:-1:step], time_s[-1]),
+        edges,
+        values[:-1:step].T,
+        cmap=paint[0],
+        norm=paint[1],
+    )
+
+
+def _label(axes: Axes, name: str, wheels: Wheels, *, is_last: bool) -> None:
+    cells = len(wheels.first) - 1
+    every = -(-cells // 10)
+    middles = (wheels.first[:-1] + wheels.first[1:]) / 2
+    axes.set_yticks(middles[::every], [str(cell + 1) for cell in range(0, cells, every)])
+    axes.set_ylabel(f"{name}\ncell", color=INK, fontsize=9)
+    tidy(axes)
+    if is_last:
+        axes.set_xlabel("time [s]", color=INK)
+    else:
+        axes.tick_params(labelbottom=False)
