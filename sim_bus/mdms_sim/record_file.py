@@ -1,16 +1,17 @@
 """A `Record` as an MCAP file with JSON messages, which Foxglove, Lichtblick and PlotJuggler read.
 
-Topics: `/parcel/NAME` and `/wheels` at every sample, `/events` where something happened. Each
-message also carries its time in seconds to the last bit; MCAP's own is in whole nanoseconds.
+Topics: `/parcel/NAME` and `/wheels` at every sample, `/events` where something happened, `/scene`
+for the eyes. All but the scene also carry their time in seconds to the last bit; MCAP's own is in
+whole nanoseconds.
 """
 
 import heapq
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict, fields
 from itertools import repeat
 from pathlib import Path
-from typing import IO, Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from mcap.exceptions import McapError
@@ -18,6 +19,8 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from mdms_sim.record import Event, Floats, Record
+from mdms_sim.scenario import Parcel, Scenario
+from mdms_sim.scene_3d import SCENE_SCHEMA, scene_messages
 
 NS_PER_S = 1_000_000_000
 POSE = ("x_m", "y_m", "yaw_rad")
@@ -40,46 +43,52 @@ SCHEMAS: dict[str, dict[str, Any]] = {
         **dict.fromkeys(("kind", "detail", "parcel"), _TEXT),
         **dict.fromkeys(("cell", "axis"), _INTEGER),
     },
+    "foxglove.SceneUpdate": SCENE_SCHEMA,
 }
+#: A message and when it belongs [s].
+Timed: TypeAlias = tuple[float, dict[str, Any]]
 
 
 class RecordFileError(ValueError):
     """A file holds no record of ours."""
 
 
-def write_record(path: Path, record: Record, parcels: Sequence[str]) -> None:
-    """Write all samples and events; `parcels` are the names in the order of the record's poses."""
+def write_record(path: Path, scenario: Scenario, record: Record) -> None:
+    """Write all samples and events of a run, and the scene that they make. Raises OSError."""
+    sources = [
+        ("/scene", "foxglove.SceneUpdate", scene_messages(scenario, record)),
+        ("/wheels", "mdms.Wheels", _wheel_messages(record)),
+        ("/events", "mdms.Event", _event_messages(record)),
+    ]
+    for number, parcel in enumerate(scenario.parcel):
+        sources.append((_topic(parcel), "mdms.Parcel", _parcel_messages(record, number)))
     with path.open("wb") as stream:
         writer = Writer(stream)
         writer.start(profile="", library="mdms-array")
         schemas = {name: _register_schema(writer, name) for name in SCHEMAS}
-        sources = [
-            ("/wheels", "mdms.Wheels", _wheel_messages(record)),
-            ("/events", "mdms.Event", _event_messages(record)),
-        ]
-        for number, parcel in enumerate(parcels):
-            sources.append((f"/parcel/{parcel}", "mdms.Parcel", _parcel_messages(record, number)))
-        _add_messages(
-            writer,
-            {
-                writer.register_channel(topic, "json", schemas[schema]): messages
-                for topic, schema, messages in sources
-            },
-        )
+        channels = {
+            writer.register_channel(topic, "json", schemas[schema]): messages
+            for topic, schema, messages in sources
+        }
+        _add_messages(writer, channels)
         writer.finish()  # type: ignore[no-untyped-call]
 
 
-def read_record(path: Path, parcels: Sequence[str]) -> Record:
+def read_record(path: Path, scenario: Scenario) -> Record:
     """Read what `write_record` wrote. Raises `RecordFileError` or OSError."""
-    topics: dict[str, list[dict[str, Any]]] = {"/wheels": [], "/events": []}
-    topics |= {f"/parcel/{parcel}": [] for parcel in parcels}
+    parcels = [_topic(parcel) for parcel in scenario.parcel]
+    found: dict[str, list[dict[str, Any]]] = {name: [] for name in ("/wheels", "/events", *parcels)}
     try:
         with path.open("rb") as stream:
-            for topic, message in _messages(stream):
-                topics[topic].append(message)
-        return _record(topics, [topics[f"/parcel/{parcel}"] for parcel in parcels])
+            for _, channel, message in make_reader(stream).iter_messages(topics=list(found)):
+                found[channel.topic].append(json.loads(message.data))
+        return _record(found, [found[topic] for topic in parcels])
     except (McapError, ValueError, KeyError, IndexError, TypeError) as error:
         raise RecordFileError(f"{path}: holds no record of these parcels: {error}") from None
+
+
+def _topic(parcel: Parcel) -> str:
+    return f"/parcel/{parcel.name}"
 
 
 def _register_schema(writer: Writer, name: str) -> int:
@@ -88,18 +97,16 @@ def _register_schema(writer: Writer, name: str) -> int:
     return number
 
 
-def _add_messages(writer: Writer, sources: dict[int, Iterator[dict[str, Any]]]) -> None:
+def _add_messages(writer: Writer, channels: dict[int, Iterator[Timed]]) -> None:
     """Interleave the messages of all channels by time, as players like to find them."""
-    streams = [
-        zip(repeat(channel), messages, strict=False) for channel, messages in sources.items()
-    ]
-    for channel, message in heapq.merge(*streams, key=lambda pair: pair[1]["time_s"]):
-        time_ns = round(message["time_s"] * NS_PER_S)
+    streams = [zip(repeat(channel), timed, strict=False) for channel, timed in channels.items()]
+    for channel, (time_s, message) in heapq.merge(*streams, key=lambda pair: pair[1][0]):
+        time_ns = round(time_s * NS_PER_S)
         data = json.dumps(message, separators=(",", ":"), allow_nan=False).encode()
         writer.add_message(channel, time_ns, data, time_ns)
 
 
-def _parcel_messages(record: Record, number: int) -> Iterator[dict[str, Any]]:
+def _parcel_messages(record: Record, number: int) -> Iterator[Timed]:
     states = _plain(np.hstack((record.pose[:, number], record.twist[:, number])))
     estimates: Any = repeat(None)
     if record.estimate is not None:
@@ -108,19 +115,19 @@ def _parcel_messages(record: Record, number: int) -> Iterator[dict[str, Any]]:
         message = {"time_s": time_s, **dict(zip(POSE + TWIST, state, strict=True))}
         if estimate is not None:
             message["estimate"] = dict(zip(POSE, estimate, strict=True))
-        yield message
+        yield time_s, message
 
 
-def _wheel_messages(record: Record) -> Iterator[dict[str, Any]]:
+def _wheel_messages(record: Record) -> Iterator[Timed]:
     arrays = {name: getattr(record, name) for name in WHEELS}
     present = {name: _plain(array) for name, array in arrays.items() if array is not None}
     for time_s, *rows in zip(record.time_s.tolist(), *present.values(), strict=True):
-        yield {"time_s": time_s, **dict(zip(present, rows, strict=True))}
+        yield time_s, {"time_s": time_s, **dict(zip(present, rows, strict=True))}
 
 
-def _event_messages(record: Record) -> Iterator[dict[str, Any]]:
+def _event_messages(record: Record) -> Iterator[Timed]:
     for event in sorted(record.events, key=lambda event: event.time_s):
-        yield {name: value for name, value in asdict(event).items() if value is not None}
+        yield event.time_s, {k: v for k, v in asdict(event).items() if v is not None}
 
 
 def _plain(array: Any) -> Any:
@@ -128,11 +135,6 @@ def _plain(array: Any) -> Any:
     finite: Any = np.isfinite(array)
     shown: Any = array if finite.all() else np.where(finite, array.astype(object), None)
     return shown.tolist()
-
-
-def _messages(stream: IO[bytes]) -> Iterator[tuple[str, dict[str, Any]]]:
-    for _schema, channel, message in make_reader(stream).iter_messages():
-        yield channel.topic, json.loads(message.data)
 
 
 def _record(topics: dict[str, list[dict[str, Any]]], parcels: list[list[dict[str, Any]]]) -> Record:

@@ -70,7 +70,7 @@ def write_run(folder: Path, scenario: Scenario, record: Record, figures: dict[st
     """Fill a folder with the record, the picture and, last of all, `meta.json`."""
     from mdms_sim.plots import save_picture
 
-    write_record(folder / RECORD, record, [parcel.name for parcel in scenario.parcel])
+    write_record(folder / RECORD, scenario, record)
     save_picture(folder / PICTURE, scenario, record)
     meta = {
         "format": FORMAT,
@@ -96,7 +96,7 @@ def read_run(folder: Path) -> StoredRun:
         )
     try:
         scenario = scenario_from(meta["scenario"])
-        record = read_record(folder / RECORD, [parcel.name for parcel in scenario.parcel])
+        record = read_record(folder / RECORD, scenario)
         return StoredRun(folder, scenario, record, meta["figures"])
     except (ScenarioError, RecordFileError, KeyError) as error:
         raise RunFolderError(f"{folder}: damaged run folder: {error}") from None

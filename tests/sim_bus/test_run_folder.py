@@ -12,8 +12,11 @@ from mcap.reader import make_reader
 from mdms_sim.record import Event, Record
 from mdms_sim.record_file import read_record, write_record
 from mdms_sim.run_folder import RunFolderError, fresh_folder, read_run, write_run
+from mdms_sim.scenario_file import load_scenario
+from mdms_sim.scene_3d import scene_messages
 
 ARRAYS = [item.name for item in fields(Record) if item.name != "events"]
+SCENARIO = load_scenario("paper-fig7", ["parcel.0.name=a/b"])
 FIGURES = {"title": "by hand", "wall_s": 0.25}
 
 
@@ -29,16 +32,16 @@ def stored(folder, scenario, record):
     return folder
 
 
-def test_record_survives_to_the_last_bit(tmp_path, plane_record):
-    write_record(tmp_path / "run.mcap", plane_record, ["box"])
-    back = read_record(tmp_path / "run.mcap", ["box"])
+def test_record_survives_to_the_last_bit(tmp_path, plane, plane_record):
+    write_record(tmp_path / "run.mcap", plane, plane_record)
+    back = read_record(tmp_path / "run.mcap", plane)
     assert_same_arrays(back, plane_record)
     assert back.events == sorted(plane_record.events, key=lambda event: event.time_s)
 
 
-def test_record_without_estimates_stays_without(tmp_path, plane_record):
-    write_record(tmp_path / "run.mcap", replace(plane_record, estimate=None), ["box"])
-    assert read_record(tmp_path / "run.mcap", ["box"]).estimate is None
+def test_record_without_estimates_stays_without(tmp_path, plane, plane_record):
+    write_record(tmp_path / "run.mcap", plane, replace(plane_record, estimate=None))
+    assert read_record(tmp_path / "run.mcap", plane).estimate is None
 
 
 @given(numbers=st.lists(st.floats(allow_infinity=False), min_size=6, max_size=6))
@@ -49,27 +52,30 @@ def test_any_number_survives(tmp_path_factory, numbers):
     codes = np.zeros((3, 2), dtype=np.int8)
     times_s = np.array([0.0, 1e-9 / 3, 1.0])
     record = Record(times_s, poses, poses, *[wheels] * 5, codes)
-    write_record(path, record, ["a/b"])
-    assert_same_arrays(read_record(path, ["a/b"]), record)
+    write_record(path, SCENARIO, record)
+    assert_same_arrays(read_record(path, SCENARIO), record)
 
 
-def test_two_parcels_keep_their_order(tmp_path, plane_record):
+def test_two_parcels_keep_their_order(tmp_path, plane, plane_record):
     two = replace(
         plane_record,
         pose=np.concatenate((plane_record.pose, plane_record.pose + 1), axis=1),
         twist=np.concatenate((plane_record.twist, plane_record.twist + 1), axis=1),
         estimate=np.concatenate((plane_record.estimate, plane_record.estimate + 1), axis=1),
     )
-    write_record(tmp_path / "run.mcap", two, ["zebra", "ant"])
-    assert_same_arrays(read_record(tmp_path / "run.mcap", ["zebra", "ant"]), two)
+    box = plane.parcel[0]
+    pair = replace(plane, parcel=(replace(box, name="zebra"), replace(box, name="ant")))
+    write_record(tmp_path / "run.mcap", pair, two)
+    assert_same_arrays(read_record(tmp_path / "run.mcap", pair), two)
 
 
-def test_other_readers_find_schemas_and_messages_in_order_of_time(tmp_path, plane_record):
-    write_record(tmp_path / "run.mcap", plane_record, ["box"])
+def test_other_readers_find_schemas_and_messages_in_order_of_time(tmp_path, plane, plane_record):
+    write_record(tmp_path / "run.mcap", plane, plane_record)
     with (tmp_path / "run.mcap").open("rb") as stream:
         found = list(make_reader(stream).iter_messages(log_time_order=False))
     assert [m.log_time for _, _, m in found] == sorted(m.log_time for _, _, m in found)
-    assert {channel.topic for _, channel, _ in found} == {"/parcel/box", "/wheels", "/events"}
+    topics = {channel.topic for _, channel, _ in found}
+    assert topics == {"/parcel/box", "/wheels", "/events", "/scene"}
     for schema, channel, message in found:
         assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
         assert set(json.loads(message.data)) <= set(json.loads(schema.data)["properties"])
@@ -170,7 +176,37 @@ def test_missing_folder_is_refused(tmp_path):
         read_run(tmp_path / "none")
 
 
-def test_event_without_a_place_stays_without(tmp_path, plane_record):
+def test_event_without_a_place_stays_without(tmp_path, plane, plane_record):
     record = replace(plane_record, events=[Event(0.5, "coordinator", "running")])
-    write_record(tmp_path / "run.mcap", record, ["box"])
-    assert read_record(tmp_path / "run.mcap", ["box"]).events == record.events
+    write_record(tmp_path / "run.mcap", plane, record)
+    assert read_record(tmp_path / "run.mcap", plane).events == record.events
+
+
+def test_scene_shows_every_parcel_where_it_is(tmp_path, plane, plane_record):
+    write_record(tmp_path / "run.mcap", plane, plane_record)
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        scenes = [
+            (schema.name, json.loads(message.data))
+            for schema, _, message in make_reader(stream).iter_messages(topics=["/scene"])
+        ]
+    assert {name for name, _ in scenes} == {"foxglove.SceneUpdate"}
+    first, last = (
+        {entity["id"]: entity["cubes"] for entity in scene["entities"]}
+        for scene in (scenes[0][1], scenes[-1][1])
+    )
+    assert set(last) == {"box"}
+    assert len(first["the wheels"]) == 36
+    pose = last["box"][0]["pose"]
+    x_m, y_m, yaw_rad = plane_record.pose[-1, 0]
+    assert (pose["position"]["x"], pose["position"]["y"]) == (x_m, y_m)
+    turn = 2 * np.arctan2(pose["orientation"]["z"], pose["orientation"]["w"])
+    assert turn == pytest.approx(yaw_rad)
+
+
+def test_scene_has_no_more_pictures_than_eyes_need(plane, plane_record):
+    many_s = np.linspace(0, 4, 4001)
+    poses = np.zeros((4001, 1, 3))
+    dense = replace(plane_record, time_s=many_s, pose=poses)
+    times_s = [time_s for time_s, _ in scene_messages(plane, dense)]
+    assert 110 < len(times_s) <= 121
+    assert min(np.diff(times_s)) >= 1 / 30 - 1e-6
