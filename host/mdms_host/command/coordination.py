@@ -49,7 +49,7 @@ def settings_of(cell: Cell) -> tuple[Setting, ...]:
     )
     wanted = {
         GAIN: ("cell.gain_vs_per_m", round(cell.gain_vs_per_m * 1000)),
-        RESOLUTION: ("the encoder's counts per metre", round(counts_per_m)),
+        RESOLUTION: ("the encoder's counts per metre", int(counts_per_m)),
         VOLTAGE_LIMIT: ("cell.supply_v", round(cell.supply_v * 1000)),
     }
     return tuple(

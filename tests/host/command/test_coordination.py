@@ -1,0 +1,90 @@
+"""The host is told what the scenario says, and no more."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mdms_host.command.coordination import (
+    coordinator_of,
+    estimates_of,
+    layout_of,
+    settings_of,
+)
+from mdms_host.command.exits import CommandError
+from mdms_host.command.references import references_m_s
+from mdms_host.sdo_client import Setting
+from mdms_sim.physics.wheels import build_wheels
+from mdms_sim.scenario_file import load_scenario
+
+
+@pytest.fixture
+def plane():
+    return load_scenario("array18")
+
+
+def test_belief_of_the_host_is_where_the_wheels_are(plane):
+    layout, wheels = layout_of(plane), build_wheels(plane)
+    np.testing.assert_allclose(layout.wheel_positions_m, wheels.position_m)
+    np.testing.assert_allclose(layout.wheel_directions, wheels.direction, atol=1e-15)
+    np.testing.assert_array_equal(layout.wheel_cells, wheels.cell + 1)
+
+
+def test_prototype_needs_no_settings(plane):
+    assert settings_of(plane.cell) == ()
+
+
+def test_other_motor_is_written_to_both_axes(plane):
+    cell = replace(plane.cell, gain_vs_per_m=7.5, supply_v=12.0)
+    assert settings_of(cell) == (
+        Setting(0x2000, 0, 7500),
+        Setting(0x2002, 0, 12000),
+        Setting(0x2800, 0, 7500),
+        Setting(0x2802, 0, 12000),
+    )
+
+
+def test_resolution_is_counts_per_metre_of_surface(plane):
+    cell = replace(plane.cell, encoder_counts_per_motor_rev=1000)
+    counts_per_m = 1000 * 3.0 / (2 * np.pi * 0.0254)
+    assert settings_of(cell)[0] == Setting(0x2001, 0, int(counts_per_m))
+
+
+def test_gain_beyond_the_firmware_is_refused(plane):
+    with pytest.raises(CommandError, match=r"cell.gain_vs_per_m does not fit the firmware"):
+        settings_of(replace(plane.cell, gain_vs_per_m=101.0))
+
+
+def test_nothing_is_believed_before_the_first_frame(plane):
+    assert np.isnan(estimates_of(coordinator_of(plane), plane)).all()
+
+
+def test_single_parcel_is_found_without_a_hint(plane):
+    assert coordinator_of(plane).tracker.parcels["box"].near_m is None
+
+
+def test_several_parcels_are_told_apart_by_where_they_were_put(plane):
+    box = replace(plane.parcel[0], length_m=0.2, x_m=-0.2)
+    two = replace(plane, parcel=(box, replace(box, name="other", x_m=0.2, goal=None)))
+    parcels = coordinator_of(two).tracker.parcels
+    assert (parcels["box"].near_m, parcels["other"].near_m) == ((-0.2, 0.0), (0.2, 0.0))
+
+
+def test_field_is_played_on_every_wheel():
+    row = load_scenario("paper-fig7")
+    expected = np.repeat([0.0635, -0.0635], 5)
+    np.testing.assert_allclose(references_m_s(row), expected)
+
+
+def test_every_field_of_a_scenario_gives_a_reference_per_wheel(plane):
+    for field in ("inward", "uniform", "rotate", "elliptic", "twist", "squeeze"):
+        motion = replace(plane.motion, field=field, velocity_m_s=(0.1, 0.0), ratio=0.3)
+        references = references_m_s(replace(plane, motion=motion))
+        assert references.shape == (36,)
+        assert np.abs(references).max() == pytest.approx(0.1, rel=0.35)
+
+
+def test_bad_table_is_refused_by_its_key(plane):
+    motion = replace(plane.motion, field="table", table_m_s=(0.1,))
+    with pytest.raises(CommandError, match=r"motion.field: the table"):
+        references_m_s(replace(plane, motion=motion))
