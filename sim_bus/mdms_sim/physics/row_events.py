@@ -5,6 +5,7 @@ such a function has its extremes at times known in closed form; between them it 
 event can hide.
 """
 
+import math
 from typing import NamedTuple
 
 from mdms_sim.physics.compiled import compiled
@@ -17,6 +18,7 @@ START, SUPPORT, CONTACT, REVERSAL, REST, HELD, TIP, END = range(8)
 SLACK = 1e-12
 """Part of the weight that is no force: it tells a crossing from a touch."""
 SLACK_M = 1e-13
+ROUNDING = 4e-16
 
 
 class Phase(NamedTuple):
@@ -60,7 +62,10 @@ def next_event(
     for i in range(foot.first, foot.last + 1):
         for side in (-1, 1):
             if foot.mode[i] == ROLLING or foot.mode[i] == side:
-                at_s = crossing(phase, mode_margin(row, foot, phase, i, side), soonest_s)
+                margin = mode_margin(row, foot, phase, i, side)
+                if margin.now > most_change(row, foot, margin, soonest_s):
+                    continue
+                at_s = crossing(phase, margin, soonest_s)
                 if at_s < soonest_s:
                     soonest_s, cause, what = at_s, CONTACT, i
                     becomes = side if foot.mode[i] == ROLLING else ROLLING
@@ -89,6 +94,14 @@ def mode_margin(row: RowParcel, foot: Footing, phase: Phase, i: int, side: int) 
         sense * side * row.drag,
         SLACK * row.weight_n,
     )
+
+
+@compiled
+def most_change(row: RowParcel, foot: Footing, margin: Margin, within_s: float) -> float:
+    """What a margin cannot change by more than: friction bounds speed, the stretch bounds place."""
+    span_m: float = row.edge_m[foot.k + 1] - row.edge_m[foot.k]
+    most_m_s = row.friction * row.weight_n / row.mass_kg * within_s
+    return abs(margin.by_x) * span_m + abs(margin.by_v) * most_m_s
 
 
 @compiled
@@ -128,12 +141,11 @@ def falling_zero(phase: Phase, margin: Margin, low_s: float, high_s: float) -> f
     value, rate = margin_at(phase, margin, low_s)
     if value <= 0.0:
         return low_s
-    at_s = low_s
-    for _ in range(200):
+    at_s, step_s = low_s, math.inf
+    while abs(value) > ROUNDING * abs(margin.now) and abs(step_s) > ROUNDING * high_s:
         newton_s = at_s - value / rate if rate < 0.0 else high_s
-        before_s, at_s = at_s, newton_s if low_s < newton_s < high_s else (low_s + high_s) / 2
-        if abs(at_s - before_s) <= 2e-16 * high_s:
-            break
+        new_s = newton_s if low_s < newton_s < high_s else (low_s + high_s) / 2
+        step_s, at_s = new_s - at_s, new_s
         value, rate = margin_at(phase, margin, at_s)
         if value > 0.0:
             low_s = at_s

@@ -20,6 +20,10 @@ def basis(beta: float, gamma: float, time_s: float) -> tuple[float, float]:
 
     S(0) = 0, S'(0) = 1; S' follows as 1 + gamma S + beta integral.
     """
+    if gamma == 0.0 and beta < 0.0:
+        omega = math.sqrt(-beta)
+        sine = math.sin(omega * time_s / 2)
+        return 2.0 * sine * math.cos(omega * time_s / 2) / omega, -2.0 * sine * sine / beta
     stiff = abs(beta) * time_s * time_s
     if abs(gamma) * time_s + stiff < SERIES_BELOW:
         return basis_series(beta, gamma, time_s)

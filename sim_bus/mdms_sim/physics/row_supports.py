@@ -93,13 +93,17 @@ def unloading(wheel_x_m: Floats, first: int, last: int, end: int) -> float:
     The zero of eq (1): 1/n + (x_c - mean) (x_end - mean) / spread = 0.
     """
     mean_m, spread_m2 = spread(wheel_x_m, first, last)
-    place_m = mean_m - spread_m2 / ((last - first + 1) * (wheel_x_m[end] - mean_m))
-    return float(place_m)
+    place_m: float = mean_m - spread_m2 / ((last - first + 1) * (wheel_x_m[end] - mean_m))
+    return place_m
 
 
 @compiled
 def spread(wheel_x_m: Floats, first: int, last: int) -> tuple[float, float]:
     """Mean place [m] of the supports and the sum of their squared distances from it [m^2]."""
-    places_m = wheel_x_m[first : last + 1]
-    mean_m = places_m.mean()
-    return mean_m, ((places_m - mean_m) ** 2).sum()
+    mean_m, square_m2 = 0.0, 0.0
+    for i in range(first, last + 1):
+        mean_m += wheel_x_m[i]
+    mean_m /= last - first + 1
+    for i in range(first, last + 1):
+        square_m2 += (wheel_x_m[i] - mean_m) ** 2
+    return mean_m, square_m2
