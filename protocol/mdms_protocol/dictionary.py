@@ -26,7 +26,7 @@ PDO_ENTRIES = 8
 ERROR_HISTORY = 8
 CONSUMED_HEARTBEATS = 4
 
-SPEED_LIMIT_UM_S = 8_000_000
+SPEED_LIMIT_UM_S = 10_000_000
 ACCELERATION_LIMIT_UM_S2 = 1_000_000_000
 
 # Transmission types of PDOs (CiA 301, 7.5.2.35 and 7.5.2.37)
@@ -157,12 +157,11 @@ _AXIS: dict[int, Field] = {
     0x2002: _setting("voltage limit", U32, 24_000, e.MILLIVOLTS, high=60_000),
     0x2003: field("motor voltage", I32, READ, unit=e.MICROVOLTS, mappable=e.TPDO),
     0x2004: _setting("stall voltage", U32, 0, e.MILLIVOLTS, high=60_000),
-    0x2005: _setting("stall speed", U32, 5_000, e.MICROMETRES_PER_SECOND, high=SPEED_LIMIT_UM_S),
-    0x2006: _setting("stall time", U16, 500, e.MILLISECONDS, low=1),
-    0x2007: _setting("over-current time", U16, 100, e.MILLISECONDS, low=1),
-    0x2008: _setting("slippage time", U16, 500, e.MILLISECONDS, low=1),
-    0x2009: _setting("observer lag", U16, 3_000, e.MICROSECONDS, low=1_000, high=20_000),
-    0x200A: _setting("direction", I32, 0, e.MICRORADIANS, low=-3_141_593, high=3_141_593),
+    0x2005: _setting("stall time", U16, 500, e.MILLISECONDS),
+    0x2006: _setting("over-current time", U16, 100, e.MILLISECONDS),
+    0x2007: _setting("slippage time", U16, 500, e.MILLISECONDS),
+    0x2008: _setting("observer lag", U16, 4_500, e.MICROSECONDS, low=1_000, high=20_000),
+    0x2009: _setting("direction", I32, 0, e.MICRORADIANS, low=-3_141_593, high=3_141_593),
     0x603F: field("error code", U16, READ, mappable=e.TPDO),
     0x6040: field("controlword", U16, mappable=e.RPDO),
     0x6041: field("statusword", U16, READ, mappable=e.TPDO),
@@ -202,7 +201,7 @@ _AXIS: dict[int, Field] = {
     0x67FF: field("single device type", U32, CONST, 0x00020192),
 }
 #: Where the wheels of the prototype differ: axis 2 pushes along y.
-_AXIS_2_DEFAULTS = {0x200A: 1_570_796}
+_AXIS_2_DEFAULTS = {0x2009: 1_570_796}
 
 
 def _axis(number: int) -> dict[int, Field]:

@@ -1,0 +1,211 @@
+"""What a cell says to what it hears: transcripts of frames, the same on every interpreter."""
+
+from array import array
+
+from mdms_cell import speed_loop
+from mdms_cell.cell import Cell
+from mdms_protocol import cia402, cob, nmt, pdo, sdo
+
+NODE = 5
+
+
+class Board:
+    """Records what is sent; the wheels stand still."""
+
+    def __init__(self):
+        self.registers = array("i", [0] * speed_loop.REGISTERS)
+        self.sent = []
+        self.bits = 0
+
+    def sample(self, registers):
+        pass
+
+    def drive(self, registers):
+        pass
+
+    def presence(self):
+        return self.bits
+
+    def send(self, can_id, data):
+        self.sent.append((can_id, bytes(data)))
+        return True
+
+    def motors_off(self):
+        pass
+
+    def take(self):
+        sent, self.sent = self.sent, []
+        return sent
+
+
+def booted(now_ms=0):
+    board = Board()
+    cell = Cell(board, NODE)
+    cell.poll(now_ms)
+    board.take()
+    return cell, board
+
+
+def operational():
+    cell, board = booted()
+    cell.on_frame(0x000, b"\x01\x05")
+    board.take()
+    return cell, board
+
+
+def enable(cell):
+    for word in (cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION):
+        cell.on_frame(0x305, pdo.CONTROLWORD.encode((word, word)))
+
+
+def test_boot_up_is_the_first_frame():
+    board = Board()
+    Cell(board, NODE).poll(0)
+    assert board.take() == [(0x705, b"\x00")]
+
+
+def test_heartbeat_every_100_ms_across_the_wrap_of_the_clock():
+    start = (1 << 30) - 150
+    cell, board = booted(start)
+    times = []
+    for elapsed in range(1, 501):
+        cell.poll((start + elapsed) & ((1 << 30) - 1))
+        for frame in board.take():
+            assert frame == (0x705, b"\x7f")
+            times.append(elapsed)
+    assert times == [100, 200, 300, 400, 500]
+
+
+def test_start_sends_status_once_and_sync_sends_speeds():
+    cell, board = booted()
+    cell.on_frame(0x000, b"\x01\x05")
+    assert board.take() == [(0x285, b"\x50\x02\x50\x02\x00")]
+    cell.on_frame(0x080, b"")
+    assert board.take() == [(0x185, bytes(8))]
+    cell.on_frame(0x000, b"\x80\x00")
+    cell.on_frame(0x080, b"")
+    assert board.take() == []
+
+
+def test_command_to_another_node_is_not_taken():
+    cell, board = booted()
+    cell.on_frame(0x000, b"\x01\x06")
+    assert cell.state == nmt.PRE_OPERATIONAL
+    assert cell.dropped == 0
+
+
+def test_setpoint_is_held_until_sync():
+    cell, board = operational()
+    enable(cell)
+    cell.on_frame(0x205, pdo.TARGET_VELOCITY.encode((63_500, -63_500)))
+    assert board.registers[speed_loop.TARGET] == 0
+    cell.on_frame(0x080, b"")
+    assert board.registers[speed_loop.TARGET] == 63_500
+    assert board.registers[speed_loop.AXIS + speed_loop.TARGET] == -63_500
+    cell.tick()
+    assert board.registers[speed_loop.VOLTAGE] == 635_000
+    assert board.registers[speed_loop.AXIS + speed_loop.VOLTAGE] == -635_000
+
+
+def test_controlword_leads_to_operation_enabled_and_status_follows():
+    cell, board = operational()
+    enable(cell)
+    cell.poll(1)
+    cell.poll(6)
+    (can_id, data) = board.take()[0]
+    assert can_id == 0x285
+    words = pdo.STATUS.decode(data)
+    assert cia402.state(words[0]) == cia402.state(words[1]) == cia402.OPERATION_ENABLED
+
+
+def test_wheels_stop_when_no_setpoint_comes_for_50_ms():
+    cell, board = operational()
+    enable(cell)
+    cell.on_frame(0x205, pdo.TARGET_VELOCITY.encode((63_500, 0)))
+    cell.on_frame(0x080, b"")
+    running = 0
+    for now_ms in range(1, 200):
+        cell.tick()
+        cell.poll(now_ms)
+        running += board.registers[speed_loop.VOLTAGE] != 0
+    assert 50 <= running <= 52
+
+
+def test_presence_is_sent_when_it_changes():
+    cell, board = operational()
+    board.bits = 0b10001
+    cell.poll(1)
+    assert board.take() == [(0x285, b"\x50\x02\x50\x02\x11")]
+    cell.poll(2)
+    assert board.take() == []
+
+
+def test_leaving_operational_switches_the_motors_off():
+    for command in (nmt.STOP, nmt.ENTER_PRE_OPERATIONAL, nmt.RESET_NODE, nmt.RESET_COMMUNICATION):
+        cell, board = operational()
+        enable(cell)
+        cell.on_frame(0x205, pdo.TARGET_VELOCITY.encode((63_500, 63_500)))
+        cell.on_frame(0x080, b"")
+        cell.tick()
+        assert board.registers[speed_loop.VOLTAGE] == 635_000
+        cell.on_frame(0x000, bytes((command, 0)))
+        cell.tick()
+        assert board.registers[speed_loop.VOLTAGE] == 0
+
+
+def test_expedited_read_and_write_transcript():
+    cell, board = booted()
+    transcript = (
+        (b"\x40\x00\x30\x00\x00\x00\x00\x00", b"\x4b\x00\x30\x00\x32\x00\x00\x00"),
+        (b"\x2b\x00\x30\x00\x64\x00\x00\x00", b"\x60\x00\x30\x00\x00\x00\x00\x00"),
+        (b"\x40\x00\x30\x00\x00\x00\x00\x00", b"\x4b\x00\x30\x00\x64\x00\x00\x00"),
+        (b"\x40\x00\x10\x00\x00\x00\x00\x00", b"\x43\x00\x10\x00\x92\x01\xff\xff"),
+        (b"\x40\x00\x12\x01\x00\x00\x00\x00", b"\x43\x00\x12\x01\x05\x06\x00\x00"),
+    )
+    for request, response in transcript:
+        cell.on_frame(0x605, request)
+        assert board.take() == [(0x585, response)]
+
+
+def test_refusals_carry_the_abort_code():
+    cell, board = booted()
+    refusals = (
+        (sdo.read_request(0x7000, 0), sdo.NO_SUCH_OBJECT),
+        (sdo.read_request(0x1018, 9), sdo.NO_SUCH_SUB_INDEX),
+        (sdo.write_request(0x6041, 0, b"\0\0"), sdo.READ_ONLY),
+        (sdo.write_request(0x3000, 0, b"\0\0\0\0"), sdo.TOO_LONG),
+        (sdo.write_request(0x3000, 0, b"\1"), sdo.TOO_SHORT),
+        (sdo.write_request(0x3000, 0, b"\0\0"), sdo.TOO_LOW),
+        (sdo.write_request(0x3000, 0, b"\xff\xff"), sdo.TOO_HIGH),
+        (b"\xe0\x00\x30\x00\x00\x00\x00\x00", sdo.UNKNOWN_COMMAND),
+    )
+    for request, code in refusals:
+        cell.on_frame(0x605, request)
+        ((can_id, response),) = board.take()
+        assert can_id == 0x585
+        assert response == b"\x80" + request[1:4] + code.to_bytes(4, "little")
+
+
+def test_garbage_is_counted_and_dropped():
+    cell, board = operational()
+    garbage = (
+        (0x000, b""),
+        (0x000, b"\x33\x05"),
+        (0x000, b"\x01\x05\x00"),
+        (0x080, b"\x00\x00"),
+        (0x205, b"\x00\x00\x00\x00"),
+        (0x605, b"\x40\x00"),
+    )
+    for can_id, data in garbage:
+        cell.on_frame(can_id, data)
+    assert cell.dropped == len(garbage)
+    assert board.take() == []
+    assert cell.state == nmt.OPERATIONAL
+
+
+def test_sends_only_on_identifiers_of_its_own():
+    cell, board = operational()
+    cell.on_frame(0x080, b"")
+    cell.on_frame(cob.SDO_REQUEST_BASE + NODE, sdo.read_request(0x1000, 0))
+    cell.poll(100)
+    assert {can_id & 0x7F for can_id, _ in board.take()} == {NODE}
