@@ -88,7 +88,7 @@ def test_start_sends_status_once_and_sync_sends_speeds():
 
 
 def test_command_to_another_node_is_not_taken():
-    cell, board = booted()
+    cell, _ = booted()
     cell.on_frame(0x000, b"\x01\x06")
     assert cell.state == nmt.PRE_OPERATIONAL
     assert cell.dropped == 0

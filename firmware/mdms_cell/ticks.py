@@ -1,0 +1,14 @@
+"""The cell's clock: whole milliseconds that wrap at 2**30, as MicroPython's `ticks_ms` does."""
+
+_PERIOD = 1 << 30
+_HALF = 1 << 29
+
+
+def after(start_ms, delay_ms):
+    """The instant `delay_ms` after another; delays may be up to 2**29 - 1."""
+    return (start_ms + delay_ms) & (_PERIOD - 1)
+
+
+def diff(later_ms, earlier_ms):
+    """How much later one instant is than another, negative if it is earlier."""
+    return ((later_ms - earlier_ms + _HALF) & (_PERIOD - 1)) - _HALF
