@@ -1,0 +1,138 @@
+"""The whole system: goal, frames, firmware, motors, friction, parcel, encoders and back."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from mdms_host.command.compose import run_scenario
+from mdms_host.command.coordination import coordinator_of
+from mdms_sim.record import Contact
+from mdms_sim.scenario_file import load_scenario
+from mdms_sim.simulation import Simulation, open_bank
+
+
+def array18(*overrides):
+    return load_scenario("array18", list(overrides))
+
+
+@pytest.fixture
+def simulate(mdms):
+    def run(*arguments):
+        done = mdms("simulate", "array18", "--json", *arguments)
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout)
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def demo():
+    return run_scenario(array18())
+
+
+def test_box_is_carried_and_turned_to_its_goal(demo):
+    x_m, y_m, yaw_rad = demo.record.pose[-1, 0]
+    assert math.hypot(x_m - 0.10, y_m) < 0.010
+    assert abs(math.degrees(yaw_rad) - 30) < 3
+    assert np.abs(demo.record.twist[-1, 0]).max() < 1e-3
+    assert demo.fault is None
+
+
+def test_coordinator_knows_where_the_box_is_from_the_bus_alone(demo):
+    estimate, pose = demo.record.estimate[:, 0], demo.record.pose[:, 0]
+    known = ~np.isnan(estimate[:, 0])
+    assert known.mean() > 0.9
+    away_m = np.hypot(*(estimate - pose)[known, :2].T)
+    assert away_m.max() < 0.010
+    assert np.degrees(np.abs((estimate - pose)[known, 2])).max() < 3
+
+
+def test_wheels_stay_within_friction_and_supply(demo):
+    record, cell = demo.record, array18().cell
+    assert (np.abs(record.force_n) <= cell.friction * record.normal_n + 1e-9).all()
+    assert np.abs(record.voltage_v).max() <= cell.supply_v
+    carried = record.contact != Contact.NONE
+    assert (record.normal_n[~carried] == 0).all()
+    assert np.isclose(record.normal_n.sum(axis=1), 2.0 * 9.81)[1:].all()
+
+
+def test_bus_carries_setpoints_and_states_at_100_hz_with_room_to_spare(demo):
+    assert 0.3 < demo.bus.load < 0.55
+    assert demo.bus.frames > 3_500 * 10
+    assert demo.bus.errors == 0
+
+
+def test_same_seed_gives_the_same_bytes_in_another_process(simulate):
+    arguments = ("--set", "run.duration_s=1.5")
+    first, second = simulate(*arguments), simulate(*arguments)
+    assert first["bus"] == second["bus"]
+    assert first["parcels"] == second["parcels"]
+
+
+def test_micropython_processes_give_the_same_bytes_as_python_objects(simulate):
+    arguments = ("--set", "run.duration_s=3")
+    python, micropython = (
+        simulate(*arguments, "--nodes", kind) for kind in ("cpython", "micropython")
+    )
+    assert micropython["nodes"] == "micropython"
+    assert python["bus"] == micropython["bus"]
+    assert python["parcels"] == micropython["parcels"]
+
+
+class Muted:
+    """A bank in which one cell stops to send, as if its cable were cut, after so many ticks."""
+
+    def __init__(self, bank, cell, ticks):
+        self._bank, self._cell, self._ticks = bank, cell, ticks
+        self.accepts, self.deliver = bank.accepts, bank.deliver
+
+    def tick(self, *inputs):
+        self._ticks -= 1
+        return self._bank.tick(*inputs)
+
+    def collect(self, cell):
+        frames = self._bank.collect(cell)
+        return [] if cell == self._cell and self._ticks < 0 else frames
+
+
+def test_cell_that_falls_silent_stops_the_array_and_is_named():
+    scenario = array18()
+    coordinator = coordinator_of(scenario)
+    bank = Muted(open_bank("cpython", 18), cell=6, ticks=1500)
+    simulation = Simulation(scenario, bank, [coordinator])
+    simulation.run_until(1.4)
+    assert np.abs(simulation.world.twist[0]).max() > 0.05
+    simulation.run_until(2.4)
+    assert coordinator.stopped
+    assert "cell 7" in coordinator.fault
+    assert "silent" in coordinator.fault
+    assert np.abs(simulation.world.twist[0]).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("field", "overrides", "moves"),
+    [
+        ("uniform", (), lambda x, y, yaw: x > 0.02 and abs(y) < 0.01 and abs(yaw) < 0.1),
+        ("rotate", (), lambda x, y, yaw: abs(yaw) > 0.05),
+        (
+            "twist",
+            ("motion.velocity_m_s.0=0.02", "motion.yaw_rate_rad_s=0.1"),
+            lambda x, y, yaw: x > 0.01 and yaw > 0.05,
+        ),
+        ("inward", ("parcel.0.x_m=-0.1",), lambda x, y, yaw: x > 0.03),
+    ],
+)
+def test_field_moves_the_box_its_own_way(field, overrides, moves):
+    """Displacement (x, y, yaw) within two seconds."""
+    start = 0.0 if field != "inward" else -0.1
+    scenario = array18(
+        f"motion.field={field}",
+        "motion.speed_m_s=0.05",
+        f"parcel.0.x_m={start}",
+        "run.duration_s=2.5",
+        *overrides,
+    )
+    pose = run_scenario(scenario).record.pose[:, 0]
+    assert moves(*(pose[-1] - pose[0]))
