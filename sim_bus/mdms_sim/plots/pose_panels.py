@@ -3,6 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from mdms_sim.plots.canvas import INK, parcel_colour, tidy
 from mdms_sim.plots.shapes import goal_of
@@ -10,7 +11,7 @@ from mdms_sim.record import Floats, Record
 from mdms_sim.scenario import Scenario
 
 PANELS = (("x [m]", 1.0), ("y [m]", 1.0), ("yaw [°]", 180 / np.pi))
-GAP_SHARE = 0.06
+GAP_SHARE = 0.1
 LEAST_SPAN = (0.02, 0.02, 4.0)
 
 
@@ -31,6 +32,7 @@ def draw_pose_panels(
         axes.set_ylabel(name, color=INK)
         axes.set_xlim(record.time_s[0], record.time_s[-1])
         _widen(axes, LEAST_SPAN[part])
+        axes.yaxis.set_major_locator(MaxNLocator(5, prune="both"))
         tidy(axes)
         if part < len(PANELS) - 1:
             axes.tick_params(labelbottom=False)

@@ -1,0 +1,31 @@
+"""Ctrl-C ends a run in one line and leaves nothing behind."""
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+MDMS = Path(sys.executable).with_name("mdms")
+#: A year of virtual time; the test ends it.
+LONG = ("--set", "run.duration_s=1e5")
+
+
+def wait_for_frames(process, folder):
+    """Until the run has begun to write its bus log."""
+    while not any(path.stat().st_size for path in folder.glob(".run.*/bus.log")):
+        assert process.poll() is None, process.stderr.read()
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize("nodes", ["cpython", "micropython"])
+def test_interrupted_run_is_told_in_one_line_and_not_kept(tmp_path, nodes):
+    command = [str(MDMS), "simulate", "array18", *LONG, "--nodes", nodes, "--out", "run"]
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE) as process:
+        wait_for_frames(process, tmp_path)
+        process.send_signal(signal.SIGINT)
+        assert process.stderr.read() == b"mdms: interrupted\n"
+    assert process.returncode == 130
+    assert list(tmp_path.iterdir()) == []
