@@ -5,6 +5,9 @@ from math import cos, sin
 from mdms_sim.scenario import Parcel, Scenario, ScenarioError
 
 MOST_STEPS = 100_000_000
+#: A sample of a wheel takes about 50 bytes.
+MOST_SAMPLES = 50_000_000
+SAMPLE_S = 0.01
 #: Node ids go up to 127, which is the host's own.
 MOST_NODES = 126
 MOST_AXES = 2
@@ -13,6 +16,7 @@ MOST_AXES = 2
 def check_rules(scenario: Scenario) -> None:
     """Refuse what no single value shows. Raises `ScenarioError` with the key's full path."""
     _check_steps(scenario)
+    _check_memory(scenario)
     _check_fidelity(scenario)
     _check_names(scenario)
     for number, parcel in enumerate(scenario.parcel):
@@ -27,6 +31,19 @@ def _check_steps(scenario: Scenario) -> None:
         raise ScenarioError(
             f"run.step_s is {run.step_s}, which makes {run.duration_s / run.step_s:.3g} steps in "
             f"run.duration_s, but at most {MOST_STEPS} are allowed; take a longer step"
+        )
+
+
+def _check_memory(scenario: Scenario) -> None:
+    run, array = scenario.run, scenario.array
+    period_s = run.step_s if run.fidelity == "row" else max(run.step_s, SAMPLE_S)
+    wheels = array.columns * array.rows * len(scenario.cell.wheel)
+    samples = wheels * run.duration_s / period_s
+    if samples > MOST_SAMPLES:
+        raise ScenarioError(
+            f"run.duration_s is {run.duration_s}, which makes {samples:.3g} samples of {wheels} "
+            f"wheels, but at most {MOST_SAMPLES} are kept; make the run "
+            "shorter or the array smaller"
         )
 
 

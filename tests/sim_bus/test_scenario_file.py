@@ -127,6 +127,7 @@ def test_override_may_mend_a_file(row):
         ("motion.field=goal", "but no parcel has a goal"),
         ("run.fidelity=exact", "must be one of row, ideal, firmware"),
         ("run.step_s=1e-12", "take a longer step"),
+        ("run.duration_s=1e5", "make the run shorter or the array smaller"),
         ("run.seed=-1", "run.seed is -1, but must be at least 0"),
         ("array.rows=2", "run.fidelity is 'row', which needs array.rows = 1"),
         ("title.x=3", "title is 'a row' and has nothing inside to set"),
