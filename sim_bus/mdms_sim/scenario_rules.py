@@ -15,6 +15,7 @@ MOST_AXES = 2
 
 def check_rules(scenario: Scenario) -> None:
     """Refuse what no single value shows. Raises `ScenarioError` with the key's full path."""
+    _check_title(scenario)
     _check_steps(scenario)
     _check_memory(scenario)
     _check_fidelity(scenario)
@@ -23,6 +24,11 @@ def check_rules(scenario: Scenario) -> None:
         _check_centre_of_mass(parcel, f"parcel.{number}")
         _check_on_table(scenario, parcel, f"parcel.{number}")
     _check_goals(scenario)
+
+
+def _check_title(scenario: Scenario) -> None:
+    if not scenario.title.isprintable():
+        raise ScenarioError(f"title is {scenario.title!r}, but must be one line of plain text")
 
 
 def _check_steps(scenario: Scenario) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex, to_rgb
 
-from mdms_sim.plots import is_row, save_picture
+from mdms_sim.plots import is_row, save_picture, save_wheels
 from mdms_sim.plots.canvas import parcel_colour
 from mdms_sim.plots.plane import draw_plane
 from mdms_sim.plots.row import BANDS, draw_row
@@ -165,3 +165,11 @@ def test_long_run_is_thinned_for_the_wheels(row, row_record):
     )
     stripes = draw_wheels(row, long).axes[0].collections[0]
     assert stripes.get_array().shape[1] <= 1500
+
+
+@pytest.mark.parametrize("text", ["5 $ and 6 $", r"$\frac{", "_hidden", "数", "<b>"])
+def test_any_title_and_name_can_be_drawn(tmp_path, plane, plane_record, row, row_record, text):
+    for scenario, record in ((plane, plane_record), (row, row_record)):
+        named = replace(scenario, title=text, parcel=(replace(scenario.parcel[0], name=text),))
+        save_picture(tmp_path / "picture.png", named, record)
+        save_wheels(tmp_path / "wheels.png", named, record)

@@ -1,10 +1,12 @@
 """What all pictures share: size, colours, type, and how they are written."""
 
+import warnings
 from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 DPI = 150
 INK = "#1c2733"
@@ -35,5 +37,13 @@ def parcel_colour(number: int) -> str:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG, the same bytes for the same picture. Raises OSError."""
-    figure.savefig(path, format="png", metadata={"Software": None})
+    """Write a figure as PNG, the same bytes for the same picture. Raises OSError.
+
+    Titles and names are people's own text: no dollar sign in them starts a formula, and a letter
+    that the font lacks is drawn as a box without a word about it.
+    """
+    for text in figure.findobj(Text):
+        text.set_parse_math(False)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+        figure.savefig(path, format="png", metadata={"Software": None})

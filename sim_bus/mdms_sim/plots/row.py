@@ -99,8 +99,8 @@ def _add_legend(figure: Figure, scenario: Scenario) -> None:
     handles: list[Artist] = [Patch(facecolor=colour, label=name) for name, colour in BANDS.items()]
     for number, parcel in enumerate(scenario.parcel):
         colour, name = parcel_colour(number), parcel.name
-        handles.append(Line2D([], [], color=colour, linewidth=2.2, label=f"{name}: middle"))
-        handles.append(Line2D([], [], color=colour, linewidth=1.3, label=f"{name}: ends"))
+        handles.append(Line2D([], [], color=colour, linewidth=2.2, label=f"middle of {name}"))
+        handles.append(Line2D([], [], color=colour, linewidth=1.3, label=f"ends of {name}"))
     figure.legend(
         handles=handles,
         loc="lower center",
