@@ -39,10 +39,8 @@ def draw_plane(scenario: Scenario, record: Record) -> Figure:
 def _add_legend(figure: Figure, scenario: Scenario, record: Record) -> None:
     handles: list[Artist] = []
     for number, parcel in enumerate(scenario.parcel[:4]):
-        colour = parcel_colour(number)
-        handles.append(
-            Patch(facecolor=f"{colour}55", edgecolor=colour, label=f"parcel {parcel.name}")
-        )
+        colour, name = parcel_colour(number), f"parcel {parcel.name}"
+        handles.append(Patch(facecolor=f"{colour}55", edgecolor=colour, label=name))
     handles.append(Line2D([], [], color=FAINT, linestyle=(0, (1, 1.5)), lw=1.6, label="start"))
     if any(goal_of(scenario, parcel) for parcel in scenario.parcel):
         handles.append(Line2D([], [], color=INK, linestyle=(0, (4, 2)), label="goal"))
