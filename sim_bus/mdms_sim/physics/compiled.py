@@ -17,6 +17,8 @@ OWN_IMPORT = re.compile(r"^from (mdms_\w+(?:\.\w+)*) import", re.MULTILINE)
 
 def compiled(function: Function) -> Function:
     """The function compiled by numba at its first call, cached on disk, its type unchanged."""
+    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+        return function
     dispatcher = numba.njit(cache=True, error_model="numpy")(function)
     # A compiled function holds copies of those it calls, but numba looks for changes in its own
     # file only; without this it would run old code after a change in another module.

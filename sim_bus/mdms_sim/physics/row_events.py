@@ -19,6 +19,8 @@ SLACK = 1e-12
 """Part of the weight that is no force: it tells a crossing from a touch."""
 SLACK_M = 1e-13
 ROUNDING = 4e-16
+CLOSE = 1e-8
+"""A Newton step this short leaves an error of its square, which is rounding."""
 
 
 class Phase(NamedTuple):
@@ -142,10 +144,13 @@ def falling_zero(phase: Phase, margin: Margin, low_s: float, high_s: float) -> f
     if value <= 0.0:
         return low_s
     at_s, step_s = low_s, math.inf
-    while abs(value) > ROUNDING * abs(margin.now) and abs(step_s) > ROUNDING * high_s:
-        newton_s = at_s - value / rate if rate < 0.0 else high_s
-        new_s = newton_s if low_s < newton_s < high_s else (low_s + high_s) / 2
+    while abs(step_s) > ROUNDING * high_s and abs(value) > ROUNDING * abs(margin.now):
+        newton_s = at_s - value / rate if rate < 0.0 else math.inf
+        inside = low_s < newton_s < high_s
+        new_s = newton_s if inside else (low_s + high_s) / 2
         step_s, at_s = new_s - at_s, new_s
+        if inside and abs(step_s) < CLOSE * high_s:
+            break
         value, rate = margin_at(phase, margin, at_s)
         if value > 0.0:
             low_s = at_s

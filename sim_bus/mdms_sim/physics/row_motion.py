@@ -12,6 +12,7 @@ from mdms_sim.physics.compiled import compiled
 
 SERIES_BELOW = 0.5
 CANCELS_BELOW = 0.05
+NO_SPRING = 1e-30
 
 
 @compiled
@@ -21,12 +22,13 @@ def basis(beta: float, gamma: float, time_s: float) -> tuple[float, float]:
     S(0) = 0, S'(0) = 1; S' follows as 1 + gamma S + beta integral.
     """
     if gamma == 0.0 and beta < 0.0:
-        omega = math.sqrt(-beta)
-        sine = math.sin(omega * time_s / 2)
-        return 2.0 * sine * math.cos(omega * time_s / 2) / omega, -2.0 * sine * sine / beta
+        return basis_spring(beta, time_s)
     stiff = abs(beta) * time_s * time_s
     if abs(gamma) * time_s + stiff < SERIES_BELOW:
         return basis_series(beta, gamma, time_s)
+    if stiff < NO_SPRING:
+        s = math.expm1(gamma * time_s) / gamma
+        return s, (s - time_s) / gamma
     sigma = gamma / 2
     split = sigma * sigma + beta
     if split < 0.0:
@@ -45,8 +47,16 @@ def basis(beta: float, gamma: float, time_s: float) -> tuple[float, float]:
         s = -math.exp(slow * time_s) * math.expm1(-2.0 * root * time_s) / (2.0 * root)
     if stiff > CANCELS_BELOW:
         return s, (decay - fast * s - 1.0) / beta
-    grown = time_s if slow == 0.0 else math.expm1(slow * time_s) / slow
-    return s, (grown - math.expm1(fast * time_s) / fast) / (2.0 * root)
+    parts = math.expm1(slow * time_s) / slow - math.expm1(fast * time_s) / fast
+    return s, parts / (2.0 * root)
+
+
+@compiled
+def basis_spring(beta: float, time_s: float) -> tuple[float, float]:
+    """`basis` where every wheel slides: nothing but a spring."""
+    omega = math.sqrt(-beta)
+    sine, cosine = math.sin(omega * time_s / 2), math.cos(omega * time_s / 2)
+    return 2.0 * sine * cosine / omega, -2.0 * sine * sine / beta
 
 
 @compiled
