@@ -1,0 +1,49 @@
+"""What the simulation asks of a set of cells, whatever they run on."""
+
+from collections.abc import Container
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mdms_protocol.frame import Frame
+
+
+class NodeError(Exception):
+    """The cells cannot run."""
+
+
+class MicropythonMissing(NodeError):  # noqa: N818 - it says what is wrong
+    """There is no MicroPython for this machine."""
+
+
+class NodeDied(NodeError):  # noqa: N818 - it says what is wrong
+    """The process of a cell has ended or told of an exception; `text` is what it said."""
+
+    def __init__(self, node_id: int, text: str) -> None:
+        super().__init__(f"cell {node_id} has died: {text.strip() or 'it said nothing'}")
+        self.node_id = node_id
+        self.text = text
+
+
+class CellBank(Protocol):
+    """Cells in lock step with the simulation, numbered from 0."""
+
+    def accepts(self, cell: int) -> Container[int]:
+        """The identifiers that the cell's acceptance filter lets through."""
+
+    def deliver(self, cell: int, frame: Frame) -> None:
+        """The frame has reached the cell."""
+
+    def collect(self, cell: int) -> list[Frame]:
+        """What the cell has queued to send since the last collection."""
+
+    def tick(self, counts: NDArray[np.int32], presence: NDArray[np.uint8]) -> NDArray[np.int32]:
+        """One control period of all cells, then their timers; the first call is time 0.
+
+        `counts` are encoder counts of shape (n, 2), `presence` bits of shape (n,); returns the
+        motor voltages [uV], shape (n, 2), which the caller may keep until the next tick.
+        """
+
+    def close(self) -> None:
+        """Ends the cells."""
