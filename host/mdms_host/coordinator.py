@@ -6,8 +6,6 @@ It sees frames and the time it is given, nothing else: the simulation and a real
 from collections.abc import Iterator
 
 import numpy as np
-from mdms_protocol import cia402, cob, nmt, pdo
-from mdms_protocol.frame import Frame
 from numpy.typing import NDArray
 
 from mdms_host.layout import Layout
@@ -17,6 +15,8 @@ from mdms_host.remote_cell import RemoteCell
 from mdms_host.schedule import Schedule, Timing
 from mdms_host.sdo_client import SdoClient, Setting
 from mdms_host.tracker import Estimate, Parcel, Tracker
+from mdms_protocol import cia402, cob, nmt, pdo
+from mdms_protocol.frame import Frame
 
 Floats = NDArray[np.float64]
 

@@ -115,12 +115,12 @@ class ParcelEstimator:
         # Columns in metres per second alike, so that what no wheel tells comes out as zero.
         jacobian = self._layout.surface_jacobian(*self.pose[:2])[under] * self._extent_m
         speeds = speed_m_s[under]
-        weight = np.ones(len(speeds))
+        fit = self.twist / self._extent_m
         for _ in range(5):
-            fit = np.linalg.lstsq(jacobian * weight[:, None], speeds * weight, rcond=1e-6)[0]
             error = np.abs(speeds - jacobian @ fit)
             scale = max(_SLIPPING_M_S, 1.5 * float(np.median(error)))
             weight = 1 / (1 + (error / scale) ** 2)
+            fit = np.linalg.lstsq(jacobian * weight[:, None], speeds * weight, rcond=1e-6)[0]
         return np.asarray(fit * self._extent_m)
 
     def _correct(self, now_s: float, sensor: int, sigma_m: float) -> bool:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+
 from mdms_host.coordinator import Coordinator
 from mdms_host.layout import Layout
 from mdms_host.rectangle import Rectangle

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from mdms_host.coordinator import Coordinator
 from mdms_host.goal import Goal
 from mdms_host.layout import Layout, WheelPlace

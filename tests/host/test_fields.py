@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from mdms_host.fields import FIELDS, FieldError, FieldShape, references_m_s
 from mdms_host.layout import Layout, WheelPlace
 

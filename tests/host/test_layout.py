@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from mdms_host.layout import Layout, WheelPlace
 
 
