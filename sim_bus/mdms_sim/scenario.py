@@ -30,9 +30,11 @@ ANGLE = Limit(at_least=-1000.0, at_most=1000.0)
 SPEED = Limit(at_least=-100.0, at_most=100.0)
 POSITIVE = Limit(above=0.0, at_most=1e6)
 NOT_NEGATIVE = Limit(at_least=0.0, at_most=1e6)
+SHARE = Limit(at_least=0.0, at_most=0.9)
 
 FIELDS = ("inward", "uniform", "rotate", "elliptic", "twist", "squeeze", "table", "goal")
 FIDELITIES = ("row", "ideal", "firmware")
+SHAPES = ("rectangle", "disc", "polygon")
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +56,13 @@ class Wheel:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """Mechanics and electrics that all cells share; spreads vary them from cell to cell by seed."""
+    """Mechanics and electrics that all cells share; spreads vary them from cell to cell by seed.
+
+    Only `firmware` knows what lies between a voltage and a push: inertia (the wheel's is about its
+    own axle), supply, PWM steps and current limit (None: none). Friction of the `roller` acts along
+    the wheel's axle, where it should run free. `sensor_noise` is the chance that a presence sensor
+    misreads at a sample; load cells are there when their noise (standard deviation) is given.
+    """
 
     wheel: tuple[Wheel, ...] = field(default=(Wheel(),), metadata=Limit(items=(1, 3)))
     wheel_radius_m: float = field(default=0.0254, metadata=LENGTH)
@@ -63,13 +71,20 @@ class Cell:
     resistance_ohm: float = field(default=4.0, metadata=POSITIVE)
     damping_nms: float = field(default=3.5e-6, metadata=NOT_NEGATIVE)
     rotor_inertia_kg_m2: float = field(default=0.0, metadata=NOT_NEGATIVE)
+    wheel_inertia_kg_m2: float = field(default=0.0, metadata=NOT_NEGATIVE)
     gain_vs_per_m: float = field(default=10.0, metadata=NOT_NEGATIVE)
     supply_v: float = field(default=24.0, metadata=POSITIVE)
+    current_limit_a: float | None = field(default=None, metadata=POSITIVE)
     friction: float = field(default=0.3, metadata=NOT_NEGATIVE)
     viscous_friction_s_per_m: float = field(default=0.0, metadata=NOT_NEGATIVE)
+    roller_friction: float = field(default=0.0, metadata=NOT_NEGATIVE)
     encoder_counts_per_motor_rev: int = field(default=2000, metadata=Limit(at_least=1, at_most=1e6))
     pwm_steps: int = field(default=1000, metadata=Limit(at_least=1, at_most=1e6))
-    motor_spread: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=0.9))
+    motor_spread: float = field(default=0.0, metadata=SHARE)
+    friction_spread: float = field(default=0.0, metadata=SHARE)
+    load_cell_noise_n: float | None = field(default=None, metadata=NOT_NEGATIVE)
+    sensor_delay_s: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=1.0))
+    sensor_noise: float = field(default=0.0, metadata=SHARE)
     sensor_offset_m: tuple[tuple[float, float], ...] = field(
         default=(
             (0.0, 0.0),
@@ -83,6 +98,15 @@ class Cell:
 
 
 @dataclass(frozen=True, slots=True)
+class Patch:
+    """Cells, numbered from 1, that differ from the rest in what is given here."""
+
+    cells: tuple[int, ...] = field(metadata=Limit(at_least=1, at_most=1_000_000))
+    wheel: tuple[Wheel, ...] | None = field(default=None, metadata=Limit(items=(1, 3)))
+    friction: float | None = field(default=None, metadata=NOT_NEGATIVE)
+
+
+@dataclass(frozen=True, slots=True)
 class Goal:
     """The pose that a parcel is steered to [table frame]."""
 
@@ -93,7 +117,12 @@ class Goal:
 
 @dataclass(frozen=True, slots=True)
 class Parcel:
-    """One flat-bottomed rectangular parcel and where it starts, at rest."""
+    """One flat-bottomed parcel and where it starts, at rest.
+
+    Its own frame has the origin in the middle of `length_m` x `width_m`, which a rectangle fills, a
+    disc touches (both are its diameter) and a polygon's `corners_m` stay within: convex, counter-
+    clockwise. `inertia_kg_m2` is about the centre of mass; None: that of a uniform plate.
+    """
 
     name: str
     mass_kg: float = field(metadata=POSITIVE)
@@ -103,6 +132,9 @@ class Parcel:
     y_m: float = field(default=0.0, metadata=PLACE)
     yaw_rad: float = field(default=0.0, metadata=ANGLE)
     centre_of_mass_m: tuple[float, float] = field(default=(0.0, 0.0), metadata=PLACE)
+    shape: str = field(default="rectangle", metadata=Limit(choices=SHAPES))
+    corners_m: tuple[tuple[float, float], ...] = field(default=(), metadata=PLACE)
+    inertia_kg_m2: float | None = field(default=None, metadata=POSITIVE)
     goal: Goal | None = None
 
 
@@ -146,3 +178,4 @@ class Scenario:
     parcel: tuple[Parcel, ...] = field(default=(), metadata=Limit(items=(1, 10_000)))
     motion: Motion = field(default_factory=Motion)
     run: Run = field(default_factory=Run)
+    patch: tuple[Patch, ...] = ()
