@@ -44,7 +44,7 @@ FOLLOWING_LIMIT = const(20)  # largest difference of reference and speed [um/s];
 FOLLOWING_TICKS = const(21)  # ticks of a larger one that are a fault
 # Read from the board:
 COUNT = const(22)  # encoder [counts]; only the low 16 bits are looked at
-CURRENT = const(23)  # [mA], as wired
+CURRENT = const(23)  # [mA], as wired, within +-2**29
 # State and results:
 POSITION = const(24)  # tracked position [2**-14 counts], modulo 2**30
 RATE = const(25)  # tracked velocity [2**-14 counts per tick]
@@ -224,4 +224,5 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         registers[base + DEMAND] = demand
         registers[base + VOLTAGE] = voltage
         base += AXIS
-    registers[TICKS] = (registers[TICKS] + 1) & 0x3FFFFFFF
+    ticks = registers[TICKS]
+    registers[TICKS] = 0 if ticks == 0x3FFFFFFF else ticks + 1

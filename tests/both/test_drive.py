@@ -1,0 +1,222 @@
+"""The drive's state machine, by the transitions of CiA 402-2."""
+
+from array import array
+
+from mdms_cell import drive as d
+from mdms_cell import speed_loop as s
+from mdms_cell import tuning
+from mdms_protocol import cia402 as c
+
+COMMANDS = (
+    c.SHUTDOWN,
+    c.SWITCH_ON,
+    c.ENABLE_OPERATION,
+    c.DISABLE_VOLTAGE,
+    c.QUICK_STOP,
+    c.FAULT_RESET,
+)
+
+# What each controlword does in each state, written out from figure 'state machine' of CiA 402-2:
+# columns as COMMANDS, 0 for no transition.
+EXPECTED = {
+    c.SWITCH_ON_DISABLED: (c.READY_TO_SWITCH_ON, 0, 0, 0, 0, 0),
+    c.READY_TO_SWITCH_ON: (
+        0,
+        c.SWITCHED_ON,
+        c.OPERATION_ENABLED,
+        c.SWITCH_ON_DISABLED,
+        c.SWITCH_ON_DISABLED,
+        0,
+    ),
+    c.SWITCHED_ON: (
+        c.READY_TO_SWITCH_ON,
+        0,
+        c.OPERATION_ENABLED,
+        c.SWITCH_ON_DISABLED,
+        c.SWITCH_ON_DISABLED,
+        0,
+    ),
+    c.OPERATION_ENABLED: (
+        c.READY_TO_SWITCH_ON,
+        c.SWITCHED_ON,
+        0,
+        c.SWITCH_ON_DISABLED,
+        c.QUICK_STOP_ACTIVE,
+        0,
+    ),
+    c.QUICK_STOP_ACTIVE: (0, 0, 0, c.SWITCH_ON_DISABLED, 0, 0),
+    c.FAULT: (0, 0, 0, 0, 0, c.SWITCH_ON_DISABLED),
+}
+
+# The controlwords that lead to each state from the start; a failure leads to 'fault'.
+WAYS = {
+    c.SWITCH_ON_DISABLED: (),
+    c.READY_TO_SWITCH_ON: (c.SHUTDOWN,),
+    c.SWITCHED_ON: (c.SHUTDOWN, c.SWITCH_ON),
+    c.OPERATION_ENABLED: (c.SHUTDOWN, c.SWITCH_ON, c.ENABLE_OPERATION),
+    c.QUICK_STOP_ACTIVE: (c.SHUTDOWN, c.SWITCH_ON, c.ENABLE_OPERATION, c.QUICK_STOP),
+}
+
+
+class Axis:
+    """A drive over its registers, with a wheel that stands still."""
+
+    def __init__(self):
+        self.registers = array("i", [0] * s.REGISTERS)
+        s.reset(self.registers)
+        self.registers[s.AGE_LIMIT] = 50
+        for base in (0, s.AXIS):
+            tuning.set_encoder(self.registers, base, 37_596)
+            tuning.set_law(self.registers, base, 10_000, 24_000)
+        self.drive = d.Drive(self.registers, 0)
+        self.now_ms = 0
+
+    def tick(self, count=1):
+        code = 0
+        for _ in range(count):
+            s.step(self.registers)
+            self.now_ms += 1
+            code = self.drive.poll(self.now_ms) or code
+        return code
+
+    def voltage_uv(self):
+        return self.registers[s.VOLTAGE]
+
+
+def axis_in(state):
+    axis = Axis()
+    if state == c.FAULT:
+        axis.drive.fail(d.STALLED)
+    else:
+        for controlword in WAYS[state]:
+            axis.drive.control(controlword)
+    assert axis.drive.state == state
+    return axis
+
+
+def test_every_controlword_in_every_state_does_what_the_standard_says():
+    for state, row in EXPECTED.items():
+        for column, expected in enumerate(row):
+            axis = axis_in(state)
+            axis.drive.control(COMMANDS[column])
+            assert axis.drive.state == (expected or state), (state, COMMANDS[column])
+
+
+def test_voltage_is_zero_in_every_state_but_operation_enabled():
+    for state in EXPECTED:
+        axis = axis_in(state)
+        axis.drive.set_target(100_000)
+        axis.tick()
+        on = state == c.OPERATION_ENABLED
+        assert (axis.voltage_uv() != 0) == on, state
+
+
+def test_statusword_tells_the_state():
+    for state in EXPECTED:
+        assert c.state(axis_in(state).drive.statusword()) == state
+
+
+def test_a_failure_in_any_state_leads_to_fault_and_keeps_its_first_cause():
+    for state in EXPECTED:
+        axis = axis_in(state)
+        axis.drive.fail(d.OVER_CURRENT)
+        assert axis.drive.state == c.FAULT
+        assert axis.drive.error_code == (d.STALLED if state == c.FAULT else d.OVER_CURRENT)
+
+
+def test_fault_reset_works_on_the_rising_edge_only():
+    axis = Axis()
+    axis.drive.control(c.FAULT_RESET)
+    axis.drive.fail(d.STALLED)
+    axis.drive.control(c.FAULT_RESET)
+    assert axis.drive.state == c.FAULT
+    axis.drive.control(0)
+    axis.drive.control(c.FAULT_RESET)
+    assert axis.drive.state == c.SWITCH_ON_DISABLED
+    assert axis.drive.error_code == 0
+
+
+def test_stale_target_is_a_fault_that_must_be_reset():
+    axis = axis_in(c.OPERATION_ENABLED)
+    axis.drive.set_target(100_000)
+    assert axis.tick(51) == 0
+    assert axis.voltage_uv() != 0
+    assert axis.tick() == d.STALE_SETPOINT
+    assert axis.voltage_uv() == 0
+    axis.drive.set_target(100_000)
+    axis.tick()
+    assert axis.voltage_uv() == 0
+    for controlword in (c.FAULT_RESET,) + WAYS[c.OPERATION_ENABLED]:
+        axis.drive.control(controlword)
+    axis.drive.set_target(100_000)
+    assert axis.tick() == 0
+    assert axis.voltage_uv() != 0
+
+
+def test_target_older_than_the_switching_on_is_not_stale():
+    axis = axis_in(c.SWITCHED_ON)
+    axis.tick(1000)
+    axis.drive.control(c.ENABLE_OPERATION)
+    assert axis.tick(51) == 0
+
+
+def test_quick_stop_ends_in_switch_on_disabled_after_its_ramp():
+    axis = axis_in(c.OPERATION_ENABLED)
+    tuning.set_ramps(axis.registers, 0, 0, 0, 10_000_000)
+    axis.drive.set_target(100_000)
+    axis.tick()
+    axis.drive.control(c.QUICK_STOP)
+    axis.tick(9)
+    assert axis.registers[s.DEMAND] == 10_000
+    assert axis.drive.state == c.QUICK_STOP_ACTIVE
+    axis.tick()
+    assert axis.drive.state == c.SWITCH_ON_DISABLED
+
+
+def test_halt_takes_the_target_away_and_gives_it_back():
+    axis = axis_in(c.OPERATION_ENABLED)
+    axis.drive.set_target(100_000)
+    axis.drive.control(c.ENABLE_OPERATION | c.CONTROL_HALT)
+    axis.tick()
+    assert axis.voltage_uv() == 0
+    axis.drive.set_target(200_000)
+    axis.tick()
+    assert axis.voltage_uv() == 0
+    axis.drive.control(c.ENABLE_OPERATION)
+    axis.tick()
+    assert axis.voltage_uv() == 2_000_000
+
+
+def test_target_beyond_every_limit_is_clipped():
+    axis = axis_in(c.OPERATION_ENABLED)
+    axis.drive.set_target((1 << 31) - 1)
+    assert axis.drive.target_um_s == s.SPEED_MAX_UM_S
+    axis.drive.set_target(-(1 << 31))
+    assert axis.drive.target_um_s == -s.SPEED_MAX_UM_S
+
+
+def test_target_reached_and_standstill_are_told_after_the_window_time():
+    axis = axis_in(c.OPERATION_ENABLED)
+    axis.drive.set_target(4_000)
+    axis.tick(10)
+    assert not axis.drive.statusword() & c.TARGET_REACHED
+    axis.tick()
+    assert axis.drive.statusword() & c.TARGET_REACHED
+    assert axis.drive.statusword() & c.SPEED_ZERO
+    axis.drive.set_target(100_000)
+    axis.tick()
+    assert not axis.drive.statusword() & c.TARGET_REACHED
+
+
+def test_faults_of_the_speed_loop_are_told_by_their_codes():
+    for bit, code in (
+        (s.STALE, 0x8250),
+        (s.OVER_CURRENT, 0x2310),
+        (s.STALLED, 0x7121),
+        (s.FOLLOWING, 0x8611),
+    ):
+        axis = axis_in(c.OPERATION_ENABLED)
+        axis.registers[s.FAULTS] = bit
+        assert axis.tick() == code
+        assert axis.drive.error_code == code
+        assert axis.drive.state == c.FAULT

@@ -1,0 +1,230 @@
+"""The control tick on whatever interpreter runs this."""
+
+from array import array
+
+try:
+    from micropython import heap_lock, heap_unlock
+except ImportError:
+
+    def heap_lock():
+        """CPython has no lock: there the 31-bit test stands for it."""
+
+    def heap_unlock():
+        """See `heap_lock`."""
+
+
+from mdms_cell import speed_loop as s
+from mdms_cell import tuning
+
+COUNTS_PER_METRE = 37_596
+EXTREMES = (-(1 << 30), -(1 << 29), -1, 0, 1, (1 << 29) - 1, (1 << 30) - 1)
+
+
+def registers():
+    made = array("i", [0] * s.REGISTERS)
+    s.reset(made)
+    made[s.AGE_LIMIT] = 50
+    for base in (0, s.AXIS):
+        tuning.set_encoder(made, base, COUNTS_PER_METRE)
+        tuning.set_law(made, base, 10_000, 24_000)
+    return made
+
+
+def run(made):
+    made[s.TARGET] = 100_000
+    made[s.AXIS + s.TARGET] = -100_000
+    for base in (0, s.AXIS):
+        made[base + s.MODE] = s.RUN
+        made[base + s.AGE] = 0
+    return made
+
+
+def turn(made, ticks, counts_per_1000_ticks=0):
+    for tick in range(ticks):
+        made[s.COUNT] = tick * counts_per_1000_ticks // 1000
+        made[s.AXIS + s.COUNT] = -made[s.COUNT]
+        made[s.AGE] = made[s.AXIS + s.AGE] = 0
+        s.step(made)
+
+
+def test_motors_are_off_until_they_are_told_to_run():
+    made = run(registers())
+    made[s.MODE] = made[s.AXIS + s.MODE] = s.OFF
+    s.step(made)
+    assert made[s.VOLTAGE] == 0
+    assert made[s.AXIS + s.VOLTAGE] == 0
+    assert made[s.FAULTS] == 0
+
+
+def test_voltage_is_gain_times_speed_error():
+    made = run(registers())
+    s.step(made)
+    assert made[s.VOLTAGE] == 1_000_000
+    assert made[s.AXIS + s.VOLTAGE] == -1_000_000
+
+
+def test_voltage_is_clipped_to_its_limit():
+    made = run(registers())
+    made[s.TARGET] = 10_000_000
+    s.step(made)
+    assert made[s.VOLTAGE] == 24_000_000
+    made[s.TARGET] = -10_000_000
+    s.step(made)
+    assert made[s.VOLTAGE] == -24_000_000
+
+
+def test_steady_speed_is_measured_within_half_a_per_mille():
+    made = run(registers())
+    turn(made, 1500, 2387)
+    expected = 2387 * 1_000_000 // COUNTS_PER_METRE * 1000 // 1000
+    assert abs(made[s.ACTUAL] - expected) < 1_500
+    assert abs(made[s.AXIS + s.ACTUAL] + expected) < 1_500
+
+
+def test_count_may_wrap_at_16_bits_and_at_31():
+    made = registers()
+    for tick in range(100_000):
+        made[s.COUNT] = ((tick * 7 + (1 << 30)) & 0x7FFFFFFF) - (1 << 30)
+        made[s.AXIS + s.COUNT] = (tick * 7) & 0xFFFF
+        s.step(made)
+        if tick > 100:
+            assert abs(made[s.ACTUAL] - 7_000_000_000 // COUNTS_PER_METRE) < 50
+            assert made[s.AXIS + s.ACTUAL] == made[s.ACTUAL]
+        if tick == 300:
+            break
+
+
+def test_inverted_axis_does_the_same_the_other_way_round():
+    made = run(registers())
+    made[s.AXIS + s.TARGET] = 100_000
+    made[s.AXIS + s.INVERTED] = 1
+    turn(made, 200, 1500)
+    assert made[s.AXIS + s.ACTUAL] == made[s.ACTUAL]
+    assert made[s.AXIS + s.VOLTAGE] == -made[s.VOLTAGE]
+
+
+def test_stale_target_cuts_the_voltage_in_the_tick_after_its_time():
+    made = run(registers())
+    for _ in range(51):
+        s.step(made)
+        assert made[s.VOLTAGE] != 0
+    s.step(made)
+    assert made[s.VOLTAGE] == 0
+    assert made[s.FAULTS] == s.STALE
+    made[s.AGE] = 0
+    s.step(made)
+    assert made[s.VOLTAGE] == 0  # a fault lasts until it is cleared
+
+
+def test_ramps_limit_how_fast_the_reference_changes():
+    made = run(registers())
+    tuning.set_ramps(made, 0, 2_000_000, 5_000_000, 20_000_000)
+    turn(made, 10)
+    assert made[s.DEMAND] == 20_000
+    turn(made, 60)
+    assert made[s.DEMAND] == 100_000
+    made[s.TARGET] = 0
+    turn(made, 10)
+    assert made[s.DEMAND] == 50_000
+    made[s.TARGET] = 100_000
+    made[s.MODE] = s.STOP
+    turn(made, 2)
+    assert made[s.DEMAND] == 10_000
+    turn(made, 1)
+    assert made[s.DEMAND] == 0
+
+
+def test_over_current_is_a_fault_when_it_lasts():
+    made = run(registers())
+    tuning.set_over_current(made, 0, 3_000, 10)
+    made[s.CURRENT] = -3_001
+    turn(made, 9)
+    assert made[s.FAULTS] == 0
+    made[s.CURRENT] = 0
+    turn(made, 1)
+    made[s.CURRENT] = 3_001
+    turn(made, 9)
+    assert made[s.FAULTS] == 0
+    turn(made, 1)
+    assert made[s.FAULTS] == s.OVER_CURRENT
+    assert made[s.VOLTAGE] == 0
+    assert made[s.AXIS + s.FAULTS] == 0
+
+
+def test_wheel_that_stands_under_voltage_is_stalled():
+    made = run(registers())
+    tuning.set_stall(made, 0, 1_000, 30)
+    turn(made, 29)
+    assert made[s.FAULTS] == 0
+    turn(made, 1)
+    assert made[s.FAULTS] == s.STALLED
+    assert made[s.VOLTAGE] == 0
+
+
+def test_wheel_held_below_the_stall_voltage_is_not_stalled():
+    made = run(registers())
+    tuning.set_stall(made, 0, 1_001, 30)
+    turn(made, 100)
+    assert made[s.FAULTS] == 0
+
+
+def test_following_error_is_a_fault_when_it_lasts():
+    made = run(registers())
+    tuning.set_following(made, 0, 99_999, 20)
+    turn(made, 19)
+    assert made[s.FAULTS] == 0
+    turn(made, 1)
+    assert made[s.FAULTS] == s.FOLLOWING
+
+
+def test_tick_counter_wraps_within_a_small_integer():
+    made = registers()
+    made[s.TICKS] = (1 << 30) - 1
+    s.step(made)
+    assert made[s.TICKS] == 0
+
+
+def extreme(made, base, index):
+    """Settings and inputs at an end of their ranges, chosen by the bits of `index`."""
+    high = [index >> bit & 1 for bit in range(8)]
+    counts_per_metre = tuning.COUNTS_PER_METRE_MAX if high[0] else tuning.COUNTS_PER_METRE_MIN
+    lag_us = tuning.LAG_MAX_US if high[1] else tuning.LAG_MIN_US
+    tuning.set_encoder(made, base, counts_per_metre, lag_us)
+    gain = tuning.GAIN_MAX_MV_S_M if high[2] else 63
+    tuning.set_law(made, base, gain, 60_000 if high[3] else 0)
+    ramp = 1_000_000_000 if high[4] else 1
+    tuning.set_ramps(made, base, ramp, ramp, ramp)
+    tuning.set_over_current(made, base, tuning.CURRENT_MAX_MA, 65_535)
+    tuning.set_stall(made, base, 60_000, 65_535)
+    tuning.set_following(made, base, 20_000_000, 65_535)
+    made[base + s.INVERTED] = high[5]
+    made[base + s.MODE] = s.RUN
+    limit = made[base + s.RATE_LIMIT]
+    made[base + s.RATE] = limit if high[6] else -limit
+    made[base + s.POSITION] = (1 << 29) - 1 if high[7] else -(1 << 29)
+    made[base + s.DEMAND] = s.SPEED_MAX_UM_S if high[7] else -s.SPEED_MAX_UM_S
+
+
+def locked_steps(made):
+    """Step through all pairs of extreme counts and targets with the heap locked."""
+    values = array("i", EXTREMES)
+    heap_lock()
+    try:
+        for count in range(len(values)):
+            for target in range(len(values)):
+                made[s.COUNT] = made[s.AXIS + s.COUNT] = values[count]
+                made[s.TARGET] = made[s.AXIS + s.TARGET] = values[target]
+                made[s.CURRENT] = made[s.AXIS + s.CURRENT] = values[count] // 2
+                made[s.AGE] = made[s.AXIS + s.AGE] = 0
+                s.step(made)
+    finally:
+        heap_unlock()
+
+
+def test_no_setting_and_no_input_makes_a_tick_allocate():
+    made = registers()
+    for index in range(256):
+        extreme(made, 0, index)
+        extreme(made, s.AXIS, 255 - index)
+        locked_steps(made)
+        assert made[s.FAULTS] in (0, s.STALLED, s.OVER_CURRENT, s.FOLLOWING)

