@@ -73,9 +73,9 @@ class Axis:
         self._tie_readings()
         for index in _SETTINGS:
             objects.watchers[index + self._offset] = self._on_setting
-        self.configure()
+        self.load()
 
-    def configure(self):
+    def load(self):
         """Bring the stored settings into the speed loop."""
         registers = self._registers
         base = self._base
@@ -100,7 +100,7 @@ class Axis:
         self.drive.window_ms = self._setting(WINDOW_TIME)
 
     def _on_setting(self, _index, _sub):
-        self.configure()
+        self.load()
 
     def _setting(self, index):
         return self._objects.number(index + self._offset)

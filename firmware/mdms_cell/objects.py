@@ -59,18 +59,43 @@ def _position(index, sub):
     return low
 
 
+class Collected:
+    """What a client writes to an entry of a few bytes, in one piece or several."""
+
+    def __init__(self, objects, entry):
+        self._objects = objects
+        self._entry = entry
+        self._value = b""
+
+    def write(self, piece):
+        """Take some bytes; raises AbortError if they are too many."""
+        if len(self._value) + len(piece) > self._entry.size:
+            raise sdo.AbortError(sdo.TOO_LONG)
+        self._value += piece
+
+    def finish(self):
+        """Write what has come; raises AbortError."""
+        self._objects.write(self._entry, self._value)
+
+    def cancel(self):
+        """Leave the entry as it is."""
+
+
 class Objects:
     """The values of all entries.
 
-    An entry may be tied to what is alive: `reads` gives functions that return its value, `writes`
-    functions that take it, both by `key`. `watchers` are told, by index, of entries that were
-    written and stored, and may refuse by raising AbortError.
+    An entry may be tied to what is alive, by `key`: `reads` gives functions that return its value,
+    `writes` functions that take it, `domains` functions that open a sink for a size or None.
+    `watchers` are told, by index, of entries that were written and stored, and may refuse by
+    raising AbortError.
     """
 
     def __init__(self):
         self.data = bytearray(packed.DEFAULTS)
+        self._node_id = 0
         self.reads = {}
         self.writes = {}
+        self.domains = {}
         self.watchers = {}
 
     def read(self, index, sub):
@@ -83,20 +108,31 @@ class Objects:
             return struct.pack(entry.format, live())
         return bytes(self.data[entry.place : entry.place + entry.size])
 
-    def write(self, index, sub, value):
-        """Write an entry from bytes, as a client may; raises AbortError."""
+    def open(self, index, sub, size):
+        """A sink with `write`, `finish` and `cancel` for `size` bytes, or None if that is not told.
+
+        Raises AbortError if the entry cannot be written, or not with so many bytes.
+        """
         entry = find(index, sub)
         if not entry.flags & record.WRITABLE:
             raise sdo.AbortError(sdo.READ_ONLY)
-        if len(value) != entry.size:
-            raise sdo.AbortError(sdo.TOO_LONG if len(value) > entry.size else sdo.TOO_SHORT)
+        domain = self.domains.get(key(index, sub))
+        if domain is not None:
+            return domain(size)
+        if size is not None:
+            check_length(entry, size)
+        return Collected(self, entry)
+
+    def write(self, entry, value):
+        """Write an entry from bytes, as a client may; raises AbortError."""
+        check_length(entry, len(value))
         number = struct.unpack(entry.format, value)[0]
         if entry.flags & record.LIMITED:
             if number > entry.high:
                 raise sdo.AbortError(sdo.TOO_HIGH)
             if number < entry.low:
                 raise sdo.AbortError(sdo.TOO_LOW)
-        take = self.writes.get(key(index, sub))
+        take = self.writes.get(key(entry.index, entry.sub))
         if take is not None:
             take(number)
         else:
@@ -116,6 +152,18 @@ class Objects:
             self.data[start:end] = before
             raise
 
+    def reader(self, index, sub):
+        """A function that returns an entry's number, and its format."""
+        entry = find(index, sub)
+        live = self.reads.get(key(index, sub))
+        if live is None:
+            return lambda: struct.unpack_from(entry.format, self.data, entry.place)[0], entry.format
+        return live, entry.format
+
+    def writer(self, index, sub):
+        """A function that takes an entry's number, and its format."""
+        return self.writes[key(index, sub)], find(index, sub).format
+
     def number(self, index, sub=0):
         """The stored number of an entry."""
         entry = find(index, sub)
@@ -127,15 +175,36 @@ class Objects:
         struct.pack_into(entry.format, self.data, entry.place, number)
 
     def reset(self, node_id, flags):
-        """Give the entries that have one of these flags their defaults again."""
-        for position in range(_COUNT):
-            entry = Record(position)
-            if entry.flags & flags:
-                end = entry.place + entry.size
-                self.data[entry.place : end] = packed.DEFAULTS[entry.place : end]
-                if entry.flags & record.FROM_NODE:
-                    default = struct.unpack_from("<I", packed.DEFAULTS, entry.place)[0]
-                    struct.pack_into("<I", self.data, entry.place, default + node_id)
+        """Give the entries that have one of these flags the defaults that they have at a node."""
+        self._node_id = node_id
+        for entry in _entries(flags):
+            self.data[entry.place : entry.place + entry.size] = self._default(entry)
+
+    def changed(self, flags):
+        """What of these entries is not at its default, as (index, sub-index, bytes)."""
+        for entry in _entries(flags):
+            value = bytes(self.data[entry.place : entry.place + entry.size])
+            if value != self._default(entry):
+                yield entry.index, entry.sub, value
+
+    def _default(self, entry):
+        value = packed.DEFAULTS[entry.place : entry.place + entry.size]
+        if entry.flags & record.FROM_NODE:
+            return (int.from_bytes(value, "little") + self._node_id).to_bytes(entry.size, "little")
+        return value
+
+
+def _entries(flags):
+    for position in range(_COUNT):
+        entry = Record(position)
+        if entry.flags & flags:
+            yield entry
+
+
+def check_length(entry, size):
+    """Raises AbortError if a value of so many bytes does not fit the entry."""
+    if size != entry.size:
+        raise sdo.AbortError(sdo.TOO_LONG if size > entry.size else sdo.TOO_SHORT)
 
 
 def key(index, sub):

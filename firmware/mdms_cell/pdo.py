@@ -1,107 +1,107 @@
-"""Process data objects (CiA 301, 7.2.2): what they carry, when they are taken over and sent."""
+"""What receive and transmit PDOs have in common: how they may be configured (CiA 301, 7.5.2.35-38).
 
-import struct
+The standard's procedure to change a PDO: make it invalid by bit 31 of its COB-ID, set the number of
+mapped objects to 0, write the entries, set the number, make it valid.
+"""
 
-from mdms_cell.objects import find, key
-from mdms_protocol import cob
+from mdms_cell.objects import find
+from mdms_protocol import cob, record, sdo
 
-RPDO_PARAMETERS = 0x1400
-RPDO_MAPPING = 0x1600
-TPDO_PARAMETERS = 0x1800
-TPDO_MAPPING = 0x1A00
 COUNT = 4
 
-_COB_ID = 1
-_TYPE = 2
+COB_ID = 1
+TYPE = 2
+INHIBIT_TIME = 3
+EVENT_TIMER = 5
 
+#: Transmission types: 0 to 240 go with SYNC, the last two with events.
 SYNCHRONOUS_MAX = 240
+EVENT_MANUFACTURER = 254
+EVENT_PROFILE = 255
+
+_BITS_MAX = 64
+#: Bits of the data types that a receive PDO may carry for others: CiA 301, 7.4.7.3, dummy mapping.
+DUMMIES = {2: 8, 3: 16, 4: 32, 5: 8, 6: 16, 7: 32}
 
 
-def _mapping(objects, index):
-    """The entries that a mapping object lists, as (index, sub-index)."""
-    items = [objects.number(index, sub) for sub in range(1, objects.number(index, 0) + 1)]
-    return [(item >> 16, item >> 8 & 0xFF) for item in items]
+class Pdo:
+    """One PDO; `direction` is the flag of the entries that it may carry."""
 
-
-class Rpdo:
-    """One receive PDO; a synchronous one is held until SYNC."""
-
-    def __init__(self, number, objects):
+    def __init__(self, objects, parameters, mapping, direction, changed):
         self._objects = objects
-        self._number = number
-        self.configure()
+        self._parameters = parameters
+        self._mapping = mapping
+        self._direction = direction
+        self._changed = changed
+        self.can_id = None
+        objects.watchers[parameters] = self._on_parameter
+        objects.watchers[mapping] = self._on_mapping
 
-    def configure(self):
-        """Take over identifier, type and mapping from the dictionary."""
-        objects = self._objects
-        parameters = RPDO_PARAMETERS + self._number
-        cob_id = objects.number(parameters, _COB_ID)
+    def load(self):
+        """Take over identifier, type and mapping from the dictionary, where they are valid."""
+        cob_id = self._parameter(COB_ID)
         self.can_id = None if cob_id & cob.INVALID else cob_id & cob.IDENTIFIER
-        self._synchronous = objects.number(parameters, _TYPE) <= SYNCHRONOUS_MAX
-        entries = _mapping(objects, RPDO_MAPPING + self._number)
-        self._format = "<" + "".join([find(*entry).format[1] for entry in entries])
-        self._length = struct.calcsize(self._format)
-        self._writes = [objects.writes[key(*entry)] for entry in entries]
-        self._held = None
+        self.type = self._parameter(TYPE)
+        self.synchronous = self.type <= SYNCHRONOUS_MAX
+        self.configure([self._entry(sub) for sub in range(1, self._count() + 1)])
 
-    def on_frame(self, data):
-        """Take or hold the values; return False if the frame is too short for them."""
-        if len(data) < self._length:
-            return False
-        if self._synchronous:
-            self._held = data
+    def _parameter(self, sub):
+        return self._objects.number(self._parameters, sub)
+
+    def _count(self):
+        return self._objects.number(self._mapping, 0)
+
+    def _entry(self, sub):
+        """An entry of the mapping as (index, sub-index, bits)."""
+        item = self._objects.number(self._mapping, sub)
+        return item >> 16, item >> 8 & 0xFF, item & 0xFF
+
+    def _on_parameter(self, _index, sub):
+        if sub == COB_ID:
+            self._check_cob_id()
+        elif sub == TYPE and SYNCHRONOUS_MAX < self._parameter(TYPE) < EVENT_MANUFACTURER:
+            raise sdo.AbortError(sdo.INVALID_VALUE)
+        elif sub == INHIBIT_TIME and self.can_id is not None:
+            raise sdo.AbortError(sdo.WRONG_STATE)
+        self.load()
+        if sub == COB_ID:
+            self._changed()
+
+    def _check_cob_id(self):
+        cob_id = self._parameter(COB_ID)
+        can_id = cob_id & cob.IDENTIFIER
+        if cob_id & cob.INVALID:
+            return
+        if cob_id & (cob.FLAG_30 - 1) != can_id or cob.restricted(can_id):
+            raise sdo.AbortError(sdo.INVALID_VALUE)
+        if self.can_id is not None and self.can_id != can_id:
+            raise sdo.AbortError(sdo.WRONG_STATE)
+
+    def _on_mapping(self, _index, sub):
+        if self.can_id is not None:
+            raise sdo.AbortError(sdo.WRONG_STATE)
+        if sub == 0:
+            self._check_total()
+            self.load()
+        elif self._count():
+            raise sdo.AbortError(sdo.WRONG_STATE)
         else:
-            self._take(data)
-        return True
+            self._check_entry(*self._entry(sub))
 
-    def on_sync(self):
-        """Take over what is held."""
-        if self._held is not None:
-            self._take(self._held)
-            self._held = None
+    def _check_total(self):
+        bits = 0
+        for sub in range(1, self._count() + 1):
+            entry = self._entry(sub)
+            self._check_entry(*entry)
+            bits += entry[2]
+        if bits > _BITS_MAX:
+            raise sdo.AbortError(sdo.PDO_TOO_LONG)
 
-    def drop(self):
-        """Forget what is held."""
-        self._held = None
-
-    def _take(self, data):
-        values = struct.unpack_from(self._format, data)
-        for write, value in zip(self._writes, values):  # noqa: B905 - not in MicroPython
-            write(value)
-
-
-class Tpdo:
-    """One transmit PDO."""
-
-    def __init__(self, number, objects, send):
-        self._objects = objects
-        self._number = number
-        self._send = send
-        self.configure()
-
-    def configure(self):
-        """Take over identifier, type and mapping from the dictionary."""
-        objects = self._objects
-        parameters = TPDO_PARAMETERS + self._number
-        cob_id = objects.number(parameters, _COB_ID)
-        self.can_id = None if cob_id & cob.INVALID else cob_id & cob.IDENTIFIER
-        self.synchronous = objects.number(parameters, _TYPE) <= SYNCHRONOUS_MAX
-        entries = _mapping(objects, TPDO_MAPPING + self._number)
-        self._format = "<" + "".join([find(*entry).format[1] for entry in entries])
-        self._reads = [objects.reads[key(*entry)] for entry in entries]
-        self._sent = None
-
-    def send(self):
-        """Send the values as they are now."""
-        self._sent = struct.pack(self._format, *[read() for read in self._reads])
-        self._send(self.can_id, self._sent)
-
-    def send_if_changed(self):
-        """Send the values if they are not those that were sent last."""
-        data = struct.pack(self._format, *[read() for read in self._reads])
-        if data != self._sent and self._send(self.can_id, data):
-            self._sent = data
-
-    def forget(self):
-        """Let the next `send_if_changed` send."""
-        self._sent = None
+    def _check_entry(self, index, sub, bits):
+        if self._direction == record.IN_RPDO and index in DUMMIES and sub == 0:
+            if DUMMIES[index] != bits:
+                raise sdo.AbortError(sdo.NOT_MAPPABLE)
+            return
+        entry = find(index, sub)
+        if not entry.flags & self._direction or entry.size * 8 != bits:
+            raise sdo.AbortError(sdo.NOT_MAPPABLE)

@@ -1,46 +1,143 @@
-"""The SDO server (CiA 301, 7.2.4): lets one client read and write the object dictionary."""
+"""The SDO server (CiA 301, 7.2.4): lets one client read and write the object dictionary.
 
+A transfer of more than four bytes is an object of its own (`sdo_segmented`, `sdo_block`) with
+`on_request(data)`, which returns the response or None, `done`, and `pump(send)`.
+"""
+
+from mdms_cell import ticks
+from mdms_cell.objects import find
+from mdms_cell.sdo_block import BlockDownload, BlockUpload
+from mdms_cell.sdo_segmented import SegmentedDownload, SegmentedUpload
 from mdms_protocol import sdo
+
+#: A transfer in which the client is silent for so long is aborted.
+TIMEOUT_MS = 1000
 
 
 class SdoServer:
-    """Answers requests through `respond(data)`."""
+    """Answers requests through `respond(data)`, which returns False when there is no room."""
 
     def __init__(self, objects, respond):
         self._objects = objects
         self._respond = respond
+        self._transfer = None
+        self._heard_ms = 0
+        self._now_ms = 0
+
+    def reset(self):
+        """Forget a transfer that is under way."""
+        self._close()
+
+    def poll(self, now_ms):
+        """Go on sending a block, and give up on a silent client."""
+        self._now_ms = now_ms
+        transfer = self._transfer
+        if transfer is None:
+            return
+        transfer.pump(self._respond)
+        if ticks.diff(now_ms, self._heard_ms) >= TIMEOUT_MS:
+            self._abort(transfer.index, transfer.sub, sdo.TIMED_OUT)
 
     def on_request(self, data):
         """Serve one request; return False if it is none."""
         if len(data) != 8:
             return False
-        index = data[1] | data[2] << 8
-        sub = data[3]
+        self._heard_ms = self._now_ms
+        transfer = self._transfer
         try:
-            self._respond(self._serve(data, index, sub))
+            if transfer is not None and transfer.takes(data[0]):
+                self._go_on(transfer, data)
+            elif data[0] == sdo.ABORT:
+                self._close()
+            else:
+                self._begin(data)
         except sdo.AbortError as refusal:
-            self._respond(sdo.abort(index, sub, refusal.code))
+            self._refuse(data, refusal.code)
         return True
 
-    def _serve(self, data, index, sub):
-        command = data[0]
-        specifier = command & sdo.SPECIFIER
-        if specifier == sdo.UPLOAD:
-            return self._upload(index, sub)
-        if specifier == sdo.DOWNLOAD and command & sdo.EXPEDITED:
-            return self._download(data, index, sub)
-        raise sdo.AbortError(sdo.UNKNOWN_COMMAND)
+    def _go_on(self, transfer, data):
+        response = transfer.on_request(data)
+        if response is not None:
+            self._respond(response)
+        if transfer.done:
+            self._transfer = None
+        else:
+            transfer.pump(self._respond)
 
-    def _upload(self, index, sub):
-        value = self._objects.read(index, sub)
-        size = len(value)
-        if not 1 <= size <= 4:
-            raise sdo.AbortError(sdo.UNSUPPORTED_ACCESS)
+    def _begin(self, data):
+        """A request that opens a transfer; one that was under way is given up."""
+        begin = _OPENINGS.get(data[0] & sdo.SPECIFIER)
+        if begin is None:
+            raise sdo.AbortError(sdo.UNKNOWN_COMMAND)
+        self._close()
+        transfer, response = begin(self._objects, data, data[1] | data[2] << 8, data[3])
+        self._transfer = transfer
+        self._respond(response)
+
+    def _refuse(self, data, code):
+        if self._transfer is not None:
+            self._abort(self._transfer.index, self._transfer.sub, code)
+        else:
+            self._abort(data[1] | data[2] << 8, data[3], code)
+
+    def _abort(self, index, sub, code):
+        self._close()
+        self._respond(sdo.abort(index, sub, code))
+
+    def _close(self):
+        if self._transfer is not None:
+            self._transfer.cancel()
+            self._transfer = None
+
+
+def _upload(objects, data, index, sub):
+    value = objects.read(index, sub)
+    size = len(value)
+    if 1 <= size <= 4:
         command = sdo.UPLOAD_RESPONSE | (4 - size) << 2 | sdo.EXPEDITED | sdo.SIZE_TOLD
-        return bytes((command, index & 0xFF, index >> 8, sub)) + value + bytes(4 - size)
+        return None, _head(command, data) + value + bytes(4 - size)
+    command = sdo.UPLOAD_RESPONSE | sdo.SIZE_TOLD
+    return SegmentedUpload(index, sub, value), _head(command, data) + size.to_bytes(4, "little")
 
-    def _download(self, data, index, sub):
-        command = data[0]
-        size = 4 - (command >> 2 & 3) if command & sdo.SIZE_TOLD else 4
-        self._objects.write(index, sub, data[4 : 4 + size])
-        return bytes((sdo.DOWNLOAD_RESPONSE, data[1], data[2], sub, 0, 0, 0, 0))
+
+def _download(objects, data, index, sub):
+    command = data[0]
+    told = command & sdo.SIZE_TOLD
+    if not command & sdo.EXPEDITED:
+        size = int.from_bytes(data[4:8], "little") if told else None
+        transfer = SegmentedDownload(index, sub, objects.open(index, sub, size), size)
+        return transfer, _head(sdo.DOWNLOAD_RESPONSE, data) + bytes(4)
+    # Where no size is told, the entry's own counts.
+    size = 4 - (command >> 2 & 3) if told else find(index, sub).size or 4
+    sink = objects.open(index, sub, size)
+    sink.write(data[4 : 4 + size])
+    sink.finish()
+    return None, _head(sdo.DOWNLOAD_RESPONSE, data) + bytes(4)
+
+
+def _block_upload(objects, data, index, sub):
+    if data[0] & sdo.BLOCK_SUBCOMMAND != sdo.BLOCK_INITIATE:
+        raise sdo.AbortError(sdo.UNKNOWN_COMMAND)
+    transfer = BlockUpload(index, sub, objects.read(index, sub), data[0], data[4])
+    return transfer, _head(transfer.command, data) + transfer.size.to_bytes(4, "little")
+
+
+def _block_download(objects, data, index, sub):
+    command = data[0]
+    if command & sdo.BLOCK_END:
+        raise sdo.AbortError(sdo.UNKNOWN_COMMAND)
+    size = int.from_bytes(data[4:8], "little") if command & sdo.BLOCK_SIZE_TOLD else None
+    transfer = BlockDownload(index, sub, objects.open(index, sub, size), command, size)
+    return transfer, _head(transfer.command, data) + bytes((sdo.BLOCK_SEGMENTS, 0, 0, 0))
+
+
+def _head(command, data):
+    return bytes((command,)) + data[1:4]
+
+
+_OPENINGS = {
+    sdo.UPLOAD: _upload,
+    sdo.DOWNLOAD: _download,
+    sdo.BLOCK_UPLOAD: _block_upload,
+    sdo.BLOCK_DOWNLOAD: _block_download,
+}

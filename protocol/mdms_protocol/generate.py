@@ -6,7 +6,7 @@ Runs in a checkout, under CPython. With `--check` it writes nothing and tells wh
 import sys
 from pathlib import Path
 
-from mdms_protocol import pack
+from mdms_protocol import eds, pack
 
 _PACKAGE = Path(__file__).parent
 
@@ -37,7 +37,10 @@ def _lines(data: bytes, width: int) -> list[str]:
 
 def outputs() -> dict[Path, str]:
     """The text of every generated file."""
-    return {_PACKAGE / "packed.py": packed_module()}
+    return {
+        _PACKAGE / "packed.py": packed_module(),
+        _PACKAGE.parent / "mdms-cell.eds": eds.text(),
+    }
 
 
 def stale() -> list[Path]:

@@ -20,6 +20,21 @@ BLOCK_UPLOAD_RESPONSE = 0xC0
 SPECIFIER = 0xE0
 EXPEDITED = 0x02
 SIZE_TOLD = 0x01
+TOGGLE = 0x10
+LAST_SEGMENT = 0x01
+
+# Block transfers: the lower bits of the first byte
+BLOCK_SUBCOMMAND = 0x03
+BLOCK_INITIATE = 0x00
+BLOCK_END = 0x01
+BLOCK_ACKNOWLEDGE = 0x02
+BLOCK_START = 0x03
+BLOCK_SIZE_TOLD = 0x02
+BLOCK_CRC = 0x04
+BLOCK_LAST = 0x80
+BLOCK_SEQUENCE = 0x7F
+#: Segments to a block that a cell asks for.
+BLOCK_SEGMENTS = 63
 
 # Abort codes (CiA 301, table 22)
 TOGGLE_NOT_ALTERNATED = 0x05030000
@@ -74,3 +89,12 @@ def write_request(index: int, sub: int, value: bytes) -> bytes:
 def abort(index: int, sub: int, code: int) -> bytes:
     """The frame that ends a transfer with an abort code."""
     return bytes((ABORT, index & 0xFF, index >> 8, sub)) + code.to_bytes(4, "little")
+
+
+def crc16(data: bytes, crc: int) -> int:
+    """Go on with the check of a block transfer: x^16 + x^12 + x^5 + 1, begun with 0."""
+    for byte in data:
+        byte ^= crc >> 8  # noqa: PLW2901 - no second name for what is the same byte
+        byte ^= byte >> 4  # noqa: PLW2901
+        crc = ((crc << 8) ^ (byte << 12) ^ (byte << 5) ^ byte) & 0xFFFF
+    return crc

@@ -38,9 +38,10 @@ class Board:
         return sent
 
 
-def booted(now_ms=0):
+def booted(now_ms=50):
     board = Board()
     cell = Cell(board, NODE)
+    cell.poll((now_ms - 50) & ((1 << 30) - 1))
     cell.poll(now_ms)
     board.take()
     return cell, board
@@ -58,9 +59,15 @@ def enable(cell):
         cell.on_frame(0x305, pdo.CONTROLWORD.encode((word, word)))
 
 
-def test_boot_up_is_the_first_frame():
+def test_boot_up_comes_when_nobody_claims_the_node_id_within_50_ms():
     board = Board()
-    Cell(board, NODE).poll(0)
+    cell = Cell(board, NODE)
+    cell.poll(0)
+    assert board.take() == [(0x605, b"\x40\x18\x10\x04\x05\x00\x00\x00")]
+    for now_ms in range(1, 50):
+        cell.poll(now_ms)
+    assert board.take() == []
+    cell.poll(50)
     assert board.take() == [(0x705, b"\x00")]
 
 
@@ -110,8 +117,8 @@ def test_setpoint_is_held_until_sync():
 def test_controlword_leads_to_operation_enabled_and_status_follows():
     cell, board = operational()
     enable(cell)
-    cell.poll(1)
-    cell.poll(6)
+    cell.poll(51)
+    cell.poll(56)
     (can_id, data) = board.take()[0]
     assert can_id == 0x285
     words = pdo.STATUS.decode(data)
@@ -124,7 +131,7 @@ def test_wheels_stop_when_no_setpoint_comes_for_50_ms():
     cell.on_frame(0x205, pdo.TARGET_VELOCITY.encode((63_500, 0)))
     cell.on_frame(0x080, b"")
     running = 0
-    for now_ms in range(1, 200):
+    for now_ms in range(51, 250):
         cell.tick()
         cell.poll(now_ms)
         running += board.registers[speed_loop.VOLTAGE] != 0
@@ -134,9 +141,9 @@ def test_wheels_stop_when_no_setpoint_comes_for_50_ms():
 def test_presence_is_sent_when_it_changes():
     cell, board = operational()
     board.bits = 0b10001
-    cell.poll(1)
+    cell.poll(51)
     assert board.take() == [(0x285, b"\x50\x02\x50\x02\x11")]
-    cell.poll(2)
+    cell.poll(52)
     assert board.take() == []
 
 
@@ -207,5 +214,5 @@ def test_sends_only_on_identifiers_of_its_own():
     cell, board = operational()
     cell.on_frame(0x080, b"")
     cell.on_frame(cob.SDO_REQUEST_BASE + NODE, sdo.read_request(0x1000, 0))
-    cell.poll(100)
+    cell.poll(150)
     assert {can_id & 0x7F for can_id, _ in board.take()} == {NODE}

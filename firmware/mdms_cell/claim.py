@@ -1,0 +1,48 @@
+"""Makes sure at boot that no other node has the node id (beyond CiA 301, with its means).
+
+Before its boot-up message the cell asks, as an SDO client would, the node of its own id for its
+serial number. Any device that has the id answers; a cell that is just asking the same is told by
+its own serial number, which stands in the four bytes that the request leaves free.
+"""
+
+from mdms_cell import ticks
+from mdms_protocol import cob, sdo
+
+#: Any node answers an SDO request within this time.
+LISTEN_MS = 50
+
+_SERIAL_NUMBER = (0x1018, 4)
+
+
+class Claim:
+    """The claim of a node id by the cell with this serial number."""
+
+    def __init__(self, serial):
+        self._request = sdo.read_request(*_SERIAL_NUMBER)[:4] + serial.to_bytes(4, "little")
+        self._asked_ms = None
+        self.refused = False
+
+    def start(self):
+        """Begin anew."""
+        self._asked_ms = None
+        self.refused = False
+
+    def poll(self, now_ms, node_id, send):
+        """Ask first, then return True once nobody has answered in time."""
+        if self._asked_ms is None:
+            if send(cob.SDO_REQUEST_BASE + node_id, self._request):
+                self._asked_ms = now_ms
+            return False
+        return not self.refused and ticks.diff(now_ms, self._asked_ms) >= LISTEN_MS
+
+    def on_request(self, data):
+        """Another asks for this id while this cell is claiming it."""
+        if len(data) == 8 and data[:4] == self._request[:4]:
+            # A host that just reads the number leaves those bytes zero.
+            self.refused |= data[4:] not in (self._request[4:], bytes(4))
+        return True
+
+    def on_other(self, _data):
+        """A frame that only the node of this id sends."""
+        self.refused = True
+        return True

@@ -1,0 +1,76 @@
+"""Receive PDOs (CiA 301, 7.2.2.3): values taken over at once, or held until SYNC."""
+
+import struct
+
+from mdms_cell import ticks
+from mdms_cell.pdo import DUMMIES, EVENT_TIMER, Pdo
+from mdms_protocol import record
+
+PARAMETERS = 0x1400
+MAPPING = 0x1600
+
+_DUMMY_FORMATS = {8: "B", 16: "H", 32: "I"}
+
+
+class Rpdo(Pdo):
+    """Receive PDO `number`, counted from 0; `changed()` is told of another identifier."""
+
+    def __init__(self, number, objects, changed):
+        super().__init__(objects, PARAMETERS + number, MAPPING + number, record.IN_RPDO, changed)
+        self._heard_ms = None
+        self.load()
+
+    def configure(self, entries):
+        """Prepare for frames that carry these entries."""
+        self._held = None
+        self._writes = []
+        layout = "<"
+        for index, sub, bits in entries:
+            if index in DUMMIES:
+                write, layout = None, layout + _DUMMY_FORMATS[bits]
+            else:
+                write, form = self._objects.writer(index, sub)
+                layout += form[1]
+            self._writes.append(write)
+        self._layout = layout
+        self._length = struct.calcsize(layout)
+        self.deadline_ms = self._parameter(EVENT_TIMER)
+
+    def on_frame(self, data, now_ms):
+        """Take or hold the values; return False if the frame is too short for them."""
+        if len(data) < self._length:
+            return False
+        self._heard_ms = now_ms
+        if self.synchronous:
+            self._held = data
+        else:
+            self._take(data)
+        return True
+
+    def on_sync(self):
+        """Take over what is held."""
+        held = self._held
+        if held is not None:
+            self._held = None
+            self._take(held)
+
+    def start(self):
+        """Forget what came before 'operational'."""
+        self._held = None
+        self._heard_ms = None
+
+    def overdue(self, now_ms):
+        """Whether the frame that the event timer waits for has not come; told once."""
+        heard_ms = self._heard_ms
+        if not self.deadline_ms or heard_ms is None:
+            return False
+        if ticks.diff(now_ms, heard_ms) < self.deadline_ms:
+            return False
+        self._heard_ms = None
+        return True
+
+    def _take(self, data):
+        values = struct.unpack_from(self._layout, data)
+        for write, value in zip(self._writes, values):  # noqa: B905 - not in MicroPython
+            if write is not None:
+                write(value)

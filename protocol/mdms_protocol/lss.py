@@ -1,0 +1,35 @@
+"""Layer setting services (CiA 305): command specifiers and codes."""
+
+SWITCH_GLOBAL = 0x04
+CONFIGURE_NODE_ID = 0x11
+CONFIGURE_BIT_TIMING = 0x13
+ACTIVATE_BIT_TIMING = 0x15
+STORE = 0x17
+SWITCH_VENDOR = 0x40
+SWITCH_SERIAL = 0x43
+SWITCHED = 0x44
+IDENTIFY_VENDOR = 0x46
+IDENTIFY_SERIAL_HIGH = 0x4B
+IDENTIFY_UNCONFIGURED = 0x4C
+IDENTIFIED = 0x4F
+UNCONFIGURED = 0x50
+FAST_SCAN = 0x51
+INQUIRE_VENDOR = 0x5A
+INQUIRE_SERIAL = 0x5D
+INQUIRE_NODE_ID = 0x5E
+
+# Modes
+WAITING = 0
+CONFIGURATION = 1
+
+#: The bit that a fast scan begins with: everybody without a node id answers.
+SCAN_ALL = 128
+
+#: Of the standard table of bit timings.
+BIT_TIMING_1_MBIT = 0
+
+# Results
+OK = 0
+OUT_OF_RANGE = 1
+STORE_UNSUPPORTED = 1
+STORE_FAILED = 2

@@ -1,0 +1,283 @@
+"""A cell as the unmodified `canopen` library commissions it, over python-can's virtual bus."""
+
+import binascii
+import random
+import struct
+import threading
+import time
+from array import array
+from pathlib import Path
+
+import can
+import canopen
+import pytest
+from canopen.objectdictionary import import_od
+
+from mdms_cell import speed_loop
+from mdms_cell.cell import Cell
+from mdms_protocol import cia402, cob
+from mdms_protocol.dictionary import ENTRIES
+
+EDS = Path(__file__).parents[2] / "protocol" / "mdms-cell.eds"
+NODE = 5
+
+
+class Settings:
+    """Two banks of memory."""
+
+    def __init__(self):
+        self.banks = [bytes(4096), bytes(4096)]
+
+    def read(self, bank):
+        return self.banks[bank]
+
+    def erase(self, bank):
+        self.banks[bank] = b"\xff" * 4096
+
+    def write(self, bank, offset, data):
+        old = self.banks[bank]
+        self.banks[bank] = old[:offset] + data + old[offset + len(data) :]
+
+
+class Program:
+    """Takes a program and keeps it."""
+
+    def __init__(self):
+        self.image = b""
+
+    def begin(self, size):
+        self.image = b""
+
+    def write(self, data):
+        self.image += data
+
+    def end(self):
+        pass
+
+
+class Board:
+    """Wheels that stand still; frames go to a list."""
+
+    def __init__(self, serial):
+        self.registers = array("i", [0] * speed_loop.REGISTERS)
+        self.serial = serial
+        self.settings = Settings()
+        self.program = Program()
+        self.bits = 0
+        self.sent = []
+
+    def sample(self, registers):
+        pass
+
+    def drive(self, registers):
+        pass
+
+    def presence(self):
+        return self.bits
+
+    def send(self, can_id, data):
+        self.sent.append((can_id, bytes(data)))
+        return True
+
+    def motors_off(self):
+        pass
+
+
+class Cells(threading.Thread):
+    """Runs cells in real time on a virtual bus."""
+
+    def __init__(self, channel, node_ids):
+        super().__init__()
+        self.boards = [Board(0x1000 + number) for number in range(len(node_ids))]
+        self.cells = [
+            Cell(board, node_id) for board, node_id in zip(self.boards, node_ids, strict=True)
+        ]
+        self._bus = can.Bus(interface="virtual", channel=channel)
+        self._running = True
+
+    def run(self):
+        start_s = time.monotonic()
+        while self._running:
+            message = self._bus.recv(0.001)
+            if message is not None:
+                self._to_cells(message.arbitration_id, bytes(message.data))
+            now_ms = int((time.monotonic() - start_s) * 1000)
+            for cell in self.cells:
+                cell.tick()
+                cell.poll(now_ms)
+            self._from_cells()
+
+    def _to_cells(self, can_id, data, sender=None):
+        for cell in self.cells:
+            if cell is not sender:
+                cell.on_frame(can_id, data)
+
+    def _from_cells(self):
+        for cell, board in zip(self.cells, self.boards, strict=True):
+            sent, board.sent = board.sent, []
+            for can_id, data in sent:
+                self._to_cells(can_id, data, cell)
+                self._bus.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
+
+    def stop(self):
+        self._running = False
+        self.join()
+        self._bus.shutdown()
+
+
+@pytest.fixture
+def run_cells(request):
+    """Starts cells with these node ids and a `canopen` network beside them."""
+    opened = []
+
+    def start(*node_ids):
+        cells = Cells(request.node.name, node_ids)
+        network = canopen.Network()
+        network.connect(interface="virtual", channel=request.node.name)
+        opened.append((cells, network))
+        cells.start()
+        return cells, network
+
+    yield start
+    for cells, network in opened:
+        cells.stop()
+        network.disconnect()
+
+
+@pytest.fixture
+def node(run_cells):
+    cells, network = run_cells(NODE)
+    remote = network.add_node(NODE, import_od(str(EDS), NODE))
+    remote.nmt.wait_for_bootup(2)
+    return cells, remote
+
+
+def test_data_sheet_loads_without_a_warning(caplog):
+    assert len(import_od(str(EDS), NODE)) > 100
+    assert caplog.records == []
+
+
+def test_every_readable_object_reads_as_its_default(node):
+    _, remote = node
+    read = 0
+    for variable in variables(remote.object_dictionary):
+        raw = remote.sdo.upload(variable.index, variable.subindex)
+        if variable.writable or variable.access_type == "const":
+            assert variable.decode_raw(raw) == variable.default, variable
+        read += 1
+    assert read == sum(entry.access != "wo" for entry in ENTRIES.values())
+
+
+def variables(dictionary):
+    for entry in dictionary.values():
+        for variable in [entry] if hasattr(entry, "data_type") else entry.values():
+            if variable.readable and variable.index >= 0x1000:
+                yield variable
+
+
+def test_segmented_download_and_upload(node):
+    _, remote = node
+    remote.sdo.download(0x3000, 0, struct.pack("<H", 77), force_segment=True)
+    assert remote.sdo[0x3000].raw == 77
+    assert remote.sdo[0x1009].raw == "2 wheels, 5 sensors"
+
+
+def test_block_upload(node):
+    _, remote = node
+    with remote.sdo[0x1009].open("rb", block_transfer=True) as stream:
+        assert stream.read() == b"2 wheels, 5 sensors"
+
+
+def test_block_download_of_20_kb(node):
+    cells, remote = node
+    image = random.Random(1).randbytes(20 * 1024)
+    with remote.sdo[0x1F50][1].open(
+        "wb", size=len(image), block_transfer=True, buffering=7 * 1024
+    ) as stream:
+        stream.write(image)
+    assert cells.boards[0].program.image == image
+    assert remote.sdo[0x1F56][1].raw == binascii.crc32(image)
+
+
+def test_pdo_is_remapped_and_carries_other_objects(node):
+    cells, remote = node
+    remote.tpdo.read()
+    mapping = remote.tpdo[1]
+    mapping.clear()
+    mapping.add_variable(0x6063)
+    mapping.add_variable(0x3001)
+    mapping.trans_type = 255
+    mapping.event_timer = 20
+    mapping.enabled = True
+    mapping.save()
+    cells.boards[0].registers[speed_loop.COUNT] = 12345
+    cells.boards[0].bits = 0b10101
+    remote.nmt.state = "OPERATIONAL"
+    for _ in range(3):
+        assert mapping.wait_for_reception(1) is not None
+    assert mapping[0].raw == 12345
+    assert mapping[1].raw == 0b10101
+
+
+def test_setpoint_by_pdo_reaches_the_motor(node):
+    cells, remote = node
+    remote.rpdo.read()
+    remote.nmt.state = "OPERATIONAL"
+    for word in (cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION):
+        remote.sdo[0x6040].raw = word
+    remote.rpdo[1][0].raw = 63_500
+    deadline_s = time.monotonic() + 2
+    while cells.boards[0].registers[speed_loop.VOLTAGE] != 635_000:
+        remote.rpdo[1].transmit()
+        remote.network.sync.transmit()
+        time.sleep(0.01)
+        assert time.monotonic() < deadline_s
+
+
+def test_emergency_reaches_the_host_and_the_history(node):
+    cells, remote = node
+    remote.nmt.state = "OPERATIONAL"
+    cells.cells[0].fail(0x6100)
+    deadline_s = time.monotonic() + 2
+    while not remote.emcy.log:
+        time.sleep(0.01)
+        assert time.monotonic() < deadline_s
+    assert remote.emcy.log[0].code == 0x6100
+    assert remote.sdo[0x1001].raw == 0x01
+    assert remote.sdo[0x1003][0].raw == 1
+    assert remote.sdo[0x1003][1].raw == 0x6100 | 6 << 16
+    assert cia402.state(remote.sdo[0x6041].raw) == cia402.FAULT
+
+
+def test_saved_settings_come_back_after_a_reset(node):
+    _, remote = node
+    remote.sdo[0x3000].raw = 77
+    remote.store()
+    remote.sdo[0x3000].raw = 88
+    remote.nmt.send_command(0x81)
+    remote.nmt.wait_for_bootup(2)
+    assert remote.sdo[0x3000].raw == 77
+    remote.restore()
+    remote.nmt.send_command(0x81)
+    remote.nmt.wait_for_bootup(2)
+    assert remote.sdo[0x3000].raw == 50
+
+
+def test_three_blank_cells_get_node_ids_by_fast_scan(run_cells):
+    cells, network = run_cells(cob.NODE_NONE, cob.NODE_NONE, cob.NODE_NONE)
+    network.lss.RESPONSE_TIMEOUT = 0.03
+    found = []
+    for node_id in (11, 12, 13):
+        done, identity = network.lss.fast_scan()
+        assert done
+        found.append(identity[3])
+        network.lss.configure_node_id(node_id)
+        network.lss.store_configuration()
+        network.lss.send_switch_state_global(network.lss.WAITING_STATE)
+    assert sorted(found) == [0x1000, 0x1001, 0x1002]
+    assert network.lss.fast_scan() == (False, None)
+    assert sorted(cell.node_id for cell in cells.cells) == [11, 12, 13]
+    remote = network.add_node(13, import_od(str(EDS), 13))
+    time.sleep(0.1)
+    assert remote.sdo[0x1018][4].raw == found[2]
+    assert remote.sdo[0x1018][2].raw == 0x4D444D53
