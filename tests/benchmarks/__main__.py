@@ -1,8 +1,8 @@
 """Runs the benchmarks and prints one table: ours beside a peer in the same run.
 
 `python -m tests.benchmarks [NAME ...]`: each NAME is a module of this folder that has `run()`,
-which returns rows with `name`, `ours`, `peer` (or None), `ratio` (or None), `unit` and whatever else
-tells.
+which returns rows with `name`, `ours`, `peer` (or None), `ratio` (or None), `unit` and whatever
+else tells.
 Everything goes into `build/bench.json` as well.
 """
 
