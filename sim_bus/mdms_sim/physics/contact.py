@@ -35,7 +35,7 @@ class Pushes(NamedTuple):
     line: Floats
     """c [N], k [N s/m] and limit [N], (n, 3)."""
     piece: NDArray[np.int8]
-    """Where each wheel is: 0 rolling, +1 or -1 at that end of its friction; written by `settle`."""
+    """Where each wheel is, (n,): 0 rolling, +1 or -1 at that end of its friction."""
 
 
 @compiled
@@ -45,7 +45,7 @@ def settle(twist: Vector, inertia_per_s: Vector, pushes: Pushes) -> tuple[float,
     `inertia_per_s` is the diagonal of D: mass, mass and moment of inertia over the step.
     """
     at = twist
-    value, slope, curvature, _ = _objective(at, twist, inertia_per_s, pushes)
+    value, slope, curvature, _ = objective(at, twist, inertia_per_s, pushes)
     for steps in range(1, NEWTON_STEPS + 1):
         move = solve(curvature, (-slope[0], -slope[1], -slope[2]))
         decrease = -(slope[0] * move[0] + slope[1] * move[1] + slope[2] * move[2])
@@ -54,9 +54,7 @@ def settle(twist: Vector, inertia_per_s: Vector, pushes: Pushes) -> tuple[float,
         share = 1.0
         while True:
             trial = (at[0] + share * move[0], at[1] + share * move[1], at[2] + share * move[2])
-            new_value, slope, curvature, same_piece = _objective(
-                trial, twist, inertia_per_s, pushes
-            )
+            new_value, slope, curvature, same_piece = objective(trial, twist, inertia_per_s, pushes)
             if share == 1.0 and same_piece:
                 return trial[0], trial[1], trial[2], steps
             if value - new_value >= DECREASE * share * decrease or share < SHORTEST_STEP:
@@ -67,7 +65,7 @@ def settle(twist: Vector, inertia_per_s: Vector, pushes: Pushes) -> tuple[float,
 
 
 @compiled
-def _objective(
+def objective(
     at: Vector, twist: Vector, inertia_per_s: Vector, pushes: Pushes
 ) -> tuple[float, Vector, Symmetric, bool]:
     """Value, gradient and generalised Hessian; True when no wheel changed its piece."""

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from mdms_sim.physics.compiled import compiled
 from mdms_sim.physics.parcel import read_poses
-from mdms_sim.physics.plane import observe_ideal, step_ideal
+from mdms_sim.physics.plane import TIPPING, observe_ideal, step_ideal
 from mdms_sim.physics.scene import Scene
 from mdms_sim.physics.world import World
 from mdms_sim.record import Floats, Record
@@ -24,6 +24,7 @@ class Samples(NamedTuple):
     speed_m_s: Floats
     normal_n: Floats
     force_n: Floats
+    slip_m_s: Floats
     contact: NDArray[np.int8]
 
 
@@ -42,24 +43,13 @@ def run_ideal(world: World, reference_m_s: Floats, step_s: float, steps: int, ev
     """Move a world on by a number of steps and record its start and every so many steps."""
     reference = np.array(reference_m_s, dtype=np.float64)
     samples = _room(steps // every + 1, len(world.scene.parcels), len(reference))
-    start_s = world.time_s
-    done, tipped = record_ideal(world.scene, reference, step_s, (steps, every), samples)
-    world.pass_time(done * step_s, tipped)
-    taken = done // every + 1
-    gain = world.scenario.cell.gain_vs_per_m
-    speed = samples.speed_m_s[:taken]
-    return Record(
-        time_s=start_s + np.arange(taken, dtype=np.float64) * (every * step_s),
-        pose=samples.pose[:taken],
-        twist=samples.twist[:taken],
-        reference_m_s=np.tile(reference, (taken, 1)),
-        speed_m_s=speed,
-        voltage_v=gain * (reference - speed),
-        normal_n=samples.normal_n[:taken],
-        force_n=samples.force_n[:taken],
-        contact=samples.contact[:taken],
-        events=list(world.events),
-    )
+    start_s, done, news = world.time_s, 0, 0
+    world.pass_time(0.0, take_sample(world.scene, reference, samples, 0))
+    while done < steps and not news & TIPPING:
+        now, news = advance(world.scene, reference, step_s, (done, steps, every), samples)
+        world.pass_time((now - done) * step_s, news)
+        done = now
+    return _record(world, reference, samples, start_s, (done // every + 1, every * step_s))
 
 
 def _room(instants: int, parcels: int, wheels: int) -> Samples:
@@ -70,38 +60,64 @@ def _room(instants: int, parcels: int, wheels: int) -> Samples:
         speed_m_s=np.empty(wheel),
         normal_n=np.empty(wheel),
         force_n=np.empty(wheel),
+        slip_m_s=np.empty(wheel),
         contact=np.empty(wheel, dtype=np.int8),
     )
 
 
+def _record(
+    world: World,
+    reference: Floats,
+    samples: Samples,
+    start_s: float,
+    taken_and_period_s: tuple[int, float],
+) -> Record:
+    taken, period_s = taken_and_period_s
+    speed_m_s = samples.speed_m_s[:taken]
+    return Record(
+        time_s=start_s + np.arange(taken, dtype=np.float64) * period_s,
+        pose=samples.pose[:taken],
+        twist=samples.twist[:taken],
+        reference_m_s=np.tile(reference, (taken, 1)),
+        speed_m_s=speed_m_s,
+        voltage_v=world.scenario.cell.gain_vs_per_m * (reference - speed_m_s),
+        normal_n=samples.normal_n[:taken],
+        force_n=samples.force_n[:taken],
+        contact=samples.contact[:taken],
+        events=list(world.events),
+        slip_m_s=samples.slip_m_s[:taken],
+    )
+
+
 @compiled
-def record_ideal(
+def advance(
     scene: Scene,
     reference_m_s: Floats,
     step_s: float,
-    steps_and_every: tuple[int, int],
+    done_steps_every: tuple[int, int, int],
     samples: Samples,
-) -> tuple[int, bool]:
-    """Step and sample; returns the steps made and whether a parcel tipped, which ends the run."""
-    steps, every = steps_and_every
-    take_sample(scene, reference_m_s, samples, 0)
-    for step in range(1, steps + 1):
-        tipped = step_ideal(scene, reference_m_s, step_s)
-        if step % every == 0:
-            take_sample(scene, reference_m_s, samples, step // every)
-        if tipped:
-            return step, True
-    return steps, False
+) -> tuple[int, int]:
+    """Step and sample until there is something to tell; returns the steps done and the news."""
+    done, steps, every = done_steps_every
+    news = 0
+    while done < steps and news == 0:
+        news = step_ideal(scene, reference_m_s, step_s)
+        done += 1
+        if done % every == 0:
+            news |= take_sample(scene, reference_m_s, samples, done // every)
+    return done, news
 
 
 @compiled
-def take_sample(scene: Scene, reference_m_s: Floats, samples: Samples, instant: int) -> None:
-    """Copy what parcels and wheels do at this very instant."""
-    observe_ideal(scene, reference_m_s)
+def take_sample(scene: Scene, reference_m_s: Floats, samples: Samples, instant: int) -> int:
+    """Copy what parcels and wheels do at this very instant; returns the news."""
+    news = observe_ideal(scene, reference_m_s)
     read_poses(scene.parcels, samples.pose[instant], samples.twist[instant])
     for w in range(scene.wheels.size):
         wheel = scene.wheels[w]
         samples.speed_m_s[instant, w] = wheel.speed_m_s
         samples.normal_n[instant, w] = wheel.normal_n
         samples.force_n[instant, w] = wheel.force_n
+        samples.slip_m_s[instant, w] = wheel.slip_m_s
         samples.contact[instant, w] = wheel.contact
+    return news

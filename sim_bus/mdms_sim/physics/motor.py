@@ -1,39 +1,46 @@
 """Each cell's own motor: what it is built of, and how its wheel answers to a held voltage."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from mdms_sim.physics.compiled import compiled
-from mdms_sim.record import Floats
 from mdms_sim.scenario import Cell, Scenario
 
-#: The random stream of motor spreads, apart from the other uses of the scenario's seed.
+#: The random stream of the spreads, apart from the other uses of the scenario's seed.
 STREAM = 1
-SPREAD = (
-    "torque_constant_nm_per_a",
-    "resistance_ohm",
-    "damping_nms",
-    "friction",
-    "viscous_friction_s_per_m",
-)
+MOTOR = ("torque_constant_nm_per_a", "resistance_ohm", "damping_nms")
+FRICTION = ("friction", "viscous_friction_s_per_m")
 
 
 def build_cells(scenario: Scenario) -> list[Cell]:
-    """Every cell with its own constants, off by up to `motor_spread` (relative, by seed)."""
-    cell = scenario.cell
+    """Every cell with its own wheels and constants.
+
+    Patches differ as they say; then each motor constant is off by up to `motor_spread`, friction by
+    up to `friction_spread` (relative, even chances, by seed).
+    """
     count = scenario.array.columns * scenario.array.rows
+    cells = [scenario.cell] * count
+    for patch in scenario.patch:
+        given = {
+            name: value
+            for name, value in (("wheel", patch.wheel), ("friction", patch.friction))
+            if value is not None
+        }
+        for number in patch.cells:
+            cells[number - 1] = replace(cells[number - 1], **given)  # type: ignore[arg-type]
     chance = np.random.default_rng([scenario.run.seed, STREAM])
-    spreads = chance.uniform(-cell.motor_spread, cell.motor_spread, (count, len(SPREAD)))
-    return [_spread(cell, own) for own in 1.0 + spreads]
+    factors = chance.uniform(-1.0, 1.0, (count, len(MOTOR) + 1)).tolist()
+    return [_spread(cell, own) for cell, own in zip(cells, factors, strict=True)]
 
 
-def _spread(cell: Cell, factors: Floats) -> Cell:
-    values = {
-        name: getattr(cell, name) * float(factor)
-        for name, factor in zip(SPREAD, factors, strict=True)
-    }
+def _spread(cell: Cell, off: Sequence[float]) -> Cell:
+    """One cell, each constant off by its share of the spread."""
+    shares = {name: cell.motor_spread * own for name, own in zip(MOTOR, off, strict=False)}
+    shares |= dict.fromkeys(FRICTION, cell.friction_spread * off[-1])
+    values = {name: getattr(cell, name) * (1.0 + share) for name, share in shares.items()}
     return replace(cell, **values)
 
 
@@ -46,19 +53,19 @@ def applied_voltage(voltage_v: float, supply_v: float, pwm_steps: int) -> float:
 
 @compiled
 def coast(
-    mass_kg: float, damping_n_s_per_m: float, step_s: float
+    mass_kg: float, loss_n_s_per_m: float, step_s: float
 ) -> tuple[float, float, float, float]:
     """How m v' = F - k v answers over a step of constant F, exactly: (E, g, T, q) of
 
     v+ = E v + g F and travel = T v + q F. A massless wheel (m = 0) follows F / k at once.
     """
     if mass_kg <= 0.0:
-        return 0.0, 1.0 / damping_n_s_per_m, 0.0, step_s / damping_n_s_per_m
-    rate = damping_n_s_per_m * step_s / mass_kg
+        return 0.0, 1.0 / loss_n_s_per_m, 0.0, step_s / loss_n_s_per_m
+    rate = loss_n_s_per_m * step_s / mass_kg
     if rate < 1e-4:  # the closed forms below would lose digits
         gain = step_s / mass_kg * (1.0 - rate / 2.0 + rate * rate / 6.0)
-        travel = step_s * step_s / mass_kg * (0.5 - rate / 6.0 + rate * rate / 24.0)
+        stride = step_s * step_s / mass_kg * (0.5 - rate / 6.0 + rate * rate / 24.0)
     else:
-        gain = -math.expm1(-rate) / damping_n_s_per_m
-        travel = (step_s - gain * mass_kg) / damping_n_s_per_m
-    return 1.0 - gain * damping_n_s_per_m, gain, gain * mass_kg, travel
+        gain = -math.expm1(-rate) / loss_n_s_per_m
+        stride = (step_s - gain * mass_kg) / loss_n_s_per_m
+    return 1.0 - gain * loss_n_s_per_m, gain, gain * mass_kg, stride

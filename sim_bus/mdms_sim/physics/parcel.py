@@ -6,6 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from mdms_sim.physics.compiled import compiled
+from mdms_sim.physics.shapes import Outline, outline_of
+from mdms_sim.physics.symmetric3 import Vector
 from mdms_sim.physics.wheels import Grid, Records
 from mdms_sim.record import Floats
 from mdms_sim.scenario import Parcel
@@ -24,47 +26,50 @@ PARCEL = np.dtype(
         ("yaw_rate_rad_s", "f8"),
         ("mass_kg", "f8"),
         ("inertia_kg_m2", "f8"),
-        ("centre_x_m", "f8"),  # centre of mass from the geometric centre, in the parcel's frame
+        ("centre_x_m", "f8"),  # centre of mass from the origin, in the parcel's frame
         ("centre_y_m", "f8"),
         ("half_length_m", "f8"),
         ("half_width_m", "f8"),
+        ("radius_m", "f8"),
         ("first_edge", "i8"),
         ("edges", "i8"),
         ("tipped", "i8"),
+        # This step: its share of the scene's lists, the twist it settles to, what others press.
+        ("first", "i8"),
+        ("supports", "i8"),
+        ("lines", "i8"),
+        ("new_vx_m_s", "f8"),
+        ("new_vy_m_s", "f8"),
+        ("new_yaw_rate_rad_s", "f8"),
+        ("pressed_x_n", "f8"),
+        ("pressed_y_n", "f8"),
+        ("pressed_nm", "f8"),
     ],
     align=True,
 )
 
 
 def parcel_records(parcels: tuple[Parcel, ...]) -> tuple[Records, Floats]:
-    """Parcels at rest where they start, and all their edges (E, 3): normal and distance."""
+    """Parcels at rest where they start, and the edges of all, as in `Outline`.
+
+    Raises `ScenarioError` for an impossible outline.
+    """
     records = np.zeros(len(parcels), dtype=PARCEL)
-    edges: list[Floats] = []
-    for record, parcel in zip(records, parcels, strict=True):
-        outline = rectangle_edges(parcel.length_m, parcel.width_m)
-        record["first_edge"], record["edges"] = sum(map(len, edges)), len(outline)
-        edges.append(outline)
-        _place(record, parcel)
-    return records, np.concatenate(edges) if edges else np.zeros((0, 3))
+    outlines = [outline_of(parcel) for parcel in parcels]
+    first = 0
+    for record, parcel, outline in zip(records, parcels, outlines, strict=True):
+        record["first_edge"], record["edges"] = first, len(outline.edges)
+        first += len(outline.edges)
+        _fill(record, parcel, outline)
+    return records, np.concatenate([np.zeros((0, 5)), *(outline.edges for outline in outlines)])
 
 
-def rectangle_edges(length_m: float, width_m: float) -> Floats:
-    """Half-planes n . p <= distance that bound a rectangle about its centre, (4, 3)."""
-    half_length, half_width = length_m / 2, width_m / 2
-    return np.array(
-        [
-            [1.0, 0.0, half_length],
-            [0.0, 1.0, half_width],
-            [-1.0, 0.0, half_length],
-            [0.0, -1.0, half_width],
-        ]
-    )
-
-
-def _place(record: Records, parcel: Parcel) -> None:
+def _fill(record: Records, parcel: Parcel, outline: Outline) -> None:
+    uniform_kg_m2 = parcel.mass_kg * outline.moment_m2
     record["mass_kg"] = parcel.mass_kg
-    record["inertia_kg_m2"] = parcel.mass_kg * (parcel.length_m**2 + parcel.width_m**2) / 12
+    record["inertia_kg_m2"] = parcel.inertia_kg_m2 or uniform_kg_m2
     record["half_length_m"], record["half_width_m"] = parcel.length_m / 2, parcel.width_m / 2
+    record["radius_m"] = outline.radius_m
     record["centre_x_m"], record["centre_y_m"] = parcel.centre_of_mass_m
     record["yaw_rad"] = parcel.yaw_rad
     arm_x, arm_y = turned(*parcel.centre_of_mass_m, parcel.yaw_rad)
@@ -80,7 +85,7 @@ def turned(x_m: float, y_m: float, yaw_rad: float) -> tuple[float, float]:
 
 @compiled
 def read_poses(parcels: Records, pose: Floats, twist: Floats) -> None:
-    """Pose and twist (P, 3) of the geometric centres from those of the centres of mass."""
+    """Pose and twist (P, 3) of the origins from those of the centres of mass."""
     for p in range(parcels.size):
         body = parcels[p]
         arm_x, arm_y = turned(body.centre_x_m, body.centre_y_m, body.yaw_rad)
@@ -92,8 +97,39 @@ def read_poses(parcels: Records, pose: Floats, twist: Floats) -> None:
         twist[p, 2] = body.yaw_rate_rad_s
 
 
+@compiled
+def halfway(body: Records, step_s: float) -> Vector:
+    """Pose of the centre of mass half a step ahead."""
+    return (
+        body.x_m + 0.5 * step_s * body.vx_m_s,
+        body.y_m + 0.5 * step_s * body.vy_m_s,
+        body.yaw_rad + 0.5 * step_s * body.yaw_rate_rad_s,
+    )
+
+
+@compiled
+def twist_of(body: Records) -> Vector:
+    """Twist of the centre of mass."""
+    return body.vx_m_s, body.vy_m_s, body.yaw_rate_rad_s
+
+
+@compiled
+def new_twist_of(body: Records) -> Vector:
+    """The twist that this step's problem is solved by."""
+    return body.new_vx_m_s, body.new_vy_m_s, body.new_yaw_rate_rad_s
+
+
+@compiled
+def move(body: Records, mean: Vector, after: Vector, step_s: float) -> None:
+    """Carry a parcel along its mean twist and give it a new one."""
+    body.x_m += step_s * mean[0]
+    body.y_m += step_s * mean[1]
+    body.yaw_rad += step_s * mean[2]
+    body.vx_m_s, body.vy_m_s, body.yaw_rate_rad_s = after
+
+
 class Place(NamedTuple):
-    """Where a parcel's geometric centre is, and how it is turned."""
+    """Where a parcel's origin is, and how it is turned."""
 
     x_m: float
     y_m: float
@@ -102,7 +138,7 @@ class Place(NamedTuple):
 
 
 @compiled
-def place_of(body: Records, pose: tuple[float, float, float]) -> Place:
+def place_of(body: Records, pose: Vector) -> Place:
     """Where a parcel is whose centre of mass has this pose."""
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])
     x = pose[0] - (cosine * body.centre_x_m - sine * body.centre_y_m)
@@ -116,6 +152,9 @@ def covers(body: Records, edges: Floats, place: Place, x_m: float, y_m: float) -
     from_x, from_y = x_m - place.x_m, y_m - place.y_m
     own_x = place.cosine * from_x + place.sine * from_y
     own_y = place.cosine * from_y - place.sine * from_x
+    reach = body.radius_m + EDGE_M
+    if own_x * own_x + own_y * own_y > reach * reach:
+        return False
     for e in range(body.first_edge, body.first_edge + body.edges):
         if edges[e, 0] * own_x + edges[e, 1] * own_y > edges[e, 2] + EDGE_M:
             return False

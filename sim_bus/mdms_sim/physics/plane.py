@@ -5,119 +5,86 @@ strictly convex problem of `contact`; parcels then move by the mean of the old a
 """
 
 from mdms_sim.physics.compiled import compiled
-from mdms_sim.physics.contact import Pushes, settle
+from mdms_sim.physics.parcel import move, new_twist_of, twist_of
 from mdms_sim.physics.pushes import (
-    clear_wheels,
     draw_ideal_lines,
     draw_voltage_lines,
+    power_wheels,
     push_wheels,
     spin_ideal,
     spin_voltage,
+    tell_slips,
 )
-from mdms_sim.physics.scene import Scene, rest
-from mdms_sim.physics.symmetric3 import Vector
-from mdms_sim.physics.wheels import Records
+from mdms_sim.physics.scene import Scene, rest_parcels
+from mdms_sim.physics.settling import settle_parcel
+from mdms_sim.physics.touch import find_touches, press_apart
 from mdms_sim.record import Floats
+
+#: What a step has to tell; they add up.
+TIPPING, TOUCHING = 1, 2
 
 
 @compiled
-def step_ideal(scene: Scene, reference_m_s: Floats, step_s: float) -> bool:
-    """Massless wheels under the continuous proportional law (eq 9); True when a parcel tipped.
+def step_ideal(scene: Scene, reference_m_s: Floats, step_s: float) -> int:
+    """Massless wheels under the continuous proportional law (eq 9); returns what there is to tell.
 
     The implicit midpoint rule: the work of the pushes is the change of kinetic energy, to rounding.
     """
-    clear_wheels(scene.wheels)
-    tipped = False
+    tipping = rest_parcels(scene, step_s)
+    draw_ideal_lines(scene, reference_m_s)
+    touching = settle_parcels(scene, step_s, 0.5)
     for p in range(scene.parcels.size):
         body = scene.parcels[p]
-        twist = (body.vx_m_s, body.vy_m_s, body.yaw_rate_rad_s)
-        count, stands = rest(scene, body, halfway(body, step_s))
-        tipped |= tips(body, stands)
-        draw_ideal_lines(scene, count, reference_m_s)
-        middle = settle_parcel(scene, body, count, twist, 0.5 * step_s)
-        push_wheels(scene, count, middle)
-        move(body, middle, step_s)
-        body.vx_m_s = 2.0 * middle[0] - twist[0]
-        body.vy_m_s = 2.0 * middle[1] - twist[1]
-        body.yaw_rate_rad_s = 2.0 * middle[2] - twist[2]
+        old, mean = twist_of(body), new_twist_of(body)
+        push_wheels(scene, body, mean)
+        after = (2.0 * mean[0] - old[0], 2.0 * mean[1] - old[1], 2.0 * mean[2] - old[2])
+        move(body, mean, after, step_s)
     spin_ideal(scene.wheels, reference_m_s, step_s)
-    return tipped
+    tell_slips(scene)
+    return TIPPING * tipping + TOUCHING * touching
 
 
 @compiled
-def step_voltage(scene: Scene, voltage_v: Floats, step_s: float) -> bool:
-    """Wheels with inertia under voltages held over the step (eq 8); True when a parcel tipped.
+def step_voltage(scene: Scene, voltage_v: Floats, step_s: float) -> int:
+    """Wheels with inertia under voltages held over the step; returns what there is to tell.
 
     A rolling wheel has the parcel's speed at the end of the step; between, it moves exactly.
     """
-    clear_wheels(scene.wheels)
-    tipped = False
+    tipping = rest_parcels(scene, step_s)
+    power_wheels(scene.wheels, voltage_v, step_s)
+    draw_voltage_lines(scene, step_s)
+    touching = settle_parcels(scene, step_s, 1.0)
     for p in range(scene.parcels.size):
         body = scene.parcels[p]
-        twist = (body.vx_m_s, body.vy_m_s, body.yaw_rate_rad_s)
-        count, stands = rest(scene, body, halfway(body, step_s))
-        tipped |= tips(body, stands)
-        draw_voltage_lines(scene, count, twist, voltage_v, step_s)
-        after = settle_parcel(scene, body, count, twist, step_s)
-        push_wheels(scene, count, after)
-        middle = (
-            0.5 * (twist[0] + after[0]),
-            0.5 * (twist[1] + after[1]),
-            0.5 * (twist[2] + after[2]),
-        )
-        move(body, middle, step_s)
-        body.vx_m_s, body.vy_m_s, body.yaw_rate_rad_s = after
-    spin_voltage(scene.wheels, voltage_v, step_s)
-    return tipped
+        old, after = twist_of(body), new_twist_of(body)
+        push_wheels(scene, body, after)
+        mean = (0.5 * (old[0] + after[0]), 0.5 * (old[1] + after[1]), 0.5 * (old[2] + after[2]))
+        move(body, mean, after, step_s)
+    spin_voltage(scene.wheels)
+    tell_slips(scene)
+    return TIPPING * tipping + TOUCHING * touching
 
 
 @compiled
-def observe_ideal(scene: Scene, reference_m_s: Floats) -> None:
+def settle_parcels(scene: Scene, step_s: float, share: float) -> bool:
+    """Solve for the twists after a `share` of the step; True when parcels begin to touch."""
+    find_touches(scene, step_s)
+    for p in range(scene.parcels.size):
+        body = scene.parcels[p]
+        body.pressed_x_n, body.pressed_y_n, body.pressed_nm = 0.0, 0.0, 0.0
+        settle_parcel(scene, body, share * step_s)
+    return press_apart(scene, step_s, share)
+
+
+@compiled
+def observe_ideal(scene: Scene, reference_m_s: Floats) -> int:
     """Set what the wheels do at this very instant under the ideal law; nothing moves."""
-    clear_wheels(scene.wheels)
+    tipping = rest_parcels(scene, 0.0)
+    draw_ideal_lines(scene, reference_m_s)
     for p in range(scene.parcels.size):
         body = scene.parcels[p]
-        twist = (body.vx_m_s, body.vy_m_s, body.yaw_rate_rad_s)
-        count, _ = rest(scene, body, halfway(body, 0.0))
-        draw_ideal_lines(scene, count, reference_m_s)
-        push_wheels(scene, count, twist)
+        body.new_vx_m_s, body.new_vy_m_s, body.new_yaw_rate_rad_s = twist_of(body)
+        push_wheels(scene, body, twist_of(body))
     spin_ideal(scene.wheels, reference_m_s, 0.0)
-
-
-# Parcels ----------------------------------------------------------------------------------------
-
-
-@compiled
-def halfway(body: Records, step_s: float) -> Vector:
-    """Pose of the centre of mass half a step ahead."""
-    return (
-        body.x_m + 0.5 * step_s * body.vx_m_s,
-        body.y_m + 0.5 * step_s * body.vy_m_s,
-        body.yaw_rad + 0.5 * step_s * body.yaw_rate_rad_s,
-    )
-
-
-@compiled
-def tips(body: Records, stands: bool) -> bool:
-    """Note a parcel that its supports no longer balance; True only when it begins to tip."""
-    if stands or body.tipped:
-        return False
-    body.tipped = 1
-    return True
-
-
-@compiled
-def settle_parcel(scene: Scene, body: Records, count: int, twist: Vector, step_s: float) -> Vector:
-    """The parcel's twist at the end of an implicit step on the lines of its supports."""
-    per_s = (body.mass_kg / step_s, body.mass_kg / step_s, body.inertia_kg_m2 / step_s)
-    pushes = Pushes(scene.jacobian[:count], scene.line[:count], scene.piece[:count])
-    vx, vy, yaw_rate, _ = settle(twist, per_s, pushes)
-    return vx, vy, yaw_rate
-
-
-@compiled
-def move(body: Records, twist: Vector, step_s: float) -> None:
-    """Carry a parcel along its mean twist."""
-    body.x_m += step_s * twist[0]
-    body.y_m += step_s * twist[1]
-    body.yaw_rad += step_s * twist[2]
+    tell_slips(scene)
+    return TIPPING * tipping

@@ -5,6 +5,7 @@ import numpy as np
 from mdms_sim.physics.compiled import compiled
 from mdms_sim.physics.contact import push
 from mdms_sim.physics.motor import applied_voltage, coast
+from mdms_sim.physics.parcel import new_twist_of, twist_of
 from mdms_sim.physics.scene import Scene
 from mdms_sim.physics.symmetric3 import Vector
 from mdms_sim.physics.wheels import Records
@@ -13,91 +14,31 @@ from mdms_sim.record import Contact, Floats
 NONE, ROLLING = int(Contact.NONE), int(Contact.ROLLING)
 FORWARD, BACKWARD = int(Contact.SLIDING_FORWARD), int(Contact.SLIDING_BACKWARD)
 
+#: A roller with friction creeps: its push grows in proportion up to this speed [m/s].
+CREEP_M_S = 1e-3
 
-@compiled
-def clear_wheels(wheels: Records) -> None:
-    """No wheel carries anything until a parcel is found on it."""
-    for w in range(wheels.size):
-        wheels[w].normal_n = 0.0
-        wheels[w].force_n = 0.0
-        wheels[w].contact = NONE
+# Under the ideal law -----------------------------------------------------------------------------
 
 
 @compiled
-def draw_ideal_lines(scene: Scene, count: int, reference_m_s: Floats) -> None:
+def draw_ideal_lines(scene: Scene, reference_m_s: Floats) -> None:
     """Each support's push f = clip(a r - b u, -mu N, mu N) (eqs 9 and 12).
 
     With viscous sliding, f = mu_v N (v - u) joined with f = a r - b v, no clip.
     """
-    for i in range(count):
-        w = scene.support[i]
-        wheel = scene.wheels[w]
-        stall, slope = wheel.a * reference_m_s[w], wheel.b
-        limit = wheel.friction * scene.normal_n[i]
-        film = wheel.viscous_s_per_m * scene.normal_n[i]
-        if wheel.viscous_s_per_m > 0.0:
-            share = film / (film + slope)
-            stall, slope, limit = share * stall, share * slope, np.inf
-        scene.line[i, 0], scene.line[i, 1], scene.line[i, 2] = stall, slope, limit
-
-
-@compiled
-def draw_voltage_lines(
-    scene: Scene, count: int, twist: Vector, voltage_v: Floats, step_s: float
-) -> None:
-    """Each support's mean push over a step, as a line in the parcel's speed at its end.
-
-    A wheel alone would go v+ = E v + g (F - f). Rolling is v+ = u+; viscous sliding is
-    f = mu_v N (v + v+ - u - u+) / 2. The levers are those of halfway, so u+ = J xi+ + shift.
-    """
-    for i in range(count):
-        w = scene.support[i]
-        wheel = scene.wheels[w]
-        decay, gain, _, _ = coast(wheel.mass_kg, wheel.loss, step_s)
-        free = decay * wheel.speed_m_s + gain * motor_force(wheel, voltage_v[w])
-        shift = (
-            0.5 * step_s * twist[2] * (wheel.direction_x * twist[1] - wheel.direction_y * twist[0])
-        )
-        film = 0.5 * wheel.viscous_s_per_m * scene.normal_n[i]
-        if wheel.viscous_s_per_m > 0.0:
-            slope = film / (1.0 + film * gain)
-            old = (
-                scene.jacobian[i, 0] * twist[0]
-                + scene.jacobian[i, 1] * twist[1]
-                + scene.jacobian[i, 2] * twist[2]
-            )
-            scene.line[i, 0] = slope * (wheel.speed_m_s + free - old)
-            scene.line[i, 1], scene.line[i, 2] = slope, np.inf
-        else:
-            scene.line[i, 0], scene.line[i, 1] = (free - shift) / gain, 1.0 / gain
-            scene.line[i, 2] = wheel.friction * scene.normal_n[i]
-
-
-@compiled
-def push_wheels(scene: Scene, count: int, twist: Vector) -> None:
-    """Tell each support what it carries, how it pushes and whether it rolls."""
-    for i in range(count):
-        wheel = scene.wheels[scene.support[i]]
-        wheel.normal_n = scene.normal_n[i]
-        wheel.force_n = push(scene.line[i], scene.jacobian[i], twist)
-        wheel.contact = contact_of(wheel.force_n, scene.line[i, 2], wheel)
-
-
-@compiled
-def contact_of(force_n: float, limit_n: float, wheel: Records) -> int:
-    """The contact code of a wheel that pushes with this force."""
-    if wheel.normal_n <= 0.0:
-        return NONE
-    if abs(force_n) < limit_n and wheel.viscous_s_per_m <= 0.0:
-        return ROLLING
-    return FORWARD if force_n > 0.0 else BACKWARD
-
-
-@compiled
-def motor_force(wheel: Records, voltage_v: float) -> float:
-    """Force at the rim of a blocked wheel, V Ke/Rm of eq (8) for what the bridge applies [N]."""
-    volts = applied_voltage(voltage_v, wheel.supply_v, wheel.pwm_steps)
-    return float(wheel.force_per_volt * volts)
+    for p in range(scene.parcels.size):
+        body = scene.parcels[p]
+        for i in range(body.first, body.first + body.supports):
+            w = scene.support[i]
+            wheel, line, normal_n = scene.wheels[w], scene.line[body.first + i], scene.normal_n[i]
+            stall, slope = wheel.a * reference_m_s[w], wheel.b
+            if wheel.viscous_s_per_m > 0.0:
+                film = wheel.viscous_s_per_m * normal_n
+                share = film / (film + slope)
+                set_line(line, share * stall, share * slope, np.inf)
+            else:
+                set_line(line, stall, slope, wheel.friction * normal_n)
+        draw_roller_lines(scene, body, 0.0, 0.0)
 
 
 @compiled
@@ -109,12 +50,118 @@ def spin_ideal(wheels: Records, reference_m_s: Floats, step_s: float) -> None:
         wheel.travel_m += step_s * wheel.speed_m_s
 
 
+# Under voltage -----------------------------------------------------------------------------------
+
+
 @compiled
-def spin_voltage(wheels: Records, voltage_v: Floats, step_s: float) -> None:
+def power_wheels(wheels: Records, voltage_v: Floats, step_s: float) -> None:
+    """Work out how each wheel will answer to its voltage over the step (eq 8).
+
+    A current beyond the limit is held there instead: the motor then pushes evenly.
+    """
+    for w in range(wheels.size):
+        wheel = wheels[w]
+        volts = applied_voltage(voltage_v[w], wheel.supply_v, wheel.pwm_steps)
+        drive_n, loss = wheel.force_per_volt * volts, wheel.loss
+        torque_n = drive_n - (loss - wheel.damping) * wheel.speed_m_s
+        if abs(torque_n) > wheel.force_limit_n:
+            drive_n, loss = np.copysign(wheel.force_limit_n, torque_n), wheel.damping
+        wheel.drive_n = drive_n
+        wheel.decay, wheel.gain, wheel.glide, wheel.stride = coast(wheel.mass_kg, loss, step_s)
+
+
+@compiled
+def draw_voltage_lines(scene: Scene, step_s: float) -> None:
+    """Each support's mean push over a step, as a line in the parcel's speed at its end.
+
+    A wheel alone would go v+ = decay v + gain (F - f). Rolling is v+ = u+; viscous sliding is
+    f = mu_v N (v + v+ - u - u+) / 2. The levers are those of halfway, so u+ = J xi+ + shift.
+    """
+    for p in range(scene.parcels.size):
+        body = scene.parcels[p]
+        shift_x = -0.5 * step_s * body.yaw_rate_rad_s * body.vy_m_s
+        shift_y = 0.5 * step_s * body.yaw_rate_rad_s * body.vx_m_s
+        for i in range(body.first, body.first + body.supports):
+            wheel, line = scene.wheels[scene.support[i]], scene.line[body.first + i]
+            free = wheel.decay * wheel.speed_m_s + wheel.gain * wheel.drive_n
+            if wheel.viscous_s_per_m > 0.0:
+                film = 0.5 * wheel.viscous_s_per_m * scene.normal_n[i]
+                slope = film / (1.0 + film * wheel.gain)
+                old = speed_over(scene.jacobian[body.first + i], twist_of(body))
+                set_line(line, slope * (wheel.speed_m_s + free - old), slope, np.inf)
+            else:
+                shift = wheel.direction_x * shift_x + wheel.direction_y * shift_y
+                limit = wheel.friction * scene.normal_n[i]
+                set_line(line, (free + shift) / wheel.gain, 1.0 / wheel.gain, limit)
+        draw_roller_lines(scene, body, shift_x, shift_y)
+
+
+@compiled
+def spin_voltage(wheels: Records) -> None:
     """Wheels with inertia answer to motor and push, both constant over the step, exactly."""
     for w in range(wheels.size):
         wheel = wheels[w]
-        decay, gain, coasting, travel = coast(wheel.mass_kg, wheel.loss, step_s)
-        force_n = motor_force(wheel, voltage_v[w]) - wheel.force_n
-        wheel.travel_m += coasting * wheel.speed_m_s + travel * force_n
-        wheel.speed_m_s = decay * wheel.speed_m_s + gain * force_n
+        force_n = wheel.drive_n - wheel.force_n
+        wheel.travel_m += wheel.glide * wheel.speed_m_s + wheel.stride * force_n
+        wheel.speed_m_s = wheel.decay * wheel.speed_m_s + wheel.gain * force_n
+
+
+# Under both --------------------------------------------------------------------------------------
+
+
+@compiled
+def draw_roller_lines(scene: Scene, body: Records, shift_x: float, shift_y: float) -> None:
+    """Rollers push against the parcel's motion along the axle, with mu_r N beyond their creep."""
+    for i in range(body.first, body.first + body.lines - body.supports):
+        row = body.first + body.supports + i
+        limit = scene.wheels[scene.support[i]].roller_friction * scene.normal_n[i]
+        slope = limit / CREEP_M_S
+        shift = scene.jacobian[row, 0] * shift_x + scene.jacobian[row, 1] * shift_y
+        set_line(scene.line[row], slope * shift, slope, limit)
+
+
+@compiled
+def set_line(line: Floats, stall_n: float, slope: float, limit_n: float) -> None:
+    """Fill in c, k and limit; a wheel without load gets a limit of zero and a harmless slope."""
+    loaded = slope > 0.0
+    line[0] = stall_n if loaded else 0.0
+    line[1] = slope if loaded else 1.0
+    line[2] = limit_n if loaded else 0.0
+
+
+@compiled
+def speed_over(row: Floats, twist: Vector) -> float:
+    """Speed of a parcel along the direction of a row of its Jacobian."""
+    return float(row[0] * twist[0] + row[1] * twist[1] + row[2] * twist[2])
+
+
+@compiled
+def push_wheels(scene: Scene, body: Records, twist: Vector) -> None:
+    """Tell each support of a parcel what it carries, how it pushes and whether it rolls."""
+    for i in range(body.first, body.first + body.supports):
+        wheel, line = scene.wheels[scene.support[i]], scene.line[body.first + i]
+        wheel.normal_n = scene.normal_n[i]
+        wheel.force_n = push(line, scene.jacobian[body.first + i], twist)
+        wheel.contact = contact_of(wheel.normal_n, wheel.force_n, line[2])
+
+
+@compiled
+def tell_slips(scene: Scene) -> None:
+    """How fast each sliding support's surface runs ahead of its parcel."""
+    for p in range(scene.parcels.size):
+        body = scene.parcels[p]
+        for i in range(body.first, body.first + body.supports):
+            wheel = scene.wheels[scene.support[i]]
+            if wheel.contact > ROLLING:
+                over = speed_over(scene.jacobian[body.first + i], new_twist_of(body))
+                wheel.slip_m_s = wheel.speed_m_s - over
+
+
+@compiled
+def contact_of(normal_n: float, force_n: float, limit_n: float) -> int:
+    """The contact code of a wheel; a viscous film (no limit) always slides."""
+    if normal_n <= 0.0:
+        return NONE
+    if abs(force_n) < limit_n < np.inf:
+        return ROLLING
+    return FORWARD if force_n > 0.0 else BACKWARD

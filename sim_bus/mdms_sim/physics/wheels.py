@@ -1,5 +1,6 @@
 """All wheels of the array: where they stand, along what they push, and what drives them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -13,30 +14,43 @@ from mdms_sim.scenario import Array, Cell, Scenario
 
 Records = Any  # arrays of the record types below; their fields are read by name in the kernels
 
-#: One wheel in the compiled kernels: its constants, then its state.
+#: One wheel in the compiled kernels: its place, its constants, its state.
 WHEEL = np.dtype(
     [
         ("x_m", "f8"),
         ("y_m", "f8"),
         ("direction_x", "f8"),
         ("direction_y", "f8"),
-        ("a", "f8"),  # N s/m, eq (9)
-        ("b", "f8"),  # N s/m, eq (9)
-        ("force_per_volt", "f8"),  # Ke/Rm, eq (8) [N/V]
-        ("loss", "f8"),  # Be + Ke^2/Rm, eq (8) [N s/m]
-        ("mass_kg", "f8"),  # the rotor's inertia, felt at the rim
         ("friction", "f8"),
         ("viscous_s_per_m", "f8"),
-        ("supply_v", "f8"),
-        ("pwm_steps", "i8"),
-        ("speed_m_s", "f8"),
-        ("travel_m", "f8"),
+        ("roller_friction", "f8"),
+        ("a", "f8"),  # N s/m, eq (9)
+        ("b", "f8"),  # N s/m, eq (9)
+        ("parcel", "i8"),  # which lies on it; NOBODY if none
+        ("contact", "i8"),
         ("normal_n", "f8"),
         ("force_n", "f8"),
-        ("contact", "i8"),
+        ("slip_m_s", "f8"),
+        ("speed_m_s", "f8"),
+        ("travel_m", "f8"),
+        # Only wheels under voltage need the rest.
+        ("force_per_volt", "f8"),  # Ke/Rm, eq (8) [N/V]
+        ("loss", "f8"),  # Be + Ke^2/Rm, eq (8) [N s/m]
+        ("damping", "f8"),  # Be [N s/m]
+        ("force_limit_n", "f8"),  # Ke times the current limit
+        ("mass_kg", "f8"),  # inertia of rotor and wheel, felt at the rim
+        ("supply_v", "f8"),
+        ("pwm_steps", "i8"),
+        # This step: v+ = decay v + gain F, travel = glide v + stride F, F = drive - push.
+        ("drive_n", "f8"),
+        ("decay", "f8"),
+        ("gain", "f8"),
+        ("glide", "f8"),
+        ("stride", "f8"),
     ],
     align=True,
 )
+NOBODY = -1
 
 
 class Grid(NamedTuple):
@@ -73,41 +87,57 @@ def cell_centres(array: Array) -> Floats:
 
 def build_wheels(scenario: Scenario) -> Wheels:
     """Lay out the wheels of every cell of a scenario."""
-    centres = cell_centres(scenario.array)
-    wheel = scenario.cell.wheel
-    cell = np.repeat(np.arange(len(centres)), len(wheel))
-    offset = np.array([w.offset_m for w in wheel], dtype=np.float64)
-    angle = np.array([w.direction_rad for w in wheel], dtype=np.float64)
-    direction = np.column_stack([_exact_cos(angle), _exact_cos(angle - np.pi / 2)])
+    return lay_out(cell_centres(scenario.array), build_cells(scenario))
+
+
+def lay_out(centres_m: Floats, cells: Sequence[Cell]) -> Wheels:
+    """Lay out the wheels of these cells at these centres (cells, 2)."""
+    counts = [len(cell.wheel) for cell in cells]
+    cell = np.repeat(np.arange(len(cells)), counts)
+    wheels = [wheel for own in cells for wheel in own.wheel]
+    offset = np.array([wheel.offset_m for wheel in wheels], dtype=np.float64)
+    angle = np.array([wheel.direction_rad for wheel in wheels], dtype=np.float64)
     return Wheels(
-        position_m=centres[cell] + np.tile(offset, (len(centres), 1)),
-        direction=np.tile(direction, (len(centres), 1)),
+        position_m=centres_m[cell] + offset,
+        direction=np.column_stack([_exact_cos(angle), _exact_cos(angle - np.pi / 2)]),
         cell=cell,
-        first=np.arange(len(centres) + 1) * len(wheel),
+        first=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
     )
 
 
-def wheel_records(scenario: Scenario, wheels: Wheels) -> Records:
+def wheel_records(wheels: Wheels, cells: Sequence[Cell]) -> Records:
     """The wheels as the kernels take them: records of type WHEEL, at rest."""
-    cells = build_cells(scenario)
     records = np.zeros(len(wheels.cell), dtype=WHEEL)
     records["x_m"], records["y_m"] = wheels.position_m.T
     records["direction_x"], records["direction_y"] = wheels.direction.T
-    for record, cell in zip(records, wheels.cell, strict=True):
-        _fit_motor(record, cells[cell])
+    records["parcel"] = NOBODY
+    for number, cell in enumerate(cells):
+        _fit(records[wheels.first[number] : wheels.first[number + 1]], cell)
     return records
 
 
-def _fit_motor(record: Records, cell: Cell) -> None:
+def reach_m(offsets_m: Sequence[tuple[float, float]]) -> float:
+    """How far these points of a cell lie from its centre at most, along x or y."""
+    return max((max(abs(x), abs(y)) for x, y in offsets_m), default=0.0)
+
+
+def _fit(records: Records, cell: Cell) -> None:
+    """Give all wheels of a cell its motor and surface."""
     drive = drive_of(cell)
     gear_per_m = cell.gear_ratio / cell.wheel_radius_m
-    record["a"], record["b"] = drive.a, drive.b
-    record["force_per_volt"] = drive.ke / cell.resistance_ohm
-    record["loss"] = drive.be + drive.ke**2 / cell.resistance_ohm
-    record["mass_kg"] = cell.rotor_inertia_kg_m2 * gear_per_m**2
-    record["friction"] = cell.friction
-    record["viscous_s_per_m"] = cell.viscous_friction_s_per_m
-    record["supply_v"], record["pwm_steps"] = cell.supply_v, cell.pwm_steps
+    limit_a = np.inf if cell.current_limit_a is None else cell.current_limit_a
+    records["friction"] = cell.friction
+    records["viscous_s_per_m"] = cell.viscous_friction_s_per_m
+    records["roller_friction"] = cell.roller_friction
+    records["a"], records["b"] = drive.a, drive.b
+    records["force_per_volt"] = drive.ke / cell.resistance_ohm
+    records["loss"] = drive.be + drive.ke**2 / cell.resistance_ohm
+    records["damping"] = drive.be
+    records["force_limit_n"] = drive.ke * limit_a
+    records["mass_kg"] = (
+        cell.rotor_inertia_kg_m2 * gear_per_m**2 + cell.wheel_inertia_kg_m2 / cell.wheel_radius_m**2
+    )
+    records["supply_v"], records["pwm_steps"] = cell.supply_v, cell.pwm_steps
 
 
 def _exact_cos(angle_rad: Floats) -> Floats:

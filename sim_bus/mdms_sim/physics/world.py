@@ -4,79 +4,77 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mdms_sim.physics import plane
+from mdms_sim.physics.motor import build_cells
 from mdms_sim.physics.parcel import parcel_records, read_poses
 from mdms_sim.physics.scene import Scene
-from mdms_sim.physics.sensors import counts_per_m, encoder_counts, presence_bits
-from mdms_sim.physics.wheels import Grid, build_wheels, wheel_records
+from mdms_sim.physics.sensors import LoadCells, PresenceSensors, counts_per_m, encoder_counts
+from mdms_sim.physics.touch import NOW, TOUCH
+from mdms_sim.physics.wheels import Grid, build_wheels, reach_m, wheel_records
 from mdms_sim.record import Event, Floats
 from mdms_sim.scenario import Scenario
+
+#: Convex parcels in the plane have at most six neighbours on average, and two points with each.
+TOUCHES_PER_PARCEL = 6
 
 
 class World:
     """Wheels, parcels, friction and what the cells can sense of them.
 
     Wheels (W,) are ordered by cell, then axis; poses and twists (P, 3) are those of the parcels'
-    geometric centres in the table frame. Forces and contacts are those of the step just made.
+    origins in the table frame. Forces and contacts are those of the step just made. What happened,
+    parcels that touch or tip, is in `events`. Raises `ScenarioError` for impossible outlines.
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        array, cell = scenario.array, scenario.cell
+        self.scenario = scenario
         self.wheels = build_wheels(scenario)
+        self.scene = build_scene(scenario)
         self.time_s = 0.0
         self.events: list[Event] = []
-        self.scenario = scenario
-        self._records = wheel_records(scenario, self.wheels)
-        parcels, edges = parcel_records(scenario.parcel)
-        self._wheel_grid = Grid(
-            array.columns, array.rows, array.pitch_m, _reach([w.offset_m for w in cell.wheel])
-        )
-        self._sensor_grid = self._wheel_grid._replace(reach_m=_reach(cell.sensor_offset_m))
-        self._sensor_offset_m = np.array(cell.sensor_offset_m, dtype=np.float64)
-        self._presence = np.zeros(array.columns * array.rows, dtype=np.uint8)
-        self._counts_per_m = counts_per_m(cell)
-        count = len(self._records)
-        self.scene = Scene(
-            grid=self._wheel_grid,
-            first=self.wheels.first,
-            wheels=self._records,
-            parcels=parcels,
-            edges=edges,
-            gravity_m_s2=scenario.run.gravity_m_s2,
-            support=np.zeros(count, dtype=np.int64),
-            piece=np.zeros(count, dtype=np.int8),
-            spot_m=np.zeros((count, 2)),
-            jacobian=np.zeros((count, 3)),
-            line=np.zeros((count, 3)),
-            normal_n=np.zeros(count),
-        )
+        self._presence = PresenceSensors(scenario)
+        noise_n = scenario.cell.load_cell_noise_n
+        self._load_cells = None if noise_n is None else LoadCells(scenario, noise_n)
+        self._counts_per_m = counts_per_m(scenario.cell)
 
     # Motion --------------------------------------------------------------------------------------
 
     def step_ideal(self, reference_m_s: Floats, step_s: float) -> None:
         """Move on under the continuous proportional law with massless wheels; references (W,)."""
-        tipped = plane.step_ideal(self.scene, reference_m_s, step_s)
-        self.pass_time(step_s, tipped)
+        self.pass_time(step_s, plane.step_ideal(self.scene, reference_m_s, step_s))
 
     def step_voltage(self, voltage_v: Floats, step_s: float) -> None:
-        """Move on under voltages (W,) held over the step, within supply and PWM resolution."""
-        tipped = plane.step_voltage(self.scene, voltage_v, step_s)
-        self.pass_time(step_s, tipped)
+        """Move on under voltages (W,) held over the step, within supply, PWM and current limit."""
+        self.pass_time(step_s, plane.step_voltage(self.scene, voltage_v, step_s))
 
-    def pass_time(self, step_s: float, tipped: bool) -> None:
-        """Advance the clock after the scene has moved, and report parcels that began to tip."""
+    def pass_time(self, step_s: float, news: int) -> None:
+        """Advance the clock after the scene has moved, and note what it had to tell."""
         self.time_s += step_s
-        if tipped:
-            self._report_tips()
+        if news & plane.TIPPING:
+            self._note_tips()
+        if news & plane.TOUCHING:
+            self._note_touches()
 
-    def _report_tips(self) -> None:
+    def _note_tips(self) -> None:
         told = {event.parcel for event in self.events if event.kind == "tip"}
-        for parcel, body, pose in zip(
-            self.scenario.parcel, self.scene.parcels, self.pose, strict=True
+        for parcel, tipped, pose in zip(
+            self.scenario.parcel, self.scene.parcels["tipped"], self.pose, strict=True
         ):
-            if body["tipped"] and parcel.name not in told:
+            if tipped and parcel.name not in told:
                 where = f"at x {pose[0]:.4f} m, y {pose[1]:.4f} m, yaw {pose[2]:.4f} rad"
-                detail = f"centre of mass left the supports {where}"
+                detail = f"the supports no longer hold its centre of mass, {where}"
                 self.events.append(Event(self.time_s, "tip", detail, parcel=parcel.name))
+
+    def _note_touches(self) -> None:
+        names = [parcel.name for parcel in self.scenario.parcel]
+        touches = self.scene.touches[: self.scene.tally[NOW]]
+        told: set[tuple[int, int]] = set()
+        for touch in touches[touches["fresh"] == 1]:
+            pair = int(touch["a"]), int(touch["b"])
+            if pair not in told:
+                told.add(pair)
+                where = f"at x {touch['x_m']:.4f} m, y {touch['y_m']:.4f} m"
+                detail = f"touches {names[pair[1]]} {where}"
+                self.events.append(Event(self.time_s, "touch", detail, parcel=names[pair[0]]))
 
     # Parcels -------------------------------------------------------------------------------------
 
@@ -118,32 +116,59 @@ class World:
         return self._state("force_n")
 
     @property
+    def slip_m_s(self) -> Floats:
+        """How fast sliding wheels' surfaces run ahead of the parcels on them (W,), else 0."""
+        return self._state("slip_m_s")
+
+    @property
     def contact(self) -> NDArray[np.int8]:
         """`Contact` codes (W,)."""
-        codes: NDArray[np.int8] = self._records["contact"].astype(np.int8)
+        codes: NDArray[np.int8] = self.scene.wheels["contact"].astype(np.int8)
         return codes
 
     def _state(self, name: str) -> Floats:
-        values: Floats = self._records[name].copy()
+        values: Floats = self.scene.wheels[name].copy()
         return values
 
     # Senses --------------------------------------------------------------------------------------
 
     def encoder_counts(self) -> NDArray[np.int32]:
         """Encoder counts (W,), wrapping at 31 bits."""
-        return encoder_counts(self._records["travel_m"], self._counts_per_m)
+        return encoder_counts(self.scene.wheels["travel_m"], self._counts_per_m)
 
     def presence(self) -> NDArray[np.uint8]:
-        """Presence bits (cells,): bit s is the sensor at `cell.sensor_offset_m[s]`."""
-        presence_bits(
-            self._sensor_grid,
-            self.scene.parcels,
-            self.scene.edges,
-            self._sensor_offset_m,
-            self._presence,
-        )
-        return self._presence.copy()
+        """Presence bits (cells,), bit s for the sensor at `cell.sensor_offset_m[s]`.
+
+        Every call is one reading of the sensors, which the scenario may make late and noisy.
+        """
+        return self._presence.read(self.scene, self.time_s)
+
+    def load_n(self) -> Floats | None:
+        """One reading of the load cells (W,); None where the scenario has none."""
+        return self._load_cells.read(self.normal_n) if self._load_cells else None
 
 
-def _reach(offsets_m: object) -> float:
-    return float(np.abs(np.array(offsets_m, dtype=np.float64)).max(initial=0.0))
+def build_scene(scenario: Scenario) -> Scene:
+    """The arrays of a scenario at its start. Raises `ScenarioError` for impossible outlines."""
+    array, wheels, cells = scenario.array, build_wheels(scenario), build_cells(scenario)
+    offsets = [wheel.offset_m for cell in cells for wheel in cell.wheel]
+    parcels, edges = parcel_records(scenario.parcel)
+    count = len(wheels.cell)
+    return Scene(
+        grid=Grid(array.columns, array.rows, array.pitch_m, reach_m(offsets)),
+        first=wheels.first,
+        wheels=wheel_records(wheels, cells),
+        parcels=parcels,
+        edges=edges,
+        gravity_m_s2=scenario.run.gravity_m_s2,
+        order=np.arange(len(parcels)),
+        touches=np.zeros(TOUCHES_PER_PARCEL * len(parcels), dtype=TOUCH),
+        tally=np.zeros(2, dtype=np.int64),
+        partners=np.zeros((TOUCHES_PER_PARCEL * len(parcels), 2), dtype=np.int64),
+        support=np.zeros(count, dtype=np.int64),
+        spot_m=np.zeros((count, 2)),
+        normal_n=np.zeros(count),
+        jacobian=np.zeros((2 * count, 3)),
+        line=np.zeros((2 * count, 3)),
+        piece=np.zeros(2 * count, dtype=np.int8),
+    )
