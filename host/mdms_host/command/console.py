@@ -3,11 +3,25 @@
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 
 def say(message: str) -> None:
     """One line for people."""
     print(message, file=sys.stderr)
+
+
+def show(table: "Table") -> None:
+    """A table on stdout, as wide as the terminal, or as it needs to be where there is none."""
+    from rich.console import Console
+
+    console = Console()
+    if not console.is_terminal:
+        console.width = 200
+    console.print(table)
 
 
 @contextmanager

@@ -17,6 +17,11 @@ def add_scenario(parser: ArgumentParser) -> None:
     parser.add_argument(
         "scenario", metavar="SCENARIO", help="a TOML file, a run folder, or a name of `scenarios`"
     )
+    add_overrides(parser)
+
+
+def add_overrides(parser: ArgumentParser) -> None:
+    """`--set`."""
     parser.add_argument(
         "--set",
         metavar="KEY=VALUE",

@@ -1,12 +1,24 @@
 """The command line: which verbs there are and what they share."""
 
 from argparse import Action, ArgumentParser
+from collections.abc import Callable
 from typing import Any, NoReturn
 
-from mdms_host.command import demo, export, limits, plot, scenarios, simulate
+from mdms_host.command import (
+    demo,
+    export,
+    limits,
+    plot,
+    run,
+    scan,
+    scenarios,
+    simulate,
+    status,
+    stop,
+)
 from mdms_host.command.exits import Exit
 
-VERBS = (demo, simulate, scenarios, limits, plot, export)
+VERBS = (demo, simulate, scenarios, limits, plot, export, run, scan, status, stop)
 DESCRIPTION = "Modular distributed manipulator: simulate, run and look after an array of cells."
 EPILOG = """\
 Results go to stdout, messages to stderr. Exit codes: 0 ok, 1 failure, 2 usage or bad input,
@@ -15,7 +27,23 @@ Results go to stdout, messages to stderr. Exit codes: 0 ok, 1 failure, 2 usage o
 
 
 class Parser(ArgumentParser):
-    """An argument parser that complains in one line."""
+    """An argument parser that complains in one line.
+
+    `late` adds the options that are costly to know; it is called when this parser is used.
+    """
+
+    def __init__(
+        self, *args: Any, late: Callable[[ArgumentParser], None] | None = None, **kwargs: Any
+    ) -> None:
+        super().__init__(*args, **kwargs)
+        self._late = late
+
+    def parse_known_args(self, *args: Any, **kwargs: Any) -> Any:
+        """See `ArgumentParser`."""
+        late, self._late = self._late, None
+        if late is not None:
+            late(self)
+        return super().parse_known_args(*args, **kwargs)
 
     def error(self, message: str) -> NoReturn:
         """End with the exit code for bad usage."""
