@@ -15,5 +15,5 @@ class micropython:  # noqa: N801 - it stands in for the module of this name
         return function
 
 
-class ptr32:  # noqa: N801 - viper's own name
+class ptr32(list):  # noqa: N801 - viper's own name
     """The type of a buffer of 32-bit integers in a viper function's annotation."""

@@ -63,8 +63,9 @@ AXES = const(2)
 TICKS = const(66)  # ticks since the start, modulo 2**30
 AGE_LIMIT = const(67)  # a target older than this is stale [ticks]
 SUPPLY = const(68)  # supply voltage [uV], from the board or a parameter; 1_000_000..VOLTAGE_MAX_UV
-WIDEN = const(69)  # what sign-extends a loaded register, see `reset`
-REGISTERS = const(70)
+CUT = const(69)  # not 0: voltage 0 on both axes, for interrupts that know no state machine
+WIDEN = const(70)  # what sign-extends a loaded register, see `reset`
+REGISTERS = const(71)
 
 # Values of MODE.
 OFF = const(0)  # voltage 0
@@ -216,7 +217,7 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         registers[base + FOLLOWING_COUNT] = ticks
         registers[base + FAULTS] = faults
 
-        if mode == OFF or faults != 0:
+        if mode == OFF or faults != 0 or registers[CUT] != 0:
             demand = 0
             voltage = 0
         if registers[base + INVERTED]:

@@ -1,0 +1,33 @@
+"""Settings in two files of the board's flash file system, as `mdms_cell.store` wants its memory."""
+
+BANK_SIZE = 4096
+
+
+class Settings:
+    """Two banks of bytes; the store never writes to the bank whose content is in use."""
+
+    def __init__(self, folder):
+        self._folder = folder
+
+    def _path(self, bank):
+        return "%s/settings%d.bin" % (self._folder, bank)
+
+    def read(self, bank):
+        """The whole bank, empty if it was never written."""
+        try:
+            with open(self._path(bank), "rb") as file:
+                return file.read(BANK_SIZE)
+        except OSError:
+            return b""
+
+    def erase(self, bank):
+        """Make the bank empty."""
+        with open(self._path(bank), "wb"):
+            pass
+
+    def write(self, bank, offset, data):
+        """Write at the end of what the bank holds."""
+        with open(self._path(bank), "ab") as file:
+            if file.tell() != offset:
+                raise OSError("settings are written from their beginning on")
+            file.write(data)

@@ -1,0 +1,75 @@
+"""Starts the cell's firmware on its board at power-up, and never leaves the motors on.
+
+Hold the user button at power-up to get the prompt instead. Whatever ends the loop, the motors are
+cut first; then the reason goes to the bus and into `crash.log`, and the watchdog, no longer fed,
+resets the board.
+"""
+
+import sys
+import time
+
+from mdms_cell.cell import Cell
+from mdms_cell.runner import INTERNAL_ERROR, Runner
+
+#: Of a cell whose node id was never set; LSS gives it one.
+NODE_UNSET = 0xFF
+FAREWELL_MS = 20
+LOG_MAX = 8192
+
+
+def board_module():
+    """The module of the board that this runs on."""
+    machine = sys.implementation._machine
+    if "PYBv1.1" in machine:
+        from boards import pybv11 as module
+    elif "G474" in machine:
+        from boards import nucleo_g474re as module
+    else:
+        raise RuntimeError("there is no board module for " + machine)
+    return module
+
+
+def run(board, folder="/flash", watchdog=True):
+    """Run the cell until something goes wrong, and raise that with the motors cut."""
+    cell = Cell(board, NODE_UNSET)
+    runner = Runner(board, cell)
+    try:
+        board.start(runner.tick, watchdog)
+        while True:
+            runner.turn(time.ticks_ms())
+    except BaseException as error:
+        board.stop()
+        log(error, folder)
+        say_farewell(board, cell)
+        raise
+    finally:
+        board.stop()
+
+
+def say_farewell(board, cell):
+    """Report the error to the bus, if there is still a way."""
+    try:
+        cell.fail(INTERNAL_ERROR)
+        start_ms = time.ticks_ms()
+        while time.ticks_diff(time.ticks_ms(), start_ms) < FAREWELL_MS:
+            board.service(time.ticks_ms())
+            cell.poll(time.ticks_ms())
+    except Exception as error:
+        sys.print_exception(error)
+
+
+def log(error, folder):
+    """Append the traceback to `crash.log`, which begins anew when it has grown too long."""
+    try:
+        with open(folder + "/crash.log", "a") as file:
+            long = file.tell() > LOG_MAX
+        with open(folder + "/crash.log", "w" if long else "a") as file:
+            sys.print_exception(error, file)
+    except OSError as failure:
+        sys.print_exception(failure)
+
+
+if __name__ == "__main__":
+    module = board_module()
+    if not module.held():
+        run(module.board())

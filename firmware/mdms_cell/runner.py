@@ -1,0 +1,82 @@
+"""What runs on a board: the tick in a timer interrupt, everything else in turns of a loop.
+
+Both interrupts are hard, so a garbage collection in the background delays neither: the tick meets
+the background in the registers, and received frames wait in the inbox.
+"""
+
+from mdms_cell import speed_loop
+
+BUS_OFF = 0x8140
+INTERNAL_ERROR = 0x6100
+
+
+class Runner:
+    """Joins a cell and its board.
+
+    Besides what 'Cell and board' in DESIGN.md asks of a board, it has `inbox`, `service(now_ms)`,
+    `bus_off`, `feed()` for the hardware watchdog and `show(now_ms, state, faulty)` for the LEDs.
+    """
+
+    def __init__(self, board, cell):
+        self._board = board
+        self._cell = cell
+        self._registers = board.registers
+        self._bus_off = False
+        self._fed_tick = -1
+        self.error = None
+
+    def tick(self, _timer=None):
+        """One control period, from a hard timer interrupt; an error in it cuts the motors for good.
+
+        MicroPython would end the interrupt for good at an uncaught exception and leave the last
+        voltage standing.
+        """
+        if self.error is None:
+            try:
+                self._cell.tick()
+                return
+            except Exception as error:
+                self.error = error
+        self._registers[speed_loop.CUT] = 1
+        self._board.motors_off()
+
+    def turn(self, now_ms):
+        """One turn of the background loop; raises what went wrong in the tick."""
+        if self.error is not None:
+            raise self.error
+        self._board.service(now_ms)
+        self._watch_bus()
+        self._receive()
+        self._cell.poll(now_ms)
+        self._board.show(now_ms, self._cell.state, self._faulty())
+        self._feed()
+
+    def _watch_bus(self):
+        if self._board.bus_off == self._bus_off:
+            return
+        self._bus_off = self._board.bus_off
+        if self._bus_off:
+            self._cell.fail(BUS_OFF)
+        else:
+            self._cell.recover()
+            self._registers[speed_loop.CUT] = 0
+
+    def _receive(self):
+        inbox = self._board.inbox
+        frame = inbox.peek()
+        while frame is not None:
+            if not frame[2]:
+                self._cell.on_frame(frame[0], bytes(frame[1]))
+            inbox.pop()
+            frame = inbox.peek()
+
+    def _faulty(self):
+        registers = self._registers
+        return bool(registers[speed_loop.FAULTS] or registers[speed_loop.AXIS + speed_loop.FAULTS])
+
+    def _feed(self):
+        """Feed the watchdog while the tick is alive."""
+        tick = self._registers[speed_loop.TICKS]
+        if tick != self._fed_tick:
+            self._fed_tick = tick
+            self._board.feed()
