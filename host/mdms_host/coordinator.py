@@ -72,6 +72,11 @@ class Coordinator:
         return self._program.finished
 
     @property
+    def endless(self) -> bool:
+        """Whether the program has no end of its own."""
+        return self._program.endless
+
+    @property
     def stopped(self) -> bool:
         """Whether the array is off and nothing more is going to happen."""
         return self.phase in STOPPED
@@ -154,7 +159,7 @@ class Coordinator:
         """Whether a cell has done its part of the present phase."""
         match self.phase:
             case Phase.WAITING:
-                return cell.heard_s is not None
+                return cell.nmt_state == nmt.PRE_OPERATIONAL
             case Phase.CONFIGURING:
                 return self._sdo[cell.node_id].done
             case Phase.STARTING:
@@ -173,7 +178,10 @@ class Coordinator:
         if not self._schedule.take("command", self._now_s, self._timing.command_period_s):
             return
         for cell in self.cells:
-            if self.phase == Phase.CONFIGURING:
+            if self.phase == Phase.WAITING and cell.nmt_state in (nmt.OPERATIONAL, nmt.STOPPED):
+                # Left over from an earlier run: it begins anew, and tells its state anew.
+                yield nmt.command(nmt.ENTER_PRE_OPERATIONAL, cell.node_id)
+            elif self.phase == Phase.CONFIGURING:
                 yield from self._sdo[cell.node_id].poll(self._now_s)
             elif self.phase == Phase.STARTING and cell.nmt_state != nmt.OPERATIONAL:
                 yield nmt.command(nmt.START, cell.node_id)
@@ -243,7 +251,9 @@ class Coordinator:
             case Phase.WAITING if len(late) == len(self.cells):
                 return f"no cell was heard {limit}; is the bus connected and are the cells powered?"
             case Phase.WAITING:
-                return f"not heard {limit}: {_names(late)}"
+                unheard = [cell for cell in late if cell.heard_s is None]
+                what = "not heard" if unheard else "not brought to rest"
+                return f"{what} {limit}: {_names(unheard or late)}"
             case Phase.CONFIGURING:
                 return f"settings not written {limit}: {_names(late)}"
             case Phase.STARTING:

@@ -29,6 +29,11 @@ class Program(Protocol):
         """Whether what the program is for has been reached."""
         ...
 
+    @property
+    def endless(self) -> bool:
+        """Whether the program has no end of its own."""
+        ...
+
 
 class FieldProgram:
     """An open-loop field: the same references for as long as it runs."""
@@ -40,6 +45,11 @@ class FieldProgram:
     def finished(self) -> bool:
         """A field is never done."""
         return False
+
+    @property
+    def endless(self) -> bool:
+        """A field goes on for as long as it may."""
+        return True
 
     def references_m_s(self, poses: Mapping[str, Floats], step_s: float) -> Floats:
         """The field's references, shape (W,)."""
@@ -77,6 +87,11 @@ class GoalProgram:
     def finished(self) -> bool:
         """Whether all parcels have arrived."""
         return all(controller.arrived for controller in self._controllers.values())
+
+    @property
+    def endless(self) -> bool:
+        """Goals are reached at some time."""
+        return False
 
     def references_m_s(self, poses: Mapping[str, Floats], step_s: float) -> Floats:
         """References that move every parcel as one rigid body, r = (b/a) J xi, shape (W,)."""

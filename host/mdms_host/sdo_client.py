@@ -1,18 +1,16 @@
-"""Writes settings into one cell's object dictionary by expedited SDO, without any IO of its own.
+"""Writes settings into, and reads values from, one cell's object dictionary by expedited SDO.
 
-CiA 301, 7.2.4.3. Only values of up to four bytes: settings, not programs.
+CiA 301, 7.2.4.3; without any IO of its own, and for values of up to four bytes only: settings, not
+programs.
 """
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from mdms_protocol import cob, pdo
+from mdms_protocol import cob, pdo, sdo
 from mdms_protocol.dictionary import ENTRIES
 from mdms_protocol.frame import Frame
-
-_ABORT = 0x80
-_DOWNLOADED = 0x60
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,71 +22,102 @@ class Setting:
     value: int
 
 
-class SdoClient:
-    """Sends settings one after another, each again when no answer comes in time.
+@dataclass(frozen=True, slots=True)
+class Question:
+    """One object to be read."""
 
-    `failure` tells why it gave up, None as long as it has not.
+    index: int
+    sub: int
+
+
+class SdoClient:
+    """Does transfers one after another, each again when no answer comes in time.
+
+    `answers` holds what was read, by (index, sub-index), as integers. `failure` tells why it gave
+    up, None as long as it has not.
     """
 
     def __init__(
         self,
         node_id: int,
-        settings: tuple[Setting, ...],
+        transfers: Iterable[Setting | Question],
         answer_within_s: float = 0.1,
         attempts: int = 3,
     ) -> None:
         self._node_id = node_id
-        self._waiting = deque(settings)
+        self._waiting = deque(transfers)
         self._answer_within_s = answer_within_s
         self._attempts = attempts
         self._attempt = 0
         self._due_s = 0.0
+        self.answers: dict[tuple[int, int], int] = {}
         self.failure: str | None = None
 
     @property
     def done(self) -> bool:
-        """Whether all settings have been taken over."""
+        """Whether all transfers have succeeded."""
         return not self._waiting
+
+    @property
+    def wake_s(self) -> float:
+        """When to poll next, if no answer comes before [s]."""
+        return float("inf") if self.done or self.failure else self._due_s
 
     def poll(self, now_s: float) -> Iterator[Frame]:
         """The request to send now, if any; raises OutOfRangeError for a value that cannot be."""
-        if self.done or self.failure or now_s < self._due_s:
+        if now_s < self.wake_s:
             return
-        setting = self._waiting[0]
+        transfer = self._waiting[0]
         if self._attempt == self._attempts:
-            self.failure = (
-                f"no answer to a write of 0x{setting.index:04X}:{setting.sub} "
-                f"after {self._attempts} attempts"
-            )
+            self.failure = f"no answer to {_text(transfer)} after {self._attempts} attempts"
             return
         self._attempt += 1
         self._due_s = now_s + self._answer_within_s
-        yield Frame(cob.SDO_REQUEST_BASE + self._node_id, download_request(setting))
+        yield Frame(cob.SDO_REQUEST_BASE + self._node_id, _request(transfer))
 
     def on_response(self, data: bytes) -> None:
         """Take in an answer of the cell; one to another request is ignored."""
         if len(data) != 8 or self.done:
             return
-        setting = self._waiting[0]
-        if data[1:4] != setting.index.to_bytes(2, "little") + bytes((setting.sub,)):
+        transfer = self._waiting[0]
+        if data[1:4] != transfer.index.to_bytes(2, "little") + bytes((transfer.sub,)):
             return
-        if data[0] == _ABORT:
+        kind = data[0] & sdo.SPECIFIER
+        if kind == sdo.ABORT:
             code = int.from_bytes(data[4:], "little")
-            self.failure = (
-                f"it refuses {setting.value} for 0x{setting.index:04X}:{setting.sub} "
-                f"(abort code 0x{code:08X})"
-            )
-        elif data[0] == _DOWNLOADED:
-            self._waiting.popleft()
-            self._attempt, self._due_s = 0, 0.0
+            self.failure = f"it refuses {_text(transfer)} (abort code 0x{code:08X})"
+        elif kind == sdo.DOWNLOAD_RESPONSE and isinstance(transfer, Setting):
+            self._next()
+        elif kind == sdo.UPLOAD_RESPONSE and isinstance(transfer, Question):
+            self._take(transfer, data)
+
+    def _take(self, question: Question, data: bytes) -> None:
+        """The value of an expedited answer, as long as the object's type is."""
+        kind = ENTRIES[question.index, question.sub].type
+        if not data[0] & sdo.EXPEDITED:
+            self.failure = f"its answer to {_text(question)} is longer than a frame"
+            return
+        value = int.from_bytes(data[4 : 4 + kind.size], "little", signed=kind.low < 0)
+        self.answers[question.index, question.sub] = value
+        self._next()
+
+    def _next(self) -> None:
+        self._waiting.popleft()
+        self._attempt, self._due_s = 0, 0.0
 
 
-def download_request(setting: Setting) -> bytes:
-    """The request that writes a setting; raises OutOfRangeError, or KeyError for no such object."""
-    entry = ENTRIES[setting.index, setting.sub]
-    pdo.check(entry, setting.value)
-    size: int = entry.type.size
-    command = 0x23 | (4 - size) << 2
-    value = setting.value.to_bytes(size, "little", signed=entry.type.low < 0)
-    head = bytes((command,)) + setting.index.to_bytes(2, "little") + bytes((setting.sub,))
-    return (head + value).ljust(8, b"\0")
+def _text(transfer: Setting | Question) -> str:
+    place = f"0x{transfer.index:04X}:{transfer.sub}"
+    if isinstance(transfer, Setting):
+        return f"a write of {transfer.value} to {place}"
+    return f"a read of {place}"
+
+
+def _request(transfer: Setting | Question) -> bytes:
+    """Raises OutOfRangeError for a value, and KeyError for an object, that cannot be."""
+    entry = ENTRIES[transfer.index, transfer.sub]
+    if isinstance(transfer, Question):
+        return sdo.read_request(transfer.index, transfer.sub)
+    pdo.check(entry, transfer.value)
+    value = transfer.value.to_bytes(entry.type.size, "little", signed=entry.type.low < 0)
+    return sdo.write_request(transfer.index, transfer.sub, value)

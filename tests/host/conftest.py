@@ -1,16 +1,20 @@
-"""A small kinematic array to try the host on: ideal rolling, the real protocol, late frames."""
+"""Arrays to try the host on: a kinematic one in virtual time, and firmware cells in real time."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from threading import Event, Thread
 
+import can
 import numpy as np
 import pytest
 
+from mdms_host.clock import MonotonicClock
 from mdms_host.coordinator import Coordinator
 from mdms_host.layout import Layout
 from mdms_host.rectangle import Rectangle
 from mdms_protocol import cia402, cob, nmt, pdo
 from mdms_protocol.frame import Frame
+from mdms_sim.nodes.python_bank import PythonBank
 
 STEP_S = 0.001
 DROOP = 0.775
@@ -165,3 +169,65 @@ def kinematic_cell() -> type[KinematicCell]:
 @pytest.fixture
 def rolling_array() -> type[RollingArray]:
     return RollingArray
+
+
+class ServedCells:
+    """Firmware cells on a python-can bus in real time; nothing lies on them, no wheel turns."""
+
+    def __init__(self, channel: str, node_ids: tuple[int, ...]) -> None:
+        self.channel = channel
+        self.bank = PythonBank(node_ids)
+        self._node_ids = node_ids
+        self._bus = can.Bus(channel, interface="virtual")
+        self._over = Event()
+        self._counts = np.zeros((len(node_ids), 2), np.int32)
+        self._presence = np.zeros(len(node_ids), np.uint8)
+        self._boot()
+        self._thread = Thread(target=self._serve)
+        self._thread.start()
+
+    def open(self) -> can.BusABC:
+        return can.Bus(self.channel, interface="virtual")
+
+    def close(self) -> None:
+        self._over.set()
+        self._thread.join()
+        self._bus.shutdown()
+
+    def _boot(self) -> None:
+        """Whoever opens the bus finds the cells ready."""
+        waiting = {cob.HEARTBEAT_BASE + node_id for node_id in self._node_ids}
+        while waiting:
+            self.bank.tick(self._counts, self._presence)
+            for cell in range(len(self._node_ids)):
+                waiting -= {frame.can_id for frame in self.bank.collect(cell)}
+
+    def _serve(self) -> None:
+        clock, ticks = MonotonicClock(), 0
+        while not self._over.is_set():
+            message = self._bus.recv(0.001)
+            while message is not None:
+                self._deliver(Frame(message.arbitration_id, bytes(message.data)))
+                message = self._bus.recv(0)
+            while ticks < clock.now_s() * 1000:
+                self.bank.tick(self._counts, self._presence)
+                ticks += 1
+            self._collect()
+
+    def _deliver(self, frame: Frame) -> None:
+        for cell in range(len(self._node_ids)):
+            self.bank.deliver(cell, frame)
+
+    def _collect(self) -> None:
+        for cell in range(len(self._node_ids)):
+            for frame in self.bank.collect(cell):
+                self._bus.send(
+                    can.Message(arbitration_id=frame.can_id, data=frame.data, is_extended_id=False)
+                )
+
+
+@pytest.fixture
+def served_cells(request: pytest.FixtureRequest) -> Iterator[ServedCells]:
+    cells = ServedCells(request.node.nodeid, (1, 2, 3))
+    yield cells
+    cells.close()

@@ -111,11 +111,27 @@ def test_a_drive_in_fault_is_reset_by_an_edge() -> None:
     layout = Layout(1, 1)
     coordinator = Coordinator(layout, still(layout))
     coordinator.poll(0.0)
-    coordinator.on_frame(Frame(0x701, b"\x05"), 0.01)
+    coordinator.on_frame(Frame(0x701, b"\x7f"), 0.01)
+    for _ in range(3):
+        coordinator.poll(0.01)
+    coordinator.on_frame(Frame(0x701, b"\x05"), 0.02)
     coordinator.on_frame(Frame(0x281, bytes((0x08, 0, 0x08, 0, 0))), 0.01)
     frames = [frame for _ in range(4) for frame in coordinator.poll(0.02)]
     words = [frame.data for frame in frames if frame.can_id == 0x301]
     assert words == [b"\x00\x00\x00\x00", b"\x80\x00\x80\x00"]
+
+
+def test_a_cell_left_running_is_taken_back_first() -> None:
+    layout = Layout(1, 1)
+    coordinator = Coordinator(layout, still(layout))
+    coordinator.poll(0.0)
+    coordinator.on_frame(Frame(0x701, b"\x05"), 0.01)
+    frames = [frame for now_s in (0.05, 0.1) for frame in coordinator.poll(now_s)]
+    assert Frame(0x000, b"\x80\x01") in frames
+    assert coordinator.phase == Phase.WAITING
+    coordinator.on_frame(Frame(0x701, b"\x7f"), 0.11)
+    coordinator.poll(0.11)
+    assert coordinator.phase == Phase.CONFIGURING
 
 
 def test_setpoints_follow_sync_by_half_a_period(rolling_array) -> None:

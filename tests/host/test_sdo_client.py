@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdms_host.sdo_client import SdoClient, Setting
+from mdms_host.sdo_client import Question, SdoClient, Setting
 from mdms_protocol.frame import Frame
 from mdms_protocol.pdo import OutOfRangeError
 
@@ -27,18 +27,34 @@ def test_a_negative_value_goes_in_twos_complement() -> None:
     assert list(client.poll(0.0)) == [Frame(0x601, bytes.fromhex("23ff6000feffffff"))]
 
 
+def test_what_is_read_is_kept_with_its_sign() -> None:
+    client = SdoClient(1, (Question(0x6041, 0), Question(0x606C, 0)))
+    assert list(client.poll(0.0)) == [Frame(0x601, bytes.fromhex("4041600000000000"))]
+    client.on_response(bytes.fromhex("4b41600027020000"))
+    assert list(client.poll(0.0)) == [Frame(0x601, bytes.fromhex("406c600000000000"))]
+    client.on_response(bytes.fromhex("436c6000feffffff"))
+    assert client.answers == {(0x6041, 0): 0x227, (0x606C, 0): -2}
+
+
+def test_an_answer_longer_than_a_frame_is_a_failure() -> None:
+    client = SdoClient(1, (Question(0x1000, 0),))
+    list(client.poll(0.0))
+    client.on_response(bytes.fromhex("4100100009000000"))
+    assert client.failure == "its answer to a read of 0x1000:0 is longer than a frame"
+
+
 def test_a_lost_request_is_sent_again_and_given_up_after_three() -> None:
     client = SdoClient(5, (GAIN,))
     sent = [now_ms for now_ms in range(0, 1000, 10) if list(client.poll(now_ms / 1000))]
     assert sent == [0, 100, 200]
-    assert client.failure == "no answer to a write of 0x2000:0 after 3 attempts"
+    assert client.failure == "no answer to a write of 8000 to 0x2000:0 after 3 attempts"
 
 
 def test_a_refusal_is_told_with_its_code() -> None:
     client = SdoClient(5, (GAIN,))
     list(client.poll(0.0))
     client.on_response(bytes.fromhex("8000200030000906"))
-    assert client.failure == "it refuses 8000 for 0x2000:0 (abort code 0x06090030)"
+    assert client.failure == "it refuses a write of 8000 to 0x2000:0 (abort code 0x06090030)"
     assert list(client.poll(1.0)) == []
 
 
