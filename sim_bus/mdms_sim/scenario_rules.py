@@ -2,6 +2,7 @@
 
 from math import cos, sin
 
+from mdms_sim.physics.shapes import outline_of
 from mdms_sim.scenario import Parcel, Scenario, ScenarioError
 
 MOST_STEPS = 100_000_000
@@ -20,7 +21,9 @@ def check_rules(scenario: Scenario) -> None:
     _check_memory(scenario)
     _check_fidelity(scenario)
     _check_names(scenario)
+    _check_patches(scenario)
     for number, parcel in enumerate(scenario.parcel):
+        _check_outline(parcel, f"parcel.{number}")
         _check_centre_of_mass(parcel, f"parcel.{number}")
         _check_on_table(scenario, parcel, f"parcel.{number}")
     _check_goals(scenario)
@@ -91,6 +94,32 @@ def _check_names(scenario: Scenario) -> None:
                 "give each parcel a name of its own"
             )
         seen[parcel.name] = number
+
+
+def _check_patches(scenario: Scenario) -> None:
+    cells, fidelity = scenario.array.columns * scenario.array.rows, scenario.run.fidelity
+    for number, patch in enumerate(scenario.patch):
+        key = f"patch.{number}"
+        if max(patch.cells, default=0) > cells:
+            raise ScenarioError(
+                f"{key}.cells has {max(patch.cells)}, but the array has {cells} cells"
+            )
+        if fidelity == "row" or (fidelity == "firmware" and patch.wheel is not None):
+            raise ScenarioError(
+                f"{key} makes cells unlike the rest, which run.fidelity {fidelity!r} does not "
+                "know; set run.fidelity to 'ideal'"
+            )
+
+
+def _check_outline(parcel: Parcel, key: str) -> None:
+    try:
+        outline_of(parcel)
+    except ScenarioError as error:
+        raise ScenarioError(f"{key}: {error}") from None
+    if parcel.corners_m and parcel.shape != "polygon":
+        raise ScenarioError(
+            f"{key}.corners_m is given, but {key}.shape is {parcel.shape!r}; set it to 'polygon'"
+        )
 
 
 def _check_centre_of_mass(parcel: Parcel, key: str) -> None:

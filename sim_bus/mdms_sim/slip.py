@@ -3,9 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from mdms_sim.physics.shapes import outline_of
 from mdms_sim.physics.wheels import build_wheels
 from mdms_sim.record import Contact, Floats, Record
-from mdms_sim.scenario import Scenario
+from mdms_sim.scenario import Parcel, Scenario
 
 
 def slip_m_s(scenario: Scenario, record: Record) -> Floats:
@@ -25,13 +26,23 @@ def slip_m_s(scenario: Scenario, record: Record) -> Floats:
 
 
 def _parcel_on(scenario: Scenario, record: Record, place_m: Floats) -> NDArray[np.int64]:
-    """The parcel deepest over each wheel, in shares of its half length and width; (T, W)."""
-    from_m = place_m - record.pose[:, :, None, :2]
-    cosine, sine = np.cos(record.pose[..., 2:]), np.sin(record.pose[..., 2:])
+    """The parcel whose outline lies nearest around each wheel; (T, W)."""
+    outside_m = [
+        _outside_m(parcel, record.pose[:, number, None], place_m)
+        for number, parcel in enumerate(scenario.parcel)
+    ]
+    nearest: NDArray[np.int64] = np.argmin(outside_m, axis=0)
+    return nearest
+
+
+def _outside_m(parcel: Parcel, pose: Floats, place_m: Floats) -> Floats:
+    """How far places lie outside a parcel's outline at poses (T, 1, 3), negative within; (T, W)."""
+    outline = outline_of(parcel)
+    from_m = place_m - pose[..., :2]
+    cosine, sine = np.cos(pose[..., 2]), np.sin(pose[..., 2])
     along_m = cosine * from_m[..., 0] + sine * from_m[..., 1]
     across_m = cosine * from_m[..., 1] - sine * from_m[..., 0]
-    length_m = np.array([parcel.length_m for parcel in scenario.parcel])[:, None]
-    width_m = np.array([parcel.width_m for parcel in scenario.parcel])[:, None]
-    depth: NDArray[np.float64] = np.maximum(abs(along_m) / length_m, abs(across_m) / width_m)
-    deepest: NDArray[np.int64] = depth.argmin(axis=1)
-    return deepest
+    outside_m: Floats = np.hypot(along_m, across_m) - outline.radius_m
+    for normal_x, normal_y, distance_m in outline.edges[:, :3]:
+        outside_m = np.maximum(outside_m, normal_x * along_m + normal_y * across_m - distance_m)
+    return outside_m

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex, to_rgb
 
+from mdms_sim.footprint import outline_m
 from mdms_sim.plots import is_row, save_picture, save_wheels
 from mdms_sim.plots.canvas import parcel_colour
 from mdms_sim.plots.plane import draw_plane
 from mdms_sim.plots.row import BANDS, draw_row
-from mdms_sim.plots.shapes import outline_m
 from mdms_sim.plots.top_view import slip_share
 from mdms_sim.plots.wheels import draw_wheels
 from mdms_sim.record import Contact, Event, Record
+from mdms_sim.scenario import Parcel
 from mdms_sim.scenario_file import load_scenario
 
 
@@ -86,13 +87,17 @@ def test_wheel_that_slipped_half_the_time_has_half_a_share():
     np.testing.assert_array_equal(slip_share(contact), [0.5, np.nan, 0.5])
 
 
+def same_corners(shape, wanted):
+    return sorted(shape.round(9).tolist()) == sorted(wanted.round(9).tolist())
+
+
 def test_plane_shows_the_last_footprint_and_the_goal(plane, plane_record):
     view = draw_plane(plane, plane_record).axes[0]
     parcel = plane.parcel[0]
     outlines = [patch.get_xy()[:4] for patch in view.patches if hasattr(patch, "get_closed")]
     for pose in (plane_record.pose[0, 0], plane_record.pose[-1, 0], (0.1, 0.0, 0.5235987755982988)):
-        wanted = outline_m(np.array(pose), parcel.length_m, parcel.width_m)
-        assert any(shape.shape == (4, 2) and np.allclose(shape, wanted) for shape in outlines)
+        wanted = outline_m(np.array(pose), parcel)
+        assert any(same_corners(shape, wanted) for shape in outlines)
 
 
 def test_plane_view_holds_all_footprints(plane, plane_record):
@@ -185,3 +190,30 @@ def test_any_text_can_be_drawn_in_the_plane(tmp_path, plane, plane_record, named
 def test_any_text_can_be_drawn_on_the_row(tmp_path, row, row_record, named):
     save_picture(tmp_path / "picture.png", named(row), row_record)
     save_wheels(tmp_path / "wheels.png", named(row), row_record)
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        {"shape": "disc", "length_m": 0.3, "width_m": 0.3},
+        {"shape": "polygon", "corners_m": ((-0.1, -0.1), (0.15, 0.0), (-0.1, 0.1))},
+    ],
+)
+def test_parcel_of_any_shape_is_drawn_by_its_outline(tmp_path, plane, plane_record, shape):
+    scenario = replace(plane, parcel=(replace(plane.parcel[0], **shape),))
+    view = draw_plane(scenario, plane_record).axes[0]
+    wanted = outline_m(plane_record.pose[-1, 0], scenario.parcel[0])
+    drawn = [patch.get_xy()[:-1] for patch in view.patches if hasattr(patch, "get_closed")]
+    assert any(same_corners(corners, wanted) for corners in drawn)
+
+
+def test_disc_is_round():
+    disc = Parcel("disc", 1.0, 0.3, 0.3, shape="disc")
+    corners_m = outline_m(np.array([1.0, 2.0, 0.5]), disc)
+    np.testing.assert_allclose(np.hypot(*(corners_m - (1.0, 2.0)).T), 0.15)
+
+
+def test_outline_turns_with_the_parcel():
+    parcel = Parcel("plate", 1.0, 0.4, 0.2)
+    corners_m = outline_m(np.array([0.0, 0.0, np.pi / 2]), parcel)
+    np.testing.assert_allclose(np.ptp(corners_m, axis=0), [0.2, 0.4])

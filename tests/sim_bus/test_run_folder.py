@@ -195,7 +195,7 @@ def test_scene_shows_every_parcel_where_it_is(tmp_path, plane, plane_record):
         for scene in (scenes[0][1], scenes[-1][1])
     )
     assert set(last) == {"box"}
-    assert len(first["the wheels"]) == 36
+    assert len(first["the table"]) == 1 + 36
     pose = last["box"][0]["pose"]
     x_m, y_m, yaw_rad = plane_record.pose[-1, 0]
     assert (pose["position"]["x"], pose["position"]["y"]) == (x_m, y_m)
@@ -210,3 +210,15 @@ def test_scene_has_no_more_pictures_than_eyes_need(plane, plane_record):
     times_s = [time_s for time_s, _ in scene_messages(plane, dense)]
     assert 110 < len(times_s) <= 121
     assert min(np.diff(times_s)) >= 1 / 30 - 1e-6
+
+
+def test_scene_gives_a_disc_and_a_polygon_their_bodies(plane, plane_record):
+    box = replace(plane.parcel[0], length_m=0.3, width_m=0.3)
+    corners = ((-0.1, -0.1), (0.15, 0.0), (-0.1, 0.1))
+    for shape, kind in ((replace(box, shape="disc"), "cylinders"), (None, "triangles")):
+        parcel = shape or replace(box, shape="polygon", corners_m=corners)
+        _, scene = next(scene_messages(replace(plane, parcel=(parcel,)), plane_record))
+        (body,) = scene["entities"][0][kind]
+        assert body["pose"]["position"]["x"] == plane_record.pose[0, 0, 0]
+    assert [(p["x"], p["y"]) for p in body["points"][:3]] == list(corners)
+    assert len(body["indices"]) == 3 * (1 + 2 * 3)

@@ -40,7 +40,8 @@ def run_scenario(
             finished = _run_firmware(scenario, nodes, progress, bus_log)
         else:
             finished = _run_model(scenario)
-    finished.record.slip_m_s = slip_m_s(scenario, finished.record)
+    if finished.record.slip_m_s is None:
+        finished.record.slip_m_s = slip_m_s(scenario, finished.record)
     return finished
 
 

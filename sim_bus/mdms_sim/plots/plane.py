@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from mdms_sim.footprint import goal_of
 from mdms_sim.plots.canvas import FAINT, INK, new_figure, parcel_colour
 from mdms_sim.plots.pose_panels import draw_pose_panels
-from mdms_sim.plots.shapes import goal_of
 from mdms_sim.plots.top_view import draw_slip_scale, draw_top_view, extent_m
 from mdms_sim.record import Record
 from mdms_sim.scenario import Scenario

@@ -5,8 +5,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from mdms_sim.footprint import goal_of
 from mdms_sim.plots.canvas import INK, parcel_colour, tidy
-from mdms_sim.plots.shapes import goal_of
 from mdms_sim.record import Floats, Record
 from mdms_sim.scenario import Scenario
 

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 from numpy.typing import NDArray
 
+from mdms_sim.footprint import goal_of, outline_m
 from mdms_sim.physics.wheels import build_wheels, cell_centres
 from mdms_sim.plots.canvas import FAINT, INK, parcel_colour
-from mdms_sim.plots.shapes import goal_of, outline_m
 from mdms_sim.record import Contact, Floats, Record
 from mdms_sim.scenario import Goal, Parcel, Scenario
 
@@ -50,7 +50,7 @@ def extent_m(scenario: Scenario, record: Record) -> tuple[Floats, Floats]:
     for number, parcel in enumerate(scenario.parcel):
         pose = record.pose[:, number]
         for place in _milestones(pose, parcel):
-            seen_m.extend(outline_m(pose[place], parcel.length_m, parcel.width_m))
+            seen_m.extend(outline_m(pose[place], parcel))
     return np.min(seen_m, axis=0) - MARGIN_M, np.max(seen_m, axis=0) + MARGIN_M
 
 
@@ -112,7 +112,7 @@ def _draw_way(axes: Axes, parcel: Parcel, pose: Floats, colour: str) -> None:
 
 
 def _draw_outline(axes: Axes, parcel: Parcel, pose: Floats, **style: Any) -> None:
-    corners = outline_m(pose, parcel.length_m, parcel.width_m)
+    corners = outline_m(pose, parcel)
     axes.add_patch(
         Polygon(corners, **{"facecolor": "none", "edgecolor": "none", "zorder": 5, **style})
     )
