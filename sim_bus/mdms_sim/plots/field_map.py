@@ -12,12 +12,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon, Rectangle
 from numpy.typing import NDArray
 
+from mdms_sim.footprint import outline_m
 from mdms_sim.physics.equilibria import Kind
 from mdms_sim.physics.field_map import FieldMap
 from mdms_sim.physics.held_parcel import Law
 from mdms_sim.physics.wheels import build_wheels, cell_centres
 from mdms_sim.plots.canvas import FAINT, INK, new_figure, tidy
-from mdms_sim.plots.shapes import outline_m
 from mdms_sim.record import Floats
 from mdms_sim.scenario import Parcel, Scenario
 
