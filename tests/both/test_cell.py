@@ -216,3 +216,190 @@ def test_sends_only_on_identifiers_of_its_own():
     cell.on_frame(cob.SDO_REQUEST_BASE + NODE, sdo.read_request(0x1000, 0))
     cell.poll(150)
     assert {can_id & 0x7F for can_id, _ in board.take()} == {NODE}
+
+
+def claiming(board=None, node_id=NODE):
+    board = board or Board()
+    cell = Cell(board, node_id)
+    cell.poll(0)
+    board.take()
+    return cell, board
+
+
+def test_node_id_that_answers_is_not_taken_and_that_is_reported():
+    answers = (
+        (0x585, b"\x43\x18\x10\x04\x01\x00\x00\x00"),
+        (0x705, b"\x05"),
+        (0x605, b"\x40\x18\x10\x04\x09\x00\x00\x00"),
+    )
+    for can_id, data in answers:
+        cell, board = claiming()
+        cell.on_frame(can_id, data)
+        for now_ms in range(1, 500):
+            cell.poll(now_ms)
+        assert board.take() == [(0x085, b"\x50\x81\x11\x05\0\0\0\0")]
+        cell.on_frame(0x000, b"\x01\x05")
+        enable(cell)
+        cell.tick()
+        assert cell.state == nmt.INITIALISING
+        assert board.registers[speed_loop.MODE] == speed_loop.OFF
+
+
+def test_node_id_is_claimed_again_after_a_reset():
+    cell, board = claiming()
+    cell.on_frame(0x705, b"\x05")
+    cell.poll(100)
+    board.take()
+    cell.on_frame(0x000, b"\x82\x00")
+    cell.poll(200)
+    cell.poll(250)
+    cell.poll(251)
+    assert [can_id for can_id, _ in board.take()] == [0x605, 0x705, 0x085]
+
+
+def test_host_that_reads_the_serial_number_is_no_rival():
+    cell, board = claiming()
+    cell.on_frame(0x605, b"\x40\x18\x10\x04\x00\x00\x00\x00")
+    cell.poll(50)
+    assert board.take() == [(0x705, b"\x00")]
+
+
+def test_rival_that_comes_later_switches_the_motors_off():
+    cell, board = operational()
+    enable(cell)
+    cell.on_frame(0x705, b"\x00")
+    cell.tick()
+    assert board.registers[speed_loop.MODE] == speed_loop.OFF
+    assert cell.state == nmt.PRE_OPERATIONAL
+    cell.poll(55)
+    assert board.take()[0] == (0x085, b"\x50\x81\x11\x05\0\0\0\0")
+
+
+def test_cell_without_node_id_is_silent_until_it_gets_one():
+    board = Board()
+    cell = Cell(board, cob.NODE_NONE)
+    for now_ms in range(100):
+        cell.poll(now_ms)
+    assert board.take() == []
+    assert list(cell.accepts) == [0x7E5]
+    cell.on_frame(0x7E5, b"\x04\x01\0\0\0\0\0\0")
+    cell.on_frame(0x7E5, b"\x11\x07\0\0\0\0\0\0")
+    cell.on_frame(0x7E5, b"\x04\x00\0\0\0\0\0\0")
+    cell.poll(100)
+    cell.poll(150)
+    assert board.take()[-1] == (0x707, b"\x00")
+
+
+def watching():
+    """A cell that watches the host's heartbeat, node 127, with its motors on."""
+    cell, board = operational()
+    cell.on_frame(0x605, sdo.write_request(0x1016, 1, b"\xc8\x00\x7f\x00"))
+    cell.on_frame(0x605, sdo.write_request(0x3000, 0, b"\x10\x27"))
+    enable(cell)
+    board.take()
+    return cell, board
+
+
+def emergencies(board):
+    return [data for can_id, data in board.take() if can_id == 0x085]
+
+
+def test_lost_heartbeat_of_the_host_switches_the_motors_off():
+    cell, board = watching()
+    for now_ms in range(51, 600):
+        cell.tick()
+        cell.poll(now_ms)
+        if now_ms <= 300 and now_ms % 100 == 0:
+            cell.on_frame(0x77F, b"\x05")
+        if now_ms < 500:
+            assert board.registers[speed_loop.MODE] == speed_loop.RUN
+    assert board.registers[speed_loop.MODE] == speed_loop.OFF
+    assert cell.state == nmt.PRE_OPERATIONAL
+    assert emergencies(board) == [b"\x30\x81\x11\x03\0\0\0\0"]
+    cell.on_frame(0x77F, b"\x05")
+    cell.poll(605)
+    assert emergencies(board) == [b"\x00\x00\x00\x03\0\0\0\0"]
+
+
+def test_heartbeat_is_not_missed_before_the_first():
+    cell, board = watching()
+    for now_ms in range(51, 1000):
+        cell.poll(now_ms)
+    assert emergencies(board) == []
+
+
+def test_error_behaviour_chooses_the_state():
+    for behaviour, state in ((0, nmt.PRE_OPERATIONAL), (1, nmt.OPERATIONAL), (2, nmt.STOPPED)):
+        cell, board = watching()
+        cell.on_frame(0x605, sdo.write_request(0x1029, 1, bytes((behaviour,))))
+        cell.on_frame(0x77F, b"\x05")
+        for now_ms in range(51, 300):
+            cell.poll(now_ms)
+        assert cell.state == state
+        assert board.registers[speed_loop.MODE] == speed_loop.OFF
+
+
+def test_stalled_wheel_is_reported_until_it_is_reset():
+    cell, board = operational()
+    enable(cell)
+    board.registers[speed_loop.FAULTS] = speed_loop.STALLED
+    cell.poll(55)
+    assert emergencies(board) == [b"\x21\x71\x21\x01\0\0\0\0"]
+    cell.on_frame(0x305, pdo.CONTROLWORD.encode((cia402.FAULT_RESET, 0)))
+    cell.poll(60)
+    assert emergencies(board) == [b"\x00\x00\x00\x01\0\0\0\0"]
+
+
+def test_pdos_with_one_identifier_are_all_taken():
+    cell, board = operational()
+    write = sdo.write_request
+    for request in (
+        write(0x1602, 0, b"\0"),
+        write(0x1602, 1, b"\x10\x00\x40\x60"),
+        write(0x1602, 0, b"\1"),
+        write(0x1402, 1, b"\x05\x03\0\0"),
+    ):
+        cell.on_frame(0x605, request)
+        assert board.take()[0][1][0] == 0x60
+    cell.on_frame(0x305, b"\x06\x00\x06\x00")
+    assert cell.dropped == 0
+
+
+def test_stopped_cell_obeys_network_management_only():
+    cell, board = operational()
+    cell.on_frame(0x000, b"\x02\x05")
+    cell.on_frame(0x605, sdo.read_request(0x1000, 0))
+    cell.on_frame(0x080, b"")
+    assert board.take() == []
+    cell.on_frame(0x000, b"\x80\x05")
+    assert cell.state == nmt.PRE_OPERATIONAL
+
+
+def test_sync_may_have_another_identifier():
+    cell, board = operational()
+    cell.on_frame(0x605, sdo.write_request(0x1005, 0, b"\x90\0\0\0"))
+    board.take()
+    cell.on_frame(0x080, b"")
+    assert board.take() == []
+    cell.on_frame(0x090, b"")
+    assert board.take() == [(0x185, bytes(8))]
+
+
+def test_program_is_refused_without_a_memory_for_it():
+    cell, board = booted()
+    cell.on_frame(0x605, b"\x20\x50\x1f\x01\0\0\0\0")
+    assert board.take() == [(0x585, sdo.abort(0x1F50, 1, sdo.CANNOT_STORE))]
+
+
+def test_nothing_is_saved_while_a_motor_is_on():
+    cell, board = operational()
+    enable(cell)
+    cell.on_frame(0x605, sdo.write_request(0x1010, 1, b"save"))
+    assert board.take()[-1] == (0x585, sdo.abort(0x1010, 1, sdo.WRONG_STATE))
+
+
+def test_full_transmit_queue_is_counted():
+    cell, board = operational()
+    board.send = lambda can_id, data: False
+    cell.on_frame(0x080, b"")
+    assert cell.not_sent == 1

@@ -1,0 +1,314 @@
+"""The SDO server: transcripts of every kind of transfer, and the abort code of every error."""
+
+from mdms_cell.objects import Objects, key
+from mdms_cell.sdo_server import SdoServer
+from mdms_protocol import record, sdo
+
+NAME = b"MDMS cell"
+VERSION = b"2 wheels, 5 sensors"
+
+
+class Sink:
+    """Keeps a download."""
+
+    def __init__(self):
+        self.size = None
+        self.data = b""
+        self.complete = False
+        self.cancelled = False
+
+    def open(self, size):
+        self.size = size
+        return self
+
+    def write(self, piece):
+        self.data += piece
+
+    def finish(self):
+        self.complete = True
+
+    def cancel(self):
+        self.cancelled = True
+
+
+class Client:
+    """Asks a server and keeps its answers."""
+
+    def __init__(self):
+        self.objects = Objects()
+        self.objects.reset(5, record.FROM_NODE)
+        self.sink = Sink()
+        self.objects.domains[key(0x1F50, 1)] = self.sink.open
+        self.room = 1000
+        self.answers = []
+        self.server = SdoServer(self.objects, self.respond)
+
+    def respond(self, data):
+        if self.room == 0:
+            return False
+        self.room -= 1
+        self.answers.append(data)
+        return True
+
+    def ask(self, request):
+        assert self.server.on_request(request)
+        return self.take()
+
+    def take(self):
+        answers, self.answers = self.answers, []
+        return answers
+
+
+def transcript(client, *lines):
+    for request, *responses in lines:
+        assert client.ask(request) == responses, request
+
+
+def refusal(request, code):
+    return b"\x80" + request[1:4] + code.to_bytes(4, "little")
+
+
+def test_segmented_upload_of_a_name():
+    transcript(
+        Client(),
+        (b"\x40\x08\x10\x00\0\0\0\0", b"\x41\x08\x10\x00\x09\0\0\0"),
+        (b"\x60\0\0\0\0\0\0\0", b"\x00MDMS ce"),
+        (b"\x70\0\0\0\0\0\0\0", b"\x1bll\0\0\0\0\0"),
+    )
+
+
+def test_segmented_download_of_a_setting():
+    client = Client()
+    transcript(
+        client,
+        (b"\x21\x00\x30\x00\x02\0\0\0", b"\x60\x00\x30\x00\0\0\0\0"),
+        (b"\x0b\x4d\x00\0\0\0\0\0", b"\x20\0\0\0\0\0\0\0"),
+    )
+    assert client.objects.number(0x3000) == 77
+
+
+def test_segmented_download_of_a_domain_alternates_the_toggle_bit():
+    client = Client()
+    transcript(
+        client,
+        (b"\x20\x50\x1f\x01\0\0\0\0", b"\x60\x50\x1f\x01\0\0\0\0"),
+        (b"\x00abcdefg", b"\x20\0\0\0\0\0\0\0"),
+        (b"\x10hijklmn", b"\x30\0\0\0\0\0\0\0"),
+        (b"\x0do\0\0\0\0\0\0", b"\x20\0\0\0\0\0\0\0"),
+    )
+    assert client.sink.data == b"abcdefghijklmno"
+    assert client.sink.complete
+    assert client.sink.size is None
+
+
+def test_expedited_download_without_a_size_takes_that_of_the_entry():
+    client = Client()
+    transcript(client, (b"\x22\x00\x30\x00\x4d\x00\xff\xff", b"\x60\x00\x30\x00\0\0\0\0"))
+    assert client.objects.number(0x3000) == 77
+
+
+def test_block_upload_with_crc():
+    crc = sdo.crc16(VERSION, 0)
+    transcript(
+        Client(),
+        (b"\xa4\x09\x10\x00\x7f\x00\0\0", b"\xc6\x09\x10\x00\x13\0\0\0"),
+        (
+            b"\xa3\0\0\0\0\0\0\0",
+            b"\x01" + VERSION[:7],
+            b"\x02" + VERSION[7:14],
+            b"\x83" + VERSION[14:] + b"\0\0",
+        ),
+        (b"\xa2\x03\x7f\0\0\0\0\0", bytes((0xC9, crc & 0xFF, crc >> 8)) + bytes(5)),
+        (b"\xa1\0\0\0\0\0\0\0",),
+    )
+
+
+def test_block_upload_repeats_what_was_not_acknowledged():
+    transcript(
+        Client(),
+        (b"\xa0\x09\x10\x00\x02\x00\0\0", b"\xc6\x09\x10\x00\x13\0\0\0"),
+        (b"\xa3\0\0\0\0\0\0\0", b"\x01" + VERSION[:7], b"\x02" + VERSION[7:14]),
+        (b"\xa2\x01\x7f\0\0\0\0\0", b"\x01" + VERSION[7:14], b"\x82" + VERSION[14:] + b"\0\0"),
+        (b"\xa2\x02\x7f\0\0\0\0\0", b"\xc9\0\0\0\0\0\0\0"),
+        (b"\xa1\0\0\0\0\0\0\0",),
+    )
+
+
+def test_block_upload_goes_on_when_there_is_room_again():
+    client = Client()
+    client.ask(b"\xa4\x09\x10\x00\x7f\x00\0\0")
+    client.room = 1
+    assert client.ask(b"\xa3\0\0\0\0\0\0\0") == [b"\x01" + VERSION[:7]]
+    client.server.poll(1)
+    assert client.take() == []
+    client.room = 10
+    client.server.poll(2)
+    assert client.take() == [b"\x02" + VERSION[7:14], b"\x83" + VERSION[14:] + b"\0\0"]
+
+
+def block_download(client, data, lose=()):
+    """Send data in blocks, losing some frames the first time; the server must get it all."""
+    size = len(data).to_bytes(4, "little")
+    assert client.ask(b"\xc6\x50\x1f\x01" + size) == [b"\xa4\x50\x1f\x01\x3f\0\0\0"]
+    start = 0
+    sent = 0
+    lose = list(lose)
+    while start < len(data):
+        answers = []
+        for sequence in range(1, 64):
+            at = start + 7 * (sequence - 1)
+            last = at + 7 >= len(data)
+            piece = data[at : at + 7]
+            frame = bytes((sequence | (0x80 if last else 0),)) + piece + bytes(7 - len(piece))
+            if sent not in lose:
+                answers += client.ask(frame)
+            sent += 1
+            if last:
+                break
+        assert len(answers) == 1
+        assert answers[0][0] == 0xA2
+        start += 7 * answers[0][1]
+    unused = -len(data) % 7
+    crc = sdo.crc16(data, 0)
+    return client.ask(bytes((0xC1 | unused << 2, crc & 0xFF, crc >> 8)) + bytes(5))
+
+
+def test_block_download_of_two_blocks():
+    client = Client()
+    data = bytes([number * 7 & 0xFF for number in range(500)])
+    assert block_download(client, data) == [b"\xa1\0\0\0\0\0\0\0"]
+    assert client.sink.data == data
+    assert client.sink.complete
+    assert client.sink.size == 500
+
+
+def test_block_download_with_lost_frames_gets_everything():
+    client = Client()
+    data = bytes([number * 11 & 0xFF for number in range(1001)])
+    assert block_download(client, data, lose=(0, 5, 40, 70, 71)) == [b"\xa1\0\0\0\0\0\0\0"]
+    assert client.sink.data == data
+
+
+def test_block_download_of_an_ordinary_entry():
+    client = Client()
+    transcript(
+        client,
+        (b"\xc2\x00\x30\x00\x02\0\0\0", b"\xa4\x00\x30\x00\x3f\0\0\0"),
+        (b"\x81\x4d\x00\0\0\0\0\0", b"\xa2\x01\x3f\0\0\0\0\0"),
+        (b"\xd5\0\0\0\0\0\0\0", b"\xa1\0\0\0\0\0\0\0"),
+    )
+    assert client.objects.number(0x3000) == 77
+
+
+def test_wrong_toggle_aborts_with_the_code_and_the_entry():
+    client = Client()
+    client.ask(b"\x40\x08\x10\x00\0\0\0\0")
+    assert client.ask(b"\x70\0\0\0\0\0\0\0") == [b"\x80\x08\x10\x00\x00\x00\x03\x05"]
+    client.ask(b"\x20\x50\x1f\x01\0\0\0\0")
+    assert client.ask(b"\x10abcdefg") == [b"\x80\x50\x1f\x01\x00\x00\x03\x05"]
+    assert client.sink.cancelled
+
+
+def test_wrong_crc_aborts():
+    client = Client()
+    client.ask(b"\xc6\x50\x1f\x01\x07\0\0\0")
+    client.ask(b"\x81abcdefg")
+    assert client.ask(b"\xc1\x01\x02\0\0\0\0\0") == [b"\x80\x50\x1f\x01\x04\x00\x04\x05"]
+    assert not client.sink.complete
+    assert client.sink.cancelled
+
+
+def test_silent_client_is_given_up_after_a_second():
+    client = Client()
+    client.server.poll(100)
+    client.ask(b"\x40\x08\x10\x00\0\0\0\0")
+    client.server.poll(1099)
+    assert client.take() == []
+    client.server.poll(1100)
+    assert client.take() == [b"\x80\x08\x10\x00\x00\x00\x04\x05"]
+    client.server.poll(5000)
+    assert client.take() == []
+
+
+def test_abort_by_the_client_ends_a_transfer_unanswered():
+    client = Client()
+    client.ask(b"\x20\x50\x1f\x01\0\0\0\0")
+    assert client.ask(b"\x80\x50\x1f\x01\0\0\0\x08") == []
+    assert client.sink.cancelled
+    assert client.ask(b"\x00abcdefg") == [refusal(b"\x00abcdefg", sdo.UNKNOWN_COMMAND)]
+
+
+def test_abort_by_the_client_ends_a_block_unanswered():
+    client = Client()
+    client.ask(b"\xc6\x50\x1f\x01\x0e\0\0\0")
+    client.ask(b"\x01abcdefg")
+    assert client.ask(b"\x80\0\0\0\0\0\0\x08") == []
+    assert client.sink.cancelled
+
+
+def test_new_request_takes_the_place_of_a_transfer():
+    client = Client()
+    client.ask(b"\x20\x50\x1f\x01\0\0\0\0")
+    assert client.ask(b"\x40\x00\x30\x00\0\0\0\0") == [b"\x4b\x00\x30\x00\x32\0\0\0"]
+    assert client.sink.cancelled
+
+
+def test_first_request_of_every_kind_is_refused_with_the_right_code():
+    refusals = (
+        (sdo.read_request(0x7000, 0), sdo.NO_SUCH_OBJECT),
+        (sdo.read_request(0x0000, 0), sdo.NO_SUCH_OBJECT),
+        (sdo.read_request(0xFFFF, 255), sdo.NO_SUCH_OBJECT),
+        (sdo.read_request(0x1018, 9), sdo.NO_SUCH_SUB_INDEX),
+        (sdo.read_request(0x1F50, 1), sdo.WRITE_ONLY),
+        (sdo.write_request(0x6041, 0, b"\0\0"), sdo.READ_ONLY),
+        (sdo.write_request(0x1008, 0, b"abcd"), sdo.READ_ONLY),
+        (sdo.write_request(0x3000, 0, b"\0\0\0\0"), sdo.TOO_LONG),
+        (sdo.write_request(0x3000, 0, b"\1"), sdo.TOO_SHORT),
+        (sdo.write_request(0x3000, 0, b"\0\0"), sdo.TOO_LOW),
+        (sdo.write_request(0x3000, 0, b"\xff\xff"), sdo.TOO_HIGH),
+        (b"\x21\x00\x30\x00\x03\0\0\0", sdo.TOO_LONG),
+        (b"\xc6\x00\x30\x00\x01\0\0\0", sdo.TOO_SHORT),
+        (b"\xc6\x41\x60\x00\x02\0\0\0", sdo.READ_ONLY),
+        (b"\xa4\x09\x10\x00\x00\0\0\0", sdo.INVALID_BLOCK_SIZE),
+        (b"\xa4\x09\x10\x00\x80\0\0\0", sdo.INVALID_BLOCK_SIZE),
+        (b"\xa1\x09\x10\x00\x7f\0\0\0", sdo.UNKNOWN_COMMAND),
+        (b"\xc1\x50\x1f\x01\0\0\0\0", sdo.UNKNOWN_COMMAND),
+        (b"\x60\0\0\0\0\0\0\0", sdo.UNKNOWN_COMMAND),
+        (b"\x00\0\0\0\0\0\0\0", sdo.UNKNOWN_COMMAND),
+        (b"\xe0\x00\x30\x00\0\0\0\0", sdo.UNKNOWN_COMMAND),
+    )
+    client = Client()
+    for request, code in refusals:
+        assert client.ask(request) == [refusal(request, code)], request
+
+
+def test_later_requests_are_refused_with_the_right_code():
+    mixed = (
+        (b"\x21\x50\x1f\x01\x08\0\0\0", b"\x01abcdefg", sdo.TOO_SHORT),
+        (b"\x21\x50\x1f\x01\x06\0\0\0", b"\x00abcdefg", sdo.TOO_LONG),
+        (b"\x20\x00\x30\x00\0\0\0\0", b"\x00abcdefg", sdo.TOO_LONG),
+        (b"\x20\x50\x1f\x01\0\0\0\0", b"\x60\0\0\0\0\0\0\0", sdo.UNKNOWN_COMMAND),
+        (b"\xc4\x50\x1f\x01\0\0\0\0", b"\x00abcdefg", sdo.INVALID_SEQUENCE),
+        (b"\xc4\x50\x1f\x01\0\0\0\0", b"\x40abcdefg", sdo.INVALID_SEQUENCE),
+        (b"\xa4\x09\x10\x00\x7f\0\0\0", b"\xa2\x01\x7f\0\0\0\0\0", sdo.UNKNOWN_COMMAND),
+        (b"\xa4\x09\x10\x00\x7f\0\0\0", b"\xa1\0\0\0\0\0\0\0", sdo.UNKNOWN_COMMAND),
+    )
+    for first, second, code in mixed:
+        client = Client()
+        client.ask(first)
+        expected = b"\x80" + first[1:4] + code.to_bytes(4, "little")
+        assert client.ask(second) == [expected], second
+
+
+def test_acknowledgement_of_what_was_not_sent_aborts():
+    client = Client()
+    client.ask(b"\xa4\x09\x10\x00\x7f\0\0\0")
+    client.ask(b"\xa3\0\0\0\0\0\0\0")
+    assert client.ask(b"\xa2\x04\x7f\0\0\0\0\0") == [b"\x80\x09\x10\x00\x03\x00\x04\x05"]
+
+
+def test_frame_of_another_length_is_no_request():
+    client = Client()
+    for length in (0, 1, 7):
+        assert not client.server.on_request(bytes(length))
+    assert client.take() == []
