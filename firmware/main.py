@@ -5,6 +5,7 @@ cut first; then the reason goes to the bus and into `crash.log`, and the watchdo
 resets the board.
 """
 
+import os
 import sys
 import time
 
@@ -60,13 +61,20 @@ def say_farewell(board, cell):
 
 def log(error, folder):
     """Append the traceback to `crash.log`, which begins anew when it has grown too long."""
+    path = folder + "/crash.log"
     try:
-        with open(folder + "/crash.log", "a") as file:
-            long = file.tell() > LOG_MAX
-        with open(folder + "/crash.log", "w" if long else "a") as file:
+        with open(path, "a" if size(path) < LOG_MAX else "w") as file:
             sys.print_exception(error, file)
     except OSError as failure:
         sys.print_exception(failure)
+
+
+def size(path):
+    """Bytes in a file, 0 if there is none."""
+    try:
+        return os.stat(path)[6]
+    except OSError:
+        return 0
 
 
 if __name__ == "__main__":

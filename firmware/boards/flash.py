@@ -1,5 +1,7 @@
 """Settings in two files of the board's flash file system, as `mdms_cell.store` wants its memory."""
 
+import os
+
 BANK_SIZE = 4096
 
 
@@ -27,7 +29,7 @@ class Settings:
 
     def write(self, bank, offset, data):
         """Write at the end of what the bank holds."""
+        if os.stat(self._path(bank))[6] != offset:
+            raise OSError("settings are written from their beginning on")
         with open(self._path(bank), "ab") as file:
-            if file.tell() != offset:
-                raise OSError("settings are written from their beginning on")
             file.write(data)

@@ -223,7 +223,7 @@ class Stm32Board:
             wheel.off()
 
     def show(self, now_ms, state, faulty):
-        """Run LED on in operational, else blinking; error LED on at bus-off, blinking at a fault."""
+        """Run LED on in operational, else blinking; error LED on at bus-off, blinking at faults."""
         blink = now_ms // 200 & 1
         self._run_led.value(1 if state == 5 else blink)
         self._error_led.value(1 if self.bus_off else blink if faulty else 0)

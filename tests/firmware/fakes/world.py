@@ -1,0 +1,27 @@
+"""What the faked peripherals are connected to: levels, counts, a bus, and a stepped clock."""
+
+now_ms = 0
+levels = {}  # of pins, by name
+analog = {}  # readings of ADCs [u16], by pin
+counts = {}  # of encoders, by timer
+pulses = {}  # widths of PWM pulses, by (timer, channel)
+periods = {}  # of timers
+sent = []  # frames that went over the bus: (identifier, data)
+events = {}  # functions to call at a time, by millisecond
+timers = []  # that have a callback
+buses = []  # all CAN controllers
+told = []  # everything that was switched on or off for good, in its order
+fed_ms = None  # when the watchdog was fed last
+
+
+def advance():
+    """Let a millisecond pass: frames leave, timers fire, what is planned happens."""
+    global now_ms  # noqa: PLW0603 - there is one clock
+    now_ms += 1
+    for bus in buses:
+        bus.transmit()
+    for timer in timers:
+        timer.fire()
+    event = events.pop(now_ms, None)
+    if event is not None:
+        event()
