@@ -1,8 +1,8 @@
 """The paper's figures 7 to 9 on the row: ours beside scipy's LSODA at 1e-8.
 
-Both give the parcel's place at the same 1001 instants of 20 s. LSODA gets its right side as a
-numpy user writes it, as tight Python, and compiled by numba. Errors of both are against scipy's
-DOP853 at its tightest.
+Both start from prepared constants and give the parcel's place at the same 1001 instants of 20 s.
+LSODA gets its right side as a numpy user writes it, as tight Python, and compiled by numba. Errors
+of both are against scipy's DOP853 at its tightest.
 """
 
 import time
@@ -14,8 +14,10 @@ import numba
 import numpy as np
 
 from mdms_sim.physics.drive import drive_of
-from mdms_sim.physics.row_journey import journey_of, wheel_places_m
+from mdms_sim.physics.row_journey import row_parcel
 from mdms_sim.physics.row_samples import course
+from mdms_sim.physics.row_trace import trace
+from mdms_sim.physics.wheels import build_wheels
 from mdms_sim.record import Floats
 from mdms_sim.scenario import Scenario
 from mdms_sim.scenario_file import load_scenario
@@ -42,11 +44,13 @@ def run() -> list[dict[str, Any]]:
 def measure(figure: int) -> list[dict[str, Any]]:
     """One row for each way to write LSODA's right side."""
     scenario = load_scenario(f"paper-fig{figure}")
-    reference_m_s = -np.sign(wheel_places_m(scenario)) * scenario.motion.speed_m_s
+    reference_m_s = -np.sign(build_wheels(scenario).position_m[:, 0]) * scenario.motion.speed_m_s
     times_s = np.linspace(0.0, scenario.run.duration_s, INSTANTS)
 
+    row = row_parcel(scenario, scenario.parcel[0], reference_m_s)
+
     def ours() -> Floats:
-        return course(journey_of(scenario, scenario.parcel[0], reference_m_s).trace, times_s).x_m
+        return course(trace(row, scenario.parcel[0].x_m, scenario.run.duration_s), times_s).x_m
 
     own_m, own_s = ours(), best_of(ours, 200)
     sides = right_sides(scenario, reference_m_s)
@@ -102,7 +106,7 @@ def integrate(
 def right_sides(scenario: Scenario, reference_m_s: Floats) -> dict[str, Rates]:
     """(x', v') by eqs (1), (9) and (12), in three ways of writing Python."""
     drive, parcel = drive_of(scenario.cell), scenario.parcel[0]
-    places, push, b = wheel_places_m(scenario), drive.a * reference_m_s, drive.b
+    places, push, b = build_wheels(scenario).position_m[:, 0], drive.a * reference_m_s, drive.b
     half, mass = parcel.length_m / 2, parcel.mass_kg
     grip = scenario.cell.friction * mass * scenario.run.gravity_m_s2
 

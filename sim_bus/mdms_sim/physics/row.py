@@ -11,8 +11,10 @@ from itertools import chain, pairwise
 import numpy as np
 
 from mdms_sim.physics.drive import drive_of
+from mdms_sim.physics.motor import build_cells
 from mdms_sim.physics.row_journey import Journey, events_of, journey_of
 from mdms_sim.physics.row_samples import CONTACT_OF_MODE, course, loads
+from mdms_sim.physics.wheels import build_wheels
 from mdms_sim.record import Contact, Floats, Record
 from mdms_sim.scenario import Scenario, ScenarioError
 
@@ -38,9 +40,13 @@ def solve_row(scenario: Scenario, reference_m_s: Floats) -> Record:
 def check_row(scenario: Scenario) -> None:
     """Refuse what the paper's row does not have. Raises `ScenarioError`."""
     _refuse("array.rows", scenario.array.rows, 1)
-    _refuse("cell.wheel", len(scenario.cell.wheel), 1)
-    _refuse("cell.wheel.0.direction_rad", scenario.cell.wheel[0].direction_rad, 0.0)
-    _refuse("cell.viscous_friction_s_per_m", scenario.cell.viscous_friction_s_per_m, 0.0)
+    wheels, cells = build_wheels(scenario), build_cells(scenario)
+    _refuse("number of wheels in a cell", max(len(cell.wheel) for cell in cells), 1)
+    _refuse("cosine of a wheel's direction", float(wheels.direction[:, 0].min()), 1.0)
+    _refuse("distance of wheels across the row", float(np.ptp(wheels.position_m[:, 1])), 0.0)
+    _refuse(
+        "cell.viscous_friction_s_per_m", max(cell.viscous_friction_s_per_m for cell in cells), 0.0
+    )
     for number, parcel in enumerate(scenario.parcel):
         _refuse(f"parcel.{number}.yaw_rad", parcel.yaw_rad, 0.0)
 
@@ -99,8 +105,9 @@ def _write(record: Record, number: int, journey: Journey) -> None:
 
 def _derive_wheels(scenario: Scenario, record: Record) -> None:
     """Surface speeds and voltages that go with the forces (eq 9 and V = G (r - v))."""
-    drive = drive_of(scenario.cell)
-    record.speed_m_s = (drive.a * record.reference_m_s - record.force_n) / drive.b
+    drives = [drive_of(cell) for cell in build_cells(scenario)]
+    a, b = (np.array([getattr(drive, name) for drive in drives]) for name in "ab")
+    record.speed_m_s = (a * record.reference_m_s - record.force_n) / b
     record.voltage_v = scenario.cell.gain_vs_per_m * (record.reference_m_s - record.speed_m_s)
 
 

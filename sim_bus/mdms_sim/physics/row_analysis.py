@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdms_sim.physics.drive import Drive, drive_of
-from mdms_sim.physics.row_journey import wheel_places_m
-from mdms_sim.physics.row_supports import stretches_of
+from mdms_sim.physics.row_journey import row_parcel
 from mdms_sim.record import Floats
 from mdms_sim.scenario import Parcel, Scenario
 
@@ -76,18 +75,16 @@ class StretchLaw:
 
 def row_laws(scenario: Scenario, parcel: Parcel, reference_m_s: Floats) -> Iterator[StretchLaw]:
     """Both laws for every stretch in which the parcel is carried, along the row."""
-    wheel_x_m, drive = wheel_places_m(scenario), drive_of(scenario.cell)
-    weight_n = parcel.mass_kg * scenario.run.gravity_m_s2
-    stretches = stretches_of(wheel_x_m, parcel.length_m, parcel.centre_of_mass_m[0])
-    for k in np.flatnonzero(stretches.first <= stretches.last):
-        first, last = int(stretches.first[k]), int(stretches.last[k])
+    drive, row = drive_of(scenario.cell), row_parcel(scenario, parcel, reference_m_s)
+    for k in np.flatnonzero(row.first <= row.last):
+        first, last = int(row.first[k]), int(row.last[k])
         under = slice(first, last + 1)
         yield StretchLaw(
-            from_m=float(stretches.edge_m[k]),
-            to_m=float(stretches.edge_m[k + 1]),
+            from_m=float(row.edge_m[k]),
+            to_m=float(row.edge_m[k + 1]),
             cells=range(first + 1, last + 2),
             sliding=sliding_law(
-                wheel_x_m[under], reference_m_s[under], scenario.cell.friction, weight_n
+                row.wheel_x_m[under], reference_m_s[under], scenario.cell.friction, row.weight_n
             ),
             rolling=rolling_law(drive, reference_m_s[under]),
         )

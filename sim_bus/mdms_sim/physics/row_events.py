@@ -13,7 +13,7 @@ from mdms_sim.physics.row_motion import advance, first_zero, half_period
 from mdms_sim.physics.row_parcel import ROLLING, Footing, RowParcel
 
 START, SUPPORT, CONTACT, REVERSAL, REST, HELD, TIP, END = range(8)
-"""What begins a phase. HELD: at rest on an edge between two support sets that push it together."""
+"""What begins a phase. HELD: at rest on an edge between two support sets that push both ways."""
 
 SLACK = 1e-12
 """Part of the weight that is no force: it tells a crossing from a touch."""
@@ -88,12 +88,12 @@ def mode_margin(row: RowParcel, foot: Footing, phase: Phase, i: int, side: int) 
     A wheel that rolls may slip to either `side`; one that slips to `side` may roll again (eq 12).
     """
     sense = 1.0 if foot.mode[i] == ROLLING else -1.0
-    hold_n = row.friction * (foot.load[0, i] + foot.load[1, i] * phase.x_m)
-    rolling_n = row.push_n[i] - row.drag * phase.speed
+    hold_n = row.friction[i] * (foot.load[0, i] + foot.load[1, i] * phase.x_m)
+    rolling_n = row.push_n[i] - row.drag[i] * phase.speed
     return Margin(
         sense * (hold_n - side * rolling_n),
-        sense * row.friction * foot.load[1, i],
-        sense * side * row.drag,
+        sense * row.friction[i] * foot.load[1, i],
+        sense * side * row.drag[i],
         SLACK * row.weight_n,
     )
 
@@ -102,8 +102,7 @@ def mode_margin(row: RowParcel, foot: Footing, phase: Phase, i: int, side: int) 
 def most_change(row: RowParcel, foot: Footing, margin: Margin, within_s: float) -> float:
     """What a margin cannot change by more than: friction bounds speed, the stretch bounds place."""
     span_m: float = row.edge_m[foot.k + 1] - row.edge_m[foot.k]
-    most_m_s = row.friction * row.weight_n / row.mass_kg * within_s
-    return abs(margin.by_x) * span_m + abs(margin.by_v) * most_m_s
+    return abs(margin.by_x) * span_m + abs(margin.by_v) * row.most_pull_m_s2 * within_s
 
 
 @compiled

@@ -1,15 +1,19 @@
 """One parcel's way along the row: its phases, and the events between them."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from mdms_sim.physics.drive import drive_of
+from mdms_sim.physics.motor import build_cells
 from mdms_sim.physics.row_events import HELD, REVERSAL, TIP
 from mdms_sim.physics.row_parcel import ABSENT, BACKWARD, FORWARD, ROLLING, RowParcel
 from mdms_sim.physics.row_supports import stretches_of
 from mdms_sim.physics.row_trace import Trace, trace
+from mdms_sim.physics.shapes import outline_of
+from mdms_sim.physics.wheels import build_wheels
 from mdms_sim.record import Event, Floats
 from mdms_sim.scenario import Parcel, Scenario
 
@@ -42,29 +46,41 @@ def journey_of(scenario: Scenario, parcel: Parcel, reference_m_s: Floats) -> Jou
 
 def row_parcel(scenario: Scenario, parcel: Parcel, reference_m_s: Floats) -> RowParcel:
     """The row as one parcel meets it; wheels beside the parcel do not count."""
-    drive, com_m = drive_of(scenario.cell), parcel.centre_of_mass_m[0]
-    wheel_x_m = wheel_places_m(scenario)
-    beside = abs(scenario.cell.wheel[0].offset_m[1] - parcel.y_m) > parcel.width_m / 2
-    stretches = stretches_of(wheel_x_m[:0] if beside else wheel_x_m, parcel.length_m, com_m)
+    wheels, cells = build_wheels(scenario), build_cells(scenario)
+    drives = [drive_of(cell) for cell in cells]
+    friction = np.array([cell.friction for cell in cells])
+    wheel_x_m = np.ascontiguousarray(wheels.position_m[:, 0])
+    ends_m = chord_m(parcel, float(wheels.position_m[0, 1]) - parcel.y_m)
+    com_m = parcel.centre_of_mass_m[0]
+    stretches = stretches_of(wheel_x_m, ends_m, com_m)
     return RowParcel(
         edge_m=stretches.edge_m,
         first=stretches.first,
         last=stretches.last,
         wheel_x_m=wheel_x_m,
-        push_n=drive.a * np.asarray(reference_m_s, dtype=np.float64),
-        drag=drive.b,
-        friction=scenario.cell.friction,
+        push_n=np.array([drive.a for drive in drives]) * reference_m_s,
+        drag=np.array([drive.b for drive in drives]),
+        friction=friction,
+        most_pull_m_s2=float(friction.max()) * scenario.run.gravity_m_s2,
         weight_n=parcel.mass_kg * scenario.run.gravity_m_s2,
         mass_kg=parcel.mass_kg,
         com_m=com_m,
     )
 
 
-def wheel_places_m(scenario: Scenario) -> Floats:
-    """Contact points along the row, ascending [m; table frame]."""
-    array = scenario.array
-    first_m = -(array.columns - 1) / 2 * array.pitch_m + scenario.cell.wheel[0].offset_m[0]
-    return first_m + array.pitch_m * np.arange(array.columns, dtype=np.float64)
+def chord_m(parcel: Parcel, y_m: float) -> tuple[float, float]:
+    """Where a line along x enters and leaves a parcel [m; the parcel's frame]; (0, 0) beside it."""
+    outline = outline_of(parcel)
+    reach_m = math.sqrt(max(outline.radius_m**2 - y_m**2, 0.0))
+    back_m, front_m = -reach_m, reach_m
+    for along, across, distance_m, *_ in outline.edges.tolist():
+        if along > 0.0:
+            front_m = min(front_m, (distance_m - across * y_m) / along)
+        elif along < 0.0:
+            back_m = max(back_m, (distance_m - across * y_m) / along)
+        elif across * y_m > distance_m:
+            return 0.0, 0.0
+    return (back_m, front_m) if back_m < front_m else (0.0, 0.0)
 
 
 def events_of(journey: Journey) -> Iterator[Event]:

@@ -24,9 +24,11 @@ class RowParcel(NamedTuple):
     wheel_x_m: Floats
     push_n: Floats
     """a r of every wheel."""
-    drag: float
-    """b, the force lost per speed."""
-    friction: float
+    drag: Floats
+    """b of every wheel, the force lost per speed."""
+    friction: Floats
+    most_pull_m_s2: float
+    """Acceleration that friction at its best cannot exceed."""
     weight_n: float
     mass_kg: float
     com_m: float
@@ -62,8 +64,8 @@ def footing(row: RowParcel, k: int, x_m: float, speed: float) -> Footing:
         slope = row.weight_n * (row.wheel_x_m[i] - mean_m) / spread_m2
         load[0, i] = row.weight_n / (last - first + 1) + slope * (row.com_m - mean_m)
         load[1, i] = slope
-        hold_n = row.friction * (load[0, i] + slope * x_m)
-        rolling_n = row.push_n[i] - row.drag * speed
+        hold_n = row.friction[i] * (load[0, i] + slope * x_m)
+        rolling_n = row.push_n[i] - row.drag[i] * speed
         mode[i] = FORWARD if rolling_n > hold_n else BACKWARD if rolling_n < -hold_n else ROLLING
     return Footing(k, first, last, load, mode)
 
@@ -82,10 +84,10 @@ def coefficients(row: RowParcel, foot: Footing) -> tuple[float, float, float]:
     for i in range(foot.first, foot.last + 1):
         if foot.mode[i] == ROLLING:
             force_n += row.push_n[i]
-            damping += row.drag
+            damping += row.drag[i]
         else:
-            force_n += foot.mode[i] * row.friction * foot.load[0, i]
-            spring += foot.mode[i] * row.friction * foot.load[1, i]
+            force_n += foot.mode[i] * row.friction[i] * foot.load[0, i]
+            spring += foot.mode[i] * row.friction[i] * foot.load[1, i]
     return force_n / row.mass_kg, spring / row.mass_kg, -damping / row.mass_kg
 
 

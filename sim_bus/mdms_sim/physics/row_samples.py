@@ -88,9 +88,9 @@ def add_forces(row: RowParcel, foot: Footing, state: State, part: float, here: L
         here.mode[i] = foot.mode[i]
         here.normal_n[i] += part * load_n
         if foot.mode[i] == ROLLING:
-            here.force_n[i] += part * (row.push_n[i] - row.drag * state.speed)
+            here.force_n[i] += part * (row.push_n[i] - row.drag[i] * state.speed)
         else:
-            here.force_n[i] += part * foot.mode[i] * row.friction * load_n
+            here.force_n[i] += part * foot.mode[i] * row.friction[i] * load_n
 
 
 @compiled

@@ -33,27 +33,29 @@ class Stretches:
     last: Ints
 
 
-def stretches_of(wheel_x_m: Floats, length_m: float, com_m: float) -> Stretches:
-    """Stretches of a parcel with its centre of mass `com_m` ahead of its centre.
+def stretches_of(wheel_x_m: Floats, ends_m: tuple[float, float], com_m: float) -> Stretches:
+    """Stretches of a parcel from the places of its ends and its centre of mass.
 
-    `wheel_x_m` ascends.
+    `wheel_x_m` ascends; the rest is seen from the parcel's centre, along x.
     """
-    if len(wheel_x_m) == 0:
+    back_m, front_m = ends_m
+    if len(wheel_x_m) == 0 or front_m <= back_m:
         return Stretches(np.zeros(1), np.zeros(0, np.int64), np.zeros(0, np.int64))
-    return Stretches(*cut(wheel_x_m, length_m, com_m))
+    return Stretches(*cut(wheel_x_m, back_m, front_m, com_m))
 
 
 @compiled
-def cut(wheel_x_m: Floats, length_m: float, com_m: float) -> tuple[Floats, Ints, Ints]:
+def cut(
+    wheel_x_m: Floats, back_m: float, front_m: float, com_m: float
+) -> tuple[Floats, Ints, Ints]:
     """The arrays of `Stretches`."""
-    half_m = length_m / 2
-    ends = np.sort(np.concatenate((wheel_x_m - half_m, wheel_x_m + half_m)))
-    edge, first, last = [ends[0] - half_m, ends[0]], [0], [-1]
+    ends = np.sort(np.concatenate((wheel_x_m - front_m, wheel_x_m - back_m)))
+    edge, first, last = [ends[0] - (front_m - back_m), ends[0]], [0], [-1]
     for cover in range(len(ends) - 1):
         right_m = ends[cover + 1]
         middle_m = (ends[cover] + right_m) / 2
-        head = int(np.searchsorted(wheel_x_m, middle_m - half_m))
-        tail = int(np.searchsorted(wheel_x_m, middle_m + half_m)) - 1
+        head = int(np.searchsorted(wheel_x_m, middle_m + back_m))
+        tail = int(np.searchsorted(wheel_x_m, middle_m + front_m)) - 1
         while edge[-1] < right_m - EDGE_M:
             i, j, stop_m = support_set(wheel_x_m, head, tail, edge[-1] + com_m)
             if i != first[-1] or j != last[-1]:

@@ -123,24 +123,26 @@ def coast(phase: Phase, after_s: float) -> tuple[State, float]:
 
 @compiled
 def start(row: RowParcel, x_m: float) -> tuple[Footing, int]:
-    """On what a parcel at rest at `x_m` sets off; on an edge, the forces on both sides decide."""
+    """On what a parcel at rest at `x_m` sets off; on an edge, the pushes on both sides decide.
+
+    Where they push it apart, it stays as well: both its ends are on wheels, and a row that is the
+    same on both sides moves it to neither.
+    """
     k = int(np.searchsorted(row.edge_m, x_m + EDGE_M)) - 1
-    on_edge = x_m - row.edge_m[max(k, 0)] < EDGE_M
-    here, before = no_footing(row, k), no_footing(row, k - 1)
-    after_pull, before_pull = -np.inf, np.inf
-    if on_edge and carried(row, k - 1):
-        before = footing(row, k - 1, x_m, 0.0)
-        before_pull = acceleration(row, before, x_m, 0.0)
-    if carried(row, k):
-        here = footing(row, k, x_m, 0.0)
-        after_pull = acceleration(row, here, x_m, 0.0)
-        if before_pull == np.inf or after_pull >= 0.0 or negligible(row, after_pull):
-            return here, START
-    if before_pull == np.inf:
-        return here, TIP
-    if after_pull > -np.inf and before_pull > 0.0 and not negligible(row, before_pull):
-        return here, HELD
-    return before, START
+    on_edge = x_m - row.edge_m[max(k, 0)] < EDGE_M and carried(row, k - 1)
+    if not carried(row, k) and not on_edge:
+        return no_footing(row, k), TIP
+    if not on_edge:
+        return footing(row, k, x_m, 0.0), START
+    before = footing(row, k - 1, x_m, 0.0)
+    if not carried(row, k):
+        return before, START
+    after = footing(row, k, x_m, 0.0)
+    ahead, back = acceleration(row, after, x_m, 0.0), acceleration(row, before, x_m, 0.0)
+    least = SLACK * row.weight_n / row.mass_kg
+    if ahead * back < 0.0 and min(abs(ahead), abs(back)) > least:
+        return after, HELD
+    return (after if ahead >= -least else before), START
 
 
 @compiled
@@ -149,7 +151,7 @@ def cross(
 ) -> tuple[Footing, int, State]:
     """Go over an edge of stretch `k`: onto what, how that is called, and the state there.
 
-    An edge whose two sides push the parcel together holds it, once it strays less than EDGE_M.
+    An edge whose two sides push the parcel back holds it, once it strays less than EDGE_M.
     Without that, ever shorter swings about the edge would go on for ever.
     """
     edge_m = row.edge_m[k + 1] if side > 0 else row.edge_m[k]

@@ -7,9 +7,20 @@ from hypothesis import strategies as st
 
 from mdms_sim.physics.drive import drive_of
 from mdms_sim.physics.row import solve_row
-from mdms_sim.physics.row_journey import wheel_places_m
+from mdms_sim.physics.row_journey import row_parcel
+from mdms_sim.physics.wheels import build_wheels
 from mdms_sim.record import Contact
-from mdms_sim.scenario import Array, Cell, Motion, Parcel, Run, Scenario, ScenarioError, Wheel
+from mdms_sim.scenario import (
+    Array,
+    Cell,
+    Motion,
+    Parcel,
+    Patch,
+    Run,
+    Scenario,
+    ScenarioError,
+    Wheel,
+)
 from mdms_sim.scenario_file import load_scenario
 
 PITCH_M = 0.127
@@ -28,7 +39,7 @@ def row(*parcels, duration_s=20.0, step_s=0.01, speed_m_s=0.0635, cell=None, col
 
 
 def inward(scenario):
-    return -np.sign(wheel_places_m(scenario)) * scenario.motion.speed_m_s
+    return -np.sign(build_wheels(scenario).position_m[:, 0]) * scenario.motion.speed_m_s
 
 
 def solve(scenario, reference_m_s=None):
@@ -178,9 +189,45 @@ def test_parcel_of_whole_pitches_is_held_where_its_ends_are_over_wheels():
     assert record.events[-1].detail.startswith("rests on an edge")
 
 
-def test_parcel_placed_on_that_edge_stays():
-    record = solve(row(Parcel("p", 2.0, 3 * PITCH_M, 0.1), duration_s=1.0))
+@pytest.mark.parametrize("speed_m_s", [0.0635, 1.0])
+def test_parcel_placed_on_that_edge_stays_by_symmetry(speed_m_s):
+    """Rolling wheels push it back to the middle, sliding ones away from it."""
+    parcel = Parcel("p", 2.0, 3 * PITCH_M, 0.1)
+    record = solve(row(parcel, duration_s=1.0, speed_m_s=speed_m_s))
     assert not record.pose[:, 0, 0].any()
+    assert record.normal_n[-1] == pytest.approx(record.normal_n[-1, ::-1])
+    assert record.force_n[-1] == pytest.approx(-record.force_n[-1, ::-1])
+
+
+def test_disc_covers_less_of_a_row_beside_its_middle():
+    disc = Parcel("disc", 2.0, 0.4445, 0.4445, y_m=0.16, shape="disc")
+    chord_m = 2 * np.sqrt((0.4445 / 2) ** 2 - 0.16**2)
+    row_of = {
+        name: row_parcel(row(parcel), parcel, np.zeros(10))
+        for name, parcel in {
+            "disc": disc,
+            "bar": Parcel("bar", 2.0, chord_m, 0.1),
+            "diamond": Parcel(
+                "diamond",
+                2.0,
+                2 * chord_m,
+                0.2,
+                y_m=-0.05,
+                shape="polygon",
+                corners_m=((chord_m, 0.0), (0.0, 0.1), (-chord_m, 0.0), (0.0, -0.1)),
+            ),
+        }.items()
+    }
+    for other in ("bar", "diamond"):
+        assert row_of["disc"].edge_m == pytest.approx(row_of[other].edge_m, abs=1e-12)
+        assert (row_of["disc"].first == row_of[other].first).all()
+
+
+def test_patch_of_slippery_cells_pushes_less():
+    slippery = replace(row(speed_m_s=2.0), patch=(Patch(cells=(3, 4), friction=0.1),))
+    record = solve(slippery)
+    grip = record.force_n[0, [2, 3]] / record.normal_n[0, [2, 3]]
+    assert grip == pytest.approx(0.1)
 
 
 def test_parcel_without_friction_stays():
@@ -209,8 +256,8 @@ def test_free_wheels_turn_with_the_droop_and_voltage_drives_them():
     ("scenario", "key"),
     [
         (replace(row(), array=Array(6, 3)), "array.rows is 3"),
-        (row(cell=Cell(wheel=(Wheel(), Wheel(1.57)))), "cell.wheel is 2"),
-        (row(cell=Cell(wheel=(Wheel(1.57),))), "direction_rad is 1.57"),
+        (row(cell=Cell(wheel=(Wheel(), Wheel(1.57)))), "number of wheels in a cell is 2"),
+        (row(cell=Cell(wheel=(Wheel(1.57),))), "direction is 0.0007"),
         (row(cell=Cell(viscous_friction_s_per_m=1.0)), "viscous_friction_s_per_m is 1.0"),
         (row(replace(BOX, yaw_rad=0.1)), "parcel.0.yaw_rad is 0.1"),
     ],

@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 from mdms_sim.physics.drive import drive_of
 from mdms_sim.physics.row import solve_row
 from mdms_sim.physics.row_analysis import rolling_law, row_laws, sliding_law
-from mdms_sim.physics.row_journey import journey_of, wheel_places_m
+from mdms_sim.physics.row_journey import journey_of
+from mdms_sim.physics.wheels import build_wheels
 from mdms_sim.record import Contact
 from mdms_sim.scenario_file import load_scenario
 
@@ -17,7 +18,7 @@ STRETCH = 1
 
 def paper(figure):
     scenario = load_scenario(f"paper-fig{figure}")
-    return scenario, -np.sign(wheel_places_m(scenario)) * scenario.motion.speed_m_s
+    return scenario, -np.sign(build_wheels(scenario).position_m[:, 0]) * scenario.motion.speed_m_s
 
 
 @given(speeds=st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=4), x_m=st.floats(-0.05, 0.05))

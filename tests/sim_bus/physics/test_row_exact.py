@@ -11,8 +11,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from mdms_sim.physics.motor import build_cells
 from mdms_sim.physics.row import solve_row
-from mdms_sim.physics.row_journey import wheel_places_m
+from mdms_sim.physics.wheels import build_wheels
 from mdms_sim.scenario import Array, Cell, Parcel, Run, Scenario, Wheel
 from mdms_sim.scenario_file import load_scenario
 
@@ -25,15 +26,14 @@ class RowReference:
     """One parcel on a row of wheels, in plain floats."""
 
     def __init__(self, scenario, reference_m_s):
-        cell, parcel, array = scenario.cell, scenario.parcel[0], scenario.array
-        self.parcel, self.friction = parcel, cell.friction
+        parcel, array = scenario.parcel[0], scenario.array
+        self.parcel = parcel
         self.weight_n = parcel.mass_kg * scenario.run.gravity_m_s2
-        self.gear = cell.gear_ratio / cell.wheel_radius_m
-        self.cell = cell
+        self.cells = build_cells(scenario)
         self.reference_m_s = [float(r) for r in reference_m_s]
         self.wheel_x_m = [
             (i - (array.columns - 1) / 2) * array.pitch_m + cell.wheel[0].offset_m[0]
-            for i in range(array.columns)
+            for i, cell in enumerate(self.cells)
         ]
         self.known = {}
 
@@ -68,22 +68,20 @@ class RowReference:
         spread = sum((p - mean) ** 2 for p in places)
         return self.weight_n * (1 / len(places) + (com_m - mean) * (at - mean) / spread)
 
-    def wheel_force_n(self, reference_m_s, parcel_m_s, normal_n):
+    def wheel_force_n(self, i, parcel_m_s, normal_n):
         """Eq (7) for a wheel that turns with the parcel, limited by friction (eq 12)."""
-        cell = self.cell
-        rotor_rad_s = parcel_m_s * self.gear
+        cell, reference_m_s = self.cells[i], self.reference_m_s[i]
+        gear = cell.gear_ratio / cell.wheel_radius_m
+        rotor_rad_s = parcel_m_s * gear
         voltage = cell.gain_vs_per_m * (reference_m_s - parcel_m_s)
         current = (voltage - rotor_rad_s * cell.torque_constant_nm_per_a) / cell.resistance_ohm
         torque = current * cell.torque_constant_nm_per_a - rotor_rad_s * cell.damping_nms
-        limit = self.friction * normal_n
-        return min(max(torque * self.gear, -limit), limit)
+        limit = cell.friction * normal_n
+        return min(max(torque * gear, -limit), limit)
 
     def rate(self, state):
         x_m, speed = state
-        force = sum(
-            self.wheel_force_n(self.reference_m_s[i], speed, normal)
-            for i, normal in self.normals(x_m)
-        )
+        force = sum(self.wheel_force_n(i, speed, normal) for i, normal in self.normals(x_m))
         return (speed, force / self.parcel.mass_kg)
 
     def solve(self, times_s, tolerance=1e-12):
@@ -143,7 +141,7 @@ class RowReference:
 
 
 def inward(scenario, speed_m_s):
-    return -np.sign(wheel_places_m(scenario)) * speed_m_s
+    return -np.sign(build_wheels(scenario).position_m[:, 0]) * speed_m_s
 
 
 def paper(figure):
@@ -155,9 +153,14 @@ def row(parcel, duration_s, cell):
     return Scenario("row", Array(10, 1), cell, (parcel,), run=Run("row", duration_s, 0.01))
 
 
+def is_comparable(scenario, reference_m_s):
+    """Whether it stays upright, and does not chatter about an edge, for which the reference crawls."""
+    record = solve_row(scenario, reference_m_s)
+    return record.time_s[-1] == scenario.run.duration_s and len(record.events) < 300
+
+
 def assert_follows_reference(scenario, reference_m_s, bound_m=1e-6, tolerance=1e-11):
     record = solve_row(scenario, reference_m_s)
-    assume(record.time_s[-1] == scenario.run.duration_s)  # else it tips
     times_s = np.linspace(0.0, scenario.run.duration_s, 11)
     expected = RowReference(scenario, reference_m_s).solve(times_s, tolerance)
     at = np.searchsorted(record.time_s, times_s - 1e-9)
@@ -181,17 +184,20 @@ def test_figures_agree_with_independent_integration_over_20_s(figure):
     speed_m_s=st.floats(0.01, 3.0),
     part=st.floats(-1.0, 1.0),
     wheel_offset_m=st.floats(-0.02, 0.02),
+    spread=st.sampled_from([0.0, 0.2]),
 )
 def test_any_parcel_agrees_with_independent_integration(
-    *, pitches, offset, friction, mass_kg, speed_m_s, part, wheel_offset_m
+    *, pitches, offset, friction, mass_kg, speed_m_s, part, wheel_offset_m, spread
 ):
     length_m = pitches * PITCH_M
     reach_m = 4.5 * PITCH_M - length_m / 2
     parcel = Parcel(
         "any", mass_kg, length_m, 0.1, part * reach_m, centre_of_mass_m=(offset * length_m, 0.0)
     )
-    cell = Cell(friction=friction, wheel=(Wheel(0.0, (wheel_offset_m, 0.0)),))
+    wheel = (Wheel(0.0, (wheel_offset_m, 0.0)),)
+    cell = Cell(friction=friction, wheel=wheel, motor_spread=spread, friction_spread=spread)
     scenario = row(parcel, 1.0, cell)
+    assume(is_comparable(scenario, inward(scenario, speed_m_s)))
     assert_follows_reference(scenario, inward(scenario, speed_m_s))
 
 
@@ -201,6 +207,7 @@ def test_any_parcel_agrees_with_independent_integration(
 )
 def test_any_references_agree_with_independent_integration(speeds, friction):
     scenario = row(Parcel("box", 2.0, 0.4445, 0.1, 0.01), 0.6, Cell(friction=friction))
+    assume(is_comparable(scenario, np.array(speeds)))
     assert_follows_reference(scenario, np.array(speeds))
 
 
@@ -210,7 +217,7 @@ def test_fig8_keeps_its_energy():
     box = scenario.parcel[0]
     x_m, speed = record.pose[:, 0, 0], record.twist[:, 0, 0]
     half_m = box.length_m / 2
-    wheels_m = wheel_places_m(scenario)
+    wheels_m = build_wheels(scenario).position_m[:, 0]
     turning = np.unique(np.concatenate([wheels_m - half_m, wheels_m + half_m, x_m]))
     turning = turning[(turning >= x_m.min()) & (turning <= x_m.max())]
     middles = (turning[1:] + turning[:-1]) / 2

@@ -22,7 +22,7 @@ def line(places_m, com_x_m, at_m):
 @given(length_m=LENGTHS, offset=st.floats(-0.45, 0.45), part=PARTS)
 def test_supports_balance_the_weight_and_none_pulls(length_m, offset, part):
     com_m = offset * length_m
-    stretches = stretches_of(WHEELS_M, length_m, com_m)
+    stretches = stretches_of(WHEELS_M, (-length_m / 2, length_m / 2), com_m)
     x_m = -0.6 + 1.2 * part
     assume(abs(stretches.edge_m - x_m).min() > 1e-7)
     k = np.searchsorted(stretches.edge_m, x_m) - 1
@@ -42,19 +42,19 @@ def test_supports_balance_the_weight_and_none_pulls(length_m, offset, part):
 
 
 def test_paper_parcel_rests_on_three_or_four_wheels():
-    stretches = stretches_of(WHEELS_M, 3.5 * PITCH_M, 0.0)
+    stretches = stretches_of(WHEELS_M, (-1.75 * PITCH_M, 1.75 * PITCH_M), 0.0)
     inside = abs(stretches.edge_m[:-1]) < 0.3
     assert set((stretches.last - stretches.first + 1)[inside]) == {3, 4}
 
 
 def test_length_of_whole_pitches_makes_no_stretch_of_no_width():
-    stretches = stretches_of(WHEELS_M, 3 * PITCH_M, 0.0)
+    stretches = stretches_of(WHEELS_M, (-1.5 * PITCH_M, 1.5 * PITCH_M), 0.0)
     assert (np.diff(stretches.edge_m) > 0.9e-3).all()
 
 
 def test_wheels_need_not_be_evenly_spaced():
     wheels_m = np.array([0.0, 0.1, 0.35, 0.4])
-    stretches = stretches_of(wheels_m, 1.0, 0.0)
+    stretches = stretches_of(wheels_m, (-0.5, 0.5), 0.0)
     k = np.searchsorted(stretches.edge_m, 0.2) - 1
     assert (stretches.first[k], stretches.last[k]) == (0, 3)
 
