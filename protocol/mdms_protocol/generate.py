@@ -6,9 +6,10 @@ Runs in a checkout, under CPython. With `--check` it writes nothing and tells wh
 import sys
 from pathlib import Path
 
-from mdms_protocol import eds, pack
+from mdms_protocol import dbc, eds, pack, reference
 
 _PACKAGE = Path(__file__).parent
+_FOLDER = _PACKAGE.parent
 
 
 def packed_module() -> str:
@@ -39,7 +40,9 @@ def outputs() -> dict[Path, str]:
     """The text of every generated file."""
     return {
         _PACKAGE / "packed.py": packed_module(),
-        _PACKAGE.parent / "mdms-cell.eds": eds.text(),
+        _FOLDER / "mdms-cell.eds": eds.text(),
+        _FOLDER / "mdms-cell.dbc": dbc.text(),
+        _FOLDER / "OBJECTS.md": reference.text(),
     }
 
 

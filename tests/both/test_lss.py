@@ -15,7 +15,7 @@ class Slave:
         self.left = 0
         self.answers = []
         self.refuse = refuse
-        self.lss = Lss((*IDENTITY[:3], serial), self, self.save, self.send)
+        self.lss = Lss(IDENTITY[:3] + (serial,), self, self.save, self.send)  # noqa: RUF005
 
     def on_lss_done(self):
         self.left += 1
