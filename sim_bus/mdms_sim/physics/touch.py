@@ -37,7 +37,9 @@ TOUCH = np.dtype(
 
 #: Parcels that have touched count as touching until they are this far apart [m].
 NEAR_M = 1e-4
-#: Share of a penetration that is undone per second, and the most [m/s].
+#: Parcels that meet within a step sink in by less than half of its way; so much is let be [m].
+SINK_M = 1e-4
+#: Share of a deeper penetration that is undone per second, and the most [m/s].
 RECOVERY_PER_S = 10.0
 RECOVERY_M_S = 0.05
 ROUNDS = 200
@@ -186,7 +188,7 @@ def aim(scene: Scene, touch: Records, step_s: float, share: float) -> None:
     if touch.gap_m > 0.0:
         end = -touch.gap_m / (0.5 * step_s)
     else:
-        end = min(-touch.gap_m * RECOVERY_PER_S, RECOVERY_M_S)
+        end = min(max(-touch.gap_m - SINK_M, 0.0) * RECOVERY_PER_S, RECOVERY_M_S)
     row_a, row_b = rows_of(touch)
     a, b = scene.parcels[touch.a], scene.parcels[touch.b]
     old = dot(row_b, twist_of(b)) - dot(row_a, twist_of(a))
