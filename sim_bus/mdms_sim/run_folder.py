@@ -19,7 +19,9 @@ from mdms_sim.scenario_tree import plain
 
 FORMAT = "mdms-run"
 FORMAT_VERSION = 1
-META, RECORD, BUS_LOG, PICTURE = FILES = ("meta.json", "run.mcap", "bus.log", "picture.png")
+META, RECORD, PICTURE = "meta.json", "run.mcap", "picture.png"
+#: Everything that a run may leave; those that a new run lacks are taken away.
+FILES = (META, RECORD, PICTURE, "wheels.png", "bus.log", "bus.blf", "bus.asc")
 
 
 class RunFolderError(ValueError):

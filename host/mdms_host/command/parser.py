@@ -10,6 +10,7 @@ from mdms_host.command import (
     limits,
     map,
     plot,
+    replay,
     run,
     scan,
     scenarios,
@@ -19,7 +20,7 @@ from mdms_host.command import (
 )
 from mdms_host.command.exits import Exit
 
-VERBS = (demo, simulate, scenarios, limits, map, plot, export, run, scan, status, stop)
+VERBS = (demo, simulate, scenarios, limits, map, plot, export, run, scan, status, stop, replay)
 DESCRIPTION = "Modular distributed manipulator: simulate, run and look after an array of cells."
 EPILOG = """\
 Results go to stdout, messages to stderr. Exit codes: 0 ok, 1 failure, 2 usage or bad input,

@@ -6,8 +6,9 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mdms_host.command.bus_format import FORMATS, convert_log
 from mdms_host.command.console import compiling_told, progress, say
-from mdms_host.command.exits import Exit
+from mdms_host.command.exits import CommandError, Exit
 from mdms_host.command.inputs import folder_to_fill, open_scenario
 from mdms_host.command.options import Verbs, add_json, add_scenario
 
@@ -24,6 +25,12 @@ def add_to(verbs: Verbs) -> None:
     parser = verbs.add_parser("simulate", help="run one scenario in virtual time")
     add_scenario(parser)
     parser.add_argument("--out", metavar="DIR", type=Path, help="write a run folder")
+    parser.add_argument(
+        "--bus-format",
+        choices=FORMATS,
+        default="log",
+        help="write the bus log in this form too, beside bus.log (candump)",
+    )
     parser.add_argument("--seed", metavar="N", type=int, help="instead of the scenario's run.seed")
     parser.add_argument(
         "--nodes", choices=NODES, default="cpython", help="what the cells' firmware runs on"
@@ -40,7 +47,11 @@ def run(arguments: Namespace) -> Exit:
         if getattr(arguments, name) is not None:
             overrides.append(f"run.{name}={getattr(arguments, name)}")
     scenario = open_scenario(arguments.scenario, overrides)
-    finished, figures = simulate(scenario, arguments.nodes, arguments.out)
+    if arguments.bus_format != "log" and not (arguments.out and _has_bus(scenario)):
+        raise CommandError(
+            "--bus-format: only a run of the firmware with --out has a bus log", Exit.USAGE
+        )
+    finished, figures = simulate(scenario, arguments.nodes, arguments.out, arguments.bus_format)
     if arguments.json:
         print(json.dumps(figures))
     else:
@@ -51,7 +62,7 @@ def run(arguments: Namespace) -> Exit:
 
 
 def simulate(
-    scenario: "Scenario", nodes: str, out: Path | None
+    scenario: "Scenario", nodes: str, out: Path | None, bus_format: str = "log"
 ) -> "tuple[Finished, dict[str, Any]]":
     """Run a scenario and keep it in a folder, if any. Raises `CommandError`."""
     from mdms_host.command.figures import figures_of
@@ -65,6 +76,8 @@ def simulate(
             from mdms_sim.run_folder import write_run
 
             figures["run"] = str(out)
+            if _has_bus(scenario):
+                convert_log(folder / "bus.log", bus_format)
             write_run(folder, scenario, finished.record, figures)
     return finished, figures
 
@@ -73,10 +86,14 @@ def _run(scenario: "Scenario", nodes: str, bus_log: Path | None) -> "Finished":
     from mdms_host.command.compose import run_scenario
 
     with compiling_told():
-        if scenario.run.fidelity != "firmware":
+        if not _has_bus(scenario):
             return run_scenario(scenario)
         with progress(scenario.title) as advance:
             return run_scenario(scenario, nodes, advance, bus_log)
+
+
+def _has_bus(scenario: "Scenario") -> bool:
+    return scenario.run.fidelity == "firmware"
 
 
 def verdict(finished: "Finished") -> Exit:
