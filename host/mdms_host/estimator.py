@@ -28,6 +28,10 @@ _SLIP_SHARE = 0.1
 _DRIFT_M2_S = 1e-8
 #: Wheels this far from the fit are taken to slip.
 _SLIPPING_M_S = 0.003
+_FIT_ROUNDS = 5
+#: Keeps a fit solvable, and at zero, along what no wheel tells (a row tells neither y nor yaw).
+_RIDGE = 1e-10
+_EYE = np.eye(3)
 
 
 class ParcelEstimator:
@@ -116,11 +120,12 @@ class ParcelEstimator:
         jacobian = self._layout.surface_jacobian(*self.pose[:2])[under] * self._extent_m
         speeds = speed_m_s[under]
         fit = self.twist / self._extent_m
-        for _ in range(5):
+        for _ in range(_FIT_ROUNDS):
             error = np.abs(speeds - jacobian @ fit)
-            scale = max(_SLIPPING_M_S, 1.5 * float(np.median(error)))
-            weight = 1 / (1 + (error / scale) ** 2)
-            fit = np.linalg.lstsq(jacobian * weight[:, None], speeds * weight, rcond=1e-6)[0]
+            scale = max(_SLIPPING_M_S, 1.5 * float(np.sort(error)[len(error) // 2]))
+            weighted = (jacobian / (1 + (error / scale) ** 2)[:, None]).T
+            normal = weighted @ jacobian
+            fit = np.linalg.solve(normal + _RIDGE * np.trace(normal) * _EYE, weighted @ speeds)
         return np.asarray(fit * self._extent_m)
 
     def _correct(self, now_s: float, sensor: int, sigma_m: float) -> bool:
