@@ -38,28 +38,5 @@ def progress(what: str) -> Iterator[Callable[[float], None]]:
         yield lambda share: bar.update(task, completed=share)
 
 
-@contextmanager
-def compiling_told() -> Iterator[None]:
-    """Say so, once and on a terminal only, when the simulator has to be compiled first."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    from numba.core.event import Event, Listener, install_listener
-
-    class Teller(Listener):
-        told = False
-
-        def on_start(self, event: Event) -> None:
-            if not self.told:
-                self.told = True
-                say("Compiling the simulator's inner loops; this happens once per installation.")
-
-        def on_end(self, event: Event) -> None:
-            pass
-
-    with install_listener("numba:compile", Teller()):
-        yield
-
-
 def _ignore(_share: float) -> None:
     pass

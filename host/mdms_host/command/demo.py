@@ -71,8 +71,10 @@ def _miss(told: dict[str, Any], goal: "Goal") -> tuple[float, float]:
 
 def _machine(figures: dict[str, Any]) -> list[str]:
     bus = figures["bus"]
+    compiling = f" (after {figures['compile_s']:.0f} s of compiling, once per installation)"
     return [
         f"  bus: {bus['frames']:,} frames, {100 * bus['load']:.0f} % load at 1 Mbit/s",
         f"  {figures['duration_s']:g} s simulated in {figures['wall_s']:.1f} s: "
-        f"{figures['real_time_factor']:.1f} times real time",
+        f"{figures['real_time_factor']:.1f} times real time"
+        f"{compiling if figures['compile_s'] else ''}",
     ]

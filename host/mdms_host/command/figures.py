@@ -30,6 +30,7 @@ def figures_of(scenario: "Scenario", finished: "Finished") -> dict[str, Any]:
         "seed": scenario.run.seed,
         "duration_s": duration_s,
         "wall_s": finished.wall_s,
+        "compile_s": finished.compile_s,
         "real_time_factor": duration_s / finished.wall_s,
         "parcels": [_parcel(scenario, record, number) for number in range(len(scenario.parcel))],
     }
@@ -68,6 +69,8 @@ def report(figures: dict[str, Any]) -> list[str]:
         f"  {figures['fidelity']}{nodes}, seed {figures['seed']}: {figures['duration_s']:g} s "
         f"in {figures['wall_s']:.3g} s, {figures['real_time_factor']:,.3g} times real time",
     ]
+    if figures["compile_s"]:
+        lines.append(f"  after {figures['compile_s']:.1f} s of compiling, once per installation")
     lines += [f"  {_sentence(parcel)}" for parcel in figures["parcels"]]
     if "bus" in figures:
         bus = figures["bus"]

@@ -5,7 +5,7 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mdms_host.command.console import compiling_told
+from mdms_host.command.compiling import compiling_watched
 from mdms_host.command.exits import CommandError, Exit
 from mdms_host.command.inputs import open_scenario, refusing_bad_scenarios
 from mdms_host.command.options import Verbs, add_json, add_scenario
@@ -47,7 +47,7 @@ def run(arguments: Namespace) -> Exit:
     from mdms_sim.plots.field_map import draw_field_map
 
     reference_m_s = references_m_s(scenario)
-    with refusing_bad_scenarios(), compiling_told():
+    with refusing_bad_scenarios(), compiling_watched():
         field = map_field(scenario, parcel, reference_m_s, Law[arguments.law.upper()])
     try:
         save(draw_field_map(scenario, parcel, field, reference_m_s), path)

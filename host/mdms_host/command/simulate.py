@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mdms_host.command.bus_format import FORMATS, convert_log
-from mdms_host.command.console import compiling_told, progress, say
+from mdms_host.command.console import progress, say
 from mdms_host.command.exits import CommandError, Exit
 from mdms_host.command.inputs import folder_to_fill, open_scenario
 from mdms_host.command.options import Verbs, add_json, add_scenario
@@ -85,11 +85,10 @@ def simulate(
 def _run(scenario: "Scenario", nodes: str, bus_log: Path | None) -> "Finished":
     from mdms_host.command.compose import run_scenario
 
-    with compiling_told():
-        if not _has_bus(scenario):
-            return run_scenario(scenario)
-        with progress(scenario.title) as advance:
-            return run_scenario(scenario, nodes, advance, bus_log)
+    if not _has_bus(scenario):
+        return run_scenario(scenario)
+    with progress(scenario.title) as advance:
+        return run_scenario(scenario, nodes, advance, bus_log)
 
 
 def _has_bus(scenario: "Scenario") -> bool:

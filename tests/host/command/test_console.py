@@ -6,7 +6,8 @@ from contextlib import redirect_stderr
 
 import pytest
 
-from mdms_host.command.console import compiling_told, progress
+from mdms_host.command.compiling import compiling_watched
+from mdms_host.command.console import progress
 
 COLOUR = re.compile(r"\x1b\[[0-9;]*3[0-9]")
 
@@ -56,9 +57,12 @@ def test_nothing_is_drawn_off_a_terminal(capsys):
 def compile_something():
     import numba
 
-    with compiling_told():
-        numba.njit(lambda x: x + 1)(1)
-        numba.njit(lambda x: x + 2)(1)
+    inner = numba.njit(lambda x: x + 1)
+    with compiling_watched() as compiled:
+        numba.njit(lambda x: inner(x) + 2)(1)
+        once_s = compiled.seconds
+        inner(1)
+    assert 0.0 < once_s == compiled.seconds
 
 
 def test_compiling_is_told_once_on_a_terminal(terminal):

@@ -17,7 +17,7 @@ def finished(x_m, wall_s=0.5, estimate=None):
     wheels = np.zeros((len(TIME_S), 10))
     twist = np.gradient(pose, TIME_S, axis=0)
     codes = wheels.astype(np.int8)
-    return Finished(Record(TIME_S, pose, twist, *[wheels] * 5, codes, estimate), wall_s)
+    return Finished(Record(TIME_S, pose, twist, *[wheels] * 5, codes, estimate), wall_s=wall_s)
 
 
 @pytest.fixture

@@ -21,6 +21,7 @@ def test_json_has_the_promised_names(capsys):
         "seed",
         "duration_s",
         "wall_s",
+        "compile_s",
         "real_time_factor",
         "parcels",
     }
