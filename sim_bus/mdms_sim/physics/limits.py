@@ -1,7 +1,8 @@
 """The paper's bounds: normal forces (eqs 2 and 3) and reference speeds (eqs 12 to 17).
 
 The paper derives them for one row and a centred parcel longer than two pitches, away from the ends
-of the row. For any other array or parcel the normal forces are searched over all poses instead.
+of the row. For any other array or parcel the normal forces are searched over all poses instead, and
+eqs (14) to (17) take what is found for motions along any one direction.
 """
 
 import math

@@ -1,21 +1,30 @@
-"""Least and greatest normal forces under a parcel, over all places it may have on a large array."""
+"""Least and greatest normal forces under a parcel, over all poses it may have on a large array."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from mdms_sim.physics.supports import press
+from mdms_sim.physics.held_parcel import held_parcel
+from mdms_sim.physics.pose_search import Extremes, Lattice, extremes_at, weigh
+from mdms_sim.physics.row_journey import chord_m
+from mdms_sim.physics.row_supports import stretches_of
+from mdms_sim.physics.wheels import lay_out
 from mdms_sim.record import Floats
 from mdms_sim.scenario import Parcel, Scenario, ScenarioError
 
-PLACES = 48
-"""Places searched along each axis of one pitch."""
+YAWS = 180
+ZOOMS = 4
+ZOOM_POINTS = 9
 
 
 @dataclass(frozen=True, slots=True)
 class NormalBounds:
-    """How many wheels carry a parcel, and how much each [N], over all its poses."""
+    """How many wheels carry a parcel, and how much each [N], over all its poses.
+
+    A covered wheel from which the parcel lifts carries nothing, so the least force is 0 then.
+    """
 
     supports_min: int
     supports_max: int
@@ -24,58 +33,134 @@ class NormalBounds:
 
 
 def search_normals(scenario: Scenario, parcel: Parcel) -> NormalBounds:
-    """The bounds over the poses in which the parcel stands.
+    """The bounds over the poses in which the parcel stands, away from the ends of the array.
 
-    Raises `ScenarioError` where it stands in none.
+    On one line of wheels the parcel's yaw is its own, in the plane any. Raises `ScenarioError`
+    where it stands in no pose.
     """
-    pitch_m = scenario.array.pitch_m
-    shifts_m = (np.arange(PLACES) + 0.5) / PLACES * pitch_m
-    across_m = shifts_m if scenario.array.rows > 1 else np.array([parcel.y_m])
-    found = [normals_at(scenario, parcel, x_m, y_m) for x_m in shifts_m for y_m in across_m]
-    standing = [normal_n for normal_n in found if normal_n is not None]
-    if not standing:
+    found = (
+        _row_extremes(scenario, parcel) if on_one_line(scenario) else _extremes(scenario, parcel)
+    )
+    if not found.most:
         raise ScenarioError(
             f"parcel {parcel.name!r} tips wherever it lies; "
-            f"its centre of mass needs wheels around it, {pitch_m} m apart"
+            f"its centre of mass needs wheels around it, and cells are "
+            f"{scenario.array.pitch_m:g} m apart"
         )
-    carrying = [int((normal_n > 0.0).sum()) for normal_n in standing]
-    return NormalBounds(
-        supports_min=min(carrying),
-        supports_max=max(carrying),
-        normal_min_n=min(float(normal_n.min()) for normal_n in standing),
-        normal_max_n=max(float(normal_n.max()) for normal_n in standing),
-    )
+    return NormalBounds(found.fewest, found.most, found.least_n, found.most_n)
+
+
+def on_one_line(scenario: Scenario) -> bool:
+    """Whether all wheels stand in one row along x."""
+    across_m = {wheel.offset_m[1] for wheel in scenario.cell.wheel}
+    return scenario.array.rows == 1 and len(across_m) == 1
 
 
 def centred_normal_n(scenario: Scenario, parcel: Parcel) -> float:
-    """Greatest normal force under a parcel with its centre at the array's origin [N]."""
+    """Greatest normal force under a parcel that lies at the array's origin; inf: it tips [N]."""
     array = scenario.array
-    middle_m = array.pitch_m * (1 - array.columns % 2) / 2
-    across_m = array.pitch_m * (1 - array.rows % 2) / 2
-    normal_n = normals_at(scenario, parcel, middle_m, across_m)
-    return math.inf if normal_n is None else float(normal_n.max())
+    x_m = array.pitch_m * (1 - array.columns % 2) / 2
+    y_m = array.pitch_m * (1 - array.rows % 2) / 2 if array.rows > 1 else parcel.y_m
+    found = _at(scenario, parcel, x_m, y_m)
+    return found.most_n if found.most else math.inf
 
 
-def normals_at(scenario: Scenario, parcel: Parcel, x_m: float, y_m: float) -> Floats | None:
-    """Normal forces of all covered wheels, the parcel `x_m`, `y_m` from a cell; None: it tips."""
-    cosine, sine = math.cos(parcel.yaw_rad), math.sin(parcel.yaw_rad)
-    turn = np.array([[cosine, sine], [-sine, cosine]])
-    own_m = (wheel_places_m(scenario, parcel) - (x_m, y_m)) @ turn.T
-    half_m = np.array([parcel.length_m, parcel.width_m]) / 2 + 1e-12
-    under = (abs(own_m) <= half_m).all(axis=1)
-    spot_m = own_m[under] - parcel.centre_of_mass_m
-    normal_n = np.empty(len(spot_m))
+def _row_extremes(scenario: Scenario, parcel: Parcel) -> Extremes:
+    """Over one pitch of a long row; loads are extreme where the support set changes (eq 1)."""
+    pitch_m, com_m = scenario.array.pitch_m, parcel.centre_of_mass_m[0]
+    steps = np.arange(-_reach(scenario, parcel), _reach(scenario, parcel) + 1) * pitch_m
+    offsets_m = [wheel.offset_m[0] for wheel in scenario.cell.wheel]
+    wheel_x_m = np.sort((steps[:, np.newaxis] + offsets_m).ravel())
+    ends_m = chord_m(parcel, scenario.cell.wheel[0].offset_m[1] - parcel.y_m)
+    stretches = stretches_of(wheel_x_m, ends_m, com_m)
+    loads: list[Floats] = []
+    counts: list[int] = []
+    for k in np.flatnonzero(stretches.first <= stretches.last):
+        low_m, high_m = stretches.edge_m[k], stretches.edge_m[k + 1]
+        if high_m > 0.0 and low_m < pitch_m:
+            places_m = wheel_x_m[stretches.first[k] : stretches.last[k] + 1]
+            loads += [_eq_1(places_m, end_m + com_m) for end_m in (low_m, high_m)]
+            counts.append(len(places_m))
+    if not counts:
+        return Extremes(math.inf, 0.0, 0, 0)
     weight_n = parcel.mass_kg * scenario.run.gravity_m_s2
-    return normal_n if press(spot_m, weight_n, normal_n) else None
+    least = max(min(float(load.min()) for load in loads), 0.0)
+    most = max(float(load.max()) for load in loads)
+    return Extremes(least * weight_n, most * weight_n, min(counts), max(counts))
 
 
-def wheel_places_m(scenario: Scenario, parcel: Parcel) -> Floats:
-    """Wheels (W, 2) of an array that reaches far around a cell at the origin [m]."""
-    array = scenario.array
-    reach = math.ceil(math.hypot(parcel.length_m, parcel.width_m) / array.pitch_m) + 2
+def _eq_1(places_m: Floats, com_x_m: float) -> Floats:
+    """Shares of the weight on supports that all carry."""
+    arm_m = places_m - places_m.mean()
+    shares: Floats = 1 / len(places_m) + (com_x_m - places_m.mean()) * arm_m / (arm_m @ arm_m)
+    return shares
+
+
+def _extremes(scenario: Scenario, parcel: Parcel) -> Extremes:
+    """Over all places at many yaws, then closer and closer about the best of them."""
+    lattice, held = _lattice(scenario, parcel), held_parcel(scenario, parcel)
+
+    def at(yaw_rad: float) -> Extremes:
+        return extremes_at(lattice, held, yaw_rad)
+
+    yaws = np.linspace(-math.pi, math.pi, YAWS, endpoint=False)
+    found = [at(yaw) for yaw in yaws]
+    step = 2 * math.pi / YAWS
+    found += _closer(at, yaws[np.argmin([each.least_n for each in found])], step, _least)
+    found += _closer(at, yaws[np.argmax([each.most_n for each in found[:YAWS]])], step, _most)
+    return Extremes(
+        min(each.least_n for each in found),
+        max(each.most_n for each in found),
+        min(each.fewest for each in found),
+        max(each.most for each in found),
+    )
+
+
+def _least(each: Extremes) -> float:
+    return each.least_n
+
+
+def _most(each: Extremes) -> float:
+    return -each.most_n
+
+
+def _closer(
+    at: Callable[[float], Extremes],
+    yaw_rad: float,
+    step_rad: float,
+    badness: Callable[[Extremes], float],
+) -> list[Extremes]:
+    """The extremes at ever closer yaws about the best so far."""
+    found: list[Extremes] = []
+    for _ in range(ZOOMS):
+        yaws = yaw_rad + np.linspace(-step_rad, step_rad, ZOOM_POINTS)
+        tried = [at(yaw) for yaw in yaws]
+        yaw_rad = yaws[np.argmin([badness(each) for each in tried])]
+        step_rad *= 2 / (ZOOM_POINTS - 1)
+        found += tried
+    return found
+
+
+def _at(scenario: Scenario, parcel: Parcel, x_m: float, y_m: float) -> Extremes:
+    """At one place, the cell at the origin."""
+    held = held_parcel(scenario, parcel)
+    nothing = Extremes(math.inf, 0.0, 1_000_000, 0)
+    return weigh(_lattice(scenario, parcel), held, (x_m, y_m, parcel.yaw_rad), nothing)
+
+
+def _lattice(scenario: Scenario, parcel: Parcel) -> Lattice:
+    """Cells far around one at the origin; places within one pitch stand for all."""
+    array, reach = scenario.array, _reach(scenario, parcel)
     steps = np.arange(-reach, reach + 1) * array.pitch_m
     rows = steps if array.rows > 1 else np.zeros(1)
-    cells = np.array([(x_m, y_m) for x_m in steps for y_m in rows])
-    offsets = np.array([wheel.offset_m for wheel in scenario.cell.wheel])
-    wheels: Floats = (cells[:, np.newaxis] + offsets).reshape(-1, 2)
-    return wheels
+    centres_m = np.array([(x_m, y_m) for y_m in rows for x_m in steps])
+    wheels = lay_out(centres_m, [scenario.cell] * len(centres_m))
+    half_m = np.full(2, array.pitch_m / 2)
+    if array.rows == 1:
+        half_m[1] = reach * array.pitch_m
+    return Lattice(wheels.position_m, -half_m, half_m)
+
+
+def _reach(scenario: Scenario, parcel: Parcel) -> int:
+    """Cells to each side that may lie under the parcel, and some to spare."""
+    return math.ceil(math.hypot(parcel.length_m, parcel.width_m) / 2 / scenario.array.pitch_m) + 2

@@ -154,7 +154,7 @@ def row(parcel, duration_s, cell):
 
 
 def is_comparable(scenario, reference_m_s):
-    """Whether it stays upright, and does not chatter about an edge, for which the reference crawls."""
+    """Whether it stays upright, and does not chatter about an edge: there the reference crawls."""
     record = solve_row(scenario, reference_m_s)
     return record.time_s[-1] == scenario.run.duration_s and len(record.events) < 300
 
