@@ -21,6 +21,8 @@ from mdms_protocol.frame import Frame
 Floats = NDArray[np.float64]
 
 _SYNC = Frame(cob.SYNC, b"")
+#: Cells tell their state on change; now and then they repeat it, so that a lost frame is made good.
+_REPEAT_STATUS = Setting(0x1801, 5, 200)
 
 
 class Coordinator:
@@ -57,7 +59,10 @@ class Coordinator:
         self._program = program
         self._timing = timing or Timing()
         self._by_node = {cell.node_id: cell for cell in self.cells}
-        self._sdo = {cell.node_id: SdoClient(cell.node_id, settings) for cell in self.cells}
+        self._sdo = {
+            cell.node_id: SdoClient(cell.node_id, (_REPEAT_STATUS, *settings))
+            for cell in self.cells
+        }
         self._alive = nmt.heartbeat(host_node_id, nmt.OPERATIONAL)
         self._now_s = 0.0
         self._phase_since_s: float | None = None
