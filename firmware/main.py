@@ -30,9 +30,9 @@ def board_module():
     return module
 
 
-def run(board, folder="/flash", watchdog=True):
+def run(board, folder="/flash", node_id=NODE_UNSET, watchdog=True):
     """Run the cell until something goes wrong, and raise that with the motors cut."""
-    cell = Cell(board, NODE_UNSET)
+    cell = Cell(board, node_id)
     runner = Runner(board, cell)
     try:
         board.start(runner.tick, watchdog)
@@ -40,8 +40,8 @@ def run(board, folder="/flash", watchdog=True):
             runner.turn(time.ticks_ms())
     except BaseException as error:
         board.stop()
-        log(error, folder)
         say_farewell(board, cell)
+        log(error, folder)
         raise
     finally:
         board.stop()

@@ -61,7 +61,7 @@ AXES = const(2)
 
 # Of the cell:
 TICKS = const(66)  # ticks since the start, modulo 2**30
-AGE_LIMIT = const(67)  # a target older than this is stale [ticks]
+AGE_LIMIT = const(67)  # a target of this age is stale [ticks]
 SUPPLY = const(68)  # supply voltage [uV], from the board or a parameter; 1_000_000..VOLTAGE_MAX_UV
 CUT = const(69)  # not 0: voltage 0 on both axes, for interrupts that know no state machine
 WIDEN = const(70)  # what sign-extends a loaded register, see `reset`
@@ -173,7 +173,7 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         # Watch over the axis. A count of ticks stands still at its limit.
         faults = registers[base + FAULTS]
         age = registers[base + AGE]
-        if age <= registers[AGE_LIMIT]:
+        if age < registers[AGE_LIMIT]:
             registers[base + AGE] = age + 1
         elif mode == RUN:
             faults |= STALE

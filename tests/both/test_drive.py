@@ -139,7 +139,7 @@ def test_fault_reset_works_on_the_rising_edge_only():
 def test_stale_target_is_a_fault_that_must_be_reset():
     axis = axis_in(c.OPERATION_ENABLED)
     axis.drive.set_target(100_000)
-    assert axis.tick(51) == 0
+    assert axis.tick(50) == 0
     assert axis.voltage_uv() != 0
     assert axis.tick() == d.STALE_SETPOINT
     assert axis.voltage_uv() == 0
@@ -157,7 +157,7 @@ def test_target_older_than_the_switching_on_is_not_stale():
     axis = axis_in(c.SWITCHED_ON)
     axis.tick(1000)
     axis.drive.control(c.ENABLE_OPERATION)
-    assert axis.tick(51) == 0
+    assert axis.tick(50) == 0
 
 
 def test_quick_stop_ends_in_switch_on_disabled_after_its_ramp():

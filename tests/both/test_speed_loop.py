@@ -105,7 +105,7 @@ def test_inverted_axis_does_the_same_the_other_way_round():
 
 def test_stale_target_cuts_the_voltage_in_the_tick_after_its_time():
     made = run(registers())
-    for _ in range(51):
+    for _ in range(50):
         s.step(made)
         assert made[s.VOLTAGE] != 0
     s.step(made)

@@ -18,7 +18,7 @@ from mdms_sim.nodes.micropython_process import find_micropython
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = (ROOT / "firmware" / "mdms_cell", ROOT / "protocol" / "mdms_protocol")
-TIME_LIMIT_S = 300
+TIME_LIMIT_S = 60
 _LAUNCH = (
     "import sys; sys.path.append(sys.argv.pop(1)); "
     "from micropython_run import run_main; sys.exit(run_main(sys.argv))"

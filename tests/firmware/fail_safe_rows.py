@@ -1,0 +1,290 @@
+"""Every row of the fail-safe table in firmware/README.md; runs on MicroPython.
+
+`bench` drives both wheels at 1 V when a row begins. `cut(bench)` asserts that no later tick than
+the next one has taken the voltage away, with no turn of the background in between.
+"""
+
+import world
+from bench import NODE, Bench
+
+import main
+from mdms_cell import speed_loop as s
+from mdms_protocol import cia402
+
+TARGET = 100_000
+
+
+def cut(bench, ticks=1):
+    assert not bench.off(), "the motors were off before"
+    for _ in range(ticks):
+        assert not bench.off(), "the motors were off too early"
+        world.advance()
+    assert bench.off(), "the motors are still on"
+
+
+def keep(bench, ms):
+    """Stream targets for a while; both motors must stay on."""
+    for _ in range(ms):
+        bench.target(TARGET)
+        bench.pass_ms()
+        assert not bench.off()
+
+
+def emergencies():
+    codes = []
+    for can_id, data in world.sent:
+        if can_id == 0x080 + NODE:
+            codes.append(data[0] | data[1] << 8)
+    return codes
+
+
+def comes_back(bench, *controlwords):
+    """Fault reset and the way up make the wheels turn again; nothing less does."""
+    bench.target(TARGET)
+    bench.pass_ms(10)
+    assert bench.off()
+    for word in controlwords:
+        bench.can.deliver(0x300 + NODE, bytes((word, 0, word, 0)))
+        bench.pass_ms()
+    bench.target(TARGET)
+    bench.pass_ms(3)
+    keep(bench, 20)
+
+
+RESET = (0x00, cia402.FAULT_RESET, cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION)
+UP = RESET[2:]
+
+
+def stale_setpoint(bench):
+    keep(bench, 100)
+    bench.target(TARGET)
+    bench.pass_ms()
+    cut(bench, 51)
+    bench.pass_ms(10)
+    assert emergencies() == [0x8250, 0x8250], emergencies()
+    comes_back(bench, *RESET)
+
+
+def no_sync(bench):
+    for _ in range(60):
+        bench.can.deliver(0x200 + NODE, TARGET.to_bytes(4, "little") * 2)
+        bench.pass_ms()
+    assert bench.off()
+    comes_back(bench, *RESET)
+
+
+def heartbeat_lost(bench):
+    # 0x1016:1 = node 100, 40 ms
+    bench.can.deliver(0x600 + NODE, b"\x23\x16\x10\x01" + (100 << 16 | 40).to_bytes(4, "little"))
+    for _ in range(100):
+        bench.can.deliver(0x764, b"\x05")
+        keep(bench, 1)
+    silent_ms = 0
+    while not bench.off():
+        bench.target(TARGET)
+        bench.pass_ms()
+        silent_ms += 1
+    assert 39 <= silent_ms <= 46, silent_ms
+    bench.pass_ms(10)
+    assert 0x8130 in emergencies()
+
+
+def bus_off(bench):
+    keep(bench, 20)
+    bench.can.fall_silent()
+    cut(bench)
+    bench.pass_ms(150)
+    assert 0x8140 in emergencies()
+    comes_back(bench, *RESET)
+
+
+def stall(bench):
+    # 0x2004 stall voltage 500 mV, 0x2005 stall time 30 ms; the wheel stands still under 1 V
+    bench.can.deliver(0x600 + NODE, b"\x23\x04\x20\x00" + (500).to_bytes(4, "little"))
+    bench.pass_ms(2)
+    bench.can.deliver(0x600 + NODE, b"\x2b\x05\x20\x00" + (30).to_bytes(2, "little") + b"\0\0")
+    bench.pass_ms(2)
+    keep(bench, 20)
+    for _ in range(12):
+        bench.target(TARGET)
+        bench.pass_ms()
+    assert bench.widths()[0] == 0
+    bench.pass_ms(10)
+    assert 0x7121 in emergencies()
+    assert bench.board.registers[s.FAULTS] == s.STALLED
+
+
+def over_current(bench):
+    keep(bench, 50)
+    world.analog[bench.currents[0]] = 65535
+    for _ in range(98):
+        bench.target(TARGET)
+        bench.pass_ms()
+        assert bench.widths()[0]
+    for _ in range(4):
+        bench.target(TARGET)
+        bench.pass_ms()
+    assert bench.widths()[0] == 0
+    assert bench.widths()[1] != 0, "the other wheel has no fault"
+    bench.pass_ms(10)
+    assert 0x2310 in emergencies()
+
+
+def bridge_fault(bench):
+    keep(bench, 50)
+    world.levels[bench.fault] = 0
+    for _ in range(103):
+        bench.target(TARGET)
+        bench.pass_ms()
+    assert bench.off()
+    bench.pass_ms(10)
+    assert 0x2310 in emergencies()
+    world.levels[bench.fault] = 1
+    comes_back(bench, *RESET)
+
+
+def following_error(bench):
+    # 0x60F8 max slippage 50 mm/s for 0x2007 = 20 ms
+    bench.can.deliver(0x600 + NODE, b"\x2b\x07\x20\x00" + (20).to_bytes(2, "little") + b"\0\0")
+    bench.pass_ms(2)
+    bench.can.deliver(0x600 + NODE, b"\x23\xf8\x60\x00" + (50_000).to_bytes(4, "little"))
+    bench.pass_ms(2)
+    for _ in range(25):
+        bench.target(TARGET)
+        bench.pass_ms()
+    assert bench.widths()[0] == 0
+    bench.pass_ms(10)
+    assert 0x8611 in emergencies()
+
+
+def leaving_operational(bench):
+    for command in (0x80, 0x02, 0x81, 0x82):
+        bench.can.deliver(0x000, bytes((command, NODE)))
+        bench.runner.turn(world.now_ms)
+        cut(bench)
+        if command in (0x81, 0x82):
+            bench.pass_ms(2000)
+        bench.can.deliver(0x000, bytes((1, NODE)))
+        bench.pass_ms(2)
+        comes_back(bench, 0x00, *UP)
+
+
+def disable_voltage(bench):
+    bench.can.deliver(0x300 + NODE, bytes(4))
+    bench.runner.turn(world.now_ms)
+    cut(bench)
+    comes_back(bench, *UP)
+
+
+def quick_stop(bench):
+    # 2 m/s2 from 0.1 m/s: 50 ms
+    bench.can.deliver(0x300 + NODE, b"\x02\x00\x02\x00")
+    bench.runner.turn(world.now_ms)
+    before = bench.widths()[0]
+    for _ in range(48):
+        world.advance()
+        assert 0 < bench.widths()[0] <= before
+        before = bench.widths()[0]
+    bench.pass_ms(12)
+    assert bench.off()
+    comes_back(bench, 0x00, *UP)
+
+
+def exception_in_tick(bench):
+    def broken(registers):
+        raise ValueError("encoder")
+
+    bench.board.sample = broken
+    cut(bench)
+    try:
+        bench.pass_ms()
+    except ValueError:
+        return
+    raise AssertionError("the background was not told")
+
+
+def ends(bench, action, wanted):
+    """Run the program itself on the bench's board, wheels driven, until `action` ends it."""
+    start_ms = world.now_ms + 1500
+    frames = [(0x000, bytes((1, NODE)))]
+    frames += [(0x300 + NODE, bytes((word, 0, word, 0))) for word in UP]
+    for place, frame in enumerate(frames):
+        world.events[start_ms + place] = lambda frame=frame: bench.can.deliver(*frame)
+    for ms in range(start_ms + len(frames), start_ms + 50):
+        world.events[ms] = lambda: bench.target(TARGET)
+
+    def plan():
+        assert not bench.off()
+        bench.board.show = action
+
+    world.events[start_ms + 50] = plan
+    try:
+        main.run(bench.board, ".", NODE, watchdog=False)
+    except wanted:
+        world.told.append("ended")
+    assert world.told[-1] == "ended"
+    assert bench.off()
+    assert not world.levels[bench.wake]
+    assert 0x6100 in emergencies()
+    with open("crash.log") as file:
+        assert wanted.__name__ in file.read()
+
+
+def exception_in_background(bench):
+    ends(bench, lambda now_ms, state, faulty: 1 // 0, ZeroDivisionError)
+
+
+def interrupted_from_prompt(bench):
+    def interrupt(now_ms, state, faulty):
+        raise KeyboardInterrupt
+
+    ends(bench, interrupt, KeyboardInterrupt)
+
+
+def timer_dies(bench):
+    fed_ms = world.fed_ms
+    keep(bench, 5)
+    assert world.fed_ms > fed_ms
+    world.timers.clear()
+    fed_ms = world.fed_ms
+    for _ in range(50):
+        bench.pass_ms()
+    assert world.fed_ms <= fed_ms + 1
+
+
+def background_hangs(bench):
+    bench.target(TARGET)
+    bench.pass_ms()
+    fed_ms = world.fed_ms
+    cut(bench, 51)
+    assert world.fed_ms == fed_ms
+
+
+def start_up(bench):
+    fresh = bench.board
+    fresh.registers[s.MODE] = s.OFF
+    bench.pass_ms(0)
+    bench.can.deliver(0x000, bytes((0x81, NODE)))
+    bench.runner.turn(world.now_ms)
+    for _ in range(500):
+        bench.target(TARGET)
+        bench.pass_ms()
+    assert bench.off()
+
+
+def taken_node_id(bench):
+    bench.can.deliver(0x700 + NODE, b"\x05")
+    bench.runner.turn(world.now_ms)
+    cut(bench)
+    bench.pass_ms(10)
+    assert 0x8150 in emergencies()
+
+
+def run(name):
+    bench = Bench("pybv11")
+    bench.boot()
+    bench.drive(TARGET)
+    assert not bench.off()
+    world.sent.clear()
+    globals()[name](bench)
+    print("done")

@@ -1,0 +1,45 @@
+"""The fail-safe table of firmware/README.md, row by row on a real MicroPython process."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent
+FIRMWARE = HERE.parents[1] / "firmware"
+FILES = (
+    FIRMWARE / "boards",
+    FIRMWARE / "main.py",
+    HERE / "fail_safe_rows.py",
+    HERE / "pauses.py",
+    *sorted((HERE / "fakes").glob("*.py")),
+)
+
+
+def rows() -> list[str]:
+    """The last column of the table under the heading 'Fail safe'."""
+    text = (FIRMWARE / "README.md").read_text().split("## Fail safe")[1].split("\n## ")[0]
+    return re.findall(r"\| `(\w+)` \|$", text, re.MULTILINE)
+
+
+def test_every_row_has_a_test_and_every_test_a_row():
+    tree = ast.parse((HERE / "fail_safe_rows.py").read_text())
+    functions = {
+        node.name
+        for node in tree.body
+        if isinstance(node, ast.FunctionDef)
+        and [each.arg for each in node.args.args] == ["bench"]
+        and node.args.vararg is None
+    }
+    assert set(rows()) == functions
+
+
+@pytest.mark.parametrize("row", rows())
+def test_row(micropython, row):
+    assert micropython(f"import fail_safe_rows; fail_safe_rows.run({row!r})", *FILES) == "done\n"
+
+
+def test_collection_between_any_two_steps_delays_no_tick_and_loses_no_frame(micropython):
+    printed = micropython("import pauses; pauses.run()", *FILES)
+    assert int(printed.split()[1]) >= 10

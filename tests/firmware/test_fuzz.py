@@ -1,0 +1,55 @@
+"""Whatever comes over the bus, a cell raises nothing, stays valid, and replies alike everywhere."""
+
+import sys
+import tracemalloc
+from pathlib import Path
+
+import pytest
+
+BOTH = Path(__file__).parents[1] / "both"
+SEED = 2026
+
+
+def fuzz(frames, measure=None):
+    sys.path.insert(0, str(BOTH))
+    try:
+        from fuzz_cell import fuzz as run
+    finally:
+        sys.path.remove(str(BOTH))
+    return run(SEED, frames, measure)
+
+
+def on_micropython(micropython, frames):
+    code = (
+        "import gc\n"
+        "from fuzz_cell import fuzz\n"
+        "used = []\n"
+        f"print(*fuzz({SEED}, {frames}, lambda: used.append(gc.mem_alloc())))\n"
+        "print(*used)\n"
+    )
+    replies, used = micropython(code, BOTH / "fuzz_cell.py").splitlines()
+    return tuple(map(int, replies.split())), list(map(int, used.split()))
+
+
+def test_same_frames_give_the_same_replies_on_micropython(micropython):
+    replies, _ = on_micropython(micropython, 10_000)
+    assert replies == fuzz(10_000)
+    assert replies[1] > 3_000
+
+
+@pytest.mark.slow
+def test_100_000_frames_on_micropython_leave_the_heap_as_it_was(micropython):
+    replies, used = on_micropython(micropython, 100_000)
+    assert replies == fuzz(100_000)
+    assert max(used[5:]) <= max(used[:5]) + 1024
+
+
+@pytest.mark.slow
+def test_a_million_frames_raise_nothing_and_leave_the_memory_as_it_was():
+    used = []
+    tracemalloc.start()
+    try:
+        fuzz(1_000_000, lambda: used.append(tracemalloc.get_traced_memory()[0]))
+    finally:
+        tracemalloc.stop()
+    assert max(used[50:]) <= max(used[:50]) + 4096
