@@ -84,7 +84,7 @@ class Simulation:
     """A scenario with its cells, its bus and its participants, ready to run.
 
     `estimates` returns the poses that somebody believes the parcels to have, shape (P, 3), NaN
-    where unknown; they are only recorded.
+    where unknown; they are only recorded. A run without end is better not `recorded`.
     """
 
     def __init__(
@@ -92,8 +92,10 @@ class Simulation:
         scenario: Scenario,
         bank: CellBank,
         participants: Sequence[Participant] = (),
+        *,
         bus_log: BinaryIO | None = None,
         estimates: Callable[[], Floats] | None = None,
+        recorded: bool = True,
     ) -> None:
         self.kernel = Kernel()
         self.bus = Bus(self.kernel)
@@ -118,7 +120,8 @@ class Simulation:
         self._unknown: Floats = np.full((len(scenario.parcel), 3), np.nan)
         self._drivers = [_Driver(self.kernel, self.bus, one) for one in participants]
         self.kernel.at(0, PRIORITY_TICK, self._tick)
-        self.kernel.at(0, PRIORITY_SAMPLE, self._sample)
+        if recorded:
+            self.kernel.at(0, PRIORITY_SAMPLE, self._sample)
 
     def run_until(self, time_s: float, progress: Progress | None = None) -> None:
         """Let virtual time pass, up to and including `time_s`, or until a parcel tips.
@@ -201,7 +204,7 @@ def simulate(
         bank = open_bank(nodes, scenario.array.columns * scenario.array.rows)
         stack.enter_context(closing(bank))
         log = stack.enter_context(bus_log.open("wb")) if bus_log else None
-        simulation = Simulation(scenario, bank, participants, log, estimates)
+        simulation = Simulation(scenario, bank, participants, bus_log=log, estimates=estimates)
         simulation.run_until(scenario.run.duration_s, progress)
         return simulation.outcome()
 

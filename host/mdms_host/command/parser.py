@@ -14,13 +14,28 @@ from mdms_host.command import (
     run,
     scan,
     scenarios,
+    serve,
     simulate,
     status,
     stop,
 )
 from mdms_host.command.exits import Exit
 
-VERBS = (demo, simulate, scenarios, limits, map, plot, export, run, scan, status, stop, replay)
+VERBS = (
+    demo,
+    simulate,
+    scenarios,
+    limits,
+    map,
+    plot,
+    export,
+    serve,
+    run,
+    scan,
+    status,
+    stop,
+    replay,
+)
 DESCRIPTION = "Modular distributed manipulator: simulate, run and look after an array of cells."
 EPILOG = """\
 Results go to stdout, messages to stderr. Exit codes: 0 ok, 1 failure, 2 usage or bad input,

@@ -1,0 +1,179 @@
+"""One program on the served bus: a socket or pseudo-terminal, and a controller of its own.
+
+Nothing here waits: what a client does not read in time is dropped and counted, and what the bus
+does not take yet is left in the client's socket.
+"""
+
+import os
+from collections.abc import Callable
+from typing import Protocol
+
+from mdms_protocol.frame import Frame
+from mdms_sim.bus.bus import Bus
+from mdms_sim.bus.flags import ERROR, EXTENDED, EXTENDED_MASK, STANDARD_MASK
+from mdms_sim.serve import packet
+from mdms_sim.serve.slcan import Slcan
+
+#: What is kept for a client that reads slowly [bytes]: about a second of a full bus.
+BACKLOG_BYTES = 1 << 18
+#: A client that has this many frames waiting is not read from until the bus has taken some.
+PENDING_FRAMES = 64
+_READ_BYTES = 1 << 12
+
+
+class GoneError(Exception):
+    """The client has left, or was not one."""
+
+
+class Codec(Protocol):
+    """How a client writes frames; it begins by being told the greeting."""
+
+    greeting: bytes
+
+    @property
+    def garbage(self) -> int:
+        """Lines or packets that made no sense."""
+
+    def encode(self, frame: Frame, sim_ns: int) -> bytes:
+        """What to tell the client of a frame on the bus; may be nothing."""
+
+    def feed(self, data: bytes) -> bytes:
+        """Take in what the client wrote, hand its frames over; return what to answer."""
+
+
+class Client:
+    """A program on the bus; `dropped` counts frames that it was too slow for, `garbage` bad input.
+
+    `descriptor` is not blocking. `make_codec(send)` makes the codec that speaks with it.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        descriptor: int,
+        bus: Bus,
+        make_codec: "Callable[[Callable[[Frame], bool]], Codec]",
+    ) -> None:
+        self.name = name
+        self.descriptor = descriptor
+        self.dropped = 0
+        self._bus = bus
+        self._controller = bus.attach(self)
+        self._codec = make_codec(self._controller.send)
+        self._backlog = bytearray(self._codec.greeting)
+
+    @property
+    def garbage(self) -> int:
+        """Lines or packets that made no sense."""
+        return self._codec.garbage
+
+    @property
+    def wants_to_write(self) -> bool:
+        """Whether something waits until the client reads."""
+        return bool(self._backlog)
+
+    @property
+    def may_send(self) -> bool:
+        """Whether the bus has room for what the client wants to send."""
+        return self._controller.pending < PENDING_FRAMES
+
+    def on_frame(self, frame: Frame, now_ns: int) -> None:
+        """Something was on the bus; see `Station`."""
+        told = self._codec.encode(frame, now_ns)
+        if len(self._backlog) + len(told) > BACKLOG_BYTES:
+            self.dropped += 1
+        else:
+            self._backlog += told
+
+    def on_error(self, now_ns: int) -> None:
+        """An error frame was on the bus."""
+        self.on_frame(Frame(ERROR, bytes(8)), now_ns)
+
+    def read(self) -> None:
+        """Take what the client has written. Raises GoneError."""
+        try:
+            data = os.read(self.descriptor, _READ_BYTES)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            raise GoneError(str(error)) from error
+        if not data:
+            raise GoneError("it has closed its end")
+        self._backlog += self._codec.feed(data)
+
+    def write(self) -> None:
+        """Give the client what it takes now. Raises GoneError."""
+        try:
+            while self._backlog:
+                del self._backlog[: os.write(self.descriptor, self._backlog)]
+        except BlockingIOError:
+            return
+        except OSError as error:
+            raise GoneError(str(error)) from error
+
+    def leave(self) -> None:
+        """Take the client off the bus."""
+        self._bus.detach(self._controller)
+
+
+class PacketCodec:
+    """The fixed-size packets of the python-can interface, after a greeting from both sides."""
+
+    greeting = packet.HELLO
+
+    def __init__(self, send: Callable[[Frame], bool], epoch_s: Callable[[int], float]) -> None:
+        self.garbage = 0
+        self._send = send
+        self._epoch_s = epoch_s
+        self._greeted = False
+        self._rest = bytearray()
+
+    def encode(self, frame: Frame, sim_ns: int) -> bytes:
+        """See `Codec`."""
+        return packet.pack(frame, self._epoch_s(sim_ns))
+
+    def feed(self, data: bytes) -> bytes:
+        """See `Codec`. Raises GoneError for a client that does not greet as it should."""
+        self._rest += data
+        if not self._greeted:
+            if not self._rest.startswith(packet.HELLO[: len(self._rest)]):
+                raise GoneError("it speaks another version")
+            if len(self._rest) < len(packet.HELLO):
+                return b""
+            del self._rest[: len(packet.HELLO)]
+            self._greeted = True
+        whole = len(self._rest) // packet.SIZE * packet.SIZE
+        for frame, epoch_s in packet.unpack(bytes(self._rest[:whole])):
+            if epoch_s is None or frame.can_id & ERROR or not _is_identifier(frame.can_id):
+                self.garbage += 1
+            else:
+                self._send(frame)
+        del self._rest[:whole]
+        return b""
+
+
+class SlcanCodec:
+    """The lines of a serial adapter."""
+
+    greeting = b""
+
+    def __init__(self, send: Callable[[Frame], bool]) -> None:
+        self._adapter = Slcan(send)
+
+    @property
+    def garbage(self) -> int:
+        """Lines refused so far."""
+        return self._adapter.garbage
+
+    def encode(self, frame: Frame, sim_ns: int) -> bytes:
+        """See `Codec`."""
+        return self._adapter.line(frame, sim_ns)
+
+    def feed(self, data: bytes) -> bytes:
+        """See `Codec`."""
+        return self._adapter.feed(data)
+
+
+def _is_identifier(can_id: int) -> bool:
+    largest = EXTENDED_MASK if can_id & EXTENDED else STANDARD_MASK
+    return can_id & EXTENDED_MASK <= largest

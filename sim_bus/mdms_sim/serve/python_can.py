@@ -1,0 +1,154 @@
+"""The served bus as a python-can interface: `-i mdms -c NAME` in any program that uses python-can.
+
+Found by python-can through the entry point `can.interface`.
+"""
+
+import contextlib
+import select
+import socket
+import threading
+from collections import deque
+from typing import Any
+
+import can
+
+from mdms_protocol.frame import Frame
+from mdms_sim.bus.flags import ERROR, EXTENDED, EXTENDED_MASK, REMOTE
+from mdms_sim.clock import epoch_now_s
+from mdms_sim.serve import packet
+
+_HELLO_TIMEOUT_S = 2.0
+_READ_BYTES = 1 << 16
+
+
+class MdmsBus(can.BusABC):
+    """A client of a bus that `mdms serve` runs on this machine.
+
+    `channel` is the served name. With `receive_own_messages` a frame sent is received as well.
+    Raises can.CanInitializationError when nothing is served under the name.
+    """
+
+    def __init__(
+        self,
+        channel: str = "array18",
+        receive_own_messages: bool = False,
+        **options: Any,
+    ) -> None:
+        self.channel_info = f"mdms {channel}"
+        self._receive_own_messages = receive_own_messages
+        self._sending = threading.Lock()
+        self._waiting: deque[can.Message] = deque()
+        self._rest = bytearray()
+        self._socket = _connect(channel)
+        super().__init__(channel, **options)
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Hand a message to the bus; can.CanOperationError if it takes none within `timeout`."""
+        data = packet.pack(_frame_of(msg), 0.0)
+        with self._sending:
+            self._send_all(memoryview(data), timeout)
+        if self._receive_own_messages:
+            msg.is_rx = False
+            msg.timestamp = epoch_now_s()
+            self._waiting.append(msg)
+
+    def _send_all(self, data: memoryview, timeout: float | None) -> None:
+        # Once a packet has begun it must be completed, or the stream would be out of step.
+        wait_s = timeout
+        while data:
+            _, writable, _ = select.select([], [self._socket], [], wait_s)
+            if not writable:
+                raise can.CanOperationError("the served bus takes no more frames; it is full")
+            wait_s = None
+            try:
+                data = data[self._socket.send(data) :]
+            except OSError as error:
+                raise can.CanOperationError(f"the served bus is gone: {error}") from error
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        if not self._waiting and self._readable(timeout):
+            self._read()
+        try:
+            return self._waiting.popleft(), False
+        except IndexError:
+            return None, False
+
+    def _readable(self, timeout: float | None) -> bool:
+        try:
+            readable, _, _ = select.select([self._socket], [], [], timeout)
+        except (OSError, ValueError) as error:
+            raise can.CanOperationError(f"the served bus is closed: {error}") from error
+        return bool(readable)
+
+    def _read(self) -> None:
+        try:
+            data = self._socket.recv(_READ_BYTES)
+        except OSError as error:
+            raise can.CanOperationError(f"the served bus is gone: {error}") from error
+        if not data:
+            raise can.CanOperationError("the served bus is gone: it was closed")
+        self._rest += data
+        whole = len(self._rest) // packet.SIZE * packet.SIZE
+        frames = packet.unpack(bytes(self._rest[:whole]))
+        del self._rest[:whole]
+        self._waiting.extend(_message_of(frame, epoch_s or 0.0) for frame, epoch_s in frames)
+
+    def shutdown(self) -> None:
+        """Leave the bus."""
+        super().shutdown()
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._socket.close()
+
+    @staticmethod
+    def _detect_available_configs() -> list[Any]:
+        """The buses served on this machine by this user."""
+        return [
+            {"interface": "mdms", "channel": path.stem}
+            for path in sorted(packet.runtime_folder().glob("*.sock"))
+        ]
+
+
+def _connect(channel: str) -> socket.socket:
+    path = packet.socket_path(channel)
+    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        connection.settimeout(_HELLO_TIMEOUT_S)
+        connection.connect(str(path))
+        connection.sendall(packet.HELLO)
+        hello = connection.recv(len(packet.HELLO), socket.MSG_WAITALL)
+    except OSError as error:
+        connection.close()
+        raise can.CanInitializationError(
+            f"no bus is served as {channel!r} ({error}); start one with: mdms serve array18"
+        ) from error
+    if hello != packet.HELLO:
+        connection.close()
+        raise can.CanInitializationError(
+            f"{path} speaks {hello!r}, not {packet.HELLO!r}; use the same version on both sides"
+        )
+    connection.setblocking(True)
+    return connection
+
+
+def _frame_of(message: can.Message) -> Frame:
+    can_id = message.arbitration_id
+    if message.is_extended_id:
+        can_id |= EXTENDED
+    if message.is_remote_frame:
+        return Frame(can_id | REMOTE, bytes(message.dlc))
+    return Frame(can_id, bytes(message.data))
+
+
+def _message_of(frame: Frame, epoch_s: float) -> can.Message:
+    remote = bool(frame.can_id & REMOTE)
+    return can.Message(
+        timestamp=epoch_s,
+        arbitration_id=frame.can_id & EXTENDED_MASK,
+        is_extended_id=bool(frame.can_id & EXTENDED),
+        is_remote_frame=remote,
+        is_error_frame=bool(frame.can_id & ERROR),
+        dlc=len(frame.data),
+        data=None if remote else frame.data,
+        is_rx=True,
+    )

@@ -1,0 +1,157 @@
+"""SLCAN, the line protocol of serial CAN adapters (Lawicel CAN232), from the adapter's side.
+
+Sans-IO: bytes in, frames and answers out. A line that makes no sense is answered by the error byte
+and counted.
+"""
+
+from collections.abc import Callable
+
+from mdms_protocol.frame import Frame
+from mdms_sim.bus.flags import EXTENDED, EXTENDED_MASK, REMOTE, STANDARD_MASK
+
+OK = b"\r"
+ERROR = b"\x07"
+#: Longest line: T, 8 digits, length, 16 digits of data.
+_LINE_MAX = 26
+_VERSION = b"V1013\r"
+_SERIAL = b"NMDMS\r"
+_STATUS = b"F00\r"
+_MS_PER_MINUTE = 60_000
+_DATA_MAX = 8
+_SPEEDS = frozenset(b"012345678")
+_HEX_DIGITS = frozenset(b"0123456789ABCDEFabcdef")
+
+
+class LineError(Exception):
+    """A line is not SLCAN, or not now."""
+
+
+class Slcan:
+    """One adapter: `send(frame) -> bool` is told of frames that a client wants on the bus.
+
+    `garbage` counts lines that were refused.
+    """
+
+    def __init__(self, send: Callable[[Frame], bool]) -> None:
+        self.is_open = False
+        self.garbage = 0
+        self._send = send
+        self._listen_only = False
+        self._stamped = False
+        self._line = bytearray()
+        self._overlong = False
+        self._commands: dict[int, Callable[[bytes], bytes]] = {
+            ord("S"): self._set_speed,
+            ord("s"): self._set_timing,
+            ord("O"): self._open,
+            ord("L"): self._listen,
+            ord("C"): self._close,
+            ord("t"): self._transmit,
+            ord("T"): self._transmit,
+            ord("r"): self._transmit,
+            ord("R"): self._transmit,
+            ord("Z"): self._set_stamps,
+            ord("V"): lambda _: _VERSION,
+            ord("v"): lambda _: _VERSION,
+            ord("N"): lambda _: _SERIAL,
+            ord("F"): lambda _: _STATUS,
+            ord("M"): lambda _: OK,
+            ord("m"): lambda _: OK,
+        }
+
+    def feed(self, data: bytes) -> bytes:
+        """Take in bytes from the client; return what to answer."""
+        answers = b""
+        for byte in data:
+            if byte == OK[0]:
+                answers += self._answer()
+            elif len(self._line) < _LINE_MAX:
+                self._line.append(byte)
+            else:
+                self._overlong = True
+        return answers
+
+    def line(self, frame: Frame, sim_ns: int) -> bytes:
+        """A received frame as a line for the client; nothing while the channel is closed."""
+        if not self.is_open or frame.can_id & ~(EXTENDED | REMOTE | EXTENDED_MASK):
+            return b""
+        remote = frame.can_id & REMOTE
+        if frame.can_id & EXTENDED:
+            head = f"{'R' if remote else 'T'}{frame.can_id & EXTENDED_MASK:08X}"
+        else:
+            head = f"{'r' if remote else 't'}{frame.can_id & STANDARD_MASK:03X}"
+        body = "" if remote else frame.data.hex().upper()
+        stamp = f"{sim_ns // 1_000_000 % _MS_PER_MINUTE:04X}" if self._stamped else ""
+        return f"{head}{len(frame.data)}{body}{stamp}\r".encode()
+
+    def _answer(self) -> bytes:
+        line, overlong = bytes(self._line), self._overlong
+        self._line.clear()
+        self._overlong = False
+        # Clients send empty lines to end whatever was half sent before.
+        if not line and not overlong:
+            return OK
+        try:
+            command = self._commands.get(line[0])
+            if overlong or command is None:
+                raise LineError
+            return command(line)
+        except (LineError, ValueError):
+            self.garbage += 1
+            return ERROR
+
+    def _set_speed(self, line: bytes) -> bytes:
+        if self.is_open or len(line) != 2 or line[1] not in _SPEEDS:
+            raise LineError
+        return OK
+
+    def _set_timing(self, line: bytes) -> bytes:
+        if self.is_open:
+            raise LineError
+        _require_hex(line[1:])
+        return OK
+
+    def _set_stamps(self, line: bytes) -> bytes:
+        if self.is_open or line[1:] not in (b"0", b"1"):
+            raise LineError
+        self._stamped = line[1:] == b"1"
+        return OK
+
+    def _open(self, line: bytes) -> bytes:
+        self.is_open, self._listen_only = True, False
+        return OK
+
+    def _listen(self, line: bytes) -> bytes:
+        self.is_open, self._listen_only = True, True
+        return OK
+
+    def _close(self, line: bytes) -> bytes:
+        self.is_open = False
+        return OK
+
+    def _transmit(self, line: bytes) -> bytes:
+        if not self.is_open or self._listen_only or not self._send(_frame_of(line)):
+            raise LineError
+        return b"z\r" if line[0] in b"tr" else b"Z\r"
+
+
+def _frame_of(line: bytes) -> Frame:
+    """The frame of a transmit command; raises LineError, or ValueError for missing digits."""
+    _require_hex(line[1:])
+    extended, remote = line[0] in b"TR", line[0] in b"rR"
+    digits = 8 if extended else 3
+    can_id = int(line[1 : 1 + digits], 16)
+    size = int(line[1 + digits : 2 + digits], 16)
+    data = bytes.fromhex(line[2 + digits :].decode("ascii"))
+    if size > _DATA_MAX or can_id > (EXTENDED_MASK if extended else STANDARD_MASK):
+        raise LineError
+    if len(data) != (0 if remote else size) or len(line) != 2 + digits + 2 * len(data):
+        raise LineError
+    flags = (EXTENDED if extended else 0) | (REMOTE if remote else 0)
+    return Frame(can_id | flags, bytes(size) if remote else data)
+
+
+def _require_hex(digits: bytes) -> None:
+    """Raise LineError for anything else than hexadecimal digits."""
+    if not digits or not _HEX_DIGITS.issuperset(digits):
+        raise LineError
