@@ -51,3 +51,12 @@ def folder_to_fill(folder: Path) -> Iterator[Path]:
             yield partial
     except RunFolderError as error:
         raise CommandError(str(error), Exit.USAGE) from None
+
+
+@contextmanager
+def telling_of_full_disk(folder: Path) -> Iterator[None]:
+    """Turns trouble with writing into a `CommandError` (failure)."""
+    try:
+        yield
+    except OSError as error:
+        raise CommandError(f"{folder}: cannot be written: {error.strerror}", Exit.FAILURE) from None

@@ -32,6 +32,16 @@ def add_overrides(parser: ArgumentParser) -> None:
     )
 
 
+def add_nodes(parser: ArgumentParser) -> None:
+    """`--nodes`."""
+    parser.add_argument(
+        "--nodes",
+        choices=("cpython", "micropython"),
+        default="cpython",
+        help="what the cells' firmware runs on (default: cpython)",
+    )
+
+
 def add_run(parser: ArgumentParser) -> None:
     """RUN, the folder of an earlier run."""
     parser.add_argument("folder", metavar="RUN", type=Path, help="a run folder")

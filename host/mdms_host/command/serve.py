@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 from mdms_host.command.console import say
 from mdms_host.command.exits import CommandError, Exit
 from mdms_host.command.inputs import open_scenario, refusing_bad_scenarios
-from mdms_host.command.options import Verbs, add_scenario
+from mdms_host.command.options import Verbs, add_nodes, add_scenario
 
 if TYPE_CHECKING:
     from mdms_sim.scenario import Scenario
 
-NODES = ("cpython", "micropython")
 #: Beyond this no machine keeps up.
 SPEED_MAX = 100.0
 PORT_MAX = 65535
@@ -24,7 +23,7 @@ def add_to(verbs: Verbs) -> None:
     parser = verbs.add_parser("serve", help="run the virtual array in real time for other programs")
     add_scenario(parser)
     parser.add_argument("--name", help="python-can's channel (default: the scenario's name)")
-    parser.add_argument("--nodes", choices=NODES, default="cpython", help="what the cells run on")
+    add_nodes(parser)
     parser.add_argument("--speed", type=_speed, default=1.0, help="times real time (default 1)")
     parser.add_argument(
         "--tcp-port", type=_port, default=0, help="of SLCAN on loopback (default: a free one)"
@@ -34,20 +33,17 @@ def add_to(verbs: Verbs) -> None:
 
 def run(arguments: Namespace) -> Exit:
     """Serve until Ctrl-C, or until a parcel tips."""
-    from mdms_sim.nodes.bank import MicropythonMissing, NodeError
+    from mdms_host.command.compose import telling_of_nodes
     from mdms_sim.serve.endpoint import ServeError
 
-    scenario = open_scenario(arguments.scenario, arguments.overrides)
+    scenario = open_scenario(arguments.scenario, [*arguments.overrides, "run.fidelity=firmware"])
     try:
-        with refusing_bad_scenarios():
+        with refusing_bad_scenarios(), telling_of_nodes():
             return _serve(scenario, arguments)
     except KeyboardInterrupt:
         return Exit.OK
     except ServeError as error:
         raise CommandError(str(error), Exit.FAILURE) from None
-    except NodeError as error:
-        missing = isinstance(error, MicropythonMissing)
-        raise CommandError(str(error), Exit.NO_DEVICE if missing else Exit.NODE_FAULT) from None
 
 
 def _serve(scenario: "Scenario", arguments: Namespace) -> Exit:

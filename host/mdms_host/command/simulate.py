@@ -9,15 +9,13 @@ from typing import TYPE_CHECKING, Any
 from mdms_host.command.bus_format import FORMATS, convert_log
 from mdms_host.command.console import progress, say
 from mdms_host.command.exits import CommandError, Exit
-from mdms_host.command.inputs import folder_to_fill, open_scenario
-from mdms_host.command.options import Verbs, add_json, add_scenario
+from mdms_host.command.inputs import folder_to_fill, open_scenario, telling_of_full_disk
+from mdms_host.command.options import Verbs, add_json, add_nodes, add_scenario
+from mdms_sim.scenario import FIDELITIES
 
 if TYPE_CHECKING:
     from mdms_host.command.compose import Finished
     from mdms_sim.scenario import Scenario
-
-FIDELITIES = ("row", "ideal", "firmware")
-NODES = ("cpython", "micropython")
 
 
 def add_to(verbs: Verbs) -> None:
@@ -32,9 +30,7 @@ def add_to(verbs: Verbs) -> None:
         help="write the bus log in this form too, beside bus.log (candump)",
     )
     parser.add_argument("--seed", metavar="N", type=int, help="instead of the scenario's run.seed")
-    parser.add_argument(
-        "--nodes", choices=NODES, default="cpython", help="what the cells' firmware runs on"
-    )
+    add_nodes(parser)
     parser.add_argument("--fidelity", choices=FIDELITIES, help="instead of run.fidelity")
     add_json(parser)
     parser.set_defaults(run=run)
@@ -76,9 +72,10 @@ def simulate(
             from mdms_sim.run_folder import write_run
 
             figures["run"] = str(out)
-            if _has_bus(scenario):
-                convert_log(folder / "bus.log", bus_format)
-            write_run(folder, scenario, finished.record, figures)
+            with telling_of_full_disk(folder):
+                if _has_bus(scenario):
+                    convert_log(folder / "bus.log", bus_format)
+                write_run(folder, scenario, finished.record, figures)
     return finished, figures
 
 
