@@ -197,6 +197,9 @@ class Cell:
         self._claim.start()
         for part in self._rpdos + self._tpdos + [self._emcy, self._consumer] + self._axes:
             part.load()
+        if flags & record.STORED_APPLICATION:
+            self._control_drives(cia402.FAULT_RESET)
+            self._control_drives(cia402.DISABLE_VOLTAGE)
         self._on_setpoint_timeout(SETPOINT_TIMEOUT, 0)
         self._listen()
 
@@ -325,8 +328,11 @@ class Cell:
             drive.fail(error_code)
 
     def _stop_motors(self):
+        self._control_drives(cia402.DISABLE_VOLTAGE)
+
+    def _control_drives(self, controlword):
         for drive in self._drives:
-            drive.control(cia402.DISABLE_VOLTAGE)
+            drive.control(controlword)
 
     def _driving(self):
         return any(drive.state in _DRIVING for drive in self._drives)
