@@ -4,7 +4,7 @@ from hashlib import sha256
 from typing import BinaryIO
 
 from mdms_protocol.frame import Frame
-from mdms_sim.bus.wire import EXTENDED, EXTENDED_MASK, REMOTE
+from mdms_sim.bus.flags import EXTENDED, EXTENDED_MASK, REMOTE, STANDARD_MASK
 
 NS_PER_US = 1000
 US_PER_S = 1_000_000
@@ -15,7 +15,7 @@ def log_line(frame: Frame, now_ns: int) -> str:
     """One line as `candump -L` writes it, in simulated time: `(0.001234) mdms 181#0011`."""
     can_id, data = frame
     now_us = now_ns // NS_PER_US
-    name = f"{can_id & EXTENDED_MASK:08X}" if can_id & EXTENDED else f"{can_id & 0x7FF:03X}"
+    name = f"{can_id & EXTENDED_MASK:08X}" if can_id & EXTENDED else f"{can_id & STANDARD_MASK:03X}"
     body = f"R{len(data)}" if can_id & REMOTE else data.hex().upper()
     return f"({now_us // US_PER_S}.{now_us % US_PER_S:06d}) {INTERFACE} {name}#{body}\n"
 

@@ -14,10 +14,11 @@ Action = Callable[[], object]
 class Kernel:
     """Runs actions in the order (time, priority, sequence); `now_ns` is the time they see."""
 
-    __slots__ = ("_heap", "_sequence", "now_ns")
+    __slots__ = ("_end_ns", "_heap", "_sequence", "now_ns")
 
     def __init__(self) -> None:
         self.now_ns = 0
+        self._end_ns = 0
         self._heap: list[tuple[int, int, int, Action]] = []
         self._sequence = count()
 
@@ -30,10 +31,19 @@ class Kernel:
     def run_until(self, time_ns: int) -> None:
         """Runs every event up to and including `time_ns`, then lets the clock stand there."""
         heap = self._heap
+        self._end_ns = time_ns
         while heap and heap[0][0] <= time_ns:
             self.now_ns, _, _, action = heappop(heap)
             action()
         self.now_ns = max(self.now_ns, time_ns)
+
+    def nothing_until(self, time_ns: int) -> bool:
+        """Whether an action could as well do now what it would ask to have done at `time_ns`.
+
+        That is so when no event comes before it ends, and nobody outside gets to act before.
+        """
+        heap = self._heap
+        return time_ns <= self._end_ns and (not heap or heap[0][0] > time_ns)
 
     @property
     def next_ns(self) -> int | None:

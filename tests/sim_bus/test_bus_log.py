@@ -4,7 +4,7 @@ from io import BytesIO
 from can.io.canutils import CanutilsLogReader
 
 from mdms_protocol.frame import Frame
-from mdms_sim.bus.wire import EXTENDED, REMOTE
+from mdms_sim.bus.flags import EXTENDED, REMOTE
 from mdms_sim.bus_log import BusLog
 
 FRAMES = [

@@ -1,113 +1,146 @@
-"""The shared wire: who sends next, how long it takes, who hears it.
+"""The CAN bus in simulated time: what is on it, what it carried, what disturbs it."""
 
-Bit boundaries lie at multiples of the bit time. All frames that ask for the bus within one bit
-time contend for it; each takes its real length with stuff bits and the inter-frame space after it.
-"""
-
-from collections.abc import Callable, Container
-from heapq import heappop, heappush
+from collections.abc import Callable, Collection, Container
 from itertools import count
 
 from mdms_protocol.frame import Frame
+from mdms_sim.bus.acceptance import Acceptance
+from mdms_sim.bus.attempt import Disturbance
 from mdms_sim.bus.controller import Controller, Station
-from mdms_sim.bus.wire import INTERFRAME_BITS, arbitration_field, frame_bits
+from mdms_sim.bus.segment import Segment
 from mdms_sim.kernel import Kernel
 
 NS_PER_S = 1_000_000_000
-#: Frames end before anything else happens at that instant, and arbitration sees all requests of it.
-PRIORITY_END = 0
-PRIORITY_ARBITRATE = 1000
-#: Identifiers whose receivers are remembered; a flood of others costs time, not memory.
-REMEMBERED_IDENTIFIERS = 4096
+BITRATE_MIN = 10_000
+BITRATE_MAX = 1_000_000
 
-Observer = Callable[[Frame, int], object]
+FrameObserver = Callable[[Frame, int], object]
+ErrorObserver = Callable[[int], object]
+StateObserver = Callable[[Controller, int], object]
+Disturb = Callable[[Controller, Frame], Disturbance | None]
 
 
 class Bus:
-    """A CAN bus in simulated time.
+    """One wire, or several while it is cut.
 
-    `frames` counts those that got through, `errors` error frames, `busy_ns` the time the bus was
-    not idle, inter-frame spaces included.
+    `frames` counts those that got through, `errors` error frames, `busy_ns` the time
+    that the bus was not idle, inter-frame spaces included. Raises ValueError for a bit rate without
+    a whole number of ns per bit or outside of 10 kbit/s to 1 Mbit/s.
     """
 
-    def __init__(self, kernel: Kernel, bitrate: int = 1_000_000) -> None:
-        if bitrate <= 0 or NS_PER_S % bitrate:
-            raise ValueError(f"bit rate {bitrate} does not give a whole number of ns per bit")
+    def __init__(self, kernel: Kernel, bitrate: int = BITRATE_MAX) -> None:
+        if not BITRATE_MIN <= bitrate <= BITRATE_MAX or NS_PER_S % bitrate:
+            raise ValueError(
+                f"bit rate must be {BITRATE_MIN} to {BITRATE_MAX} bit/s and divide 1 s into whole "
+                f"ns, got {bitrate}"
+            )
+        self.kernel = kernel
+        self.bitrate = bitrate
         self.bit_ns = NS_PER_S // bitrate
         self.frames = 0
         self.errors = 0
         self.busy_ns = 0
-        self._kernel = kernel
-        self._controllers: list[Controller] = []
-        self._observers: list[Observer] = []
-        self._receivers: dict[int, tuple[Controller, ...]] = {}
-        self._requests: list[tuple[int, int, Controller, Frame]] = []
-        self._sequence = count()
-        self._arbitrating = False
-        self._free_ns = 0
+        self.sequence = count()
+        self.observers: list[FrameObserver] = []
+        self.disturbance: Disturb | None = None
+        self._error_observers: list[ErrorObserver] = []
+        self._state_observers: list[StateObserver] = []
+        self._segments = [Segment(self)]
 
     def attach(self, station: Station, accept: Container[int] | None = None) -> Controller:
         """A new controller for `station`, which gets the frames whose `can_id` is in `accept`.
 
         None accepts every frame. A station does not hear its own frames.
         """
-        controller = Controller(self, station, accept)
-        self._controllers.append(controller)
-        self._receivers.clear()
+        controller = Controller(self._segments[0], station, None)
+        self._segments[0].add(controller)
+        self.set_filter(controller, accept)
         return controller
+
+    def detach(self, controller: Controller) -> None:
+        """Takes a controller off the bus with everything it had to send."""
+        controller.segment.remove(controller)
+        controller.live = False
+        controller.forget()
 
     def set_filter(self, controller: Controller, accept: Container[int] | None) -> None:
         """Changes what a controller lets through, from the next end of a frame on."""
         controller.accept = accept
-        self._receivers.clear()
+        if isinstance(accept, Acceptance):
+            accept.on_change(self._reconsider)
+        controller.segment.reconsider()
 
-    def observe(self, observer: Observer) -> None:
+    def switch_off(self, controller: Controller) -> None:
+        """The node loses its power: it neither sends nor acknowledges, and forgets its frames."""
+        controller.live = False
+        controller.segment.silence(controller)
+        controller.forget()
+
+    def switch_on(self, controller: Controller) -> None:
+        """The node starts anew."""
+        controller.errors.reset()
+        controller.live = True
+        controller.segment.reconsider()
+
+    def recover(self, controller: Controller) -> None:
+        """Starts the way back from bus off: 128 times eleven recessive bits; what waits is sent."""
+        controller.segment.recover(controller)
+
+    # What can be watched
+
+    def observe(self, observer: FrameObserver) -> None:
         """Has `observer(frame, now_ns)` called at the end of every frame on the bus."""
-        self._observers.append(observer)
+        self.observers.append(observer)
+
+    def observe_errors(self, observer: ErrorObserver) -> None:
+        """Has `observer(now_ns)` called at the end of every error frame."""
+        self._error_observers.append(observer)
+
+    def observe_states(self, observer: StateObserver) -> None:
+        """Has `observer(controller, now_ns)` called when a node becomes passive, off or active."""
+        self._state_observers.append(observer)
+
+    def on_error(self) -> None:
+        """An error frame has ended; called by segments."""
+        self.errors += 1
+        for observer in self._error_observers:
+            observer(self.kernel.now_ns)
+
+    def on_state(self, controller: Controller) -> None:
+        """A node's error state has changed; called by segments."""
+        for observer in self._state_observers:
+            observer(controller, self.kernel.now_ns)
+
+    def _reconsider(self) -> None:
+        for segment in self._segments:
+            segment.reconsider()
 
     def load(self) -> float:
         """Share of the time since start in which the bus was not idle."""
-        return self.busy_ns / self._kernel.now_ns if self._kernel.now_ns else 0.0
+        return self.busy_ns / self.kernel.now_ns if self.kernel.now_ns else 0.0
 
-    def request(self, controller: Controller, frame: Frame) -> None:
-        """A frame stands in a mailbox and wants the bus; called by controllers."""
-        key = arbitration_field(frame.can_id)
-        heappush(self._requests, (key, next(self._sequence), controller, frame))
-        if not self._arbitrating:
-            self._schedule_arbitration()
+    # What can go wrong
 
-    def _schedule_arbitration(self) -> None:
-        bit_ns = self.bit_ns
-        boundary_ns = -(-self._kernel.now_ns // bit_ns) * bit_ns
-        self._arbitrating = True
-        self._kernel.at(max(boundary_ns, self._free_ns), PRIORITY_ARBITRATE, self._arbitrate)
+    def disturb(self, disturb: Disturb | None) -> None:
+        """Has `disturb(sender, frame)` say what happens to each transmission, from the next on."""
+        self.disturbance = disturb
+        self._reconsider()
 
-    def _arbitrate(self) -> None:
-        _, _, controller, frame = heappop(self._requests)
-        duration_ns = frame_bits(frame) * self.bit_ns
-        end_ns = self._kernel.now_ns + duration_ns
-        self._free_ns = end_ns + INTERFRAME_BITS * self.bit_ns
-        self.busy_ns += self._free_ns - self._kernel.now_ns
-        self._kernel.at(end_ns, PRIORITY_END, lambda: self._end(controller, frame))
+    def cut(self, group: Collection[Controller]) -> None:
+        """Cuts the wire: `group` goes on alone. What is being sent is destroyed."""
+        piece = Segment(self)
+        self._segments.append(piece)
+        for controller in group:
+            controller.segment.break_off()
+            controller.segment.remove(controller)
+            piece.add(controller)
 
-    def _end(self, sender: Controller, frame: Frame) -> None:
-        now_ns = self._kernel.now_ns
-        self.frames += 1
-        for observer in self._observers:
-            observer(frame, now_ns)
-        for receiver in self._receivers_of(frame.can_id):
-            if receiver is not sender:
-                receiver.on_received(frame, now_ns)
-        sender.on_sent(frame)
-        self._arbitrating = False
-        if self._requests:
-            self._schedule_arbitration()
-
-    def _receivers_of(self, can_id: int) -> tuple[Controller, ...]:
-        known = self._receivers.get(can_id)
-        if known is None:
-            if len(self._receivers) >= REMEMBERED_IDENTIFIERS:
-                self._receivers.clear()
-            known = tuple(c for c in self._controllers if c.accept is None or can_id in c.accept)
-            self._receivers[can_id] = known
-        return known
+    def heal(self) -> None:
+        """Joins all pieces again; what is being sent is destroyed."""
+        whole, *pieces = self._segments
+        whole.break_off()
+        self._segments = [whole]
+        for piece in pieces:
+            for controller in list(piece.controllers):
+                piece.remove(controller)
+                whole.add(controller)

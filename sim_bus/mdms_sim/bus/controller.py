@@ -8,12 +8,15 @@ from collections.abc import Container
 from typing import TYPE_CHECKING, Protocol
 
 from mdms_protocol.frame import Frame
+from mdms_sim.bus.confinement import Confinement, ErrorState
 
 if TYPE_CHECKING:
-    from mdms_sim.bus.bus import Bus
+    from mdms_sim.bus.segment import Segment
 
 MAILBOXES = 3
 RECEIVE_FIFO = 3
+#: Frames that a node keeps in memory for the time when a mailbox is free.
+TRANSMIT_QUEUE = 4096
 
 
 class Station(Protocol):
@@ -24,31 +27,45 @@ class Station(Protocol):
 
 
 class Controller:
-    """One node's way to the bus; made by `Bus.attach`."""
+    """One node's way to the bus; made by `Bus.attach`.
+
+    `sent`, `received`, `overruns` (frames lost because the FIFO was full) and `refused` (because
+    the transmit queue was) count frames; `errors` are the node's error counters.
+    """
 
     __slots__ = (
-        "_bus",
         "_fifo",
+        "_held",
         "_identifiers",
         "_queue",
         "accept",
-        "held",
+        "errors",
+        "listen_only",
+        "live",
         "overruns",
         "received",
+        "refused",
+        "segment",
         "sent",
         "station",
+        "suspended_until_ns",
     )
 
-    def __init__(self, bus: "Bus", station: Station, accept: Container[int] | None) -> None:
-        self._bus = bus
+    def __init__(self, segment: "Segment", station: Station, accept: Container[int] | None) -> None:
+        self.segment = segment
         self.station = station
         self.accept = accept
-        self.held = False
+        self.live = True
+        self.listen_only = False
+        self.errors = Confinement()
+        self.suspended_until_ns = 0
         self.sent = 0
         self.received = 0
         self.overruns = 0
+        self.refused = 0
+        self._held = False
         self._queue: deque[Frame] = deque()
-        self._identifiers: set[int] = set()
+        self._identifiers: dict[int, Frame] = {}
         self._fifo: deque[Frame] = deque()
 
     @property
@@ -56,36 +73,58 @@ class Controller:
         """Frames that wait to be sent, in mailboxes and before them."""
         return len(self._queue) + len(self._identifiers)
 
-    def send(self, frame: Frame) -> None:
-        """Queues a frame.
+    @property
+    def state(self) -> ErrorState:
+        """Error active, error passive or bus off."""
+        return self.errors.state
+
+    def send(self, frame: Frame) -> bool:
+        """Queues a frame; False, and counted, when there is no room.
 
         It takes the next free mailbox when the frames before it have done so, but never stands in
         one beside a frame of the same identifier, so that those keep their order. The mailbox with
         the lowest identifier takes part in the arbitration.
         """
-        if self._queue or not self._has_room(frame):
+        if not self._queue and self._has_room(frame):
+            self._load(frame)
+        elif len(self._queue) < TRANSMIT_QUEUE:
             self._queue.append(frame)
         else:
-            self._load(frame)
+            self.refused += 1
+            return False
+        return True
 
     def _has_room(self, frame: Frame) -> bool:
         taken = self._identifiers
         return len(taken) < MAILBOXES and frame.can_id not in taken
 
     def _load(self, frame: Frame) -> None:
-        self._identifiers.add(frame.can_id)
-        self._bus.request(self, frame)
+        self._identifiers[frame.can_id] = frame
+        if self.live and not self.listen_only:
+            self.segment.request(self, frame)
 
     def on_sent(self, frame: Frame) -> None:
         """The bus has carried the frame: its mailbox is free for the next."""
         self.sent += 1
-        self._identifiers.remove(frame.can_id)
+        del self._identifiers[frame.can_id]
         while self._queue and self._has_room(self._queue[0]):
             self._load(self._queue.popleft())
 
+    def request_again(self) -> None:
+        """Asks for the bus with every mailbox, after a time without one."""
+        for frame in self._identifiers.values():
+            self.segment.request(self, frame)
+
+    def forget(self) -> None:
+        """Empties queue, mailboxes and FIFO, as a reset does; the bus must know before."""
+        self._queue.clear()
+        self._identifiers.clear()
+        self._fifo.clear()
+        self._held = False
+
     def on_received(self, frame: Frame, now_ns: int) -> None:
-        """A frame has passed the filter: hands it over, or keeps it while the node is `held`."""
-        if not self.held:
+        """A frame has passed the filter: hands it over, or keeps it while the node is held."""
+        if not self._held:
             self.received += 1
             self.station.on_frame(frame, now_ns)
         elif len(self._fifo) < RECEIVE_FIFO:
@@ -95,10 +134,10 @@ class Controller:
 
     def hold(self) -> None:
         """The node takes no frames from its FIFO until `release`; what does not fit is lost."""
-        self.held = True
+        self._held = True
 
     def release(self, now_ns: int) -> None:
         """The node takes frames again, first those that wait."""
-        self.held = False
+        self._held = False
         while self._fifo:
             self.on_received(self._fifo.popleft(), now_ns)

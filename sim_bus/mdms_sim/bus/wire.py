@@ -1,9 +1,4 @@
-"""A frame as bits on the wire: arbitration field, CRC, stuff bits, length (ISO 11898-1).
-
-A frame's `can_id` carries the flags of Linux SocketCAN above the identifier, so that one integer
-tells everything that arbitration needs: `EXTENDED` for 29 bits, `REMOTE` for a request whose `data`
-has the asked length. A plain 11-bit number is a plain data frame.
-"""
+"""A frame as bits on the wire: arbitration field, CRC, stuff bits, length (ISO 11898-1)."""
 
 from typing import Any
 
@@ -12,14 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mdms_protocol.frame import Frame
-
-EXTENDED = 0x8000_0000
-REMOTE = 0x4000_0000
-STANDARD_MASK = 0x7FF
-EXTENDED_MASK = 0x1FFF_FFFF
+from mdms_sim.bus.flags import EXTENDED, EXTENDED_MASK, REMOTE, STANDARD_MASK
 
 CRC_POLYNOMIAL = 0x4599
 CRC_BITS = 15
+CRC_MASK = (1 << CRC_BITS) - 1
 #: CRC delimiter, acknowledge slot and its delimiter, seven bits end of frame: never stuffed.
 TAIL_BITS = 10
 INTERFRAME_BITS = 3
@@ -65,12 +57,12 @@ def _send(can_id: int, size: int, payload: Any, out: Any) -> int:
         elif position < header_bits + data_bits:
             # As an unsigned number, for all its 64 bits may be in use.
             shift = np.uint64(header_bits + data_bits - 1 - position)
-            bit = np.int64((payload >> shift) & np.uint64(1))
+            bit = np.int64((payload >> shift) & np.uint64(1))  # type: ignore[assignment]
         else:
             bit = (crc >> (header_bits + data_bits + CRC_BITS - 1 - position)) & 1
         if position < header_bits + data_bits:
             crc = (crc << 1) ^ (CRC_POLYNOMIAL if bit ^ (crc >> 14) else 0)
-            crc &= 0x7FFF
+            crc &= CRC_MASK
         if out is not None:
             out[sent] = bit
         sent += 1

@@ -4,7 +4,8 @@ import pytest
 
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.bus import Bus
-from mdms_sim.bus.wire import EXTENDED, REMOTE, frame_bits
+from mdms_sim.bus.flags import EXTENDED, REMOTE
+from mdms_sim.bus.wire import frame_bits
 from mdms_sim.kernel import Kernel
 
 
@@ -95,10 +96,10 @@ def test_a_filter_lets_through_what_it_contains_and_a_node_never_hears_itself():
     nodes = [bus.attach(ear, accept) for ear, accept in zip(ears, filters, strict=True)]
     for can_id in (0x100, 0x200, 0x300, 0x400):
         nodes[2].send(Frame(can_id, b""))
-    nodes[0].send(Frame(0x100, b"x"))
+    nodes[0].send(Frame(0x101, b""))
     kernel.run_until(10_000_000)
     heard = [[frame.can_id for frame in ear.frames] for ear in ears]
-    assert heard == [[0x100], [0x200, 0x300], [0x100]]
+    assert heard == [[0x100], [0x200, 0x300], [0x101]]
 
 
 def test_a_changed_filter_holds_from_the_next_frame_on():
