@@ -11,11 +11,11 @@ from mdms_sim.physics.motor import build_cells
 from mdms_sim.physics.row_events import HELD, REVERSAL, TIP
 from mdms_sim.physics.row_parcel import ABSENT, BACKWARD, FORWARD, ROLLING, RowParcel
 from mdms_sim.physics.row_supports import stretches_of
-from mdms_sim.physics.row_trace import Trace, trace
+from mdms_sim.physics.row_trace import MOST_PHASES, Trace, trace
 from mdms_sim.physics.shapes import outline_of
 from mdms_sim.physics.wheels import build_wheels
 from mdms_sim.record import Event, Floats
-from mdms_sim.scenario import Parcel, Scenario
+from mdms_sim.scenario import Parcel, Scenario, ScenarioError
 
 NEW_MODE = {
     ROLLING: "starts to roll",
@@ -39,9 +39,18 @@ class Journey:
 
 
 def journey_of(scenario: Scenario, parcel: Parcel, reference_m_s: Floats) -> Journey:
-    """Trace one parcel from rest over the scenario's duration; as if it were alone."""
+    """Trace one parcel from rest over the scenario's duration, as if it were alone.
+
+    Raises `ScenarioError` when it has more events than can be kept.
+    """
     row = row_parcel(scenario, parcel, reference_m_s)
-    return Journey(parcel, row, trace(row, parcel.x_m, scenario.run.duration_s))
+    found = trace(row, parcel.x_m, scenario.run.duration_s)
+    if len(found.phases) == MOST_PHASES:
+        raise ScenarioError(
+            f"parcel {parcel.name!r} has {MOST_PHASES} events in {found.phases[-1, 0]:.3g} s, "
+            "which is all that can be kept; take a shorter run.duration_s"
+        )
+    return Journey(parcel, row, found)
 
 
 def row_parcel(scenario: Scenario, parcel: Parcel, reference_m_s: Floats) -> RowParcel:

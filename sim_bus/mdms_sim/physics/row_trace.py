@@ -32,7 +32,7 @@ from mdms_sim.physics.row_parcel import (
 from mdms_sim.physics.row_supports import EDGE_M, Ints
 from mdms_sim.record import Floats
 
-MOST_PHASES = 4_000_000
+MOST_PHASES = 1_000_000
 
 
 class Trace(NamedTuple):
