@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mdms_host.layout import Layout
+from mdms_host.led_cell import LedCell
 from mdms_host.phase import BRING_UP, STOPPED, TRANSITIONS, Phase, Signal
 from mdms_host.program import Program
-from mdms_host.remote_cell import RemoteCell
 from mdms_host.schedule import Schedule, Timing
-from mdms_host.sdo_client import SdoClient, Setting
+from mdms_host.sdo_client import Setting
 from mdms_host.tracker import Estimate, Parcel, Tracker
-from mdms_protocol import cia402, cob, nmt, pdo
+from mdms_protocol import cob, nmt, pdo
 from mdms_protocol.frame import Frame
 
 Floats = NDArray[np.float64]
@@ -53,16 +53,13 @@ class Coordinator:
         self.events: list[tuple[float, str]] = []
         self.tracker = Tracker(layout, parcels)
         self.cells = tuple(
-            RemoteCell(number, node_id) for number, node_id in enumerate(layout.node_ids, 1)
+            LedCell(number, node_id, self._axes, (_REPEAT_STATUS, *settings))
+            for number, node_id in enumerate(layout.node_ids, 1)
         )
         self.references_m_s: Floats = np.zeros(len(layout.wheel_cells))
         self._program = program
         self._timing = timing or Timing()
         self._by_node = {cell.node_id: cell for cell in self.cells}
-        self._sdo = {
-            cell.node_id: SdoClient(cell.node_id, (_REPEAT_STATUS, *settings))
-            for cell in self.cells
-        }
         self._alive = nmt.heartbeat(host_node_id, nmt.OPERATIONAL)
         self._now_s = 0.0
         self._phase_since_s: float | None = None
@@ -106,9 +103,7 @@ class Coordinator:
             return
         base = frame.can_id - cell.node_id
         cell.on_frame(frame.can_id, frame.data, now_s)
-        if base == cob.SDO_RESPONSE_BASE:
-            self._sdo[cell.node_id].on_response(frame.data)
-        elif base == pdo.STATUS.base and cell.presence is not None:
+        if base == pdo.STATUS.base and cell.presence is not None:
             self.tracker.on_presence(now_s, cell.number, cell.presence)
         elif base == cob.EMCY_BASE:
             self.events.append((now_s, f"{cell.name} sends emergency 0x{cell.emergency or 0:04X}"))
@@ -134,23 +129,17 @@ class Coordinator:
         elif self._stop_wanted and (self.phase, Signal.STOP) in TRANSITIONS:
             self._signal(Signal.STOP)
 
-    def _wrong_with(self, cell: RemoteCell) -> str | None:
+    def _wrong_with(self, cell: LedCell) -> str | None:
         """What is wrong with a cell, None if nothing is."""
         if self._silent(cell):
             return f"{cell.name} has fallen silent: no heartbeat for {self._timing.silence_s:.3g} s"
-        if self._sdo[cell.node_id].failure:
-            return f"{cell.name} cannot be set up: {self._sdo[cell.node_id].failure}"
-        if self.phase in (Phase.ENABLING, Phase.RUNNING) and cell.nmt_state != nmt.OPERATIONAL:
-            return f"{cell.name} is no longer operational: it has restarted or was stopped"
-        if self.phase == Phase.RUNNING and not cell.enabled(self._axes):
-            return f"{cell.name} has disabled its drives: {cell.drive_text}"
-        return None
+        return cell.trouble(self.phase)
 
     def _advance(self) -> None:
         """End the phase when all cells are done with it; give up on those that never are."""
         if self.phase in (Phase.RUNNING, *STOPPED):
             return
-        late = [cell for cell in self.cells if not self._done_with(cell)]
+        late = [cell for cell in self.cells if not self._done(cell)]
         waited_s = self._now_s - (self._phase_since_s or 0.0)
         if not late:
             self._signal(Signal.DONE)
@@ -160,19 +149,9 @@ class Coordinator:
             self._note(f"not confirmed to be off: {_names(late)}")
             self._signal(Signal.DONE)
 
-    def _done_with(self, cell: RemoteCell) -> bool:
-        """Whether a cell has done its part of the present phase."""
-        match self.phase:
-            case Phase.WAITING:
-                return cell.nmt_state == nmt.PRE_OPERATIONAL
-            case Phase.CONFIGURING:
-                return self._sdo[cell.node_id].done
-            case Phase.STARTING:
-                return cell.nmt_state == nmt.OPERATIONAL
-            case Phase.ENABLING:
-                return cell.enabled(self._axes)
-            case _:
-                return self._silent(cell) or not cell.moving
+    def _done(self, cell: LedCell) -> bool:
+        """Whether a cell holds the present phase up no longer; nobody waits for a silent one."""
+        return cell.done_with(self.phase) or (self.phase not in BRING_UP and self._silent(cell))
 
     def _host_heartbeat(self) -> Iterator[Frame]:
         if self._schedule.take("heartbeat", self._now_s, self._timing.heartbeat_period_s):
@@ -183,19 +162,7 @@ class Coordinator:
         if not self._schedule.take("command", self._now_s, self._timing.command_period_s):
             return
         for cell in self.cells:
-            if self.phase == Phase.WAITING and cell.nmt_state in (nmt.OPERATIONAL, nmt.STOPPED):
-                # Left over from an earlier run: it begins anew, and tells its state anew.
-                yield nmt.command(nmt.ENTER_PRE_OPERATIONAL, cell.node_id)
-            elif self.phase == Phase.CONFIGURING:
-                yield from self._sdo[cell.node_id].poll(self._now_s)
-            elif self.phase == Phase.STARTING and cell.nmt_state != nmt.OPERATIONAL:
-                yield nmt.command(nmt.START, cell.node_id)
-            elif self.phase == Phase.ENABLING and not cell.enabled(self._axes):
-                yield from cell.enable_frames()
-            elif self.phase in (Phase.STOPPING, Phase.FAILING):
-                yield cell.control_frame(cia402.QUICK_STOP)
-            elif self.phase in STOPPED:
-                yield cell.control_frame(cia402.DISABLE_VOLTAGE)
+            yield from cell.commands(self.phase, self._now_s)
         if self.phase in (Phase.RUNNING, *STOPPED):
             self._schedule.cancel("command")
 
@@ -215,14 +182,20 @@ class Coordinator:
             self.references_m_s = self._program.references_m_s(poses, self._timing.sync_period_s)
         um_s = np.rint(self.references_m_s * 1e6).astype(np.int64).reshape(-1, self._axes)
         for cell, values in zip(self.cells, um_s.tolist(), strict=True):
-            yield cell.setpoint_frame(values)
+            yield cell.setpoint(values)
 
     def _track(self) -> None:
         """Hand the speeds at the last SYNC to the tracker, once all cells have told theirs."""
         speeds_um_s = [cell.speeds_um_s for cell in self.cells]
         if None not in speeds_um_s:
             used = np.array(speeds_um_s, dtype=np.float64)[:, : self._axes]
+            before = self.tracker.poses(self._synced_s).keys()
             self.tracker.on_speeds(self._synced_s, used.ravel() * 1e-6)
+            for name, (x_m, y_m, yaw_rad) in self.tracker.poses(self._synced_s).items():
+                if name not in before:
+                    self._note(
+                        f"{name} found at x = {x_m:.3f} m, y = {y_m:.3f} m, yaw = {yaw_rad:.2f} rad"
+                    )
 
     def _signal(self, signal: Signal) -> None:
         self._enter(TRANSITIONS[self.phase, signal])
@@ -246,10 +219,10 @@ class Coordinator:
     def _note(self, text: str) -> None:
         self.events.append((self._now_s, text))
 
-    def _silent(self, cell: RemoteCell) -> bool:
+    def _silent(self, cell: LedCell) -> bool:
         return cell.heard_s is not None and self._now_s - cell.heard_s > self._timing.silence_s
 
-    def _late_text(self, late: list[RemoteCell]) -> str:
+    def _late_text(self, late: list[LedCell]) -> str:
         """Which cells have not got on in time, and with what."""
         limit = f"within {self._timing.phase_limit_s:g} s"
         match self.phase:
@@ -267,5 +240,5 @@ class Coordinator:
                 return f"drives not enabled {limit}: {_names(late)} ({late[0].drive_text})"
 
 
-def _names(cells: list[RemoteCell]) -> str:
+def _names(cells: list[LedCell]) -> str:
     return ", ".join(cell.name for cell in cells)

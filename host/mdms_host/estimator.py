@@ -23,6 +23,9 @@ _LATENCY_S = 0.005
 _GATE = 5.0
 #: This many unbelievable sensors mean that the parcel was lost.
 _LOST_SENSORS = 3
+_LOOK_AGAIN_S = 0.1
+#: A place that leaves more of the covered sensors unexplained is not believed.
+_DOUBTFUL_SHARE = 0.2
 #: Odometry errs by this share of the way, and by this much at rest in a second.
 _SLIP_SHARE = 0.1
 _DRIFT_M2_S = 1e-8
@@ -46,6 +49,7 @@ class ParcelEstimator:
         self._sensors_m = layout.sensor_positions_m.reshape(-1, 2)
         self._yaw_hint_rad = yaw_hint_rad
         self._at_s = 0.0
+        self._looked_s = -np.inf
         self._extent_m = np.array([1.0, 1.0, 1.0 / rectangle.reach_m])
         self.rectangle = rectangle
         self.pose: Floats | None = None
@@ -55,10 +59,14 @@ class ParcelEstimator:
     def acquire(self, now_s: float, covered: Bools, mine: Bools) -> bool:
         """Find the parcel among the sensors that are its own; True if it was found.
 
-        Both arrays are of shape (S,), S the sensors of all cells in a row.
+        Both arrays are of shape (S,), S the sensors of all cells in a row. Looking takes tens of
+        milliseconds, so it is not done again at once.
         """
+        if now_s < self._looked_s + _LOOK_AGAIN_S:
+            return False
+        self._looked_s = now_s
         found = locate(self.rectangle, self._sensors_m[mine], covered[mine], self._yaw_hint_rad)
-        if found is None:
+        if found is None or found.contradictions > _DOUBTFUL_SHARE * (covered & mine).sum():
             return False
         self.pose, self.covariance = found.pose, found.covariance
         self.twist = np.zeros(3)

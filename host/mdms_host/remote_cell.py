@@ -1,13 +1,10 @@
-"""One cell as the coordinator sees it: what its frames have told so far."""
+"""One cell as the host sees it: what its frames have told so far."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 
 from mdms_protocol import cia402, cob, nmt, pdo
-from mdms_protocol.frame import Frame
 
 _DRIVING = frozenset((cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE))
-
-_TOWARDS_ENABLED: Mapping[int | None, int] = dict(cia402.TOWARDS_ENABLED.items())
 _NAMES: Mapping[int | None, str] = dict(cia402.NAMES.items())
 
 
@@ -27,7 +24,6 @@ class RemoteCell:
         self.presence: int | None = None
         self.speeds_um_s: tuple[int, ...] | None = None
         self.emergency: int | None = None
-        self.restarts = 0
         self.garbage = 0
 
     @property
@@ -47,11 +43,6 @@ class RemoteCell:
         elif base == cob.EMCY_BASE:
             self._on_emergency(data)
 
-    def enabled(self, axes: int) -> bool:
-        """Whether the first so many axes are in 'operation enabled'."""
-        states = self.drive_states
-        return states is not None and set(states[:axes]) == {cia402.OPERATION_ENABLED}
-
     @property
     def moving(self) -> bool:
         """Whether any axis may be driving its motor."""
@@ -67,32 +58,11 @@ class RemoteCell:
             for axis, state in enumerate(self.drive_states, 1)
         )
 
-    def enable_frames(self) -> Iterator[Frame]:
-        """The controlwords that take the drives one step nearer to 'operation enabled'."""
-        states = self.drive_states or (None,) * len(pdo.CONTROLWORD.entries)
-        words = tuple(_TOWARDS_ENABLED.get(state, cia402.SHUTDOWN) for state in states)
-        if cia402.FAULT_RESET in words:
-            # The reset is an edge of its bit, so the bit must have been low.
-            yield self.control_frame(cia402.DISABLE_VOLTAGE)
-        yield Frame(pdo.CONTROLWORD.can_id(self.node_id), pdo.CONTROLWORD.encode(words))
-
-    def control_frame(self, word: int) -> Frame:
-        """The same controlword for all axes."""
-        words = (word,) * len(pdo.CONTROLWORD.entries)
-        return Frame(pdo.CONTROLWORD.can_id(self.node_id), pdo.CONTROLWORD.encode(words))
-
-    def setpoint_frame(self, references_um_s: Sequence[int]) -> Frame:
-        """References for the axes there are, zero for the rest; raises OutOfRangeError."""
-        missing = len(pdo.TARGET_VELOCITY.entries) - len(references_um_s)
-        values = (*references_um_s, *(0,) * missing)
-        return Frame(pdo.TARGET_VELOCITY.can_id(self.node_id), pdo.TARGET_VELOCITY.encode(values))
-
     def _on_heartbeat(self, data: bytes, now_s: float) -> None:
         state = nmt.decode_heartbeat(data)
         if state is None:
             self.garbage += 1
             return
-        self.restarts += state == nmt.INITIALISING and self.nmt_state is not None
         self.heard_s, self.nmt_state = now_s, state
 
     def _on_status(self, values: tuple[int, ...] | None) -> None:

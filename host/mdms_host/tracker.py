@@ -15,8 +15,6 @@ Bools = NDArray[np.bool_]
 
 #: A parcel must stand still this long before it is looked for.
 _STILL_S = 0.05
-#: Covered sensors this near to each other are taken to be under one parcel.
-_LINK_PITCHES = 0.51
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,16 +45,26 @@ class Estimate:
 
 
 class Tracker:
-    """Estimates of all parcels on the array, fed with presence bits and wheel speeds."""
+    """Estimates of all parcels on the array, fed with presence bits and wheel speeds.
+
+    Raises ValueError if there are several parcels and not all are told where they were put.
+    """
 
     def __init__(self, layout: Layout, parcels: tuple[Parcel, ...]) -> None:
+        unplaced = [parcel.name for parcel in parcels if parcel.near_m is None]
+        if len(parcels) > 1 and unplaced:
+            raise ValueError(
+                f"{len(parcels)} parcels can be told apart only by where they were put; "
+                f"near_m is missing for {', '.join(unplaced)}"
+            )
         self._sensors_m = layout.sensor_positions_m.reshape(-1, 2)
-        self._link_m = _LINK_PITCHES * layout.pitch_m
         self._sensors_per_cell = len(layout.sensor_offsets_m)
         self._covered = np.zeros(len(self._sensors_m), dtype=bool)
         self._known = np.zeros(len(self._sensors_m), dtype=bool)
         self._changed_s = -np.inf
-        self.parcels = {parcel.name: parcel for parcel in parcels}
+        self._expected_m = {
+            parcel.name: _expected_distance_m(parcel, self._sensors_m) for parcel in parcels
+        }
         self._estimators = {
             parcel.name: ParcelEstimator(
                 layout, Rectangle(parcel.length_m, parcel.width_m), parcel.yaw_hint_rad
@@ -109,50 +117,26 @@ class Tracker:
 
     def _owners(self, now_s: float) -> NDArray[np.int64]:
         """Number of the parcel that each sensor is nearest to, shape (S,)."""
-        distances_m = [one.distance_m(now_s) for one in self._estimators.values()]
+        distances_m = [
+            self._expected_m[name] if one.pose is None else one.distance_m(now_s)
+            for name, one in self._estimators.items()
+        ]
         if not distances_m:
             return np.zeros(len(self._sensors_m), dtype=np.int64)
         return np.asarray(np.argmin(distances_m, axis=0))
 
     def _find_missing(self, now_s: float) -> None:
         """Look for the parcels not found yet, once all cells have spoken and nothing moves."""
-        missing = [name for name, one in self._estimators.items() if one.pose is None]
-        if not missing or not self._known.all() or now_s < self._changed_s + _STILL_S:
+        if not self._known.all() or now_s < self._changed_s + _STILL_S:
             return
-        explained = np.zeros_like(self._covered)
-        for one in self._estimators.values():
-            explained |= one.distance_m(now_s) < 0
-        groups = _groups(self._sensors_m, self._covered & ~explained, self._link_m)
-        for name in missing:
-            group = self._group_of(self.parcels[name], groups)
-            if group is not None:
-                others = self._covered & ~groups[group]
-                self._estimators[name].acquire(now_s, self._covered, ~others)
-                del groups[group]
-
-    def _group_of(self, parcel: Parcel, groups: list[Bools]) -> int | None:
-        """The group of covered sensors that the parcel is taken to cover."""
-        if not groups:
-            return None
-        if parcel.near_m is None:
-            return max(range(len(groups)), key=lambda number: int(groups[number].sum()))
-        away_m = [
-            float(np.hypot(*(self._sensors_m[group].mean(axis=0) - parcel.near_m)))
-            for group in groups
-        ]
-        return int(np.argmin(away_m))
+        for number, estimator in enumerate(self._estimators.values()):
+            if estimator.pose is None:
+                estimator.acquire(now_s, self._covered, self._owners(now_s) == number)
 
 
-def _groups(sensors_m: Floats, covered: Bools, link_m: float) -> list[Bools]:
-    """Covered sensors, those within the link of each other together: masks of shape (S,)."""
-    near = np.hypot(*(sensors_m[:, None] - sensors_m[None]).transpose(2, 0, 1)) <= link_m
-    near &= covered & covered[:, None]
-    groups: list[Bools] = []
-    left = covered.copy()
-    while left.any():
-        group = np.arange(len(left)) == np.argmax(left)
-        while (grown := near[group].any(axis=0)).sum() > group.sum():
-            group = grown
-        groups.append(group)
-        left &= ~group
-    return groups
+def _expected_distance_m(parcel: Parcel, sensors_m: Floats) -> Floats:
+    """Distance of the sensors from the parcel where it was put [m]; zero if that was not told."""
+    if parcel.near_m is None:
+        return np.zeros(len(sensors_m))
+    bottom = Rectangle(parcel.length_m, parcel.width_m)
+    return bottom.distance_m(sensors_m, np.array([*parcel.near_m, parcel.yaw_hint_rad]))

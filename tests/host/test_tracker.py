@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from mdms_host.layout import Layout
 from mdms_host.rectangle import Rectangle
@@ -36,6 +37,39 @@ def test_two_parcels_are_told_apart_by_where_they_were_put() -> None:
         assert found is not None
         assert np.hypot(found.x_m - pose[0], found.y_m - pose[1]) < 0.03
         assert abs(found.yaw_rad - pose[2]) < 0.15
+
+
+def test_parcels_that_nearly_touch_are_told_apart() -> None:
+    bottom = Rectangle(0.36, 0.30)
+    poses = {"west": (-0.19, 0.0, 0.0), "east": (0.19, 0.01, 0.0)}
+    parcels = (Parcel("west", 0.36, 0.30, (-0.22, 0.02)), Parcel("east", 0.36, 0.30, (0.22, 0.0)))
+    sensors_m = LAYOUT.sensor_positions_m.reshape(-1, 2)
+    covered = np.zeros(len(sensors_m), dtype=bool)
+    for pose in poses.values():
+        covered |= bottom.distance_m(sensors_m, np.array(pose)) < 0
+    tracker = Tracker(LAYOUT, parcels)
+    for cell, bits in enumerate(covered.reshape(-1, 5) @ (1 << np.arange(5)), 1):
+        tracker.on_presence(0.0, cell, int(bits))
+    for step in range(20):
+        tracker.on_speeds(0.01 * step, STILL)
+    for name, pose in poses.items():
+        found = tracker.estimate(name, 0.2)
+        assert found is not None
+        assert np.hypot(found.x_m - pose[0], found.y_m - pose[1]) < 0.03
+
+
+def test_several_parcels_need_to_be_told_where_they_were_put() -> None:
+    with pytest.raises(ValueError, match="near_m is missing for crate"):
+        Tracker(LAYOUT, (LEFT, Parcel("crate", 0.3, 0.3)))
+
+
+def test_a_parcel_is_not_found_where_something_else_lies() -> None:
+    tracker = Tracker(LAYOUT, (Parcel("plank", 0.9, 0.05),))
+    for cell, bits in enumerate(bits_under((LEFT,)), 1):
+        tracker.on_presence(0.0, cell, bits)
+    for step in range(20):
+        tracker.on_speeds(0.01 * step, STILL)
+    assert tracker.estimate("plank", 0.2) is None
 
 
 def test_nothing_is_found_before_every_cell_has_spoken() -> None:
