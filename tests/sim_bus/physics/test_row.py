@@ -265,3 +265,9 @@ def test_free_wheels_turn_with_the_droop_and_voltage_drives_them():
 def test_what_is_no_row_is_refused(scenario, key):
     with pytest.raises(ScenarioError, match=key):
         solve_row(scenario, np.zeros(scenario.array.columns * scenario.array.rows))
+
+
+def test_run_with_more_events_than_can_be_kept_is_refused():
+    endless = replace(paper(8), run=replace(paper(8).run, duration_s=1e5, step_s=1.0))
+    with pytest.raises(ScenarioError, match=r"1000000 events in .* take a shorter run.duration_s"):
+        solve(endless)
