@@ -25,7 +25,7 @@ def coordinator_of(scenario: Scenario) -> Coordinator:
 
     Raises `CommandError` for what the firmware cannot be told.
     """
-    layout, parcels = layout_of(scenario), _parcels(scenario)
+    layout, parcels = layout_of(scenario), parcels_of(scenario)
     program = _program(scenario, layout, parcels)
     return Coordinator(layout, program, parcels=parcels, settings=settings_of(scenario.cell))
 
@@ -75,7 +75,7 @@ def _setting(index: int, meaning: str, value: int) -> Setting:
     return Setting(index, 0, value)
 
 
-def _parcels(scenario: Scenario) -> tuple[Parcel, ...]:
+def parcels_of(scenario: Scenario) -> tuple[Parcel, ...]:
     """What the host is told of the parcels: size, and where each was put if there are several."""
     several = len(scenario.parcel) > 1
     return tuple(

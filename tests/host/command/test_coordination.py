@@ -9,6 +9,7 @@ from mdms_host.command.coordination import (
     coordinator_of,
     estimates_of,
     layout_of,
+    parcels_of,
     settings_of,
 )
 from mdms_host.command.exits import CommandError
@@ -60,14 +61,14 @@ def test_nothing_is_believed_before_the_first_frame(plane):
 
 
 def test_single_parcel_is_found_without_a_hint(plane):
-    assert coordinator_of(plane).tracker.parcels["box"].near_m is None
+    (box,) = parcels_of(plane)
+    assert box.near_m is None
 
 
 def test_several_parcels_are_told_apart_by_where_they_were_put(plane):
     box = replace(plane.parcel[0], length_m=0.2, x_m=-0.2)
     two = replace(plane, parcel=(box, replace(box, name="other", x_m=0.2, goal=None)))
-    parcels = coordinator_of(two).tracker.parcels
-    assert (parcels["box"].near_m, parcels["other"].near_m) == ((-0.2, 0.0), (0.2, 0.0))
+    assert [parcel.near_m for parcel in parcels_of(two)] == [(-0.2, 0.0), (0.2, 0.0)]
 
 
 def test_field_is_played_on_every_wheel():

@@ -35,7 +35,7 @@ def test_turns_are_told_for_people_with_the_picture(capsys, picture):
     assert main(["map", "array18", "--set", "motion.field=inward", "--out", str(picture)]) == 0
     told = capsys.readouterr().out
     assert "inward field on box" in told
-    assert "unstable at yaw +1.5708 rad" in told
+    assert "unstable at yaw" in told
     assert f"picture: {picture}" in told
 
 
