@@ -1,4 +1,4 @@
-"""`binascii.crc32` for builds of MicroPython that leave `binascii` out; copy it as `binascii.py`."""
+"""`crc32` for builds of MicroPython that leave `binascii` out; copy it as `binascii.py`."""
 
 _POLYNOMIAL = 0xEDB88320
 
