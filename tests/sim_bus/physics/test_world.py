@@ -350,6 +350,23 @@ def test_firmware_tends_to_ideal_as_tick_and_inertia_vanish():
     assert errors[1] / errors[2] == pytest.approx(2.0, rel=0.2)
 
 
+def test_viscous_sliding_under_voltage_tends_to_that_of_the_ideal_law():
+    film, errors = {"viscous_friction_s_per_m": 0.5}, []
+    world = World(plane(replace(BOX, yaw_rad=0.2), **film))
+    reference = rigid_speed(world, (0.05, 0.02, 0.3))
+    for _ in range(5000):
+        world.step_ideal(reference, 5e-5)
+    assert world.slip_m_s.any()
+    for tick_s in (1e-3, 5e-4, 2.5e-4):
+        fine = {"rotor_inertia_kg_m2": 1e-3 * tick_s, "pwm_steps": 10**6}
+        light = World(plane(replace(BOX, yaw_rad=0.2), **film, **fine))
+        for _ in range(round(0.25 / tick_s)):
+            light.step_voltage(10.0 * (reference - light.wheel_speed_m_s), tick_s)
+        errors.append(np.abs(light.pose - world.pose).max())
+    assert errors[2] < 1e-4
+    assert errors[0] / errors[2] == pytest.approx(4.0, rel=0.3)
+
+
 # Events and mixtures -----------------------------------------------------------------------------
 
 
