@@ -41,6 +41,12 @@ class PlaceRest:
     stiffness_n_per_m: tuple[complex, ...]
     """Eigenvalues of the force's change with place; negative where it pulls back."""
 
+    @property
+    def alone(self) -> bool:
+        """Whether no line of equilibria leads through it."""
+        sizes = [abs(value) for value in self.stiffness_n_per_m]
+        return min(sizes) > NEUTRAL_SHARE * max(sizes)
+
 
 @dataclass(frozen=True, slots=True)
 class TurnRest:

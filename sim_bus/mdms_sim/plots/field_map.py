@@ -51,10 +51,12 @@ def draw_field_map(
 
 
 def _story(scenario: Scenario, field: FieldMap) -> str:
-    counts = {kind: sum(rest.kind is kind for rest in field.places) for kind in Kind}
-    parts = [f"{counts[Kind.STABLE]} stable", f"{counts[Kind.SPIRAL]} spiral"]
-    parts += [f"{counts[Kind.SADDLE]} saddle", f"{counts[Kind.UNSTABLE]} unstable"]
-    found = ", ".join(part for part in parts if not part.startswith("0 ")) or "none by itself"
+    alone = [rest.kind for rest in field.places if rest.alone]
+    counts = {kind: alone.count(kind) for kind in Kind}
+    parts = [f"{count} {kind.value}" for kind, count in counts.items() if count]
+    if len(alone) < len(field.places):
+        parts.append("lines of them")
+    found = ", ".join(parts) or "none by itself"
     return f"{scenario.motion.field} field, {LAWS[field.law]};  equilibria: {found}"
 
 
@@ -158,9 +160,9 @@ def _draw_parcel(axes: Axes, parcel: Parcel, field: FieldMap) -> None:
 def _mark_places(axes: Axes, field: FieldMap) -> None:
     for rest in field.places:
         marker, face, edge, _ = MARKS[rest.kind]
-        size = 5 if rest.kind is Kind.NEUTRAL else 11
+        size = 11 if rest.alone else 5
         axes.plot(
-            rest.x_m, rest.y_m, marker, mfc=face, mec=edge, mew=1.8, markersize=size, zorder=8
+            rest.x_m, rest.y_m, marker, mfc=face, mec=edge, mew=size / 6, markersize=size, zorder=8
         )
 
 

@@ -110,6 +110,7 @@ def test_squeeze_holds_across_its_line_and_frees_along_it():
     on_line = [rest for rest in field.places if abs(rest.y_m) < 1e-6]
     assert len(on_line) > 20
     assert {rest.kind for rest in on_line} == {Kind.NEUTRAL}
+    assert not any(rest.alone for rest in on_line)
 
 
 def test_viscous_wheels_push_in_proportion_to_their_speeds():
