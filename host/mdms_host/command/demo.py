@@ -5,6 +5,7 @@ from math import degrees, hypot, pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mdms_host.command.compiling import WORTH_TELLING_S
 from mdms_host.command.console import say
 from mdms_host.command.exits import Exit
 from mdms_host.command.inputs import open_scenario
@@ -76,5 +77,5 @@ def _machine(figures: dict[str, Any]) -> list[str]:
         f"  bus: {bus['frames']:,} frames, {100 * bus['load']:.0f} % load at 1 Mbit/s",
         f"  {figures['duration_s']:g} s simulated in {figures['wall_s']:.1f} s: "
         f"{figures['real_time_factor']:.1f} times real time"
-        f"{compiling if figures['compile_s'] else ''}",
+        f"{compiling if figures['compile_s'] >= WORTH_TELLING_S else ''}",
     ]

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mdms_host.command.compiling import WORTH_TELLING_S
+
 if TYPE_CHECKING:
     from mdms_host.command.compose import Finished
     from mdms_sim.record import Floats, Record
@@ -69,7 +71,7 @@ def report(figures: dict[str, Any]) -> list[str]:
         f"  {figures['fidelity']}{nodes}, seed {figures['seed']}: {figures['duration_s']:g} s "
         f"in {figures['wall_s']:.3g} s, {figures['real_time_factor']:,.3g} times real time",
     ]
-    if figures["compile_s"]:
+    if figures["compile_s"] >= WORTH_TELLING_S:
         lines.append(f"  after {figures['compile_s']:.1f} s of compiling, once per installation")
     lines += [f"  {_sentence(parcel)}" for parcel in figures["parcels"]]
     if "bus" in figures:

@@ -6,7 +6,7 @@ from contextlib import redirect_stderr
 
 import pytest
 
-from mdms_host.command.compiling import compiling_watched
+from mdms_host.command.compiling import NOTICE, compiling_watched
 from mdms_host.command.console import progress
 
 COLOUR = re.compile(r"\x1b\[[0-9;]*3[0-9]")
@@ -65,10 +65,21 @@ def compile_something():
     assert 0.0 < once_s == compiled.seconds
 
 
-def test_compiling_is_told_once_on_a_terminal(terminal):
-    assert shown(terminal, compile_something).count("Compiling the simulator's inner loops") == 1
+@pytest.fixture
+def slow(monkeypatch):
+    """Any compiling takes long enough to be worth telling."""
+    monkeypatch.setattr("mdms_host.command.compiling.WORTH_TELLING_S", 0.0)
 
 
-def test_compiling_is_not_told_off_a_terminal(capsys):
+def test_long_compiling_is_told_once_on_a_terminal(terminal, slow):
+    assert shown(terminal, compile_something).count(NOTICE) == 1
+
+
+def test_long_compiling_is_not_told_off_a_terminal(capsys, slow):
     compile_something()
     assert capsys.readouterr().err == ""
+
+
+def test_short_compiling_is_not_told(terminal, monkeypatch):
+    monkeypatch.setattr("mdms_host.command.compiling.WORTH_TELLING_S", 1e6)
+    assert shown(terminal, compile_something) == ""
