@@ -49,7 +49,7 @@ def test_speed_trails_a_steady_acceleration_by_the_lag(lag_us):
     acceleration = 1.0
     told = observe(lambda time_s: 0.5 * acceleration * time_s**2, 1500, lag_us)
     lags_s = [tick * TICK_S - speed / acceleration for tick, speed in enumerate(told)][700:]
-    assert statistics.mean(lags_s) == pytest.approx(lag_us * 1e-6, abs=5e-5)
+    assert statistics.mean(lags_s) == pytest.approx(lag_us * 1e-6, rel=0.03, abs=5e-5)
 
 
 def test_default_lag_is_under_5_ms():

@@ -1,0 +1,135 @@
+"""How large a cell's gain may be: the phase margin of its sampled speed loop.
+
+The loop is worked out exactly at its sampling instants: the wheel under a held voltage (paper,
+eq 8), the position read once a tick, the alpha-beta observer of the firmware, and the time from
+reading the encoder to setting the voltage.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+TICK_S = 0.001
+#: The firmware's default observer lag (object 0x2008).
+OBSERVER_LAG_S = 0.00275
+#: From reading the encoder to the new voltage, on the slowest board.
+DELAY_S = 0.0001
+MARGIN_RAD = math.radians(45.0)
+
+_FREQUENCIES = 20_000
+_SLOWEST_HZ = 0.01
+
+Complex = NDArray[np.complex128]
+Floats = NDArray[np.float64]
+
+
+class GainError(ValueError):
+    """A gain that leaves less than the phase margin; the message has the largest that does not."""
+
+
+@dataclass(frozen=True, slots=True)
+class WheelMotor:
+    """A motor seen from its wheel's rim: Ke, Rm and Be of the paper's eq 8, and its inertia."""
+
+    force_n_per_a: float
+    resistance_ohm: float
+    damping_n_s_per_m: float
+    mass_kg: float
+
+    @property
+    def braking_n_s_per_m(self) -> float:
+        """Be + Ke^2 / Rm: how a shorted motor resists its wheel [N s/m]."""
+        return self.damping_n_s_per_m + self.force_n_per_a**2 / self.resistance_ohm
+
+
+def wheel_motor(
+    *,
+    torque_constant_nm_per_a: float,
+    resistance_ohm: float,
+    damping_nms: float,
+    rotor_inertia_kg_m2: float,
+    gear_ratio: float,
+    wheel_radius_m: float,
+) -> WheelMotor:
+    """The motor as its wheel's rim sees it (paper, section 3.2)."""
+    lever = gear_ratio / wheel_radius_m
+    return WheelMotor(
+        force_n_per_a=torque_constant_nm_per_a * lever,
+        resistance_ohm=resistance_ohm,
+        damping_n_s_per_m=damping_nms * lever**2,
+        mass_kg=rotor_inertia_kg_m2 * lever**2,
+    )
+
+
+def largest_gain(
+    motor: WheelMotor, lag_s: float = OBSERVER_LAG_S, margin_rad: float = MARGIN_RAD
+) -> float:
+    """The largest gain G [V s/m] whose loop keeps the phase margin [rad] at a free wheel.
+
+    A parcel on the wheel adds mass and lowers the crossover, so the free wheel is the hardest case.
+    """
+    loop = _open_loop(motor, lag_s)
+    short = np.unwrap(np.angle(loop)) <= margin_rad - math.pi
+    if not short.any():
+        return math.inf
+    return float(1.0 / np.abs(loop[np.argmax(short) :]).max())
+
+
+def phase_margin(motor: WheelMotor, gain_vs_per_m: float, lag_s: float = OBSERVER_LAG_S) -> float:
+    """The phase margin [rad] at a gain G [V s/m]; infinite if the loop's gain is below 1 always."""
+    loop = gain_vs_per_m * _open_loop(motor, lag_s)
+    over = np.abs(loop) >= 1.0
+    if not over.any():
+        return math.inf
+    return float(math.pi + np.unwrap(np.angle(loop))[over].min())
+
+
+def check_gain(motor: WheelMotor, gain_vs_per_m: float, lag_s: float = OBSERVER_LAG_S) -> None:
+    """Raises GainError for a gain [V s/m] that leaves less than 45 degrees of phase margin."""
+    largest = largest_gain(motor, lag_s)
+    if gain_vs_per_m > largest:
+        margin_deg = math.degrees(phase_margin(motor, gain_vs_per_m, lag_s))
+        raise GainError(
+            f"a gain of {gain_vs_per_m:g} V s/m leaves this motor a phase margin of "
+            f"{margin_deg:.0f} degrees; the largest that leaves 45 is {largest:.4g} V s/m"
+        )
+
+
+def observer_gains(lag_s: float) -> tuple[float, float]:
+    """Alpha and beta of the observer that trails an acceleration by `lag_s` (Benedict, Bordner)."""
+    ratio = lag_s / TICK_S + 0.5
+    alpha = 2.0 / (ratio + 1.0)
+    return alpha, alpha / ratio
+
+
+def _open_loop(motor: WheelMotor, lag_s: float) -> Complex:
+    """From speed error to observed speed at gain 1, from slow to the Nyquist frequency."""
+    omega: Floats = 2 * math.pi * np.geomspace(_SLOWEST_HZ, 0.5 / TICK_S, _FREQUENCIES)
+    later = np.exp(1j * omega * TICK_S)
+    delay: Complex = np.exp(-1j * omega * DELAY_S)
+    return _position(motor, later) * _observer(lag_s, later) * delay
+
+
+def _position(motor: WheelMotor, later: Complex) -> Complex:
+    """Position [m] by held voltage [V]; `later` is z."""
+    braking = motor.braking_n_s_per_m
+    force = motor.force_n_per_a / motor.resistance_ohm
+    if motor.mass_kg > 0.0:
+        decay = math.exp(-braking * TICK_S / motor.mass_kg)
+        lasting = (1.0 - decay) * motor.mass_kg / braking
+    else:
+        decay = lasting = 0.0
+    speed = (1.0 - decay) / (later - decay)
+    travel: Complex = TICK_S - lasting + lasting * speed
+    return force / braking * travel / (later - 1.0)
+
+
+def _observer(lag_s: float, later: Complex) -> Complex:
+    """Observed speed [m/s] by position [m]."""
+    alpha, beta = observer_gains(lag_s)
+    earlier = 1.0 / later
+    change = 1.0 - earlier
+    observed: Complex = beta / TICK_S * change
+    return observed / (change**2 + alpha * earlier * change + beta * earlier)

@@ -1,0 +1,112 @@
+"""The largest gain, against the eigenvalues of the closed loop and against the firmware itself."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mdms_cell import speed_loop, tuning
+from mdms_host import loop_margin
+from mdms_host.loop_margin import (
+    TICK_S,
+    GainError,
+    check_gain,
+    largest_gain,
+    observer_gains,
+    phase_margin,
+    wheel_motor,
+)
+
+PAPER = wheel_motor(
+    torque_constant_nm_per_a=0.024,
+    resistance_ohm=4.0,
+    damping_nms=3.5e-6,
+    rotor_inertia_kg_m2=5e-6,
+    gear_ratio=3.0,
+    wheel_radius_m=0.0254,
+)
+
+
+def spectral_radius(motor, gain, lag_s):
+    """Of the closed loop in (speed, position before its prediction, observed speed) a tick.
+
+    Built from the difference equations, with no transform.
+    """
+    alpha, beta = observer_gains(lag_s)
+    braking, force = motor.braking_n_s_per_m, motor.force_n_per_a / motor.resistance_ohm
+    decay = math.exp(-braking * TICK_S / motor.mass_kg)
+    lasting = (1 - decay) * motor.mass_kg / braking
+
+    def tick(state):
+        speed, innovation, observed = state
+        observed = observed + beta * innovation
+        settled = -gain * observed / TICK_S * force / braking
+        moved = settled * TICK_S + (speed - settled) * lasting
+        innovation = innovation - alpha * innovation + moved - observed
+        return settled + (speed - settled) * decay, innovation, observed
+
+    matrix = np.array([tick(column) for column in np.eye(3)]).T
+    return max(abs(np.linalg.eigvals(matrix)))
+
+
+@pytest.mark.parametrize("lag_s", [0.001, 0.00275, 0.005, 0.01])
+@pytest.mark.parametrize("mass_factor", [0.3, 1.0, 5.0])
+def test_no_margin_left_is_the_border_of_stability(monkeypatch, lag_s, mass_factor):
+    monkeypatch.setattr(loop_margin, "DELAY_S", 0.0)
+    motor = replace(PAPER, mass_kg=PAPER.mass_kg * mass_factor)
+    gain = largest_gain(motor, lag_s, margin_rad=0.0)
+    assert spectral_radius(motor, gain, lag_s) == pytest.approx(1.0, abs=2e-3)
+    assert spectral_radius(motor, 0.95 * gain, lag_s) < 1.0
+    assert spectral_radius(motor, 1.05 * gain, lag_s) > 1.0
+
+
+def test_largest_gain_has_just_the_margin():
+    gain = largest_gain(PAPER)
+    assert phase_margin(PAPER, gain) == pytest.approx(math.radians(45), abs=0.01)
+    assert phase_margin(PAPER, 0.8 * gain) > math.radians(45)
+
+
+def test_slow_loop_has_the_margin_of_a_first_order_lag():
+    heavy = replace(PAPER, mass_kg=100.0)
+    gain = 10.0
+    crossover = gain * PAPER.force_n_per_a / PAPER.resistance_ohm / heavy.mass_kg
+    braking = heavy.braking_n_s_per_m / heavy.mass_kg
+    expected = math.pi - math.atan(math.sqrt(crossover**2 - braking**2) / braking)
+    assert phase_margin(heavy, gain) == pytest.approx(expected, abs=0.01)
+
+
+@given(st.floats(0.05, 20.0), st.floats(0.2, 5.0), st.floats(0.0005, 0.02))
+def test_any_motor_keeps_the_margin_up_to_its_largest_gain(mass_factor, resistance_factor, lag_s):
+    motor = replace(
+        PAPER,
+        mass_kg=PAPER.mass_kg * mass_factor,
+        resistance_ohm=PAPER.resistance_ohm * resistance_factor,
+    )
+    gain = largest_gain(motor, lag_s)
+    assert phase_margin(motor, 0.99 * gain, lag_s) >= math.radians(45)
+    assert phase_margin(motor, 1.01 * gain, lag_s) <= math.radians(46)
+
+
+def test_prototype_gain_is_allowed_and_a_large_one_refused_with_the_limit():
+    check_gain(PAPER, 10.0)
+    largest = largest_gain(PAPER)
+    with pytest.raises(GainError, match=f"largest that leaves 45 is {largest:.4g} V s/m"):
+        check_gain(PAPER, 3 * largest)
+
+
+def test_massless_wheel_is_limited_by_the_observer_alone():
+    massless = replace(PAPER, mass_kg=0.0)
+    assert 0.0 < largest_gain(massless) < largest_gain(PAPER)
+
+
+@pytest.mark.parametrize("lag_us", [1_000, 2_750, 20_000])
+def test_observer_is_that_of_the_firmware(lag_us):
+    registers = [0] * speed_loop.REGISTERS
+    tuning.set_encoder(registers, 0, 37_596, lag_us)
+    alpha, beta = observer_gains(lag_us * 1e-6)
+    assert registers[speed_loop.ALPHA] / 4096 == pytest.approx(alpha, abs=2e-4)
+    assert registers[speed_loop.BETA] / 4096 == pytest.approx(beta, abs=2e-4)
+    assert pytest.approx(loop_margin.OBSERVER_LAG_S) == tuning.LAG_US * 1e-6
