@@ -1,18 +1,22 @@
 """Heartbeat consumer (CiA 301, 7.2.8.2.2.3, 0x1016): notices when another node falls silent."""
 
 from mdms_cell import ticks
-from mdms_protocol import cob, sdo
+from mdms_protocol import cob, nmt, sdo
 
 TIMES = 0x1016
 COUNT = 4
 
 
 class Consumer:
-    """Watches the nodes that 0x1016 names, each from its first heartbeat on."""
+    """Watches the nodes that 0x1016 names, each from its first heartbeat on.
 
-    def __init__(self, objects, changed):
+    `clock()` tells the time [ms], `changed()` is told of other identifiers.
+    """
+
+    def __init__(self, objects, clock, changed):
         self._objects = objects
         self._changed = changed
+        self._clock = clock
         objects.watchers[TIMES] = self._on_time
         self.load()
 
@@ -24,28 +28,31 @@ class Consumer:
             if cob.NODE_MIN <= node_id <= cob.NODE_MAX and limit_ms:
                 self._limits_ms[node_id] = limit_ms
         self._heard_ms = {}
-        self.lost = []
+        self.lost = set()
 
-    def identifiers(self):
-        """The identifiers of the heartbeats that are watched."""
-        return [cob.HEARTBEAT_BASE + node_id for node_id in self._limits_ms]
+    def receivers(self):
+        """Pairs of an identifier and what takes its frames."""
+        for node_id in self._limits_ms:
+            yield cob.HEARTBEAT_BASE + node_id, self._receiver(node_id)
 
-    def on_heartbeat(self, node_id, now_ms):
-        """A watched node lives; return whether it had been lost."""
-        self._heard_ms[node_id] = now_ms
-        if node_id in self.lost:
-            self.lost.remove(node_id)
+    def _receiver(self, node_id):
+        def receive(data):
+            if nmt.decode_heartbeat(data) is None:
+                return False
+            self._heard_ms[node_id] = self._clock()
+            self.lost.discard(node_id)
             return True
-        return False
+
+        return receive
 
     def poll(self, now_ms):
-        """The node that has fallen silent just now, or None."""
+        """Return whether a node has fallen silent just now; `lost` are all that have."""
         for node_id, heard_ms in self._heard_ms.items():
             if ticks.diff(now_ms, heard_ms) >= self._limits_ms[node_id]:
                 del self._heard_ms[node_id]
-                self.lost.append(node_id)
-                return node_id
-        return None
+                self.lost.add(node_id)
+                return True
+        return False
 
     def _watched(self, sub):
         value = self._objects.number(TIMES, sub)

@@ -7,8 +7,6 @@ mapped objects to 0, write the entries, set the number, make it valid.
 from mdms_cell.objects import find
 from mdms_protocol import cob, record, sdo
 
-COUNT = 4
-
 COB_ID = 1
 TYPE = 2
 INHIBIT_TIME = 3

@@ -70,7 +70,7 @@ class Tpdo(Pdo):
     @property
     def timed(self):
         """Whether it is to be polled every millisecond."""
-        return self.can_id is not None and not self.synchronous and self._event_ms > 0
+        return self._event_ms > 0
 
     def _data(self):
         return struct.pack(self._layout, *[read() for read in self._reads])
