@@ -30,7 +30,7 @@ class CellBank(Protocol):
     """Cells in lock step with the simulation, numbered from 0."""
 
     def accepts(self, cell: int) -> Container[int]:
-        """The identifiers that the cell's acceptance filter lets through."""
+        """The identifiers that the cell's acceptance filter lets through, now and later."""
 
     def deliver(self, cell: int, frame: Frame) -> None:
         """The frame has reached the cell."""
@@ -44,6 +44,21 @@ class CellBank(Protocol):
         `counts` are encoder counts of shape (n, 2), `presence` bits of shape (n,); returns the
         motor voltages [uV], shape (n, 2), which the caller may keep until the next tick.
         """
+
+    def power_off(self, cell: int) -> None:
+        """The cell stops at once, with its motors off."""
+
+    def hang(self, cell: int) -> None:
+        """The cell's program stops, and its motors are left with the voltages of the last tick."""
+
+    def restart(self, cell: int, node_id: int | None = None) -> None:
+        """The cell starts anew with its saved settings, as `node_id` if that is given."""
+
+    def set_bus_off(self, cell: int, off: bool) -> None:
+        """The cell's CAN controller has gone bus off, or has come back."""
+
+    def set_drift(self, cell: int, drift_ppm: int) -> None:
+        """The cell's clock runs fast by so many parts in a million; its control period does not."""
 
     def close(self) -> None:
         """Ends the cells."""

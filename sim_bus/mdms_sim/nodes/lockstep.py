@@ -1,15 +1,22 @@
 """What a cell's process and the simulation say to each other, little-endian.
 
-A request is the size of its frames, whether to tick, presence bits, both counts and the time [ms],
-then the frames that have reached the cell since the last request. A reply is its whole size and
-both voltages [uV], then the frames that the cell wants to send. A frame is identifier, size, data.
+A request is six 32-bit numbers, which MicroPython reads without allocating: the size of the frames,
+what to do after having taken them in, presence bits, both encoder counts (the node id in place of
+the first with `RESTART`) and the time [ms]. Then come the frames that have reached the cell since
+the last request. A reply is its whole size and both voltages [uV], then
+the frames that the cell wants to send. A frame is identifier, size, data; under the identifier
+`LISTEN` the data are the identifiers that the cell wants to hear from now on.
 """
 
 import struct
+from collections.abc import Iterator
 
 from mdms_protocol.frame import Frame
 
-REQUEST = struct.Struct("<HBBiiI")
+NOTHING, TICK, RESTART, LEAVE_BUS, REJOIN_BUS = range(5)
+LISTEN = 0xFFFF
+
+REQUEST = struct.Struct("<6i")
 REPLY = struct.Struct("<Hii")
 _FRAME_HEAD = struct.Struct("<HB")
 
@@ -20,13 +27,16 @@ def pack_frame(frame: Frame) -> bytes:
     return _FRAME_HEAD.pack(frame.can_id, len(data)) + data
 
 
-def unpack_frames(data: bytes) -> list[Frame]:
+def unpack_frames(data: bytes) -> Iterator[Frame]:
     """The frames of a reply."""
-    frames = []
     at = 0
     while at < len(data):
         can_id, size = _FRAME_HEAD.unpack_from(data, at)
         at += _FRAME_HEAD.size
-        frames.append(Frame(can_id, data[at : at + size]))
+        yield Frame(can_id, data[at : at + size])
         at += size
-    return frames
+
+
+def identifiers(data: bytes) -> tuple[int, ...]:
+    """What a `LISTEN` frame says."""
+    return struct.unpack(f"<{len(data) // 2}H", data)

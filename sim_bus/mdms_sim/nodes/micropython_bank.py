@@ -1,15 +1,16 @@
 """Cells as real MicroPython processes: the firmware as it runs on a board, but for the board."""
 
 import tempfile
-from collections.abc import Container, Sequence
+from collections.abc import Container, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mdms_protocol.frame import Frame
-from mdms_sim.nodes.acceptance import identifiers
-from mdms_sim.nodes.lockstep import REPLY, REQUEST, pack_frame, unpack_frames
+from mdms_sim.bus.acceptance import Acceptance
+from mdms_sim.nodes import lockstep
+from mdms_sim.nodes.condition import Conditions
 from mdms_sim.nodes.micropython_process import MicropythonProcess, stage
 
 #: A process that prints is noticed after so many ticks.
@@ -24,67 +25,122 @@ class MicropythonBank:
     """
 
     def __init__(self, node_ids: Sequence[int]) -> None:
-        self._now_ms = 0
-        self._node_ids = tuple(node_ids)
+        self._node_ids = list(node_ids)
+        self._conditions = Conditions(len(node_ids))
         self._inbox = [bytearray() for _ in node_ids]
         self._outbox: list[list[Frame]] = [[] for _ in node_ids]
+        self._acceptances = [Acceptance() for _ in node_ids]
         self._voltages_uv = np.zeros((len(node_ids), 2), np.int32)
         self._staging = tempfile.TemporaryDirectory(prefix="mdms-")
         self._processes: list[MicropythonProcess] = []
         try:
-            stage(Path(self._staging.name))
-            for node_id in node_ids:
-                self._processes.append(MicropythonProcess(node_id, Path(self._staging.name)))
+            self._start()
         except BaseException:
             self.close()
             raise
 
+    def _start(self) -> None:
+        folder = Path(self._staging.name)
+        stage(folder)
+        for serial, node_id in enumerate(self._node_ids, 1):
+            self._processes.append(MicropythonProcess(node_id, serial, folder))
+        self._exchange(range(len(self._node_ids)))
+
     def accepts(self, cell: int) -> Container[int]:
         """See `CellBank`."""
-        return identifiers(self._node_ids[cell])
+        return self._acceptances[cell]
 
     def deliver(self, cell: int, frame: Frame) -> None:
         """See `CellBank`."""
-        self._inbox[cell] += pack_frame(frame)
+        if cell not in self._conditions.halted:
+            self._inbox[cell] += lockstep.pack_frame(frame)
 
     def collect(self, cell: int) -> list[Frame]:
         """See `CellBank`."""
         if self._inbox[cell]:
-            self._exchange_frames()
-        frames = self._outbox[cell]
-        self._outbox[cell] = []
+            self._exchange(number for number, inbox in enumerate(self._inbox) if inbox)
+        frames, self._outbox[cell] = self._outbox[cell], []
         return frames
 
     def tick(self, counts: NDArray[np.int32], presence: NDArray[np.uint8]) -> NDArray[np.int32]:
         """See `CellBank`."""
-        if self._now_ms % CHECK_TICKS == 0:
-            for process in self._processes:
-                process.check()
-        rows = zip(self._processes, self._inbox, counts.tolist(), presence.tolist(), strict=True)
-        for process, inbox, (first, second), bits in rows:
-            head = REQUEST.pack(len(inbox), True, bits, first, second, self._now_ms)
-            process.ask(head + inbox)
+        conditions = self._conditions
+        self._check()
+        halted = conditions.halted
+        running = [cell for cell in range(len(self._processes)) if cell not in halted]
+        counts_list, bits, times_ms = counts.tolist(), presence.tolist(), conditions.times_ms()
+        pack = lockstep.REQUEST.pack
+        for cell in running:
+            inbox = self._inbox[cell]
+            first, second = counts_list[cell]
+            head = pack(len(inbox), lockstep.TICK, bits[cell], first, second, times_ms[cell])
+            self._processes[cell].ask(head + inbox)
             inbox.clear()
-        for cell in range(len(self._processes)):
+        for cell in running:
             self._take_answer(cell)
-        self._now_ms += 1
+        conditions.ticks += 1
         return self._voltages_uv.copy()
 
-    def _exchange_frames(self) -> None:
-        asked = [cell for cell, inbox in enumerate(self._inbox) if inbox]
+    def _check(self) -> None:
+        if self._conditions.ticks % CHECK_TICKS == 0:
+            for process in self._processes:
+                process.check()
+
+    def _exchange(self, cells: Iterable[int], what: int = lockstep.NOTHING, value: int = 0) -> None:
+        """Hands over the frames that wait for these cells, and takes what they answer."""
+        asked = list(cells)
         for cell in asked:
             inbox = self._inbox[cell]
-            self._processes[cell].ask(REQUEST.pack(len(inbox), False, 0, 0, 0, 0) + inbox)
+            head = lockstep.REQUEST.pack(len(inbox), what, 0, value, 0, 0)
+            self._processes[cell].ask(head + inbox)
             inbox.clear()
         for cell in asked:
             self._take_answer(cell)
 
     def _take_answer(self, cell: int) -> None:
         reply = self._processes[cell].answer()
-        _, first, second = REPLY.unpack_from(reply)
+        _, first, second = lockstep.REPLY.unpack_from(reply)
         self._voltages_uv[cell] = first, second
-        if len(reply) > REPLY.size:
-            self._outbox[cell] += unpack_frames(reply[REPLY.size :])
+        if len(reply) > lockstep.REPLY.size:
+            for frame in lockstep.unpack_frames(reply[lockstep.REPLY.size :]):
+                if frame.can_id == lockstep.LISTEN:
+                    self._acceptances[cell].replace(lockstep.identifiers(frame.data))
+                else:
+                    self._outbox[cell].append(frame)
+
+    def power_off(self, cell: int) -> None:
+        """See `CellBank`."""
+        self._inbox[cell].clear()
+        self._outbox[cell].clear()
+        self._voltages_uv[cell] = 0
+        self._conditions.halt(cell, (0, 0))
+
+    def hang(self, cell: int) -> None:
+        """See `CellBank`."""
+        if self._inbox[cell]:
+            self._exchange([cell])
+        self._conditions.halt(cell, self._voltages_uv[cell].tolist())
+
+    def restart(self, cell: int, node_id: int | None = None) -> None:
+        """See `CellBank`."""
+        if node_id is not None:
+            self._node_ids[cell] = node_id
+        self._inbox[cell].clear()
+        self._outbox[cell].clear()
+        self._conditions.restart(cell)
+        self._exchange([cell], lockstep.RESTART, self._node_ids[cell])
+
+    def set_bus_off(self, cell: int, off: bool) -> None:
+        """See `CellBank`."""
+        if cell not in self._conditions.halted:
+            if off:
+                self._exchange([cell])
+                self._outbox[cell].clear()
+            self._exchange([cell], lockstep.LEAVE_BUS if off else lockstep.REJOIN_BUS)
+
+    def set_drift(self, cell: int, drift_ppm: int) -> None:
+        """See `CellBank`."""
+        self._conditions.set_drift(cell, drift_ppm)
 
     def close(self) -> None:
         """See `CellBank`."""

@@ -1,7 +1,7 @@
 """One cell as a MicroPython process, in lock step with the simulation over two pipes.
 
-Started as `micropython micropython_main.py NODE_ID READ_FD WRITE_FD`. Every request is answered by
-one reply; the layouts are those of `mdms_sim.nodes.lockstep`.
+Started as `micropython micropython_main.py NODE_ID SERIAL READ_FD WRITE_FD`. Every request is
+answered by one reply; what they look like stands in `mdms_sim.nodes.lockstep`.
 """
 
 # mypy: ignore-errors
@@ -10,65 +10,101 @@ import struct
 import sys
 from array import array
 
-from virtual_board import VirtualBoard
+from virtual_board import VirtualBoard, VirtualFlash, leave_bus, rejoin_bus
 
 from mdms_cell import speed_loop
 from mdms_cell.cell import Cell
 
-REQUEST = "<HBBiiI"
-REQUEST_SIZE = 16
+TICK, RESTART, LEAVE_BUS, REJOIN_BUS = range(1, 5)
+LISTEN = 0xFFFF
+SIZE, WHAT, PRESENCE, COUNT1, COUNT2, NOW_MS, HEAD = range(7)
 REPLY = "<Hii"
 REPLY_SIZE = 10
 FRAME_HEAD_SIZE = 3
 
 
-def deliver(cell: Cell, view: memoryview, size: int) -> None:
-    """Hand the frames in the first `size` bytes of `view` to the cell."""
-    at = 0
-    while at < size:
-        can_id = view[at] | view[at + 1] << 8
-        end = at + FRAME_HEAD_SIZE + view[at + 2]
-        cell.on_frame(can_id, bytes(view[at + FRAME_HEAD_SIZE : end]))
-        at = end
+class Node:
+    """A cell and its board."""
+
+    def __init__(self, node_id, serial):
+        self._node_id = node_id
+        self._serial = serial
+        self._flash = VirtualFlash()
+        self._start()
+
+    def _start(self):
+        registers = array("i", bytes(4 * speed_loop.REGISTERS))
+        self.board = VirtualBoard(registers, self._serial, self._flash)
+        self.cell = Cell(self.board, self._node_id)
+
+    def deliver(self, view, size):
+        """Hand the frames in the first `size` bytes of `view` to the cell."""
+        at = 0
+        while at < size:
+            can_id = view[at] | view[at + 1] << 8
+            end = at + FRAME_HEAD_SIZE + view[at + 2]
+            self.cell.on_frame(can_id, bytes(view[at + FRAME_HEAD_SIZE : end]))
+            at = end
+
+    def tick(self, head):
+        """One control period and the timers."""
+        board = self.board
+        board.presence_bits = head[PRESENCE]
+        board.counts[0] = head[COUNT1]
+        board.counts[1] = head[COUNT2]
+        self.cell.tick()
+        self.cell.poll(head[NOW_MS])
+
+    def act(self, what, node_id):
+        """Do what happens seldom."""
+        if what == RESTART:
+            self._node_id = node_id
+            self._start()
+        elif what == LEAVE_BUS:
+            leave_bus(self.cell, self.board)
+        elif what == REJOIN_BUS:
+            rejoin_bus(self.cell, self.board)
+
+    def reply(self, buffer):
+        """Write voltages and queued frames into `buffer`; returns the size."""
+        board = self.board
+        at = REPLY_SIZE
+        if board.identifiers is not None:
+            listen = bytes(array("H", board.identifiers))
+            at = put_frame(buffer, at, LISTEN, listen)
+            board.identifiers = None
+        for can_id, data in board.frames:
+            at = put_frame(buffer, at, can_id, data)
+        board.frames.clear()
+        struct.pack_into(REPLY, buffer, 0, at, board.voltages_uv[0], board.voltages_uv[1])
+        return at
 
 
-def reply(board: VirtualBoard, buffer: bytearray) -> int:
-    """Write voltages and queued frames into `buffer`; returns the size."""
-    at = REPLY_SIZE
-    for can_id, data in board.frames:
-        buffer[at] = can_id & 0xFF
-        buffer[at + 1] = can_id >> 8
-        buffer[at + 2] = len(data)
-        at += FRAME_HEAD_SIZE
-        buffer[at : at + len(data)] = data
-        at += len(data)
-    board.frames.clear()
-    struct.pack_into(REPLY, buffer, 0, at, board.voltages_uv[0], board.voltages_uv[1])
-    return at
+def put_frame(buffer, at, can_id, data):
+    """Write a frame at `at`; returns where it ends."""
+    struct.pack_into("<HB", buffer, at, can_id, len(data))
+    at += FRAME_HEAD_SIZE
+    buffer[at : at + len(data)] = data
+    return at + len(data)
 
 
-def main(node_id: int, requests, replies):
-    """Serve until the other end closes its pipe."""
-    board = VirtualBoard(array("i", bytes(4 * speed_loop.REGISTERS)))
-    cell = Cell(board, node_id)
-    head = bytearray(REQUEST_SIZE)
+def serve(node, requests, replies):
+    """Answer until the other end closes its pipe."""
+    head = array("i", range(HEAD))
     body = bytearray(1 << 16)
     view = memoryview(body)
     out = bytearray(4096)
     while requests.readinto(head):
-        size, tick, presence, count1, count2, now_ms = struct.unpack(REQUEST, head)
-        if size:
-            requests.readinto(body, size)
-            deliver(cell, view, size)
-        if tick:
-            board.counts[0] = count1
-            board.counts[1] = count2
-            board.presence_bits = presence
-            cell.tick()
-            cell.poll(now_ms)
-        replies.write(out, reply(board, out))
+        if head[SIZE]:
+            requests.readinto(body, head[SIZE])
+            node.deliver(view, head[SIZE])
+        if head[WHAT] == TICK:
+            node.tick(head)
+        elif head[WHAT]:
+            node.act(head[WHAT], head[COUNT1])
+        replies.write(out, node.reply(out))
 
 
-requests = open(int(sys.argv[2]), "rb")  # noqa: SIM115 - open as long as the process lives
-replies = open(int(sys.argv[3]), "wb")  # noqa: SIM115
-main(int(sys.argv[1]), requests, replies)
+requests = open(int(sys.argv[3]), "rb")  # noqa: SIM115 - open as long as the process lives
+replies = open(int(sys.argv[4]), "wb")  # noqa: SIM115
+serve(Node(int(sys.argv[1]), int(sys.argv[2])), requests, replies)

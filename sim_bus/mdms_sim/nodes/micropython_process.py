@@ -11,6 +11,7 @@ import mdms_cell
 import mdms_protocol
 from mdms_sim.nodes.bank import MicropythonMissing, NodeDied
 
+_MAIN = Path(__file__).with_name("micropython_main.py")
 _PACKAGES = (mdms_cell, mdms_protocol)
 # The executable comes as an extension module of CPython; without `site` it starts in a third of
 # the time.
@@ -41,16 +42,17 @@ def stage(folder: Path) -> None:
 class MicropythonProcess:
     """A cell in a process of its own; ask and answer in turn."""
 
-    def __init__(self, node_id: int, staging: Path) -> None:
+    def __init__(self, node_id: int, serial: int, staging: Path) -> None:
         self.node_id = node_id
+        library = find_micropython()
         child_reads, self._requests = os.pipe()
         self._replies, child_writes = os.pipe()
         self._said = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `close`
-        main = Path(__file__).with_name("micropython_main.py")
         self._process = subprocess.Popen(
             [
-                *(sys.executable, "-I", "-S", "-c", _LAUNCH, find_micropython()),
-                *(str(main), str(node_id), str(child_reads), str(child_writes)),
+                *(sys.executable, "-I", "-S", "-c", _LAUNCH, library),
+                str(_MAIN),
+                *map(str, (node_id, serial, child_reads, child_writes)),
             ],
             env={"MICROPYPATH": str(staging)},
             stdin=subprocess.DEVNULL,

@@ -1,21 +1,29 @@
 """The board of a simulated cell, on CPython and MicroPython alike."""
 
 from mdms_cell import speed_loop
+from mdms_cell.runner import BUS_OFF
 
 #: Frames that a board keeps when the bus does not take them.
 TRANSMIT_QUEUE = 64
 
 
 class VirtualBoard:
-    """Peripherals as plain attributes: the simulation writes the inputs and takes the outputs."""
+    """Peripherals as plain attributes: the simulation writes the inputs and takes the outputs.
 
-    def __init__(self, registers: memoryview) -> None:
+    `cut` tells that the motors were switched off since the last tick, `identifiers` which frames
+    the cell wants to hear; who takes the list sets it to None. `settings` outlives the cell.
+    """
+
+    def __init__(self, registers: memoryview, serial: int, settings: "VirtualFlash") -> None:
         self.registers = registers
+        self.serial = serial
+        self.settings = settings
         self.counts = [0, 0]
         self.presence_bits = 0
         self.voltages_uv = [0, 0]
-        self.frames: list[tuple[int, bytes]] = []
         self.cut = False
+        self.frames: list[tuple[int, bytes]] = []
+        self.identifiers: list[int] | None = None
 
     def sample(self, registers: memoryview) -> None:
         """Write the encoder counts into the registers."""
@@ -38,8 +46,47 @@ class VirtualBoard:
         self.frames.append((can_id, bytes(data)))
         return True
 
+    def listen(self, identifiers: list[int]) -> None:
+        """Let frames with these identifiers through."""
+        self.identifiers = identifiers
+
     def motors_off(self) -> None:
         """Cut the drive until the next tick drives again."""
         self.cut = True
         self.voltages_uv[0] = 0
         self.voltages_uv[1] = 0
+
+
+class VirtualFlash:
+    """Two banks of bytes, as `mdms_cell.store` wants its memory."""
+
+    def __init__(self) -> None:
+        self._banks = [bytearray(), bytearray()]
+
+    def read(self, bank: int) -> bytes:
+        """Return the whole bank."""
+        return bytes(self._banks[bank])
+
+    def erase(self, bank: int) -> None:
+        """Make the bank empty."""
+        self._banks[bank] = bytearray()
+
+    def write(self, bank: int, offset: int, data: bytes) -> None:
+        """Write at the end of what the bank holds; raises OSError anywhere else."""
+        if len(self._banks[bank]) != offset:
+            raise OSError("settings are written from their beginning on")
+        self._banks[bank] += data
+
+
+def leave_bus(cell: object, board: VirtualBoard) -> None:
+    """Do what a board does when its controller goes bus off."""
+    board.registers[speed_loop.CUT] = 1
+    board.motors_off()
+    board.frames.clear()
+    cell.fail(BUS_OFF)  # type: ignore[attr-defined]
+
+
+def rejoin_bus(cell: object, board: VirtualBoard) -> None:
+    """Do what a board does when its controller is back on the bus."""
+    cell.recover()  # type: ignore[attr-defined]
+    board.registers[speed_loop.CUT] = 0
