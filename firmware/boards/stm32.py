@@ -6,6 +6,7 @@ Everything is made from the peripherals that a board's own module picks; nothing
 from array import array
 
 import machine
+import micropython
 from machine import ADC, CAN, WDT, Pin
 from micropython import const
 from pyb import Timer
@@ -47,10 +48,12 @@ class Wheel:
         self._current_ma = base + speed_loop.CURRENT
         self._voltage = base + speed_loop.VOLTAGE
 
+    @micropython.native
     def sample(self, registers):
         """Write the encoder's count into the registers."""
         registers[self._count] = self._encoder.counter() & 0xFFFF
 
+    @micropython.native
     def drive(self, registers):
         """Set phase and pulse width to the voltage in the registers."""
         voltage_uv = registers[self._voltage]
@@ -142,11 +145,13 @@ class Stm32Board:
 
     # What interrupts call
 
+    @micropython.native
     def sample(self, registers):
         """Write the encoder counts into the registers."""
         self._wheels[0].sample(registers)
         self._wheels[1].sample(registers)
 
+    @micropython.native
     def drive(self, registers):
         """Apply the voltages; the bridges sleep while both axes are off."""
         self._wheels[0].drive(registers)

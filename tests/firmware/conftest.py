@@ -5,6 +5,8 @@ module shadows a built-in one.
 """
 
 import os
+import platform
+import re
 import shutil
 import subprocess
 import sys
@@ -19,6 +21,9 @@ from mdms_sim.nodes.micropython_process import find_micropython
 ROOT = Path(__file__).parents[2]
 PACKAGES = (ROOT / "firmware" / "mdms_cell", ROOT / "protocol" / "mdms_protocol")
 TIME_LIMIT_S = 60
+#: MicroPython emits machine code for x86-64, but not for 64-bit ARM.
+EMITS = platform.machine() in ("x86_64", "AMD64")
+_EMITTER = re.compile(r"^ *@micropython\.(viper|native)\n", re.MULTILINE)
 _LAUNCH = (
     "import sys; sys.path.append(sys.argv.pop(1)); "
     "from micropython_run import run_main; sys.exit(run_main(sys.argv))"
@@ -38,7 +43,7 @@ except BaseException as error:
 
 
 def stage(folder: Path, more: Iterable[Path] = (), *, viper: bool = True) -> None:
-    """Copy the cell's packages and `more` into a folder, without viper where nothing emits it."""
+    """Copy the cell's packages and `more` into a folder; as bytecode throughout without viper."""
     folder.mkdir()
     for source in (*PACKAGES, *more):
         if source.is_dir():
@@ -50,7 +55,9 @@ def stage(folder: Path, more: Iterable[Path] = (), *, viper: bool = True) -> Non
     if not viper:
         for path in folder.rglob("*.py"):
             text = path.read_text()
-            path.write_text(text.replace("@micropython.viper\n", ""))
+            path.write_text(
+                re.sub(r"^ *@micropython\.(viper|native)\n", "", text, flags=re.MULTILINE)
+            )
 
 
 def unix(
@@ -96,7 +103,7 @@ def micropython(tmp_path) -> Callable[..., str]:
 
     folder = tmp_path / "unix"
 
-    def run(code: str, *more: Path, options: Iterable[str] = (), viper: bool = True) -> str:
+    def run(code: str, *more: Path, options: Iterable[str] = (), viper: bool = EMITS) -> str:
         if not folder.exists():
             stage(folder, more, viper=viper)
         done = unix(folder, "-c", code, options=options)

