@@ -101,11 +101,11 @@ class Coordinator:
         cell = self._by_node.get(frame.can_id & 0x7F)
         if cell is None:
             return
-        base = frame.can_id - cell.node_id
+        base, emergency = frame.can_id - cell.node_id, cell.emergency
         cell.on_frame(frame.can_id, frame.data, now_s)
         if base == pdo.STATUS.base and cell.presence is not None:
             self.tracker.on_presence(now_s, cell.number, cell.presence)
-        elif base == cob.EMCY_BASE:
+        elif base == cob.EMCY_BASE and cell.emergency != emergency:
             self.events.append((now_s, f"{cell.name} sends emergency 0x{cell.emergency or 0:04X}"))
         if base in (cob.SDO_RESPONSE_BASE, pdo.STATUS.base) and self.phase in BRING_UP:
             self._schedule.set("command", now_s)

@@ -59,7 +59,7 @@ class ParcelEstimator:
     def acquire(self, now_s: float, covered: Bools, mine: Bools) -> bool:
         """Find the parcel among the sensors that are its own; True if it was found.
 
-        Both arrays are of shape (S,), S the sensors of all cells in a row. Looking takes tens of
+        Both arrays are of shape (S,), S the sensors of all cells in a row. Looking takes some
         milliseconds, so it is not done again at once.
         """
         if now_s < self._looked_s + _LOOK_AGAIN_S:
