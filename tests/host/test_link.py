@@ -1,7 +1,10 @@
 import os
+import subprocess
+import sys
 import tty
 from argparse import ArgumentParser
 from collections.abc import Iterator
+from pathlib import Path
 from queue import SimpleQueue
 
 import can
@@ -199,3 +202,19 @@ def test_a_bus_that_cannot_be_opened_is_told_with_a_way_out(monkeypatch, argumen
 def test_a_bus_is_opened_by_python_cans_own_options() -> None:
     with open_bus(options("-i", "virtual", "-c", "by-options")) as bus:
         assert "by-options" in bus.channel_info
+
+
+@pytest.mark.slow
+def test_a_served_array_that_ends_is_gone(clock, monkeypatch, tmp_path) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    command = [Path(sys.executable).parent / "mdms", "serve", "array18", "--name", "to-be-ended"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        try:
+            while "to-be-ended" not in server.stdout.readline():
+                assert server.poll() is None
+            with Link(can.Bus("to-be-ended", interface="mdms"), clock) as link:
+                assert received(link, MonotonicClock())
+                server.terminate()
+                assert "the CAN device is gone" in gone(link, MonotonicClock())
+        finally:
+            server.terminate()
