@@ -18,6 +18,7 @@ class VirtualBoard:
         self.registers = registers
         self.serial = serial
         self.settings = settings
+        self.program = VirtualProgram()
         self.counts = [0, 0]
         self.presence_bits = 0
         self.voltages_uv = [0, 0]
@@ -76,6 +77,24 @@ class VirtualFlash:
         if len(self._banks[bank]) != offset:
             raise OSError("settings are written from their beginning on")
         self._banks[bank] += data
+
+
+class VirtualProgram:
+    """Keeps a program that was downloaded; see `mdms_cell.program`."""
+
+    def __init__(self) -> None:
+        self.image = bytearray()
+
+    def begin(self, size: int | None) -> None:
+        """Forget the one before."""
+        self.image = bytearray()
+
+    def write(self, data: bytes) -> None:
+        """Take the next bytes."""
+        self.image += data
+
+    def end(self) -> None:
+        """All bytes are there."""
 
 
 def leave_bus(cell: object, board: VirtualBoard) -> None:

@@ -1,0 +1,184 @@
+"""The unmodified `canopen` library commissions 18 cells that run on real MicroPython.
+
+The cells are processes in lock step with the virtual bus; the library is a client of the served
+bus in real time. The cells begin blank: all they have is a serial number.
+"""
+
+import binascii
+import random
+import threading
+import time
+from contextlib import closing
+from pathlib import Path
+
+import canopen
+import pytest
+from canopen.objectdictionary import import_od
+
+from mdms_protocol import cia402, cob
+from mdms_sim.nodes import MicropythonMissing
+from mdms_sim.nodes.micropython_bank import MicropythonBank
+from mdms_sim.scenario_file import load_scenario
+from mdms_sim.serve.server import Server
+from mdms_sim.simulation import Simulation
+
+pytestmark = pytest.mark.slow
+
+EDS = str(Path(__file__).parents[2] / "protocol" / "mdms-cell.eds")
+CELLS = 18
+NODE_IDS = range(21, 21 + CELLS)
+PATIENCE_S = 10
+SCAN_TIMEOUT_S = 0.06
+SCANS = 5
+
+
+def wait_until(condition):
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline_s, condition
+        time.sleep(0.01)
+
+
+@pytest.fixture(scope="module")
+def network(tmp_path_factory):
+    """A `canopen` network of 18 cells, to which the library has just given node ids by LSS."""
+    channel = str(tmp_path_factory.mktemp("bus") / "bus.sock")
+    try:
+        bank = MicropythonBank([cob.NODE_NONE] * CELLS)
+    except MicropythonMissing as error:
+        pytest.skip(str(error))
+    over = threading.Event()
+    with closing(bank):
+        simulation = Simulation(load_scenario("array18", []), bank, recorded=False)
+        with Server(simulation, channel) as server:
+            thread = threading.Thread(target=server.run, args=(over.is_set,))
+            thread.start()
+            network = canopen.Network()
+            try:
+                network.connect(interface="mdms", channel=channel)
+                commission(network)
+                yield network
+            finally:
+                network.disconnect()
+                over.set()
+                thread.join()
+
+
+def scan(network):
+    """The identity of a cell; an answer that is late on a busy machine fails a scan."""
+    for _ in range(SCANS):
+        found, identity = network.lss.fast_scan()
+        if found:
+            return identity
+    raise AssertionError("no blank cell answers")
+
+
+def commission(network):
+    network.lss.RESPONSE_TIMEOUT = SCAN_TIMEOUT_S
+    network.scanned = []
+    for node_id in NODE_IDS:
+        network.scanned.append(scan(network))
+        network.lss.RESPONSE_TIMEOUT = 1
+        network.lss.configure_node_id(node_id)
+        network.lss.store_configuration()
+        network.lss.send_switch_state_global(network.lss.WAITING_STATE)
+        network.lss.RESPONSE_TIMEOUT = SCAN_TIMEOUT_S
+        node = network.add_node(node_id, import_od(EDS, node_id))
+        node.sdo.RESPONSE_TIMEOUT = 2
+        node.nmt.wait_for_heartbeat(PATIENCE_S)
+
+
+def test_every_blank_cell_was_found_once_by_fast_scan(network):
+    serials = [identity[3] for identity in network.scanned]
+    assert sorted(serials) == list(range(1, CELLS + 1))
+    assert network.lss.fast_scan() == (False, None)
+
+
+def test_identities_are_those_that_were_scanned(network):
+    for node_id, identity in zip(NODE_IDS, network.scanned, strict=True):
+        record = network[node_id].sdo[0x1018]
+        assert [record[sub].raw for sub in (1, 2, 3, 4)] == identity
+
+
+def test_nmt_commands_reach_one_cell_and_all(network):
+    first, second = network[NODE_IDS[0]], network[NODE_IDS[1]]
+    first.nmt.state = "OPERATIONAL"
+    first.nmt.wait_for_heartbeat(PATIENCE_S)
+    wait_until(lambda: first.nmt.state == "OPERATIONAL")
+    assert second.nmt.state == "PRE-OPERATIONAL"
+    network.nmt.send_command(0x02)
+    wait_until(lambda: all(network[node_id].nmt.state == "STOPPED" for node_id in NODE_IDS))
+    network.nmt.send_command(0x80)
+    wait_until(lambda: all(network[node_id].nmt.state == "PRE-OPERATIONAL" for node_id in NODE_IDS))
+
+
+def test_node_id_outlives_a_reset(network):
+    node = network[NODE_IDS[2]]
+    node.nmt.send_command(0x81)
+    node.nmt.wait_for_bootup(PATIENCE_S)
+    assert node.sdo[0x1018][4].raw == network.scanned[2][3]
+
+
+def test_remapped_pdo_carries_the_new_object(network):
+    node = network[NODE_IDS[3]]
+    node.tpdo.read()
+    mapping = node.tpdo[3]
+    mapping.clear()
+    mapping.add_variable(0x3001)
+    mapping.add_variable(0x6063)
+    mapping.cob_id = 0x380 + NODE_IDS[3]
+    mapping.trans_type = 255
+    mapping.event_timer = 20
+    mapping.enabled = True
+    mapping.save()
+    node.nmt.state = "OPERATIONAL"
+    assert mapping.wait_for_reception(PATIENCE_S) is not None
+    assert mapping[0].raw == node.sdo[0x3001].raw
+    node.nmt.state = "PRE-OPERATIONAL"
+
+
+def test_100_kb_arrive_by_block_download(network):
+    node = network[NODE_IDS[4]]
+    image = random.Random(4).randbytes(100 * 1024)
+    with node.sdo[0x1F50][1].open(
+        "wb", size=len(image), block_transfer=True, buffering=7 * 1024
+    ) as stream:
+        stream.write(image)
+    assert node.sdo[0x1F56][1].raw == binascii.crc32(image)
+
+
+def enable(network, node_ids):
+    for node_id in node_ids:
+        node = network[node_id]
+        node.sdo[0x3000].raw = 2_000
+        node.nmt.state = "OPERATIONAL"
+        for index in (0x6040, 0x6840):
+            for word in (cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION):
+                node.sdo[index].raw = word
+
+
+def test_setpoints_and_states_stream_by_sync_and_a_stale_setpoint_is_an_emergency(network):
+    nodes = [network[node_id] for node_id in NODE_IDS]
+    for node in nodes:
+        node.rpdo.read(from_od=True)
+        node.tpdo.read(from_od=True)
+        node.emcy.reset()
+    enable(network, NODE_IDS)
+    for node in nodes:
+        node.rpdo[1][0].phys = 0.05
+        node.rpdo[1][1].phys = -0.05
+
+    def turning():
+        for node in nodes:
+            node.rpdo[1].transmit()
+        network.sync.transmit()
+        time.sleep(0.02)
+        return all(node.tpdo[1][0].phys > 0.02 and node.tpdo[1][1].phys < -0.02 for node in nodes)
+
+    wait_until(turning)
+    wait_until(lambda: all(node.emcy.log for node in nodes))
+    assert {node.emcy.log[0].code for node in nodes} == {0x8250}
+    assert all(cia402.state(node.sdo[0x6041].raw) == cia402.FAULT for node in nodes)
+    assert all(node.sdo[0x603F].raw == 0x8250 for node in nodes)
+    network.nmt.send_command(0x81)
+    wait_until(lambda: nodes[-1].nmt.state == "PRE-OPERATIONAL")
