@@ -57,6 +57,7 @@ class Client:
         self.name = name
         self.descriptor = descriptor
         self.dropped = 0
+        self._deaf = False
         self._bus = bus
         self._controller = bus.attach(self)
         self._codec = make_codec(self._controller.send)
@@ -79,6 +80,8 @@ class Client:
 
     def on_frame(self, frame: Frame, now_ns: int) -> None:
         """Something was on the bus; see `Station`."""
+        if self._deaf:
+            return
         told = self._codec.encode(frame, now_ns)
         if len(self._backlog) + len(told) > BACKLOG_BYTES:
             self.dropped += 1
@@ -102,14 +105,27 @@ class Client:
         self._backlog += self._codec.feed(data)
 
     def write(self) -> None:
-        """Give the client what it takes now. Raises GoneError."""
+        """Give the client what it takes now.
+
+        One that takes no more may have sent frames that are still to be read; `read` sees its end.
+        """
         try:
             while self._backlog:
                 del self._backlog[: os.write(self.descriptor, self._backlog)]
         except BlockingIOError:
             return
-        except OSError as error:
-            raise GoneError(str(error)) from error
+        except OSError:
+            self.hear_no_more()
+
+    def hear_no_more(self) -> None:
+        """Tell the client nothing more; what it has sent still goes out."""
+        self._deaf = True
+        self._backlog.clear()
+
+    @property
+    def has_frames_to_send(self) -> bool:
+        """Whether the bus has not taken all yet."""
+        return self._controller.pending > 0
 
     def leave(self) -> None:
         """Take the client off the bus."""

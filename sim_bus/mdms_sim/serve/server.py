@@ -47,6 +47,7 @@ class Server:
         self._clients: dict[int, Client] = {}
         self._ready: dict[int, Callable[[int], None]] = {}
         self._connections: dict[int, socket.socket] = {}
+        self._leaving: list[Client] = []
         self._channel = channel
         self._unix = listen_unix(channel)
         self._tcp = listen_tcp(tcp_port)
@@ -79,6 +80,8 @@ class Server:
         """Shut all doors and take the clients off the bus."""
         for descriptor in list(self._clients):
             self._dismiss(descriptor, "the array is switched off")
+        for client in self._leaving:
+            client.leave()
         for listener in (self._unix, self._tcp):
             listener.close()
         packet.socket_path(self._channel).unlink(missing_ok=True)
@@ -95,12 +98,22 @@ class Server:
         kernel = self._simulation.kernel
         for descriptor, client in list(self._clients.items()):
             if client.wants_to_write:
-                self._attempt(descriptor, client.write)
+                client.write()
             self._watch(descriptor, client)
         next_ns = kernel.next_ns
         wait_s = 0.0 if next_ns is None else self.time.wait_s(next_ns, kernel.now_ns)
         for key, events in self._selector.select(wait_s):
             key.data(events)
+
+        self._see_off()
+
+    def _see_off(self) -> None:
+        """Take those off the bus whose last frames it has carried."""
+        staying = [client for client in self._leaving if client.has_frames_to_send]
+        for client in self._leaving:
+            if client not in staying:
+                client.leave()
+        self._leaving = staying
 
     def _listen(self, listener: socket.socket, kind: str) -> None:
         def welcome(_events: int) -> None:
@@ -118,11 +131,10 @@ class Server:
         client = Client(kind, descriptor, self._simulation.bus, codec)
 
         def ready(events: int) -> None:
+            if events & selectors.EVENT_WRITE:
+                client.write()
             if events & selectors.EVENT_READ:
-                self._attempt(descriptor, client.read)
-            # The client may have left while it was read from.
-            if events & selectors.EVENT_WRITE and descriptor in self._clients:
-                self._attempt(descriptor, client.write)
+                self._read(descriptor, client)
 
         self._clients[descriptor] = client
         self._ready[descriptor] = ready
@@ -142,16 +154,17 @@ class Server:
         elif not wanted and key is not None:
             self._selector.unregister(descriptor)
 
-    def _attempt(self, descriptor: int, act: Callable[[], None]) -> None:
+    def _read(self, descriptor: int, client: Client) -> None:
         try:
-            act()
+            client.read()
         except GoneError as error:
             self._dismiss(descriptor, str(error))
 
     def _dismiss(self, descriptor: int, reason: str) -> None:
         client = self._clients.pop(descriptor)
         del self._ready[descriptor]
-        client.leave()
+        client.hear_no_more()
+        self._leaving.append(client)
         if descriptor in self._selector.get_map():
             self._selector.unregister(descriptor)
         connection = self._connections.pop(descriptor, None)

@@ -1,0 +1,118 @@
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mdms_protocol.frame import Frame
+from mdms_sim.bus.flags import EXTENDED, REMOTE
+from mdms_sim.serve.slcan import Slcan
+
+FRAMES = st.builds(
+    Frame,
+    st.one_of(
+        st.integers(0, 0x7FF),
+        st.integers(0, 0x1FFF_FFFF).map(lambda can_id: can_id | EXTENDED),
+    ),
+    st.binary(max_size=8),
+)
+
+
+def adapter(takes=True):
+    sent = []
+
+    def send(frame):
+        sent.append(frame)
+        return takes
+
+    return Slcan(send), sent
+
+
+def opened():
+    slcan, sent = adapter()
+    assert slcan.feed(b"C\rS8\rO\r") == b"\r\r\r"
+    return slcan, sent
+
+
+def test_session_as_python_can_has_it():
+    slcan, sent = adapter()
+    assert slcan.feed(b"\r\r") == b"\r\r"
+    assert slcan.feed(b"V\rN\r") == b"V1013\rNMDMS\r"
+    assert slcan.feed(b"C\rS8\rO\r") == b"\r\r\r"
+    assert slcan.feed(b"t2013010203\r") == b"z\r"
+    assert slcan.feed(b"T1ABCDEF00\r") == b"Z\r"
+    assert slcan.feed(b"r7014\r") == b"z\r"
+    assert sent == [
+        Frame(0x201, b"\1\2\3"),
+        Frame(0x1ABCDEF0 | EXTENDED, b""),
+        Frame(0x701 | REMOTE, bytes(4)),
+    ]
+    assert slcan.feed(b"C\r") == b"\r"
+    assert slcan.feed(b"t0000\r") == b"\x07"
+
+
+def test_lines_for_the_client():
+    slcan, _ = opened()
+    assert slcan.line(Frame(0x181, b"\x00\xff"), 0) == b"t181200FF\r"
+    assert slcan.line(Frame(0x181 | EXTENDED, b""), 0) == b"T000001810\r"
+    assert slcan.line(Frame(0x701 | REMOTE, bytes(1)), 0) == b"r7011\r"
+
+
+def test_closed_channel_is_silent():
+    slcan, _ = adapter()
+    assert slcan.line(Frame(0x181, b""), 0) == b""
+
+
+def test_time_stamps_count_milliseconds_of_a_minute():
+    slcan, _ = adapter()
+    slcan.feed(b"Z1\rO\r")
+    assert slcan.line(Frame(1, b""), 61_234_000_000) == b"t001004D2\r"
+
+
+def test_garbage_is_answered_and_counted_and_nothing_is_sent():
+    slcan, sent = opened()
+    bad = (
+        b"x",
+        b"t2",
+        b"t20190102",
+        b"t2012 1 2",
+        b"t2011zz",
+        b"t8000",
+        b"t+010",
+        b"T200000000",
+        b"t20120102" + b"0" * 40,
+        b"\xff\xfe",
+        b"S8",
+    )
+    for line in bad:
+        assert slcan.feed(line + b"\r") == b"\x07", line
+    assert slcan.garbage == len(bad)
+    assert sent == []
+    assert slcan.feed(b"t2010\r") == b"z\r"
+
+
+def test_listener_may_not_send():
+    slcan, sent = adapter()
+    assert slcan.feed(b"L\rt2010\r") == b"\r\x07"
+    assert sent == []
+
+
+def test_full_bus_is_told_by_the_error_byte():
+    slcan, _ = adapter(takes=False)
+    assert slcan.feed(b"O\rt2010\r") == b"\r\x07"
+
+
+@given(FRAMES)
+def test_what_one_adapter_tells_another_understands(frame):
+    teller, _ = opened()
+    hearer, heard = opened()
+    hearer.feed(teller.line(frame, 0))
+    assert heard == [frame]
+
+
+@given(st.lists(st.binary(max_size=40)))
+def test_no_bytes_do_harm(chunks):
+    slcan, sent = opened()
+    for chunk in chunks:
+        slcan.feed(chunk)
+    slcan.feed(b"\r\rO\r")
+    before = len(sent)
+    slcan.feed(b"t2010\r")
+    assert len(sent) == before + 1

@@ -1,0 +1,210 @@
+"""The served array and programs that know nothing of it, each in a process of its own."""
+
+import json
+import os
+import re
+import select
+import stat
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import can
+import canopen
+import pyte
+import pytest
+import serial
+
+from mdms_sim.serve.packet import HELLO
+
+FOLDER = Path(sys.executable).parent
+CELLS = 18
+
+
+def heard(bus, seconds):
+    """Identifiers that a python-can bus receives within some time, counted."""
+    counts = Counter()
+    end = time.monotonic() + seconds
+    while (left := end - time.monotonic()) > 0:
+        message = bus.recv(left)
+        if message is not None and not message.is_error_frame:
+            counts[message.arbitration_id] += 1
+    return counts
+
+
+def test_socket_is_the_users_alone(served):
+    path = os.path.join(served.environment["XDG_RUNTIME_DIR"], "mdms", "array18.sock")
+    assert stat.S_IMODE(os.stat(path).st_mode) == 0o600
+    assert stat.S_IMODE(os.stat(os.path.dirname(path)).st_mode) == 0o700
+
+
+def test_tcp_listens_on_loopback_only(served):
+    assert served.tcp.startswith("socket://127.0.0.1:")
+
+
+@pytest.mark.parametrize("door", ["mdms", "terminal", "tcp"])
+def test_every_door_shows_all_cells_by_their_heartbeats(served, door):
+    options = {
+        "mdms": {"interface": "mdms", "channel": served.channel},
+        "terminal": {"interface": "slcan", "channel": served.device, "sleep_after_open": 0},
+        "tcp": {"interface": "slcan", "channel": served.tcp, "sleep_after_open": 0},
+    }[door]
+    with can.Bus(bitrate=1_000_000, **options) as bus:
+        assert {can_id for can_id in heard(bus, 0.5) if can_id >> 7 == 0xE} == {
+            0x700 + node for node in range(1, CELLS + 1)
+        }
+
+
+def test_coordinator_steers_the_box_from_another_process(served):
+    bus = ("-i", "mdms", "-c", served.channel)
+    done = served.run("mdms", "run", "array18", "--limit", "40", *bus)
+    assert done.returncode == 0, done.stderr
+    assert "done" in done.stdout
+
+
+def test_coordinator_steers_over_a_serial_line(serve_array):
+    """Six cells, for python-can reads a serial adapter's lines one by one in Python."""
+    small = [
+        *("--set", "array.columns=3", "--set", "array.rows=2"),
+        *("--set", "parcel.0.length_m=0.20", "--set", "parcel.0.width_m=0.18"),
+        *("--set", "parcel.0.x_m=-0.05", "--set", "parcel.0.goal.x_m=0.05"),
+    ]
+    array = serve_array(*small, name="small")
+    bus = ("-i", "slcan", "-c", array.device, "-b", "1000000")
+    done = array.run("mdms", "run", "array18", *small, "--limit", "40", *bus)
+    assert done.returncode == 0, done.stderr
+    assert "done" in done.stdout
+
+
+def test_status_lists_every_cell_and_what_lies_on_it(served):
+    done = served.run("mdms", "status", "--once", "--json", "-i", "mdms", "-c", served.channel)
+    assert done.returncode == 0, done.stderr
+    cells = json.loads(done.stdout)["cells"]
+    assert len(cells) == CELLS
+    assert not any(cell["silent"] for cell in cells)
+
+
+def test_stop_turns_everything_off(served):
+    assert served.run("mdms", "stop", "-i", "mdms", "-c", served.channel).returncode == 0
+
+
+def test_nothing_served_under_a_name_is_told_with_what_to_do(served):
+    done = served.run("mdms", "scan", "-i", "mdms", "-c", "nobody")
+    assert done.returncode == 4
+    assert "mdms serve array18" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_second_server_of_a_name_is_refused(served):
+    done = served.run("mdms", "serve", "array18", "--name", served.channel)
+    assert done.returncode == 1
+    assert "in use" in done.stderr
+
+
+def test_logger_and_player_carry_every_frame(served, tmp_path):
+    log = tmp_path / "bus.log"
+    logger = served.start("can_logger", "-i", "mdms", "-c", served.channel, "-f", log)
+    with can.Bus(interface="mdms", channel=served.channel) as bus:
+        time.sleep(1.0)
+        for number in range(2000):
+            bus.send(can.Message(arbitration_id=0x7A0, data=number.to_bytes(8, "big")), timeout=5)
+        time.sleep(1.0)
+    logger.terminate()
+    logger.wait(timeout=10)
+    logged = [m for m in can.CanutilsLogReader(str(log)) if m.arbitration_id == 0x7A0]
+    assert [int.from_bytes(m.data, "big") for m in logged] == list(range(2000))
+
+    played = tmp_path / "played.log"
+    with can.CanutilsLogWriter(str(played)) as writer:
+        for message in logged:
+            writer.on_message_received(message)
+    with can.Bus(interface="mdms", channel=served.channel) as bus:
+        player = served.start("can_player", "-i", "mdms", "-c", served.channel, played)
+        assert heard(bus, 4.0)[0x7A0] == 2000
+        assert player.wait(timeout=10) == 0
+
+
+def screen_of(command, environment, seconds):
+    """What a terminal program shows after some time."""
+    screen = pyte.Screen(120, 60)
+    stream = pyte.ByteStream(screen)
+    ours, theirs = os.openpty()
+    process = subprocess.Popen(
+        command,
+        stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+        env=environment | {"LINES": "60", "COLUMNS": "120"},
+        start_new_session=True,
+    )
+    os.close(theirs)
+    end = time.monotonic() + seconds
+    while (left := end - time.monotonic()) > 0:
+        if select.select([ours], [], [], left)[0]:
+            try:
+                stream.feed(os.read(ours, 65536))
+            except OSError:
+                break
+    process.terminate()
+    process.wait(timeout=10)
+    os.close(ours)
+    return "\n".join(screen.display)
+
+
+def test_viewer_shows_the_heartbeats(served):
+    command = [str(FOLDER / "can_viewer"), "-i", "mdms", "-c", served.channel]
+    shown = screen_of(command, served.environment, 3.0)
+    for node in range(1, CELLS + 1):
+        assert f"{0x700 + node:03X}" in shown
+
+
+def test_cantools_monitor_decodes_with_our_dbc(served, pytestconfig):
+    dbc = pytestconfig.rootpath / "protocol" / "mdms-cell.dbc"
+    command = [str(FOLDER / "cantools"), "monitor", "-i", "mdms", "-c", served.channel, str(dbc)]
+    shown = screen_of(command, served.environment, 4.0)
+    assert re.search(r"heartbeat", shown, re.IGNORECASE), shown
+
+
+def test_canopen_reads_identities_and_settings(served):
+    network = canopen.Network()
+    network.connect(interface="mdms", channel=served.channel)
+    try:
+        for node_id in (1, 18):
+            node = network.add_node(node_id, canopen.ObjectDictionary())
+            assert node.sdo.upload(0x1018, 2) == 0x4D444D53.to_bytes(4, "little")
+            assert node.sdo.upload(0x1008, 0) == b"MDMS cell"
+    finally:
+        network.disconnect()
+
+
+def test_bare_serial_script_talks_slcan(served):
+    with serial.serial_for_url(served.tcp, timeout=2) as line:
+        line.write(b"S8\rO\r")
+        assert line.read(2) == b"\r\r"
+        line.write(b"t60184018100200000000\r")
+        answers = [line.read_until(b"\r") for _ in range(200)]
+        assert b"t58184318100253" + b"4D444D\r" in answers
+        line.write(b"C\r")
+
+
+def test_garbage_and_rudeness_harm_nobody(served):
+    import socket
+
+    folder = served.environment["XDG_RUNTIME_DIR"]
+    path = os.path.join(folder, "mdms", "array18.sock")
+    rude = [socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) for _ in range(3)]
+    for one in rude:
+        one.connect(path)
+    rude[0].sendall(b"GET / HTTP/1.1\r\n\r\n")
+    rude[1].sendall(HELLO + b"\xff" * 24 * 100)
+    rude[2].sendall(HELLO)  # and never reads
+    with serial.serial_for_url(served.tcp, timeout=2) as line:
+        line.write(os.urandom(500).replace(b"\r", b"?") + b"\r")
+        assert b"\x07" in line.read(1)
+    with can.Bus(interface="mdms", channel=served.channel) as bus:
+        counts = heard(bus, 1.0)
+        assert all(counts[0x700 + node] >= 8 for node in range(1, CELLS + 1))
+    for one in rude:
+        one.close()
