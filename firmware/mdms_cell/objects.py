@@ -4,8 +4,7 @@ import struct
 
 from mdms_protocol import packed, record, sdo
 
-_RECORD_SIZE = struct.calcsize(record.RECORD)
-_COUNT = len(packed.RECORDS) // _RECORD_SIZE
+_COUNT = len(packed.RECORDS) // record.RECORD_SIZE - 1
 _FORMATS = {0x02: "<b", 0x03: "<h", 0x04: "<i", 0x05: "<B", 0x06: "<H", 0x07: "<I"}
 
 
@@ -13,21 +12,28 @@ class Record:
     """What the table says about one entry."""
 
     def __init__(self, position):
-        (
-            self.index,
-            self.sub,
-            self.type,
-            self.flags,
-            self.size,
-            self.place,
-            self.low,
-            self.high,
-        ) = struct.unpack_from(record.RECORD, packed.RECORDS, position * _RECORD_SIZE)
+        start = position * record.RECORD_SIZE
+        self.index, self.sub, self.type, self.flags, self._limits, self.place = struct.unpack_from(
+            record.RECORD, packed.RECORDS, start
+        )
+        end = start + 2 * record.RECORD_SIZE
+        self.size = (packed.RECORDS[end - 2] | packed.RECORDS[end - 1] << 8) - self.place
 
     @property
     def format(self):
         """The entry's format for `struct`; None if it is no number."""
         return _FORMATS.get(self.type)
+
+    def check(self, number):
+        """Raises AbortError if the number is out of the entry's limits."""
+        if not self._limits:
+            return
+        at = (self._limits - 1) * record.LIMITS_SIZE
+        low, high = struct.unpack_from(record.LIMITS, packed.LIMITS, at)
+        if number > high:
+            raise sdo.AbortError(sdo.TOO_HIGH)
+        if number < low:
+            raise sdo.AbortError(sdo.TOO_LOW)
 
 
 def find(index, sub):
@@ -50,7 +56,7 @@ def _position(index, sub):
     high = _COUNT
     while low < high:
         middle = (low + high) // 2
-        start = middle * _RECORD_SIZE
+        start = middle * record.RECORD_SIZE
         row = packed.RECORDS
         if (row[start + 1] << 16 | row[start] << 8 | row[start + 2]) < wanted:
             low = middle + 1
@@ -127,11 +133,7 @@ class Objects:
         """Write an entry from bytes, as a client may; raises AbortError."""
         check_length(entry, len(value))
         number = struct.unpack(entry.format, value)[0]
-        if entry.flags & record.LIMITED:
-            if number > entry.high:
-                raise sdo.AbortError(sdo.TOO_HIGH)
-            if number < entry.low:
-                raise sdo.AbortError(sdo.TOO_LOW)
+        entry.check(number)
         take = self.writes.get(key(entry.index, entry.sub))
         if take is not None:
             take(number)

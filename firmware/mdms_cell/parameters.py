@@ -1,6 +1,5 @@
 """Store and restore by SDO (CiA 301, 7.5.2.13 and 7.5.2.14: 0x1010 and 0x1011)."""
 
-from mdms_cell.objects import key
 from mdms_protocol import record, sdo
 
 STORE = 0x1010
@@ -9,11 +8,11 @@ RESTORE = 0x1011
 _SAVE = 0x65766173
 _LOAD = 0x64616F6C
 #: The flags of the entries that each sub-index stands for.
-_GROUPS = (
-    (1, record.STORED_COMMUNICATION | record.STORED_APPLICATION),
-    (2, record.STORED_COMMUNICATION),
-    (3, record.STORED_APPLICATION),
-)
+_GROUPS = {
+    1: record.STORED_COMMUNICATION | record.STORED_APPLICATION,
+    2: record.STORED_COMMUNICATION,
+    3: record.STORED_APPLICATION,
+}
 #: What reading tells: saved on command, not by itself; defaults can be restored.
 _ON_COMMAND = 1
 
@@ -28,31 +27,21 @@ class Parameters:
         self._objects = objects
         self._store = store
         self._driving = driving
-        for sub, flags in _GROUPS:
-            objects.reads[key(STORE, sub)] = objects.reads[key(RESTORE, sub)] = _on_command
-            objects.writes[key(STORE, sub)] = self._saver(flags)
-            objects.writes[key(RESTORE, sub)] = self._forgetter(flags)
+        objects.watchers[STORE] = self._on_store
+        objects.watchers[RESTORE] = self._on_restore
 
-    def _saver(self, flags):
-        def save(signature):
-            self._check(signature, _SAVE)
-            self._store.save(self._objects, flags)
+    def _on_store(self, index, sub):
+        self._take(index, sub, _SAVE)
+        self._store.save(self._objects, _GROUPS[sub])
 
-        return save
+    def _on_restore(self, index, sub):
+        self._take(index, sub, _LOAD)
+        self._store.forget(_GROUPS[sub])
 
-    def _forgetter(self, flags):
-        def forget(signature):
-            self._check(signature, _LOAD)
-            self._store.forget(flags)
-
-        return forget
-
-    def _check(self, signature, expected):
+    def _take(self, index, sub, expected):
+        signature = self._objects.number(index, sub)
+        self._objects.put(index, sub, _ON_COMMAND)
         if signature != expected:
             raise sdo.AbortError(sdo.CANNOT_STORE)
         if self._driving():
             raise sdo.AbortError(sdo.WRONG_STATE)
-
-
-def _on_command():
-    return _ON_COMMAND

@@ -15,7 +15,7 @@ import struct
 from mdms_cell.objects import find
 from mdms_protocol import packed, sdo
 
-#: magic, sequence, table (CRC-32 of the records), length of the values; CRC-32 of it all follows.
+#: magic, sequence, table (CRC-32 of records and limits), length of the values; CRC-32 of it all follows.
 _HEADER = "<IIII"
 _HEADER_SIZE = 16
 _CRC_SIZE = 4
@@ -34,7 +34,7 @@ class Store:
         self._bank = 0
         self._sequence = 0
         self._values = b""
-        self._table = binascii.crc32(packed.RECORDS)
+        self._table = binascii.crc32(packed.LIMITS, binascii.crc32(packed.RECORDS))
         if memory is not None:
             self._load()
 

@@ -6,7 +6,7 @@ Runs in a checkout, under CPython. With `--check` it writes nothing and tells wh
 import sys
 from pathlib import Path
 
-from mdms_protocol import dbc, eds, pack, reference
+from mdms_protocol import dbc, eds, pack, record, reference
 
 _PACKAGE = Path(__file__).parent
 _FOLDER = _PACKAGE.parent
@@ -14,14 +14,17 @@ _FOLDER = _PACKAGE.parent
 
 def packed_module() -> str:
     """The source of `mdms_protocol.packed`."""
-    records, data = pack.pack()
+    records, limits, data = pack.pack()
     return "\n".join(
         (
             '"""The object table as a cell holds it; see `pack`. Written by `generate`."""',
             "",
             "# fmt: off",
             "RECORDS = (",
-            *_lines(records, 16),
+            *_lines(records, record.RECORD_SIZE),
+            ")",
+            "LIMITS = (",
+            *_lines(limits, record.LIMITS_SIZE),
             ")",
             "DEFAULTS = (",
             *_lines(data, 16),

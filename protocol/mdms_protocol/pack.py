@@ -1,7 +1,7 @@
-"""Writes the object table as the two byte strings that a cell holds it in.
+"""Writes the object table as the three byte strings that a cell holds it in.
 
-A record tells an entry in 16 bytes, in the order of (index, sub-index), so that a cell finds it by
-halving; its value lies at `place` in the data.
+A record tells an entry in eight bytes, in the order of (index, sub-index), so that a cell finds it
+by halving; its value lies at `place` in the data. Limits that several entries share stand once.
 """
 
 import struct
@@ -12,7 +12,7 @@ from mdms_protocol.record import (
     FROM_NODE,
     IN_RPDO,
     IN_TPDO,
-    LIMITED,
+    LIMITS,
     READABLE,
     RECORD,
     STORED_APPLICATION,
@@ -32,37 +32,44 @@ _STORED = {None: 0, e.COMMUNICATION: STORED_COMMUNICATION, e.APPLICATION: STORED
 
 def flags(entry: e.Entry) -> int:
     """The flags of an entry's record."""
-    limited = (entry.low, entry.high) != (entry.type.low, entry.type.high)
     return (
         _ACCESS[entry.access]
         | _MAPPABLE[entry.mappable]
         | _STORED[entry.stored]
         | (FROM_NODE if entry.from_node else 0)
-        | (LIMITED if limited else 0)
     )
 
 
-def pack() -> tuple[bytes, bytes]:
-    """All records, and the defaults of all values."""
+def pack() -> tuple[bytes, bytes, bytes]:
+    """All records, the limits that they refer to, and the defaults of all values."""
     records = b""
     data = b""
+    limits: list[tuple[int, int]] = []
     for each in OBJECTS:
         for entry in each.entries:
-            value = default(entry)
-            low, high = (entry.low, entry.high) if flags(entry) & LIMITED else (0, 0)
             records += struct.pack(
                 RECORD,
                 entry.index,
                 entry.sub,
                 entry.type.code,
                 flags(entry),
-                len(value),
+                _number_of(limits, entry),
                 len(data),
-                low,
-                high,
             )
-            data += value
-    return records, data
+            data += default(entry)
+    # One more place, so that the last value has an end too.
+    records += struct.pack(RECORD, 0xFFFF, 0xFF, 0, 0, 0, len(data))
+    return records, b"".join(struct.pack(LIMITS, *pair) for pair in limits), data
+
+
+def _number_of(limits: list[tuple[int, int]], entry: e.Entry) -> int:
+    """The number of an entry's limits, which join the list if they are new."""
+    pair = (entry.low, entry.high)
+    if pair == (entry.type.low, entry.type.high):
+        return 0
+    if pair not in limits:
+        limits.append(pair)
+    return limits.index(pair) + 1
 
 
 def default(entry: e.Entry) -> bytes:

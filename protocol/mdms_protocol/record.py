@@ -1,7 +1,12 @@
 """How one entry of the object table lies in the packed form that a cell holds."""
 
-#: index u16, sub-index u8, data type u8, flags u8, size u8, place u16, low i32, high i32
-RECORD = "<HBBBBHii"
+#: index u16, sub-index u8, data type u8, flags u8, limits u8, place u16. The value begins at `place`
+#: in the data and ends where that of the next record begins.
+RECORD = "<HBBBBH"
+RECORD_SIZE = 8
+#: low i32, high i32; `limits` counts these from 1, 0 are those of the type.
+LIMITS = "<ii"
+LIMITS_SIZE = 8
 
 # Flags of a record
 READABLE = 1
@@ -11,4 +16,3 @@ IN_TPDO = 8
 STORED_COMMUNICATION = 16
 STORED_APPLICATION = 32
 FROM_NODE = 64
-LIMITED = 128
