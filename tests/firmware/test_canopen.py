@@ -148,7 +148,7 @@ def run_cells(request):
 def node(run_cells):
     cells, network = run_cells(NODE)
     remote = network.add_node(NODE, import_od(str(EDS), NODE))
-    remote.nmt.wait_for_bootup(2)
+    remote.nmt.wait_for_heartbeat(5)
     return cells, remote
 
 
