@@ -119,11 +119,17 @@ class _Wire:
         for node in self._streams:
             if self._sees(node):
                 errors[node] = min(errors.get(node, len(self._bits)), self._disturbed_bit())
-        slot = len(self._bits) - len(_TAIL) + 1
-        if not any(errors.get(node, slot + 1) > slot + 1 for node in self._receivers):
+        slot = self._acknowledge_slot
+        # One that finds the CRC wrong does not acknowledge, though it tells only after the slot.
+        never = len(self._bits)
+        if all(errors.get(node, never) <= slot + 1 for node in self._receivers):
             for node in self._streams:
                 errors[node] = min(errors.get(node, slot), slot)
         return errors
+
+    @property
+    def _acknowledge_slot(self) -> int:
+        return len(self._bits) - len(_TAIL) + 1
 
     def _clash_errors(self) -> dict["Controller", int]:
         clash = self._clash()
@@ -177,8 +183,7 @@ class _Wire:
 
     def _unheard(self, node: "Controller", start: int, level: int) -> bool:
         """A passive sender that only lacks an acknowledgement is not counted down any further."""
-        slot = len(self._bits) - len(_TAIL) + 1
-        return level == 1 and start == slot + 1 and not self._receivers
+        return level == 1 and start == self._acknowledge_slot + 1 and not self._receivers
 
 
 def _active(node: "Controller") -> bool:

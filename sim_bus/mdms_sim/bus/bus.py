@@ -70,6 +70,20 @@ class Bus:
             accept.on_change(self._reconsider)
         controller.segment.reconsider()
 
+    def set_listen_only(self, controller: Controller, listen_only: bool) -> None:
+        """Has the node hear without acknowledging or sending; what it has to send waits."""
+        controller.listen_only = listen_only
+        if listen_only:
+            controller.segment.silence(controller)
+        elif controller.live:
+            controller.request_again()
+        controller.segment.reconsider()
+
+    @property
+    def controllers(self) -> list[Controller]:
+        """All that are attached, piece by piece."""
+        return [each for segment in self._segments for each in segment.controllers]
+
     def switch_off(self, controller: Controller) -> None:
         """The node loses its power: it neither sends nor acknowledges, and forgets its frames."""
         controller.live = False
@@ -126,7 +140,7 @@ class Bus:
         self.disturbance = disturb
         self._reconsider()
 
-    def cut(self, group: Collection[Controller]) -> None:
+    def cut(self, group: Collection[Controller]) -> Segment:
         """Cuts the wire: `group` goes on alone. What is being sent is destroyed."""
         piece = Segment(self)
         self._segments.append(piece)
@@ -134,13 +148,13 @@ class Bus:
             controller.segment.break_off()
             controller.segment.remove(controller)
             piece.add(controller)
+        return piece
 
-    def heal(self) -> None:
-        """Joins all pieces again; what is being sent is destroyed."""
-        whole, *pieces = self._segments
+    def heal(self, piece: Segment) -> None:
+        """Joins a piece to the main wire again; what is being sent is destroyed."""
+        whole = self._segments[0]
         whole.break_off()
-        self._segments = [whole]
-        for piece in pieces:
-            for controller in list(piece.controllers):
-                piece.remove(controller)
-                whole.add(controller)
+        self._segments.remove(piece)
+        for controller in list(piece.controllers):
+            piece.remove(controller)
+            whole.add(controller)

@@ -123,6 +123,11 @@ class Segment:
             self._senders = ((controller, frame),)
             self._occupy(start_ns, frame_bits(frame))
 
+    def _wake(self) -> None:
+        """Somebody who had to let others go first need not wait any longer."""
+        if self._requests and not self._arbitrating:
+            self._schedule_arbitration()
+
     def _pop_rivals(self, key: int) -> list[tuple[Controller, Frame]]:
         """The other requests with the same arbitration field, one of each controller."""
         rivals = []
@@ -135,7 +140,8 @@ class Segment:
         ready = [each for each in self._requests if each[2].suspended_until_ns <= start_ns]
         if not ready:
             wake_ns = min(each[2].suspended_until_ns for each in self._requests)
-            self._kernel.at(wake_ns, PRIORITY_ARBITRATE, self._arbitrate)
+            self._arbitrating = False
+            self._kernel.at(wake_ns, PRIORITY_ARBITRATE, self._wake)
             return
         key = min(ready)[0]
         chosen = sorted(each for each in ready if each[0] == key)
@@ -170,13 +176,13 @@ class Segment:
     # Ending
 
     def _end(self) -> None:
+        frames, self._senders = self._senders, ()
         if self._attempt is None and not self._broken:
-            ((sender, frame),) = self._senders
+            ((sender, frame),) = frames
             self._deliver(frame, (sender,))
             sender.on_sent(frame)
         else:
-            self._end_carefully()
-        self._senders = ()
+            self._end_carefully(frames)
         if self._requests and self._kernel.nothing_until(self._free_ns):
             self._contend(self._free_ns)
         elif self._requests:
@@ -208,9 +214,8 @@ class Segment:
         self._receivers[can_id] = receivers
         return receivers
 
-    def _end_carefully(self) -> None:
-        outcome, frames = self._attempt, self._senders
-        self._attempt = None
+    def _end_carefully(self, frames: tuple[tuple[Controller, Frame], ...]) -> None:
+        outcome, self._attempt = self._attempt, None
         if self._broken or outcome is None:
             self._broken = False
             outcome = Attempt(0, destroyed=True, failed=[sender for sender, _ in frames])
