@@ -21,8 +21,8 @@ class Record:
 
     @property
     def format(self):
-        """The entry's format for `struct`; None if it is no number."""
-        return _FORMATS.get(self.type)
+        """The entry's format for `struct`; only a number has one."""
+        return _FORMATS[self.type]
 
     def check(self, number):
         """Raises AbortError if the number is out of the entry's limits."""

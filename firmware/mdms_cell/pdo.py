@@ -36,12 +36,15 @@ class Pdo:
         objects.watchers[mapping] = self._on_mapping
 
     def load(self):
-        """Take over identifier, type and mapping from the dictionary, where they are valid."""
+        """Take over identifier and type from the dictionary."""
         cob_id = self._parameter(COB_ID)
         self.can_id = None if cob_id & cob.INVALID else cob_id & cob.IDENTIFIER
         self.type = self._parameter(TYPE)
         self.synchronous = self.type <= SYNCHRONOUS_MAX
-        self.configure([self._entry(sub) for sub in range(1, self._count() + 1)])
+
+    def entries(self):
+        """What is mapped, as (index, sub-index, bits)."""
+        return [self._entry(sub) for sub in range(1, self._count() + 1)]
 
     def _parameter(self, sub):
         return self._objects.number(self._parameters, sub)

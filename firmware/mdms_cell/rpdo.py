@@ -20,12 +20,13 @@ class Rpdo(Pdo):
         self._heard_ms = None
         self.load()
 
-    def configure(self, entries):
-        """Prepare for frames that carry these entries."""
+    def load(self):
+        """Take over everything from the dictionary."""
+        super().load()
         self._held = None
         self._writes = []
         layout = "<"
-        for index, sub, bits in entries:
+        for index, sub, bits in self.entries():
             if index in DUMMIES:
                 write, layout = None, layout + _DUMMY_FORMATS[bits]
             else:

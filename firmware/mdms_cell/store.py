@@ -15,7 +15,7 @@ import struct
 from mdms_cell.objects import find
 from mdms_protocol import packed, sdo
 
-#: magic, sequence, table (CRC-32 of records and limits), length of the values; then a CRC-32 of all.
+#: magic, sequence, table (CRC-32 of records and limits), length of values; then a CRC-32 of all.
 _HEADER = "<IIII"
 _HEADER_SIZE = 16
 _CRC_SIZE = 4

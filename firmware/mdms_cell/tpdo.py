@@ -22,9 +22,10 @@ class Tpdo(Pdo):
         self._sent_ms = None
         self.load()
 
-    def configure(self, entries):
-        """Prepare for frames that carry these entries."""
-        readers = [self._objects.reader(index, sub) for index, sub, _ in entries]
+    def load(self):
+        """Take over everything from the dictionary."""
+        super().load()
+        readers = [self._objects.reader(index, sub) for index, sub, _ in self.entries()]
         self._reads = [read for read, _ in readers]
         self._layout = "<" + "".join([form[1] for _, form in readers])
         self._sent = None

@@ -263,6 +263,7 @@ def test_saved_settings_come_back_after_a_reset(node):
     assert remote.sdo[0x3000].raw == 50
 
 
+@pytest.mark.slow
 def test_three_blank_cells_get_node_ids_by_fast_scan(run_cells):
     cells, network = run_cells(cob.NODE_NONE, cob.NODE_NONE, cob.NODE_NONE)
     network.lss.RESPONSE_TIMEOUT = 0.03
