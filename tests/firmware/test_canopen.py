@@ -18,6 +18,8 @@ from mdms_cell.cell import Cell
 from mdms_protocol import cia402, cob
 from mdms_protocol.dictionary import ENTRIES
 
+pytestmark = pytest.mark.real_time
+
 EDS = Path(__file__).parents[2] / "protocol" / "mdms-cell.eds"
 NODE = 5
 

@@ -8,6 +8,8 @@ from mdms_protocol import nmt
 from mdms_protocol.dictionary import DEVICE_NAME, PRODUCT_CODE
 from mdms_protocol.pdo import OutOfRangeError
 
+pytestmark = pytest.mark.real_time
+
 
 @pytest.fixture
 def commissioning(served_cells):

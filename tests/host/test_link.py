@@ -15,6 +15,8 @@ from mdms_host.clock import MonotonicClock
 from mdms_host.link import DeviceGoneError, Link, NoBusError, open_bus
 from mdms_protocol.frame import Frame
 
+pytestmark = pytest.mark.real_time
+
 HEARTBEAT = Frame(0x701, b"\x05")
 MESSAGE = can.Message(arbitration_id=0x701, data=b"\x05", is_extended_id=False)
 PATIENCE_S = 5.0

@@ -11,6 +11,8 @@ from mdms_host.program import FieldProgram
 from mdms_host.scan import scan
 from mdms_host.schedule import Timing
 
+pytestmark = pytest.mark.real_time
+
 LAYOUT = Layout(3, 1)
 #: A machine under load may hold a test up for longer than a cell may be silent.
 PATIENT = Timing(silence_periods=50)

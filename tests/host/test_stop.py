@@ -1,8 +1,12 @@
+import pytest
+
 from mdms_host.clock import MonotonicClock
 from mdms_host.link import Link
 from mdms_host.stop import StopAll, StopReport, stop_all
 from mdms_protocol import nmt
 from mdms_protocol.frame import Frame
+
+pytestmark = pytest.mark.real_time
 
 
 def test_the_command_is_sent_three_times_and_first_of_all() -> None:

@@ -19,6 +19,8 @@ import serial
 
 from mdms_sim.serve.packet import HELLO
 
+pytestmark = pytest.mark.real_time
+
 FOLDER = Path(sys.executable).parent
 CELLS = 18
 

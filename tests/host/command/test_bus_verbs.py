@@ -11,6 +11,8 @@ from mdms_host.command import main
 from mdms_host.command.exits import Exit
 from mdms_protocol import cob, nmt
 
+pytestmark = pytest.mark.real_time
+
 HEARTBEAT_S = 0.05
 
 

@@ -12,6 +12,8 @@ import pytest
 from mdms_host.command import main
 from mdms_host.command.exits import Exit
 
+pytestmark = pytest.mark.real_time
+
 MDMS = Path(sys.executable).with_name("mdms")
 
 

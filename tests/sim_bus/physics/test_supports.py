@@ -34,9 +34,9 @@ def least_squares_without_pull(spots_m):
             normal_n = np.zeros(len(spots_m))
             normal_n[chosen] = np.linalg.pinv(rows) @ [WEIGHT_N, 0.0, 0.0]
             balances = np.allclose(rows @ normal_n[chosen], [WEIGHT_N, 0.0, 0.0], atol=1e-9)
-            if balances and (normal_n > -1e-9).all():
-                if best is None or (normal_n**2).sum() < (best**2).sum():
-                    best = normal_n
+            pushes = balances and (normal_n > -1e-9).all()
+            if pushes and (best is None or (normal_n**2).sum() < (best**2).sum()):
+                best = normal_n
     return best
 
 
