@@ -35,6 +35,7 @@ SHARE = Limit(at_least=0.0, at_most=0.9)
 FIELDS = ("inward", "uniform", "rotate", "elliptic", "twist", "squeeze", "table", "goal")
 FIDELITIES = ("row", "ideal", "firmware")
 SHAPES = ("rectangle", "disc", "polygon")
+FAULTS = ("loss", "corruption", "delay", "babble", "cut", "off", "hang", "drift")
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,6 +170,43 @@ class Run:
 
 
 @dataclass(frozen=True, slots=True)
+class Wire:
+    """The bus."""
+
+    bitrate: int = field(default=1_000_000, metadata=Limit(at_least=10_000, at_most=1_000_000))
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Something that goes wrong from `start_s` on, for `duration_s` (None: for good).
+
+    `cells` have it, numbered from 1; empty means all, and where frames are concerned everybody
+    else on the bus too. By kind:
+
+    - loss: their frames get lost on the way to `seen_by` (empty: to all) with `probability`
+    - corruption: a bit of their frames is read wrong by `seen_by` (empty: by all)
+    - delay: their frames leave `delay_s` late
+    - babble: they send frames with `can_id` every `period_s`, besides what they do else
+    - cut: the wire is cut between them and the rest
+    - off: they lose power, and start again at the end, as `node_id` if that is given
+    - hang: their program stops, and the watchdog resets them at the end
+    - drift: their clock is fast by `drift_ppm`
+    """
+
+    kind: str = field(metadata=Limit(choices=FAULTS))
+    start_s: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=1e5))
+    duration_s: float | None = field(default=None, metadata=Limit(above=0.0, at_most=1e5))
+    cells: tuple[int, ...] = field(default=(), metadata=Limit(at_least=1, at_most=1_000_000))
+    seen_by: tuple[int, ...] = field(default=(), metadata=Limit(at_least=1, at_most=1_000_000))
+    probability: float = field(default=1.0, metadata=Limit(at_least=0.0, at_most=1.0))
+    delay_s: float = field(default=0.001, metadata=Limit(at_least=0.0, at_most=10.0))
+    can_id: int = field(default=0, metadata=Limit(at_least=0, at_most=0x7FF))
+    period_s: float = field(default=0.0001, metadata=Limit(at_least=0.00001, at_most=1000.0))
+    node_id: int | None = field(default=None, metadata=Limit(at_least=1, at_most=127))
+    drift_ppm: int = field(default=0, metadata=Limit(at_least=-500_000, at_most=500_000))
+
+
+@dataclass(frozen=True, slots=True)
 class Scenario:
     """One experiment."""
 
@@ -179,3 +217,5 @@ class Scenario:
     motion: Motion = field(default_factory=Motion)
     run: Run = field(default_factory=Run)
     patch: tuple[Patch, ...] = ()
+    wire: Wire = field(default_factory=Wire)
+    fault: tuple[Fault, ...] = ()

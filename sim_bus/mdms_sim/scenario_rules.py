@@ -22,6 +22,7 @@ def check_rules(scenario: Scenario) -> None:
     _check_fidelity(scenario)
     _check_names(scenario)
     _check_patches(scenario)
+    _check_faults(scenario)
     for number, parcel in enumerate(scenario.parcel):
         _check_outline(parcel, f"parcel.{number}")
         _check_centre_of_mass(parcel, f"parcel.{number}")
@@ -108,6 +109,25 @@ def _check_patches(scenario: Scenario) -> None:
             raise ScenarioError(
                 f"{key} makes cells unlike the rest, which run.fidelity {fidelity!r} does not "
                 "know; set run.fidelity to 'ideal'"
+            )
+
+
+def _check_faults(scenario: Scenario) -> None:
+    cells = scenario.array.columns * scenario.array.rows
+    if 1_000_000_000 % scenario.wire.bitrate:
+        raise ScenarioError(
+            f"wire.bitrate is {scenario.wire.bitrate}, but a bit must last a whole number of ns"
+        )
+    for number, fault in enumerate(scenario.fault):
+        for key, named in (("cells", fault.cells), ("seen_by", fault.seen_by)):
+            if max(named, default=0) > cells:
+                raise ScenarioError(
+                    f"fault.{number}.{key} has {max(named)}, but the array has {cells} cells"
+                )
+        if scenario.run.fidelity != "firmware":
+            raise ScenarioError(
+                f"fault.{number} needs cells and a bus, which run.fidelity "
+                f"{scenario.run.fidelity!r} has not; set run.fidelity to 'firmware'"
             )
 
 

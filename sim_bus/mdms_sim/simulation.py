@@ -18,6 +18,8 @@ from mdms_protocol import pdo
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus_log import BusLog
+from mdms_sim.bus_off import BusOffWatch
+from mdms_sim.faults import Faults
 from mdms_sim.kernel import Kernel
 from mdms_sim.nodes import CellBank
 from mdms_sim.nodes.micropython_bank import MicropythonBank
@@ -98,7 +100,7 @@ class Simulation:
         recorded: bool = True,
     ) -> None:
         self.kernel = Kernel()
-        self.bus = Bus(self.kernel)
+        self.bus = Bus(self.kernel, scenario.wire.bitrate)
         self.world = World(scenario)
         self.log = BusLog(bus_log)
         self.bus.observe(self.log.on_frame)
@@ -116,6 +118,15 @@ class Simulation:
             self.bus.attach(_CellStation(self, cell), bank.accepts(cell))
             for cell in range(self._cells)
         ]
+        BusOffWatch(self.kernel, self.bus, self._mailboxes, bank)
+        self._faults = Faults(
+            scenario.fault,
+            scenario.run.seed,
+            kernel=self.kernel,
+            bus=self.bus,
+            controllers=self._mailboxes,
+            bank=bank,
+        )
         self._collecting = [False] * self._cells
         self._unknown: Floats = np.full((len(scenario.parcel), 3), np.nan)
         self._drivers = [_Driver(self.kernel, self.bus, one) for one in participants]
@@ -142,7 +153,8 @@ class Simulation:
     def outcome(self) -> Outcome:
         """Everything recorded so far."""
         figures = BusFigures(self.bus.frames, self.bus.load(), self.bus.errors, self.log.log_sha256)
-        return Outcome(self._sampler.record(list(self.world.events)), figures)
+        events = sorted([*self.world.events, *self._faults.events], key=lambda each: each.time_s)
+        return Outcome(self._sampler.record(events), figures)
 
     def deliver(self, cell: int, frame: Frame) -> None:
         """A frame has reached a cell (from 0); its background loop deals with it soon."""

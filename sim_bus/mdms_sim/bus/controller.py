@@ -5,6 +5,7 @@ Three mailboxes and a receive FIFO of three, as in the bxCAN of an STM32F405.
 
 from collections import deque
 from collections.abc import Container
+from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 from mdms_protocol.frame import Frame
@@ -39,6 +40,7 @@ class Controller:
         "_identifiers",
         "_queue",
         "accept",
+        "delay_ns",
         "errors",
         "listen_only",
         "live",
@@ -59,6 +61,7 @@ class Controller:
         self.listen_only = False
         self.errors = Confinement()
         self.suspended_until_ns = 0
+        self.delay_ns = 0
         self.sent = 0
         self.received = 0
         self.overruns = 0
@@ -83,8 +86,15 @@ class Controller:
 
         It takes the next free mailbox when the frames before it have done so, but never stands in
         one beside a frame of the same identifier, so that those keep their order. The mailbox with
-        the lowest identifier takes part in the arbitration.
+        the lowest identifier takes part in the arbitration. With a `delay_ns` all that begins
+        so much later.
         """
+        if self.delay_ns:
+            self.segment.later(self.delay_ns, partial(self._queue_frame, frame))
+            return True
+        return self._queue_frame(frame)
+
+    def _queue_frame(self, frame: Frame) -> bool:
         if not self._queue and self._has_room(frame):
             self._load(frame)
         elif len(self._queue) < TRANSMIT_QUEUE:

@@ -16,6 +16,7 @@ from mdms_sim.bus.confinement import ErrorState
 from mdms_sim.bus.controller import Controller
 from mdms_sim.bus.recovery import Recovery
 from mdms_sim.bus.wire import INTERFRAME_BITS, arbitration_field, frame_bits
+from mdms_sim.kernel import Action
 
 if TYPE_CHECKING:
     from mdms_sim.bus.bus import Bus
@@ -97,6 +98,10 @@ class Segment:
         heappush(self._requests, (key, next(self._bus.sequence), controller, frame))
         if not self._arbitrating:
             self._schedule_arbitration()
+
+    def later(self, delay_ns: int, action: Action) -> None:
+        """Has `action` called after a time."""
+        self._kernel.at(self._kernel.now_ns + delay_ns, PRIORITY_END, action)
 
     def _schedule_arbitration(self) -> None:
         bit_ns = self._bit_ns

@@ -1,0 +1,44 @@
+"""What boards do when their CAN controller goes bus off: tell the cell, wait, start again."""
+
+from collections.abc import Sequence
+
+from mdms_sim.bus.bus import Bus
+from mdms_sim.bus.confinement import ErrorState
+from mdms_sim.bus.controller import Controller
+from mdms_sim.kernel import Kernel
+from mdms_sim.nodes.bank import CellBank
+
+#: As the boards have it (`BUS_OFF_MS` in firmware/boards/stm32.py).
+RESTART_NS = 100_000_000
+PRIORITY = 5
+
+
+class BusOffWatch:
+    """Looks after the controllers of a bank of cells, in the order of the cells."""
+
+    def __init__(
+        self, kernel: Kernel, bus: Bus, controllers: Sequence[Controller], bank: CellBank
+    ) -> None:
+        self._kernel = kernel
+        self._bus = bus
+        self._bank = bank
+        self._cells = {controller: cell for cell, controller in enumerate(controllers)}
+        self._off: set[int] = set()
+        bus.observe_states(self._on_state)
+
+    def _on_state(self, controller: Controller, now_ns: int) -> None:
+        cell = self._cells.get(controller)
+        if cell is None:
+            return
+        if controller.state is ErrorState.BUS_OFF:
+            self._off.add(cell)
+            self._bank.set_bus_off(cell, True)
+            controller.forget()
+            self._kernel.at(now_ns + RESTART_NS, PRIORITY, lambda: self._restart(cell, controller))
+        elif cell in self._off:
+            self._off.remove(cell)
+            self._bank.set_bus_off(cell, False)
+
+    def _restart(self, cell: int, controller: Controller) -> None:
+        if cell in self._off and controller.state is ErrorState.BUS_OFF:
+            self._bus.recover(controller)
