@@ -11,9 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mdms_protocol.dictionary import ENTRIES
+
+_LAG = ENTRIES[0x2008, 0]
+
 TICK_S = 0.001
-#: The firmware's default observer lag (object 0x2008).
-OBSERVER_LAG_S = 0.00275
+#: The firmware's default observer lag.
+OBSERVER_LAG_S = _LAG.default * _LAG.unit.factor
 #: From reading the encoder to the new voltage, on the slowest board.
 DELAY_S = 0.0001
 MARGIN_RAD = math.radians(45.0)
@@ -52,14 +56,15 @@ def wheel_motor(
     rotor_inertia_kg_m2: float,
     gear_ratio: float,
     wheel_radius_m: float,
+    wheel_inertia_kg_m2: float = 0.0,
 ) -> WheelMotor:
-    """The motor as its wheel's rim sees it (paper, section 3.2)."""
+    """The motor as its wheel's rim sees it (paper, section 3.2), and the wheel about its axle."""
     lever = gear_ratio / wheel_radius_m
     return WheelMotor(
         force_n_per_a=torque_constant_nm_per_a * lever,
         resistance_ohm=resistance_ohm,
         damping_n_s_per_m=damping_nms * lever**2,
-        mass_kg=rotor_inertia_kg_m2 * lever**2,
+        mass_kg=rotor_inertia_kg_m2 * lever**2 + wheel_inertia_kg_m2 / wheel_radius_m**2,
     )
 
 

@@ -97,6 +97,18 @@ def test_prototype_gain_is_allowed_and_a_large_one_refused_with_the_limit():
         check_gain(PAPER, 3 * largest)
 
 
+def test_wheel_behind_a_gear_weighs_what_the_same_rotor_would():
+    data = {
+        "torque_constant_nm_per_a": 0.024,
+        "resistance_ohm": 4.0,
+        "damping_nms": 3.5e-6,
+        "gear_ratio": 3.0,
+        "wheel_radius_m": 0.0254,
+    }
+    behind = wheel_motor(**data, rotor_inertia_kg_m2=2e-6, wheel_inertia_kg_m2=2.7e-5)
+    assert behind.mass_kg == pytest.approx(PAPER.mass_kg)
+
+
 def test_massless_wheel_is_limited_by_the_observer_alone():
     massless = replace(PAPER, mass_kg=0.0)
     assert 0.0 < largest_gain(massless) < largest_gain(PAPER)

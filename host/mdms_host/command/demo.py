@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from mdms_host.command.compiling import WORTH_TELLING_S
 from mdms_host.command.console import say
 from mdms_host.command.exits import Exit
-from mdms_host.command.inputs import open_scenario
+from mdms_host.command.inputs import open_program
 from mdms_host.command.options import Verbs
 from mdms_host.command.simulate import simulate, verdict
 
@@ -31,7 +31,7 @@ def add_to(verbs: Verbs) -> None:
 
 def run(arguments: Namespace) -> Exit:
     """Run the prototype's array with its real firmware and tell how it went."""
-    scenario = open_scenario(SCENARIO, ())
+    scenario = open_program(SCENARIO, ())
     columns, rows = scenario.array.columns, scenario.array.rows
     print(f"{columns} x {rows} cells with the real firmware on a virtual CAN bus:")
     finished, figures = simulate(scenario, "cpython", arguments.out)

@@ -31,6 +31,15 @@ def open_scenario(name_or_path: str, overrides: Sequence[str]) -> "Scenario":
         return load_scenario(name_or_path, overrides)
 
 
+def open_program(name_or_path: str, overrides: Sequence[str]) -> "Scenario":
+    """A checked scenario that cells can follow. Raises `CommandError` (bad input)."""
+    from mdms_host.command.gain import refuse_large_gain
+
+    scenario = open_scenario(name_or_path, overrides)
+    refuse_large_gain(scenario)
+    return scenario
+
+
 def open_run(folder: Path) -> "StoredRun":
     """A run read back. Raises `CommandError` (bad input)."""
     from mdms_sim.run_folder import RunFolderError, read_run

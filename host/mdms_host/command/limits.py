@@ -1,4 +1,4 @@
-"""`mdms limits`: the paper's bounds on reference speeds, for each parcel."""
+"""`mdms limits`: the paper's bounds on reference speeds for each parcel, and the largest gain."""
 
 import json
 from argparse import Namespace
@@ -6,6 +6,7 @@ from dataclasses import asdict
 from typing import Any
 
 from mdms_host.command.exits import Exit
+from mdms_host.command.gain import MASSLESS, gain_limits
 from mdms_host.command.inputs import open_scenario, refusing_bad_scenarios
 from mdms_host.command.options import Verbs, add_json, add_scenario
 
@@ -20,11 +21,15 @@ ROWS = (
     ("rolling_equilibrium_max_m_s", "reference: all roll at equilibrium below (eq 17)", "m/s"),
     ("droop", "speed of a free wheel over its reference (a/b)", ""),
 )
+GAIN = "gain: 45 degrees of phase margin up to"
+WIDTH = max(len(text) for _name, text, _unit in ROWS)
 
 
 def add_to(verbs: Verbs) -> None:
     """Register the verb."""
-    parser = verbs.add_parser("limits", help="the paper's bounds for each parcel")
+    parser = verbs.add_parser(
+        "limits", help="the paper's bounds for each parcel, and the largest gain"
+    )
     add_scenario(parser)
     add_json(parser)
     parser.set_defaults(run=run)
@@ -37,17 +42,26 @@ def run(arguments: Namespace) -> Exit:
 
     with refusing_bad_scenarios():
         bounds = [asdict(parcel_limits(scenario, parcel)) for parcel in scenario.parcel]
+    gain = gain_limits(scenario.cell)
     if arguments.json:
-        print(json.dumps({"parcels": bounds}))
+        print(json.dumps({"parcels": bounds} | gain))
     else:
-        print("\n\n".join(_table(scenario.title, parcel) for parcel in bounds))
+        tables = [_table(scenario.title, parcel) for parcel in bounds]
+        print(*tables, _gain_row(gain), sep="\n\n")
     return Exit.OK
 
 
 def _table(title: str, parcel: dict[str, Any]) -> str:
-    width = max(len(text) for _name, text, _unit in ROWS)
     lines = [f"{title}: {parcel['name']}"]
     lines += [
-        f"  {text:{width}}  {parcel[name]:>9.4g} {unit}".rstrip() for name, text, unit in ROWS
+        f"  {text:{WIDTH}}  {parcel[name]:>9.4g} {unit}".rstrip() for name, text, unit in ROWS
     ]
     return "\n".join(lines)
+
+
+def _gain_row(gain: dict[str, float | None]) -> str:
+    largest = gain["gain_max_vs_per_m"]
+    value = MASSLESS if largest is None else f"{largest:>9.4g} V s/m"
+    margin_deg = gain["phase_margin_deg"]
+    has = "" if margin_deg is None else f" ({gain['gain_vs_per_m']:g} has {margin_deg:.0f})"
+    return f"  {GAIN:{WIDTH}}  {value}{has}"

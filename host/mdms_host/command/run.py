@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from mdms_host.command.bus import add_bus, open_link
 from mdms_host.command.console import say
 from mdms_host.command.exits import CommandError, Exit
-from mdms_host.command.inputs import open_scenario
+from mdms_host.command.inputs import open_program
 from mdms_host.command.options import Verbs, add_json, add_overrides
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def add_to(verbs: Verbs) -> None:
 
 def run(arguments: Namespace) -> int:
     """Bring the array up, run the program, turn everything off, and tell how it went."""
-    scenario = open_scenario(arguments.program, [*arguments.overrides, "run.fidelity=firmware"])
+    scenario = open_program(arguments.program, [*arguments.overrides, "run.fidelity=firmware"])
     from mdms_host.command.coordination import coordinator_of
     from mdms_host.operate import operate
 

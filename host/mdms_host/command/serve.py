@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from mdms_host.command.console import say
 from mdms_host.command.exits import CommandError, Exit
-from mdms_host.command.inputs import open_scenario, refusing_bad_scenarios
+from mdms_host.command.inputs import open_program, refusing_bad_scenarios
 from mdms_host.command.options import Verbs, add_nodes, add_scenario
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def run(arguments: Namespace) -> Exit:
     from mdms_host.command.compose import telling_of_nodes
     from mdms_sim.serve.endpoint import ServeError
 
-    scenario = open_scenario(arguments.scenario, [*arguments.overrides, "run.fidelity=firmware"])
+    scenario = open_program(arguments.scenario, [*arguments.overrides, "run.fidelity=firmware"])
     try:
         with refusing_bad_scenarios(), telling_of_nodes():
             return _serve(scenario, arguments)

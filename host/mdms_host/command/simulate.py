@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from mdms_host.command.bus_format import FORMATS, convert_log
 from mdms_host.command.console import progress, say
 from mdms_host.command.exits import CommandError, Exit
-from mdms_host.command.inputs import folder_to_fill, open_scenario, telling_of_full_disk
+from mdms_host.command.inputs import folder_to_fill, open_program, telling_of_full_disk
 from mdms_host.command.options import Verbs, add_json, add_nodes, add_scenario
 from mdms_sim.scenario import FIDELITIES
 
@@ -42,7 +42,7 @@ def run(arguments: Namespace) -> Exit:
     for name in ("seed", "fidelity"):
         if getattr(arguments, name) is not None:
             overrides.append(f"run.{name}={getattr(arguments, name)}")
-    scenario = open_scenario(arguments.scenario, overrides)
+    scenario = open_program(arguments.scenario, overrides)
     if arguments.bus_format != "log" and not (arguments.out and _has_bus(scenario)):
         raise CommandError(
             "--bus-format: only a run of the firmware with --out has a bus log", Exit.USAGE

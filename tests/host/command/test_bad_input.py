@@ -89,7 +89,8 @@ def test_field_table_of_the_wrong_length(mdms, tmp_path):
 
 
 def test_gain_that_the_firmware_cannot_hold(mdms, tmp_path):
-    done = mdms("simulate", "array18", "--set", "cell.gain_vs_per_m=1000", "--out", "run")
+    heavy = ("--set", "cell.rotor_inertia_kg_m2=0.01")
+    done = mdms("simulate", "array18", *heavy, "--set", "cell.gain_vs_per_m=1000", "--out", "run")
     assert_refused(done, "cell.gain_vs_per_m does not fit the firmware", tmp_path)
 
 
