@@ -13,7 +13,7 @@ from mdms_sim.bus.attempt import Disturbance
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.controller import Controller
 from mdms_sim.bus.flags import EXTENDED
-from mdms_sim.bus.wire import frame_bits
+from mdms_sim.bus.length import frame_bits
 from mdms_sim.kernel import Kernel
 from mdms_sim.nodes.bank import CellBank
 from mdms_sim.record import Event

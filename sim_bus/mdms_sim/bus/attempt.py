@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.confinement import ErrorState
+from mdms_sim.bus.length import frame_bits
 from mdms_sim.bus.reception import first_error
 from mdms_sim.bus.wire import STUFF_RUN, stuffed_bits
 
@@ -61,6 +62,9 @@ def attempt(
     disturbance: Disturbance = UNDISTURBED,
 ) -> Attempt:
     """Lets `frames`, all with the same arbitration field, be sent at once."""
+    if len(frames) == 1 and disturbance.bit is None and receivers:
+        ((sender, frame),) = frames
+        return Attempt(frame_bits(frame), sent=[sender])
     return _Wire(frames, receivers, disturbance).result()
 
 
@@ -73,7 +77,7 @@ class _Wire:
         receivers: Sequence["Controller"],
         disturbance: Disturbance,
     ) -> None:
-        self._streams = {node: [*stuffed_bits(frame).tolist(), *_TAIL] for node, frame in frames}
+        self._streams = {node: [*stuffed_bits(frame), *_TAIL] for node, frame in frames}
         self._receivers = receivers
         self._disturbance = disturbance
         self._failed: list[Controller] = []

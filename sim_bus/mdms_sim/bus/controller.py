@@ -4,7 +4,7 @@ Three mailboxes and a receive FIFO of three, as in the bxCAN of an STM32F405.
 """
 
 from collections import deque
-from collections.abc import Container
+from collections.abc import Callable, Container
 from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
@@ -30,13 +30,12 @@ class Station(Protocol):
 class Controller:
     """One node's way to the bus; made by `Bus.attach`.
 
-    `sent`, `received`, `overruns` (frames lost because the FIFO was full) and `refused` (because
+    `sent`, `overruns` (frames lost because the FIFO was full) and `refused` (because
     the transmit queue was) count frames; `errors` are the node's error counters.
     """
 
     __slots__ = (
         "_fifo",
-        "_held",
         "_identifiers",
         "_queue",
         "accept",
@@ -45,12 +44,12 @@ class Controller:
         "listen_only",
         "live",
         "overruns",
-        "received",
         "refused",
         "segment",
         "sent",
         "station",
         "suspended_until_ns",
+        "take",
     )
 
     def __init__(self, segment: "Segment", station: Station, accept: Container[int] | None) -> None:
@@ -63,10 +62,10 @@ class Controller:
         self.suspended_until_ns = 0
         self.delay_ns = 0
         self.sent = 0
-        self.received = 0
         self.overruns = 0
         self.refused = 0
-        self._held = False
+        #: Called with every frame that has passed the filter.
+        self.take: Callable[[Frame, int], object] = station.on_frame
         self._queue: deque[Frame] = deque()
         self._identifiers: dict[int, Frame] = {}
         self._fifo: deque[Frame] = deque()
@@ -95,7 +94,8 @@ class Controller:
         return self._queue_frame(frame)
 
     def _queue_frame(self, frame: Frame) -> bool:
-        if not self._queue and self._has_room(frame):
+        taken = self._identifiers
+        if not self._queue and len(taken) < MAILBOXES and frame.can_id not in taken:
             self._load(frame)
         elif len(self._queue) < TRANSMIT_QUEUE:
             self._queue.append(frame)
@@ -103,10 +103,6 @@ class Controller:
             self.refused += 1
             return False
         return True
-
-    def _has_room(self, frame: Frame) -> bool:
-        taken = self._identifiers
-        return len(taken) < MAILBOXES and frame.can_id not in taken
 
     def _load(self, frame: Frame) -> None:
         self._identifiers[frame.can_id] = frame
@@ -116,9 +112,10 @@ class Controller:
     def on_sent(self, frame: Frame) -> None:
         """The bus has carried the frame: its mailbox is free for the next."""
         self.sent += 1
-        del self._identifiers[frame.can_id]
-        while self._queue and self._has_room(self._queue[0]):
-            self._load(self._queue.popleft())
+        taken, queue = self._identifiers, self._queue
+        del taken[frame.can_id]
+        while queue and len(taken) < MAILBOXES and queue[0].can_id not in taken:
+            self._load(queue.popleft())
 
     def request_again(self) -> None:
         """Asks for the bus with every mailbox, after a time without one."""
@@ -130,24 +127,20 @@ class Controller:
         self._queue.clear()
         self._identifiers.clear()
         self._fifo.clear()
-        self._held = False
+        self.take = self.station.on_frame
 
-    def on_received(self, frame: Frame, now_ns: int) -> None:
-        """A frame has passed the filter: hands it over, or keeps it while the node is held."""
-        if not self._held:
-            self.received += 1
-            self.station.on_frame(frame, now_ns)
-        elif len(self._fifo) < RECEIVE_FIFO:
+    def hold(self) -> None:
+        """The node takes no frames from its FIFO until `release`; what does not fit is lost."""
+        self.take = self._keep
+
+    def _keep(self, frame: Frame, now_ns: int) -> None:
+        if len(self._fifo) < RECEIVE_FIFO:
             self._fifo.append(frame)
         else:
             self.overruns += 1
 
-    def hold(self) -> None:
-        """The node takes no frames from its FIFO until `release`; what does not fit is lost."""
-        self._held = True
-
     def release(self, now_ns: int) -> None:
         """The node takes frames again, first those that wait."""
-        self._held = False
+        self.take = self.station.on_frame
         while self._fifo:
-            self.on_received(self._fifo.popleft(), now_ns)
+            self.take(self._fifo.popleft(), now_ns)

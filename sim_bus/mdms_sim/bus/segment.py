@@ -14,8 +14,9 @@ from mdms_protocol.frame import Frame
 from mdms_sim.bus.attempt import UNDISTURBED, Attempt, attempt
 from mdms_sim.bus.confinement import ErrorState
 from mdms_sim.bus.controller import Controller
+from mdms_sim.bus.length import frame_bits
 from mdms_sim.bus.recovery import Recovery
-from mdms_sim.bus.wire import INTERFRAME_BITS, arbitration_field, frame_bits
+from mdms_sim.bus.wire import INTERFRAME_BITS, arbitration_field
 from mdms_sim.kernel import Action
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ class Segment:
         self.controllers: list[Controller] = []
         self._bus = bus
         self._kernel = bus.kernel
+        self._observers = bus.observers
         self._bit_ns = bus.bit_ns
         self._interframe_ns = INTERFRAME_BITS * bus.bit_ns
         self._receivers: dict[int, tuple[Controller, ...]] = {}
@@ -183,9 +185,7 @@ class Segment:
     def _end(self) -> None:
         frames, self._senders = self._senders, ()
         if self._attempt is None and not self._broken:
-            ((sender, frame),) = frames
-            self._deliver(frame, (sender,))
-            sender.on_sent(frame)
+            self._end_well(*frames[0])
         else:
             self._end_carefully(frames)
         if self._requests and self._kernel.nothing_until(self._free_ns):
@@ -195,18 +195,18 @@ class Segment:
         else:
             self._arbitrating = False
 
-    def _deliver(self, frame: Frame, deaf: tuple[Controller, ...]) -> None:
+    def _end_well(self, sender: Controller, frame: Frame) -> None:
         now_ns = self._kernel.now_ns
-        bus = self._bus
-        bus.frames += 1
-        for observer in bus.observers:
+        self._bus.frames += 1
+        for observer in self._observers:
             observer(frame, now_ns)
         receivers = self._receivers.get(frame.can_id)
         if receivers is None:
             receivers = self._receivers_of(frame.can_id)
         for receiver in receivers:
-            if receiver not in deaf:
-                receiver.on_received(frame, now_ns)
+            if receiver is not sender:
+                receiver.take(frame, now_ns)
+        sender.on_sent(frame)
 
     def _receivers_of(self, can_id: int) -> tuple[Controller, ...]:
         if len(self._receivers) >= REMEMBERED_IDENTIFIERS:
@@ -242,7 +242,14 @@ class Segment:
     ) -> None:
         confused = [node for node, _ in outcome.confused]
         frame = next(frame for sender, frame in frames if sender is outcome.sent[0])
-        self._deliver(frame, (*(sender for sender, _ in frames), *confused, *self._lost_by))
+        deaf = {*(sender for sender, _ in frames), *confused, *self._lost_by}
+        now_ns = self._kernel.now_ns
+        self._bus.frames += 1
+        for observer in self._observers:
+            observer(frame, now_ns)
+        for receiver in self._receivers_of(frame.can_id):
+            if receiver not in deaf:
+                receiver.take(frame, now_ns)
         for sender in outcome.sent:
             sender.on_sent(frame)
 

@@ -1,10 +1,8 @@
-"""A frame as bits on the wire: arbitration field, CRC, stuff bits, length (ISO 11898-1)."""
+"""A frame as bits on the wire: arbitration field, CRC, stuff bits (ISO 11898-1)."""
 
-from typing import Any
+from collections.abc import Iterable
 
 import numba
-import numpy as np
-from numpy.typing import NDArray
 
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.flags import EXTENDED, EXTENDED_MASK, REMOTE, STANDARD_MASK
@@ -16,8 +14,6 @@ CRC_MASK = (1 << CRC_BITS) - 1
 TAIL_BITS = 10
 INTERFRAME_BITS = 3
 STUFF_RUN = 5
-#: SOF, 29 identifier bits, SRR, IDE, RTR, r1, r0, DLC, 64 data bits, CRC, and every fourth stuffed.
-LONGEST_BITS = 160
 
 
 def arbitration_field(can_id: int) -> int:
@@ -30,7 +26,7 @@ def arbitration_field(can_id: int) -> int:
 
 
 @numba.njit(cache=True)
-def _header(can_id: int, size: int) -> tuple[int, int]:
+def header(can_id: int, size: int) -> tuple[int, int]:
     """Start of frame to DLC, as a number and its width [bits]."""
     remote = 1 if can_id & REMOTE else 0
     if can_id & EXTENDED:
@@ -39,62 +35,32 @@ def _header(can_id: int, size: int) -> tuple[int, int]:
     return (can_id & STANDARD_MASK) << 7 | remote << 6 | size, 19
 
 
-@numba.njit(cache=True)
-def _send(can_id: int, size: int, payload: Any, out: Any) -> int:
-    """Number of bits from start of frame to the end of the CRC; `out`, if any, is given them.
-
-    `payload` is the data as one big-endian number.
-    """
-    header, header_bits = _header(can_id, size)
-    data_bits = 0 if can_id & REMOTE else 8 * size
-    crc = 0
-    run = 0
-    last = 2
-    sent = 0
-    for position in range(header_bits + data_bits + CRC_BITS):
-        if position < header_bits:
-            bit = (header >> (header_bits - 1 - position)) & 1
-        elif position < header_bits + data_bits:
-            # As an unsigned number, for all its 64 bits may be in use.
-            shift = np.uint64(header_bits + data_bits - 1 - position)
-            bit = np.int64((payload >> shift) & np.uint64(1))  # type: ignore[assignment]
-        else:
-            bit = (crc >> (header_bits + data_bits + CRC_BITS - 1 - position)) & 1
-        if position < header_bits + data_bits:
-            crc = (crc << 1) ^ (CRC_POLYNOMIAL if bit ^ (crc >> 14) else 0)
-            crc &= CRC_MASK
-        if out is not None:
-            out[sent] = bit
-        sent += 1
-        run = run + 1 if bit == last else 1
-        last = bit
-        if run == STUFF_RUN:
-            last = 1 - bit
-            run = 1
-            if out is not None:
-                out[sent] = last
-            sent += 1
-    return sent
-
-
-@numba.njit("int64(int64, int64, uint64)", cache=True)
-def _length(can_id: int, size: int, payload: Any) -> int:
-    return _send(can_id, size, payload, None) + TAIL_BITS
-
-
-@numba.njit("int64(int64, int64, uint64, uint8[::1])", cache=True)
-def _bits(can_id: int, size: int, payload: Any, out: Any) -> int:
-    return _send(can_id, size, payload, out)
-
-
-def frame_bits(frame: Frame) -> int:
-    """Length on the wire with the frame's real stuff bits, without the inter-frame space [bits]."""
-    can_id, data = frame
-    return _length(can_id, len(data), int.from_bytes(data, "big"))
-
-
-def stuffed_bits(frame: Frame) -> NDArray[np.uint8]:
+def stuffed_bits(frame: Frame) -> list[int]:
     """The bits from start of frame to the end of the CRC as they are sent, 0 dominant."""
     can_id, data = frame
-    out = np.empty(LONGEST_BITS, np.uint8)
-    return out[: _bits(can_id, len(data), int.from_bytes(data, "big"), out)]
+    front, front_bits = header(can_id, len(data))
+    payload = b"" if can_id & REMOTE else data
+    content = front << 8 * len(payload) | int.from_bytes(payload, "big")
+    width = front_bits + 8 * len(payload)
+    content = content << CRC_BITS | _crc(content, width)
+    return _stuff(content >> place & 1 for place in range(width + CRC_BITS - 1, -1, -1))
+
+
+def _crc(content: int, width: int) -> int:
+    crc = 0
+    for place in range(width - 1, -1, -1):
+        crc = crc << 1 ^ (CRC_POLYNOMIAL if content >> place & 1 ^ crc >> (CRC_BITS - 1) else 0)
+        crc &= CRC_MASK
+    return crc
+
+
+def _stuff(bits: Iterable[int]) -> list[int]:
+    sent: list[int] = []
+    run = 0
+    for bit in bits:
+        run = run + 1 if sent and bit == sent[-1] else 1
+        sent.append(bit)
+        if run == STUFF_RUN:
+            sent.append(1 - bit)
+            run = 1
+    return sent

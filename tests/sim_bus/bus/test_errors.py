@@ -9,8 +9,9 @@ from mdms_protocol.frame import Frame
 from mdms_sim.bus.attempt import Disturbance
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.confinement import ErrorState
+from mdms_sim.bus.length import frame_bits
 from mdms_sim.bus.reception import first_error
-from mdms_sim.bus.wire import frame_bits, stuffed_bits
+from mdms_sim.bus.wire import stuffed_bits
 from mdms_sim.kernel import Kernel
 
 FRAME = Frame(0x123, b"\x55\xaa\x55\xaa")
@@ -61,7 +62,7 @@ class Bench:
 
 
 def tail(frame):
-    return [*stuffed_bits(frame).tolist(), 1, 0, *[1] * 8]
+    return [*stuffed_bits(frame), 1, 0, *[1] * 8]
 
 
 @given(st.integers(0, 0x7FF), st.binary(max_size=8))
