@@ -92,16 +92,32 @@ def test_coordinator_steers_over_a_serial_line(serve_array):
     run_until_done(array, *small, "-i", "slcan", "-c", array.device, "-b", "1000000")
 
 
-def test_status_lists_every_cell_and_what_lies_on_it(served):
-    done = served.run("mdms", "status", "--once", "--json", "-i", "mdms", "-c", served.channel)
+def door_options(served, door):
+    return {
+        "mdms": ("-i", "mdms", "-c", served.channel),
+        "terminal": ("-i", "slcan", "-c", served.device, "-b", "1000000"),
+    }[door]
+
+
+@pytest.mark.parametrize("door", ["mdms", "terminal"])
+def test_scan_finds_every_cell(served, door):
+    done = served.run("mdms", "scan", "--json", *door_options(served, door))
+    assert done.returncode == 0, done.stderr
+    assert len(re.findall("MDMS cell", done.stdout)) == CELLS
+
+
+@pytest.mark.parametrize("door", ["mdms", "terminal"])
+def test_status_lists_every_cell_and_what_lies_on_it(served, door):
+    done = served.run("mdms", "status", "--once", "--json", *door_options(served, door))
     assert done.returncode == 0, done.stderr
     cells = json.loads(done.stdout)["cells"]
     assert len(cells) == CELLS
     assert not any(cell["silent"] for cell in cells)
 
 
-def test_stop_turns_everything_off(served):
-    assert served.run("mdms", "stop", "-i", "mdms", "-c", served.channel).returncode == 0
+@pytest.mark.parametrize("door", ["mdms", "terminal"])
+def test_stop_turns_everything_off(served, door):
+    assert served.run("mdms", "stop", *door_options(served, door)).returncode == 0
 
 
 def test_nothing_served_under_a_name_is_told_with_what_to_do(served):

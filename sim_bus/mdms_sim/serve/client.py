@@ -14,8 +14,8 @@ from mdms_sim.bus.flags import ERROR, EXTENDED, EXTENDED_MASK, STANDARD_MASK
 from mdms_sim.serve import packet
 from mdms_sim.serve.slcan import Slcan
 
-#: What is kept for a client that reads slowly [bytes]: about a second of a full bus.
-BACKLOG_BYTES = 1 << 18
+#: What is kept for a client that reads slowly [bytes]: some seconds of a full bus.
+BACKLOG_BYTES = 1 << 20
 #: A client that has this many frames waiting is not read from until the bus has taken some.
 PENDING_FRAMES = 64
 _READ_BYTES = 1 << 12

@@ -1,0 +1,46 @@
+"""The same scenario and seed give the same bytes on the bus, whatever else differs."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+MDMS = Path(sys.executable).with_name("mdms")
+
+
+def bus_of(*arguments, hash_seed="0"):
+    done = subprocess.run(
+        [str(MDMS), "simulate", "array18", "--set", "run.duration_s=1.2", "--json", *arguments],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=os.environ | {"PYTHONHASHSEED": hash_seed},
+    )
+    return json.loads(done.stdout)["bus"]
+
+
+@pytest.fixture(scope="module")
+def first():
+    return bus_of()
+
+
+@pytest.mark.parametrize("hash_seed", ["1", "2", "12345", "random"])
+def test_order_of_sets_and_dicts_has_no_say(first, hash_seed):
+    assert bus_of(hash_seed=hash_seed) == first
+
+
+def test_kind_of_cells_has_no_say(first):
+    assert bus_of("--nodes", "micropython") == first
+
+
+def test_runs_at_the_same_time_do_not_touch_each_other(first):
+    command = [str(MDMS), "simulate", "array18", "--set", "run.duration_s=1.2", "--json"]
+    runs = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(4)]
+    assert [json.loads(run.communicate()[0])["bus"] for run in runs] == [first] * 4
+
+
+def test_another_seed_gives_other_bytes(first):
+    assert bus_of("--seed", "2")["log_sha256"] != first["log_sha256"]
