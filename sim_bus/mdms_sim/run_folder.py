@@ -1,4 +1,5 @@
-"""The folder that a run leaves behind: `meta.json`, `run.mcap`, `bus.log`, `picture.png`."""
+"""The folder that a run leaves behind: `meta.json`, `run.mcap`, `picture.png`, and of a run with a
+bus, `bus.log` and the database that explains its frames."""
 
 import json
 import os
@@ -20,8 +21,9 @@ from mdms_sim.scenario_tree import plain
 FORMAT = "mdms-run"
 FORMAT_VERSION = 1
 META, RECORD, PICTURE = "meta.json", "run.mcap", "picture.png"
+DATABASE = "mdms-cell.dbc"
 #: Everything that a run may leave; those that a new run lacks are taken away.
-FILES = (META, RECORD, PICTURE, "wheels.png", "bus.log", "bus.blf", "bus.asc")
+FILES = (META, RECORD, PICTURE, "wheels.png", "bus.log", "bus.blf", "bus.asc", DATABASE)
 
 
 class RunFolderError(ValueError):

@@ -69,12 +69,14 @@ def simulate(
         finished = _run(scenario, nodes, bus_log)
         figures = figures_of(scenario, finished)
         if folder:
-            from mdms_sim.run_folder import write_run
+            from mdms_protocol import dbc
+            from mdms_sim.run_folder import DATABASE, write_run
 
             figures["run"] = str(out)
             with telling_of_full_disk(folder):
                 if _has_bus(scenario):
                     convert_log(folder / "bus.log", bus_format)
+                    (folder / DATABASE).write_text(dbc.text(), "utf-8")
                 write_run(folder, scenario, finished.record, figures)
     return finished, figures
 

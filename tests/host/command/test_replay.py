@@ -3,10 +3,12 @@
 import json
 
 import can
+import cantools
 import pytest
 
 from mdms_host.command import main
 from mdms_host.command.replay import LogPlayer, chosen, is_from_host, read_log
+from mdms_protocol import cob, pdo
 from mdms_protocol.frame import Frame
 
 
@@ -34,6 +36,27 @@ def test_log_reads_the_same_in_other_forms(recorded, form):
     assert len(expected) > 100
     assert frames == expected
     assert times_s == pytest.approx(expected_s, abs=2e-6)
+
+
+def test_database_beside_the_log_is_ours_and_explains_it(recorded, pytestconfig):
+    path = recorded / "blf" / "mdms-cell.dbc"
+    ours = pytestconfig.rootpath / "protocol" / "mdms-cell.dbc"
+    assert path.read_bytes() == ours.read_bytes()
+    database = cantools.database.load_file(path)
+    commands = cob.RPDO_BASES[1]
+    told = [f for _, f in read_log(recorded / "blf" / "bus.log") if f.can_id & ~0x7F == commands]
+    assert told
+    for frame in told:
+        values = database.decode_message(frame.can_id, frame.data, decode_choices=False)
+        assert tuple(values.values()) == pdo.CONTROLWORD.decode(frame.data)
+
+
+def test_run_without_a_bus_takes_the_database_away(tmp_path):
+    folder = tmp_path / "run"
+    for fidelity in ("firmware", "row"):
+        short = ["--set", "run.duration_s=0.01", "--fidelity", fidelity, "--out", str(folder)]
+        assert main(["simulate", "paper-fig7", *short]) == 0
+        assert (folder / "mdms-cell.dbc").exists() == (fidelity == "firmware")
 
 
 @pytest.mark.parametrize("arguments", [("paper-fig7", "--out", "run"), ("array18",)])
