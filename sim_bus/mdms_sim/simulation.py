@@ -185,8 +185,8 @@ class Simulation:
             self._mailboxes[cell].send(frame)
 
     def _collect_all(self) -> None:
-        for cell in range(self._cells):
-            for frame in self._bank.collect(cell):
+        for cell, frames in self._bank.collect_all():
+            for frame in frames:
                 self._mailboxes[cell].send(frame)
 
     def _sample(self) -> None:
@@ -275,15 +275,22 @@ class _References:
     """The references last told to the wheels, read off the bus for the record."""
 
     def __init__(self, cells: int, axes: int) -> None:
-        self.reference_m_s: Floats = np.zeros(cells * axes)
+        self._reference_m_s: Floats = np.zeros(cells * axes)
         self._axes = axes
         self._first = {pdo.TARGET_VELOCITY.can_id(cell + 1): cell * axes for cell in range(cells)}
+        self._last: dict[int, bytes] = {}
 
     def on_frame(self, frame: Frame, now_ns: int) -> None:
-        first = self._first.get(frame.can_id)
-        if first is None:
-            return
-        values = pdo.TARGET_VELOCITY.decode(frame.data)
-        if values is not None:
-            self.reference_m_s[first : first + self._axes] = values[: self._axes]
-            self.reference_m_s[first : first + self._axes] /= UM_PER_M
+        if frame.can_id in self._first:
+            self._last[frame.can_id] = frame.data
+
+    @property
+    def reference_m_s(self) -> Floats:
+        for can_id, data in self._last.items():
+            values = pdo.TARGET_VELOCITY.decode(data)
+            if values is not None:
+                first = self._first[can_id]
+                self._reference_m_s[first : first + self._axes] = values[: self._axes]
+                self._reference_m_s[first : first + self._axes] /= UM_PER_M
+        self._last.clear()
+        return self._reference_m_s

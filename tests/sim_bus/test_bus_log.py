@@ -25,8 +25,19 @@ def test_lines_are_those_of_candump_and_the_digest_is_of_the_bytes():
     log = BusLog(file)
     for frame, now_ns in FRAMES:
         log.on_frame(frame, now_ns)
-    assert file.getvalue() == TEXT
     assert log.log_sha256 == sha256(TEXT).hexdigest()
+    assert file.getvalue() == TEXT
+
+
+def test_a_long_log_is_written_whole_and_in_order():
+    file = BytesIO()
+    log = BusLog(file)
+    for number in range(1000):
+        log.on_frame(Frame(number, b""), number * 1000)
+    log.flush()
+    lines = file.getvalue().decode().splitlines()
+    assert lines == [f"(0.{number:06d}) mdms {number:03X}#" for number in range(1000)]
+    assert log.log_sha256 == sha256(file.getvalue()).hexdigest()
 
 
 def test_python_can_reads_the_log_back(tmp_path):

@@ -93,7 +93,12 @@ class Muted:
         return self._bank.tick(*inputs)
 
     def collect(self, cell):
-        frames = self._bank.collect(cell)
+        return self._heard(cell, self._bank.collect(cell))
+
+    def collect_all(self):
+        return [(cell, self._heard(cell, frames)) for cell, frames in self._bank.collect_all()]
+
+    def _heard(self, cell, frames):
         return [] if cell == self._cell and self._ticks < 0 else frames
 
 

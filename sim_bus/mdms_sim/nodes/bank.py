@@ -38,6 +38,9 @@ class CellBank(Protocol):
     def collect(self, cell: int) -> list[Frame]:
         """What the cell has queued to send since the last collection."""
 
+    def collect_all(self) -> list[tuple[int, list[Frame]]]:
+        """The same of all cells that have something to send, in order."""
+
     def tick(self, counts: NDArray[np.int32], presence: NDArray[np.uint8]) -> NDArray[np.int32]:
         """One control period of all cells, then their timers; the first call is time 0.
 

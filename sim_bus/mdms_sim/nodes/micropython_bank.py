@@ -58,9 +58,20 @@ class MicropythonBank:
     def collect(self, cell: int) -> list[Frame]:
         """See `CellBank`."""
         if self._inbox[cell]:
-            self._exchange(number for number, inbox in enumerate(self._inbox) if inbox)
+            self._deliver_all()
         frames, self._outbox[cell] = self._outbox[cell], []
         return frames
+
+    def collect_all(self) -> list[tuple[int, list[Frame]]]:
+        """See `CellBank`."""
+        self._deliver_all()
+        waiting = [cell for cell, frames in enumerate(self._outbox) if frames]
+        return [(cell, self.collect(cell)) for cell in waiting]
+
+    def _deliver_all(self) -> None:
+        waiting = [cell for cell, inbox in enumerate(self._inbox) if inbox]
+        if waiting:
+            self._exchange(waiting)
 
     def tick(self, counts: NDArray[np.int32], presence: NDArray[np.uint8]) -> NDArray[np.int32]:
         """See `CellBank`."""

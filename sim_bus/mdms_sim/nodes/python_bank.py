@@ -68,6 +68,11 @@ class PythonBank:
         queued.clear()
         return frames
 
+    def collect_all(self) -> list[tuple[int, list[Frame]]]:
+        """See `CellBank`."""
+        waiting = [cell for cell, board in enumerate(self._boards) if board.frames]
+        return [(cell, self.collect(cell)) for cell in waiting]
+
     def tick(self, counts: NDArray[np.int32], presence: NDArray[np.uint8]) -> NDArray[np.int32]:
         """See `CellBank`."""
         conditions = self._conditions
