@@ -8,6 +8,7 @@ anything: cells and participants do.
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
+from functools import partial
 from math import ceil
 from pathlib import Path
 from typing import BinaryIO, Protocol
@@ -127,7 +128,8 @@ class Simulation:
             controllers=self._mailboxes,
             bank=bank,
         )
-        self._collecting = [False] * self._cells
+        self._delivered_ns = -1
+        self._delivered: list[int] = []
         self._unknown: Floats = np.full((len(scenario.parcel), 3), np.nan)
         self._drivers = [_Driver(self.kernel, self.bus, one) for one in participants]
         self.kernel.at(0, PRIORITY_TICK, self._tick)
@@ -159,11 +161,13 @@ class Simulation:
     def deliver(self, cell: int, frame: Frame) -> None:
         """A frame has reached a cell (from 0); its background loop deals with it soon."""
         self._bank.deliver(cell, frame)
-        if not self._collecting[cell]:
-            self._collecting[cell] = True
-            self.kernel.at(
-                self.kernel.now_ns + PROCESSING_NS, PRIORITY_COLLECT, lambda: self._collect(cell)
-            )
+        now_ns = self.kernel.now_ns
+        if now_ns != self._delivered_ns:
+            # All cells that one frame has reached answer at one instant.
+            self._delivered_ns, self._delivered = now_ns, []
+            answer = partial(self._collect, self._delivered)
+            self.kernel.at(now_ns + PROCESSING_NS, PRIORITY_COLLECT, answer)
+        self._delivered.append(cell)
 
     def _tick(self) -> None:
         now_ns = self.kernel.now_ns
@@ -179,10 +183,10 @@ class Simulation:
         for _ in range(self._substeps):
             self.world.step_voltage(self._voltage_v, period_s / self._substeps)
 
-    def _collect(self, cell: int) -> None:
-        self._collecting[cell] = False
-        for frame in self._bank.collect(cell):
-            self._mailboxes[cell].send(frame)
+    def _collect(self, cells: Iterable[int]) -> None:
+        for cell in cells:
+            for frame in self._bank.collect(cell):
+                self._mailboxes[cell].send(frame)
 
     def _collect_all(self) -> None:
         for cell, frames in self._bank.collect_all():
@@ -248,14 +252,17 @@ class _Driver:
         self._participant = participant
         self._mailbox = bus.attach(self)
         self._due_ns: int | None = None
+        self._wake_s = participant.wake_s
         self._schedule()
 
     def on_frame(self, frame: Frame, now_ns: int) -> None:
         self._participant.on_frame(frame, now_ns / NS_PER_S)
-        self._schedule()
+        if self._participant.wake_s != self._wake_s:
+            self._schedule()
 
     def _schedule(self) -> None:
-        wake_ns = max(ceil(self._participant.wake_s * NS_PER_S), self._kernel.now_ns)
+        self._wake_s = self._participant.wake_s
+        wake_ns = max(ceil(self._wake_s * NS_PER_S), self._kernel.now_ns)
         if self._due_ns is None or wake_ns < self._due_ns:
             self._due_ns = wake_ns
             self._kernel.at(wake_ns, PRIORITY_POLL, lambda: self._poll(wake_ns))
@@ -265,8 +272,8 @@ class _Driver:
             return
         for frame in self._participant.poll(due_ns / NS_PER_S):
             self._mailbox.send(frame)
-        self._due_ns = None
-        wake_ns = ceil(self._participant.wake_s * NS_PER_S)
+        self._wake_s = self._participant.wake_s
+        wake_ns = ceil(self._wake_s * NS_PER_S)
         self._due_ns = next_ns = max(wake_ns, due_ns + POLL_NS)
         self._kernel.at(next_ns, PRIORITY_POLL, lambda: self._poll(next_ns))
 
@@ -275,22 +282,20 @@ class _References:
     """The references last told to the wheels, read off the bus for the record."""
 
     def __init__(self, cells: int, axes: int) -> None:
-        self._reference_m_s: Floats = np.zeros(cells * axes)
-        self._axes = axes
-        self._first = {pdo.TARGET_VELOCITY.can_id(cell + 1): cell * axes for cell in range(cells)}
+        self._reference_um_s = np.zeros((cells, axes), np.int32)
+        self._cells = {pdo.TARGET_VELOCITY.can_id(cell + 1): cell for cell in range(cells)}
         self._last: dict[int, bytes] = {}
 
     def on_frame(self, frame: Frame, now_ns: int) -> None:
-        if frame.can_id in self._first:
+        if frame.can_id in self._cells:
             self._last[frame.can_id] = frame.data
 
     @property
     def reference_m_s(self) -> Floats:
+        axes = self._reference_um_s.shape[1]
         for can_id, data in self._last.items():
             values = pdo.TARGET_VELOCITY.decode(data)
             if values is not None:
-                first = self._first[can_id]
-                self._reference_m_s[first : first + self._axes] = values[: self._axes]
-                self._reference_m_s[first : first + self._axes] /= UM_PER_M
+                self._reference_um_s[self._cells[can_id]] = values[:axes]
         self._last.clear()
-        return self._reference_m_s
+        return self._reference_um_s.ravel() / UM_PER_M
