@@ -4,7 +4,7 @@ The wire is followed bit by bit as far as it decides what every node makes of th
 the same bit at the same time. Errors of the arbitration field are left out.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -54,6 +54,19 @@ class Attempt:
     sent: list["Controller"] = field(default_factory=list)
     failed: list["Controller"] = field(default_factory=list)
     confused: list[tuple["Controller", bool]] = field(default_factory=list)
+
+    def count(self, nodes: Iterable["Controller"]) -> None:
+        """Moves the error counters of all nodes on the wire."""
+        confused = dict(self.confused)
+        for node in nodes:
+            if node in confused:
+                node.errors.receive_error(alone=confused[node])
+            elif node in self.failed:
+                node.errors.transmit_error()
+            elif node in self.sent:
+                node.errors.transmitted()
+            elif node.live and not self.destroyed:
+                node.errors.received()
 
 
 def attempt(

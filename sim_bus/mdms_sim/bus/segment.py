@@ -15,6 +15,7 @@ from mdms_sim.bus.attempt import UNDISTURBED, Attempt, attempt
 from mdms_sim.bus.confinement import ErrorState
 from mdms_sim.bus.controller import Controller
 from mdms_sim.bus.length import frame_bits
+from mdms_sim.bus.receivers import Receivers
 from mdms_sim.bus.recovery import Recovery
 from mdms_sim.bus.wire import INTERFRAME_BITS, arbitration_field
 from mdms_sim.kernel import Action
@@ -27,8 +28,6 @@ PRIORITY_END = 0
 PRIORITY_ARBITRATE = 1000
 #: An error passive node that has just sent lets others go first for so long.
 SUSPEND_BITS = 8
-#: Identifiers whose receivers are remembered; a flood of others costs time, not memory.
-REMEMBERED_IDENTIFIERS = 4096
 
 _Request = tuple[int, int, Controller, Frame]
 
@@ -43,7 +42,7 @@ class Segment:
         self._observers = bus.observers
         self._bit_ns = bus.bit_ns
         self._interframe_ns = INTERFRAME_BITS * bus.bit_ns
-        self._receivers: dict[int, tuple[Controller, ...]] = {}
+        self._receivers = Receivers(self.controllers)
         self._requests: list[_Request] = []
         self._arbitrating = False
         self._free_ns = 0
@@ -200,24 +199,10 @@ class Segment:
         self._bus.frames += 1
         for observer in self._observers:
             observer(frame, now_ns)
-        receivers = self._receivers.get(frame.can_id)
-        if receivers is None:
-            receivers = self._receivers_of(frame.can_id)
-        for receiver in receivers:
+        for receiver in self._receivers[frame.can_id]:
             if receiver is not sender:
                 receiver.take(frame, now_ns)
         sender.on_sent(frame)
-
-    def _receivers_of(self, can_id: int) -> tuple[Controller, ...]:
-        if len(self._receivers) >= REMEMBERED_IDENTIFIERS:
-            self._receivers.clear()
-        receivers = tuple(
-            each
-            for each in self.controllers
-            if each.live and (each.accept is None or can_id in each.accept)
-        )
-        self._receivers[can_id] = receivers
-        return receivers
 
     def _end_carefully(self, frames: tuple[tuple[Controller, Frame], ...]) -> None:
         outcome, self._attempt = self._attempt, None
@@ -225,7 +210,7 @@ class Segment:
             self._broken = False
             outcome = Attempt(0, destroyed=True, failed=[sender for sender, _ in frames])
         before = {each: each.state for each in self.controllers}
-        self._count_errors(outcome)
+        outcome.count(self.controllers)
         for sender, frame in frames:
             if sender not in outcome.sent and sender.live:
                 self.request(sender, frame)
@@ -247,23 +232,11 @@ class Segment:
         self._bus.frames += 1
         for observer in self._observers:
             observer(frame, now_ns)
-        for receiver in self._receivers_of(frame.can_id):
+        for receiver in self._receivers[frame.can_id]:
             if receiver not in deaf:
                 receiver.take(frame, now_ns)
         for sender in outcome.sent:
             sender.on_sent(frame)
-
-    def _count_errors(self, outcome: Attempt) -> None:
-        confused = dict(outcome.confused)
-        for node in self.controllers:
-            if node in confused:
-                node.errors.receive_error(alone=confused[node])
-            elif node in outcome.failed:
-                node.errors.transmit_error()
-            elif node in outcome.sent:
-                node.errors.transmitted()
-            elif node.live and not outcome.destroyed:
-                node.errors.received()
 
     def _suspend(self, frames: tuple[tuple[Controller, Frame], ...]) -> None:
         for sender, _ in frames:

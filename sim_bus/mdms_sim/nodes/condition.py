@@ -15,6 +15,11 @@ class Conditions:
         self._drift_ppm = [0] * cells
         self._special = False
 
+    @property
+    def plain(self) -> bool:
+        """Whether all cells run, and all clocks show `ticks`."""
+        return not (self._special or self.halted)
+
     def times_ms(self) -> list[int]:
         """What each cell's clock shows: milliseconds since it started, as its crystal has them."""
         if not self._special:

@@ -15,6 +15,9 @@ from mdms_protocol.frame import Frame
 
 NOTHING, TICK, RESTART, LEAVE_BUS, REJOIN_BUS = range(5)
 LISTEN = 0xFFFF
+#: Bytes of frames in one request at most.
+FRAMES_MAX = 4096
+FRAME_MAX = 11
 
 REQUEST = struct.Struct("<6i")
 REPLY = struct.Struct("<Hii")

@@ -52,8 +52,11 @@ class MicropythonBank:
 
     def deliver(self, cell: int, frame: Frame) -> None:
         """See `CellBank`."""
-        if cell not in self._conditions.halted:
-            self._inbox[cell] += lockstep.pack_frame(frame)
+        if cell in self._conditions.halted:
+            return
+        self._inbox[cell] += lockstep.pack_frame(frame)
+        if len(self._inbox[cell]) > lockstep.FRAMES_MAX - lockstep.FRAME_MAX:
+            self._exchange([cell])
 
     def collect(self, cell: int) -> list[Frame]:
         """See `CellBank`."""

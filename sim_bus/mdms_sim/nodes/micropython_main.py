@@ -17,6 +17,7 @@ from mdms_cell.cell import Cell
 
 TICK, RESTART, LEAVE_BUS, REJOIN_BUS = range(1, 5)
 LISTEN = 0xFFFF
+REQUEST_FRAMES_MAX = 4096
 SIZE, WHAT, PRESENCE, COUNT1, COUNT2, NOW_MS, HEAD = range(7)
 REPLY = "<Hii"
 REPLY_SIZE = 10
@@ -91,7 +92,7 @@ def put_frame(buffer, at, can_id, data):
 def serve(node, requests, replies):
     """Answer until the other end closes its pipe."""
     head = array("i", range(HEAD))
-    body = bytearray(1 << 16)
+    body = bytearray(REQUEST_FRAMES_MAX)
     view = memoryview(body)
     out = bytearray(4096)
     while requests.readinto(head):

@@ -18,6 +18,10 @@ from mdms_sim.nodes.virtual_board import VirtualBoard, VirtualFlash, leave_bus, 
 _step = numba.njit("void(int32[::1])", cache=True)(speed_loop.step)
 
 
+#: From here on, in ticks, due times may wrap, and every cell is asked.
+FULL_POLLS_FROM = 1 << 29
+
+
 @numba.njit("void(int32[:, ::1])")
 def _step_all(registers: Any) -> None:
     for cell in range(registers.shape[0]):
@@ -42,6 +46,9 @@ class PythonBank:
             :, speed_loop.VOLTAGE : 2 * speed_loop.AXIS : speed_loop.AXIS
         ]
         self._voltages_uv = np.zeros((len(node_ids), 2), np.int32)
+        #: The time of a tick in which some cells were not polled, for they do not know it.
+        self._slept_ms: int | None = None
+        self._presence: list[int] = []
         for cell in range(len(node_ids)):
             self._listen(cell)
 
@@ -55,7 +62,10 @@ class PythonBank:
     def deliver(self, cell: int, frame: Frame) -> None:
         """See `CellBank`."""
         if cell not in self._conditions.halted:
-            self._cells[cell].on_frame(frame.can_id, frame.data)
+            target = self._cells[cell]
+            if self._slept_ms is not None:
+                target.now_ms = self._slept_ms
+            target.on_frame(frame.can_id, frame.data)
             if self._boards[cell].identifiers is not None:
                 self._listen(cell)
 
@@ -85,23 +95,39 @@ class PythonBank:
             self._registers[halted] = kept
             for cell, frozen_uv in conditions.halted.items():
                 self._voltages_uv[cell] = frozen_uv
-        self._poll(presence.tolist())
+        if conditions.plain and conditions.ticks < FULL_POLLS_FROM:
+            self._poll_awake(conditions.ticks, presence.tolist())
+        else:
+            self._poll(presence.tolist())
         conditions.ticks += 1
         return self._voltages_uv.copy()
 
+    def _poll_awake(self, now_ms: int, presence: list[int]) -> None:
+        """What `_poll` does, without the calls that would do nothing."""
+        changed = presence != self._presence
+        self._presence = presence
+        self._slept_ms = now_ms
+        for number, cell in enumerate(self._cells):
+            if changed or cell.wake_ms <= now_ms:
+                self._poll_one(number, now_ms, presence[number])
+
     def _poll(self, presence: list[int]) -> None:
+        self._slept_ms = None
         halted = self._conditions.halted
         times_ms = self._conditions.times_ms()
-        for number, (cell, board) in enumerate(zip(self._cells, self._boards, strict=True)):
-            if number in halted:
-                continue
-            board.presence_bits = presence[number]
-            board.cut = False
-            cell.poll(times_ms[number])
-            if board.cut:
-                self._voltages_uv[number] = 0
-            if board.identifiers is not None:
-                self._listen(number)
+        for number, bits in enumerate(presence):
+            if number not in halted:
+                self._poll_one(number, times_ms[number], bits)
+
+    def _poll_one(self, number: int, now_ms: int, presence: int) -> None:
+        board = self._boards[number]
+        board.presence_bits = presence
+        board.cut = False
+        self._cells[number].poll(now_ms)
+        if board.cut:
+            self._voltages_uv[number] = 0
+        if board.identifiers is not None:
+            self._listen(number)
 
     def _listen(self, cell: int) -> None:
         board = self._boards[cell]

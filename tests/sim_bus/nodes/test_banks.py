@@ -188,3 +188,14 @@ def test_without_micropython_the_way_out_is_named(monkeypatch):
     monkeypatch.setattr(micropython_process, "find_spec", lambda name: None)
     with pytest.raises(MicropythonMissing, match="--nodes cpython"):
         MicropythonBank([1])
+
+
+def test_any_number_of_frames_between_two_ticks_is_taken(bench):
+    bench.tick(BOOT_TICKS)
+    request = bytes.fromhex("4018100100000000")
+    for _ in range(1000):
+        bench.bank.deliver(0, Frame(cob.SDO_REQUEST_BASE + 1, request))
+    # The board keeps 64 frames at most when nobody takes them.
+    answers = [each for each in bench.bank.collect(0) if each.can_id == cob.SDO_RESPONSE_BASE + 1]
+    assert len(answers) >= 64
+    bench.tick()
