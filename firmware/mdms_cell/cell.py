@@ -48,7 +48,8 @@ class Cell:
     """A cell on a board; see 'Cell and board' in DESIGN.md.
 
     A node id that was saved by LSS comes before the one given; `cob.NODE_NONE` waits for LSS.
-    `accepts` has the identifiers that the cell takes, and what serves each.
+    `accepts` has the identifiers that the cell takes, and what serves each. Before `wake_ms` a
+    `poll` with the same presence bits does nothing but tell the time, as setting `now_ms` does.
     """
 
     def __init__(self, board, node_id):
@@ -59,7 +60,8 @@ class Cell:
         self.dropped = 0
         self.not_sent = 0
         self._presence = 0
-        self._now_ms = 0
+        self.now_ms = 0
+        self.wake_ms = 0
         self._due_ms = 0
         speed_loop.reset(self._registers)
         self._registers[speed_loop.SUPPLY] = _DEFAULT_SUPPLY_UV
@@ -124,13 +126,17 @@ class Cell:
 
     def poll(self, now_ms):
         """Look after timers and events; `now_ms` wraps at 2**30."""
-        self._now_ms = now_ms
+        self.now_ms = now_ms
         state = self._nmt.state
         if state == nmt.INITIALISING:
+            self.wake_ms = now_ms
             self._nmt.initialise(now_ms)
             self._report_refusal(now_ms)
             return
         presence = self._board.presence()
+        if presence == self._presence and ticks.diff(now_ms, self.wake_ms) < 0:
+            return
+        self.wake_ms = now_ms
         if presence != self._presence or ticks.diff(now_ms, self._due_ms) >= 0:
             self._presence = presence
             self._poll_background(now_ms)
@@ -138,6 +144,8 @@ class Cell:
             self._pdos.poll_timed(now_ms)
         self._heartbeat.poll(now_ms, self._nmt.node_id, state)
         self._sdo.poll(now_ms)
+        if not self._pdos.timed and not self._sdo.busy:
+            self.wake_ms = self._heartbeat.sooner(self._due_ms)
 
     def fail(self, error_code):
         """Switch the motors off for a reason from outside, and report it."""
@@ -152,22 +160,23 @@ class Cell:
 
     def on_boot(self):
         """The node id is this node's own, and the node is announced."""
-        self._due_ms = self._now_ms
+        self._due_ms = self.now_ms
         self._emcy.clear(SOURCE_NODE_ID)
-        self._heartbeat.start(self._now_ms)
+        self._heartbeat.start(self.now_ms)
         self._listen()
 
     def on_state(self, state):
         """The node has gone from one state after its boot to another."""
         self._sdo.reset()
         if state == nmt.OPERATIONAL:
-            self._pdos.start(self._now_ms)
+            self._pdos.start(self.now_ms)
         else:
             self._pdos.stop()
             self._axes.switch_off()
 
     def on_reset(self, command):
         """The node starts anew, all of it or what concerns communication."""
+        self.wake_ms = self.now_ms
         flags = record.STORED_COMMUNICATION | record.FROM_NODE
         if command == EVERYTHING:
             flags |= record.STORED_APPLICATION
@@ -215,7 +224,11 @@ class Cell:
         return True
 
     def _on_sdo(self, data):
-        return self.state == nmt.STOPPED or self._sdo.on_request(data)
+        """A client may change what is due, and begins to be waited for."""
+        if self.state == nmt.STOPPED:
+            return True
+        self.wake_ms = self._heartbeat.now_ms = self._sdo.now_ms = self.now_ms
+        return self._sdo.on_request(data)
 
     def _on_rival(self, _data):
         """Somebody else sends what only this node may send."""
@@ -266,7 +279,7 @@ class Cell:
     # What the services are lent
 
     def _clock(self):
-        return self._now_ms
+        return self.now_ms
 
     def _respond(self, data):
         return self._send(cob.SDO_RESPONSE_BASE + self.node_id, data)

@@ -32,5 +32,11 @@ class Heartbeat:
             self._due_ms = ticks.after(now_ms, self._period_ms)
         self._send(cob.HEARTBEAT_BASE + node_id, bytes((state,)))
 
+    def sooner(self, time_ms):
+        """The next heartbeat's time or `time_ms`, whichever comes first."""
+        if self._period_ms and ticks.diff(self._due_ms, time_ms) < 0:
+            return self._due_ms
+        return time_ms
+
     def _configure(self, _index, _sub):
         self.start(self.now_ms)

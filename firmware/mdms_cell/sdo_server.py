@@ -22,7 +22,12 @@ class SdoServer:
         self._respond = respond
         self._transfer = None
         self._heard_ms = 0
-        self._now_ms = 0
+        self.now_ms = 0
+
+    @property
+    def busy(self):
+        """Whether a transfer is under way."""
+        return self._transfer is not None
 
     def reset(self):
         """Forget a transfer that is under way."""
@@ -30,7 +35,7 @@ class SdoServer:
 
     def poll(self, now_ms):
         """Go on sending a block, and give up on a silent client."""
-        self._now_ms = now_ms
+        self.now_ms = now_ms
         transfer = self._transfer
         if transfer is None:
             return
@@ -42,7 +47,7 @@ class SdoServer:
         """Serve one request; return False if it is none."""
         if len(data) != 8:
             return False
-        self._heard_ms = self._now_ms
+        self._heard_ms = self.now_ms
         transfer = self._transfer
         try:
             if transfer is not None and transfer.takes(data[0]):

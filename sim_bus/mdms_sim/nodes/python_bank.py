@@ -14,12 +14,11 @@ from mdms_sim.bus.acceptance import Acceptance
 from mdms_sim.nodes.condition import Conditions
 from mdms_sim.nodes.virtual_board import VirtualBoard, VirtualFlash, leave_bus, rejoin_bus
 
-# Only the inner function is cached: a cache does not see that a function it calls has changed.
-_step = numba.njit("void(int32[::1])", cache=True)(speed_loop.step)
-
-
 #: From here on, in ticks, due times may wrap, and every cell is asked.
 FULL_POLLS_FROM = 1 << 29
+
+# Only the inner function is cached: a cache does not see that a function it calls has changed.
+_step = numba.njit("void(int32[::1])", cache=True)(speed_loop.step)
 
 
 @numba.njit("void(int32[:, ::1])")
