@@ -4,6 +4,7 @@
 """
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
 
@@ -59,9 +60,10 @@ class Commissioning:
         logging.getLogger("canopen").setLevel(logging.CRITICAL)
         self.states: dict[int, int] = {}
         self._clock = clock
-        self.link = Link(bus, clock, self._on_frame)
-        self._network = _LinkedNetwork(self.link)
         self._nodes: dict[int, canopen.RemoteNode] = {}
+        # The link delivers frames from its first moment on.
+        self._network = _LinkedNetwork(self._send)
+        self.link = Link(bus, clock, self._on_frame)
 
     def __enter__(self) -> "Commissioning":
         return self
@@ -119,6 +121,9 @@ class Commissioning:
             self._nodes[node_id] = self._network.add_node(node_id)
         return self._nodes[node_id]
 
+    def _send(self, frame: Frame) -> None:
+        self.link.send(frame)
+
     def _on_frame(self, frame: Frame, now_s: float) -> None:
         """In the reader's thread: note heartbeats, hand all to `canopen`."""
         node = frame.can_id - cob.HEARTBEAT_BASE
@@ -129,14 +134,14 @@ class Commissioning:
 
 
 class _LinkedNetwork(canopen.Network):
-    """A `canopen` network that sends over a link, and is notified by it."""
+    """A `canopen` network that sends by a function of ours, and is notified by a link."""
 
-    def __init__(self, link: Link) -> None:
+    def __init__(self, send: Callable[[Frame], None]) -> None:
         super().__init__()
-        self._link = link
+        self._send = send
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
-        self._link.send(Frame(can_id, bytes(data)))
+        self._send(Frame(can_id, bytes(data)))
 
 
 class _Telling:

@@ -79,3 +79,14 @@ def test_nmt_commands_reach_one_node(commissioning) -> None:
         clock.sleep(0.01)
         assert clock.now_s() < 5.0
     assert commissioning.states.get(1, nmt.PRE_OPERATIONAL) == nmt.PRE_OPERATIONAL
+
+
+def test_a_frame_at_the_first_moment_is_heard(monkeypatch) -> None:
+    class EagerLink:
+        """Delivers before its maker has it, as a reader may."""
+
+        def __init__(self, bus, clock, deliver) -> None:
+            deliver(nmt.heartbeat(5, nmt.OPERATIONAL), clock.now_s())
+
+    monkeypatch.setattr("mdms_host.commissioning.Link", EagerLink)
+    assert Commissioning(None, MonotonicClock()).states == {5: nmt.OPERATIONAL}
