@@ -39,14 +39,18 @@ def run_scenario(
     bus_log: Path | None = None,
 ) -> Finished:
     """Run a scenario in its fidelity. Raises `CommandError` for what it cannot be run with."""
+    if scenario.run.fidelity == "firmware":
+        return timed(scenario, lambda: _firmware(scenario, nodes, progress, bus_log))
+    return timed(scenario, lambda: _model(scenario))
+
+
+def timed(scenario: "Scenario", prepare: Callable[[], Callable[[], Finished]]) -> Finished:
+    """Prepare a run, do it, and tell how long it took. Raises `CommandError` as the run does."""
     from mdms_host.clock import MonotonicClock
     from mdms_sim.slip import slip_m_s
 
     with refusing_bad_scenarios(), compiling_watched() as compiled:
-        if scenario.run.fidelity == "firmware":
-            work = _firmware(scenario, nodes, progress, bus_log)
-        else:
-            work = _model(scenario)
+        work = prepare()
         clock = MonotonicClock()
         finished = work()
         wall_s = max(clock.now_s() - compiled.seconds, 1e-6)

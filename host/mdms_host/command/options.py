@@ -11,6 +11,8 @@ if TYPE_CHECKING:
 else:
     Verbs = object
 
+NODES = ("cpython", "micropython")
+
 
 def add_scenario(parser: ArgumentParser) -> None:
     """SCENARIO and `--set`."""
@@ -36,7 +38,7 @@ def add_nodes(parser: ArgumentParser) -> None:
     """`--nodes`."""
     parser.add_argument(
         "--nodes",
-        choices=("cpython", "micropython"),
+        choices=NODES,
         default="cpython",
         help="what the cells' firmware runs on (default: cpython)",
     )

@@ -1,4 +1,4 @@
-"""`mdms replay`: a recorded bus log, sent again with its timing."""
+"""`mdms replay`: a recorded bus log, sent again with its timing, to a bus or to simulated cells."""
 
 import json
 from argparse import Namespace
@@ -6,11 +6,15 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from mdms_host.command.bus import add_bus, open_link
+from mdms_host.command.console import progress
 from mdms_host.command.exits import CommandError, Exit
-from mdms_host.command.options import Verbs, add_json, add_run
+from mdms_host.command.inputs import open_run
+from mdms_host.command.options import NODES, Verbs, add_json, add_run
 from mdms_protocol import cob
 from mdms_protocol.frame import Frame
 
+#: Later than any run; a participant names an instant, for virtual time counts whole nanoseconds.
+NEVER_S = 1e9
 SENDERS = ("all", "host", "cells")
 #: What the host alone sends: to all, to each node, and its own sign of life.
 _TO_ALL = (cob.NMT, cob.SYNC, cob.LSS_REQUEST, cob.HEARTBEAT_BASE + cob.NODE_MAX)
@@ -24,12 +28,45 @@ def add_to(verbs: Verbs) -> None:
     parser.add_argument(
         "--only", choices=SENDERS, default="all", help="whose frames: to real cells, the host's"
     )
+    parser.add_argument(
+        "--nodes",
+        choices=NODES,
+        help="instead of to a bus: the host's frames to simulated cells, in virtual time",
+    )
     add_json(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: Namespace) -> Exit:
-    """Send the log, frame by frame, and tell how many there were."""
+    """Send the log again, and tell what came of it."""
+    if arguments.nodes is None:
+        return _send(arguments)
+    if arguments.only == "cells" or vars(arguments).keys() & {"interface", "channel"}:
+        raise CommandError(
+            "--nodes: simulated cells are sent the host's frames, and on a bus of their own; "
+            "leave --only cells, -i and -c out",
+            Exit.USAGE,
+        )
+    return _run_cells(arguments)
+
+
+def _run_cells(arguments: Namespace) -> Exit:
+    """Run the folder's scenario with the recorded host, and tell the figures of the run."""
+    frames = list(chosen(read_log(arguments.folder / "bus.log"), "host"))
+    from mdms_host.command.figures import figures_of, report
+    from mdms_host.command.replay_nodes import replay_on_nodes
+    from mdms_host.command.simulate import verdict
+
+    scenario = open_run(arguments.folder).scenario
+    with progress(scenario.title) as advance:
+        finished = replay_on_nodes(scenario, frames, arguments.nodes, advance)
+    figures = figures_of(scenario, finished)
+    print(json.dumps(figures) if arguments.json else "\n".join(report(figures)))
+    return verdict(finished)
+
+
+def _send(arguments: Namespace) -> Exit:
+    """Send the log to a bus, frame by frame, and tell how many there were."""
     frames = list(chosen(read_log(arguments.folder / "bus.log"), arguments.only))
     from mdms_host.driver import drive
 
@@ -88,7 +125,7 @@ class LogPlayer:
     @property
     def wake_s(self) -> float:
         """When the next frame is due [s]."""
-        return float("inf") if self.over else self.start_s + self._frames[self._next][0]
+        return NEVER_S if self.over else self.start_s + self._frames[self._next][0]
 
     def on_frame(self, frame: Frame, now_s: float) -> None:
         """What others say changes nothing."""
