@@ -58,9 +58,9 @@ class Ear:
 
 
 def traffic(stations: int, frames: int) -> list[Frame]:
-    """Frames of eight random bytes, each for one station."""
+    """Frames of eight random bytes in the order of their senders, each for the next station."""
     random = Random(1)
-    return [Frame(0x100 + number % stations, random.randbytes(8)) for number in range(frames)]
+    return [Frame(0x100 + (number + 1) % stations, random.randbytes(8)) for number in range(frames)]
 
 
 def frames_a_second(stations: int) -> float:
@@ -82,8 +82,7 @@ def one_bus(stations: int, frames: list[Frame]) -> Callable[[], None]:
             frame = next(left, None)
             if frame is None:
                 return
-            # The one it is not itself waiting for.
-            node.send(Frame(0x100 + (frame.can_id - 0x100 + 1) % stations, frame.data))
+            node.send(frame)
         kernel.at(kernel.now_ns + 130_000 * stations, 0, refill)
 
     def drive() -> None:
