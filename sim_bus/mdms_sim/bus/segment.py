@@ -6,7 +6,7 @@ While all is well, an attempt to send costs two events; everything else goes the
 `attempt` tells what each node makes of the bits.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Container
 from heapq import heapify, heappop, heappush
 from typing import TYPE_CHECKING
 
@@ -40,6 +40,7 @@ class Segment:
         self._bus = bus
         self._kernel = bus.kernel
         self._observers = bus.observers
+        self._next_number = bus.sequence.__next__
         self._bit_ns = bus.bit_ns
         self._interframe_ns = INTERFRAME_BITS * bus.bit_ns
         self._receivers = Receivers(self.controllers)
@@ -96,7 +97,7 @@ class Segment:
     def request(self, controller: Controller, frame: Frame) -> None:
         """A frame stands in a mailbox and wants the bus."""
         key = arbitration_field(frame.can_id)
-        heappush(self._requests, (key, next(self._bus.sequence), controller, frame))
+        heappush(self._requests, (key, self._next_number(), controller, frame))
         if not self._arbitrating:
             self._schedule_arbitration()
 
@@ -184,7 +185,9 @@ class Segment:
     def _end(self) -> None:
         frames, self._senders = self._senders, ()
         if self._attempt is None and not self._broken:
-            self._end_well(*frames[0])
+            sender, frame = frames[0]
+            self._hand_over(frame, (sender,))
+            sender.on_sent(frame)
         else:
             self._end_carefully(frames)
         if self._requests and self._kernel.nothing_until(self._free_ns):
@@ -194,15 +197,14 @@ class Segment:
         else:
             self._arbitrating = False
 
-    def _end_well(self, sender: Controller, frame: Frame) -> None:
+    def _hand_over(self, frame: Frame, deaf: Container[Controller]) -> None:
         now_ns = self._kernel.now_ns
         self._bus.frames += 1
         for observer in self._observers:
             observer(frame, now_ns)
         for receiver in self._receivers[frame.can_id]:
-            if receiver is not sender:
+            if receiver not in deaf:
                 receiver.take(frame, now_ns)
-        sender.on_sent(frame)
 
     def _end_carefully(self, frames: tuple[tuple[Controller, Frame], ...]) -> None:
         outcome, self._attempt = self._attempt, None
@@ -228,13 +230,7 @@ class Segment:
         confused = [node for node, _ in outcome.confused]
         frame = next(frame for sender, frame in frames if sender is outcome.sent[0])
         deaf = {*(sender for sender, _ in frames), *confused, *self._lost_by}
-        now_ns = self._kernel.now_ns
-        self._bus.frames += 1
-        for observer in self._observers:
-            observer(frame, now_ns)
-        for receiver in self._receivers[frame.can_id]:
-            if receiver not in deaf:
-                receiver.take(frame, now_ns)
+        self._hand_over(frame, deaf)
         for sender in outcome.sent:
             sender.on_sent(frame)
 

@@ -1,6 +1,7 @@
 """A frame as bits on the wire: arbitration field, CRC, stuff bits (ISO 11898-1)."""
 
 from collections.abc import Iterable
+from functools import lru_cache
 
 import numba
 
@@ -16,6 +17,7 @@ INTERFRAME_BITS = 3
 STUFF_RUN = 5
 
 
+@lru_cache(maxsize=4096)
 def arbitration_field(can_id: int) -> int:
     """What stations compare bit by bit, as one number of 32 bits: the lowest wins the bus."""
     remote = 1 if can_id & REMOTE else 0
