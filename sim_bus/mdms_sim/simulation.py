@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import partial
-from math import ceil
+from math import ceil, isinf
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
@@ -62,7 +62,7 @@ class Participant(Protocol):
 
     @property
     def wake_s(self) -> float:
-        """When it wants to be polled next, if nothing comes in before [s]."""
+        """When it wants to be polled next, if nothing comes in before [s]; inf for never."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,6 +252,7 @@ class _Driver:
         self._participant = participant
         self._mailbox = bus.attach(self)
         self._due_ns: int | None = None
+        self._earliest_ns = 0
         self._wake_s = participant.wake_s
         self._schedule()
 
@@ -262,7 +263,9 @@ class _Driver:
 
     def _schedule(self) -> None:
         self._wake_s = self._participant.wake_s
-        wake_ns = max(ceil(self._wake_s * NS_PER_S), self._kernel.now_ns)
+        if isinf(self._wake_s):
+            return
+        wake_ns = max(ceil(self._wake_s * NS_PER_S), self._kernel.now_ns, self._earliest_ns)
         if self._due_ns is None or wake_ns < self._due_ns:
             self._due_ns = wake_ns
             self._kernel.at(wake_ns, PRIORITY_POLL, lambda: self._poll(wake_ns))
@@ -272,10 +275,9 @@ class _Driver:
             return
         for frame in self._participant.poll(due_ns / NS_PER_S):
             self._mailbox.send(frame)
-        self._wake_s = self._participant.wake_s
-        wake_ns = ceil(self._wake_s * NS_PER_S)
-        self._due_ns = next_ns = max(wake_ns, due_ns + POLL_NS)
-        self._kernel.at(next_ns, PRIORITY_POLL, lambda: self._poll(next_ns))
+        self._due_ns = None
+        self._earliest_ns = due_ns + POLL_NS
+        self._schedule()
 
 
 class _References:

@@ -47,7 +47,7 @@ def test_figures_of_the_bus_and_the_picture_are_told(demo):
 def test_run_folder_is_whole(demo):
     folder = demo[2]
     names = sorted(path.name for path in folder.iterdir())
-    assert names == ["bus.log", "meta.json", "picture.png", "run.mcap"]
+    assert names == ["bus.log", "mdms-cell.dbc", "meta.json", "picture.png", "run.mcap"]
     figures = json.loads((folder / "meta.json").read_text())["figures"]
     assert set(figures["bus"]) == {"frames", "load", "errors", "log_sha256"}
     assert set(figures["parcels"][0]["estimate"]) == {"x_m", "y_m", "yaw_rad"}
@@ -66,6 +66,6 @@ def test_box_that_does_not_arrive_in_time_is_told(monkeypatch, tmp_path, capsys)
     from mdms_sim.scenario_file import load_scenario
 
     short = load_scenario("array18", ["run.duration_s=1"])
-    monkeypatch.setattr("mdms_host.command.demo.open_scenario", lambda *_: short)
+    monkeypatch.setattr("mdms_host.command.demo.open_program", lambda *_: short)
     assert main(["demo", "--out", str(tmp_path / "run")]) == Exit.TIME_LIMIT
     assert "not every parcel reached its goal in time" in capsys.readouterr().err
