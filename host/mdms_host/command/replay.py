@@ -3,6 +3,7 @@
 import json
 from argparse import Namespace
 from collections.abc import Iterable, Iterator
+from math import inf
 from pathlib import Path
 
 from mdms_host.command.bus import add_bus, open_link
@@ -13,8 +14,6 @@ from mdms_host.command.options import NODES, Verbs, add_json, add_run
 from mdms_protocol import cob
 from mdms_protocol.frame import Frame
 
-#: Later than any run; a participant names an instant, for virtual time counts whole nanoseconds.
-NEVER_S = 1e9
 SENDERS = ("all", "host", "cells")
 #: What the host alone sends: to all, to each node, and its own sign of life.
 _TO_ALL = (cob.NMT, cob.SYNC, cob.LSS_REQUEST, cob.HEARTBEAT_BASE + cob.NODE_MAX)
@@ -125,7 +124,7 @@ class LogPlayer:
     @property
     def wake_s(self) -> float:
         """When the next frame is due [s]."""
-        return NEVER_S if self.over else self.start_s + self._frames[self._next][0]
+        return inf if self.over else self.start_s + self._frames[self._next][0]
 
     def on_frame(self, frame: Frame, now_s: float) -> None:
         """What others say changes nothing."""

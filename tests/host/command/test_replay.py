@@ -1,13 +1,14 @@
 """A recorded bus can be sent again, and read by other tools in their own forms."""
 
 import json
+from math import inf
 
 import can
 import cantools
 import pytest
 
 from mdms_host.command import main
-from mdms_host.command.replay import NEVER_S, LogPlayer, chosen, is_from_host, read_log
+from mdms_host.command.replay import LogPlayer, chosen, is_from_host, read_log
 from mdms_protocol import cob, pdo
 from mdms_protocol.frame import Frame
 
@@ -108,7 +109,7 @@ def test_player_keeps_the_times_of_the_log():
     assert not player.over
     assert [frame.can_id for frame in player.poll(99.0)] == [4]
     assert player.over
-    assert player.wake_s == NEVER_S
+    assert player.wake_s == inf
 
 
 @pytest.mark.parametrize(
