@@ -6,7 +6,6 @@ module shadows a built-in one.
 
 import os
 import platform
-import re
 import shutil
 import subprocess
 import sys
@@ -16,14 +15,12 @@ from pathlib import Path
 import pytest
 
 from mdms_sim.nodes import MicropythonMissing
-from mdms_sim.nodes.micropython_process import find_micropython
+from mdms_sim.nodes.micropython_process import EMITTER_LINE, EMITTERS, find_micropython
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = (ROOT / "firmware" / "mdms_cell", ROOT / "protocol" / "mdms_protocol")
 TIME_LIMIT_S = 60
-#: MicroPython emits machine code for x86-64, but not for 64-bit ARM.
-EMITS = platform.machine() in ("x86_64", "AMD64")
-_EMITTER = re.compile(r"^ *@micropython\.(viper|native)\n", re.MULTILINE)
+EMITS = platform.machine() in EMITTERS
 _LAUNCH = (
     "import sys; sys.path.append(sys.argv.pop(1)); "
     "from micropython_run import run_main; sys.exit(run_main(sys.argv))"
@@ -54,10 +51,7 @@ def stage(folder: Path, more: Iterable[Path] = (), *, viper: bool = True) -> Non
             shutil.copy(source, folder)
     if not viper:
         for path in folder.rglob("*.py"):
-            text = path.read_text()
-            path.write_text(
-                re.sub(r"^ *@micropython\.(viper|native)\n", "", text, flags=re.MULTILINE)
-            )
+            path.write_text(EMITTER_LINE.sub("", path.read_text()))
 
 
 def unix(

@@ -17,8 +17,8 @@ from mdms_sim.nodes.bank import MicropythonMissing, NodeDied
 _MAIN = Path(__file__).with_name("micropython_main.py")
 _PACKAGES = (mdms_cell, mdms_protocol)
 #: Machines for which MicroPython can make machine code; elsewhere the decorators are errors.
-_EMITTERS = frozenset({"x86_64", "AMD64"})
-_EMITTER_LINE = re.compile(r"^ *@micropython\.(viper|native)\n", re.MULTILINE)
+EMITTERS = frozenset({"x86_64", "AMD64"})
+EMITTER_LINE = re.compile(r"^ *@micropython\.(viper|native)\n", re.MULTILINE)
 # The executable comes as an extension module of CPython; without `site` it starts in a third of
 # the time.
 _LAUNCH = (
@@ -43,7 +43,7 @@ def stage(folder: Path) -> None:
     for package in _PACKAGES:
         assert package.__file__ is not None
         source, place = Path(package.__file__).parent, folder / package.__name__
-        if platform.machine() in _EMITTERS:
+        if platform.machine() in EMITTERS:
             place.symlink_to(source)
         else:
             _copy_as_bytecode(source, place)
@@ -53,7 +53,7 @@ def _copy_as_bytecode(source: Path, place: Path) -> None:
     """Copy a package without the decorators that ask for machine code."""
     shutil.copytree(source, place, ignore=shutil.ignore_patterns("__pycache__"))
     for path in place.rglob("*.py"):
-        path.write_text(_EMITTER_LINE.sub("", path.read_text()))
+        path.write_text(EMITTER_LINE.sub("", path.read_text()))
 
 
 class MicropythonProcess:
