@@ -6,6 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# No test asserts a time, and the first example of a law may have to be compiled.
+settings.register_profile(
+    "mdms", settings.get_profile(settings.get_current_profile_name()), deadline=None
+)
+settings.load_profile("mdms")
 
 MDMS = Path(sys.executable).with_name("mdms")
 

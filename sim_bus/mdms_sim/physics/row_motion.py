@@ -96,7 +96,8 @@ def first_zero(beta: float, gamma: float, value: float, slope: float) -> float:
         omega = math.sqrt(-split)
         if value == 0.0:
             return math.pi / omega
-        return math.atan2(omega * abs(value), math.copysign(1.0, value) * across) / omega
+        # Divided, not multiplied by the value: the product of two small numbers could vanish.
+        return math.atan2(omega, across / value) / omega
     if value == 0.0 or across == 0.0 or (value > 0.0) != (across > 0.0):
         return math.inf
     root, reach = math.sqrt(split), value / across

@@ -49,6 +49,7 @@ def test_phase_moves_as_the_matrix_exponential_says(beta, gamma, speed, pull, ti
 @given(beta=RATES, gamma=DAMPINGS, value=VALUES, slope=VALUES)
 @example(beta=-2e-23, gamma=0.0, value=-0.2, slope=1.3)
 @example(beta=0.0, gamma=0.0, value=1.0, slope=-2.0)
+@example(beta=-1.36e-224, gamma=0.0, value=1.36e-224, slope=0.0)
 def test_first_zero_is_a_zero_and_none_comes_before(beta, gamma, value, slope):
     zero_s = first_zero(beta, gamma, value, slope)
     if zero_s > 50.0 or math.sqrt(max(beta, 0.0)) * zero_s > 20.0:
