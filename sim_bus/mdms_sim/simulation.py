@@ -45,6 +45,7 @@ PRIORITY_POLL = 30
 PRIORITY_SAMPLE = 40
 
 UV_PER_V = 1e6
+MA_PER_A = 1e3
 UM_PER_M = 1e6
 
 
@@ -112,6 +113,7 @@ class Simulation:
         self._cells = scenario.array.columns * scenario.array.rows
         self._axes = len(scenario.cell.wheel)
         self._counts = np.zeros((self._cells, 2), dtype=np.int32)
+        self._currents_ma = np.zeros((self._cells, 2), dtype=np.int32)
         self._voltage_v: Floats = np.zeros(self._cells * self._axes)
         self._references = _References(self._cells, self._axes)
         self.bus.observe(self._references.on_frame)
@@ -174,7 +176,9 @@ class Simulation:
         if now_ns:
             self._move(TICK_NS / NS_PER_S)
         self._counts[:, : self._axes] = self.world.encoder_counts().reshape(self._cells, -1)
-        voltages_uv = self._bank.tick(self._counts, self.world.presence())
+        current_a = self.world.motor_current_a.reshape(self._cells, -1)
+        self._currents_ma[:, : self._axes] = current_a * MA_PER_A
+        voltages_uv = self._bank.tick(self._counts, self._currents_ma, self.world.presence())
         self._voltage_v = voltages_uv[:, : self._axes].ravel() / UV_PER_V
         self.kernel.at(now_ns + PROCESSING_NS, PRIORITY_COLLECT, self._collect_all)
         self.kernel.at(now_ns + TICK_NS, PRIORITY_TICK, self._tick)

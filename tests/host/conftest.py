@@ -198,7 +198,7 @@ class ServedCells:
         """Whoever opens the bus finds the cells ready."""
         waiting = {cob.HEARTBEAT_BASE + node_id for node_id in self._node_ids}
         while waiting:
-            self.bank.tick(self._counts, self._presence)
+            self.bank.tick(self._counts, np.zeros_like(self._counts), self._presence)
             for cell in range(len(self._node_ids)):
                 waiting -= {frame.can_id for frame in self.bank.collect(cell)}
 
@@ -210,7 +210,7 @@ class ServedCells:
                 self._deliver(Frame(message.arbitration_id, bytes(message.data)))
                 message = self._bus.recv(0)
             while ticks < clock.now_s() * 1000:
-                self.bank.tick(self._counts, self._presence)
+                self.bank.tick(self._counts, np.zeros_like(self._counts), self._presence)
                 ticks += 1
             self._collect()
 

@@ -26,7 +26,7 @@ def run(
     bank = PythonBank(LAYOUT.node_ids)
     counts = np.zeros((LAYOUT.cells, 2), np.int32)
     for now_ms in range(3000):
-        bank.tick(counts, np.full(LAYOUT.cells, presence(now_ms), np.uint8))
+        bank.tick(counts, np.zeros_like(counts), np.full(LAYOUT.cells, presence(now_ms), np.uint8))
         for cell in range(LAYOUT.cells):
             for frame in bank.collect(cell):
                 if not lost(frame):

@@ -41,11 +41,17 @@ class CellBank(Protocol):
     def collect_all(self) -> list[tuple[int, list[Frame]]]:
         """The same of all cells that have something to send, in order."""
 
-    def tick(self, counts: NDArray[np.int32], presence: NDArray[np.uint8]) -> NDArray[np.int32]:
+    def tick(
+        self,
+        counts: NDArray[np.int32],
+        currents_ma: NDArray[np.int32],
+        presence: NDArray[np.uint8],
+    ) -> NDArray[np.int32]:
         """One control period of all cells, then their timers; the first call is time 0.
 
-        `counts` are encoder counts of shape (n, 2), `presence` bits of shape (n,); returns the
-        motor voltages [uV], shape (n, 2), which the caller may keep until the next tick.
+        `counts` are encoder counts and `currents_ma` motor currents, signed as the voltages, both
+        of shape (n, 2), `presence` bits of shape (n,); returns the motor voltages [uV], shape
+        (n, 2), which the caller may keep until the next tick.
         """
 
     def power_off(self, cell: int) -> None:

@@ -1,10 +1,10 @@
 """What a cell's process and the simulation say to each other, little-endian.
 
-A request is six 32-bit numbers, which MicroPython reads without allocating: the size of the frames,
-what to do after having taken them in, presence bits, both encoder counts (the node id in place of
-the first with `RESTART`) and the time [ms]. Then come the frames that have reached the cell since
-the last request. A reply is its whole size and both voltages [uV], then
-the frames that the cell wants to send. A frame is identifier, size, data; under the identifier
+A request is eight 32-bit numbers, which MicroPython reads without allocating: the size of the
+frames, what to do after having taken them in, presence bits, both encoder counts (the node id in
+place of the first with `RESTART`), both motor currents [mA] and the time [ms]. Then come the frames
+that have reached the cell since the last request. A reply is its whole size and both voltages [uV],
+then the frames that the cell wants to send. A frame is identifier, size, data; under the identifier
 `LISTEN` the data are the identifiers that the cell wants to hear from now on.
 """
 
@@ -19,7 +19,7 @@ LISTEN = 0xFFFF
 FRAMES_MAX = 4096
 FRAME_MAX = 11
 
-REQUEST = struct.Struct("<6i")
+REQUEST = struct.Struct("<8i")
 REPLY = struct.Struct("<Hii")
 _FRAME_HEAD = struct.Struct("<HB")
 

@@ -76,18 +76,23 @@ class MicropythonBank:
         if waiting:
             self._exchange(waiting)
 
-    def tick(self, counts: NDArray[np.int32], presence: NDArray[np.uint8]) -> NDArray[np.int32]:
+    def tick(
+        self,
+        counts: NDArray[np.int32],
+        currents_ma: NDArray[np.int32],
+        presence: NDArray[np.uint8],
+    ) -> NDArray[np.int32]:
         """See `CellBank`."""
         conditions = self._conditions
         self._check()
         halted = conditions.halted
         running = [cell for cell in range(len(self._processes)) if cell not in halted]
-        counts_list, bits, times_ms = counts.tolist(), presence.tolist(), conditions.times_ms()
+        bits, times_ms = presence.tolist(), conditions.times_ms()
+        wheels = np.hstack([counts, currents_ma]).tolist()
         pack = lockstep.REQUEST.pack
         for cell in running:
             inbox = self._inbox[cell]
-            first, second = counts_list[cell]
-            head = pack(len(inbox), lockstep.TICK, bits[cell], first, second, times_ms[cell])
+            head = pack(len(inbox), lockstep.TICK, bits[cell], *wheels[cell], times_ms[cell])
             self._processes[cell].ask(head + inbox)
             inbox.clear()
         for cell in running:
@@ -105,7 +110,7 @@ class MicropythonBank:
         asked = list(cells)
         for cell in asked:
             inbox = self._inbox[cell]
-            head = lockstep.REQUEST.pack(len(inbox), what, 0, value, 0, 0)
+            head = lockstep.REQUEST.pack(len(inbox), what, 0, value, 0, 0, 0, 0)
             self._processes[cell].ask(head + inbox)
             inbox.clear()
         for cell in asked:

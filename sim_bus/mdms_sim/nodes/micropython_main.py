@@ -18,7 +18,7 @@ from mdms_cell.cell import Cell
 TICK, RESTART, LEAVE_BUS, REJOIN_BUS = range(1, 5)
 LISTEN = 0xFFFF
 REQUEST_FRAMES_MAX = 4096
-SIZE, WHAT, PRESENCE, COUNT1, COUNT2, NOW_MS, HEAD = range(7)
+SIZE, WHAT, PRESENCE, COUNT1, COUNT2, CURRENT1, CURRENT2, NOW_MS, HEAD = range(9)
 REPLY = "<Hii"
 REPLY_SIZE = 10
 FRAME_HEAD_SIZE = 3
@@ -53,6 +53,8 @@ class Node:
         board.presence_bits = head[PRESENCE]
         board.counts[0] = head[COUNT1]
         board.counts[1] = head[COUNT2]
+        board.currents_ma[0] = head[CURRENT1]
+        board.currents_ma[1] = head[CURRENT2]
         self.cell.tick()
         self.cell.poll(head[NOW_MS])
 

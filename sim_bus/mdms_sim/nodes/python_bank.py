@@ -41,6 +41,9 @@ class PythonBank:
             Cell(board, node_id) for board, node_id in zip(self._boards, node_ids, strict=True)
         ]
         self._counts = self._registers[:, speed_loop.COUNT : 2 * speed_loop.AXIS : speed_loop.AXIS]
+        self._currents = self._registers[
+            :, speed_loop.CURRENT : 2 * speed_loop.AXIS : speed_loop.AXIS
+        ]
         self._voltages = self._registers[
             :, speed_loop.VOLTAGE : 2 * speed_loop.AXIS : speed_loop.AXIS
         ]
@@ -82,12 +85,18 @@ class PythonBank:
         waiting = [cell for cell, board in enumerate(self._boards) if board.frames]
         return [(cell, self.collect(cell)) for cell in waiting]
 
-    def tick(self, counts: NDArray[np.int32], presence: NDArray[np.uint8]) -> NDArray[np.int32]:
+    def tick(
+        self,
+        counts: NDArray[np.int32],
+        currents_ma: NDArray[np.int32],
+        presence: NDArray[np.uint8],
+    ) -> NDArray[np.int32]:
         """See `CellBank`."""
         conditions = self._conditions
         halted = list(conditions.halted)
         kept = self._registers[halted] if halted else None
         self._counts[:] = counts
+        self._currents[:] = currents_ma
         _step_all(self._registers)
         self._voltages_uv[:] = self._voltages
         if kept is not None:

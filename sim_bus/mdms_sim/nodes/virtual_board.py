@@ -20,6 +20,7 @@ class VirtualBoard:
         self.settings = settings
         self.program = VirtualProgram()
         self.counts = [0, 0]
+        self.currents_ma = [0, 0]
         self.presence_bits = 0
         self.voltages_uv = [0, 0]
         self.cut = False
@@ -27,9 +28,11 @@ class VirtualBoard:
         self.identifiers: list[int] | None = None
 
     def sample(self, registers: memoryview) -> None:
-        """Write the encoder counts into the registers."""
+        """Write encoder counts and motor currents into the registers."""
         registers[speed_loop.COUNT] = self.counts[0]
         registers[speed_loop.AXIS + speed_loop.COUNT] = self.counts[1]
+        registers[speed_loop.CURRENT] = self.currents_ma[0]
+        registers[speed_loop.AXIS + speed_loop.CURRENT] = self.currents_ma[1]
 
     def drive(self, registers: memoryview) -> None:
         """Apply the voltages [uV] found in the registers."""

@@ -62,11 +62,12 @@ def power_wheels(wheels: Records, voltage_v: Floats, step_s: float) -> None:
     for w in range(wheels.size):
         wheel = wheels[w]
         volts = applied_voltage(voltage_v[w], wheel.supply_v, wheel.pwm_steps)
-        drive_n, loss = wheel.force_per_volt * volts, wheel.loss
-        torque_n = drive_n - (loss - wheel.damping) * wheel.speed_m_s
+        drive_n, braking = wheel.force_per_volt * volts, wheel.loss - wheel.damping
+        torque_n = drive_n - braking * wheel.speed_m_s
         if abs(torque_n) > wheel.force_limit_n:
-            drive_n, loss = np.copysign(wheel.force_limit_n, torque_n), wheel.damping
-        wheel.drive_n = drive_n
+            drive_n, braking = np.copysign(wheel.force_limit_n, torque_n), 0.0
+        wheel.drive_n, wheel.braking = drive_n, braking
+        loss = wheel.damping + braking
         wheel.decay, wheel.gain, wheel.glide, wheel.stride = coast(wheel.mass_kg, loss, step_s)
 
 
@@ -104,6 +105,8 @@ def spin_voltage(wheels: Records) -> None:
         force_n = wheel.drive_n - wheel.force_n
         wheel.travel_m += wheel.glide * wheel.speed_m_s + wheel.stride * force_n
         wheel.speed_m_s = wheel.decay * wheel.speed_m_s + wheel.gain * force_n
+        torque_n = wheel.drive_n - wheel.braking * wheel.speed_m_s
+        wheel.current_a = torque_n / wheel.force_per_ampere
 
 
 # Under both --------------------------------------------------------------------------------------

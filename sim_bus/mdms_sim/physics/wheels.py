@@ -33,8 +33,10 @@ WHEEL = np.dtype(
         ("slip_m_s", "f8"),
         ("speed_m_s", "f8"),
         ("travel_m", "f8"),
+        ("current_a", "f8"),  # of the motor, under voltage only
         # Only wheels under voltage need the rest.
         ("force_per_volt", "f8"),  # Ke/Rm, eq (8) [N/V]
+        ("force_per_ampere", "f8"),  # Ke [N/A]
         ("loss", "f8"),  # Be + Ke^2/Rm, eq (8) [N s/m]
         ("damping", "f8"),  # Be [N s/m]
         ("force_limit_n", "f8"),  # Ke times the current limit
@@ -43,6 +45,7 @@ WHEEL = np.dtype(
         ("pwm_steps", "i8"),
         # This step: v+ = decay v + gain F, travel = glide v + stride F, F = drive - push.
         ("drive_n", "f8"),
+        ("braking", "f8"),  # of the back-EMF [N s/m]; 0 while the current is limited
         ("decay", "f8"),
         ("gain", "f8"),
         ("glide", "f8"),
@@ -131,6 +134,7 @@ def _fit(records: Records, cell: Cell) -> None:
     records["roller_friction"] = cell.roller_friction
     records["a"], records["b"] = drive.a, drive.b
     records["force_per_volt"] = drive.ke / cell.resistance_ohm
+    records["force_per_ampere"] = drive.ke
     records["loss"] = drive.be + drive.ke**2 / cell.resistance_ohm
     records["damping"] = drive.be
     records["force_limit_n"] = drive.ke * limit_a

@@ -126,6 +126,11 @@ class World:
         codes: NDArray[np.int8] = self.scene.wheels["contact"].astype(np.int8)
         return codes
 
+    @property
+    def motor_current_a(self) -> Floats:
+        """What the motors draw at the end of a step under voltage (W,), signed as the voltage."""
+        return self._state("current_a")
+
     def _state(self, name: str) -> Floats:
         values: Floats = self.scene.wheels[name].copy()
         return values

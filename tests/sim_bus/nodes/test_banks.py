@@ -21,14 +21,16 @@ class Bench:
         self.heard = []
         self._random = np.random.default_rng(seed)
         self._counts = np.zeros((CELLS, 2), np.int32)
+        self._currents_ma = np.zeros((CELLS, 2), np.int32)
         self._presence = np.zeros(CELLS, np.uint8)
 
     def tick(self, ticks=1):
         for _ in range(ticks):
             self._counts += self._random.integers(-2, 5, (CELLS, 2)).astype(np.int32)
+            self._currents_ma[:] = self._random.integers(-900, 900, (CELLS, 2))
             if self._random.random() < 0.02:
                 self._presence[:] = self._random.integers(0, 32, CELLS)
-            voltages_uv = self.bank.tick(self._counts, self._presence)
+            voltages_uv = self.bank.tick(self._counts, self._currents_ma, self._presence)
             self.heard.append(voltages_uv.tolist())
             self.collect()
         return voltages_uv
@@ -178,7 +180,7 @@ def test_a_process_that_was_killed_is_noticed():
 
 def rest(bank, ticks):
     for _ in range(ticks):
-        bank.tick(np.zeros((2, 2), np.int32), np.zeros(2, np.uint8))
+        bank.tick(*np.zeros((2, 2, 2), np.int32), np.zeros(2, np.uint8))
 
 
 def test_without_micropython_the_way_out_is_named(monkeypatch):

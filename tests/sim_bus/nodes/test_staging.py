@@ -11,7 +11,7 @@ def frames_of_a_boot():
     try:
         said = []
         for _ in range(200):
-            bank.tick(np.zeros((2, 2), np.int32), np.zeros(2, np.uint8))
+            bank.tick(*np.zeros((2, 2, 2), np.int32), np.zeros(2, np.uint8))
             said += [bank.collect(cell) for cell in range(2)]
         return said
     finally:

@@ -219,6 +219,19 @@ def test_the_current_limit_holds_the_force_of_a_starting_motor():
     assert world.wheel_speed_m_s[-1] == pytest.approx(-ke * 0.5 / mass_kg * 0.01)
 
 
+def test_the_current_is_what_voltage_and_back_emf_leave_and_keeps_within_its_limit():
+    parcel = replace(BOX, x_m=-0.2, length_m=0.2)
+    world = World(plane(parcel, rotor_inertia_kg_m2=2e-6, current_limit_a=0.5))
+    cell, drive = world.scenario.cell, drive_of(world.scenario.cell)
+    for _ in range(3):
+        world.step_voltage(np.full(36, -12.0), 1e-3)
+    assert world.motor_current_a == pytest.approx(-0.5)
+    for _ in range(50):
+        world.step_voltage(np.full(36, 1.2), 1e-3)
+    back_emf_v = drive.ke * world.wheel_speed_m_s
+    assert world.motor_current_a == pytest.approx((1.2 - back_emf_v) / cell.resistance_ohm)
+
+
 def test_voltages_beyond_the_supply_and_below_a_pwm_step_are_cut():
     low, high, zero = (World(plane(pwm_steps=100)) for _ in range(3))
     for _ in range(5):
