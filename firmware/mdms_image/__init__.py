@@ -1,0 +1,6 @@
+"""Makes what goes onto a board's flash: the firmware of a cell, compiled for the board."""
+
+from mdms_image.compiler import ImageError
+from mdms_image.image import BOARDS, Image, build_image
+
+__all__ = ["BOARDS", "Image", "ImageError", "build_image"]
