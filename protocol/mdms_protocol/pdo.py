@@ -1,8 +1,13 @@
 """Process data: what the default PDOs carry, encoded and decoded by the object table."""
 
+import struct
+
 from mdms_protocol import cob
 from mdms_protocol.dictionary import ENTRIES, RPDO_MAPS, TPDO_MAPS
 from mdms_protocol.entry import Entry
+
+#: Letters of `struct` by a signed type's size; unsigned ones are the capitals.
+_LETTERS = {1: "b", 2: "h", 4: "i"}
 
 
 class OutOfRangeError(ValueError):
@@ -15,7 +20,8 @@ class PdoMap:
     def __init__(self, base: int, mapping: tuple[int, ...]) -> None:
         self.base = base
         self.entries = tuple(ENTRIES[item >> 16, item >> 8 & 0xFF] for item in mapping)
-        self.length = sum(entry.type.size for entry in self.entries)
+        self.format = "<" + "".join([_letter(entry) for entry in self.entries])
+        self.length = struct.calcsize(self.format)
 
     def can_id(self, node_id: int) -> int:
         """The identifier that the predefined connection set gives this PDO at a node."""
@@ -25,24 +31,15 @@ class PdoMap:
         """The frame's data, from one integer an object; raises OutOfRangeError, or ValueError."""
         if len(values) != len(self.entries):
             raise ValueError("%d values for %d objects" % (len(values), len(self.entries)))
-        data = b""
         for entry, value in zip(self.entries, values):  # noqa: B905
             check(entry, value)
-            data += (value & _mask(entry)).to_bytes(entry.type.size, "little")
-        return data
+        return struct.pack(self.format, *values)
 
     def decode(self, data: bytes) -> tuple[int, ...] | None:
         """A tuple of integers, one an object; None for a frame of another length."""
         if len(data) != self.length:
             return None
-        values = []
-        start = 0
-        for entry in self.entries:
-            size = entry.type.size
-            value = int.from_bytes(data[start : start + size], "little")
-            values.append(value - _mask(entry) - 1 if value > entry.type.high else value)
-            start += size
-        return tuple(values)
+        return struct.unpack(self.format, data)
 
 
 def check(entry: Entry, value: int) -> None:
@@ -54,9 +51,9 @@ def check(entry: Entry, value: int) -> None:
         )
 
 
-def _mask(entry: Entry) -> int:
-    size: int = entry.type.size
-    return (1 << 8 * size) - 1
+def _letter(entry: Entry) -> str:
+    letter = _LETTERS[entry.type.size]
+    return letter if entry.type.low else letter.upper()
 
 
 TARGET_VELOCITY = PdoMap(cob.RPDO_BASES[0], RPDO_MAPS[0])
