@@ -17,3 +17,7 @@ class micropython:  # noqa: N801 - it stands in for the module of this name
 
 class ptr32(list):  # noqa: N801 - viper's own name
     """The type of a buffer of 32-bit integers in a viper function's annotation."""
+
+
+class ptr8(bytearray):  # noqa: N801 - viper's own name
+    """The type of a buffer of bytes in a viper function's annotation."""

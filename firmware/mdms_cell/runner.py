@@ -66,7 +66,7 @@ class Runner:
         frame = inbox.peek()
         while frame is not None:
             if not frame[2]:
-                self._cell.on_frame(frame[0], bytes(frame[1]))
+                self._cell.on_frame(frame[0], frame[1])
             inbox.pop()
             frame = inbox.peek()
 

@@ -1,5 +1,16 @@
 """Frames between interrupt and background."""
 
+try:
+    from micropython import heap_lock, heap_unlock
+except ImportError:
+
+    def heap_lock():
+        """On CPython every integer is an object, so there is nothing to show."""
+
+    def heap_unlock():
+        """See `heap_lock`."""
+
+
 from mdms_cell.inbox import Inbox
 
 
@@ -14,7 +25,7 @@ class Can:
             return None
         can_id, data, flags, errors = self.fifo.pop(0)
         into[0] = can_id
-        into[1] = memoryview(bytearray(data))
+        into[1] = memoryview(bytearray(data))  # the real one resizes what it is given
         into[2] = flags
         into[3] = errors
         return into
@@ -45,6 +56,22 @@ def test_frames_come_out_in_their_order_round_and_round():
     assert inbox.lost == 0
 
 
+def test_frame_comes_out_as_it_was_received():
+    frames = [
+        (0x7E5, b"\x01\x02\x03\x04\x05\x06\x07\x08", 0, 0),
+        (0x000, b"", 1, 0),
+        (0x205, b"\xff\x80", 2, 1),
+    ]
+    inbox = Inbox(4)
+    can = Can()
+    can.fifo = list(frames)
+    inbox.fill(can)
+    for frame in frames:
+        assert inbox.peek() == frame
+        inbox.pop()
+    assert inbox.peek() is None
+
+
 def test_full_inbox_keeps_the_oldest_and_counts_the_rest():
     inbox = Inbox(8)
     assert emptied(filled(inbox, *range(12))) == list(range(7))
@@ -65,3 +92,37 @@ def test_overrun_of_the_controller_is_counted():
     can.fifo = [(1, b"", 0, 2)]
     inbox.fill(can)
     assert inbox.lost == 1
+
+
+def test_filling_allocates_nothing():
+    inbox = Inbox(4)
+    can = Still()
+    inbox.fill(can)
+    inbox.pop()
+    heap_lock()
+    try:
+        for _ in range(10):
+            can.left = 2
+            inbox.fill(can)
+            inbox.pop()
+            inbox.pop()
+    finally:
+        heap_unlock()
+    assert inbox.lost == 0
+
+
+class Still:
+    """A controller that receives the same frame again, and allocates nothing."""
+
+    def __init__(self):
+        self.left = 1
+
+    def recv(self, into):
+        if not self.left:
+            return None
+        self.left -= 1
+        into[0] = 0x205
+        into[1][0] = self.left
+        into[2] = 0
+        into[3] = 0
+        return into
