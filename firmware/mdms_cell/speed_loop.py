@@ -81,6 +81,7 @@ FOLLOWING = const(8)
 TICK_HZ = const(1000)
 SPEED_MAX_UM_S = const(10_000_000)
 VOLTAGE_MAX_UV = const(60_000_000)
+HALF_COUNT = const(1 << 13)  # in units of POSITION
 
 
 def reset(registers):
@@ -110,6 +111,14 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         count = ((count & 0xFFFF) ^ 0x8000) - 0x8000
         innovation = (count << 14) - position
         innovation = ((innovation & 0x3FFFFFFF) ^ 0x20000000) - 0x20000000
+
+        # The wheel may be anywhere within its count: so much of an innovation tells little.
+        within = innovation
+        if within > HALF_COUNT:
+            within = HALF_COUNT
+        elif within < 0 - HALF_COUNT:
+            within = 0 - HALF_COUNT
+        innovation -= within * 5 >> 3
 
         # Correct both. Products are taken in two halves, for the whole would not fit.
         high = innovation >> 12

@@ -160,7 +160,7 @@ _AXIS: dict[int, Field] = {
     0x2005: _setting("stall time", U16, 500, e.MILLISECONDS),
     0x2006: _setting("over-current time", U16, 100, e.MILLISECONDS),
     0x2007: _setting("slippage time", U16, 500, e.MILLISECONDS),
-    0x2008: _setting("observer lag", U16, 2_750, e.MICROSECONDS, low=1_000, high=20_000),
+    0x2008: _setting("observer lag", U16, 1_900, e.MICROSECONDS, low=1_000, high=20_000),
     0x2009: _setting("direction", I32, 0, e.MICRORADIANS, low=-3_141_593, high=3_141_593),
     0x603F: field("error code", U16, READ, mappable=e.TPDO),
     0x6040: field("controlword", U16, mappable=e.RPDO),

@@ -1,7 +1,12 @@
-"""A DC motor with its wheel and encoder, exact over a tick of held voltage (paper, eq 8)."""
+"""A DC motor with its wheel and encoder, exact over a tick of held voltage (paper, eq 8).
 
+`python tests/firmware/motor.py` prints what a step of the reference looks like.
+"""
+
+import itertools
 import math
 from array import array
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from mdms_cell import speed_loop as s
@@ -10,6 +15,10 @@ from mdms_cell import tuning
 TICK_S = 0.001
 COUNTS_PER_METRE = 37_596
 PWM_STEPS = 1000
+SUPPLIES_V = (12, 24)
+REFERENCES_M_S = (0.0635, 0.1, 0.5, 1.0)
+#: A speed is settled when it stays so near to its final value, relatively.
+BAND = 0.05
 
 
 @dataclass(frozen=True)
@@ -25,6 +34,11 @@ class Motor:
     def braking(self) -> float:
         """Be + Ke^2 / Rm [N s/m]."""
         return self.damping_n_s_per_m + self.force_per_ampere**2 / self.resistance_ohm
+
+    def settling_s(self, gain: float, band: float) -> float:
+        """When a free wheel is this near to its free speed, relatively, by an undelayed law [s]."""
+        pull = gain * self.force_per_ampere / self.resistance_ohm
+        return -math.log(band) * self.mass_kg / (pull + self.braking)
 
     def free_speed(self, reference_m_s: float, gain: float) -> float:
         """Where a free wheel settles under V = G (r - v) [m/s] (eq 9 at no force)."""
@@ -43,11 +57,12 @@ def registers(gain_mv_s_m: int = 10_000, supply_mv: int = 24_000, lag_us: int = 
     return made
 
 
-def run(made, motor: Motor, supply_v: float, ticks: int) -> list[float]:
-    """The wheel's speed [m/s] at the end of every tick, from rest."""
+def run(made, motor: Motor, supply_v: float, ticks: int, start_counts: float = 0.0) -> list[float]:
+    """The wheel's speed [m/s] at the end of every tick, from rest at a place of the encoder."""
     decay = math.exp(-motor.braking / motor.mass_kg * TICK_S)
     lasting = (1 - decay) * motor.mass_kg / motor.braking
-    speed = position = 0.0
+    speed = 0.0
+    position = start_counts / COUNTS_PER_METRE
     speeds = []
     for _ in range(ticks):
         made[s.COUNT] = math.floor(position * COUNTS_PER_METRE)
@@ -59,3 +74,44 @@ def run(made, motor: Motor, supply_v: float, ticks: int) -> list[float]:
         speed = settled + (speed - settled) * decay
         speeds.append(speed)
     return speeds
+
+
+_OFF = {"": 1.0, "-30": 0.7, "+30": 1.3}
+#: The paper's motor, and those whose constants are 30 % off, one at a time and together.
+MOTORS = {
+    f"Ke{force} Rm{resistance}": Motor(
+        force_per_ampere=Motor.force_per_ampere * _OFF[force],
+        resistance_ohm=Motor.resistance_ohm * _OFF[resistance],
+    )
+    for force, resistance in itertools.product(_OFF, _OFF)
+}
+
+
+def steps(own: Motor, supply_v: int, reference_m_s: float, gain: int = 10) -> Iterator[list[float]]:
+    """Speeds after a step, over the final one, from several places between two counts."""
+    final = own.free_speed(reference_m_s, gain)
+    for start_counts in (0.0, 0.35, 0.7):
+        made = registers(gain * 1000, supply_v * 1000)
+        made[s.TARGET] = round(reference_m_s * 1e6)
+        yield [speed / final for speed in run(made, own, supply_v, 200, start_counts)]
+
+
+def settled_ms(speeds: list[float]) -> int:
+    """When the speed, over the final one, is within the band and stays there."""
+    return max(place for place, speed in enumerate(speeds) if abs(speed - 1) >= BAND) + 2
+
+
+def main() -> None:
+    """Print the worst overshoot and settling time of each motor, reference and supply."""
+    print("motor       ", *(f"{each:g} m/s".rjust(12) for each in REFERENCES_M_S))
+    for (name, own), supply_v in itertools.product(MOTORS.items(), SUPPLIES_V):
+        print(f"{name:<12}{supply_v:3} V", end="")
+        for reference_m_s in REFERENCES_M_S:
+            runs = list(steps(own, supply_v, reference_m_s))
+            overshoot = max(max(speeds) for speeds in runs) - 1
+            print(f"{overshoot:7.1%}{max(map(settled_ms, runs)):3} ms", end="")
+        print()
+
+
+if __name__ == "__main__":
+    main()

@@ -19,28 +19,42 @@ sys.modules["motor"] = motor
 _spec.loader.exec_module(motor)
 Motor = motor.Motor
 
-BAND = 0.05
-PAPER = Motor()
-MOTORS = [PAPER] + [
-    Motor(force_per_ampere=PAPER.force_per_ampere * constant, resistance_ohm=4.0 * resistance)
-    for constant, resistance in ((0.7, 1), (1.3, 1), (1, 0.7), (1, 1.3))
-]
+LIMIT_MS = 30
+PAPER = motor.MOTORS["Ke Rm"]
+WEAKEST = motor.MOTORS["Ke-30 Rm+30"]
+QUICK = {name: own for name, own in motor.MOTORS.items() if own is not WEAKEST}
+each_motor = pytest.mark.parametrize("own", motor.MOTORS.values(), ids=motor.MOTORS)
 
 
-@pytest.mark.parametrize("supply_v", [12, 24])
-@pytest.mark.parametrize("reference_m_s", [0.0635, 0.1, 0.5, 1.0])
-@pytest.mark.parametrize("own", MOTORS, ids=["nominal", "Ke-30", "Ke+30", "Rm-30", "Rm+30"])
+def check_step(own, supply_v, reference_m_s, limit_ms, gain=10):
+    for speeds in motor.steps(own, supply_v, reference_m_s, gain):
+        assert statistics.mean(speeds[100:]) == pytest.approx(1.0, rel=0.01)
+        assert max(speeds) < 1.1
+        assert motor.settled_ms(speeds) <= limit_ms
+
+
+@pytest.mark.parametrize("supply_v", motor.SUPPLIES_V)
+@pytest.mark.parametrize("reference_m_s", motor.REFERENCES_M_S)
+@pytest.mark.parametrize("own", QUICK.values(), ids=QUICK)
 def test_step_settles_in_30_ms_and_overshoots_by_at_most_a_tenth(own, reference_m_s, supply_v):
-    made = motor.registers(supply_mv=supply_v * 1000)
-    made[s.TARGET] = round(reference_m_s * 1e6)
-    speeds = motor.run(made, own, supply_v, 200)
-    final = own.free_speed(reference_m_s, 10.0)
-    assert statistics.mean(speeds[100:]) == pytest.approx(final, rel=0.01)
-    assert max(speeds) < 1.1 * final
-    assert all(abs(speed / final - 1) < BAND for speed in speeds[29:])
+    check_step(own, supply_v, reference_m_s, LIMIT_MS)
 
 
-@pytest.mark.parametrize("own", MOTORS)
+@pytest.mark.parametrize("supply_v", motor.SUPPLIES_V)
+@pytest.mark.parametrize("reference_m_s", motor.REFERENCES_M_S)
+def test_weakest_motor_settles_before_it_would_under_an_undelayed_law(reference_m_s, supply_v):
+    undelayed_ms = 1000 * WEAKEST.settling_s(10.0, motor.BAND)
+    assert undelayed_ms > 1.5 * LIMIT_MS
+    check_step(WEAKEST, supply_v, reference_m_s, undelayed_ms)
+
+
+@pytest.mark.parametrize("supply_v", motor.SUPPLIES_V)
+@pytest.mark.parametrize("reference_m_s", motor.REFERENCES_M_S[:3])
+def test_weakest_motor_takes_a_gain_of_15_to_settle_in_30_ms(reference_m_s, supply_v):
+    check_step(WEAKEST, supply_v, reference_m_s, LIMIT_MS, gain=15)
+
+
+@each_motor
 def test_ramped_step_does_not_overshoot(own):
     made = motor.registers()
     tuning.set_ramps(made, 0, 2_000_000, 2_000_000, 0)
