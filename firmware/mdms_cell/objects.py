@@ -97,7 +97,9 @@ class Objects:
     """
 
     def __init__(self):
-        self.data = bytearray(packed.DEFAULTS)
+        from mdms_cell.defaults import blank
+
+        self.data = blank()
         self._node_id = 0
         self.reads = {}
         self.writes = {}
@@ -178,25 +180,20 @@ class Objects:
 
     def reset(self, node_id, flags):
         """Give the entries that have one of these flags the defaults that they have at a node."""
+        from mdms_cell.defaults import reset
+
         self._node_id = node_id
-        for entry in _entries(flags):
-            self.data[entry.place : entry.place + entry.size] = self._default(entry)
+        reset(self.data, node_id, flags)
 
     def changed(self, flags):
         """What of these entries is not at its default, as (index, sub-index, bytes)."""
-        for entry in _entries(flags):
-            value = bytes(self.data[entry.place : entry.place + entry.size])
-            if value != self._default(entry):
-                yield entry.index, entry.sub, value
+        from mdms_cell.defaults import changed
 
-    def _default(self, entry):
-        value = packed.DEFAULTS[entry.place : entry.place + entry.size]
-        if entry.flags & record.FROM_NODE:
-            return (int.from_bytes(value, "little") + self._node_id).to_bytes(entry.size, "little")
-        return value
+        return changed(self.data, self._node_id, flags)
 
 
-def _entries(flags):
+def entries(flags):
+    """The records of the entries that have one of these flags."""
     for position in range(_COUNT):
         entry = Record(position)
         if entry.flags & flags:

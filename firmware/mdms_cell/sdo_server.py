@@ -1,13 +1,12 @@
 """The SDO server (CiA 301, 7.2.4): lets one client read and write the object dictionary.
 
 A transfer of more than four bytes is an object of its own (`sdo_segmented`, `sdo_block`) with
-`on_request(data)`, which returns the response or None, `done`, and `pump(send)`.
+`on_request(data)`, which returns the response or None, `done`, and `pump(send)`. Its module is
+loaded when one begins.
 """
 
 from mdms_cell import ticks
 from mdms_cell.objects import find
-from mdms_cell.sdo_block import BlockDownload, BlockUpload
-from mdms_cell.sdo_segmented import SegmentedDownload, SegmentedUpload
 from mdms_protocol import sdo
 
 #: A transfer in which the client is silent for so long is aborted.
@@ -96,11 +95,16 @@ class SdoServer:
 
 
 def _upload(objects, data, index, sub):
-    value = objects.read(index, sub)
+    return _answer(objects.read(index, sub), data, index, sub)
+
+
+def _answer(value, data, index, sub):
     size = len(value)
     if 1 <= size <= 4:
         command = sdo.UPLOAD_RESPONSE | (4 - size) << 2 | sdo.EXPEDITED | sdo.SIZE_TOLD
         return None, _head(command, data) + value + bytes(4 - size)
+    from mdms_cell.sdo_segmented import SegmentedUpload
+
     command = sdo.UPLOAD_RESPONSE | sdo.SIZE_TOLD
     return SegmentedUpload(index, sub, value), _head(command, data) + size.to_bytes(4, "little")
 
@@ -110,7 +114,10 @@ def _download(objects, data, index, sub):
     told = command & sdo.SIZE_TOLD
     if not command & sdo.EXPEDITED:
         size = int.from_bytes(data[4:8], "little") if told else None
-        transfer = SegmentedDownload(index, sub, objects.open(index, sub, size), size)
+        sink = objects.open(index, sub, size)
+        from mdms_cell.sdo_segmented import SegmentedDownload
+
+        transfer = SegmentedDownload(index, sub, sink, size)
         return transfer, _head(sdo.DOWNLOAD_RESPONSE, data) + bytes(4)
     # Where no size is told, the entry's own counts.
     size = 4 - (command >> 2 & 3) if told else find(index, sub).size or 4
@@ -123,7 +130,14 @@ def _download(objects, data, index, sub):
 def _block_upload(objects, data, index, sub):
     if data[0] & sdo.BLOCK_SUBCOMMAND != sdo.BLOCK_INITIATE:
         raise sdo.AbortError(sdo.UNKNOWN_COMMAND)
-    transfer = BlockUpload(index, sub, objects.read(index, sub), data[0], data[4])
+    value = objects.read(index, sub)
+    threshold = data[5]
+    if threshold and len(value) <= threshold:
+        # The client would rather have so few bytes without blocks.
+        return _answer(value, data, index, sub)
+    from mdms_cell.sdo_block import BlockUpload
+
+    transfer = BlockUpload(index, sub, value, data[0], data[4])
     return transfer, _head(transfer.command, data) + transfer.size.to_bytes(4, "little")
 
 
@@ -132,7 +146,10 @@ def _block_download(objects, data, index, sub):
     if command & sdo.BLOCK_END:
         raise sdo.AbortError(sdo.UNKNOWN_COMMAND)
     size = int.from_bytes(data[4:8], "little") if command & sdo.BLOCK_SIZE_TOLD else None
-    transfer = BlockDownload(index, sub, objects.open(index, sub, size), command, size)
+    sink = objects.open(index, sub, size)
+    from mdms_cell.sdo_block import BlockDownload
+
+    transfer = BlockDownload(index, sub, sink, command, size)
     return transfer, _head(transfer.command, data) + bytes((sdo.BLOCK_SEGMENTS, 0, 0, 0))
 
 

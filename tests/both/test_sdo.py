@@ -123,6 +123,22 @@ def test_block_upload_with_crc():
     )
 
 
+def test_block_upload_of_no_more_than_the_threshold_goes_without_blocks():
+    for threshold in (2, 3, 255):
+        switched = bytes((0xA4, 0x00, 0x30, 0x00, 0x7F, threshold, 0, 0))
+        transcript(Client(), (switched, b"\x4b\x00\x30\x00\x32\x00\0\0"))
+    for threshold in (0, 1):
+        kept = bytes((0xA4, 0x00, 0x30, 0x00, 0x7F, threshold, 0, 0))
+        transcript(Client(), (kept, b"\xc6\x00\x30\x00\x02\0\0\0"))
+    transcript(
+        Client(),
+        (b"\xa4\x09\x10\x00\x7f\x13\0\0", b"\x41\x09\x10\x00\x13\0\0\0"),
+        (b"\x60\0\0\0\0\0\0\0", b"\x00" + VERSION[:7]),
+        (b"\x70\0\0\0\0\0\0\0", b"\x10" + VERSION[7:14]),
+        (b"\x60\0\0\0\0\0\0\0", b"\x05" + VERSION[14:] + b"\0\0"),
+    )
+
+
 def test_block_upload_repeats_what_was_not_acknowledged():
     transcript(
         Client(),

@@ -1,5 +1,7 @@
 """Saved settings: what comes back, and that power may fail at any byte of a save."""
 
+import binascii
+
 from mdms_cell.objects import Objects, find
 from mdms_cell.store import Store
 from mdms_protocol import record, sdo
@@ -170,14 +172,24 @@ def test_failing_memory_is_told_and_changes_nothing():
     assert code_of(lambda: Store(None).save(objects, ALL)) == sdo.CANNOT_STORE
 
 
+def change_table(bank):
+    """Make a bank one that was written with another table."""
+    bank[8] ^= 1
+    length = int.from_bytes(bytes(bank[12:16]), "little")
+    crc = binascii.crc32(bytes(bank[:16]) + bytes(bank[20 : 20 + length]))
+    bank[16:20] = crc.to_bytes(4, "little")
+
+
 def test_settings_of_another_table_are_not_taken_but_the_node_id_is():
     memory = Memory()
     store = Store(memory)
-    store._table = 12345
     store.save_node_id(9)
     objects = defaults()
     objects.put(0x3000, 0, 77)
     store.save(objects, ALL)
+    assert restored(memory).number(0x3000) == 77
+    for bank in memory.banks:
+        change_table(bank)
     assert restored(memory).number(0x3000) == 50
     assert Store(memory).node_id() == 9
 
