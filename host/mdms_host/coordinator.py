@@ -4,6 +4,8 @@ It sees frames and the time it is given, nothing else: the simulation and a real
 """
 
 from collections.abc import Iterator
+from functools import partial
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +14,11 @@ from mdms_host.layout import Layout
 from mdms_host.led_cell import LedCell
 from mdms_host.phase import BRING_UP, STOPPED, TRANSITIONS, Phase, Signal
 from mdms_host.program import Program
+from mdms_host.remote_cell import Handler
 from mdms_host.schedule import Schedule, Timing
 from mdms_host.sdo_client import Setting
 from mdms_host.tracker import Estimate, Parcel, Tracker
+from mdms_host.velocity_frames import VelocityFrames
 from mdms_protocol import cob, nmt, pdo
 from mdms_protocol.frame import Frame
 
@@ -23,6 +27,8 @@ Floats = NDArray[np.float64]
 _SYNC = Frame(cob.SYNC, b"")
 #: Cells tell their state on change; now and then they repeat it, so that a lost frame is made good.
 _REPEAT_STATUS = Setting(0x1801, 5, 200)
+_OVER = (Phase.FAILING, *STOPPED)
+_SETTLED = (Phase.RUNNING, *STOPPED)
 
 
 class Coordinator:
@@ -42,28 +48,27 @@ class Coordinator:
         timing: Timing | None = None,
         host_node_id: int = cob.NODE_MAX,
     ) -> None:
-        self._axes = len(layout.wheels)
-        if self._axes > len(pdo.TARGET_VELOCITY.entries):
-            raise ValueError(
-                f"a cell has {len(pdo.TARGET_VELOCITY.entries)} axes on the wire, "
-                f"the layout wants {self._axes}"
-            )
+        axes = len(layout.wheels)
+        self._velocities = VelocityFrames(layout.node_ids, axes)
         self.phase = Phase.WAITING
         self.fault: str | None = None
         self.events: list[tuple[float, str]] = []
         self.tracker = Tracker(layout, parcels)
         self.cells = tuple(
-            LedCell(number, node_id, self._axes, (_REPEAT_STATUS, *settings))
+            LedCell(number, node_id, axes, (_REPEAT_STATUS, *settings))
             for number, node_id in enumerate(layout.node_ids, 1)
         )
         self.references_m_s: Floats = np.zeros(len(layout.wheel_cells))
         self._program = program
         self._timing = timing or Timing()
-        self._by_node = {cell.node_id: cell for cell in self.cells}
+        self._handlers: dict[int, Handler] = {}
+        for cell in self.cells:
+            self._listen(cell)
         self._alive = nmt.heartbeat(host_node_id, nmt.OPERATIONAL)
         self._now_s = 0.0
         self._phase_since_s: float | None = None
         self._synced_s = 0.0
+        self._sound_until_s = -inf
         self._schedule = Schedule()
         self._schedule.set("heartbeat", 0.0)
         self._stop_wanted = False
@@ -98,17 +103,9 @@ class Coordinator:
 
     def on_frame(self, frame: Frame, now_s: float) -> None:
         """Take in a frame from the bus; what is not a cell's, or makes no sense, does nothing."""
-        cell = self._by_node.get(frame.can_id & 0x7F)
-        if cell is None:
-            return
-        base, emergency = frame.can_id - cell.node_id, cell.emergency
-        cell.on_frame(frame.can_id, frame.data, now_s)
-        if base == pdo.STATUS.base and cell.presence is not None:
-            self.tracker.on_presence(now_s, cell.number, cell.presence)
-        elif base == cob.EMCY_BASE and cell.emergency != emergency:
-            self.events.append((now_s, f"{cell.name} sends emergency 0x{cell.emergency or 0:04X}"))
-        if base in (cob.SDO_RESPONSE_BASE, pdo.STATUS.base) and self.phase in BRING_UP:
-            self._schedule.set("command", now_s)
+        handler = self._handlers.get(frame.can_id)
+        if handler is not None:
+            handler(frame.data, now_s)
 
     def poll(self, now_s: float) -> list[Frame]:
         """What to send now."""
@@ -119,25 +116,71 @@ class Coordinator:
         self._advance()
         return [*self._host_heartbeat(), *self._commands(), *self._sync(), *self._setpoints()]
 
+    def _listen(self, cell: LedCell) -> None:
+        """Hear what a cell says; of some frames the coordinator wants to know as well."""
+        self._handlers |= cell.handlers
+        self._handlers[cob.HEARTBEAT_BASE + cell.node_id] = partial(self._on_heartbeat, cell)
+        self._handlers[pdo.STATUS.can_id(cell.node_id)] = partial(self._on_status, cell)
+        self._handlers[cob.EMCY_BASE + cell.node_id] = partial(self._on_emergency, cell)
+        self._handlers[cob.SDO_RESPONSE_BASE + cell.node_id] = partial(self._on_answer, cell)
+
+    def _on_heartbeat(self, cell: LedCell, data: bytes, now_s: float) -> None:
+        before = cell.nmt_state
+        cell.on_heartbeat(data, now_s)
+        if cell.nmt_state != before:
+            self._sound_until_s = -inf
+
+    def _on_status(self, cell: LedCell, data: bytes, now_s: float) -> None:
+        before = cell.drive_states
+        cell.on_status(data, now_s)
+        if cell.drive_states != before:
+            self._sound_until_s = -inf
+        if cell.presence is not None:
+            self.tracker.on_presence(now_s, cell.number, cell.presence)
+        self._hurry(now_s)
+
+    def _on_emergency(self, cell: LedCell, data: bytes, now_s: float) -> None:
+        before = cell.emergency
+        cell.on_emergency(data, now_s)
+        if cell.emergency != before:
+            self.events.append((now_s, f"{cell.name} sends emergency 0x{cell.emergency or 0:04X}"))
+
+    def _on_answer(self, cell: LedCell, data: bytes, now_s: float) -> None:
+        cell.on_answer(data, now_s)
+        self._hurry(now_s)
+
+    def _hurry(self, now_s: float) -> None:
+        """A cell may be waiting for its next command."""
+        if self.phase in BRING_UP:
+            self._schedule.set("command", now_s)
+
     def _watch(self) -> None:
         """Turn the first thing that is wrong into a fault, and a wish to stop into the end."""
-        if self.phase in (Phase.FAILING, *STOPPED):
+        if self.phase in _OVER:
             return
-        wrong = next(filter(None, map(self._wrong_with, self.cells)), None)
+        wrong = self._wrong() if self._now_s >= self._sound_until_s else None
         if wrong:
             self._fail(wrong)
         elif self._stop_wanted and (self.phase, Signal.STOP) in TRANSITIONS:
             self._signal(Signal.STOP)
 
-    def _wrong_with(self, cell: LedCell) -> str | None:
-        """What is wrong with a cell, None if nothing is."""
-        if self._silent(cell):
-            return f"{cell.name} has fallen silent: no heartbeat for {self._timing.silence_s:.3g} s"
-        return cell.trouble(self.phase)
+    def _wrong(self) -> str | None:
+        """What is wrong with a cell, None if nothing is; then that holds until one is silent."""
+        for cell in self.cells:
+            if self._silent(cell):
+                silence = f"no heartbeat for {self._timing.silence_s:.3g} s"
+                return f"{cell.name} has fallen silent: {silence}"
+            trouble = cell.trouble(self.phase)
+            if trouble:
+                return trouble
+        if self.phase == Phase.RUNNING:
+            heard_s = min(cell.heard_s or 0.0 for cell in self.cells)
+            self._sound_until_s = heard_s + self._timing.silence_s
+        return None
 
     def _advance(self) -> None:
         """End the phase when all cells are done with it; give up on those that never are."""
-        if self.phase in (Phase.RUNNING, *STOPPED):
+        if self.phase in _SETTLED:
             return
         late = [cell for cell in self.cells if not self._done(cell)]
         waited_s = self._now_s - (self._phase_since_s or 0.0)
@@ -163,7 +206,7 @@ class Coordinator:
             return
         for cell in self.cells:
             yield from cell.commands(self.phase, self._now_s)
-        if self.phase in (Phase.RUNNING, *STOPPED):
+        if self.phase in _SETTLED:
             self._schedule.cancel("command")
 
     def _sync(self) -> Iterator[Frame]:
@@ -180,28 +223,24 @@ class Coordinator:
         if self.phase == Phase.RUNNING:
             poses = self.tracker.poses(self._schedule.next_s("sync"))
             self.references_m_s = self._program.references_m_s(poses, self._timing.sync_period_s)
-        um_s = np.rint(self.references_m_s * 1e6).astype(np.int64).reshape(-1, self._axes)
-        for cell, values in zip(self.cells, um_s.tolist(), strict=True):
-            yield cell.setpoint(values)
+        yield from self._velocities.targets(self.references_m_s)
 
     def _track(self) -> None:
         """Hand the speeds at the last SYNC to the tracker, once all cells have told theirs."""
-        speeds_um_s = [cell.speeds_um_s for cell in self.cells]
-        if None not in speeds_um_s:
-            used = np.array(speeds_um_s, dtype=np.float64)[:, : self._axes]
-            before = self.tracker.poses(self._synced_s).keys()
-            self.tracker.on_speeds(self._synced_s, used.ravel() * 1e-6)
-            for name, (x_m, y_m, yaw_rad) in self.tracker.poses(self._synced_s).items():
-                if name not in before:
-                    self._note(
-                        f"{name} found at x = {x_m:.3f} m, y = {y_m:.3f} m, yaw = {yaw_rad:.2f} rad"
-                    )
+        told = [cell.speeds_data for cell in self.cells if cell.speeds_data is not None]
+        if len(told) < len(self.cells):
+            return
+        found = self.tracker.on_speeds(self._synced_s, self._velocities.actual_m_s(told))
+        for name in found:
+            x_m, y_m, yaw_rad = self.tracker.poses(self._synced_s)[name]
+            self._note(f"{name} found at x = {x_m:.3f} m, y = {y_m:.3f} m, yaw = {yaw_rad:.2f} rad")
 
     def _signal(self, signal: Signal) -> None:
         self._enter(TRANSITIONS[self.phase, signal])
 
     def _enter(self, phase: Phase) -> None:
         self.phase, self._phase_since_s = phase, self._now_s
+        self._sound_until_s = -inf
         self._note(phase.value)
         self._schedule.set("command", self._now_s)
         if phase == Phase.ENABLING:

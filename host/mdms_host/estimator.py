@@ -4,12 +4,15 @@ Wheels that roll tell the twist; a sensor that changes tells that the parcel's e
 The two meet in an extended Kalman filter over the pose (x, y, yaw).
 """
 
+from math import hypot, inf
+
 import numpy as np
 from numpy.typing import NDArray
 
 from mdms_host.layout import Layout
 from mdms_host.locate import locate
 from mdms_host.rectangle import Rectangle
+from mdms_host.twist_fit import fit_twist
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -29,12 +32,6 @@ _DOUBTFUL_SHARE = 0.2
 #: Odometry errs by this share of the way, and by this much at rest in a second.
 _SLIP_SHARE = 0.1
 _DRIFT_M2_S = 1e-8
-#: Wheels this far from the fit are taken to slip.
-_SLIPPING_M_S = 0.003
-_FIT_ROUNDS = 5
-#: Keeps a fit solvable, and at zero, along what no wheel tells (a row tells neither y nor yaw).
-_RIDGE = 1e-10
-_EYE = np.eye(3)
 
 
 class ParcelEstimator:
@@ -49,8 +46,9 @@ class ParcelEstimator:
         self._sensors_m = layout.sensor_positions_m.reshape(-1, 2)
         self._yaw_hint_rad = yaw_hint_rad
         self._at_s = 0.0
-        self._looked_s = -np.inf
+        self._looked_s = -inf
         self._extent_m = np.array([1.0, 1.0, 1.0 / rectangle.reach_m])
+        self._spread_m2 = np.diag(self._extent_m**2)
         self.rectangle = rectangle
         self.pose: Floats | None = None
         self.covariance: Floats = np.zeros((3, 3))
@@ -86,65 +84,66 @@ class ParcelEstimator:
             return np.full(len(self._sensors_m), np.inf)
         return self.rectangle.distance_m(self._sensors_m, pose)
 
+    def off_m(self, now_s: float, sensor: int) -> float:
+        """How far one sensor is from the parcel's edge, whichever side [m]; inf if unknown."""
+        pose = self.pose_at(now_s)
+        return inf if pose is None else abs(self.rectangle.edge(self._sensors_m[sensor], pose)[0])
+
     def predict(self, now_s: float, speed_m_s: Floats) -> None:
         """Roll on to the time at which the wheels had these speeds, shape (W,)."""
         if self.pose is None:
             return
         before = self.twist
         step_s = max(0.0, now_s - self._at_s)
-        self.twist = self._fit_twist(speed_m_s)
-        moved = (before + self.twist) / 2 * step_s
+        self.twist = self._fit_twist(self.pose, speed_m_s)
+        moved = (before + self.twist) * (step_s / 2)
         self.pose = self.pose + moved
-        way_m = np.hypot(*moved[:2]) + abs(moved[2]) * self.rectangle.reach_m
+        x_m, y_m, yaw_rad = moved.tolist()
+        way_m = hypot(x_m, y_m) + abs(yaw_rad) * self.rectangle.reach_m
         # The error of odometry grows as a random walk whose steps are a millimetre or so long.
         variance_m2 = _SLIP_SHARE**2 * way_m * 0.01 + _DRIFT_M2_S * step_s
-        self.covariance = self.covariance + np.diag(variance_m2 * self._extent_m**2)
+        self.covariance = self.covariance + variance_m2 * self._spread_m2
         self._at_s = now_s
 
     def edge(self, now_s: float, sensor: int) -> None:
         """A sensor has just changed: the parcel's edge is over it."""
         self._correct(now_s, sensor, _EDGE_M)
 
-    def agree(self, now_s: float, covered: Bools, mine: Bools) -> None:
-        """Move the estimate until no believable sensor contradicts; look anew if many do."""
-        wrong = mine & ((self.distance_m(now_s) < 0) != covered)
+    def agree(self, now_s: float, covered: Bools, mine: Bools, distance_m: Floats) -> None:
+        """Move the estimate until no believable sensor contradicts; look anew if many do.
+
+        All arrays are of shape (S,); `distance_m` is that of now.
+        """
+        wrong = mine & ((distance_m < 0) != covered)
         doubted = [
             sensor
-            for sensor in np.flatnonzero(wrong)
-            if not self._correct(now_s, int(sensor), _CONTRADICTION_M)
+            for sensor in wrong.nonzero()[0].tolist()
+            if not self._correct(now_s, sensor, _CONTRADICTION_M)
         ]
         if len(doubted) >= _LOST_SENSORS:
             assert self.pose is not None
             self._yaw_hint_rad = float(self.pose[2])
             self.acquire(now_s, covered, mine)
 
-    def _fit_twist(self, speed_m_s: Floats) -> Floats:
-        """Rigid twist that most wheels under the parcel agree on; slipping ones count little."""
-        assert self.pose is not None
-        under = self.rectangle.distance_m(self._layout.wheel_positions_m, self.pose) < 0
+    def _fit_twist(self, pose: Floats, speed_m_s: Floats) -> Floats:
+        """Rigid twist that most wheels under the parcel agree on; zero without any, shape (3,)."""
+        under = self.rectangle.distance_m(self._layout.wheel_positions_m, pose) < 0
         if not under.any():
             return np.zeros(3)
         # Columns in metres per second alike, so that what no wheel tells comes out as zero.
-        jacobian = self._layout.surface_jacobian(*self.pose[:2])[under] * self._extent_m
-        speeds = speed_m_s[under]
-        fit = self.twist / self._extent_m
-        for _ in range(_FIT_ROUNDS):
-            error = np.abs(speeds - jacobian @ fit)
-            scale = max(_SLIPPING_M_S, 1.5 * float(np.sort(error)[len(error) // 2]))
-            weighted = (jacobian / (1 + (error / scale) ** 2)[:, None]).T
-            normal = weighted @ jacobian
-            fit = np.linalg.solve(normal + _RIDGE * np.trace(normal) * _EYE, weighted @ speeds)
-        return np.asarray(fit * self._extent_m)
+        jacobian = self._layout.surface_jacobian(*pose[:2].tolist()) * self._extent_m
+        vx, vy, corner_m_s = (self.twist / self._extent_m).tolist()
+        fit = fit_twist(jacobian[under], speed_m_s[under], (vx, vy, corner_m_s))
+        twist: Floats = np.array(fit) * self._extent_m
+        return twist
 
     def _correct(self, now_s: float, sensor: int, sigma_m: float) -> bool:
         """Kalman update by 'the edge is at this sensor'; False if that cannot be believed."""
         pose = self.pose_at(now_s)
-        if pose is None:
+        if self.pose is None or pose is None:
             return True
-        point_m = self._sensors_m[sensor : sensor + 1]
-        off_m = float(self.rectangle.distance_m(point_m, pose)[0])
-        slope = self.rectangle.distance_gradient(point_m, pose)[0]
-        late_m = _LATENCY_S * float(np.abs(slope @ self.twist))
+        off_m, slope = self.rectangle.edge(self._sensors_m[sensor], pose)
+        late_m = _LATENCY_S * float(slope @ self.twist)
         spread = self.covariance @ slope
         variance_m2 = float(slope @ spread) + sigma_m**2 + late_m**2
         if off_m**2 > _GATE**2 * variance_m2:

@@ -1,6 +1,7 @@
 """Closed-loop steering of one parcel to a goal pose, gently enough that its wheels roll."""
 
 from dataclasses import dataclass
+from math import hypot, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +52,7 @@ class GoalController:
         self.goal = goal
         self.arrived = False
         self._limits = limits
+        self._reach_m = reach_m
         self._extent_m = np.array([1.0, 1.0, reach_m])
         self._twist_m_s: Floats = np.zeros(3)
         self._within_s = 0.0
@@ -62,31 +64,31 @@ class GoalController:
         wanted_m_s = np.zeros(3) if self.arrived else self._approach(error_m)
         change_m_s = wanted_m_s - self._twist_m_s
         most_m_s = self._limits.acceleration_m_s2 * step_s
-        size_m_s = float(np.linalg.norm(change_m_s))
+        size_m_s = hypot(*change_m_s.tolist())
         self._twist_m_s = self._twist_m_s + change_m_s * min(1.0, most_m_s / max(size_m_s, 1e-12))
-        return np.asarray(self._twist_m_s / self._extent_m)
+        twist: Floats = self._twist_m_s / self._extent_m
+        return twist
 
     def _error_m(self, pose: Floats) -> Floats:
         """What is left to go, shape (3,); yaw as the way of a corner [m]."""
-        yaw_rad = (self.goal.yaw_rad - pose[2] + np.pi) % (2 * np.pi) - np.pi
-        left = np.array([self.goal.x_m - pose[0], self.goal.y_m - pose[1], yaw_rad])
-        return np.asarray(left * self._extent_m)
+        x_m, y_m, yaw_rad = pose.tolist()
+        left_rad = (self.goal.yaw_rad - yaw_rad + pi) % (2 * pi) - pi
+        return np.array([self.goal.x_m - x_m, self.goal.y_m - y_m, left_rad * self._reach_m])
 
     def _approach(self, error_m: Floats) -> Floats:
         """Straight to the goal, slowing down as braking demands [m/s], shape (3,)."""
-        way_m = max(float(np.linalg.norm(error_m)), 1e-12)
-        braking_m_s = np.sqrt(self._limits.acceleration_m_s2 * way_m)
-        speed_m_s = min(
-            self._limits.speed_m_s, self._limits.stiffness_per_s * way_m, float(braking_m_s)
-        )
+        way_m = max(hypot(*error_m.tolist()), 1e-12)
+        braking_m_s = sqrt(self._limits.acceleration_m_s2 * way_m)
+        speed_m_s = min(self._limits.speed_m_s, self._limits.stiffness_per_s * way_m, braking_m_s)
         return error_m * (speed_m_s / way_m)
 
     def _judge(self, error_m: Floats, step_s: float) -> None:
         """Arrived after a while within the tolerance; gone again outside twice of it."""
         slack = 2.0 if self.arrived else 1.0
+        x_m, y_m, corner_m = error_m.tolist()
         within = (
-            np.hypot(error_m[0], error_m[1]) <= slack * self.goal.tolerance_m
-            and abs(error_m[2]) <= slack * self.goal.tolerance_rad * self._extent_m[2]
+            hypot(x_m, y_m) <= slack * self.goal.tolerance_m
+            and abs(corner_m) <= slack * self.goal.tolerance_rad * self._reach_m
         )
         self._within_s = self._within_s + step_s if within else 0.0
-        self.arrived = bool(within) and (self.arrived or self._within_s >= self.goal.settle_s)
+        self.arrived = within and (self.arrived or self._within_s >= self.goal.settle_s)

@@ -107,7 +107,12 @@ class Layout:
 
         Shape (W, 3); the point in m, table frame.
         """
-        arm_m = self.wheel_positions_m - (x_m, y_m)
-        along = self.wheel_directions
-        moment_m = along[:, 1] * arm_m[:, 0] - along[:, 0] * arm_m[:, 1]
-        return np.column_stack((along, moment_m))
+        about_point = np.array([[1.0, 0.0, y_m], [0.0, 1.0, -x_m], [0.0, 0.0, 1.0]])
+        jacobian: Floats = self._jacobian_about_origin @ about_point
+        return jacobian
+
+    @cached_property
+    def _jacobian_about_origin(self) -> Floats:
+        """Each wheel's direction and its moment about the origin [1, 1, m], shape (W, 3)."""
+        (x_m, y_m), (along_x, along_y) = self.wheel_positions_m.T, self.wheel_directions.T
+        return np.column_stack((along_x, along_y, along_y * x_m - along_x * y_m))

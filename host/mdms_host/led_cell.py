@@ -1,6 +1,6 @@
 """One cell on its way through the phases: what it needs to hear, and what is wrong with it."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 
 from mdms_host.phase import STOPPED, Phase
 from mdms_host.remote_cell import RemoteCell
@@ -17,19 +17,19 @@ class LedCell(RemoteCell):
     def __init__(self, number: int, node_id: int, axes: int, settings: Iterable[Setting]) -> None:
         super().__init__(number, node_id)
         self._axes = axes
+        self._all_enabled = (cia402.OPERATION_ENABLED,) * axes
         self._sdo = SdoClient(node_id, settings)
+        self.handlers[cob.SDO_RESPONSE_BASE + node_id] = self.on_answer
 
     @property
     def enabled(self) -> bool:
         """Whether all axes that are used are in 'operation enabled'."""
         states = self.drive_states
-        return states is not None and set(states[: self._axes]) == {cia402.OPERATION_ENABLED}
+        return states is not None and states[: self._axes] == self._all_enabled
 
-    def on_frame(self, can_id: int, data: bytes, now_s: float) -> None:
-        """See `RemoteCell`; answers to settings count as well."""
-        super().on_frame(can_id, data, now_s)
-        if can_id == cob.SDO_RESPONSE_BASE + self.node_id:
-            self._sdo.on_response(data)
+    def on_answer(self, data: bytes, now_s: float) -> None:
+        """An answer to a setting."""
+        self._sdo.on_response(data)
 
     def done_with(self, phase: Phase) -> bool:
         """Whether the cell has done its part of a phase."""
@@ -70,12 +70,6 @@ class LedCell(RemoteCell):
             yield self._control(cia402.QUICK_STOP)
         elif phase in STOPPED:
             yield self._control(cia402.DISABLE_VOLTAGE)
-
-    def setpoint(self, references_um_s: Sequence[int]) -> Frame:
-        """References for the axes there are, zero for the rest; raises OutOfRangeError."""
-        missing = len(pdo.TARGET_VELOCITY.entries) - len(references_um_s)
-        values = (*references_um_s, *(0,) * missing)
-        return Frame(pdo.TARGET_VELOCITY.can_id(self.node_id), pdo.TARGET_VELOCITY.encode(values))
 
     def _enable(self) -> Iterator[Frame]:
         """The controlwords that take the drives one step nearer to 'operation enabled'."""

@@ -104,9 +104,9 @@ class GoalProgram:
             twist = self._controllers[name].step(pose, step_s)
             away_m = self._bottoms[name].distance_m(wheels_m, pose)
             mine = away_m < nearest_m
-            nearest_m[mine] = away_m[mine]
-            speed_m_s = self._layout.surface_jacobian(float(pose[0]), float(pose[1])) @ twist
-            references_m_s[mine] = speed_m_s[mine] / self._droop
+            np.copyto(nearest_m, away_m, where=mine)
+            jacobian = self._layout.surface_jacobian(*pose[:2].tolist())
+            np.copyto(references_m_s, jacobian @ (twist / self._droop), where=mine)
         return references_m_s
 
 

@@ -1,18 +1,22 @@
 """One cell as the host sees it: what its frames have told so far."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from mdms_protocol import cia402, cob, nmt, pdo
 
 _DRIVING = frozenset((cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE))
 _NAMES: Mapping[int | None, str] = dict(cia402.NAMES.items())
 
+#: What takes in the data of a frame, and the time [s].
+Handler = Callable[[bytes, float], None]
+
 
 class RemoteCell:
     """The last known state of the cell with this number (from 1) and node id.
 
     Everything is None until the cell has told it; `garbage` counts frames of its that made no
-    sense and were dropped.
+    sense and were dropped. `handlers` tells what takes in the frame of which identifier. Speeds
+    come often and are looked at seldom, so they stay as they came (`speeds_data`) until then.
     """
 
     def __init__(self, number: int, node_id: int) -> None:
@@ -22,9 +26,15 @@ class RemoteCell:
         self.nmt_state: int | None = None
         self.drive_states: tuple[int | None, ...] | None = None
         self.presence: int | None = None
-        self.speeds_um_s: tuple[int, ...] | None = None
+        self.speeds_data: bytes | None = None
         self.emergency: int | None = None
         self.garbage = 0
+        self.handlers: dict[int, Handler] = {
+            cob.HEARTBEAT_BASE + node_id: self.on_heartbeat,
+            pdo.STATUS.can_id(node_id): self.on_status,
+            pdo.ACTUAL_VELOCITY.can_id(node_id): self.on_speeds,
+            cob.EMCY_BASE + node_id: self.on_emergency,
+        }
 
     @property
     def name(self) -> str:
@@ -33,15 +43,14 @@ class RemoteCell:
 
     def on_frame(self, can_id: int, data: bytes, now_s: float) -> None:
         """Take in a frame of this cell; one that makes no sense is counted and dropped."""
-        base = can_id - self.node_id
-        if base == cob.HEARTBEAT_BASE:
-            self._on_heartbeat(data, now_s)
-        elif base == pdo.STATUS.base:
-            self._on_status(pdo.STATUS.decode(data))
-        elif base == pdo.ACTUAL_VELOCITY.base:
-            self._on_speeds(pdo.ACTUAL_VELOCITY.decode(data))
-        elif base == cob.EMCY_BASE:
-            self._on_emergency(data)
+        handler = self.handlers.get(can_id)
+        if handler is not None:
+            handler(data, now_s)
+
+    @property
+    def speeds_um_s(self) -> tuple[int, ...] | None:
+        """The speeds last told [um/s]."""
+        return None if self.speeds_data is None else pdo.ACTUAL_VELOCITY.decode(self.speeds_data)
 
     @property
     def moving(self) -> bool:
@@ -58,27 +67,32 @@ class RemoteCell:
             for axis, state in enumerate(self.drive_states, 1)
         )
 
-    def _on_heartbeat(self, data: bytes, now_s: float) -> None:
+    def on_heartbeat(self, data: bytes, now_s: float) -> None:
+        """A heartbeat: the cell is alive, and in this NMT state."""
         state = nmt.decode_heartbeat(data)
         if state is None:
             self.garbage += 1
             return
         self.heard_s, self.nmt_state = now_s, state
 
-    def _on_status(self, values: tuple[int, ...] | None) -> None:
+    def on_status(self, data: bytes, now_s: float) -> None:
+        """Its second TPDO: the statuswords and the presence bits."""
+        values = pdo.STATUS.decode(data)
         if values is None:
             self.garbage += 1
             return
         *statuswords, self.presence = values
-        self.drive_states = tuple(cia402.state(word) for word in statuswords)
+        self.drive_states = tuple(map(cia402.state, statuswords))
 
-    def _on_speeds(self, values: tuple[int, ...] | None) -> None:
-        if values is None:
+    def on_speeds(self, data: bytes, now_s: float) -> None:
+        """Its first TPDO: the speeds at the last SYNC."""
+        if len(data) == pdo.ACTUAL_VELOCITY.length:
+            self.speeds_data = data
+        else:
             self.garbage += 1
-            return
-        self.speeds_um_s = values
 
-    def _on_emergency(self, data: bytes) -> None:
+    def on_emergency(self, data: bytes, now_s: float) -> None:
+        """An emergency: an error has come, or is gone (code 0)."""
         if len(data) != 8:
             self.garbage += 1
             return

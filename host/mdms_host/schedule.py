@@ -1,6 +1,7 @@
 """What is due when, of the things that the coordinator does again and again."""
 
 from dataclasses import dataclass
+from math import inf
 
 #: Due times may be missed by rounding alone.
 _EPSILON_S = 1e-9
@@ -28,32 +29,33 @@ class Timing:
 
 
 class Schedule:
-    """Times at which named things are due next [s]; what was never set is never due."""
+    """Times at which named things are due next [s]; what was never set is never due.
+
+    `wake_s` is the next time at which anything is due; infinity when nothing is.
+    """
 
     def __init__(self) -> None:
         self._due_s: dict[str, float] = {}
-
-    @property
-    def wake_s(self) -> float:
-        """The next time at which anything is due; infinity when nothing is."""
-        return min(self._due_s.values(), default=float("inf"))
+        self.wake_s = inf
 
     def next_s(self, name: str) -> float:
         """When the thing is due next [s]."""
-        return self._due_s.get(name, float("inf"))
+        return self._due_s.get(name, inf)
 
     def set(self, name: str, due_s: float) -> None:
         """Make the thing due at that time."""
         self._due_s[name] = due_s
+        # Asked far more often than set: whoever drives asks after every frame.
+        self.wake_s = min(self._due_s.values())
 
     def cancel(self, name: str) -> None:
         """Make the thing not due at all."""
-        self._due_s.pop(name, None)
+        self.set(name, inf)
 
     def take(self, name: str, now_s: float, period_s: float) -> bool:
         """Whether the thing is due; if so it is due again a period on, times missed left out."""
         late_s = now_s - self.next_s(name) + _EPSILON_S
         if late_s < 0:
             return False
-        self._due_s[name] += period_s * (1 + late_s // period_s)
+        self.set(name, self._due_s[name] + period_s * (1 + late_s // period_s))
         return True

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from mdms_host.layout import Layout
 from mdms_host.rectangle import Rectangle
 
 Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+Ints = NDArray[np.intp]
 
 #: A parcel must stand still this long before it is looked for.
 _STILL_S = 0.05
@@ -59,9 +60,9 @@ class Tracker:
             )
         self._sensors_m = layout.sensor_positions_m.reshape(-1, 2)
         self._sensors_per_cell = len(layout.sensor_offsets_m)
+        self._bits: list[int | None] = [None] * layout.cells
         self._covered = np.zeros(len(self._sensors_m), dtype=bool)
-        self._known = np.zeros(len(self._sensors_m), dtype=bool)
-        self._changed_s = -np.inf
+        self._changed_s = -inf
         self._expected_m = {
             parcel.name: _expected_distance_m(parcel, self._sensors_m) for parcel in parcels
         }
@@ -74,24 +75,27 @@ class Tracker:
 
     def on_presence(self, now_s: float, cell: int, bits: int) -> None:
         """Cell `cell` (from 1) tells which of its sensors are covered: bit k sensor k."""
+        before, bits = self._bits[cell - 1], bits & (1 << self._sensors_per_cell) - 1
+        if bits == before:
+            return
+        self._bits[cell - 1], self._changed_s = bits, now_s
         first = (cell - 1) * self._sensors_per_cell
-        for sensor in range(first, first + self._sensors_per_cell):
-            covered = bool(bits >> (sensor - first) & 1)
-            if self._known[sensor] and self._covered[sensor] != covered:
-                self._on_edge(now_s, sensor)
-            if not self._known[sensor] or self._covered[sensor] != covered:
-                self._changed_s = now_s
-            self._covered[sensor], self._known[sensor] = covered, True
+        for place in range(self._sensors_per_cell):
+            self._covered[first + place] = bits >> place & 1
+            if before is not None and (bits ^ before) >> place & 1:
+                self._on_edge(now_s, first + place)
 
-    def on_speeds(self, now_s: float, speed_m_s: Floats) -> None:
-        """All wheels, shape (W,), had these speeds at that time."""
+    def on_speeds(self, now_s: float, speed_m_s: Floats) -> list[str]:
+        """All wheels, shape (W,), had these speeds at that time; names parcels found by that."""
         for estimator in self._estimators.values():
             estimator.predict(now_s, speed_m_s)
-        self._find_missing(now_s)
-        owners = self._owners(now_s)
+        found = self._find_missing(now_s)
+        distances_m = self._distances_m(now_s)
+        owners = self._owners(distances_m)
         for number, estimator in enumerate(self._estimators.values()):
             if estimator.pose is not None:
-                estimator.agree(now_s, self._covered, owners == number)
+                estimator.agree(now_s, self._covered, owners == number, distances_m[number])
+        return found
 
     def estimate(self, name: str, now_s: float) -> Estimate | None:
         """Where the parcel is believed to be; None as long as it has not been found."""
@@ -109,29 +113,36 @@ class Tracker:
 
     def _on_edge(self, now_s: float, sensor: int) -> None:
         """The parcel whose edge is nearest to the sensor has crossed it."""
-        away_m = {
-            name: abs(one.distance_m(now_s)[sensor]) for name, one in self._estimators.items()
-        }
-        if away_m:
-            self._estimators[min(away_m, key=away_m.__getitem__)].edge(now_s, sensor)
+        if self._estimators:
+            estimators = self._estimators.values()
+            min(estimators, key=lambda one: one.off_m(now_s, sensor)).edge(now_s, sensor)
 
-    def _owners(self, now_s: float) -> NDArray[np.int64]:
-        """Number of the parcel that each sensor is nearest to, shape (S,)."""
-        distances_m = [
+    def _distances_m(self, now_s: float) -> list[Floats]:
+        """Distance of all sensors from each parcel, or from where it was put, shape (S,)."""
+        return [
             self._expected_m[name] if one.pose is None else one.distance_m(now_s)
             for name, one in self._estimators.items()
         ]
-        if not distances_m:
-            return np.zeros(len(self._sensors_m), dtype=np.int64)
+
+    def _owners(self, distances_m: list[Floats]) -> Ints:
+        """Number of the parcel that each sensor is nearest to, shape (S,)."""
+        if len(distances_m) < 2:
+            return np.zeros(len(self._sensors_m), dtype=np.intp)
         return np.asarray(np.argmin(distances_m, axis=0))
 
-    def _find_missing(self, now_s: float) -> None:
+    def _find_missing(self, now_s: float) -> list[str]:
         """Look for the parcels not found yet, once all cells have spoken and nothing moves."""
-        if not self._known.all() or now_s < self._changed_s + _STILL_S:
-            return
-        for number, estimator in enumerate(self._estimators.values()):
-            if estimator.pose is None:
-                estimator.acquire(now_s, self._covered, self._owners(now_s) == number)
+        if None in self._bits or now_s < self._changed_s + _STILL_S:
+            return []
+        return [
+            name
+            for number, (name, one) in enumerate(self._estimators.items())
+            if one.pose is None and self._acquire(now_s, number, one)
+        ]
+
+    def _acquire(self, now_s: float, number: int, missing: ParcelEstimator) -> bool:
+        owners = self._owners(self._distances_m(now_s))
+        return missing.acquire(now_s, self._covered, owners == number)
 
 
 def _expected_distance_m(parcel: Parcel, sensors_m: Floats) -> Floats:

@@ -34,7 +34,7 @@ def carry(
         for sensor in np.flatnonzero(covered_by(pose) != covered):
             estimator.edge(now_s, int(sensor))
         covered = covered_by(pose)
-        estimator.agree(now_s, covered, ALL)
+        estimator.agree(now_s, covered, ALL, estimator.distance_m(now_s))
     return pose
 
 
@@ -96,8 +96,9 @@ def test_a_parcel_that_was_pushed_away_is_found_again() -> None:
     estimator = resting_at(-0.1, 0.0, 0.0)
     pushed = np.array([0.05, 0.0, 0.1])
     for step in range(20):
-        estimator.predict(step * 0.01, np.zeros(36))
-        estimator.agree(step * 0.01, covered_by(pushed), ALL)
+        now_s = step * 0.01
+        estimator.predict(now_s, np.zeros(36))
+        estimator.agree(now_s, covered_by(pushed), ALL, estimator.distance_m(now_s))
     assert np.hypot(*(estimator.pose - pushed)[:2]) < 0.03
 
 
@@ -108,6 +109,7 @@ def test_one_stuck_sensor_does_not_pull_the_estimate_away() -> None:
     stuck[int(np.argmin(np.hypot(*SENSORS_M.T)))] = False
     before = estimator.pose
     for step in range(50):
-        estimator.predict(step * 0.01, np.zeros(36))
-        estimator.agree(step * 0.01, stuck, ALL)
+        now_s = step * 0.01
+        estimator.predict(now_s, np.zeros(36))
+        estimator.agree(now_s, stuck, ALL, estimator.distance_m(now_s))
     np.testing.assert_allclose(estimator.pose, before, atol=1e-3)

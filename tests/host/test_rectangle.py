@@ -22,7 +22,7 @@ def test_a_quarter_turn_swaps_length_and_width() -> None:
 
 
 @given(POSE, POINT)
-def test_gradient_agrees_with_differences(pose: np.ndarray, point_m: np.ndarray) -> None:
+def test_slope_of_the_edge_agrees_with_differences(pose: np.ndarray, point_m: np.ndarray) -> None:
     x_m, y_m = np.abs(BOTTOM.local(point_m, pose))[0]
     # On a crease of the distance there is no derivative.
     assume(min(abs((x_m - 0.18) - (y_m - 0.15)), x_m, y_m) > 1e-4)
@@ -31,7 +31,9 @@ def test_gradient_agrees_with_differences(pose: np.ndarray, point_m: np.ndarray)
         (BOTTOM.distance_m(point_m, pose + d) - BOTTOM.distance_m(point_m, pose - d))[0] / 2e-6
         for d in step
     ]
-    np.testing.assert_allclose(BOTTOM.distance_gradient(point_m, pose)[0], differences, atol=1e-6)
+    distance_m, slope = BOTTOM.edge(point_m[0], pose)
+    np.testing.assert_allclose(slope, differences, atol=1e-6)
+    np.testing.assert_allclose(distance_m, BOTTOM.distance_m(point_m, pose)[0], atol=1e-12)
 
 
 @given(POSE, POINT, st.floats(-9, 9))
