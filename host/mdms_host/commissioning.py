@@ -13,10 +13,20 @@ import canopen
 
 from mdms_host.clock import Clock
 from mdms_host.link import Link
+from mdms_host.lss_master import LssMaster
 from mdms_protocol import cob, nmt, pdo
 from mdms_protocol.dictionary import DEVICE_NAME, ENTRIES, PRODUCT_CODE, VENDOR_ID
 from mdms_protocol.entry import Entry
 from mdms_protocol.frame import Frame
+
+
+#: `canopen` asks once only; a slow adapter on a busy machine is to be in time.
+_ANSWER_S = 1.0
+#: Erasing a sector of flash may take a board this long.
+_FLASH_S = 3.0
+#: A reset, and the time for which a cell makes sure that its node id is its own.
+_BOOT_S = 3.0
+_LOOK_S = 0.005
 
 
 class CommissioningError(Exception):
@@ -59,10 +69,12 @@ class Commissioning:
         # canopen logs what it also raises; whoever asked is told once.
         logging.getLogger("canopen").setLevel(logging.CRITICAL)
         self.states: dict[int, int] = {}
+        self._booted: set[int] = set()
         self._clock = clock
         self._nodes: dict[int, canopen.RemoteNode] = {}
         # The link delivers frames from its first moment on.
         self._network = _LinkedNetwork(self._send)
+        self.lss = LssMaster(self._send)
         self.link = Link(bus, clock, self._on_frame)
 
     def __enter__(self) -> "Commissioning":
@@ -107,9 +119,49 @@ class Commissioning:
         with _Telling(node_id, entry):
             self._node(node_id).sdo.download(index, sub, data)
 
+    def store(self, node_id: int) -> None:
+        """Have a cell keep all its settings (0x1010). Raises SilentError, RefusedError."""
+        self._sign(node_id, 0x1010, b"save")
+
+    def restore_defaults(self, node_id: int) -> None:
+        """Have a cell forget all settings that it keeps (0x1011), and begin anew with defaults.
+
+        Its node id stays. Raises SilentError, RefusedError.
+        """
+        self._sign(node_id, 0x1011, b"load")
+        self.restart(node_id)
+
+    def restart(self, node_id: int) -> None:
+        """Reset a node, and wait until it is back. Raises SilentError."""
+        self.expect_boot(node_id)
+        self.command(nmt.RESET_NODE, node_id)
+        self.await_boot(node_id)
+
+    def expect_boot(self, node_id: int) -> None:
+        """From now on, a boot-up message of this node counts."""
+        self._booted.discard(node_id)
+
+    def await_boot(self, node_id: int) -> None:
+        """Return once the node has booted since it was expected to. Raises SilentError."""
+        end_s = self._clock.now_s() + _BOOT_S
+        while node_id not in self._booted:
+            self.link.check()
+            if self._clock.now_s() > end_s:
+                raise SilentError(f"node {node_id} has not come up within {_BOOT_S:g} s")
+            self._clock.sleep(_LOOK_S)
+
     def command(self, code: int, node_id: int = nmt.ALL_NODES) -> None:
         """Send an NMT command; raises ValueError for an unknown one."""
         self.link.send(nmt.command(code, node_id))
+
+    def _sign(self, node_id: int, index: int, signature: bytes) -> None:
+        """Write what makes 0x1010 and 0x1011 act, to all parameters."""
+        client = self._node(node_id).sdo
+        usual_s, client.RESPONSE_TIMEOUT = client.RESPONSE_TIMEOUT, _FLASH_S
+        try:
+            self.write(node_id, index, 1, int.from_bytes(signature, "little"))
+        finally:
+            client.RESPONSE_TIMEOUT = usual_s
 
     def _upload(self, node_id: int, entry: Entry) -> bytes:
         with _Telling(node_id, entry):
@@ -119,6 +171,7 @@ class Commissioning:
         if node_id not in self._nodes:
             # Without an object dictionary: ours is `mdms_protocol.dictionary`.
             self._nodes[node_id] = self._network.add_node(node_id)
+            self._nodes[node_id].sdo.RESPONSE_TIMEOUT = _ANSWER_S
         return self._nodes[node_id]
 
     def _send(self, frame: Frame) -> None:
@@ -130,6 +183,10 @@ class Commissioning:
         state = nmt.decode_heartbeat(frame.data) if 0 < node < cob.NODE_MAX else None
         if state is not None:
             self.states[node] = state
+        if state == nmt.INITIALISING:
+            self._booted.add(node)
+        if frame.can_id == cob.LSS_RESPONSE:
+            self.lss.on_response(frame.data)
         self._network.notify(frame.can_id, bytearray(frame.data), now_s)
 
 

@@ -20,7 +20,7 @@ def gain_limits(cell: "Cell") -> dict[str, float | None]:
     from mdms_host.loop_margin import largest_gain, phase_margin
 
     largest, margin_deg = None, math.inf
-    motor = _motor(cell)
+    motor = motor_of(cell)
     if motor.mass_kg > 0.0:
         largest = largest_gain(motor)
         margin_deg = math.degrees(phase_margin(motor, cell.gain_vs_per_m))
@@ -38,7 +38,7 @@ def refuse_large_gain(scenario: "Scenario") -> None:
     """
     from mdms_host.loop_margin import GainError, check_gain
 
-    motor = _motor(scenario.cell)
+    motor = motor_of(scenario.cell)
     if scenario.run.fidelity == "firmware" and motor.mass_kg > 0.0:
         try:
             check_gain(motor, scenario.cell.gain_vs_per_m)
@@ -46,7 +46,8 @@ def refuse_large_gain(scenario: "Scenario") -> None:
             raise CommandError(f"cell.gain_vs_per_m: {error}", Exit.USAGE) from None
 
 
-def _motor(cell: "Cell") -> "WheelMotor":
+def motor_of(cell: "Cell") -> "WheelMotor":
+    """The motor of a scenario's cells as its wheel's rim sees it."""
     from mdms_host.loop_margin import wheel_motor
 
     return wheel_motor(

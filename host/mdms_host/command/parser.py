@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any, NoReturn
 
 from mdms_host.command import (
+    configure,
     demo,
     export,
     limits,
@@ -34,6 +35,7 @@ VERBS = (
     scan,
     status,
     stop,
+    configure,
     replay,
 )
 DESCRIPTION = "Modular distributed manipulator: simulate, run and look after an array of cells."

@@ -1,0 +1,175 @@
+"""Gives cells their node ids by the layer setting services (CiA 305), one request at a time.
+
+Unlike the master of `canopen`, which halves all 128 bits of an identity with a pause at each, this
+one asks first whether a cell is of our kind, and searches its serial number alone.
+"""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from queue import Empty, SimpleQueue
+from typing import NamedTuple
+
+from mdms_protocol import cob, lss
+from mdms_protocol.dictionary import PRODUCT_CODE, REVISION, VENDOR_ID
+from mdms_protocol.frame import Frame
+
+_KNOWN = (VENDOR_ID, PRODUCT_CODE, REVISION)
+_SERIAL = 3
+#: How long an answer is waited for [s]; more of it where one that was late has spoilt a search.
+PATIENCES_S = (0.02, 0.05, 0.1, 0.2, 0.4)
+#: The share of it that has to pass without another answer before the next question.
+_SETTLING = 0.25
+#: For requests that are answered as a rule, and for those that write to flash.
+ANSWER_S = 0.5
+_STORE_S = 3.0
+
+
+class LssError(Exception):
+    """A cell did not do as LSS asked it."""
+
+
+class _SpoiltError(Exception):
+    """Answers contradict each other: one came after its time."""
+
+
+class LssAddress(NamedTuple):
+    """What tells a cell from all others, as in its object 0x1018."""
+
+    vendor_id: int
+    product_code: int
+    revision: int
+    serial: int
+
+
+class LssMaster:
+    """Finds, selects and configures cells; `on_response` may be called from another thread.
+
+    In a search, where most questions have no answer, they are waited for `patiences_s`.
+    """
+
+    def __init__(
+        self,
+        send: Callable[[Frame], None],
+        *,
+        patiences_s: Sequence[float] = PATIENCES_S,
+        answer_s: float = ANSWER_S,
+    ) -> None:
+        self._send_frame = send
+        self._answers: SimpleQueue[bytes] = SimpleQueue()
+        self._patiences_s = patiences_s
+        self._patience_s = patiences_s[0]
+        self._answer_s = answer_s
+
+    def on_response(self, data: bytes) -> None:
+        """Take in a frame of `cob.LSS_RESPONSE`."""
+        self._answers.put(data)
+
+    def anyone_blank(self) -> bool:
+        """Whether a cell without node id is on the bus."""
+        answer = self._ask(lss.IDENTIFY_UNCONFIGURED, b"", self._answer_s)
+        return answer is not None and answer[0] == lss.UNCONFIGURED
+
+    def find_blank(self) -> list[LssAddress]:
+        """All cells without node id, by their identities. Raises LssError.
+
+        A fast scan finds the lowest of them, which then keeps out of the next scan.
+        """
+        for patience_s in self._patiences_s:
+            self._patience_s = patience_s
+            self.leave()
+            try:
+                return self._scan_all()
+            except _SpoiltError:
+                continue
+            finally:
+                self.leave()
+        raise LssError("the answers to the LSS fast scan contradict each other; is the bus busy?")
+
+    def select(self, address: LssAddress) -> None:
+        """Lead one cell, and no other, to the configuration state. Raises LssError."""
+        self.leave()
+        for part, number in enumerate(address[:_SERIAL]):
+            self._send(lss.SWITCH_VENDOR + part, number.to_bytes(4, "little"))
+        answer = self._ask(lss.SWITCH_SERIAL, address.serial.to_bytes(4, "little"), self._answer_s)
+        if answer is None or answer[0] != lss.SWITCHED:
+            raise LssError(f"no cell answers to serial number {address.serial:08X}")
+        if self._others_answer():
+            self.leave()
+            raise LssError(f"two cells have the serial number {address.serial:08X}")
+
+    def set_node_id(self, node_id: int) -> None:
+        """Give the selected cell a node id, or `cob.NODE_NONE`. Raises LssError."""
+        self._configure(lss.CONFIGURE_NODE_ID, bytes((node_id,)), self._answer_s)
+
+    def store(self) -> None:
+        """Have the selected cell keep its node id. Raises LssError."""
+        self._configure(lss.STORE, b"", _STORE_S)
+
+    def leave(self) -> None:
+        """End the configuration of all cells; those that were blank boot with their node ids."""
+        self._send(lss.SWITCH_GLOBAL, bytes((lss.WAITING,)))
+
+    def _scan_all(self) -> list[LssAddress]:
+        found: list[LssAddress] = []
+        while self._matches(0, lss.SCAN_ALL, 0, 0, self._answer_s):
+            address = LssAddress(*(self._search(part) for part in range(_SERIAL + 1)))
+            # A cell that was mistaken for another is found again, or another before it.
+            if found and address <= found[-1]:
+                raise _SpoiltError
+            found.append(address)
+        return found
+
+    def _search(self, part: int) -> int:
+        """A part of the lowest identity; the next request is about the part that follows."""
+        following = (part + 1) % (_SERIAL + 1)
+        if part < _SERIAL and self._matches(_KNOWN[part], 0, part, following):
+            return _KNOWN[part]
+        number = 0
+        for bit in reversed(range(32)):
+            if not self._matches(number, bit, part, part):
+                number |= 1 << bit
+        if not self._matches(number, 0, part, following, self._answer_s):
+            raise _SpoiltError
+        return number
+
+    def _matches(
+        self, number: int, bit: int, part: int, following: int, patience_s: float | None = None
+    ) -> bool:
+        """Whether a blank cell has a part of its identity that agrees down to this bit."""
+        data = number.to_bytes(4, "little") + bytes((bit, part, following))
+        answer = self._ask(lss.FAST_SCAN, data, patience_s or self._patience_s)
+        if answer is None or answer[0] != lss.IDENTIFIED:
+            return False
+        self._others_answer()
+        return True
+
+    def _others_answer(self) -> bool:
+        """Whether more cells answer, each in its own time; nobody else is asked before."""
+        count = 0
+        with suppress(Empty):
+            while True:
+                self._answers.get(timeout=self._patience_s * _SETTLING)
+                count += 1
+        return count > 0
+
+    def _configure(self, command: int, data: bytes, patience_s: float) -> None:
+        answer = self._ask(command, data, patience_s)
+        if answer is None or answer[0] != command:
+            raise LssError("the selected cell does not answer")
+        if answer[1] != lss.OK:
+            raise LssError(f"the selected cell refuses LSS command 0x{command:02X}: {answer[1]}")
+
+    def _ask(self, command: int, data: bytes, patience_s: float) -> bytes | None:
+        """The first answer of eight bytes, None if there is none in time."""
+        while not self._answers.empty():
+            self._answers.get()
+        self._send(command, data)
+        try:
+            answer = self._answers.get(timeout=patience_s)
+        except Empty:
+            return None
+        return answer if len(answer) == 8 else None
+
+    def _send(self, command: int, data: bytes) -> None:
+        payload = bytes((command,)) + data
+        self._send_frame(Frame(cob.LSS_REQUEST, payload + bytes(8 - len(payload))))
