@@ -19,7 +19,6 @@ from mdms_protocol.dictionary import DEVICE_NAME, ENTRIES, PRODUCT_CODE, VENDOR_
 from mdms_protocol.entry import Entry
 from mdms_protocol.frame import Frame
 
-
 #: `canopen` asks once only; a slow adapter on a busy machine is to be in time.
 _ANSWER_S = 1.0
 #: Erasing a sector of flash may take a board this long.
