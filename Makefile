@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 WORKERS ?= 2
 
-.PHONY: demo test quick check format generate bench requirements clean
+.PHONY: demo test quick check format generate bench soak requirements clean
 
 demo: $(VENV)/.run
 	$(BIN)/mdms demo
@@ -35,6 +35,10 @@ generate: $(VENV)/.dev
 
 bench: $(VENV)/.bench
 	$(BIN)/python -m tests.benchmarks
+
+# A night: twelve simulated hours of a cell. On the others: make soak SOAK="--nodes cpython".
+soak: $(VENV)/.dev
+	$(BIN)/python -m tests.soak $(SOAK)
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
