@@ -20,10 +20,10 @@ class Axes:
         for axis in self._axes:
             axis.load()
 
-    def poll(self, now_ms):
+    def poll(self):
         """Follow what the speed loop did."""
         for source, drive in enumerate(self._drives, 1):
-            code = drive.poll(now_ms)
+            code = drive.poll()
             if code:
                 self._emcy.report(source, code)
             elif drive.state != cia402.FAULT:

@@ -96,8 +96,8 @@ class Axis:
         tuning.set_stall(registers, base, self._setting(STALL_VOLTAGE), self._setting(STALL_TIME))
         slippage = self._setting(MAX_SLIPPAGE)
         tuning.set_following(registers, base, slippage, self._setting(SLIPPAGE_TIME))
-        self.drive.window_um_s = self._setting(WINDOW)
-        self.drive.window_ms = self._setting(WINDOW_TIME)
+        registers[base + speed_loop.WINDOW] = self._setting(WINDOW)
+        registers[base + speed_loop.WINDOW_TICKS] = self._setting(WINDOW_TIME)
 
     def _on_setting(self, _index, _sub):
         self.load()

@@ -1,13 +1,15 @@
 """The whole firmware of a cell but the hardware: frames and ticks in, frames and voltages out.
 
 `on_frame` and `poll` belong to the background loop, `tick` to a hard timer interrupt; they meet
-only in the registers of the speed loop.
+only in the registers of the speed loop. One of these, ATTENTION, tells `poll` that the tick or a
+frame has left something to look after; while it is 0, there are only timers and presence sensors.
 """
 
 from mdms_cell import speed_loop, ticks
 from mdms_cell.axes import Axes
 from mdms_cell.consumer import Consumer
 from mdms_cell.emcy import Emcy
+from mdms_cell.guard import Guard
 from mdms_cell.heartbeat import Heartbeat
 from mdms_cell.lss import Lss
 from mdms_cell.nmt import EVERYTHING, Nmt
@@ -21,26 +23,13 @@ from mdms_protocol import cob, nmt, record, sdo
 
 SYNC_COB_ID = 0x1005
 IDENTITY = 0x1018
-ERROR_BEHAVIOUR = 0x1029
 SETPOINT_TIMEOUT = 0x3000
 PRESENCE = 0x3001
 TRAFFIC = 0x3002
 
-#: How often drives and errors are looked after; the speed loop cuts the voltage by itself.
-BACKGROUND_MS = 5
-
-# What errors come from, as emergency messages tell it; axes count from 1
-SOURCE_CONSUMER = 3
-SOURCE_RPDO = 4
-SOURCE_NODE_ID = 5
+#: What `fail` is reported to come from; axes count from 1, and then come those of `guard`.
 SOURCE_SYSTEM = 6
 
-HEARTBEAT_LOST = 0x8130
-NODE_ID_TAKEN = 0x8150
-RPDO_OVERDUE = 0x8250
-
-#: The state that a communication error leads to, by the value of 0x1029:1.
-_ERROR_STATES = {0: nmt.PRE_OPERATIONAL, 2: nmt.STOPPED}
 _DEFAULT_SUPPLY_UV = 24_000_000
 
 
@@ -49,7 +38,8 @@ class Cell:
 
     A node id that was saved by LSS comes before the one given; `cob.NODE_NONE` waits for LSS.
     `accepts` has the identifiers that the cell takes, and what serves each. Before `wake_ms` a
-    `poll` with the same presence bits does nothing but tell the time, as setting `now_ms` does.
+    `poll` with the same presence bits, and ATTENTION not set, does nothing but tell the time, as
+    setting `now_ms` does.
     """
 
     def __init__(self, board, node_id):
@@ -62,7 +52,6 @@ class Cell:
         self._presence = 0
         self.now_ms = 0
         self.wake_ms = 0
-        self._due_ms = 0
         speed_loop.reset(self._registers)
         self._registers[speed_loop.SUPPLY] = _DEFAULT_SUPPLY_UV
         self._objects = Objects()
@@ -78,10 +67,18 @@ class Cell:
         self._lss = Lss(identity, self._nmt, self._store.save_node_id, self._send)
         self._sdo = SdoServer(objects, self._respond)
         self._heartbeat = Heartbeat(objects, self._send)
-        self._consumer = Consumer(objects, self._clock, self._listen)
+        self._consumer = Consumer(objects, self._attend, self._listen)
         self._emcy = Emcy(objects, self._send)
         self._axes = Axes(objects, self._registers, self._emcy)
-        self._pdos = Pdos(objects, self._clock, self._send, self._listen)
+        self._pdos = Pdos(objects, self._attend, self._send, self._listen)
+        self._guard = Guard(
+            objects,
+            self._nmt,
+            axes=self._axes,
+            emcy=self._emcy,
+            consumer=self._consumer,
+            pdos=self._pdos,
+        )
         self._parameters = Parameters(objects, self._store, self._axes.driving)
         program = getattr(self._board, "program", None)
         self._program = Program(objects, program, self._axes.driving)
@@ -127,46 +124,39 @@ class Cell:
     def poll(self, now_ms):
         """Look after timers and events; `now_ms` wraps at 2**30."""
         self.now_ms = now_ms
-        state = self._nmt.state
-        if state == nmt.INITIALISING:
-            self.wake_ms = now_ms
-            self._nmt.initialise(now_ms)
-            self._report_refusal(now_ms)
-            return
+        registers = self._registers
         presence = self._board.presence()
-        if presence == self._presence and ticks.diff(now_ms, self.wake_ms) < 0:
+        quiet = presence == self._presence and not registers[speed_loop.ATTENTION]
+        if quiet and ticks.diff(now_ms, self.wake_ms) < 0:
             return
-        self.wake_ms = now_ms
-        if presence != self._presence or ticks.diff(now_ms, self._due_ms) >= 0:
-            self._presence = presence
-            self._poll_background(now_ms)
-        if self._pdos.timed:
-            self._pdos.poll_timed(now_ms)
-        self._heartbeat.poll(now_ms, self._nmt.node_id, state)
-        self._sdo.poll(now_ms)
-        if not self._pdos.timed and not self._sdo.busy:
-            self.wake_ms = self._heartbeat.sooner(self._due_ms)
+        # What calls for attention from here on has another poll follow.
+        registers[speed_loop.ATTENTION] = 0
+        self._presence = presence
+        wait_ms = self._initialise() if self.state == nmt.INITIALISING else self._look_after()
+        self.wake_ms = ticks.after(now_ms, wait_ms)
 
     def fail(self, error_code):
         """Switch the motors off for a reason from outside, and report it."""
         self._emcy.report(SOURCE_SYSTEM, error_code)
         self._axes.fail(error_code)
+        self._attend()
 
     def recover(self):
         """The reason of `fail` is gone; the drives stay in 'fault' until they are reset."""
         self._emcy.clear(SOURCE_SYSTEM)
+        self._attend()
 
     # What network management tells
 
     def on_boot(self):
         """The node id is this node's own, and the node is announced."""
-        self._due_ms = self.now_ms
-        self._emcy.clear(SOURCE_NODE_ID)
+        self._guard.start()
         self._heartbeat.start(self.now_ms)
         self._listen()
 
     def on_state(self, state):
         """The node has gone from one state after its boot to another."""
+        self._attend()
         self._sdo.reset()
         if state == nmt.OPERATIONAL:
             self._pdos.start(self.now_ms)
@@ -176,7 +166,7 @@ class Cell:
 
     def on_reset(self, command):
         """The node starts anew, all of it or what concerns communication."""
-        self.wake_ms = self.now_ms
+        self._attend()
         flags = record.STORED_COMMUNICATION | record.FROM_NODE
         if command == EVERYTHING:
             flags |= record.STORED_APPLICATION
@@ -212,28 +202,22 @@ class Cell:
             listen(list(accepts))
 
     def _own_receivers(self):
-        yield self._objects.number(SYNC_COB_ID), self._on_sync
+        yield self._objects.number(SYNC_COB_ID), self._pdos.on_sync
         yield cob.SDO_REQUEST_BASE + self.node_id, self._on_sdo
         yield cob.SDO_RESPONSE_BASE + self.node_id, self._on_rival
         yield cob.HEARTBEAT_BASE + self.node_id, self._on_rival
-
-    def _on_sync(self, data):
-        if len(data) > 1:
-            return False
-        self._pdos.on_sync()
-        return True
 
     def _on_sdo(self, data):
         """A client may change what is due, and begins to be waited for."""
         if self.state == nmt.STOPPED:
             return True
-        self.wake_ms = self._heartbeat.now_ms = self._sdo.now_ms = self.now_ms
+        self._heartbeat.now_ms = self._sdo.now_ms = self._attend()
         return self._sdo.on_request(data)
 
     def _on_rival(self, _data):
         """Somebody else sends what only this node may send."""
-        self._emcy.report(SOURCE_NODE_ID, NODE_ID_TAKEN)
-        self._on_communication_error(NODE_ID_TAKEN)
+        self._attend()
+        self._guard.on_rival()
         return True
 
     def _on_setpoint_timeout(self, index, _sub):
@@ -248,37 +232,30 @@ class Cell:
 
     # What goes on in the background
 
-    def _poll_background(self, now_ms):
-        self._due_ms = ticks.after(now_ms, BACKGROUND_MS)
-        self._axes.poll(now_ms)
-        self._watch_others(now_ms)
-        if self._pdos.poll(now_ms):
-            self._emcy.report(SOURCE_RPDO, RPDO_OVERDUE)
-        if self.state != nmt.STOPPED:
-            self._emcy.poll(now_ms)
-
-    def _watch_others(self, now_ms):
-        if self._consumer.poll(now_ms):
-            self._emcy.report(SOURCE_CONSUMER, HEARTBEAT_LOST)
-            self._on_communication_error(HEARTBEAT_LOST)
-        elif not self._consumer.lost:
-            self._emcy.clear(SOURCE_CONSUMER)
-
-    def _report_refusal(self, now_ms):
+    def _initialise(self):
+        """Claim the node id, a step a millisecond."""
+        self._nmt.initialise(self.now_ms)
         if self._nmt.refused:
-            self._emcy.report(SOURCE_NODE_ID, NODE_ID_TAKEN)
-            self._emcy.poll(now_ms)
+            self._guard.on_refusal()
+            self._emcy.poll(self.now_ms)
+        return 1
 
-    def _on_communication_error(self, error_code):
-        """The error behaviour of 0x1029; whatever it says, the motors are switched off."""
-        self._axes.fail(error_code)
-        state = _ERROR_STATES.get(self._objects.number(ERROR_BEHAVIOUR, 1))
-        if state is not None and self.state == nmt.OPERATIONAL:
-            self._nmt.enter(state)
+    def _look_after(self):
+        """Look after everything; in how many milliseconds again, if nothing happens before."""
+        now_ms = self.now_ms
+        self._axes.poll()
+        wait_ms = min(self._guard.poll(now_ms), self._pdos.poll(now_ms))
+        if self.state != nmt.STOPPED:
+            wait_ms = min(wait_ms, self._emcy.poll(now_ms))
+        wait_ms = min(wait_ms, self._heartbeat.poll(now_ms, self.node_id, self.state))
+        self._sdo.poll(now_ms)
+        return 1 if self._sdo.busy else wait_ms
 
     # What the services are lent
 
-    def _clock(self):
+    def _attend(self):
+        """Have a poll follow that looks after everything; the time."""
+        self._registers[speed_loop.ATTENTION] = 1
         return self.now_ms
 
     def _respond(self, data):

@@ -10,13 +10,13 @@ COUNT = 4
 class Consumer:
     """Watches the nodes that 0x1016 names, each from its first heartbeat on.
 
-    `clock()` tells the time [ms], `changed()` is told of other identifiers.
+    `heard()` tells the time [ms] and has a poll follow; `changed()` is told of other identifiers.
     """
 
-    def __init__(self, objects, clock, changed):
+    def __init__(self, objects, heard, changed):
         self._objects = objects
         self._changed = changed
-        self._clock = clock
+        self._heard = heard
         objects.watchers[TIMES] = self._on_time
         self.load()
 
@@ -39,7 +39,7 @@ class Consumer:
         def receive(data):
             if nmt.decode_heartbeat(data) is None:
                 return False
-            self._heard_ms[node_id] = self._clock()
+            self._heard_ms[node_id] = self._heard()
             self.lost.discard(node_id)
             return True
 
@@ -53,6 +53,13 @@ class Consumer:
                 self.lost.add(node_id)
                 return True
         return False
+
+    def wait_ms(self, now_ms):
+        """In how many milliseconds a node will have fallen silent, unless it is heard."""
+        wait_ms = ticks.IDLE_MS
+        for node_id, heard_ms in self._heard_ms.items():
+            wait_ms = min(wait_ms, self._limits_ms[node_id] - ticks.diff(now_ms, heard_ms))
+        return wait_ms
 
     def _watched(self, sub):
         value = self._objects.number(TIMES, sub)

@@ -2,10 +2,11 @@
 
 The motor is driven in 'operation enabled', and in 'quick stop active' while it brakes to
 standstill; in every other state the speed loop's mode is OFF and its voltage 0. A fault that the
-speed loop finds has cut the voltage in that very tick; `poll` then takes the state after it.
+speed loop finds has cut the voltage in that very tick; `poll` then takes the state after it. Who
+changes the state calls the background's attention to it, as the speed loop does.
 """
 
-from mdms_cell import speed_loop, ticks
+from mdms_cell import speed_loop
 from mdms_protocol import cia402
 
 # Events besides the controlword's commands, which stand for themselves
@@ -56,8 +57,6 @@ _ERROR_CODES = (
     (speed_loop.STALE, STALE_SETPOINT),
 )
 
-SPEED_ZERO_UM_S = 5_000
-
 
 def command_of(controlword):
     """The command that a controlword gives, told by its bits 0 to 3 (CiA 402-2, table 27)."""
@@ -72,22 +71,6 @@ def command_of(controlword):
     return cia402.SWITCH_ON
 
 
-class Steady:
-    """Whether a condition has lasted."""
-
-    def __init__(self):
-        self.lasts = False
-        self._since_ms = -1
-
-    def poll(self, holds, now_ms, time_ms):
-        """Tell whether the condition holds now; `lasts` is true once it has for `time_ms`."""
-        if not holds:
-            self._since_ms = -1
-        elif self._since_ms < 0:
-            self._since_ms = now_ms
-        self.lasts = holds and (self.lasts or ticks.diff(now_ms, self._since_ms) >= time_ms)
-
-
 class Drive:
     """The drive of the axis whose registers start at `base`; it starts switched off."""
 
@@ -98,10 +81,6 @@ class Drive:
         self.controlword = 0
         self.error_code = 0
         self.target_um_s = 0
-        self.window_um_s = 5_000
-        self.window_ms = 10
-        self._near = Steady()
-        self._slow = Steady()
         self._enter(cia402.SWITCH_ON_DISABLED)
 
     def control(self, controlword):
@@ -127,7 +106,7 @@ class Drive:
         if self._happen(FAILURE):
             self.error_code = error_code
 
-    def poll(self, now_ms):
+    def poll(self):
         """Follow what the speed loop did; return the error code of a new fault, or 0."""
         registers = self.registers
         base = self.base
@@ -137,21 +116,22 @@ class Drive:
                 if faults & bit:
                     self.fail(code)
                     return code
-        if self.state == cia402.QUICK_STOP_ACTIVE and self._at_rest():
+        if registers[base + speed_loop.SIGNS] & speed_loop.STOPPED:
             self._happen(STANDSTILL)
-        self._watch_speed(now_ms)
         return 0
 
     def statusword(self):
         """The statusword of CiA 402-2 with the bits of profile velocity."""
+        registers = self.registers
+        signs = registers[self.base + speed_loop.SIGNS]
         word = self.state | cia402.REMOTE
-        if self.registers[speed_loop.SUPPLY]:
+        if registers[speed_loop.SUPPLY]:
             word |= cia402.VOLTAGE_ENABLED
-        if self._near.lasts:
+        if signs & speed_loop.AT_TARGET:
             word |= cia402.TARGET_REACHED
-        if self._slow.lasts:
+        if signs & speed_loop.STANDING:
             word |= cia402.SPEED_ZERO
-        if self.registers[self.base + speed_loop.FAULTS] & speed_loop.FOLLOWING:
+        if registers[self.base + speed_loop.FAULTS] & speed_loop.FOLLOWING:
             word |= cia402.SLIPPAGE
         return word
 
@@ -172,22 +152,8 @@ class Drive:
         self.state = state
         registers[base + speed_loop.AGE] = 0
         registers[base + speed_loop.MODE] = MODES.get(state, speed_loop.OFF)
+        registers[speed_loop.ATTENTION] = 1
 
     def _aim(self):
         halted = self.controlword & cia402.CONTROL_HALT
         self.registers[self.base + speed_loop.TARGET] = 0 if halted else self.target_um_s
-
-    def _at_rest(self):
-        registers = self.registers
-        base = self.base
-        return (
-            registers[base + speed_loop.DEMAND] == 0
-            and abs(registers[base + speed_loop.ACTUAL]) < SPEED_ZERO_UM_S
-        )
-
-    def _watch_speed(self, now_ms):
-        actual = self.registers[self.base + speed_loop.ACTUAL]
-        target = self.registers[self.base + speed_loop.TARGET]
-        near = abs(actual - target) <= self.window_um_s
-        self._near.poll(near, now_ms, self.window_ms)
-        self._slow.poll(abs(actual) < SPEED_ZERO_UM_S, now_ms, self.window_ms)

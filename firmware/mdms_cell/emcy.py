@@ -63,17 +63,22 @@ class Emcy:
             self._post(source, _NO_ERROR)
 
     def poll(self, now_ms):
-        """Send what waits, one message an inhibit time."""
+        """Send what waits, one message an inhibit time; return when to go on, in milliseconds."""
         while self._queue and self.can_id is not None:
-            if self._inhibited(now_ms) or not self._send(self.can_id, self._queue[0]):
-                return
+            wait_ms = self._inhibited_ms(now_ms)
+            if wait_ms:
+                return wait_ms
+            if not self._send(self.can_id, self._queue[0]):
+                return ticks.RETRY_MS
             self._queue.pop(0)
             self._sent_ms = now_ms
+        return ticks.IDLE_MS
 
-    def _inhibited(self, now_ms):
-        if not self._inhibit_ms or self._sent_ms is None:
-            return False
-        return ticks.diff(now_ms, self._sent_ms) < self._inhibit_ms
+    def _inhibited_ms(self, now_ms):
+        if self._sent_ms is None:
+            return 0
+        elapsed_ms = ticks.diff(now_ms, self._sent_ms)
+        return self._inhibit_ms - elapsed_ms if 0 <= elapsed_ms < self._inhibit_ms else 0
 
     def _post(self, source, code):
         if len(self._queue) == _QUEUE_SIZE:

@@ -23,20 +23,21 @@ class Heartbeat:
         self._due_ms = ticks.after(now_ms, self._period_ms)
 
     def poll(self, now_ms, node_id, state):
-        """Send a heartbeat if it is due; one that is late does not delay those after it."""
-        self.now_ms = now_ms
-        if not self._period_ms or ticks.diff(now_ms, self._due_ms) < 0:
-            return
-        self._due_ms = ticks.after(self._due_ms, self._period_ms)
-        if ticks.diff(now_ms, self._due_ms) >= 0:
-            self._due_ms = ticks.after(now_ms, self._period_ms)
-        self._send(cob.HEARTBEAT_BASE + node_id, bytes((state,)))
+        """Send a heartbeat if it is due; return in how many milliseconds the next one is.
 
-    def sooner(self, time_ms):
-        """The next heartbeat's time or `time_ms`, whichever comes first."""
-        if self._period_ms and ticks.diff(self._due_ms, time_ms) < 0:
-            return self._due_ms
-        return time_ms
+        One that is late does not delay those after it.
+        """
+        self.now_ms = now_ms
+        if not self._period_ms:
+            return ticks.IDLE_MS
+        wait_ms = ticks.diff(self._due_ms, now_ms)
+        if wait_ms <= 0:
+            self._send(cob.HEARTBEAT_BASE + node_id, bytes((state,)))
+            wait_ms += self._period_ms
+            if wait_ms <= 0:
+                wait_ms = self._period_ms
+            self._due_ms = ticks.after(now_ms, wait_ms)
+        return wait_ms
 
     def _configure(self, _index, _sub):
         self.start(self.now_ms)

@@ -23,7 +23,10 @@ DUMMIES = {2: 8, 3: 16, 4: 32, 5: 8, 6: 16, 7: 32}
 
 
 class Pdo:
-    """One PDO; `direction` is the flag of the entries that it may carry."""
+    """One PDO; `direction` is the flag of the entries that it may carry.
+
+    `changed()` is told of another identifier, type or time.
+    """
 
     def __init__(self, objects, parameters, mapping, direction, changed):
         self._objects = objects
@@ -65,8 +68,7 @@ class Pdo:
         elif sub == INHIBIT_TIME and self.can_id is not None:
             raise sdo.AbortError(sdo.WRONG_STATE)
         self.load()
-        if sub == COB_ID:
-            self._changed()
+        self._changed()
 
     def _check_cob_id(self):
         cob_id = self._parameter(COB_ID)

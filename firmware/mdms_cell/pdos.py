@@ -1,22 +1,23 @@
 """All PDOs of a cell, alive in 'operational' only."""
 
+from mdms_cell import ticks
 from mdms_cell.rpdo import Rpdo
 from mdms_cell.tpdo import Tpdo
-
-COUNT = 4
+from mdms_protocol import cob
 
 
 class Pdos:
-    """Receive and transmit PDOs; those in `timed` want `poll_timed` every millisecond.
+    """Receive and transmit PDOs.
 
-    `clock()` tells the time [ms], `changed()` is told of other identifiers.
+    `heard()` tells the time [ms] and has a poll follow; `changed()` is told when it is time to
+    `choose`.
     """
 
-    def __init__(self, objects, clock, send, changed):
-        self._rpdos = [Rpdo(number, objects, changed) for number in range(COUNT)]
-        self._tpdos = [Tpdo(number, objects, send, changed) for number in range(COUNT)]
+    def __init__(self, objects, heard, send, changed):
+        numbers = range(len(cob.TPDO_BASES))
+        self._rpdos = [Rpdo(number, objects, heard, changed) for number in numbers]
+        self._tpdos = [Tpdo(number, objects, send, changed) for number in numbers]
         self._alive = False
-        self._clock = clock
         self.choose()
 
     def load(self):
@@ -26,10 +27,13 @@ class Pdos:
         self.choose()
 
     def choose(self):
-        """Find again which PDOs are in use."""
+        """Find again which PDOs are in use, and what for."""
         self._received = [rpdo for rpdo in self._rpdos if rpdo.can_id is not None]
-        self._sent = [tpdo for tpdo in self._tpdos if tpdo.can_id is not None]
-        self.timed = [tpdo for tpdo in self._sent if tpdo.timed]
+        self._held = [rpdo for rpdo in self._received if rpdo.synchronous]
+        self._awaited = [rpdo for rpdo in self._received if rpdo.deadline_ms]
+        sent = [tpdo for tpdo in self._tpdos if tpdo.can_id is not None]
+        self._sampled = [tpdo for tpdo in sent if tpdo.synchronous]
+        self._spontaneous = [tpdo for tpdo in sent if not tpdo.synchronous]
 
     def start(self, now_ms):
         """The cell is 'operational' now."""
@@ -52,33 +56,37 @@ class Pdos:
         def receive(data):
             taken = True
             if self._alive:
-                now_ms = self._clock()
                 for rpdo in rpdos:
-                    taken = rpdo.on_frame(data, now_ms) and taken
+                    taken = rpdo.on_frame(data) and taken
             return taken
 
         return receive
 
-    def on_sync(self):
-        """SYNC: take over what is held, and send."""
+    def on_sync(self, data):
+        """SYNC: take over what is held, and send; return False if it is none."""
+        if len(data) > 1:
+            return False
         if self._alive:
-            for rpdo in self._received:
+            for rpdo in self._held:
                 rpdo.on_sync()
-            for tpdo in self._sent:
+            for tpdo in self._sampled:
                 tpdo.on_sync()
-
-    def poll_timed(self, now_ms):
-        """Send what has an event timer, which counts milliseconds."""
-        if self._alive:
-            for tpdo in self.timed:
-                tpdo.poll(now_ms)
+        return True
 
     def poll(self, now_ms):
-        """Send what has changed; return whether a frame that was waited for has not come."""
+        """Send what has changed; return in how many milliseconds to poll again."""
+        wait_ms = ticks.IDLE_MS
+        if self._alive:
+            for tpdo in self._spontaneous:
+                wait_ms = min(wait_ms, tpdo.poll(now_ms))
+            for rpdo in self._awaited:
+                wait_ms = min(wait_ms, rpdo.wait_ms(now_ms))
+        return wait_ms
+
+    def overdue(self, now_ms):
+        """Whether a frame that was waited for has not come; told once."""
         overdue = False
         if self._alive:
-            for tpdo in self._sent:
-                tpdo.poll(now_ms)
-            for rpdo in self._received:
+            for rpdo in self._awaited:
                 overdue = rpdo.overdue(now_ms) or overdue
         return overdue

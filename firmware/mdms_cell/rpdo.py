@@ -13,10 +13,14 @@ _DUMMY_FORMATS = {8: "B", 16: "H", 32: "I"}
 
 
 class Rpdo(Pdo):
-    """Receive PDO `number`, counted from 0; `changed()` is told of another identifier."""
+    """Receive PDO `number`, counted from 0.
 
-    def __init__(self, number, objects, changed):
+    `heard()` tells the time [ms] and has a poll follow; see `Pdo` for `changed`.
+    """
+
+    def __init__(self, number, objects, heard, changed):
         super().__init__(objects, PARAMETERS + number, MAPPING + number, record.IN_RPDO, changed)
+        self._heard = heard
         self._heard_ms = None
         self.load()
 
@@ -37,11 +41,12 @@ class Rpdo(Pdo):
         self._length = struct.calcsize(layout)
         self.deadline_ms = self._parameter(EVENT_TIMER)
 
-    def on_frame(self, data, now_ms):
+    def on_frame(self, data):
         """Take or hold the values; return False if the frame is too short for them."""
         if len(data) < self._length:
             return False
-        self._heard_ms = now_ms
+        if self.deadline_ms:
+            self._heard_ms = self._heard()
         if self.synchronous:
             self._held = data
         else:
@@ -62,13 +67,16 @@ class Rpdo(Pdo):
 
     def overdue(self, now_ms):
         """Whether the frame that the event timer waits for has not come; told once."""
-        heard_ms = self._heard_ms
-        if not self.deadline_ms or heard_ms is None:
-            return False
-        if ticks.diff(now_ms, heard_ms) < self.deadline_ms:
+        if self._heard_ms is None or self.wait_ms(now_ms) > 0:
             return False
         self._heard_ms = None
         return True
+
+    def wait_ms(self, now_ms):
+        """In how many milliseconds the frame will be overdue, unless it comes."""
+        if self._heard_ms is None:
+            return ticks.IDLE_MS
+        return self.deadline_ms - ticks.diff(now_ms, self._heard_ms)
 
     def _take(self, data):
         values = struct.unpack_from(self._layout, data)

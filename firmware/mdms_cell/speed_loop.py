@@ -1,7 +1,8 @@
 """The speed loop of a cell's two axes: one function over one buffer of 32-bit integers.
 
 `step(registers)` is one control period of 1 ms: it tracks both encoders, limits and ramps the
-targets, applies the paper's law V = G (r - v) and watches for faults. It is integer arithmetic
+targets, applies the paper's law V = G (r - v), watches for faults, and calls the background's
+attention to what has changed. It is integer arithmetic
 that stays within 31 bits, so that nothing is allocated, and the same source runs as plain Python
 over an `array('i')`, as MicroPython bytecode, as viper machine code and compiled by numba.
 
@@ -42,30 +43,36 @@ STALL_SPEED = const(18)  # ... below this speed [um/s] ...
 STALL_TICKS = const(19)  # ... for so many ticks
 FOLLOWING_LIMIT = const(20)  # largest difference of reference and speed [um/s]; 0: not watched
 FOLLOWING_TICKS = const(21)  # ticks of a larger one that are a fault
+WINDOW = const(22)  # an axis is at its target when so near to it [um/s], 0..65535 ...
+WINDOW_TICKS = const(23)  # ... for so many ticks; and stands when it has been slow for so many
 # Read from the board:
-COUNT = const(22)  # encoder [counts]; only the low 16 bits are looked at
-CURRENT = const(23)  # [mA], as wired, within +-2**29
+COUNT = const(24)  # encoder [counts]; only the low 16 bits are looked at
+CURRENT = const(25)  # [mA], as wired, within +-2**29
 # State and results:
-POSITION = const(24)  # tracked position [2**-14 counts], modulo 2**30
-RATE = const(25)  # tracked velocity [2**-14 counts per tick]
-ACTUAL = const(26)  # the same [um/s]
-DEMAND = const(27)  # the ramped reference r that the law sees [um/s]
-VOLTAGE = const(28)  # what the board is to apply [uV], as wired
-FAULTS = const(29)  # bits below; kept until cleared from outside, and the voltage is 0 while set
-CURRENT_COUNT = const(30)  # ticks of over-current so far
-STALL_COUNT = const(31)  # ticks of stall so far
-FOLLOWING_COUNT = const(32)  # ticks of following error so far
+POSITION = const(26)  # tracked position [2**-14 counts], modulo 2**30
+RATE = const(27)  # tracked velocity [2**-14 counts per tick]
+ACTUAL = const(28)  # the same [um/s]
+DEMAND = const(29)  # the ramped reference r that the law sees [um/s]
+VOLTAGE = const(30)  # what the board is to apply [uV], as wired
+FAULTS = const(31)  # bits below; kept until cleared from outside, and the voltage is 0 while set
+CURRENT_COUNT = const(32)  # ticks of over-current so far
+STALL_COUNT = const(33)  # ticks of stall so far
+FOLLOWING_COUNT = const(34)  # ticks of following error so far
+NEAR_COUNT = const(35)  # ticks near the target so far, up to WINDOW_TICKS
+SLOW_COUNT = const(36)  # ticks of standstill so far, up to WINDOW_TICKS
+SIGNS = const(37)  # bits below
 
-AXIS = const(33)  # registers of an axis
+AXIS = const(38)  # registers of an axis
 AXES = const(2)
 
 # Of the cell:
-TICKS = const(66)  # ticks since the start, modulo 2**30
-AGE_LIMIT = const(67)  # a target of this age is stale [ticks]
-SUPPLY = const(68)  # supply voltage [uV], from the board or a parameter; 1_000_000..VOLTAGE_MAX_UV
-CUT = const(69)  # not 0: voltage 0 on both axes, for interrupts that know no state machine
-WIDEN = const(70)  # what sign-extends a loaded register, see `reset`
-REGISTERS = const(71)
+TICKS = const(76)  # ticks since the start, modulo 2**30
+AGE_LIMIT = const(77)  # a target of this age is stale [ticks]
+SUPPLY = const(78)  # supply voltage [uV], from the board or a parameter; 1_000_000..VOLTAGE_MAX_UV
+CUT = const(79)  # not 0: voltage 0 on both axes, for interrupts that know no state machine
+ATTENTION = const(80)  # set to 1 when FAULTS or SIGNS change; zeroed by who looks after that
+WIDEN = const(81)  # what sign-extends a loaded register, see `reset`
+REGISTERS = const(82)
 
 # Values of MODE.
 OFF = const(0)  # voltage 0
@@ -78,10 +85,16 @@ OVER_CURRENT = const(2)
 STALLED = const(4)
 FOLLOWING = const(8)
 
+# Bits of SIGNS.
+AT_TARGET = const(1)
+STANDING = const(2)
+STOPPED = const(4)  # at standstill in STOP
+
 TICK_HZ = const(1000)
 SPEED_MAX_UM_S = const(10_000_000)
 VOLTAGE_MAX_UV = const(60_000_000)
 HALF_COUNT = const(1 << 13)  # in units of POSITION
+SLOW_UM_S = const(5_000)
 
 
 def reset(registers):
@@ -141,14 +154,15 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         registers[base + ACTUAL] = actual
 
         # Limit and ramp the reference.
+        target = registers[base + TARGET] << widen >> widen
+        if target > SPEED_MAX_UM_S:
+            target = SPEED_MAX_UM_S
+        elif target < 0 - SPEED_MAX_UM_S:
+            target = 0 - SPEED_MAX_UM_S
+        remaining = target - actual
         mode = registers[base + MODE]
-        target = 0
-        if mode == RUN:
-            target = registers[base + TARGET] << widen >> widen
-            if target > SPEED_MAX_UM_S:
-                target = SPEED_MAX_UM_S
-            elif target < 0 - SPEED_MAX_UM_S:
-                target = 0 - SPEED_MAX_UM_S
+        if mode != RUN:
+            target = 0
         demand = registers[base + DEMAND] << widen >> widen
         ramp = registers[base + ACCELERATION]
         if mode == STOP:
@@ -224,7 +238,6 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
                 ticks = registers[base + FOLLOWING_TICKS]
                 faults |= FOLLOWING
         registers[base + FOLLOWING_COUNT] = ticks
-        registers[base + FAULTS] = faults
 
         if mode == OFF or faults != 0 or registers[CUT] != 0:
             demand = 0
@@ -233,6 +246,33 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
             voltage = 0 - voltage
         registers[base + DEMAND] = demand
         registers[base + VOLTAGE] = voltage
+
+        # Tell the background what it has to look after.
+        signs = 0
+        if remaining < 0:
+            remaining = 0 - remaining
+        ticks = 0
+        if remaining <= registers[base + WINDOW]:
+            ticks = registers[base + NEAR_COUNT]
+            if ticks >= registers[base + WINDOW_TICKS]:
+                signs = AT_TARGET
+            else:
+                ticks += 1
+        registers[base + NEAR_COUNT] = ticks
+        ticks = 0
+        if speed < SLOW_UM_S:
+            ticks = registers[base + SLOW_COUNT]
+            if ticks >= registers[base + WINDOW_TICKS]:
+                signs |= STANDING
+            else:
+                ticks += 1
+            if mode == STOP and demand == 0:
+                signs |= STOPPED
+        registers[base + SLOW_COUNT] = ticks
+        if signs != registers[base + SIGNS] or faults != registers[base + FAULTS]:
+            registers[ATTENTION] = 1
+        registers[base + SIGNS] = signs
+        registers[base + FAULTS] = faults
         base += AXIS
     ticks = registers[TICKS]
     registers[TICKS] = 0 if ticks == 0x3FFFFFFF else ticks + 1

@@ -3,6 +3,11 @@
 _PERIOD = 1 << 30
 _HALF = 1 << 29
 
+#: Who could not send tries again after so long; so often is looked at what may change at any time.
+RETRY_MS = 5
+#: Everything is looked at so often, though nothing be due.
+IDLE_MS = 1000
+
 
 def after(start_ms, delay_ms):
     """The instant `delay_ms` after another; delays may be up to 2**29 - 1."""

@@ -21,7 +21,7 @@ SOFTWARE_VERSION = "0.1.0"
 AXES = 2
 #: From an object of axis 1 to that of axis 2 (CiA 402-1).
 AXIS_OFFSET = 0x800
-PDOS = 4
+PDOS = len(cob.TPDO_BASES)
 PDO_ENTRIES = 8
 ERROR_HISTORY = 8
 CONSUMED_HEARTBEATS = 4

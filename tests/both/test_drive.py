@@ -68,15 +68,15 @@ class Axis:
         for base in (0, s.AXIS):
             tuning.set_encoder(self.registers, base, 37_596)
             tuning.set_law(self.registers, base, 10_000, 24_000)
+            self.registers[base + s.WINDOW] = 5_000
+            self.registers[base + s.WINDOW_TICKS] = 10
         self.drive = d.Drive(self.registers, 0)
-        self.now_ms = 0
 
     def tick(self, count=1):
         code = 0
         for _ in range(count):
             s.step(self.registers)
-            self.now_ms += 1
-            code = self.drive.poll(self.now_ms) or code
+            code = self.drive.poll() or code
         return code
 
     def voltage_uv(self):

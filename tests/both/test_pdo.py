@@ -1,5 +1,6 @@
 """PDOs: when they are taken over and sent, and how they may be remapped."""
 
+from mdms_cell import ticks
 from mdms_cell.objects import Objects, find, key
 from mdms_cell.rpdo import Rpdo
 from mdms_cell.tpdo import Tpdo
@@ -15,6 +16,7 @@ class Bench:
         self.values = {}
         self.presence = 0
         self.changes = 0
+        self.now_ms = 1000
         self.room = True
         self.sent = []
         for index in (0x60FF, 0x68FF, 0x6040, 0x6840):
@@ -23,7 +25,7 @@ class Bench:
             self.values[index] = 0
             self.objects.reads[key(index, 0)] = self.giver(index)
         self.objects.reads[key(0x3001, 0)] = lambda: self.presence
-        self.rpdo = Rpdo(0, self.objects, self.on_change)
+        self.rpdo = Rpdo(0, self.objects, lambda: self.now_ms, self.on_change)
         self.tpdo = Tpdo(0, self.objects, self.send, self.on_change)
 
     def taker(self, index):
@@ -74,8 +76,8 @@ def test_default_identifiers_follow_the_node_id():
 
 def test_synchronous_rpdo_takes_the_last_frame_at_sync():
     bench = Bench()
-    assert bench.rpdo.on_frame(b"\x01\0\0\0\x02\0\0\0", 0)
-    assert bench.rpdo.on_frame(b"\xff\xff\xff\xff\x03\0\0\0", 0)
+    assert bench.rpdo.on_frame(b"\x01\0\0\0\x02\0\0\0")
+    assert bench.rpdo.on_frame(b"\xff\xff\xff\xff\x03\0\0\0")
     assert 0x60FF not in bench.values
     bench.rpdo.on_sync()
     assert (bench.values[0x60FF], bench.values[0x68FF]) == (-1, 3)
@@ -87,22 +89,23 @@ def test_synchronous_rpdo_takes_the_last_frame_at_sync():
 def test_event_driven_rpdo_takes_over_at_once():
     bench = Bench()
     assert bench.write(0x1400, 2, 255) == 0
-    bench.rpdo.on_frame(b"\x01\0\0\0\x02\0\0\0", 0)
+    bench.rpdo.on_frame(b"\x01\0\0\0\x02\0\0\0")
     assert bench.values[0x60FF] == 1
 
 
 def test_frame_that_is_too_short_is_not_taken_and_one_too_long_is():
     bench = Bench()
-    assert not bench.rpdo.on_frame(bytes(7), 0)
+    assert not bench.rpdo.on_frame(bytes(7))
     bench.remap(0x1400, 0x1600, 0x205, 0x60FF0020)
-    assert bench.rpdo.on_frame(bytes(8), 0)
+    assert bench.rpdo.on_frame(bytes(8))
 
 
 def test_rpdo_deadline_is_told_once():
     bench = Bench()
     assert bench.write(0x1400, 5, 20) == 0
     assert not bench.rpdo.overdue(1000)
-    bench.rpdo.on_frame(bytes(8), 1000)
+    bench.rpdo.on_frame(bytes(8))
+    assert bench.rpdo.wait_ms(1019) == 1
     assert not bench.rpdo.overdue(1019)
     assert bench.rpdo.overdue(1020)
     assert not bench.rpdo.overdue(1021)
@@ -112,7 +115,7 @@ def test_rpdo_takes_its_part_of_a_neighbours_frame():
     bench = Bench()
     bench.remap(0x1400, 0x1600, 0x186, 0x00070020, 0x68FF0020)
     assert bench.rpdo.can_id == 0x186
-    bench.rpdo.on_frame(b"\x01\0\0\0\x02\0\0\0", 0)
+    bench.rpdo.on_frame(b"\x01\0\0\0\x02\0\0\0")
     bench.rpdo.on_sync()
     assert bench.values[0x68FF] == 2
     assert 0x60FF not in bench.values
@@ -167,6 +170,20 @@ def test_inhibit_time_keeps_changes_apart():
     assert bench.write(0x1800, 2, 255) == 0
     assert bench.write(0x1800, 1, 0x185) == 0
     assert sent_at(bench, range(50), step=2) == [0, 10, 20, 30, 40]
+
+
+def test_tpdo_tells_when_it_is_to_be_polled_again():
+    bench = Bench()
+    # Speeds may change at any time, presence and statuswords are announced.
+    assert bench.tpdo.poll(0) == ticks.RETRY_MS
+    bench.remap(0x1800, 0x1A00, 0x185, 0x30010008, 0x60410010, 0x68410010)
+    assert bench.tpdo.poll(0) == ticks.IDLE_MS
+    assert bench.write(0x1800, 5, 20) == 0
+    assert bench.tpdo.poll(7) == 20
+    assert bench.tpdo.poll(10) == 17
+    bench.presence = 1
+    bench.room = False
+    assert bench.tpdo.poll(11) == ticks.RETRY_MS
 
 
 def test_change_is_sent_when_there_is_room_again():

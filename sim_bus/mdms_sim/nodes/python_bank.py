@@ -16,15 +16,45 @@ from mdms_sim.nodes.virtual_board import VirtualBoard, VirtualFlash, leave_bus, 
 
 #: From here on, in ticks, due times may wrap, and every cell is asked.
 FULL_POLLS_FROM = 1 << 29
+#: In place of presence bits: of a cell that has something to look after.
+STARTLED = -1
 
 # Only the inner function is cached: a cache does not see that a function it calls has changed.
 _step = numba.njit("void(int32[::1])", cache=True)(speed_loop.step)
 
 
-@numba.njit("void(int32[:, ::1])")
-def _step_all(registers: Any) -> None:
+@numba.njit("b1(int32[:, ::1], int32[:, :], int32[:, :], uint8[:], int32[::1])")
+def _tick_all(registers: Any, counts: Any, currents_ma: Any, presence: Any, seen: Any) -> bool:
+    """Ticks all cells; returns whether any has something to look after, and marks these in `seen`.
+
+    `seen` has the presence bits that each cell was told of, or `STARTLED`.
+    """
+    startled = False
     for cell in range(registers.shape[0]):
-        _step(registers[cell])
+        row = registers[cell]
+        for axis in range(speed_loop.AXES):
+            base = axis * speed_loop.AXIS
+            row[base + speed_loop.COUNT] = counts[cell, axis]
+            row[base + speed_loop.CURRENT] = currents_ma[cell, axis]
+        _step(row)
+        if row[speed_loop.ATTENTION] or presence[cell] != seen[cell]:
+            seen[cell] = STARTLED
+            startled = True
+    return startled
+
+
+class _Board(VirtualBoard):
+    """Tells the filter itself what the cell wants to hear."""
+
+    def __init__(
+        self, registers: memoryview, serial: int, settings: VirtualFlash, acceptance: Acceptance
+    ) -> None:
+        super().__init__(registers, serial, settings)
+        self._acceptance = acceptance
+
+    def listen(self, identifiers: list[int]) -> None:
+        """Let frames with these identifiers through."""
+        self._acceptance.replace(identifiers)
 
 
 class PythonBank:
@@ -32,30 +62,29 @@ class PythonBank:
 
     def __init__(self, node_ids: Sequence[int]) -> None:
         self._node_ids = list(node_ids)
-        self._conditions = Conditions(len(node_ids))
-        self._registers = np.zeros((len(node_ids), speed_loop.REGISTERS), np.int32)
-        self._flash = [VirtualFlash() for _ in node_ids]
-        self._acceptances = [Acceptance() for _ in node_ids]
-        self._boards: list[VirtualBoard] = [self._board(cell) for cell in range(len(node_ids))]
+        cells = range(len(self._node_ids))
+        self._conditions = Conditions(len(cells))
+        self._halted = self._conditions.halted
+        self._registers = np.zeros((len(cells), speed_loop.REGISTERS), np.int32)
+        self._driven_uv = self._registers[
+            :, speed_loop.VOLTAGE : speed_loop.AXES * speed_loop.AXIS : speed_loop.AXIS
+        ]
+        self._voltages_uv = self._driven_uv.copy()
+        self._flash = [VirtualFlash() for _ in cells]
+        self._acceptances = [Acceptance() for _ in cells]
+        self._boards = [self._board(cell) for cell in cells]
         self._cells: list[Cell] = [
             Cell(board, node_id) for board, node_id in zip(self._boards, node_ids, strict=True)
         ]
-        self._counts = self._registers[:, speed_loop.COUNT : 2 * speed_loop.AXIS : speed_loop.AXIS]
-        self._currents = self._registers[
-            :, speed_loop.CURRENT : 2 * speed_loop.AXIS : speed_loop.AXIS
-        ]
-        self._voltages = self._registers[
-            :, speed_loop.VOLTAGE : 2 * speed_loop.AXIS : speed_loop.AXIS
-        ]
-        self._voltages_uv = np.zeros((len(node_ids), 2), np.int32)
+        self._seen = np.full(len(cells), STARTLED, np.int32)
+        #: When the first of the cells wants to be polled, if nothing startles it.
+        self._wake_ms = 0
         #: The time of a tick in which some cells were not polled, for they do not know it.
         self._slept_ms: int | None = None
-        self._presence: list[int] = []
-        for cell in range(len(node_ids)):
-            self._listen(cell)
 
-    def _board(self, cell: int) -> VirtualBoard:
-        return VirtualBoard(memoryview(self._registers[cell]), cell + 1, self._flash[cell])
+    def _board(self, cell: int) -> _Board:
+        registers = memoryview(self._registers[cell])
+        return _Board(registers, cell + 1, self._flash[cell], self._acceptances[cell])
 
     def accepts(self, cell: int) -> Container[int]:
         """See `CellBank`."""
@@ -63,21 +92,18 @@ class PythonBank:
 
     def deliver(self, cell: int, frame: Frame) -> None:
         """See `CellBank`."""
-        if cell not in self._conditions.halted:
+        if cell not in self._halted:
             target = self._cells[cell]
             if self._slept_ms is not None:
                 target.now_ms = self._slept_ms
             target.on_frame(frame.can_id, frame.data)
-            if self._boards[cell].identifiers is not None:
-                self._listen(cell)
 
     def collect(self, cell: int) -> list[Frame]:
         """See `CellBank`."""
-        queued = self._boards[cell].frames
-        if not queued:
-            return []
-        frames = [Frame(can_id, data) for can_id, data in queued]
-        queued.clear()
+        board = self._boards[cell]
+        frames = board.frames
+        if frames:
+            board.frames = []
         return frames
 
     def collect_all(self) -> list[tuple[int, list[Frame]]]:
@@ -93,55 +119,43 @@ class PythonBank:
     ) -> NDArray[np.int32]:
         """See `CellBank`."""
         conditions = self._conditions
-        halted = list(conditions.halted)
-        kept = self._registers[halted] if halted else None
-        self._counts[:] = counts
-        self._currents[:] = currents_ma
-        _step_all(self._registers)
-        self._voltages_uv[:] = self._voltages
+        kept = self._registers[list(self._halted)] if self._halted else None
+        startled = _tick_all(self._registers, counts, currents_ma, presence, self._seen)
+        self._voltages_uv = self._driven_uv.copy()
         if kept is not None:
-            self._registers[halted] = kept
-            for cell, frozen_uv in conditions.halted.items():
-                self._voltages_uv[cell] = frozen_uv
+            self._freeze(kept)
         if conditions.plain and conditions.ticks < FULL_POLLS_FROM:
-            self._poll_awake(conditions.ticks, presence.tolist())
+            self._slept_ms = conditions.ticks
+            if startled or conditions.ticks >= self._wake_ms:
+                self._poll_awake(conditions.ticks, presence)
         else:
             self._poll(presence.tolist())
         conditions.ticks += 1
-        return self._voltages_uv.copy()
+        return self._voltages_uv
 
-    def _poll_awake(self, now_ms: int, presence: list[int]) -> None:
+    def _freeze(self, kept: NDArray[np.int32]) -> None:
+        """Takes back the tick of cells that do not run."""
+        self._registers[list(self._halted)] = kept
+        for cell, frozen_uv in self._halted.items():
+            self._voltages_uv[cell] = frozen_uv
+
+    def _poll_awake(self, now_ms: int, presence: NDArray[np.uint8]) -> None:
         """What `_poll` does, without the calls that would do nothing."""
-        changed = presence != self._presence
-        self._presence = presence
-        self._slept_ms = now_ms
-        for number, cell in enumerate(self._cells):
-            if changed or cell.wake_ms <= now_ms:
-                self._poll_one(number, now_ms, presence[number])
+        seen = self._seen.tolist()
+        self._seen[:] = presence
+        for number, bits in enumerate(presence.tolist()):
+            if seen[number] == STARTLED or self._cells[number].wake_ms <= now_ms:
+                self._boards[number].presence_bits = bits
+                self._cells[number].poll(now_ms)
+        self._wake_ms = min(cell.wake_ms for cell in self._cells)
 
     def _poll(self, presence: list[int]) -> None:
         self._slept_ms = None
-        halted = self._conditions.halted
         times_ms = self._conditions.times_ms()
         for number, bits in enumerate(presence):
-            if number not in halted:
-                self._poll_one(number, times_ms[number], bits)
-
-    def _poll_one(self, number: int, now_ms: int, presence: int) -> None:
-        board = self._boards[number]
-        board.presence_bits = presence
-        board.cut = False
-        self._cells[number].poll(now_ms)
-        if board.cut:
-            self._voltages_uv[number] = 0
-        if board.identifiers is not None:
-            self._listen(number)
-
-    def _listen(self, cell: int) -> None:
-        board = self._boards[cell]
-        if board.identifiers is not None:
-            self._acceptances[cell].replace(board.identifiers)
-            board.identifiers = None
+            if number not in self._halted:
+                self._boards[number].presence_bits = bits
+                self._cells[number].poll(times_ms[number])
 
     def power_off(self, cell: int) -> None:
         """See `CellBank`."""
@@ -159,7 +173,6 @@ class PythonBank:
         self._conditions.restart(cell)
         self._boards[cell] = self._board(cell)
         self._cells[cell] = Cell(self._boards[cell], self._node_ids[cell])
-        self._listen(cell)
 
     def set_bus_off(self, cell: int, off: bool) -> None:
         """See `CellBank`."""

@@ -2,6 +2,7 @@
 
 from mdms_cell import speed_loop
 from mdms_cell.runner import BUS_OFF
+from mdms_protocol.frame import Frame
 
 #: Frames that a board keeps when the bus does not take them.
 TRANSMIT_QUEUE = 64
@@ -10,8 +11,8 @@ TRANSMIT_QUEUE = 64
 class VirtualBoard:
     """Peripherals as plain attributes: the simulation writes the inputs and takes the outputs.
 
-    `cut` tells that the motors were switched off since the last tick, `identifiers` which frames
-    the cell wants to hear; who takes the list sets it to None. `settings` outlives the cell.
+    `identifiers` tells which frames the cell wants to hear; who takes the list sets it to None.
+    `settings` outlives the cell.
     """
 
     def __init__(self, registers: memoryview, serial: int, settings: "VirtualFlash") -> None:
@@ -23,8 +24,7 @@ class VirtualBoard:
         self.currents_ma = [0, 0]
         self.presence_bits = 0
         self.voltages_uv = [0, 0]
-        self.cut = False
-        self.frames: list[tuple[int, bytes]] = []
+        self.frames: list[Frame] = []
         self.identifiers: list[int] | None = None
 
     def sample(self, registers: memoryview) -> None:
@@ -47,7 +47,7 @@ class VirtualBoard:
         """Queue a frame; False when there is no room."""
         if len(self.frames) >= TRANSMIT_QUEUE:
             return False
-        self.frames.append((can_id, bytes(data)))
+        self.frames.append(Frame(can_id, bytes(data)))
         return True
 
     def listen(self, identifiers: list[int]) -> None:
@@ -56,7 +56,6 @@ class VirtualBoard:
 
     def motors_off(self) -> None:
         """Cut the drive until the next tick drives again."""
-        self.cut = True
         self.voltages_uv[0] = 0
         self.voltages_uv[1] = 0
 

@@ -107,6 +107,27 @@ def test_both_kinds_of_cells_say_the_same_whatever_befalls_them():
     assert life(PythonBank) == life(MicropythonBank)
 
 
+def test_leaving_cells_alone_until_they_are_due_changes_nothing():
+    def life(*asked_always):
+        bench = Bench(PythonBank(range(1, CELLS + 1)), seed=3)
+        for cell in asked_always:
+            # Where a clock may be of its own, the bank asks every cell at every tick.
+            bench.bank.set_drift(cell, 0)
+        bench.tick(BOOT_TICKS)
+        bench.tell(cob.SDO_REQUEST_BASE + 2, bytes.fromhex("2b17100017000000"), 1)
+        bench.enable()
+        bench.drive(100)
+        bench.bank.set_bus_off(1, True)
+        bench.drive(30)
+        bench.bank.set_bus_off(1, False)
+        bench.tick(100)
+        bench.enable()
+        bench.drive(100)
+        return bench.heard
+
+    assert life() == life(0)
+
+
 def test_a_hung_cell_leaves_its_voltages_on_and_says_nothing(bench):
     bench.tick(BOOT_TICKS)
     bench.enable()

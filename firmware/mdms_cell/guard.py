@@ -1,0 +1,63 @@
+"""Watches over communication: who has fallen silent, what does not come, who takes the node id.
+
+An error of communication switches the motors off, whatever the error behaviour of 0x1029 says.
+"""
+
+from mdms_protocol import nmt
+
+ERROR_BEHAVIOUR = 0x1029
+
+# What errors come from, as emergency messages tell it; axes count from 1
+SOURCE_CONSUMER = 3
+SOURCE_RPDO = 4
+SOURCE_NODE_ID = 5
+
+HEARTBEAT_LOST = 0x8130
+NODE_ID_TAKEN = 0x8150
+RPDO_OVERDUE = 0x8250
+
+#: The state that a communication error leads to, by the value of 0x1029:1.
+_STATES = {0: nmt.PRE_OPERATIONAL, 2: nmt.STOPPED}
+
+
+class Guard:
+    """Reports to `emcy`, and switches off `axes`, what `consumer` and `pdos` miss."""
+
+    def __init__(self, objects, node, *, axes, emcy, consumer, pdos):
+        self._objects = objects
+        self._node = node
+        self._axes = axes
+        self._emcy = emcy
+        self._consumer = consumer
+        self._pdos = pdos
+
+    def start(self):
+        """The node id is this node's own."""
+        self._emcy.clear(SOURCE_NODE_ID)
+
+    def poll(self, now_ms):
+        """Find out what is missing; return in how many milliseconds something may be."""
+        consumer = self._consumer
+        if consumer.poll(now_ms):
+            self._emcy.report(SOURCE_CONSUMER, HEARTBEAT_LOST)
+            self._react(HEARTBEAT_LOST)
+        elif not consumer.lost:
+            self._emcy.clear(SOURCE_CONSUMER)
+        if self._pdos.overdue(now_ms):
+            self._emcy.report(SOURCE_RPDO, RPDO_OVERDUE)
+        return consumer.wait_ms(now_ms)
+
+    def on_rival(self):
+        """Somebody else sends what only this node may send."""
+        self.on_refusal()
+        self._react(NODE_ID_TAKEN)
+
+    def on_refusal(self):
+        """Somebody else has had the node id before."""
+        self._emcy.report(SOURCE_NODE_ID, NODE_ID_TAKEN)
+
+    def _react(self, error_code):
+        self._axes.fail(error_code)
+        state = _STATES.get(self._objects.number(ERROR_BEHAVIOUR, 1))
+        if state is not None and self._node.state == nmt.OPERATIONAL:
+            self._node.enter(state)
