@@ -21,7 +21,7 @@ while life.live({until_ms}, 20):
         gc.collect()
     if life.sampling:
         life.tell_sample(used())
-life.tell_end()
+life.tell()
 """
 #: What counts as noise, beyond three standard errors of the slope: bytes, or blocks of CPython.
 _NOISE = {"cpython": 60.0, "micropython": 500.0, "wasm": 500.0}
@@ -94,7 +94,7 @@ def clock(time_ms: int) -> str:
 
 
 def live(nodes: str, seed: int, duration_ms: int, before_wrap_ms: int) -> Day:
-    """Let a cell live that long; its clock wraps after `before_wrap_ms`."""
+    """Let a cell live that long, or until Ctrl-C; its clock wraps after `before_wrap_ms`."""
     code = _CODE.format(
         seed=seed,
         until_ms=duration_ms,
@@ -103,10 +103,13 @@ def live(nodes: str, seed: int, duration_ms: int, before_wrap_ms: int) -> Day:
     )
     day = Day(nodes)
     with run(nodes, code, MODULES) as running:
-        for line in running:
-            _take(day, line, running, duration_ms)
-        if running.failed:
-            day.findings.append("the program did not end as it should")
+        try:
+            for line in running:
+                _take(day, line, running, duration_ms)
+            if running.failed:
+                day.findings.append("the program did not end as it should")
+        except KeyboardInterrupt:
+            _show("\n")
     day.judge_memory()
     return day
 
@@ -114,13 +117,11 @@ def live(nodes: str, seed: int, duration_ms: int, before_wrap_ms: int) -> Day:
 def _take(day: Day, line: str, running: Run, duration_ms: int) -> None:
     word, _, rest = line.partition(" ")
     if word == "at":
-        _show(f"\r{clock(int(rest))} of {clock(duration_ms)}")
+        day.simulated_ms, day.frames, day.heartbeats, day.sum = map(int, rest.split())
+        _show(f"\r{clock(day.simulated_ms)} of {clock(duration_ms)}\x1b[K")
     elif word == "sample":
         time_ms, heap = map(int, rest.split())
         day.samples.append(Sample(time_ms, heap, running.resident_kb()))
-    elif word == "end":
-        day.simulated_ms, day.frames, day.heartbeats, day.sum = map(int, rest.split())
-        _show("\r\x1b[K")
     elif word == "finding":
         time_ms, text = rest.split(" ", 1)
         day.findings.append(f"{clock(int(time_ms))} {text}")

@@ -100,6 +100,7 @@ def run(nodes: str, code: str, modules: tuple[Path, ...]) -> Iterator[Run]:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
+            start_new_session=True,
         )
         try:
             yield Run(process)

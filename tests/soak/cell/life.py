@@ -90,7 +90,7 @@ class Life:
         while world.now_ms < end_ms and not self.sampling:
             self._pass_ms()
             if world.now_ms % _TOLD_MS == 0:
-                print("at", world.now_ms)
+                self.tell()
         return world.now_ms < until_ms
 
     def _pass_ms(self):
@@ -161,7 +161,7 @@ class Life:
         self.sampling = False
         print("sample", world.now_ms, heap)
 
-    def tell_end(self):
+    def tell(self):
         """Print what the cell has sent in its life."""
         watch = self.watch
-        print("end", world.now_ms, watch.frames, watch.heartbeat.count, watch.sum)
+        print("at", world.now_ms, watch.frames, watch.heartbeat.count, watch.sum)
