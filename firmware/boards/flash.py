@@ -1,8 +1,13 @@
-"""Settings in two files of the board's flash file system, as `mdms_cell.store` wants its memory."""
+"""Settings and program in files of the board's flash file system.
 
+They are the memories that `mdms_cell.store` and `mdms_cell.program` ask for.
+"""
+
+import binascii
 import os
 
 BANK_SIZE = 4096
+_PIECE = 512
 
 
 class Settings:
@@ -33,3 +38,75 @@ class Settings:
             raise OSError("settings are written from their beginning on")
         with open(self._path(bank), "ab") as file:
             file.write(data)
+
+
+class Program:
+    """A downloaded program, `program.bin`: the one before until all of the next is there and read.
+
+    A file that is renamed takes no other's place on FAT: between removing the old and renaming the
+    new one power may fail. So the new one is `program.new` from when it is known to be whole, and
+    replaces the old one then or at the next start. Erasing flash stops the processor, so nothing
+    is written while `driving()`.
+    """
+
+    def __init__(self, folder, driving):
+        self._path = folder + "/program"
+        self._driving = driving
+        self._file = None
+        self._crc = 0
+        _remove(self._path + ".tmp")
+        if _exists(self._path + ".new"):
+            self._replace()
+
+    def begin(self, _size):
+        """Make room for a program of so many bytes, or None; it grows while it is written."""
+        if self._file is not None:
+            self._file.close()
+        self._crc = 0
+        self._file = open(self._path + ".tmp", "wb")  # noqa: SIM115 - until `end`
+
+    def write(self, data):
+        """Take the next bytes."""
+        if self._file is None or self._driving():
+            raise OSError("a program is written from its beginning on, with the motors off")
+        if self._file.write(data) != len(data):
+            raise OSError("there is no room for the program")
+        self._crc = binascii.crc32(data, self._crc)
+
+    def end(self):
+        """All bytes are there: read them back, and let them take the place of the old program."""
+        if self._file is None:
+            raise OSError("no program has begun")
+        self._file.close()
+        self._file = None
+        if _crc_of(self._path + ".tmp") != self._crc:
+            raise OSError("flash does not hold what was written")
+        os.rename(self._path + ".tmp", self._path + ".new")
+        self._replace()
+
+    def _replace(self):
+        _remove(self._path + ".bin")
+        os.rename(self._path + ".new", self._path + ".bin")
+
+
+def _crc_of(path):
+    crc = 0
+    with open(path, "rb") as file:
+        piece = file.read(_PIECE)
+        while piece:
+            crc = binascii.crc32(piece, crc)
+            piece = file.read(_PIECE)
+    return crc
+
+
+def _exists(path):
+    try:
+        os.stat(path)
+    except OSError:
+        return False
+    return True
+
+
+def _remove(path):
+    if _exists(path):
+        os.remove(path)

@@ -1,9 +1,10 @@
 """What the STM32 boards share: CAN, two wheels, sensors, supply, LEDs, watchdog, flash.
 
-Everything is made from the peripherals that a board's own module picks; nothing here knows a pin.
+A board's own module only tells its `Pins`.
 """
 
 from array import array
+from collections import namedtuple
 
 import machine
 import micropython
@@ -11,114 +12,74 @@ from machine import ADC, CAN, WDT, Pin
 from micropython import const
 from pyb import Timer
 
-from boards.flash import Settings
+from boards.flash import Program, Settings
+from boards.wheel import CURRENT_TOO_LARGE_MA, Wheel, encoder, pulses
 from mdms_cell import speed_loop
 from mdms_cell.inbox import Inbox
 from mdms_cell.outbox import Outbox
 
 BITRATE = 1_000_000
-#: The watchdog's patience: far more than a garbage collection.
+#: The watchdog's patience while a bridge is awake: far more than a garbage collection.
 WATCHDOG_MS = 250
+#: And while both sleep, when flash may be written: erasing sectors stops the processor for seconds.
+WATCHDOG_ASLEEP_MS = 5_000
 #: How long the bus is left alone after bus-off.
 BUS_OFF_MS = 100
-PWM_HZ = 20_000
-#: DRV8874 carrier: 1.1 V/A into an ADC of 3.3 V.
-CURRENT_FULL_SCALE_MA = 3_000
 #: 100 kOhm over 8.2 kOhm into an ADC of 3.3 V.
-SUPPLY_FULL_SCALE_MV = 43_544
+SUPPLY_FULL_SCALE_MV = const(43_544)
 FILTERS_MAX = 14
 
-_SATURATED = const(64_000)
+_SUPPLY_STEP_UV = const(SUPPLY_FULL_SCALE_MV * 1000 >> 12)
 _SUPPLY_MIN_UV = const(1_000_000)
 
-
-class Wheel:
-    """Bridge (phase and enable), encoder and current sense of the axis whose registers are at base.
-
-    `pulse` is a PWM channel whose full width is `steps`.
-    """
-
-    def __init__(self, base: int, *, encoder: Timer, pulse, steps: int, phase: Pin, current: ADC):
-        self._encoder = encoder
-        self._pulse = pulse
-        self._steps = steps
-        self._phase = phase
-        self._current = current
-        self._count = base + speed_loop.COUNT
-        self._current_ma = base + speed_loop.CURRENT
-        self._voltage = base + speed_loop.VOLTAGE
-
-    @micropython.native
-    def sample(self, registers):
-        """Write the encoder's count into the registers."""
-        registers[self._count] = self._encoder.counter() & 0xFFFF
-
-    @micropython.native
-    def drive(self, registers):
-        """Set phase and pulse width to the voltage in the registers."""
-        voltage_uv = registers[self._voltage]
-        if voltage_uv < 0:
-            self._phase.low()
-            voltage_uv = -voltage_uv
-        else:
-            self._phase.high()
-        width = (voltage_uv >> 12) * self._steps // (registers[speed_loop.SUPPLY] >> 12)
-        self._pulse.pulse_width(min(width, self._steps))
-
-    def sense(self, registers):
-        """Write the motor's current into the registers, signed as the voltage.
-
-        A reading at its upper end counts twice, so that it is over any limit.
-        """
-        reading = self._current.read_u16()
-        current_ma = reading * CURRENT_FULL_SCALE_MA >> 16
-        if reading > _SATURATED:
-            current_ma = 2 * CURRENT_FULL_SCALE_MA
-        if registers[self._voltage] < 0:
-            current_ma = -current_ma
-        registers[self._current_ma] = current_ma
-
-    def off(self):
-        """No pulse."""
-        self._pulse.pulse_width(0)
+#: The wiring of a board, by the names of its pins. `pwm_timer` counts at `pwm_hz` and has its
+#: channels 1 and 2 at `pulses`; `encoders` has timer, A and B of each; the rest see `Stm32Board`.
+Pins = namedtuple(
+    "Pins",
+    (
+        "pwm_timer",
+        "pwm_hz",
+        "pulses",
+        "phases",
+        "encoders",
+        "currents",
+        "wake",
+        "fault",
+        "sensors",
+        "supply",
+        "run_led",
+        "error_led",
+    ),
+)
 
 
 class Stm32Board:
     """The board of a cell; see 'Cell and board' in DESIGN.md.
 
     `wake` lets both bridges drive, `fault` is low while one of them reports a fault, `sensors` are
-    the five presence sensors, `run_led` and `error_led` those of CiA 303-3.
+    the five presence sensors, `run_led` and `error_led` those of CiA 303-3. Importing touches
+    nothing; a board is made with both wheels off, and `start` brings it to life.
     """
 
-    def __init__(
-        self,
-        can: CAN,
-        wheels: tuple[Wheel, Wheel],
-        *,
-        wake: Pin,
-        fault: Pin,
-        sensors: list[Pin],
-        supply: ADC,
-        run_led: Pin,
-        error_led: Pin,
-        folder: str,
-    ):
+    def __init__(self, pins: Pins, folder: str):
         self.registers = array("i", [0] * speed_loop.REGISTERS)
         self.serial = int.from_bytes(machine.unique_id()[-4:], "little")
-        self.settings = Settings(folder)
         self.inbox = Inbox()
         self.bus_off = False
+        self._wake = Pin(pins.wake, Pin.OUT, value=0)
+        self._wheels = wheels(pins)
+        self._fault = Pin(pins.fault, Pin.IN, Pin.PULL_UP)
+        self._sensors = [Pin(name, Pin.IN, Pin.PULL_UP) for name in pins.sensors]
+        self._supply = ADC(Pin(pins.supply))
+        self._run_led = Pin(pins.run_led, Pin.OUT, value=0)
+        self._error_led = Pin(pins.error_led, Pin.OUT, value=0)
+        self.settings = Settings(folder)
+        self.program = Program(folder, self._wake.value)
         self._outbox = Outbox()
-        self._can = can
-        self._wheels = wheels
-        self._wake = wake
-        self._fault = fault
-        self._sensors = sensors
-        self._supply = supply
-        self._run_led = run_led
-        self._error_led = error_led
+        self._can = CAN(1, BITRATE)
         self._timer = None
         self._watchdog = None
+        self._watchdog_ms = 0
         self._bus_off_ms = 0
         self.motors_off()
 
@@ -129,7 +90,8 @@ class Stm32Board:
         self._can.irq(self._on_can, CAN.IRQ_RX | CAN.IRQ_STATE, True)
         self._timer = Timer(7, freq=speed_loop.TICK_HZ, callback=tick)
         if watchdog:
-            self._watchdog = WDT(timeout=WATCHDOG_MS)
+            self._watchdog_ms = WATCHDOG_ASLEEP_MS
+            self._watchdog = WDT(timeout=WATCHDOG_ASLEEP_MS)
 
     def stop(self):
         """End both interrupts, and the drive."""
@@ -140,14 +102,30 @@ class Stm32Board:
 
     def feed(self):
         """Tell the watchdog that all is well."""
-        if self._watchdog is not None:
-            self._watchdog.feed()
+        if self._watchdog is None:
+            return
+        wanted_ms = WATCHDOG_MS if self._wake.value() else WATCHDOG_ASLEEP_MS
+        if self._watchdog_ms != wanted_ms:
+            self._watchdog_ms = wanted_ms
+            self._watchdog = WDT(timeout=wanted_ms)
+        self._watchdog.feed()
 
     # What interrupts call
 
     @micropython.native
     def sample(self, registers):
-        """Write the encoder counts into the registers."""
+        """Write supply, currents and encoder counts into the registers, those last.
+
+        The ADC belongs to the tick: a conversion that another interrupts tells of its channel.
+        A bridge with a fault of its own has shut off; that counts as over-current.
+        """
+        supply_uv = (self._supply.read_u16() >> 4) * _SUPPLY_STEP_UV
+        registers[speed_loop.SUPPLY] = max(supply_uv, _SUPPLY_MIN_UV)
+        self._wheels[0].sense(registers)
+        self._wheels[1].sense(registers)
+        if not self._fault.value():
+            registers[speed_loop.CURRENT] = CURRENT_TOO_LARGE_MA
+            registers[speed_loop.AXIS + speed_loop.CURRENT] = CURRENT_TOO_LARGE_MA
         self._wheels[0].sample(registers)
         self._wheels[1].sample(registers)
 
@@ -170,16 +148,10 @@ class Stm32Board:
     # What the background calls
 
     def service(self, now_ms):
-        """Send what waits, look after the bus, read currents and supply."""
+        """Look after the bus, and send what waits."""
         self._look_after_bus(now_ms)
         if not self.bus_off:
             self._outbox.drain(self._can)
-        for wheel in self._wheels:
-            wheel.sense(self.registers)
-        if not self._fault.value():
-            self._report_bridge_fault()
-        supply_uv = (self._supply.read_u16() * SUPPLY_FULL_SCALE_MV >> 16) * 1000
-        self.registers[speed_loop.SUPPLY] = max(supply_uv, _SUPPLY_MIN_UV)
 
     def _look_after_bus(self, now_ms):
         if self._can.state() != CAN.STATE_BUS_OFF:
@@ -192,11 +164,6 @@ class Stm32Board:
         elif (now_ms - self._bus_off_ms) & 0x3FFFFFFF >= BUS_OFF_MS:
             self._bus_off_ms = now_ms
             self._can.restart()
-
-    def _report_bridge_fault(self):
-        """A bridge with a fault of its own has shut off; that counts as over-current."""
-        for base in (0, speed_loop.AXIS):
-            self.registers[base + speed_loop.CURRENT] = 2 * CURRENT_FULL_SCALE_MA
 
     def presence(self):
         """The five presence bits; the sensors pull low where there is a parcel."""
@@ -234,20 +201,19 @@ class Stm32Board:
         self._error_led.value(1 if self.bus_off else blink if faulty else 0)
 
 
-def pulses(timer, source_hz, pins):
-    """PWM channels 1 and 2 of a timer at `PWM_HZ`, one a pin, and their full width."""
-    steps = source_hz // PWM_HZ
-    pwm = Timer(timer, prescaler=0, period=steps - 1)
-    channels = [
-        pwm.channel(place + 1, Timer.PWM, pin=pins[place], pulse_width=0)
-        for place in range(len(pins))
-    ]
-    return channels, steps
-
-
-def encoder(timer, pin_a, pin_b):
-    """A timer that counts the edges of a quadrature encoder, modulo 2**16."""
-    counter = Timer(timer, prescaler=0, period=0xFFFF)
-    counter.channel(1, Timer.ENC_AB, pin=pin_a)
-    counter.channel(2, Timer.ENC_AB, pin=pin_b)
-    return counter
+def wheels(pins: Pins) -> "tuple[Wheel, Wheel]":
+    """Both wheels of a board, made from its peripherals."""
+    channels, steps = pulses(pins.pwm_timer, pins.pwm_hz, [Pin(name) for name in pins.pulses])
+    made = []
+    for number in range(speed_loop.AXES):
+        timer, pin_a, pin_b = pins.encoders[number]
+        wheel = Wheel(
+            number * speed_loop.AXIS,
+            encoder=encoder(timer, Pin(pin_a), Pin(pin_b)),
+            pulse=channels[number],
+            steps=steps,
+            phase=Pin(pins.phases[number], Pin.OUT, value=0),
+            current=ADC(Pin(pins.currents[number])),
+        )
+        made.append(wheel)
+    return made[0], made[1]

@@ -117,13 +117,11 @@ def stall(bench):
 def over_current(bench):
     keep(bench, 50)
     world.analog[bench.currents[0]] = 65535
-    for _ in range(98):
+    for _ in range(99):
         bench.target(TARGET)
         bench.pass_ms()
         assert bench.widths()[0]
-    for _ in range(4):
-        bench.target(TARGET)
-        bench.pass_ms()
+    world.advance()
     assert bench.widths()[0] == 0
     assert bench.widths()[1] != 0, "the other wheel has no fault"
     bench.pass_ms(10)
@@ -133,10 +131,8 @@ def over_current(bench):
 def bridge_fault(bench):
     keep(bench, 50)
     world.levels[bench.fault] = 0
-    for _ in range(103):
-        bench.target(TARGET)
-        bench.pass_ms()
-    assert bench.off()
+    keep(bench, 99)
+    cut(bench)
     bench.pass_ms(10)
     assert 0x2310 in emergencies()
     world.levels[bench.fault] = 1

@@ -1,7 +1,10 @@
 """What a board does from start to stop, told by its faked peripherals; runs on MicroPython."""
 
+import micropython
 import world
 from bench import NODE, Bench
+
+from mdms_cell import speed_loop as s
 
 FULL = {12: 4200, 2: 8500}
 
@@ -21,7 +24,6 @@ def test_is_made_with_everything_off(bench):
 def test_boots_and_drives_both_wheels(bench):
     bench.boot()
     assert ("timer", 7, 1000) in world.told
-    assert ("watchdog", 250) in world.told
     assert bench.off()
     bench.drive(100_000)
     assert world.levels[bench.wake]
@@ -42,8 +44,6 @@ def test_measures_speed_and_current_and_supply(bench):
     bench.boot()
     bench.drive(100_000)
     registers = bench.board.registers
-    from mdms_cell import speed_loop as s
-
     for tick in range(100):
         world.counts[bench.encoders[0]] = 65500 + 3 * tick
         world.counts[bench.encoders[1]] = -3 * tick
@@ -54,6 +54,71 @@ def test_measures_speed_and_current_and_supply(bench):
     assert abs(registers[s.AXIS + s.ACTUAL] + 3_000_000_000 // 37_595) < 200
     assert abs(abs(registers[s.AXIS + s.CURRENT]) - 1_000) < 2
     assert abs(registers[s.SUPPLY] - 24_000_000) < 10_000
+
+
+def test_watchdog_is_patient_while_the_bridges_sleep(bench):
+    bench.boot()
+    assert watchdogs() == [5000]
+    bench.drive(100_000)
+    assert watchdogs() == [5000, 250]
+    bench.can.deliver(0x000, bytes((2, NODE)))
+    bench.pass_ms(2)
+    assert bench.off()
+    assert watchdogs() == [5000, 250, 5000]
+
+
+def watchdogs():
+    return [each[1] for each in world.told if each[0] == "watchdog"]
+
+
+def test_tick_allocates_nothing(bench):
+    bench.boot()
+    bench.drive(-100_000)
+    world.analog[bench.supply] = world.analog[bench.currents[0]] = 65535
+    world.levels[bench.fault] = 0
+    micropython.heap_lock()
+    for _ in range(10):
+        bench.cell.tick()
+    micropython.heap_unlock()
+    assert not bench.off()
+
+
+def test_current_is_known_in_the_tick_that_reads_it(bench):
+    bench.boot()
+    bench.drive(100_000)
+    world.analog[bench.currents[0]] = 65536 // 2
+    world.advance()
+    assert bench.board.registers[s.CURRENT] == 1_500
+    assert bench.board.registers[s.AXIS + s.CURRENT] == 0
+    world.levels[bench.fault] = 0
+    world.advance()
+    assert bench.board.registers[s.CURRENT] > 3_000
+    assert bench.board.registers[s.AXIS + s.CURRENT] > 3_000
+
+
+def test_background_never_touches_the_converter_that_the_tick_uses(bench):
+    bench.boot()
+    before = world.conversions
+    bench.runner.turn(world.now_ms)
+    assert world.conversions == before
+    world.advance()
+    assert world.conversions == before + 3
+
+
+def test_voltage_is_zero_within_a_tick_of_too_much_current(bench):
+    bench.boot()
+    # 0x2006 and 0x2806: over-current time 1 ms
+    for index in (0x20, 0x28):
+        bench.can.deliver(0x600 + NODE, bytes((0x2B, 0x06, index, 0, 1, 0, 0, 0)))
+        bench.pass_ms()
+    bench.drive(100_000)
+    world.analog[bench.currents[0]] = 65535
+    world.advance()  # one tick, no background
+    assert bench.widths()[0] == 0
+    assert bench.widths()[1] != 0
+    world.levels[bench.fault] = 0
+    world.advance()
+    assert bench.widths() == (0, 0)
 
 
 def test_presence_follows_the_sensors(bench):
@@ -152,17 +217,14 @@ def test_stop_ends_timer_and_bus_and_drive(bench):
     bench.drive(100_000)
     bench.board.stop()
     assert bench.off()
-    tick = bench.board.registers[bench.ticks]
+    tick = bench.board.registers[s.TICKS]
     world.advance()
     bench.can.deliver(0x000, bytes((1, NODE)))
-    assert bench.board.registers[bench.ticks] == tick
+    assert bench.board.registers[s.TICKS] == tick
     assert bench.board.inbox.peek() is None
 
 
 def run(board, name):
-    from mdms_cell import speed_loop
-
     bench = Bench(board)
-    bench.ticks = speed_loop.TICKS
     globals()[name](bench)
     print("done")

@@ -7,16 +7,22 @@ import pytest
 
 HERE = Path(__file__).parent
 BOARDS = HERE.parents[1] / "firmware" / "boards"
-FILES = (BOARDS, HERE / "on_board.py", *sorted((HERE / "fakes").glob("*.py")))
+MODULES = ("on_board", "on_board_program")
+FILES = (
+    BOARDS,
+    *(HERE / f"{module}.py" for module in MODULES),
+    *sorted((HERE / "fakes").glob("*.py")),
+)
 TESTS = [
-    node.name
-    for node in ast.parse((HERE / "on_board.py").read_text()).body
+    (module, node.name)
+    for module in MODULES
+    for node in ast.parse((HERE / f"{module}.py").read_text()).body
     if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")
 ]
 
 
 @pytest.mark.parametrize("board", ["pybv11", "nucleo_g474re"])
-@pytest.mark.parametrize("name", TESTS)
-def test_board(micropython, board, name):
-    printed = micropython(f"import on_board; on_board.run({board!r}, {name!r})", *FILES)
+@pytest.mark.parametrize(("module", "name"), TESTS)
+def test_board(micropython, board, module, name):
+    printed = micropython(f"import {module}; {module}.run({board!r}, {name!r})", *FILES)
     assert printed == "done\n"

@@ -25,7 +25,7 @@ class Bench:
             self.wake, self.phases, self.pwm, self.supply = "C8", ("B4", "B5"), 2, "C2"
             self.encoders, self.currents, self.fault = (3, 4), ("C0", "C1"), "C9"
         self.module = module
-        self.sensors = module.SENSORS
+        self.sensors = module.PINS.sensors
         world.analog[self.supply] = SUPPLY_24_V
         self.board = module.board(".")
         self.can = world.buses[0]

@@ -49,6 +49,7 @@ class ADC:
 
     def read_u16(self):
         """The reading."""
+        world.conversions += 1
         return world.analog.get(self.name, 0)
 
 

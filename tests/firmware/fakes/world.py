@@ -3,6 +3,7 @@
 now_ms = 0
 levels = {}  # of pins, by name
 analog = {}  # readings of ADCs [u16], by pin
+conversions = 0  # of ADCs so far
 counts = {}  # of encoders, by timer
 pulses = {}  # widths of PWM pulses, by (timer, channel)
 periods = {}  # of timers
