@@ -21,19 +21,19 @@ class Sampler:
         """Append the state at `now_s`; references and voltages of shape (W,), estimate (P, 3)."""
         world = self._world
         self._time_s.append(now_s)
+        # What the world tells is made anew each time; the rest belongs to the caller.
         values = (
-            world.pose,
-            world.twist,
-            reference_m_s,
+            *world.motion,
+            reference_m_s.copy(),
             world.wheel_speed_m_s,
-            voltage_v,
+            voltage_v.copy(),
             world.normal_n,
             world.force_n,
-            estimate,
+            estimate.copy(),
         )
-        for name, value in zip(_SAMPLED, values, strict=True):
-            self._rows[name].append(value.copy())
-        self._contact.append(world.contact.copy())
+        for rows, value in zip(self._rows.values(), values, strict=True):
+            rows.append(value)
+        self._contact.append(world.contact)
 
     def record(self, events: list[Event]) -> Record:
         """Return what was sampled so far as one `Record` with these events, ordered by time."""

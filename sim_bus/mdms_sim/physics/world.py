@@ -1,9 +1,13 @@
 """The plane: all wheels of the array and all parcels on it, moved step by step."""
 
+from collections.abc import Callable
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
 from mdms_sim.physics import plane
+from mdms_sim.physics.compiled import for_types_of
 from mdms_sim.physics.motor import build_cells
 from mdms_sim.physics.parcel import parcel_records, read_poses
 from mdms_sim.physics.scene import Scene
@@ -44,7 +48,12 @@ class World:
 
     def step_voltage(self, voltage_v: Floats, step_s: float) -> None:
         """Move on under voltages (W,) held over the step, within supply, PWM and current limit."""
-        self.pass_time(step_s, plane.step_voltage(self.scene, voltage_v, step_s))
+        voltage_v = np.ascontiguousarray(voltage_v, np.float64)
+        self.pass_time(step_s, self._step_voltage(self.scene, voltage_v, float(step_s)))
+
+    @cached_property
+    def _step_voltage(self) -> Callable[[Scene, Floats, float], int]:
+        return for_types_of(plane.step_voltage, self.scene, np.zeros(len(self.wheels.cell)), 0.0)
 
     def pass_time(self, step_s: float, news: int) -> None:
         """Advance the clock after the scene has moved, and note what it had to tell."""
@@ -81,14 +90,16 @@ class World:
     @property
     def pose(self) -> Floats:
         """Poses (P, 3) [m, m, rad]."""
-        return self._motion()[0]
+        return self.motion[0]
 
     @property
     def twist(self) -> Floats:
         """Twists (P, 3) [m/s, m/s, rad/s]."""
-        return self._motion()[1]
+        return self.motion[1]
 
-    def _motion(self) -> tuple[Floats, Floats]:
+    @property
+    def motion(self) -> tuple[Floats, Floats]:
+        """Poses and twists at once."""
         pose, twist = np.empty((2, len(self.scene.parcels), 3))
         read_poses(self.scene.parcels, pose, twist)
         return pose, twist
