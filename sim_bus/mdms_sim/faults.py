@@ -9,21 +9,17 @@ from functools import partial
 from random import Random
 
 from mdms_protocol.frame import Frame
-from mdms_sim.bus.attempt import Disturbance
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.controller import Controller
-from mdms_sim.bus.flags import EXTENDED
-from mdms_sim.bus.length import frame_bits
 from mdms_sim.kernel import Kernel
 from mdms_sim.nodes.bank import CellBank
 from mdms_sim.record import Event
 from mdms_sim.scenario import Fault
+from mdms_sim.wire_faults import Effect, Strikes, WireFaults, corrupting, losing, overloading
 
 NS_PER_S = 1_000_000_000
 #: Before the cells tick at that instant.
 PRIORITY = 5
-#: The arbitration field with its stuff bits is over by this bit.
-_STANDARD_FIRST_BIT, _EXTENDED_FIRST_BIT = 17, 42
 
 
 class Faults:
@@ -47,7 +43,7 @@ class Faults:
         self._bus = bus
         self._controllers = controllers
         self._bank = bank
-        self._on_wire: list[_WireFault] = []
+        self._wire = WireFaults(bus)
         for number, fault in enumerate(faults):
             self._schedule(fault, Random(f"{seed}/{number}"))
 
@@ -76,44 +72,28 @@ class Faults:
     # On the wire
 
     def _loss(self, fault: Fault, random: Random) -> "_Ways":
-        return self._wire_fault(fault, random, self._lose)
+        return self._striking(fault, random, losing(self._bus, self._nodes(fault.seen_by)))
 
     def _corruption(self, fault: Fault, random: Random) -> "_Ways":
-        return self._wire_fault(fault, random, self._corrupt)
+        return self._striking(fault, random, corrupting(random, self._nodes(fault.seen_by)))
 
-    def _wire_fault(self, fault: Fault, random: Random, make: "_Make") -> "_Ways":
-        victims = self._nodes(fault.seen_by)
-        one = _WireFault(self._nodes(fault.cells), fault.probability, random, make, victims)
+    def _striking(self, fault: Fault, random: Random, effect: Effect) -> "_Ways":
+        return self._strikes(Strikes(self._nodes(fault.cells), fault.probability, random, effect))
+
+    def _overload(self, fault: Fault, random: Random) -> "_Ways":
+        busy = [self._controllers[cell] for cell in self._cells(fault)]
+        effect = overloading(busy, fault.overload_frames)
+        return self._strikes(Strikes(None, fault.probability, random, effect))
+
+    def _strikes(self, strikes: Strikes) -> "_Ways":
+        def begin() -> None:
+            self._wire.begin(strikes)
 
         def end() -> str:
-            self._on_wire.remove(one)
-            self._bus.disturb(self._disturb if self._on_wire else None)
-            return f"{one.count} frames"
-
-        def begin() -> None:
-            self._on_wire.append(one)
-            self._bus.disturb(self._disturb)
+            self._wire.end(strikes)
+            return f"{strikes.count} frames"
 
         return begin, end
-
-    def _disturb(self, sender: Controller, frame: Frame) -> Disturbance | None:
-        for fault in self._on_wire:
-            disturbance = fault.strike(sender, frame)
-            if disturbance is not None:
-                return disturbance
-        return None
-
-    def _lose(
-        self, frame: Frame, random: Random, victims: Sequence[Controller] | None
-    ) -> Disturbance:
-        return Disturbance(lost_by=self._bus.controllers if victims is None else victims)
-
-    def _corrupt(
-        self, frame: Frame, random: Random, victims: Sequence[Controller] | None
-    ) -> Disturbance:
-        first = _EXTENDED_FIRST_BIT if frame.can_id & EXTENDED else _STANDARD_FIRST_BIT
-        # The last bit of all matters to nobody.
-        return Disturbance(random.randrange(first, frame_bits(frame) - 1), victims)
 
     def _cut(self, fault: Fault, random: Random) -> "_Ways":
         group = [self._controllers[cell] for cell in self._cells(fault)]
@@ -188,35 +168,6 @@ class Faults:
 
 
 _Ways = tuple[Callable[[], str | None], Callable[[], str | None]]
-_Make = Callable[[Frame, Random, Sequence[Controller] | None], Disturbance]
-
-
-class _WireFault:
-    """A fault that strikes some frames; `count` says how many."""
-
-    def __init__(
-        self,
-        senders: Sequence[Controller] | None,
-        probability: float,
-        random: Random,
-        make: _Make,
-        victims: Sequence[Controller] | None,
-    ) -> None:
-        self.count = 0
-        self._senders = senders
-        self._probability = probability
-        self._random = random
-        self._make = make
-        self._victims = victims
-
-    def strike(self, sender: Controller, frame: Frame) -> Disturbance | None:
-        """What happens to this frame, None for nothing."""
-        if self._senders is not None and sender not in self._senders:
-            return None
-        if self._random.random() >= self._probability:
-            return None
-        self.count += 1
-        return self._make(frame, self._random, self._victims)
 
 
 class _Babbler:

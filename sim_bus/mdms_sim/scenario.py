@@ -35,7 +35,7 @@ SHARE = Limit(at_least=0.0, at_most=0.9)
 FIELDS = ("inward", "uniform", "rotate", "elliptic", "twist", "squeeze", "table", "goal")
 FIDELITIES = ("row", "ideal", "firmware")
 SHAPES = ("rectangle", "disc", "polygon")
-FAULTS = ("loss", "corruption", "delay", "babble", "cut", "off", "hang", "drift")
+FAULTS = ("loss", "corruption", "overload", "delay", "babble", "cut", "off", "hang", "drift")
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +184,10 @@ class Fault:
     else on the bus too. By kind:
 
     - loss: their frames get lost on the way to `seen_by` (empty: to all) with `probability`
-    - corruption: a bit of their frames is read wrong by `seen_by` (empty: by all)
+    - corruption: a bit of their frames, any from the first to the second after the frame, is read
+      wrong by `seen_by` (empty: by all) with `probability`
+    - overload: after a frame, of whomever, they hold up the next by `overload_frames` with
+      `probability`
     - delay: their frames leave `delay_s` late
     - babble: they send frames with `can_id` every `period_s`, besides what they do else
     - cut: the wire is cut between them and the rest
@@ -203,6 +206,7 @@ class Fault:
     can_id: int = field(default=0, metadata=Limit(at_least=0, at_most=0x7FF))
     period_s: float = field(default=0.0001, metadata=Limit(at_least=0.00001, at_most=1000.0))
     node_id: int | None = field(default=None, metadata=Limit(at_least=1, at_most=127))
+    overload_frames: int = field(default=1, metadata=Limit(at_least=1, at_most=2))
     drift_ppm: int = field(default=0, metadata=Limit(at_least=-500_000, at_most=500_000))
 
 

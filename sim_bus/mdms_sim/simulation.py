@@ -5,17 +5,15 @@ with new voltages; in between, frames travel over the bus in their real time. No
 anything: cells and participants do.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import partial
-from math import ceil, isinf
 from pathlib import Path
-from typing import BinaryIO, Protocol
+from typing import BinaryIO
 
 import numpy as np
 
-from mdms_protocol import pdo
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus_log import BusLog
@@ -25,8 +23,10 @@ from mdms_sim.kernel import Kernel
 from mdms_sim.nodes import CellBank
 from mdms_sim.nodes.micropython_bank import MicropythonBank
 from mdms_sim.nodes.python_bank import PythonBank
+from mdms_sim.participant import Driver, Participant
 from mdms_sim.physics.world import World
 from mdms_sim.record import Floats, Record
+from mdms_sim.references import References
 from mdms_sim.sampling import Sampler
 from mdms_sim.scenario import Scenario
 
@@ -35,35 +35,18 @@ TICK_NS = 1_000_000
 #: Latency of a cell's background loop: from a frame's end, or a tick, to its answer in a mailbox.
 PROCESSING_NS = 100_000
 SAMPLE_NS = 10_000_000
-#: A participant is not polled more often than this.
-POLL_NS = 100_000
 
-# At one instant frames end first, then the world moves and the cells tick, then answers leave.
+# At one instant frames end first, then the world moves and the cells tick, then answers leave, then
+# participants are polled.
 PRIORITY_TICK = 10
 PRIORITY_COLLECT = 20
-PRIORITY_POLL = 30
 PRIORITY_SAMPLE = 40
 
 UV_PER_V = 1e6
 MA_PER_A = 1e3
-UM_PER_M = 1e6
 
 
 Progress = Callable[[float], object]
-
-
-class Participant(Protocol):
-    """Anything on the bus that is not a cell: a coordinator, a commissioning tool."""
-
-    def on_frame(self, frame: Frame, now_s: float) -> object:
-        """A frame was on the bus."""
-
-    def poll(self, now_s: float) -> Iterable[Frame]:
-        """What it wants to send now."""
-
-    @property
-    def wake_s(self) -> float:
-        """When it wants to be polled next, if nothing comes in before [s]; inf for never."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,15 +93,16 @@ class Simulation:
         self._estimates = estimates
         self._sampler = Sampler(self.world)
         self._substeps = max(1, round(TICK_NS / NS_PER_S / scenario.run.step_s))
+        self._step_s = TICK_NS / NS_PER_S / self._substeps
         self._cells = scenario.array.columns * scenario.array.rows
         self._axes = len(scenario.cell.wheel)
-        self._counts = np.zeros((self._cells, 2), dtype=np.int32)
-        self._currents_ma = np.zeros((self._cells, 2), dtype=np.int32)
+        # A cell has two axes, of which the array may use one.
+        self._counts = np.zeros((self._cells, 2), np.int32)
+        self._currents_ma = np.zeros((self._cells, 2), np.int32)
         self._voltage_v: Floats = np.zeros(self._cells * self._axes)
-        self._references = _References(self._cells, self._axes)
-        self.bus.observe(self._references.on_frame)
+        self._references = References(self.bus, self._cells, self._axes)
         self._mailboxes = [
-            self.bus.attach(_CellStation(self, cell), bank.accepts(cell))
+            self.bus.attach(_CellStation(self._deliver, cell), bank.accepts(cell))
             for cell in range(self._cells)
         ]
         BusOffWatch(self.kernel, self.bus, self._mailboxes, bank)
@@ -133,7 +117,7 @@ class Simulation:
         self._delivered_ns = -1
         self._delivered: list[int] = []
         self._unknown: Floats = np.full((len(scenario.parcel), 3), np.nan)
-        self._drivers = [_Driver(self.kernel, self.bus, one) for one in participants]
+        self._drivers = [Driver(self.kernel, self.bus, one) for one in participants]
         self.kernel.at(0, PRIORITY_TICK, self._tick)
         if recorded:
             self.kernel.at(0, PRIORITY_SAMPLE, self._sample)
@@ -160,10 +144,9 @@ class Simulation:
         events = sorted([*self.world.events, *self._faults.events], key=lambda each: each.time_s)
         return Outcome(self._sampler.record(events), figures)
 
-    def deliver(self, cell: int, frame: Frame) -> None:
+    def _deliver(self, cell: int, frame: Frame, now_ns: int) -> None:
         """A frame has reached a cell (from 0); its background loop deals with it soon."""
         self._bank.deliver(cell, frame)
-        now_ns = self.kernel.now_ns
         if now_ns != self._delivered_ns:
             # All cells that one frame has reached answer at one instant.
             self._delivered_ns, self._delivered = now_ns, []
@@ -174,20 +157,26 @@ class Simulation:
     def _tick(self) -> None:
         now_ns = self.kernel.now_ns
         if now_ns:
-            self._move(TICK_NS / NS_PER_S)
-        self._counts[:, : self._axes] = self.world.encoder_counts().reshape(self._cells, -1)
-        current_a = self.world.motor_current_a.reshape(self._cells, -1)
-        self._currents_ma[:, : self._axes] = current_a * MA_PER_A
+            self._move()
+        self._sense()
         voltages_uv = self._bank.tick(self._counts, self._currents_ma, self.world.presence())
-        self._voltage_v = voltages_uv[:, : self._axes].ravel() / UV_PER_V
+        used = self._voltage_v.reshape(self._cells, self._axes)
+        np.divide(voltages_uv[:, : self._axes], UV_PER_V, out=used)
         self.kernel.at(now_ns + PROCESSING_NS, PRIORITY_COLLECT, self._collect_all)
         self.kernel.at(now_ns + TICK_NS, PRIORITY_TICK, self._tick)
 
-    def _move(self, period_s: float) -> None:
+    def _move(self) -> None:
         for _ in range(self._substeps):
-            self.world.step_voltage(self._voltage_v, period_s / self._substeps)
+            self.world.step_voltage(self._voltage_v, self._step_s)
 
-    def _collect(self, cells: Iterable[int]) -> None:
+    def _sense(self) -> None:
+        shape = self._cells, self._axes
+        used = slice(self._axes)
+        self._counts[:, used] = self.world.encoder_counts().reshape(shape)
+        current_a = self.world.motor_current_a.reshape(shape)
+        np.multiply(current_a, MA_PER_A, out=self._currents_ma[:, used], casting="unsafe")
+
+    def _collect(self, cells: list[int]) -> None:
         for cell in cells:
             for frame in self._bank.collect(cell):
                 self._mailboxes[cell].send(frame)
@@ -240,68 +229,5 @@ def open_bank(nodes: str, cells: int) -> CellBank:
 class _CellStation:
     """A cell as the bus sees it."""
 
-    def __init__(self, simulation: Simulation, cell: int) -> None:
-        self._simulation = simulation
-        self._cell = cell
-
-    def on_frame(self, frame: Frame, now_ns: int) -> None:
-        self._simulation.deliver(self._cell, frame)
-
-
-class _Driver:
-    """Puts a participant on the bus and polls it when it wants to be polled."""
-
-    def __init__(self, kernel: Kernel, bus: Bus, participant: Participant) -> None:
-        self._kernel = kernel
-        self._participant = participant
-        self._mailbox = bus.attach(self)
-        self._due_ns: int | None = None
-        self._earliest_ns = 0
-        self._wake_s = participant.wake_s
-        self._schedule()
-
-    def on_frame(self, frame: Frame, now_ns: int) -> None:
-        self._participant.on_frame(frame, now_ns / NS_PER_S)
-        if self._participant.wake_s != self._wake_s:
-            self._schedule()
-
-    def _schedule(self) -> None:
-        self._wake_s = self._participant.wake_s
-        if isinf(self._wake_s):
-            return
-        wake_ns = max(ceil(self._wake_s * NS_PER_S), self._kernel.now_ns, self._earliest_ns)
-        if self._due_ns is None or wake_ns < self._due_ns:
-            self._due_ns = wake_ns
-            self._kernel.at(wake_ns, PRIORITY_POLL, lambda: self._poll(wake_ns))
-
-    def _poll(self, due_ns: int) -> None:
-        if due_ns != self._due_ns:
-            return
-        for frame in self._participant.poll(due_ns / NS_PER_S):
-            self._mailbox.send(frame)
-        self._due_ns = None
-        self._earliest_ns = due_ns + POLL_NS
-        self._schedule()
-
-
-class _References:
-    """The references last told to the wheels, read off the bus for the record."""
-
-    def __init__(self, cells: int, axes: int) -> None:
-        self._reference_um_s = np.zeros((cells, axes), np.int32)
-        self._cells = {pdo.TARGET_VELOCITY.can_id(cell + 1): cell for cell in range(cells)}
-        self._last: dict[int, bytes] = {}
-
-    def on_frame(self, frame: Frame, now_ns: int) -> None:
-        if frame.can_id in self._cells:
-            self._last[frame.can_id] = frame.data
-
-    @property
-    def reference_m_s(self) -> Floats:
-        axes = self._reference_um_s.shape[1]
-        for can_id, data in self._last.items():
-            values = pdo.TARGET_VELOCITY.decode(data)
-            if values is not None:
-                self._reference_um_s[self._cells[can_id]] = values[:axes]
-        self._last.clear()
-        return self._reference_um_s.ravel() / UM_PER_M
+    def __init__(self, deliver: Callable[[int, Frame, int], None], cell: int) -> None:
+        self.on_frame = partial(deliver, cell)

@@ -101,10 +101,22 @@ def test_corruption_costs_time_and_error_frames_but_no_frame():
 
 def test_a_node_that_sees_what_is_not_there_turns_passive_so_that_frames_get_through():
     fault = Fault("corruption", start_s=1.0, cells=(1,), seen_by=(3,))
-    life = Life(fault, until_s=1.1)
+    life = Life(fault, until_s=1.06)
     # It takes 15 errors at 9 each until it can no longer destroy what others send.
     assert life.outcome.bus.errors >= 15
-    assert life.speeds(1, 1.0, 1.1) >= 9
+    assert life.speeds(1, 1.0, 1.06) == 6
+
+
+def test_a_node_that_needs_time_holds_up_the_next_frame_and_costs_no_frame():
+    plain = Life()
+    held = Life(Fault("overload", start_s=1.0, duration_s=0.9, cells=(2,), overload_frames=2))
+    assert held.outcome.bus.errors == 0
+    assert [held.speeds(cell, 1.0, 2.0) for cell in (1, 2, 3)] == [100, 100, 100]
+    assert held.outcome.bus.frames == plain.outcome.bus.frames
+    # Seven dominant bits and eight of delimiter, twice, after each frame; a bit is 1 us.
+    (_, text, _) = held.events[1]
+    more = held.outcome.bus.load - plain.outcome.bus.load
+    assert more * 2.0 == pytest.approx(int(text.split()[2]) * 30e-6, rel=1e-6)
 
 
 def test_a_delayed_node_answers_late():
@@ -182,6 +194,7 @@ EVERYTHING = (
     Fault("loss", start_s=0.3, probability=0.1),
     Fault("corruption", start_s=0.4, duration_s=0.6, probability=0.1),
     Fault("corruption", start_s=0.4, duration_s=0.6, probability=0.1, seen_by=(1, 3)),
+    Fault("overload", start_s=0.5, duration_s=0.2, cells=(1, 3), probability=0.5),
     Fault("delay", start_s=0.5, duration_s=0.3, cells=(1,), delay_s=0.0012),
     Fault("babble", start_s=0.6, duration_s=0.1, cells=(2,), period_s=0.0002),
     Fault("cut", start_s=0.7, duration_s=0.1, cells=(1,)),

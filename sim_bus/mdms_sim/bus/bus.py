@@ -5,8 +5,9 @@ from itertools import count
 
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.acceptance import Acceptance
-from mdms_sim.bus.attempt import Disturbance
 from mdms_sim.bus.controller import Controller, Station
+from mdms_sim.bus.disturbance import Disturbance
+from mdms_sim.bus.receivers import FrameObserver, Observation
 from mdms_sim.bus.segment import Segment
 from mdms_sim.kernel import Kernel
 
@@ -14,7 +15,6 @@ NS_PER_S = 1_000_000_000
 BITRATE_MIN = 10_000
 BITRATE_MAX = 1_000_000
 
-FrameObserver = Callable[[Frame, int], object]
 ErrorObserver = Callable[[int], object]
 StateObserver = Callable[[Controller, int], object]
 Disturb = Callable[[Controller, Frame], Disturbance | None]
@@ -41,7 +41,7 @@ class Bus:
         self.errors = 0
         self.busy_ns = 0
         self.sequence = count()
-        self.observers: list[FrameObserver] = []
+        self.observers: list[Observation] = []
         self.disturbance: Disturb | None = None
         self._error_observers: list[ErrorObserver] = []
         self._state_observers: list[StateObserver] = []
@@ -59,7 +59,7 @@ class Bus:
 
     def detach(self, controller: Controller) -> None:
         """Takes a controller off the bus with everything it had to send."""
-        controller.segment.remove(controller)
+        controller.segment.remove((controller,))
         controller.live = False
         controller.forget()
 
@@ -72,10 +72,10 @@ class Bus:
 
     def set_listen_only(self, controller: Controller, listen_only: bool) -> None:
         """Has the node hear without acknowledging or sending; what it has to send waits."""
-        controller.listen_only = listen_only
         if listen_only:
-            controller.segment.silence(controller)
-        elif controller.live:
+            controller.segment.silence((controller,))
+        controller.listen_only = listen_only
+        if not listen_only and controller.live:
             controller.request_again()
         controller.segment.reconsider()
 
@@ -86,12 +86,14 @@ class Bus:
 
     def switch_off(self, controller: Controller) -> None:
         """The node loses its power: it neither sends nor acknowledges, and forgets its frames."""
+        controller.segment.silence((controller,))
         controller.live = False
-        controller.segment.silence(controller)
         controller.forget()
+        controller.segment.reconsider()
 
     def switch_on(self, controller: Controller) -> None:
-        """The node starts anew."""
+        """The node starts anew, and hears what begins from now on."""
+        controller.segment.silence((controller,))
         controller.errors.reset()
         controller.live = True
         controller.segment.reconsider()
@@ -102,9 +104,13 @@ class Bus:
 
     # What can be watched
 
-    def observe(self, observer: FrameObserver) -> None:
-        """Has `observer(frame, now_ns)` called at the end of every frame on the bus."""
-        self.observers.append(observer)
+    def observe(self, observer: FrameObserver, accept: Container[int] | None = None) -> None:
+        """Has `observer(frame, now_ns)` called at the end of every frame whose `can_id` it accepts.
+
+        None accepts every frame.
+        """
+        self.observers.append((observer, accept))
+        self._reconsider()
 
     def observe_errors(self, observer: ErrorObserver) -> None:
         """Has `observer(now_ns)` called at the end of every error frame."""
@@ -141,20 +147,19 @@ class Bus:
         self._reconsider()
 
     def cut(self, group: Collection[Controller]) -> Segment:
-        """Cuts the wire: `group` goes on alone. What is being sent is destroyed."""
+        """Cuts the wire: `group` goes on alone.
+
+        A frame on the wire goes on where its sender is; for the others it ends in recessive bits.
+        """
         piece = Segment(self)
+        for segment in tuple(self._segments):
+            members = [each for each in group if each.segment is segment]
+            if members:
+                segment.move(members, piece)
         self._segments.append(piece)
-        for controller in group:
-            controller.segment.break_off()
-            controller.segment.remove(controller)
-            piece.add(controller)
         return piece
 
     def heal(self, piece: Segment) -> None:
-        """Joins a piece to the main wire again; what is being sent is destroyed."""
-        whole = self._segments[0]
-        whole.break_off()
+        """Joins a piece to the main wire again; all see from now on what any of them drives."""
         self._segments.remove(piece)
-        for controller in list(piece.controllers):
-            piece.remove(controller)
-            whole.add(controller)
+        piece.move(tuple(piece.controllers), self._segments[0])

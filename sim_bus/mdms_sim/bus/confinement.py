@@ -8,8 +8,8 @@ BUS_OFF_LIMIT = 256
 RECEIVE_AFTER_SUCCESS = 119
 TRANSMIT_ERROR = 8
 RECEIVE_ERROR = 1
-#: More for a receiver whose error flag was answered by others: the fault was likely its own.
-RECEIVE_ERROR_ALONE = 8
+#: For a receiver whose error flag was answered by others: the fault was likely its own.
+RECEIVE_SEVERE_ERROR = 8
 
 
 class ErrorState(Enum):
@@ -58,9 +58,23 @@ class Confinement:
         """A frame of the node was destroyed."""
         self.transmit += TRANSMIT_ERROR
 
-    def receive_error(self, *, alone: bool) -> None:
-        """A frame of another node was bad; `alone` if this node was the first to find it so."""
-        self.receive += RECEIVE_ERROR + (RECEIVE_ERROR_ALONE if alone else 0)
+    def receive_error(self) -> None:
+        """A frame of another node was bad."""
+        self.receive += RECEIVE_ERROR
+
+    def receive_severe_error(self) -> None:
+        """An error of a receiver that tells against itself: others had none, or its flag failed."""
+        self.receive += RECEIVE_SEVERE_ERROR
+
+    def copy(self) -> "Confinement":
+        """The same counters, to go on from."""
+        other = Confinement()
+        other.transmit, other.receive = self.transmit, self.receive
+        return other
+
+    def put(self, other: "Confinement") -> None:
+        """Takes over the counters of another."""
+        self.transmit, self.receive = other.transmit, other.receive
 
     def reset(self) -> None:
         """The node starts, or has sat out its time off the bus."""

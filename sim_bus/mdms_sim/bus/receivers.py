@@ -1,26 +1,41 @@
 """Who hears which identifier, remembered so that a frame costs only those that it concerns."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Container, Sequence
 
+from mdms_protocol.frame import Frame
 from mdms_sim.bus.controller import Controller
 
 #: A flood of identifiers costs time, not memory.
 REMEMBERED = 4096
 
+FrameObserver = Callable[[Frame, int], object]
+#: An observer and what it wants to see, None for everything.
+Observation = tuple[FrameObserver, Container[int] | None]
+Hearers = tuple[tuple[FrameObserver, ...], tuple[Controller, ...]]
 
-class Receivers(dict[int, tuple[Controller, ...]]):
-    """The controllers of a wire by identifier; `clear` it when any of them has changed."""
 
-    def __init__(self, controllers: Sequence[Controller]) -> None:
+class Receivers(dict[int, Hearers]):
+    """Observers and controllers by identifier; `clear` it when any of them has changed."""
+
+    def __init__(
+        self, controllers: Sequence[Controller], observations: Sequence[Observation]
+    ) -> None:
         super().__init__()
         self._controllers = controllers
+        self._observations = observations
 
-    def __missing__(self, can_id: int) -> tuple[Controller, ...]:
+    def __missing__(self, can_id: int) -> Hearers:
         if len(self) >= REMEMBERED:
             self.clear()
-        self[can_id] = receivers = tuple(
+        observers = tuple(
+            observer
+            for observer, accept in self._observations
+            if accept is None or can_id in accept
+        )
+        controllers = tuple(
             each
             for each in self._controllers
             if each.live and (each.accept is None or can_id in each.accept)
         )
-        return receivers
+        self[can_id] = hearers = observers, controllers
+        return hearers

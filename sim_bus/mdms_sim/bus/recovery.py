@@ -46,6 +46,12 @@ class Recovery:
             self._since_ns[controller] = free_ns
             self._await(controller)
 
+    def postpone(self, free_ns: int) -> None:
+        """What is on the wire ends at another time than was told."""
+        for controller in self._left:
+            self._since_ns[controller] = free_ns
+            self._await(controller)
+
     def _await(self, controller: Controller) -> None:
         due_ns = self._since_ns[controller] + max(0, self._left[controller]) * self._sequence_ns
         self._kernel.at(due_ns, PRIORITY, partial(self._check, controller, due_ns))

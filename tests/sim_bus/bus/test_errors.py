@@ -6,12 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdms_protocol.frame import Frame
-from mdms_sim.bus.attempt import Disturbance
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.confinement import ErrorState
+from mdms_sim.bus.disturbance import Disturbance
 from mdms_sim.bus.length import frame_bits
-from mdms_sim.bus.reception import first_error
-from mdms_sim.bus.wire import stuffed_bits
 from mdms_sim.kernel import Kernel
 
 FRAME = Frame(0x123, b"\x55\xaa\x55\xaa")
@@ -61,26 +59,6 @@ class Bench:
         return [(node.errors.transmit, node.errors.receive) for node in self.nodes]
 
 
-def tail(frame):
-    return [*stuffed_bits(frame), 1, 0, *[1] * 8]
-
-
-@given(st.integers(0, 0x7FF), st.binary(max_size=8))
-def test_a_receiver_finds_no_error_in_a_good_frame(can_id, data):
-    assert first_error(tail(Frame(can_id, data))) is None
-
-
-@given(st.integers(0, 0x7FF), st.binary(max_size=8), st.data())
-def test_a_receiver_finds_any_single_wrong_bit_unless_stuffing_hides_it(can_id, data, draw):
-    bits = tail(Frame(can_id, data))
-    wrong = draw.draw(st.integers(0, len(bits) - 11))
-    bits[wrong] ^= 1
-    found = first_error(bits)
-    # A wrong bit may make a stuff bit of a data bit further on; the CRC then fails at its end.
-    assert found is not None
-    assert found >= wrong
-
-
 def test_a_bit_that_all_see_wrong_destroys_the_frame_and_it_is_sent_again():
     bench = Bench(3)
     bench.disturb_first(1, bit=30)
@@ -108,9 +86,6 @@ def test_a_receiver_that_alone_sees_a_wrong_bit_destroys_the_frame_for_all_and_p
 def test_a_wrong_crc_is_told_only_after_the_acknowledge_delimiter():
     bench = Bench(3)
     crc_bit = LENGTH - 11
-    bits = tail(FRAME)
-    bits[crc_bit] ^= 1
-    assert first_error(bits) == LENGTH - 8
     bench.disturb_first(1, bit=crc_bit, seen_by=[bench.nodes[1]])
     bench.nodes[0].send(FRAME)
     bench.run_us(1000)
@@ -164,11 +139,26 @@ def test_a_node_that_only_listens_does_not_acknowledge():
     bench = Bench(2)
     bench.bus.set_listen_only(bench.nodes[1], True)
     bench.nodes[0].send(FRAME)
-    bench.run_us(2000)
-    assert bench.bus.frames == 0
+    bench.run_us(1000)
+    assert (bench.bus.frames, bench.nodes[0].sent) == (0, 0)
     bench.bus.set_listen_only(bench.nodes[1], False)
-    bench.run_us(3000)
-    assert bench.bus.frames == 1
+    bench.run_us(1200)
+    assert (bench.bus.frames, bench.nodes[0].sent) == (1, 1)
+
+
+def test_a_sniffer_hears_every_attempt_of_a_lone_sender_that_is_passive():
+    bench = Bench(2)
+    bench.bus.set_listen_only(bench.nodes[1], True)
+    bench.nodes[0].errors.transmit = 128
+    bench.nodes[0].send(FRAME)
+    # Its passive flag leaves delimiter and end of frame as they should be. It ends six bits after
+    # the acknowledge slot, then come delimiter, inter-frame space and the eight bits of patience.
+    attempt_us = LENGTH - 9 + 1 + FLAG + DELIMITER + GAP + 8
+    bench.run_us(3 * attempt_us)
+    ends = [LENGTH + number * attempt_us for number in range(3)]
+    assert bench.ears[1].heard == [(FRAME, end_us * 1000) for end_us in ends]
+    assert bench.nodes[0].sent == 0
+    assert bench.counters() == [(128, 0), (0, 0)]
 
 
 def test_a_sender_that_is_always_disturbed_goes_passive_then_bus_off_and_is_silent():
@@ -322,15 +312,18 @@ def test_a_node_that_loses_power_while_it_sends_leaves_an_error_and_no_frame():
     assert [len(ear.heard) for ear in bench.ears] == [0, 1, 1]
 
 
-@given(st.lists(st.tuples(st.integers(0, 3), st.integers(17, 60), st.integers(0, 15)), max_size=40))
-def test_whatever_is_disturbed_every_frame_arrives_once_or_its_sender_is_off(script):
+@given(st.lists(st.tuples(st.integers(0, 70), st.integers(0, 15)), max_size=40))
+def test_whatever_is_disturbed_every_frame_arrives_and_twice_only_after_a_wrong_end(script):
     bench = Bench(4)
     left = list(script)
+    torn = set()
 
     def disturb(sender, frame):
         if not left:
             return None
-        _, bit, victims = left.pop()
+        bit, victims = left.pop()
+        if bit >= frame_bits(frame) - 2:
+            torn.add(frame.can_id)
         seen_by = [node for index, node in enumerate(bench.nodes) if victims >> index & 1]
         return Disturbance(bit=bit, seen_by=seen_by)
 
@@ -340,10 +333,10 @@ def test_whatever_is_disturbed_every_frame_arrives_once_or_its_sender_is_off(scr
     bench.run_us(1_000_000)
     for index, ear in enumerate(bench.ears):
         seen = [frame.can_id for frame, _ in ear.heard]
-        assert len(set(seen)) == len(seen)
         assert all((can_id - 0x100) % 4 != index for can_id in seen)
+        assert {can_id for can_id in seen if seen.count(can_id) > 1} <= torn
     sent = sum(node.sent for node in bench.nodes)
     waiting = sum(node.pending for node in bench.nodes)
-    assert sent == bench.bus.frames
     assert sent + waiting == 20
+    assert sent <= bench.bus.frames
     assert waiting == 0 or any(node.state is ErrorState.BUS_OFF for node in bench.nodes)

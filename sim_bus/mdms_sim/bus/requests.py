@@ -1,0 +1,37 @@
+"""The frames in mailboxes that want the bus, lowest arbitration field first."""
+
+from collections.abc import Callable
+from heapq import heapify, heappush
+
+from mdms_protocol.frame import Frame
+from mdms_sim.bus.controller import Controller
+from mdms_sim.bus.wire import arbitration_field
+
+Request = tuple[int, int, Controller, Frame]
+
+
+class Requests(list[Request]):
+    """A heap of (arbitration field, number, controller, frame); numbers order equals."""
+
+    def __init__(self, next_number: Callable[[], int]) -> None:
+        super().__init__()
+        self._next_number = next_number
+
+    def add(self, controller: Controller, frame: Frame) -> None:
+        """One more."""
+        heappush(self, (arbitration_field(frame.can_id), self._next_number(), controller, frame))
+
+    def drop(self, controller: Controller, frame: Frame | None = None) -> None:
+        """Forgets what a controller wants to send, or that frame of it."""
+        kept = [each for each in self if each[2] is not controller or frame not in (None, each[3])]
+        if len(kept) < len(self):
+            self[:] = kept
+            heapify(self)
+
+    def contenders(self, now_ns: int) -> list[tuple[Controller, Frame]]:
+        """The lowest of each controller that need not let others go first, lowest first."""
+        first: dict[Controller, Frame] = {}
+        for _, _, controller, frame in sorted(self):
+            if controller.suspended_until_ns <= now_ns:
+                first.setdefault(controller, frame)
+        return list(first.items())
