@@ -6,13 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mdms_image.compiler import ImageError, compile_source
-from mdms_image.sources import imported, source_of
-
-#: Stand-ins that the builds for these boards need, by the name under which they are imported.
-_STAND_INS = {"nucleo_g474re": {"binascii": "boards.binascii_crc32"}}
+from mdms_image.linker import START
+from mdms_image.merge import merge
+from mdms_image.sources import source_of
 
 #: The boards that there are images for, and the architecture of their machine code.
 BOARDS = {"pybv11": "armv7emsp", "nucleo_g474re": "armv7emsp"}
+#: What is compiled in place of modules that a board's build leaves out.
+_STAND_INS = {"nucleo_g474re": {"binascii": "boards.binascii_crc32"}}
+_MAIN = "from mdms import start\n\nstart()\n"
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,18 +32,34 @@ class Image:
 def build_image(folder: Path, board: str = "pybv11") -> Image:
     """Fill a folder, which is made anew, with the files of a board's flash.
 
-    Raises ImageError for an unknown board and where mpy-cross is missing.
+    Raises ImageError for an unknown board, where mpy-cross is missing, and for sources that cannot
+    be merged.
     """
     if board not in BOARDS:
         raise ImageError(f"there is no board {board!r}; there are {', '.join(BOARDS)}")
+    return write_image(folder, board, BOARDS[board])
+
+
+def write_image(folder: Path, board: str, architecture: str | None) -> Image:
+    """As `build_image`, for another processor; without an architecture all is bytecode."""
+    roots = {
+        START: "start",
+        f"boards.{board}.board": "board",
+        "mdms_cell.cell.Cell": "Cell",
+        "mdms_cell.runner.Runner": "Runner",
+    }
+    others = tuple(f"boards.{each}" for each in BOARDS if each != board)
+    sources = merge("main", roots, emits=architecture is not None, skip=others).sources
+    for stand_in, name in _STAND_INS.get(board, {}).items():
+        sources[stand_in] = source_of(name).read_text(encoding="utf-8")
+    compiled = {
+        f"{name}.mpy": compile_source(source, name, architecture)
+        for name, source in sources.items()
+    }
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    shutil.copy(source_of("main"), folder / "main.py")
-    for name in imported("main"):
-        if name != "main":
-            _compile(name, folder / f"{name.replace('.', '/')}.mpy", BOARDS[board])
-    for stand_in, name in _STAND_INS.get(board, {}).items():
-        _compile(name, folder / f"{stand_in}.mpy", BOARDS[board])
+    for name, content in {"main.py": _MAIN.encode(), **compiled}.items():
+        (folder / name).write_bytes(content)
     return image_of(folder)
 
 
@@ -55,9 +73,3 @@ def image_of(folder: Path) -> Image:
         size += len(content)
         digest.update(f"{file.as_posix()}\0{len(content)}\0".encode() + content)
     return Image(files, digest.hexdigest()[:12], size)
-
-
-def _compile(name: str, target: Path, architecture: str) -> None:
-    target.parent.mkdir(exist_ok=True)
-    source = source_of(name).read_text(encoding="utf-8")
-    target.write_bytes(compile_source(source, name, architecture))

@@ -25,19 +25,37 @@ def source_of(name: str) -> Path:
     return Path(spec.origin).parent / f"{module or '__init__'}.py"
 
 
-def imported(name: str) -> list[str]:
-    """The modules that a module needs on a board, directly or by others, itself included."""
-    found: list[str] = []
-    waiting = [name]
+def imported(entry: str, skip: tuple[str, ...] = ()) -> list[str]:
+    """The modules that a module needs on a board, itself included, in the order of execution.
+
+    What functions import comes after what is imported at once; modules in `skip` are left out.
+    """
+    found: dict[str, None] = {}
+    waiting = [entry]
     while waiting:
-        each = waiting.pop()
-        if each not in found:
-            found.append(each)
-            waiting.extend(_imports(ast.parse(source_of(each).read_text(encoding="utf-8"))))
-    return sorted(found)
+        name = waiting.pop(0)
+        if name not in found:
+            waiting += _collect(name, found, skip)
+    return list(found)
 
 
-def _imports(tree: ast.Module) -> list[str]:
+def _collect(name: str, found: dict[str, None], skip: tuple[str, ...]) -> list[str]:
+    """Add a module after those that it imports at once; returns those that functions import."""
+    tree = ast.parse(source_of(name).read_text(encoding="utf-8"))
+    later = []
+    for node in tree.body:
+        for each in _imports(node):
+            if each in skip:
+                continue
+            if isinstance(node, ast.FunctionDef | ast.ClassDef):
+                later.append(each)
+            elif each not in found:
+                later += _collect(each, found, skip)
+    found[name] = None
+    return later
+
+
+def _imports(tree: ast.AST) -> list[str]:
     names = []
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -45,10 +63,11 @@ def _imports(tree: ast.Module) -> list[str]:
         elif isinstance(node, ast.ImportFrom) and node.module is not None:
             names.append(node.module)
             names += [f"{node.module}.{alias.name}" for alias in node.names]
-    return [name for name in names if _is_ours(name)]
+    return [name for name in names if is_ours(name)]
 
 
-def _is_ours(name: str) -> bool:
+def is_ours(name: str) -> bool:
+    """Whether a name is that of a module of ours."""
     package, _, module = name.partition(".")
     return (
         package in PACKAGES

@@ -1,0 +1,69 @@
+"""The compact form of the firmware: all modules in one, with nothing that a board does not need."""
+
+import ast
+from dataclasses import dataclass
+from typing import Any
+
+from mdms_image.constants import inline
+from mdms_image.fold import fold
+from mdms_image.linker import Program, link
+from mdms_image.names import shorten
+from mdms_image.privacy import qualify
+from mdms_image.reach import drop_unused
+from mdms_image.sources import imported
+from mdms_image.trim import trim
+from mdms_image.units import LOAD, MAIN, LazyImports, assign
+
+
+@dataclass(frozen=True)
+class Merged:
+    """The sources by file name, the names of definitions in them, and inlined constants."""
+
+    sources: dict[str, str]
+    names: dict[str, str]
+    constants: dict[str, Any]
+
+
+def merge(
+    entry: str,
+    roots: dict[str, str],
+    *,
+    emits: bool,
+    public: bool = True,
+    skip: tuple[str, ...] = (),
+) -> Merged:
+    """Merge a module and all that it imports.
+
+    `roots` are the definitions that others use, by their full names, and what they are called for
+    them. Without `public`, only private attributes get short names; modules in `skip` are left to
+    an import that fails.
+    """
+    program = link(imported(entry, skip))
+    trim(program.definitions, emits=emits)
+    constants = inline(program)
+    drop_unused(program, tuple(roots))
+    qualify(program)
+    fold(program, tuple(roots))
+    unit_of = assign(program, tuple(roots))
+    names = shorten(program, roots, public=public)
+    lazy = LazyImports({names[name]: unit for name, unit in unit_of.items()}, names.get(LOAD, ""))
+    sources = {}
+    for unit in sorted(set(unit_of.values())):
+        body = [
+            lazy.visit(program.definitions[name])
+            for name in program.definitions
+            if unit_of[name] == unit
+        ]
+        sources[unit] = _source(
+            program, unit, body, {names[each] for each in unit_of if unit_of[each] == MAIN}
+        )
+    return Merged(sources, names, constants)
+
+
+def _source(program: Program, unit: str, body: list[ast.stmt], main: set[str]) -> str:
+    used = {part.id for node in body for part in ast.walk(node) if isinstance(part, ast.Name)}
+    lines = [ast.unparse(line) for name, line in sorted(program.imports.items()) if name in used]
+    others = sorted(used & main)
+    if unit != MAIN and others:
+        lines.append(f"from {MAIN} import {', '.join(others)}")
+    return "\n".join([*lines, *(ast.unparse(ast.fix_missing_locations(node)) for node in body), ""])
