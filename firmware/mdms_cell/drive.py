@@ -95,8 +95,11 @@ class Drive:
 
     def set_target(self, target_um_s):
         """Take a target velocity [um/s], clipped to what the speed loop bears, as fresh."""
-        limit = speed_loop.SPEED_MAX_UM_S
-        self.target_um_s = min(max(target_um_s, -limit), limit)
+        if target_um_s > speed_loop.SPEED_MAX_UM_S:
+            target_um_s = speed_loop.SPEED_MAX_UM_S
+        elif target_um_s < -speed_loop.SPEED_MAX_UM_S:
+            target_um_s = -speed_loop.SPEED_MAX_UM_S
+        self.target_um_s = target_um_s
         self._aim()
         self.registers[self.base + speed_loop.AGE] = 0
 

@@ -28,11 +28,15 @@ def counts_per_m(cell: Cell) -> float:
     return cell.gear_ratio * cell.encoder_counts_per_motor_rev / turn_m
 
 
+@compiled
 def encoder_counts(travel_m: Floats, counts_per_m: float) -> NDArray[np.int32]:
     """Counts passed, wrapping at 31 bits like the small integers of the firmware."""
-    counts = np.floor(travel_m * counts_per_m).astype(np.int64)
     half = 1 << (COUNT_BITS - 1)
-    return ((counts + half) % (1 << COUNT_BITS) - half).astype(np.int32)
+    counts = np.empty(travel_m.size, dtype=np.int32)
+    for wheel in range(travel_m.size):
+        passed = math.floor(travel_m[wheel] * counts_per_m)
+        counts[wheel] = (passed + half) % (1 << COUNT_BITS) - half
+    return counts
 
 
 class PresenceSensors:
@@ -54,10 +58,15 @@ class PresenceSensors:
         """
         bits = np.zeros(self._grid.columns * self._grid.rows, dtype=np.uint8)
         presence_bits(self._grid, scene.parcels, scene.edges, self._offset_m, bits)
+        return self._disturb(self._late(bits, now_s))
+
+    def _late(self, bits: Bits, now_s: float) -> Bits:
+        if self._delay_s == 0.0:
+            return bits
         self._seen.append((now_s, bits))
         while len(self._seen) > 1 and self._seen[1][0] <= now_s - self._delay_s + ROUNDING_S:
             self._seen.popleft()
-        return self._disturb(self._seen[0][1])
+        return self._seen[0][1]
 
     def _disturb(self, bits: Bits) -> Bits:
         if self._noise == 0.0:
