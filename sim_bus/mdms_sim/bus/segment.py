@@ -53,6 +53,7 @@ class Segment:
             there = other._traffic.progress(lambda each: True)
             there += self._traffic.progress(lambda each: each in controllers)
         self.remove(controllers)
+        other._traffic.free_ns = max(other._traffic.free_ns, self._traffic.free_ns)
         if busy:
             other._traffic.resume(there)
         for controller in controllers:

@@ -6,11 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdms_protocol.frame import Frame
-from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.confinement import ErrorState
 from mdms_sim.bus.disturbance import Disturbance
 from mdms_sim.bus.length import frame_bits
-from mdms_sim.kernel import Kernel
 
 FRAME = Frame(0x123, b"\x55\xaa\x55\xaa")
 LENGTH = frame_bits(FRAME)
@@ -19,48 +17,8 @@ DELIMITER = 8
 FLAG = 6
 
 
-class Ear:
-    def __init__(self):
-        self.heard = []
-
-    def on_frame(self, frame, now_ns):
-        self.heard.append((frame, now_ns))
-
-
-class Bench:
-    """A bus at 1 Mbit/s with `count` nodes."""
-
-    def __init__(self, count):
-        self.kernel = Kernel()
-        self.bus = Bus(self.kernel)
-        self.ears = [Ear() for _ in range(count)]
-        self.nodes = [self.bus.attach(ear) for ear in self.ears]
-        self.error_ends_us = []
-        self.states = []
-        self.bus.observe_errors(lambda now_ns: self.error_ends_us.append(now_ns // 1000))
-        self.bus.observe_states(
-            lambda node, now_ns: self.states.append((self.nodes.index(node), node.state))
-        )
-
-    def run_us(self, time_us):
-        self.kernel.run_until(time_us * 1000)
-
-    def disturb_first(self, count, **how):
-        """The first `count` transmissions are disturbed."""
-        left = [count]
-
-        def disturb(sender, frame):
-            left[0] -= 1
-            return Disturbance(**how) if left[0] >= 0 else None
-
-        self.bus.disturb(disturb)
-
-    def counters(self):
-        return [(node.errors.transmit, node.errors.receive) for node in self.nodes]
-
-
-def test_a_bit_that_all_see_wrong_destroys_the_frame_and_it_is_sent_again():
-    bench = Bench(3)
+def test_a_bit_that_all_see_wrong_destroys_the_frame_and_it_is_sent_again(bench_of):
+    bench = bench_of(3)
     bench.disturb_first(1, bit=30)
     bench.nodes[0].send(FRAME)
     bench.run_us(1000)
@@ -73,8 +31,8 @@ def test_a_bit_that_all_see_wrong_destroys_the_frame_and_it_is_sent_again():
     assert (bench.bus.frames, bench.bus.errors) == (1, 1)
 
 
-def test_a_receiver_that_alone_sees_a_wrong_bit_destroys_the_frame_for_all_and_pays_more():
-    bench = Bench(3)
+def test_a_receiver_that_alone_sees_a_wrong_bit_destroys_the_frame_for_all_and_pays_more(bench_of):
+    bench = bench_of(3)
     bench.disturb_first(1, bit=30, seen_by=[bench.nodes[1]])
     bench.nodes[0].send(FRAME)
     bench.run_us(1000)
@@ -83,8 +41,8 @@ def test_a_receiver_that_alone_sees_a_wrong_bit_destroys_the_frame_for_all_and_p
     assert [len(ear.heard) for ear in bench.ears] == [0, 1, 1]
 
 
-def test_a_wrong_crc_is_told_only_after_the_acknowledge_delimiter():
-    bench = Bench(3)
+def test_a_wrong_crc_is_told_only_after_the_acknowledge_delimiter(bench_of):
+    bench = bench_of(3)
     crc_bit = LENGTH - 11
     bench.disturb_first(1, bit=crc_bit, seen_by=[bench.nodes[1]])
     bench.nodes[0].send(FRAME)
@@ -93,8 +51,8 @@ def test_a_wrong_crc_is_told_only_after_the_acknowledge_delimiter():
     assert bench.error_ends_us == [LENGTH - 7 + 1 + FLAG + DELIMITER]
 
 
-def test_a_passive_receiver_loses_the_frame_and_disturbs_nobody():
-    bench = Bench(3)
+def test_a_passive_receiver_loses_the_frame_and_disturbs_nobody(bench_of):
+    bench = bench_of(3)
     bench.nodes[1].errors.receive = 130
     bench.disturb_first(1, bit=30, seen_by=[bench.nodes[1]])
     bench.nodes[0].send(FRAME)
@@ -104,8 +62,8 @@ def test_a_passive_receiver_loses_the_frame_and_disturbs_nobody():
     assert bench.counters() == [(0, 0), (0, 131), (0, 0)]
 
 
-def test_counters_fall_by_one_with_every_good_frame_and_passive_receivers_return_to_119():
-    bench = Bench(2)
+def test_counters_fall_by_one_with_every_good_frame_and_passive_receivers_return_to_119(bench_of):
+    bench = bench_of(2)
     bench.nodes[0].errors.transmit = 5
     bench.nodes[1].errors.receive = 140
     bench.bus.disturb(None)
@@ -116,8 +74,8 @@ def test_counters_fall_by_one_with_every_good_frame_and_passive_receivers_return
     assert bench.states == [(1, ErrorState.ACTIVE)]
 
 
-def test_a_lone_sender_repeats_until_it_is_passive_but_never_goes_bus_off():
-    bench = Bench(1)
+def test_a_lone_sender_repeats_until_it_is_passive_but_never_goes_bus_off(bench_of):
+    bench = bench_of(1)
     bench.nodes[0].send(FRAME)
     bench.run_us(100_000)
     assert bench.nodes[0].errors.transmit == 128
@@ -128,15 +86,14 @@ def test_a_lone_sender_repeats_until_it_is_passive_but_never_goes_bus_off():
     assert ends[0] == attempt_us
     assert {b - a for a, b in pairwise(ends[:16])} == {attempt_us + GAP}
     assert ends[20] - ends[19] == attempt_us + GAP + 8
-    late = Ear()
-    bench.bus.attach(late)
+    bench.attach()
     bench.run_us(101_000)
-    assert [frame for frame, _ in late.heard] == [FRAME]
+    assert [frame for frame, _ in bench.ears[1].heard] == [FRAME]
     assert bench.nodes[0].errors.transmit == 127
 
 
-def test_a_node_that_only_listens_does_not_acknowledge():
-    bench = Bench(2)
+def test_a_node_that_only_listens_does_not_acknowledge(bench_of):
+    bench = bench_of(2)
     bench.bus.set_listen_only(bench.nodes[1], True)
     bench.nodes[0].send(FRAME)
     bench.run_us(1000)
@@ -146,8 +103,8 @@ def test_a_node_that_only_listens_does_not_acknowledge():
     assert (bench.bus.frames, bench.nodes[0].sent) == (1, 1)
 
 
-def test_a_sniffer_hears_every_attempt_of_a_lone_sender_that_is_passive():
-    bench = Bench(2)
+def test_a_sniffer_hears_every_attempt_of_a_lone_sender_that_is_passive(bench_of):
+    bench = bench_of(2)
     bench.bus.set_listen_only(bench.nodes[1], True)
     bench.nodes[0].errors.transmit = 128
     bench.nodes[0].send(FRAME)
@@ -161,8 +118,8 @@ def test_a_sniffer_hears_every_attempt_of_a_lone_sender_that_is_passive():
     assert bench.counters() == [(128, 0), (0, 0)]
 
 
-def test_a_sender_that_is_always_disturbed_goes_passive_then_bus_off_and_is_silent():
-    bench = Bench(3)
+def test_a_sender_that_is_always_disturbed_goes_passive_then_bus_off_and_is_silent(bench_of):
+    bench = bench_of(3)
     bench.bus.disturb(
         lambda sender, frame: Disturbance(bit=30) if sender is bench.nodes[0] else None
     )
@@ -178,9 +135,9 @@ def test_a_sender_that_is_always_disturbed_goes_passive_then_bus_off_and_is_sile
     assert bench.ears[0].heard == []
 
 
-def off_bench():
+def off_bench(bench_of):
     """Node 0 is bus off, with its frame still waiting, and nothing is disturbed any more."""
-    bench = Bench(3)
+    bench = bench_of(3)
     bench.bus.disturb(lambda sender, frame: Disturbance(bit=30))
     bench.nodes[0].send(FRAME)
     bench.run_us(10_000)
@@ -189,8 +146,8 @@ def off_bench():
     return bench
 
 
-def test_bus_off_ends_after_128_times_11_bits_of_an_idle_bus():
-    bench = off_bench()
+def test_bus_off_ends_after_128_times_11_bits_of_an_idle_bus(bench_of):
+    bench = off_bench(bench_of)
     bench.bus.recover(bench.nodes[0])
     start_us = 10_000
     bench.run_us(start_us + 128 * 11 - 1)
@@ -200,8 +157,8 @@ def test_bus_off_ends_after_128_times_11_bits_of_an_idle_bus():
     assert bench.ears[1].heard == [(FRAME, (start_us + 128 * 11 + LENGTH) * 1000)]
 
 
-def test_frames_of_others_count_as_one_sequence_each_on_the_way_back():
-    bench = off_bench()
+def test_frames_of_others_count_as_one_sequence_each_on_the_way_back(bench_of):
+    bench = off_bench(bench_of)
     bench.bus.recover(bench.nodes[0])
     for _ in range(200):
         bench.nodes[1].send(Frame(0x300, b""))
@@ -211,15 +168,15 @@ def test_frames_of_others_count_as_one_sequence_each_on_the_way_back():
     assert back_at == [128]
 
 
-def test_without_recovery_a_node_stays_off():
-    bench = off_bench()
+def test_without_recovery_a_node_stays_off(bench_of):
+    bench = off_bench(bench_of)
     bench.run_us(1_000_000)
     assert bench.nodes[0].state is ErrorState.BUS_OFF
     assert bench.ears[1].heard == []
 
 
-def test_two_nodes_that_send_the_same_bits_at_once_both_succeed():
-    bench = Bench(3)
+def test_two_nodes_that_send_the_same_bits_at_once_both_succeed(bench_of):
+    bench = bench_of(3)
     bench.nodes[0].send(FRAME)
     bench.nodes[1].send(FRAME)
     bench.run_us(1000)
@@ -227,8 +184,8 @@ def test_two_nodes_that_send_the_same_bits_at_once_both_succeed():
     assert (bench.nodes[0].sent, bench.nodes[1].sent, bench.bus.errors) == (1, 1, 0)
 
 
-def test_one_identifier_with_two_contents_is_an_error_until_a_sender_is_passive():
-    bench = Bench(3)
+def test_one_identifier_with_two_contents_is_an_error_until_a_sender_is_passive(bench_of):
+    bench = bench_of(3)
     low, high = Frame(0x123, b"\x00"), Frame(0x123, b"\xff")
     bench.nodes[0].send(high)
     bench.nodes[1].send(low)
@@ -240,10 +197,10 @@ def test_one_identifier_with_two_contents_is_an_error_until_a_sender_is_passive(
     assert bench.counters() == [(16 * 8 + 8 - 1, 0), (16 * 8 - 1, 0), (0, 14)]
 
 
-def test_remote_and_data_frame_of_one_identifier_do_not_clash():
+def test_remote_and_data_frame_of_one_identifier_do_not_clash(bench_of):
     from mdms_sim.bus.flags import REMOTE
 
-    bench = Bench(3)
+    bench = bench_of(3)
     bench.nodes[0].send(Frame(0x123 | REMOTE, bytes(2)))
     bench.nodes[1].send(Frame(0x123, b"ab"))
     bench.run_us(1000)
@@ -251,8 +208,8 @@ def test_remote_and_data_frame_of_one_identifier_do_not_clash():
     assert [frame.can_id for frame, _ in bench.ears[2].heard] == [0x123, 0x123 | REMOTE]
 
 
-def test_a_passive_sender_lets_others_go_first_for_eight_bits():
-    bench = Bench(3)
+def test_a_passive_sender_lets_others_go_first_for_eight_bits(bench_of):
+    bench = bench_of(3)
     bench.nodes[0].errors.transmit = 140
     bench.bus.disturb(None)
     bench.nodes[0].send(Frame(0x100, b"1"))
@@ -263,8 +220,8 @@ def test_a_passive_sender_lets_others_go_first_for_eight_bits():
     assert [frame.can_id for frame, _ in bench.ears[2].heard] == [0x100, 0x700, 0x101]
 
 
-def test_a_lost_frame_is_missed_by_its_victims_only_and_no_counter_moves():
-    bench = Bench(3)
+def test_a_lost_frame_is_missed_by_its_victims_only_and_no_counter_moves(bench_of):
+    bench = bench_of(3)
     bench.disturb_first(1, lost_by=[bench.nodes[1]])
     bench.nodes[0].send(FRAME)
     bench.run_us(1000)
@@ -272,8 +229,8 @@ def test_a_lost_frame_is_missed_by_its_victims_only_and_no_counter_moves():
     assert bench.counters() == [(0, 0)] * 3
 
 
-def test_a_cut_bus_works_in_each_piece_and_heals():
-    bench = Bench(4)
+def test_a_cut_bus_works_in_each_piece_and_heals(bench_of):
+    bench = bench_of(4)
     piece = bench.bus.cut(bench.nodes[2:])
     bench.nodes[0].send(Frame(0x100, b"\x01"))
     bench.nodes[2].send(Frame(0x100, b"\x02"))
@@ -291,8 +248,8 @@ def test_a_cut_bus_works_in_each_piece_and_heals():
     assert bench.bus.errors == 0
 
 
-def test_a_frame_on_the_wire_is_destroyed_by_the_cut_and_sent_again_in_its_piece():
-    bench = Bench(3)
+def test_a_frame_on_the_wire_is_destroyed_by_the_cut_and_sent_again_in_its_piece(bench_of):
+    bench = bench_of(3)
     bench.nodes[0].send(FRAME)
     bench.kernel.at(20_000, 0, lambda: bench.bus.cut([bench.nodes[2]]))
     bench.run_us(1000)
@@ -300,8 +257,8 @@ def test_a_frame_on_the_wire_is_destroyed_by_the_cut_and_sent_again_in_its_piece
     assert [len(ear.heard) for ear in bench.ears] == [0, 1, 0]
 
 
-def test_a_node_that_loses_power_while_it_sends_leaves_an_error_and_no_frame():
-    bench = Bench(3)
+def test_a_node_that_loses_power_while_it_sends_leaves_an_error_and_no_frame(bench_of):
+    bench = bench_of(3)
     bench.nodes[0].send(FRAME)
     bench.kernel.at(20_000, 0, lambda: bench.bus.switch_off(bench.nodes[0]))
     bench.run_us(1000)
@@ -313,8 +270,8 @@ def test_a_node_that_loses_power_while_it_sends_leaves_an_error_and_no_frame():
 
 
 @given(st.lists(st.tuples(st.integers(0, 70), st.integers(0, 15)), max_size=40))
-def test_whatever_is_disturbed_every_frame_arrives_and_twice_only_after_a_wrong_end(script):
-    bench = Bench(4)
+def test_every_frame_arrives_and_twice_only_after_a_wrong_end(bench_of, script):
+    bench = bench_of(4)
     left = list(script)
     torn = set()
 
