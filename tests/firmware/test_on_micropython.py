@@ -9,8 +9,8 @@ MODULES = sorted(path.stem for path in BOTH.glob("test_*.py"))
 CODE = "from run_on_micropython import run; run(%r)"
 
 
-def files(name: str) -> tuple[Path, Path]:
-    return BOTH / "run_on_micropython.py", BOTH / f"{name}.py"
+def files(name: str) -> tuple[Path, ...]:
+    return tuple(BOTH / f"{each}.py" for each in ("run_on_micropython", "cell_bench", name))
 
 
 @pytest.mark.parametrize("name", MODULES)

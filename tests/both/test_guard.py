@@ -1,0 +1,72 @@
+"""What a cell does when somebody falls silent, a frame does not come, or its node id is taken."""
+
+from cell_bench import emergencies, enable, operational
+
+from mdms_cell import speed_loop
+from mdms_protocol import nmt, sdo
+
+
+def watching():
+    """A cell that watches the host's heartbeat, node 127, with its motors on."""
+    cell, board = operational()
+    cell.on_frame(0x605, sdo.write_request(0x1016, 1, b"\xc8\x00\x7f\x00"))
+    cell.on_frame(0x605, sdo.write_request(0x3000, 0, b"\x10\x27"))
+    enable(cell)
+    board.take()
+    return cell, board
+
+
+def test_lost_heartbeat_of_the_host_switches_the_motors_off():
+    cell, board = watching()
+    for now_ms in range(51, 600):
+        cell.tick()
+        cell.poll(now_ms)
+        if now_ms <= 300 and now_ms % 100 == 0:
+            cell.on_frame(0x77F, b"\x05")
+        driven = board.registers[speed_loop.MODE] == speed_loop.RUN
+        assert driven == (now_ms < 500)
+    assert cell.state == nmt.PRE_OPERATIONAL
+    assert emergencies(board) == [b"\x30\x81\x11\x03\0\0\0\0"]
+    cell.on_frame(0x77F, b"\x05")
+    cell.poll(605)
+    assert emergencies(board) == [b"\x00\x00\x00\x03\0\0\0\0"]
+
+
+def test_heartbeat_is_not_missed_before_the_first():
+    cell, board = watching()
+    for now_ms in range(51, 1000):
+        cell.poll(now_ms)
+    assert emergencies(board) == []
+
+
+def test_error_behaviour_chooses_the_state():
+    for behaviour, state in ((0, nmt.PRE_OPERATIONAL), (1, nmt.OPERATIONAL), (2, nmt.STOPPED)):
+        cell, board = watching()
+        cell.on_frame(0x605, sdo.write_request(0x1029, 1, bytes((behaviour,))))
+        cell.on_frame(0x77F, b"\x05")
+        for now_ms in range(51, 300):
+            cell.poll(now_ms)
+        assert cell.state == state
+        assert board.registers[speed_loop.MODE] == speed_loop.OFF
+
+
+def test_frame_that_does_not_come_in_time_is_reported_once():
+    cell, board = operational()
+    cell.on_frame(0x605, sdo.write_request(0x1400, 5, b"\x19\0"))
+    cell.on_frame(0x205, bytes(8))
+    told = []
+    for now_ms in range(51, 200):
+        cell.poll(now_ms)
+        told += [(now_ms, data) for data in emergencies(board)]
+    assert told == [(75, b"\x50\x82\x11\x04\0\0\0\0")]
+
+
+def test_rival_that_comes_later_switches_the_motors_off():
+    cell, board = operational()
+    enable(cell)
+    cell.on_frame(0x705, b"\x00")
+    cell.tick()
+    assert board.registers[speed_loop.MODE] == speed_loop.OFF
+    assert cell.state == nmt.PRE_OPERATIONAL
+    cell.poll(55)
+    assert board.take()[0] == (0x085, b"\x50\x81\x11\x05\0\0\0\0")
