@@ -5,6 +5,7 @@ They are the memories that `mdms_cell.store` and `mdms_cell.program` ask for.
 
 import binascii
 import os
+import sys
 
 BANK_SIZE = 4096
 _PIECE = 512
@@ -54,35 +55,48 @@ class Program:
         self._driving = driving
         self._file = None
         self._crc = 0
+        try:
+            self._tidy()
+        except OSError as error:  # flash that fails is no reason not to start
+            sys.print_exception(error)
+
+    def _tidy(self):
+        """End what power failed in; what was not whole is no program."""
         _remove(self._path + ".tmp")
         if _exists(self._path + ".new"):
             self._replace()
 
     def begin(self, _size):
         """Make room for a program of so many bytes, or None; it grows while it is written."""
-        if self._file is not None:
-            self._file.close()
+        self._close()
+        self._tidy()
         self._crc = 0
         self._file = open(self._path + ".tmp", "wb")  # noqa: SIM115 - until `end`
 
     def write(self, data):
         """Take the next bytes."""
-        if self._file is None or self._driving():
-            raise OSError("a program is written from its beginning on, with the motors off")
-        if self._file.write(data) != len(data):
+        if self._begun().write(data) != len(data):
             raise OSError("there is no room for the program")
         self._crc = binascii.crc32(data, self._crc)
 
     def end(self):
         """All bytes are there: read them back, and let them take the place of the old program."""
-        if self._file is None:
-            raise OSError("no program has begun")
-        self._file.close()
-        self._file = None
+        self._begun()
+        self._close()
         if _crc_of(self._path + ".tmp") != self._crc:
             raise OSError("flash does not hold what was written")
         os.rename(self._path + ".tmp", self._path + ".new")
         self._replace()
+
+    def _begun(self):
+        if self._file is None or self._driving():
+            raise OSError("a program is written from its beginning on, with the motors off")
+        return self._file
+
+    def _close(self):
+        file, self._file = self._file, None
+        if file is not None:
+            file.close()
 
     def _replace(self):
         _remove(self._path + ".bin")

@@ -16,7 +16,7 @@ class PowerLossError(Exception):
 
 
 class Power:
-    """Counts what is done to flash, and fails at the step `last`."""
+    """Counts what is done to flash, and fails at the step `last`, if any."""
 
     def __init__(self, last):
         self.last = last
@@ -155,6 +155,23 @@ def test_power_that_fails_once_more_at_the_next_start_loses_nothing(bench):
     assert content() == NEW
 
 
+def test_flash_that_fails_at_the_start_does_not_keep_the_cell_from_starting(bench):
+    def refuse(*_arguments):
+        raise OSError(5)
+
+    download(bench.board.program, NEW)
+    os.rename("program.bin", "program.new")
+    disk = Disk(Power(None))
+    disk.rename = refuse
+    flash.os = disk
+    program = flash.Program(".", lambda: False)
+    refuses(program.begin, None)
+    flash.os = Disk(Power(None))
+    download(program, OLD)
+    assert content() == OLD
+    flash.os = os
+
+
 def test_flash_that_does_not_hold_what_was_written_is_refused(bench):
     program = bench.board.program
     download(program, OLD)
@@ -174,6 +191,8 @@ def test_nothing_is_written_while_motors_may_turn(bench):
     program.write(NEW[:100])
     bench.drive(100_000)
     refuses(program.write, NEW[100:])
+    refuses(program.end)
+    assert not there("program.bin")
 
 
 def test_sdo_download_ends_in_the_file(bench):

@@ -25,4 +25,4 @@ TESTS = [
 @pytest.mark.parametrize(("module", "name"), TESTS)
 def test_board(micropython, board, module, name):
     printed = micropython(f"import {module}; {module}.run({board!r}, {name!r})", *FILES)
-    assert printed == "done\n"
+    assert printed.endswith("done\n")
