@@ -9,15 +9,23 @@ _FORMATS = {0x02: "<b", 0x03: "<h", 0x04: "<i", 0x05: "<B", 0x06: "<H", 0x07: "<
 
 
 class Record:
-    """What the table says about one entry."""
+    """What the table says about one entry of the record at a position.
 
-    def __init__(self, position):
+    `past` tells how far the sub-index lies behind the last of the record; then there is no entry.
+    """
+
+    def __init__(self, position, sub):
         start = position * record.RECORD_SIZE
-        self.index, self.sub, self.type, self.flags, self._limits, self.place = struct.unpack_from(
+        self.index, first, kind, self.flags, self._limits, place = struct.unpack_from(
             record.RECORD, packed.RECORDS, start
         )
         end = start + 2 * record.RECORD_SIZE
-        self.size = (packed.RECORDS[end - 2] | packed.RECORDS[end - 1] << 8) - self.place
+        size = (packed.RECORDS[end - 2] | packed.RECORDS[end - 1] << 8) - place
+        self.sub = sub
+        self.past = sub - first - (kind >> record.COUNT_SHIFT)
+        self.type = kind & record.TYPE
+        self.size = size // ((kind >> record.COUNT_SHIFT) + 1)
+        self.place = place + (sub - first) * self.size
 
     @property
     def format(self):
@@ -38,28 +46,25 @@ class Record:
 
 def find(index, sub):
     """The record of an entry; raises AbortError if there is none."""
-    position = _position(index, sub)
-    if position < _COUNT:
-        found = Record(position)
-        if found.index == index and found.sub == sub:
-            return found
-    first = _position(index, 0)
-    if first < _COUNT and Record(first).index == index:
+    found = Record(_position(index, sub), sub)
+    if found.index != index:
+        raise sdo.AbortError(sdo.NO_SUCH_OBJECT)
+    if found.past > 0:
         raise sdo.AbortError(sdo.NO_SUCH_SUB_INDEX)
-    raise sdo.AbortError(sdo.NO_SUCH_OBJECT)
+    return found
 
 
 def _position(index, sub):
-    """Of the first record that is not before (index, sub)."""
+    """Of the last record that does not begin behind (index, sub)."""
     wanted = index << 8 | sub
     low = 0
     high = _COUNT
-    while low < high:
+    while high - low > 1:
         middle = (low + high) // 2
         start = middle * record.RECORD_SIZE
         row = packed.RECORDS
-        if (row[start + 1] << 16 | row[start] << 8 | row[start + 2]) < wanted:
-            low = middle + 1
+        if (row[start + 1] << 16 | row[start] << 8 | row[start + 2]) <= wanted:
+            low = middle
         else:
             high = middle
     return low
@@ -193,11 +198,14 @@ class Objects:
 
 
 def entries(flags):
-    """The records of the entries that have one of these flags."""
+    """The entries that have one of these flags."""
     for position in range(_COUNT):
-        entry = Record(position)
-        if entry.flags & flags:
-            yield entry
+        _, first, kind, own, _, _ = struct.unpack_from(
+            record.RECORD, packed.RECORDS, position * record.RECORD_SIZE
+        )
+        if own & flags:
+            for sub in range(first, first + (kind >> record.COUNT_SHIFT) + 1):
+                yield Record(position, sub)
 
 
 def check_length(entry, size):

@@ -1,7 +1,8 @@
 """Writes the object table as the three byte strings that a cell holds it in.
 
-A record tells an entry in eight bytes, in the order of (index, sub-index), so that a cell finds it
-by halving; its value lies at `place` in the data. Limits that several entries share stand once.
+A record tells in eight bytes a run of entries that differ in nothing but their sub-indices, in the
+order of (index, sub-index), so that a cell finds it by halving; the values of a run lie one after
+the other from `place` on. Limits that several entries share stand once.
 """
 
 import struct
@@ -9,12 +10,14 @@ import struct
 from mdms_protocol import entry as e
 from mdms_protocol.dictionary import OBJECTS
 from mdms_protocol.record import (
+    COUNT_SHIFT,
     FROM_NODE,
     IN_RPDO,
     IN_TPDO,
     LIMITS,
     READABLE,
     RECORD,
+    RUN_MAX,
     STORED_APPLICATION,
     STORED_COMMUNICATION,
     WRITABLE,
@@ -45,21 +48,41 @@ def pack() -> tuple[bytes, bytes, bytes]:
     records = b""
     data = b""
     limits: list[tuple[int, int]] = []
-    for each in OBJECTS:
-        for entry in each.entries:
-            records += struct.pack(
-                RECORD,
-                entry.index,
-                entry.sub,
-                entry.type.code,
-                flags(entry),
-                _number_of(limits, entry),
-                len(data),
-            )
-            data += default(entry)
+    for run in _runs():
+        entry = run[0]
+        records += struct.pack(
+            RECORD,
+            entry.index,
+            entry.sub,
+            entry.type.code | len(run) - 1 << COUNT_SHIFT,
+            flags(entry),
+            _number_of(limits, entry),
+            len(data),
+        )
+        data += b"".join(default(each) for each in run)
     # One more place, so that the last value has an end too.
     records += struct.pack(RECORD, 0xFFFF, 0xFF, 0, 0, 0, len(data))
     return records, b"".join(struct.pack(LIMITS, *pair) for pair in limits), data
+
+
+def _runs() -> list[list[e.Entry]]:
+    """The entries in their order; those that one record tells are together."""
+    runs: list[list[e.Entry]] = []
+    for each in OBJECTS:
+        for entry in each.entries:
+            if runs and len(runs[-1]) < RUN_MAX and _follows(runs[-1][-1], entry):
+                runs[-1].append(entry)
+            else:
+                runs.append([entry])
+    return runs
+
+
+def _follows(before: e.Entry, entry: e.Entry) -> bool:
+    return (
+        (before.index, before.sub + 1) == (entry.index, entry.sub)
+        and (before.type, before.low, before.high) == (entry.type, entry.low, entry.high)
+        and flags(before) == flags(entry)
+    )
 
 
 def _number_of(limits: list[tuple[int, int]], entry: e.Entry) -> int:
