@@ -3,6 +3,7 @@
 from mdms_cell.objects import Objects, find
 from mdms_protocol import record, sdo
 from mdms_protocol.dictionary import ENTRIES
+from mdms_protocol.entry import TEXT
 
 
 def refusal(index, sub):
@@ -17,7 +18,7 @@ def test_every_entry_is_found_with_its_type_and_size():
     for (index, sub), entry in ENTRIES.items():
         found = find(index, sub)
         assert (found.index, found.sub, found.type) == (index, sub, entry.type.code)
-        size = entry.type.size or len(entry.default)
+        size = len(entry.default) if entry.type == TEXT else entry.type.size
         assert found.size == size, (index, sub)
 
 
