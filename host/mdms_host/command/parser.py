@@ -8,6 +8,7 @@ from mdms_host.command import (
     configure,
     demo,
     export,
+    flash,
     limits,
     map,
     plot,
@@ -35,6 +36,7 @@ VERBS = (
     scan,
     status,
     stop,
+    flash,
     configure,
     replay,
 )
