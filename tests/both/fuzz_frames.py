@@ -309,5 +309,5 @@ class Frames:
         """Read any entry of the dictionary, or one that its object lacks."""
         row = self._chance.below(len(packed.RECORDS) // record.RECORD_SIZE) * record.RECORD_SIZE
         rows = packed.RECORDS
-        sub = rows[row + 2] + self._chance.below(record.RUN_MAX)
+        sub = (rows[row + 2] + self._chance.below(record.RUN_MAX)) & 0xFF
         return _SERVER, sdo.read_request(rows[row] | rows[row + 1] << 8, sub), 0
