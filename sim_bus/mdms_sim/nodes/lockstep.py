@@ -1,45 +1,46 @@
-"""What a cell's process and the simulation say to each other, little-endian.
+"""What a cell's process and the simulation say to each other, on CPython and MicroPython alike.
 
-A request is eight 32-bit numbers, which MicroPython reads without allocating: the size of the
-frames, what to do after having taken them in, presence bits, both encoder counts (the node id in
-place of the first with `RESTART`), both motor currents [mA] and the time [ms]. Then come the frames
-that have reached the cell since the last request. A reply is its whole size and both voltages [uV],
-then the frames that the cell wants to send. A frame is identifier, size, data; under the identifier
-`LISTEN` the data are the identifiers that the cell wants to hear from now on.
+They take turns at a block of memory that both see. The simulation writes into it what has reached
+the cell, and one byte into a pipe, which says what to do; the process does it, writes what came of
+it into the block, and answers by one byte through another pipe, which says whether there is
+anything in its outbox. The end of a pipe tells that the other is gone.
+
+A block is `WORDS` 32-bit numbers, the registers of the speed loop, an inbox and an outbox of
+frames: identifier, size, data. What is in the inbox is taken in before anything else is done.
+Frames stay in the outbox until a request says that they were `TAKEN`. Two identifiers that no frame
+has come first, when they have changed: under `LISTENS` stand the identifiers that the cell wants to
+hear from now on, under `SILENT` those that it sends nothing about before its next tick, so that
+they may lie in the inbox until then.
 """
 
-import struct
-from collections.abc import Iterator
+# Requests
+NOTHING = 0
+TICK = 1
+RESTART = 2
+LEAVE_BUS = 3
+REJOIN_BUS = 4
+#: Added to a request: the frames in the outbox need not be told again.
+TAKEN = 0x80
 
-from mdms_protocol.frame import Frame
+# Where the words of a block are, counted in words
+PRESENCE = 0
+NOW_MS = 1
+VOLTAGES_UV = 2  # both axes
+INBOX_SIZE = 4  # bytes
+OUTBOX_SIZE = 5  # bytes
+NODE_ID = 6  # from RESTART on
+WORDS = 16
 
-NOTHING, TICK, RESTART, LEAVE_BUS, REJOIN_BUS = range(5)
-LISTEN = 0xFFFF
-#: Bytes of frames in one request at most.
-FRAMES_MAX = 4096
+# Where the parts of a block are, in bytes
+WORD = 4
+REGISTERS = WORDS * WORD
+INBOX = 512
+INBOX_MAX = 1024
+OUTBOX = INBOX + INBOX_MAX
+OUTBOX_MAX = 4096
+BLOCK = OUTBOX + OUTBOX_MAX
+
+FRAME_HEAD_SIZE = 3
 FRAME_MAX = 11
-
-REQUEST = struct.Struct("<8i")
-REPLY = struct.Struct("<Hii")
-_FRAME_HEAD = struct.Struct("<HB")
-
-
-def pack_frame(frame: Frame) -> bytes:
-    """One frame with an 11-bit identifier."""
-    data: bytes = frame.data
-    return _FRAME_HEAD.pack(frame.can_id, len(data)) + data
-
-
-def unpack_frames(data: bytes) -> Iterator[Frame]:
-    """The frames of a reply."""
-    at = 0
-    while at < len(data):
-        can_id, size = _FRAME_HEAD.unpack_from(data, at)
-        at += _FRAME_HEAD.size
-        yield Frame(can_id, data[at : at + size])
-        at += size
-
-
-def identifiers(data: bytes) -> tuple[int, ...]:
-    """What a `LISTEN` frame says."""
-    return struct.unpack(f"<{len(data) // 2}H", data)
+LISTENS = 0xFFFF
+SILENT = 0xFFFE

@@ -1,8 +1,10 @@
 """Cells as real MicroPython processes: the firmware as it runs on a board, but for the board."""
 
-import tempfile
+import struct
 from collections.abc import Container, Iterable, Sequence
+from contextlib import ExitStack, closing
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +12,7 @@ from numpy.typing import NDArray
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.acceptance import Acceptance
 from mdms_sim.nodes import lockstep
+from mdms_sim.nodes.blocks import Blocks
 from mdms_sim.nodes.condition import Conditions
 from mdms_sim.nodes.micropython_process import MicropythonProcess, stage
 
@@ -18,33 +21,38 @@ CHECK_TICKS = 100
 
 
 class MicropythonBank:
-    """One process a cell. Raises MicropythonMissing, NodeDied.
+    """One process a cell. Raises MicropythonMissing, NodeDied, OSError.
 
-    Frames for the cells are kept until an answer is due; then all that have some are asked before
-    the first is waited for, so that the processes work at the same time.
+    Processes work at the same time as each other and as the bus: they are told of a frame as soon
+    as it has reached the cell, and waited for when somebody wants to know what came of it. Frames
+    that nothing can come of before the next tick wait for it.
     """
 
     def __init__(self, node_ids: Sequence[int]) -> None:
         self._node_ids = list(node_ids)
         self._conditions = Conditions(len(node_ids))
-        self._inbox = [bytearray() for _ in node_ids]
-        self._outbox: list[list[Frame]] = [[] for _ in node_ids]
         self._acceptances = [Acceptance() for _ in node_ids]
-        self._voltages_uv = np.zeros((len(node_ids), 2), np.int32)
-        self._staging = tempfile.TemporaryDirectory(prefix="mdms-")
+        #: Identifiers that a cell never answers.
+        self._silent: list[Container[int]] = [() for _ in node_ids]
+        #: Cells that have been asked and have not answered.
+        self._asked: list[int] = []
+        #: Frames that nobody has collected yet, of the cells that have some.
+        self._outbox: dict[int, list[Frame]] = {}
+        #: What to add to the next request.
+        self._taken = [0] * len(node_ids)
         self._processes: list[MicropythonProcess] = []
-        try:
-            self._start()
-        except BaseException:
-            self.close()
-            raise
+        with ExitStack() as stack:
+            self._blocks = stack.enter_context(closing(Blocks(len(node_ids))))
+            self._start(Path(stack.enter_context(TemporaryDirectory(prefix="mdms-"))), stack)
+            self._open = stack.pop_all()
 
-    def _start(self) -> None:
-        folder = Path(self._staging.name)
+    def _start(self, folder: Path, stack: ExitStack) -> None:
         stage(folder)
-        for serial, node_id in enumerate(self._node_ids, 1):
-            self._processes.append(MicropythonProcess(node_id, serial, folder))
-        self._exchange(range(len(self._node_ids)))
+        for cell, node_id in enumerate(self._node_ids):
+            process = MicropythonProcess(cell, node_id, folder, self._blocks)
+            self._processes.append(stack.enter_context(closing(process)))
+        self._ask(range(len(self._node_ids)), lockstep.NOTHING)
+        self._settle()
 
     def accepts(self, cell: int) -> Container[int]:
         """See `CellBank`."""
@@ -54,27 +62,24 @@ class MicropythonBank:
         """See `CellBank`."""
         if cell in self._conditions.halted:
             return
-        self._inbox[cell] += lockstep.pack_frame(frame)
-        if len(self._inbox[cell]) > lockstep.FRAMES_MAX - lockstep.FRAME_MAX:
-            self._exchange([cell])
+        if cell in self._asked:
+            self._settle()
+        room = self._blocks.put(cell, frame.can_id, frame.data)
+        if frame.can_id not in self._silent[cell] or not room:
+            self._ask([cell], lockstep.NOTHING)
 
     def collect(self, cell: int) -> list[Frame]:
         """See `CellBank`."""
-        if self._inbox[cell]:
-            self._deliver_all()
-        frames, self._outbox[cell] = self._outbox[cell], []
+        self._settle()
+        frames = self._outbox.pop(cell, [])
+        if frames:
+            self._taken[cell] = lockstep.TAKEN
         return frames
 
     def collect_all(self) -> list[tuple[int, list[Frame]]]:
         """See `CellBank`."""
-        self._deliver_all()
-        waiting = [cell for cell, frames in enumerate(self._outbox) if frames]
-        return [(cell, self.collect(cell)) for cell in waiting]
-
-    def _deliver_all(self) -> None:
-        waiting = [cell for cell, inbox in enumerate(self._inbox) if inbox]
-        if waiting:
-            self._exchange(waiting)
+        self._settle()
+        return [(cell, self.collect(cell)) for cell in sorted(self._outbox)]
 
     def tick(
         self,
@@ -83,79 +88,89 @@ class MicropythonBank:
         presence: NDArray[np.uint8],
     ) -> NDArray[np.int32]:
         """See `CellBank`."""
-        conditions = self._conditions
-        self._check()
+        self._settle()
+        conditions, blocks = self._conditions, self._blocks
+        if conditions.ticks % CHECK_TICKS == 0:
+            self._check()
+        blocks.counts[:] = counts
+        blocks.currents_ma[:] = currents_ma
+        blocks.presence[:] = presence
+        blocks.times_ms[:] = conditions.ticks if conditions.plain else conditions.times_ms()
         halted = conditions.halted
-        running = [cell for cell in range(len(self._processes)) if cell not in halted]
-        bits, times_ms = presence.tolist(), conditions.times_ms()
-        wheels = np.hstack([counts, currents_ma]).tolist()
-        pack = lockstep.REQUEST.pack
-        for cell in running:
-            inbox = self._inbox[cell]
-            head = pack(len(inbox), lockstep.TICK, bits[cell], *wheels[cell], times_ms[cell])
-            self._processes[cell].ask(head + inbox)
-            inbox.clear()
-        for cell in running:
-            self._take_answer(cell)
+        self._ask((cell for cell in range(len(presence)) if cell not in halted), lockstep.TICK)
+        self._settle()
         conditions.ticks += 1
-        return self._voltages_uv.copy()
+        return blocks.voltages_uv.copy()
 
     def _check(self) -> None:
-        if self._conditions.ticks % CHECK_TICKS == 0:
-            for process in self._processes:
-                process.check()
+        for process in self._processes:
+            process.check()
 
-    def _exchange(self, cells: Iterable[int], what: int = lockstep.NOTHING, value: int = 0) -> None:
-        """Hands over the frames that wait for these cells, and takes what they answer."""
-        asked = list(cells)
-        for cell in asked:
-            inbox = self._inbox[cell]
-            head = lockstep.REQUEST.pack(len(inbox), what, 0, value, 0, 0, 0, 0)
-            self._processes[cell].ask(head + inbox)
-            inbox.clear()
-        for cell in asked:
-            self._take_answer(cell)
+    def _ask(self, cells: Iterable[int], request: int) -> None:
+        """Has the cells begin with what is asked, all at the same time."""
+        for cell in cells:
+            self._processes[cell].ask(request | self._taken[cell])
+            self._taken[cell] = 0
+            self._asked.append(cell)
 
-    def _take_answer(self, cell: int) -> None:
-        reply = self._processes[cell].answer()
-        _, first, second = lockstep.REPLY.unpack_from(reply)
-        self._voltages_uv[cell] = first, second
-        if len(reply) > lockstep.REPLY.size:
-            for frame in lockstep.unpack_frames(reply[lockstep.REPLY.size :]):
-                if frame.can_id == lockstep.LISTEN:
-                    self._acceptances[cell].replace(lockstep.identifiers(frame.data))
-                else:
-                    self._outbox[cell].append(frame)
+    def _settle(self) -> None:
+        """Waits for all cells that have been asked."""
+        for cell in self._asked:
+            if self._processes[cell].answer():
+                self._hear(cell)
+        self._asked.clear()
+
+    def _hear(self, cell: int) -> None:
+        frames = []
+        for can_id, data in self._blocks.outbox(cell):
+            if can_id == lockstep.LISTENS:
+                self._acceptances[cell].replace(_identifiers(data))
+            elif can_id == lockstep.SILENT:
+                self._silent[cell] = frozenset(_identifiers(data))
+            else:
+                frames.append(Frame(can_id, data))
+        if frames:
+            self._outbox[cell] = frames
+
+    def _do(self, cell: int, request: int) -> None:
+        self._ask([cell], request)
+        self._settle()
 
     def power_off(self, cell: int) -> None:
         """See `CellBank`."""
-        self._inbox[cell].clear()
-        self._outbox[cell].clear()
-        self._voltages_uv[cell] = 0
+        self._settle()
+        self._forget(cell)
+        self._blocks.voltages_uv[cell] = 0
         self._conditions.halt(cell, (0, 0))
+
+    def _forget(self, cell: int) -> None:
+        """Frames that were queued will not be sent."""
+        self._outbox.pop(cell, None)
+        self._blocks.clear(cell)
+        self._taken[cell] = lockstep.TAKEN
 
     def hang(self, cell: int) -> None:
         """See `CellBank`."""
-        if self._inbox[cell]:
-            self._exchange([cell])
-        self._conditions.halt(cell, self._voltages_uv[cell].tolist())
+        self._settle()
+        self._conditions.halt(cell, self._blocks.voltages_uv[cell].tolist())
 
     def restart(self, cell: int, node_id: int | None = None) -> None:
         """See `CellBank`."""
         if node_id is not None:
             self._node_ids[cell] = node_id
-        self._inbox[cell].clear()
-        self._outbox[cell].clear()
+        self._settle()
+        self._forget(cell)
         self._conditions.restart(cell)
-        self._exchange([cell], lockstep.RESTART, self._node_ids[cell])
+        self._blocks.rename(cell, self._node_ids[cell])
+        self._do(cell, lockstep.RESTART)
 
     def set_bus_off(self, cell: int, off: bool) -> None:
         """See `CellBank`."""
         if cell not in self._conditions.halted:
+            self._settle()
             if off:
-                self._exchange([cell])
-                self._outbox[cell].clear()
-            self._exchange([cell], lockstep.LEAVE_BUS if off else lockstep.REJOIN_BUS)
+                self._outbox.pop(cell, None)
+            self._do(cell, lockstep.LEAVE_BUS if off else lockstep.REJOIN_BUS)
 
     def set_drift(self, cell: int, drift_ppm: int) -> None:
         """See `CellBank`."""
@@ -163,7 +178,8 @@ class MicropythonBank:
 
     def close(self) -> None:
         """See `CellBank`."""
-        for process in self._processes:
-            process.close()
-        self._processes.clear()
-        self._staging.cleanup()
+        self._open.close()
+
+
+def _identifiers(data: bytes) -> tuple[int, ...]:
+    return struct.unpack(f"={len(data) // 2}H", data)

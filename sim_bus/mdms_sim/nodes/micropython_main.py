@@ -1,113 +1,151 @@
-"""One cell as a MicroPython process, in lock step with the simulation over two pipes.
+"""One cell as a MicroPython process, in lock step with the simulation; see `lockstep`.
 
-Started as `micropython micropython_main.py NODE_ID SERIAL READ_FD WRITE_FD`. Every request is
-answered by one reply; what they look like stands in `mdms_sim.nodes.lockstep`.
+Started as `micropython micropython_main.py NODE_ID SERIAL READ_FD WRITE_FD ADDRESS`, with the
+address of the cell's block of memory.
 """
 
 # mypy: ignore-errors
 
+import gc
 import struct
 import sys
 from array import array
 
+import lockstep
+import uctypes
+from lockstep import INBOX_SIZE, NOW_MS, PRESENCE, TAKEN, TICK
 from virtual_board import VirtualBoard, VirtualFlash, leave_bus, rejoin_bus
 
 from mdms_cell import speed_loop
 from mdms_cell.cell import Cell
 
-TICK, RESTART, LEAVE_BUS, REJOIN_BUS = range(1, 5)
-LISTEN = 0xFFFF
-REQUEST_FRAMES_MAX = 4096
-SIZE, WHAT, PRESENCE, COUNT1, COUNT2, CURRENT1, CURRENT2, NOW_MS, HEAD = range(9)
-REPLY = "<Hii"
-REPLY_SIZE = 10
-FRAME_HEAD_SIZE = 3
+AXES = 2
+#: Garbage is collected after so many bytes. By itself MicroPython waits until its memory is full,
+#: and as it looks for room from the bottom on, allocations become slow long before.
+GARBAGE_MAX = 65536
+
+
+class Board(VirtualBoard):
+    """A board whose registers lie where the simulation writes counts and currents into them."""
+
+    def sample(self, registers):
+        """Nothing is left to do."""
 
 
 class Node:
-    """A cell and its board."""
+    """A cell and its board, over the block at `address`."""
 
-    def __init__(self, node_id, serial):
+    def __init__(self, node_id, serial, address):
         self._node_id = node_id
         self._serial = serial
+        self.words = words_at(address, lockstep.WORDS)
+        self._registers = words_at(address + lockstep.REGISTERS, speed_loop.REGISTERS)
+        self._voltages_uv = words_at(address + lockstep.VOLTAGES_UV * lockstep.WORD, AXES)
+        self._inbox = uctypes.bytearray_at(address + lockstep.INBOX, lockstep.INBOX_MAX)
+        self._outbox = uctypes.bytearray_at(address + lockstep.OUTBOX, lockstep.OUTBOX_MAX)
+        self._silent = []
         self._flash = VirtualFlash()
         self._start()
 
     def _start(self):
-        registers = array("i", bytes(4 * speed_loop.REGISTERS))
-        self.board = VirtualBoard(registers, self._serial, self._flash)
+        self.board = Board(self._registers, self._serial, self._flash)
+        self.board.voltages_uv = self._voltages_uv
+        self.board.motors_off()
         self.cell = Cell(self.board, self._node_id)
 
-    def deliver(self, view, size):
-        """Hand the frames in the first `size` bytes of `view` to the cell."""
+    def take_in(self, size):
+        """Hand the frames in the inbox to the cell."""
+        inbox = self._inbox
         at = 0
         while at < size:
-            can_id = view[at] | view[at + 1] << 8
-            end = at + FRAME_HEAD_SIZE + view[at + 2]
-            self.cell.on_frame(can_id, bytes(view[at + FRAME_HEAD_SIZE : end]))
+            can_id = inbox[at] | inbox[at + 1] << 8
+            end = at + lockstep.FRAME_HEAD_SIZE + inbox[at + 2]
+            self._hand_over(can_id, bytes(inbox[at + lockstep.FRAME_HEAD_SIZE : end]))
             at = end
 
-    def tick(self, head):
-        """One control period and the timers."""
-        board = self.board
-        board.presence_bits = head[PRESENCE]
-        board.counts[0] = head[COUNT1]
-        board.counts[1] = head[COUNT2]
-        board.currents_ma[0] = head[CURRENT1]
-        board.currents_ma[1] = head[CURRENT2]
-        self.cell.tick()
-        self.cell.poll(head[NOW_MS])
+    def _hand_over(self, can_id, data):
+        queued = len(self.board.frames)
+        self.cell.on_frame(can_id, data)
+        if can_id in self._silent and len(self.board.frames) > queued:
+            raise RuntimeError("a frame that may have waited has been answered", can_id)
 
-    def act(self, what, node_id):
+    def act(self, request):
         """Do what happens seldom."""
-        if what == RESTART:
-            self._node_id = node_id
+        if request == lockstep.RESTART:
+            self._node_id = self.words[lockstep.NODE_ID]
             self._start()
-        elif what == LEAVE_BUS:
+        elif request == lockstep.LEAVE_BUS:
             leave_bus(self.cell, self.board)
-        elif what == REJOIN_BUS:
+        elif request == lockstep.REJOIN_BUS:
             rejoin_bus(self.cell, self.board)
 
-    def reply(self, buffer):
-        """Write voltages and queued frames into `buffer`; returns the size."""
+    def tell(self):
+        """Write what is queued into the outbox; returns its size."""
         board = self.board
-        at = REPLY_SIZE
+        at = 0
         if board.identifiers is not None:
-            listen = bytes(array("H", board.identifiers))
-            at = put_frame(buffer, at, LISTEN, listen)
+            self._silent = silent_identifiers(self.cell)
+            at = put_identifiers(self._outbox, at, lockstep.LISTENS, board.identifiers)
+            at = put_identifiers(self._outbox, at, lockstep.SILENT, self._silent)
             board.identifiers = None
         for can_id, data in board.frames:
-            at = put_frame(buffer, at, can_id, data)
-        board.frames.clear()
-        struct.pack_into(REPLY, buffer, 0, at, board.voltages_uv[0], board.voltages_uv[1])
+            at = put_frame(self._outbox, at, can_id, data)
         return at
+
+
+def silent_identifiers(cell):
+    """Identifiers of frames that let the cell send nothing before its next tick: its RPDOs."""
+    own = dict(cell._own_receivers())
+    return [can_id for can_id, _ in cell._pdos.receivers() if can_id not in own]
+
+
+def words_at(address, count):
+    """Signed 32-bit numbers in memory, to be indexed."""
+    return uctypes.struct(address, {"words": (0 | uctypes.ARRAY, count | uctypes.INT32)}).words
+
+
+def put_identifiers(buffer, at, what, identifiers):
+    """Write a list of identifiers at `at`; returns where it ends."""
+    return put_frame(buffer, at, what, bytes(array("H", identifiers)))
 
 
 def put_frame(buffer, at, can_id, data):
     """Write a frame at `at`; returns where it ends."""
     struct.pack_into("<HB", buffer, at, can_id, len(data))
-    at += FRAME_HEAD_SIZE
+    at += lockstep.FRAME_HEAD_SIZE
     buffer[at : at + len(data)] = data
     return at + len(data)
 
 
-def serve(node, requests, replies):
-    """Answer until the other end closes its pipe."""
-    head = array("i", range(HEAD))
-    body = bytearray(REQUEST_FRAMES_MAX)
-    view = memoryview(body)
-    out = bytearray(4096)
-    while requests.readinto(head):
-        if head[SIZE]:
-            requests.readinto(body, head[SIZE])
-            node.deliver(view, head[SIZE])
-        if head[WHAT] == TICK:
-            node.tick(head)
-        elif head[WHAT]:
-            node.act(head[WHAT], head[COUNT1])
-        replies.write(out, node.reply(out))
+def serve(node, read, write):
+    """Take turns until the other end closes its pipe."""
+    words = node.words
+    turn = bytearray(1)
+    while read(turn):
+        request = turn[0]
+        if request & TAKEN:
+            request &= ~TAKEN
+            node.board.frames.clear()
+        if words[INBOX_SIZE]:
+            node.take_in(words[INBOX_SIZE])
+            words[INBOX_SIZE] = 0
+        if request == TICK:
+            node.board.presence_bits = words[PRESENCE]
+            node.cell.tick()
+            node.cell.poll(words[NOW_MS])
+        elif request:
+            node.act(request)
+        turn[0] = 0
+        if node.board.frames or node.board.identifiers is not None:
+            turn[0] = 1
+            words[lockstep.OUTBOX_SIZE] = node.tell()
+        write(turn)
 
 
-requests = open(int(sys.argv[3]), "rb")  # noqa: SIM115 - open as long as the process lives
-replies = open(int(sys.argv[4]), "wb")  # noqa: SIM115
-serve(Node(int(sys.argv[1]), int(sys.argv[2])), requests, replies)
+node_id, serial, read_fd, write_fd, address = [int(argument) for argument in sys.argv[1:]]
+requests = open(read_fd, "rb")  # noqa: SIM115 - open as long as the process lives
+answers = open(write_fd, "wb")  # noqa: SIM115
+node = Node(node_id, serial, address)
+gc.collect()
+gc.threshold(GARBAGE_MAX)
+serve(node, requests.readinto, answers.write)

@@ -7,24 +7,25 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
 
 import mdms_cell
 import mdms_protocol
+from mdms_sim.nodes import lockstep
 from mdms_sim.nodes.bank import MicropythonMissing, NodeDied
+from mdms_sim.nodes.blocks import Blocks
 
 _MAIN = Path(__file__).with_name("micropython_main.py")
 _PACKAGES = (mdms_cell, mdms_protocol)
 #: Machines for which MicroPython can make machine code; elsewhere the decorators are errors.
 EMITTERS = frozenset({"x86_64", "AMD64"})
 EMITTER_LINE = re.compile(r"^ *@micropython\.(viper|native)\n", re.MULTILINE)
-# The executable comes as an extension module of CPython; without `site` it starts in a third of
-# the time.
-_LAUNCH = (
-    "import sys; sys.path.append(sys.argv.pop(1)); "
-    "from micropython_run import run_main; sys.exit(run_main(sys.argv))"
-)
+_LAUNCH = Path(__file__).with_name("micropython_launch.py")
+#: Requests as they are written, by number.
+_REQUESTS = tuple(bytes((request,)) for request in range(256))
+_NOTHING_NEW = b"\0"
 
 
 def find_micropython() -> str:
@@ -57,46 +58,48 @@ def _copy_as_bytecode(source: Path, place: Path) -> None:
 
 
 class MicropythonProcess:
-    """A cell in a process of its own; ask and answer in turn."""
+    """Cell `cell`, counted from 0, in a process of its own; ask and answer in turn."""
 
-    def __init__(self, node_id: int, serial: int, staging: Path) -> None:
+    def __init__(self, cell: int, node_id: int, staging: Path, blocks: Blocks) -> None:
         self.node_id = node_id
         library = find_micropython()
-        child_reads, self._requests = os.pipe()
-        self._replies, child_writes = os.pipe()
-        self._said = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `close`
-        self._process = subprocess.Popen(
-            [
-                *(sys.executable, "-I", "-S", "-c", _LAUNCH, library),
-                str(_MAIN),
-                *map(str, (node_id, serial, child_reads, child_writes)),
-            ],
-            env={"MICROPYPATH": str(staging)},
-            stdin=subprocess.DEVNULL,
-            stdout=self._said,
-            stderr=subprocess.STDOUT,
-            pass_fds=(child_reads, child_writes),
-            start_new_session=True,
-        )
-        os.close(child_reads)
-        os.close(child_writes)
+        with ExitStack() as child, ExitStack() as own:
+            child_reads, self._requests = os.pipe()
+            child.callback(os.close, child_reads)
+            own.callback(os.close, self._requests)
+            self._answers, child_writes = os.pipe()
+            child.callback(os.close, child_writes)
+            own.callback(os.close, self._answers)
+            self._said = own.enter_context(tempfile.TemporaryFile())
+            self._process = subprocess.Popen(
+                [
+                    # Without `site` it starts in a third of the time.
+                    *(sys.executable, "-I", "-S", str(_LAUNCH), library),
+                    *map(str, (blocks.descriptor, cell * lockstep.BLOCK, _MAIN)),
+                    *map(str, (node_id, cell + 1, child_reads, child_writes)),
+                ],
+                env={"MICROPYPATH": str(staging)},
+                stdin=subprocess.DEVNULL,
+                stdout=self._said,
+                stderr=subprocess.STDOUT,
+                pass_fds=(child_reads, child_writes, blocks.descriptor),
+                start_new_session=True,
+            )
+            self._open = own.pop_all()
 
-    def ask(self, request: bytes) -> None:
-        """Sends a request; NodeDied when nobody is there."""
+    def ask(self, request: int) -> None:
+        """Has the process begin with what `lockstep` names; NodeDied if it is gone."""
         try:
-            os.write(self._requests, request)
+            os.write(self._requests, _REQUESTS[request])
         except BrokenPipeError:
             raise self._died() from None
 
-    def answer(self) -> bytes:
-        """Waits for the reply; NodeDied when none comes."""
-        reply = os.read(self._replies, 65536)
-        while len(reply) < 2 or len(reply) < reply[0] | reply[1] << 8:
-            more = os.read(self._replies, 65536)
-            if not more:
-                raise self._died()
-            reply += more
-        return reply
+    def answer(self) -> bool:
+        """Waits for the process; whether its outbox has anything. NodeDied if it has died."""
+        answer = os.read(self._answers, 1)
+        if not answer:
+            raise self._died()
+        return answer != _NOTHING_NEW
 
     def check(self) -> None:
         """NodeDied if the process has printed anything: it has no other reason than trouble."""
@@ -113,11 +116,9 @@ class MicropythonProcess:
 
     def close(self) -> None:
         """Ends the process."""
-        os.close(self._requests)
-        os.close(self._replies)
+        self._open.close()
         try:
             self._process.wait(timeout=2)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        self._said.close()

@@ -1,0 +1,23 @@
+"""Runs MicroPython in this process, with a piece of memory that it shares with another.
+
+Started by CPython as `micropython_launch.py LIBRARY MEMORY_FD OFFSET PROGRAM ARGUMENT...`; the
+program finds the memory's address after its own arguments.
+"""
+
+import ctypes
+import mmap
+import sys
+
+
+def launch(library: str, memory_fd: str, offset: str, *command: str) -> int:
+    """Returns what the program returns."""
+    sys.path.append(library)
+    from micropython_run import run_main  # type: ignore[import-not-found]
+
+    memory = mmap.mmap(int(memory_fd), 0)
+    address = ctypes.addressof(ctypes.c_char.from_buffer(memory)) + int(offset)
+    status: int = run_main(["micropython", *command, str(address)])
+    return status
+
+
+sys.exit(launch(*sys.argv[1:]))
