@@ -19,6 +19,7 @@ from mdms_host.schedule import Schedule, Timing
 from mdms_host.sdo_client import Setting
 from mdms_host.tracker import Estimate, Parcel, Tracker
 from mdms_host.velocity_frames import VelocityFrames
+from mdms_host.watch import Watch, names
 from mdms_protocol import cob, nmt, pdo
 from mdms_protocol.frame import Frame
 
@@ -61,6 +62,8 @@ class Coordinator:
         self.references_m_s: Floats = np.zeros(len(layout.wheel_cells))
         self._program = program
         self._timing = timing or Timing()
+        self._watch = Watch(self.cells, self._timing)
+        self._answered: set[LedCell] = set()
         self._handlers: dict[int, Handler] = {}
         for cell in self.cells:
             self._listen(cell)
@@ -68,7 +71,6 @@ class Coordinator:
         self._now_s = 0.0
         self._phase_since_s: float | None = None
         self._synced_s = 0.0
-        self._sound_until_s = -inf
         self._schedule = Schedule()
         self._schedule.set("heartbeat", 0.0)
         self._stop_wanted = False
@@ -112,7 +114,7 @@ class Coordinator:
         self._now_s = now_s
         if self._phase_since_s is None:
             self._enter(Phase.WAITING)
-        self._watch()
+        self._judge()
         self._advance()
         return [*self._host_heartbeat(), *self._commands(), *self._sync(), *self._setpoints()]
 
@@ -128,16 +130,16 @@ class Coordinator:
         before = cell.nmt_state
         cell.on_heartbeat(data, now_s)
         if cell.nmt_state != before:
-            self._sound_until_s = -inf
+            self._watch.look_again()
 
     def _on_status(self, cell: LedCell, data: bytes, now_s: float) -> None:
         before = cell.drive_states
         cell.on_status(data, now_s)
         if cell.drive_states != before:
-            self._sound_until_s = -inf
+            self._watch.look_again()
         if cell.presence is not None:
             self.tracker.on_presence(now_s, cell.number, cell.presence)
-        self._hurry(now_s)
+        self._hurry(cell, now_s)
 
     def _on_emergency(self, cell: LedCell, data: bytes, now_s: float) -> None:
         before = cell.emergency
@@ -147,36 +149,23 @@ class Coordinator:
 
     def _on_answer(self, cell: LedCell, data: bytes, now_s: float) -> None:
         cell.on_answer(data, now_s)
-        self._hurry(now_s)
+        self._hurry(cell, now_s)
 
-    def _hurry(self, now_s: float) -> None:
-        """A cell may be waiting for its next command."""
+    def _hurry(self, cell: LedCell, now_s: float) -> None:
+        """A cell that has answered may be waiting for its next command."""
         if self.phase in BRING_UP:
-            self._schedule.set("command", now_s)
+            self._answered.add(cell)
+            self._schedule.set("answer", now_s)
 
-    def _watch(self) -> None:
+    def _judge(self) -> None:
         """Turn the first thing that is wrong into a fault, and a wish to stop into the end."""
         if self.phase in _OVER:
             return
-        wrong = self._wrong() if self._now_s >= self._sound_until_s else None
+        wrong = self._watch.wrong(self.phase, self._now_s)
         if wrong:
             self._fail(wrong)
         elif self._stop_wanted and (self.phase, Signal.STOP) in TRANSITIONS:
             self._signal(Signal.STOP)
-
-    def _wrong(self) -> str | None:
-        """What is wrong with a cell, None if nothing is; then that holds until one is silent."""
-        for cell in self.cells:
-            if self._silent(cell):
-                silence = f"no heartbeat for {self._timing.silence_s:.3g} s"
-                return f"{cell.name} has fallen silent: {silence}"
-            trouble = cell.trouble(self.phase)
-            if trouble:
-                return trouble
-        if self.phase == Phase.RUNNING:
-            heard_s = min(cell.heard_s or 0.0 for cell in self.cells)
-            self._sound_until_s = heard_s + self._timing.silence_s
-        return None
 
     def _advance(self) -> None:
         """End the phase when all cells are done with it; give up on those that never are."""
@@ -187,25 +176,33 @@ class Coordinator:
         if not late:
             self._signal(Signal.DONE)
         elif self.phase in BRING_UP and waited_s >= self._timing.phase_limit_s:
-            self._fail(self._late_text(late))
+            self._fail(self._watch.late_text(self.phase, late))
         elif self.phase not in BRING_UP and waited_s >= self._timing.stop_limit_s:
-            self._note(f"not confirmed to be off: {_names(late)}")
+            self._note(f"not confirmed to be off: {names(late)}")
             self._signal(Signal.DONE)
 
     def _done(self, cell: LedCell) -> bool:
         """Whether a cell holds the present phase up no longer; nobody waits for a silent one."""
-        return cell.done_with(self.phase) or (self.phase not in BRING_UP and self._silent(cell))
+        gone = self.phase not in BRING_UP and self._watch.silent(cell, self._now_s)
+        return gone or cell.done_with(self.phase)
 
     def _host_heartbeat(self) -> Iterator[Frame]:
         if self._schedule.take("heartbeat", self._now_s, self._timing.heartbeat_period_s):
             yield self._alive
 
     def _commands(self) -> Iterator[Frame]:
-        """What the cells need to hear to get on with the phase, again until they have."""
-        if not self._schedule.take("command", self._now_s, self._timing.command_period_s):
+        """What cells need to hear to get on with the phase: each when it has answered, and again.
+
+        Telling all of them at every answer would crowd setpoints off the bus.
+        """
+        answered = self._schedule.take("answer", self._now_s, inf)
+        everyone = self._schedule.take("command", self._now_s, self._timing.command_period_s)
+        if not answered and not everyone:
             return
         for cell in self.cells:
-            yield from cell.commands(self.phase, self._now_s)
+            if everyone or cell in self._answered:
+                yield from cell.commands(self.phase, self._now_s)
+        self._answered.clear()
         if self.phase in _SETTLED:
             self._schedule.cancel("command")
 
@@ -219,7 +216,7 @@ class Coordinator:
         if not self._schedule.take("setpoint", self._now_s, self._timing.sync_period_s):
             return
         self._track()
-        self.references_m_s = np.zeros_like(self.references_m_s)
+        self.references_m_s = np.zeros(self.references_m_s.shape)
         if self.phase == Phase.RUNNING:
             poses = self.tracker.poses(self._schedule.next_s("sync"))
             self.references_m_s = self._program.references_m_s(poses, self._timing.sync_period_s)
@@ -240,7 +237,7 @@ class Coordinator:
 
     def _enter(self, phase: Phase) -> None:
         self.phase, self._phase_since_s = phase, self._now_s
-        self._sound_until_s = -inf
+        self._watch.look_again()
         self._note(phase.value)
         self._schedule.set("command", self._now_s)
         if phase == Phase.ENABLING:
@@ -257,27 +254,3 @@ class Coordinator:
 
     def _note(self, text: str) -> None:
         self.events.append((self._now_s, text))
-
-    def _silent(self, cell: LedCell) -> bool:
-        return cell.heard_s is not None and self._now_s - cell.heard_s > self._timing.silence_s
-
-    def _late_text(self, late: list[LedCell]) -> str:
-        """Which cells have not got on in time, and with what."""
-        limit = f"within {self._timing.phase_limit_s:g} s"
-        match self.phase:
-            case Phase.WAITING if len(late) == len(self.cells):
-                return f"no cell was heard {limit}; is the bus connected and are the cells powered?"
-            case Phase.WAITING:
-                unheard = [cell for cell in late if cell.heard_s is None]
-                what = "not heard" if unheard else "not brought to rest"
-                return f"{what} {limit}: {_names(unheard or late)}"
-            case Phase.CONFIGURING:
-                return f"settings not written {limit}: {_names(late)}"
-            case Phase.STARTING:
-                return f"not operational {limit}: {_names(late)}"
-            case _:
-                return f"drives not enabled {limit}: {_names(late)} ({late[0].drive_text})"
-
-
-def _names(cells: list[LedCell]) -> str:
-    return ", ".join(cell.name for cell in cells)

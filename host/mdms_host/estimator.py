@@ -38,7 +38,8 @@ class ParcelEstimator:
     """Estimate of one rectangular parcel's pose and twist [table frame; SI].
 
     `pose` is (x, y, yaw), or None until the sensors have shown it; `covariance` is of shape (3, 3)
-    and `twist` is (vx, vy, yaw rate). The yaw starts as the one nearest to the hint.
+    and `twist` is (vx, vy, yaw rate). The yaw starts as the one nearest to the hint. Before
+    `look_s` it will not be looked for [s].
     """
 
     def __init__(self, layout: Layout, rectangle: Rectangle, yaw_hint_rad: float = 0.0) -> None:
@@ -46,7 +47,7 @@ class ParcelEstimator:
         self._sensors_m = layout.sensor_positions_m.reshape(-1, 2)
         self._yaw_hint_rad = yaw_hint_rad
         self._at_s = 0.0
-        self._looked_s = -inf
+        self.look_s = -inf
         self._extent_m = np.array([1.0, 1.0, 1.0 / rectangle.reach_m])
         self._spread_m2 = np.diag(self._extent_m**2)
         self.rectangle = rectangle
@@ -60,9 +61,9 @@ class ParcelEstimator:
         Both arrays are of shape (S,), S the sensors of all cells in a row. Looking takes some
         milliseconds, so it is not done again at once.
         """
-        if now_s < self._looked_s + _LOOK_AGAIN_S:
+        if now_s < self.look_s:
             return False
-        self._looked_s = now_s
+        self.look_s = now_s + _LOOK_AGAIN_S
         found = locate(self.rectangle, self._sensors_m[mine], covered[mine], self._yaw_hint_rad)
         if found is None or found.contradictions > _DOUBTFUL_SHARE * (covered & mine).sum():
             return False

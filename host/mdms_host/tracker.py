@@ -131,18 +131,17 @@ class Tracker:
         return np.asarray(np.argmin(distances_m, axis=0))
 
     def _find_missing(self, now_s: float) -> list[str]:
-        """Look for the parcels not found yet, once all cells have spoken and nothing moves."""
+        """Look for a parcel not found yet, once all cells have spoken and nothing moves.
+
+        Only for one, since looking takes milliseconds and setpoints wait meanwhile.
+        """
         if None in self._bits or now_s < self._changed_s + _STILL_S:
             return []
-        return [
-            name
-            for number, (name, one) in enumerate(self._estimators.items())
-            if one.pose is None and self._acquire(now_s, number, one)
-        ]
-
-    def _acquire(self, now_s: float, number: int, missing: ParcelEstimator) -> bool:
-        owners = self._owners(self._distances_m(now_s))
-        return missing.acquire(now_s, self._covered, owners == number)
+        for number, (name, one) in enumerate(self._estimators.items()):
+            if one.pose is None and now_s >= one.look_s:
+                owners = self._owners(self._distances_m(now_s))
+                return [name] if one.acquire(now_s, self._covered, owners == number) else []
+        return []
 
 
 def _expected_distance_m(parcel: Parcel, sensors_m: Floats) -> Floats:

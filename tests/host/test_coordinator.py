@@ -117,6 +117,28 @@ def test_drives_are_enabled_step_by_step(started: Coordinator) -> None:
     assert started.phase == Phase.RUNNING
 
 
+def test_a_cell_that_answers_gets_on_and_the_others_are_not_told_again() -> None:
+    layout = Layout(3, 1)
+    coordinator = Coordinator(layout, still(layout))
+    coordinator.poll(0.0)
+    for node_id in layout.node_ids:
+        coordinator.on_frame(Frame(0x700 + node_id, b"\x7f"), 0.0)
+    asked = {frame.can_id for frame in coordinator.poll(0.0)}
+    assert {0x601, 0x602, 0x603} <= asked
+    for node_id in layout.node_ids:
+        coordinator.on_frame(Frame(0x580 + node_id, bytes.fromhex("6001180500000000")), 0.01)
+        coordinator.poll(0.01)
+    for node_id in layout.node_ids:
+        coordinator.on_frame(Frame(0x700 + node_id, b"\x05"), 0.02)
+    assert coordinator.poll(0.02)
+    assert coordinator.phase == Phase.ENABLING
+    for node_id in layout.node_ids:
+        coordinator.on_frame(Frame(0x280 + node_id, bytes((0x21, 0, 0x21, 0, 0))), 0.021)
+        assert coordinator.wake_s == 0.021
+        assert coordinator.poll(0.021) == [Frame(0x300 + node_id, b"\x07\x00\x07\x00")]
+    assert len([each for each in coordinator.poll(0.071) if each.can_id & 0x780 == 0x300]) == 3
+
+
 def test_a_drive_in_fault_is_reset_by_an_edge(started: Coordinator) -> None:
     assert controlwords(started, 0x08) == [b"\x00\x00\x00\x00", b"\x80\x00\x80\x00"]
 

@@ -102,3 +102,11 @@ def test_parcels_move_on_with_their_own_wheels() -> None:
 
 def test_an_array_without_parcels_is_tracked_without_a_word() -> None:
     assert tracking().poses(0.1) == {}
+
+
+def test_one_parcel_is_looked_for_at_a_time() -> None:
+    tracker = Tracker(LAYOUT, (LEFT, RIGHT))
+    for cell, bits in enumerate(bits_under((LEFT, RIGHT)), 1):
+        tracker.on_presence(0.0, cell, bits)
+    found = [tracker.on_speeds(0.01 * step, STILL) for step in range(10)]
+    assert [names for names in found if names] == [["left"], ["right"]]
