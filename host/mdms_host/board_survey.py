@@ -12,9 +12,9 @@ MACHINES = {"PYBv1.1": "pybv11", "G474": "nucleo_g474re"}
 #: `machine.CAN` came with this version of MicroPython.
 MICROPYTHON_MIN = (1, 28, 0)
 START = "main.py"
-#: What firmware of any version has put into the root of the file system, under any suffix.
-_OURS = frozenset(("main", "boards", "mdms_cell", "mdms_protocol", "binascii"))
-_DIGEST_BYTES = 32
+#: What firmware of any version, as sources or merged, has put into the root of the file system.
+_OURS = ("main", "boards", "binascii")
+_OUR_PREFIX = "mdms"
 
 _AGENT = dedent("""\
     import os, sys
@@ -154,8 +154,12 @@ def survey(link: BoardLink, also: Iterable[str] = ()) -> Survey:
 
     Raises BoardError.
     """
-    roots = _OURS | {_root_of(path) for path in also}
-    paths = [path for path in link.ask("_files('', [])") if _root_of(path) in roots]
+    roots = {*_OURS, *map(_root_of, also)}
+    paths = [
+        path
+        for path in link.ask("_files('', [])")
+        if _root_of(path) in roots or path.startswith(_OUR_PREFIX)
+    ]
     paths.sort(key=lambda path: path.split("/"))
     try:
         each, whole = link.ask(f"_hashes({paths!r})")

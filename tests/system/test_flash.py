@@ -244,7 +244,12 @@ def version(text):
 
 OLD, NEW = version("old"), version("new")
 KEPT = {"settings0.bin": b"\x00\x01", "boot.py": b"", "crash.log": b"before\n"}
-STALE = {"mdms_cell/version.mpy": b"M\x06", "binascii.mpy": b"M\x06", "mdms_protocol/x.py": b"1"}
+STALE = {
+    "mdms_cell/version.mpy": b"M\x06",
+    "binascii.mpy": b"M\x06",
+    "mdms_protocol/x.py": b"1",
+    "mdms_gone.mpy": b"M\x06",
+}
 
 
 def flash(board, firmware, force=False):
