@@ -156,19 +156,16 @@ class _Caller:
         callee = self.callee(call)
         if callee is None or not isinstance(call, ast.Call):
             return None
-        body = without_early_returns(copy.deepcopy(callee.node.body))
+        body = self.bound(callee, call, without_early_returns(copy.deepcopy(callee.node.body)))
+        ending: Body | None
         if isinstance(node, ast.Return):
-            ending: Body | None = body
-            if not isinstance(body[-1], ast.Return | ast.Raise):
-                ending = [*body, ast.Return(None)]
+            ends = isinstance(body[-1], ast.Return | ast.Raise)
+            ending = body if ends else [*body, ast.Return(None)]
         else:
             ending = with_value(body, node)
-        if ending is None:
-            return None
-        made = self.bound(callee, call, ending)
-        if made is not None:
+        if ending is not None:
             self.drop(callee)
-        return made
+        return ending
 
     def callee(self, call: ast.expr) -> _Callee | None:
         """The function that a call folds, or None."""
@@ -193,7 +190,7 @@ class _Caller:
         starred = any(isinstance(each, ast.Starred) for each in call.args)
         return callee if given == len(callee.node.args.args) and not starred else None
 
-    def bound(self, callee: _Callee, call: ast.Call, body: Body) -> Body | None:
+    def bound(self, callee: _Callee, call: ast.Call, body: Body) -> Body:
         """The body with the caller's names in place of its own."""
         arguments: list[ast.expr] = list(call.args)
         if callee.owner is not None:
@@ -237,7 +234,7 @@ class _Expressions(ast.NodeTransformer):
         if any(isinstance(part, COMPREHENSIONS) for part in ast.walk(returned)):
             return node
         made = self._caller.bound(callee, node, [copy.deepcopy(returned)])
-        if made is None or len(made) != 1:
+        if len(made) != 1:
             return node
         self._caller.drop(callee)
         assert isinstance(made[0], ast.Return)

@@ -14,6 +14,8 @@ from mdms_image.sources import source_of
 BOARDS = {"pybv11": "armv7emsp", "nucleo_g474re": "armv7emsp"}
 #: What is compiled in place of modules that a board's build leaves out.
 _STAND_INS = {"nucleo_g474re": {"binascii": "boards.binascii_crc32"}}
+#: Classes that are to be had by name, which is how the image is tried out without a board.
+_LENT = ("Cell", "Inbox", "Runner")
 _MAIN = "from mdms import start\n\nstart()\n"
 
 
@@ -45,8 +47,7 @@ def write_image(folder: Path, board: str, architecture: str | None) -> Image:
     roots = {
         START: "start",
         f"boards.{board}.board": "board",
-        "mdms_cell.cell.Cell": "Cell",
-        "mdms_cell.runner.Runner": "Runner",
+        **{f"mdms_cell.{name.lower()}.{name}": name for name in _LENT},
     }
     others = tuple(f"boards.{each}" for each in BOARDS if each != board)
     sources = merge("main", roots, emits=architecture is not None, skip=others).sources

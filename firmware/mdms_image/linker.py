@@ -7,6 +7,7 @@ mdms_cell.lss_slave.LssSlave as LssSlave`.
 """
 
 import ast
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -22,11 +23,13 @@ START = "main.start"
 class Program:
     """Definitions by their full names, in the order in which they are made.
 
-    `imports` has the lines that import what is not ours, by the name that they bind.
+    `imports` has the lines that import what is not ours, by the name that they bind; `namespaces`
+    the classes that stand for modules, which come last.
     """
 
     definitions: dict[str, ast.stmt] = field(default_factory=dict)
     imports: dict[str, ast.stmt] = field(default_factory=dict)
+    namespaces: dict[str, ast.stmt] = field(default_factory=dict)
 
 
 class _Module:
@@ -208,7 +211,7 @@ class _Linker(Scoped):
         name = f"{module}.namespace"
         public = [each for each in self._modules[module].own if not each.startswith("_")]
         body: list[ast.stmt] = [_assignment(each, f"{module}.{each}") for each in public]
-        self._program.definitions[name] = ast.ClassDef(name, [], [], body, [])
+        self._program.namespaces[name] = ast.ClassDef(name, [], [], body, [])
         return name
 
 
@@ -239,4 +242,30 @@ def link(modules: list[str]) -> Program:
             if isinstance(made, ast.FunctionDef | ast.ClassDef):
                 made.name = full
             program.definitions[full] = made
+    program.definitions.update(program.namespaces)
+    _check_order(program)
     return program
+
+
+def _check_order(program: Program) -> None:
+    """Raises ImageError if making a definition needs one that comes later."""
+    later = set(program.definitions)
+    for name, node in program.definitions.items():
+        later.discard(name)
+        for part in _at_once(node):
+            if isinstance(part, ast.Name) and part.id in later:
+                raise ImageError(f"{name} needs {part.id}, which comes after it")
+
+
+def _at_once(node: ast.AST) -> Iterator[ast.AST]:
+    """What runs when a definition is made: all but what functions do."""
+    if isinstance(node, ast.FunctionDef | ast.Lambda):
+        parts: list[ast.AST | None] = [*node.args.defaults, *node.args.kw_defaults]
+        if isinstance(node, ast.FunctionDef):
+            parts += node.decorator_list
+    else:
+        yield node
+        parts = list(ast.iter_child_nodes(node))
+    for part in parts:
+        if part is not None:
+            yield from _at_once(part)

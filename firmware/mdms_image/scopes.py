@@ -107,7 +107,9 @@ class Scoped(ast.NodeTransformer):
         return made
 
     def _visit_outside(self, node: ast.AST) -> None:
-        """What a function takes from around it when it is made."""
+        """What is taken from around when a function is made, or a comprehension begins."""
+        if isinstance(node, COMPREHENSIONS):
+            node.generators[0].iter = self.visit(node.generators[0].iter)
         if isinstance(node, FUNCTIONS):
             node.args.defaults = [self.visit(each) for each in node.args.defaults]
             node.args.kw_defaults = [each and self.visit(each) for each in node.args.kw_defaults]
@@ -116,7 +118,11 @@ class Scoped(ast.NodeTransformer):
 
     def _visit_inside(self, node: ast.AST) -> Any:
         if isinstance(node, COMPREHENSIONS):
-            return self.generic_visit(node)
+            first = node.generators[0]
+            outside, first.iter = first.iter, ast.Constant(None)
+            self.generic_visit(node)
+            first.iter = outside
+            return node
         assert isinstance(node, FUNCTIONS)
         for argument in parameters(node.args):
             self.visit(argument)

@@ -11,22 +11,30 @@ from mdms_image.linker import link
 from mdms_image.merge import merge
 from mdms_image.sources import imported, source_of
 from mdms_image.trim import trim
+from mdms_sim.nodes.micropython_process import EMITTER_LINE
 
 BOARD = "pybv11"
+FAKES = tuple(
+    Path(__file__).parent / "fakes" / f"{name}.py" for name in ("machine", "pyb", "world")
+)
 _SKIP = ("boards.nucleo_g474re",)
 _ABORT = "mdms_protocol.sdo.AbortError"
 
 
 def flashed(folder: Path, architecture: str | None) -> None:
-    """The files of a board's flash, and beside them `Cell` and constants as tests import them."""
+    """The files of a board's flash, faked peripherals, and what tests import of the cell."""
     shutil.copytree(source_of("mdms_protocol.cob").parent, folder / "mdms_protocol")
     write_image(folder / "flash", BOARD, architecture)
     for path in (folder / "flash").glob("*.mpy"):
         path.rename(folder / path.name)
+    for path in FAKES:
+        shutil.copy(path, folder)
     package = folder / "mdms_cell"
     package.mkdir()
-    (package / "cell.py").write_text("from mdms import Cell\n")
-    shutil.copy(source_of("mdms_cell.speed_loop"), package)
+    for name in ("Cell", "Inbox", "Runner"):
+        (package / f"{name.lower()}.py").write_text(f"from mdms import {name}\n")
+    source = source_of("mdms_cell.speed_loop").read_text()
+    (package / "speed_loop.py").write_text(EMITTER_LINE.sub("", source))
 
 
 def tested(folder: Path, architecture: str | None, tests: Path) -> None:
