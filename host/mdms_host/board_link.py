@@ -21,7 +21,8 @@ _READ_S = 2.0
 _PROMPT_S = 5.0
 #: A watchdog that was faster than we were resets the board, which then comes back.
 _ATTEMPTS = 3
-_RETURN_S = 2.0
+_RETURN_S = 4.0
+_LOOK_S = 0.02
 _CHUNK = 1024
 _GUARD = f"""\
 try:
@@ -63,8 +64,7 @@ class BoardLink:
                 self.close()
                 if attempt == _ATTEMPTS - 1:
                     raise NoBoardError(f"no MicroPython prompt answers: {error}") from None
-            clock.sleep(_RETURN_S)
-            self._transport = _open(device)
+            self._transport = self._reopened()
 
     def __enter__(self) -> "BoardLink":
         return self
@@ -82,7 +82,7 @@ class BoardLink:
         try:
             printed, failure = self._transport.exec_raw(code)
         except _troubles() as error:
-            raise NoBoardError(f"the board is gone: {error}") from None
+            raise NoBoardError(f"the board is gone; flash it again ({error})") from None
         if failure:
             raise BoardError(failure.decode("utf-8", "replace").strip().splitlines()[-1])
         return str(printed.decode("utf-8", "replace"))
@@ -133,6 +133,17 @@ class BoardLink:
         self._await(_REBOOT)
         self._await(_BANNER)
         self._exec(_GUARD)
+
+    def _reopened(self) -> Any:
+        """The port, as soon as it is back: a board is easiest to interrupt while it starts."""
+        end_s = self._clock.now_s() + _RETURN_S
+        while True:
+            try:
+                return _open(self.device)
+            except NoBoardError:
+                if self._clock.now_s() > end_s:
+                    raise
+            self._clock.sleep(_LOOK_S)
 
     def _await(self, ending: bytes) -> None:
         told = self._transport.read_until(1, ending, timeout=_READ_S, timeout_overall=_PROMPT_S)
