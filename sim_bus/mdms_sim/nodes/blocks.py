@@ -1,14 +1,18 @@
 """The memory that a bank shares with its processes: a block a cell, as `lockstep` lays it out."""
 
 import mmap
+import os
 import struct
 import tempfile
+from pathlib import Path
 
 import numpy as np
 
 from mdms_cell import speed_loop
 from mdms_sim.nodes import lockstep
 
+#: Where files are memory and nothing but memory; a disk's would be written back now and then.
+_MEMORY = Path("/dev/shm")
 _BLOCK_WORDS = lockstep.BLOCK // lockstep.WORD
 _FRAME_HEAD = struct.Struct("<HB")
 
@@ -22,9 +26,10 @@ class Blocks:
 
     def __init__(self, cells: int) -> None:
         size = cells * lockstep.BLOCK
-        self._file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `close`
+        folder = _MEMORY if os.access(_MEMORY, os.W_OK) else None
+        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - closed by `close`
         try:
-            # Written, not only made that long, for memory of a full disk would end the program.
+            # Written, not only made that long: memory that finds no room ends the program.
             self._file.write(bytes(size))
             self._file.flush()
             self._memory = mmap.mmap(self._file.fileno(), size)
