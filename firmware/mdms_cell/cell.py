@@ -187,7 +187,6 @@ class Cell:
         """Say again which identifiers the cell takes, and what serves each."""
         accepts = self.accepts
         accepts.clear()
-        self._pdos.choose()
         if self.node_id != cob.NODE_NONE:
             if self.state == nmt.INITIALISING:
                 accepts.update(self._nmt.claim_receivers())

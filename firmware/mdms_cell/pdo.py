@@ -25,7 +25,7 @@ DUMMIES = {2: 8, 3: 16, 4: 32, 5: 8, 6: 16, 7: 32}
 class Pdo:
     """One PDO; `direction` is the flag of the entries that it may carry.
 
-    `changed()` is told of another identifier, type or time.
+    `changed(sub)` is told which of its parameters is another.
     """
 
     def __init__(self, objects, parameters, mapping, direction, changed):
@@ -68,7 +68,7 @@ class Pdo:
         elif sub == INHIBIT_TIME and self.can_id is not None:
             raise sdo.AbortError(sdo.WRONG_STATE)
         self.load()
-        self._changed()
+        self._changed(sub)
 
     def _check_cob_id(self):
         cob_id = self._parameter(COB_ID)

@@ -1,6 +1,7 @@
 """All PDOs of a cell, alive in 'operational' only."""
 
 from mdms_cell import ticks
+from mdms_cell.pdo import COB_ID
 from mdms_cell.rpdo import Rpdo
 from mdms_cell.tpdo import Tpdo
 from mdms_protocol import cob
@@ -9,24 +10,25 @@ from mdms_protocol import cob
 class Pdos:
     """Receive and transmit PDOs.
 
-    `heard()` tells the time [ms] and has a poll follow; `changed()` is told when it is time to
-    `choose`.
+    `heard()` tells the time [ms] and has a poll follow; `changed()` is told of other identifiers.
     """
 
     def __init__(self, objects, heard, send, changed):
+        self._changed = changed
         numbers = range(len(cob.TPDO_BASES))
-        self._rpdos = [Rpdo(number, objects, heard, changed) for number in numbers]
-        self._tpdos = [Tpdo(number, objects, send, changed) for number in numbers]
+        told = self._on_change
+        self._rpdos = [Rpdo(number, objects, heard, told) for number in numbers]
+        self._tpdos = [Tpdo(number, objects, send, told) for number in numbers]
         self._alive = False
-        self.choose()
+        self._choose()
 
     def load(self):
         """Take over everything from the dictionary."""
         for pdo in self._rpdos + self._tpdos:
             pdo.load()
-        self.choose()
+        self._choose()
 
-    def choose(self):
+    def _choose(self):
         """Find again which PDOs are in use, and what for."""
         self._received = [rpdo for rpdo in self._rpdos if rpdo.can_id is not None]
         self._held = [rpdo for rpdo in self._received if rpdo.synchronous]
@@ -34,6 +36,11 @@ class Pdos:
         sent = [tpdo for tpdo in self._tpdos if tpdo.can_id is not None]
         self._sampled = [tpdo for tpdo in sent if tpdo.synchronous]
         self._spontaneous = [tpdo for tpdo in sent if not tpdo.synchronous]
+
+    def _on_change(self, sub):
+        self._choose()
+        if sub == COB_ID:
+            self._changed()
 
     def start(self, now_ms):
         """The cell is 'operational' now."""

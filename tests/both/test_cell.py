@@ -189,6 +189,18 @@ def test_stopped_cell_obeys_network_management_only():
     assert cell.state == nmt.PRE_OPERATIONAL
 
 
+def test_filter_is_set_anew_for_another_identifier_only():
+    cell, board = operational()
+    heard = []
+    board.listen = heard.append
+    cell.on_frame(0x605, sdo.write_request(0x1800, 2, b"\xff"))
+    cell.on_frame(0x605, sdo.write_request(0x1801, 5, b"\x14\0"))
+    assert heard == []
+    cell.on_frame(0x605, sdo.write_request(0x1402, 1, b"\x86\x01\0\0"))
+    assert len(heard) == 1
+    assert 0x186 in heard[0]
+
+
 def test_sync_may_have_another_identifier():
     cell, board = operational()
     cell.on_frame(0x605, sdo.write_request(0x1005, 0, b"\x90\0\0\0"))

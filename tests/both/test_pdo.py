@@ -15,7 +15,7 @@ class Bench:
         self.objects.reset(5, record.FROM_NODE)
         self.values = {}
         self.presence = 0
-        self.changes = 0
+        self.changes = []
         self.now_ms = 1000
         self.room = True
         self.sent = []
@@ -37,8 +37,8 @@ class Bench:
     def giver(self, index):
         return lambda: self.values[index]
 
-    def on_change(self):
-        self.changes += 1
+    def on_change(self, sub):
+        self.changes.append(sub)
 
     def send(self, can_id, data):
         if self.room:
@@ -201,7 +201,7 @@ def test_tpdo_is_remapped_and_tells_of_its_identifier():
     bench.values[0x6041] = 0x0250
     bench.presence = 0x1F
     bench.remap(0x1800, 0x1A00, 0x195, 0x30010008, 0x60410010)
-    assert bench.changes == 2
+    assert bench.changes == [1, 1]
     bench.tpdo.on_sync()
     assert bench.take() == [(0x195, b"\x1f\x50\x02")]
 
