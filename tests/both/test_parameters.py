@@ -1,0 +1,120 @@
+"""0x1010 and 0x1011: what a client must write, what it saves, and when it is refused."""
+
+from mdms_cell.objects import Objects, find
+from mdms_cell.parameters import Parameters
+from mdms_cell.store import Store
+from mdms_protocol import record, sdo
+
+ALL = record.STORED_COMMUNICATION | record.STORED_APPLICATION
+STORE = 0x1010
+RESTORE = 0x1011
+#: A setting of communication and one of the application, neither at its default.
+CHANGED = ((0x1017, 333), (0x3000, 77))
+
+
+class Memory:
+    """Two banks."""
+
+    def __init__(self):
+        self.banks = [b"", b""]
+        self.broken = False
+
+    def read(self, bank):
+        return self.banks[bank]
+
+    def erase(self, bank):
+        if self.broken:
+            raise OSError(5)
+        self.banks[bank] = b""
+
+    def write(self, bank, offset, data):
+        assert offset == len(self.banks[bank])
+        self.banks[bank] += data
+
+
+class Bench:
+    """A dictionary whose settings are not at their defaults, over a memory."""
+
+    def __init__(self, memory=None):
+        self.memory = memory or Memory()
+        self.driving = False
+        self.objects = Objects()
+        self.objects.reset(5, ALL | record.FROM_NODE)
+        store = Store(self.memory)
+        store.restore(self.objects, ALL)
+        Parameters(self.objects, store, lambda: self.driving)
+
+    def change(self):
+        for index, number in CHANGED:
+            self.objects.put(index, 0, number)
+
+    def write(self, index, sub, signature):
+        """The code of the refusal, None if there was none."""
+        try:
+            self.objects.write(find(index, sub), signature)
+        except sdo.AbortError as refusal:
+            return refusal.code
+        return None
+
+    def kept(self):
+        """Which of the two settings a cell has that starts with this memory."""
+        after = Bench(self.memory)
+        return tuple(after.objects.number(index) == number for index, number in CHANGED)
+
+
+def test_each_sub_index_saves_its_group():
+    for sub, kept in ((1, (True, True)), (2, (True, False)), (3, (False, True))):
+        bench = Bench()
+        bench.change()
+        assert bench.write(STORE, sub, b"save") is None
+        assert bench.kept() == kept
+
+
+def test_each_sub_index_restores_its_group_and_not_before_the_next_start():
+    for sub, kept in ((1, (False, False)), (2, (False, True)), (3, (True, False))):
+        bench = Bench()
+        bench.change()
+        bench.write(STORE, 1, b"save")
+        assert bench.write(RESTORE, sub, b"load") is None
+        assert bench.objects.number(0x1017) == 333
+        assert bench.kept() == kept
+
+
+def test_anything_but_the_signature_is_refused_and_changes_nothing():
+    for index, wrong in (
+        (STORE, b"load"),
+        (STORE, b"evas"),
+        (RESTORE, b"save"),
+        (RESTORE, b"\1\0\0\0"),
+    ):
+        bench = Bench()
+        bench.change()
+        if index == RESTORE:
+            bench.write(STORE, 1, b"save")
+        before = bench.kept()
+        assert bench.write(index, 1, wrong) == sdo.CANNOT_STORE
+        assert bench.kept() == before
+
+
+def test_nothing_is_saved_or_restored_while_a_motor_is_on():
+    bench = Bench()
+    bench.change()
+    bench.driving = True
+    for index, signature in ((STORE, b"save"), (RESTORE, b"load")):
+        assert bench.write(index, 1, signature) == sdo.WRONG_STATE
+    assert bench.kept() == (False, False)
+
+
+def test_reading_tells_that_it_goes_on_command():
+    bench = Bench()
+    for index, signature in ((STORE, b"save"), (RESTORE, b"load"), (STORE, b"none")):
+        bench.write(index, 1, signature)
+        for sub in (1, 2, 3):
+            assert bench.objects.read(index, sub) == b"\1\0\0\0"
+
+
+def test_failing_memory_is_told():
+    bench = Bench()
+    bench.memory.broken = True
+    assert bench.write(STORE, 1, b"save") == sdo.HARDWARE_ERROR
+    assert bench.objects.read(STORE, 1) == b"\1\0\0\0"
