@@ -109,7 +109,7 @@ def test_cell_that_falls_silent_stops_the_array_and_is_named():
     simulation = Simulation(scenario, bank, [coordinator])
     simulation.run_until(1.4)
     assert np.abs(simulation.world.twist[0]).max() > 0.05
-    simulation.run_until(2.4)
+    simulation.run_until(2.8)
     assert coordinator.stopped
     assert "cell 7" in coordinator.fault
     assert "silent" in coordinator.fault
