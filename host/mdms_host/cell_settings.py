@@ -9,6 +9,7 @@ from mdms_host.parameters import Parameter
 from mdms_protocol.dictionary import REVISION
 
 _MAJOR = 16
+_GAIN = ".gain"
 
 
 class StrangerError(CommissioningError):
@@ -28,12 +29,16 @@ class CellSettings:
     values: Mapping[Parameter, int]
 
     def changes(self, wanted: Mapping[Parameter, int]) -> "list[Change]":
-        """What has to be written so that the cell has what is wanted."""
-        return [
+        """What has to be written so that the cell has what is wanted.
+
+        Gains fall before and rise after all else, so that a loop has its margin on the way too.
+        """
+        changes = (
             Change(self.node_id, parameter, self.values[parameter], number)
             for parameter, number in wanted.items()
             if self.values[parameter] != number
-        ]
+        )
+        return sorted(changes, key=_turn)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +49,13 @@ class Change:
     parameter: Parameter
     before: int
     after: int
+
+
+def _turn(change: Change) -> int:
+    """-1 for a gain that falls, 1 for one that rises, 0 for anything else."""
+    if not change.parameter.name.endswith(_GAIN):
+        return 0
+    return 1 if change.after > change.before else -1
 
 
 def check_identity(node_id: int, identity: Identity) -> None:

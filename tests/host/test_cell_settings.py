@@ -3,6 +3,7 @@ from dataclasses import replace
 import pytest
 
 from mdms_host.cell_settings import (
+    CellSettings,
     Change,
     NotTakenError,
     StrangerError,
@@ -18,7 +19,8 @@ from mdms_protocol.dictionary import DEVICE_NAME, PRODUCT_CODE, REVISION, VENDOR
 
 pytestmark = pytest.mark.real_time
 
-GAIN, TIMEOUT = BY_NAME["axis1.gain"], BY_NAME["setpoint_timeout"]
+GAIN, LAG = BY_NAME["axis1.gain"], BY_NAME["axis1.observer_lag"]
+TIMEOUT = BY_NAME["setpoint_timeout"]
 CELL = Identity(DEVICE_NAME, "0.1.0", VENDOR_ID, PRODUCT_CODE, REVISION, 7)
 
 
@@ -42,9 +44,14 @@ def test_changes_are_what_differs():
     assert cell.changes({GAIN: 12_000, TIMEOUT: 50}) == [Change(1, GAIN, 10_000, 12_000)]
 
 
-def read_back(values):
-    from mdms_host.cell_settings import CellSettings
+@pytest.mark.parametrize(("gain", "order"), [(5_000, [GAIN, LAG]), (12_000, [LAG, GAIN])])
+def test_loop_has_its_margin_on_the_way_too(gain, order):
+    cell = read_back({GAIN: 10_000, LAG: 2_750})
+    for wanted in ({GAIN: gain, LAG: 3_000}, {LAG: 3_000, GAIN: gain}):
+        assert [change.parameter for change in cell.changes(wanted)] == order
 
+
+def read_back(values):
     return CellSettings(1, 7, values)
 
 
