@@ -1,0 +1,146 @@
+"""Both axes together: commands reach both, faults are told by source, settings reach the loop."""
+
+from array import array
+
+from mdms_cell import speed_loop as s
+from mdms_cell.axes import Axes
+from mdms_cell.objects import Objects, find
+from mdms_protocol import cia402
+
+UP = (cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION)
+CONTROLWORDS = (0x6040, 0x6840)
+STATUSWORDS = (0x6041, 0x6841)
+BASES = (0, s.AXIS)
+CODE = 0x8130
+
+
+class Bench:
+    """Both axes over registers, and the errors that they report."""
+
+    def __init__(self):
+        self.registers = array("i", [0] * s.REGISTERS)
+        s.reset(self.registers)
+        self.registers[s.SUPPLY] = 24_000_000
+        self.errors = {}
+        self.objects = Objects()
+        self.axes = Axes(self.objects, self.registers, self)
+
+    def report(self, source, code):
+        self.errors[source] = code
+
+    def clear(self, source):
+        self.errors.pop(source, None)
+
+    def control(self, axis, *words):
+        for word in words:
+            self.write(CONTROLWORDS[axis], word)
+
+    def write(self, index, number):
+        entry = find(index, 0)
+        self.objects.write(entry, number.to_bytes(entry.size, "little"))
+
+    def states(self):
+        words = [int.from_bytes(self.objects.read(index, 0), "little") for index in STATUSWORDS]
+        return [cia402.state(word) for word in words]
+
+    def modes(self):
+        return [self.registers[base + s.MODE] for base in BASES]
+
+
+def driven():
+    bench = Bench()
+    for axis in range(2):
+        bench.control(axis, *UP)
+    assert bench.modes() == [s.RUN, s.RUN]
+    return bench
+
+
+def test_axes_are_commanded_one_by_one():
+    bench = Bench()
+    assert not bench.axes.driving()
+    bench.control(1, *UP)
+    assert bench.modes() == [s.OFF, s.RUN]
+    assert bench.axes.driving()
+    bench.control(1, cia402.QUICK_STOP)
+    assert bench.modes() == [s.OFF, s.STOP]
+    assert bench.axes.driving()
+
+
+def test_switching_off_is_no_fault():
+    bench = driven()
+    bench.axes.switch_off()
+    assert bench.modes() == [s.OFF, s.OFF]
+    assert bench.states() == [cia402.SWITCH_ON_DISABLED] * 2
+    assert not bench.axes.driving()
+
+
+def test_failure_from_outside_puts_both_into_fault():
+    bench = driven()
+    bench.axes.fail(CODE)
+    assert bench.modes() == [s.OFF, s.OFF]
+    assert bench.states() == [cia402.FAULT] * 2
+    for index in (0x603F, 0x683F):
+        assert bench.objects.read(index, 0) == b"\x30\x81"
+
+
+def test_reset_forgets_faults_and_the_next_fault_can_be_reset():
+    bench = driven()
+    for _ in range(2):
+        bench.axes.fail(CODE)
+        bench.axes.reset()
+        assert bench.states() == [cia402.SWITCH_ON_DISABLED] * 2
+    bench.axes.fail(CODE)
+    bench.control(0, cia402.FAULT_RESET)
+    assert bench.states() == [cia402.SWITCH_ON_DISABLED, cia402.FAULT]
+
+
+def test_fault_of_the_loop_is_reported_from_its_axis_until_it_is_reset():
+    bench = driven()
+    bench.registers[s.AXIS + s.FAULTS] = s.STALLED
+    bench.axes.poll()
+    assert bench.errors == {2: 0x7121}
+    assert bench.modes() == [s.RUN, s.OFF]
+    bench.axes.poll()
+    assert bench.errors == {2: 0x7121}
+    bench.control(1, cia402.FAULT_RESET)
+    bench.axes.poll()
+    assert bench.errors == {}
+    assert bench.registers[s.AXIS + s.FAULTS] == 0
+
+
+def test_every_setting_reaches_the_loop_of_its_axis_alone():
+    settings = (
+        (0x2000, 5_000, s.GAIN, 80),
+        (0x2002, 12_000, s.VOLTAGE_LIMIT, 12_000_000),
+        (0x2004, 500, s.STALL_VOLTAGE, 500_000),
+        (0x2005, 30, s.STALL_TICKS, 30),
+        (0x2006, 70, s.CURRENT_TICKS, 70),
+        (0x2007, 90, s.FOLLOWING_TICKS, 90),
+        (0x60F8, 50_000, s.FOLLOWING_LIMIT, 50_000),
+        (0x6073, 500, s.CURRENT_LIMIT, 1_000),
+        (0x6075, 4_000, s.CURRENT_LIMIT, 6_000),
+        (0x6083, 2_500, s.ACCELERATION, 3),
+        (0x6084, 4_000, s.DECELERATION, 4),
+        (0x6085, 5_000, s.QUICK_STOP, 5),
+        (0x607E, 0x40, s.INVERTED, 1),
+    )
+    for index, number, register, expected in settings:
+        for axis in range(2):
+            bench = Bench()
+            other = bench.registers[BASES[1 - axis] + register]
+            assert other != expected
+            bench.write(index + axis * 0x800, number)
+            assert bench.registers[BASES[axis] + register] == expected
+            assert bench.registers[BASES[1 - axis] + register] == other
+
+
+def test_current_is_told_in_thousandths_of_the_rated_one_as_far_as_they_go():
+    bench = Bench()
+    most, least = (65_534, 65_536), (-65_536, -65_538)
+    told = [(1_000, 500), (-1_000, -500), (0, 0)]
+    told += [(current_ma, 32_767) for current_ma in most]
+    told += [(current_ma, -32_768) for current_ma in least]
+    for current_ma, per_mille in told:
+        bench.registers[s.CURRENT] = current_ma
+        value = int.from_bytes(bench.objects.read(0x6078, 0), "little")
+        assert value == per_mille & 0xFFFF
