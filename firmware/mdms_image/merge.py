@@ -1,6 +1,7 @@
 """The compact form of the firmware: all modules in one, with nothing that a board does not need."""
 
 import ast
+import hashlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -47,17 +48,12 @@ def merge(
     unit_of = assign(program, tuple(roots))
     names = shorten(program, roots, public=public)
     lazy = LazyImports({names[name]: unit for name, unit in unit_of.items()}, names.get(LOAD, ""))
-    sources = {}
-    for unit in sorted(set(unit_of.values())):
-        body = [
-            lazy.visit(program.definitions[name])
-            for name in program.definitions
-            if unit_of[name] == unit
-        ]
-        sources[unit] = _source(
-            program, unit, body, {names[each] for each in unit_of if unit_of[each] == MAIN}
-        )
-    return Merged(sources, names, constants)
+    bodies: dict[str, list[ast.stmt]] = {unit: [] for unit in sorted(set(unit_of.values()))}
+    for name, node in program.definitions.items():
+        bodies[unit_of[name]].append(lazy.visit(node))
+    main = {names[name] for name, unit in unit_of.items() if unit == MAIN}
+    sources = {unit: _source(program, unit, body, main) for unit, body in bodies.items()}
+    return Merged(_bound_together(sources), names, constants)
 
 
 def _source(program: Program, unit: str, body: list[ast.stmt], main: set[str]) -> str:
@@ -67,3 +63,14 @@ def _source(program: Program, unit: str, body: list[ast.stmt], main: set[str]) -
     if unit != MAIN and others:
         lines.append(f"from {MAIN} import {', '.join(others)}")
     return "\n".join([*lines, *(ast.unparse(ast.fix_missing_locations(node)) for node in body), ""])
+
+
+def _bound_together(sources: dict[str, str]) -> dict[str, str]:
+    """Let files refuse to be loaded by those of another image, whose short names mean others."""
+    if len(sources) == 1:
+        return sources
+    mark = "v" + hashlib.sha256("".join(sources.values()).encode()).hexdigest()[:8]
+    return {
+        unit: f"{source}{mark} = 0\n" if unit == MAIN else f"from {MAIN} import {mark}\n{source}"
+        for unit, source in sources.items()
+    }

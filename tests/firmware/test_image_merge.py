@@ -1,5 +1,8 @@
 """Merged modules do what they did apart; what cannot be merged safely is refused."""
 
+import importlib
+import sys
+
 import pytest
 
 from mdms_image import ImageError, sources
@@ -111,6 +114,25 @@ def test_what_a_function_imports_is_a_file_that_is_forgotten(merged):
     )
     assert set(made.sources) == {"mdms", "mdms_seldom"}
     assert "del sys.modules" in made.sources["mdms"]
+
+
+def test_file_of_another_image_refuses_to_be_loaded(merged, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    entry = "def result(value):\n    from toy.seldom import work\n\n    return work(value)\n"
+    _, made = merged(seldom="def work(value):\n    return value + 1\n", entry=entry)
+    for unit, source in made.sources.items():
+        (tmp_path / f"{unit}.py").write_text(source)
+    loaded = importlib.import_module("mdms")
+    assert loaded.result(1) == 2
+    (tmp_path / "toy" / "seldom.py").write_text("def work(value):\n    return value + 2\n")
+    other = merge("main", {"toy.entry.result": "result"}, emits=False)
+    (tmp_path / "mdms_seldom.py").write_text(other.sources["mdms_seldom"])
+    importlib.invalidate_caches()
+    try:
+        with pytest.raises(ImportError):
+            loaded.result(1)
+    finally:
+        del sys.modules["mdms"]
 
 
 @pytest.mark.parametrize(
