@@ -1,0 +1,155 @@
+"""The turns of the background loop: what the board is asked and told, and when it is fed."""
+
+from cell_bench import Board as CellBoard
+
+from mdms_cell import speed_loop
+from mdms_cell.inbox import Inbox
+from mdms_cell.runner import BUS_OFF, Runner
+
+REMOTE = 1
+EXTENDED = 2
+
+
+class Board(CellBoard):
+    """A board with all that a runner asks for; it writes down what it is told."""
+
+    def __init__(self):
+        super().__init__()
+        self.inbox = Inbox()
+        self.bus_off = False
+        self.fed = 0
+        self.cut = 0
+        self.shown = None
+        self.serviced_ms = None
+        self._frames = []
+
+    def service(self, now_ms):
+        self.serviced_ms = now_ms
+
+    def show(self, now_ms, state, faulty):
+        self.shown = (now_ms, state, faulty)
+
+    def feed(self):
+        self.fed += 1
+
+    def motors_off(self):
+        self.cut += 1
+
+    def receive(self, *frames):
+        self._frames.extend(frames)
+        self.inbox.fill(self)
+
+    def recv(self, into):
+        if not self._frames:
+            return None
+        into[0], data, into[2] = self._frames.pop(0)
+        into[1] = memoryview(data)
+        return into
+
+
+class Cell:
+    """Writes down what it is told; its tick counts, and raises `error` if there is one."""
+
+    def __init__(self, registers):
+        self.registers = registers
+        self.state = 5
+        self.told = []
+        self.error = None
+
+    def tick(self):
+        if self.error is not None:
+            raise self.error
+        self.registers[speed_loop.TICKS] += 1
+
+    def on_frame(self, can_id, data):
+        self.told.append((can_id, bytes(data)))
+
+    def poll(self, now_ms):
+        self.told.append(("poll", now_ms))
+
+    def fail(self, error_code):
+        self.told.append(("fail", error_code))
+
+    def recover(self):
+        self.told.append(("recover",))
+
+
+def bench():
+    board = Board()
+    cell = Cell(board.registers)
+    return Runner(board, cell), cell, board
+
+
+def test_turn_takes_all_frames_in_their_order_and_then_polls():
+    runner, cell, board = bench()
+    board.receive((0x080, b"", 0), (0x205, b"12345678", 0), (0x605, b"abc", 0))
+    runner.turn(77)
+    assert cell.told == [(0x080, b""), (0x205, b"12345678"), (0x605, b"abc"), ("poll", 77)]
+    assert board.serviced_ms == 77
+    runner.turn(78)
+    assert cell.told[4:] == [("poll", 78)]
+
+
+def test_remote_and_extended_frames_do_not_reach_the_cell():
+    runner, cell, board = bench()
+    board.receive((0x000, b"\x01\x05", REMOTE), (0x000, b"\x81\x05", EXTENDED), (0x080, b"", 0))
+    runner.turn(0)
+    assert cell.told == [(0x080, b""), ("poll", 0)]
+
+
+def test_watchdog_is_fed_once_a_turn_while_the_tick_is_alive():
+    runner, _, board = bench()
+    runner.turn(0)
+    fed = board.fed
+    runner.turn(1)
+    assert board.fed == fed
+    runner.tick()
+    runner.tick()
+    runner.turn(2)
+    runner.turn(3)
+    assert board.fed == fed + 1
+
+
+def test_error_in_the_tick_cuts_the_motors_for_good_and_is_raised_by_the_turn():
+    runner, cell, board = bench()
+    cell.error = ValueError("encoder")
+    runner.tick()
+    assert board.cut == 1
+    assert board.registers[speed_loop.CUT] == 1
+    cell.error = None
+    runner.tick()
+    assert board.cut == 2
+    assert board.registers[speed_loop.TICKS] == 0
+    try:
+        runner.turn(0)
+    except ValueError:
+        assert cell.told == []
+        assert board.fed == 0
+        return
+    raise AssertionError("the background was not told")
+
+
+def test_bus_off_is_a_failure_until_the_bus_is_back():
+    runner, cell, board = bench()
+    board.bus_off = True
+    # As the interrupt does.
+    board.registers[speed_loop.CUT] = 1
+    runner.turn(0)
+    runner.turn(1)
+    assert cell.told == [("fail", BUS_OFF), ("poll", 0), ("poll", 1)]
+    assert board.registers[speed_loop.CUT] == 1
+    board.bus_off = False
+    runner.turn(2)
+    runner.turn(3)
+    assert cell.told[3:] == [("recover",), ("poll", 2), ("poll", 3)]
+    assert board.registers[speed_loop.CUT] == 0
+
+
+def test_fault_of_either_axis_is_shown():
+    for place in (speed_loop.FAULTS, speed_loop.AXIS + speed_loop.FAULTS):
+        runner, _, board = bench()
+        runner.turn(5)
+        assert board.shown == (5, 5, False)
+        board.registers[place] = speed_loop.STALE
+        runner.turn(6)
+        assert board.shown == (6, 5, True)
