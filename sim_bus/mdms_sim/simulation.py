@@ -43,7 +43,6 @@ PRIORITY_COLLECT = 20
 PRIORITY_SAMPLE = 40
 
 UV_PER_V = 1e6
-MA_PER_A = 1e3
 
 
 Progress = Callable[[float], object]
@@ -97,9 +96,7 @@ class Simulation:
         self._cells = scenario.array.columns * scenario.array.rows
         self._axes = len(scenario.cell.wheel)
         # A cell has two axes, of which the array may use one.
-        self._counts = np.zeros((self._cells, 2), np.int32)
-        self._currents_ma = np.zeros((self._cells, 2), np.int32)
-        self._voltage_v: Floats = np.zeros(self._cells * self._axes)
+        self._voltage_uv = np.zeros((self._cells, 2), np.int32)
         self._references = References(self.bus, self._cells, self._axes)
         self._mailboxes = [
             self.bus.attach(_CellStation(self._deliver, cell), bank.accepts(cell))
@@ -158,23 +155,14 @@ class Simulation:
         now_ns = self.kernel.now_ns
         if now_ns:
             self._move()
-        self._sense()
-        voltages_uv = self._bank.tick(self._counts, self._currents_ma, self.world.presence())
-        used = self._voltage_v.reshape(self._cells, self._axes)
-        np.divide(voltages_uv[:, : self._axes], UV_PER_V, out=used)
+        _, counts, current_ma = self.world.sampled
+        self._voltage_uv = self._bank.tick(counts, current_ma, self.world.presence())
         self.kernel.at(now_ns + PROCESSING_NS, PRIORITY_COLLECT, self._collect_all)
         self.kernel.at(now_ns + TICK_NS, PRIORITY_TICK, self._tick)
 
     def _move(self) -> None:
         for _ in range(self._substeps):
-            self.world.step_voltage(self._voltage_v, self._step_s)
-
-    def _sense(self) -> None:
-        shape = self._cells, self._axes
-        used = slice(self._axes)
-        self._counts[:, used] = self.world.encoder_counts().reshape(shape)
-        current_a = self.world.motor_current_a.reshape(shape)
-        np.multiply(current_a, MA_PER_A, out=self._currents_ma[:, used], casting="unsafe")
+            self.world.step_cells(self._voltage_uv, self._step_s)
 
     def _collect(self, cells: list[int]) -> None:
         for cell in cells:
@@ -189,9 +177,9 @@ class Simulation:
     def _sample(self) -> None:
         now_ns = self.kernel.now_ns
         estimates = self._estimates() if self._estimates else self._unknown
-        self._sampler.sample(
-            now_ns / NS_PER_S, self._references.reference_m_s, self._voltage_v, estimates
-        )
+        voltage_v = self._voltage_uv[:, : self._axes].ravel() / UV_PER_V
+        references = self._references.reference_m_s
+        self._sampler.sample(now_ns / NS_PER_S, references, voltage_v, estimates)
         self.kernel.at(now_ns + SAMPLE_NS, PRIORITY_SAMPLE, self._sample)
 
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from mdms_sim.physics import plane
 from mdms_sim.physics.compiled import for_types_of
+from mdms_sim.physics.control_step import Registers, Sampled, step_cells
 from mdms_sim.physics.motor import build_cells
 from mdms_sim.physics.parcel import parcel_records, read_poses
 from mdms_sim.physics.scene import Scene
@@ -39,6 +40,8 @@ class World:
         noise_n = scenario.cell.load_cell_noise_n
         self._load_cells = None if noise_n is None else LoadCells(scenario, noise_n)
         self._counts_per_m = counts_per_m(scenario.cell)
+        counts, current_ma = np.zeros((2, len(self.scene.first) - 1, 2), np.int32)
+        self.sampled = Sampled(self._counts_per_m, counts, current_ma)
 
     # Motion --------------------------------------------------------------------------------------
 
@@ -48,12 +51,17 @@ class World:
 
     def step_voltage(self, voltage_v: Floats, step_s: float) -> None:
         """Move on under voltages (W,) held over the step, within supply, PWM and current limit."""
-        voltage_v = np.ascontiguousarray(voltage_v, np.float64)
-        self.pass_time(step_s, self._step_voltage(self.scene, voltage_v, float(step_s)))
+        self.pass_time(step_s, plane.step_voltage(self.scene, voltage_v, step_s))
+
+    def step_cells(self, voltage_uv: Registers, step_s: float) -> None:
+        """The same under voltages as cells hold them (cells, 2); `sampled` is of the step's end."""
+        voltage_uv = np.ascontiguousarray(voltage_uv, np.int32)
+        self.pass_time(step_s, self._step_cells(self.scene, voltage_uv, step_s, self.sampled))
 
     @cached_property
-    def _step_voltage(self) -> Callable[[Scene, Floats, float], int]:
-        return for_types_of(plane.step_voltage, self.scene, np.zeros(len(self.wheels.cell)), 0.0)
+    def _step_cells(self) -> Callable[[Scene, Registers, float, Sampled], int]:
+        # It runs every millisecond, and sorting out its arguments would take as long as the step.
+        return for_types_of(step_cells, self.scene, self.sampled.counts, 0.0, self.sampled)
 
     def pass_time(self, step_s: float, news: int) -> None:
         """Advance the clock after the scene has moved, and note what it had to tell."""
