@@ -1,5 +1,7 @@
 """What a board does from start to stop, told by its faked peripherals; runs on MicroPython."""
 
+import binascii
+
 import micropython
 import world
 from bench import NODE, Bench
@@ -19,6 +21,11 @@ def test_is_made_with_everything_off(bench):
         + [(timer, channel, 11) for timer in bench.encoders for channel in (1, 2)]
     )
     assert world.periods[bench.pwm] == FULL[bench.pwm] - 1
+
+
+def test_has_a_serial_number_that_every_byte_of_the_chips_own_counts_for(bench):
+    own = bytes(range(12))
+    assert bench.board.serial == binascii.crc32(own)
 
 
 def test_boots_and_drives_both_wheels(bench):

@@ -43,7 +43,7 @@ def layout_of(scenario: Scenario) -> Layout:
 
 
 def settings_of(cell: Cell) -> tuple[Setting, ...]:
-    """What has to be written to cells because their defaults differ. Raises `CommandError`."""
+    """What the host relies on, whatever was saved in a cell before. Raises `CommandError`."""
     counts_per_m = (
         cell.encoder_counts_per_motor_rev * cell.gear_ratio / (2 * pi * cell.wheel_radius_m)
     )
@@ -56,7 +56,6 @@ def settings_of(cell: Cell) -> tuple[Setting, ...]:
         _setting(index + axis * AXIS_OFFSET, *meaning)
         for axis in range(len(cell.wheel))
         for index, meaning in wanted.items()
-        if meaning[1] != ENTRIES[index, 0].default
     )
 
 

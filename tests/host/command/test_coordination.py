@@ -15,6 +15,7 @@ from mdms_host.command.coordination import (
 from mdms_host.command.exits import CommandError
 from mdms_host.command.references import references_m_s
 from mdms_host.sdo_client import Setting
+from mdms_protocol.dictionary import ENTRIES
 from mdms_sim.physics.wheels import build_wheels
 from mdms_sim.scenario_file import load_scenario
 
@@ -31,16 +32,19 @@ def test_belief_of_the_host_is_where_the_wheels_are(plane):
     np.testing.assert_array_equal(layout.wheel_cells, wheels.cell + 1)
 
 
-def test_prototype_needs_no_settings(plane):
-    assert settings_of(plane.cell) == ()
+def test_prototype_is_at_the_defaults_of_the_firmware(plane):
+    told = {each.index: each.value for each in settings_of(plane.cell)}
+    assert told == {index: ENTRIES[index, 0].default for index in told}
 
 
-def test_other_motor_is_written_to_both_axes(plane):
+def test_what_the_host_relies_on_is_written_to_both_axes(plane):
     cell = replace(plane.cell, gain_vs_per_m=7.5, supply_v=12.0)
     assert settings_of(cell) == (
         Setting(0x2000, 0, 7500),
+        Setting(0x2001, 0, ENTRIES[0x2001, 0].default),
         Setting(0x2002, 0, 12000),
         Setting(0x2800, 0, 7500),
+        Setting(0x2801, 0, ENTRIES[0x2001, 0].default),
         Setting(0x2802, 0, 12000),
     )
 
@@ -48,7 +52,7 @@ def test_other_motor_is_written_to_both_axes(plane):
 def test_resolution_is_counts_per_metre_of_surface(plane):
     cell = replace(plane.cell, encoder_counts_per_motor_rev=1000)
     counts_per_m = 1000 * 3.0 / (2 * np.pi * 0.0254)
-    assert settings_of(cell)[0] == Setting(0x2001, 0, int(counts_per_m))
+    assert settings_of(cell)[1] == Setting(0x2001, 0, int(counts_per_m))
 
 
 def test_gain_beyond_the_firmware_is_refused(plane):
