@@ -12,7 +12,8 @@ import pytest
 from mdms_cell import speed_loop
 from mdms_protocol import cob, nmt
 from mdms_protocol.frame import Frame
-from mdms_sim.nodes import lockstep, micropython_bank
+from mdms_sim.nodes import lockstep, micropython_bank, micropython_process
+from mdms_sim.nodes.bank import NodeDied
 from mdms_sim.nodes.blocks import Blocks
 from mdms_sim.nodes.micropython_bank import MicropythonBank
 from mdms_sim.nodes.python_bank import PythonBank
@@ -103,6 +104,23 @@ def test_both_kinds_of_cells_drop_the_same_frames_when_nobody_takes_them():
     heard = life(MicropythonBank)
     assert len(heard[0]) == TRANSMIT_QUEUE
     assert heard == life(PythonBank)
+
+
+def test_an_answer_to_a_frame_that_was_to_have_none_is_told_of(monkeypatch, tmp_path):
+    source = micropython_process._MAIN.read_text()
+    ours = micropython_process._MAIN.parent
+    main = tmp_path / "main.py"
+    broken = source.replace("if can_id not in own]", f"] + [{SDO_REQUEST}]")
+    assert broken != source
+    main.write_text(f"import sys\nsys.path.insert(0, {str(ours)!r})\n{broken}")
+    monkeypatch.setattr(micropython_process, "_MAIN", main)
+    bank = started(MicropythonBank)
+    try:
+        bank.deliver(0, Frame(SDO_REQUEST, bytes.fromhex("4018100100000000")))
+        with pytest.raises(NodeDied, match="may have waited has been answered"):
+            tick(bank)
+    finally:
+        bank.close()
 
 
 def descriptors():
