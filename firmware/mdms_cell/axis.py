@@ -3,7 +3,7 @@
 Indices are those of axis 1; axis 2 has them `dictionary.AXIS_OFFSET` higher.
 """
 
-from mdms_cell import speed_loop, tuning
+from mdms_cell import speed_loop
 from mdms_cell.drive import Drive
 from mdms_cell.objects import key
 
@@ -57,8 +57,6 @@ _SETTINGS = (
     MAX_SLIPPAGE,
 )
 
-_VELOCITY_REVERSED = 0x40
-
 
 class Axis:
     """Axis `number`, counted from 0."""
@@ -71,33 +69,16 @@ class Axis:
         self.drive = Drive(registers, self._base)
         self._tie_commands()
         self._tie_readings()
+        on_setting = self._on_setting
         for index in _SETTINGS:
-            objects.watchers[index + self._offset] = self._on_setting
+            objects.watchers[index + self._offset] = on_setting
         self.load()
 
     def load(self):
         """Bring the stored settings into the speed loop."""
-        registers = self._registers
-        base = self._base
-        rated_ma = self._setting(RATED_CURRENT)
-        reversed_ = self._setting(POLARITY) & _VELOCITY_REVERSED
-        registers[base + speed_loop.INVERTED] = 1 if reversed_ else 0
-        tuning.set_encoder(registers, base, self._setting(RESOLUTION), self._setting(OBSERVER_LAG))
-        tuning.set_law(registers, base, self._setting(GAIN), self._setting(VOLTAGE_LIMIT))
-        tuning.set_ramps(
-            registers,
-            base,
-            self._setting(ACCELERATION),
-            self._setting(DECELERATION),
-            self._setting(QUICK_STOP),
-        )
-        limit_ma = self._setting(MAX_CURRENT) * rated_ma // 1000
-        tuning.set_over_current(registers, base, limit_ma, self._setting(OVER_CURRENT_TIME))
-        tuning.set_stall(registers, base, self._setting(STALL_VOLTAGE), self._setting(STALL_TIME))
-        slippage = self._setting(MAX_SLIPPAGE)
-        tuning.set_following(registers, base, slippage, self._setting(SLIPPAGE_TIME))
-        registers[base + speed_loop.WINDOW] = self._setting(WINDOW)
-        registers[base + speed_loop.WINDOW_TICKS] = self._setting(WINDOW_TIME)
+        from mdms_cell.axis_settings import load
+
+        load(self._registers, self._base, self._setting)
 
     def _on_setting(self, _index, _sub):
         self.load()
@@ -105,22 +86,23 @@ class Axis:
     def _setting(self, index):
         return self._objects.number(index + self._offset)
 
+    # Methods rather than lambdas, which would take three times the memory, for each axis.
+
     def _tie_commands(self):
         drive = self.drive
-        self._tie(CONTROLWORD, lambda: drive.controlword, drive.control)
-        self._tie(TARGET, lambda: drive.target_um_s, drive.set_target)
+        self._tie(CONTROLWORD, self._controlword, drive.control)
+        self._tie(TARGET, self._target_um_s, drive.set_target)
         self._tie(STATUSWORD, drive.statusword)
-        self._tie(ERROR_CODE, lambda: drive.error_code)
+        self._tie(ERROR_CODE, self._error_code)
 
     def _tie_readings(self):
         registers = self._registers
-        base = self._base
-        actual = base + speed_loop.ACTUAL
+        actual = self._base + speed_loop.ACTUAL
         self._tie(ACTUAL, lambda: registers[actual])
-        self._tie(DEMAND, lambda: registers[base + speed_loop.DEMAND])
-        self._tie(POSITION, lambda: registers[base + speed_loop.COUNT])
-        self._tie(MOTOR_VOLTAGE, lambda: registers[base + speed_loop.VOLTAGE])
-        self._tie(SUPPLY, lambda: registers[speed_loop.SUPPLY] // 1000)
+        self._tie(DEMAND, self._demand_um_s)
+        self._tie(POSITION, self._position)
+        self._tie(MOTOR_VOLTAGE, self._voltage_uv)
+        self._tie(SUPPLY, self._supply_mv)
         self._tie(CURRENT, self._current_per_mille)
 
     def _tie(self, index, read, write=None):
@@ -128,6 +110,27 @@ class Axis:
         self._objects.reads[where] = read
         if write is not None:
             self._objects.writes[where] = write
+
+    def _controlword(self):
+        return self.drive.controlword
+
+    def _target_um_s(self):
+        return self.drive.target_um_s
+
+    def _error_code(self):
+        return self.drive.error_code
+
+    def _demand_um_s(self):
+        return self._registers[self._base + speed_loop.DEMAND]
+
+    def _position(self):
+        return self._registers[self._base + speed_loop.COUNT]
+
+    def _voltage_uv(self):
+        return self._registers[self._base + speed_loop.VOLTAGE]
+
+    def _supply_mv(self):
+        return self._registers[speed_loop.SUPPLY] // 1000
 
     def _current_per_mille(self):
         current_ma = self._registers[self._base + speed_loop.CURRENT]

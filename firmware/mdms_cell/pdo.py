@@ -4,8 +4,7 @@ The standard's procedure to change a PDO: make it invalid by bit 31 of its COB-I
 mapped objects to 0, write the entries, set the number, make it valid.
 """
 
-from mdms_cell.objects import find
-from mdms_protocol import cob, record, sdo
+from mdms_protocol import cob, sdo
 
 COB_ID = 1
 TYPE = 2
@@ -17,7 +16,6 @@ SYNCHRONOUS_MAX = 240
 EVENT_MANUFACTURER = 254
 EVENT_PROFILE = 255
 
-_BITS_MAX = 64
 #: Bits of the data types that a receive PDO may carry for others: CiA 301, 7.4.7.3, dummy mapping.
 DUMMIES = {2: 8, 3: 16, 4: 32, 5: 8, 6: 16, 7: 32}
 
@@ -61,50 +59,18 @@ class Pdo:
         return item >> 16, item >> 8 & 0xFF, item & 0xFF
 
     def _on_parameter(self, _index, sub):
-        if sub == COB_ID:
-            self._check_cob_id()
-        elif sub == TYPE and SYNCHRONOUS_MAX < self._parameter(TYPE) < EVENT_MANUFACTURER:
-            raise sdo.AbortError(sdo.INVALID_VALUE)
-        elif sub == INHIBIT_TIME and self.can_id is not None:
-            raise sdo.AbortError(sdo.WRONG_STATE)
+        from mdms_cell.pdo_rules import check_parameter
+
+        check_parameter(sub, self._parameter(sub), self.can_id)
         self.load()
         self._changed(sub)
-
-    def _check_cob_id(self):
-        cob_id = self._parameter(COB_ID)
-        can_id = cob_id & cob.IDENTIFIER
-        if cob_id & cob.INVALID:
-            return
-        if cob_id & (cob.FLAG_30 - 1) != can_id or cob.restricted(can_id):
-            raise sdo.AbortError(sdo.INVALID_VALUE)
-        if self.can_id is not None and self.can_id != can_id:
-            raise sdo.AbortError(sdo.WRONG_STATE)
 
     def _on_mapping(self, _index, sub):
         if self.can_id is not None:
             raise sdo.AbortError(sdo.WRONG_STATE)
+        from mdms_cell.pdo_rules import check_mapping
+
+        entries = [self._entry(sub)] if sub else self.entries()
+        check_mapping(entries, sub, self._count(), self._direction)
         if sub == 0:
-            self._check_total()
             self.load()
-        elif self._count():
-            raise sdo.AbortError(sdo.WRONG_STATE)
-        else:
-            self._check_entry(*self._entry(sub))
-
-    def _check_total(self):
-        bits = 0
-        for sub in range(1, self._count() + 1):
-            entry = self._entry(sub)
-            self._check_entry(*entry)
-            bits += entry[2]
-        if bits > _BITS_MAX:
-            raise sdo.AbortError(sdo.PDO_TOO_LONG)
-
-    def _check_entry(self, index, sub, bits):
-        if self._direction == record.IN_RPDO and index in DUMMIES and sub == 0:
-            if DUMMIES[index] != bits:
-                raise sdo.AbortError(sdo.NOT_MAPPABLE)
-            return
-        entry = find(index, sub)
-        if not entry.flags & self._direction or entry.size * 8 != bits:
-            raise sdo.AbortError(sdo.NOT_MAPPABLE)
