@@ -55,8 +55,8 @@ class Life:
         self._start_ms = _WRAP - before_wrap_ms
         self._samples = 0
         self._received = self._dropped = 0
-        world.analog["X21"] = _SUPPLY_24_V
-        self.sensors = pybv11.SENSORS
+        world.analog[pybv11.PINS.supply] = _SUPPLY_24_V
+        self.sensors = pybv11.PINS.sensors
         self.sampling = False
         self._flash = Memory()
         self.watch = Watch()

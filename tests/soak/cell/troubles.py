@@ -4,10 +4,10 @@ import world
 from traffic import SYNC_MS
 from watch import NODE
 
+from boards.pybv11 import PINS
 from mdms_protocol import cob, nmt
 
 _SETPOINT_TIMEOUT_MS = 50
-_CURRENTS = ("X19", "X20")
 
 
 def lose_targets(story):
@@ -50,7 +50,7 @@ def lose_neighbour(story):
 
 def overload(story):
     """Over-current on one axis."""
-    pin = _CURRENTS[story.chance.below(2)]
+    pin = PINS.currents[story.chance.below(2)]
     world.analog[pin] = 65535
     yield from story.pause(120)
     world.analog[pin] = 0

@@ -2,8 +2,15 @@
 
 import world
 
+from boards.pybv11 import PINS
+
 #: Timer of the encoder, place of the pulses and phase pin of each wheel.
-WHEELS = ((4, (12, 1), "X7"), (8, (12, 2), "X8"))
+WHEELS = tuple(
+    [
+        (PINS.encoders[place][0], (PINS.pwm_timer, place + 1), PINS.phases[place])
+        for place in range(2)
+    ]
+)
 #: Counts/1024 a millisecond that a step of pulse width gives to a free wheel.
 _FREE_SPEED = 76
 #: Time constant, as a shift of milliseconds.
