@@ -22,8 +22,9 @@ class References:
         bus.observe(self._on_frame, self._cells)
 
     def _on_frame(self, frame: Frame, now_ns: int) -> None:
-        if len(frame.data) == pdo.TARGET_VELOCITY.length:
-            self._told[self._cells[frame.can_id]] = frame.data
+        can_id, data = frame
+        if len(data) == pdo.TARGET_VELOCITY.length:
+            self._told[self._cells[can_id]] = data
 
     @property
     def reference_m_s(self) -> Floats:

@@ -68,7 +68,10 @@ _CRC_END = _stuff_table(CRC_BITS - 8)
 _CRC = np.array([_crc_after(byte) for byte in range(256)], np.int64)
 
 
-@numba.njit("int64(int64, int64, uint64)", cache=True)
+_SIGNATURE = "int64(int64, int64, uint64)"
+
+
+@numba.njit(_SIGNATURE, cache=True)
 def _length(can_id: int, size: int, payload: Any) -> int:
     """Start of frame to end of frame; `payload` is the data as one big-endian number."""
     front, front_bits = header(can_id, size)
@@ -93,7 +96,11 @@ def _length(can_id: int, size: int, payload: Any) -> int:
     return int(front_bits + 8 * data_bytes + CRC_BITS + stuffed + TAIL_BITS)
 
 
+# What stands behind the name, without a look at the types of the arguments at every call.
+_quick_length = _length if numba.config.DISABLE_JIT else _length.get_overload(_SIGNATURE)  # type: ignore[attr-defined]
+
+
 def frame_bits(frame: Frame) -> int:
     """Length on the wire with the frame's real stuff bits, without the inter-frame space [bits]."""
     can_id, data = frame
-    return _length(can_id, len(data), int.from_bytes(data, "big"))
+    return int(_quick_length(can_id, len(data), int.from_bytes(data, "big")))

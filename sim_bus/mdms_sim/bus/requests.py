@@ -1,25 +1,18 @@
 """The frames in mailboxes that want the bus, lowest arbitration field first."""
 
-from collections.abc import Callable
-from heapq import heapify, heappush
+from heapq import heapify
 
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.controller import Controller
-from mdms_sim.bus.wire import arbitration_field
 
 Request = tuple[int, int, Controller, Frame]
 
 
 class Requests(list[Request]):
-    """A heap of (arbitration field, number, controller, frame); numbers order equals."""
+    """A heap of (arbitration field, number, controller, frame); numbers order equals.
 
-    def __init__(self, next_number: Callable[[], int]) -> None:
-        super().__init__()
-        self._next_number = next_number
-
-    def add(self, controller: Controller, frame: Frame) -> None:
-        """One more."""
-        heappush(self, (arbitration_field(frame.can_id), self._next_number(), controller, frame))
+    Frames are pushed and popped with `heapq`.
+    """
 
     def drop(self, controller: Controller, frame: Frame | None = None) -> None:
         """Forgets what a controller wants to send, or that frame of it."""

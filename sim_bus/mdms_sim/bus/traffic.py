@@ -49,7 +49,8 @@ class Traffic:
         ended: Callable[[States], object],
     ) -> None:
         self.calm = False
-        self.requests = Requests(bus.sequence.__next__)
+        self.requests = Requests()
+        self._next_number = bus.sequence.__next__
         self.receivers = Receivers(controllers, bus.observers)
         self.free_ns = 0
         self._bus = bus
@@ -74,7 +75,8 @@ class Traffic:
 
     def request(self, controller: Controller, frame: Frame) -> None:
         """A frame stands in a mailbox and wants the bus."""
-        self.requests.add(controller, frame)
+        number = self._next_number()
+        heappush(self.requests, (arbitration_field(frame[0]), number, controller, frame))
         if not self._arbitrating:
             self._schedule_arbitration()
 
@@ -238,7 +240,8 @@ class Traffic:
         if self._exchange is not None and self._exchange[0].flip is not None:
             flip = self._exchange[0].flip - (now_ns - self._start_ns) // self._bit_ns
         if self._sending is not None:
-            self.requests.add(*self._sending)
+            self._arbitrating = True
+            self.request(*self._sending)
         if not self.busy:
             self.free_ns = max(self.free_ns, now_ns)
             self._recovery.on_frame(now_ns, now_ns)
