@@ -8,12 +8,15 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 from mdms_protocol.frame import Frame
-from mdms_sim.bus.confinement import Confinement
+from mdms_sim.bus.confinement import Confinement, ErrorState
 from mdms_sim.bus.controller import Controller
 from mdms_sim.bus.disturbance import MOST_OVERLOADS, UNDISTURBED, Disturbance
 from mdms_sim.bus.length import frame_bits
 from mdms_sim.bus.node import Node
 from mdms_sim.bus.wire import INTERFRAME_BITS
+
+#: An error passive node that has just sent lets others go first for so long.
+SUSPEND_BITS = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +64,17 @@ class Outcome:
     tried: list[Controller] = field(default_factory=list)
     ready_bits: dict[Controller, int] = field(default_factory=dict)
     errors: list[tuple[Controller, Confinement]] = field(default_factory=list)
+
+    def settle(self, start_ns: int, bit_ns: int) -> None:
+        """Moves the counters of all, and tells those who must let others go first until when."""
+        for controller, errors in self.errors:
+            controller.errors.put(errors)
+        for controller, bits in self.ready_bits.items():
+            controller.suspended_until_ns = start_ns + bits * bit_ns
+        for sender in self.tried:
+            if sender.state is ErrorState.PASSIVE:
+                ready_bits = self.ready_bits.get(sender, self.free_bits) + SUSPEND_BITS
+                sender.suspended_until_ns = start_ns + ready_bits * bit_ns
 
 
 class Exchange:

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 #: Frames end before anything else happens at that instant, and arbitration sees all requests of it.
 PRIORITY_END = 0
 PRIORITY_ARBITRATE = 1000
-#: An error passive node that has just sent lets others go first for so long.
-SUSPEND_BITS = 8
 
 States = Sequence[tuple[Controller, ErrorState]]
 
@@ -187,15 +185,13 @@ class Traffic:
         assert self._exchange is not None
         (_, outcome), self._exchange = self._exchange, None
         states = [(each, each.state) for each in self._controllers]
-        for controller, errors in outcome.errors:
-            controller.errors.put(errors)
+        outcome.settle(self.free_ns - outcome.free_bits * self._bit_ns, self._bit_ns)
         if outcome.frame is not None:
             self._hand_over(outcome.frame, outcome)
         if outcome.error:
             # After a frame that some have got it is still under way.
             error_ns = max(self.free_ns - self._interframe_ns, self._kernel.now_ns)
             self._kernel.at(error_ns, PRIORITY_END, self._bus.on_error)
-        self._suspend(outcome)
         self._ended(states)
 
     def _hand_over(self, frame: Frame, outcome: Outcome) -> None:
@@ -210,15 +206,6 @@ class Traffic:
         for sender in outcome.sent:
             self.requests.drop(sender, frame)
             sender.on_sent(frame)
-
-    def _suspend(self, outcome: Outcome) -> None:
-        start_ns = self.free_ns - outcome.free_bits * self._bit_ns
-        for controller, bits in outcome.ready_bits.items():
-            controller.suspended_until_ns = start_ns + bits * self._bit_ns
-        for sender in outcome.tried:
-            if sender.state is ErrorState.PASSIVE:
-                ready_ns = max(sender.suspended_until_ns, self.free_ns)
-                sender.suspended_until_ns = ready_ns + SUSPEND_BITS * self._bit_ns
 
     # Who comes and goes meanwhile
 
