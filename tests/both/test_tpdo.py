@@ -1,0 +1,45 @@
+"""Transmit PDOs after long silence: instants further back than the clock can tell apart."""
+
+from cell_bench import emergencies, operational
+
+from mdms_cell import ticks
+from mdms_protocol import sdo
+
+DAY_MS = 86_400_000
+INHIBIT_10_MS = (0x1801, 3, b"\x64\x00")
+EMCY_INHIBIT_10_MS = (0x1015, 0, b"\x64\x00")
+
+
+def slept(days, *settings):
+    """A cell to which nothing has happened for days but its status sent once, and the time."""
+    cell, board = operational()
+    cell.on_frame(0x000, b"\x80\x05")
+    cell.on_frame(0x605, sdo.write_request(0x1801, 1, b"\x85\x02\0\x80"))
+    for setting in settings:
+        cell.on_frame(0x605, sdo.write_request(*setting))
+    cell.on_frame(0x605, sdo.write_request(0x1801, 1, b"\x85\x02\0\0"))
+    cell.on_frame(0x000, b"\x01\x05")
+    cell.fail(0x8140)
+    now_ms = 50
+    for _ in range(days):
+        now_ms = ticks.after(now_ms, DAY_MS)
+        cell.poll(now_ms)
+    board.take()
+    return cell, board, ticks.after(now_ms, DAY_MS)
+
+
+def test_change_after_days_of_nothing_is_sent_at_once():
+    for days in (1, 7, 13):
+        for settings in ((), (INHIBIT_10_MS,)):
+            cell, board, now_ms = slept(days, *settings)
+            board.bits = 0b101
+            cell.poll(now_ms)
+            assert [data[4] for can_id, data in board.take() if can_id == 0x285] == [0b101]
+
+
+def test_emergency_after_days_of_nothing_is_sent_at_once():
+    for days in (1, 7, 13):
+        cell, board, now_ms = slept(days, EMCY_INHIBIT_10_MS)
+        cell.recover()
+        cell.poll(now_ms)
+        assert emergencies(board) == [b"\x00\x00\x00\x06\0\0\0\0"]
