@@ -74,11 +74,10 @@ def test_heap_that_grows_is_found_and_one_that_sways_is_not(day):
 
 
 def test_frame_off_its_grid_is_found(monkeypatch):
-    for folder in (SOAK / "cell", ROOT / "tests" / "firmware" / "fakes"):
-        monkeypatch.syspath_prepend(str(folder))
-    watch = importlib.import_module("watch")
+    monkeypatch.syspath_prepend(str(SOAK / "cell"))
+    grids = importlib.import_module("grid")
     found = []
-    grid = watch.Grid("heartbeat", 100, SimpleNamespace(find=found.append))
+    grid = grids.Grid("heartbeat", 100, SimpleNamespace(find=found.append))
     grid.start(0)
     for now_ms in (100, 203, 300):
         grid.heard(now_ms)
