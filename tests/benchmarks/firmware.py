@@ -15,7 +15,7 @@ from array import array
 from pathlib import Path
 from typing import Any
 
-from tests.firmware.conftest import ROOT, stage, unix, wasm32
+from tests.firmware.conftest import EMITS, ROOT, stage, unix, wasm32
 from tests.firmware.images import SKIP, flashed, write
 
 from mdms_cell import speed_loop
@@ -62,6 +62,23 @@ while going:
     growth = max(growth, gc.mem_alloc() - before_them)
     most = max(most, note())
 print(imported - before, booted - before, most - before, note() - before, growth)
+"""
+#: The same with every tick and poll, where garbage is collected at 100 KB more.
+_HOUR = """
+import gc
+from _firmware_heap import Board, Traffic
+from mdms import Cell, Inbox, Outbox, Runner
+cell = Cell(Board(Inbox(), Outbox()), 5)
+traffic = Traffic(cell)
+traffic.boot()
+gc.collect()
+booted = gc.mem_alloc()
+gc.threshold(100 * 1024)
+most = 0
+while traffic.live_fully(100):
+    most = max(most, gc.mem_alloc())
+gc.collect()
+print(booted, gc.mem_alloc(), most)
 """
 _DRIVER = """
 import machine, pyb, world, os, time
@@ -142,10 +159,7 @@ def _row(name: str, ours: float, unit: str, peer: float | None = None, **more: o
 
 def _heap(folder: Path) -> list[Row]:
     """What a cell takes of a 32-bit heap, with what the interpreter has taken at its start."""
-    image = folder / "cell"
-    roots = {f"mdms_cell.{name}": name.partition(".")[2] for name in _CELL}
-    write(image, merge("main", roots, emits=False, skip=SKIP).sources)
-    shutil.copy(HEAP, image)
+    image = _image_of_cell(folder / "cell", None)
     (bare,) = _noted(image, "import gc; print(gc.mem_alloc())")
     code, booted, most, last, growth = _noted(image, _NOTE + _BOOT)
     flashed(folder / "flashed", None)
@@ -159,9 +173,29 @@ def _heap(folder: Path) -> list[Row]:
         _row("of it, code", code, "KB"),
         _row("of it, the interpreter before any of ours", bare, "KB"),
         _row("garbage of 4 s of traffic", growth, "KB"),
+        *_full_hour(folder / "hour"),
         _row(flash, bare + driven, "KB"),
         _row("of it, code", all_code, "KB"),
     ]
+
+
+def _full_hour(folder: Path) -> list[Row]:
+    """The same hour on the 64-bit unix port, nothing left out."""
+    done = unix(_image_of_cell(folder, "x64" if EMITS else None), "-c", _HOUR)
+    booted, last, most = (int(each) / 1024 for each in done.stdout.split())
+    return [
+        _row("heap after boot, 64 bits", booted, "KB"),
+        _row("heap after an hour with every tick and poll, 64 bits", last, "KB"),
+        _row("heap before a collection in that hour, 64 bits", most, "KB"),
+    ]
+
+
+def _image_of_cell(folder: Path, architecture: str | None) -> Path:
+    roots = {f"mdms_cell.{name}": name.partition(".")[2] for name in _CELL}
+    sources = merge("main", roots, emits=architecture is not None, skip=SKIP).sources
+    write(folder, sources, architecture)
+    shutil.copy(HEAP, folder)
+    return folder
 
 
 def _noted(folder: Path, code: str) -> list[float]:
