@@ -67,7 +67,11 @@ class CellBank(Protocol):
         """The cell's CAN controller has gone bus off, or has come back."""
 
     def set_drift(self, cell: int, drift_ppm: int) -> None:
-        """The cell's clock runs fast by so many parts in a million; its control period does not."""
+        """The cell's clock and control periods run fast by so many parts in a million.
+
+        In one step of 1 ms the cell then makes now and then two periods, which see the same counts,
+        or, when it is slow, none: its voltages stay, and it looks after nothing.
+        """
 
     def close(self) -> None:
         """Ends the cells."""

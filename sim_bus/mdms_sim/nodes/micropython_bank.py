@@ -95,10 +95,10 @@ class MicropythonBank:
         blocks.counts[:] = counts
         blocks.currents_ma[:] = currents_ma
         blocks.presence[:] = presence
-        blocks.times_ms[:] = conditions.ticks if conditions.plain else conditions.times_ms()
-        halted = conditions.halted
-        self._ask((cell for cell in range(len(presence)) if cell not in halted), lockstep.TICK)
-        self._settle()
+        for turn in conditions.turns():
+            blocks.times_ms[list(turn)] = list(turn.values())
+            self._ask(turn, lockstep.TICK)
+            self._settle()
         conditions.ticks += 1
         return blocks.voltages_uv.copy()
 

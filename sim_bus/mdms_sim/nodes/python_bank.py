@@ -119,28 +119,41 @@ class PythonBank:
     ) -> NDArray[np.int32]:
         """See `CellBank`."""
         conditions = self._conditions
-        kept = self._registers[list(self._halted)] if self._halted else None
-        startled = _tick_all(self._registers, counts, currents_ma, presence, self._seen)
-        self._voltages_uv = self._driven_uv.copy()
-        if kept is not None:
-            self._freeze(kept)
         if conditions.plain and conditions.ticks < FULL_POLLS_FROM:
+            startled = _tick_all(self._registers, counts, currents_ma, presence, self._seen)
+            self._voltages_uv = self._driven_uv.copy()
             self._slept_ms = conditions.ticks
             if startled or conditions.ticks >= self._wake_ms:
                 self._poll_awake(conditions.ticks, presence)
         else:
-            self._poll(presence.tolist())
+            self._slept_ms = None
+            self._voltages_uv = self._voltages_uv.copy()
+            for turn in conditions.turns():
+                self._take_turn(turn, counts, currents_ma, presence)
+            for cell, frozen_uv in self._halted.items():
+                self._voltages_uv[cell] = frozen_uv
         conditions.ticks += 1
         return self._voltages_uv
 
-    def _freeze(self, kept: NDArray[np.int32]) -> None:
-        """Takes back the tick of cells that do not run."""
-        self._registers[list(self._halted)] = kept
-        for cell, frozen_uv in self._halted.items():
-            self._voltages_uv[cell] = frozen_uv
+    def _take_turn(
+        self,
+        times_ms: dict[int, int],
+        counts: NDArray[np.int32],
+        currents_ma: NDArray[np.int32],
+        presence: NDArray[np.uint8],
+    ) -> None:
+        """Ticks and polls some of the cells, by their own clocks."""
+        others = [cell for cell in range(len(self._cells)) if cell not in times_ms]
+        kept = self._registers[others]
+        _tick_all(self._registers, counts, currents_ma, presence, self._seen)
+        self._registers[others] = kept
+        for cell, time_ms in times_ms.items():
+            self._voltages_uv[cell] = self._driven_uv[cell]
+            self._boards[cell].presence_bits = int(presence[cell])
+            self._cells[cell].poll(time_ms)
 
     def _poll_awake(self, now_ms: int, presence: NDArray[np.uint8]) -> None:
-        """What `_poll` does, without the calls that would do nothing."""
+        """Polls the cells, without the calls that would do nothing."""
         seen = self._seen.tolist()
         self._seen[:] = presence
         for number, bits in enumerate(presence.tolist()):
@@ -148,14 +161,6 @@ class PythonBank:
                 self._boards[number].presence_bits = bits
                 self._cells[number].poll(now_ms)
         self._wake_ms = min(cell.wake_ms for cell in self._cells)
-
-    def _poll(self, presence: list[int]) -> None:
-        self._slept_ms = None
-        times_ms = self._conditions.times_ms()
-        for number, bits in enumerate(presence):
-            if number not in self._halted:
-                self._boards[number].presence_bits = bits
-                self._cells[number].poll(times_ms[number])
 
     def power_off(self, cell: int) -> None:
         """See `CellBank`."""
@@ -178,6 +183,9 @@ class PythonBank:
         """See `CellBank`."""
         if cell not in self._conditions.halted:
             (leave_bus if off else rejoin_bus)(self._cells[cell], self._boards[cell])
+            if off:
+                self._voltages_uv = self._voltages_uv.copy()
+                self._voltages_uv[cell] = 0
 
     def set_drift(self, cell: int, drift_ppm: int) -> None:
         """See `CellBank`."""
