@@ -8,8 +8,9 @@ import binascii
 import gc
 from array import array
 
-import fuzz_frames
-from fuzz_frames import NODE, SERIAL, Chance, Frames
+import fuzz_services
+from fuzz_frames import Chance, Frames
+from fuzz_services import NODE, SERIAL
 
 from mdms_cell import speed_loop
 from mdms_cell.cell import Cell
@@ -197,15 +198,15 @@ class Bench:
         can_id, data, flags = self._frames.draw()
         if can_id >= 0:
             self.board.receive(can_id, data, flags)
-        elif can_id == fuzz_frames.PAUSE:
+        elif can_id == fuzz_services.PAUSE:
             self.pause(data)
-        elif can_id == fuzz_frames.POWER:
+        elif can_id == fuzz_services.POWER:
             self.power_up()
-        elif can_id == fuzz_frames.BUS:
+        elif can_id == fuzz_services.BUS:
             self.board.bus_off = bool(data)
-        elif can_id == fuzz_frames.CURRENT:
+        elif can_id == fuzz_services.CURRENT:
             self.board.current_ma = data * _OVER_CURRENT_MA
-        elif can_id == fuzz_frames.MEMORY:
+        elif can_id == fuzz_services.MEMORY:
             self.board.settings.broken = self.board.program.broken = bool(data)
         else:
             self.board.full = bool(data)
