@@ -1,4 +1,4 @@
-"""Leaves out what costs memory on a board and changes nothing: hints, assertions, `const`."""
+"""Leaves out what costs memory on a board and changes nothing: hints, assertions, causes."""
 
 import ast
 from typing import Any
@@ -15,6 +15,11 @@ class _Trimmer(Scoped):
 
     def visit_Assert(self, _node: ast.Assert) -> None:
         return None
+
+    def visit_Raise(self, node: ast.Raise) -> Any:
+        # MicroPython has no causes, and warns of them each time.
+        node.cause = None
+        return self.generic_visit(node)
 
     def visit_Call(self, node: ast.Call) -> Any:
         if isinstance(node.func, ast.Name) and node.func.id == "const":
