@@ -103,6 +103,11 @@ class Cell:
         """The node id, `cob.NODE_NONE` while there is none."""
         return self._nmt.node_id
 
+    def silent(self):
+        """Identifiers of frames that let the cell send nothing before its next poll: its RPDOs."""
+        own = dict(self._own_receivers())
+        return [can_id for can_id, _ in self._pdos.receivers() if can_id not in own]
+
     # What the background loop and the timer interrupt call
 
     def on_frame(self, can_id, data):

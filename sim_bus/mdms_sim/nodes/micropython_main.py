@@ -84,19 +84,13 @@ class Node:
         board = self.board
         at = 0
         if board.identifiers is not None:
-            self._silent = silent_identifiers(self.cell)
+            self._silent = self.cell.silent()
             at = put_identifiers(self._outbox, at, lockstep.LISTENS, board.identifiers)
             at = put_identifiers(self._outbox, at, lockstep.SILENT, self._silent)
             board.identifiers = None
         for can_id, data in board.frames:
             at = put_frame(self._outbox, at, can_id, data)
         return at
-
-
-def silent_identifiers(cell):
-    """Identifiers of frames that let the cell send nothing before its next tick: its RPDOs."""
-    own = dict(cell._own_receivers())
-    return [can_id for can_id, _ in cell._pdos.receivers() if can_id not in own]
 
 
 def words_at(address, count):

@@ -101,9 +101,7 @@ class PythonBank:
     def collect(self, cell: int) -> list[Frame]:
         """See `CellBank`."""
         board = self._boards[cell]
-        frames = board.frames
-        if frames:
-            board.frames = []
+        frames, board.frames = board.frames, []
         return frames
 
     def collect_all(self) -> list[tuple[int, list[Frame]]]:

@@ -1,6 +1,5 @@
 """A step under the voltages of cells, and what their encoders and current sensors tell after it."""
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -9,11 +8,10 @@ from numpy.typing import NDArray
 from mdms_sim.physics.compiled import compiled
 from mdms_sim.physics.plane import step_voltage
 from mdms_sim.physics.scene import Scene
+from mdms_sim.physics.sensors import encoder_count
 
 UV_PER_V = 1e6
 MA_PER_A = 1e3
-#: Encoder counts wrap at 31 bits, as the small integers of the firmware do.
-COUNTS = 1 << 31
 
 Registers = NDArray[np.int32]
 
@@ -37,7 +35,6 @@ def step_cells(scene: Scene, voltage_uv: Registers, step_s: float, sampled: Samp
     for cell in range(scene.first.size - 1):
         for w in range(scene.first[cell], scene.first[cell + 1]):
             wheel, axis = scene.wheels[w], w - scene.first[cell]
-            count = math.floor(wheel.travel_m * sampled.counts_per_m)
-            sampled.counts[cell, axis] = (count + COUNTS // 2) % COUNTS - COUNTS // 2
+            sampled.counts[cell, axis] = encoder_count(wheel.travel_m, sampled.counts_per_m)
             sampled.current_ma[cell, axis] = int(wheel.current_a * MA_PER_A)
     return news

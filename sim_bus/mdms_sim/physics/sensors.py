@@ -29,14 +29,10 @@ def counts_per_m(cell: Cell) -> float:
 
 
 @compiled
-def encoder_counts(travel_m: Floats, counts_per_m: float) -> NDArray[np.int32]:
+def encoder_count(travel_m: float, counts_per_m: float) -> int:
     """Counts passed, wrapping at 31 bits like the small integers of the firmware."""
     half = 1 << (COUNT_BITS - 1)
-    counts = np.empty(travel_m.size, dtype=np.int32)
-    for wheel in range(travel_m.size):
-        passed = math.floor(travel_m[wheel] * counts_per_m)
-        counts[wheel] = (passed + half) % (1 << COUNT_BITS) - half
-    return counts
+    return (math.floor(travel_m * counts_per_m) + half) % (1 << COUNT_BITS) - half
 
 
 class PresenceSensors:

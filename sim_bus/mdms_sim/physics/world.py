@@ -12,7 +12,7 @@ from mdms_sim.physics.control_step import Registers, Sampled, step_cells
 from mdms_sim.physics.motor import build_cells
 from mdms_sim.physics.parcel import parcel_records, read_poses
 from mdms_sim.physics.scene import Scene
-from mdms_sim.physics.sensors import LoadCells, PresenceSensors, counts_per_m, encoder_counts
+from mdms_sim.physics.sensors import LoadCells, PresenceSensors, counts_per_m
 from mdms_sim.physics.touch import NOW, TOUCH
 from mdms_sim.physics.wheels import Grid, build_wheels, reach_m, wheel_records
 from mdms_sim.record import Event, Floats
@@ -39,9 +39,8 @@ class World:
         self._presence = PresenceSensors(scenario)
         noise_n = scenario.cell.load_cell_noise_n
         self._load_cells = None if noise_n is None else LoadCells(scenario, noise_n)
-        self._counts_per_m = counts_per_m(scenario.cell)
         counts, current_ma = np.zeros((2, len(self.scene.first) - 1, 2), np.int32)
-        self.sampled = Sampled(self._counts_per_m, counts, current_ma)
+        self.sampled = Sampled(counts_per_m(scenario.cell), counts, current_ma)
 
     # Motion --------------------------------------------------------------------------------------
 
@@ -155,10 +154,6 @@ class World:
         return values
 
     # Senses --------------------------------------------------------------------------------------
-
-    def encoder_counts(self) -> NDArray[np.int32]:
-        """Encoder counts (W,), wrapping at 31 bits."""
-        return encoder_counts(self.scene.wheels["travel_m"], self._counts_per_m)
 
     def presence(self) -> NDArray[np.uint8]:
         """Presence bits (cells,), bit s for the sensor at `cell.sensor_offset_m[s]`.

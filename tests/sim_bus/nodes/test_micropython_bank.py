@@ -110,7 +110,7 @@ def test_an_answer_to_a_frame_that_was_to_have_none_is_told_of(monkeypatch, tmp_
     source = micropython_process._MAIN.read_text()
     ours = micropython_process._MAIN.parent
     main = tmp_path / "main.py"
-    broken = source.replace("if can_id not in own]", f"] + [{SDO_REQUEST}]")
+    broken = source.replace("self.cell.silent()", f"[{SDO_REQUEST}]")
     assert broken != source
     main.write_text(f"import sys\nsys.path.insert(0, {str(ours)!r})\n{broken}")
     monkeypatch.setattr(micropython_process, "_MAIN", main)

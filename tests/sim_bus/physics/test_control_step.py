@@ -28,8 +28,9 @@ def test_cells_move_the_world_as_their_voltages_do_and_sample_what_it_tells(whee
         plain.step_voltage(voltage_uv[:, :axes].ravel() / 1e6, 1e-3)
     assert world.pose.tolist() == plain.pose.tolist()
     assert world.wheel_speed_m_s.tolist() == plain.wheel_speed_m_s.tolist()
-    _, counts, current_ma = world.sampled
-    assert counts[:, :axes].ravel().tolist() == plain.encoder_counts().tolist()
+    counts_per_m, counts, current_ma = world.sampled
+    passed = np.floor(plain.wheel_travel_m * counts_per_m)
+    assert counts[:, :axes].ravel().tolist() == passed.tolist()
     assert (
         current_ma[:, :axes].ravel().tolist() == (plain.motor_current_a * 1e3).astype(int).tolist()
     )
