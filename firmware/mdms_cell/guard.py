@@ -45,6 +45,8 @@ class Guard:
             self._emcy.clear(SOURCE_CONSUMER)
         if self._pdos.overdue(now_ms):
             self._emcy.report(SOURCE_RPDO, RPDO_OVERDUE)
+        elif not self._pdos.late:
+            self._emcy.clear(SOURCE_RPDO)
         return consumer.wait_ms(now_ms)
 
     def on_rival(self):

@@ -171,7 +171,16 @@ class Objects:
 
     def writer(self, index, sub):
         """A function that takes an entry's number, and its format."""
-        return self.writes[key(index, sub)], find(index, sub).format
+        entry = find(index, sub)
+        take = self.writes.get(key(index, sub))
+        return take or (lambda number: self._take(entry, number)), entry.format
+
+    def _take(self, entry, number):
+        """Store a number that nothing is tied to, unless it is out of the entry's limits."""
+        try:
+            self.write(entry, struct.pack(entry.format, number))
+        except sdo.AbortError:
+            return
 
     def number(self, index, sub=0):
         """The stored number of an entry."""

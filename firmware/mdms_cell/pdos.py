@@ -90,6 +90,11 @@ class Pdos:
                 wait_ms = min(wait_ms, rpdo.wait_ms(now_ms))
         return wait_ms
 
+    @property
+    def late(self):
+        """Whether a frame that is waited for has still not come."""
+        return any(rpdo.late for rpdo in self._awaited)
+
     def overdue(self, now_ms):
         """Whether a frame that was waited for has not come; told once."""
         overdue = False

@@ -22,6 +22,7 @@ class Rpdo(Pdo):
         super().__init__(objects, PARAMETERS + number, MAPPING + number, record.IN_RPDO, changed)
         self._heard = heard
         self._heard_ms = None
+        self.late = False
         self.load()
 
     def load(self):
@@ -47,6 +48,7 @@ class Rpdo(Pdo):
             return False
         if self.deadline_ms:
             self._heard_ms = self._heard()
+            self.late = False
         if self.synchronous:
             self._held = data
         else:
@@ -64,12 +66,14 @@ class Rpdo(Pdo):
         """Forget what came before 'operational'."""
         self._held = None
         self._heard_ms = None
+        self.late = False
 
     def overdue(self, now_ms):
         """Whether the frame that the event timer waits for has not come; told once."""
         if self._heard_ms is None or self.wait_ms(now_ms) > 0:
             return False
         self._heard_ms = None
+        self.late = True
         return True
 
     def wait_ms(self, now_ms):

@@ -164,19 +164,32 @@ def test_stalled_wheel_is_reported_until_it_is_reset():
     assert emergencies(board) == [b"\x00\x00\x00\x01\0\0\0\0"]
 
 
-def test_pdos_with_one_identifier_are_all_taken():
-    cell, board = operational()
+def mapped_alone(cell, board, *objects):
+    """RPDO 3 takes these objects out of the frame that RPDO 2 takes, too."""
     write = sdo.write_request
-    for request in (
-        write(0x1602, 0, b"\0"),
-        write(0x1602, 1, b"\x10\x00\x40\x60"),
-        write(0x1602, 0, b"\1"),
-        write(0x1402, 1, b"\x05\x03\0\0"),
-    ):
+    requests = [write(0x1602, 0, b"\0")]
+    requests += [write(0x1602, sub, each) for sub, each in enumerate(objects, 1)]
+    requests += [write(0x1602, 0, bytes((len(objects),))), write(0x1402, 1, b"\x05\x03\0\0")]
+    for request in requests:
         cell.on_frame(0x605, request)
         assert board.take()[0][1][0] == 0x60
+
+
+def test_pdos_with_one_identifier_are_all_taken():
+    cell, board = operational()
+    mapped_alone(cell, board, b"\x10\x00\x40\x60")
     cell.on_frame(0x305, b"\x06\x00\x06\x00")
     assert cell.dropped == 0
+
+
+def test_mapped_setting_is_taken_from_a_frame_within_its_limits():
+    cell, board = operational()
+    mapped_alone(cell, board, b"\x08\x00\x60\x60", b"\x08\x00\x60\x68")
+    for modes in (b"\x03\x03", b"\x01\x09", b"\xff\x80"):
+        cell.on_frame(0x305, modes + b"\0\0")
+        for index in (0x6060, 0x6860):
+            cell.on_frame(0x605, sdo.read_request(index, 0))
+            assert board.take()[-1][1][4] == 3
 
 
 def test_stopped_cell_obeys_network_management_only():

@@ -61,6 +61,20 @@ def test_frame_that_does_not_come_in_time_is_reported_once():
     assert told == [(75, b"\x50\x82\x11\x04\0\0\0\0")]
 
 
+def test_frame_that_comes_after_all_takes_the_report_back_and_is_waited_for_again():
+    cell, board = operational()
+    cell.on_frame(0x605, sdo.write_request(0x1400, 5, b"\x19\0"))
+    cell.on_frame(0x205, bytes(8))
+    told = []
+    for now_ms in range(51, 200):
+        if now_ms == 101:
+            cell.on_frame(0x205, bytes(8))
+        cell.poll(now_ms)
+        told += [(now_ms, data[:4]) for data in emergencies(board)]
+    late, over = b"\x50\x82\x11\x04", b"\x00\x00\x00\x04"
+    assert told == [(75, late), (101, over), (125, late)]
+
+
 def test_rival_that_comes_later_switches_the_motors_off():
     cell, board = operational()
     enable(cell)

@@ -154,9 +154,14 @@ def row(parcel, duration_s, cell):
 
 
 def is_comparable(scenario, reference_m_s):
-    """Whether it stays upright, and does not chatter about an edge: there the reference crawls."""
+    """Whether it stays upright, and neither rests on an edge nor goes to and fro over one.
+
+    There the reference crawls, for its force jumps wherever it looks.
+    """
     record = solve_row(scenario, reference_m_s)
-    return record.time_s[-1] == scenario.run.duration_s and len(record.events) < 300
+    rests = any("rests on an edge" in event.detail for event in record.events)
+    ends = record.time_s[-1] == scenario.run.duration_s
+    return ends and not rests and len(record.events) < 300
 
 
 def assert_follows_reference(scenario, reference_m_s, bound_m=1e-6, tolerance=1e-11):
