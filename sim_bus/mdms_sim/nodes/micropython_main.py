@@ -113,24 +113,25 @@ def put_frame(buffer, at, can_id, data):
 
 def serve(node, read, write):
     """Take turns until the other end closes its pipe."""
-    words = node.words
+    words, board, cell = node.words, node.board, node.cell
     turn = bytearray(1)
     while read(turn):
         request = turn[0]
         if request & TAKEN:
             request &= ~TAKEN
-            node.board.frames.clear()
+            board.frames.clear()
         if words[INBOX_SIZE]:
             node.take_in(words[INBOX_SIZE])
             words[INBOX_SIZE] = 0
         if request == TICK:
-            node.board.presence_bits = words[PRESENCE]
-            node.cell.tick()
-            node.cell.poll(words[NOW_MS])
+            board.presence_bits = words[PRESENCE]
+            cell.tick()
+            cell.poll(words[NOW_MS])
         elif request:
             node.act(request)
+            board, cell = node.board, node.cell
         turn[0] = 0
-        if node.board.frames or node.board.identifiers is not None:
+        if board.frames or board.identifiers is not None:
             turn[0] = 1
             words[lockstep.OUTBOX_SIZE] = node.tell()
         write(turn)
