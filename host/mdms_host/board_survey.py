@@ -16,7 +16,7 @@ START = "main.py"
 _OURS = ("main", "boards", "binascii")
 _OUR_PREFIX = "mdms"
 
-_AGENT = dedent("""\
+_PROBE = dedent("""\
     import os, sys
     _root = "/flash" if "flash" in os.listdir("/") else os.getcwd()
 
@@ -126,7 +126,7 @@ def hashes_of(firmware: Firmware) -> dict[str, bytes]:
 
 def identify(link: BoardLink) -> BoardInfo:
     """What is at the other end; teaches it the rest of this module too. Raises BoardError."""
-    link.run(_AGENT)
+    link.run(_PROBE)
     machine, release, mpy, chip, root, folder = link.ask("_who()")
     board = next((name for part, name in MACHINES.items() if part in machine), None)
     return BoardInfo(machine, board, tuple(release), mpy, chip.hex(), root, folder)
