@@ -138,3 +138,11 @@ def test_storing_tells_why_it_failed():
 
 def test_message_of_another_length_is_none():
     assert not Slave().lss.on_request(b"\x04\x01")
+
+
+def test_end_of_what_never_began_is_taken_and_changes_nothing():
+    slave = Slave()
+    assert slave.lss.on_request(b"\x04\x00\0\0\0\0\0\0")
+    assert slave.answers == []
+    assert slave.left == 0
+    assert slave.pending_node_id == cob.NODE_NONE
