@@ -4,9 +4,9 @@
 """
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from types import TracebackType
 
 import can
 import canopen
@@ -79,12 +79,7 @@ class Commissioning:
     def __enter__(self) -> "Commissioning":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self.link.close()
 
     def find(self, listen_s: float = 0.3) -> list[int]:
@@ -115,7 +110,7 @@ class Commissioning:
         entry = _entry(index, sub)
         pdo.check(entry, value)
         data = value.to_bytes(entry.type.size, "little", signed=entry.type.low < 0)
-        with _Telling(node_id, entry):
+        with _telling(node_id, entry):
             self._node(node_id).sdo.download(index, sub, data)
 
     def store(self, node_id: int) -> None:
@@ -163,7 +158,7 @@ class Commissioning:
             client.RESPONSE_TIMEOUT = usual_s
 
     def _upload(self, node_id: int, entry: Entry) -> bytes:
-        with _Telling(node_id, entry):
+        with _telling(node_id, entry):
             return bytes(self._node(node_id).sdo.upload(entry.index, entry.sub))
 
     def _node(self, node_id: int) -> canopen.RemoteNode:
@@ -200,25 +195,16 @@ class _LinkedNetwork(canopen.Network):
         self._send(Frame(can_id, bytes(data)))
 
 
-class _Telling:
+@contextmanager
+def _telling(node_id: int, entry: Entry) -> Iterator[None]:
     """Turns `canopen`'s errors into ours, with node and object."""
-
-    def __init__(self, node_id: int, entry: Entry) -> None:
-        self._place = f"node {node_id}, 0x{entry.index:04X}:{entry.sub} {entry.name}"
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if isinstance(error, canopen.SdoAbortedError):
-            raise RefusedError(f"{self._place}: refused, {error}") from None
-        if isinstance(error, canopen.SdoCommunicationError):
-            raise SilentError(f"{self._place}: {error}") from None
+    place = f"node {node_id}, 0x{entry.index:04X}:{entry.sub} {entry.name}"
+    try:
+        yield
+    except canopen.SdoAbortedError as error:
+        raise RefusedError(f"{place}: refused, {error}") from None
+    except canopen.SdoCommunicationError as error:
+        raise SilentError(f"{place}: {error}") from None
 
 
 def _entry(index: int, sub: int) -> Entry:

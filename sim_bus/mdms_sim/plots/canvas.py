@@ -31,6 +31,14 @@ def tidy(axes: Axes) -> None:
     axes.tick_params(colors=INK, labelsize=9)
 
 
+def draw_as_map(axes: Axes) -> None:
+    """One metre is as long along x as along y, and no frame stands round the table."""
+    axes.set_aspect("equal", anchor="N")
+    axes.tick_params(colors=INK, labelsize=9, length=0)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+
+
 def parcel_colour(number: int) -> str:
     """The colour of a parcel by its place in the scenario."""
     return PARCEL_COLOURS[number % len(PARCEL_COLOURS)]

@@ -17,7 +17,7 @@ from mdms_sim.physics.equilibria import Kind
 from mdms_sim.physics.field_map import FieldMap
 from mdms_sim.physics.held_parcel import Law
 from mdms_sim.physics.wheels import build_wheels, cell_centres
-from mdms_sim.plots.canvas import FAINT, INK, new_figure, tidy
+from mdms_sim.plots.canvas import FAINT, INK, draw_as_map, new_figure, tidy
 from mdms_sim.record import Floats
 from mdms_sim.scenario import Parcel, Scenario
 
@@ -109,12 +109,9 @@ def _draw_forces(axes: Axes, parcel: Parcel, field: FieldMap) -> None:
     axes.set_xlim(field.x_m[0], field.x_m[-1])
     axes.set_ylim(field.y_m[0], field.y_m[-1])
     axes.set_facecolor(TIPS)
-    axes.set_aspect("equal", anchor="N")
     axes.set_xlabel("x of the parcel's centre [m]", color=INK)
     axes.set_ylabel("y of the parcel's centre [m]", color=INK)
-    axes.tick_params(colors=INK, labelsize=9, length=0)
-    for spine in axes.spines.values():
-        spine.set_visible(False)
+    draw_as_map(axes)
 
 
 def _thin(count: int, step: int) -> list[int]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mdms_sim.footprint import goal_of, outline_m
 from mdms_sim.physics.wheels import build_wheels, cell_centres
-from mdms_sim.plots.canvas import FAINT, INK, parcel_colour
+from mdms_sim.plots.canvas import FAINT, INK, draw_as_map, parcel_colour
 from mdms_sim.record import Contact, Floats, Record
 from mdms_sim.scenario import Goal, Parcel, Scenario
 
@@ -34,12 +34,9 @@ def draw_top_view(axes: Axes, scenario: Scenario, record: Record) -> None:
     low_m, high_m = extent_m(scenario, record)
     axes.set_xlim(low_m[0], high_m[0])
     axes.set_ylim(low_m[1], high_m[1])
-    axes.set_aspect("equal", anchor="N")
     axes.set_xlabel("x [m]", color=INK)
     axes.set_ylabel("y [m]", color=INK)
-    axes.tick_params(colors=INK, labelsize=9, length=0)
-    for spine in axes.spines.values():
-        spine.set_visible(False)
+    draw_as_map(axes)
 
 
 def extent_m(scenario: Scenario, record: Record) -> tuple[Floats, Floats]:
