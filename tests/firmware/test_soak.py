@@ -8,8 +8,8 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from tests.micropython_builds import skipping_without_micropython
 
-from mdms_sim.nodes import MicropythonMissing
 from mdms_sim.nodes.micropython_process import find_micropython
 
 ROOT = Path(__file__).parents[2]
@@ -44,10 +44,8 @@ def sent(done: subprocess.CompletedProcess[str]) -> tuple[int, int, str]:
 
 @pytest.mark.slow
 def test_a_minute_across_the_wrap_is_the_same_on_both_interpreters():
-    try:
+    with skipping_without_micropython():
         find_micropython()
-    except MicropythonMissing as error:
-        pytest.skip(str(error))
     frames, heartbeats, _ = both = sent(soak("cpython"))
     assert frames > 5_000
     assert heartbeats > 400

@@ -12,9 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from tests.firmware.conftest import EMITS, ROOT, stage
-
-from mdms_sim.nodes.micropython_process import find_micropython
+from tests.micropython_builds import EMITS, ROOT, on_32_bits, stage, unix_command
 
 FIRMWARE = ROOT / "firmware"
 FAKES = tuple(
@@ -29,22 +27,6 @@ import mdms_cell
 for each in pkgutil.iter_modules(mdms_cell.__path__):
     importlib.import_module("mdms_cell." + each.name)
 sys.path.insert(0, %r)
-"""
-_ON_UNIX = (
-    "import sys; sys.path.append(sys.argv.pop(1)); "
-    "from micropython_run import run_main; sys.exit(run_main(sys.argv))"
-)
-# The 32-bit build does not find what is only referred to from the machine's stack, so it collects
-# garbage only where the program says so, at module level.
-_ON_WASM = """
-import gc, sys
-gc.disable()
-sys.path.insert(0, "/input")
-try:
-    exec(%r)
-except BaseException as error:
-    sys.print_exception(error, sys.stdout)
-    print("raised")
 """
 _WASM = """
 import os
@@ -111,8 +93,8 @@ def run(nodes: str, code: str, modules: tuple[Path, ...]) -> Iterator[Run]:
 
 def _command(nodes: str, code: str, library: Path) -> list[str]:
     if nodes == "micropython":
-        return [sys.executable, "-I", "-S", "-c", _ON_UNIX, find_micropython(), "-c", code]
+        return [*unix_command(), "-c", code]
     if nodes == "cpython":
         begin = _ON_CPYTHON % (str(library), str(STAND_INS))
         return [sys.executable, "-c", begin + code]
-    return [sys.executable, "-c", _WASM, _ON_WASM % code, str(library)]
+    return [sys.executable, "-c", _WASM, on_32_bits(code), str(library)]

@@ -6,21 +6,17 @@ bus in real time. The cells begin blank: all they have is a serial number.
 
 import binascii
 import random
-import threading
 import time
-from contextlib import closing
 from pathlib import Path
 
 import canopen
 import pytest
 from canopen.objectdictionary import import_od
+from tests.micropython_builds import skipping_without_micropython
+from tests.system.serving import serving
 
 from mdms_protocol import cia402, cob
-from mdms_sim.nodes import MicropythonMissing
 from mdms_sim.nodes.micropython_bank import MicropythonBank
-from mdms_sim.scenario_file import load_scenario
-from mdms_sim.serve.server import Server
-from mdms_sim.simulation import Simulation
 
 pytestmark = [pytest.mark.slow, pytest.mark.real_time]
 
@@ -44,25 +40,16 @@ def wait_until(condition):
 def network(tmp_path_factory):
     """A `canopen` network of 18 cells, to which the library has just given node ids by LSS."""
     channel = str(tmp_path_factory.mktemp("bus") / "bus.sock")
-    try:
+    with skipping_without_micropython():
         bank = MicropythonBank([cob.NODE_NONE] * CELLS)
-    except MicropythonMissing as error:
-        pytest.skip(str(error))
-    over = threading.Event()
-    with closing(bank):
-        simulation = Simulation(load_scenario("array18", []), bank, recorded=False)
-        with Server(simulation, channel) as server:
-            thread = threading.Thread(target=server.run, args=(over.is_set,))
-            thread.start()
-            network = canopen.Network()
-            try:
-                network.connect(interface="mdms", channel=channel)
-                commission(network)
-                yield network
-            finally:
-                network.disconnect()
-                over.set()
-                thread.join()
+    with serving(bank, channel):
+        network = canopen.Network()
+        try:
+            network.connect(interface="mdms", channel=channel)
+            commission(network)
+            yield network
+        finally:
+            network.disconnect()
 
 
 def scan(network):

@@ -1,19 +1,15 @@
 """`mdms configure` on served arrays: all cells of the demo, a serial line, blank cells."""
 
 import json
-import threading
 import tomllib
-from contextlib import closing
 
 import pytest
+from tests.system.serving import serving
 
 from mdms_host.command import main
 from mdms_host.command.exits import Exit
 from mdms_protocol import cob
 from mdms_sim.nodes.python_bank import PythonBank
-from mdms_sim.scenario_file import load_scenario
-from mdms_sim.serve.server import Server
-from mdms_sim.simulation import Simulation
 
 pytestmark = pytest.mark.real_time
 
@@ -55,22 +51,13 @@ def test_settings_are_changed_over_a_serial_line(served):
 def test_blank_cells_are_found_and_numbered_by_their_serial_numbers(tmp_path, capsys):
     """All cells answer each question of the scan at once."""
     channel = str(tmp_path / "bus.sock")
-    over = threading.Event()
-    with closing(PythonBank([cob.NODE_NONE] * CELLS)) as bank:
-        simulation = Simulation(load_scenario("array18", []), bank, recorded=False)
-        with Server(simulation, channel) as server:
-            thread = threading.Thread(target=server.run, args=(over.is_set,))
-            thread.start()
-            try:
-                bus = ("-i", "mdms", "-c", channel)
-                assert main(["configure", "show", *bus]) == Exit.NO_DEVICE
-                assert "mdms configure assign" in capsys.readouterr().err
-                assert main(["configure", "assign", "--first", "21", *bus]) == Exit.OK
-                lines = capsys.readouterr().out.splitlines()
-                assert lines[:CELLS] == [
-                    f"{serial:08X}: blank -> node {20 + serial}" for serial in range(1, CELLS + 1)
-                ]
-                assert main(["configure", "show", "gain", "--node", "21-38", *bus]) == Exit.OK
-            finally:
-                over.set()
-                thread.join()
+    with serving(PythonBank([cob.NODE_NONE] * CELLS), channel):
+        bus = ("-i", "mdms", "-c", channel)
+        assert main(["configure", "show", *bus]) == Exit.NO_DEVICE
+        assert "mdms configure assign" in capsys.readouterr().err
+        assert main(["configure", "assign", "--first", "21", *bus]) == Exit.OK
+        lines = capsys.readouterr().out.splitlines()
+        assert lines[:CELLS] == [
+            f"{serial:08X}: blank -> node {20 + serial}" for serial in range(1, CELLS + 1)
+        ]
+        assert main(["configure", "show", "gain", "--node", "21-38", *bus]) == Exit.OK

@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from tests.micropython_builds import skipping_without_micropython
 
 from mdms_protocol import cia402, cob, nmt, pdo, sdo
 from mdms_protocol.dictionary import ENTRIES
 from mdms_protocol.frame import Frame
-from mdms_sim.nodes import MicropythonMissing
 from mdms_sim.scenario_file import load_scenario
 from mdms_sim.simulation import Simulation, open_bank
 
@@ -90,10 +90,8 @@ def run(nodes, bridge_limit_a):
     overrides = ("parcel.0.mass_kg=200", "cell.friction=2.0", "run.duration_s=0.6")
     scenario = load_scenario("array18", [*overrides, f"cell.current_limit_a={bridge_limit_a}"])
     host = Host()
-    try:
+    with skipping_without_micropython():
         bank = open_bank(nodes, 18)
-    except MicropythonMissing as error:
-        pytest.skip(str(error))
     with closing(bank):
         listened = Listened(bank)
         Simulation(scenario, listened, [host]).run_until(END_S)

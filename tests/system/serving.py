@@ -1,0 +1,26 @@
+"""Cells in this process on a bus that other programs reach."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+
+from mdms_sim.nodes import CellBank
+from mdms_sim.scenario_file import load_scenario
+from mdms_sim.serve.server import Server
+from mdms_sim.simulation import Simulation
+
+
+@contextmanager
+def serving(bank: CellBank, channel: str) -> Iterator[None]:
+    """Serves a bank of 18 cells in real time, and closes it at the end."""
+    over = threading.Event()
+    with closing(bank):
+        simulation = Simulation(load_scenario("array18", []), bank, recorded=False)
+        with Server(simulation, channel) as server:
+            thread = threading.Thread(target=server.run, args=(over.is_set,))
+            thread.start()
+            try:
+                yield
+            finally:
+                over.set()
+                thread.join()
