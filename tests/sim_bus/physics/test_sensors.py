@@ -2,18 +2,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.sim_bus.physics.tables import BOX, plane
 
 from mdms_sim.physics.sensors import LoadCells, counts_per_m, encoder_count
 from mdms_sim.physics.world import World
-from mdms_sim.scenario import Array, Cell, Parcel, Run, Scenario, Wheel
+from mdms_sim.scenario import Cell, Parcel, Run
 
-PAIR = (Wheel(0.0, (-0.03, 0.0)), Wheel(np.pi / 2, (0.03, 0.0)))
 REST = np.zeros(36)
 
 
 def scenario(parcel=None, **cell):
-    parcel = parcel or Parcel("box", 2.0, 0.36, 0.30, x_m=-0.1)
-    return Scenario("senses", Array(6, 3), Cell(wheel=PAIR, **cell), (parcel,))
+    return plane(parcel or replace(BOX, x_m=-0.1), **cell)
 
 
 def test_a_wheel_counts_as_the_reference_says():

@@ -6,23 +6,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.sim_bus.physics.tables import BOX, kinetic_j, plane, throw
 
 from mdms_sim.physics.touch import NOW
 from mdms_sim.physics.world import World
-from mdms_sim.scenario import Array, Cell, Parcel, Run, Scenario, Wheel
-
-PAIR = (Wheel(0.0, (-0.03, 0.0)), Wheel(np.pi / 2, (0.03, 0.0)))
-BOX = Parcel("box", 2.0, 0.36, 0.30)
 
 
 def world_of(*parcels, friction=0.3, columns=12, rows=6):
-    cell = Cell(wheel=PAIR, friction=friction, rotor_inertia_kg_m2=2e-6)
-    return World(Scenario("touch", Array(columns, rows), cell, parcels, run=Run("ideal")))
-
-
-def throw(world, *twists):
-    for body, twist in zip(world.scene.parcels, twists, strict=True):
-        body["vx_m_s"], body["vy_m_s"], body["yaw_rate_rad_s"] = twist
+    cell = {"friction": friction, "rotor_inertia_kg_m2": 2e-6}
+    return World(plane(*parcels, columns=columns, rows=rows, **cell))
 
 
 def momenta(world):
@@ -31,12 +23,6 @@ def momenta(world):
     turning = b["inertia_kg_m2"] * b["yaw_rate_rad_s"]
     moment = b["mass_kg"] * (b["x_m"] * b["vy_m_s"] - b["y_m"] * b["vx_m_s"]) + turning
     return np.array([b["mass_kg"] @ b["vx_m_s"], b["mass_kg"] @ b["vy_m_s"], moment.sum()])
-
-
-def kinetic_j(world):
-    b = world.scene.parcels
-    speed2 = b["vx_m_s"] ** 2 + b["vy_m_s"] ** 2
-    return 0.5 * (b["mass_kg"] * speed2 + b["inertia_kg_m2"] * b["yaw_rate_rad_s"] ** 2).sum()
 
 
 @pytest.mark.parametrize("ideal", [True, False])
