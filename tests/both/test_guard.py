@@ -50,10 +50,16 @@ def test_error_behaviour_chooses_the_state():
         assert board.registers[speed_loop.MODE] == speed_loop.OFF
 
 
-def test_frame_that_does_not_come_in_time_is_reported_once():
+def awaiting():
+    """A cell that has had its target at 50 ms, and awaits the next within 25 ms."""
     cell, board = operational()
     cell.on_frame(0x605, sdo.write_request(0x1400, 5, b"\x19\0"))
     cell.on_frame(0x205, bytes(8))
+    return cell, board
+
+
+def test_frame_that_does_not_come_in_time_is_reported_once():
+    cell, board = awaiting()
     told = []
     for now_ms in range(51, 200):
         cell.poll(now_ms)
@@ -62,9 +68,7 @@ def test_frame_that_does_not_come_in_time_is_reported_once():
 
 
 def test_frame_that_comes_after_all_takes_the_report_back_and_is_waited_for_again():
-    cell, board = operational()
-    cell.on_frame(0x605, sdo.write_request(0x1400, 5, b"\x19\0"))
-    cell.on_frame(0x205, bytes(8))
+    cell, board = awaiting()
     told = []
     for now_ms in range(51, 200):
         if now_ms == 101:

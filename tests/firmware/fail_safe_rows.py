@@ -30,6 +30,16 @@ def keep(bench, ms):
         assert not bench.off()
 
 
+def falls(bench, ms, code):
+    """Stream targets for so long; the first motor is off then, and the host is told why."""
+    for _ in range(ms):
+        bench.target(TARGET)
+        bench.pass_ms()
+    assert bench.widths()[0] == 0
+    bench.pass_ms(10)
+    assert code in emergencies()
+
+
 def emergencies():
     codes = []
     for can_id, data in world.sent:
@@ -105,12 +115,7 @@ def stall(bench):
     bench.can.deliver(0x600 + NODE, b"\x2b\x05\x20\x00" + (30).to_bytes(2, "little") + b"\0\0")
     bench.pass_ms(2)
     keep(bench, 20)
-    for _ in range(12):
-        bench.target(TARGET)
-        bench.pass_ms()
-    assert bench.widths()[0] == 0
-    bench.pass_ms(10)
-    assert 0x7121 in emergencies()
+    falls(bench, 12, 0x7121)
     assert bench.board.registers[s.FAULTS] == s.STALLED
 
 
@@ -145,12 +150,7 @@ def following_error(bench):
     bench.pass_ms(2)
     bench.can.deliver(0x600 + NODE, b"\x23\xf8\x60\x00" + (50_000).to_bytes(4, "little"))
     bench.pass_ms(2)
-    for _ in range(25):
-        bench.target(TARGET)
-        bench.pass_ms()
-    assert bench.widths()[0] == 0
-    bench.pass_ms(10)
-    assert 0x8611 in emergencies()
+    falls(bench, 25, 0x8611)
 
 
 def leaving_operational(bench):

@@ -1,7 +1,8 @@
 """A cell that is left alone until it is due does the same as one that looks after all every ms."""
 
-from array import array
 from random import Random
+
+from tests.both import cell_bench
 
 from mdms_cell import speed_loop as s
 from mdms_cell import ticks
@@ -14,13 +15,11 @@ TIMES_MS = 3000
 WRAP = 1 << 30
 
 
-class Board:
+class Board(cell_bench.Board):
     """Two wheels that follow their voltage, or stand however hard they are driven."""
 
     def __init__(self):
-        self.registers = array("i", [0] * s.REGISTERS)
-        self.sent = []
-        self.bits = 0
+        super().__init__()
         self.stuck = 0
         self.current_ma = 0
 
@@ -31,19 +30,6 @@ class Board:
                 steps = registers[base + s.VOLTAGE] // 100_000
                 registers[base + s.COUNT] = registers[base + s.COUNT] + steps & 0xFFFF
             registers[base + s.CURRENT] = self.current_ma
-
-    def drive(self, registers):
-        pass
-
-    def presence(self):
-        return self.bits
-
-    def send(self, can_id, data):
-        self.sent.append((can_id, bytes(data)))
-        return True
-
-    def motors_off(self):
-        pass
 
 
 class Bench:
@@ -73,8 +59,7 @@ class Bench:
             self.polls += 1
             self._bits = board.bits
             self.cell.poll(self.now_ms)
-        sent, board.sent = board.sent, []
-        return sent, registers[s.VOLTAGE], registers[s.AXIS + s.VOLTAGE]
+        return board.take(), registers[s.VOLTAGE], registers[s.AXIS + s.VOLTAGE]
 
 
 def write(index, sub, *value):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mdms_host.clock import MonotonicClock
+from mdms_host.commissioning import Commissioning
 from mdms_host.coordinator import Coordinator
 from mdms_host.layout import Layout
 from mdms_host.rectangle import Rectangle
@@ -231,3 +232,9 @@ def served_cells(request: pytest.FixtureRequest) -> Iterator[ServedCells]:
     cells = ServedCells(request.node.nodeid, (1, 2, 3))
     yield cells
     cells.close()
+
+
+@pytest.fixture
+def commissioning(served_cells: ServedCells) -> Iterator[Commissioning]:
+    with Commissioning(served_cells.open(), MonotonicClock()) as ready:
+        yield ready

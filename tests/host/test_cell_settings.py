@@ -12,8 +12,7 @@ from mdms_host.cell_settings import (
     identify_cells,
     read_settings,
 )
-from mdms_host.clock import MonotonicClock
-from mdms_host.commissioning import Commissioning, Identity, RefusedError
+from mdms_host.commissioning import Identity, RefusedError
 from mdms_host.parameters import BY_NAME
 from mdms_protocol.dictionary import DEVICE_NAME, PRODUCT_CODE, REVISION, VENDOR_ID
 
@@ -22,12 +21,6 @@ pytestmark = pytest.mark.real_time
 GAIN, LAG = BY_NAME["axis1.gain"], BY_NAME["axis1.observer_lag"]
 TIMEOUT = BY_NAME["setpoint_timeout"]
 CELL = Identity(DEVICE_NAME, "0.1.0", VENDOR_ID, PRODUCT_CODE, REVISION, 7)
-
-
-@pytest.fixture
-def commissioning(served_cells):
-    with Commissioning(served_cells.open(), MonotonicClock()) as ready:
-        yield ready
 
 
 def test_a_stranger_and_a_cell_of_another_protocol_are_refused():

@@ -11,12 +11,6 @@ from mdms_protocol.pdo import OutOfRangeError
 pytestmark = pytest.mark.real_time
 
 
-@pytest.fixture
-def commissioning(served_cells):
-    with Commissioning(served_cells.open(), MonotonicClock()) as ready:
-        yield ready
-
-
 def test_all_cells_are_found_and_say_who_they_are(served_cells) -> None:
     nodes = scan(served_cells.open(), MonotonicClock())
     assert [node.node_id for node in nodes] == [1, 2, 3]

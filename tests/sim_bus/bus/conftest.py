@@ -1,16 +1,9 @@
 import pytest
+from tests.sim_bus.bus.ear import Ear
 
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.disturbance import Disturbance
 from mdms_sim.kernel import Kernel
-
-
-class Ear:
-    def __init__(self):
-        self.heard = []
-
-    def on_frame(self, frame, now_ns):
-        self.heard.append((frame, now_ns))
 
 
 class Bench:

@@ -1,26 +1,13 @@
 from itertools import pairwise
 
 import pytest
+from tests.sim_bus.bus.ear import Ear
 
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.flags import EXTENDED, REMOTE
 from mdms_sim.bus.length import frame_bits
 from mdms_sim.kernel import Kernel
-
-
-class Ear:
-    """A station that writes down what it hears and when."""
-
-    def __init__(self):
-        self.heard = []
-
-    def on_frame(self, frame, now_ns):
-        self.heard.append((frame, now_ns))
-
-    @property
-    def frames(self):
-        return [frame for frame, _ in self.heard]
 
 
 def bus_with_ear(bitrate=1_000_000):
