@@ -1,22 +1,10 @@
-"""`mdms flash` onto boards made of real MicroPython, over pseudo-terminals, with a power plug.
-
-The unix port is the board: a folder is its flash, and a relay stands for the USB cable, the power
-supply, the reset and the watchdog. A soft reset ends a unix process, so the relay starts another.
-"""
+"""`mdms flash` onto boards made of real MicroPython, whose power may fail at any moment."""
 
 import json
-import os
-import pty
-import select
-import signal
-import subprocess
-import sys
-import threading
 import time
-import tty
-from contextlib import contextmanager, suppress
 
 import pytest
+from tests.system.unix_board import boards_in
 
 from mdms_host.board_link import WATCHDOG_MS, BoardError, BoardLink, NoBoardError
 from mdms_host.board_survey import Firmware, identify, survey
@@ -25,42 +13,9 @@ from mdms_host.command import main
 from mdms_host.command.exits import Exit
 from mdms_host.flashing import carry_out, plan_flash
 from mdms_image import build_image
-from mdms_sim.nodes import MicropythonMissing
-from mdms_sim.nodes.micropython_process import find_micropython
 
 pytestmark = pytest.mark.real_time
 
-LAUNCH = (
-    "import sys; sys.path.append(sys.argv.pop(1)); "
-    "from micropython_run import run_main; sys.exit(run_main(sys.argv))"
-)
-PATIENCE_S = 20
-#: What the boards have in `machine`; the relay reads the files.
-MACHINE = """
-import sys, time
-OUTSIDE = %r
-
-def tell(name, text):
-    with open(OUTSIDE + "/" + name, "w") as file:
-        file.write(text)
-
-def unique_id():
-    return bytes(range(12))
-
-def reset():
-    tell("reset", "")
-    sys.exit()
-
-class WDT:
-    def __init__(self, timeout=5000):
-        self.timeout = timeout
-        with open(OUTSIDE + "/timeouts", "a") as file:
-            file.write("%%d " %% timeout)
-        self.feed()
-
-    def feed(self):
-        tell("watchdog", str(self.timeout))
-"""
 #: A cell at work, as far as its host can tell: fed watchdog, motors that go off with it.
 CELL = b"""
 import machine, time
@@ -82,140 +37,6 @@ except BaseException as error:
 finally:
     tell("motors", "off")
 """
-
-
-class UnixBoard:
-    """A board of MicroPython's unix port; `port` is where its USB cable ends."""
-
-    def __init__(self, folder):
-        self.flash, self._outside = folder / "flash", folder / "outside"
-        self.flash.mkdir(parents=True)
-        self._outside.mkdir()
-        (self._outside / "machine.py").write_text(MACHINE % str(self._outside))
-        self.resets = 0
-        self.fuse_bytes = None
-        self._thread = None
-
-    @property
-    def timeouts_ms(self):
-        """All timeouts that its watchdog was given."""
-        return [int(text) for text in (self._outside / "timeouts").read_text().split()]
-
-    def plug_in(self):
-        self._host, self._line = pty.openpty()
-        tty.setraw(self._line)
-        self.port = os.ttyname(self._line)
-        self._plugged = True
-        self._start(with_main=True)
-        self._thread = threading.Thread(target=self._relay)
-        self._thread.start()
-
-    def unplug(self):
-        self._plugged = False
-        if self._thread is not None and self._thread is not threading.current_thread():
-            self._thread.join()
-
-    def wait_for(self, name, text):
-        """Until a file in the flash has this text."""
-        end = time.monotonic() + PATIENCE_S
-        path = self.flash / name
-        while not (path.exists() and path.read_text() == text):
-            assert time.monotonic() < end, (name, path.exists() and path.read_text())
-            time.sleep(0.01)
-
-    def _start(self, with_main):
-        (self._outside / "watchdog").unlink(missing_ok=True)
-        (self._outside / "reset").unlink(missing_ok=True)
-        self._runs_main = with_main and (self.flash / "main.py").exists()
-        self._ours, theirs = pty.openpty()
-        tty.setraw(theirs)
-        command = [sys.executable, "-I", "-S", "-c", LAUNCH, find_micropython()]
-        self._child = subprocess.Popen(
-            [*command, *(("-i", "main.py") if self._runs_main else ())],
-            cwd=self.flash,
-            stdin=theirs,
-            stdout=theirs,
-            stderr=theirs,
-            env={**os.environ, "MICROPYPATH": f"{self._outside}:"},
-            start_new_session=True,
-        )
-        os.close(theirs)
-
-    def _relay(self):
-        while self._plugged:
-            ready = select.select([self._host, self._ours], [], [], 0.02)[0]
-            if self._host in ready:
-                self._from_host(os.read(self._host, 4096))
-            if self._ours in ready:
-                self._from_board()
-            self._watch()
-        self._child.kill()
-        self._child.wait()
-        for end in (self._host, self._line, self._ours):
-            os.close(end)
-
-    def _from_host(self, data):
-        if self.fuse_bytes is not None:
-            self.fuse_bytes -= len(data)
-            self._plugged = self.fuse_bytes > 0
-        if self._runs_main and b"\x03" in data:
-            # A program has no terminal that would turn the key into a signal.
-            data = data.replace(b"\x03", b"")
-            self._child.send_signal(signal.SIGINT)
-        if self._plugged:
-            os.write(self._ours, data)
-
-    def _from_board(self):
-        with suppress(OSError):
-            data = os.read(self._ours, 4096)
-            self._runs_main = self._runs_main and b">>> " not in data
-            os.write(self._host, data)
-            return
-        self._child.wait()
-        os.close(self._ours)
-        hard = (self._outside / "reset").exists()
-        if hard:
-            self._start(with_main=True)
-        else:
-            os.write(self._host, b"soft reboot\r\n")
-            self._start(with_main=False)
-            os.write(self._ours, b"\x01")
-
-    def _watch(self):
-        with suppress(FileNotFoundError, ValueError):
-            dog = self._outside / "watchdog"
-            overdue_s = time.time() - dog.stat().st_mtime - int(dog.read_text()) / 1000
-            if overdue_s > 0:
-                self.resets += 1
-                self._child.kill()
-                self._child.wait()
-                os.close(self._ours)
-                self._start(with_main=True)
-
-
-@contextmanager
-def boards_in(folder):
-    """Gives a function that plugs in a board with these files in its flash."""
-    try:
-        find_micropython()
-    except MicropythonMissing as error:
-        pytest.skip(str(error))
-    boards = []
-
-    def plug_in(files):
-        board = UnixBoard(folder / f"board{len(boards)}")
-        for path, data in files.items():
-            (board.flash / path).parent.mkdir(parents=True, exist_ok=True)
-            (board.flash / path).write_bytes(data)
-        board.plug_in()
-        boards.append(board)
-        return board
-
-    try:
-        yield plug_in
-    finally:
-        for board in boards:
-            board.unplug()
 
 
 @pytest.fixture
