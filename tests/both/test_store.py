@@ -54,6 +54,16 @@ def restored(memory, flags=ALL):
     return objects
 
 
+def saved():
+    """A setpoint timeout of 77 ms that is saved: its memory, dictionary and store."""
+    memory = Memory()
+    objects = defaults()
+    store = Store(memory)
+    objects.put(0x3000, 0, 77)
+    store.save(objects, ALL)
+    return memory, objects, store
+
+
 def test_what_was_saved_comes_back():
     memory = Memory()
     objects = defaults()
@@ -98,14 +108,10 @@ def test_identifiers_that_were_not_changed_follow_the_node_id():
 
 
 def test_power_may_fail_at_any_byte_of_a_save():
-    objects = defaults()
     spent = 0
     outcomes = []
     while True:
-        memory = Memory()
-        store = Store(memory)
-        objects.put(0x3000, 0, 77)
-        store.save(objects, ALL)
+        memory, objects, store = saved()
         objects.put(0x3000, 0, 88)
         memory.budget = spent
         try:
@@ -121,11 +127,7 @@ def test_power_may_fail_at_any_byte_of_a_save():
 
 
 def test_save_goes_on_after_a_failure_of_power():
-    memory = Memory()
-    objects = defaults()
-    store = Store(memory)
-    objects.put(0x3000, 0, 77)
-    store.save(objects, ALL)
+    memory, objects, store = saved()
     memory.budget = 10
     try:
         store.save(objects, ALL)
@@ -160,11 +162,7 @@ def code_of(action):
 
 
 def test_failing_memory_is_told_and_changes_nothing():
-    memory = Memory()
-    objects = defaults()
-    store = Store(memory)
-    objects.put(0x3000, 0, 77)
-    store.save(objects, ALL)
+    memory, objects, store = saved()
     memory.broken = True
     objects.put(0x3000, 0, 88)
     assert code_of(lambda: store.save(objects, ALL)) == sdo.HARDWARE_ERROR
