@@ -75,8 +75,8 @@ class Stm32Board:
         self._supply = ADC(Pin(pins.supply))
         self._run_led = Pin(pins.run_led, Pin.OUT, value=0)
         self._error_led = Pin(pins.error_led, Pin.OUT, value=0)
-        self.settings = Settings(folder)
-        self.program = Program(folder, self._wake.value)
+        self.settings = Settings(folder, self.asleep)
+        self.program = Program(folder, self.asleep)
         self._outbox = Outbox()
         self._can = CAN(1, BITRATE)
         self._timer = None
@@ -166,6 +166,18 @@ class Stm32Board:
         elif (now_ms - self._bus_off_ms) & 0x3FFFFFFF >= BUS_OFF_MS:
             self._bus_off_ms = now_ms
             self._can.restart()
+
+    def asleep(self):
+        """Put both bridges to sleep unless an axis is on; whether they do, so flash may be written.
+
+        The next tick would come too late: it waits, with the voltage on, while flash is erased.
+        """
+        registers = self.registers
+        if registers[speed_loop.MODE] | registers[speed_loop.AXIS + speed_loop.MODE]:
+            return False
+        self._wake.low()
+        self.feed()
+        return True
 
     def presence(self):
         """The five presence bits; the sensors pull low where there is a parcel."""

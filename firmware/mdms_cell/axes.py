@@ -33,6 +33,11 @@ class Axes:
         """Whether any motor is on."""
         return any(drive.state in _DRIVING for drive in self._drives)
 
+    def hold(self, holds):
+        """Have no axis enabled while `holds()`; it gets no further than 'switched on'."""
+        for drive in self._drives:
+            drive.holds = holds
+
     def switch_off(self):
         """Switch the motors off in good order."""
         self._control(cia402.DISABLE_VOLTAGE)

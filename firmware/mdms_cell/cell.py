@@ -81,7 +81,7 @@ class Cell:
         )
         self._parameters = Parameters(objects, self._store, self._axes.driving)
         program = getattr(self._board, "program", None)
-        self._program = Program(objects, program, self._axes.driving)
+        self._program = Program(objects, program, self._axes, self._emcy)
         self._tie_cell()
 
     def _tie_cell(self):

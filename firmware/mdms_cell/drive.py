@@ -72,7 +72,10 @@ def command_of(controlword):
 
 
 class Drive:
-    """The drive of the axis whose registers start at `base`; it starts switched off."""
+    """The drive of the axis whose registers start at `base`; it starts switched off.
+
+    While `holds()`, if there is one, to enable operation leads to 'switched on' only.
+    """
 
     def __init__(self, registers, base):
         self.registers = registers
@@ -81,6 +84,7 @@ class Drive:
         self.controlword = 0
         self.error_code = 0
         self.target_um_s = 0
+        self.holds = None
         self._enter(cia402.SWITCH_ON_DISABLED)
 
     def control(self, controlword):
@@ -90,7 +94,7 @@ class Drive:
         if reset:
             self._happen(cia402.FAULT_RESET)
         elif not controlword & cia402.CONTROL_FAULT_RESET:
-            self._happen(command_of(controlword))
+            self._happen(self._allowed(command_of(controlword)))
         self._aim()
 
     def set_target(self, target_um_s):
@@ -137,6 +141,11 @@ class Drive:
         if registers[self.base + speed_loop.FAULTS] & speed_loop.FOLLOWING:
             word |= cia402.SLIPPAGE
         return word
+
+    def _allowed(self, command):
+        if command == cia402.ENABLE_OPERATION and self.holds is not None and self.holds():
+            return cia402.SWITCH_ON
+        return command
 
     def _happen(self, event):
         state = TRANSITIONS.get((self.state, event))

@@ -51,6 +51,8 @@ class Memory:
 class Program:
     """A place for a program."""
 
+    crc = 0
+
     def __init__(self):
         self.broken = False
 
@@ -62,6 +64,9 @@ class Program:
             raise OSError(5)
 
     def end(self):
+        pass
+
+    def cancel(self):
         pass
 
 

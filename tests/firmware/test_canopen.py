@@ -46,6 +46,7 @@ class Program:
 
     def __init__(self):
         self.image = b""
+        self.crc = 0
 
     def begin(self, size):
         self.image = b""
@@ -54,6 +55,9 @@ class Program:
         self.image += data
 
     def end(self):
+        self.crc = binascii.crc32(self.image)
+
+    def cancel(self):
         pass
 
 

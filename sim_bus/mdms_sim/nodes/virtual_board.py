@@ -1,5 +1,7 @@
 """The board of a simulated cell, on CPython and MicroPython alike."""
 
+from binascii import crc32
+
 from mdms_cell import speed_loop
 from mdms_cell.runner import BUS_OFF
 from mdms_protocol.frame import Frame
@@ -85,18 +87,27 @@ class VirtualProgram:
     """Keeps a program that was downloaded; see `mdms_cell.program`."""
 
     def __init__(self) -> None:
-        self.image = bytearray()
+        self.image = b""
+        self.crc = 0
+        self._coming = bytearray()
 
     def begin(self, size: int | None) -> None:
-        """Forget the one before."""
-        self.image = bytearray()
+        """Make room for another one."""
+        self._coming = bytearray()
 
     def write(self, data: bytes) -> None:
         """Take the next bytes."""
-        self.image += data
+        self._coming += data
 
     def end(self) -> None:
         """All bytes are there."""
+        self.image = bytes(self._coming)
+        self.crc = crc32(self.image)
+        self.cancel()
+
+    def cancel(self) -> None:
+        """Drop what has not ended."""
+        self._coming = bytearray()
 
 
 def leave_bus(cell: object, board: VirtualBoard) -> None:
