@@ -1,5 +1,7 @@
 """The heartbeat consumer by itself: whom it watches, and when somebody counts as silent."""
 
+from refusal import code_of
+
 from mdms_cell import ticks
 from mdms_cell.consumer import Consumer
 from mdms_cell.objects import Objects, find
@@ -28,11 +30,7 @@ class Bench:
         self.objects.write(find(TIMES, sub), value)
 
     def refused(self, sub, node_id, limit_ms):
-        try:
-            self.watch(sub, node_id, limit_ms)
-        except sdo.AbortError as refusal:
-            return refusal.code
-        return None
+        return code_of(self.watch, sub, node_id, limit_ms)
 
     def hear(self, node_id, now_ms, data=OPERATIONAL):
         self.now_ms = now_ms

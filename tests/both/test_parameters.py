@@ -1,5 +1,7 @@
 """0x1010 and 0x1011: what a client must write, what it saves, and when it is refused."""
 
+from refusal import code_of
+
 from mdms_cell.objects import Objects, find
 from mdms_cell.parameters import Parameters
 from mdms_cell.store import Store
@@ -50,11 +52,7 @@ class Bench:
 
     def write(self, index, sub, signature):
         """The code of the refusal, None if there was none."""
-        try:
-            self.objects.write(find(index, sub), signature)
-        except sdo.AbortError as refusal:
-            return refusal.code
-        return None
+        return code_of(self.objects.write, find(index, sub), signature)
 
     def kept(self):
         """Which of the two settings a cell has that starts with this memory."""

@@ -2,6 +2,8 @@
 
 import binascii
 
+from refusal import code_of
+
 from mdms_cell.objects import Objects, find
 from mdms_cell.store import Store
 from mdms_protocol import record, sdo
@@ -153,21 +155,13 @@ def test_any_wrong_byte_falls_back_to_the_save_before():
     assert restored(memory).number(0x3000) == 88
 
 
-def code_of(action):
-    try:
-        action()
-    except sdo.AbortError as refusal:
-        return refusal.code
-    return 0
-
-
 def test_failing_memory_is_told_and_changes_nothing():
     memory, objects, store = saved()
     memory.broken = True
     objects.put(0x3000, 0, 88)
-    assert code_of(lambda: store.save(objects, ALL)) == sdo.HARDWARE_ERROR
+    assert code_of(store.save, objects, ALL) == sdo.HARDWARE_ERROR
     assert restored(memory).number(0x3000) == 77
-    assert code_of(lambda: Store(None).save(objects, ALL)) == sdo.CANNOT_STORE
+    assert code_of(Store(None).save, objects, ALL) == sdo.CANNOT_STORE
 
 
 def change_table(bank):

@@ -6,11 +6,12 @@ import pytest
 
 BOTH = Path(__file__).parents[1] / "both"
 MODULES = sorted(path.stem for path in BOTH.glob("test_*.py"))
+SHARED = ("run_on_micropython", "cell_bench", "refusal")
 CODE = "from run_on_micropython import run; run(%r)"
 
 
 def files(name: str) -> tuple[Path, ...]:
-    return tuple(BOTH / f"{each}.py" for each in ("run_on_micropython", "cell_bench", name))
+    return tuple(BOTH / f"{each}.py" for each in (*SHARED, name))
 
 
 @pytest.mark.parametrize("name", MODULES)

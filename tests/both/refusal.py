@@ -1,0 +1,12 @@
+"""How the objects of a cell refuse what a client asks, for tests on every interpreter."""
+
+from mdms_protocol import sdo
+
+
+def code_of(action, *arguments):
+    """The abort code with which a call is refused, None if it is not."""
+    try:
+        action(*arguments)
+    except sdo.AbortError as refusal:
+        return refusal.code
+    return None
