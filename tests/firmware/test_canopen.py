@@ -5,13 +5,13 @@ import random
 import struct
 import threading
 import time
-from array import array
 from pathlib import Path
 
 import can
 import canopen
 import pytest
 from canopen.objectdictionary import import_od
+from tests.both import cell_bench
 
 from mdms_cell import speed_loop
 from mdms_cell.cell import Cell
@@ -61,32 +61,14 @@ class Program:
         pass
 
 
-class Board:
-    """Wheels that stand still; frames go to a list."""
+class Board(cell_bench.Board):
+    """Wheels that stand still, and memories that keep what they are given."""
 
     def __init__(self, serial):
-        self.registers = array("i", [0] * speed_loop.REGISTERS)
+        super().__init__()
         self.serial = serial
         self.settings = Settings()
         self.program = Program()
-        self.bits = 0
-        self.sent = []
-
-    def sample(self, registers):
-        pass
-
-    def drive(self, registers):
-        pass
-
-    def presence(self):
-        return self.bits
-
-    def send(self, can_id, data):
-        self.sent.append((can_id, bytes(data)))
-        return True
-
-    def motors_off(self):
-        pass
 
 
 class Cells(threading.Thread):
@@ -120,8 +102,7 @@ class Cells(threading.Thread):
 
     def _from_cells(self):
         for cell, board in zip(self.cells, self.boards, strict=True):
-            sent, board.sent = board.sent, []
-            for can_id, data in sent:
+            for can_id, data in board.take():
                 self._to_cells(can_id, data, cell)
                 self._bus.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
 
