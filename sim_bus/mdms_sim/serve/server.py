@@ -48,6 +48,8 @@ class Server:
         self._ready: dict[int, Callable[[int], None]] = {}
         self._connections: dict[int, socket.socket] = {}
         self._leaving: list[Client] = []
+        # Whatever is compiled at its first use is so before anybody can come in and time counts.
+        simulation.kernel.run_until(SLICE_NS)
         self._channel = channel
         self._unix = listen_unix(channel)
         self._tcp = listen_tcp(tcp_port)
@@ -100,6 +102,8 @@ class Server:
             if client.wants_to_write:
                 client.write()
             self._watch(descriptor, client)
+        # No time passes in the simulation while what a client has sent is on its way.
+        self._terminal.settle()
         next_ns = kernel.next_ns
         wait_s = 0.0 if next_ns is None else self.time.wait_s(next_ns, kernel.now_ns)
         for key, events in self._selector.select(wait_s):
