@@ -10,7 +10,9 @@ def load(registers, base, setting):
     rated_ma = setting(axis.RATED_CURRENT)
     reversed_ = setting(axis.POLARITY) & _VELOCITY_REVERSED
     registers[base + speed_loop.INVERTED] = 1 if reversed_ else 0
-    tuning.set_encoder(registers, base, setting(axis.RESOLUTION), setting(axis.OBSERVER_LAG))
+    resolution = setting(axis.RESOLUTION)
+    tuning.set_encoder(registers, base, resolution, setting(axis.OBSERVER_LAG))
+    tuning.set_feed(registers, base, resolution, setting(axis.ACCELERATION_PER_VOLT))
     tuning.set_law(registers, base, setting(axis.GAIN), setting(axis.VOLTAGE_LIMIT))
     tuning.set_ramps(
         registers,

@@ -2,9 +2,9 @@
 
 `step(registers)` is one control period of 1 ms: it tracks both encoders, limits and ramps the
 targets, applies the paper's law V = G (r - v), watches for faults, and calls the background's
-attention to what has changed. It is integer arithmetic
-that stays within 31 bits, so that nothing is allocated, and the same source runs as plain Python
-over an `array('i')`, as MicroPython bytecode, as viper machine code and compiled by numba.
+attention to what has changed. It is integer arithmetic that stays within 31 bits, so that nothing
+is allocated, and the same source runs as plain Python over an `array('i')`, as MicroPython
+bytecode, as viper machine code and compiled by numba.
 
 The registers of axis 1 start at 0, those of axis 2 at `AXIS`: `registers[AXIS + TARGET]` is the
 target of axis 2. COUNT, CURRENT and VOLTAGE are as wired, everything else is signed along the
@@ -35,44 +35,46 @@ ALPHA = const(10)  # * share of the innovation that corrects the position [1/409
 BETA = const(11)  # * and the velocity [1/4096], 0..4096
 SCALE = const(12)  # * um/s of one unit of RATE, times 2**(SHIFT + 6), 0..2**15 - 1
 SHIFT = const(13)  # * 1..14
-RATE_LIMIT = const(14)  # * of RATE, so that RATE * SCALE fits, 0..2**27
-CURRENT_LIMIT = const(15)  # [mA]; 0: not watched
-CURRENT_TICKS = const(16)  # ticks of over-current that are a fault
-STALL_VOLTAGE = const(17)  # a wheel is stalled at this voltage or more [uV]; 0: not watched ...
-STALL_SPEED = const(18)  # ... below this speed [um/s] ...
-STALL_TICKS = const(19)  # ... for so many ticks
-FOLLOWING_LIMIT = const(20)  # largest difference of reference and speed [um/s]; 0: not watched
-FOLLOWING_TICKS = const(21)  # ticks of a larger one that are a fault
-WINDOW = const(22)  # an axis is at its target when so near to it [um/s], 0..65535 ...
-WINDOW_TICKS = const(23)  # ... for so many ticks; and stands when it has been slow for so many
+RATE_LIMIT = const(14)  # * of the tracked velocity, so that times SCALE it fits, 0..2**27
+FEED = const(15)  # * RATE gained a tick by 4096 uV of new voltage [1/16], 0..FEED_MAX
+CURRENT_LIMIT = const(16)  # [mA]; 0: not watched
+CURRENT_TICKS = const(17)  # ticks of over-current that are a fault
+STALL_VOLTAGE = const(18)  # a wheel is stalled at this voltage or more [uV]; 0: not watched ...
+STALL_SPEED = const(19)  # ... below this speed [um/s] ...
+STALL_TICKS = const(20)  # ... for so many ticks
+FOLLOWING_LIMIT = const(21)  # largest difference of reference and speed [um/s]; 0: not watched
+FOLLOWING_TICKS = const(22)  # ticks of a larger one that are a fault
+WINDOW = const(23)  # an axis is at its target when so near to it [um/s], 0..65535 ...
+WINDOW_TICKS = const(24)  # ... for so many ticks; and stands when it has been slow for so many
 # Read from the board:
-COUNT = const(24)  # encoder [counts]; only the low 16 bits are looked at
-CURRENT = const(25)  # [mA], as wired, within +-2**29
+COUNT = const(25)  # encoder [counts]; only the low 16 bits are looked at
+CURRENT = const(26)  # [mA], as wired, within +-2**29
 # State and results:
-POSITION = const(26)  # tracked position [2**-14 counts], modulo 2**30
-RATE = const(27)  # tracked velocity [2**-14 counts per tick]
-ACTUAL = const(28)  # the same [um/s]
-DEMAND = const(29)  # the ramped reference r that the law sees [um/s]
-VOLTAGE = const(30)  # what the board is to apply [uV], as wired
-FAULTS = const(31)  # bits below; kept until cleared from outside, and the voltage is 0 while set
-CURRENT_COUNT = const(32)  # ticks of over-current so far
-STALL_COUNT = const(33)  # ticks of stall so far
-FOLLOWING_COUNT = const(34)  # ticks of following error so far
-NEAR_COUNT = const(35)  # ticks near the target so far, up to WINDOW_TICKS
-SLOW_COUNT = const(36)  # ticks of standstill so far, up to WINDOW_TICKS
-SIGNS = const(37)  # bits below
+POSITION = const(27)  # tracked position [2**-14 counts], modulo 2**30
+RATE = const(28)  # velocity expected in the next tick [2**-14 counts per tick], within 2**28
+ACTUAL = const(29)  # tracked velocity [um/s]
+DEMAND = const(30)  # the ramped reference r that the law sees [um/s]
+VOLTAGE = const(31)  # what the board is to apply [uV], as wired
+MEAN_VOLTAGE = const(32)  # of the last 16 ticks or so, along the wheel's own direction [uV]
+FAULTS = const(33)  # bits below; kept until cleared from outside, and the voltage is 0 while set
+CURRENT_COUNT = const(34)  # ticks of over-current so far
+STALL_COUNT = const(35)  # ticks of stall so far
+FOLLOWING_COUNT = const(36)  # ticks of following error so far
+NEAR_COUNT = const(37)  # ticks near the target so far, up to WINDOW_TICKS
+SLOW_COUNT = const(38)  # ticks of standstill so far, up to WINDOW_TICKS
+SIGNS = const(39)  # bits below
 
-AXIS = const(38)  # registers of an axis
+AXIS = const(40)  # registers of an axis
 AXES = const(2)
 
 # Of the cell:
-TICKS = const(76)  # ticks since the start, modulo 2**30
-AGE_LIMIT = const(77)  # a target of this age is stale [ticks]
-SUPPLY = const(78)  # supply voltage [uV], from the board or a parameter; 1_000_000..VOLTAGE_MAX_UV
-CUT = const(79)  # not 0: voltage 0 on both axes, for interrupts that know no state machine
-ATTENTION = const(80)  # set to 1 when FAULTS or SIGNS change; zeroed by who looks after that
-WIDEN = const(81)  # what sign-extends a loaded register, see `reset`
-REGISTERS = const(82)
+TICKS = const(80)  # ticks since the start, modulo 2**30
+AGE_LIMIT = const(81)  # a target of this age is stale [ticks]
+SUPPLY = const(82)  # supply voltage [uV], from the board or a parameter; 1_000_000..VOLTAGE_MAX_UV
+CUT = const(83)  # not 0: voltage 0 on both axes, for interrupts that know no state machine
+ATTENTION = const(84)  # set to 1 when FAULTS or SIGNS change; zeroed by who looks after that
+WIDEN = const(85)  # what sign-extends a loaded register, see `reset`
+REGISTERS = const(86)
 
 # Values of MODE.
 OFF = const(0)  # voltage 0
@@ -93,6 +95,7 @@ STOPPED = const(4)  # at standstill in STOP
 TICK_HZ = const(1000)
 SPEED_MAX_UM_S = const(10_000_000)
 VOLTAGE_MAX_UV = const(60_000_000)
+FEED_MAX = const((1 << 15) - 1)
 HALF_COUNT = const(1 << 13)  # in units of POSITION
 SLOW_UM_S = const(5_000)
 
@@ -111,12 +114,12 @@ def reset(registers):
 @micropython.viper
 def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it compiles to one
     """Advance both axes by one tick of 1 ms, in place."""
-    widen = registers[WIDEN]
     base = 0
+    widen = registers[WIDEN]
     while base < AXES * AXIS:
         # Predict the position, and compare it with the count, modulo 2**16 counts.
         rate = registers[base + RATE] << widen >> widen
-        position = (registers[base + POSITION] << widen >> widen) + rate
+        position = registers[base + POSITION] + rate
         position = ((position & 0x3FFFFFFF) ^ 0x20000000) - 0x20000000
         count = registers[base + COUNT] & 0xFFFF
         if registers[base + INVERTED]:
@@ -146,7 +149,6 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
             rate = limit
         elif rate < 0 - limit:
             rate = 0 - limit
-        registers[base + RATE] = rate
         shift = registers[base + SHIFT]
         gain = registers[base + SCALE]
         low = rate & ((1 << shift) - 1)
@@ -239,9 +241,17 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
                 faults |= FOLLOWING
         registers[base + FOLLOWING_COUNT] = ticks
 
+        mean = registers[base + MEAN_VOLTAGE] << widen >> widen
         if mode == OFF or faults != 0 or registers[CUT] != 0:
             demand = 0
             voltage = 0
+            mean = 0
+
+        # New voltage speeds the wheel up before its encoder can tell.
+        high = voltage - mean
+        registers[base + MEAN_VOLTAGE] = mean + (high >> 4)
+        registers[base + RATE] = rate + ((high + 2048 >> 12) * registers[base + FEED] >> 4)
+
         if registers[base + INVERTED]:
             voltage = 0 - voltage
         registers[base + DEMAND] = demand

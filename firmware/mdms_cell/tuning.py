@@ -12,6 +12,8 @@ COUNTS_PER_METRE_MAX = 3_900_000
 LAG_MIN_US = 500
 LAG_MAX_US = 20_000
 LAG_US = 1_900
+ACCELERATION_PER_VOLT_MM_S2 = 20_053
+ACCELERATION_PER_VOLT_MAX_MM_S2 = 65_535
 GAIN_MAX_MV_S_M = 65_536_000
 CURRENT_MAX_MA = 1_000_000
 TIME_MAX_MS = 65_535
@@ -44,6 +46,19 @@ def set_encoder(registers, base, counts_per_metre, lag_us=LAG_US):
     divisor = (ratio_us + 1000) ** 2
     registers[base + speed_loop.ALPHA] = (alpha + divisor // 2) // divisor
     registers[base + speed_loop.BETA] = (beta + divisor // 2) // divisor
+
+
+def set_feed(registers, base, counts_per_metre, acceleration_per_volt=ACCELERATION_PER_VOLT_MM_S2):
+    """Let the observer expect that new voltage speeds the wheel up by so much [mm/s2 per V].
+
+    0 leaves it to the encoder. What counts as new fades with a time constant of 16 ticks, so that
+    a wheel that carries more than its motor's data say is told wrongly for that long only. With
+    more than half a million counts per metre the strongest motors are fed what fits in FEED.
+    """
+    high = ACCELERATION_PER_VOLT_MAX_MM_S2
+    _check("acceleration per volt [mm/s2]", acceleration_per_volt, 0, high)
+    feed = ((acceleration_per_volt * counts_per_metre << 30) + 10**15 // 2) // 10**15
+    registers[base + speed_loop.FEED] = min(feed, speed_loop.FEED_MAX)
 
 
 def _scale(shift, counts_per_metre):

@@ -152,7 +152,7 @@ _CELL: dict[int, Field | e.Group] = {
 _SPEED = e.MICROMETRES_PER_SECOND
 _ACCELERATION = e.MICROMETRES_PER_SECOND2
 _AXIS: dict[int, Field] = {
-    0x2000: _setting("gain", U32, 10_000, e.MILLIVOLT_SECONDS_PER_METRE, high=100_000),
+    0x2000: _setting("gain", U32, 13_000, e.MILLIVOLT_SECONDS_PER_METRE, high=100_000),
     0x2001: _setting("resolution", U32, 37_595, e.PER_METRE, low=1_000, high=1_000_000),
     0x2002: _setting("voltage limit", U32, 24_000, e.MILLIVOLTS, high=60_000),
     0x2003: field("motor voltage", I32, READ, unit=e.MICROVOLTS, mappable=e.TPDO),
@@ -162,6 +162,7 @@ _AXIS: dict[int, Field] = {
     0x2007: _setting("slippage time", U16, 500, e.MILLISECONDS),
     0x2008: _setting("observer lag", U16, 1_900, e.MICROSECONDS, low=1_000, high=20_000),
     0x2009: _setting("direction", I32, 0, e.MICRORADIANS, low=-3_141_593, high=3_141_593),
+    0x200A: _setting("acceleration per volt", U16, 20_053, e.MILLIMETRES_PER_SECOND2_PER_VOLT),
     0x603F: field("error code", U16, READ, mappable=e.TPDO),
     0x6040: field("controlword", U16, mappable=e.RPDO),
     0x6041: field("statusword", U16, READ, mappable=e.TPDO),

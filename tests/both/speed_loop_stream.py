@@ -35,6 +35,8 @@ def configure(registers, chance):
         counts_per_metre = chance.within(low, tuning.COUNTS_PER_METRE_MAX)
         lag_us = chance.within(tuning.LAG_MIN_US, tuning.LAG_MAX_US)
         tuning.set_encoder(registers, base, counts_per_metre, lag_us)
+        feed = chance.within(0, tuning.ACCELERATION_PER_VOLT_MAX_MM_S2)
+        tuning.set_feed(registers, base, counts_per_metre, feed)
         gain = chance.within(0, tuning.GAIN_MAX_MV_S_M)
         tuning.set_law(registers, base, gain, chance.within(0, 60_000))
         ramps = [chance.within(0, 1_000_000_000) for _ in range(3)]

@@ -45,8 +45,8 @@ def test_setpoint_is_held_until_sync():
     assert board.registers[speed_loop.TARGET] == 63_500
     assert board.registers[speed_loop.AXIS + speed_loop.TARGET] == -63_500
     cell.tick()
-    assert board.registers[speed_loop.VOLTAGE] == 635_000
-    assert board.registers[speed_loop.AXIS + speed_loop.VOLTAGE] == -635_000
+    assert board.registers[speed_loop.VOLTAGE] == 825_500
+    assert board.registers[speed_loop.AXIS + speed_loop.VOLTAGE] == -825_500
 
 
 def test_controlword_leads_to_operation_enabled_and_status_follows():
@@ -89,7 +89,7 @@ def test_leaving_operational_switches_the_motors_off():
         cell.on_frame(0x205, pdo.TARGET_VELOCITY.encode((63_500, 63_500)))
         cell.on_frame(0x080, b"")
         cell.tick()
-        assert board.registers[speed_loop.VOLTAGE] == 635_000
+        assert board.registers[speed_loop.VOLTAGE] == 825_500
         cell.on_frame(0x000, bytes((command, 0)))
         cell.tick()
         assert board.registers[speed_loop.VOLTAGE] == 0

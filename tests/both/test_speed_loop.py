@@ -186,10 +186,12 @@ def test_tick_counter_wraps_within_a_small_integer():
 
 def extreme(made, base, index):
     """Settings and inputs at an end of their ranges, chosen by the bits of `index`."""
-    high = [index >> bit & 1 for bit in range(8)]
+    high = [index >> bit & 1 for bit in range(9)]
     counts_per_metre = tuning.COUNTS_PER_METRE_MAX if high[0] else tuning.COUNTS_PER_METRE_MIN
     lag_us = tuning.LAG_MAX_US if high[1] else tuning.LAG_MIN_US
     tuning.set_encoder(made, base, counts_per_metre, lag_us)
+    feed = tuning.ACCELERATION_PER_VOLT_MAX_MM_S2 if high[8] else 0
+    tuning.set_feed(made, base, counts_per_metre, feed)
     gain = tuning.GAIN_MAX_MV_S_M if high[2] else 63
     tuning.set_law(made, base, gain, 60_000 if high[3] else 0)
     ramp = 1_000_000_000 if high[4] else 1
@@ -201,6 +203,7 @@ def extreme(made, base, index):
     made[base + s.MODE] = s.RUN
     limit = made[base + s.RATE_LIMIT]
     made[base + s.RATE] = limit if high[6] else -limit
+    made[base + s.MEAN_VOLTAGE] = s.VOLTAGE_MAX_UV if high[6] else -s.VOLTAGE_MAX_UV
     made[base + s.POSITION] = (1 << 29) - 1 if high[7] else -(1 << 29)
     made[base + s.DEMAND] = s.SPEED_MAX_UM_S if high[7] else -s.SPEED_MAX_UM_S
 
@@ -223,8 +226,8 @@ def locked_steps(made):
 
 def test_no_setting_and_no_input_makes_a_tick_allocate():
     made = registers()
-    for index in range(256):
+    for index in range(512):
         extreme(made, 0, index)
-        extreme(made, s.AXIS, 255 - index)
+        extreme(made, s.AXIS, 511 - index)
         locked_steps(made)
         assert made[s.FAULTS] in (0, s.STALLED, s.OVER_CURRENT, s.FOLLOWING)

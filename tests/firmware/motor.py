@@ -11,34 +11,32 @@ from dataclasses import dataclass
 
 from mdms_cell import speed_loop as s
 from mdms_cell import tuning
+from mdms_protocol.dictionary import ENTRIES
 
 TICK_S = 0.001
 COUNTS_PER_METRE = 37_596
 PWM_STEPS = 1000
 SUPPLIES_V = (12, 24)
-REFERENCES_M_S = (0.0635, 0.1, 0.5, 1.0)
+REFERENCES_M_S = (0.0635, 0.08, 0.1, 0.2, 0.5, 1.0)
+#: The gain that a cell comes with.
+GAIN_MV_S_M = ENTRIES[0x2000, 0].default
 #: A speed is settled when it stays so near to its final value, relatively.
 BAND = 0.05
 
 
 @dataclass(frozen=True)
 class Motor:
-    """The paper's motor at 4 ohm; a rotor of 5e-6 kg m2 behind 3:1 and a wheel of 25.4 mm."""
+    """The paper's motor at 4 ohm with a rotor of 2e-6 kg m2, and a wheel of 2e-5 behind 3:1."""
 
     force_per_ampere: float = 0.024 * 3 / 0.0254  # Ke [N/A]
     resistance_ohm: float = 4.0
     damping_n_s_per_m: float = 3.5e-6 * (3 / 0.0254) ** 2  # Be
-    mass_kg: float = 5e-6 * (3 / 0.0254) ** 2
+    mass_kg: float = 2e-6 * (3 / 0.0254) ** 2 + 2e-5 / 0.0254**2
 
     @property
     def braking(self) -> float:
         """Be + Ke^2 / Rm [N s/m]."""
         return self.damping_n_s_per_m + self.force_per_ampere**2 / self.resistance_ohm
-
-    def settling_s(self, gain: float, band: float) -> float:
-        """When a free wheel is this near to its free speed, relatively, by an undelayed law [s]."""
-        pull = gain * self.force_per_ampere / self.resistance_ohm
-        return -math.log(band) * self.mass_kg / (pull + self.braking)
 
     def free_speed(self, reference_m_s: float, gain: float) -> float:
         """Where a free wheel settles under V = G (r - v) [m/s] (eq 9 at no force)."""
@@ -46,12 +44,13 @@ class Motor:
         return reference_m_s * pull / (pull + self.braking)
 
 
-def registers(gain_mv_s_m: int = 10_000, supply_mv: int = 24_000, lag_us: int = tuning.LAG_US):
+def registers(gain_mv_s_m: int = GAIN_MV_S_M, supply_mv: int = 24_000, lag_us: int = tuning.LAG_US):
     """The registers of a cell whose first axis runs."""
     made = array("i", [0] * s.REGISTERS)
     s.reset(made)
     made[s.AGE_LIMIT] = 1 << 29
     tuning.set_encoder(made, 0, COUNTS_PER_METRE, lag_us)
+    tuning.set_feed(made, 0, COUNTS_PER_METRE)
     tuning.set_law(made, 0, gain_mv_s_m, supply_mv)
     made[s.MODE] = s.RUN
     return made
@@ -87,10 +86,12 @@ MOTORS = {
 }
 
 
-def steps(own: Motor, supply_v: int, reference_m_s: float, gain: int = 10) -> Iterator[list[float]]:
+def steps(
+    own: Motor, supply_v: int, reference_m_s: float, gain: int = GAIN_MV_S_M // 1000
+) -> Iterator[list[float]]:
     """Speeds after a step, over the final one, from several places between two counts."""
     final = own.free_speed(reference_m_s, gain)
-    for start_counts in (0.0, 0.35, 0.7):
+    for start_counts in (0.0, 0.2, 0.35, 0.55, 0.7, 0.9):
         made = registers(gain * 1000, supply_v * 1000)
         made[s.TARGET] = round(reference_m_s * 1e6)
         yield [speed / final for speed in run(made, own, supply_v, 200, start_counts)]

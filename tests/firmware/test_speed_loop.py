@@ -113,6 +113,8 @@ def test_no_intermediate_value_leaves_31_bits_on_random_streams(seed):
         s.step(registers)
 
 
+#: What new voltage may add to RATE in a tick.
+FEED_LIMIT = (2 * s.VOLTAGE_MAX_UV + 2048 >> 12) * s.FEED_MAX >> 4
 SMALL = st.integers(LOW, HIGH) | st.sampled_from((LOW, LOW + 1, -1, 0, 1, HIGH - 1, HIGH))
 
 
@@ -127,6 +129,8 @@ def axes(draw):
     counts = draw(ranged(tuning.COUNTS_PER_METRE_MIN, tuning.COUNTS_PER_METRE_MAX))
     lag_us = draw(ranged(tuning.LAG_MIN_US, tuning.LAG_MAX_US))
     tuning.set_encoder(registers, 0, counts, lag_us)
+    feed = draw(ranged(0, tuning.ACCELERATION_PER_VOLT_MAX_MM_S2))
+    tuning.set_feed(registers, 0, counts, feed)
     gain = draw(ranged(0, tuning.GAIN_MAX_MV_S_M))
     tuning.set_law(registers, 0, gain, draw(ranged(0, 60_000)))
     ramp = ranged(0, 1_000_000_000)
@@ -135,7 +139,8 @@ def axes(draw):
     tuning.set_over_current(registers, 0, draw(ranged(0, tuning.CURRENT_MAX_MA)), draw(time_ms))
     tuning.set_stall(registers, 0, draw(ranged(0, 60_000)), draw(time_ms))
     tuning.set_following(registers, 0, draw(ranged(0, 20_000_000)), draw(time_ms))
-    limit = int(registers[s.RATE_LIMIT])
+    limit = int(registers[s.RATE_LIMIT]) + FEED_LIMIT
+    volts = s.VOLTAGE_MAX_UV
     speed = s.SPEED_MAX_UM_S
     for index, values in (
         (s.INVERTED, ranged(0, 1)),
@@ -147,6 +152,7 @@ def axes(draw):
         (s.AGE_LIMIT, ranged(0, 60_000)),
         (s.POSITION, ranged(-(1 << 29), (1 << 29) - 1)),
         (s.RATE, ranged(-limit, limit)),
+        (s.MEAN_VOLTAGE, ranged(-volts, volts)),
         (s.DEMAND, ranged(-speed, speed)),
         (s.FAULTS, ranged(0, 15)),
         (s.CURRENT_COUNT, ranged(0, tuning.TIME_MAX_MS)),
@@ -162,11 +168,12 @@ def axes(draw):
 @given(axes())
 def test_no_intermediate_value_leaves_31_bits_from_any_state(registers):
     limit_uv = registers[s.VOLTAGE_LIMIT]
-    rate_limit = registers[s.RATE_LIMIT]
+    rate_limit = registers[s.RATE_LIMIT] + FEED_LIMIT
     for _ in range(3):
         s.step(registers)
         assert abs(registers[s.VOLTAGE]) <= limit_uv
         assert abs(registers[s.RATE]) <= rate_limit
+        assert abs(registers[s.MEAN_VOLTAGE]) <= s.VOLTAGE_MAX_UV
         assert abs(registers[s.DEMAND]) <= s.SPEED_MAX_UM_S
         assert -(1 << 29) <= registers[s.POSITION] < 1 << 29
 

@@ -41,7 +41,7 @@ def test_a_stranger_is_found_and_told_from_cells(request) -> None:
 def test_what_is_written_is_read_back(commissioning) -> None:
     commissioning.write(2, 0x2000, 0, 8_000)
     assert commissioning.read(2, 0x2000) == 8_000
-    assert commissioning.read(1, 0x2000) == 10_000
+    assert commissioning.read(1, 0x2000) == 13_000
 
 
 def test_a_negative_value_keeps_its_sign(commissioning) -> None:

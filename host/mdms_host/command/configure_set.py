@@ -22,7 +22,10 @@ if TYPE_CHECKING:
     from mdms_host.parameters import Parameter
 
 #: What the speed loop's margin depends on, by axis.
-LOOPS = tuple((f"axis{axis}.gain", f"axis{axis}.observer_lag") for axis in (1, 2))
+LOOPS = tuple(
+    (f"axis{axis}.gain", f"axis{axis}.observer_lag", f"axis{axis}.acceleration_per_volt")
+    for axis in (1, 2)
+)
 
 
 def run(arguments: Namespace) -> Exit:
@@ -48,7 +51,7 @@ def check_margins(
     cells: "Sequence[CellSettings]",
     wanted: "Sequence[Mapping[Parameter, int]]",
 ) -> None:
-    """Raises `CommandError` (bad input) for gains or lags that leave a speed loop no margin.
+    """Raises `CommandError` (bad input) for settings that leave a speed loop no margin.
 
     `wanted` has what each cell is to be given; only loops that it changes are looked at, with the
     motor of the scenario.
@@ -56,10 +59,10 @@ def check_margins(
     from mdms_host.parameters import BY_NAME
 
     loops = {
-        (node.after[gain], node.after[lag])
+        tuple(node.after[each] for each in loop)
         for node in map(_After, cells, wanted)
-        for gain, lag in ((BY_NAME[gain], BY_NAME[lag]) for gain, lag in LOOPS)
-        if node.changes(gain) or node.changes(lag)
+        for loop in ([BY_NAME[name] for name in names] for names in LOOPS)
+        if any(map(node.changes, loop))
     }
     if loops:
         _check_loops(scenario, loops)
@@ -76,24 +79,27 @@ class _After:
         return self.after.get(parameter) != self._before.get(parameter)
 
 
-def _check_loops(scenario: str, loops: set[tuple[int, int]]) -> None:
+def _check_loops(scenario: str, loops: set[tuple[int, ...]]) -> None:
     from mdms_host.command.gain import motor_of
-    from mdms_host.loop_margin import GainError, check_gain
+    from mdms_host.loop_margin import GainError, Observer, check_gain
     from mdms_host.parameters import BY_NAME
 
     motor = motor_of(open_scenario(scenario, ()).cell)
     if motor.mass_kg == 0.0:
         say(f"mdms: the motors of {scenario} have no inertia, so no gain is too large for them")
         return
-    gain, lag = (BY_NAME[name] for name in LOOPS[0])
-    for gain_number, lag_number in sorted(loops):
-        lag_s = float(lag.decimal(lag_number))
+    gain, lag, feed = (BY_NAME[name] for name in LOOPS[0])
+    for numbers in sorted(loops):
+        gain_vs_per_m, lag_s, acceleration = (
+            float(each.decimal(number))
+            for each, number in zip((gain, lag, feed), numbers, strict=True)
+        )
         try:
-            check_gain(motor, float(gain.decimal(gain_number)), lag_s)
+            check_gain(motor, gain_vs_per_m, Observer(lag_s, acceleration))
         except GainError as error:
             raise CommandError(
-                f"{error} (motor of {scenario}, observer lag {lag.text(lag_number)}); "
-                "name your motors with --scenario",
+                f"{error} (motor of {scenario}, observer lag {lag.text(numbers[1])}, "
+                f"acceleration per volt {feed.text(numbers[2])}); name your motors with --scenario",
                 Exit.USAGE,
             ) from None
 

@@ -5,10 +5,12 @@ from math import pi
 import numpy as np
 
 from mdms_host.command.exits import CommandError, Exit
+from mdms_host.command.gain import motor_of
 from mdms_host.command.references import references_m_s
 from mdms_host.coordinator import Coordinator
 from mdms_host.goal import Goal, Limits
 from mdms_host.layout import Layout, WheelPlace
+from mdms_host.loop_margin import observer_for
 from mdms_host.program import FieldProgram, GoalProgram, Program, nominal_droop
 from mdms_host.sdo_client import Setting
 from mdms_host.tracker import Parcel
@@ -17,7 +19,7 @@ from mdms_protocol.dictionary import AXIS_OFFSET, ENTRIES
 from mdms_sim.record import Floats
 from mdms_sim.scenario import Cell, Scenario
 
-GAIN, RESOLUTION, VOLTAGE_LIMIT = 0x2000, 0x2001, 0x2002
+GAIN, RESOLUTION, VOLTAGE_LIMIT, ACCELERATION_PER_VOLT = 0x2000, 0x2001, 0x2002, 0x200A
 
 
 def coordinator_of(scenario: Scenario) -> Coordinator:
@@ -47,10 +49,12 @@ def settings_of(cell: Cell) -> tuple[Setting, ...]:
     counts_per_m = (
         cell.encoder_counts_per_motor_rev * cell.gear_ratio / (2 * pi * cell.wheel_radius_m)
     )
+    acceleration = observer_for(motor_of(cell)).acceleration_m_s2_per_v
     wanted = {
         GAIN: ("cell.gain_vs_per_m", round(cell.gain_vs_per_m * 1000)),
         RESOLUTION: ("the encoder's counts per metre", int(counts_per_m)),
         VOLTAGE_LIMIT: ("cell.supply_v", round(cell.supply_v * 1000)),
+        ACCELERATION_PER_VOLT: ("the motor's acceleration per volt", round(acceleration * 1000)),
     }
     return tuple(
         _setting(index + axis * AXIS_OFFSET, *meaning)

@@ -17,13 +17,14 @@ def gain_limits(cell: "Cell") -> dict[str, float | None]:
 
     Massless wheels have neither (None), and a gain too small for a crossover has no margin.
     """
-    from mdms_host.loop_margin import largest_gain, phase_margin
+    from mdms_host.loop_margin import largest_gain, observer_for, phase_margin
 
     largest, margin_deg = None, math.inf
     motor = motor_of(cell)
     if motor.mass_kg > 0.0:
-        largest = largest_gain(motor)
-        margin_deg = math.degrees(phase_margin(motor, cell.gain_vs_per_m))
+        observer = observer_for(motor)
+        largest = largest_gain(motor, observer)
+        margin_deg = math.degrees(phase_margin(motor, cell.gain_vs_per_m, observer))
     return {
         "gain_vs_per_m": cell.gain_vs_per_m,
         "gain_max_vs_per_m": largest,
@@ -36,12 +37,12 @@ def refuse_large_gain(scenario: "Scenario") -> None:
 
     The paper's fidelities have a continuous law, which any gain leaves stable.
     """
-    from mdms_host.loop_margin import GainError, check_gain
+    from mdms_host.loop_margin import GainError, check_gain, observer_for
 
     motor = motor_of(scenario.cell)
     if scenario.run.fidelity == "firmware" and motor.mass_kg > 0.0:
         try:
-            check_gain(motor, scenario.cell.gain_vs_per_m)
+            check_gain(motor, scenario.cell.gain_vs_per_m, observer_for(motor))
         except GainError as error:
             raise CommandError(f"cell.gain_vs_per_m: {error}", Exit.USAGE) from None
 

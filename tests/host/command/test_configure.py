@@ -59,7 +59,7 @@ def values(configure, capsys, name):
 def test_show_tells_value_default_limits_and_who_differs(configure, capsys):
     assert configure("set", "axis1.gain=12", "--node", "2") == Exit.OK
     assert capsys.readouterr().out == (
-        "axis1.gain: 10 -> 12 V s/m  (node 2)\n1 settings written and verified\n"
+        "axis1.gain: 13 -> 12 V s/m  (node 2)\n1 settings written and verified\n"
     )
     document = shown(configure, capsys)
     assert document["cells"][0] == {"node": 1, "serial": "00000001"}
@@ -69,10 +69,10 @@ def test_show_tells_value_default_limits_and_who_differs(configure, capsys):
         "object": "0x2000:0",
         "title": "Axis 1 gain",
         "unit": "V s/m",
-        "default": 10.0,
+        "default": 13.0,
         "low": 0.0,
         "high": 100.0,
-        "values": {"1": 10.0, "2": 12.0, "3": 10.0},
+        "values": {"1": 13.0, "2": 12.0, "3": 13.0},
         "changed": [2],
         "cells_differ": True,
     }
@@ -85,7 +85,7 @@ def test_show_for_people_groups_the_nodes_and_marks_what_differs(configure, caps
     assert configure("show", "axis2.gain", "setpoint_timeout") == Exit.OK
     told = capsys.readouterr()
     assert "12 (1-2)" in told.out
-    assert "10 (3)" in told.out
+    assert "13 (3)" in told.out
     assert "*!" in told.out
     assert "cells differ" in told.err
 
@@ -130,9 +130,14 @@ def test_gain_beyond_the_margin_is_refused_with_the_largest(configure, capsys):
 
 
 def test_lag_that_is_too_long_for_the_gain_is_refused(configure, capsys):
-    assert configure("set", "observer_lag=0.02", "--node", "1") == Exit.USAGE
-    assert "a gain of 10 V s/m leaves this motor a phase margin of" in capsys.readouterr().err
-    assert configure("set", "observer_lag=0.02", "gain=1", "--node", "1") == Exit.OK
+    by_encoder = ("set", "acceleration_per_volt=0", "observer_lag=0.02")
+    assert configure(*by_encoder, "--node", "1") == Exit.USAGE
+    assert "a gain of 13 V s/m leaves this motor a phase margin of" in capsys.readouterr().err
+    assert configure(*by_encoder, "gain=1", "--node", "1") == Exit.OK
+
+
+def test_voltage_that_the_observer_is_told_makes_up_for_a_long_lag(configure):
+    assert configure("set", "observer_lag=0.02", "--node", "1") == Exit.OK
 
 
 def test_motors_of_another_scenario_take_another_gain(configure, capsys, tmp_path):
@@ -183,17 +188,17 @@ def test_array_is_backed_up_and_restored_by_serial_number(configure, capsys, tmp
     configure("set", "axis1.gain=12", "--node", "2")
     assert configure("dump", file) == Exit.OK
     cells = tomllib.loads(file.read_text())["cell"]
-    assert [cell["settings"]["axis1"]["gain"] for cell in cells] == [10, 12, 10]
+    assert [cell["settings"]["axis1"]["gain"] for cell in cells] == [13, 12, 13]
     configure("set", "axis1.gain=9")
     capsys.readouterr()
     assert configure("load", file, "--dry-run") == Exit.OK
     assert capsys.readouterr().out == (
-        "axis1.gain: 9 -> 10 V s/m  (node 1, 3)\naxis1.gain: 9 -> 12 V s/m  (node 2)\n"
+        "axis1.gain: 9 -> 13 V s/m  (node 1, 3)\naxis1.gain: 9 -> 12 V s/m  (node 2)\n"
         "3 settings differ\n"
     )
     assert configure("load", file, "--yes", "--save") == Exit.OK
     assert "3 settings written and verified; stored on node 1-3" in capsys.readouterr().out
-    assert values(configure, capsys, "axis1.gain") == {"1": 10.0, "2": 12.0, "3": 10.0}
+    assert values(configure, capsys, "axis1.gain") == {"1": 13.0, "2": 12.0, "3": 13.0}
     assert configure("load", file, "--dry-run") == Exit.OK
     assert capsys.readouterr().out == "0 settings differ\n"
 
@@ -203,7 +208,7 @@ def test_settings_follow_the_serial_number_and_not_the_node_id(configure, capsys
     file.write_text('[[cell]]\nserial = "00000003"\nnode = 1\nsettings.axis1.gain = 7\n')
     assert configure("load", file, "--yes") == Exit.OK
     assert "00000003 was node 1, and is node 3 now" in capsys.readouterr().err
-    assert values(configure, capsys, "axis1.gain") == {"1": 10.0, "2": 10.0, "3": 7.0}
+    assert values(configure, capsys, "axis1.gain") == {"1": 13.0, "2": 13.0, "3": 7.0}
 
 
 def test_load_refuses_a_gain_beyond_the_margin_and_cells_that_are_not_there(
@@ -231,7 +236,7 @@ def test_nothing_is_written_without_consent(configure, capsys, tmp_path, monkeyp
     assert configure("load", file) == Exit.FAILURE
     assert "Write 1 settings? [y/N]" in capsys.readouterr().err
     assert configure("restore-defaults") == Exit.FAILURE
-    assert set(values(configure, capsys, "axis1.gain").values()) == {10.0}
+    assert set(values(configure, capsys, "axis1.gain").values()) == {13.0}
 
 
 def test_defaults_are_restored_shown_and_verified(configure, capsys):
@@ -239,8 +244,8 @@ def test_defaults_are_restored_shown_and_verified(configure, capsys):
     capsys.readouterr()
     assert configure("restore-defaults", "--yes", "--node", "2") == Exit.OK
     assert capsys.readouterr().out == (
-        "axis1.gain: 12 -> 10 V s/m  (node 2)\n"
         "producer_heartbeat_time: 0.2 -> 0.1 s  (node 2)\n"
+        "axis1.gain: 12 -> 13 V s/m  (node 2)\n"
         "defaults restored and verified on node 2\n"
     )
 

@@ -32,9 +32,25 @@ def test_belief_of_the_host_is_where_the_wheels_are(plane):
     np.testing.assert_array_equal(layout.wheel_cells, wheels.cell + 1)
 
 
-def test_prototype_is_at_the_defaults_of_the_firmware(plane):
+def test_prototype_is_at_the_defaults_of_the_firmware_but_for_the_gain(plane):
     told = {each.index: each.value for each in settings_of(plane.cell)}
-    assert told == {index: ENTRIES[index, 0].default for index in told}
+    defaults = {index: ENTRIES[index, 0].default for index in told}
+    assert told == {**defaults, 0x2000: 10_000, 0x2800: 10_000}
+
+
+@pytest.mark.parametrize(
+    ("rotor_inertia_kg_m2", "told"), [(2e-6, 20_053), (4e-6, 13_607), (1e-9, 38_083)]
+)
+def test_cells_are_told_what_suits_the_inertia_of_their_wheels(plane, rotor_inertia_kg_m2, told):
+    cell = replace(plane.cell, rotor_inertia_kg_m2=rotor_inertia_kg_m2)
+    assert settings_of(cell)[3] == Setting(0x200A, 0, told)
+
+
+def test_cells_are_told_nothing_of_wheels_without_inertia_and_no_more_than_they_take(plane):
+    massless = replace(plane.cell, rotor_inertia_kg_m2=0.0, wheel_inertia_kg_m2=0.0)
+    light = replace(plane.cell, rotor_inertia_kg_m2=1e-9, wheel_inertia_kg_m2=0.0)
+    assert settings_of(massless)[3] == Setting(0x200A, 0, 0)
+    assert settings_of(light)[3] == Setting(0x200A, 0, 65_535)
 
 
 def test_what_the_host_relies_on_is_written_to_both_axes(plane):
@@ -43,9 +59,11 @@ def test_what_the_host_relies_on_is_written_to_both_axes(plane):
         Setting(0x2000, 0, 7500),
         Setting(0x2001, 0, ENTRIES[0x2001, 0].default),
         Setting(0x2002, 0, 12000),
+        Setting(0x200A, 0, 20053),
         Setting(0x2800, 0, 7500),
         Setting(0x2801, 0, ENTRIES[0x2001, 0].default),
         Setting(0x2802, 0, 12000),
+        Setting(0x280A, 0, 20053),
     )
 
 
