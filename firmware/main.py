@@ -16,6 +16,8 @@ from mdms_cell.runner import INTERNAL_ERROR, Runner
 NODE_UNSET = 0xFF
 FAREWELL_MS = 20
 LOG_MAX = 8192
+#: `mdms_image` puts the version of the image in its place.
+VERSION = "unmerged"
 
 
 def board_module():
@@ -60,10 +62,11 @@ def say_farewell(board, cell):
 
 
 def log(error, folder):
-    """Append the traceback to `crash.log`, which begins anew when it has grown too long."""
+    """Append version and traceback to `crash.log`, which begins anew when it has grown too long."""
     path = folder + "/crash.log"
     try:
         with open(path, "a" if size(path) < LOG_MAX else "w") as file:
+            print("mdms", VERSION, file=file)
             sys.print_exception(error, file)
     except OSError as failure:
         sys.print_exception(failure)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mdms_image.compiler import ImageError, compile_source
 from mdms_image.linker import START
-from mdms_image.merge import merge
+from mdms_image.merge import Merged, merge
 from mdms_image.sources import source_of
 
 #: The boards that there are images for, and the architecture of their machine code.
@@ -44,13 +44,7 @@ def build_image(folder: Path, board: str = "pybv11") -> Image:
 
 def write_image(folder: Path, board: str, architecture: str | None) -> Image:
     """As `build_image`, for another processor; without an architecture all is bytecode."""
-    roots = {
-        START: "start",
-        f"boards.{board}.board": "board",
-        **{f"mdms_cell.{name.lower()}.{name}": name for name in _LENT},
-    }
-    others = tuple(f"boards.{each}" for each in BOARDS if each != board)
-    sources = merge("main", roots, emits=architecture is not None, skip=others).sources
+    sources = merged(board, emits=architecture is not None).sources
     for stand_in, name in _STAND_INS.get(board, {}).items():
         sources[stand_in] = source_of(name).read_text(encoding="utf-8")
     compiled = {
@@ -62,6 +56,17 @@ def write_image(folder: Path, board: str, architecture: str | None) -> Image:
     for name, content in {"main.py": _MAIN.encode(), **compiled}.items():
         (folder / name).write_bytes(content)
     return image_of(folder)
+
+
+def merged(board: str, *, emits: bool) -> Merged:
+    """The merged sources of a board's image."""
+    roots = {
+        START: "start",
+        f"boards.{board}.board": "board",
+        **{f"mdms_cell.{name.lower()}.{name}": name for name in _LENT},
+    }
+    others = tuple(f"boards.{each}" for each in BOARDS if each != board)
+    return merge("main", roots, emits=emits, skip=others)
 
 
 def image_of(folder: Path) -> Image:

@@ -9,20 +9,30 @@ from mdms_image.constants import inline
 from mdms_image.fold import fold
 from mdms_image.linker import Program, link
 from mdms_image.names import shorten
+from mdms_image.origin import mark
 from mdms_image.privacy import qualify
 from mdms_image.reach import drop_unused
 from mdms_image.sources import imported
 from mdms_image.trim import trim
 from mdms_image.units import LOAD, MAIN, LazyImports, assign
 
+#: What `main.py` calls its version while it is not part of an image.
+_UNMERGED = repr("unmerged")
+
 
 @dataclass(frozen=True)
 class Merged:
-    """The sources by file name, the names of definitions in them, and inlined constants."""
+    """The sources by file name, the names of definitions in them, and inlined constants.
+
+    `bodies` is the code of the sources, marked with where it comes from; `version` tells apart what
+    is merged.
+    """
 
     sources: dict[str, str]
     names: dict[str, str]
     constants: dict[str, Any]
+    bodies: dict[str, list[ast.stmt]]
+    version: str
 
 
 def merge(
@@ -40,6 +50,7 @@ def merge(
     an import that fails.
     """
     program = link(imported(entry, skip))
+    mark(program)
     trim(program.definitions, emits=emits)
     constants = inline(program)
     drop_unused(program, tuple(roots))
@@ -53,7 +64,8 @@ def merge(
         bodies[unit_of[name]].append(lazy.visit(node))
     main = {names[name] for name, unit in unit_of.items() if unit == MAIN}
     sources = {unit: _source(program, unit, body, main) for unit, body in bodies.items()}
-    return Merged(_bound_together(sources), names, constants)
+    version = "v" + hashlib.sha256("".join(sources.values()).encode()).hexdigest()[:8]
+    return Merged(_bound_together(sources, version), names, constants, bodies, version)
 
 
 def _source(program: Program, unit: str, body: list[ast.stmt], main: set[str]) -> str:
@@ -65,12 +77,15 @@ def _source(program: Program, unit: str, body: list[ast.stmt], main: set[str]) -
     return "\n".join([*lines, *(ast.unparse(ast.fix_missing_locations(node)) for node in body), ""])
 
 
-def _bound_together(sources: dict[str, str]) -> dict[str, str]:
-    """Let files refuse to be loaded by those of another image, whose short names mean others."""
-    if len(sources) == 1:
-        return sources
-    mark = "v" + hashlib.sha256("".join(sources.values()).encode()).hexdigest()[:8]
+def _bound_together(sources: dict[str, str], version: str) -> dict[str, str]:
+    """Tell the code its version, and let files refuse to be loaded by those of another image.
+
+    There short names mean something else.
+    """
+    told = {unit: text.replace(_UNMERGED, repr(version)) for unit, text in sources.items()}
+    if len(told) == 1:
+        return told
     return {
-        unit: f"{source}{mark} = 0\n" if unit == MAIN else f"from {MAIN} import {mark}\n{source}"
-        for unit, source in sources.items()
+        unit: f"{text}{version} = 0\n" if unit == MAIN else f"from {MAIN} import {version}\n{text}"
+        for unit, text in told.items()
     }

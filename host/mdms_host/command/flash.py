@@ -48,6 +48,11 @@ def add_to(verbs: Verbs) -> None:
     which.add_argument("--all", action="store_true", help="all boards that are found")
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--list", action="store_true", help="only show what is there, and restart it")
+    what.add_argument(
+        "--crash-log",
+        action="store_true",
+        help="only show what crash.log tells, in the words of the sources, and restart it",
+    )
     what.add_argument("--dry-run", action="store_true", help="only tell what would be written")
     parser.add_argument("--force", action="store_true", help="write every file, changed or not")
     parser.add_argument("--board", choices=BOARDS, help="what a board is that does not say it")
@@ -88,12 +93,16 @@ def _chosen(arguments: Namespace) -> "list[BoardPort]":
     found = board_ports(ports)
     if not found:
         raise CommandError(NOBODY, Exit.NO_DEVICE)
-    if len(found) > 1 and not (arguments.all or arguments.list):
+    if len(found) > 1 and not (arguments.all or _looks_only(arguments)):
         names = ", ".join(port.device for port in found)
         raise CommandError(
             f"{len(found)} boards: {names}; name them with --port, or --all", Exit.USAGE
         )
     return found
+
+
+def _looks_only(arguments: Namespace) -> bool:
+    return bool(arguments.list or arguments.crash_log)
 
 
 def _flash(arguments: Namespace, ports: "Sequence[BoardPort]") -> "list[Outcome]":
@@ -114,7 +123,7 @@ def _flash(arguments: Namespace, ports: "Sequence[BoardPort]") -> "list[Outcome]
             shares[device] = part
             share(sum(shares.values()) / len(shares))
 
-        if arguments.board and not arguments.list:
+        if arguments.board and not _looks_only(arguments):
             # What cannot be built is told before any board is touched.
             firmware_of(arguments.board)
         work = [
@@ -149,10 +158,12 @@ class _Firmwares:
 
 
 def _tell(outcome: "Outcome", arguments: Namespace) -> None:
+    from mdms_host.command.flash_crash import tell_crashes
+
     if outcome.problem:
         say(f"mdms: {outcome.port.device}: {outcome.problem}")
     elif not (arguments.json or arguments.list):
-        print(outcome.line(), flush=True)
+        print(outcome.line() if outcome.crashes is None else tell_crashes(outcome), flush=True)
 
 
 def _show(outcomes: "Sequence[Outcome]") -> None:

@@ -10,6 +10,7 @@ from mdms_host.board_port import BoardPort
 from mdms_host.board_survey import BoardInfo, VersionError, check_suits, identify, survey
 from mdms_host.clock import MonotonicClock
 from mdms_host.command.exits import Exit
+from mdms_host.command.flash_crash import ToldCrash, read_crashes
 from mdms_host.flashing import Plan, carry_out, plan_flash
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ class Outcome:
     before: str | None = None
     after: str | None = None
     plan: Plan | None = None
+    crashes: tuple[ToldCrash, ...] | None = None
     duration_s: float = 0.0
     dry: bool = False
     problem: str | None = None
@@ -60,6 +62,7 @@ class Outcome:
             "removed": list(plan.stale) if plan else [],
             "dry_run": self.dry,
             "problem": self.problem,
+            **({} if self.crashes is None else {"crashes": [each.row() for each in self.crashes]}),
         }
 
 
@@ -95,6 +98,8 @@ def flash_board(job: Job) -> Outcome:
 def _flash(job: Job, link: BoardLink, info: BoardInfo, outcome: Outcome) -> Outcome:
     if job.arguments.list:
         return replace(outcome, before=survey(link).version)
+    if job.arguments.crash_log:
+        return replace(outcome, crashes=read_crashes(link, info, job.arguments.board))
     firmware = job.firmware_of(_kind(info, job.arguments.board))
     check_suits(info, firmware)
     found = survey(link, firmware.files)
