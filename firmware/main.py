@@ -9,8 +9,7 @@ import os
 import sys
 import time
 
-from mdms_cell.cell import Cell
-from mdms_cell.runner import INTERNAL_ERROR, Runner
+from mdms_cell.runner import INTERNAL_ERROR
 
 #: Of a cell whose node id was never set; LSS gives it one.
 NODE_UNSET = 0xFF
@@ -20,22 +19,11 @@ LOG_MAX = 8192
 VERSION = "unmerged"
 
 
-def board_module():
-    """The module of the board that this runs on."""
-    machine = sys.implementation._machine
-    if "PYBv1.1" in machine:
-        from boards import pybv11 as module
-    elif "G474" in machine:
-        from boards import nucleo_g474re as module
-    else:
-        raise RuntimeError("there is no board module for " + machine)
-    return module
-
-
 def run(board, folder="/flash", node_id=NODE_UNSET, watchdog=True):
     """Run the cell until something goes wrong, and raise that with the motors cut."""
-    cell = Cell(board, node_id)
-    runner = Runner(board, cell)
+    from boards.start import cell_on
+
+    cell, runner = cell_on(board, node_id)
     try:
         board.start(runner.tick, watchdog)
         while True:
@@ -81,6 +69,8 @@ def size(path):
 
 
 if __name__ == "__main__":
-    module = board_module()
-    if not module.held():
-        run(module.board())
+    from boards.start import this_board
+
+    board = this_board()
+    if board is not None:
+        run(board)

@@ -14,8 +14,8 @@ from mdms_image.sources import source_of
 BOARDS = {"pybv11": "armv7emsp", "nucleo_g474re": "armv7emsp"}
 #: What is compiled in place of modules that a board's build leaves out.
 _STAND_INS = {"nucleo_g474re": {"binascii": "boards.binascii_crc32"}}
-#: Classes that are to be had by name, which is how the image is tried out without a board.
-_LENT = ("Cell", "Inbox", "Runner")
+#: Classes whose public attributes keep their names, which is how the image is tried out.
+_LENT = ("mdms_cell.cell.Cell", "mdms_cell.inbox.Inbox", "mdms_cell.runner.Runner")
 _MAIN = "from mdms import start\n\nstart()\n"
 
 
@@ -60,13 +60,8 @@ def write_image(folder: Path, board: str, architecture: str | None) -> Image:
 
 def merged(board: str, *, emits: bool) -> Merged:
     """The merged sources of a board's image."""
-    roots = {
-        START: "start",
-        f"boards.{board}.board": "board",
-        **{f"mdms_cell.{name.lower()}.{name}": name for name in _LENT},
-    }
     others = tuple(f"boards.{each}" for each in BOARDS if each != board)
-    return merge("main", roots, emits=emits, skip=others)
+    return merge("main", {START: "start"}, emits=emits, lent=_LENT, skip=others)
 
 
 def image_of(folder: Path) -> Image:

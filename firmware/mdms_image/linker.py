@@ -24,12 +24,14 @@ class Program:
     """Definitions by their full names, in the order in which they are made.
 
     `imports` has the lines that import what is not ours, by the name that they bind; `namespaces`
-    the classes that stand for modules, which come last.
+    the classes that stand for modules, which come last; `attributes` those of classes whose methods
+    have partly been taken out.
     """
 
     definitions: dict[str, ast.stmt] = field(default_factory=dict)
     imports: dict[str, ast.stmt] = field(default_factory=dict)
     namespaces: dict[str, ast.stmt] = field(default_factory=dict)
+    attributes: dict[str, list[str]] = field(default_factory=dict)
 
 
 class _Module:

@@ -20,7 +20,7 @@ from typing import Any
 from mdms_image.compiler import ImageError
 from mdms_image.linker import Program
 from mdms_image.privacy import families
-from mdms_image.reach import public_of
+from mdms_image.reach import is_public
 from mdms_image.scopes import Scoped, bound_names
 from mdms_image.sources import source_of
 
@@ -96,9 +96,9 @@ class _Renamer(Scoped):
         return self.generic_visit(node)
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
-        if "." in node.attr and node.attr not in self._attributes:
+        if "." in node.attr and node.attr not in self._attributes and node.attr not in self._names:
             raise ImageError(f"{node.attr} is used but not in the image")
-        node.attr = self._attributes.get(node.attr, node.attr)
+        node.attr = self._attributes.get(node.attr, self._names.get(node.attr, node.attr))
         return self.generic_visit(node)
 
     def visit_alias(self, node: ast.alias) -> ast.AST:
@@ -134,35 +134,60 @@ class _Renamer(Scoped):
         return made
 
 
-def shorten(program: Program, roots: dict[str, str], *, public: bool) -> dict[str, str]:
+def shorten(
+    program: Program,
+    roots: dict[str, str],
+    lent: tuple[str, ...],
+    unit_of: dict[str, str],
+    *,
+    public: bool,
+) -> dict[str, str]:
     """Rename in place; returns what the definitions are called now.
 
-    `roots` tells what definitions that others use are to be called. With `public`, attributes are
-    renamed that are not private.
+    `roots` tells what definitions that others use are to be called, `lent` are classes besides that
+    they know. With `public`, attributes are renamed that are not private.
     """
     kept = _Keywords()
     for node in program.definitions.values():
         kept.visit(node)
     outside = set(program.imports) | kept.keywords | set(roots.values())
     pool = [name for name, _ in zip(_short(), range(2000), strict=False) if name not in outside]
-    names = dict(roots)
-    free = iter(pool[max(_locals(node) for node in program.definitions.values()) :])
-    for name in program.definitions:
-        if name not in names:
-            names[name] = next(free)
-    renamer = _Renamer(names, _attributes(program, kept, roots, pool, public), kept.keywords, pool)
+    below = max(_locals(node) for node in program.definitions.values())
+    names = _of_definitions(program, roots, unit_of, pool[below:])
+    known = (*roots, *lent)
+    renamer = _Renamer(names, _attributes(program, kept, known, pool, public), kept.keywords, pool)
     for node in program.definitions.values():
         renamer.visit(node)
     return names
 
 
+def _of_definitions(
+    program: Program, roots: dict[str, str], unit_of: dict[str, str], pool: list[str]
+) -> dict[str, str]:
+    """The short names of definitions: files share them, but for what one takes from the other."""
+    names = dict(roots)
+    for unit in sorted(set(unit_of.values())):
+        own = [name for name in program.definitions if unit_of[name] == unit]
+        named = {
+            part.id
+            for name in own
+            for part in ast.walk(program.definitions[name])
+            if isinstance(part, ast.Name)
+        }
+        taken = {names[name] for name in named if name in names}
+        free = (name for name in pool if name not in taken)
+        names.update((name, next(free)) for name in own if name not in names)
+    return names
+
+
 def _attributes(
-    program: Program, kept: _Keywords, roots: dict[str, str], pool: list[str], public: bool
+    program: Program, kept: _Keywords, known: tuple[str, ...], pool: list[str], public: bool
 ) -> dict[str, str]:
     """The short names of attributes: classes that are no relatives use the same ones."""
     fixed = kept.strings | _hardware()
-    for name in roots:
-        fixed.update(public_of(program.definitions[name]))
+    for name in known:
+        own = program.attributes.get(name, [])
+        fixed.update(each for each in own if is_public(each))
     groups = families(program)
     shared = [
         name

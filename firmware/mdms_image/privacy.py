@@ -8,7 +8,6 @@ import ast
 from collections.abc import Iterator
 
 from mdms_image.linker import Program
-from mdms_image.reach import attributes_of
 from mdms_image.scopes import COMPREHENSIONS, FUNCTIONS, bound_names
 
 
@@ -87,8 +86,7 @@ def _is_static(node: ast.FunctionDef) -> bool:
 def families(program: Program) -> dict[str, list[str]]:
     """The attributes that carry a class's name, by that class; those of no class under ''."""
     found: dict[str, dict[str, None]] = {"": {}}
-    for node in program.definitions.values():
-        if isinstance(node, ast.ClassDef):
-            for name in attributes_of(node):
-                found.setdefault(name.rpartition(".")[0], {})[name] = None
+    for attributes in program.attributes.values():
+        for name in attributes:
+            found.setdefault(name.rpartition(".")[0], {})[name] = None
     return {family: list(names) for family, names in found.items()}

@@ -41,7 +41,12 @@ def public_of(node: ast.stmt) -> list[str]:
     """The public methods of a class, and the attributes that its methods set."""
     if not isinstance(node, ast.ClassDef):
         return []
-    return [each for each in attributes_of(node) if not each.rpartition(".")[2].startswith("_")]
+    return [each for each in attributes_of(node) if is_public(each)]
+
+
+def is_public(attribute: str) -> bool:
+    """Whether others may mean an attribute."""
+    return not attribute.rpartition(".")[2].startswith("_")
 
 
 def attributes_of(node: ast.ClassDef) -> Iterator[str]:

@@ -22,16 +22,12 @@ def assign(program: Program, roots: tuple[str, ...]) -> dict[str, str]:
     What only one module needs that functions import goes into a file of its own; what several need
     goes into the main file, as does what is needed at once.
     """
-    reached = {MAIN: _reached(program, list(roots))}
-    for node in program.definitions.values():
-        for part in ast.walk(node):
-            if isinstance(part, ast.ImportFrom) and part.names[0].name in program.definitions:
-                unit = f"{MAIN}_{str(part.module).rpartition('.')[2]}"
-                names = [alias.name for alias in part.names]
-                reached[unit] = reached.get(unit, set()) | _reached(program, names)
+    found = {MAIN: reached(program, list(roots))}
+    for module, names in imported_later(program).items():
+        found[f"{MAIN}_{module.rpartition('.')[2]}"] = reached(program, names)
     unit_of = {}
     for name in program.definitions:
-        units = [unit for unit, names in reached.items() if name in names]
+        units = [unit for unit, names in found.items() if name in names]
         unit_of[name] = units[0] if len(units) == 1 else MAIN
     if set(unit_of.values()) - {MAIN}:
         _add_loader(program)
@@ -39,7 +35,18 @@ def assign(program: Program, roots: tuple[str, ...]) -> dict[str, str]:
     return unit_of
 
 
-def _reached(program: Program, names: list[str]) -> set[str]:
+def imported_later(program: Program) -> dict[str, list[str]]:
+    """The definitions that functions import, by their modules."""
+    found: dict[str, list[str]] = {}
+    for node in program.definitions.values():
+        for part in ast.walk(node):
+            if isinstance(part, ast.ImportFrom) and part.names[0].name in program.definitions:
+                names = found.setdefault(str(part.module), [])
+                names += [alias.name for alias in part.names]
+    return found
+
+
+def reached(program: Program, names: list[str]) -> set[str]:
     """What definitions need at once, themselves included."""
     found: set[str] = set()
     while names:
@@ -60,19 +67,19 @@ def _add_loader(program: Program) -> None:
 
 
 class LazyImports(ast.NodeTransformer):
-    """Turns imports inside functions, when names are short, into what loads another file."""
+    """Turns imports inside functions into what loads another file."""
 
-    def __init__(self, unit_of: dict[str, str], load: str) -> None:
+    def __init__(self, unit_of: dict[str, str]) -> None:
         self._unit_of = unit_of
-        self._load = load
 
     def visit_ImportFrom(self, node: ast.ImportFrom) -> Any:
-        """`from file import a as x, b as y` becomes `x = load(file); y = x.b; x = x.a`."""
+        """`from module import name as bound` becomes `bound = load(file).name`."""
         (alias,) = node.names
         if alias.name not in self._unit_of:
             return node
-        bound = alias.asname or alias.name
+        value: ast.expr = ast.Name(alias.name, ast.Load())
         unit = self._unit_of[alias.name]
-        if unit == MAIN:
-            return ast.parse(f"{bound} = {alias.name}").body
-        return ast.parse(f"{bound} = {self._load}({unit!r}).{alias.name}").body
+        if unit != MAIN:
+            loaded = ast.Call(ast.Name(LOAD, ast.Load()), [ast.Constant(unit)], [])
+            value = ast.Attribute(loaded, alias.name, ast.Load())
+        return ast.Assign([ast.Name(alias.asname or alias.name, ast.Store())], value)

@@ -35,6 +35,25 @@ class Board:
         return True
 
 
+class Driven:
+    """A cell on faked peripherals, spoken to over its bus; a poll is a tick and a turn."""
+
+    def __init__(self, world, runner):
+        self._world = world
+        self._runner = runner
+
+    def on_frame(self, can_id, data):
+        self._world.buses[0].deliver(can_id, data)
+        self._runner.turn(self._world.now_ms)
+
+    def poll(self, now_ms):
+        world = self._world
+        world.now_ms = now_ms - 1
+        world.advance()
+        self._runner.turn(now_ms)
+        world.sent.clear()
+
+
 class Traffic:
     """What a cell hears; `live` is called until it returns False."""
 

@@ -15,8 +15,9 @@ from array import array
 from pathlib import Path
 from typing import Any
 
+from tests.benchmarks._flashed_heap import HEAP, flashed_heap
 from tests.firmware.conftest import EMITS, ROOT, stage, unix, wasm32
-from tests.firmware.images import SKIP, flashed, write
+from tests.firmware.images import SKIP, write
 
 from mdms_cell import speed_loop
 from mdms_image import build_image
@@ -27,7 +28,8 @@ MEASURE = HERE / "_firmware_measure.py"
 EMITTERS = ("viper", "native", "bytecode")
 CYCLES = 2.1
 STM32F405_HZ = 168_000_000
-HEAP = HERE / "_firmware_heap.py"
+#: SYNC periods of 10 ms in an hour.
+HOUR_CYCLES = 360_000
 #: Of `mdms_cell`: a cell with its loop and queues.
 _CELL = ("cell.Cell", "inbox.Inbox", "outbox.Outbox", "runner.Runner")
 #: Notes the heap in use step by step: imported, booted, its largest in an hour, and at its end.
@@ -80,24 +82,6 @@ while traffic.live_fully(100):
 gc.collect()
 print(booted, gc.mem_alloc(), most)
 """
-_DRIVER = """
-import machine, pyb, world, os, time
-before = note()
-load()
-from mdms import Cell, Runner, board as make
-imported = note()
-board = make(".")
-cell = Cell(board, 5)
-runner = Runner(board, cell)
-board.start(runner.tick)
-for ms in range(300):
-    world.advance()
-    runner.turn(world.now_ms)
-world.sent.clear()
-world.told.clear()
-print(imported - before, note() - before)
-"""
-
 Row = dict[str, Any]
 
 
@@ -162,10 +146,7 @@ def _heap(folder: Path) -> list[Row]:
     image = _image_of_cell(folder / "cell", None)
     (bare,) = _noted(image, "import gc; print(gc.mem_alloc())")
     code, booted, most, last, growth = _noted(image, _NOTE + _BOOT)
-    flashed(folder / "flashed", None)
-    all_code, driven = _noted(folder / "flashed", _NOTE + _DRIVER)
     where = "32 bits, cell with loop and queues"
-    flash = "heap after boot, 32 bits, all that is flashed, on faked peripherals"
     return [
         _row(f"heap after boot, {where}", bare + booted, "KB", bound=40),
         _row(f"heap after an hour of traffic, {where}", bare + last, "KB", bound=40),
@@ -174,8 +155,18 @@ def _heap(folder: Path) -> list[Row]:
         _row("of it, the interpreter before any of ours", bare, "KB"),
         _row("garbage of 4 s of traffic", growth, "KB"),
         *_full_hour(folder / "hour"),
-        _row(flash, bare + driven, "KB"),
-        _row("of it, code", all_code, "KB"),
+        *_flashed(folder / "flashed"),
+    ]
+
+
+def _flashed(folder: Path) -> list[Row]:
+    """All that is flashed, on faked peripherals: of each SYNC period of the hour two ticks."""
+    heap = flashed_heap(folder, HOUR_CYCLES)
+    where = "32 bits, all that is flashed"
+    return [
+        _row(f"heap after boot, {where}", heap.booted / 1024, "KB", bound=40),
+        _row(f"heap after an hour of traffic, {where}", heap.lived / 1024, "KB", bound=40),
+        _row("of it, code", heap.code / 1024, "KB"),
     ]
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mdms_image.compiler import compile_source
 from mdms_image.constants import inline
-from mdms_image.image import write_image
+from mdms_image.image import merged, write_image
 from mdms_image.linker import link
 from mdms_image.merge import merge
 from mdms_image.sources import imported, source_of
@@ -22,7 +22,10 @@ _ABORT = "mdms_protocol.sdo.AbortError"
 
 
 def flashed(folder: Path, architecture: str | None) -> None:
-    """The files of a board's flash, faked peripherals, and what tests import of the cell."""
+    """The files of a board's flash, faked peripherals, and what tests import of the cell.
+
+    The module `started` does what `main` does before its loop, with node id 5.
+    """
     shutil.copytree(source_of("mdms_protocol.cob").parent, folder / "mdms_protocol")
     write_image(folder / "flash", BOARD, architecture)
     for path in (folder / "flash").glob("*.mpy"):
@@ -31,10 +34,21 @@ def flashed(folder: Path, architecture: str | None) -> None:
         shutil.copy(path, folder)
     package = folder / "mdms_cell"
     package.mkdir()
+    names = merged(BOARD, emits=architecture is not None).names
     for name in ("Cell", "Inbox", "Runner"):
-        (package / f"{name.lower()}.py").write_text(f"from mdms import {name}\n")
+        full = f"mdms_cell.{name.lower()}.{name}"
+        (package / f"{name.lower()}.py").write_text(
+            f"import mdms, mdms_start\n\ndef {name}(*given):\n"
+            f"    return mdms_start.{names[full + '.__init__']}(mdms.{names[full]}(), *given)\n"
+        )
     source = source_of("mdms_cell.speed_loop").read_text()
     (package / "speed_loop.py").write_text(EMITTER_LINE.sub("", source))
+    load = f"mdms.{names['mdms_image.load']}('mdms_start')"
+    (folder / "started.py").write_text(
+        f"import mdms\n\nboard = {load}.{names[f'boards.{BOARD}.board']}('.')\n"
+        f"cell, runner = {load}.{names['boards.start.cell_on']}(board, 5)\n"
+        "board.start(runner.tick)\n"
+    )
 
 
 def tested(folder: Path, architecture: str | None, tests: Path) -> None:

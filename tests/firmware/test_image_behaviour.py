@@ -19,12 +19,8 @@ FUZZ = "from fuzz_cell import fuzz; print(*fuzz(%d, %d))"
 
 BEGIN = """
 import world
-from mdms import Cell, Runner, board
+from started import cell, runner
 
-board = board(".")
-cell = Cell(board, 5)
-runner = Runner(board, cell)
-board.start(runner.tick)
 for _ in range(300):
     world.advance()
     runner.turn(world.now_ms)
