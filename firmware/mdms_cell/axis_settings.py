@@ -23,7 +23,8 @@ def load(registers, base, setting):
     )
     limit_ma = setting(axis.MAX_CURRENT) * rated_ma // 1000
     tuning.set_over_current(registers, base, limit_ma, setting(axis.OVER_CURRENT_TIME))
-    tuning.set_stall(registers, base, setting(axis.STALL_VOLTAGE), setting(axis.STALL_TIME))
+    stall_voltage_mv, stall_time_ms = setting(axis.STALL_VOLTAGE), setting(axis.STALL_TIME)
+    tuning.set_stall(registers, base, resolution, stall_voltage_mv, stall_time_ms)
     tuning.set_following(registers, base, setting(axis.MAX_SLIPPAGE), setting(axis.SLIPPAGE_TIME))
     registers[base + speed_loop.WINDOW] = setting(axis.WINDOW)
     registers[base + speed_loop.WINDOW_TICKS] = setting(axis.WINDOW_TIME)

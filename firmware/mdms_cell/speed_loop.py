@@ -29,36 +29,36 @@ ACCELERATION = const(4)  # ramp of the reference away from 0 [um/s per tick]; 0:
 DECELERATION = const(5)  # ramp of the reference towards 0 [um/s per tick]; 0: it jumps
 QUICK_STOP = const(6)  # ramp in STOP [um/s per tick]; 0: it jumps
 GAIN = const(7)  # * G [V s/m / 16], 0..2**20
-VOLTAGE_LIMIT = const(8)  # * [uV], 0..VOLTAGE_MAX_UV
-ERROR_LIMIT = const(9)  # * speed error beyond which the voltage is at its limit [um/s]
-ALPHA = const(10)  # * share of the innovation that corrects the position [1/4096], 0..4096
-BETA = const(11)  # * and the velocity [1/4096], 0..4096
-SCALE = const(12)  # * um/s of one unit of RATE, times 2**(SHIFT + 6), 0..2**15 - 1
-SHIFT = const(13)  # * 1..14
-RATE_LIMIT = const(14)  # * of the tracked velocity, so that times SCALE it fits, 0..2**27
-FEED = const(15)  # * RATE gained a tick by 4096 uV of new voltage [1/16], 0..FEED_MAX
-CURRENT_LIMIT = const(16)  # [mA]; 0: not watched
-CURRENT_TICKS = const(17)  # ticks of over-current that are a fault
-STALL_VOLTAGE = const(18)  # a wheel is stalled at this voltage or more [uV]; 0: not watched ...
-STALL_SPEED = const(19)  # ... below this speed [um/s] ...
-STALL_TICKS = const(20)  # ... for so many ticks
-FOLLOWING_LIMIT = const(21)  # largest difference of reference and speed [um/s]; 0: not watched
-FOLLOWING_TICKS = const(22)  # ticks of a larger one that are a fault
-WINDOW = const(23)  # an axis is at its target when so near to it [um/s], 0..65535 ...
-WINDOW_TICKS = const(24)  # ... for so many ticks; and stands when it has been slow for so many
+ERROR_LIMIT = const(8)  # * speed error that takes the largest voltage [um/s]; times GAIN it fits
+ALPHA = const(9)  # * share of the innovation that corrects the position [1/4096], 0..4096
+BETA = const(10)  # * and the velocity [1/4096], 0..4096
+SCALE = const(11)  # * um/s of one unit of RATE, times 2**(SHIFT + 6), 0..2**15 - 1
+SHIFT = const(12)  # * 1..14
+RATE_LIMIT = const(13)  # * of the tracked velocity, so that times SCALE it fits, 0..2**27
+FEED = const(14)  # * RATE gained a tick by 4096 uV of new voltage [1/16], 0..FEED_MAX
+CURRENT_LIMIT = const(15)  # [mA]; 0: not watched
+CURRENT_TICKS = const(16)  # ticks of over-current that are a fault
+STALL_VOLTAGE = const(17)  # a wheel is stalled at this voltage or more [uV]; 0: not watched ...
+STALL_SPAN = const(18)  # * ... while it stays within so many counts, 0..0xFFFE ...
+STALL_TICKS = const(19)  # ... for so many ticks
+FOLLOWING_LIMIT = const(20)  # largest difference of reference and speed [um/s]; 0: not watched
+FOLLOWING_TICKS = const(21)  # ticks of a larger one that are a fault
+WINDOW = const(22)  # an axis is at its target when so near to it [um/s], 0..65535 ...
+WINDOW_TICKS = const(23)  # ... for so many ticks; and stands when it has been slow for so many
 # Read from the board:
-COUNT = const(25)  # encoder [counts]; only the low 16 bits are looked at
-CURRENT = const(26)  # [mA], as wired, within +-2**29
+COUNT = const(24)  # encoder [counts]; only the low 16 bits are looked at
+CURRENT = const(25)  # [mA], as wired, within +-2**29
 # State and results:
-POSITION = const(27)  # tracked position [2**-14 counts], modulo 2**30
-RATE = const(28)  # velocity expected in the next tick [2**-14 counts per tick], within 2**28
-ACTUAL = const(29)  # tracked velocity [um/s]
-DEMAND = const(30)  # the ramped reference r that the law sees [um/s]
-VOLTAGE = const(31)  # what the board is to apply [uV], as wired
-MEAN_VOLTAGE = const(32)  # of the last 16 ticks or so, along the wheel's own direction [uV]
-FAULTS = const(33)  # bits below; kept until cleared from outside, and the voltage is 0 while set
-CURRENT_COUNT = const(34)  # ticks of over-current so far
-STALL_COUNT = const(35)  # ticks of stall so far
+POSITION = const(26)  # tracked position [2**-14 counts], modulo 2**30
+RATE = const(27)  # velocity expected in the next tick [2**-14 counts per tick], within 2**28
+ACTUAL = const(28)  # tracked velocity [um/s]
+DEMAND = const(29)  # the ramped reference r that the law sees [um/s]
+VOLTAGE = const(30)  # what the board is to apply [uV], as wired
+MEAN_VOLTAGE = const(31)  # of the last 16 ticks or so, along the wheel's own direction [uV]
+FAULTS = const(32)  # bits below; kept until cleared from outside, and the voltage is 0 while set
+CURRENT_COUNT = const(33)  # ticks of over-current so far
+STALL_COUNT = const(34)  # ticks of stall so far
+STALL_FROM = const(35)  # the lowest count of the span in which a stalled wheel stays
 FOLLOWING_COUNT = const(36)  # ticks of following error so far
 NEAR_COUNT = const(37)  # ticks near the target so far, up to WINDOW_TICKS
 SLOW_COUNT = const(38)  # ticks of standstill so far, up to WINDOW_TICKS
@@ -180,7 +180,7 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         else:
             demand = target
 
-        # The paper's law: V = G (r - v), within the voltage limit.
+        # The paper's law: V = G (r - v), within the largest voltage, for the error is so.
         error = demand - actual
         distance = error
         limit = registers[base + ERROR_LIMIT]
@@ -189,11 +189,6 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         elif error < 0 - limit:
             error = 0 - limit
         voltage = error * registers[base + GAIN] >> 4
-        limit = registers[base + VOLTAGE_LIMIT]
-        if voltage > limit:
-            voltage = limit
-        elif voltage < 0 - limit:
-            voltage = 0 - limit
 
         # Watch over the axis. A count of ticks stands still at its limit.
         faults = registers[base + FAULTS]
@@ -223,9 +218,13 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
             speed = 0 - speed
         limit = registers[base + STALL_VOLTAGE]
         ticks = 0
-        if mode != OFF and limit != 0 and level >= limit and speed < registers[base + STALL_SPEED]:
+        if mode != OFF and limit != 0 and level >= limit:
             ticks = registers[base + STALL_COUNT] + 1
-            if ticks >= registers[base + STALL_TICKS]:
+            low = registers[base + STALL_SPAN]
+            if ticks == 1 or count - registers[base + STALL_FROM] & 0xFFFF > low:
+                registers[base + STALL_FROM] = count - (low >> 1)
+                ticks = 1
+            elif ticks >= registers[base + STALL_TICKS]:
                 ticks = registers[base + STALL_TICKS]
                 faults |= STALLED
         registers[base + STALL_COUNT] = ticks

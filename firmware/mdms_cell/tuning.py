@@ -17,7 +17,8 @@ ACCELERATION_PER_VOLT_MAX_MM_S2 = 65_535
 GAIN_MAX_MV_S_M = 65_536_000
 CURRENT_MAX_MA = 1_000_000
 TIME_MAX_MS = 65_535
-STALL_SPEED_UM_S = 2_000
+STALL_SPEED_MM_S = 2
+STALL_REACH_MAX = (1 << 15) - 1
 
 _RATE_MAX = 1 << 27
 
@@ -71,10 +72,8 @@ def set_law(registers, base, gain_mv_s_m, voltage_limit_mv):
     _check("gain [mV s/m]", gain_mv_s_m, 0, GAIN_MAX_MV_S_M)
     _check("voltage limit [mV]", voltage_limit_mv, 0, speed_loop.VOLTAGE_MAX_UV // 1000)
     gain = (gain_mv_s_m * 16 + 500) // 1000
-    limit_uv = voltage_limit_mv * 1000
     registers[base + speed_loop.GAIN] = gain
-    registers[base + speed_loop.VOLTAGE_LIMIT] = limit_uv
-    registers[base + speed_loop.ERROR_LIMIT] = (limit_uv * 16 + gain - 1) // gain if gain else 0
+    registers[base + speed_loop.ERROR_LIMIT] = voltage_limit_mv * 16_000 // gain if gain else 0
 
 
 def set_ramps(registers, base, acceleration, deceleration, quick_stop):
@@ -92,11 +91,12 @@ def set_over_current(registers, base, limit_ma, time_ms):
     registers[base + speed_loop.CURRENT_LIMIT] = limit_ma if time_ms else 0
 
 
-def set_stall(registers, base, voltage_mv, time_ms):
+def set_stall(registers, base, counts_per_metre, voltage_mv, time_ms):
     """Make standing still under `voltage_mv` or more for `time_ms` a fault; 0 does not watch."""
     _check("stall voltage [mV]", voltage_mv, 0, speed_loop.VOLTAGE_MAX_UV // 1000)
     _check("stall time [ms]", time_ms, 0, TIME_MAX_MS)
-    registers[base + speed_loop.STALL_SPEED] = STALL_SPEED_UM_S
+    reach = STALL_SPEED_MM_S * time_ms * counts_per_metre // 1_000_000 + 1
+    registers[base + speed_loop.STALL_SPAN] = 2 * min(reach, STALL_REACH_MAX)
     registers[base + speed_loop.STALL_TICKS] = time_ms
     registers[base + speed_loop.STALL_VOLTAGE] = voltage_mv * 1000 if time_ms else 0
 

@@ -42,7 +42,8 @@ def configure(registers, chance):
         ramps = [chance.within(0, 1_000_000_000) for _ in range(3)]
         tuning.set_ramps(registers, base, *ramps)
         tuning.set_over_current(registers, base, chance.within(0, 100_000), chance.below(20))
-        tuning.set_stall(registers, base, chance.within(0, 60_000), chance.below(20))
+        stall_mv, stall_ms = chance.within(0, 60_000), chance.below(20)
+        tuning.set_stall(registers, base, counts_per_metre, stall_mv, stall_ms)
         tuning.set_following(registers, base, chance.within(0, 20_000_000), chance.below(20))
         registers[base + s.INVERTED] = chance.below(2)
     registers[s.AGE_LIMIT] = chance.below(50)

@@ -111,7 +111,7 @@ def test_fault_of_the_loop_is_reported_from_its_axis_until_it_is_reset():
 def test_every_setting_reaches_the_loop_of_its_axis_alone():
     settings = (
         (0x2000, 5_000, s.GAIN, 80),
-        (0x2002, 12_000, s.VOLTAGE_LIMIT, 12_000_000),
+        (0x2002, 13_000, s.ERROR_LIMIT, 1_000_000),
         (0x2004, 500, s.STALL_VOLTAGE, 500_000),
         (0x2005, 30, s.STALL_TICKS, 30),
         (0x2006, 70, s.CURRENT_TICKS, 70),

@@ -153,7 +153,7 @@ def test_over_current_is_a_fault_when_it_lasts():
 
 def test_wheel_that_stands_under_voltage_is_stalled():
     made = run(registers())
-    tuning.set_stall(made, 0, 1_000, 30)
+    tuning.set_stall(made, 0, COUNTS_PER_METRE, 1_000, 30)
     turn(made, 29)
     assert made[s.FAULTS] == 0
     turn(made, 1)
@@ -161,9 +161,38 @@ def test_wheel_that_stands_under_voltage_is_stalled():
     assert made[s.VOLTAGE] == 0
 
 
+def test_stall_is_seen_by_the_encoder_whatever_the_observer_expects():
+    made = run(registers())
+    tuning.set_feed(made, 0, COUNTS_PER_METRE)
+    tuning.set_stall(made, 0, COUNTS_PER_METRE, 500, 30)
+    turn(made, 29)
+    assert made[s.ACTUAL] > 5_000
+    assert made[s.FAULTS] == 0
+    turn(made, 1)
+    assert made[s.FAULTS] == s.STALLED
+
+
+def stalls(counts_per_1000_ticks, start):
+    """Whether a wheel of this speed is stalled within a second, from this count on."""
+    made = run(registers())
+    tuning.set_stall(made, 0, COUNTS_PER_METRE, 300, 100)
+    for tick in range(1000):
+        made[s.COUNT] = start + tick * counts_per_1000_ticks // 1000 & 0xFFFF
+        made[s.AGE] = made[s.AXIS + s.AGE] = 0
+        s.step(made)
+    return made[s.FAULTS] == s.STALLED
+
+
+def test_wheel_is_stalled_below_2_mm_s_either_way_and_across_the_wrap_of_the_encoder():
+    for start in (0, 5, 65_530, 32_766):
+        for sign in (-1, 1):
+            assert stalls(sign * 65, start)
+            assert not stalls(sign * 100, start)
+
+
 def test_wheel_held_below_the_stall_voltage_is_not_stalled():
     made = run(registers())
-    tuning.set_stall(made, 0, 1_001, 30)
+    tuning.set_stall(made, 0, COUNTS_PER_METRE, 1_001, 30)
     turn(made, 100)
     assert made[s.FAULTS] == 0
 
@@ -197,7 +226,7 @@ def extreme(made, base, index):
     ramp = 1_000_000_000 if high[4] else 1
     tuning.set_ramps(made, base, ramp, ramp, ramp)
     tuning.set_over_current(made, base, tuning.CURRENT_MAX_MA, 65_535)
-    tuning.set_stall(made, base, 60_000, 65_535)
+    tuning.set_stall(made, base, counts_per_metre, 60_000, 65_535)
     tuning.set_following(made, base, 20_000_000, 65_535)
     made[base + s.INVERTED] = high[5]
     made[base + s.MODE] = s.RUN

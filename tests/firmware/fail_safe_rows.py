@@ -1,6 +1,6 @@
 """Every row of the fail-safe table in firmware/README.md; runs on MicroPython.
 
-`bench` drives both wheels at 1 V when a row begins. `cut(bench)` asserts that no later tick than
+`bench` drives both wheels at 1.3 V when a row begins. `cut(bench)` asserts that no later tick than
 the next one has taken the voltage away, with no turn of the background in between.
 """
 
@@ -109,7 +109,7 @@ def bus_off(bench):
 
 
 def stall(bench):
-    # 0x2004 stall voltage 500 mV, 0x2005 stall time 30 ms; the wheel stands still under 1 V
+    # 0x2004 stall voltage 500 mV, 0x2005 stall time 30 ms; the wheel stands still under 1.3 V
     bench.can.deliver(0x600 + NODE, b"\x23\x04\x20\x00" + (500).to_bytes(4, "little"))
     bench.pass_ms(2)
     bench.can.deliver(0x600 + NODE, b"\x2b\x05\x20\x00" + (30).to_bytes(2, "little") + b"\0\0")

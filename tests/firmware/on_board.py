@@ -34,9 +34,9 @@ def test_boots_and_drives_both_wheels(bench):
     assert bench.off()
     bench.drive(100_000)
     assert world.levels[bench.wake]
-    # V = 10 V s/m * 0.1 m/s = 1 V out of 24 V
+    # V = 13 V s/m * 0.1 m/s = 1.3 V out of 24 V
     for width in bench.widths():
-        assert abs(width - FULL[bench.pwm] // 24) <= 2, width
+        assert abs(width - FULL[bench.pwm] * 13 // 240) <= 2, width
     assert (world.levels[bench.phases[0]], world.levels[bench.phases[1]]) == (1, 0)
 
 

@@ -209,12 +209,13 @@ def test_pdo_is_remapped_and_carries_other_objects(node):
 def test_setpoint_by_pdo_reaches_the_motor(node):
     cells, remote = node
     remote.rpdo.read()
+    remote.sdo[0x200A].raw = 0  # the wheel stands
     remote.nmt.state = "OPERATIONAL"
     for word in (cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION):
         remote.sdo[0x6040].raw = word
     remote.rpdo[1][0].raw = 63_500
     deadline_s = time.monotonic() + 2
-    while cells.boards[0].registers[speed_loop.VOLTAGE] != 635_000:
+    while cells.boards[0].registers[speed_loop.VOLTAGE] != 825_500:
         remote.rpdo[1].transmit()
         remote.network.sync.transmit()
         time.sleep(0.01)

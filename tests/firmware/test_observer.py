@@ -84,7 +84,7 @@ def test_glitch_of_the_encoder_is_forgotten():
         lambda r: tuning.set_law(r, 0, -1, 24_000),
         lambda r: tuning.set_law(r, 0, 10_000, 60_001),
         lambda r: tuning.set_ramps(r, 0, 0, 0, 1_000_000_001),
-        lambda r: tuning.set_stall(r, 0, 0, 65_536),
+        lambda r: tuning.set_stall(r, 0, 37_596, 0, 65_536),
     ],
 )
 def test_setting_out_of_range_is_refused(setting):

@@ -137,7 +137,7 @@ def axes(draw):
     tuning.set_ramps(registers, 0, draw(ramp), draw(ramp), draw(ramp))
     time_ms = ranged(0, tuning.TIME_MAX_MS)
     tuning.set_over_current(registers, 0, draw(ranged(0, tuning.CURRENT_MAX_MA)), draw(time_ms))
-    tuning.set_stall(registers, 0, draw(ranged(0, 60_000)), draw(time_ms))
+    tuning.set_stall(registers, 0, counts, draw(ranged(0, 60_000)), draw(time_ms))
     tuning.set_following(registers, 0, draw(ranged(0, 20_000_000)), draw(time_ms))
     limit = int(registers[s.RATE_LIMIT]) + FEED_LIMIT
     volts = s.VOLTAGE_MAX_UV
@@ -156,6 +156,7 @@ def axes(draw):
         (s.DEMAND, ranged(-speed, speed)),
         (s.FAULTS, ranged(0, 15)),
         (s.CURRENT_COUNT, ranged(0, tuning.TIME_MAX_MS)),
+        (s.STALL_FROM, ranged(-(1 << 16), 1 << 16)),
         (s.STALL_COUNT, ranged(0, tuning.TIME_MAX_MS)),
         (s.FOLLOWING_COUNT, ranged(0, tuning.TIME_MAX_MS)),
         (s.TICKS, ranged(0, HIGH)),
@@ -167,7 +168,8 @@ def axes(draw):
 @settings(max_examples=600, deadline=None)
 @given(axes())
 def test_no_intermediate_value_leaves_31_bits_from_any_state(registers):
-    limit_uv = registers[s.VOLTAGE_LIMIT]
+    limit_uv = -(-registers[s.ERROR_LIMIT] * registers[s.GAIN] // 16)
+    assert limit_uv <= s.VOLTAGE_MAX_UV
     rate_limit = registers[s.RATE_LIMIT] + FEED_LIMIT
     for _ in range(3):
         s.step(registers)
@@ -176,6 +178,23 @@ def test_no_intermediate_value_leaves_31_bits_from_any_state(registers):
         assert abs(registers[s.MEAN_VOLTAGE]) <= s.VOLTAGE_MAX_UV
         assert abs(registers[s.DEMAND]) <= s.SPEED_MAX_UM_S
         assert -(1 << 29) <= registers[s.POSITION] < 1 << 29
+
+
+@given(st.integers(0, tuning.GAIN_MAX_MV_S_M), st.integers(0, 60_000))
+def test_voltage_reaches_its_limit_within_the_gains_step_and_never_exceeds_it(gain, limit_mv):
+    registers = small_registers()
+    s.reset(registers)
+    registers[s.AGE_LIMIT] = 1
+    tuning.set_encoder(registers, 0, 37_596)
+    tuning.set_law(registers, 0, gain, limit_mv)
+    registers[s.MODE] = s.RUN
+    step_uv = int(registers[s.GAIN]) / 16
+    largest_uv = min(limit_mv * 1000, s.SPEED_MAX_UM_S * step_uv)
+    for target in (-s.SPEED_MAX_UM_S, s.SPEED_MAX_UM_S):
+        registers[s.TARGET] = target
+        registers[s.AGE] = 0
+        s.step(registers)
+        assert largest_uv - step_uv - 1 <= abs(registers[s.VOLTAGE]) <= largest_uv
 
 
 @settings(max_examples=300, deadline=None)

@@ -109,6 +109,7 @@ SELDOM = (
     write(0x2004, 0, 0xF4, 0x01, 0, 0),
     write(0x2005, 0, 30, 0),
     write(0x2006, 0, 15, 0),
+    write(0x200A, 0, 0, 0),
     write(0x606D, 0, 0x88, 0x13),
     write(0x606D, 0, 0x10, 0x00),
     write(0x606E, 0, 1, 0),

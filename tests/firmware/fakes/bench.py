@@ -38,8 +38,16 @@ class Bench:
         for _ in range(2000):
             self.pass_ms()
             if (0x700 + NODE, b"\x00") in world.sent:
+                self.expect_of_a_volt(0)  # the wheels of this bench stand
                 return
         raise AssertionError(("the cell has not booted", world.sent))
+
+    def expect_of_a_volt(self, acceleration_mm_s2):
+        """Tell the observers of both wheels what new voltage does."""
+        value = acceleration_mm_s2.to_bytes(4, "little")
+        for index in (0x200A, 0x280A):
+            self.can.deliver(0x600 + NODE, b"\x2b" + index.to_bytes(2, "little") + b"\0" + value)
+            self.pass_ms(2)
 
     def pass_ms(self, count=1):
         """Let time pass, with one turn of the background a millisecond."""
