@@ -183,7 +183,6 @@ def test_no_intermediate_value_leaves_31_bits_from_any_state(registers):
 @given(st.integers(0, tuning.GAIN_MAX_MV_S_M), st.integers(0, 60_000))
 def test_voltage_reaches_its_limit_within_the_gains_step_and_never_exceeds_it(gain, limit_mv):
     registers = small_registers()
-    s.reset(registers)
     registers[s.AGE_LIMIT] = 1
     tuning.set_encoder(registers, 0, 37_596)
     tuning.set_law(registers, 0, gain, limit_mv)
