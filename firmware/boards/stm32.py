@@ -13,7 +13,7 @@ from machine import ADC, CAN, WDT, Pin
 from micropython import const
 from pyb import Timer
 
-from boards.flash import Program, Settings
+from boards.memories import ProgramMemory, SettingsMemory
 from boards.wheel import CURRENT_TOO_LARGE_MA, Wheel, encoder, pulses
 from mdms_cell import speed_loop
 from mdms_cell.inbox import Inbox
@@ -75,8 +75,8 @@ class Stm32Board:
         self._supply = ADC(Pin(pins.supply))
         self._run_led = Pin(pins.run_led, Pin.OUT, value=0)
         self._error_led = Pin(pins.error_led, Pin.OUT, value=0)
-        self.settings = Settings(folder, self.asleep)
-        self.program = Program(folder, self.asleep)
+        self.settings = SettingsMemory(folder, self.asleep)
+        self.program = ProgramMemory(folder, self.asleep)
         self._outbox = Outbox()
         self._can = CAN(1, BITRATE)
         self._timer = None
@@ -200,7 +200,8 @@ class Stm32Board:
         if len(identifiers) > FILTERS_MAX:
             self._can.set_filters(None)
         else:
-            self._can.set_filters([(can_id, 0x7FF, 0) for can_id in identifiers])
+            filters = [(can_id, 0x7FF, 0) for can_id in identifiers]
+            self._can.set_filters(filters)
 
     def motors_off(self):
         """Cut the drive at once, whatever state the program is in."""

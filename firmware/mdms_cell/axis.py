@@ -98,9 +98,7 @@ class Axis:
         self._tie(ERROR_CODE, self._error_code)
 
     def _tie_readings(self):
-        registers = self._registers
-        actual = self._base + speed_loop.ACTUAL
-        self._tie(ACTUAL, lambda: registers[actual])
+        self._tie(ACTUAL, self._actual_reader())
         self._tie(DEMAND, self._demand_um_s)
         self._tie(POSITION, self._position)
         self._tie(MOTOR_VOLTAGE, self._voltage_uv)
@@ -112,6 +110,12 @@ class Axis:
         self._objects.reads[where] = read
         if write is not None:
             self._objects.writes[where] = write
+
+    def _actual_reader(self):
+        """What tells the speed at every SYNC, and looks up nothing that it could know."""
+        registers = self._registers
+        actual = self._base + speed_loop.ACTUAL
+        return lambda: registers[actual]
 
     def _controlword(self):
         return self.drive.controlword

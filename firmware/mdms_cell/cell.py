@@ -19,7 +19,7 @@ from mdms_cell.pdos import Pdos
 from mdms_cell.program import Program
 from mdms_cell.sdo_server import SdoServer
 from mdms_cell.store import Store
-from mdms_protocol import cob, nmt, record, sdo
+from mdms_protocol import cob, nmt, record
 
 SYNC_COB_ID = 0x1005
 IDENTITY = 0x1018
@@ -86,12 +86,24 @@ class Cell:
 
     def _tie_cell(self):
         reads = self._objects.reads
-        reads[key(PRESENCE, 0)] = lambda: self._presence
-        reads[key(TRAFFIC, 1)] = lambda: self.received
-        reads[key(TRAFFIC, 2)] = lambda: self.dropped
-        reads[key(TRAFFIC, 3)] = lambda: self.not_sent
+        reads[key(PRESENCE, 0)] = self._read_presence
+        reads[key(TRAFFIC, 1)] = self._read_received
+        reads[key(TRAFFIC, 2)] = self._read_dropped
+        reads[key(TRAFFIC, 3)] = self._read_not_sent
         self._objects.watchers[SETPOINT_TIMEOUT] = self._on_setpoint_timeout
         self._objects.watchers[SYNC_COB_ID] = self._on_sync_cob_id
+
+    def _read_presence(self):
+        return self._presence
+
+    def _read_received(self):
+        return self.received
+
+    def _read_dropped(self):
+        return self.dropped
+
+    def _read_not_sent(self):
+        return self.not_sent
 
     @property
     def state(self):
@@ -229,9 +241,9 @@ class Cell:
         self._registers[speed_loop.AGE_LIMIT] = timeout_ms * speed_loop.TICK_HZ // 1000
 
     def _on_sync_cob_id(self, index, _sub):
-        cob_id = self._objects.number(index)
-        if cob_id != cob_id & cob.IDENTIFIER or cob.restricted(cob_id):
-            raise sdo.AbortError(sdo.INVALID_VALUE)
+        from mdms_cell.cob_rules import check_plain
+
+        check_plain(self._objects.number(index))
         self._listen()
 
     # What goes on in the background

@@ -22,10 +22,13 @@ class Claim:
         self._asked_ms = None
         self.refused = False
 
-    def start(self):
-        """Begin anew."""
-        self._asked_ms = None
-        self.refused = False
+    def receivers(self, node_id):
+        """Pairs of an identifier and what takes its frames."""
+        return (
+            (cob.SDO_REQUEST_BASE + node_id, self.on_request),
+            (cob.SDO_RESPONSE_BASE + node_id, self.on_other),
+            (cob.HEARTBEAT_BASE + node_id, self.on_other),
+        )
 
     def poll(self, now_ms, node_id, send):
         """Ask first, then return True once nobody has answered in time."""

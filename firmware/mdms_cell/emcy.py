@@ -2,7 +2,7 @@
 
 from mdms_cell import ticks
 from mdms_cell.objects import key
-from mdms_protocol import cob, sdo
+from mdms_protocol import cob
 
 ERROR_REGISTER = 0x1001
 HISTORY = 0x1003
@@ -99,13 +99,9 @@ class Emcy:
             self._objects.put(HISTORY, sub, 0)
 
     def _on_cob_id(self, index, _sub):
-        cob_id = self._objects.number(index)
-        can_id = cob_id & cob.IDENTIFIER
-        if not cob_id & cob.INVALID:
-            if cob_id != can_id or cob.restricted(can_id):
-                raise sdo.AbortError(sdo.INVALID_VALUE)
-            if self.can_id not in (None, can_id):
-                raise sdo.AbortError(sdo.WRONG_STATE)
+        from mdms_cell.cob_rules import check
+
+        check(self._objects.number(index), self.can_id)
         self.load()
 
     def _on_inhibit_time(self, _index, _sub):

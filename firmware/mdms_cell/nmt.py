@@ -1,6 +1,5 @@
 """The NMT slave (CiA 301, 7.2.8 and 7.3.2): from a node id over boot-up to 'operational'."""
 
-from mdms_cell.claim import Claim
 from mdms_protocol import cob, nmt
 
 EVERYTHING = nmt.RESET_NODE
@@ -19,20 +18,23 @@ class Nmt:
         self.node_id = cob.NODE_NONE
         self.pending_node_id = node_id
         self.state = nmt.INITIALISING
-        self._claim = Claim(serial)
+        self._serial = serial
+        self._claim = None
         self._cell = cell
         self._send = send
 
     @property
     def refused(self):
         """Whether somebody else has the node id."""
-        return self._claim.refused
+        return self._claim is not None and self._claim.refused
 
     def initialise(self, now_ms):
         """Claim the node id; then announce the node and wait for commands."""
-        if self.node_id == cob.NODE_NONE or self._claim.refused:
+        claim = self._claim
+        if claim is None or claim.refused:
             return
-        if self._claim.poll(now_ms, self.node_id, self._send):
+        if claim.poll(now_ms, self.node_id, self._send):
+            self._claim = None
             self._send(cob.HEARTBEAT_BASE + self.node_id, bytes((nmt.INITIALISING,)))
             self.state = nmt.PRE_OPERATIONAL
             self._cell.on_boot()
@@ -58,7 +60,7 @@ class Nmt:
         """Start anew, with the node id that is pending."""
         self.state = nmt.INITIALISING
         self.node_id = self.pending_node_id
-        self._claim.start()
+        self._claim = self._new_claim()
         self._cell.on_reset(command)
 
     def on_lss_done(self):
@@ -66,8 +68,14 @@ class Nmt:
         if self.node_id == cob.NODE_NONE and self.pending_node_id != cob.NODE_NONE:
             self.reset(EVERYTHING)
 
+    def _new_claim(self):
+        """A claim of the node id, made of a module that is loaded for it; None without an id."""
+        if self.node_id == cob.NODE_NONE:
+            return None
+        from mdms_cell.claim import Claim
+
+        return Claim(self._serial)
+
     def claim_receivers(self):
         """While the node id is being claimed: pairs of an identifier and what takes its frames."""
-        yield cob.SDO_REQUEST_BASE + self.node_id, self._claim.on_request
-        yield cob.SDO_RESPONSE_BASE + self.node_id, self._claim.on_other
-        yield cob.HEARTBEAT_BASE + self.node_id, self._claim.on_other
+        return () if self._claim is None else self._claim.receivers(self.node_id)

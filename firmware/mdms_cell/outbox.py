@@ -34,6 +34,7 @@ class Outbox:
                 return
             if taken is None:
                 return
+            self._data[self._first] = b""  # what has gone is not to be kept
             self._first = (self._first + 1) % self._size
             self._count -= 1
 

@@ -10,20 +10,12 @@ _BITS_MAX = 64
 def check_parameter(sub, value, can_id):
     """Raises AbortError if a PDO with this identifier, None for an invalid one, may not have it."""
     if sub == pdo.COB_ID:
-        _check_cob_id(value, can_id)
+        from mdms_cell.cob_rules import check
+
+        check(value, can_id, cob.FLAG_30)
     elif sub == pdo.TYPE and pdo.SYNCHRONOUS_MAX < value < pdo.EVENT_MANUFACTURER:
         raise sdo.AbortError(sdo.INVALID_VALUE)
     elif sub == pdo.INHIBIT_TIME and can_id is not None:
-        raise sdo.AbortError(sdo.WRONG_STATE)
-
-
-def _check_cob_id(cob_id, can_id_before):
-    can_id = cob_id & cob.IDENTIFIER
-    if cob_id & cob.INVALID:
-        return
-    if cob_id & (cob.FLAG_30 - 1) != can_id or cob.restricted(can_id):
-        raise sdo.AbortError(sdo.INVALID_VALUE)
-    if can_id_before is not None and can_id_before != can_id:
         raise sdo.AbortError(sdo.WRONG_STATE)
 
 

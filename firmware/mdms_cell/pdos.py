@@ -55,7 +55,8 @@ class Pdos:
 
     def receivers(self):
         """Pairs of an identifier and what takes its frames."""
-        for can_id in {rpdo.can_id for rpdo in self._received}:
+        identifiers = {rpdo.can_id for rpdo in self._received}
+        for can_id in identifiers:
             same = [rpdo for rpdo in self._received if rpdo.can_id == can_id]
             yield can_id, self._receiver(same)
 

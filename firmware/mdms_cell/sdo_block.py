@@ -1,9 +1,34 @@
 """Block SDO transfers (CiA 301, 7.2.4.2.9 to 7.2.4.2.16): many segments to one answer."""
 
 from mdms_cell.sdo_segmented import check_size
+from mdms_cell.sdo_server import answer, head
 from mdms_protocol import sdo
 
 _SEGMENT = 7
+
+
+def begin_upload(objects, data, index, sub):
+    """The transfer that a request opens, None where one frame does, and its response."""
+    if data[0] & sdo.BLOCK_SUBCOMMAND != sdo.BLOCK_INITIATE:
+        raise sdo.AbortError(sdo.UNKNOWN_COMMAND)
+    value = objects.read(index, sub)
+    threshold = data[5]
+    if threshold and len(value) <= threshold:
+        # The client would rather have so few bytes without blocks.
+        return answer(value, data, index, sub)
+    transfer = BlockUpload(index, sub, value, data[0], data[4])
+    return transfer, head(transfer.command, data) + transfer.size.to_bytes(4, "little")
+
+
+def begin_download(objects, data, index, sub):
+    """The transfer that a request opens, and its response; raises AbortError."""
+    command = data[0]
+    if command & sdo.BLOCK_END:
+        raise sdo.AbortError(sdo.UNKNOWN_COMMAND)
+    size = int.from_bytes(data[4:8], "little") if command & sdo.BLOCK_SIZE_TOLD else None
+    sink = objects.open(index, sub, size)
+    transfer = BlockDownload(index, sub, sink, command, size)
+    return transfer, head(transfer.command, data) + bytes((sdo.BLOCK_SEGMENTS, 0, 0, 0))
 
 
 class BlockDownload:

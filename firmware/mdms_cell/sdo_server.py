@@ -70,9 +70,7 @@ class SdoServer:
 
     def _begin(self, data):
         """A request that opens a transfer; one that was under way is given up."""
-        begin = _OPENINGS.get(data[0] & sdo.SPECIFIER)
-        if begin is None:
-            raise sdo.AbortError(sdo.UNKNOWN_COMMAND)
+        begin = _opening(data[0] & sdo.SPECIFIER)
         self._close()
         transfer, response = begin(self._objects, data, data[1] | data[2] << 8, data[3])
         self._transfer = transfer
@@ -94,19 +92,37 @@ class SdoServer:
             self._transfer = None
 
 
+def _opening(specifier):
+    """What opens a transfer; raises AbortError if nothing does."""
+    if specifier == sdo.UPLOAD:
+        return _upload
+    if specifier == sdo.DOWNLOAD:
+        return _download
+    if specifier == sdo.BLOCK_UPLOAD:
+        from mdms_cell.sdo_block import begin_upload
+
+        return begin_upload
+    if specifier == sdo.BLOCK_DOWNLOAD:
+        from mdms_cell.sdo_block import begin_download
+
+        return begin_download
+    raise sdo.AbortError(sdo.UNKNOWN_COMMAND)
+
+
 def _upload(objects, data, index, sub):
-    return _answer(objects.read(index, sub), data, index, sub)
+    return answer(objects.read(index, sub), data, index, sub)
 
 
-def _answer(value, data, index, sub):
+def answer(value, data, index, sub):
+    """The transfer of a value to the client, None where one frame does, and its first response."""
     size = len(value)
     if 1 <= size <= 4:
         command = sdo.UPLOAD_RESPONSE | (4 - size) << 2 | sdo.EXPEDITED | sdo.SIZE_TOLD
-        return None, _head(command, data) + value + bytes(4 - size)
+        return None, head(command, data) + value + bytes(4 - size)
     from mdms_cell.sdo_segmented import SegmentedUpload
 
     command = sdo.UPLOAD_RESPONSE | sdo.SIZE_TOLD
-    return SegmentedUpload(index, sub, value), _head(command, data) + size.to_bytes(4, "little")
+    return SegmentedUpload(index, sub, value), head(command, data) + size.to_bytes(4, "little")
 
 
 def _download(objects, data, index, sub):
@@ -118,48 +134,15 @@ def _download(objects, data, index, sub):
         from mdms_cell.sdo_segmented import SegmentedDownload
 
         transfer = SegmentedDownload(index, sub, sink, size)
-        return transfer, _head(sdo.DOWNLOAD_RESPONSE, data) + bytes(4)
+        return transfer, head(sdo.DOWNLOAD_RESPONSE, data) + bytes(4)
     # Where no size is told, the entry's own counts.
     size = 4 - (command >> 2 & 3) if told else find(index, sub).size or 4
     sink = objects.open(index, sub, size)
     sink.write(data[4 : 4 + size])
     sink.finish()
-    return None, _head(sdo.DOWNLOAD_RESPONSE, data) + bytes(4)
+    return None, head(sdo.DOWNLOAD_RESPONSE, data) + bytes(4)
 
 
-def _block_upload(objects, data, index, sub):
-    if data[0] & sdo.BLOCK_SUBCOMMAND != sdo.BLOCK_INITIATE:
-        raise sdo.AbortError(sdo.UNKNOWN_COMMAND)
-    value = objects.read(index, sub)
-    threshold = data[5]
-    if threshold and len(value) <= threshold:
-        # The client would rather have so few bytes without blocks.
-        return _answer(value, data, index, sub)
-    from mdms_cell.sdo_block import BlockUpload
-
-    transfer = BlockUpload(index, sub, value, data[0], data[4])
-    return transfer, _head(transfer.command, data) + transfer.size.to_bytes(4, "little")
-
-
-def _block_download(objects, data, index, sub):
-    command = data[0]
-    if command & sdo.BLOCK_END:
-        raise sdo.AbortError(sdo.UNKNOWN_COMMAND)
-    size = int.from_bytes(data[4:8], "little") if command & sdo.BLOCK_SIZE_TOLD else None
-    sink = objects.open(index, sub, size)
-    from mdms_cell.sdo_block import BlockDownload
-
-    transfer = BlockDownload(index, sub, sink, command, size)
-    return transfer, _head(transfer.command, data) + bytes((sdo.BLOCK_SEGMENTS, 0, 0, 0))
-
-
-def _head(command, data):
+def head(command, data):
+    """The first four bytes of a response: its command, and the entry that the request names."""
     return bytes((command,)) + data[1:4]
-
-
-_OPENINGS = {
-    sdo.UPLOAD: _upload,
-    sdo.DOWNLOAD: _download,
-    sdo.BLOCK_UPLOAD: _block_upload,
-    sdo.BLOCK_DOWNLOAD: _block_download,
-}

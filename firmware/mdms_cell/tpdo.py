@@ -33,7 +33,8 @@ class Tpdo(Pdo):
         entries = self.entries()
         readers = [self._objects.reader(index, sub) for index, sub, _ in entries]
         self._reads = [read for read, _ in readers]
-        self._layout = "<" + "".join([form[1] for _, form in readers])
+        formats = [form[1] for _, form in readers]
+        self._layout = "<" + "".join(formats)
         announced = all(index in _ANNOUNCED for index, _, _ in entries)
         self._pace_ms = ticks.IDLE_MS if announced else ticks.RETRY_MS
         self._sent = None
@@ -82,4 +83,5 @@ class Tpdo(Pdo):
         return self._pace_ms
 
     def _data(self):
-        return struct.pack(self._layout, *[read() for read in self._reads])
+        values = [read() for read in self._reads]
+        return struct.pack(self._layout, *values)

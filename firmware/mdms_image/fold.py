@@ -1,7 +1,8 @@
 """Puts functions that one place calls into that place: each costs a board 50 bytes.
 
-Left alone is whatever would need more than putting names in place of names: other receivers than
-`self`, keywords, decorators, functions inside functions, returns amid statements.
+Left alone is whatever would need more than putting names in place of names: keywords, decorators,
+functions inside functions, returns amid statements. A method of others than `self` is meant for
+sure where only one class has its name, and nobody outside knows it.
 """
 
 import ast
@@ -11,6 +12,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from mdms_image.linker import Program
+from mdms_image.reach import is_public
 from mdms_image.scopes import COMPREHENSIONS, FUNCTIONS, bound_names
 from mdms_image.splice import Body, substituted, with_value, without_early_returns, written
 
@@ -24,9 +26,9 @@ class _Callee:
         self.node = node
 
 
-def fold(program: Program, roots: tuple[str, ...]) -> None:
-    """Fold what can be folded, until nothing can; the roots stay."""
-    folding = _Folding(program, roots)
+def fold(program: Program, roots: tuple[str, ...], known: set[str]) -> None:
+    """Fold what can be folded, until nothing can; the roots and the `known` attributes stay."""
+    folding = _Folding(program, roots, known)
     while folding.pass_over():
         pass
 
@@ -41,8 +43,8 @@ def _functions(program: Program) -> Iterator[tuple[ast.ClassDef | None, ast.Func
                     yield node, member
 
 
-def _foldable(program: Program, roots: tuple[str, ...]) -> dict[str, _Callee]:
-    """The functions and private methods that are named once, by their name in calls."""
+def _foldable(program: Program, roots: tuple[str, ...], known: set[str]) -> dict[str, _Callee]:
+    """The functions and methods that are named once, by their name in calls."""
     named: Counter[str] = Counter()
     for node in program.definitions.values():
         for part in ast.walk(node):
@@ -57,10 +59,9 @@ def _foldable(program: Program, roots: tuple[str, ...]) -> dict[str, _Callee]:
     defined: Counter[str] = Counter()
     found: dict[str, _Callee] = {}
     for owner, node in _functions(program):
-        private = node.name.rpartition(".")[2]
         defined[node.name] += 1
-        hidden = private.startswith("_") and not private.startswith("__")
-        if (hidden or owner is None) and node.name not in roots and _plain(node):
+        stays = node.name in roots or node.name in known or node.name.startswith("__")
+        if not stays and _plain(node):
             found[node.name] = _Callee(node.name, owner, node)
     return {name: each for name, each in found.items() if named[name] == 1 and defined[name] == 1}
 
@@ -78,15 +79,16 @@ def _plain(node: ast.FunctionDef) -> bool:
 class _Folding:
     """What is folded in one pass over all functions."""
 
-    def __init__(self, program: Program, roots: tuple[str, ...]) -> None:
+    def __init__(self, program: Program, roots: tuple[str, ...], known: set[str]) -> None:
         self._program = program
         self._roots = roots
+        self._known = known
         self._serial = 0
         self.foldable: dict[str, _Callee] = {}
 
     def pass_over(self) -> bool:
         """Fold into every function once; returns whether there was anything."""
-        self.foldable = _foldable(self._program, self._roots)
+        self.foldable = _foldable(self._program, self._roots, self._known)
         before = len(self.foldable)
         gone = {id(each.node) for each in self.foldable.values()}
         for owner, node in list(_functions(self._program)):
@@ -175,12 +177,12 @@ class _Caller:
         if isinstance(function, ast.Name):
             callee = self._folding.foldable.get(function.id)
             fits = callee is not None and callee.owner is None
-        elif isinstance(function, ast.Attribute) and isinstance(function.value, ast.Name):
+        elif isinstance(function, ast.Attribute):
             callee = self._folding.foldable.get(function.attr)
-            fits = (
-                callee is not None
-                and callee.owner is self._owner
-                and function.value.id == self._own
+            own = isinstance(function.value, ast.Name) and function.value.id == self._own
+            fits = callee is not None and (
+                (own and callee.owner is self._owner)
+                or (callee.owner is not None and is_public(callee.name))
             )
         else:
             return None

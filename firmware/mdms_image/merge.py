@@ -8,7 +8,7 @@ from typing import Any
 from mdms_image.constants import inline
 from mdms_image.fold import fold
 from mdms_image.linker import Program, link
-from mdms_image.names import shorten
+from mdms_image.names import known_outside, shorten
 from mdms_image.order import names_first
 from mdms_image.origin import mark
 from mdms_image.privacy import qualify
@@ -60,7 +60,7 @@ def merge(
     constants = inline(program)
     drop_unused(program, tuple(roots))
     qualify(program)
-    fold(program, tuple(roots))
+    fold(program, tuple(roots), known_outside(program, (*roots, *lent)))
     unroll(program)
     unit_of = assign(program, shed(program, tuple(roots)))
     for node in program.definitions.values():

@@ -20,7 +20,7 @@ from typing import Any
 from mdms_image.compiler import ImageError
 from mdms_image.linker import Program
 from mdms_image.privacy import families
-from mdms_image.reach import is_public
+from mdms_image.reach import is_public, public_of
 from mdms_image.scopes import Scoped, bound_names
 from mdms_image.sources import source_of
 
@@ -210,6 +210,14 @@ def _locals(node: ast.AST) -> int:
     if isinstance(node, ast.SetComp | ast.DictComp):
         return inside + len(bound_names(node))
     return inside
+
+
+def known_outside(program: Program, classes: tuple[str, ...]) -> set[str]:
+    """The attributes that others than the image may mean, who know these classes."""
+    found = _hardware() | _FOREIGN
+    for name in classes:
+        found.update(public_of(program.definitions[name]))
+    return found
 
 
 def _hardware() -> set[str]:

@@ -23,6 +23,12 @@ class _Substitute(Scoped):
             made.ctx = node.ctx
         return made
 
+    def visit_alias(self, node: ast.alias) -> ast.AST:
+        renamed = self._names.get(node.asname or node.name)
+        if isinstance(renamed, ast.Name):
+            node.asname = renamed.id
+        return node
+
     def visit_ExceptHandler(self, node: ast.ExceptHandler) -> ast.AST:
         if node.name in self._names:
             renamed = self._names[node.name]

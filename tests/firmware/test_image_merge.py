@@ -2,10 +2,11 @@
 
 import importlib
 import sys
+from types import SimpleNamespace
 
 import pytest
 
-from mdms_image import ImageError, sources
+from mdms_image import ImageError, shed, sources
 from mdms_image.merge import merge
 
 
@@ -105,6 +106,104 @@ def test_folded_functions_keep_their_own_names_apart(merged):
     space, made = merged(entry=FOLDED)
     assert space["result"]() == [[2, 4, 84, [42]], [7, -1, -6, []], "big"]
     assert made.sources["mdms"].count("def ") == 3
+
+
+CALLED_ACROSS = """
+class Store:
+    def __init__(self):
+        self._kept = [1]
+    def save(self, value):
+        from toy.seldom import doubled
+        self._kept = self._kept + [doubled(value)]
+    def kept(self):
+        return self._kept
+class Owner:
+    def __init__(self, store):
+        self._store = store
+    def run(self, value):
+        doubled = value + 1
+        self._store.save(doubled)
+        return doubled
+def result():
+    store = Store()
+    return [Owner(store).run(5), store.kept()]
+"""
+
+
+def test_method_that_one_place_calls_is_folded_into_another_class(merged, tmp_path, monkeypatch):
+    seldom = "def doubled(value):\n    return 2 * value\n"
+    space, made = merged(entry=CALLED_ACROSS, seldom=seldom)
+    assert "def save" not in made.sources["mdms"]
+    unit = {}
+    exec(made.sources["mdms_seldom"].partition("\n")[2], unit)
+    monkeypatch.setitem(sys.modules, "mdms_seldom", SimpleNamespace(**unit))
+    assert space["result"]() == [6, [1, 12]]
+
+
+STARTED = """
+class Base:
+    def __init__(self, size):
+        self.size = size
+        self._fill()
+    def _fill(self):
+        self.items = [place for place in range(self.size)]
+class Kept(Base):
+    def __init__(self, size, *, extra):
+        super().__init__(size)
+        self._extra = extra
+    def total(self):
+        return sum(self.items) + self._extra
+def made(size):
+    return Kept(size, extra=100)
+"""
+
+
+def test_constructors_that_only_the_start_calls_are_in_its_file(merged, monkeypatch):
+    monkeypatch.setattr(shed, "START_MODULE", "toy.start")
+    space, made = merged(
+        start=STARTED,
+        entry="def result():\n    from toy.start import made\n\n    return made(4).total()\n",
+    )
+    assert "__init__" not in made.sources["mdms"].replace("not __name__", "")
+    assert "def total" not in made.sources["mdms_start"]
+    mdms = SimpleNamespace(**space)
+    monkeypatch.setitem(sys.modules, "mdms", mdms)
+    unit = {}
+    exec(made.sources["mdms_start"], unit)
+    monkeypatch.setitem(sys.modules, "mdms_start", SimpleNamespace(**unit))
+    assert space["result"]() == 106
+    assert "mdms_start" not in sys.modules
+
+
+LOOPED = """
+class Thing:
+    def __init__(self, items):
+        self.items = items
+    @property
+    def late(self):
+        return any(each > 5 for each in self.items)
+    def pairs(self, each):
+        found = [(each, other) for each in self.items for other in self.items if each < other]
+        return [found, each]
+    def shadow(self, items):
+        items = [items for items in items if items]
+        return items
+    def early(self):
+        told = all(each < 3 for each in self.items)
+        return told
+def result():
+    return [Thing(items).late for items in ([1, 7], [2])] + [
+        Thing([1, 2]).pairs("own"), Thing([]).shadow([0, 3]), Thing([1]).early(), Thing([3]).early()
+    ]
+"""
+
+
+def test_comprehensions_that_became_loops_tell_the_same(merged):
+    plain = {}
+    exec(LOOPED, plain)
+    space, made = merged(entry=LOOPED)
+    assert space["result"]() == plain["result"]()
+    assert "any(" not in made.sources["mdms"]
 
 
 def test_what_a_function_imports_is_a_file_that_is_forgotten(merged):
