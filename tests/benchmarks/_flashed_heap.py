@@ -1,14 +1,19 @@
 """The heap that all takes that is flashed, on the 32-bit MicroPython and faked peripherals."""
 
-import re
+import array
+import builtins
+import io
+import keyword
+import tokenize
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from string import ascii_uppercase
 
-from tests.firmware.images import FAKES, flashed
+from tests.firmware.images import BOARD, FAKES, flashed
 from tests.micropython_builds import wasm32
 
 from mdms_image.compiler import compile_source
+from mdms_image.image import merged
 
 HEAP = Path(__file__).parent / "_firmware_heap.py"
 #: What the interpreter itself has taken.
@@ -43,6 +48,16 @@ while cycles > 0:
 print(code - before, booted - before, running - before, note() - before, started.cell.state)
 """
 OPERATIONAL = 5
+#: Names that stay: keywords, MicroPython's own, and those of modules.
+_KEPT = {
+    *keyword.kwlist,
+    *(
+        name
+        for each in (builtins, dict, list, bytes, memoryview, array.array)
+        for name in dir(each)
+    ),
+    *("array", "pyb", "machine", "world"),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +76,11 @@ class FlashedHeap:
 def flashed_heap(folder: Path, cycles: int) -> FlashedHeap:
     """Start what is flashed as `main` does, boot it, and let so many SYNC periods pass."""
     flashed(folder, None)
-    for path in (*FAKES, HEAP):
-        _compile(path, folder)
+    sources = {path.stem: path.read_text(encoding="utf-8") for path in (*FAKES, HEAP)}
+    words = _Words(list(sources.values()), set(_names(_MEASURE % cycles)))
+    for name, source in sources.items():
+        (folder / f"{name}.mpy").write_bytes(compile_source(words.say(source), name, None))
+        (folder / f"{name}.py").unlink(missing_ok=True)
     printed = wasm32(folder, _MEASURE % cycles, time_limit_s=600)
     code, made, booted, lived, state = map(int, printed.split())
     assert state == OPERATIONAL
@@ -70,11 +88,27 @@ def flashed_heap(folder: Path, cycles: int) -> FlashedHeap:
     return FlashedHeap(code, *(bare + each for each in (made, booted, lived)))
 
 
-def _compile(path: Path, folder: Path) -> None:
-    """Leave local and private names out: the table of names is not to grow by what no board has."""
-    source = path.read_text(encoding="utf-8")
-    private = sorted(set(re.findall(r"\b_[a-z]\w*", source)))
-    short = {name: f"a{ascii_uppercase[place]}" for place, name in enumerate(private)}
-    source = re.sub(r"\b_[a-z]\w*", lambda found: short[found[0]], source)
-    (folder / f"{path.stem}.mpy").write_bytes(compile_source(source, path.stem, None))
-    (folder / path.name).unlink(missing_ok=True)
+class _Words:
+    """Says what measures, and what fakes the peripherals, in names that the image has anyway.
+
+    The interpreter keeps names for good, and doubles their table when it is full. A board has its
+    peripherals' names in its own flash, and none of those that only measure.
+    """
+
+    def __init__(self, sources: list[str], kept: set[str]) -> None:
+        kept = kept | _KEPT
+        image = merged(BOARD, emits=False).sources.values()
+        known = {name for source in image for name in _names(source)}
+        own = {name for source in sources for name in _names(source)}
+        free = sorted(name for name in known - own - kept if name.isalpha() and len(name) < 3)
+        self._short = dict(zip(sorted(own - known - kept), free, strict=False))
+
+    def say(self, source: str) -> str:
+        """The source in these words."""
+        tokens = tokenize.generate_tokens(io.StringIO(source).readline)
+        return tokenize.untokenize((kind, self._short.get(text, text)) for kind, text, *_ in tokens)
+
+
+def _names(source: str) -> Iterator[str]:
+    tokens = tokenize.generate_tokens(io.StringIO(source).readline)
+    return (each.string for each in tokens if each.type == tokenize.NAME)
