@@ -5,6 +5,7 @@ cut first; then the reason goes to the bus and into `crash.log`, and the watchdo
 resets the board.
 """
 
+import gc
 import os
 import sys
 import time
@@ -24,6 +25,7 @@ def run(board, folder="/flash", node_id=NODE_UNSET, watchdog=True):
     from boards.start import cell_on
 
     cell, runner = cell_on(board, node_id)
+    gc.collect()  # what the start took lies between what stays
     try:
         board.start(runner.tick, watchdog)
         while True:

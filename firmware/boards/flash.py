@@ -28,10 +28,14 @@ class Settings:
         return "%s/settings%d.bin" % (self._folder, bank)
 
     def read(self, bank):
-        """The whole bank, empty if it was never written."""
+        """The whole bank, empty if it was never written.
+
+        Read asks for as much memory as it may return, and a long piece may not be free.
+        """
+        path = self._path(bank)
         try:
-            with open(self._path(bank), "rb") as file:
-                return file.read(BANK_SIZE)
+            with open(path, "rb") as file:
+                return file.read(min(os.stat(path)[6], BANK_SIZE))
         except OSError:
             return b""
 

@@ -28,7 +28,6 @@ WATCHDOG_ASLEEP_MS = 5_000
 BUS_OFF_MS = 100
 #: 100 kOhm over 8.2 kOhm into an ADC of 3.3 V.
 SUPPLY_FULL_SCALE_MV = const(43_544)
-FILTERS_MAX = 14
 
 _SUPPLY_STEP_UV = const(SUPPLY_FULL_SCALE_MV * 1000 >> 12)
 _SUPPLY_MIN_UV = const(1_000_000)
@@ -58,8 +57,9 @@ class Stm32Board:
     """The board of a cell; see 'Cell and board' in DESIGN.md.
 
     `wake` lets both bridges drive, `fault` is low while one of them reports a fault, `sensors` are
-    the five presence sensors, `run_led` and `error_led` those of CiA 303-3. Importing touches
-    nothing; a board is made with both wheels off, and `start` brings it to life.
+    the five presence sensors, `run_led` and `error_led` those of CiA 303-3. The tick calls
+    `sample(registers)` and `drive(registers)`. Importing touches nothing; a board is made with both
+    wheels off, and `start` brings it to life.
     """
 
     def __init__(self, pins: Pins, folder: str):
@@ -70,15 +70,17 @@ class Stm32Board:
         self.bus_off = False
         self._wake = Pin(pins.wake, Pin.OUT, value=0)
         self._wheels = wheels(pins)
-        self._fault = Pin(pins.fault, Pin.IN, Pin.PULL_UP)
+        supply, fault = ADC(Pin(pins.supply)), Pin(pins.fault, Pin.IN, Pin.PULL_UP)
+        self.sample = _sampling(supply, fault, self._wheels)
+        self.drive = _driving(self._wake, self._wheels)
         self._sensors = [Pin(name, Pin.IN, Pin.PULL_UP) for name in pins.sensors]
-        self._supply = ADC(Pin(pins.supply))
         self._run_led = Pin(pins.run_led, Pin.OUT, value=0)
         self._error_led = Pin(pins.error_led, Pin.OUT, value=0)
         self.settings = SettingsMemory(folder, self.asleep)
         self.program = ProgramMemory(folder, self.asleep)
         self._outbox = Outbox()
         self._can = CAN(1, BITRATE)
+        self._flags = _no_flags
         self._timer = None
         self._watchdog = None
         self._watchdog_ms = 0
@@ -89,7 +91,8 @@ class Stm32Board:
 
     def start(self, tick, watchdog=True):
         """Begin to call `tick` every millisecond and to receive; the watchdog cannot be stopped."""
-        self._can.irq(self._on_can, CAN.IRQ_RX | CAN.IRQ_STATE, True)
+        interrupt = self._can.irq(self._on_can, CAN.IRQ_RX | CAN.IRQ_STATE, True)
+        self._flags = interrupt.flags  # pyright: ignore[reportAttributeAccessIssue] - other ports
         self._timer = Timer(7, freq=speed_loop.TICK_HZ, callback=tick)
         if watchdog:
             self._watchdog_ms = WATCHDOG_ASLEEP_MS
@@ -115,35 +118,9 @@ class Stm32Board:
     # What interrupts call
 
     @micropython.native
-    def sample(self, registers):
-        """Write supply, currents and encoder counts into the registers, those last.
-
-        The ADC belongs to the tick: a conversion that another interrupts tells of its channel.
-        A bridge with a fault of its own has shut off; that counts as over-current.
-        """
-        supply_uv = (self._supply.read_u16() >> 4) * _SUPPLY_STEP_UV
-        registers[speed_loop.SUPPLY] = max(supply_uv, _SUPPLY_MIN_UV)
-        self._wheels[0].sense(registers)
-        self._wheels[1].sense(registers)
-        if not self._fault.value():
-            registers[speed_loop.CURRENT] = CURRENT_TOO_LARGE_MA
-            registers[speed_loop.AXIS + speed_loop.CURRENT] = CURRENT_TOO_LARGE_MA
-        self._wheels[0].sample(registers)
-        self._wheels[1].sample(registers)
-
-    @micropython.native
-    def drive(self, registers):
-        """Apply the voltages; the bridges sleep while both axes are off."""
-        self._wheels[0].drive(registers)
-        self._wheels[1].drive(registers)
-        modes = registers[speed_loop.MODE] | registers[speed_loop.AXIS + speed_loop.MODE]
-        if modes and not registers[speed_loop.CUT]:
-            self._wake.high()
-        else:
-            self._wake.low()
-
     def _on_can(self, can: CAN):
-        self.inbox.fill(can)
+        while self._flags() & CAN.IRQ_RX:  # pyright: ignore[reportCallIssue] - as above
+            self.inbox.take(can)
         if can.state() == CAN.STATE_BUS_OFF:
             self.registers[speed_loop.CUT] = 1
 
@@ -153,7 +130,7 @@ class Stm32Board:
         """Look after the bus, and send what waits."""
         self._look_after_bus(now_ms)
         if not self.bus_off:
-            self._outbox.drain(self._can)
+            self._outbox.drain(self._transmit)
 
     def _look_after_bus(self, now_ms):
         if self._can.state() != CAN.STATE_BUS_OFF:
@@ -192,16 +169,26 @@ class Stm32Board:
         if not self._outbox.push(can_id, data):
             return False
         if not self.bus_off:
-            self._outbox.drain(self._can)
+            self._outbox.drain(self._transmit)
         return True
 
+    def _transmit(self, can_id, data):
+        """Give a frame to the controller, with no interrupt in between.
+
+        MicroPython notes the mailbox only when it has begun to send. One that an interrupt lets
+        run empty before that would be taken for good, and the cell be mute sooner or later.
+        """
+        interrupts = machine.disable_irq()
+        try:
+            return self._can.send(can_id, data)
+        finally:
+            machine.enable_irq(interrupts)
+
     def listen(self, identifiers):
-        """Let frames with these identifiers through; all, where there are too many for filters."""
-        if len(identifiers) > FILTERS_MAX:
-            self._can.set_filters(None)
-        else:
-            filters = [(can_id, 0x7FF, 0) for can_id in identifiers]
-            self._can.set_filters(filters)
+        """Let frames with these identifiers through, and as few others as there are filters for."""
+        from boards.can_filters import filters
+
+        self._can.set_filters(filters(identifiers))
 
     def motors_off(self):
         """Cut the drive at once, whatever state the program is in."""
@@ -214,6 +201,63 @@ class Stm32Board:
         blink = now_ms // 200 & 1
         self._run_led.value(1 if state == 5 else blink)
         self._error_led.value(1 if self.bus_off else blink if faulty else 0)
+
+
+def _no_flags() -> int:
+    """What the CAN interrupt is for before there is one."""
+    return 0
+
+
+def _sampling(supply, fault, wheels):
+    """What writes supply, currents and encoder counts into the registers, those last.
+
+    The ADC belongs to the tick: a conversion that another interrupts tells of its channel.
+    A bridge with a fault of its own has shut off; that counts as over-current.
+    """
+
+    @micropython.native
+    def sample(  # noqa: PLR0917 - see `boards.wheel`
+        registers,
+        read_supply=supply.read_u16,
+        no_fault=fault.value,
+        sense_1=wheels[0].sense,
+        sense_2=wheels[1].sense,
+        count_1=wheels[0].count,
+        count_2=wheels[1].count,
+    ):
+        supply_uv = (read_supply() >> 4) * _SUPPLY_STEP_UV
+        registers[speed_loop.SUPPLY] = supply_uv if supply_uv > _SUPPLY_MIN_UV else _SUPPLY_MIN_UV
+        sense_1(registers)
+        sense_2(registers)
+        if not no_fault():
+            registers[speed_loop.CURRENT] = CURRENT_TOO_LARGE_MA
+            registers[speed_loop.AXIS + speed_loop.CURRENT] = CURRENT_TOO_LARGE_MA
+        registers[speed_loop.COUNT] = count_1() & 0xFFFF
+        registers[speed_loop.AXIS + speed_loop.COUNT] = count_2() & 0xFFFF
+
+    return sample
+
+
+def _driving(wake, wheels):
+    """What applies the voltages; the bridges sleep while both axes are off."""
+
+    @micropython.native
+    def drive(
+        registers,
+        drive_1=wheels[0].drive,
+        drive_2=wheels[1].drive,
+        awake=wake.high,
+        asleep=wake.low,
+    ):
+        drive_1(registers)
+        drive_2(registers)
+        modes = registers[speed_loop.MODE] | registers[speed_loop.AXIS + speed_loop.MODE]
+        if modes and not registers[speed_loop.CUT]:
+            awake()
+        else:
+            asleep()
+
+    return drive
 
 
 def wheels(pins: Pins) -> "tuple[Wheel, Wheel]":

@@ -19,53 +19,62 @@ _SATURATED = const(64_000)
 class Wheel:
     """The axis whose registers are at `base`; all but `off` is for the tick.
 
+    `count()` is the encoder's, `sense(registers)` writes the motor's current into the registers,
+    signed as the voltage, and `drive(registers)` sets phase and pulse width to the voltage there.
     `pulse` is a PWM channel whose full width is `steps`.
     """
 
     def __init__(self, base: int, *, encoder: Timer, pulse, steps: int, phase: Pin, current: ADC):
-        self._encoder = encoder
-        self._pulse = pulse
-        self._steps = steps
-        self._phase = phase
-        self._current = current
-        self._count = base + speed_loop.COUNT
-        self._current_ma = base + speed_loop.CURRENT
-        self._voltage = base + speed_loop.VOLTAGE
-
-    @micropython.native
-    def sense(self, registers):
-        """Write the motor's current into the registers, signed as the voltage.
-
-        A reading at its upper end counts twice, so that it is over any limit.
-        """
-        reading = self._current.read_u16()
-        current_ma = reading * CURRENT_FULL_SCALE_MA >> 16
-        if reading > _SATURATED:
-            current_ma = CURRENT_TOO_LARGE_MA
-        if registers[self._voltage] < 0:
-            current_ma = -current_ma
-        registers[self._current_ma] = current_ma
-
-    @micropython.native
-    def sample(self, registers):
-        """Write the encoder's count into the registers."""
-        registers[self._count] = self._encoder.counter() & 0xFFFF
-
-    @micropython.native
-    def drive(self, registers):
-        """Set phase and pulse width to the voltage in the registers."""
-        voltage_uv = registers[self._voltage]
-        if voltage_uv < 0:
-            self._phase.low()
-            voltage_uv = -voltage_uv
-        else:
-            self._phase.high()
-        width = (voltage_uv >> 12) * self._steps // (registers[speed_loop.SUPPLY] >> 12)
-        self._pulse.pulse_width(min(width, self._steps))
+        voltage = base + speed_loop.VOLTAGE
+        self.count = encoder.counter
+        self.sense = _sensing(voltage, base + speed_loop.CURRENT, current.read_u16)
+        self.drive = _driving(voltage, phase, pulse.pulse_width, steps)
+        self._pulse_width = pulse.pulse_width
 
     def off(self):
         """No pulse."""
-        self._pulse.pulse_width(0)
+        self._pulse_width(0)
+
+
+# What the tick calls has the peripherals' own methods as defaults of its arguments: to look up
+# attributes in every tick takes twice the time of all the rest, and a closure over more than a
+# few variables allocates.
+
+
+def _sensing(voltage, current, read_u16):
+    @micropython.native
+    def sense(registers, voltage=voltage, current=current, read_u16=read_u16):
+        reading = read_u16()
+        current_ma = reading * CURRENT_FULL_SCALE_MA >> 16
+        if reading > _SATURATED:  # its upper end is over any limit
+            current_ma = CURRENT_TOO_LARGE_MA
+        if registers[voltage] < 0:
+            current_ma = -current_ma
+        registers[current] = current_ma
+
+    return sense
+
+
+def _driving(voltage, phase, set_width, steps):
+    @micropython.native
+    def drive(  # noqa: PLR0917 - not given, but bound
+        registers,
+        voltage=voltage,
+        forward=phase.high,
+        backward=phase.low,
+        set_width=set_width,
+        steps=steps,
+    ):
+        voltage_uv = registers[voltage]
+        if voltage_uv < 0:
+            backward()
+            voltage_uv = -voltage_uv
+        else:
+            forward()
+        width = (voltage_uv >> 12) * steps // (registers[speed_loop.SUPPLY] >> 12)
+        set_width(width if width < steps else steps)
+
+    return drive
 
 
 def pulses(timer, source_hz, pins):

@@ -5,6 +5,11 @@ only in the registers of the speed loop. One of these, ATTENTION, tells `poll` t
 frame has left something to look after; while it is 0, there are only timers and presence sensors.
 """
 
+try:
+    import micropython
+except ImportError:
+    from mdms_cell.cpython import micropython
+
 from mdms_cell import speed_loop, ticks
 from mdms_cell.axes import Axes
 from mdms_cell.consumer import Consumer
@@ -39,7 +44,7 @@ class Cell:
     A node id that was saved by LSS comes before the one given; `cob.NODE_NONE` waits for LSS.
     `accepts` has the identifiers that the cell takes, and what serves each. Before `wake_ms` a
     `poll` with the same presence bits, and ATTENTION not set, does nothing but tell the time, as
-    setting `now_ms` does.
+    setting `now_ms` does. `tick()` is one control period.
     """
 
     def __init__(self, board, node_id):
@@ -54,6 +59,7 @@ class Cell:
         self.wake_ms = 0
         speed_loop.reset(self._registers)
         self._registers[speed_loop.SUPPLY] = _DEFAULT_SUPPLY_UV
+        self.tick = _ticking(board.sample, board.drive, self._registers)
         self._objects = Objects()
         self._objects.put(IDENTITY, 4, getattr(board, "serial", node_id))
         self._build_services(node_id)
@@ -130,13 +136,6 @@ class Cell:
         self.received += 1
         if not handle(data):
             self.dropped += 1
-
-    def tick(self):
-        """One control period: sample, control, drive."""
-        registers = self._registers
-        self._board.sample(registers)
-        speed_loop.step(registers)
-        self._board.drive(registers)
 
     def poll(self, now_ms):
         """Look after timers and events; `now_ms` wraps at 2**30."""
@@ -282,3 +281,15 @@ class Cell:
         if not sent:
             self.not_sent += 1
         return sent
+
+
+def _ticking(sample, drive, registers):
+    """One control period: sample, control, drive; with nothing to be looked up."""
+
+    @micropython.native
+    def tick(sample=sample, step=speed_loop.step, drive=drive, registers=registers):
+        sample(registers)
+        step(registers)
+        drive(registers)
+
+    return tick

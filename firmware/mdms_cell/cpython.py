@@ -10,9 +10,11 @@ class micropython:  # noqa: N801 - it stands in for the module of this name
     """The decorators of MicroPython's code emitters."""
 
     @staticmethod
-    def viper(function):
+    def native(function):
         """Return `function`; MicroPython compiles it to machine code."""
         return function
+
+    viper = native
 
 
 class ptr32(list):  # noqa: N801 - viper's own name

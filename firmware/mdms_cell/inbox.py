@@ -24,7 +24,7 @@ def _copy(ring: ptr8, start: int, data: ptr8, length: int):
 
 
 class Inbox:
-    """A ring that a hard interrupt fills and the background empties; filling allocates nothing.
+    """A ring that a hard interrupt fills and the background empties; taking allocates nothing.
 
     It holds one frame less than its size. At 1 Mbit/s a garbage collection of 11 ms can see 81
     frames of 8 bytes; the cell's filters let a fraction of them through.
@@ -33,22 +33,27 @@ class Inbox:
     def __init__(self, size=64):
         self._ring = bytearray(size * _SIZE)
         self._received = [0, memoryview(bytearray(8)), 0, 0]
-        self._head = 0  # moved by `fill` only
+        self._head = 0  # moved by `take` only
         self._tail = 0  # moved by `pop` only
         self.lost = 0
 
-    def fill(self, can):
-        """Take all that the controller has received, as `machine.CAN.recv` gives it."""
+    def take(self, can):
+        """Take one frame that the controller has received, as `machine.CAN.recv` gives it.
+
+        One at a time, for MicroPython's controller of an STM32F4 sleeps, in the interrupt, for up
+        to a millisecond when it is asked for a frame that it does not have.
+        """
         frame = self._received
-        while can.recv(frame) is not None:
-            following = self._after(self._head)
-            if following == self._tail:
-                self.lost += 1
-            else:
-                self._keep(self._head, frame)
-                self._head = following
-            if frame[3]:
-                self.lost += 1
+        if can.recv(frame) is None:
+            return
+        following = self._after(self._head)
+        if following == self._tail:
+            self.lost += 1
+        else:
+            self._keep(self._head, frame)
+            self._head = following
+        if frame[3]:
+            self.lost += 1
 
     def _keep(self, start, frame):
         ring = self._ring

@@ -21,7 +21,7 @@ class Outbox:
         self._count += 1
         return True
 
-    def drain(self, can):
+    def drain(self, send):
         """Hand over frames in their order, as many as the controller takes.
 
         It takes none while its mailboxes are full, while one with the same identifier waits, and
@@ -29,7 +29,7 @@ class Outbox:
         """
         while self._count:
             try:
-                taken = can.send(self._identifiers[self._first], self._data[self._first])
+                taken = send(self._identifiers[self._first], self._data[self._first])
             except OSError:
                 return
             if taken is None:

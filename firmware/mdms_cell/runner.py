@@ -4,6 +4,11 @@ Both interrupts are hard, so a garbage collection in the background delays neith
 the background in the registers, and received frames wait in the inbox.
 """
 
+try:
+    import micropython
+except ImportError:
+    from mdms_cell.cpython import micropython
+
 from mdms_cell import speed_loop
 
 BUS_OFF = 0x8140
@@ -15,6 +20,9 @@ class Runner:
 
     Besides what 'Cell and board' in DESIGN.md asks of a board, it has `inbox`, `service(now_ms)`,
     `bus_off`, `feed()` for the hardware watchdog and `show(now_ms, state, faulty)` for the LEDs.
+    `tick(timer)` is one control period, from a hard timer interrupt; an error in it cuts the motors
+    for good. MicroPython would end the interrupt at an uncaught exception, and leave the last
+    voltage standing.
     """
 
     def __init__(self, board, cell):
@@ -24,19 +32,10 @@ class Runner:
         self._bus_off = False
         self._fed_tick = -1
         self.error = None
+        self.tick = _guarded(cell.tick, self)
 
-    def tick(self, _timer=None):
-        """One control period, from a hard timer interrupt; an error in it cuts the motors for good.
-
-        MicroPython would end the interrupt for good at an uncaught exception and leave the last
-        voltage standing.
-        """
-        if self.error is None:
-            try:
-                self._cell.tick()
-                return
-            except Exception as error:
-                self.error = error
+    def cut(self):
+        """Take the voltage from the motors, whatever the tick does."""
         self._registers[speed_loop.CUT] = 1
         self._board.motors_off()
 
@@ -80,3 +79,17 @@ class Runner:
         if tick != self._fed_tick:
             self._fed_tick = tick
             self._board.feed()
+
+
+def _guarded(tick, runner):
+    @micropython.native
+    def guarded(_timer=None, tick=tick, runner=runner):
+        if runner.error is None:
+            try:
+                tick()
+                return
+            except Exception as error:
+                runner.error = error
+        runner.cut()
+
+    return guarded

@@ -105,7 +105,7 @@ class Board:
     def receive(self, can_id, data, flags):
         """A frame has come from the bus."""
         self._received = (can_id, data, flags)
-        self.inbox.fill(self)
+        self.inbox.take(self)
 
     def recv(self, frame):
         """What has come, as a CAN controller gives it."""

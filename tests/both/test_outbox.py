@@ -27,9 +27,9 @@ def test_drains_as_the_controller_has_room():
     outbox, can = Outbox(), Can()
     for number in range(5):
         assert outbox.push(0x100 + number, bytes((number,)))
-    outbox.drain(can)
+    outbox.drain(can.send)
     assert can.take() == [(0x100, b"\x00"), (0x101, b"\x01"), (0x102, b"\x02")]
-    outbox.drain(can)
+    outbox.drain(can.send)
     assert can.take() == [(0x103, b"\x03"), (0x104, b"\x04")]
 
 
@@ -40,7 +40,7 @@ def test_frames_of_one_identifier_keep_their_order():
     outbox.push(0x101, b"c")
     sent = []
     for _ in range(4):
-        outbox.drain(can)
+        outbox.drain(can.send)
         sent += can.take()
     assert sent == [(0x100, b"a"), (0x100, b"b"), (0x101, b"c")]
 
@@ -56,9 +56,9 @@ def test_keeps_everything_while_the_bus_is_off():
     outbox, can = Outbox(), Can()
     can.off = True
     outbox.push(1, b"x")
-    outbox.drain(can)
+    outbox.drain(can.send)
     can.off = False
-    outbox.drain(can)
+    outbox.drain(can.send)
     assert can.take() == [(1, b"x")]
 
 
@@ -67,5 +67,5 @@ def test_queued_data_does_not_follow_the_sender_buffer():
     buffer = bytearray(b"old")
     outbox.push(1, buffer)
     buffer[:] = b"new"
-    outbox.drain(can)
+    outbox.drain(can.send)
     assert can.take() == [(1, b"old")]

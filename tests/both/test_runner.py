@@ -37,7 +37,8 @@ class Board(CellBoard):
 
     def receive(self, *frames):
         self._frames.extend(frames)
-        self.inbox.fill(self)
+        while self._frames:
+            self.inbox.take(self)
 
     def recv(self, into):
         if not self._frames:

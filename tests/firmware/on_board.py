@@ -1,6 +1,7 @@
 """What a board does from start to stop, told by its faked peripherals; runs on MicroPython."""
 
 import binascii
+import gc
 
 import micropython
 import world
@@ -202,6 +203,44 @@ def test_identifiers_of_others_are_filtered(bench):
     bench.boot()
     assert not bench.can.deliver(0x206, bytes(8))
     assert bench.can.deliver(0x200 + NODE, bytes(8))
+
+
+def test_all_that_a_cell_listens_to_comes_into_the_first_fifo(bench):
+    bench.boot()
+    for count in range(1, 40):
+        identifiers = [(can_id * 53 + count * 7) % 0x7E0 for can_id in range(count)]
+        bench.board.listen(identifiers)
+        filters = bench.can.filters
+        assert len(filters) <= 14
+        for can_id in identifiers:
+            assert bench.can.fifo_of(can_id) == 0
+        others = [can_id for can_id in range(0x7E0) if can_id not in identifiers]
+        through = sum(bench.can.fifo_of(can_id) is not None for can_id in others)
+        assert through == 0 or count > 7
+        assert all(bench.can.fifo_of(can_id) != 1 for can_id in others)
+
+
+def test_filters_of_an_ordinary_cell_let_hardly_anything_else_through(bench):
+    node, host = 5, 0x7E
+    own = [0x000, 0x080, 0x7E5, 0x700 + host]
+    own += [base + node for base in (0x180, 0x200, 0x280, 0x300, 0x580, 0x600, 0x700)]
+    bench.board.listen(own)
+    others = [base + other for base in range(0x080, 0x780, 0x80) for other in range(6, 19)]
+    assert not any(bench.can.deliver(can_id, b"") for can_id in others)
+
+
+def test_short_settings_are_read_with_little_memory(bench):
+    memory = bench.board.settings
+    memory.erase(0)
+    memory.write(0, 0, bytes(300))
+    memory.read(0)  # loads what it needs
+    gc.collect()
+    gc.disable()
+    before = gc.mem_alloc()
+    assert len(memory.read(0)) == 300
+    taken = gc.mem_alloc() - before
+    gc.enable()
+    assert taken < 2500, taken
 
 
 def test_settings_survive_and_a_broken_write_does_not_count(bench):

@@ -8,6 +8,17 @@ def unique_id():
     return bytes(range(12))
 
 
+def disable_irq():
+    """Keep interrupts waiting; what was so before."""
+    before, world.interrupts_off = world.interrupts_off, True
+    return before
+
+
+def enable_irq(before):
+    """Let interrupts be as they were."""
+    world.interrupts_off = before
+
+
 class Pin:
     """A pin whose level stands in `world.levels`."""
 
@@ -68,7 +79,12 @@ class WDT:
 
 
 class CAN:
-    """A controller with three mailboxes and a FIFO of three, one millisecond from the bus."""
+    """A controller with three mailboxes and two FIFOs of three, one millisecond from the bus.
+
+    Filters feed the FIFOs in turn, as MicroPython gives them out. What MicroPython does wrong on an
+    STM32F4 is not allowed: to ask for a frame while the first FIFO is empty, which sleeps in the
+    interrupt, and to send while an interrupt may see the frame go before its mailbox is noted.
+    """
 
     FLAG_RTR = 1
     FLAG_EXT_ID = 2
@@ -84,25 +100,32 @@ class CAN:
         world.told.append(("can", id, bitrate))
         world.buses.append(self)
         self._state = CAN.STATE_ACTIVE
-        self._filters = ()
+        self.filters = ()
         self._waiting = []
-        self._fifo = []
+        self._fifos = ([], [])
         self._handler = None
         self._trigger = 0
         self.restarts = 0
 
     def set_filters(self, filters):
         """Accept these only; all if None."""
-        self._filters = filters
+        assert filters is None or len(filters) <= 14, "there are no more"
+        self.filters = filters
 
     def irq(self, handler=None, trigger=0, hard=False):
         """Call the handler at these events."""
         assert handler is None or hard, "the interrupt must be a hard one"
         self._handler = handler
         self._trigger = trigger
+        return self
+
+    def flags(self):
+        """What the interrupt is for, as long as it is."""
+        return CAN.IRQ_RX & self._trigger if any(self._fifos) else 0
 
     def send(self, id, data, flags=0):
         """Take a frame into a mailbox; None when there is none, or one with this identifier."""
+        assert world.interrupts_off, "the frame may be gone before MicroPython notes its mailbox"
         if self._state == CAN.STATE_BUS_OFF:
             raise OSError(5)
         assert 0 <= id < 0x800
@@ -114,9 +137,8 @@ class CAN:
 
     def recv(self, into):
         """Give the oldest frame in the list that is passed, or None."""
-        if not self._fifo:
-            return None
-        can_id, data, flags, errors = self._fifo.pop(0)
+        assert self._fifos[0], "MicroPython sleeps for a frame that is not there"
+        can_id, data, flags, errors = self._fifos[0].pop(0)
         view = memoryview(into[1])
         into[1] = memoryview(self._grown(view, len(data)))[: len(data)]
         into[0] = can_id
@@ -149,16 +171,22 @@ class CAN:
 
     def deliver(self, can_id, data, flags=0):
         """A frame arrives; False if no filter wants it or the FIFO is full."""
-        if self._filters is not None and not any(
-            (can_id ^ wanted) & mask == 0 for wanted, mask, _ in self._filters
-        ):
+        fifo = self.fifo_of(can_id)
+        if fifo is None or len(self._fifos[fifo]) >= CAN.FIFO:
             return False
-        if len(self._fifo) >= CAN.FIFO:
-            return False
-        self._fifo.append((can_id, data, flags, 0))
+        self._fifos[fifo].append((can_id, data, flags, 0))
         if self._handler is not None and self._trigger & CAN.IRQ_RX:
             self._handler(self)
         return True
+
+    def fifo_of(self, can_id):
+        """Where the first filter that lets an identifier through puts a frame, None without one."""
+        if self.filters is None:
+            return 0
+        for place, (wanted, mask, kind) in enumerate(self.filters):
+            if kind == 0 and (can_id ^ wanted) & mask == 0:
+                return place % 2
+        return None
 
     def fall_silent(self):
         """The error counter has passed 255."""

@@ -12,6 +12,7 @@ events = {}  # functions to call at a time, by millisecond
 timers = []  # that have a callback
 buses = []  # all CAN controllers
 told = []  # everything that was switched on or off for good, in its order
+interrupts_off = False
 fed_ms = None  # when the watchdog was fed last
 
 

@@ -115,10 +115,13 @@ class Life:
         return self.can.state() == self.can.STATE_BUS_OFF
 
     def deliver(self, can_id, data, flags=0, garbage=False):
-        """A frame for the cell; whether the controller has let it through."""
+        """A frame for the cell; whether the controller has let it through.
+
+        Some get through that are not for the cell, for filters share what few places there are.
+        """
         if self.bus_off() or not self.can.deliver(can_id, data, flags):
             return False
-        if not flags:
+        if not flags and can_id in self.cell.accepts:
             self._received += 1
             self._dropped += garbage
         return True
