@@ -1,10 +1,10 @@
 """The speed loop of a cell's two axes: one function over one buffer of 32-bit integers.
 
-`step(registers)` is one control period of 1 ms: it tracks both encoders, limits and ramps the
-targets, applies the paper's law V = G (r - v), watches for faults, and calls the background's
-attention to what has changed. It is integer arithmetic that stays within 31 bits, so that nothing
-is allocated, and the same source runs as plain Python over an `array('i')`, as MicroPython
-bytecode, as viper machine code and compiled by numba.
+`step(registers)` is one control period of 1 ms: it tracks both encoders, ramps the targets, applies
+the paper's law V = G (r - v), watches for faults, and calls the background's attention to what has
+changed. It is integer arithmetic that stays within 31 bits, so that nothing is allocated, and the
+same source runs as plain Python over an `array('i')`, as MicroPython bytecode, as viper machine
+code and compiled by numba.
 
 The registers of axis 1 start at 0, those of axis 2 at `AXIS`: `registers[AXIS + TARGET]` is the
 target of axis 2. COUNT, CURRENT and VOLTAGE are as wired, everything else is signed along the
@@ -20,7 +20,7 @@ except ImportError:
     from mdms_cell.cpython import const, micropython, ptr32
 
 # Of each axis. Commands:
-TARGET = const(0)  # reference r [um/s], clipped to +-SPEED_MAX_UM_S
+TARGET = const(0)  # reference r [um/s], within +-SPEED_MAX_UM_S
 MODE = const(1)  # OFF, RUN or STOP
 AGE = const(2)  # ticks since the last target, counted here, zeroed by whoever writes TARGET
 # Parameters; those marked * are written by `mdms_cell.tuning` only, for they depend on each other:
@@ -122,7 +122,8 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         position = registers[base + POSITION] + rate
         position = ((position & 0x3FFFFFFF) ^ 0x20000000) - 0x20000000
         count = registers[base + COUNT] & 0xFFFF
-        if registers[base + INVERTED]:
+        inverted = registers[base + INVERTED]
+        if inverted:
             count = 0 - count
         count = ((count & 0xFFFF) ^ 0x8000) - 0x8000
         innovation = (count << 14) - position
@@ -155,12 +156,8 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         actual = ((rate >> shift) * gain + (low * gain >> shift)) >> 6
         registers[base + ACTUAL] = actual
 
-        # Limit and ramp the reference.
+        # Ramp the reference.
         target = registers[base + TARGET] << widen >> widen
-        if target > SPEED_MAX_UM_S:
-            target = SPEED_MAX_UM_S
-        elif target < 0 - SPEED_MAX_UM_S:
-            target = 0 - SPEED_MAX_UM_S
         remaining = target - actual
         mode = registers[base + MODE]
         if mode != RUN:
@@ -192,6 +189,7 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
 
         # Watch over the axis. A count of ticks stands still at its limit.
         faults = registers[base + FAULTS]
+        known = faults
         age = registers[base + AGE]
         if age < registers[AGE_LIMIT]:
             registers[base + AGE] = age + 1
@@ -251,7 +249,7 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         registers[base + MEAN_VOLTAGE] = mean + (high >> 4)
         registers[base + RATE] = rate + ((high + 2048 >> 12) * registers[base + FEED] >> 4)
 
-        if registers[base + INVERTED]:
+        if inverted:
             voltage = 0 - voltage
         registers[base + DEMAND] = demand
         registers[base + VOLTAGE] = voltage
@@ -278,7 +276,7 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
             if mode == STOP and demand == 0:
                 signs |= STOPPED
         registers[base + SLOW_COUNT] = ticks
-        if signs != registers[base + SIGNS] or faults != registers[base + FAULTS]:
+        if signs != registers[base + SIGNS] or faults != known:
             registers[ATTENTION] = 1
         registers[base + SIGNS] = signs
         registers[base + FAULTS] = faults

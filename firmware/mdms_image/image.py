@@ -8,6 +8,7 @@ from pathlib import Path
 from mdms_image.compiler import ImageError, compile_source
 from mdms_image.linker import START
 from mdms_image.merge import Merged, merge
+from mdms_image.narrow import narrow
 from mdms_image.sources import source_of
 
 #: The boards that there are images for, and the architecture of their machine code.
@@ -48,7 +49,7 @@ def write_image(folder: Path, board: str, architecture: str | None) -> Image:
     for stand_in, name in _STAND_INS.get(board, {}).items():
         sources[stand_in] = source_of(name).read_text(encoding="utf-8")
     compiled = {
-        f"{name}.mpy": compile_source(source, name, architecture)
+        f"{name}.mpy": compile_source(narrow(source, architecture), name, architecture)
         for name, source in sources.items()
     }
     shutil.rmtree(folder, ignore_errors=True)

@@ -56,7 +56,7 @@ def disturb(registers, chance):
         count = registers[base + s.COUNT] + jump
         registers[base + s.COUNT] = count if -(1 << 30) <= count < 1 << 30 else 0
         if chance.below(4) == 0:
-            registers[base + s.TARGET] = chance.within(-(1 << 30), (1 << 30) - 1)
+            registers[base + s.TARGET] = chance.within(-s.SPEED_MAX_UM_S, s.SPEED_MAX_UM_S)
             registers[base + s.AGE] = 0
             registers[base + s.CURRENT] = chance.within(-1_000_000, 1_000_000)
         if chance.below(32) == 0:

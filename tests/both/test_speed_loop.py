@@ -240,12 +240,13 @@ def extreme(made, base, index):
 def locked_steps(made):
     """Step through all pairs of extreme counts and targets with the heap locked."""
     values = array("i", EXTREMES)
+    targets = array("i", (-s.SPEED_MAX_UM_S, -1, 0, 1, s.SPEED_MAX_UM_S))
     heap_lock()
     try:
         for count in range(len(values)):
-            for target in range(len(values)):
+            for target in range(len(targets)):
                 made[s.COUNT] = made[s.AXIS + s.COUNT] = values[count]
-                made[s.TARGET] = made[s.AXIS + s.TARGET] = values[target]
+                made[s.TARGET] = made[s.AXIS + s.TARGET] = targets[target]
                 made[s.CURRENT] = made[s.AXIS + s.CURRENT] = values[count] // 2
                 made[s.AGE] = made[s.AXIS + s.AGE] = 0
                 s.step(made)

@@ -147,7 +147,7 @@ def axes(draw):
         (s.MODE, ranged(0, 2)),
         (s.COUNT, SMALL),
         (s.CURRENT, SMALL.filter(lambda value: value > LOW)),
-        (s.TARGET, SMALL),
+        (s.TARGET, ranged(-speed, speed)),
         (s.AGE, ranged(0, HIGH)),
         (s.AGE_LIMIT, ranged(0, 60_000)),
         (s.POSITION, ranged(-(1 << 29), (1 << 29) - 1)),
