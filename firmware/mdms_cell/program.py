@@ -30,8 +30,11 @@ class Program:
         self._pending = False
         objects.domains[key(DATA, 1)] = self._open
         if memory is not None:
-            objects.reads[key(IDENTIFICATION, 1)] = lambda: memory.crc
+            objects.reads[key(IDENTIFICATION, 1)] = self._identification
         axes.hold(self._holds)
+
+    def _identification(self):
+        return self._memory.crc
 
     def _open(self, size):
         if self._memory is None:
