@@ -34,8 +34,8 @@ def test_array_is_backed_up_changed_and_restored(served, tmp_path):
     assert "8 settings written and verified; stored on node 3, 5-7" in done.stdout
     assert [node for node, gain in gains(served).items() if gain == 12.0] == ["3", "5", "6", "7"]
     done = configure(served, "load", file, "--yes", "--save")
-    assert "axis1.gain: 12 -> 10 V s/m  (node 3, 5-7)" in done.stdout
-    assert set(gains(served).values()) == {10.0}
+    assert "axis1.gain: 12 -> 13 V s/m  (node 3, 5-7)" in done.stdout
+    assert set(gains(served).values()) == {13.0}
 
 
 def test_settings_are_changed_over_a_serial_line(served):
