@@ -97,7 +97,7 @@ SPEED_MAX_UM_S = const(10_000_000)
 VOLTAGE_MAX_UV = const(60_000_000)
 FEED_MAX = const((1 << 15) - 1)
 HALF_COUNT = const(1 << 13)  # in units of POSITION
-SLOW_UM_S = const(5_000)
+SLOW_UM_S = const(10_000)
 
 
 def reset(registers):

@@ -172,7 +172,7 @@ _AXIS: dict[int, Field] = {
     0x6063: field("position", I32, READ, unit=e.COUNTS, mappable=e.TPDO),
     0x606B: field("velocity demand value", I32, READ, unit=_SPEED, mappable=e.TPDO),
     0x606C: field("velocity actual value", I32, READ, unit=_SPEED, mappable=e.TPDO),
-    0x606D: _setting("velocity window", U16, 5_000, _SPEED),
+    0x606D: _setting("velocity window", U16, 10_000, _SPEED),
     0x606E: _setting("velocity window time", U16, 10, e.MILLISECONDS),
     0x6073: _setting("max current", U16, 1_500, e.PER_MILLE, high=10_000),
     0x6075: _setting("motor rated current", U32, 2_000, e.MILLIAMPERES, low=1, high=100_000),
