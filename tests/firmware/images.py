@@ -9,6 +9,7 @@ from mdms_image.constants import inline
 from mdms_image.image import merged, write_image
 from mdms_image.linker import link
 from mdms_image.merge import merge
+from mdms_image.narrow import narrow
 from mdms_image.sources import imported, source_of
 from mdms_image.trim import trim
 from mdms_sim.nodes.micropython_process import EMITTER_LINE
@@ -85,7 +86,8 @@ def write(folder: Path, sources: dict[str, str], architecture: str | None = None
     """Compile sources into a new folder."""
     folder.mkdir()
     for unit, source in sources.items():
-        (folder / f"{unit}.mpy").write_bytes(compile_source(source, unit, architecture))
+        narrowed = narrow(source, architecture)
+        (folder / f"{unit}.mpy").write_bytes(compile_source(narrowed, unit, architecture))
 
 
 def _imported_by(tests: Path) -> set[str]:
