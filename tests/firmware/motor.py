@@ -1,6 +1,7 @@
 """A DC motor with its wheel and encoder, exact over a tick of held voltage (paper, eq 8).
 
-`python tests/firmware/motor.py` prints what a step of the reference looks like.
+`python tests/firmware/motor.py` prints what a step of the reference looks like, and a wheel that is
+let go, with an observer that is told of the voltage and with one that is not.
 """
 
 import itertools
@@ -18,8 +19,8 @@ COUNTS_PER_METRE = 37_596
 PWM_STEPS = 1000
 SUPPLIES_V = (12, 24)
 REFERENCES_M_S = (0.0635, 0.08, 0.1, 0.2, 0.5, 1.0)
-#: The gain that a cell comes with.
-GAIN_MV_S_M = ENTRIES[0x2000, 0].default
+#: The gain that a cell comes with [V s/m].
+GAIN = ENTRIES[0x2000, 0].default // 1000
 #: A speed is settled when it stays so near to its final value, relatively.
 BAND = 0.05
 
@@ -44,13 +45,13 @@ class Motor:
         return reference_m_s * pull / (pull + self.braking)
 
 
-def registers(gain_mv_s_m: int = GAIN_MV_S_M, supply_mv: int = 24_000, lag_us: int = tuning.LAG_US):
+def registers(gain_mv_s_m: int = GAIN * 1000, supply_mv: int = 24_000, fed: bool = True):
     """The registers of a cell whose first axis runs."""
     made = array("i", [0] * s.REGISTERS)
     s.reset(made)
     made[s.AGE_LIMIT] = 1 << 29
-    tuning.set_encoder(made, 0, COUNTS_PER_METRE, lag_us)
-    tuning.set_feed(made, 0, COUNTS_PER_METRE)
+    tuning.set_encoder(made, 0, COUNTS_PER_METRE)
+    tuning.set_feed(made, 0, COUNTS_PER_METRE, tuning.ACCELERATION_PER_VOLT_MM_S2 if fed else 0)
     tuning.set_law(made, 0, gain_mv_s_m, supply_mv)
     made[s.MODE] = s.RUN
     return made
@@ -87,14 +88,23 @@ MOTORS = {
 
 
 def steps(
-    own: Motor, supply_v: int, reference_m_s: float, gain: int = GAIN_MV_S_M // 1000
+    own: Motor, supply_v: int, reference_m_s: float, gain: int = GAIN, *, fed: bool = True
 ) -> Iterator[list[float]]:
     """Speeds after a step, over the final one, from several places between two counts."""
     final = own.free_speed(reference_m_s, gain)
     for start_counts in (0.0, 0.2, 0.35, 0.55, 0.7, 0.9):
-        made = registers(gain * 1000, supply_v * 1000)
+        made = registers(gain * 1000, supply_v * 1000, fed=fed)
         made[s.TARGET] = round(reference_m_s * 1e6)
         yield [speed / final for speed in run(made, own, supply_v, 200, start_counts)]
+
+
+def released(own: Motor, held_ticks: int, gain: int = GAIN, *, fed: bool = True) -> list[float]:
+    """Speeds of a wheel that was held for so long and is let go, over its free speed."""
+    made = registers(gain * 1000, fed=fed)
+    made[s.TARGET] = 100_000
+    run(made, Motor(mass_kg=1e6), 24, held_ticks)
+    free = own.free_speed(0.1, gain)
+    return [speed / free for speed in run(made, own, 24, 200)]
 
 
 def settled_ms(speeds: list[float]) -> int:
@@ -104,11 +114,22 @@ def settled_ms(speeds: list[float]) -> int:
 
 def main() -> None:
     """Print the worst overshoot and settling time of each motor, reference and supply."""
+    for gain, fed in ((GAIN, True), (GAIN, False), (10, False)):
+        print(f"gain {gain} V s/m,", "told of the voltage" if fed else "by the encoder alone")
+        steps_of_all(gain, fed)
+        for name in ("Ke Rm", "Ke+30 Rm-30"):
+            speeds = released(MOTORS[name], 1000, gain, fed=fed)
+            print(f"{name:<12} let go: {max(speeds) - 1:.1%}, {settled_ms(speeds)} ms")
+        print()
+
+
+def steps_of_all(gain: int, fed: bool) -> None:
+    """A row for each motor and supply."""
     print("motor       ", *(f"{each:g} m/s".rjust(12) for each in REFERENCES_M_S))
     for (name, own), supply_v in itertools.product(MOTORS.items(), SUPPLIES_V):
         print(f"{name:<12}{supply_v:3} V", end="")
         for reference_m_s in REFERENCES_M_S:
-            runs = list(steps(own, supply_v, reference_m_s))
+            runs = list(steps(own, supply_v, reference_m_s, gain, fed=fed))
             overshoot = max(max(speeds) for speeds in runs) - 1
             print(f"{overshoot:7.1%}{max(map(settled_ms, runs)):3} ms", end="")
         print()

@@ -4,7 +4,7 @@ import binascii
 import os
 
 import world
-from bench import NODE, Bench
+from bench import NODE, Bench, there
 
 from boards import flash
 from mdms_cell import speed_loop
@@ -64,14 +64,6 @@ class File:
     def close(self):
         self._power.step()
         self._file.close()
-
-
-def there(path):
-    try:
-        os.stat(path)
-    except OSError:
-        return False
-    return True
 
 
 def content():

@@ -3,18 +3,10 @@
 import os
 
 import world
-from bench import NODE, Bench
+from bench import NODE, Bench, there
 
 from boards import flash
 from mdms_protocol import cia402, pdo
-
-
-def there(path):
-    try:
-        os.stat(path)
-    except OSError:
-        return False
-    return True
 
 
 class Storage:

@@ -12,7 +12,7 @@ def test_what_is_shifted_up_and_down_again_is_left_as_it_is_on_32_bits():
     space = {}
     exec(narrow(SOURCE, "armv7emsp"), space)
     assert space["f"]([0, 5, 6, 7], 1) == 5 + (6 << 3 >> 1) + (7 >> 1 << 1)
-    assert "<< w >> w" not in narrow(SOURCE, "armv7emsp").replace("(r[3] >> w << w)", "")
+    assert "<< w >> w" not in narrow(SOURCE, "armv7emsp")
 
 
 @pytest.mark.parametrize("architecture", ["x64", None])

@@ -17,7 +17,6 @@ assert _spec.loader is not None
 motor = importlib.util.module_from_spec(_spec)
 sys.modules["motor"] = motor
 _spec.loader.exec_module(motor)
-Motor = motor.Motor
 
 PAPER = motor.MOTORS["Ke Rm"]
 each_motor = pytest.mark.parametrize("own", motor.MOTORS.values(), ids=motor.MOTORS)
@@ -52,21 +51,12 @@ def test_all_of_the_range_is_stable_at_the_nominal_gain():
         assert max(speeds[400:]) - min(speeds[400:]) < 0.005
 
 
-def released(held_ticks):
-    """Speeds of a wheel that was held for so long and is let go, over its free speed."""
-    made = motor.registers()
-    made[s.TARGET] = 100_000
-    motor.run(made, Motor(mass_kg=1e6), 24, held_ticks)
-    free = PAPER.free_speed(0.1, motor.GAIN_MV_S_M / 1000)
-    return [speed / free for speed in motor.run(made, PAPER, 24, 100)]
-
-
 def test_wheel_that_was_held_recovers_the_same_however_long_it_was_held():
-    assert released(500) == released(2_000)
+    assert motor.released(PAPER, 500) == motor.released(PAPER, 2_000)
 
 
 def test_wheel_that_is_let_go_is_settled_after_50_ms():
-    speeds = released(1_000)
+    speeds = motor.released(PAPER, 1_000)
     assert max(speeds) < 1.2
     assert motor.settled_ms(speeds) < 50
 

@@ -1,5 +1,7 @@
 """A board of ours on faked peripherals, with a cell on it and a host at the other end."""
 
+import os
+
 import world
 
 from mdms_cell.cell import Cell
@@ -8,6 +10,15 @@ from mdms_protocol import cia402, pdo
 
 NODE = 5
 SUPPLY_24_V = 24_000 * 65536 // 43_544
+
+
+def there(path):
+    """Whether there is a file."""
+    try:
+        os.stat(path)
+    except OSError:
+        return False
+    return True
 
 
 class Bench:
