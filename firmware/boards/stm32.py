@@ -13,11 +13,10 @@ from machine import ADC, CAN, WDT, Pin
 from micropython import const
 from pyb import Timer
 
-from boards.memories import ProgramMemory, SettingsMemory
+from boards.flash import Settings
 from boards.wheel import CURRENT_TOO_LARGE_MA, Wheel, encoder, pulses
-from mdms_cell import speed_loop
-from mdms_cell.inbox import Inbox
-from mdms_cell.outbox import Outbox
+from mdms_cell.drive import speed_loop
+from mdms_cell.queues import Inbox, Outbox
 
 BITRATE = 1_000_000
 #: The watchdog's patience while a bridge is awake: far more than a garbage collection.
@@ -76,8 +75,7 @@ class Stm32Board:
         self._sensors = [Pin(name, Pin.IN, Pin.PULL_UP) for name in pins.sensors]
         self._run_led = Pin(pins.run_led, Pin.OUT, value=0)
         self._error_led = Pin(pins.error_led, Pin.OUT, value=0)
-        self.settings = SettingsMemory(folder, self.asleep)
-        self.program = ProgramMemory(folder, self.asleep)
+        self.settings = Settings(folder, self.asleep)
         self._outbox = Outbox()
         self._can = CAN(1, BITRATE)
         self._flags = _no_flags

@@ -5,7 +5,7 @@ from machine import ADC, Pin
 from micropython import const
 from pyb import Timer
 
-from mdms_cell import speed_loop
+from mdms_cell.drive import speed_loop
 
 PWM_HZ = 20_000
 #: DRV8874 carrier: 1.1 V/A into an ADC of 3.3 V.

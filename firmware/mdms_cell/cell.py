@@ -10,20 +10,19 @@ try:
 except ImportError:
     from mdms_cell.cpython import micropython
 
-from mdms_cell import speed_loop, ticks
-from mdms_cell.axes import Axes
-from mdms_cell.consumer import Consumer
-from mdms_cell.emcy import Emcy
-from mdms_cell.guard import Guard
-from mdms_cell.heartbeat import Heartbeat
-from mdms_cell.lss import Lss
-from mdms_cell.nmt import EVERYTHING, Nmt
-from mdms_cell.objects import Objects, key
-from mdms_cell.parameters import Parameters
-from mdms_cell.pdos import Pdos
-from mdms_cell.program import Program
-from mdms_cell.sdo_server import SdoServer
-from mdms_cell.store import Store
+from mdms_cell import ticks
+from mdms_cell.canopen.emcy import Emcy
+from mdms_cell.canopen.guard import Guard
+from mdms_cell.canopen.heartbeat import Consumer, Heartbeat
+from mdms_cell.canopen.lss import Lss
+from mdms_cell.canopen.nmt import EVERYTHING, Nmt
+from mdms_cell.canopen.objects import Objects, key
+from mdms_cell.canopen.pdos import Pdos
+from mdms_cell.canopen.rules import check_plain
+from mdms_cell.canopen.sdo_server import SdoServer
+from mdms_cell.canopen.store import Parameters, Store
+from mdms_cell.drive import speed_loop
+from mdms_cell.drive.axes import Axes
 from mdms_protocol import cob, nmt, record
 
 SYNC_COB_ID = 0x1005
@@ -86,8 +85,6 @@ class Cell:
             pdos=self._pdos,
         )
         self._parameters = Parameters(objects, self._store, self._axes.driving)
-        program = getattr(self._board, "program", None)
-        self._program = Program(objects, program, self._axes, self._emcy)
         self._tie_cell()
 
     def _tie_cell(self):
@@ -240,8 +237,6 @@ class Cell:
         self._registers[speed_loop.AGE_LIMIT] = timeout_ms * speed_loop.TICK_HZ // 1000
 
     def _on_sync_cob_id(self, index, _sub):
-        from mdms_cell.cob_rules import check_plain
-
         check_plain(self._objects.number(index))
         self._listen()
 

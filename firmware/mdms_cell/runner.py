@@ -9,7 +9,7 @@ try:
 except ImportError:
     from mdms_cell.cpython import micropython
 
-from mdms_cell import speed_loop
+from mdms_cell.drive import speed_loop
 
 BUS_OFF = 0x8140
 INTERNAL_ERROR = 0x6100

@@ -132,8 +132,6 @@ _COMMUNICATION: dict[int, Field | e.Group] = {
             2: _cob_id("COB-ID server to client", cob.SDO_RESPONSE_BASE, READ),
         },
     ),
-    0x1F50: record("Program data", {1: field("Program 1", e.DOMAIN, e.WRITE)}),
-    0x1F56: record("Program software identification", {1: field("Program 1 CRC-32", U32, READ)}),
 }
 
 _CELL: dict[int, Field | e.Group] = {

@@ -2,7 +2,7 @@
 
 from cell_bench import NODE, booted, emergencies, enable, operational
 
-from mdms_cell import speed_loop
+from mdms_cell.drive import speed_loop
 from mdms_protocol import cia402, cob, nmt, pdo, sdo
 
 
@@ -222,12 +222,6 @@ def test_sync_may_have_another_identifier():
     assert board.take() == []
     cell.on_frame(0x090, b"")
     assert board.take() == [(0x185, bytes(8))]
-
-
-def test_program_is_refused_without_a_memory_for_it():
-    cell, board = booted()
-    cell.on_frame(0x605, b"\x20\x50\x1f\x01\0\0\0\0")
-    assert board.take() == [(0x585, sdo.abort(0x1F50, 1, sdo.CANNOT_STORE))]
 
 
 def test_nothing_is_saved_while_a_motor_is_on():

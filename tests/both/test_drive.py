@@ -2,9 +2,9 @@
 
 from array import array
 
-from mdms_cell import drive as d
-from mdms_cell import speed_loop as s
-from mdms_cell import tuning
+from mdms_cell.drive import speed_loop as s
+from mdms_cell.drive import state_machine as d
+from mdms_cell.drive import tuning
 from mdms_protocol import cia402 as c
 
 COMMANDS = (

@@ -2,7 +2,7 @@
 
 from cell_bench import emergencies, enable, operational
 
-from mdms_cell import speed_loop
+from mdms_cell.drive import speed_loop
 from mdms_protocol import nmt, sdo
 
 

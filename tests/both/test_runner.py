@@ -2,8 +2,8 @@
 
 from cell_bench import Board as CellBoard
 
-from mdms_cell import speed_loop
-from mdms_cell.inbox import Inbox
+from mdms_cell.drive import speed_loop
+from mdms_cell.queues import Inbox
 from mdms_cell.runner import BUS_OFF, Runner
 
 REMOTE = 1

@@ -13,8 +13,8 @@ except ImportError:
         """See `heap_lock`."""
 
 
-from mdms_cell import speed_loop as s
-from mdms_cell import tuning
+from mdms_cell.drive import speed_loop as s
+from mdms_cell.drive import tuning
 
 COUNTS_PER_METRE = 37_596
 EXTREMES = (-(1 << 30), -(1 << 29), -1, 0, 1, (1 << 29) - 1, (1 << 30) - 1)

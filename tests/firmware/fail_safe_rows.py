@@ -8,7 +8,7 @@ import world
 from bench import NODE, Bench
 
 import main
-from mdms_cell import speed_loop as s
+from mdms_cell.drive import speed_loop as s
 from mdms_protocol import cia402
 
 TARGET = 100_000

@@ -8,8 +8,8 @@ import gc
 import world
 from bench import NODE, Bench
 
-from mdms_cell import speed_loop as s
 from mdms_cell.cell import Cell
+from mdms_cell.drive import speed_loop as s
 from mdms_cell.runner import Runner
 from mdms_protocol import pdo
 

@@ -3,11 +3,12 @@
 Indices are those of axis 1; axis 2 has them `dictionary.AXIS_OFFSET` higher.
 """
 
-from mdms_cell import speed_loop
-from mdms_cell.drive import Drive
-from mdms_cell.objects import key
+from mdms_cell.canopen.objects import key
+from mdms_cell.drive import speed_loop, tuning
+from mdms_cell.drive.state_machine import Drive
 
 AXIS_OFFSET = 0x800
+_VELOCITY_REVERSED = 0x40
 
 GAIN = 0x2000
 RESOLUTION = 0x2001
@@ -78,9 +79,24 @@ class Axis:
 
     def load(self):
         """Bring the stored settings into the speed loop."""
-        from mdms_cell.axis_settings import load
-
-        load(self._registers, self._base, self._setting)
+        registers = self._registers
+        base = self._base
+        setting = self._setting
+        rated_ma = setting(RATED_CURRENT)
+        resolution = setting(RESOLUTION)
+        registers[base + speed_loop.INVERTED] = 1 if setting(POLARITY) & _VELOCITY_REVERSED else 0
+        tuning.set_encoder(registers, base, resolution, setting(OBSERVER_LAG))
+        tuning.set_feed(registers, base, resolution, setting(ACCELERATION_PER_VOLT))
+        tuning.set_law(registers, base, setting(GAIN), setting(VOLTAGE_LIMIT))
+        ramps = setting(ACCELERATION), setting(DECELERATION), setting(QUICK_STOP)
+        tuning.set_ramps(registers, base, *ramps)
+        limit_ma = setting(MAX_CURRENT) * rated_ma // 1000
+        tuning.set_over_current(registers, base, limit_ma, setting(OVER_CURRENT_TIME))
+        stall_voltage_mv, stall_time_ms = setting(STALL_VOLTAGE), setting(STALL_TIME)
+        tuning.set_stall(registers, base, resolution, stall_voltage_mv, stall_time_ms)
+        tuning.set_following(registers, base, setting(MAX_SLIPPAGE), setting(SLIPPAGE_TIME))
+        registers[base + speed_loop.WINDOW] = setting(WINDOW)
+        registers[base + speed_loop.WINDOW_TICKS] = setting(WINDOW_TIME)
 
     def _on_setting(self, _index, _sub):
         self.load()

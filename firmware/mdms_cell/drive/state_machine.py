@@ -6,7 +6,7 @@ speed loop finds has cut the voltage in that very tick; `poll` then takes the st
 changes the state calls the background's attention to it, as the speed loop does.
 """
 
-from mdms_cell import speed_loop
+from mdms_cell.drive import speed_loop
 from mdms_protocol import cia402
 
 # Events besides the controlword's commands, which stand for themselves

@@ -96,19 +96,16 @@ class Objects:
     """The values of all entries.
 
     An entry may be tied to what is alive, by `key`: `reads` gives functions that return its value,
-    `writes` functions that take it, `domains` functions that open a sink for a size or None.
+    `writes` functions that take it.
     `watchers` are told, by index, of entries that were written and stored, and may refuse by
     raising AbortError.
     """
 
     def __init__(self):
-        from mdms_cell.defaults import blank
-
-        self.data = blank()
+        self.data = bytearray(packed.DEFAULTS)
         self._node_id = 0
         self.reads = {}
         self.writes = {}
-        self.domains = {}
         self.watchers = {}
 
     def read(self, index, sub):
@@ -129,9 +126,6 @@ class Objects:
         entry = find(index, sub)
         if not entry.flags & record.WRITABLE:
             raise sdo.AbortError(sdo.READ_ONLY)
-        domain = self.domains.get(key(index, sub))
-        if domain is not None:
-            return domain(size)
         if size is not None:
             check_length(entry, size)
         return Collected(self, entry)
@@ -194,16 +188,16 @@ class Objects:
 
     def reset(self, node_id, flags):
         """Give the entries that have one of these flags the defaults that they have at a node."""
-        from mdms_cell.defaults import reset
-
         self._node_id = node_id
-        reset(self.data, node_id, flags)
+        for entry in entries(flags):
+            self.data[entry.place : entry.place + entry.size] = default(entry, node_id)
 
     def changed(self, flags):
         """What of these entries is not at its default, as (index, sub-index, bytes)."""
-        from mdms_cell.defaults import changed
-
-        return changed(self.data, self._node_id, flags)
+        for entry in entries(flags):
+            value = bytes(self.data[entry.place : entry.place + entry.size])
+            if value != default(entry, self._node_id):
+                yield entry.index, entry.sub, value
 
 
 def entries(flags):
@@ -215,6 +209,14 @@ def entries(flags):
         if own & flags:
             for sub in range(first, first + (kind >> record.COUNT_SHIFT) + 1):
                 yield Record(position, sub)
+
+
+def default(entry, node_id):
+    """The default that an entry has at a node, as bytes."""
+    value = packed.DEFAULTS[entry.place : entry.place + entry.size]
+    if entry.flags & record.FROM_NODE:
+        return (int.from_bytes(value, "little") + node_id).to_bytes(entry.size, "little")
+    return value
 
 
 def check_length(entry, size):

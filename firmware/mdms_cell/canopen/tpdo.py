@@ -3,7 +3,8 @@
 import struct
 
 from mdms_cell import ticks
-from mdms_cell.pdo import EVENT_TIMER, INHIBIT_TIME, Pdo
+from mdms_cell.canopen.pdo import Pdo
+from mdms_cell.canopen.rules import EVENT_TIMER, INHIBIT_TIME
 from mdms_protocol import record
 
 PARAMETERS = 0x1800

@@ -1,5 +1,6 @@
 """The NMT slave (CiA 301, 7.2.8 and 7.3.2): from a node id over boot-up to 'operational'."""
 
+from mdms_cell.canopen.claim import Claim
 from mdms_protocol import cob, nmt
 
 EVERYTHING = nmt.RESET_NODE
@@ -69,12 +70,8 @@ class Nmt:
             self.reset(EVERYTHING)
 
     def _new_claim(self):
-        """A claim of the node id, made of a module that is loaded for it; None without an id."""
-        if self.node_id == cob.NODE_NONE:
-            return None
-        from mdms_cell.claim import Claim
-
-        return Claim(self._serial)
+        """A claim of the node id, None without an id."""
+        return None if self.node_id == cob.NODE_NONE else Claim(self._serial)
 
     def claim_receivers(self):
         """While the node id is being claimed: pairs of an identifier and what takes its frames."""

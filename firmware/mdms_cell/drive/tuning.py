@@ -5,7 +5,7 @@ left with multiplications and shifts. `base` is 0 for axis 1 and `speed_loop.AXI
 A value out of range raises ValueError.
 """
 
-from mdms_cell import speed_loop
+from mdms_cell.drive import speed_loop
 
 COUNTS_PER_METRE_MIN = 300
 COUNTS_PER_METRE_MAX = 3_900_000

@@ -1,9 +1,9 @@
 """All PDOs of a cell, alive in 'operational' only."""
 
 from mdms_cell import ticks
-from mdms_cell.pdo import COB_ID
-from mdms_cell.rpdo import Rpdo
-from mdms_cell.tpdo import Tpdo
+from mdms_cell.canopen.rpdo import Rpdo
+from mdms_cell.canopen.rules import COB_ID
+from mdms_cell.canopen.tpdo import Tpdo
 from mdms_protocol import cob
 
 

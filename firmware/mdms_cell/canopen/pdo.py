@@ -4,20 +4,14 @@ The standard's procedure to change a PDO: make it invalid by bit 31 of its COB-I
 mapped objects to 0, write the entries, set the number, make it valid.
 """
 
+from mdms_cell.canopen.rules import (
+    COB_ID,
+    SYNCHRONOUS_MAX,
+    TYPE,
+    check_mapping,
+    check_parameter,
+)
 from mdms_protocol import cob, sdo
-
-COB_ID = 1
-TYPE = 2
-INHIBIT_TIME = 3
-EVENT_TIMER = 5
-
-#: Transmission types: 0 to 240 go with SYNC, the last two with events.
-SYNCHRONOUS_MAX = 240
-EVENT_MANUFACTURER = 254
-EVENT_PROFILE = 255
-
-#: Bits of the data types that a receive PDO may carry for others: CiA 301, 7.4.7.3, dummy mapping.
-DUMMIES = {2: 8, 3: 16, 4: 32, 5: 8, 6: 16, 7: 32}
 
 
 class Pdo:
@@ -59,8 +53,6 @@ class Pdo:
         return item >> 16, item >> 8 & 0xFF, item & 0xFF
 
     def _on_parameter(self, _index, sub):
-        from mdms_cell.pdo_rules import check_parameter
-
         check_parameter(sub, self._parameter(sub), self.can_id)
         self.load()
         self._changed(sub)
@@ -68,8 +60,6 @@ class Pdo:
     def _on_mapping(self, _index, sub):
         if self.can_id is not None:
             raise sdo.AbortError(sdo.WRONG_STATE)
-        from mdms_cell.pdo_rules import check_mapping
-
         entries = [self._entry(sub)] if sub else self.entries()
         check_mapping(entries, sub, self._count(), self._direction)
         if sub == 0:

@@ -23,7 +23,7 @@ except ImportError:
 TARGET = const(0)  # reference r [um/s], within +-SPEED_MAX_UM_S
 MODE = const(1)  # OFF, RUN or STOP
 AGE = const(2)  # ticks since the last target, counted here, zeroed by whoever writes TARGET
-# Parameters; those marked * are written by `mdms_cell.tuning` only, for they depend on each other:
+# Parameters; those marked * are written by `drive.tuning` only, for they depend on each other:
 INVERTED = const(3)  # 1: motor and encoder are mounted the other way round
 ACCELERATION = const(4)  # ramp of the reference away from 0 [um/s per tick]; 0: it jumps
 DECELERATION = const(5)  # ramp of the reference towards 0 [um/s per tick]; 0: it jumps

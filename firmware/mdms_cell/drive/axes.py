@@ -1,7 +1,7 @@
 """All axes of a cell: commanded, stopped and watched together."""
 
-from mdms_cell import speed_loop
-from mdms_cell.axis import Axis
+from mdms_cell.drive import speed_loop
+from mdms_cell.drive.axis import Axis
 from mdms_protocol import cia402
 
 _DRIVING = (cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE)

@@ -7,7 +7,7 @@ no sense, is left unanswered.
 from mdms_protocol import cob, lss, sdo
 
 
-class LssSlave:
+class Lss:
     """The LSS slave of a cell with an identity of four numbers (0x1018).
 
     `cell` has `node_id` and `pending_node_id`, and is told by `on_lss_done` that the master has
@@ -25,7 +25,9 @@ class LssSlave:
         self._scanned = 0
 
     def on_request(self, data):
-        """Serve one message of eight bytes; return False if it is none."""
+        """Serve one message; return False if it is none."""
+        if len(data) != 8:
+            return False
         command = data[0]
         number = int.from_bytes(data[1:5], "little")
         if command == lss.SWITCH_GLOBAL:
@@ -46,6 +48,7 @@ class LssSlave:
     def _switch(self, mode):
         left = self._configuring and mode == lss.WAITING
         self._configuring = mode == lss.CONFIGURATION
+        self._selected = self._identified = self._scanned = 0
         if left:
             self._cell.on_lss_done()
 

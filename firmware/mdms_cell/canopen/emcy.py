@@ -1,7 +1,8 @@
 """Emergency messages, error register and error history (CiA 301, 7.2.7, 0x1001, 0x1003)."""
 
 from mdms_cell import ticks
-from mdms_cell.objects import key
+from mdms_cell.canopen.objects import key
+from mdms_cell.canopen.rules import check_cob_id
 from mdms_protocol import cob
 
 ERROR_REGISTER = 0x1001
@@ -99,9 +100,7 @@ class Emcy:
             self._objects.put(HISTORY, sub, 0)
 
     def _on_cob_id(self, index, _sub):
-        from mdms_cell.cob_rules import check
-
-        check(self._objects.number(index), self.can_id)
+        check_cob_id(self._objects.number(index), self.can_id)
         self.load()
 
     def _on_inhibit_time(self, _index, _sub):

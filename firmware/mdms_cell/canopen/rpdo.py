@@ -3,7 +3,8 @@
 import struct
 
 from mdms_cell import ticks
-from mdms_cell.pdo import DUMMIES, EVENT_TIMER, Pdo
+from mdms_cell.canopen.pdo import Pdo
+from mdms_cell.canopen.rules import DUMMIES, EVENT_TIMER
 from mdms_protocol import record
 
 PARAMETERS = 0x1400

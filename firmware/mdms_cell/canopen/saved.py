@@ -8,7 +8,7 @@ entry of index 0.
 import binascii
 import struct
 
-from mdms_cell.objects import find
+from mdms_cell.canopen.objects import find
 from mdms_protocol import packed, sdo
 
 #: magic, sequence, table (CRC-32 of records and limits), length of values; then a CRC-32 of all.

@@ -1,10 +1,48 @@
-"""Heartbeat consumer (CiA 301, 7.2.8.2.2.3, 0x1016): notices when another node falls silent."""
+"""Heartbeats: the producer (0x1017) and the consumer (0x1016) of CiA 301, 7.2.8.2.2.3."""
 
 from mdms_cell import ticks
 from mdms_protocol import cob, nmt, sdo
 
-TIMES = 0x1016
-COUNT = 4
+PRODUCER_TIME = 0x1017
+CONSUMER_TIMES = 0x1016
+CONSUMED_NODES = 4
+
+
+class Heartbeat:
+    """Sends the cell's state at the period of 0x1017, which is 0 for never."""
+
+    def __init__(self, objects, send):
+        self._objects = objects
+        self._send = send
+        self._period_ms = 0
+        self._due_ms = 0
+        self.now_ms = 0
+        objects.watchers[PRODUCER_TIME] = self._configure
+
+    def start(self, now_ms):
+        """Begin a period, at boot-up or when the period changed."""
+        self._period_ms = self._objects.number(PRODUCER_TIME)
+        self._due_ms = ticks.after(now_ms, self._period_ms)
+
+    def poll(self, now_ms, node_id, state):
+        """Send a heartbeat if it is due; return in how many milliseconds the next one is.
+
+        One that is late does not delay those after it.
+        """
+        self.now_ms = now_ms
+        if not self._period_ms:
+            return ticks.IDLE_MS
+        wait_ms = ticks.diff(self._due_ms, now_ms)
+        if wait_ms <= 0:
+            self._send(cob.HEARTBEAT_BASE + node_id, bytes((state,)))
+            wait_ms += self._period_ms
+            if wait_ms <= 0:
+                wait_ms = self._period_ms
+            self._due_ms = ticks.after(now_ms, wait_ms)
+        return wait_ms
+
+    def _configure(self, _index, _sub):
+        self.start(self.now_ms)
 
 
 class Consumer:
@@ -17,13 +55,13 @@ class Consumer:
         self._objects = objects
         self._changed = changed
         self._heard = heard
-        objects.watchers[TIMES] = self._on_time
+        objects.watchers[CONSUMER_TIMES] = self._on_time
         self.load()
 
     def load(self):
         """Take over what to watch from the dictionary."""
         self._limits_ms = {}
-        for sub in range(1, COUNT + 1):
+        for sub in range(1, CONSUMED_NODES + 1):
             node_id, limit_ms = self._watched(sub)
             if cob.NODE_MIN <= node_id <= cob.NODE_MAX and limit_ms:
                 self._limits_ms[node_id] = limit_ms
@@ -62,12 +100,12 @@ class Consumer:
         return wait_ms
 
     def _watched(self, sub):
-        value = self._objects.number(TIMES, sub)
+        value = self._objects.number(CONSUMER_TIMES, sub)
         return value >> 16, value & 0xFFFF
 
     def _on_time(self, _index, sub):
         node_id, limit_ms = self._watched(sub)
-        for other in range(1, COUNT + 1):
+        for other in range(1, CONSUMED_NODES + 1):
             if other != sub and limit_ms and self._watched(other)[0] == node_id and node_id:
                 raise sdo.AbortError(sdo.INCOMPATIBLE)
         self.load()

@@ -1,8 +1,46 @@
-"""Segmented SDO transfers (CiA 301, 7.2.4.2.5 and 7.2.4.2.8): seven bytes a request."""
+"""Expedited and segmented SDO transfers (CiA 301, 7.2.4.2.2 to 7.2.4.2.8)."""
 
+from mdms_cell.canopen.objects import find
 from mdms_protocol import sdo
 
 _SEGMENT = 7
+
+
+def begin_upload(objects, data, index, sub):
+    """The transfer of an entry to the client, None where one frame does, and its first response."""
+    return answer(objects.read(index, sub), data, index, sub)
+
+
+def answer(value, data, index, sub):
+    """The transfer of a value to the client, None where one frame does, and its first response."""
+    size = len(value)
+    if 1 <= size <= 4:
+        command = sdo.UPLOAD_RESPONSE | (4 - size) << 2 | sdo.EXPEDITED | sdo.SIZE_TOLD
+        return None, head(command, data) + value + bytes(4 - size)
+    command = sdo.UPLOAD_RESPONSE | sdo.SIZE_TOLD
+    return SegmentedUpload(index, sub, value), head(command, data) + size.to_bytes(4, "little")
+
+
+def begin_download(objects, data, index, sub):
+    """The transfer that a request opens, None where one frame does, and its first response."""
+    command = data[0]
+    told = command & sdo.SIZE_TOLD
+    if not command & sdo.EXPEDITED:
+        size = int.from_bytes(data[4:8], "little") if told else None
+        sink = objects.open(index, sub, size)
+        transfer = SegmentedDownload(index, sub, sink, size)
+        return transfer, head(sdo.DOWNLOAD_RESPONSE, data) + bytes(4)
+    # Where no size is told, the entry's own counts.
+    size = 4 - (command >> 2 & 3) if told else find(index, sub).size or 4
+    sink = objects.open(index, sub, size)
+    sink.write(data[4 : 4 + size])
+    sink.finish()
+    return None, head(sdo.DOWNLOAD_RESPONSE, data) + bytes(4)
+
+
+def head(command, data):
+    """The first four bytes of a response: its command, and the entry that the request names."""
+    return bytes((command,)) + data[1:4]
 
 
 class SegmentedUpload:
