@@ -131,6 +131,9 @@ def keep(bench, storage, ms):
 def test_settings_are_stored_right_after_the_motors_were_on_with_the_bridges_asleep(bench):
     storage = cached(bench)
     enable(bench, storage)
+    for _ in range(50):  # the wheels come to stand
+        bench.target(100_000)
+        storage.pass_ms()
     assert world.levels[bench.wake]
     world.told.clear()
     # Both frames lie in the inbox before the next turn, and no tick comes in between.
