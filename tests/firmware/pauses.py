@@ -90,8 +90,10 @@ def turn(bench, background, pause_at):
     bench.runner.turn(world.now_ms)
     background.pause_at = None
     # Turns follow each other at once, and each takes a share of what has come meanwhile.
+    background.interrupt = True
     for _ in range(PAUSE_MS * FRAMES_PER_MS // FRAMES_PER_TURN):
         bench.runner.turn(world.now_ms)
+    background.interrupt = False
 
 
 def run():
