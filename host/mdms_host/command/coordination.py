@@ -14,10 +14,10 @@ from mdms_host.loop_margin import observer_for
 from mdms_host.program import FieldProgram, GoalProgram, Program, nominal_droop
 from mdms_host.sdo_client import Setting
 from mdms_host.tracker import Parcel
+from mdms_model.arrays import Floats
+from mdms_model.scenario.scenario import Cell, Scenario
 from mdms_protocol import pdo
 from mdms_protocol.dictionary import AXIS_OFFSET, ENTRIES
-from mdms_sim.record import Floats
-from mdms_sim.scenario import Cell, Scenario
 
 GAIN, RESOLUTION, VOLTAGE_LIMIT, ACCELERATION_PER_VOLT = 0x2000, 0x2001, 0x2002, 0x200A
 

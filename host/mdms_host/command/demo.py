@@ -13,7 +13,7 @@ from mdms_host.command.options import Verbs
 from mdms_host.command.simulate import simulate, verdict
 
 if TYPE_CHECKING:
-    from mdms_sim.scenario import Goal, Parcel
+    from mdms_model.scenario.scenario import Goal, Parcel
 
 SCENARIO = "array18"
 NEAR_M = 0.010

@@ -1,10 +1,10 @@
 """What a scenario's field tells the wheels."""
 
-from mdms_host import fields
 from mdms_host.command.exits import CommandError, Exit
-from mdms_sim.physics.wheels import build_wheels
-from mdms_sim.record import Floats
-from mdms_sim.scenario import Scenario
+from mdms_model import fields
+from mdms_model.array import build_wheels
+from mdms_model.arrays import Floats
+from mdms_model.scenario.scenario import Scenario
 
 
 def references_m_s(scenario: Scenario) -> Floats:

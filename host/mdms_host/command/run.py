@@ -14,7 +14,7 @@ from mdms_host.command.options import Verbs, add_json, add_overrides
 if TYPE_CHECKING:
     from mdms_host.coordinator import Coordinator
     from mdms_host.operate import Operation
-    from mdms_sim.scenario import Scenario
+    from mdms_model.scenario.scenario import Scenario
 
 INTERRUPTED = 130
 

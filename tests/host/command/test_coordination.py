@@ -15,9 +15,9 @@ from mdms_host.command.coordination import (
 from mdms_host.command.exits import CommandError
 from mdms_host.command.references import references_m_s
 from mdms_host.sdo_client import Setting
+from mdms_model.array import build_wheels
+from mdms_model.scenario.file import load_scenario
 from mdms_protocol.dictionary import ENTRIES
-from mdms_sim.physics.wheels import build_wheels
-from mdms_sim.scenario_file import load_scenario
 
 
 @pytest.fixture
