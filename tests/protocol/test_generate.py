@@ -9,8 +9,9 @@ import cantools
 import pytest
 from canopen.objectdictionary import import_od
 
-from mdms_protocol import cob, generate, nmt, pdo
+from mdms_protocol import cob, nmt, pdo
 from mdms_protocol.dictionary import ENTRIES
+from mdms_protocol.generators import generate
 
 FOLDER = Path(__file__).parents[2] / "protocol"
 NODE = 7

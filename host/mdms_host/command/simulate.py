@@ -69,7 +69,7 @@ def simulate(
         finished = _run(scenario, nodes, bus_log)
         figures = figures_of(scenario, finished)
         if folder:
-            from mdms_protocol import dbc
+            from mdms_protocol.generators import dbc
             from mdms_sim.run_folder import DATABASE, write_run
 
             figures["run"] = str(out)
