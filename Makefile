@@ -22,6 +22,8 @@ check: $(VENV)/.dev typings/.installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/python -m mdms_protocol.generators.generate --check
+	$(BIN)/eds-validate protocol/mdms-cell.eds
+	$(BIN)/dcfchk -n 1 protocol/mdms-cell.eds
 	$(BIN)/mypy
 	$(BIN)/pyright --project firmware/pyrightconfig.json
 	$(BIN)/lint-imports
