@@ -98,6 +98,13 @@ def test_cells_answer(can_id):
     assert not is_from_host(can_id)
 
 
+@pytest.mark.parametrize("start_s", [946_684_800, 0])
+def test_times_of_a_log_count_from_the_start_of_its_run(tmp_path, start_s):
+    path = tmp_path / "bus.log"
+    path.write_text(f"({start_s}.000056) mdms 77F#05\n({start_s + 2}.500000) mdms 080#\n")
+    assert [time_s for time_s, _ in read_log(path)] == pytest.approx([0.000056, 2.5], abs=2e-7)
+
+
 def test_player_keeps_the_times_of_the_log():
     times_s = (0.0, 0.5, 0.5, 2.0)
     frames = [(time_s, Frame(number, b"")) for number, time_s in enumerate(times_s, 1)]
