@@ -52,6 +52,15 @@ def test_database_beside_the_log_is_ours_and_explains_it(recorded, pytestconfig)
         assert tuple(values.values()) == pdo.CONTROLWORD.decode(frame.data)
 
 
+def test_database_beside_the_log_knows_every_frame(recorded):
+    database = cantools.database.load_file(recorded / "blf" / "mdms-cell.dbc")
+    frames = [frame for _, frame in read_log(recorded / "blf" / "bus.log")]
+    services = {frame.can_id & ~0x7F for frame in frames}
+    assert {cob.SDO_REQUEST_BASE, cob.SDO_RESPONSE_BASE, cob.HEARTBEAT_BASE} <= services
+    for frame in frames:
+        database.decode_message(frame.can_id, frame.data)
+
+
 def test_run_without_a_bus_takes_the_database_away(tmp_path):
     folder = tmp_path / "run"
     for fidelity in ("firmware", "row"):
