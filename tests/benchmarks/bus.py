@@ -13,7 +13,7 @@ from typing import Any
 
 import can
 
-from mdms_host.command.coordination import coordinator_of
+from mdms_host.cli.scenario.coordination import coordinator_of
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.kernel import Kernel

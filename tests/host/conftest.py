@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from mdms_host.clock import MonotonicClock
-from mdms_host.commissioning import Commissioning
-from mdms_host.coordinator import Coordinator
+from mdms_host.commissioning.network import Commissioning
+from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.layout import Layout
-from mdms_host.rectangle import Rectangle
 from mdms_protocol import cia402, cob, nmt, pdo
 from mdms_protocol.frame import Frame
 from mdms_sim.nodes.python_bank import PythonBank

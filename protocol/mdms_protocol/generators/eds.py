@@ -105,16 +105,15 @@ def _sections() -> list[str]:
 
 
 def _variable(section: str, entry: e.Entry) -> list[str]:
-    domain = entry.type == e.DOMAIN
     lines = [
         f"[{section}]",
         f"ParameterName={entry.name}",
-        f"ObjectType=0x{2 if domain else e.VARIABLE:X}",
+        f"ObjectType=0x{e.VARIABLE:X}",
         f"DataType=0x{entry.type.code:04X}",
         f"AccessType={_access(entry)}",
+        f"PDOMapping={int(bool(entry.mappable))}",
+        f"DefaultValue={_default(entry)}",
     ]
-    if not domain:
-        lines += [f"PDOMapping={int(bool(entry.mappable))}", f"DefaultValue={_default(entry)}"]
     if (entry.low, entry.high) != (entry.type.low, entry.type.high):
         lines += [f"LowLimit={entry.low}", f"HighLimit={entry.high}"]
     return [*lines, ""]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mdms_cell import speed_loop
+from mdms_cell.drive import speed_loop
 from mdms_sim.nodes import lockstep
 
 #: Where files are memory and nothing but memory; a disk's would be written back now and then.

@@ -7,8 +7,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from mdms_cell import speed_loop
 from mdms_cell.cell import Cell
+from mdms_cell.drive import speed_loop
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.acceptance import Acceptance
 from mdms_sim.nodes.condition import Conditions
