@@ -1,7 +1,7 @@
 """The object table of a cell: the only source of what goes over the wire.
 
 The host encodes with it; the cell's packed dictionary, `mdms-cell.eds`, `mdms-cell.dbc` and
-`OBJECTS.md` are generated from it by `python -m mdms_protocol.generate`.
+`OBJECTS.md` are generated from it by `make generate`.
 
 Everything is an integer: speeds in micrometres per second, voltages in microvolts or millivolts,
 times in milliseconds. The unit of a field turns the integer into SI.

@@ -1,4 +1,4 @@
-"""The object table as a cell holds it; see `pack`. Written by `generate`."""
+"""The object table as a cell holds it; see `generators`."""
 
 # fmt: off
 RECORDS = (

@@ -2,7 +2,8 @@
 
 Topics: `/parcel/NAME` and `/wheels` at every sample, `/events` where something happened, `/scene`
 for the eyes. All but the scene also carry their time in seconds to the last bit; MCAP's own is in
-whole nanoseconds.
+whole nanoseconds. JSON has no NaN: what is no number is left out of a parcel's message, and is null
+in an array of the wheels, whose schema allows it then.
 """
 
 import heapq
@@ -35,6 +36,8 @@ WHEELS = tuple(
 
 _TEXT, _INTEGER, _NUMBER = {"type": "string"}, {"type": "integer"}, {"type": "number"}
 _NUMBERS = {"type": "array", "items": _NUMBER}
+#: Only where a record needs it: not every reader of schemas takes two types.
+_NUMBERS_OR_NULL = {"type": "array", "items": {"type": ["number", "null"]}}
 _POSE_SCHEMA = {"type": "object", "properties": dict.fromkeys(POSE, _NUMBER)}
 SCHEMAS: dict[str, dict[str, Any]] = {
     "mdms.Parcel": dict.fromkeys(("time_s", *POSE, *TWIST), _NUMBER) | {"estimate": _POSE_SCHEMA},
@@ -66,7 +69,7 @@ def write_record(path: Path, scenario: Scenario, record: Record) -> None:
     with path.open("wb") as stream:
         writer = Writer(stream)
         writer.start(profile="", library="mdms-array")
-        schemas = {name: _register_schema(writer, name) for name in SCHEMAS}
+        schemas = _register_schemas(writer, record)
         channels = {
             writer.register_channel(topic, "json", schemas[schema]): messages
             for topic, schema, messages in sources
@@ -92,10 +95,22 @@ def _topic(parcel: Parcel) -> str:
     return f"/parcel/{parcel.name}"
 
 
-def _register_schema(writer: Writer, name: str) -> int:
-    schema = {"title": name, "type": "object", "properties": SCHEMAS[name]}
-    number: int = writer.register_schema(name, "jsonschema", json.dumps(schema).encode())
-    return number
+def _register_schemas(writer: Writer, record: Record) -> dict[str, int]:
+    """The numbers of all schemas by name."""
+    numbers = {}
+    gaps = dict.fromkeys(_with_gaps(record), _NUMBERS_OR_NULL)
+    for name, known in SCHEMAS.items():
+        properties = known | gaps if name == "mdms.Wheels" else known
+        schema = {"title": name, "type": "object", "properties": properties}
+        numbers[name] = writer.register_schema(name, "jsonschema", json.dumps(schema).encode())
+    return numbers
+
+
+def _with_gaps(record: Record) -> Iterator[str]:
+    for name in WHEELS:
+        array = getattr(record, name)
+        if array is not None and not np.isfinite(array).all():
+            yield name
 
 
 def _add_messages(writer: Writer, channels: dict[int, Iterator[Timed]]) -> None:
@@ -113,10 +128,16 @@ def _parcel_messages(record: Record, number: int) -> Iterator[Timed]:
     if record.estimate is not None:
         estimates = _plain(record.estimate[:, number])
     for time_s, state, estimate in zip(record.time_s.tolist(), states, estimates, strict=False):
-        message = {"time_s": time_s, **dict(zip(POSE + TWIST, state, strict=True))}
+        message = {"time_s": time_s, **_known(POSE + TWIST, state)}
         if estimate is not None:
-            message["estimate"] = dict(zip(POSE, estimate, strict=True))
+            message["estimate"] = _known(POSE, estimate)
         yield time_s, message
+
+
+def _known(names: tuple[str, ...], values: list[float | None]) -> dict[str, float]:
+    """Values by name, without those that are no numbers."""
+    pairs = zip(names, values, strict=True)
+    return {name: value for name, value in pairs if value is not None}
 
 
 def _wheel_messages(record: Record) -> Iterator[Timed]:
@@ -155,7 +176,7 @@ def _record(topics: dict[str, list[dict[str, Any]]], parcels: list[list[dict[str
 
 
 def _stack(parcels: list[list[dict[str, Any]]], names: tuple[str, ...]) -> Floats:
-    rows = [[[row[name] for name in names] for row in parcel] for parcel in parcels]
+    rows = [[[row.get(name) for name in names] for row in parcel] for parcel in parcels]
     columns: Floats = np.array(rows, dtype=float)
     return columns.transpose(1, 0, 2)
 

@@ -82,8 +82,10 @@ def _send(arguments: Namespace) -> Exit:
 
 
 def read_log(path: Path) -> Iterator[tuple[float, Frame]]:
-    """Times [s] and frames of a candump log. Raises `CommandError` (bad input)."""
+    """Times since the run's start [s] and frames of its log. Raises `CommandError` (bad input)."""
     import can
+
+    from mdms_sim.bus.log import START_S
 
     if not path.is_file():
         raise CommandError(f"{path}: no such bus log; runs of the firmware have one", Exit.USAGE)
@@ -91,7 +93,10 @@ def read_log(path: Path) -> Iterator[tuple[float, Frame]]:
         with can.CanutilsLogReader(path) as reader:
             for message in reader:
                 if not (message.is_extended_id or message.is_remote_frame):
-                    yield message.timestamp, Frame(message.arbitration_id, bytes(message.data))
+                    time_s = message.timestamp
+                    # Logs of older runs begin at 0.
+                    time_s -= START_S if time_s >= START_S else 0
+                    yield time_s, Frame(message.arbitration_id, bytes(message.data))
     except (ValueError, IndexError) as error:
         raise CommandError(f"{path}: not a candump log: {error}", Exit.USAGE) from None
 

@@ -70,7 +70,7 @@ def simulate(
         figures = figures_of(scenario, finished)
         if folder:
             from mdms_model.run.folder import DATABASE, write_run
-            from mdms_protocol import dbc
+            from mdms_protocol.generators import dbc
             from mdms_sim.plots import save_picture
 
             figures["run"] = str(out)

@@ -6,7 +6,7 @@ from mdms_protocol.dictionary import OBJECTS, RPDO_MAPS, TPDO_MAPS
 _HEAD = """\
 # Objects of a cell
 
-Written by `python -m mdms_protocol.generate` from `mdms_protocol/dictionary.py`; change that.
+Written by `make generate` from `mdms_protocol/dictionary.py`; change that.
 
 Everything on the wire is a little-endian integer; value times factor is in the unit. 'Stored' says
 with which group of 0x1010 an entry is saved. A default with 'node +' is counted from the node id.

@@ -1,14 +1,15 @@
-"""Writes all that follows from the object table: `python -m mdms_protocol.generate [--check]`.
+"""Writes what follows from the object table: `python -m mdms_protocol.generators.generate`.
 
-Runs in a checkout, under CPython. With `--check` it writes nothing and tells what is stale.
+Runs in a checkout, under CPython. With `--check` it writes nothing and names what is stale.
 """
 
 import sys
 from pathlib import Path
 
-from mdms_protocol import dbc, eds, pack, record, reference
+from mdms_protocol import record
+from mdms_protocol.generators import dbc, eds, pack, reference
 
-_PACKAGE = Path(__file__).parent
+_PACKAGE = Path(__file__).parents[1]
 _FOLDER = _PACKAGE.parent
 
 
@@ -17,7 +18,7 @@ def packed_module() -> str:
     records, limits, data = pack.pack()
     return "\n".join(
         (
-            '"""The object table as a cell holds it; see `pack`. Written by `generate`."""',
+            '"""The object table as a cell holds it; see `generators`."""',
             "",
             "# fmt: off",
             "RECORDS = (",
@@ -63,7 +64,7 @@ def main(arguments: list[str]) -> int:
     changed = stale()
     if arguments == ["--check"]:
         for path in changed:
-            print(f"{path} is stale: run python -m mdms_protocol.generate", file=sys.stderr)
+            print(f"{path} is stale: run make generate", file=sys.stderr)
         return 1 if changed else 0
     for path in changed:
         path.write_text(outputs()[path], encoding="utf-8")

@@ -1,6 +1,8 @@
-"""The default frames of an array as a CAN database (DBC), for bus monitors."""
+"""What is on the bus of an array by default as a CAN database (DBC), for bus monitors."""
 
 from mdms_protocol import cia402, cob, nmt, pdo
+from mdms_protocol.generators import dbc_services
+from mdms_protocol.generators.dbc_lines import Database
 
 #: The array of the prototype: node ids 1 to 18.
 NODES = range(1, 19)
@@ -29,57 +31,29 @@ _CONTROLWORDS = {
 }
 
 
-class _Database:
-    """Lines of the file in the making: messages, and names of values, which come after them."""
-
-    def __init__(self) -> None:
-        self.messages: list[str] = []
-        self.values: list[str] = []
-
-    def message(self, can_id: int, name: str, length: int, sender: str) -> None:
-        """Begin a message."""
-        self.messages += ["", f"BO_ {can_id} {name}: {length} {sender}"]
-
-    def signal(
-        self,
-        name: str,
-        start: int,
-        bits: int,
-        *,
-        sign: str = "+",
-        scale: str = "(1,0) [0|0]",
-        unit: str = "",
-        receiver: str = "Vector__XXX",
-    ) -> None:
-        """Add a little-endian signal to the message."""
-        self.messages.append(f' SG_ {name} : {start}|{bits}@1{sign} {scale} "{unit}" {receiver}')
-
-    def names(self, can_id: int, signal: str, names: dict[int, str]) -> None:
-        """Say what the values of a signal mean."""
-        pairs = " ".join(f'{value} "{text}"' for value, text in sorted(names.items()))
-        self.values.append(f"VAL_ {can_id} {signal} {pairs} ;")
-
-
 def text() -> str:
     """The whole database; the same table gives the same text."""
-    database = _Database()
+    database = Database()
     _network(database)
     for node in NODES:
         _node(database, node)
-    cells = " ".join(f"Cell{node}" for node in NODES)
-    head = ['VERSION ""', "", "NS_ :", "", "BS_:", "", f"BU_: {_HOST} {cells}"]
-    return "\n".join([*head, *database.messages, "", *database.values]) + "\n"
+    return database.text([_HOST, *(f"Cell{node}" for node in NODES)])
 
 
-def _network(database: _Database) -> None:
+def _network(database: Database) -> None:
     database.message(cob.NMT, "NMT", 2, _HOST)
     database.signal("command", 0, 8)
     database.signal("node", 8, 8)
     database.names(cob.NMT, "command", _COMMANDS)
     database.message(cob.SYNC, "SYNC", 0, _HOST)
+    database.message(cob.LSS_REQUEST, "LSS_request", 8, _HOST)
+    dbc_services.add_choices(database, cob.LSS_REQUEST, dbc_services.LSS_REQUEST)
+    database.message(cob.LSS_RESPONSE, "LSS_response", 8)
+    dbc_services.add_choices(database, cob.LSS_RESPONSE, dbc_services.LSS_RESPONSE)
+    _heartbeat(database, cob.NODE_MAX, _HOST)
 
 
-def _node(database: _Database, node: int) -> None:
+def _node(database: Database, node: int) -> None:
     cell = f"Cell{node}"
     _pdo(database, node, pdo.TARGET_VELOCITY, "target_velocity", sender=_HOST)
     _pdo(database, node, pdo.CONTROLWORD, "controlword", sender=_HOST)
@@ -92,12 +66,22 @@ def _node(database: _Database, node: int) -> None:
     database.signal("error_code", 0, 16)
     database.signal("error_register", 16, 8)
     database.signal("source", 24, 8)
-    database.message(cob.HEARTBEAT_BASE + node, f"{cell}_heartbeat", 1, cell)
+    _heartbeat(database, node, cell)
+    request, response = cob.SDO_REQUEST_BASE + node, cob.SDO_RESPONSE_BASE + node
+    database.message(request, f"{cell}_SDO_request", 8, _HOST)
+    dbc_services.add_choices(database, request, dbc_services.SDO_REQUEST)
+    database.message(response, f"{cell}_SDO_response", 8, cell)
+    dbc_services.add_choices(database, response, dbc_services.SDO_RESPONSE)
+
+
+def _heartbeat(database: Database, node: int, sender: str) -> None:
+    can_id = cob.HEARTBEAT_BASE + node
+    database.message(can_id, f"{sender}_heartbeat", 1, sender)
     database.signal("state", 0, 8)
-    database.names(cob.HEARTBEAT_BASE + node, "state", _STATES)
+    database.names(can_id, "state", _STATES)
 
 
-def _pdo(database: _Database, node: int, carried: pdo.PdoMap, name: str, sender: str) -> None:
+def _pdo(database: Database, node: int, carried: pdo.PdoMap, name: str, sender: str) -> None:
     database.message(carried.can_id(node), f"Cell{node}_{name}", carried.length, sender)
     receiver = f"Cell{node}" if sender == _HOST else _HOST
     start = 0

@@ -1,4 +1,7 @@
-"""The object table as an electronic data sheet (CiA 306), for commissioning tools."""
+"""The object table as an electronic data sheet (CiA 306), for commissioning tools.
+
+CiA 306 has no key for units: they stand in its section of comments, one line an entry.
+"""
 
 from mdms_protocol import dictionary as d
 from mdms_protocol import entry as e
@@ -6,11 +9,15 @@ from mdms_protocol import entry as e
 _MANDATORY = (0x1000, 0x1001, 0x1018)
 _DUMMIES = (2, 3, 4, 5, 6, 7)
 _BIT_RATES_KBIT_S = (10, 20, 50, 125, 250, 500, 800, 1000)
+#: Dates of the data sheet, month first (CiA 306); the second goes with `dictionary.REVISION`.
+_CREATED = "11-21-2026"
+_MODIFIED = "11-22-2026"
+_AUTHOR = "mdms-array"
 
 
 def text() -> str:
     """The whole data sheet; the same table gives the same text."""
-    return "\n".join([*_head(), *_dummies(), *_lists(), *_sections()]) + "\n"
+    return "\n".join([*_head(), *_dummies(), *_comments(), *_lists(), *_sections()]) + "\n"
 
 
 def _head() -> list[str]:
@@ -21,6 +28,12 @@ def _head() -> list[str]:
         "FileRevision=0",
         "EDSVersion=4.0",
         f"Description={d.DEVICE_NAME}, a velocity drive of two wheels",
+        "CreationTime=12:00AM",
+        f"CreationDate={_CREATED}",
+        f"CreatedBy={_AUTHOR}",
+        "ModificationTime=12:00AM",
+        f"ModificationDate={_MODIFIED}",
+        f"ModifiedBy={_AUTHOR}",
         "",
         "[DeviceInfo]",
         "VendorName=",
@@ -46,6 +59,16 @@ def _head() -> list[str]:
 def _dummies() -> list[str]:
     usage = [f"Dummy{code:04X}={int(code in _DUMMIES)}" for code in range(1, 8)]
     return ["[DummyUsage]", *usage, ""]
+
+
+def _comments() -> list[str]:
+    """The units: object, factor and unit, with nothing that a reader of INI files stumbles over."""
+    texts = ["Units: value times factor is in the unit. Lines are object, factor, unit"]
+    for each in d.ENTRIES.values():
+        if each.unit.symbol:
+            texts.append(f"0x{each.index:04X}:{each.sub} {each.unit.factor:g} {each.unit.symbol}")
+    lines = [f"Line{number}={text}" for number, text in enumerate(texts, 1)]
+    return ["[Comments]", f"Lines={len(lines)}", *lines, ""]
 
 
 def _lists() -> list[str]:
@@ -93,8 +116,6 @@ def _variable(section: str, entry: e.Entry) -> list[str]:
     ]
     if (entry.low, entry.high) != (entry.type.low, entry.type.high):
         lines += [f"LowLimit={entry.low}", f"HighLimit={entry.high}"]
-    if entry.unit.symbol:
-        lines += [f"Factor={entry.unit.factor}", f"Unit={entry.unit.symbol}"]
     return [*lines, ""]
 
 
@@ -107,7 +128,7 @@ def _access(entry: e.Entry) -> str:
 
 def _default(entry: e.Entry) -> str:
     if entry.from_node:
-        return f"$NODEID+0x{entry.default:X}"
+        return f"$NODEID+0x{entry.default:08X}"
     if entry.type == e.U32 and not entry.unit.symbol:
-        return f"0x{entry.default:X}"
+        return f"0x{entry.default:08X}"
     return str(entry.default)
