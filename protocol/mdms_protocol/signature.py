@@ -14,7 +14,7 @@ def _place(position: int) -> int:
     return packed.RECORDS[start] | packed.RECORDS[start + 1] << 8
 
 
-def of(data: bytes) -> int:
+def of(data: "bytes | bytearray") -> int:
     """The CRC-32 of the stored values among those of all entries, in the order of the table."""
     crc = 0
     for position in range(len(packed.RECORDS) // record.RECORD_SIZE - 1):

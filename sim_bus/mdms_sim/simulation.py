@@ -112,7 +112,10 @@ class Simulation:
             bus=self.bus,
             controllers=self._mailboxes,
             bank=bank,
+            world=self.world,
         )
+        for cell, supply_v in enumerate(self.world.bridges.supply_v):
+            bank.set_supply(cell, round(supply_v * UV_PER_V))
         self._delivered_ns = -1
         self._delivered: list[int] = []
         self._unknown: Floats = np.full((len(scenario.parcel), 3), np.nan)
@@ -159,6 +162,7 @@ class Simulation:
             self._move()
         _, counts, current_ma = self.world.sampled
         self._voltage_uv = self._bank.tick(counts, current_ma, self.world.presence())
+        self.world.bridges.awake[:] = self._bank.awake
         self.kernel.at(now_ns + PROCESSING_NS, PRIORITY_COLLECT, self._collect_all)
         self.kernel.at(now_ns + TICK_NS, PRIORITY_TICK, self._tick)
 

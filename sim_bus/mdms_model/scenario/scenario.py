@@ -35,7 +35,10 @@ SHARE = Limit(at_least=0.0, at_most=0.9)
 FIELDS = ("inward", "uniform", "rotate", "elliptic", "twist", "squeeze", "table", "goal")
 FIDELITIES = ("row", "ideal", "firmware")
 SHAPES = ("rectangle", "disc", "polygon")
-FAULTS = ("loss", "corruption", "overload", "delay", "babble", "cut", "off", "hang", "drift")
+FAULTS = (
+    *("loss", "corruption", "overload", "delay", "babble", "cut"),
+    *("off", "hang", "drift", "supply", "bridge_fault"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,6 +197,8 @@ class Fault:
     - off: they lose power, and start again at the end, as `node_id` if that is given
     - hang: their program stops, and the watchdog resets them at the end
     - drift: their clock is fast by `drift_ppm`
+    - supply: the supply of their motors is `supply_v`, 0 behind an open emergency stop
+    - bridge_fault: their bridges report a fault and have shut off
     """
 
     kind: str = field(metadata=Limit(choices=FAULTS))
@@ -207,6 +212,7 @@ class Fault:
     period_s: float = field(default=0.0001, metadata=Limit(at_least=0.00001, at_most=1000.0))
     node_id: int | None = field(default=None, metadata=Limit(at_least=1, at_most=127))
     overload_frames: int = field(default=1, metadata=Limit(at_least=1, at_most=2))
+    supply_v: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=60.0))
     drift_ppm: int = field(default=0, metadata=Limit(at_least=-500_000, at_most=500_000))
 
 

@@ -16,6 +16,8 @@ from mdms_sim.bus.controller import Controller
 from mdms_sim.faults.wire import Effect, Strikes, WireFaults, corrupting, losing, overloading
 from mdms_sim.kernel import Kernel
 from mdms_sim.nodes.bank import CellBank
+from mdms_sim.physics.plane.control_step import UV_PER_V
+from mdms_sim.physics.plane.world import World
 
 NS_PER_S = 1_000_000_000
 #: Before the cells tick at that instant.
@@ -37,12 +39,15 @@ class Faults:
         bus: Bus,
         controllers: Sequence[Controller],
         bank: CellBank,
+        world: World,
     ) -> None:
         self.events: list[Event] = []
         self._kernel = kernel
         self._bus = bus
         self._controllers = controllers
         self._bank = bank
+        self._bridges = world.bridges
+        self._nominal_supply_v = world.bridges.supply_v.copy()
         self._wire = WireFaults(bus)
         for number, fault in enumerate(faults):
             self._schedule(fault, Random(f"{seed}/{number}"))
@@ -158,6 +163,28 @@ class Faults:
             return f"watchdog reset, {overruns} frames overrun"
 
         return begin, end
+
+    def _supply(self, fault: Fault, random: Random) -> "_Ways":
+        def set_supply(cell: int, supply_v: float) -> None:
+            self._bridges.supply_v[cell] = supply_v
+            self._bank.set_supply(cell, round(supply_v * UV_PER_V))
+
+        def begin() -> None:
+            for cell in self._cells(fault):
+                set_supply(cell, fault.supply_v)
+
+        def end() -> None:
+            for cell in self._cells(fault):
+                set_supply(cell, self._nominal_supply_v[cell])
+
+        return begin, end
+
+    def _bridge_fault(self, fault: Fault, random: Random) -> "_Ways":
+        def shut_off(value: int) -> None:
+            for cell in self._cells(fault):
+                self._bridges.shut_off[cell] = value
+
+        return partial(shut_off, 1), partial(shut_off, 0)
 
     def _drift(self, fault: Fault, random: Random) -> "_Ways":
         def set_drift(drift_ppm: int) -> None:

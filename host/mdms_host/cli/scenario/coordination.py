@@ -21,6 +21,9 @@ from mdms_protocol import pdo
 from mdms_protocol.dictionary import AXIS_OFFSET, ENTRIES
 
 GAIN, RESOLUTION, VOLTAGE_LIMIT, ACCELERATION_PER_VOLT = 0x2000, 0x2001, 0x2002, 0x200A
+UNDERVOLTAGE_LIMIT = 0x3003
+#: As much as a cell comes with, but never more than half the supply.
+UNDERVOLTAGE_MV = 10_000
 
 
 def coordinator_of(scenario: Scenario) -> Coordinator:
@@ -57,11 +60,13 @@ def settings_of(cell: Cell) -> tuple[Setting, ...]:
         VOLTAGE_LIMIT: ("cell.supply_v", round(cell.supply_v * 1000)),
         ACCELERATION_PER_VOLT: ("the motor's acceleration per volt", round(acceleration * 1000)),
     }
-    return tuple(
+    axes = tuple(
         _setting(index + axis * AXIS_OFFSET, *meaning)
         for axis in range(len(cell.wheel))
         for index, meaning in wanted.items()
     )
+    undervoltage_mv = min(UNDERVOLTAGE_MV, int(cell.supply_v * 1000 / 2))
+    return (*axes, _setting(UNDERVOLTAGE_LIMIT, "half of cell.supply_v", undervoltage_mv))
 
 
 def estimates_of(coordinator: Coordinator, scenario: Scenario) -> Floats:

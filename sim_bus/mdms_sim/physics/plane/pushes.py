@@ -17,6 +17,9 @@ FORWARD, BACKWARD = int(Contact.SLIDING_FORWARD), int(Contact.SLIDING_BACKWARD)
 #: A roller with friction creeps: its push grows in proportion up to this speed [m/s].
 CREEP_M_S = 1e-3
 
+#: A wheel without inertia or damping that coasts would answer to a force without limit.
+LOSS_MIN_N_S_PER_M = 1e-6
+
 # Under the ideal law -----------------------------------------------------------------------------
 
 
@@ -57,7 +60,8 @@ def spin_ideal(wheels: Records, reference_m_s: Floats, step_s: float) -> None:
 def power_wheels(wheels: Records, voltage_v: Floats, step_s: float) -> None:
     """Work out how each wheel will answer to its voltage over the step (eq 8).
 
-    A current beyond the limit is held there instead: the motor then pushes evenly.
+    A current beyond the limit is held there instead: the motor then pushes evenly. A motor that its
+    bridge leaves open carries no current.
     """
     for w in range(wheels.size):
         wheel = wheels[w]
@@ -66,8 +70,10 @@ def power_wheels(wheels: Records, voltage_v: Floats, step_s: float) -> None:
         torque_n = drive_n - braking * wheel.speed_m_s
         if abs(torque_n) > wheel.force_limit_n:
             drive_n, braking = np.copysign(wheel.force_limit_n, torque_n), 0.0
+        if wheel.coasting:
+            drive_n, braking = 0.0, 0.0
         wheel.drive_n, wheel.braking = drive_n, braking
-        loss = wheel.damping + braking
+        loss = max(wheel.damping + braking, LOSS_MIN_N_S_PER_M)
         wheel.decay, wheel.gain, wheel.glide, wheel.stride = coast(wheel.mass_kg, loss, step_s)
 
 

@@ -38,6 +38,7 @@ WHEEL = np.dtype(
         ("mass_kg", "f8"),  # inertia of rotor and wheel, felt at the rim
         ("supply_v", "f8"),
         ("pwm_steps", "i8"),
+        ("coasting", "i8"),  # 1: its bridge leaves the motor open
         # This step: v+ = decay v + gain F, travel = glide v + stride F, F = drive - push.
         ("drive_n", "f8"),
         ("braking", "f8"),  # of the back-EMF [N s/m]; 0 while the current is limited

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mdms_model.array import Grid, build_wheels, reach_m
+from mdms_model.array import Grid, build_cells, build_wheels, reach_m
 from mdms_model.arrays import Floats
 from mdms_model.compiled import for_types_of
 from mdms_model.parcel import parcel_records, read_poses
@@ -14,7 +14,7 @@ from mdms_model.run.record import Event
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.physics.motor import true_cells
 from mdms_sim.physics.plane import step
-from mdms_sim.physics.plane.control_step import Registers, Sampled, step_cells
+from mdms_sim.physics.plane.control_step import Bridges, Registers, Sampled, step_cells
 from mdms_sim.physics.plane.scene import Scene
 from mdms_sim.physics.plane.sensors import LoadCells, PresenceSensors, counts_per_m
 from mdms_sim.physics.plane.touch import NOW, TOUCH
@@ -43,6 +43,9 @@ class World:
         self._load_cells = None if noise_n is None else LoadCells(scenario, noise_n)
         counts, current_ma = np.zeros((2, len(self.scene.first) - 1, 2), np.int32)
         self.sampled = Sampled(counts_per_m(scenario.cell), counts, current_ma)
+        supply_v = np.array([cell.supply_v for cell in build_cells(scenario)])
+        awake, shut_off = np.ones(len(counts), np.int32), np.zeros(len(counts), np.int32)
+        self.bridges = Bridges(awake, shut_off, supply_v)
 
     # Motion --------------------------------------------------------------------------------------
 
@@ -55,14 +58,19 @@ class World:
         self.pass_time(step_s, step.step_voltage(self.scene, voltage_v, step_s))
 
     def step_cells(self, voltage_uv: Registers, step_s: float) -> None:
-        """The same under voltages as cells hold them (cells, 2); `sampled` is of the step's end."""
+        """The same under voltages as cells hold them (cells, 2), and the state of their `bridges`.
+
+        `sampled` is of the step's end.
+        """
         voltage_uv = np.ascontiguousarray(voltage_uv, np.int32)
-        self.pass_time(step_s, self._step_cells(self.scene, voltage_uv, step_s, self.sampled))
+        news = self._step_cells(self.scene, voltage_uv, self.bridges, step_s, self.sampled)
+        self.pass_time(step_s, news)
 
     @cached_property
-    def _step_cells(self) -> Callable[[Scene, Registers, float, Sampled], int]:
+    def _step_cells(self) -> Callable[[Scene, Registers, Bridges, float, Sampled], int]:
         # It runs every millisecond, and sorting out its arguments would take as long as the step.
-        return for_types_of(step_cells, self.scene, self.sampled.counts, 0.0, self.sampled)
+        types = self.scene, self.sampled.counts, self.bridges, 0.0, self.sampled
+        return for_types_of(step_cells, *types)
 
     def pass_time(self, step_s: float, news: int) -> None:
         """Advance the clock after the scene has moved, and note what it had to tell."""
