@@ -9,12 +9,12 @@ _FLAGS_AT = 4
 _PLACE_AT = 6
 
 
-def _place(position):
+def _place(position: int) -> int:
     start = position * record.RECORD_SIZE + _PLACE_AT
     return packed.RECORDS[start] | packed.RECORDS[start + 1] << 8
 
 
-def of(data):
+def of(data: bytes | bytearray) -> int:
     """The CRC-32 of the stored values among those of all entries, in the order of the table."""
     crc = 0
     for position in range(len(packed.RECORDS) // record.RECORD_SIZE - 1):

@@ -3,11 +3,12 @@
 import numpy as np
 
 from mdms_protocol import pdo
+from mdms_protocol.entry import steps_per_unit
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.record import Floats
 
-UM_PER_M = 1e6
+UM_PER_M = steps_per_unit(pdo.TARGET_VELOCITY.entries[0].unit)
 #: What the PDO holds: one for each axis [um/s].
 REFERENCES = np.dtype("<i4")
 

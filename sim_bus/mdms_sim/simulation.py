@@ -14,6 +14,7 @@ from typing import BinaryIO
 
 import numpy as np
 
+from mdms_protocol.entry import MICROVOLTS, steps_per_unit
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus_log import BusLog
@@ -42,7 +43,7 @@ PRIORITY_TICK = 10
 PRIORITY_COLLECT = 20
 PRIORITY_SAMPLE = 40
 
-UV_PER_V = 1e6
+UV_PER_V = steps_per_unit(MICROVOLTS)
 
 
 Progress = Callable[[float], object]
