@@ -14,22 +14,23 @@ from typing import BinaryIO
 
 import numpy as np
 
+from mdms_model.arrays import Floats
+from mdms_model.run.record import Record
+from mdms_model.run.references import References
+from mdms_model.scenario.scenario import Scenario
 from mdms_protocol.entry import MICROVOLTS, steps_per_unit
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.bus import Bus
-from mdms_sim.bus_log import BusLog
-from mdms_sim.bus_off import BusOffWatch
-from mdms_sim.faults import Faults
+from mdms_sim.bus.log import BusLog
+from mdms_sim.faults.schedule import Faults
 from mdms_sim.kernel import Kernel
 from mdms_sim.nodes import CellBank
+from mdms_sim.nodes.bus_off import BusOffWatch
 from mdms_sim.nodes.micropython_bank import MicropythonBank
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.participant import Driver, Participant
-from mdms_sim.physics.world import World
-from mdms_sim.record import Floats, Record
-from mdms_sim.references import References
+from mdms_sim.physics.plane.world import World
 from mdms_sim.sampling import Sampler
-from mdms_sim.scenario import Scenario
 
 NS_PER_S = 1_000_000_000
 TICK_NS = 1_000_000
@@ -98,7 +99,8 @@ class Simulation:
         self._axes = len(scenario.cell.wheel)
         # A cell has two axes, of which the array may use one.
         self._voltage_uv = np.zeros((self._cells, 2), np.int32)
-        self._references = References(self.bus, self._cells, self._axes)
+        self._references = References(self._cells, self._axes)
+        self.bus.observe(self._references.on_frame, self._references.cells)
         self._mailboxes = [
             self.bus.attach(_CellStation(self._deliver, cell), bank.accepts(cell))
             for cell in range(self._cells)

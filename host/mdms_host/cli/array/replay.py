@@ -85,7 +85,7 @@ def read_log(path: Path) -> Iterator[tuple[float, Frame]]:
     """Times since the run's start [s] and frames of its log. Raises `CommandError` (bad input)."""
     import can
 
-    from mdms_sim.bus_log import START_S
+    from mdms_sim.bus.log import START_S
 
     if not path.is_file():
         raise CommandError(f"{path}: no such bus log; runs of the firmware have one", Exit.USAGE)

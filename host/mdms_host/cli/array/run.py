@@ -14,7 +14,7 @@ from mdms_host.cli.scenario.inputs import open_program
 if TYPE_CHECKING:
     from mdms_host.coordination.coordinator import Coordinator
     from mdms_host.coordination.operation import Operation
-    from mdms_sim.scenario import Scenario
+    from mdms_model.scenario.scenario import Scenario
 
 INTERRUPTED = 130
 

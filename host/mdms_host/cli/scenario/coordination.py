@@ -4,7 +4,6 @@ from math import pi
 
 import numpy as np
 
-from mdms_host import fields
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.scenario.gain import motor_of
@@ -14,12 +13,13 @@ from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.goal import Goal, Limits
 from mdms_host.motion.program import FieldProgram, GoalProgram, Program, nominal_droop
+from mdms_model import fields
+from mdms_model.array import build_wheels
+from mdms_model.arrays import Floats
+from mdms_model.scenario.scenario import Cell, Scenario
 from mdms_protocol import indices, pdo
 from mdms_protocol.dictionary import ENTRIES
 from mdms_protocol.entry import steps_per_unit
-from mdms_sim.physics.wheels import build_wheels
-from mdms_sim.record import Floats
-from mdms_sim.scenario import Cell, Scenario
 
 
 def coordinator_of(scenario: Scenario) -> Coordinator:

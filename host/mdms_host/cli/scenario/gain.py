@@ -7,7 +7,7 @@ from mdms_host.cli.exits import CommandError, Exit
 
 if TYPE_CHECKING:
     from mdms_host.commissioning.loop_margin import WheelMotor
-    from mdms_sim.scenario import Cell, Scenario
+    from mdms_model.scenario.scenario import Cell, Scenario
 
 MASSLESS = "none, for the wheels have no inertia: the paper's law is continuous"
 

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 from mdms_host.cli.exits import CommandError, Exit
 
 if TYPE_CHECKING:
-    from mdms_sim.run_folder import StoredRun
-    from mdms_sim.scenario import Scenario
+    from mdms_model.run.folder import StoredRun
+    from mdms_model.scenario.scenario import Scenario
 
 
 @contextmanager
 def refusing_bad_scenarios() -> Iterator[None]:
     """Turns any `ScenarioError` inside into a `CommandError` (bad input)."""
-    from mdms_sim.scenario import ScenarioError
+    from mdms_model.scenario.scenario import ScenarioError
 
     try:
         yield
@@ -25,7 +25,7 @@ def refusing_bad_scenarios() -> Iterator[None]:
 
 def open_scenario(name_or_path: str, overrides: Sequence[str]) -> "Scenario":
     """A checked scenario. Raises `CommandError` (bad input)."""
-    from mdms_sim.scenario_file import load_scenario
+    from mdms_model.scenario.file import load_scenario
 
     with refusing_bad_scenarios():
         return load_scenario(name_or_path, overrides)
@@ -42,7 +42,7 @@ def open_program(name_or_path: str, overrides: Sequence[str]) -> "Scenario":
 
 def open_run(folder: Path) -> "StoredRun":
     """A run read back. Raises `CommandError` (bad input)."""
-    from mdms_sim.run_folder import RunFolderError, read_run
+    from mdms_model.run.folder import RunFolderError, read_run
 
     try:
         return read_run(folder)
@@ -53,7 +53,7 @@ def open_run(folder: Path) -> "StoredRun":
 @contextmanager
 def folder_to_fill(folder: Path) -> Iterator[Path]:
     """A new run folder, put in place when all went well. Raises `CommandError` (bad input)."""
-    from mdms_sim.run_folder import RunFolderError, fresh_folder
+    from mdms_model.run.folder import RunFolderError, fresh_folder
 
     try:
         with fresh_folder(folder) as partial:

@@ -38,7 +38,7 @@ def add_to(verbs: Verbs) -> None:
 def run(arguments: Namespace) -> Exit:
     """Print the bounds."""
     scenario = open_scenario(arguments.scenario, arguments.overrides)
-    from mdms_sim.physics.limits import parcel_limits
+    from mdms_model.limits import parcel_limits
 
     with refusing_bad_scenarios():
         bounds = [asdict(parcel_limits(scenario, parcel)) for parcel in scenario.parcel]

@@ -11,8 +11,8 @@ from mdms_host.cli.scenario.inputs import open_scenario, refusing_bad_scenarios
 from mdms_host.cli.simulation.compiling import compiling_watched
 
 if TYPE_CHECKING:
-    from mdms_sim.physics.field_map import FieldMap
-    from mdms_sim.scenario import Parcel, Scenario
+    from mdms_model.scenario.scenario import Parcel, Scenario
+    from mdms_sim.physics.analysis.field_map import FieldMap
 
 LAWS = ("sliding", "at_rest")
 
@@ -41,8 +41,8 @@ def run(arguments: Namespace) -> Exit:
     parcel = _choose(scenario, arguments.parcel)
     path = arguments.out or Path(f"{Path(arguments.scenario).stem}-map.png")
     from mdms_host.cli.scenario.coordination import references_m_s
-    from mdms_sim.physics.field_map import map_field
-    from mdms_sim.physics.held_parcel import Law
+    from mdms_sim.physics.analysis.field_map import map_field
+    from mdms_sim.physics.analysis.held_parcel import Law
     from mdms_sim.plots.canvas import save
     from mdms_sim.plots.field_map import draw_field_map
 

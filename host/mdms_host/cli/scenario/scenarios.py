@@ -16,7 +16,7 @@ def add_to(verbs: Verbs) -> None:
 
 def run(arguments: Namespace) -> Exit:
     """Print the built-in scenarios, a name and a title each."""
-    from mdms_sim.scenario_file import builtin_names, load_scenario
+    from mdms_model.scenario.file import builtin_names, load_scenario
 
     titles = {name: load_scenario(name).title for name in builtin_names()}
     if arguments.json:

@@ -12,8 +12,9 @@ from mdms_host.cli.simulation.compiling import compiling_watched
 
 if TYPE_CHECKING:
     from mdms_host.coordination.coordinator import Coordinator
-    from mdms_sim.record import Floats, Record
-    from mdms_sim.scenario import Scenario
+    from mdms_model.arrays import Floats
+    from mdms_model.run.record import Record
+    from mdms_model.scenario.scenario import Scenario
     from mdms_sim.simulation import BusFigures
 
 
@@ -47,7 +48,7 @@ def run_scenario(
 def timed(scenario: "Scenario", prepare: Callable[[], Callable[[], Finished]]) -> Finished:
     """Prepare a run, do it, and tell how long it took. Raises `CommandError` as the run does."""
     from mdms_host.clock import MonotonicClock
-    from mdms_sim.slip import slip_m_s
+    from mdms_model.run.slip import slip_m_s
 
     with refusing_bad_scenarios(), compiling_watched() as compiled:
         work = prepare()
@@ -69,10 +70,10 @@ def _model(scenario: "Scenario") -> Callable[[], Finished]:
 
 def _solver(fidelity: str) -> "Callable[[Scenario, Floats], Record]":
     if fidelity == "row":
-        from mdms_sim.physics.row import solve_row
+        from mdms_sim.physics.row.solver import solve_row
 
         return solve_row
-    from mdms_sim.physics.ideal import solve_ideal
+    from mdms_sim.physics.plane.ideal import solve_ideal
 
     return solve_ideal
 
@@ -120,7 +121,7 @@ def telling_of_nodes() -> Iterator[None]:
 
 def _tell_of_coordinator(record: "Record", coordinator: "Coordinator") -> None:
     """Put the coordinator's events among those of the physics, by time."""
-    from mdms_sim.record import Event
+    from mdms_model.run.record import Event
 
     told = [Event(time_s, "coordinator", text) for time_s, text in coordinator.events]
     record.events = sorted(record.events + told, key=lambda event: event.time_s)

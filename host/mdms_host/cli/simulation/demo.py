@@ -13,7 +13,7 @@ from mdms_host.cli.simulation.compiling import WORTH_TELLING_S
 from mdms_host.cli.simulation.simulate import simulate, verdict
 
 if TYPE_CHECKING:
-    from mdms_sim.scenario import Goal, Parcel
+    from mdms_model.scenario.scenario import Goal, Parcel
 
 SCENARIO = "array18"
 NEAR_M = 0.010

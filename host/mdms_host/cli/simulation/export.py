@@ -25,7 +25,7 @@ def add_to(verbs: Verbs) -> None:
 def run(arguments: Namespace) -> Exit:
     """Write the tables and print their paths."""
     stored = open_run(arguments.folder)
-    from mdms_sim.export import export_csv
+    from mdms_model.run.csv_export import export_csv
 
     try:
         paths = export_csv(arguments.csv, stored.scenario, stored.record)

@@ -15,7 +15,7 @@ from mdms_host.cli.simulation.compose import Finished, telling_of_nodes, timed
 from mdms_protocol.frame import Frame
 
 if TYPE_CHECKING:
-    from mdms_sim.scenario import Scenario
+    from mdms_model.scenario.scenario import Scenario
 
 NS_PER_S = 1_000_000_000
 NS_PER_US = 1_000

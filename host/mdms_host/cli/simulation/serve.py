@@ -11,7 +11,7 @@ from mdms_host.cli.options import Verbs, add_nodes, add_scenario
 from mdms_host.cli.scenario.inputs import open_program, refusing_bad_scenarios
 
 if TYPE_CHECKING:
-    from mdms_sim.scenario import Scenario
+    from mdms_model.scenario.scenario import Scenario
 
 #: Beyond this no machine keeps up.
 SPEED_MAX = 100.0

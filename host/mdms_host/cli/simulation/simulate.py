@@ -11,11 +11,11 @@ from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.options import Verbs, add_json, add_nodes, add_scenario
 from mdms_host.cli.scenario.inputs import folder_to_fill, open_program, telling_of_full_disk
 from mdms_host.cli.simulation.bus_log import FORMATS, convert_log
-from mdms_sim.scenario import FIDELITIES
+from mdms_model.scenario.scenario import FIDELITIES
 
 if TYPE_CHECKING:
     from mdms_host.cli.simulation.compose import Finished
-    from mdms_sim.scenario import Scenario
+    from mdms_model.scenario.scenario import Scenario
 
 
 def add_to(verbs: Verbs) -> None:
@@ -69,15 +69,16 @@ def simulate(
         finished = _run(scenario, nodes, bus_log)
         figures = figures_of(scenario, finished)
         if folder:
+            from mdms_model.run.folder import DATABASE, write_run
             from mdms_protocol.generators import dbc
-            from mdms_sim.run_folder import DATABASE, write_run
+            from mdms_sim.plots import save_picture
 
             figures["run"] = str(out)
             with telling_of_full_disk(folder):
                 if _has_bus(scenario):
                     convert_log(folder / "bus.log", bus_format)
                     (folder / DATABASE).write_text(dbc.text(), "utf-8")
-                write_run(folder, scenario, finished.record, figures)
+                write_run(folder, scenario, finished.record, figures, save_picture)
     return finished, figures
 
 

@@ -15,9 +15,9 @@ from mdms_host.cli.scenario.coordination import (
     references_m_s,
     settings_of,
 )
+from mdms_model.array import build_wheels
+from mdms_model.scenario.file import load_scenario
 from mdms_protocol.dictionary import ENTRIES
-from mdms_sim.physics.wheels import build_wheels
-from mdms_sim.scenario_file import load_scenario
 
 
 @pytest.fixture
