@@ -18,6 +18,7 @@ from mdms_model.arrays import Floats
 from mdms_model.run.record import Record
 from mdms_model.run.references import References
 from mdms_model.scenario.scenario import Scenario
+from mdms_protocol.entry import MICROVOLTS, steps_per_unit
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.log import BusLog
@@ -43,7 +44,7 @@ PRIORITY_TICK = 10
 PRIORITY_COLLECT = 20
 PRIORITY_SAMPLE = 40
 
-UV_PER_V = 1e6
+UV_PER_V = steps_per_unit(MICROVOLTS)
 
 
 Progress = Callable[[float], object]

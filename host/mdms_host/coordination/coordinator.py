@@ -20,14 +20,14 @@ from mdms_host.coordination.velocity_frames import VelocityFrames
 from mdms_host.estimation.tracker import Estimate, Parcel, Tracker
 from mdms_host.layout import Layout
 from mdms_host.motion.program import Program
-from mdms_protocol import cob, nmt, pdo
+from mdms_protocol import cob, indices, nmt, pdo
 from mdms_protocol.frame import Frame
 
 Floats = NDArray[np.float64]
 
 _SYNC = Frame(cob.SYNC, b"")
 #: Cells tell their state on change; now and then they repeat it, so that a lost frame is made good.
-_REPEAT_STATUS = Setting(0x1801, 5, 200)
+_REPEAT_STATUS = Setting(indices.TPDO_PARAMETERS + 1, 5, 200)
 _OVER = (Phase.FAILING, *STOPPED)
 _SETTLED = (Phase.RUNNING, *STOPPED)
 

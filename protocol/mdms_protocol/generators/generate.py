@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from mdms_protocol import record
-from mdms_protocol.generators import dbc, eds, pack, reference
+from mdms_protocol.generators import dbc, eds, index_names, pack, reference
 
 _PACKAGE = Path(__file__).parents[1]
 _FOLDER = _PACKAGE.parent
@@ -44,6 +44,7 @@ def outputs() -> dict[Path, str]:
     """The text of every generated file."""
     return {
         _PACKAGE / "packed.py": packed_module(),
+        _PACKAGE / "indices.py": index_names.text(),
         _FOLDER / "mdms-cell.eds": eds.text(),
         _FOLDER / "mdms-cell.dbc": dbc.text(),
         _FOLDER / "OBJECTS.md": reference.text(),
