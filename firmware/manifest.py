@@ -21,6 +21,7 @@ package(
         "packed.py",
         "record.py",
         "sdo.py",
+        "signature.py",
         "version.py",
     ),
 )

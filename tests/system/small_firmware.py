@@ -2,11 +2,11 @@
 
 import random
 
-from mdms_host.board_link import BoardLink
-from mdms_host.board_survey import identify, survey
 from mdms_host.clock import MonotonicClock
-from mdms_host.firmware_build import Firmware
-from mdms_host.flashing import carry_out, plan_flash
+from mdms_host.flashing.board_link import BoardLink
+from mdms_host.flashing.board_survey import identify, survey
+from mdms_host.flashing.firmware_build import Firmware
+from mdms_host.flashing.flashing import carry_out, plan_flash
 
 #: A cell at work, as far as its host can tell: fed watchdog, motors that go off with it.
 CELL = b"""

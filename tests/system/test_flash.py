@@ -16,11 +16,11 @@ from tests.system.small_firmware import (
 )
 from tests.system.unix_board import boards_in
 
-from mdms_host.board_link import WATCHDOG_MS, BoardError, BoardLink, NoBoardError
-from mdms_host.board_survey import identify, survey
+from mdms_host.cli import main
+from mdms_host.cli.exits import Exit
 from mdms_host.clock import MonotonicClock
-from mdms_host.command import main
-from mdms_host.command.exits import Exit
+from mdms_host.flashing.board_link import WATCHDOG_MS, BoardError, BoardLink, NoBoardError
+from mdms_host.flashing.board_survey import identify, survey
 from mdms_protocol.version import VERSION
 
 pytestmark = pytest.mark.real_time

@@ -15,15 +15,15 @@ from tests.system.small_firmware import (
 )
 from tests.system.unix_board import ROM_SIZE, boards_in
 
-from mdms_host import board_survey
-from mdms_host.board_link import BoardLink, NoBoardError
-from mdms_host.board_survey import identify
-from mdms_host.board_way import COPIES_HEAP
+from mdms_host.cli import main
+from mdms_host.cli.exits import Exit
 from mdms_host.clock import MonotonicClock
-from mdms_host.command import main
-from mdms_host.command.exits import Exit
-from mdms_host.firmware_build import rom_image
-from mdms_host.firmware_sources import START
+from mdms_host.flashing import board_survey
+from mdms_host.flashing.board_link import BoardLink, NoBoardError
+from mdms_host.flashing.board_survey import identify
+from mdms_host.flashing.board_way import COPIES_HEAP
+from mdms_host.flashing.firmware_build import rom_image
+from mdms_host.flashing.firmware_sources import START
 from mdms_protocol.version import VERSION
 
 pytestmark = pytest.mark.real_time
