@@ -36,8 +36,7 @@ _HOUR = """
 import gc
 from _firmware_heap import Board, Traffic
 from mdms_cell.cell import Cell
-from mdms_cell.inbox import Inbox
-from mdms_cell.outbox import Outbox
+from mdms_cell.queues import Inbox, Outbox
 cell = Cell(Board(Inbox(), Outbox()), 5)
 traffic = Traffic(cell)
 traffic.boot()
@@ -76,7 +75,7 @@ def _cpython() -> str:
 def _unix(folder: Path, emitter: str) -> str:
     """The measurement on the unix port, with the tick compiled by this emitter."""
     stage(folder, [MEASURE])
-    source = folder / "mdms_cell" / "speed_loop.py"
+    source = folder / Path(speed_loop.__file__).relative_to(ROOT / "firmware")
     source.write_text(source.read_text().replace("@micropython.viper", "@micropython." + emitter))
     done = unix(folder, MEASURE.name)
     assert done.returncode == 0, done.stdout + done.stderr
