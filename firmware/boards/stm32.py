@@ -3,6 +3,7 @@
 A board's own module only tells its `Pins`.
 """
 
+import time
 from array import array
 from binascii import crc32
 from collections import namedtuple
@@ -23,15 +24,19 @@ BITRATE = 1_000_000
 WATCHDOG_MS = 250
 #: And while both sleep, when flash may be written: erasing sectors stops the processor for seconds.
 WATCHDOG_ASLEEP_MS = 5_000
-#: How long the bus is left alone after bus-off.
+#: How long the bus is left alone after bus-off, and between attempts to come back.
 BUS_OFF_MS = 100
+#: Room for an exception in an interrupt, which cannot allocate its traceback.
+EXCEPTION_BYTES = 100
 #: 100 kOhm over 8.2 kOhm into an ADC of 3.3 V.
 SUPPLY_FULL_SCALE_MV = const(43_544)
 
 _SUPPLY_STEP_UV = const(SUPPLY_FULL_SCALE_MV * 1000 >> 12)
+_TRIGGERS = CAN.IRQ_RX | CAN.IRQ_STATE
 
 #: The wiring of a board, by the names of its pins. `pwm_timer` counts at `pwm_hz` and has its
-#: channels 1 and 2 at `pulses`; `encoders` has timer, A and B of each; the rest see `Stm32Board`.
+#: channels 1 and 2 at `pulses`; `encoders` has timer, A and B of each; `filters` is the chip
+#: family's function of `can_filters`, `receive` the pin of CAN RX; the rest see `Stm32Board`.
 Pins = namedtuple(
     "Pins",
     (
@@ -47,6 +52,8 @@ Pins = namedtuple(
         "supply",
         "run_led",
         "error_led",
+        "filters",
+        "receive",
     ),
 )
 
@@ -76,8 +83,14 @@ class Stm32Board:
         self._error_led = Pin(pins.error_led, Pin.OUT, value=0)
         self.settings = Settings(folder, self.asleep)
         self._outbox = Outbox()
-        self._can = CAN(1, BITRATE)
-        self._flags = _no_flags
+        self._can = opened()
+        self._filters = pins.filters
+        self._receive = Pin(pins.receive)  # its level only: the controller has set it up
+        interrupt = self._can.irq()
+        self._flags = interrupt.flags
+        self._arm = interrupt.trigger
+        self._fell_silent = False  # set by the interrupt, cleared by `service`
+        self._left_alone = False
         self._timer = None
         self._watchdog = None
         self._watchdog_ms = 0
@@ -88,8 +101,8 @@ class Stm32Board:
 
     def start(self, tick, watchdog=True):
         """Begin to call `tick` every millisecond and to receive; the watchdog cannot be stopped."""
-        interrupt = self._can.irq(self._on_can, CAN.IRQ_RX | CAN.IRQ_STATE, True)
-        self._flags = interrupt.flags  # pyright: ignore[reportAttributeAccessIssue] - other ports
+        micropython.alloc_emergency_exception_buf(EXCEPTION_BYTES)
+        self._can.irq(self._on_can, _TRIGGERS, True)
         self._timer = Timer(7, freq=speed_loop.TICK_HZ, callback=tick)
         if watchdog:
             self._watchdog_ms = WATCHDOG_ASLEEP_MS
@@ -116,9 +129,18 @@ class Stm32Board:
 
     @micropython.native
     def _on_can(self, can: CAN):
-        while self._flags() & CAN.IRQ_RX:  # pyright: ignore[reportCallIssue] - as above
+        """Take what has come, and arm the interrupt, which only a frame that is taken does else.
+
+        An FDCAN's interrupt also comes for a frame that was taken while it ran before.
+        """
+        flags = self._flags()
+        if not flags & CAN.IRQ_RX:
+            self._arm(_TRIGGERS)
+        while flags & CAN.IRQ_RX:
             self.inbox.take(can)
+            flags = self._flags()
         if can.state() == CAN.STATE_BUS_OFF:
+            self._fell_silent = True
             self.registers[speed_loop.CUT] = 1
 
     # What the background calls
@@ -130,14 +152,32 @@ class Stm32Board:
             self._outbox.drain(self._transmit)
 
     def _look_after_bus(self, now_ms):
-        if self._can.state() != CAN.STATE_BUS_OFF:
+        off = self._can.state() == CAN.STATE_BUS_OFF
+        if self._fell_silent or (off and not self.bus_off):
+            self._fell_silent = False
+            self._leave_bus(now_ms)
+        elif self.bus_off:
+            self._return_to_bus(now_ms, off)
+
+    def _leave_bus(self, now_ms):
+        """Cut the drive, and leave the bus alone for a while."""
+        self.bus_off = self._left_alone = True
+        self._bus_off_ms = now_ms
+        self.registers[speed_loop.CUT] = 1
+        self._outbox.clear()
+
+    def _return_to_bus(self, now_ms, off):
+        """Restart the controller, which then waits for 128 times 11 recessive bits by itself.
+
+        A bxCAN waits in `restart` for the first of them, so a bus that is dominant is left alone.
+        """
+        over = (now_ms - self._bus_off_ms) & 0x3FFFFFFF >= BUS_OFF_MS
+        if self._left_alone and not over:
+            return
+        if not off:
             self.bus_off = False
-        elif not self.bus_off:
-            self.bus_off = True
-            self._bus_off_ms = now_ms
-            self.registers[speed_loop.CUT] = 1
-            self._outbox.clear()
-        elif (now_ms - self._bus_off_ms) & 0x3FFFFFFF >= BUS_OFF_MS:
+        elif over and self._receive.value():
+            self._left_alone = False
             self._bus_off_ms = now_ms
             self._can.restart()
 
@@ -187,9 +227,7 @@ class Stm32Board:
 
     def listen(self, identifiers):
         """Let frames with these identifiers through, and as few others as there are filters for."""
-        from boards.can_filters import filters
-
-        self._can.set_filters(filters(identifiers))
+        self._can.set_filters(self._filters(identifiers))
 
     def motors_off(self):
         """0 V on both motors at once, whatever state the program is in.
@@ -206,9 +244,13 @@ class Stm32Board:
         self._error_led.value(1 if self.bus_off else blink if faulty else 0)
 
 
-def _no_flags() -> int:
-    """What the CAN interrupt is for before there is one."""
-    return 0
+def opened():
+    """The CAN controller; a bxCAN starts on a bus that falls silent, and is waited for."""
+    while True:
+        try:
+            return CAN(1, BITRATE)
+        except OSError:
+            time.sleep_ms(BUS_OFF_MS)
 
 
 def _sampling(supply, fault, wheels):

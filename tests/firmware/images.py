@@ -15,9 +15,8 @@ from mdms_image.trim import trim
 from mdms_sim.nodes.micropython_process import EMITTER_LINE
 
 BOARD = "pybv11"
-FAKES = tuple(
-    Path(__file__).parent / "fakes" / f"{name}.py" for name in ("machine", "pyb", "world")
-)
+FAKED = ("machine", "can_controller", "can_stm32", "can_bx", "pyb", "world")
+FAKES = tuple(Path(__file__).parent / "fakes" / f"{name}.py" for name in FAKED)
 SKIP = ("boards.nucleo_g474re",)
 _ABORT = "mdms_protocol.sdo.AbortError"
 

@@ -1,8 +1,12 @@
 """A board of ours on faked peripherals, with a cell on it and a host at the other end."""
 
+import gc
 import os
 
+import machine
 import world
+from can_bx import BxCan
+from can_fd import FdCan
 
 from mdms_cell.cell import Cell
 from mdms_cell.runner import Runner
@@ -25,6 +29,7 @@ class Bench:
     """`module` is a board's module; `wake`, `phases`, `pwm` and `supply` name what to look at."""
 
     def __init__(self, name):
+        machine.CAN = BxCan if name == "pybv11" else FdCan
         if name == "pybv11":
             from boards import pybv11 as module
 
@@ -61,10 +66,15 @@ class Bench:
             self.pass_ms(2)
 
     def pass_ms(self, count=1):
-        """Let time pass, with one turn of the background a millisecond."""
+        """Let time pass, with one turn of the background a millisecond.
+
+        Garbage goes early, for what is kept of the bus lies scattered in it.
+        """
         for _ in range(count):
             world.advance()
             self.runner.turn(world.now_ms)
+            if world.now_ms % 64 == 0:
+                gc.collect()
 
     def drive(self, target_um_s):
         """Lead the cell to 'operation enabled' and give both wheels a target."""
