@@ -44,9 +44,9 @@ def test_frames_that_come_while_the_interrupt_runs_leave_the_cell_hearing(bench)
             if coming:
                 bench.can.deliver(*coming.pop())
 
-    bench.board.inbox = Interrupted()
+    bench.board.bus.inbox = Interrupted()
     bench.can.deliver(0x080, b"")
-    bench.board.inbox = inbox
+    bench.board.bus.inbox = inbox
     assert not coming
     assert len(received(bench)) == 3
     for _ in range(5):

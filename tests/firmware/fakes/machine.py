@@ -57,7 +57,7 @@ class Pin:
         self.output = mode == Pin.OUT
         if value is not None:
             world.levels[name] = value
-        elif name not in world.levels:
+        elif mode != -1 and name not in world.levels:
             world.levels[name] = 1 if pull == Pin.PULL_UP else 0
 
     def value(self, level=None):
