@@ -106,7 +106,10 @@ class Stm32Bus(Bus):
             machine.enable_irq(interrupts)
 
     def may_restart(self) -> bool:
-        """Whether the bus is recessive: a bxCAN waits in `restart` until it is."""
+        """Whether the bus is recessive: a bxCAN waits in `restart` until it is.
+
+        Should it become dominant for good in that very moment, the watchdog ends the wait.
+        """
         return self._receive.value() == 1
 
 

@@ -76,6 +76,16 @@ def test_measures_speed_and_current_and_supply(bench):
     assert abs(registers[s.SUPPLY] - 24_000_000) < 10_000
 
 
+def test_wheel_may_turn_as_far_as_it_likes_either_way(bench):
+    bench.boot()
+    for count in (65_535, 65_536, 1 << 30, (1 << 31) - 1, -1, -65_537, -(1 << 31)):
+        for encoder in bench.encoders:
+            world.counts[encoder] = count
+        bench.cell.tick()
+        assert bench.board.registers[s.COUNT] == count & 0xFFFF
+        assert bench.board.registers[s.AXIS + s.COUNT] == count & 0xFFFF
+
+
 def test_watchdog_is_patient_while_the_bridges_sleep(bench):
     bench.boot()
     assert watchdogs() == [5000]

@@ -38,7 +38,9 @@ class Encoder:
     def value(self):
         """What the encoder has come to."""
         count = world.counts.get(self._id, 0) // self._divisor % self._modulus
-        return count - (1 << 32) if count >= 1 << 31 else count
+        count = count - (1 << 32) if count >= 1 << 31 else count
+        assert -(1 << 30) <= count < 1 << 30, "an interrupt cannot allocate so long an integer"
+        return count
 
 
 class Timer:
