@@ -1,8 +1,7 @@
 """The FlexCAN of an i.MX RT1062, after ports/mimxrt/machine_can.c of MicroPython 1.29.
 
-Left out besides what `can_controller` leaves out: mailboxes beyond the first eight of some 25; the
-frames that come while `set_filters` holds the controller; that filters from the 33rd on share one
-mask (more are refused here).
+Left out besides what `can_controller` leaves out: mailboxes beyond the first eight of some 25; that
+filters from the 33rd on share one mask (more are refused here).
 """
 
 import world
