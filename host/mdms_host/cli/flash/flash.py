@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING
 from mdms_host.cli.console import progress, say, show
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.options import Verbs, add_json
+from mdms_host.flashing.board_survey import MACHINES
 
 if TYPE_CHECKING:
     from mdms_host.cli.flash.flash_board import Outcome
     from mdms_host.flashing.board_port import BoardPort
     from mdms_host.flashing.firmware_build import Firmware
 
-BOARDS = ("pybv11", "nucleo_g474re")
 JOBS = 8
 NOBODY = (
-    "no board is connected over USB (PYBv1.1 or NUCLEO-G474RE with MicroPython); --port names one "
-    "that is not recognised, and `mdms serve array18` starts an array without boards"
+    "no board with MicroPython is connected over USB (firmware/README.md lists those that suit); "
+    "--port names one that is not recognised, and `mdms serve array18` starts an array without boards"
 )
 EPILOG = """\
 The firmware that runs on a board is ended, which cuts its motors, and is started again at the end.
@@ -50,7 +50,9 @@ def add_to(verbs: Verbs) -> None:
     what.add_argument("--list", action="store_true", help="only show what is there, and restart it")
     what.add_argument("--dry-run", action="store_true", help="only tell what would be written")
     parser.add_argument("--force", action="store_true", help="write every file, changed or not")
-    parser.add_argument("--board", choices=BOARDS, help="what a board is that does not say it")
+    parser.add_argument(
+        "--board", choices=tuple(MACHINES.values()), help="what a board is that does not say it"
+    )
     parser.add_argument(
         "--jobs", metavar="N", type=_jobs, default=JOBS, help=f"boards at once (default {JOBS})"
     )
