@@ -95,6 +95,15 @@ def test_power_may_fail_at_any_moment(plug_in, traffic_bytes, share):
     assert board.rom.startswith(NEW_ROM.rom)
 
 
+@pytest.mark.parametrize("cut", [b"boards", b"cell.mpy", b"mdms_protocol"])
+def test_image_that_was_cut_while_it_was_written_is_written_anew(plug_in, copies, cut):
+    wanted = copies.in_rom().rom
+    # Erased flash is all ones.
+    board = plug_in({}, rom=wanted[: wanted.index(cut) + 3])
+    assert command(board) == Exit.OK
+    assert board.rom.startswith(wanted)
+
+
 def test_romfs_with_anything_else_in_it_is_left_alone(plug_in, copies):
     rom = rom_image({"app.py": b"", "mdms_cell/__init__.py": b""})
     board = plug_in({}, rom=rom)
