@@ -44,7 +44,7 @@ def command(board, *more):
 def test_real_firmware_goes_into_the_romfs_and_runs_from_it(plug_in, copies, capsys):
     board = plug_in({**OLD.files, **STALE, **KEPT}, rom=b"")
     assert command(board) == Exit.OK
-    assert "1 files and ROMFS" in capsys.readouterr().out
+    assert "1 file and a ROMFS image" in capsys.readouterr().out
     wanted = copies.in_rom()
     assert board.rom.startswith(wanted.rom)
     assert firmware_on(board) == {START: copies.files[START]}
@@ -140,7 +140,7 @@ def test_board_with_the_same_firmware_frozen_in_gets_main_alone(plug_in, freeze,
     freeze(VERSION)
     board = plug_in({**OLD.files, **STALE, **KEPT}, heap_bytes=SMALL_HEAP)
     assert command(board) == Exit.OK
-    assert "1 files" in capsys.readouterr().out
+    assert "1 file," in capsys.readouterr().out
     assert firmware_on(board).keys() == {START}
     assert files_of(board)["settings0.bin"] == KEPT["settings0.bin"]
     assert command(board, "--json") == Exit.OK
