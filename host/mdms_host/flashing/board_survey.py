@@ -75,7 +75,7 @@ _PROBE = dedent("""\
     def _rom_names():
         try:
             return os.listdir("/rom")
-        except OSError:
+        except (OSError, ValueError):  # none, or a name that was cut while it was written
             return []
 
     def _rom_hash(size):
