@@ -35,7 +35,7 @@ class FoundNode:
         return self.identity is not None and self.identity.is_cell
 
 
-def scan(bus: can.BusABC, clock: Clock, listen_s: float = 0.3) -> list[FoundNode]:
+def scan_bus(bus: can.BusABC, clock: Clock, listen_s: float = 0.3) -> list[FoundNode]:
     """All nodes in the order of their ids; closes the bus. Raises DeviceGoneError."""
     with Commissioning(bus, clock) as commissioning:
         return [_look_at(commissioning, node_id) for node_id in commissioning.find(listen_s)]

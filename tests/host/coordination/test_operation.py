@@ -3,7 +3,7 @@ import pytest
 
 from mdms_host.can_link.link import Link
 from mdms_host.clock import MonotonicClock
-from mdms_host.commissioning.scan import scan
+from mdms_host.commissioning.scan import scan_bus
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, operate
 from mdms_host.coordination.phase import Phase
@@ -77,6 +77,6 @@ def test_a_second_run_takes_the_array_over_from_one_that_broke_off(served_cells,
 
     with Link(served_cells.open(), clock) as link, pytest.raises(BrokenOffError):
         operate(coordinator(), link, clock, 10.0, tell=break_off)
-    assert {node.state for node in scan(served_cells.open(), clock)} == {"operational"}
+    assert {node.state for node in scan_bus(served_cells.open(), clock)} == {"operational"}
     with Link(served_cells.open(), clock) as link:
         assert operate(coordinator(), link, clock, 1.5).ending == Ending.DONE

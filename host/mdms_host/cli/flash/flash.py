@@ -2,7 +2,7 @@
 
 import json
 import tempfile
-from argparse import ArgumentTypeError, Namespace
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from mdms_host.cli.console import progress, say, show
 from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.options import Verbs, add_json
+from mdms_host.cli.options import add_json
 
 if TYPE_CHECKING:
     from mdms_host.cli.flash.flash_board import Outcome
@@ -31,11 +31,9 @@ Settings and crash.log stay. An interrupted board does not start; flash it again
 """
 
 
-def add_to(verbs: Verbs) -> None:
-    """Register the verb."""
-    parser = verbs.add_parser(
-        "flash", help="bring the firmware onto boards over USB", epilog=EPILOG
-    )
+def add_options(parser: ArgumentParser) -> None:
+    """Those of `flash`."""
+    parser.epilog = EPILOG
     which = parser.add_mutually_exclusive_group()
     which.add_argument(
         "--port",
@@ -60,7 +58,6 @@ def add_to(verbs: Verbs) -> None:
         "--jobs", metavar="N", type=_jobs, default=JOBS, help=f"boards at once (default {JOBS})"
     )
     add_json(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: Namespace) -> Exit:
