@@ -24,7 +24,7 @@ class Compiled:
 
 @contextmanager
 def compiling_watched() -> Iterator[Compiled]:
-    """Measures what is compiled meanwhile; if it takes its time, says so on a terminal, once."""
+    """Measures what is compiled meanwhile; a long time is announced on a terminal, once."""
     compiled, clock = Compiled(), MonotonicClock()
 
     class Stopwatch(Listener):

@@ -9,7 +9,7 @@ from mdms_protocol import cob, nmt
 
 
 class NodeIdError(Exception):
-    """Node ids that cannot be given; the message tells which and why."""
+    """Node ids that cannot be given; the message has which and why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +22,7 @@ class Assignment:
 
 
 def address_of(identity: Identity) -> LssAddress:
-    """The LSS address of a node that has told who it is."""
+    """The LSS address of a node by its identity."""
     return LssAddress(identity.vendor_id, identity.product_code, identity.revision, identity.serial)
 
 
@@ -79,9 +79,9 @@ def assign_by_serial(
 def carry_out(
     commissioning: Commissioning,
     moves: Sequence[Assignment],
-    tell: Callable[[Assignment], None],
+    report: Callable[[Assignment], None],
 ) -> None:
-    """Give the node ids, have the cells keep them, and see every cell boot with its own.
+    """Give the node ids, have the cells store them, and wait until every cell boots with its own.
 
     Cells that have another id become blank first, so that ids can be swapped; what they keep
     changes only with the new one. Raises NodeIdError before anything, LssError, SilentError.
@@ -104,7 +104,7 @@ def carry_out(
         commissioning.expect_boot(move.node_id)
         lss.leave()
         commissioning.await_boot(move.node_id)
-        tell(move)
+        report(move)
 
 
 def _runs(commissioning: Commissioning, node_id: int | None) -> bool:

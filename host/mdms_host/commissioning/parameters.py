@@ -1,4 +1,4 @@
-"""The settings of a cell as people think of them: by name, in SI units, from the object table."""
+"""The settings of a cell by name, in SI units, from the object table."""
 
 import re
 from collections.abc import Iterable
@@ -14,7 +14,7 @@ _OBJECT = re.compile(r"0x([0-9a-fA-F]{4})(?::(\d+))?")
 
 
 class ParameterError(ValueError):
-    """A setting that does not exist, or a value that it cannot have; tells what would do."""
+    """A setting that does not exist, or a value that it cannot have; the message has the limits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +98,7 @@ def _name(entry: Entry) -> str:
 
 
 def _wires(entry: Entry) -> bool:
-    """Whether it tells which frames carry what, which the coordinator relies on."""
+    """Whether it sets which frames carry what, which the coordinator relies on."""
     return entry.index in (0x1005, 0x1014) or 0x1400 <= entry.index <= 0x1BFF
 
 

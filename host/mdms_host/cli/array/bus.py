@@ -9,7 +9,7 @@ from can.cli import add_bus_arguments
 from mdms_host.can_link.link import Link, open_bus
 from mdms_host.clock import Clock, MonotonicClock
 
-NOBODY = (
+NO_NODES = (
     "nobody is heard on the bus; is it connected and are the cells powered? "
     "`mdms serve array18` starts a virtual one"
 )

@@ -8,7 +8,7 @@ from dataclasses import asdict
 from rich.live import Live
 
 from mdms_host.can_link.link import Link, drive, open_bus
-from mdms_host.cli.array.bus import NOBODY, open_link
+from mdms_host.cli.array.bus import NO_NODES, open_link
 from mdms_host.cli.console import show
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.clock import Clock, MonotonicClock
@@ -29,7 +29,7 @@ def scan(arguments: Namespace) -> Exit:
     elif nodes:
         show(scan_table(nodes))
     if not nodes:
-        raise CommandError(NOBODY, Exit.NO_DEVICE)
+        raise CommandError(NO_NODES, Exit.NO_DEVICE)
     return Exit.OK
 
 
@@ -47,7 +47,7 @@ def status(arguments: Namespace) -> Exit:
         elif rows:
             show(status_table(rows))
     if not rows:
-        raise CommandError(NOBODY, Exit.NO_DEVICE)
+        raise CommandError(NO_NODES, Exit.NO_DEVICE)
     return Exit.OK
 
 
@@ -58,7 +58,7 @@ def stop(arguments: Namespace) -> Exit:
     if arguments.json:
         print(json.dumps(asdict(report)))
     if not report.heard:
-        raise CommandError(NOBODY, Exit.NO_DEVICE)
+        raise CommandError(NO_NODES, Exit.NO_DEVICE)
     if report.not_off:
         nodes = ", ".join(map(str, report.not_off))
         raise CommandError(f"not off: node {nodes}; cut the motors' power", Exit.NODE_FAULT)

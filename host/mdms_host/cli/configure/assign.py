@@ -4,7 +4,7 @@ import json
 from argparse import Namespace
 from pathlib import Path
 
-from mdms_host.cli.array.bus import NOBODY
+from mdms_host.cli.array.bus import NO_NODES
 from mdms_host.cli.configure.cells import open_commissioning
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.commissioning.array_file import read_array_file
@@ -47,7 +47,7 @@ def _plan(
 ) -> list[Assignment]:
     found, blank = commissioning.find(), commissioning.lss.find_blank()
     if not found and not blank:
-        raise CommandError(NOBODY, Exit.NO_DEVICE)
+        raise CommandError(NO_NODES, Exit.NO_DEVICE)
     if wanted is None:
         return assign_in_order(blank, found, first)
     return assign_by_serial(wanted, blank, identify_cells(commissioning, found), found)

@@ -5,7 +5,7 @@ from argparse import Namespace
 from collections.abc import Iterable, Sequence
 
 from mdms_host.can_link.link import open_bus
-from mdms_host.cli.array.bus import NOBODY
+from mdms_host.cli.array.bus import NO_NODES
 from mdms_host.cli.configure.options import nodes_of
 from mdms_host.cli.console import progress, say
 from mdms_host.cli.exits import CommandError, Exit
@@ -33,7 +33,7 @@ def read_cells(
 ) -> list[CellSettings]:
     """The cells that `--node` names, and their settings. Raises `CommandError` for absent ones.
 
-    Without `--node`, whoever is no cell is left alone.
+    Without `--node`, nodes that are no cells are left alone.
     """
     wanted = nodes_of(arguments.nodes)
     node_ids = _present(commissioning, wanted)
@@ -91,7 +91,7 @@ def show_changes(changes: Iterable[Change]) -> None:
 
 
 def agreed(arguments: Namespace, question: str) -> bool:
-    """Whether to go on: `--yes`, or a person says so. Raises `CommandError` with nobody to ask."""
+    """Whether to go on: `--yes`, or the answer on a terminal. Raises `CommandError` without one."""
     if arguments.yes:
         return True
     if not sys.stdin.isatty():
@@ -115,11 +115,11 @@ def _present(commissioning: Commissioning, wanted: list[int] | None) -> list[int
     found = commissioning.find()
     if wanted is None:
         if not found:
-            blank = commissioning.lss.anyone_blank()
-            raise CommandError(BLANK if blank else NOBODY, Exit.NO_DEVICE)
+            blank = commissioning.lss.any_blank()
+            raise CommandError(BLANK if blank else NO_NODES, Exit.NO_DEVICE)
         return found
     absent = sorted(set(wanted) - set(found))
     if absent:
-        there = f"on the bus: {ranges(found)}" if found else NOBODY
+        there = f"on the bus: {ranges(found)}" if found else NO_NODES
         raise CommandError(f"node {ranges(absent)} does not answer; {there}", Exit.NO_DEVICE)
     return wanted

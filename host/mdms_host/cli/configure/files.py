@@ -4,7 +4,7 @@ from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
-from mdms_host.cli.array.bus import NOBODY
+from mdms_host.cli.array.bus import NO_NODES
 from mdms_host.cli.configure.cells import (
     agreed,
     open_commissioning,
@@ -81,7 +81,7 @@ def _cells_of(commissioning: Commissioning, filed: Sequence[FiledCell]) -> list[
     """The cells with the serial numbers of the file, whatever their node ids are now."""
     found = commissioning.find()
     if not found:
-        raise CommandError(NOBODY, Exit.NO_DEVICE)
+        raise CommandError(NO_NODES, Exit.NO_DEVICE)
     cells = identify_cells(commissioning, found)
     nodes = {identity.serial: node_id for node_id, identity in cells.items()}
     absent = [cell for cell in filed if cell.serial not in nodes]
