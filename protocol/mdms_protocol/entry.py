@@ -13,7 +13,6 @@ U8 = Type("UNSIGNED8", 0x05, 1, 0, (1 << 8) - 1)
 U16 = Type("UNSIGNED16", 0x06, 2, 0, (1 << 16) - 1)
 U32 = Type("UNSIGNED32", 0x07, 4, 0, (1 << 32) - 1)
 TEXT = Type("VISIBLE_STRING", 0x09, 0, 0, 0)
-DOMAIN = Type("DOMAIN", 0x0F, 0, 0, 0)
 
 #: `factor` turns an object's integer into the SI unit `symbol`.
 Unit = namedtuple("Unit", ("symbol", "factor"))
@@ -33,6 +32,13 @@ MICRORADIANS = Unit("rad", 1e-6)
 MILLISECONDS = Unit("s", 1e-3)
 MICROSECONDS = Unit("s", 1e-6)
 TENTHS_OF_MILLISECONDS = Unit("s", 1e-4)
+
+
+def steps_per_unit(unit: Unit) -> int:
+    """How many steps of the integer make one of the unit."""
+    steps: int = round(1 / unit.factor)
+    return steps
+
 
 # Access
 CONST = "const"

@@ -5,8 +5,8 @@ import sys
 import time
 from array import array
 
-from mdms_cell import speed_loop
 from mdms_cell.cell import Cell
+from mdms_cell.drive import speed_loop
 from mdms_protocol import cob, pdo
 
 NODE = 5

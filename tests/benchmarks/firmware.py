@@ -19,7 +19,7 @@ from tests.benchmarks._flashed_heap import HEAP, flashed_heap
 from tests.firmware.conftest import EMITS, ROOT, stage, unix, wasm32
 from tests.firmware.images import SKIP, write
 
-from mdms_cell import speed_loop
+from mdms_cell.drive import speed_loop
 from mdms_image import build_image
 from mdms_image.merge import merge
 from mdms_image.narrow import narrow
@@ -225,7 +225,7 @@ def _compiled(path: Path, folder: Path) -> bytes:
 
 
 def _estimate(folder: Path) -> Row:
-    code = _viper_code(_compiled(ROOT / "firmware/mdms_cell/speed_loop.py", folder))
+    code = _viper_code(_compiled(ROOT / "firmware/mdms_cell/drive/speed_loop.py", folder))
     instructions = speed_loop.AXES * count_thumb(code) * _executed_share()
     tick_us = instructions * CYCLES / STM32F405_HZ * 1e6
     return _row(

@@ -2,8 +2,8 @@
 
 from array import array
 
-from mdms_cell import speed_loop
 from mdms_cell.cell import Cell
+from mdms_cell.drive import speed_loop
 from mdms_protocol import cia402, pdo
 
 NODE = 5

@@ -12,9 +12,9 @@ import fuzz_services
 from fuzz_frames import Chance, Frames
 from fuzz_services import NODE, SERIAL
 
-from mdms_cell import speed_loop
 from mdms_cell.cell import Cell
-from mdms_cell.inbox import Inbox
+from mdms_cell.drive import speed_loop
+from mdms_cell.queues import Inbox
 from mdms_cell.runner import Runner
 from mdms_protocol import cob, nmt
 
@@ -48,36 +48,12 @@ class Memory:
         self._banks[bank][offset : offset + len(data)] = data
 
 
-class Program:
-    """A place for a program, of which only the check sum is kept."""
-
-    def __init__(self):
-        self.broken = False
-        self.crc = 0
-        self._coming = 0
-
-    def begin(self, size):
-        self._coming = 0
-
-    def write(self, data):
-        if self.broken:
-            raise OSError(5)
-        self._coming = binascii.crc32(data, self._coming)
-
-    def end(self):
-        self.crc = self._coming
-
-    def cancel(self):
-        pass
-
-
 class Board:
     """Sums up what the cell sends and how it drives; now and then there is no room."""
 
     def __init__(self, chance):
         self.registers = array("i", [0] * speed_loop.REGISTERS)
         self.settings = Memory()
-        self.program = Program()
         self.serial = SERIAL
         self.inbox = Inbox()
         self.bus_off = False
@@ -213,7 +189,7 @@ class Bench:
         elif can_id == fuzz_services.CURRENT:
             self.board.current_ma = data * _OVER_CURRENT_MA
         elif can_id == fuzz_services.MEMORY:
-            self.board.settings.broken = self.board.program.broken = bool(data)
+            self.board.settings.broken = bool(data)
         else:
             self.board.full = bool(data)
 

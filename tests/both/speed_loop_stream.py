@@ -2,8 +2,8 @@
 
 from binascii import crc32
 
-from mdms_cell import speed_loop as s
-from mdms_cell import tuning
+from mdms_cell.drive import speed_loop as s
+from mdms_cell.drive import tuning
 
 
 class Chance:

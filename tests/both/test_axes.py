@@ -2,9 +2,9 @@
 
 from array import array
 
-from mdms_cell import speed_loop as s
-from mdms_cell.axes import Axes
-from mdms_cell.objects import Objects, find
+from mdms_cell.canopen.objects import Objects, find
+from mdms_cell.drive import speed_loop as s
+from mdms_cell.drive.axes import Axes
 from mdms_protocol import cia402
 
 UP = (cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION)

@@ -2,8 +2,8 @@
 
 from cell_bench import NODE, Board, enable
 
-from mdms_cell import speed_loop
 from mdms_cell.cell import Cell
+from mdms_cell.drive import speed_loop
 from mdms_protocol import cob, nmt
 
 

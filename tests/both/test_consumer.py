@@ -3,8 +3,8 @@
 from refusal import code_of
 
 from mdms_cell import ticks
-from mdms_cell.consumer import Consumer
-from mdms_cell.objects import Objects, find
+from mdms_cell.canopen.heartbeat import Consumer
+from mdms_cell.canopen.objects import Objects, find
 from mdms_protocol import sdo
 
 TIMES = 0x1016

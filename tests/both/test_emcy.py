@@ -1,7 +1,7 @@
 """Emergency messages, the error register and the history."""
 
-from mdms_cell.emcy import Emcy
-from mdms_cell.objects import Objects, find
+from mdms_cell.canopen.emcy import Emcy
+from mdms_cell.canopen.objects import Objects, find
 from mdms_protocol import record
 
 

@@ -1,8 +1,8 @@
 """The heartbeat producer by itself: when it sends, and when it says that it will send again."""
 
 from mdms_cell import ticks
-from mdms_cell.heartbeat import Heartbeat
-from mdms_cell.objects import Objects, find
+from mdms_cell.canopen.heartbeat import Heartbeat
+from mdms_cell.canopen.objects import Objects, find
 from mdms_protocol import nmt
 
 PERIOD = 0x1017

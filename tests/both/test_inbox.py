@@ -11,7 +11,7 @@ except ImportError:
         """See `heap_lock`."""
 
 
-from mdms_cell.inbox import Inbox
+from mdms_cell.queues import Inbox
 
 
 class Can:

@@ -1,6 +1,6 @@
 """The NMT slave by itself: every command in every state, and what the cell is told of it."""
 
-from mdms_cell.nmt import COMMUNICATION, EVERYTHING, Nmt
+from mdms_cell.canopen.nmt import COMMUNICATION, EVERYTHING, Nmt
 from mdms_protocol import cob, nmt
 
 NODE = 5

@@ -1,6 +1,6 @@
 """Frames that wait for a mailbox."""
 
-from mdms_cell.outbox import Outbox
+from mdms_cell.queues import Outbox
 
 
 class Can:

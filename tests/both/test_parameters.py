@@ -2,9 +2,8 @@
 
 from refusal import code_of
 
-from mdms_cell.objects import Objects, find
-from mdms_cell.parameters import Parameters
-from mdms_cell.store import Store
+from mdms_cell.canopen.objects import Objects, find
+from mdms_cell.canopen.store import Parameters, Store
 from mdms_protocol import record, sdo
 
 ALL = record.STORED_COMMUNICATION | record.STORED_APPLICATION

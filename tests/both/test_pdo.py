@@ -3,9 +3,9 @@
 from refusal import code_of
 
 from mdms_cell import ticks
-from mdms_cell.objects import Objects, find, key
-from mdms_cell.rpdo import Rpdo
-from mdms_cell.tpdo import Tpdo
+from mdms_cell.canopen.objects import Objects, find, key
+from mdms_cell.canopen.rpdo import Rpdo
+from mdms_cell.canopen.tpdo import Tpdo
 from mdms_protocol import record, sdo
 
 

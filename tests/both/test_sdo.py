@@ -1,7 +1,7 @@
 """The SDO server: transcripts of every kind of transfer, and the abort code of every error."""
 
-from mdms_cell.objects import Objects, key
-from mdms_cell.sdo_server import SdoServer
+from mdms_cell.canopen.objects import Objects
+from mdms_cell.canopen.sdo_server import SdoServer
 from mdms_protocol import record, sdo
 
 NAME = b"MDMS cell"
@@ -31,14 +31,26 @@ class Sink:
         self.cancelled = True
 
 
+class ObjectsWithSink(Objects):
+    """One more object, 0x5000:1, that takes any number of bytes."""
+
+    def __init__(self, sink):
+        super().__init__()
+        self._sink = sink
+
+    def open(self, index, sub, size):
+        if (index, sub) == (0x5000, 1):
+            return self._sink.open(size)
+        return super().open(index, sub, size)
+
+
 class Client:
     """Asks a server and keeps its answers."""
 
     def __init__(self):
-        self.objects = Objects()
-        self.objects.reset(5, record.FROM_NODE)
         self.sink = Sink()
-        self.objects.domains[key(0x1F50, 1)] = self.sink.open
+        self.objects = ObjectsWithSink(self.sink)
+        self.objects.reset(5, record.FROM_NODE)
         self.room = 1000
         self.answers = []
         self.server = SdoServer(self.objects, self.respond)
@@ -91,7 +103,7 @@ def test_segmented_download_of_a_domain_alternates_the_toggle_bit():
     client = Client()
     transcript(
         client,
-        (b"\x20\x50\x1f\x01\0\0\0\0", b"\x60\x50\x1f\x01\0\0\0\0"),
+        (b"\x20\x00\x50\x01\0\0\0\0", b"\x60\x00\x50\x01\0\0\0\0"),
         (b"\x00abcdefg", b"\x20\0\0\0\0\0\0\0"),
         (b"\x10hijklmn", b"\x30\0\0\0\0\0\0\0"),
         (b"\x0do\0\0\0\0\0\0", b"\x20\0\0\0\0\0\0\0"),
@@ -165,7 +177,7 @@ def test_block_upload_goes_on_when_there_is_room_again():
 def block_download(client, data, lose=()):
     """Send data in blocks, losing some frames the first time; the server must get it all."""
     size = len(data).to_bytes(4, "little")
-    assert client.ask(b"\xc6\x50\x1f\x01" + size) == [b"\xa4\x50\x1f\x01\x3f\0\0\0"]
+    assert client.ask(b"\xc6\x00\x50\x01" + size) == [b"\xa4\x00\x50\x01\x3f\0\0\0"]
     start = 0
     sent = 0
     lose = list(lose)
@@ -220,16 +232,16 @@ def test_wrong_toggle_aborts_with_the_code_and_the_entry():
     client = Client()
     client.ask(b"\x40\x08\x10\x00\0\0\0\0")
     assert client.ask(b"\x70\0\0\0\0\0\0\0") == [b"\x80\x08\x10\x00\x00\x00\x03\x05"]
-    client.ask(b"\x20\x50\x1f\x01\0\0\0\0")
-    assert client.ask(b"\x10abcdefg") == [b"\x80\x50\x1f\x01\x00\x00\x03\x05"]
+    client.ask(b"\x20\x00\x50\x01\0\0\0\0")
+    assert client.ask(b"\x10abcdefg") == [b"\x80\x00\x50\x01\x00\x00\x03\x05"]
     assert client.sink.cancelled
 
 
 def test_wrong_crc_aborts():
     client = Client()
-    client.ask(b"\xc6\x50\x1f\x01\x07\0\0\0")
+    client.ask(b"\xc6\x00\x50\x01\x07\0\0\0")
     client.ask(b"\x81abcdefg")
-    assert client.ask(b"\xc1\x01\x02\0\0\0\0\0") == [b"\x80\x50\x1f\x01\x04\x00\x04\x05"]
+    assert client.ask(b"\xc1\x01\x02\0\0\0\0\0") == [b"\x80\x00\x50\x01\x04\x00\x04\x05"]
     assert not client.sink.complete
     assert client.sink.cancelled
 
@@ -248,15 +260,15 @@ def test_silent_client_is_given_up_after_a_second():
 
 def test_abort_by_the_client_ends_a_transfer_unanswered():
     client = Client()
-    client.ask(b"\x20\x50\x1f\x01\0\0\0\0")
-    assert client.ask(b"\x80\x50\x1f\x01\0\0\0\x08") == []
+    client.ask(b"\x20\x00\x50\x01\0\0\0\0")
+    assert client.ask(b"\x80\x00\x50\x01\0\0\0\x08") == []
     assert client.sink.cancelled
     assert client.ask(b"\x00abcdefg") == [refusal(b"\x00abcdefg", sdo.UNKNOWN_COMMAND)]
 
 
 def test_abort_by_the_client_ends_a_block_unanswered():
     client = Client()
-    client.ask(b"\xc6\x50\x1f\x01\x0e\0\0\0")
+    client.ask(b"\xc6\x00\x50\x01\x0e\0\0\0")
     client.ask(b"\x01abcdefg")
     assert client.ask(b"\x80\0\0\0\0\0\0\x08") == []
     assert client.sink.cancelled
@@ -264,7 +276,7 @@ def test_abort_by_the_client_ends_a_block_unanswered():
 
 def test_new_request_takes_the_place_of_a_transfer():
     client = Client()
-    client.ask(b"\x20\x50\x1f\x01\0\0\0\0")
+    client.ask(b"\x20\x00\x50\x01\0\0\0\0")
     assert client.ask(b"\x40\x00\x30\x00\0\0\0\0") == [b"\x4b\x00\x30\x00\x32\0\0\0"]
     assert client.sink.cancelled
 
@@ -275,7 +287,6 @@ def test_first_request_of_every_kind_is_refused_with_the_right_code():
         (sdo.read_request(0x0000, 0), sdo.NO_SUCH_OBJECT),
         (sdo.read_request(0xFFFF, 255), sdo.NO_SUCH_OBJECT),
         (sdo.read_request(0x1018, 9), sdo.NO_SUCH_SUB_INDEX),
-        (sdo.read_request(0x1F50, 1), sdo.WRITE_ONLY),
         (sdo.write_request(0x6041, 0, b"\0\0"), sdo.READ_ONLY),
         (sdo.write_request(0x1008, 0, b"abcd"), sdo.READ_ONLY),
         (sdo.write_request(0x3000, 0, b"\0\0\0\0"), sdo.TOO_LONG),
@@ -288,7 +299,7 @@ def test_first_request_of_every_kind_is_refused_with_the_right_code():
         (b"\xa4\x09\x10\x00\x00\0\0\0", sdo.INVALID_BLOCK_SIZE),
         (b"\xa4\x09\x10\x00\x80\0\0\0", sdo.INVALID_BLOCK_SIZE),
         (b"\xa1\x09\x10\x00\x7f\0\0\0", sdo.UNKNOWN_COMMAND),
-        (b"\xc1\x50\x1f\x01\0\0\0\0", sdo.UNKNOWN_COMMAND),
+        (b"\xc1\x00\x50\x01\0\0\0\0", sdo.UNKNOWN_COMMAND),
         (b"\x60\0\0\0\0\0\0\0", sdo.UNKNOWN_COMMAND),
         (b"\x00\0\0\0\0\0\0\0", sdo.UNKNOWN_COMMAND),
         (b"\xe0\x00\x30\x00\0\0\0\0", sdo.UNKNOWN_COMMAND),
@@ -300,12 +311,12 @@ def test_first_request_of_every_kind_is_refused_with_the_right_code():
 
 def test_later_requests_are_refused_with_the_right_code():
     mixed = (
-        (b"\x21\x50\x1f\x01\x08\0\0\0", b"\x01abcdefg", sdo.TOO_SHORT),
-        (b"\x21\x50\x1f\x01\x06\0\0\0", b"\x00abcdefg", sdo.TOO_LONG),
+        (b"\x21\x00\x50\x01\x08\0\0\0", b"\x01abcdefg", sdo.TOO_SHORT),
+        (b"\x21\x00\x50\x01\x06\0\0\0", b"\x00abcdefg", sdo.TOO_LONG),
         (b"\x20\x00\x30\x00\0\0\0\0", b"\x00abcdefg", sdo.TOO_LONG),
-        (b"\x20\x50\x1f\x01\0\0\0\0", b"\x60\0\0\0\0\0\0\0", sdo.UNKNOWN_COMMAND),
-        (b"\xc4\x50\x1f\x01\0\0\0\0", b"\x00abcdefg", sdo.INVALID_SEQUENCE),
-        (b"\xc4\x50\x1f\x01\0\0\0\0", b"\x40abcdefg", sdo.INVALID_SEQUENCE),
+        (b"\x20\x00\x50\x01\0\0\0\0", b"\x60\0\0\0\0\0\0\0", sdo.UNKNOWN_COMMAND),
+        (b"\xc4\x00\x50\x01\0\0\0\0", b"\x00abcdefg", sdo.INVALID_SEQUENCE),
+        (b"\xc4\x00\x50\x01\0\0\0\0", b"\x40abcdefg", sdo.INVALID_SEQUENCE),
         (b"\xa4\x09\x10\x00\x7f\0\0\0", b"\xa2\x01\x7f\0\0\0\0\0", sdo.UNKNOWN_COMMAND),
         (b"\xa4\x09\x10\x00\x7f\0\0\0", b"\xa1\0\0\0\0\0\0\0", sdo.UNKNOWN_COMMAND),
     )

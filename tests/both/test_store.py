@@ -4,8 +4,8 @@ import binascii
 
 from refusal import code_of
 
-from mdms_cell.objects import Objects, find
-from mdms_cell.store import Store
+from mdms_cell.canopen.objects import Objects, find
+from mdms_cell.canopen.store import Store
 from mdms_protocol import record, sdo
 
 SIZE = 256

@@ -42,7 +42,7 @@ def flashed(folder: Path, architecture: str | None) -> None:
             f"import mdms, mdms_start\n\ndef {name}(*given):\n"
             f"    return mdms_start.{names[full + '.__init__']}(mdms.{names[full]}(), *given)\n"
         )
-    source = source_of("mdms_cell.speed_loop").read_text()
+    source = source_of("mdms_cell.drive.speed_loop").read_text()
     (package / "speed_loop.py").write_text(EMITTER_LINE.sub("", source))
     load = f"mdms.{names['mdms_image.load']}('mdms_start')"
     (folder / "started.py").write_text(

@@ -10,8 +10,8 @@ from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from mdms_cell import speed_loop as s
-from mdms_cell import tuning
+from mdms_cell.drive import speed_loop as s
+from mdms_cell.drive import tuning
 from mdms_protocol.dictionary import ENTRIES
 
 TICK_S = 0.001

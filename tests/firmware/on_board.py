@@ -7,7 +7,7 @@ import world
 from bench import NODE, Bench
 
 from boards import flash
-from mdms_cell import speed_loop as s
+from mdms_cell.drive import speed_loop as s
 
 FULL = {12: 4200, 2: 8500}
 

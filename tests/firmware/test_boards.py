@@ -7,7 +7,7 @@ import pytest
 
 HERE = Path(__file__).parent
 BOARDS = HERE.parents[1] / "firmware" / "boards"
-MODULES = ("on_board", "on_board_program", "on_board_storage")
+MODULES = ("on_board", "on_board_storage")
 FILES = (
     BOARDS,
     *(HERE / f"{module}.py" for module in MODULES),

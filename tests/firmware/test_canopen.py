@@ -1,7 +1,5 @@
 """A cell as the unmodified `canopen` library commissions it, over python-can's virtual bus."""
 
-import binascii
-import random
 import struct
 import threading
 import time
@@ -13,8 +11,8 @@ import pytest
 from canopen.objectdictionary import import_od
 from tests.both import cell_bench
 
-from mdms_cell import speed_loop
 from mdms_cell.cell import Cell
+from mdms_cell.drive import speed_loop
 from mdms_protocol import cia402, cob
 from mdms_protocol.dictionary import ENTRIES
 
@@ -41,26 +39,6 @@ class Settings:
         self.banks[bank] = old[:offset] + data + old[offset + len(data) :]
 
 
-class Program:
-    """Takes a program and keeps it."""
-
-    def __init__(self):
-        self.image = b""
-        self.crc = 0
-
-    def begin(self, size):
-        self.image = b""
-
-    def write(self, data):
-        self.image += data
-
-    def end(self):
-        self.crc = binascii.crc32(self.image)
-
-    def cancel(self):
-        pass
-
-
 class Board(cell_bench.Board):
     """Wheels that stand still, and memories that keep what they are given."""
 
@@ -68,7 +46,6 @@ class Board(cell_bench.Board):
         super().__init__()
         self.serial = serial
         self.settings = Settings()
-        self.program = Program()
 
 
 class Cells(threading.Thread):
@@ -173,17 +150,6 @@ def test_block_upload(node):
     _, remote = node
     with remote.sdo[0x1009].open("rb", block_transfer=True) as stream:
         assert stream.read() == b"2 wheels, 5 sensors"
-
-
-def test_block_download_of_20_kb(node):
-    cells, remote = node
-    image = random.Random(1).randbytes(20 * 1024)
-    with remote.sdo[0x1F50][1].open(
-        "wb", size=len(image), block_transfer=True, buffering=7 * 1024
-    ) as stream:
-        stream.write(image)
-    assert cells.boards[0].program.image == image
-    assert remote.sdo[0x1F56][1].raw == binascii.crc32(image)
 
 
 def test_pdo_is_remapped_and_carries_other_objects(node):

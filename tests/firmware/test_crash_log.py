@@ -136,10 +136,10 @@ def test_short_names_in_the_error_are_told_too(made):
     assert decoder.decode(Crash(None, (f"{error}: 134217728",))) == [
         "mdms_protocol.sdo.AbortError: 134217728"
     ]
-    objects = made.names["mdms_cell.objects.Objects"]
+    objects = made.names["mdms_cell.canopen.objects.Objects"]
     line = f"AttributeError: '{objects}' object has no attribute 'there_is_none'"
     assert decoder.decode(Crash(None, (line,))) == [
-        "AttributeError: 'mdms_cell.objects.Objects' object has no attribute 'there_is_none'"
+        "AttributeError: 'mdms_cell.canopen.objects.Objects' object has no attribute 'there_is_none'"
     ]
 
 

@@ -21,6 +21,6 @@ def test_64_bits_and_bytecode_keep_it(architecture):
 
 
 def test_speed_loop_has_nothing_left_that_widens():
-    source = source_of("mdms_cell.speed_loop").read_text()
+    source = source_of("mdms_cell.drive.speed_loop").read_text()
     assert source.count("<< widen >> widen") >= 5
     assert "<< widen" not in narrow(source, "armv7emsp")

@@ -7,8 +7,8 @@ from array import array
 
 import pytest
 
-from mdms_cell import speed_loop as s
-from mdms_cell import tuning
+from mdms_cell.drive import speed_loop as s
+from mdms_cell.drive import tuning
 
 COUNTS_PER_METRE = 37_596  # 26.6 um a count
 TICK_S = 0.001

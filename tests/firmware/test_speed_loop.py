@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mdms_cell import speed_loop as s
-from mdms_cell import tuning
+from mdms_cell.drive import speed_loop as s
+from mdms_cell.drive import tuning
 
 BOTH = Path(__file__).parents[1] / "both"
 sys.path.insert(0, str(BOTH))
@@ -24,7 +24,7 @@ TICKS = 400  # as in the stream below
 STREAM = """
 from array import array
 import speed_loop_stream
-from mdms_cell import speed_loop as s
+from mdms_cell.drive import speed_loop as s
 for seed in range(%d, %d):
     print(speed_loop_stream.digest(s.step, array("i", [0] * s.REGISTERS), seed, 400))
 """

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from mdms_cell import speed_loop as s
-from mdms_cell import tuning
+from mdms_cell.drive import speed_loop as s
+from mdms_cell.drive import tuning
 
 _spec = importlib.util.spec_from_file_location("motor", Path(__file__).with_name("motor.py"))
 assert _spec is not None

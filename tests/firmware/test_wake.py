@@ -4,9 +4,9 @@ from random import Random
 
 from tests.both import cell_bench
 
-from mdms_cell import speed_loop as s
 from mdms_cell import ticks
 from mdms_cell.cell import Cell
+from mdms_cell.drive import speed_loop as s
 from mdms_cell.runner import BUS_OFF
 from mdms_protocol import cob, nmt, sdo
 

@@ -32,8 +32,8 @@ EXITS = {
     "mdms_host.commissioning.parameters.ParameterError": Exit.USAGE,
     "mdms_sim.nodes.bank.MicropythonMissing": Exit.NO_DEVICE,
     "mdms_sim.nodes.bank.NodeError": Exit.NODE_FAULT,
-    "mdms_sim.run_folder.RunFolderError": Exit.USAGE,
-    "mdms_sim.scenario.ScenarioError": Exit.USAGE,
+    "mdms_model.run.folder.RunFolderError": Exit.USAGE,
+    "mdms_model.scenario.scenario.ScenarioError": Exit.USAGE,
     "mdms_sim.serve.endpoint.ServeError": Exit.FAILURE,
 }
 

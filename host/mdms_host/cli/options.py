@@ -7,7 +7,7 @@ import math
 from argparse import ArgumentParser, ArgumentTypeError
 from pathlib import Path
 
-from mdms_sim.scenario import FIDELITIES
+from mdms_model.scenario.scenario import FIDELITIES
 
 NODES = ("cpython", "micropython")
 #: Forms of the bus log: candump, and Vector's binary and text.

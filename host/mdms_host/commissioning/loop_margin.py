@@ -14,10 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mdms_protocol import indices
 from mdms_protocol.dictionary import ENTRIES
 
-_LAG = ENTRIES[0x2008, 0]
-_FEED = ENTRIES[0x200A, 0]
+_LAG = ENTRIES[indices.OBSERVER_LAG, 0]
+_FEED = ENTRIES[indices.ACCELERATION_PER_VOLT, 0]
 
 TICK_S = 0.001
 #: How long a voltage is new to the firmware's observer.

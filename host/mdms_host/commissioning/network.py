@@ -14,7 +14,7 @@ import canopen
 from mdms_host.can_link.link import Link
 from mdms_host.clock import Clock
 from mdms_host.commissioning.lss_master import LssMaster
-from mdms_protocol import cob, nmt, pdo
+from mdms_protocol import cob, indices, nmt, pdo
 from mdms_protocol.dictionary import DEVICE_NAME, ENTRIES, PRODUCT_CODE, VENDOR_ID
 from mdms_protocol.entry import Entry
 from mdms_protocol.frame import Frame
@@ -91,8 +91,9 @@ class Commissioning:
 
     def identity(self, node_id: int) -> Identity:
         """The identity of a node. Raises SilentError, or RefusedError if it has no such objects."""
-        name, software = self.read_text(node_id, 0x1008), self.read_text(node_id, 0x100A)
-        numbers = [self.read(node_id, 0x1018, sub) for sub in range(1, 5)]
+        name = self.read_text(node_id, indices.DEVICE_NAME)
+        software = self.read_text(node_id, indices.SOFTWARE_VERSION)
+        numbers = [self.read(node_id, indices.IDENTITY, sub) for sub in range(1, 5)]
         return Identity(name, software, *numbers)
 
     def read(self, node_id: int, index: int, sub: int = 0) -> int:
@@ -115,14 +116,14 @@ class Commissioning:
 
     def store(self, node_id: int) -> None:
         """Have a cell store all its settings (0x1010). Raises SilentError, RefusedError."""
-        self._sign(node_id, 0x1010, b"save")
+        self._sign(node_id, indices.STORE, b"save")
 
     def restore_defaults(self, node_id: int) -> None:
         """Erase the stored settings of a cell (0x1011), and restart it with defaults.
 
         Its node id stays. Raises SilentError, RefusedError.
         """
-        self._sign(node_id, 0x1011, b"load")
+        self._sign(node_id, indices.RESTORE, b"load")
         self.restart(node_id)
 
     def restart(self, node_id: int) -> None:

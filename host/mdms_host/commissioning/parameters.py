@@ -6,10 +6,13 @@ from dataclasses import dataclass
 from decimal import ROUND_HALF_EVEN, Decimal, InvalidOperation
 from difflib import get_close_matches
 
+from mdms_protocol import indices
 from mdms_protocol.dictionary import ENTRIES
 from mdms_protocol.entry import PER_MILLE, PLAIN, Entry
 
 _AXIS_NAME = re.compile(r"Axis (\d) ")
+#: CiA 301: where the parameters and mappings of PDOs end.
+_LAST_OF_PDOS = 0x1BFF
 _OBJECT = re.compile(r"0x([0-9a-fA-F]{4})(?::(\d+))?")
 
 
@@ -91,7 +94,7 @@ class Parameter:
 
 def _name(entry: Entry) -> str:
     """`axis1.gain` for 'Axis 1 gain'; what PDOs have in common goes by its object."""
-    if entry.index >= 0x1400 and _wires(entry):
+    if entry.index >= indices.RPDO_PARAMETERS and _wires(entry):
         return f"0x{entry.index:04X}:{entry.sub}"
     name = _AXIS_NAME.sub(r"axis\1.", entry.name).lower()
     return re.sub(r"[^a-z0-9.]+", "_", name)
@@ -99,7 +102,8 @@ def _name(entry: Entry) -> str:
 
 def _wires(entry: Entry) -> bool:
     """Whether it sets which frames carry what, which the coordinator relies on."""
-    return entry.index in (0x1005, 0x1014) or 0x1400 <= entry.index <= 0x1BFF
+    identifiers = (indices.SYNC_COB_ID, indices.EMCY_COB_ID)
+    return entry.index in identifiers or indices.RPDO_PARAMETERS <= entry.index <= _LAST_OF_PDOS
 
 
 def _is_identifier(entry: Entry) -> bool:

@@ -8,15 +8,15 @@ from rich.table import Table
 from mdms_host.can_link.remote_cell import RemoteCell
 from mdms_host.can_link.sdo_client import Read, SdoClient
 from mdms_host.commissioning.scan import STATE_NAMES
-from mdms_protocol import cia402, cob
+from mdms_protocol import cia402, cob, indices, pdo
 from mdms_protocol.frame import Frame
 
-_STATUSWORDS = (0x6041, 0x6841)
-_PRESENCE = 0x3001
-_READS = tuple(Read(index, 0) for index in (*_STATUSWORDS, _PRESENCE))
+_STATUSWORDS = (indices.STATUSWORD, indices.STATUSWORD + indices.AXIS_OFFSET)
+_READS = tuple(Read(index, 0) for index in (*_STATUSWORDS, indices.PRESENCE))
 #: A cell that is silent for longer is shown as such: three heartbeats at their default period.
 _SILENT_S = 0.35
 _POLL_S = 0.1
+_M_PER_UM = pdo.ACTUAL_VELOCITY.entries[0].unit.factor
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +89,7 @@ class StatusModel:
         if cell.drive_states is None:
             words = (client.answers[index, 0] for index in _STATUSWORDS)
             cell.drive_states = tuple(cia402.state(word) for word in words)
-            cell.presence = client.answers[_PRESENCE, 0]
+            cell.presence = client.answers[indices.PRESENCE, 0]
 
 
 def status_table(rows: list[CellStatus]) -> Table:
@@ -117,7 +117,7 @@ def _row(cell: RemoteCell, now_s: float) -> CellStatus:
         silent_s=None if cell.last_heartbeat_s is None else now_s - cell.last_heartbeat_s,
         drives=None if states is None else tuple(map(_drive_name, states)),
         presence=cell.presence,
-        speeds_m_s=None if speeds_um_s is None else tuple(um * 1e-6 for um in speeds_um_s),
+        speeds_m_s=None if speeds_um_s is None else tuple(um * _M_PER_UM for um in speeds_um_s),
         emergency=cell.emergency or None,
     )
 

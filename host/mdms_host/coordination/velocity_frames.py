@@ -6,14 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mdms_protocol import pdo
+from mdms_protocol.entry import steps_per_unit
 from mdms_protocol.frame import Frame
 
 Floats = NDArray[np.float64]
 
-_UM_PER_M = 1e6
 _TARGET, _ACTUAL = pdo.TARGET_VELOCITY, pdo.ACTUAL_VELOCITY
 #: All axes of a cell have the same type and limits.
 _AXIS = _TARGET.entries[0]
+_UM_PER_M = steps_per_unit(_AXIS.unit)
 _WIRE = np.dtype(f"<i{_AXIS.type.size}")
 
 

@@ -16,8 +16,8 @@ import uctypes
 from lockstep import INBOX_SIZE, NOW_MS, PRESENCE, TAKEN, TICK
 from virtual_board import VirtualBoard, VirtualFlash, leave_bus, rejoin_bus
 
-from mdms_cell import speed_loop
 from mdms_cell.cell import Cell
+from mdms_cell.drive import speed_loop
 
 AXES = 2
 #: Garbage is collected after so many bytes. By itself MicroPython waits until its memory is full,

@@ -1,13 +1,13 @@
 """The board of a simulated cell, on CPython and MicroPython alike."""
 
-from binascii import crc32
-
-from mdms_cell import speed_loop
+from mdms_cell.drive import speed_loop
 from mdms_cell.runner import BUS_OFF
 from mdms_protocol.frame import Frame
 
 #: Frames that a board keeps when the bus does not take them.
 TRANSMIT_QUEUE = 64
+#: What the motors are fed with until somebody says otherwise [uV].
+SUPPLY_UV = 24_000_000
 
 
 class VirtualBoard:
@@ -21,7 +21,6 @@ class VirtualBoard:
         self.registers = registers
         self.serial = serial
         self.settings = settings
-        self.program = VirtualProgram()
         self.counts = [0, 0]
         self.currents_ma = [0, 0]
         self.presence_bits = 0
@@ -63,7 +62,7 @@ class VirtualBoard:
 
 
 class VirtualFlash:
-    """Two banks of bytes, as `mdms_cell.store` wants its memory."""
+    """Two banks of bytes, as `mdms_cell.canopen.store` wants its memory."""
 
     def __init__(self) -> None:
         self._banks = [bytearray(), bytearray()]
@@ -81,33 +80,6 @@ class VirtualFlash:
         if len(self._banks[bank]) != offset:
             raise OSError("settings are written from their beginning on")
         self._banks[bank] += data
-
-
-class VirtualProgram:
-    """Keeps a program that was downloaded; see `mdms_cell.program`."""
-
-    def __init__(self) -> None:
-        self.image = b""
-        self.crc = 0
-        self._coming = bytearray()
-
-    def begin(self, size: int | None) -> None:
-        """Make room for another one."""
-        self._coming = bytearray()
-
-    def write(self, data: bytes) -> None:
-        """Take the next bytes."""
-        self._coming += data
-
-    def end(self) -> None:
-        """All bytes are there."""
-        self.image = bytes(self._coming)
-        self.crc = crc32(self.image)
-        self.cancel()
-
-    def cancel(self) -> None:
-        """Drop what has not ended."""
-        self._coming = bytearray()
 
 
 def leave_bus(cell: object, board: VirtualBoard) -> None:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdms_cell import speed_loop, tuning
+from mdms_cell.drive import speed_loop, tuning
 from mdms_host.commissioning import loop_margin
 from mdms_host.commissioning.loop_margin import (
     DEFAULT,

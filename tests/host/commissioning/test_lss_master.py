@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mdms_cell.lss import Lss
+from mdms_cell.canopen.lss import Lss
 from mdms_host.commissioning.lss_master import LssAddress, LssError, LssMaster
 from mdms_protocol import cob, sdo
 from mdms_protocol.dictionary import PRODUCT_CODE, REVISION, VENDOR_ID

@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 
-from mdms_cell import speed_loop
+from mdms_cell.drive import speed_loop
 from mdms_protocol import cob, nmt
 from mdms_protocol.frame import Frame
 from mdms_sim.nodes import lockstep, micropython_bank, micropython_process

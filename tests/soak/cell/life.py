@@ -7,22 +7,21 @@ Runs on every interpreter. `live` lets time pass; it is called in a loop at modu
 import services
 import troubles
 import world
-from fuzz_cell import Chance, Memory, Program
+from fuzz_cell import Chance, Memory
 from story import Story
 from traffic import Traffic
 from watch import NODE, Watch
 from wheels import Wheels
 
 from boards import pybv11
-from mdms_cell import speed_loop
 from mdms_cell.cell import Cell
+from mdms_cell.drive import speed_loop
 from mdms_cell.runner import Runner
 from mdms_protocol import cob
 
 CHAPTERS = (
     services.read_texts,
     services.change_setting,
-    services.download_program,
     services.remap,
     services.save,
     services.restore_defaults,
@@ -73,7 +72,6 @@ class Life:
             each.clear()
         self.board = pybv11.board(".")
         self.board.settings = self._flash
-        self.board.program = Program()
         self.can = world.buses[0]
         self.cell = Cell(self.board, cob.NODE_NONE)
         self._runner = Runner(self.board, self.cell)

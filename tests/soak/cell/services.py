@@ -1,7 +1,5 @@
 """Chapters of a cell's life in which it is read, configured, commanded and started anew."""
 
-import binascii
-
 import world
 from watch import NODE
 
@@ -29,24 +27,6 @@ def change_setting(story):
     refused = story.client.refused(0x2000, 0, b"\xff\xff\xff\x00", sdo.TOO_HIGH)
     yield from story.through(refused)
     yield from story.write(0x2000, 0, (10_000).to_bytes(4, "little"))
-
-
-def download_program(story):
-    """Refused while the motors are on; then in blocks, one segment lost, or in segments."""
-    refused = story.client.ask(sdo.write_request(0x1F50, 1, b"x"))
-    response = yield from story.through(refused)
-    wanted = sdo.abort(0x1F50, 1, sdo.WRONG_STATE)
-    story.watch.expect(response == wanted, "program taken while driving")
-    yield from story.command(nmt.ENTER_PRE_OPERATIONAL)
-    program = bytes([story.chance.below(256) for _ in range(1 + story.chance.below(2000))])
-    if story.chance.below(3):
-        lost = story.chance.below(50)
-        yield from story.through(story.client.write_block(0x1F50, 1, program, lost))
-    else:
-        yield from story.through(story.client.write_segments(0x1F50, 1, program))
-    crc = yield from story.read(0x1F56, 1)
-    wanted = binascii.crc32(program).to_bytes(4, "little")
-    story.watch.expect(crc == wanted, "program's check sum")
 
 
 def remap(story):

@@ -6,7 +6,7 @@ import world
 from grid import LATE_MS, Grid
 from wheels import WHEELS
 
-from mdms_cell import speed_loop
+from mdms_cell.drive import speed_loop
 from mdms_protocol import nmt
 
 NODE = 5

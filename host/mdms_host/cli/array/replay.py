@@ -11,7 +11,7 @@ from mdms_host.cli.simulation.bus_log import LogPlayer, chosen, read_log
 from mdms_host.cli.simulation.figures import figures_of, report
 from mdms_host.cli.simulation.replay_nodes import replay_on_nodes
 from mdms_host.cli.simulation.simulate import verdict
-from mdms_sim.run_folder import read_run
+from mdms_model.run.folder import read_run
 
 
 def run(arguments: Namespace) -> Exit:

@@ -11,7 +11,7 @@ from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, Operation, operate
-from mdms_sim.scenario import Scenario
+from mdms_model.scenario.scenario import Scenario
 
 #: How the command ends by how the run has.
 EXITS = {

@@ -4,7 +4,6 @@ from math import pi
 
 import numpy as np
 
-from mdms_host import fields
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.scenario.gain import motor_of
@@ -14,13 +13,16 @@ from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.goal import Goal, Limits
 from mdms_host.motion.program import FieldProgram, GoalProgram, Program, nominal_droop
-from mdms_protocol import pdo
-from mdms_protocol.dictionary import AXIS_OFFSET, ENTRIES
-from mdms_sim.physics.wheels import build_wheels
-from mdms_sim.record import Floats
-from mdms_sim.scenario import Cell, Scenario
+from mdms_model import fields
+from mdms_model.array import build_wheels
+from mdms_model.arrays import Floats
+from mdms_model.scenario.scenario import Cell, Scenario
+from mdms_protocol import indices, pdo
+from mdms_protocol.dictionary import ENTRIES
+from mdms_protocol.entry import steps_per_unit
 
-GAIN, RESOLUTION, VOLTAGE_LIMIT, ACCELERATION_PER_VOLT = 0x2000, 0x2001, 0x2002, 0x200A
+#: As much as a cell comes with, but never more than half the supply.
+UNDERVOLTAGE_V = 10.0
 
 
 def coordinator_of(scenario: Scenario) -> Coordinator:
@@ -52,16 +54,18 @@ def settings_of(cell: Cell) -> tuple[Setting, ...]:
     )
     acceleration = observer_for(motor_of(cell)).acceleration_m_s2_per_v
     wanted = {
-        GAIN: ("cell.gain_vs_per_m", round(cell.gain_vs_per_m * 1000)),
-        RESOLUTION: ("the encoder's counts per metre", int(counts_per_m)),
-        VOLTAGE_LIMIT: ("cell.supply_v", round(cell.supply_v * 1000)),
-        ACCELERATION_PER_VOLT: ("the motor's acceleration per volt", round(acceleration * 1000)),
+        indices.GAIN: ("cell.gain_vs_per_m", cell.gain_vs_per_m),
+        indices.RESOLUTION: ("the encoder's counts per metre", int(counts_per_m)),
+        indices.VOLTAGE_LIMIT: ("cell.supply_v", cell.supply_v),
+        indices.ACCELERATION_PER_VOLT: ("the motor's acceleration per volt", acceleration),
     }
-    return tuple(
-        _setting(index + axis * AXIS_OFFSET, *meaning)
+    axes = tuple(
+        _setting(index + axis * indices.AXIS_OFFSET, *meaning)
         for axis in range(len(cell.wheel))
         for index, meaning in wanted.items()
     )
+    undervoltage_v = min(UNDERVOLTAGE_V, cell.supply_v / 2)
+    return (*axes, _setting(indices.UNDERVOLTAGE_LIMIT, "half of cell.supply_v", undervoltage_v))
 
 
 def estimates_of(coordinator: Coordinator, scenario: Scenario) -> Floats:
@@ -71,12 +75,14 @@ def estimates_of(coordinator: Coordinator, scenario: Scenario) -> Floats:
     return np.array([(one.x_m, one.y_m, one.yaw_rad) if one else unknown for one in believed])
 
 
-def _setting(index: int, meaning: str, value: int) -> Setting:
+def _setting(index: int, meaning: str, value: float) -> Setting:
+    entry = ENTRIES[index, 0]
+    number = round(value * steps_per_unit(entry.unit))
     try:
-        pdo.check(ENTRIES[index, 0], value)
+        pdo.check(entry, number)
     except pdo.OutOfRangeError as error:
         raise CommandError(f"{meaning} does not fit the firmware: {error}", Exit.USAGE) from None
-    return Setting(index, 0, value)
+    return Setting(index, 0, number)
 
 
 def parcels_of(scenario: Scenario) -> tuple[Parcel, ...]:

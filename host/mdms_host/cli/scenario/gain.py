@@ -13,8 +13,8 @@ from mdms_host.commissioning.loop_margin import (
     phase_margin,
     wheel_motor,
 )
-from mdms_sim.scenario import Cell, Scenario
-from mdms_sim.scenario_file import load_scenario
+from mdms_model.scenario.file import load_scenario
+from mdms_model.scenario.scenario import Cell, Scenario
 
 MASSLESS = "none, for the wheels have no inertia: the paper's law is continuous"
 

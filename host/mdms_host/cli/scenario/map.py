@@ -8,12 +8,12 @@ from typing import Any
 from mdms_host.cli.compiling import compiling_watched
 from mdms_host.cli.exits import CommandError, Exit, writing
 from mdms_host.cli.scenario.coordination import references_m_s
-from mdms_sim.physics.field_map import FieldMap, map_field
-from mdms_sim.physics.held_parcel import Law
+from mdms_model.scenario.file import load_scenario
+from mdms_model.scenario.scenario import Parcel, Scenario
+from mdms_sim.physics.analysis.field_map import FieldMap, map_field
+from mdms_sim.physics.analysis.held_parcel import Law
 from mdms_sim.plots.canvas import save
 from mdms_sim.plots.field_map import draw_field_map
-from mdms_sim.scenario import Parcel, Scenario
-from mdms_sim.scenario_file import load_scenario
 
 
 def run(arguments: Namespace) -> Exit:

@@ -7,8 +7,8 @@ from typing import Any
 
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.scenario.gain import MASSLESS, gain_limits
-from mdms_sim.physics.limits import parcel_limits
-from mdms_sim.scenario_file import builtin_names, load_scenario
+from mdms_model.limits import parcel_limits
+from mdms_model.scenario.file import builtin_names, load_scenario
 
 #: Name in JSON, in words, unit.
 ROWS = (

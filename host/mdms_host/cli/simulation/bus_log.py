@@ -9,6 +9,7 @@ import can
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_protocol import cob
 from mdms_protocol.frame import Frame
+from mdms_sim.bus.log import START_S
 
 #: What the host alone sends: to all, to each node, and its heartbeat.
 _TO_ALL = (cob.NMT, cob.SYNC, cob.LSS_REQUEST, cob.HEARTBEAT_BASE + cob.NODE_MAX)
@@ -16,14 +17,17 @@ _TO_NODES = (*cob.RPDO_BASES, cob.SDO_REQUEST_BASE)
 
 
 def read_log(path: Path) -> Iterator[tuple[float, Frame]]:
-    """Times [s] and frames of a candump log. Raises `CommandError` (bad input)."""
+    """Times since the run's start [s] and frames of its log. Raises `CommandError` (bad input)."""
     if not path.is_file():
         raise CommandError(f"{path}: no such bus log; runs of the firmware have one", Exit.USAGE)
     try:
         with can.CanutilsLogReader(path) as reader:
             for message in reader:
                 if not (message.is_extended_id or message.is_remote_frame):
-                    yield message.timestamp, Frame(message.arbitration_id, bytes(message.data))
+                    time_s = message.timestamp
+                    # Logs of older runs begin at 0.
+                    time_s -= START_S if time_s >= START_S else 0
+                    yield time_s, Frame(message.arbitration_id, bytes(message.data))
     except (ValueError, IndexError) as error:
         raise CommandError(f"{path}: not a candump log: {error}", Exit.USAGE) from None
 

@@ -8,12 +8,12 @@ from mdms_host.cli.compiling import compiling_watched
 from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of, references_m_s
 from mdms_host.clock import MonotonicClock
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_sim.physics.ideal import solve_ideal
-from mdms_sim.physics.row import solve_row
-from mdms_sim.record import Event, Record
-from mdms_sim.scenario import Scenario
+from mdms_model.run.record import Event, Record
+from mdms_model.run.slip import slip_m_s
+from mdms_model.scenario.scenario import Scenario
+from mdms_sim.physics.plane.ideal import solve_ideal
+from mdms_sim.physics.row.solver import solve_row
 from mdms_sim.simulation import BusFigures, simulate
-from mdms_sim.slip import slip_m_s
 
 #: The paper's model, by fidelity.
 SOLVERS = {"row": solve_row, "ideal": solve_ideal}

@@ -9,7 +9,7 @@ from mdms_host.cli.console import say
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.simulation.simulate import simulate, verdict
-from mdms_sim.scenario import Goal, Parcel
+from mdms_model.scenario.scenario import Goal, Parcel
 
 SCENARIO = "array18"
 NEAR_M = 0.010

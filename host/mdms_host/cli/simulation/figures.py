@@ -8,8 +8,9 @@ import numpy as np
 
 from mdms_host.cli.compiling import REPORTED_S
 from mdms_host.cli.simulation.compose import Finished
-from mdms_sim.record import Floats, Record
-from mdms_sim.scenario import Scenario
+from mdms_model.arrays import Floats
+from mdms_model.run.record import Record
+from mdms_model.scenario.scenario import Scenario
 
 POSE = ("x_m", "y_m", "yaw_rad")
 TWIST = ("vx_m_s", "vy_m_s", "yaw_rate_rad_s")

@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterable
 
 from mdms_host.cli.simulation.bus_log import LogPlayer
 from mdms_host.cli.simulation.compose import Finished, timed
+from mdms_model.scenario.scenario import Scenario
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.length import frame_bits
-from mdms_sim.scenario import Scenario
 from mdms_sim.simulation import simulate
 
 NS_PER_S = 1_000_000_000

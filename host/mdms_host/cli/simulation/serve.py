@@ -6,7 +6,7 @@ from contextlib import closing
 from mdms_host.cli.console import say
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.scenario.gain import open_program
-from mdms_sim.scenario import Scenario
+from mdms_model.scenario.scenario import Scenario
 from mdms_sim.serve.server import Server, ways_in
 from mdms_sim.simulation import Simulation, open_bank
 

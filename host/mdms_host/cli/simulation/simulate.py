@@ -12,9 +12,9 @@ from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.simulation.bus_log import convert_log
 from mdms_host.cli.simulation.compose import Finished, run_scenario
 from mdms_host.cli.simulation.figures import figures_of, report
-from mdms_protocol import dbc
-from mdms_sim.run_folder import DATABASE, fresh_folder, write_run
-from mdms_sim.scenario import Scenario
+from mdms_model.run.folder import DATABASE, fresh_folder, write_run
+from mdms_model.scenario.scenario import Scenario
+from mdms_protocol.generators import dbc
 
 
 def run(arguments: Namespace) -> Exit:
@@ -48,11 +48,20 @@ def simulate(
         if folder:
             figures["run"] = str(out)
             with writing(folder, Exit.FAILURE):
-                if _has_bus(scenario):
-                    convert_log(folder / "bus.log", bus_format)
-                    (folder / DATABASE).write_text(dbc.text(), "utf-8")
-                write_run(folder, scenario, finished.record, figures)
+                _write_folder(folder, scenario, finished, figures, bus_format)
     return finished, figures
+
+
+def _write_folder(
+    folder: Path, scenario: Scenario, finished: Finished, figures: dict[str, Any], bus_format: str
+) -> None:
+    # Matplotlib takes longer to import than a short run takes, so only a folder waits for it.
+    from mdms_sim.plots import save_picture  # noqa: PLC0415
+
+    if _has_bus(scenario):
+        convert_log(folder / "bus.log", bus_format)
+        (folder / DATABASE).write_text(dbc.text(), "utf-8")
+    write_run(folder, scenario, finished.record, figures, save_picture)
 
 
 def _run(scenario: Scenario, nodes: str, bus_log: Path | None) -> Finished:

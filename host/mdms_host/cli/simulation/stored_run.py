@@ -3,9 +3,9 @@
 from argparse import Namespace
 
 from mdms_host.cli.exits import Exit, writing
-from mdms_sim.export import export_csv
+from mdms_model.run.csv_export import export_csv
+from mdms_model.run.folder import read_run
 from mdms_sim.plots import save_picture, save_wheels
-from mdms_sim.run_folder import read_run
 
 
 def plot(arguments: Namespace) -> Exit:

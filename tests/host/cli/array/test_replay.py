@@ -52,6 +52,15 @@ def test_database_beside_the_log_is_ours_and_explains_it(recorded, pytestconfig)
         assert tuple(values.values()) == pdo.CONTROLWORD.decode(frame.data)
 
 
+def test_database_beside_the_log_knows_every_frame(recorded):
+    database = cantools.database.load_file(recorded / "blf" / "mdms-cell.dbc")
+    frames = [frame for _, frame in read_log(recorded / "blf" / "bus.log")]
+    services = {frame.can_id & ~0x7F for frame in frames}
+    assert {cob.SDO_REQUEST_BASE, cob.SDO_RESPONSE_BASE, cob.HEARTBEAT_BASE} <= services
+    for frame in frames:
+        database.decode_message(frame.can_id, frame.data)
+
+
 def test_run_without_a_bus_takes_the_database_away(tmp_path):
     folder = tmp_path / "run"
     for fidelity in ("firmware", "row"):
@@ -96,6 +105,13 @@ def test_host_commands(can_id):
 @pytest.mark.parametrize("can_id", [0x081, 0x181, 0x292, 0x581, 0x701, 0x712, 0x7E4])
 def test_cells_answer(can_id):
     assert not is_from_host(can_id)
+
+
+@pytest.mark.parametrize("start_s", [946_684_800, 0])
+def test_times_of_a_log_count_from_the_start_of_its_run(tmp_path, start_s):
+    path = tmp_path / "bus.log"
+    path.write_text(f"({start_s}.000056) mdms 77F#05\n({start_s + 2}.500000) mdms 080#\n")
+    assert [time_s for time_s, _ in read_log(path)] == pytest.approx([0.000056, 2.5], abs=2e-7)
 
 
 def test_player_keeps_the_times_of_the_log():

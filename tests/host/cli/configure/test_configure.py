@@ -14,8 +14,8 @@ from mdms_host.cli.scenario.gain import gain_limits
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning, SilentError
 from mdms_host.commissioning.node_ids import address_of
+from mdms_model.scenario.file import load_scenario
 from mdms_protocol import cob, nmt
-from mdms_sim.scenario_file import load_scenario
 
 pytestmark = pytest.mark.real_time
 

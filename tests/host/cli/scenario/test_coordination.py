@@ -15,9 +15,9 @@ from mdms_host.cli.scenario.coordination import (
     references_m_s,
     settings_of,
 )
+from mdms_model.array import build_wheels
+from mdms_model.scenario.file import load_scenario
 from mdms_protocol.dictionary import ENTRIES
-from mdms_sim.physics.wheels import build_wheels
-from mdms_sim.scenario_file import load_scenario
 
 
 @pytest.fixture
@@ -64,6 +64,7 @@ def test_what_the_host_relies_on_is_written_to_both_axes(plane):
         Setting(0x2801, 0, ENTRIES[0x2001, 0].default),
         Setting(0x2802, 0, 12000),
         Setting(0x280A, 0, 20053),
+        Setting(0x3003, 0, 6000),
     )
 
 

@@ -63,7 +63,7 @@ def test_run_of_the_demo_can_be_plotted_and_exported(demo, tmp_path):
 
 
 def test_box_that_does_not_arrive_in_time_is_told(monkeypatch, tmp_path, capsys):
-    from mdms_sim.scenario_file import load_scenario
+    from mdms_model.scenario.file import load_scenario
 
     short = load_scenario("array18", ["run.duration_s=1"])
     monkeypatch.setattr("mdms_host.cli.simulation.demo.open_program", lambda *_: short)

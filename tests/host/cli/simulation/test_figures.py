@@ -5,8 +5,8 @@ import pytest
 
 from mdms_host.cli.simulation.compose import Finished
 from mdms_host.cli.simulation.figures import figures_of, report
-from mdms_sim.record import Record
-from mdms_sim.scenario_file import load_scenario
+from mdms_model.run.record import Record
+from mdms_model.scenario.file import load_scenario
 
 TIME_S = np.linspace(0.0, 2.0, 201)
 

@@ -1,0 +1,107 @@
+"""Emergency messages, error register and error history (CiA 301, 7.2.7, 0x1001, 0x1003)."""
+
+from mdms_cell import ticks
+from mdms_cell.canopen.objects import key
+from mdms_cell.canopen.rules import check_cob_id
+from mdms_protocol import cob
+
+ERROR_REGISTER = 0x1001
+HISTORY = 0x1003
+COB_ID = 0x1014
+INHIBIT_TIME = 0x1015
+
+_HISTORY_SIZE = 8
+#: Messages that may wait for the inhibit time or for room; older ones give way.
+_QUEUE_SIZE = 8
+_NO_ERROR = 0x0000
+
+_GENERIC = 0x01
+#: The bit of the error register that the upper half byte of an error code sets besides.
+_REGISTER_BITS = {0x2: 0x02, 0x3: 0x04, 0x4: 0x08, 0x7: 0x20, 0x8: 0x10, 0xF: 0x80}
+
+
+class Emcy:
+    """The errors of the cell, by what they come from; one source has one error at a time."""
+
+    def __init__(self, objects, send):
+        self._objects = objects
+        self._send = send
+        self._errors = {}
+        self._queue = []
+        self._sent_ms = None
+        self._enabled = False
+        objects.reads[key(ERROR_REGISTER, 0)] = self.register
+        objects.writes[key(HISTORY, 0)] = self._clear_history
+        objects.watchers[COB_ID] = self._on_cob_id
+        objects.watchers[INHIBIT_TIME] = self._on_inhibit_time
+        self.load()
+
+    def load(self):
+        """Take over identifier and inhibit time from the dictionary."""
+        cob_id = self._objects.number(COB_ID)
+        self.can_id = None if cob_id & cob.INVALID else cob_id & cob.IDENTIFIER
+        self._inhibit_ms = -(-self._objects.number(INHIBIT_TIME) // 10)
+
+    def register(self):
+        """The error register."""
+        bits = 0
+        for code in self._errors.values():
+            bits |= _GENERIC | _REGISTER_BITS.get(code >> 12, 0)
+        return bits
+
+    def report(self, source, code):
+        """An error has come up."""
+        if self._errors.get(source) == code:
+            return
+        self._errors[source] = code
+        self._remember(source << 16 | code)
+        self._post(source, code)
+
+    def clear(self, source):
+        """The error of this source is gone, if there was one."""
+        if source in self._errors:
+            del self._errors[source]
+            self._post(source, _NO_ERROR)
+
+    def poll(self, now_ms):
+        """Send what waits, one message an inhibit time; return when to go on, in milliseconds."""
+        while self._queue and self.can_id is not None:
+            wait_ms = self._inhibited_ms(now_ms)
+            if wait_ms:
+                return wait_ms
+            if not self._send(self.can_id, self._queue[0]):
+                return ticks.RETRY_MS
+            self._queue.pop(0)
+            self._sent_ms = now_ms
+        return ticks.IDLE_MS
+
+    def _inhibited_ms(self, now_ms):
+        if self._sent_ms is None:
+            return 0
+        elapsed_ms = ticks.diff(now_ms, self._sent_ms)
+        return self._inhibit_ms - elapsed_ms if 0 <= elapsed_ms < self._inhibit_ms else 0
+
+    def _post(self, source, code):
+        if len(self._queue) == _QUEUE_SIZE:
+            self._queue.pop(0)
+        message = bytes((code & 0xFF, code >> 8, self.register(), source, 0, 0, 0, 0))
+        self._queue.append(message)
+
+    def _remember(self, error):
+        objects = self._objects
+        count = min(objects.number(HISTORY) + 1, _HISTORY_SIZE)
+        for sub in range(count, 1, -1):
+            objects.put(HISTORY, sub, objects.number(HISTORY, sub - 1))
+        objects.put(HISTORY, 1, error)
+        objects.put(HISTORY, 0, count)
+
+    def _clear_history(self, _zero):
+        for sub in range(_HISTORY_SIZE + 1):
+            self._objects.put(HISTORY, sub, 0)
+
+    def _on_cob_id(self, index, _sub):
+        check_cob_id(self._objects.number(index), self.can_id)
+        self.load()
+
+    def _on_inhibit_time(self, _index, _sub):
+        self.load()

@@ -1,0 +1,112 @@
+"""Heartbeats: the producer (0x1017) and the consumer (0x1016) of CiA 301, 7.2.8.2.2.3."""
+
+from mdms_cell import ticks
+from mdms_protocol import cob, nmt, sdo
+
+PRODUCER_TIME = 0x1017
+CONSUMER_TIMES = 0x1016
+CONSUMED_NODES = 4
+
+
+class Heartbeat:
+    """Sends the cell's state at the period of 0x1017, which is 0 for never."""
+
+    def __init__(self, objects, send):
+        self._objects = objects
+        self._send = send
+        self._period_ms = 0
+        self._due_ms = 0
+        self.now_ms = 0
+        objects.watchers[PRODUCER_TIME] = self._configure
+
+    def start(self, now_ms):
+        """Begin a period, at boot-up or when the period changed."""
+        self._period_ms = self._objects.number(PRODUCER_TIME)
+        self._due_ms = ticks.after(now_ms, self._period_ms)
+
+    def poll(self, now_ms, node_id, state):
+        """Send a heartbeat if it is due; return in how many milliseconds the next one is.
+
+        One that is late does not delay those after it.
+        """
+        self.now_ms = now_ms
+        if not self._period_ms:
+            return ticks.IDLE_MS
+        wait_ms = ticks.diff(self._due_ms, now_ms)
+        if wait_ms <= 0:
+            self._send(cob.HEARTBEAT_BASE + node_id, bytes((state,)))
+            wait_ms += self._period_ms
+            if wait_ms <= 0:
+                wait_ms = self._period_ms
+            self._due_ms = ticks.after(now_ms, wait_ms)
+        return wait_ms
+
+    def _configure(self, _index, _sub):
+        self.start(self.now_ms)
+
+
+class Consumer:
+    """Watches the nodes that 0x1016 names, each from its first heartbeat on.
+
+    `heard()` tells the time [ms] and has a poll follow; `changed()` is told of other identifiers.
+    """
+
+    def __init__(self, objects, heard, changed):
+        self._objects = objects
+        self._changed = changed
+        self._heard = heard
+        objects.watchers[CONSUMER_TIMES] = self._on_time
+        self.load()
+
+    def load(self):
+        """Take over what to watch from the dictionary."""
+        self._limits_ms = {}
+        for sub in range(1, CONSUMED_NODES + 1):
+            node_id, limit_ms = self._watched(sub)
+            if cob.NODE_MIN <= node_id <= cob.NODE_MAX and limit_ms:
+                self._limits_ms[node_id] = limit_ms
+        self._heard_ms = {}
+        self.lost = set()
+
+    def receivers(self):
+        """Pairs of an identifier and what takes its frames."""
+        for node_id in self._limits_ms:
+            yield cob.HEARTBEAT_BASE + node_id, self._receiver(node_id)
+
+    def _receiver(self, node_id):
+        def receive(data):
+            if nmt.decode_heartbeat(data) is None:
+                return False
+            self._heard_ms[node_id] = self._heard()
+            self.lost.discard(node_id)
+            return True
+
+        return receive
+
+    def poll(self, now_ms):
+        """Return whether a node has fallen silent just now; `lost` are all that have."""
+        for node_id, heard_ms in self._heard_ms.items():
+            if ticks.diff(now_ms, heard_ms) >= self._limits_ms[node_id]:
+                del self._heard_ms[node_id]
+                self.lost.add(node_id)
+                return True
+        return False
+
+    def wait_ms(self, now_ms):
+        """In how many milliseconds a node will have fallen silent, unless it is heard."""
+        wait_ms = ticks.IDLE_MS
+        for node_id, heard_ms in self._heard_ms.items():
+            wait_ms = min(wait_ms, self._limits_ms[node_id] - ticks.diff(now_ms, heard_ms))
+        return wait_ms
+
+    def _watched(self, sub):
+        value = self._objects.number(CONSUMER_TIMES, sub)
+        return value >> 16, value & 0xFFFF
+
+    def _on_time(self, _index, sub):
+        node_id, limit_ms = self._watched(sub)
+        for other in range(1, CONSUMED_NODES + 1):
+            if other != sub and limit_ms and self._watched(other)[0] == node_id and node_id:
+                raise sdo.AbortError(sdo.INCOMPATIBLE)
+        self.load()
+        self._changed()

@@ -1,0 +1,230 @@
+"""The cell's object dictionary: packed records, one buffer of values, and ties to what is alive."""
+
+import struct
+
+from mdms_protocol import packed, record, sdo
+
+_COUNT = len(packed.RECORDS) // record.RECORD_SIZE - 1
+_FORMATS = {0x02: "<b", 0x03: "<h", 0x04: "<i", 0x05: "<B", 0x06: "<H", 0x07: "<I"}
+
+
+class Record:
+    """What the table says about one entry of the record at a position.
+
+    `past` tells how far the sub-index lies behind the last of the record; then there is no entry.
+    """
+
+    def __init__(self, position, sub):
+        start = position * record.RECORD_SIZE
+        self.index, first, kind, self.flags, self._limits, place = struct.unpack_from(
+            record.RECORD, packed.RECORDS, start
+        )
+        end = start + 2 * record.RECORD_SIZE
+        size = (packed.RECORDS[end - 2] | packed.RECORDS[end - 1] << 8) - place
+        self.sub = sub
+        self.past = sub - first - (kind >> record.COUNT_SHIFT)
+        self.type = kind & record.TYPE
+        self.size = size // ((kind >> record.COUNT_SHIFT) + 1)
+        self.place = place + (sub - first) * self.size
+
+    @property
+    def format(self):
+        """The entry's format for `struct`; only a number has one."""
+        return _FORMATS[self.type]
+
+    def check(self, number):
+        """Raises AbortError if the number is out of the entry's limits."""
+        if not self._limits:
+            return
+        at = (self._limits - 1) * record.LIMITS_SIZE
+        low, high = struct.unpack_from(record.LIMITS, packed.LIMITS, at)
+        if number > high:
+            raise sdo.AbortError(sdo.TOO_HIGH)
+        if number < low:
+            raise sdo.AbortError(sdo.TOO_LOW)
+
+
+def find(index, sub):
+    """The record of an entry; raises AbortError if there is none."""
+    found = Record(_position(index, sub), sub)
+    if found.index != index:
+        raise sdo.AbortError(sdo.NO_SUCH_OBJECT)
+    if found.past > 0:
+        raise sdo.AbortError(sdo.NO_SUCH_SUB_INDEX)
+    return found
+
+
+def _position(index, sub):
+    """Of the last record that does not begin behind (index, sub)."""
+    wanted = index << 8 | sub
+    low = 0
+    high = _COUNT
+    while high - low > 1:
+        middle = (low + high) // 2
+        start = middle * record.RECORD_SIZE
+        row = packed.RECORDS
+        if (row[start + 1] << 16 | row[start] << 8 | row[start + 2]) <= wanted:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+class Collected:
+    """What a client writes to an entry of a few bytes, in one piece or several."""
+
+    def __init__(self, objects, entry):
+        self._objects = objects
+        self._entry = entry
+        self._value = b""
+
+    def write(self, piece):
+        """Take some bytes; raises AbortError if they are too many."""
+        if len(self._value) + len(piece) > self._entry.size:
+            raise sdo.AbortError(sdo.TOO_LONG)
+        self._value += piece
+
+    def finish(self):
+        """Write what has come; raises AbortError."""
+        self._objects.write(self._entry, self._value)
+
+    def cancel(self):
+        """Leave the entry as it is."""
+
+
+class Objects:
+    """The values of all entries.
+
+    An entry may be tied to what is alive, by `key`: `reads` gives functions that return its value,
+    `writes` functions that take it.
+    `watchers` are told, by index, of entries that were written and stored, and may refuse by
+    raising AbortError.
+    """
+
+    def __init__(self):
+        self.data = bytearray(packed.DEFAULTS)
+        self._node_id = 0
+        self.reads = {}
+        self.writes = {}
+        self.watchers = {}
+
+    def read(self, index, sub):
+        """An entry's value as bytes, as a client may read it; raises AbortError."""
+        entry = find(index, sub)
+        if not entry.flags & record.READABLE:
+            raise sdo.AbortError(sdo.WRITE_ONLY)
+        live = self.reads.get(key(index, sub))
+        if live is not None:
+            return struct.pack(entry.format, live())
+        return bytes(self.data[entry.place : entry.place + entry.size])
+
+    def open(self, index, sub, size):
+        """A sink with `write`, `finish` and `cancel` for `size` bytes, or None if that is not told.
+
+        Raises AbortError if the entry cannot be written, or not with so many bytes.
+        """
+        entry = find(index, sub)
+        if not entry.flags & record.WRITABLE:
+            raise sdo.AbortError(sdo.READ_ONLY)
+        if size is not None:
+            check_length(entry, size)
+        return Collected(self, entry)
+
+    def write(self, entry, value):
+        """Write an entry from bytes, as a client may; raises AbortError."""
+        check_length(entry, len(value))
+        number = struct.unpack(entry.format, value)[0]
+        entry.check(number)
+        take = self.writes.get(key(entry.index, entry.sub))
+        if take is not None:
+            take(number)
+        else:
+            self._store(entry, value)
+
+    def _store(self, entry, value):
+        start = entry.place
+        end = start + entry.size
+        before = bytes(self.data[start:end])
+        self.data[start:end] = value
+        watcher = self.watchers.get(entry.index)
+        if watcher is None:
+            return
+        try:
+            watcher(entry.index, entry.sub)
+        except sdo.AbortError:
+            self.data[start:end] = before
+            raise
+
+    def reader(self, index, sub):
+        """A function that returns an entry's number, and its format."""
+        entry = find(index, sub)
+        live = self.reads.get(key(index, sub))
+        if live is None:
+            return lambda: struct.unpack_from(entry.format, self.data, entry.place)[0], entry.format
+        return live, entry.format
+
+    def writer(self, index, sub):
+        """A function that takes an entry's number, and its format."""
+        entry = find(index, sub)
+        take = self.writes.get(key(index, sub))
+        return take or (lambda number: self._take(entry, number)), entry.format
+
+    def _take(self, entry, number):
+        """Store a number that nothing is tied to, unless it is out of the entry's limits."""
+        try:
+            self.write(entry, struct.pack(entry.format, number))
+        except sdo.AbortError:
+            return
+
+    def number(self, index, sub=0):
+        """The stored number of an entry."""
+        entry = find(index, sub)
+        return struct.unpack_from(entry.format, self.data, entry.place)[0]
+
+    def put(self, index, sub, number):
+        """Store a number in an entry, whoever may write it."""
+        entry = find(index, sub)
+        struct.pack_into(entry.format, self.data, entry.place, number)
+
+    def reset(self, node_id, flags):
+        """Give the entries that have one of these flags the defaults that they have at a node."""
+        self._node_id = node_id
+        for entry in entries(flags):
+            self.data[entry.place : entry.place + entry.size] = default(entry, node_id)
+
+    def changed(self, flags):
+        """What of these entries is not at its default, as (index, sub-index, bytes)."""
+        for entry in entries(flags):
+            value = bytes(self.data[entry.place : entry.place + entry.size])
+            if value != default(entry, self._node_id):
+                yield entry.index, entry.sub, value
+
+
+def entries(flags):
+    """The entries that have one of these flags."""
+    for position in range(_COUNT):
+        _, first, kind, own, _, _ = struct.unpack_from(
+            record.RECORD, packed.RECORDS, position * record.RECORD_SIZE
+        )
+        if own & flags:
+            for sub in range(first, first + (kind >> record.COUNT_SHIFT) + 1):
+                yield Record(position, sub)
+
+
+def default(entry, node_id):
+    """The default that an entry has at a node, as bytes."""
+    value = packed.DEFAULTS[entry.place : entry.place + entry.size]
+    if entry.flags & record.FROM_NODE:
+        return (int.from_bytes(value, "little") + node_id).to_bytes(entry.size, "little")
+    return value
+
+
+def check_length(entry, size):
+    """Raises AbortError if a value of so many bytes does not fit the entry."""
+    if size != entry.size:
+        raise sdo.AbortError(sdo.TOO_LONG if size > entry.size else sdo.TOO_SHORT)
+
+
+def key(index, sub):
+    """What `reads` and `writes` know an entry by."""
+    return index << 8 | sub

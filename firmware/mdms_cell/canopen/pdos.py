@@ -1,0 +1,110 @@
+"""All PDOs of a cell, alive in 'operational' only."""
+
+from mdms_cell import ticks
+from mdms_cell.canopen.rpdo import Rpdo
+from mdms_cell.canopen.rules import COB_ID
+from mdms_cell.canopen.tpdo import Tpdo
+from mdms_protocol import cob
+
+
+class Pdos:
+    """Receive and transmit PDOs.
+
+    `heard()` tells the time [ms] and has a poll follow; `changed()` is told of other identifiers.
+    """
+
+    def __init__(self, objects, heard, send, changed):
+        self._changed = changed
+        numbers = range(len(cob.TPDO_BASES))
+        told = self._on_change
+        self._rpdos = [Rpdo(number, objects, heard, told) for number in numbers]
+        self._tpdos = [Tpdo(number, objects, send, told) for number in numbers]
+        self._alive = False
+        self._choose()
+
+    def load(self):
+        """Take over everything from the dictionary."""
+        for pdo in self._rpdos + self._tpdos:
+            pdo.load()
+        self._choose()
+
+    def _choose(self):
+        """Find again which PDOs are in use, and what for."""
+        self._received = [rpdo for rpdo in self._rpdos if rpdo.can_id is not None]
+        self._held = [rpdo for rpdo in self._received if rpdo.synchronous]
+        self._awaited = [rpdo for rpdo in self._received if rpdo.deadline_ms]
+        sent = [tpdo for tpdo in self._tpdos if tpdo.can_id is not None]
+        self._sampled = [tpdo for tpdo in sent if tpdo.synchronous]
+        self._spontaneous = [tpdo for tpdo in sent if not tpdo.synchronous]
+
+    def _on_change(self, sub):
+        self._choose()
+        if sub == COB_ID:
+            self._changed()
+
+    def start(self, now_ms):
+        """The cell is 'operational' now."""
+        self._alive = True
+        for pdo in self._rpdos + self._tpdos:
+            pdo.start()
+        self.poll(now_ms)
+
+    def stop(self):
+        """The cell is not 'operational' any more."""
+        self._alive = False
+
+    def receivers(self):
+        """Pairs of an identifier and what takes its frames."""
+        identifiers = {rpdo.can_id for rpdo in self._received}
+        for can_id in identifiers:
+            same = [rpdo for rpdo in self._received if rpdo.can_id == can_id]
+            yield can_id, self._receiver(same)
+
+    def _receiver(self, rpdos):
+        def receive(data):
+            taken = True
+            if self._alive:
+                for rpdo in rpdos:
+                    taken = rpdo.on_frame(data) and taken
+            return taken
+
+        return receive
+
+    def on_sync(self, data):
+        """SYNC: take over what is held, and send; return False if it is none."""
+        if len(data) > 1:
+            return False
+        if self._alive:
+            for rpdo in self._held:
+                rpdo.on_sync()
+            for tpdo in self._sampled:
+                tpdo.on_sync()
+        return True
+
+    def discard_held(self):
+        """Drop what is held for SYNC: it came before the state that has just begun."""
+        for rpdo in self._held:
+            rpdo.discard()
+
+    def poll(self, now_ms):
+        """Send what has changed; return in how many milliseconds to poll again."""
+        wait_ms = ticks.IDLE_MS
+        if self._alive:
+            for tpdo in self._spontaneous:
+                wait_ms = min(wait_ms, tpdo.poll(now_ms))
+            for rpdo in self._awaited:
+                wait_ms = min(wait_ms, rpdo.wait_ms(now_ms))
+        return wait_ms
+
+    @property
+    def late(self):
+        """Whether a frame that is waited for has still not come."""
+        return any(rpdo.late for rpdo in self._awaited)
+
+    def overdue(self, now_ms):
+        """Whether a frame that was waited for has not come; told once."""
+        overdue = False
+        if self._alive:
+            for rpdo in self._awaited:
+                overdue = rpdo.overdue(now_ms) or overdue
+        return overdue

@@ -1,0 +1,94 @@
+"""Receive PDOs (CiA 301, 7.2.2.3): values taken over at once, or held until SYNC."""
+
+import struct
+
+from mdms_cell import ticks
+from mdms_cell.canopen.pdo import Pdo
+from mdms_cell.canopen.rules import DUMMIES, EVENT_TIMER
+from mdms_protocol import record
+
+PARAMETERS = 0x1400
+MAPPING = 0x1600
+
+_DUMMY_FORMATS = {8: "B", 16: "H", 32: "I"}
+
+
+class Rpdo(Pdo):
+    """Receive PDO `number`, counted from 0.
+
+    `heard()` tells the time [ms] and has a poll follow; see `Pdo` for `changed`.
+    """
+
+    def __init__(self, number, objects, heard, changed):
+        super().__init__(objects, PARAMETERS + number, MAPPING + number, record.IN_RPDO, changed)
+        self._heard = heard
+        self._heard_ms = None
+        self.late = False
+        self.load()
+
+    def load(self):
+        """Take over everything from the dictionary."""
+        super().load()
+        self._held = None
+        self._writes = []
+        layout = "<"
+        for index, sub, bits in self.entries():
+            if index in DUMMIES:
+                write, layout = None, layout + _DUMMY_FORMATS[bits]
+            else:
+                write, form = self._objects.writer(index, sub)
+                layout += form[1]
+            self._writes.append(write)
+        self._layout = layout
+        self._length = struct.calcsize(layout)
+        self.deadline_ms = self._parameter(EVENT_TIMER)
+
+    def on_frame(self, data):
+        """Take or hold the values; return False if the frame is too short for them."""
+        if len(data) < self._length:
+            return False
+        if self.deadline_ms:
+            self._heard_ms = self._heard()
+            self.late = False
+        if self.synchronous:
+            self._held = data
+        else:
+            self._take(data)
+        return True
+
+    def on_sync(self):
+        """Take over what is held."""
+        held = self._held
+        if held is not None:
+            self._held = None
+            self._take(held)
+
+    def discard(self):
+        """Drop what is held."""
+        self._held = None
+
+    def start(self):
+        """Forget what came before 'operational'."""
+        self._held = None
+        self._heard_ms = None
+        self.late = False
+
+    def overdue(self, now_ms):
+        """Whether the frame that the event timer waits for has not come; told once."""
+        if self._heard_ms is None or self.wait_ms(now_ms) > 0:
+            return False
+        self._heard_ms = None
+        self.late = True
+        return True
+
+    def wait_ms(self, now_ms):
+        """In how many milliseconds the frame will be overdue, unless it comes."""
+        if self._heard_ms is None:
+            return ticks.IDLE_MS
+        return self.deadline_ms - ticks.diff(now_ms, self._heard_ms)
+
+    def _take(self, data):
+        values = struct.unpack_from(self._layout, data)
+        for write, value in zip(self._writes, values):  # noqa: B905 - not in MicroPython
+            if write is not None:
+                write(value)

@@ -1,0 +1,88 @@
+"""Transmit PDOs (CiA 301, 7.2.2.3): values sent at SYNC, on change, or by the event timer."""
+
+import struct
+
+from mdms_cell import ticks
+from mdms_cell.canopen.pdo import Pdo
+from mdms_cell.canopen.rules import EVENT_TIMER, INHIBIT_TIME
+from mdms_protocol import record
+
+PARAMETERS = 0x1800
+MAPPING = 0x1A00
+
+_INHIBIT_UNITS_PER_MS = 10
+#: Presence and statuswords: a poll follows when they change. All else may change at any time.
+_ANNOUNCED = (0x3001, 0x6041, 0x6841)
+
+
+class Tpdo(Pdo):
+    """Transmit PDO `number`, counted from 0.
+
+    `on_sync` is for a synchronous one, `poll` for one of the others; see `Pdo` for `changed`.
+    """
+
+    def __init__(self, number, objects, send, changed):
+        super().__init__(objects, PARAMETERS + number, MAPPING + number, record.IN_TPDO, changed)
+        self._send = send
+        self._syncs = 0
+        self._sent_ms = None
+        self.load()
+
+    def load(self):
+        """Take over everything from the dictionary."""
+        super().load()
+        entries = self.entries()
+        readers = [self._objects.reader(index, sub) for index, sub, _ in entries]
+        self._reads = [read for read, _ in readers]
+        formats = [form[1] for _, form in readers]
+        self._layout = "<" + "".join(formats)
+        announced = all(index in _ANNOUNCED for index, _, _ in entries)
+        self._pace_ms = ticks.IDLE_MS if announced else ticks.RETRY_MS
+        self._sent = None
+        # The clock has no finer ticks: the time is rounded up.
+        self._inhibit_ms = -(-self._parameter(INHIBIT_TIME) // _INHIBIT_UNITS_PER_MS)
+        self._event_ms = self._parameter(EVENT_TIMER)
+
+    def start(self):
+        """Begin anew, on entering 'operational'."""
+        self._sent = None
+        self._sent_ms = None
+        self._syncs = 0
+
+    def on_sync(self):
+        """Send, if the transmission type says so: 0 on change, n at every n-th SYNC."""
+        data = self._data()
+        if self.type:
+            self._syncs += 1
+            if self._syncs < self.type:
+                return
+            self._syncs = 0
+        elif data == self._sent:
+            return
+        self._sent = data
+        self._send(self.can_id, data)
+
+    def poll(self, now_ms):
+        """Send what has changed or has not been sent for long, but not too often.
+
+        Returns in how many milliseconds to poll again, if nothing is announced before.
+        """
+        data = self._data()
+        elapsed_ms = self._inhibit_ms
+        if self._sent_ms is not None:
+            elapsed_ms = ticks.diff(now_ms, self._sent_ms)
+        if data != self._sent or (self._event_ms and elapsed_ms >= self._event_ms):
+            if 0 <= elapsed_ms < self._inhibit_ms:
+                return self._inhibit_ms - elapsed_ms
+            if not self._send(self.can_id, data):
+                return ticks.RETRY_MS
+            self._sent = data
+            self._sent_ms = now_ms
+            elapsed_ms = 0
+        if self._event_ms:
+            return min(self._pace_ms, self._event_ms - elapsed_ms)
+        return self._pace_ms
+
+    def _data(self):
+        values = [read() for read in self._reads]
+        return struct.pack(self._layout, *values)

@@ -1,0 +1,58 @@
+"""All axes of a cell: commanded, stopped and watched together."""
+
+from mdms_cell.drive import speed_loop
+from mdms_cell.drive.axis import Axis
+from mdms_protocol import cia402
+
+_DRIVING = (cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE)
+
+
+class Axes:
+    """The axes over the registers; their faults go to `emcy`, from source 1 on."""
+
+    def __init__(self, objects, registers, emcy):
+        self._axes = [Axis(number, objects, registers) for number in range(speed_loop.AXES)]
+        self._drives = [axis.drive for axis in self._axes]
+        self._emcy = emcy
+
+    def load(self):
+        """Take over the settings from the dictionary."""
+        for axis in self._axes:
+            axis.load()
+
+    def poll(self):
+        """Follow what the speed loop did."""
+        for source, drive in enumerate(self._drives, 1):
+            code = drive.poll()
+            if code:
+                self._emcy.report(source, code)
+            elif drive.state != cia402.FAULT:
+                self._emcy.clear(source)
+
+    def driving(self):
+        """Whether any motor is on."""
+        return any(drive.state in _DRIVING for drive in self._drives)
+
+    def guard(self, may_enable, on_enabled):
+        """Enable an axis only while `may_enable()`, and call `on_enabled()` when one is enabled."""
+        for drive in self._drives:
+            drive.may_enable = may_enable
+            drive.on_enabled = on_enabled
+
+    def switch_off(self):
+        """Switch the motors off in good order."""
+        self._control(cia402.DISABLE_VOLTAGE)
+
+    def reset(self):
+        """Switch the motors off, and drop faults and targets."""
+        for drive in self._drives:
+            drive.reset()
+
+    def fail(self, error_code):
+        """Switch the motors off by a fault that comes from outside the speed loop."""
+        for drive in self._drives:
+            drive.fail(error_code)
+
+    def _control(self, controlword):
+        for drive in self._drives:
+            drive.control(controlword)

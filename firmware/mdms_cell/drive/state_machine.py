@@ -1,0 +1,201 @@
+"""One axis of the drive: the state machine of CiA 402-2 around the registers of the speed loop.
+
+The motor is driven in 'operation enabled', and in 'quick stop active' until it stands or its time
+is over; in every other state the speed loop's mode is OFF: it brakes at 0 V, then the bridges
+sleep. A fault that the speed loop finds has cut the voltage in that very tick; `poll` then takes
+the state after it. Who changes the state calls the background's attention to it, as the speed loop
+does.
+
+A target is valid in the 'operation enabled' in which it came: every way into and out of that state
+sets it to 0.
+"""
+
+from mdms_cell.drive import speed_loop
+from mdms_protocol import cia402
+
+# Events besides the controlword's commands, which stand for themselves
+FAILURE = 0x100
+STANDSTILL = 0x101
+
+#: All transitions, by state and event in one number, which takes less memory than a pair; with
+#: their numbers in CiA 402-2. What is not here changes nothing.
+#: The reaction to a failure, voltage off, is complete at once, so 13 and 14 are one.
+TRANSITIONS = {
+    cia402.SWITCH_ON_DISABLED | cia402.SHUTDOWN << 8: cia402.READY_TO_SWITCH_ON,  # 2
+    cia402.READY_TO_SWITCH_ON | cia402.SWITCH_ON << 8: cia402.SWITCHED_ON,  # 3
+    cia402.READY_TO_SWITCH_ON | cia402.ENABLE_OPERATION << 8: cia402.OPERATION_ENABLED,  # 3, 4
+    cia402.SWITCHED_ON | cia402.ENABLE_OPERATION << 8: cia402.OPERATION_ENABLED,  # 4
+    cia402.OPERATION_ENABLED | cia402.SWITCH_ON << 8: cia402.SWITCHED_ON,  # 5
+    cia402.SWITCHED_ON | cia402.SHUTDOWN << 8: cia402.READY_TO_SWITCH_ON,  # 6
+    cia402.READY_TO_SWITCH_ON | cia402.QUICK_STOP << 8: cia402.SWITCH_ON_DISABLED,  # 7
+    cia402.READY_TO_SWITCH_ON | cia402.DISABLE_VOLTAGE << 8: cia402.SWITCH_ON_DISABLED,  # 7
+    cia402.OPERATION_ENABLED | cia402.SHUTDOWN << 8: cia402.READY_TO_SWITCH_ON,  # 8
+    cia402.OPERATION_ENABLED | cia402.DISABLE_VOLTAGE << 8: cia402.SWITCH_ON_DISABLED,  # 9
+    cia402.SWITCHED_ON | cia402.QUICK_STOP << 8: cia402.SWITCH_ON_DISABLED,  # 10
+    cia402.SWITCHED_ON | cia402.DISABLE_VOLTAGE << 8: cia402.SWITCH_ON_DISABLED,  # 10
+    cia402.OPERATION_ENABLED | cia402.QUICK_STOP << 8: cia402.QUICK_STOP_ACTIVE,  # 11
+    cia402.QUICK_STOP_ACTIVE | cia402.DISABLE_VOLTAGE << 8: cia402.SWITCH_ON_DISABLED,  # 12
+    cia402.QUICK_STOP_ACTIVE | STANDSTILL << 8: cia402.SWITCH_ON_DISABLED,  # 12
+    cia402.SWITCH_ON_DISABLED | FAILURE << 8: cia402.FAULT,  # 13, 14
+    cia402.READY_TO_SWITCH_ON | FAILURE << 8: cia402.FAULT,  # 13, 14
+    cia402.SWITCHED_ON | FAILURE << 8: cia402.FAULT,  # 13, 14
+    cia402.OPERATION_ENABLED | FAILURE << 8: cia402.FAULT,  # 13, 14
+    cia402.QUICK_STOP_ACTIVE | FAILURE << 8: cia402.FAULT,  # 13, 14
+    cia402.FAULT | cia402.FAULT_RESET << 8: cia402.SWITCH_ON_DISABLED,  # 15
+}
+
+MODES = {
+    cia402.OPERATION_ENABLED: speed_loop.RUN,
+    cia402.QUICK_STOP_ACTIVE: speed_loop.STOP,
+}
+
+# Error codes of CiA 301 and CiA 402-2, as in 0x603F and in the emergency message
+STALE_SETPOINT = 0x8250
+OVER_CURRENT = 0x2310
+UNDERVOLTAGE = 0x3220
+STALLED = 0x7121
+REVERSED = 0x7302
+FOLLOWING_ERROR = 0x8611
+
+_ERROR_CODES = (
+    (speed_loop.OVER_CURRENT, OVER_CURRENT),
+    (speed_loop.UNDERVOLTAGE, UNDERVOLTAGE),
+    (speed_loop.REVERSED, REVERSED),
+    (speed_loop.STALLED, STALLED),
+    (speed_loop.FOLLOWING, FOLLOWING_ERROR),
+    (speed_loop.STALE, STALE_SETPOINT),
+)
+
+
+def command_of(controlword):
+    """The command that a controlword gives, told by its bits 0 to 3 (CiA 402-2, table 27)."""
+    if not controlword & cia402.CONTROL_VOLTAGE:
+        return cia402.DISABLE_VOLTAGE
+    if not controlword & cia402.CONTROL_NO_QUICK_STOP:
+        return cia402.QUICK_STOP
+    if not controlword & cia402.CONTROL_SWITCH_ON:
+        return cia402.SHUTDOWN
+    if controlword & cia402.CONTROL_ENABLE:
+        return cia402.ENABLE_OPERATION
+    return cia402.SWITCH_ON
+
+
+class Drive:
+    """The drive of the axis whose registers start at `base`; it starts switched off.
+
+    Unless `may_enable()`, if there is one, to enable operation leads to 'switched on' only.
+    `on_enabled()`, if there is one, is called on the way into 'operation enabled'.
+    """
+
+    def __init__(self, registers, base):
+        self.registers = registers
+        self.base = base
+        self.state = cia402.SWITCH_ON_DISABLED
+        self.controlword = 0
+        self.error_code = 0
+        self.target_um_s = 0
+        self.may_enable = None
+        self.on_enabled = None
+        self._enter(cia402.SWITCH_ON_DISABLED)
+
+    def control(self, controlword):
+        """Take a controlword: one command, or the rising edge of fault reset."""
+        reset = controlword & ~self.controlword & cia402.CONTROL_FAULT_RESET
+        self.controlword = controlword
+        if reset:
+            self._happen(cia402.FAULT_RESET)
+        elif not controlword & cia402.CONTROL_FAULT_RESET:
+            self._happen(self._allowed(command_of(controlword)))
+        self._aim()
+
+    def set_target(self, target_um_s):
+        """Take a target velocity [um/s], clipped to what the speed loop bears, as fresh.
+
+        It moves the wheel in 'operation enabled' only; the next such state begins with 0.
+        """
+        if target_um_s > speed_loop.SPEED_MAX_UM_S:
+            target_um_s = speed_loop.SPEED_MAX_UM_S
+        elif target_um_s < -speed_loop.SPEED_MAX_UM_S:
+            target_um_s = -speed_loop.SPEED_MAX_UM_S
+        self.target_um_s = target_um_s
+        self._aim()
+        self.registers[self.base + speed_loop.AGE] = 0
+
+    def reset(self):
+        """Switch off, and drop the fault, the controlword and the target."""
+        self.control(cia402.DISABLE_VOLTAGE)
+        self.control(cia402.FAULT_RESET)
+        self.control(cia402.DISABLE_VOLTAGE)
+        self.target_um_s = 0
+        self._aim()
+
+    def fail(self, error_code):
+        """Cut the motor and go to 'fault', for a reason from outside the speed loop."""
+        self.registers[self.base + speed_loop.MODE] = speed_loop.OFF
+        if self._happen(FAILURE):
+            self.error_code = error_code
+
+    def poll(self):
+        """Follow what the speed loop did; return the error code of a new fault, or 0."""
+        registers = self.registers
+        base = self.base
+        faults = registers[base + speed_loop.FAULTS]
+        if faults and self.state != cia402.FAULT:
+            for bit, code in _ERROR_CODES:
+                if faults & bit:
+                    self.fail(code)
+                    return code
+        if registers[base + speed_loop.SIGNS] & speed_loop.STOPPED:
+            self._happen(STANDSTILL)
+        return 0
+
+    def statusword(self):
+        """The statusword of CiA 402-2 with the bits of profile velocity."""
+        registers = self.registers
+        signs = registers[self.base + speed_loop.SIGNS]
+        word = self.state | cia402.REMOTE
+        if registers[speed_loop.LOW_COUNT] == 0:
+            word |= cia402.VOLTAGE_ENABLED
+        if signs & speed_loop.AT_TARGET:
+            word |= cia402.TARGET_REACHED
+        if signs & speed_loop.STANDING:
+            word |= cia402.SPEED_ZERO
+        if registers[self.base + speed_loop.FAULTS] & speed_loop.FOLLOWING:
+            word |= cia402.SLIPPAGE
+        return word
+
+    def _allowed(self, command):
+        allowed = self.may_enable is None or self.may_enable()
+        if command == cia402.ENABLE_OPERATION and not allowed:
+            return cia402.SWITCH_ON
+        return command
+
+    def _happen(self, event):
+        state = TRANSITIONS.get(self.state | event << 8)
+        if state is None:
+            return False
+        self._enter(state)
+        return True
+
+    def _enter(self, state):
+        registers = self.registers
+        base = self.base
+        registers[base + speed_loop.MODE] = speed_loop.OFF
+        if self.state == cia402.FAULT:
+            registers[base + speed_loop.FAULTS] = 0
+            self.error_code = 0
+        if cia402.OPERATION_ENABLED in (self.state, state):
+            self.target_um_s = 0
+        self.state = state
+        if state == cia402.OPERATION_ENABLED and self.on_enabled is not None:
+            self.on_enabled()
+        self._aim()
+        registers[base + speed_loop.AGE] = 0
+        registers[base + speed_loop.MODE] = MODES.get(state, speed_loop.OFF)
+        registers[speed_loop.ATTENTION] = 1
+
+    def _aim(self):
+        driven = self.state == cia402.OPERATION_ENABLED
+        halted = self.controlword & cia402.CONTROL_HALT
+        target_um_s = self.target_um_s if driven and not halted else 0
+        self.registers[self.base + speed_loop.TARGET] = target_um_s
