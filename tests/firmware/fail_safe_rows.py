@@ -233,7 +233,7 @@ def quick_stop(bench):
 
 def quick_stop_of_a_pushed_wheel(bench):
     bench.can.deliver(0x300 + NODE, b"\x02\x00\x02\x00")
-    for ms in range(2100):
+    for ms in range(4100):
         for encoder in bench.encoders:
             world.counts[encoder] = 4 * ms & 0xFFFF
         bench.pass_ms()
@@ -253,7 +253,7 @@ def braked(bench):
         bench.pass_ms()
         assert ms < 2 or bench.widths() == (0, 0)
         assert world.levels[bench.wake]
-    bench.pass_ms(60)
+    bench.pass_ms(600)
     assert not world.levels[bench.wake]
 
 

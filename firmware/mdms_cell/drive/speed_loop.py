@@ -89,7 +89,7 @@ WIDEN = const(105)  # what sign-extends a loaded register, see `reset`
 REGISTERS = const(106)
 
 # Values of MODE.
-OFF = const(0)  # voltage 0: brake until the wheel stands or BRAKE_TICKS are over, then sleep
+OFF = const(0)  # voltage 0: brake until the wheel has stood for HOLD_TICKS, then sleep
 RUN = const(1)  # follow TARGET
 STOP = const(2)  # ramp to standstill, whatever TARGET says; over after BRAKE_TICKS at the latest
 
@@ -114,6 +114,8 @@ HALF_COUNT = const(1 << 13)  # in units of POSITION
 SLOW_UM_S = const(10_000)
 #: A wheel that loses so much speed [um/s] while it turns against its voltage is braking.
 REVERSAL_DROP_UM_S = const(20_000)
+#: Ticks for which a wheel that stands is still braked.
+HOLD_TICKS = const(500)
 #: Ticks of too low a supply that are a fault; the voltage is 0 from the first.
 LOW_TICKS = const(5)
 
@@ -335,12 +337,15 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
                 ticks += 1
         registers[base + STOP_COUNT] = ticks
 
-        # Off means braked: 0 V with the bridges awake, until the wheel stands or time is over.
+        # Off means braked: 0 V with the bridges awake, until the wheel has stood for a while, so
+        # that what it carries has come to rest too, or time is over.
         ticks = 0
         if off:
             ticks = registers[base + BRAKE_COUNT]
-            if registers[AWAKE] == 0 or signs & STANDING != 0:
+            if registers[AWAKE] == 0:
                 ticks = limit
+            elif signs & STANDING != 0 and ticks < limit - HOLD_TICKS:
+                ticks = limit - HOLD_TICKS
             if ticks < limit:
                 ticks += 1
                 awake = 1
