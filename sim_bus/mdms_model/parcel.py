@@ -54,7 +54,8 @@ def parcel_records(parcels: tuple[Parcel, ...]) -> tuple[Records, Floats]:
 
     Raises `ScenarioError` for an impossible outline.
     """
-    records = np.zeros(len(parcels), dtype=PARCEL)
+    # As a recarray its fields have names in plain Python, too.
+    records = np.zeros(len(parcels), dtype=PARCEL).view(np.recarray)
     outlines = [outline_of(parcel) for parcel in parcels]
     first = 0
     for record, parcel, outline in zip(records, parcels, outlines, strict=True):

@@ -3,12 +3,12 @@
 from collections.abc import Container, Sequence
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from mdms_cell.cell import Cell
 from mdms_cell.drive import speed_loop
+from mdms_model.compiled import compiled
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.acceptance import Acceptance
 from mdms_sim.nodes.condition import Conditions
@@ -25,11 +25,10 @@ FULL_POLLS_FROM = 1 << 29
 #: In place of presence bits: of a cell that has something to look after.
 STARTLED = -1
 
-# Only the inner function is cached: a cache does not see that a function it calls has changed.
-_step = numba.njit("void(int32[::1])", cache=True)(speed_loop.step)
+_step = compiled(speed_loop.step)
 
 
-@numba.njit("b1(int32[:, ::1], int32[:, :], int32[:, :], uint8[:], int32[::1])")
+@compiled
 def _tick_all(registers: Any, counts: Any, currents_ma: Any, presence: Any, seen: Any) -> bool:
     """Ticks all cells; returns whether any has something to look after, and marks these in `seen`.
 

@@ -54,7 +54,7 @@ NOBODY = -1
 
 def wheel_records(wheels: Wheels, cells: Sequence[Cell]) -> Records:
     """The wheels as the kernels take them: records of type WHEEL, at rest."""
-    records = np.zeros(len(wheels.cell), dtype=WHEEL)
+    records = np.zeros(len(wheels.cell), dtype=WHEEL).view(np.recarray)
     records["x_m"], records["y_m"] = wheels.position_m.T
     records["direction_x"], records["direction_y"] = wheels.direction.T
     records["parcel"] = NOBODY
