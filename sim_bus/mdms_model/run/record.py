@@ -26,7 +26,8 @@ class Contact(IntEnum):
 class Event:
     """Something that happened at one instant.
 
-    `kind` is one of 'support', 'contact', 'reversal', 'tip', 'touch', 'fault', 'coordinator'.
+    `kind` is one of 'support', 'contact', 'reversal', 'tip', 'touch', 'solver', 'fault',
+    'coordinator'.
     """
 
     time_s: float

@@ -2,16 +2,18 @@
 
 import math
 from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mdms_model.array import Grid, reach_m
-from mdms_model.arrays import Floats, Records
+from mdms_model.arrays import Bits, Floats
 from mdms_model.compiled import compiled
 from mdms_model.parcel import cells_near, covers, place_of
 from mdms_model.scenario.scenario import Cell, Scenario
-from mdms_sim.physics.plane.scene import Scene
+from mdms_sim.physics.plane.records import Scene
 
 COUNT_BITS = 31
 #: Random streams, apart from the other uses of the scenario's seed.
@@ -19,7 +21,13 @@ PRESENCE_STREAM, LOAD_STREAM = 2, 3
 #: Two readings at the same time differ by rounding only [s].
 ROUNDING_S = 1e-9
 
-Bits = NDArray[np.uint8]
+
+@dataclass(frozen=True, slots=True)
+class SenseState:
+    """What the sensors go on from: their random numbers, and readings that are still to come."""
+
+    chance: Mapping[str, Any]
+    seen: tuple[tuple[float, Bits], ...] = ()
 
 
 def counts_per_m(cell: Cell) -> float:
@@ -53,8 +61,17 @@ class PresenceSensors:
         A reading is the newest that is as old as the delay; before that, the first one.
         """
         bits = np.zeros(self._grid.columns * self._grid.rows, dtype=np.uint8)
-        presence_bits(self._grid, scene.parcels, scene.edges, self._offset_m, bits)
+        presence_bits(scene, self._grid, self._offset_m, bits)
         return self._disturb(self._late(bits, now_s))
+
+    def state(self) -> SenseState:
+        """What the next readings depend on."""
+        return SenseState(self._chance.bit_generator.state, tuple(self._seen))
+
+    def restore(self, state: SenseState) -> None:
+        """Go on from there."""
+        self._chance.bit_generator.state = state.chance
+        self._seen = deque(state.seen)
 
     def _late(self, bits: Bits, now_s: float) -> Bits:
         if self._delay_s == 0.0:
@@ -79,21 +96,28 @@ class LoadCells:
         self._chance = np.random.default_rng([scenario.run.seed, LOAD_STREAM])
 
     def read(self, normal_n: Floats) -> Floats:
-        """What the load cells tell of these normal forces (W,) [N]."""
+        """What the load cells read of these normal forces (W,) [N]."""
         return normal_n + self._chance.normal(0.0, self._noise_n, normal_n.shape)
+
+    def state(self) -> SenseState:
+        """What the next readings depend on."""
+        return SenseState(self._chance.bit_generator.state)
+
+    def restore(self, state: SenseState) -> None:
+        """Go on from there."""
+        self._chance.bit_generator.state = state.chance
 
 
 @compiled
-def presence_bits(
-    grid: Grid, parcels: Records, edges: Floats, offset_m: Floats, bits: Bits
-) -> None:
+def presence_bits(scene: Scene, grid: Grid, offset_m: Floats, bits: Bits) -> None:
     """Set bit s of each cell's byte where a parcel lies over the sensor at offset s of the cell.
 
     `grid.reach_m` must cover the sensors' offsets (S, 2).
     """
-    for p in range(parcels.size):
-        body = parcels[p]
-        place = place_of(body, (body.x_m, body.y_m, body.yaw_rad))
+    edges = scene.model.edges
+    for p in range(scene.model.parcels.size):
+        body, now = scene.model.parcels[p], scene.state.parcels[p]
+        place = place_of(body, (now.x_m, now.y_m, now.yaw_rad))
         left, right, low, high = cells_near(body, grid, place)
         for row in range(low, high):
             for column in range(left, right):
