@@ -113,7 +113,8 @@ def advance(
 def take_sample(scene: Scene, reference_m_s: Floats, samples: Samples, instant: int) -> int:
     """Copy what parcels and wheels do at this very instant; returns the news."""
     news = observe_ideal(scene, reference_m_s)
-    read_poses(scene, samples.pose[instant], samples.twist[instant])
+    constants, parcels = scene.model.parcels, scene.state.parcels
+    read_poses(constants, parcels, samples.pose[instant], samples.twist[instant])
     for w in range(scene.state.wheels.size):
         wheel = scene.state.wheels[w]
         samples.speed_m_s[instant, w] = wheel.speed_m_s

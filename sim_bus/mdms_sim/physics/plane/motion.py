@@ -1,6 +1,6 @@
 """How parcels move: their poses and twists, before, within and after a step."""
 
-from mdms_model.arrays import Floats
+from mdms_model.arrays import Floats, Records
 from mdms_model.compiled import compiled
 from mdms_model.parcel import turned
 from mdms_model.symmetric3 import Vector
@@ -8,10 +8,10 @@ from mdms_sim.physics.plane.records import Scene
 
 
 @compiled
-def read_poses(scene: Scene, pose: Floats, twist: Floats) -> None:
+def read_poses(constants: Records, parcels: Records, pose: Floats, twist: Floats) -> None:
     """Pose and twist (P, 3) of the origins from those of the centres of mass."""
-    for p in range(scene.model.parcels.size):
-        centre, body = scene.model.parcels[p], scene.state.parcels[p]
+    for p in range(parcels.size):
+        centre, body = constants[p], parcels[p]
         arm_x, arm_y = turned(centre.centre_x_m, centre.centre_y_m, body.yaw_rad)
         pose[p, 0] = body.x_m - arm_x
         pose[p, 1] = body.y_m - arm_y

@@ -4,12 +4,12 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mdms_model.array import Grid, reach_m
-from mdms_model.arrays import Bits, Floats
+from mdms_model.arrays import Bits, Floats, Records
 from mdms_model.compiled import compiled
 from mdms_model.parcel import cells_near, covers, place_of
 from mdms_model.scenario.scenario import Cell, Scenario
@@ -43,13 +43,22 @@ def encoder_count(travel_m: float, counts_per_m: float) -> int:
     return (math.floor(travel_m * counts_per_m) + half) % (1 << COUNT_BITS) - half
 
 
+class SensorPlaces(NamedTuple):
+    """Where each cell has its sensors: offsets (S, 2) from its centre, which `grid` reaches to."""
+
+    grid: Grid
+    offset_m: Floats
+
+
 class PresenceSensors:
     """Binary sensors under the table's surface, late and at times wrong, as the scenario says."""
 
     def __init__(self, scenario: Scenario) -> None:
         array, cell = scenario.array, scenario.cell
-        self._offset_m = np.array(cell.sensor_offset_m, dtype=np.float64)
-        self._grid = Grid(array.columns, array.rows, array.pitch_m, reach_m(cell.sensor_offset_m))
+        self._places = SensorPlaces(
+            Grid(array.columns, array.rows, array.pitch_m, reach_m(cell.sensor_offset_m)),
+            np.array(cell.sensor_offset_m, dtype=np.float64),
+        )
         self._delay_s = cell.sensor_delay_s
         self._noise = cell.sensor_noise
         self._chance = np.random.default_rng([scenario.run.seed, PRESENCE_STREAM])
@@ -60,8 +69,9 @@ class PresenceSensors:
 
         A reading is the newest that is as old as the delay; before that, the first one.
         """
-        bits = np.zeros(self._grid.columns * self._grid.rows, dtype=np.uint8)
-        presence_bits(scene, self._grid, self._offset_m, bits)
+        bits = np.zeros(self._places.grid.columns * self._places.grid.rows, dtype=np.uint8)
+        body, now = scene.model.parcels, scene.state.parcels
+        presence_bits(self._places, body, now, scene.model.edges, bits)
         return self._disturb(self._late(bits, now_s))
 
     def state(self) -> SenseState:
@@ -84,8 +94,8 @@ class PresenceSensors:
     def _disturb(self, bits: Bits) -> Bits:
         if self._noise == 0.0:
             return bits
-        wrong = self._chance.random((len(bits), len(self._offset_m))) < self._noise
-        return bits ^ (wrong @ (1 << np.arange(len(self._offset_m)))).astype(np.uint8)
+        wrong = self._chance.random((len(bits), len(self._places.offset_m))) < self._noise
+        return bits ^ (wrong @ (1 << np.arange(len(self._places.offset_m)))).astype(np.uint8)
 
 
 class LoadCells:
@@ -109,14 +119,13 @@ class LoadCells:
 
 
 @compiled
-def presence_bits(scene: Scene, grid: Grid, offset_m: Floats, bits: Bits) -> None:
-    """Set bit s of each cell's byte where a parcel lies over the sensor at offset s of the cell.
-
-    `grid.reach_m` must cover the sensors' offsets (S, 2).
-    """
-    edges = scene.model.edges
-    for p in range(scene.model.parcels.size):
-        body, now = scene.model.parcels[p], scene.state.parcels[p]
+def presence_bits(
+    places: SensorPlaces, parcels: Records, states: Records, edges: Floats, bits: Bits
+) -> None:
+    """Set bit s of each cell's byte where a parcel lies over sensor s of the cell."""
+    grid, offset_m = places
+    for p in range(parcels.size):
+        body, now = parcels[p], states[p]
         place = place_of(body, (now.x_m, now.y_m, now.yaw_rad))
         left, right, low, high = cells_near(body, grid, place)
         for row in range(low, high):

@@ -182,7 +182,7 @@ class World:
     def motion(self) -> tuple[Floats, Floats]:
         """Poses and twists at once."""
         pose, twist = np.empty((2, len(self.scene.model.parcels), 3))
-        read_poses(self.scene, pose, twist)
+        read_poses(self.scene.model.parcels, self.scene.state.parcels, pose, twist)
         return pose, twist
 
     # Wheels --------------------------------------------------------------------------------------
