@@ -35,22 +35,6 @@ class Acceptance:
         self._changed = changed
 
 
-class MaskFilters:
-    """Pairs of identifier and mask, as the filter banks of a controller hold them.
-
-    A frame passes when it agrees with a pair's identifier in all bits of that pair's mask; flags
-    count, so that a filter for 11-bit data frames keeps others out.
-    """
-
-    def __init__(self, filters: Iterable[tuple[int, int]]) -> None:
-        self._filters = tuple(filters)
-
-    def __contains__(self, can_id: object) -> bool:
-        return isinstance(can_id, int) and any(
-            (can_id ^ wanted) & mask == 0 for wanted, mask in self._filters
-        )
-
-
 class Receivers(dict[int, Hearers]):
     """Observers and controllers by identifier; `clear` it when any of them has changed."""
 

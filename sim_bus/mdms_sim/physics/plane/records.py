@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mdms_model.array import Grid, build_wheels, reach_m
 from mdms_model.arrays import Floats, Ints, Records
-from mdms_model.motor import drive_of
+from mdms_model.motor import drive_of, rim_mass_kg
 from mdms_model.parcel import parcel_records, turned
 from mdms_model.scenario.scenario import Cell, Parcel, Scenario
 from mdms_sim.physics.motor import true_cells
@@ -242,7 +242,6 @@ def _at_start(parcels: tuple[Parcel, ...]) -> Records:
 def _fit(records: Records, cell: Cell) -> None:
     """Give all wheels of a cell its motor and surface."""
     drive = drive_of(cell)
-    gear_per_m = cell.gear_ratio / cell.wheel_radius_m
     limit_a = np.inf if cell.current_limit_a is None else cell.current_limit_a
     records["friction"] = cell.friction
     records["viscous_s_per_m"] = cell.viscous_friction_s_per_m
@@ -253,7 +252,5 @@ def _fit(records: Records, cell: Cell) -> None:
     records["loss"] = drive.be + drive.ke**2 / cell.resistance_ohm
     records["damping"] = drive.be
     records["force_limit_n"] = drive.ke * limit_a
-    records["mass_kg"] = (
-        cell.rotor_inertia_kg_m2 * gear_per_m**2 + cell.wheel_inertia_kg_m2 / cell.wheel_radius_m**2
-    )
+    records["mass_kg"] = rim_mass_kg(cell)
     records["pwm_steps"] = cell.pwm_steps
