@@ -129,7 +129,7 @@ class Simulation:
     def run_until(self, time_s: float, progress: Progress | None = None) -> None:
         """Let virtual time pass, up to and including `time_s`, or until a parcel tips.
 
-        `progress` is told the time reached [s] now and then.
+        `progress` gets the time reached [s] now and then.
         """
         end_ns = round(time_s * NS_PER_S)
         while self.kernel.now_ns < end_ns and not self.tipped:

@@ -1,6 +1,6 @@
 """How long a frame is on the wire, a byte at a time: CRC and stuffing by table.
 
-Every frame of a run comes through here, so this is the quick way; `wire` tells the bits themselves
+Every frame of a run comes through here, so this is the quick way; `wire` gives the bits themselves
 and is what the tests hold it against.
 """
 

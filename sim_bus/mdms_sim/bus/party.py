@@ -39,7 +39,7 @@ UNDISTURBED = Disturbance()
 class Party:
     """Controllers that do the same, with what each of them has `seen` before.
 
-    `misled` tells whether they see the disturbed bit wrong.
+    `misled`: they see the disturbed bit wrong.
     """
 
     controllers: tuple[Controller, ...]

@@ -32,7 +32,7 @@ _step = compiled(speed_loop.step)
 def _tick_all(registers: Any, counts: Any, currents_ma: Any, presence: Any, seen: Any) -> bool:
     """Ticks all cells; returns whether any has something to look after, and marks these in `seen`.
 
-    `seen` has the presence bits that each cell was told of, or `STARTLED`.
+    `seen` has the presence bits that each cell has seen, or `STARTLED`.
     """
     startled = False
     for cell in range(registers.shape[0]):
@@ -49,7 +49,7 @@ def _tick_all(registers: Any, counts: Any, currents_ma: Any, presence: Any, seen
 
 
 class _Board(VirtualBoard):
-    """Tells the filter itself what the cell wants to hear."""
+    """Sets the filter itself to what the cell wants to receive."""
 
     def __init__(
         self, registers: memoryview, serial: int, settings: VirtualFlash, acceptance: Acceptance
@@ -87,7 +87,7 @@ class PythonBank:
         self._seen = np.full(len(cells), STARTLED, np.int32)
         #: When the first of the cells wants to be polled, if nothing startles it.
         self._wake_ms = 0
-        #: The time of a tick in which some cells were not polled, for they do not know it.
+        #: The time of a tick in which some cells were not polled, which therefore lack it.
         self._slept_ms: int | None = None
 
     def _board(self, cell: int) -> _Board:

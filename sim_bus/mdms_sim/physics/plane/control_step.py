@@ -56,11 +56,11 @@ def step_cells(
             voltage_v[w] = voltage_uv[cell, w - first[cell]] / UV_PER_V
             wheels[w].supply_v = bridges.supply_v[cell]
             wheels[w].coasting = 0 if closed else 1
-    news = step_voltage(scene, voltage_v, step_s)
+    report = step_voltage(scene, voltage_v, step_s)
     for cell in range(first.size - 1):
         for w in range(first[cell], first[cell + 1]):
             wheel, axis = wheels[w], w - first[cell]
             sampled.counts[cell, axis] = encoder_count(wheel.travel_m, sampled.counts_per_m)
             current_ma = int(wheel.current_a * MA_PER_A)
             sampled.current_ma[cell, axis] = SHUT_OFF_MA if bridges.shut_off[cell] else current_ma
-    return news
+    return report

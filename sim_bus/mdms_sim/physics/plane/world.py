@@ -117,8 +117,8 @@ class World:
         `sampled` is of the step's end.
         """
         voltage_uv = np.ascontiguousarray(voltage_uv, np.int32)
-        news = self._step_cells(self.scene, voltage_uv, self.bridges, step_s, self.sampled)
-        self.pass_time(step_s, news)
+        report = self._step_cells(self.scene, voltage_uv, self.bridges, step_s, self.sampled)
+        self.pass_time(step_s, report)
 
     @cached_property
     def _step_cells(self) -> Callable[[Scene, Registers, Bridges, float, Sampled], int]:
@@ -126,15 +126,15 @@ class World:
         types = self.scene, self.sampled.counts, self.bridges, 0.0, self.sampled
         return for_types_of(step_cells, *types)
 
-    def pass_time(self, step_s: float, news: int) -> None:
+    def pass_time(self, step_s: float, report: int) -> None:
         """Advance the clock after the scene has moved, and note what it has reported."""
         self.time_s += step_s
-        if news & step.TIPPING:
+        if report & step.TIPPING:
             self._note_tips()
-        if news & step.TOUCHING:
+        if report & step.TOUCHING:
             self._note_touches()
-        if step_s and (self._limits or news & step.LIMITED):
-            self._note_limits(news)
+        if step_s and (self._limits or report & step.LIMITED):
+            self._note_limits(report)
 
     def _note_tips(self) -> None:
         noted = {event.parcel for event in self.events if event.kind == "tip"}
@@ -158,9 +158,11 @@ class World:
                 detail = f"touches {names[pair[1]]} {where}"
                 self.events.append(Event(self.time_s, "touch", detail, parcel=names[pair[0]]))
 
-    def _note_limits(self, news: int) -> None:
+    def _note_limits(self, report: int) -> None:
         tally = self.scene.scratch.tally
-        limits = frozenset(limit for limit in SOLVER_LIMITS if news & step.LIMITED and tally[limit])
+        limits = frozenset(
+            limit for limit in SOLVER_LIMITS if report & step.LIMITED and tally[limit]
+        )
         for limit in sorted(limits - self._limits):
             detail = f"{SOLVER_LIMITS[limit]} ({tally[limit]} in this step)"
             self.events.append(Event(self.time_s, "solver", detail))
