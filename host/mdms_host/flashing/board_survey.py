@@ -9,8 +9,13 @@ from mdms_host.flashing.board_probe import teach
 from mdms_host.flashing.firmware_build import Firmware
 from mdms_host.flashing.firmware_sources import START
 
-#: What the name of the machine contains, as `main.py` tells boards apart.
-MACHINES = {"PYBv1.1": "pybv11", "G474": "nucleo_g474re"}
+#: What the name of the machine contains, as `boards/detect.py` tells boards apart.
+MACHINES = {
+    "Teensy 4.1": "teensy41",
+    "WEACTSTUDIO_MINI_STM32H743": "weact_h743",
+    "PYBv1.1": "pybv11",
+    "G474": "nucleo_g474re",
+}
 #: Where MicroPython looks for what is frozen into it.
 FROZEN = ".frozen"
 #: As `sys.implementation._mpy` numbers them, and mpy-cross calls them.
