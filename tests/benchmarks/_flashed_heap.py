@@ -14,7 +14,7 @@ from mdms_host.flashing.firmware_sources import START, sources
 HEAP = Path(__file__).parent / "_firmware_heap.py"
 FAKES = tuple(
     Path(__file__).parents[1] / "firmware" / "fakes" / f"{name}.py"
-    for name in ("machine", "pyb", "world")
+    for name in ("machine", "pyb", "world", "can_bx", "can_controller", "can_stm32")
 )
 BOARD = "pybv11"
 WAYS = ("copies", "romfs")
@@ -99,7 +99,7 @@ def flashed_heap(folder: Path, way: str, cycles: int) -> FlashedHeap:
 
 
 def _staged(folder: Path, way: str) -> list[str]:
-    """Put the firmware and what measures into a folder; the names of modules for this board."""
+    """Put the firmware and what measures into a folder; the names of what all boards load."""
     compiled = {}
     for place, path in sources().items():
         source = folder / "source.py"
@@ -119,4 +119,4 @@ def _staged(folder: Path, way: str) -> list[str]:
         compiled_path = folder / f"{path.stem}.mpy"
         compiled_path.write_bytes(compile_module(path.name, path, None))
     names = [place[: -len(".mpy")].replace("/", ".") for place in compiled]
-    return [name for name in names if not name.startswith("boards.nucleo") and "_init_" not in name]
+    return [name for name in names if name.startswith("mdms_") and not name.endswith("__init__")]

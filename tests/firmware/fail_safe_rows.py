@@ -323,7 +323,7 @@ def ends(bench, action, wanted):
     assert 0x6100 in emergencies()
     with open("crash.log") as file:
         log = file.read()
-    assert log.startswith("mdms %s\nTraceback" % VERSION)
+    assert log.startswith("mdms " + VERSION + "\nTraceback")
     assert wanted.__name__ in log
 
 
