@@ -3,7 +3,7 @@
 from mdms_cell import ticks
 from mdms_cell.canopen.objects import key
 from mdms_cell.canopen.rules import check_cob_id
-from mdms_protocol import cob
+from mdms_protocol import cob, sdo
 
 ERROR_REGISTER = 0x1001
 HISTORY = 0x1003
@@ -32,6 +32,8 @@ class Emcy:
         self._enabled = False
         objects.reads[key(ERROR_REGISTER, 0)] = self.register
         objects.writes[key(HISTORY, 0)] = self._clear_history
+        for sub in range(1, _HISTORY_SIZE + 1):
+            objects.reads[key(HISTORY, sub)] = self._history_reader(sub)
         objects.watchers[COB_ID] = self._on_cob_id
         objects.watchers[INHIBIT_TIME] = self._on_inhibit_time
         self.load()
@@ -95,7 +97,19 @@ class Emcy:
         objects.put(HISTORY, 1, error)
         objects.put(HISTORY, 0, count)
 
-    def _clear_history(self, _zero):
+    def _history_reader(self, sub):
+        """What returns the error at this place, the newest first; raises AbortError without one."""
+
+        def read():
+            if sub > self._objects.number(HISTORY):
+                raise sdo.AbortError(sdo.NO_DATA)
+            return self._objects.number(HISTORY, sub)
+
+        return read
+
+    def _clear_history(self, number):
+        if number:
+            raise sdo.AbortError(sdo.INVALID_VALUE)
         for sub in range(_HISTORY_SIZE + 1):
             self._objects.put(HISTORY, sub, 0)
 

@@ -53,7 +53,7 @@ class Pdo:
         return item >> 16, item >> 8 & 0xFF, item & 0xFF
 
     def _on_parameter(self, _index, sub):
-        check_parameter(sub, self._parameter(sub), self.can_id)
+        check_parameter(self._direction, sub, self._parameter(sub), self.can_id)
         self.load()
         self._changed(sub)
 

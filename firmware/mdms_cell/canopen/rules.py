@@ -23,8 +23,10 @@ _BITS_MAX = 64
 def check_cob_id(cob_id, can_id_before, ignored=0):
     """Raises AbortError if a service with this identifier, or None, may not have it.
 
-    The bits `ignored` may be set.
+    The bits `ignored` may be set. There are no identifiers of 29 bits, not even switched off.
     """
+    if cob_id & cob.EXTENDED:
+        raise sdo.AbortError(sdo.INVALID_VALUE)
     if cob_id & cob.INVALID:
         return
     can_id = cob_id & cob.IDENTIFIER
@@ -39,10 +41,15 @@ def check_plain(cob_id):
         raise sdo.AbortError(sdo.INVALID_VALUE)
 
 
-def check_parameter(sub, value, can_id):
-    """Raises AbortError if a PDO with this identifier, None for an invalid one, may not have it."""
+def check_parameter(direction, sub, value, can_id):
+    """Raises AbortError if a PDO with this identifier, None for an invalid one, may not have it.
+
+    A valid TPDO says by bit 30 that it answers no remote request; of an RPDO the bit means nothing.
+    """
     if sub == COB_ID:
         check_cob_id(value, can_id, cob.FLAG_30)
+        if direction == record.IN_TPDO and not value & (cob.INVALID | cob.FLAG_30):
+            raise sdo.AbortError(sdo.INVALID_VALUE)
     elif sub == TYPE and SYNCHRONOUS_MAX < value < EVENT_MANUFACTURER:
         raise sdo.AbortError(sdo.INVALID_VALUE)
     elif sub == INHIBIT_TIME and can_id is not None:
