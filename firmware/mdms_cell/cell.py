@@ -85,7 +85,7 @@ class Cell:
             consumer=self._consumer,
             pdos=self._pdos,
         )
-        self._parameters = Parameters(objects, self._store, self._axes.driving)
+        self._parameters = Parameters(objects, self._store, self._axes.driving, self._emcy)
         self._tie_cell()
 
     def _tie_cell(self):
@@ -191,7 +191,7 @@ class Cell:
         self._axes.switch_off()
         self._pdos.stop()
         self._objects.reset(self.node_id, flags)
-        self._store.restore(self._objects, flags)
+        self._parameters.restore(flags)
         for part in (self._pdos, self._emcy, self._consumer, self._axes):
             part.load()
         self._on_setpoint_timeout(SETPOINT_TIMEOUT, 0)

@@ -51,19 +51,19 @@ class Emcy:
             bits |= _GENERIC | _REGISTER_BITS.get(code >> 12, 0)
         return bits
 
-    def report(self, source, code):
-        """An error has come up."""
+    def report(self, source, code, detail=bytes(4)):
+        """An error has come up; four bytes may say more about it."""
         if self._errors.get(source) == code:
             return
         self._errors[source] = code
         self._remember(source << 16 | code)
-        self._post(source, code)
+        self._post(source, code, detail)
 
     def clear(self, source):
         """The error of this source is gone, if there was one."""
         if source in self._errors:
             del self._errors[source]
-            self._post(source, _NO_ERROR)
+            self._post(source, _NO_ERROR, bytes(4))
 
     def poll(self, now_ms):
         """Send what waits, one message an inhibit time; return when to go on, in milliseconds."""
@@ -83,11 +83,10 @@ class Emcy:
         elapsed_ms = ticks.diff(now_ms, self._sent_ms)
         return self._inhibit_ms - elapsed_ms if 0 <= elapsed_ms < self._inhibit_ms else 0
 
-    def _post(self, source, code):
+    def _post(self, source, code, detail):
         if len(self._queue) == _QUEUE_SIZE:
             self._queue.pop(0)
-        message = bytes((code & 0xFF, code >> 8, self.register(), source, 0, 0, 0, 0))
-        self._queue.append(message)
+        self._queue.append(bytes((code & 0xFF, code >> 8, self.register(), source)) + detail)
 
     def _remember(self, error):
         objects = self._objects

@@ -56,6 +56,21 @@ def check_parameter(direction, sub, value, can_id):
         raise sdo.AbortError(sdo.WRONG_STATE)
 
 
+def check_pdo(objects, parameters, mapping, direction):
+    """Raises AbortError if a PDO may not be as its objects say, whatever it was before."""
+    for sub in (COB_ID, TYPE):
+        check_parameter(direction, sub, objects.number(parameters, sub), None)
+    count = objects.number(mapping)
+    entries = [mapped(objects, mapping, sub) for sub in range(1, count + 1)]
+    check_mapping(entries, 0, count, direction)
+
+
+def mapped(objects, mapping, sub):
+    """An entry of a mapping as (index, sub-index, bits)."""
+    item = objects.number(mapping, sub)
+    return item >> 16, item >> 8 & 0xFF, item & 0xFF
+
+
 def check_mapping(entries, sub, count, direction):
     """Raises AbortError if entries, as (index, sub-index, bits), may not be mapped.
 
