@@ -13,7 +13,6 @@ from machine import ADC, CAN, WDT, Pin
 from micropython import const
 from pyb import Timer
 
-from boards.flash import Settings
 from boards.wheel import CURRENT_TOO_LARGE_MA, Wheel, encoder, pulses
 from mdms_cell.drive import speed_loop
 from mdms_cell.queues import Inbox, Outbox
@@ -57,11 +56,12 @@ class Stm32Board:
 
     `wake` lets both bridges drive, `fault` is low while one of them reports a fault, `sensors` are
     the five presence sensors, `run_led` and `error_led` those of CiA 303-3. The tick calls
-    `sample(registers)` and `drive(registers)`. Importing touches nothing; a board is made with both
+    `sample(registers)` and `drive(registers)`. `memory(asleep)` returns the memory of the settings,
+    or None. Importing touches nothing; a board is made with both
     wheels off, and `start` brings it to life.
     """
 
-    def __init__(self, pins: Pins, folder: str):
+    def __init__(self, pins: Pins, memory):
         self.registers = array("i", [0] * speed_loop.REGISTERS)
         # All of it counts: four of its bytes alone are the same on all chips of a lot.
         self.serial = crc32(machine.unique_id())
@@ -75,7 +75,7 @@ class Stm32Board:
         self._sensors = [Pin(name, Pin.IN, Pin.PULL_UP) for name in pins.sensors]
         self._run_led = Pin(pins.run_led, Pin.OUT, value=0)
         self._error_led = Pin(pins.error_led, Pin.OUT, value=0)
-        self.settings = Settings(folder, self.asleep)
+        self.settings = memory(self.asleep)
         self._outbox = Outbox()
         self._can = CAN(1, BITRATE)
         self._flags = _no_flags

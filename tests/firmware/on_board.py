@@ -6,7 +6,6 @@ import micropython
 import world
 from bench import NODE, Bench
 
-from boards import flash
 from mdms_cell.drive import speed_loop as s
 
 FULL = {12: 4200, 2: 8500}
@@ -227,52 +226,6 @@ def test_filters_of_an_ordinary_cell_let_hardly_anything_else_through(bench):
     bench.board.listen(own)
     others = [base + other for base in range(0x080, 0x780, 0x80) for other in range(6, 19)]
     assert not any(bench.can.deliver(can_id, b"") for can_id in others)
-
-
-class Asked:
-    """A file that notes how many bytes it is asked for; MicroPython finds room for all of them."""
-
-    sizes = ()
-
-    def __init__(self, path, mode):
-        self._file = open(path, mode)  # noqa: SIM115 - closed as it is left
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_error):
-        self._file.close()
-
-    def read(self, size):
-        Asked.sizes += (size,)
-        return self._file.read(size)
-
-
-def test_settings_ask_for_no_more_memory_than_they_fill(bench):
-    memory = bench.board.settings
-    memory.erase(0)
-    memory.write(0, 0, bytes(300))
-    flash.open = Asked
-    try:
-        assert len(memory.read(0)) == 300
-    finally:
-        del flash.open
-    assert Asked.sizes == (300,)
-
-
-def test_settings_survive_and_a_broken_write_does_not_count(bench):
-    memory = bench.board.settings
-    memory.erase(0)
-    memory.write(0, 0, b"abc")
-    memory.write(0, 3, b"def")
-    assert memory.read(0) == b"abcdef"
-    memory.erase(1)
-    assert memory.read(1) == b""
-    try:
-        memory.write(1, 5, b"x")
-    except OSError:
-        return
-    raise AssertionError("a gap was written")
 
 
 def test_stop_ends_timer_and_bus_and_drive(bench):

@@ -3,6 +3,7 @@
 import os
 
 import world
+from internal_flash import InternalFlash
 
 from mdms_cell.cell import Cell
 from mdms_cell.runner import Runner
@@ -35,10 +36,14 @@ class Bench:
 
             self.wake, self.phases, self.pwm, self.supply = "C8", ("B4", "B5"), 2, "C2"
             self.encoders, self.currents, self.fault = (3, 4), ("C0", "C1"), "C9"
+        self.name = name
         self.module = module
+        world.flash = InternalFlash()
+        if name == "pybv11":
+            module.make_room()
         self.sensors = module.PINS.sensors
         world.analog[self.supply] = SUPPLY_24_V
-        self.board = module.board(".")
+        self.board = module.board()
         self.can = world.buses[0]
 
     def boot(self):

@@ -193,3 +193,13 @@ class CAN:
         self._state = CAN.STATE_BUS_OFF
         if self._handler is not None and self._trigger & CAN.IRQ_STATE:
             self._handler(self)
+
+
+class Memory16:
+    """Half words by their addresses; only flash lies there."""
+
+    def __getitem__(self, address):
+        return world.flash.half_word(address)
+
+
+mem16 = Memory16()
