@@ -21,7 +21,9 @@ quick: $(VENV)/.dev
 check: $(VENV)/.dev typings/.installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/python -m mdms_protocol.generate --check
+	$(BIN)/python -m mdms_protocol.generators.generate --check
+	$(BIN)/eds-validate protocol/mdms-cell.eds
+	$(BIN)/dcfchk -n 1 protocol/mdms-cell.eds
 	$(BIN)/mypy
 	$(BIN)/pyright --project firmware/pyrightconfig.json
 	$(BIN)/lint-imports
@@ -31,7 +33,7 @@ format: $(VENV)/.dev
 	$(BIN)/ruff format .
 
 generate: $(VENV)/.dev
-	$(BIN)/python -m mdms_protocol.generate
+	$(BIN)/python -m mdms_protocol.generators.generate
 
 bench: $(VENV)/.bench
 	$(BIN)/python -m tests.benchmarks

@@ -28,7 +28,6 @@ BUS_OFF_MS = 100
 SUPPLY_FULL_SCALE_MV = const(43_544)
 
 _SUPPLY_STEP_UV = const(SUPPLY_FULL_SCALE_MV * 1000 >> 12)
-_SUPPLY_MIN_UV = const(1_000_000)
 
 #: The wiring of a board, by the names of its pins. `pwm_timer` counts at `pwm_hz` and has its
 #: channels 1 and 2 at `pulses`; `encoders` has timer, A and B of each; the rest see `Stm32Board`.
@@ -143,13 +142,17 @@ class Stm32Board:
             self._can.restart()
 
     def asleep(self):
-        """Put both bridges to sleep unless an axis is on; whether they do, so flash may be written.
+        """Whether both bridges sleep, so that flash may be written: no axis is on, none brakes.
 
         The next tick would come too late: it waits, with the voltage on, while flash is erased.
         """
         registers = self.registers
-        if registers[speed_loop.MODE] | registers[speed_loop.AXIS + speed_loop.MODE]:
-            return False
+        for base in (0, speed_loop.AXIS):
+            standing = registers[base + speed_loop.SIGNS] & speed_loop.STANDING
+            braking = registers[speed_loop.AWAKE] and not standing
+            if registers[base + speed_loop.MODE] or braking:
+                return False
+        self.motors_off()
         self._wake.low()
         self.feed()
         return True
@@ -189,8 +192,10 @@ class Stm32Board:
         self._can.set_filters(filters(identifiers))
 
     def motors_off(self):
-        """Cut the drive at once, whatever state the program is in."""
-        self._wake.low()
+        """0 V on both motors at once, whatever state the program is in.
+
+        Bridges that are awake brake, until a reset lets the pull-down put them to sleep.
+        """
         for wheel in self._wheels:
             wheel.off()
 
@@ -223,8 +228,7 @@ def _sampling(supply, fault, wheels):
         count_1=wheels[0].count,
         count_2=wheels[1].count,
     ):
-        supply_uv = (read_supply() >> 4) * _SUPPLY_STEP_UV
-        registers[speed_loop.SUPPLY] = supply_uv if supply_uv > _SUPPLY_MIN_UV else _SUPPLY_MIN_UV
+        registers[speed_loop.SUPPLY] = (read_supply() >> 4) * _SUPPLY_STEP_UV
         sense_1(registers)
         sense_2(registers)
         if not no_fault():
@@ -237,7 +241,7 @@ def _sampling(supply, fault, wheels):
 
 
 def _driving(wake, wheels):
-    """What applies the voltages; the bridges sleep while both axes are off."""
+    """What applies the voltages; the bridges are awake while an axis is on or brakes."""
 
     @micropython.native
     def drive(
@@ -249,8 +253,7 @@ def _driving(wake, wheels):
     ):
         drive_1(registers)
         drive_2(registers)
-        modes = registers[speed_loop.MODE] | registers[speed_loop.AXIS + speed_loop.MODE]
-        if modes and not registers[speed_loop.CUT]:
+        if registers[speed_loop.AWAKE]:
             awake()
         else:
             asleep()

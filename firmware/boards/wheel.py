@@ -14,6 +14,8 @@ CURRENT_FULL_SCALE_MA = const(3_000)
 CURRENT_TOO_LARGE_MA = const(2 * CURRENT_FULL_SCALE_MA)
 
 _SATURATED = const(64_000)
+#: Least supply that a pulse width is worked out by: 1 V, in units of 4,096 uV.
+_SUPPLY_MIN = const(1_000_000 >> 12)
 
 
 class Wheel:
@@ -71,7 +73,8 @@ def _driving(voltage, phase, set_width, steps):
             voltage_uv = -voltage_uv
         else:
             forward()
-        width = (voltage_uv >> 12) * steps // (registers[speed_loop.SUPPLY] >> 12)
+        supply = registers[speed_loop.SUPPLY] >> 12
+        width = (voltage_uv >> 12) * steps // (supply if supply > _SUPPLY_MIN else _SUPPLY_MIN)
         set_width(width if width < steps else steps)
 
     return drive

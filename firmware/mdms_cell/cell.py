@@ -24,13 +24,16 @@ from mdms_cell.canopen.sdo_server import SdoServer
 from mdms_cell.canopen.store import Parameters, Store
 from mdms_cell.drive import speed_loop
 from mdms_cell.drive.axes import Axes
-from mdms_protocol import cob, nmt, record
+from mdms_protocol import cob, nmt, record, signature
 
 SYNC_COB_ID = 0x1005
 IDENTITY = 0x1018
 SETPOINT_TIMEOUT = 0x3000
 PRESENCE = 0x3001
 TRAFFIC = 0x3002
+UNDERVOLTAGE_LIMIT = 0x3003
+BRAKING_TIME = 0x3004
+SIGNATURE = 0x3005
 
 #: What `fail` is reported to come from; axes count from 1, and then come those of `guard`.
 SOURCE_SYSTEM = 6
@@ -94,7 +97,11 @@ class Cell:
         reads[key(TRAFFIC, 1)] = self._read_received
         reads[key(TRAFFIC, 2)] = self._read_dropped
         reads[key(TRAFFIC, 3)] = self._read_not_sent
-        self._objects.watchers[SETPOINT_TIMEOUT] = self._on_setpoint_timeout
+        reads[key(TRAFFIC, 4)] = self._read_overruns
+        reads[key(SIGNATURE, 0)] = self._read_signature
+        for index in (SETPOINT_TIMEOUT, UNDERVOLTAGE_LIMIT, BRAKING_TIME):
+            self._objects.watchers[index] = self._on_setting
+        self._axes.guard(self._may_enable, self._pdos.discard_held)
         self._objects.watchers[SYNC_COB_ID] = self._on_sync_cob_id
 
     def _read_presence(self):
@@ -108,6 +115,16 @@ class Cell:
 
     def _read_not_sent(self):
         return self.not_sent
+
+    def _read_overruns(self):
+        inbox = getattr(self._board, "inbox", None)
+        return 0 if inbox is None else inbox.lost
+
+    def _read_signature(self):
+        return signature.of(self._objects.data)
+
+    def _may_enable(self):
+        return self.state == nmt.OPERATIONAL
 
     @property
     def state(self):
@@ -194,7 +211,7 @@ class Cell:
         self._parameters.restore(flags)
         for part in (self._pdos, self._emcy, self._consumer, self._axes):
             part.load()
-        self._on_setpoint_timeout(SETPOINT_TIMEOUT, 0)
+        self._on_setting(SETPOINT_TIMEOUT, 0)
         self._listen()
 
     # What is listened to
@@ -239,9 +256,11 @@ class Cell:
         self._guard.on_rival()
         return True
 
-    def _on_setpoint_timeout(self, index, _sub):
-        timeout_ms = self._objects.number(index)
-        self._registers[speed_loop.AGE_LIMIT] = timeout_ms * speed_loop.TICK_HZ // 1000
+    def _on_setting(self, _index, _sub):
+        registers, number = self._registers, self._objects.number
+        registers[speed_loop.AGE_LIMIT] = number(SETPOINT_TIMEOUT) * speed_loop.TICK_HZ // 1000
+        registers[speed_loop.SUPPLY_MIN] = number(UNDERVOLTAGE_LIMIT) * 1000
+        registers[speed_loop.BRAKE_TICKS] = number(BRAKING_TIME) * speed_loop.TICK_HZ // 1000
 
     def _on_sync_cob_id(self, index, _sub):
         check_plain(self._objects.number(index))

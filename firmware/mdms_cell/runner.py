@@ -14,6 +14,9 @@ from mdms_cell.drive import speed_loop
 BUS_OFF = 0x8140
 INTERNAL_ERROR = 0x6100
 
+#: A millisecond of a full bus has 8 frames with data.
+FRAMES_PER_TURN = 16
+
 
 class Runner:
     """Joins a cell and its board.
@@ -35,7 +38,7 @@ class Runner:
         self.tick = _guarded(cell.tick, self)
 
     def cut(self):
-        """Take the voltage from the motors, whatever the tick does."""
+        """Take the voltage from the motors, whatever the tick does; awake bridges brake."""
         self._registers[speed_loop.CUT] = 1
         self._board.motors_off()
 
@@ -61,13 +64,15 @@ class Runner:
             self._registers[speed_loop.CUT] = 0
 
     def _receive(self):
+        """Take frames, no more than `FRAMES_PER_TURN`, so that traffic starves nothing else."""
         inbox = self._board.inbox
-        frame = inbox.peek()
-        while frame is not None:
+        for _ in range(FRAMES_PER_TURN):
+            frame = inbox.peek()
+            if frame is None:
+                return
             if not frame[2]:
                 self._cell.on_frame(frame[0], frame[1])
             inbox.pop()
-            frame = inbox.peek()
 
     def _faulty(self):
         registers = self._registers

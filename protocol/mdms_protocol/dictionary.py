@@ -1,7 +1,7 @@
 """The object table of a cell: the only source of what goes over the wire.
 
 The host encodes with it; the cell's packed dictionary, `mdms-cell.eds`, `mdms-cell.dbc` and
-`OBJECTS.md` are generated from it by `python -m mdms_protocol.generate`.
+`OBJECTS.md` are generated from it by `make generate`.
 
 Everything is an integer: speeds in micrometres per second, voltages in microvolts or millivolts,
 times in milliseconds. The unit of a field turns the integer into SI.
@@ -135,7 +135,7 @@ _COMMUNICATION: dict[int, Field | e.Group] = {
 }
 
 _CELL: dict[int, Field | e.Group] = {
-    0x3000: _setting("Setpoint timeout", U16, 50, e.MILLISECONDS, low=1, high=10_000),
+    0x3000: _setting("Setpoint timeout", U16, 50, e.MILLISECONDS, low=1, high=500),
     0x3001: field("Presence", U8, READ, mappable=e.TPDO),
     0x3002: record(
         "Traffic",
@@ -143,8 +143,12 @@ _CELL: dict[int, Field | e.Group] = {
             1: field("Frames received", U32, READ),
             2: field("Frames dropped", U32, READ),
             3: field("Frames not sent", U32, READ),
+            4: field("Frames overrun", U32, READ),
         },
     ),
+    0x3003: _setting("Undervoltage limit", U16, 10_000, e.MILLIVOLTS, high=60_000),
+    0x3004: _setting("Braking time limit", U16, 2_000, e.MILLISECONDS, low=100, high=10_000),
+    0x3005: field("Configuration signature", U32, READ),
 }
 
 _SPEED = e.MICROMETRES_PER_SECOND
@@ -154,13 +158,15 @@ _AXIS: dict[int, Field] = {
     0x2001: _setting("resolution", U32, 37_595, e.PER_METRE, low=1_000, high=1_000_000),
     0x2002: _setting("voltage limit", U32, 24_000, e.MILLIVOLTS, high=60_000),
     0x2003: field("motor voltage", I32, READ, unit=e.MICROVOLTS, mappable=e.TPDO),
-    0x2004: _setting("stall voltage", U32, 0, e.MILLIVOLTS, high=60_000),
-    0x2005: _setting("stall time", U16, 500, e.MILLISECONDS),
+    0x2004: _setting("stall voltage", U32, 6_000, e.MILLIVOLTS, high=60_000),
+    0x2005: _setting("stall time", U16, 80, e.MILLISECONDS),
     0x2006: _setting("over-current time", U16, 100, e.MILLISECONDS),
     0x2007: _setting("slippage time", U16, 500, e.MILLISECONDS),
     0x2008: _setting("observer lag", U16, 1_900, e.MICROSECONDS, low=1_000, high=20_000),
     0x2009: _setting("direction", I32, 0, e.MICRORADIANS, low=-3_141_593, high=3_141_593),
     0x200A: _setting("acceleration per volt", U16, 20_053, e.MILLIMETRES_PER_SECOND2_PER_VOLT),
+    0x200B: _setting("reversal voltage", U32, 2_000, e.MILLIVOLTS, high=60_000),
+    0x200C: _setting("reversal time", U16, 80, e.MILLISECONDS),
     0x603F: field("error code", U16, READ, mappable=e.TPDO),
     0x6040: field("controlword", U16, mappable=e.RPDO),
     0x6041: field("statusword", U16, READ, mappable=e.TPDO),

@@ -33,6 +33,13 @@ MILLISECONDS = Unit("s", 1e-3)
 MICROSECONDS = Unit("s", 1e-6)
 TENTHS_OF_MILLISECONDS = Unit("s", 1e-4)
 
+
+def steps_per_unit(unit: Unit) -> int:
+    """How many steps of the integer make one of the unit."""
+    steps: int = round(1 / unit.factor)
+    return steps
+
+
 # Access
 CONST = "const"
 READ = "ro"

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from mdms_sim.physics.world import World
-from mdms_sim.record import Event, Floats, Record
+from mdms_model.arrays import Floats
+from mdms_model.run.record import Event, Record
+from mdms_sim.physics.plane.world import World
 
 
 class Sampler:

@@ -14,21 +14,23 @@ from typing import BinaryIO
 
 import numpy as np
 
+from mdms_model.arrays import Floats
+from mdms_model.run.record import Record
+from mdms_model.run.references import References
+from mdms_model.scenario.scenario import Scenario
+from mdms_protocol.entry import MICROVOLTS, steps_per_unit
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.bus import Bus
-from mdms_sim.bus_log import BusLog
-from mdms_sim.bus_off import BusOffWatch
-from mdms_sim.faults import Faults
+from mdms_sim.bus.log import BusLog
+from mdms_sim.faults.schedule import Faults
 from mdms_sim.kernel import Kernel
 from mdms_sim.nodes import CellBank
+from mdms_sim.nodes.bus_off import BusOffWatch
 from mdms_sim.nodes.micropython_bank import MicropythonBank
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.participant import Driver, Participant
-from mdms_sim.physics.world import World
-from mdms_sim.record import Floats, Record
-from mdms_sim.references import References
+from mdms_sim.physics.plane.world import World
 from mdms_sim.sampling import Sampler
-from mdms_sim.scenario import Scenario
 
 NS_PER_S = 1_000_000_000
 TICK_NS = 1_000_000
@@ -42,7 +44,7 @@ PRIORITY_TICK = 10
 PRIORITY_COLLECT = 20
 PRIORITY_SAMPLE = 40
 
-UV_PER_V = 1e6
+UV_PER_V = steps_per_unit(MICROVOLTS)
 
 
 Progress = Callable[[float], object]
@@ -97,7 +99,8 @@ class Simulation:
         self._axes = len(scenario.cell.wheel)
         # A cell has two axes, of which the array may use one.
         self._voltage_uv = np.zeros((self._cells, 2), np.int32)
-        self._references = References(self.bus, self._cells, self._axes)
+        self._references = References(self._cells, self._axes)
+        self.bus.observe(self._references.on_frame, self._references.cells)
         self._mailboxes = [
             self.bus.attach(_CellStation(self._deliver, cell), bank.accepts(cell))
             for cell in range(self._cells)
@@ -110,7 +113,10 @@ class Simulation:
             bus=self.bus,
             controllers=self._mailboxes,
             bank=bank,
+            world=self.world,
         )
+        for cell, supply_v in enumerate(self.world.bridges.supply_v):
+            bank.set_supply(cell, round(supply_v * UV_PER_V))
         self._delivered_ns = -1
         self._delivered: list[int] = []
         self._unknown: Floats = np.full((len(scenario.parcel), 3), np.nan)
@@ -157,6 +163,7 @@ class Simulation:
             self._move()
         _, counts, current_ma = self.world.sampled
         self._voltage_uv = self._bank.tick(counts, current_ma, self.world.presence())
+        self.world.bridges.awake[:] = self._bank.awake
         self.kernel.at(now_ns + PROCESSING_NS, PRIORITY_COLLECT, self._collect_all)
         self.kernel.at(now_ns + TICK_NS, PRIORITY_TICK, self._tick)
 

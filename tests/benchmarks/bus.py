@@ -13,11 +13,11 @@ from typing import Any
 
 import can
 
-from mdms_host.command.coordination import coordinator_of
+from mdms_host.cli.scenario.coordination import coordinator_of
+from mdms_model.scenario.file import load_scenario
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.kernel import Kernel
-from mdms_sim.scenario_file import load_scenario
 from mdms_sim.simulation import Simulation, open_bank
 
 STATIONS = 18

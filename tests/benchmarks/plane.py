@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from mdms_sim.physics.drive import drive_of
-from mdms_sim.physics.ideal import run_ideal
-from mdms_sim.physics.world import World
-from mdms_sim.record import Floats
-from mdms_sim.scenario import Array, Parcel, Scenario
-from mdms_sim.scenario_file import load_scenario
+from mdms_model.arrays import Floats
+from mdms_model.motor import drive_of
+from mdms_model.scenario.file import load_scenario
+from mdms_model.scenario.scenario import Array, Parcel, Scenario
+from mdms_sim.physics.plane.ideal import run_ideal
+from mdms_sim.physics.plane.world import World
 
 Row = dict[str, Any]
 

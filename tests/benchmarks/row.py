@@ -13,14 +13,14 @@ from typing import Any
 import numba
 import numpy as np
 
-from mdms_sim.physics.drive import drive_of
-from mdms_sim.physics.row_journey import row_parcel
-from mdms_sim.physics.row_samples import course
-from mdms_sim.physics.row_trace import trace
-from mdms_sim.physics.wheels import build_wheels
-from mdms_sim.record import Floats
-from mdms_sim.scenario import Scenario
-from mdms_sim.scenario_file import load_scenario
+from mdms_model.array import build_wheels
+from mdms_model.arrays import Floats
+from mdms_model.motor import drive_of
+from mdms_model.scenario.file import load_scenario
+from mdms_model.scenario.scenario import Scenario
+from mdms_sim.physics.row.journey import row_parcel
+from mdms_sim.physics.row.samples import course
+from mdms_sim.physics.row.trace import trace
 
 FIGURES = (7, 8, 9)
 INSTANTS = 1001

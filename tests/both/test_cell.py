@@ -261,3 +261,82 @@ def test_reset_that_gives_another_node_id_aborts_a_transfer_under_the_old_one():
     cell.on_frame(0x000, bytes((nmt.RESET_COMMUNICATION, NODE)))
     assert cell.node_id == 7
     assert board.take()[0] == (0x585, sdo.abort(0x1009, 0, sdo.WRONG_STATE))
+
+
+def voltages(cell, board, ticks=40):
+    """All voltages of both axes over some ticks."""
+    seen = set()
+    for _ in range(ticks):
+        cell.tick()
+        seen.add(board.registers[speed_loop.VOLTAGE])
+        seen.add(board.registers[speed_loop.AXIS + speed_loop.VOLTAGE])
+    return seen
+
+
+def test_an_axis_is_enabled_in_operational_only():
+    cell, board = booted()
+    for word in (cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION):
+        cell.on_frame(0x605, sdo.write_request(0x6040, 0, bytes((word, 0))))
+    cell.on_frame(0x605, sdo.write_request(0x60FF, 0, (100_000).to_bytes(4, "little")))
+    board.take()
+    cell.on_frame(0x605, sdo.read_request(0x6041, 0))
+    (_, data) = board.take()[-1]
+    assert cia402.state(data[4] | data[5] << 8) == cia402.SWITCHED_ON
+    assert voltages(cell, board) == {0}
+    # Nor does 'operational' enable it by itself.
+    cell.on_frame(0x000, b"\x01\x05")
+    assert voltages(cell, board) == {0}
+
+
+def test_a_setpoint_held_for_sync_is_dropped_when_an_axis_is_enabled():
+    cell, board = operational()
+    cell.on_frame(0x205, pdo.TARGET_VELOCITY.encode((63_500, -63_500)))
+    enable(cell)
+    cell.on_frame(0x080, b"")
+    assert voltages(cell, board) == {0}
+
+
+def test_reset_of_the_node_drops_the_target():
+    cell, board = operational()
+    enable(cell)
+    cell.on_frame(0x605, sdo.write_request(0x60FF, 0, (100_000).to_bytes(4, "little")))
+    cell.on_frame(0x000, b"\x81\x05")
+    cell.poll(60)
+    cell.poll(120)
+    board.take()
+    cell.on_frame(0x605, sdo.read_request(0x60FF, 0))
+    assert board.take()[-1] == (0x585, b"\x43\xff\x60\x00\0\0\0\0")
+
+
+def test_setpoint_timeout_ends_at_500_ms():
+    cell, board = operational()
+    cell.on_frame(0x605, sdo.write_request(0x3000, 0, (501).to_bytes(2, "little")))
+    assert board.take()[-1] == (0x585, sdo.abort(0x3000, 0, sdo.TOO_HIGH))
+
+
+def test_signature_changes_with_every_stored_setting_and_with_nothing_else():
+    cell, board = booted()
+
+    def signature():
+        cell.on_frame(0x605, sdo.read_request(0x3005, 0))
+        return board.take()[-1][1][4:]
+
+    usual = signature()
+    cell.on_frame(0x605, sdo.write_request(0x60FF, 0, (100_000).to_bytes(4, "little")))
+    cell.on_frame(0x605, sdo.write_request(0x6040, 0, b"\x06\x00"))
+    board.take()
+    assert signature() == usual
+    cell.on_frame(0x605, sdo.write_request(0x607E, 0, b"\x40"))
+    board.take()
+    assert signature() != usual
+    cell.on_frame(0x605, sdo.write_request(0x607E, 0, b"\x00"))
+    board.take()
+    assert signature() == usual
+
+
+def test_supply_is_reported_as_it_is():
+    cell, board = booted()
+    for supply_uv in (24_000_000, 0):
+        board.registers[speed_loop.SUPPLY] = supply_uv
+        cell.on_frame(0x605, sdo.read_request(0x6079, 0))
+        assert board.take()[-1][1][4:] == (supply_uv // 1000).to_bytes(4, "little")

@@ -65,6 +65,7 @@ class Axis:
         self.registers = array("i", [0] * s.REGISTERS)
         s.reset(self.registers)
         self.registers[s.AGE_LIMIT] = 50
+        self.registers[s.BRAKE_TICKS] = 1000
         for base in (0, s.AXIS):
             tuning.set_encoder(self.registers, base, 37_596)
             tuning.set_law(self.registers, base, 10_000, 24_000)
@@ -173,6 +174,54 @@ def test_quick_stop_ends_in_switch_on_disabled_after_its_ramp():
     assert axis.drive.state == c.SWITCH_ON_DISABLED
 
 
+def test_quick_stop_of_a_wheel_that_is_pushed_ends_with_its_time():
+    axis = axis_in(c.OPERATION_ENABLED)
+    axis.drive.control(c.QUICK_STOP)
+    ticks = 0
+    while axis.drive.state == c.QUICK_STOP_ACTIVE:
+        axis.registers[s.COUNT] += 4  # 0.1 m/s, for ever
+        axis.tick()
+        ticks += 1
+        assert ticks <= 1001
+    assert axis.drive.state == c.SWITCH_ON_DISABLED
+
+
+def test_every_way_out_of_operation_enabled_drops_the_target():
+    for controlword in (c.SHUTDOWN, c.SWITCH_ON, c.DISABLE_VOLTAGE, c.QUICK_STOP):
+        axis = axis_in(c.OPERATION_ENABLED)
+        axis.drive.set_target(100_000)
+        axis.drive.control(controlword)
+        assert axis.drive.target_um_s == 0
+        axis.tick(100)
+        stands_when_enabled(axis)
+    axis = axis_in(c.OPERATION_ENABLED)
+    axis.drive.set_target(100_000)
+    axis.drive.fail(d.STALLED)
+    assert axis.drive.target_um_s == 0
+    axis.drive.control(0)
+    axis.drive.control(c.FAULT_RESET)
+    stands_when_enabled(axis)
+
+
+def test_target_that_came_before_enabling_moves_nothing():
+    axis = axis_in(c.SWITCHED_ON)
+    axis.drive.set_target(100_000)
+    stands_when_enabled(axis)
+
+
+def stands_when_enabled(axis):
+    """Enabled, the wheel stands until a target comes."""
+    for controlword in WAYS[c.OPERATION_ENABLED]:
+        axis.drive.control(controlword)
+    assert axis.drive.state == c.OPERATION_ENABLED
+    for _ in range(40):
+        axis.tick()
+        assert axis.voltage_uv() == 0
+    axis.drive.set_target(50_000)
+    axis.tick()
+    assert axis.voltage_uv() == 500_000
+
+
 def test_halt_takes_the_target_away_and_gives_it_back():
     axis = axis_in(c.OPERATION_ENABLED)
     axis.drive.set_target(100_000)
@@ -213,6 +262,8 @@ def test_faults_of_the_speed_loop_are_told_by_their_codes():
         (s.STALE, 0x8250),
         (s.OVER_CURRENT, 0x2310),
         (s.STALLED, 0x7121),
+        (s.UNDERVOLTAGE, 0x3220),
+        (s.REVERSED, 0x7302),
         (s.FOLLOWING, 0x8611),
     ):
         axis = axis_in(c.OPERATION_ENABLED)

@@ -10,7 +10,6 @@ def watching():
     """A cell that watches the host's heartbeat, node 127, with its motors on."""
     cell, board = operational()
     cell.on_frame(0x605, sdo.write_request(0x1016, 1, b"\xc8\x00\x7f\x00"))
-    cell.on_frame(0x605, sdo.write_request(0x3000, 0, b"\x10\x27"))
     enable(cell)
     board.take()
     return cell, board
@@ -19,6 +18,8 @@ def watching():
 def test_lost_heartbeat_of_the_host_switches_the_motors_off():
     cell, board = watching()
     for now_ms in range(51, 600):
+        cell.on_frame(0x205, bytes(8))
+        cell.on_frame(0x080, b"")
         cell.tick()
         cell.poll(now_ms)
         if now_ms <= 300 and now_ms % 100 == 0:

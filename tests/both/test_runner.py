@@ -154,3 +154,13 @@ def test_fault_of_either_axis_is_shown():
         board.registers[place] = speed_loop.STALE
         runner.turn(6)
         assert board.shown == (6, 5, True)
+
+
+def test_a_turn_takes_no_more_frames_than_it_may_and_the_next_one_goes_on():
+    runner, cell, board = bench()
+    board.receive(*[(0x080, bytes((number,)), 0) for number in range(40)])
+    for turn in range(3):
+        runner.turn(turn)
+    polls = [place for place, what in enumerate(cell.told) if what[0] == "poll"]
+    assert polls == [16, 33, 42]
+    assert [what[1][0] for what in cell.told if what[0] == 0x080] == list(range(40))

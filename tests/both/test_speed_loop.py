@@ -24,6 +24,9 @@ def registers():
     made = array("i", [0] * s.REGISTERS)
     s.reset(made)
     made[s.AGE_LIMIT] = 50
+    made[s.SUPPLY] = 24_000_000
+    made[s.SUPPLY_MIN] = 10_000_000
+    made[s.BRAKE_TICKS] = 1000
     for base in (0, s.AXIS):
         tuning.set_encoder(made, base, COUNTS_PER_METRE)
         tuning.set_law(made, base, 10_000, 24_000)
@@ -261,3 +264,118 @@ def test_no_setting_and_no_input_makes_a_tick_allocate():
         extreme(made, s.AXIS, 511 - index)
         locked_steps(made)
         assert made[s.FAULTS] in (0, s.STALLED, s.OVER_CURRENT, s.FOLLOWING)
+
+
+def test_too_low_a_supply_drives_nothing_and_is_a_fault_within_5_ticks():
+    made = run(registers())
+    s.step(made)
+    made[s.SUPPLY] = 9_999_999
+    for tick in range(1, 6):
+        s.step(made)
+        assert made[s.VOLTAGE] == made[s.AXIS + s.VOLTAGE] == 0
+        assert (made[s.FAULTS] == s.UNDERVOLTAGE) == (tick == 5)
+    made[s.SUPPLY] = 24_000_000
+    turn(made, 100)
+    assert made[s.VOLTAGE] == made[s.AXIS + s.VOLTAGE] == 0
+    assert made[s.AXIS + s.FAULTS] == s.UNDERVOLTAGE
+
+
+def test_a_supply_that_is_low_for_a_moment_is_no_fault():
+    made = run(registers())
+    for _ in range(20):
+        made[s.SUPPLY] = 0
+        turn(made, 4)
+        made[s.SUPPLY] = 24_000_000
+        turn(made, 1)
+        assert made[s.VOLTAGE] == 1_000_000
+    assert made[s.FAULTS] == 0
+
+
+def test_an_axis_that_is_off_has_no_fault_for_want_of_a_supply():
+    made = registers()
+    made[s.SUPPLY] = 0
+    turn(made, 100)
+    assert made[s.FAULTS] == made[s.AXIS + s.FAULTS] == 0
+
+
+def spinning(speed_um_s, ticks=300):
+    """A wheel at a steady speed under no load, and the function that goes on turning it."""
+    made = run(registers())
+    tuning.set_reversal(made, 0, 2_000, 80)
+    travel = [0.0]
+
+    def go_on(count, speed_um_s):
+        for _ in range(count):
+            travel[0] += speed_um_s * COUNTS_PER_METRE / 1e9
+            made[s.COUNT] = int(travel[0] // 1)
+            made[s.AGE] = made[s.AXIS + s.AGE] = 0
+            s.step(made)
+
+    made[s.TARGET] = speed_um_s
+    go_on(ticks, speed_um_s)
+    assert made[s.FAULTS] == 0
+    return made, go_on
+
+
+def test_a_wheel_that_turns_against_its_voltage_is_a_fault_after_its_time():
+    made, go_on = spinning(-50_000)
+    made[s.TARGET] = 300_000
+    go_on(79, -50_000)
+    assert made[s.FAULTS] == 0
+    go_on(2, -50_000)
+    assert made[s.FAULTS] == s.REVERSED
+    assert made[s.VOLTAGE] == 0
+
+
+def test_a_wheel_that_slows_down_against_its_voltage_is_braking():
+    made, go_on = spinning(-1_000_000)
+    made[s.TARGET] = 1_000_000
+    for speed in range(-1_000_000, 0, 1_000):  # 1 m/s2
+        go_on(1, speed)
+    assert made[s.FAULTS] == 0
+
+
+def test_an_axis_that_goes_off_brakes_until_it_stands_and_then_the_bridges_sleep():
+    made, go_on = spinning(200_000)
+    made[s.WINDOW_TICKS] = 10
+    made[s.AXIS + s.MODE] = s.OFF
+    go_on(2000, 200_000)
+    assert made[s.AWAKE] == 1
+    made[s.MODE] = s.OFF
+    for speed in range(200_000, 0, -2_000):
+        go_on(1, speed)
+        assert made[s.AWAKE] == 1
+        assert made[s.VOLTAGE] == 0
+    go_on(500, 0)
+    assert made[s.AWAKE] == 1
+    go_on(60, 0)
+    assert made[s.AWAKE] == 0
+    # What is pushed later rolls freely.
+    go_on(60, 200_000)
+    assert made[s.AWAKE] == 0
+
+
+def test_braking_of_a_wheel_that_is_pushed_ends_with_its_time():
+    made, go_on = spinning(200_000)
+    made[s.AXIS + s.MODE] = s.OFF
+    made[s.CUT] = 1
+    go_on(1000, 200_000)
+    assert made[s.AWAKE] == 1
+    go_on(1, 200_000)
+    assert made[s.AWAKE] == 0
+
+
+def test_bridges_sleep_after_a_reset():
+    made = registers()
+    turn(made, 100, 1000)
+    assert made[s.AWAKE] == 0
+
+
+def test_turns_of_the_count_are_counted_in_both_directions():
+    made = registers()
+    for count in (60_000, 70_000, 100_000, 130_000, 140_000, 110_000, 80_000, 60_000, 50_000):
+        made[s.COUNT] = count & 0xFFFF
+        s.step(made)
+        turns = (made[s.TURNS] ^ 0x8000) - 0x8000
+        # The first count is a small one that lies behind 0.
+        assert turns * 65536 + made[s.LAST_COUNT] == count - 65536

@@ -5,7 +5,7 @@ the next one has taken the voltage away, with no turn of the background in betwe
 """
 
 import world
-from bench import NODE, Bench
+from bench import NODE, SUPPLY_24_V, Bench
 
 import main
 from mdms_cell.drive import speed_loop as s
@@ -49,13 +49,18 @@ def emergencies():
 
 
 def comes_back(bench, *controlwords):
-    """Fault reset and the way up make the wheels turn again; nothing less does."""
+    """Fault reset, the way up and a new target make the wheels turn again; nothing less does."""
     bench.target(TARGET)
     bench.pass_ms(10)
     assert bench.off()
     for word in controlwords:
         bench.can.deliver(0x300 + NODE, bytes((word, 0, word, 0)))
         bench.pass_ms()
+    # Without a new target the wheel stands, SYNC or not.
+    for _ in range(30):
+        bench.can.deliver(0x080, b"")
+        bench.pass_ms()
+        assert bench.off()
     bench.target(TARGET)
     bench.pass_ms(3)
     keep(bench, 20)
@@ -108,15 +113,55 @@ def bus_off(bench):
     comes_back(bench, *RESET)
 
 
-def stall(bench):
-    # 0x2004 stall voltage 500 mV, 0x2005 stall time 30 ms; the wheel stands still under 1.3 V
-    bench.can.deliver(0x600 + NODE, b"\x23\x04\x20\x00" + (500).to_bytes(4, "little"))
+def undervoltage(bench):
+    # The relay of the emergency stop opens, and closes again 50 ms later.
+    keep(bench, 50)
+    world.analog[bench.supply] = 0
+    for _ in range(5):
+        bench.target(TARGET)
+        world.advance()
+        assert bench.off()
+    bench.runner.turn(world.now_ms)
+    bench.pass_ms(10)
+    assert emergencies() == [0x3220, 0x3220], emergencies()
+    bench.can.deliver(0x600 + NODE, b"\x40\x79\x60\x00\0\0\0\0")
     bench.pass_ms(2)
-    bench.can.deliver(0x600 + NODE, b"\x2b\x05\x20\x00" + (30).to_bytes(2, "little") + b"\0\0")
-    bench.pass_ms(2)
+    assert (0x580 + NODE, b"\x43\x79\x60\x00\0\0\0\0") in world.sent
+    bench.pass_ms(40)
+    world.analog[bench.supply] = SUPPLY_24_V
+    for _ in range(300):
+        bench.target(TARGET)
+        bench.pass_ms()
+        assert bench.off()
+    comes_back(bench, *RESET)
+
+
+def runaway(bench):
+    # The encoder counts the other way round: -0.2 m/s for a target of 0.1 m/s.
     keep(bench, 20)
-    falls(bench, 12, 0x7121)
-    assert bench.board.registers[s.FAULTS] == s.STALLED
+    for ms in range(200):
+        world.counts[bench.encoders[0]] = -8 * ms & 0xFFFF
+        bench.target(TARGET)
+        bench.pass_ms()
+        if not bench.widths()[0]:
+            break
+    assert ms < 100
+    bench.pass_ms(10)
+    assert 0x7302 in emergencies()
+
+
+def stall(bench):
+    # A held wheel under 1.3 V is a load; under 6.5 V it is a fault.
+    keep(bench, 500)
+    driven_ms = 0
+    while bench.widths()[0]:
+        bench.target(5 * TARGET)
+        bench.pass_ms()
+        driven_ms += 1
+    assert 78 <= driven_ms < 100, driven_ms
+    bench.pass_ms(10)
+    assert 0x7121 in emergencies()
+    comes_back(bench, *RESET)
 
 
 def over_current(bench):
@@ -186,6 +231,47 @@ def quick_stop(bench):
     comes_back(bench, 0x00, *UP)
 
 
+def quick_stop_of_a_pushed_wheel(bench):
+    bench.can.deliver(0x300 + NODE, b"\x02\x00\x02\x00")
+    for ms in range(4100):
+        for encoder in bench.encoders:
+            world.counts[encoder] = 4 * ms & 0xFFFF
+        bench.pass_ms()
+    assert bench.off()
+    assert not world.levels[bench.wake], "time is over, and the bridges sleep"
+    comes_back(bench, 0x00, *UP)
+
+
+def braked(bench):
+    # A wheel that turns is held at 0 V until it stands; then the bridges sleep.
+    keep(bench, 20)
+    count = 0
+    bench.can.deliver(0x300 + NODE, bytes(4))
+    for ms in range(200):
+        count += 4
+        world.counts[bench.encoders[0]] = count
+        bench.pass_ms()
+        assert ms < 2 or bench.widths() == (0, 0)
+        assert world.levels[bench.wake]
+    bench.pass_ms(600)
+    assert not world.levels[bench.wake]
+
+
+def enabled_before_operational(bench):
+    bench.can.deliver(0x000, bytes((0x80, NODE)))
+    for word in UP:
+        bench.can.deliver(0x600 + NODE, bytes((0x2B, 0x40, 0x60, 0, word, 0, 0, 0)))
+        bench.pass_ms(2)
+    bench.can.deliver(0x600 + NODE, b"\x23\xff\x60\x00" + TARGET.to_bytes(4, "little"))
+    for _ in range(100):
+        bench.pass_ms()
+        assert bench.off()
+    bench.can.deliver(0x000, bytes((1, NODE)))
+    for _ in range(100):
+        bench.pass_ms()
+        assert bench.off()
+
+
 def exception_in_tick(bench):
     world.analog[bench.supply] = None  # no number to reckon with
     cut(bench)
@@ -217,7 +303,6 @@ def ends(bench, action, wanted):
         world.told.append("ended")
     assert world.told[-1] == "ended"
     assert bench.off()
-    assert not world.levels[bench.wake]
     assert 0x6100 in emergencies()
     with open("crash.log") as file:
         assert wanted.__name__ in file.read()

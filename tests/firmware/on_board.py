@@ -71,6 +71,8 @@ def test_watchdog_is_patient_while_the_bridges_sleep(bench):
     bench.can.deliver(0x000, bytes((2, NODE)))
     bench.pass_ms(2)
     assert bench.off()
+    assert watchdogs() == [5000, 250]
+    bench.pass_ms(600)
     assert watchdogs() == [5000, 250, 5000]
 
 

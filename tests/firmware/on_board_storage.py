@@ -42,19 +42,22 @@ def enable(bench):
 def test_settings_are_saved_right_after_the_motors_were_on_with_the_bridges_asleep(bench):
     stops = operational(bench)
     enable(bench)
+    for _ in range(50):  # the wheels come to stand
+        bench.target(100_000)
+        bench.pass_ms()
     assert world.levels[bench.wake]
     world.told.clear()
     # Both frames lie in the inbox before the next turn, and no tick comes in between.
     bench.can.deliver(0x300 + NODE, pdo.CONTROLWORD.encode((0, 0)))
     bench.can.deliver(0x600 + NODE, SAVE)
     bench.runner.turn(world.now_ms)
+    if stops:
+        assert world.told == [("watchdog", 5000)]
     bench.pass_ms(3)
     answer = b"\x60\x10\x10\x01\0\0\0\0" if stops else b"\x80\x10\x10\x01\x20\0\0\x08"
     assert (0x580 + NODE, answer) in world.sent
     assert bool(stops) == (bench.board.settings is not None)
     assert not world.flash.dirty
-    if stops:
-        assert world.told == [("watchdog", 5000)]
 
 
 def test_node_id_is_not_saved_while_motors_are_on(bench):

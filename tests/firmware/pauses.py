@@ -10,7 +10,7 @@ from bench import NODE, Bench
 
 from mdms_cell.cell import Cell
 from mdms_cell.drive import speed_loop as s
-from mdms_cell.runner import Runner
+from mdms_cell.runner import FRAMES_PER_TURN, Runner
 from mdms_protocol import pdo
 
 PAUSE_MS = 11
@@ -89,6 +89,11 @@ def turn(bench, background, pause_at):
     background.pause_at = pause_at
     bench.runner.turn(world.now_ms)
     background.pause_at = None
+    # Turns follow each other at once, and each takes a share of what has come meanwhile.
+    background.interrupt = True
+    for _ in range(PAUSE_MS * FRAMES_PER_MS // FRAMES_PER_TURN):
+        bench.runner.turn(world.now_ms)
+    background.interrupt = False
 
 
 def run():

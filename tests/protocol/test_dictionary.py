@@ -35,6 +35,12 @@ def test_axis_2_has_what_axis_1_has():
             )
 
 
+def test_steps_of_a_unit_are_whole_and_undo_its_factor():
+    for entry in ENTRIES.values():
+        assert 1 / e.steps_per_unit(entry.unit) == entry.unit.factor
+    assert e.steps_per_unit(e.MICROMETRES_PER_SECOND) == 1_000_000
+
+
 def test_default_maps_carry_mappable_objects_and_fit():
     for maps, direction in ((RPDO_MAPS, e.RPDO), (TPDO_MAPS, e.TPDO)):
         for items in maps:

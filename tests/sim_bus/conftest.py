@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from mdms_sim.record import Contact, Event, Record
-from mdms_sim.scenario import Scenario
-from mdms_sim.scenario_file import load_scenario
+from mdms_model.run.record import Contact, Event, Record
+from mdms_model.scenario.file import load_scenario
+from mdms_model.scenario.scenario import Scenario
 
 SAMPLES = 41
 

@@ -4,8 +4,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 
+from mdms_model.scenario.file import load_scenario
 from mdms_sim.nodes import CellBank
-from mdms_sim.scenario_file import load_scenario
 from mdms_sim.serve.server import Server
 from mdms_sim.simulation import Simulation
 

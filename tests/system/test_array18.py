@@ -6,10 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from mdms_host.command.compose import run_scenario
-from mdms_host.command.coordination import coordinator_of
-from mdms_sim.record import Contact
-from mdms_sim.scenario_file import load_scenario
+from mdms_host.cli.scenario.coordination import coordinator_of
+from mdms_host.cli.simulation.compose import run_scenario
+from mdms_model.run.record import Contact
+from mdms_model.scenario.file import load_scenario
 from mdms_sim.simulation import Simulation, open_bank
 
 
@@ -86,7 +86,9 @@ class Muted:
 
     def __init__(self, bank, cell, ticks):
         self._bank, self._cell, self._ticks = bank, cell, ticks
-        self.accepts, self.deliver = bank.accepts, bank.deliver
+
+    def __getattr__(self, name):
+        return getattr(self._bank, name)
 
     def tick(self, *inputs):
         self._ticks -= 1

@@ -140,15 +140,15 @@ def test_setpoints_and_states_stream_by_sync_and_a_stale_setpoint_is_an_emergenc
         node.emcy.reset()
     enable(network, NODE_IDS)
     for node in nodes:
-        node.rpdo[1][0].phys = 0.05
-        node.rpdo[1][1].phys = -0.05
+        node.rpdo[1][0].raw = 50_000
+        node.rpdo[1][1].raw = -50_000
 
     def turning():
         for node in nodes:
             node.rpdo[1].transmit()
         network.sync.transmit()
         time.sleep(0.02)
-        return all(node.tpdo[1][0].phys > 0.02 and node.tpdo[1][1].phys < -0.02 for node in nodes)
+        return all(node.tpdo[1][0].raw > 20_000 and node.tpdo[1][1].raw < -20_000 for node in nodes)
 
     wait_until(turning)
     wait_until(lambda: all(node.emcy.log for node in nodes))

@@ -6,8 +6,8 @@ import tomllib
 import pytest
 from tests.system.serving import serving
 
-from mdms_host.command import main
-from mdms_host.command.exits import Exit
+from mdms_host.cli import main
+from mdms_host.cli.exits import Exit
 from mdms_protocol import cob
 from mdms_sim.nodes.python_bank import PythonBank
 

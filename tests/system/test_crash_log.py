@@ -5,8 +5,8 @@ import json
 import pytest
 from tests.system.unix_board import boards_in
 
-from mdms_host.command import main
-from mdms_host.command.exits import Exit
+from mdms_host.cli import main
+from mdms_host.cli.exits import Exit
 from mdms_image import decoder_for
 
 pytestmark = pytest.mark.real_time

@@ -6,12 +6,12 @@ import time
 import pytest
 from tests.system.unix_board import boards_in
 
-from mdms_host.board_link import WATCHDOG_MS, BoardError, BoardLink, NoBoardError
-from mdms_host.board_survey import Firmware, identify, survey
+from mdms_host.cli import main
+from mdms_host.cli.exits import Exit
 from mdms_host.clock import MonotonicClock
-from mdms_host.command import main
-from mdms_host.command.exits import Exit
-from mdms_host.flashing import carry_out, plan_flash
+from mdms_host.flashing.board_link import WATCHDOG_MS, BoardError, BoardLink, NoBoardError
+from mdms_host.flashing.board_survey import Firmware, identify, survey
+from mdms_host.flashing.flashing import carry_out, plan_flash
 from mdms_image import build_image
 
 pytestmark = pytest.mark.real_time

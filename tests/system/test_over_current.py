@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from tests.micropython_builds import skipping_without_micropython
 
+from mdms_model.scenario.file import load_scenario
 from mdms_protocol import cia402, cob, nmt, pdo, sdo
 from mdms_protocol.dictionary import ENTRIES
 from mdms_protocol.frame import Frame
-from mdms_sim.scenario_file import load_scenario
 from mdms_sim.simulation import Simulation, open_bank
 
 CELL = 8  # from 0; in the middle of the parcel
@@ -24,6 +24,8 @@ RATED_MA = ENTRIES[0x6075, 0].default
 LIMIT_MA = RATED_MA * ENTRIES[0x6073, 0].default // 1000
 LIMIT_MS = ENTRIES[0x2006, 0].default
 OVER_CURRENT = 0x2310
+#: A wheel that stands under so much voltage would be a stall before it draws too much for long.
+WITHOUT_STALL = Frame(cob.SDO_REQUEST_BASE + NODE, sdo.write_request(0x2004, 0, bytes(4)))
 ASK = Frame(cob.SDO_REQUEST_BASE + NODE, b"\x40\x78\x60\x00\0\0\0\0")
 
 
@@ -43,7 +45,7 @@ class Host:
             self.emergencies.append((int.from_bytes(frame.data[:2], "little"), frame.data[2]))
         elif frame.can_id == cob.TPDO_BASES[1] + NODE:
             self.statuswords.append(pdo.STATUS.decode(frame.data)[:2])
-        elif frame.can_id == cob.SDO_RESPONSE_BASE + NODE:
+        elif frame.can_id == cob.SDO_RESPONSE_BASE + NODE and self._asked:
             assert frame.data[0] & sdo.SPECIFIER == sdo.UPLOAD_RESPONSE
             self.current_per_mille = int.from_bytes(frame.data[4:6], "little", signed=True)
 
@@ -51,6 +53,7 @@ class Host:
         self.wake_s = now_s + 0.010
         if now_s < START_S + 0.001:
             yield Frame(cob.NMT, bytes((nmt.START, NODE)))
+            yield WITHOUT_STALL
         if self._words:
             word = self._words.pop(0)
             yield Frame(cob.RPDO_BASES[1] + NODE, pdo.CONTROLWORD.encode((word, word)))

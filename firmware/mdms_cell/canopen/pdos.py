@@ -83,6 +83,11 @@ class Pdos:
                     self._heard()
         return True
 
+    def discard_held(self):
+        """Drop what is held for SYNC: it came before the state that has just begun."""
+        for rpdo in self._held:
+            rpdo.discard()
+
     def poll(self, now_ms):
         """Send what has changed; return in how many milliseconds to poll again."""
         wait_ms = ticks.IDLE_MS

@@ -71,6 +71,10 @@ class Rpdo(Pdo):
             self._held = None
             self._take(held)
 
+    def discard(self):
+        """Drop what is held."""
+        self._held = None
+
     def start(self):
         """Forget what came before 'operational'."""
         self._held = None

@@ -33,20 +33,20 @@ class Axes:
         """Whether any motor is on."""
         return any(drive.state in _DRIVING for drive in self._drives)
 
-    def hold(self, holds):
-        """Have no axis enabled while `holds()`; it gets no further than 'switched on'."""
+    def guard(self, may_enable, on_enabled):
+        """Enable an axis only while `may_enable()`, and call `on_enabled()` when one is enabled."""
         for drive in self._drives:
-            drive.holds = holds
+            drive.may_enable = may_enable
+            drive.on_enabled = on_enabled
 
     def switch_off(self):
         """Switch the motors off in good order."""
         self._control(cia402.DISABLE_VOLTAGE)
 
     def reset(self):
-        """Switch the motors off, and forget faults."""
-        self._control(cia402.DISABLE_VOLTAGE)
-        self._control(cia402.FAULT_RESET)
-        self._control(cia402.DISABLE_VOLTAGE)
+        """Switch the motors off, and drop faults and targets."""
+        for drive in self._drives:
+            drive.reset()
 
     def fail(self, error_code):
         """Switch the motors off by a fault that comes from outside the speed loop."""

@@ -20,6 +20,8 @@ OVER_CURRENT_TIME = 0x2006
 SLIPPAGE_TIME = 0x2007
 OBSERVER_LAG = 0x2008
 ACCELERATION_PER_VOLT = 0x200A
+REVERSAL_VOLTAGE = 0x200B
+REVERSAL_TIME = 0x200C
 ERROR_CODE = 0x603F
 CONTROLWORD = 0x6040
 STATUSWORD = 0x6041
@@ -45,6 +47,8 @@ _SETTINGS = (
     VOLTAGE_LIMIT,
     STALL_VOLTAGE,
     STALL_TIME,
+    REVERSAL_VOLTAGE,
+    REVERSAL_TIME,
     OVER_CURRENT_TIME,
     SLIPPAGE_TIME,
     OBSERVER_LAG,
@@ -94,6 +98,7 @@ class Axis:
         tuning.set_over_current(registers, base, limit_ma, setting(OVER_CURRENT_TIME))
         stall_voltage_mv, stall_time_ms = setting(STALL_VOLTAGE), setting(STALL_TIME)
         tuning.set_stall(registers, base, resolution, stall_voltage_mv, stall_time_ms)
+        tuning.set_reversal(registers, base, setting(REVERSAL_VOLTAGE), setting(REVERSAL_TIME))
         tuning.set_following(registers, base, setting(MAX_SLIPPAGE), setting(SLIPPAGE_TIME))
         registers[base + speed_loop.WINDOW] = setting(WINDOW)
         registers[base + speed_loop.WINDOW_TICKS] = setting(WINDOW_TIME)
@@ -146,7 +151,10 @@ class Axis:
         return self._registers[self._base + speed_loop.DEMAND]
 
     def _position(self):
-        return self._registers[self._base + speed_loop.COUNT]
+        """Counts since the start as a signed number of 32 bits, as wired."""
+        turns = self._registers[self._base + speed_loop.TURNS]
+        count = self._registers[self._base + speed_loop.LAST_COUNT]
+        return ((turns ^ 0x8000) - 0x8000 << 16) | count
 
     def _voltage_uv(self):
         return self._registers[self._base + speed_loop.VOLTAGE]

@@ -1,10 +1,10 @@
 """The speed loop of a cell's two axes: one function over one buffer of 32-bit integers.
 
 `step(registers)` is one control period of 1 ms: it tracks both encoders, ramps the targets, applies
-the paper's law V = G (r - v), watches for faults, and calls the background's attention to what has
-changed. It is integer arithmetic that stays within 31 bits, so that nothing is allocated, and the
-same source runs as plain Python over an `array('i')`, as MicroPython bytecode, as viper machine
-code and compiled by numba.
+the paper's law V = G (r - v), watches for faults, brakes what is off, and calls the background's
+attention to what has changed. It is integer arithmetic that stays within 31 bits, so that nothing
+is allocated, and the same source runs as plain Python over an `array('i')`, as MicroPython
+bytecode, as viper machine code and compiled by numba.
 
 The registers of axis 1 start at 0, those of axis 2 at `AXIS`: `registers[AXIS + TARGET]` is the
 target of axis 2. COUNT, CURRENT and VOLTAGE are as wired, everything else is signed along the
@@ -41,56 +41,70 @@ CURRENT_TICKS = const(16)  # ticks of over-current that are a fault
 STALL_VOLTAGE = const(17)  # a wheel is stalled at this voltage or more [uV]; 0: not watched ...
 STALL_SPAN = const(18)  # * ... while it stays within so many counts, 0..0xFFFE ...
 STALL_TICKS = const(19)  # ... for so many ticks
-FOLLOWING_LIMIT = const(20)  # largest difference of reference and speed [um/s]; 0: not watched
-FOLLOWING_TICKS = const(21)  # ticks of a larger one that are a fault
-WINDOW = const(22)  # an axis is at its target when so near to it [um/s], 0..65535 ...
-WINDOW_TICKS = const(23)  # ... for so many ticks; and stands when it has been slow for so many
+REVERSAL_VOLTAGE = const(20)  # a wheel that turns against this voltage or more [uV] ...
+REVERSAL_TICKS = const(21)  # ... for so many ticks and does not slow down runs away; 0: not watched
+FOLLOWING_LIMIT = const(22)  # largest difference of reference and speed [um/s]; 0: not watched
+FOLLOWING_TICKS = const(23)  # ticks of a larger one that are a fault
+WINDOW = const(24)  # an axis is at its target when so near to it [um/s], 0..65535 ...
+WINDOW_TICKS = const(25)  # ... for so many ticks; and stands when it has been slow for so many
 # Read from the board:
-COUNT = const(24)  # encoder [counts]; only the low 16 bits are looked at
-CURRENT = const(25)  # [mA], as wired, within +-2**29
+COUNT = const(26)  # encoder [counts]; only the low 16 bits are looked at
+CURRENT = const(27)  # [mA], as wired, within +-2**29
 # State and results:
-POSITION = const(26)  # tracked position [2**-14 counts], modulo 2**30
-RATE = const(27)  # velocity expected in the next tick [2**-14 counts per tick], within 2**28
-ACTUAL = const(28)  # tracked velocity [um/s]
-DEMAND = const(29)  # the ramped reference r that the law sees [um/s]
-VOLTAGE = const(30)  # what the board is to apply [uV], as wired
-MEAN_VOLTAGE = const(31)  # of the last 16 ticks or so, along the wheel's own direction [uV]
-FAULTS = const(32)  # bits below; kept until cleared from outside, and the voltage is 0 while set
-CURRENT_COUNT = const(33)  # ticks of over-current so far
-STALL_COUNT = const(34)  # ticks of stall so far
-STALL_FROM = const(35)  # the lowest count of the span in which a stalled wheel stays
-FOLLOWING_COUNT = const(36)  # ticks of following error so far
-NEAR_COUNT = const(37)  # ticks near the target so far, up to WINDOW_TICKS
-SLOW_COUNT = const(38)  # ticks of standstill so far, up to WINDOW_TICKS
-SIGNS = const(39)  # bits below
+POSITION = const(28)  # tracked position [2**-14 counts], modulo 2**30
+RATE = const(29)  # velocity expected in the next tick [2**-14 counts per tick], within 2**28
+ACTUAL = const(30)  # tracked velocity [um/s]
+DEMAND = const(31)  # the ramped reference r that the law sees [um/s]
+VOLTAGE = const(32)  # what the board is to apply [uV], as wired
+MEAN_VOLTAGE = const(33)  # of the last 16 ticks or so, along the wheel's own direction [uV]
+FAULTS = const(34)  # bits below; kept until cleared from outside, and the voltage is 0 while set
+CURRENT_COUNT = const(35)  # ticks of over-current so far
+STALL_COUNT = const(36)  # ticks of stall so far
+STALL_FROM = const(37)  # the lowest count of the span in which a stalled wheel stays
+REVERSAL_COUNT = const(38)  # ticks against the voltage so far
+REVERSAL_FROM = const(39)  # speed at which these began [um/s]
+FOLLOWING_COUNT = const(40)  # ticks of following error so far
+NEAR_COUNT = const(41)  # ticks near the target so far, up to WINDOW_TICKS
+SLOW_COUNT = const(42)  # ticks of standstill so far, up to WINDOW_TICKS
+STOP_COUNT = const(43)  # ticks in STOP so far, up to BRAKE_TICKS
+BRAKE_COUNT = const(44)  # ticks of braking since the axis went off, up to BRAKE_TICKS
+LAST_COUNT = const(45)  # the low 16 bits of COUNT in the last tick
+TURNS = const(46)  # how often COUNT has passed over its 16 bits, modulo 2**16
+SIGNS = const(47)  # bits below
 
-AXIS = const(40)  # registers of an axis
+AXIS = const(48)  # registers of an axis
 AXES = const(2)
 
 # Of the cell:
-TICKS = const(80)  # ticks since the start, modulo 2**30
-AGE_LIMIT = const(81)  # a target of this age is stale [ticks]
-SUPPLY = const(82)  # supply voltage [uV], from the board or a parameter; 1_000_000..VOLTAGE_MAX_UV
-CUT = const(83)  # not 0: voltage 0 on both axes, for interrupts that know no state machine
-ATTENTION = const(84)  # set to 1 when FAULTS or SIGNS change; zeroed by who looks after that
-WIDEN = const(85)  # what sign-extends a loaded register, see `reset`
-REGISTERS = const(86)
+TICKS = const(96)  # ticks since the start, modulo 2**30
+AGE_LIMIT = const(97)  # a target of this age is stale [ticks]
+SUPPLY = const(98)  # supply voltage as the board measures it [uV], 0..VOLTAGE_MAX_UV
+SUPPLY_MIN = const(99)  # a supply below this drives no motor [uV]
+LOW_COUNT = const(100)  # ticks of too low a supply so far, up to LOW_TICKS
+CUT = const(101)  # not 0: voltage 0 on both axes, for interrupts that know no state machine
+BRAKE_TICKS = const(102)  # ticks after which braking ends, standstill or not
+AWAKE = const(103)  # 1: the bridges are to be awake, for an axis is on or brakes; 0: they sleep
+ATTENTION = const(104)  # set to 1 when FAULTS or SIGNS change; zeroed by who looks after that
+WIDEN = const(105)  # what sign-extends a loaded register, see `reset`
+REGISTERS = const(106)
 
 # Values of MODE.
-OFF = const(0)  # voltage 0
+OFF = const(0)  # voltage 0: brake until the wheel has stood for HOLD_TICKS, then sleep
 RUN = const(1)  # follow TARGET
-STOP = const(2)  # ramp to standstill, whatever TARGET says
+STOP = const(2)  # ramp to standstill, whatever TARGET says; over after BRAKE_TICKS at the latest
 
 # Bits of FAULTS.
 STALE = const(1)
 OVER_CURRENT = const(2)
 STALLED = const(4)
 FOLLOWING = const(8)
+REVERSED = const(16)
+UNDERVOLTAGE = const(32)
 
 # Bits of SIGNS.
 AT_TARGET = const(1)
 STANDING = const(2)
-STOPPED = const(4)  # at standstill in STOP
+STOPPED = const(4)  # at standstill in STOP, or its time is over
 
 TICK_HZ = const(1000)
 SPEED_MAX_UM_S = const(10_000_000)
@@ -98,6 +112,12 @@ VOLTAGE_MAX_UV = const(60_000_000)
 FEED_MAX = const((1 << 15) - 1)
 HALF_COUNT = const(1 << 13)  # in units of POSITION
 SLOW_UM_S = const(10_000)
+#: A wheel that loses so much speed [um/s] while it turns against its voltage is braking.
+REVERSAL_DROP_UM_S = const(20_000)
+#: Ticks for which a wheel that stands is still braked.
+HOLD_TICKS = const(500)
+#: Ticks of too low a supply that are a fault; the voltage is 0 from the first.
+LOW_TICKS = const(5)
 
 
 def reset(registers):
@@ -116,12 +136,25 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
     """Advance both axes by one tick of 1 ms, in place."""
     base = 0
     widen = registers[WIDEN]
+    awake = 0
+    low_supply = 0
+    if registers[SUPPLY] < registers[SUPPLY_MIN]:
+        low_supply = registers[LOW_COUNT]
+        if low_supply < LOW_TICKS:
+            low_supply += 1
+    registers[LOW_COUNT] = low_supply
     while base < AXES * AXIS:
         # Predict the position, and compare it with the count, modulo 2**16 counts.
         rate = registers[base + RATE] << widen >> widen
         position = registers[base + POSITION] + rate
         position = ((position & 0x3FFFFFFF) ^ 0x20000000) - 0x20000000
         count = registers[base + COUNT] & 0xFFFF
+        ticks = registers[base + LAST_COUNT]
+        if count - ticks > 0x8000:
+            registers[base + TURNS] = registers[base + TURNS] - 1 & 0xFFFF
+        elif ticks - count > 0x8000:
+            registers[base + TURNS] = registers[base + TURNS] + 1 & 0xFFFF
+        registers[base + LAST_COUNT] = count
         inverted = registers[base + INVERTED]
         if inverted:
             count = 0 - count
@@ -195,6 +228,8 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
             registers[base + AGE] = age + 1
         elif mode == RUN:
             faults |= STALE
+        if low_supply == LOW_TICKS and mode != OFF:
+            faults |= UNDERVOLTAGE
 
         current = registers[base + CURRENT] << widen >> widen
         if current < 0:
@@ -227,6 +262,20 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
                 faults |= STALLED
         registers[base + STALL_COUNT] = ticks
 
+        # Braking, a wheel turns against its voltage too, but it slows down.
+        limit = registers[base + REVERSAL_VOLTAGE]
+        against = (actual < 0 and voltage > 0) or (actual > 0 and voltage < 0)
+        ticks = 0
+        if mode != OFF and limit != 0 and level >= limit and against and speed >= SLOW_UM_S:
+            ticks = registers[base + REVERSAL_COUNT] + 1
+            if ticks == 1 or speed + REVERSAL_DROP_UM_S < registers[base + REVERSAL_FROM]:
+                registers[base + REVERSAL_FROM] = speed
+                ticks = 1
+            elif ticks >= registers[base + REVERSAL_TICKS]:
+                ticks = registers[base + REVERSAL_TICKS]
+                faults |= REVERSED
+        registers[base + REVERSAL_COUNT] = ticks
+
         if distance < 0:
             distance = 0 - distance
         limit = registers[base + FOLLOWING_LIMIT]
@@ -239,8 +288,10 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         registers[base + FOLLOWING_COUNT] = ticks
 
         mean = registers[base + MEAN_VOLTAGE] << widen >> widen
-        if mode == OFF or faults != 0 or registers[CUT] != 0:
+        off = mode == OFF or faults != 0 or registers[CUT] != 0
+        if off:
             demand = 0
+        if off or low_supply != 0:
             voltage = 0
             mean = 0
 
@@ -276,10 +327,36 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
             if mode == STOP and demand == 0:
                 signs |= STOPPED
         registers[base + SLOW_COUNT] = ticks
+        limit = registers[BRAKE_TICKS]
+        ticks = 0
+        if mode == STOP:
+            ticks = registers[base + STOP_COUNT]
+            if ticks >= limit:
+                signs |= STOPPED
+            else:
+                ticks += 1
+        registers[base + STOP_COUNT] = ticks
+
+        # Off means braked: 0 V with the bridges awake, until the wheel has stood for a while, so
+        # that what it carries has come to rest too, or time is over.
+        ticks = 0
+        if off:
+            ticks = registers[base + BRAKE_COUNT]
+            if registers[AWAKE] == 0:
+                ticks = limit
+            elif signs & STANDING != 0 and ticks < limit - HOLD_TICKS:
+                ticks = limit - HOLD_TICKS
+            if ticks < limit:
+                ticks += 1
+                awake = 1
+        else:
+            awake = 1
+        registers[base + BRAKE_COUNT] = ticks
         if signs != registers[base + SIGNS] or faults != known:
             registers[ATTENTION] = 1
         registers[base + SIGNS] = signs
         registers[base + FAULTS] = faults
         base += AXIS
+    registers[AWAKE] = awake
     ticks = registers[TICKS]
     registers[TICKS] = 0 if ticks == 0x3FFFFFFF else ticks + 1

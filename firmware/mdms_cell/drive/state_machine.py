@@ -1,9 +1,13 @@
 """One axis of the drive: the state machine of CiA 402-2 around the registers of the speed loop.
 
-The motor is driven in 'operation enabled', and in 'quick stop active' while it brakes to
-standstill; in every other state the speed loop's mode is OFF and its voltage 0. A fault that the
-speed loop finds has cut the voltage in that very tick; `poll` then takes the state after it. Who
-changes the state calls the background's attention to it, as the speed loop does.
+The motor is driven in 'operation enabled', and in 'quick stop active' until it stands or its time
+is over; in every other state the speed loop's mode is OFF: it brakes at 0 V, then the bridges
+sleep. A fault that the speed loop finds has cut the voltage in that very tick; `poll` then takes
+the state after it. Who changes the state calls the background's attention to it, as the speed loop
+does.
+
+A target is valid in the 'operation enabled' in which it came: every way into and out of that state
+sets it to 0.
 """
 
 from mdms_cell.drive import speed_loop
@@ -48,11 +52,15 @@ MODES = {
 # Error codes of CiA 301 and CiA 402-2, as in 0x603F and in the emergency message
 STALE_SETPOINT = 0x8250
 OVER_CURRENT = 0x2310
+UNDERVOLTAGE = 0x3220
 STALLED = 0x7121
+REVERSED = 0x7302
 FOLLOWING_ERROR = 0x8611
 
 _ERROR_CODES = (
     (speed_loop.OVER_CURRENT, OVER_CURRENT),
+    (speed_loop.UNDERVOLTAGE, UNDERVOLTAGE),
+    (speed_loop.REVERSED, REVERSED),
     (speed_loop.STALLED, STALLED),
     (speed_loop.FOLLOWING, FOLLOWING_ERROR),
     (speed_loop.STALE, STALE_SETPOINT),
@@ -75,7 +83,8 @@ def command_of(controlword):
 class Drive:
     """The drive of the axis whose registers start at `base`; it starts switched off.
 
-    While `holds()`, if there is one, to enable operation leads to 'switched on' only.
+    Unless `may_enable()`, if there is one, to enable operation leads to 'switched on' only.
+    `on_enabled()`, if there is one, is called on the way into 'operation enabled'.
     """
 
     def __init__(self, registers, base):
@@ -85,7 +94,8 @@ class Drive:
         self.controlword = 0
         self.error_code = 0
         self.target_um_s = 0
-        self.holds = None
+        self.may_enable = None
+        self.on_enabled = None
         self._enter(cia402.SWITCH_ON_DISABLED)
 
     def control(self, controlword):
@@ -99,7 +109,10 @@ class Drive:
         self._aim()
 
     def set_target(self, target_um_s):
-        """Take a target velocity [um/s], clipped to what the speed loop bears, as fresh."""
+        """Take a target velocity [um/s], clipped to what the speed loop bears, as fresh.
+
+        It moves the wheel in 'operation enabled' only; the next such state begins with 0.
+        """
         if target_um_s > speed_loop.SPEED_MAX_UM_S:
             target_um_s = speed_loop.SPEED_MAX_UM_S
         elif target_um_s < -speed_loop.SPEED_MAX_UM_S:
@@ -107,6 +120,14 @@ class Drive:
         self.target_um_s = target_um_s
         self._aim()
         self.registers[self.base + speed_loop.AGE] = 0
+
+    def reset(self):
+        """Switch off, and drop the fault, the controlword and the target."""
+        self.control(cia402.DISABLE_VOLTAGE)
+        self.control(cia402.FAULT_RESET)
+        self.control(cia402.DISABLE_VOLTAGE)
+        self.target_um_s = 0
+        self._aim()
 
     def fail(self, error_code):
         """Cut the motor and go to 'fault', for a reason from outside the speed loop."""
@@ -133,7 +154,7 @@ class Drive:
         registers = self.registers
         signs = registers[self.base + speed_loop.SIGNS]
         word = self.state | cia402.REMOTE
-        if registers[speed_loop.SUPPLY]:
+        if registers[speed_loop.LOW_COUNT] == 0:
             word |= cia402.VOLTAGE_ENABLED
         if signs & speed_loop.AT_TARGET:
             word |= cia402.TARGET_REACHED
@@ -144,7 +165,8 @@ class Drive:
         return word
 
     def _allowed(self, command):
-        if command == cia402.ENABLE_OPERATION and self.holds is not None and self.holds():
+        allowed = self.may_enable is None or self.may_enable()
+        if command == cia402.ENABLE_OPERATION and not allowed:
             return cia402.SWITCH_ON
         return command
 
@@ -162,11 +184,18 @@ class Drive:
         if self.state == cia402.FAULT:
             registers[base + speed_loop.FAULTS] = 0
             self.error_code = 0
+        if cia402.OPERATION_ENABLED in (self.state, state):
+            self.target_um_s = 0
         self.state = state
+        if state == cia402.OPERATION_ENABLED and self.on_enabled is not None:
+            self.on_enabled()
+        self._aim()
         registers[base + speed_loop.AGE] = 0
         registers[base + speed_loop.MODE] = MODES.get(state, speed_loop.OFF)
         registers[speed_loop.ATTENTION] = 1
 
     def _aim(self):
+        driven = self.state == cia402.OPERATION_ENABLED
         halted = self.controlword & cia402.CONTROL_HALT
-        self.registers[self.base + speed_loop.TARGET] = 0 if halted else self.target_um_s
+        target_um_s = self.target_um_s if driven and not halted else 0
+        self.registers[self.base + speed_loop.TARGET] = target_um_s

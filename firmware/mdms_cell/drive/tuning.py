@@ -101,6 +101,14 @@ def set_stall(registers, base, counts_per_metre, voltage_mv, time_ms):
     registers[base + speed_loop.STALL_VOLTAGE] = voltage_mv * 1000 if time_ms else 0
 
 
+def set_reversal(registers, base, voltage_mv, time_ms):
+    """Make turning against `voltage_mv` or more for `time_ms` a fault; 0 does not watch."""
+    _check("reversal voltage [mV]", voltage_mv, 0, speed_loop.VOLTAGE_MAX_UV // 1000)
+    _check("reversal time [ms]", time_ms, 0, TIME_MAX_MS)
+    registers[base + speed_loop.REVERSAL_TICKS] = time_ms
+    registers[base + speed_loop.REVERSAL_VOLTAGE] = voltage_mv * 1000 if time_ms else 0
+
+
 def set_following(registers, base, limit_um_s, time_ms):
     """Make a speed this far off the reference for `time_ms` a fault; 0 does not watch."""
     _check("following error limit [um/s]", limit_um_s, 0, 2 * speed_loop.SPEED_MAX_UM_S)

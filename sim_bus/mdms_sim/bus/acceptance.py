@@ -1,6 +1,17 @@
-"""Acceptance filters: which identifiers a controller lets through."""
+"""Acceptance filters: which identifiers a controller lets through, and so who receives what."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable, Sequence
+
+from mdms_protocol.frame import Frame
+from mdms_sim.bus.controller import Controller
+
+#: A flood of identifiers costs time, not memory.
+REMEMBERED = 4096
+
+FrameObserver = Callable[[Frame, int], object]
+#: An observer and what it wants to see, None for everything.
+Observation = tuple[FrameObserver, Container[int] | None]
+Hearers = tuple[tuple[FrameObserver, ...], tuple[Controller, ...]]
 
 
 class Acceptance:
@@ -38,3 +49,30 @@ class MaskFilters:
         return isinstance(can_id, int) and any(
             (can_id ^ wanted) & mask == 0 for wanted, mask in self._filters
         )
+
+
+class Receivers(dict[int, Hearers]):
+    """Observers and controllers by identifier; `clear` it when any of them has changed."""
+
+    def __init__(
+        self, controllers: Sequence[Controller], observations: Sequence[Observation]
+    ) -> None:
+        super().__init__()
+        self._controllers = controllers
+        self._observations = observations
+
+    def __missing__(self, can_id: int) -> Hearers:
+        if len(self) >= REMEMBERED:
+            self.clear()
+        observers = tuple(
+            observer
+            for observer, accept in self._observations
+            if accept is None or can_id in accept
+        )
+        controllers = tuple(
+            each
+            for each in self._controllers
+            if each.live and (each.accept is None or can_id in each.accept)
+        )
+        self[can_id] = hearers = observers, controllers
+        return hearers

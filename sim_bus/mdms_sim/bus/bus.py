@@ -4,10 +4,9 @@ from collections.abc import Callable, Collection, Container
 from itertools import count
 
 from mdms_protocol.frame import Frame
-from mdms_sim.bus.acceptance import Acceptance
+from mdms_sim.bus.acceptance import Acceptance, FrameObserver, Observation
 from mdms_sim.bus.controller import Controller, Station
-from mdms_sim.bus.disturbance import Disturbance
-from mdms_sim.bus.receivers import FrameObserver, Observation
+from mdms_sim.bus.party import Disturbance
 from mdms_sim.bus.segment import Segment
 from mdms_sim.kernel import Kernel
 

@@ -4,45 +4,19 @@ Nodes see every bit at the same instant. Those that start alike and see the same
 they are followed as one.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.confinement import Confinement, ErrorState
 from mdms_sim.bus.controller import Controller
-from mdms_sim.bus.disturbance import MOST_OVERLOADS, UNDISTURBED, Disturbance
 from mdms_sim.bus.length import frame_bits
 from mdms_sim.bus.node import Node
+from mdms_sim.bus.party import Party
 from mdms_sim.bus.wire import INTERFRAME_BITS
 
 #: An error passive node that has just sent lets others go first for so long.
 SUSPEND_BITS = 8
-
-
-@dataclass(frozen=True, slots=True)
-class Party:
-    """Controllers that do the same, with what each of them has `seen` before.
-
-    `misled` tells whether they see the disturbed bit wrong.
-    """
-
-    controllers: tuple[Controller, ...]
-    errors: Confinement
-    frame: Frame | None = None
-    mute: bool = False
-    overloads: int = 0
-    misled: bool = False
-    seen: tuple[int, ...] = ()
-
-    def node(self) -> Node:
-        """One of them, as far as it has come."""
-        return Node(
-            self.errors.copy(),
-            self.frame,
-            mute=self.mute,
-            overloads=self.overloads,
-            seen=self.seen,
-        )
 
 
 @dataclass(slots=True)
@@ -178,33 +152,3 @@ class Exchange:
             outcome.heard += party.controllers
         outcome.frame = node.heard or node.frame
         outcome.frame_bits = after - before
-
-
-def parties(
-    frames: Iterable[tuple[Controller, Frame]],
-    listeners: Iterable[Controller],
-    disturbance: Disturbance = UNDISTURBED,
-) -> list[Party]:
-    """Those who send each on its own, those who listen gathered by what makes them differ."""
-    found = [_party(sender, frame, disturbance) for sender, frame in frames]
-    groups: dict[tuple[object, ...], list[Party]] = {}
-    for listener in listeners:
-        party = _party(listener, None, disturbance)
-        errors = party.errors
-        key = errors.transmit, errors.receive, party.mute, party.overloads, party.misled
-        groups.setdefault(key, []).append(party)
-    for group in groups.values():
-        controllers = tuple(each for party in group for each in party.controllers)
-        found.append(replace(group[0], controllers=controllers))
-    return found
-
-
-def _party(controller: Controller, frame: Frame | None, disturbance: Disturbance) -> Party:
-    return Party(
-        (controller,),
-        controller.errors.copy(),
-        frame,
-        mute=controller.listen_only,
-        overloads=min(disturbance.overloads.get(controller, 0), MOST_OVERLOADS),
-        misled=disturbance.reaches(controller),
-    )

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mdms_protocol.frame import Frame
-from mdms_sim.bus.flags import REMOTE
 from mdms_sim.bus.wire import (
     CRC_BITS,
     CRC_MASK,
     CRC_POLYNOMIAL,
+    REMOTE,
     STUFF_RUN,
     TAIL_BITS,
     header,

@@ -9,9 +9,8 @@ from functools import partial
 
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.confinement import Confinement, ErrorState
-from mdms_sim.bus.flags import EXTENDED
 from mdms_sim.bus.reception import Progress, Reader
-from mdms_sim.bus.wire import INTERFRAME_BITS, stuffed_bits
+from mdms_sim.bus.wire import EXTENDED, INTERFRAME_BITS, stuffed_bits
 
 DOMINANT, RECESSIVE = 0, 1
 FLAG_BITS = 6

@@ -11,14 +11,13 @@ from heapq import heappop, heappush
 from typing import TYPE_CHECKING
 
 from mdms_protocol.frame import Frame
+from mdms_sim.bus.acceptance import Receivers
 from mdms_sim.bus.confinement import ErrorState
-from mdms_sim.bus.controller import Controller
-from mdms_sim.bus.disturbance import UNDISTURBED
-from mdms_sim.bus.exchange import Exchange, Outcome, Party, parties
+from mdms_sim.bus.controller import Controller, Requests
+from mdms_sim.bus.exchange import Exchange, Outcome
 from mdms_sim.bus.length import frame_bits
-from mdms_sim.bus.receivers import Receivers
+from mdms_sim.bus.party import UNDISTURBED, Party, parties
 from mdms_sim.bus.recovery import Recovery
-from mdms_sim.bus.requests import Requests
 from mdms_sim.bus.wire import INTERFRAME_BITS, arbitration_field
 
 if TYPE_CHECKING:

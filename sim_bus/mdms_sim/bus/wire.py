@@ -6,7 +6,15 @@ from functools import lru_cache
 import numba
 
 from mdms_protocol.frame import Frame
-from mdms_sim.bus.flags import EXTENDED, EXTENDED_MASK, REMOTE, STANDARD_MASK
+
+# The flags of Linux SocketCAN, above the identifier in a `can_id`. A plain 11-bit number is a plain
+# data frame. A remote frame's `data` has the length it asks for.
+EXTENDED = 0x8000_0000
+REMOTE = 0x4000_0000
+#: An error frame; only tools get those.
+ERROR = 0x2000_0000
+STANDARD_MASK = 0x7FF
+EXTENDED_MASK = 0x1FFF_FFFF
 
 CRC_POLYNOMIAL = 0x4599
 CRC_BITS = 15

@@ -54,8 +54,15 @@ class CellBank(Protocol):
         (n, 2), which the caller may keep until the next tick.
         """
 
+    @property
+    def awake(self) -> NDArray[np.int32]:
+        """Whether the bridges of each cell are awake (1) or sleep (0) since the last tick, (n,)."""
+
+    def set_supply(self, cell: int, supply_uv: int) -> None:
+        """The motors' supply is so much from now on, as the cell measures it."""
+
     def power_off(self, cell: int) -> None:
-        """The cell stops at once, with its motors off."""
+        """The cell stops at once, and its bridges sleep."""
 
     def hang(self, cell: int) -> None:
         """The cell's program stops, and its motors are left with the voltages of the last tick."""

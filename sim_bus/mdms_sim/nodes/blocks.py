@@ -45,6 +45,8 @@ class Blocks:
         end = speed_loop.AXES * speed_loop.AXIS
         self.counts = registers[:, speed_loop.COUNT : end : speed_loop.AXIS]
         self.currents_ma = registers[:, speed_loop.CURRENT : end : speed_loop.AXIS]
+        self.supply_uv = registers[:, speed_loop.SUPPLY]
+        self.awake = registers[:, speed_loop.AWAKE]
 
     @property
     def descriptor(self) -> int:
@@ -87,6 +89,6 @@ class Blocks:
         """Gives the memory back; nothing else may be asked afterwards."""
         self._words.release()
         del self.counts, self.currents_ma, self.voltages_uv
-        del self.presence, self.times_ms
+        del self.presence, self.times_ms, self.supply_uv, self.awake
         self._memory.close()
         self._file.close()

@@ -15,6 +15,7 @@ from mdms_sim.nodes import lockstep
 from mdms_sim.nodes.blocks import Blocks
 from mdms_sim.nodes.condition import Conditions
 from mdms_sim.nodes.micropython_process import MicropythonProcess, stage
+from mdms_sim.nodes.virtual_board import SUPPLY_UV
 
 #: A process that prints is noticed after so many ticks.
 CHECK_TICKS = 100
@@ -43,6 +44,7 @@ class MicropythonBank:
         self._processes: list[MicropythonProcess] = []
         with ExitStack() as stack:
             self._blocks = stack.enter_context(closing(Blocks(len(node_ids))))
+            self._supply_uv = np.full(len(node_ids), SUPPLY_UV, np.int32)
             self._start(Path(stack.enter_context(TemporaryDirectory(prefix="mdms-"))), stack)
             self._open = stack.pop_all()
 
@@ -53,6 +55,7 @@ class MicropythonBank:
             self._processes.append(stack.enter_context(closing(process)))
         self._ask(range(len(self._node_ids)), lockstep.NOTHING)
         self._settle()
+        self._blocks.supply_uv[:] = self._supply_uv
 
     def accepts(self, cell: int) -> Container[int]:
         """See `CellBank`."""
@@ -136,9 +139,21 @@ class MicropythonBank:
         self._ask([cell], request)
         self._settle()
 
+    @property
+    def awake(self) -> NDArray[np.int32]:
+        """See `CellBank`."""
+        return self._blocks.awake.copy()
+
+    def set_supply(self, cell: int, supply_uv: int) -> None:
+        """See `CellBank`."""
+        self._settle()
+        self._supply_uv[cell] = supply_uv
+        self._blocks.supply_uv[cell] = supply_uv
+
     def power_off(self, cell: int) -> None:
         """See `CellBank`."""
         self._settle()
+        self._blocks.awake[cell] = 0
         self._forget(cell)
         self._blocks.voltages_uv[cell] = 0
         self._conditions.halt(cell, (0, 0))
@@ -163,6 +178,7 @@ class MicropythonBank:
         self._conditions.restart(cell)
         self._blocks.rename(cell, self._node_ids[cell])
         self._do(cell, lockstep.RESTART)
+        self._blocks.supply_uv[cell] = self._supply_uv[cell]
 
     def set_bus_off(self, cell: int, off: bool) -> None:
         """See `CellBank`."""

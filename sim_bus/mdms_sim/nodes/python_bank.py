@@ -12,7 +12,13 @@ from mdms_cell.drive import speed_loop
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.acceptance import Acceptance
 from mdms_sim.nodes.condition import Conditions
-from mdms_sim.nodes.virtual_board import VirtualBoard, VirtualFlash, leave_bus, rejoin_bus
+from mdms_sim.nodes.virtual_board import (
+    SUPPLY_UV,
+    VirtualBoard,
+    VirtualFlash,
+    leave_bus,
+    rejoin_bus,
+)
 
 #: From here on, in ticks, due times may wrap, and every cell is asked.
 FULL_POLLS_FROM = 1 << 29
@@ -70,12 +76,15 @@ class PythonBank:
             :, speed_loop.VOLTAGE : speed_loop.AXES * speed_loop.AXIS : speed_loop.AXIS
         ]
         self._voltages_uv = self._driven_uv.copy()
+        self._awake = np.zeros(len(cells), np.int32)
+        self._supply_uv = np.full(len(cells), SUPPLY_UV, np.int32)
         self._flash = [VirtualFlash() for _ in cells]
         self._acceptances = [Acceptance() for _ in cells]
         self._boards = [self._board(cell) for cell in cells]
         self._cells: list[Cell] = [
             Cell(board, node_id) for board, node_id in zip(self._boards, node_ids, strict=True)
         ]
+        self._registers[:, speed_loop.SUPPLY] = self._supply_uv
         self._seen = np.full(len(cells), STARTLED, np.int32)
         #: When the first of the cells wants to be polled, if nothing startles it.
         self._wake_ms = 0
@@ -120,12 +129,14 @@ class PythonBank:
         if conditions.plain and conditions.ticks < FULL_POLLS_FROM:
             startled = _tick_all(self._registers, counts, currents_ma, presence, self._seen)
             self._voltages_uv = self._driven_uv.copy()
+            self._awake = self._registers[:, speed_loop.AWAKE].copy()
             self._slept_ms = conditions.ticks
             if startled or conditions.ticks >= self._wake_ms:
                 self._poll_awake(conditions.ticks, presence)
         else:
             self._slept_ms = None
             self._voltages_uv = self._voltages_uv.copy()
+            self._awake = self._awake.copy()
             for turn in conditions.turns():
                 self._take_turn(turn, counts, currents_ma, presence)
             for cell, frozen_uv in self._halted.items():
@@ -147,6 +158,7 @@ class PythonBank:
         self._registers[others] = kept
         for cell, time_ms in times_ms.items():
             self._voltages_uv[cell] = self._driven_uv[cell]
+            self._awake[cell] = self._registers[cell, speed_loop.AWAKE]
             self._boards[cell].presence_bits = int(presence[cell])
             self._cells[cell].poll(time_ms)
 
@@ -160,9 +172,20 @@ class PythonBank:
                 self._cells[number].poll(now_ms)
         self._wake_ms = min(cell.wake_ms for cell in self._cells)
 
+    @property
+    def awake(self) -> NDArray[np.int32]:
+        """See `CellBank`."""
+        return self._awake
+
+    def set_supply(self, cell: int, supply_uv: int) -> None:
+        """See `CellBank`."""
+        self._supply_uv[cell] = supply_uv
+        self._registers[cell, speed_loop.SUPPLY] = supply_uv
+
     def power_off(self, cell: int) -> None:
         """See `CellBank`."""
         self._boards[cell].frames.clear()
+        self._awake[cell] = 0
         self._conditions.halt(cell, (0, 0))
 
     def hang(self, cell: int) -> None:
@@ -176,6 +199,8 @@ class PythonBank:
         self._conditions.restart(cell)
         self._boards[cell] = self._board(cell)
         self._cells[cell] = Cell(self._boards[cell], self._node_ids[cell])
+        self._registers[cell, speed_loop.SUPPLY] = self._supply_uv[cell]
+        self._awake[cell] = 0
 
     def set_bus_off(self, cell: int, off: bool) -> None:
         """See `CellBank`."""

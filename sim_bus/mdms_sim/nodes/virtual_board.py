@@ -6,6 +6,8 @@ from mdms_protocol.frame import Frame
 
 #: Frames that a board keeps when the bus does not take them.
 TRANSMIT_QUEUE = 64
+#: What the motors are fed with until somebody says otherwise [uV].
+SUPPLY_UV = 24_000_000
 
 
 class VirtualBoard:

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from mdms_sim.physics.compiled import compiled
-from mdms_sim.scenario import Cell, Scenario
+from mdms_model.array import build_cells
+from mdms_model.compiled import compiled
+from mdms_model.scenario.scenario import Cell, Scenario
 
 #: The random stream of the spreads, apart from the other uses of the scenario's seed.
 STREAM = 1
@@ -15,24 +16,15 @@ MOTOR = ("torque_constant_nm_per_a", "resistance_ohm", "damping_nms")
 FRICTION = ("friction", "viscous_friction_s_per_m")
 
 
-def build_cells(scenario: Scenario) -> list[Cell]:
-    """Every cell with its own wheels and constants.
+def true_cells(scenario: Scenario) -> list[Cell]:
+    """Every cell with its own constants, as nobody but the simulator has them.
 
-    Patches differ as they say; then each motor constant is off by up to `motor_spread`, friction by
-    up to `friction_spread` (relative, even chances, by seed).
+    Each motor constant is off by up to `motor_spread`, friction by up to `friction_spread`
+    (relative, even chances, by seed).
     """
-    count = scenario.array.columns * scenario.array.rows
-    cells = [scenario.cell] * count
-    for patch in scenario.patch:
-        given = {
-            name: value
-            for name, value in (("wheel", patch.wheel), ("friction", patch.friction))
-            if value is not None
-        }
-        for number in patch.cells:
-            cells[number - 1] = replace(cells[number - 1], **given)  # type: ignore[arg-type]
+    cells = build_cells(scenario)
     chance = np.random.default_rng([scenario.run.seed, STREAM])
-    factors = chance.uniform(-1.0, 1.0, (count, len(MOTOR) + 1)).tolist()
+    factors = chance.uniform(-1.0, 1.0, (len(cells), len(MOTOR) + 1)).tolist()
     return [_spread(cell, own) for cell, own in zip(cells, factors, strict=True)]
 
 

@@ -10,8 +10,8 @@ from mdms_sim.plots.row import draw_row
 from mdms_sim.plots.wheels import draw_wheels
 
 if TYPE_CHECKING:
-    from mdms_sim.record import Record
-    from mdms_sim.scenario import Scenario
+    from mdms_model.run.record import Record
+    from mdms_model.scenario.scenario import Scenario
 
 
 def is_row(scenario: "Scenario") -> bool:

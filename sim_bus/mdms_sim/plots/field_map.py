@@ -12,14 +12,14 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon, Rectangle
 from numpy.typing import NDArray
 
-from mdms_sim.footprint import outline_m
-from mdms_sim.physics.equilibria import Kind
-from mdms_sim.physics.field_map import FieldMap
-from mdms_sim.physics.held_parcel import Law
-from mdms_sim.physics.wheels import build_wheels, cell_centres
+from mdms_model.array import build_wheels, cell_centres
+from mdms_model.arrays import Floats
+from mdms_model.outline import outline_m
+from mdms_model.scenario.scenario import Parcel, Scenario
+from mdms_sim.physics.analysis.equilibria import Kind
+from mdms_sim.physics.analysis.field_map import FieldMap
+from mdms_sim.physics.analysis.held_parcel import Law
 from mdms_sim.plots.canvas import FAINT, INK, draw_as_map, new_figure, tidy
-from mdms_sim.record import Floats
-from mdms_sim.scenario import Parcel, Scenario
 
 FORCES = LinearSegmentedColormap.from_list("forces", ["#ffffff", "#dbe7f3", "#9fbfdd", "#5a8fc0"])
 PULL, PARCEL = "#0b4a82", "#d55e00"

@@ -8,12 +8,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from mdms_sim.footprint import goal_of
+from mdms_model.run.record import Record
+from mdms_model.scenario.scenario import Scenario, goal_of
 from mdms_sim.plots.canvas import FAINT, INK, new_figure, parcel_colour
 from mdms_sim.plots.pose_panels import draw_pose_panels
 from mdms_sim.plots.top_view import draw_slip_scale, draw_top_view, extent_m
-from mdms_sim.record import Record
-from mdms_sim.scenario import Scenario
 
 WIDTH_IN, TOP_IN, BOTTOM_IN = 13.0, 0.95, 1.0
 LEFT, MIDDLE, PANELS, RIGHT = 0.06, 0.60, 0.68, 0.985

@@ -10,11 +10,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 from numpy.typing import NDArray
 
-from mdms_sim.footprint import goal_of, outline_m
-from mdms_sim.physics.wheels import build_wheels, cell_centres
+from mdms_model.array import build_wheels, cell_centres
+from mdms_model.arrays import Floats
+from mdms_model.outline import outline_m
+from mdms_model.run.record import Contact, Record
+from mdms_model.scenario.scenario import Goal, Parcel, Scenario, goal_of
 from mdms_sim.plots.canvas import FAINT, INK, draw_as_map, parcel_colour
-from mdms_sim.record import Contact, Floats, Record
-from mdms_sim.scenario import Goal, Parcel, Scenario
 
 SLIP_COLOURS = LinearSegmentedColormap.from_list("slip", ["#2f6db5", "#9a5bb0", "#d6124a"])
 UNTOUCHED = "#cfd5da"

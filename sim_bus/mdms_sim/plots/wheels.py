@@ -8,11 +8,12 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize
 from matplotlib.figure import Figure
 
-from mdms_sim.physics.wheels import Wheels, build_wheels
+from mdms_model.array import Wheels, build_wheels
+from mdms_model.arrays import Floats
+from mdms_model.run.record import Contact, Record
+from mdms_model.run.slip import slip_m_s
+from mdms_model.scenario.scenario import Scenario
 from mdms_sim.plots.canvas import INK, new_figure, tidy
-from mdms_sim.record import Contact, Floats, Record
-from mdms_sim.scenario import Scenario
-from mdms_sim.slip import slip_m_s
 
 #: In the order of the codes of `Contact`; forward and backward are told apart by warmth.
 CONTACT_COLOURS = ListedColormap(["#e3e6e9", "#16191d", "#d9795d", "#6d9fc9"])

@@ -10,7 +10,7 @@ from typing import Protocol
 
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.bus import Bus
-from mdms_sim.bus.flags import ERROR, EXTENDED, EXTENDED_MASK, STANDARD_MASK
+from mdms_sim.bus.wire import ERROR, EXTENDED, EXTENDED_MASK, STANDARD_MASK
 from mdms_sim.serve import packet
 from mdms_sim.serve.slcan import Slcan
 

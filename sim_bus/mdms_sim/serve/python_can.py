@@ -13,9 +13,9 @@ from typing import Any
 import can
 
 from mdms_protocol.frame import Frame
-from mdms_sim.bus.flags import ERROR, EXTENDED, EXTENDED_MASK, REMOTE
-from mdms_sim.clock import epoch_now_s
+from mdms_sim.bus.wire import ERROR, EXTENDED, EXTENDED_MASK, REMOTE
 from mdms_sim.serve import packet
+from mdms_sim.serve.clock import epoch_now_s
 
 _HELLO_TIMEOUT_S = 2.0
 _READ_BYTES = 1 << 16

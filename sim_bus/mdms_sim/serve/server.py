@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from mdms_sim.clock import RealTime
 from mdms_sim.serve import packet
 from mdms_sim.serve.client import Client, GoneError, PacketCodec, SlcanCodec
+from mdms_sim.serve.clock import RealTime
 from mdms_sim.serve.endpoint import LOOPBACK, Terminal, accept, listen_tcp, listen_unix
 from mdms_sim.simulation import Simulation
 

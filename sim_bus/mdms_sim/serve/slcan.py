@@ -7,7 +7,7 @@ and counted.
 from collections.abc import Callable
 
 from mdms_protocol.frame import Frame
-from mdms_sim.bus.flags import EXTENDED, EXTENDED_MASK, REMOTE, STANDARD_MASK
+from mdms_sim.bus.wire import EXTENDED, EXTENDED_MASK, REMOTE, STANDARD_MASK
 
 OK = b"\r"
 ERROR = b"\x07"

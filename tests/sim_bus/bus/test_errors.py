@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.confinement import ErrorState
-from mdms_sim.bus.disturbance import Disturbance
 from mdms_sim.bus.length import frame_bits
+from mdms_sim.bus.party import Disturbance
 
 FRAME = Frame(0x123, b"\x55\xaa\x55\xaa")
 LENGTH = frame_bits(FRAME)
@@ -198,7 +198,7 @@ def test_one_identifier_with_two_contents_is_an_error_until_a_sender_is_passive(
 
 
 def test_remote_and_data_frame_of_one_identifier_do_not_clash(bench_of):
-    from mdms_sim.bus.flags import REMOTE
+    from mdms_sim.bus.wire import REMOTE
 
     bench = bench_of(3)
     bench.nodes[0].send(Frame(0x123 | REMOTE, bytes(2)))

@@ -4,9 +4,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdms_protocol.frame import Frame
-from mdms_sim.bus.flags import EXTENDED, REMOTE
 from mdms_sim.bus.length import frame_bits
 from mdms_sim.bus.wire import (
+    EXTENDED,
+    REMOTE,
     TAIL_BITS,
     arbitration_field,
     stuffed_bits,

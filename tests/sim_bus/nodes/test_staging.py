@@ -23,7 +23,7 @@ def test_cells_run_the_same_where_there_is_no_machine_code(monkeypatch, tmp_path
     assert any(usual)
     monkeypatch.setattr(platform, "machine", lambda: "arm64")
     stage(tmp_path)
-    source = (tmp_path / "mdms_cell" / "speed_loop.py").read_text()
+    source = (tmp_path / "mdms_cell" / "drive" / "speed_loop.py").read_text()
     assert "@micropython.viper" not in source
     assert "def step(" in source
     assert frames_of_a_boot() == usual

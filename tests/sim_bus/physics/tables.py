@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mdms_sim.scenario import Array, Cell, Parcel, Run, Scenario, Wheel
+from mdms_model.scenario.scenario import Array, Cell, Parcel, Run, Scenario, Wheel
 
 G_M_S2 = 9.81
 PAIR = (Wheel(0.0, (-0.03, 0.0)), Wheel(np.pi / 2, (0.03, 0.0)))

@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdms_sim.physics.motor import applied_voltage, build_cells, coast
-from mdms_sim.scenario import Array, Cell, Patch, Run, Scenario, Wheel
+from mdms_model.scenario.scenario import Array, Cell, Run, Scenario
+from mdms_sim.physics.motor import applied_voltage, coast, true_cells
 
 STEP_S = 1e-3
 
 
-def scenario(cell, patch=(), seed=1):
-    return Scenario("motors", Array(6, 3), cell, patch=patch, run=Run(seed=seed))
+def scenario(cell, seed=1):
+    return Scenario("motors", Array(6, 3), cell, run=Run(seed=seed))
 
 
 @given(st.floats(0.001, 10.0), st.floats(0.0, 100.0), st.floats(-1.0, 1.0), st.floats(-50.0, 50.0))
@@ -49,22 +49,15 @@ def test_the_bridge_gives_whole_steps_within_the_supply(voltage_v):
 
 def test_cells_are_alike_without_spread():
     cell = Cell()
-    assert build_cells(scenario(cell)) == [cell] * 18
+    assert true_cells(scenario(cell)) == [cell] * 18
 
 
 def test_spread_keeps_its_bounds_and_follows_the_seed():
     cell = Cell(motor_spread=0.1, friction_spread=0.3)
-    cells = build_cells(scenario(cell, seed=7))
+    cells = true_cells(scenario(cell, seed=7))
     for name, spread in (("resistance_ohm", 0.1), ("friction", 0.3)):
         share = np.array([getattr(one, name) for one in cells]) / getattr(cell, name) - 1.0
         assert np.abs(share).max() <= spread
         assert np.ptp(share) > spread / 2
-    assert cells == build_cells(scenario(cell, seed=7))
-    assert cells != build_cells(scenario(cell, seed=8))
-
-
-def test_a_patch_changes_its_cells_only():
-    own = (Wheel(0.0), Wheel(2.0), Wheel(4.0))
-    cells = build_cells(scenario(Cell(), (Patch((2, 18), wheel=own), Patch((2,), friction=0.1))))
-    assert [len(cell.wheel) for cell in cells] == [1, 3] + [1] * 15 + [3]
-    assert [cell.friction for cell in cells] == [0.3, 0.1] + [0.3] * 16
+    assert cells == true_cells(scenario(cell, seed=7))
+    assert cells != true_cells(scenario(cell, seed=8))

@@ -8,9 +8,9 @@ import pytest
 from tests.sim_bus.bus.ear import Ear
 
 from mdms_sim.bus.bus import Bus
-from mdms_sim.clock import PATIENCE_NS
 from mdms_sim.kernel import Kernel
 from mdms_sim.serve import endpoint
+from mdms_sim.serve.clock import PATIENCE_NS
 from mdms_sim.serve.server import SLICE_NS, Server
 
 MS = 1_000_000
@@ -72,7 +72,7 @@ def machine(monkeypatch):
             machine.wait_until_carried()
             super().settle()
 
-    monkeypatch.setattr("mdms_sim.clock.time", machine)
+    monkeypatch.setattr("mdms_sim.serve.clock.time", machine)
     monkeypatch.setattr("mdms_sim.serve.server.Terminal", Terminal)
     return machine
 

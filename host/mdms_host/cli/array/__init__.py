@@ -1,0 +1,1 @@
+"""Verbs on a real or served array, and the bus they open."""

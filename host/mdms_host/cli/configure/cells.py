@@ -1,0 +1,156 @@
+"""What the actions of `mdms configure` share: cells to talk to, consent, errors with exit codes."""
+
+import sys
+from argparse import Namespace
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from mdms_host.cli.array.bus import NOBODY, telling_of_no_bus
+from mdms_host.cli.configure.options import nodes_of
+from mdms_host.cli.console import progress, say
+from mdms_host.cli.exits import CommandError, Exit
+
+if TYPE_CHECKING:
+    from mdms_host.commissioning.cell_settings import CellSettings, Change
+    from mdms_host.commissioning.network import Commissioning
+    from mdms_host.commissioning.parameters import Parameter
+
+BLANK = "no cell has a node id yet, but blank ones are there: mdms configure assign"
+
+
+@contextmanager
+def refusing_bad_input() -> Iterator[None]:
+    """Turns bad names, values and files into a `CommandError` (bad input)."""
+    from mdms_host.commissioning.array_file import ArrayFileError
+    from mdms_host.commissioning.parameters import ParameterError
+
+    try:
+        yield
+    except (ParameterError, ArrayFileError) as error:
+        raise CommandError(str(error), Exit.USAGE) from None
+
+
+@contextmanager
+def open_commissioning(arguments: Namespace) -> "Iterator[Commissioning]":
+    """The cells on the bus that the options tell of; what fails on it raises `CommandError`."""
+    from mdms_host.can_link.link import open_bus
+    from mdms_host.clock import MonotonicClock
+    from mdms_host.commissioning.lss_master import LssError
+    from mdms_host.commissioning.network import Commissioning, CommissioningError, SilentError
+    from mdms_host.commissioning.node_ids import AssigningError
+
+    try:
+        with (
+            telling_of_no_bus(),
+            Commissioning(open_bus(arguments), MonotonicClock()) as commissioning,
+        ):
+            yield commissioning
+    except SilentError as error:
+        raise CommandError(str(error), Exit.NO_DEVICE) from None
+    except (CommissioningError, LssError) as error:
+        raise CommandError(str(error), Exit.NODE_FAULT) from None
+    except AssigningError as error:
+        raise CommandError(str(error), Exit.FAILURE) from None
+
+
+def read_cells(
+    commissioning: "Commissioning", arguments: Namespace, parameters: "Sequence[Parameter]"
+) -> "list[CellSettings]":
+    """The cells that `--node` names, and their settings. Raises `CommandError` for absent ones.
+
+    Without `--node`, whoever is no cell is left alone.
+    """
+    from mdms_host.commissioning.cell_settings import StrangerError, read_settings
+
+    wanted = nodes_of(arguments.nodes)
+    node_ids = _present(commissioning, wanted)
+    cells = []
+    with progress("reading") as share:
+        for done, node_id in enumerate(node_ids, 1):
+            try:
+                cells.append(read_settings(commissioning, node_id, parameters))
+            except StrangerError as error:
+                if wanted is not None:
+                    raise
+                say(f"mdms: {error}; left alone")
+            share(done / len(node_ids))
+    if not cells:
+        raise CommandError("there is no MDMS cell on the bus", Exit.NODE_FAULT)
+    return cells
+
+
+def write_cells(
+    commissioning: "Commissioning",
+    changes: "Sequence[Change]",
+    node_ids: Iterable[int],
+    *,
+    save: bool,
+) -> None:
+    """Write, read back, and store if that is wanted; errors tell how far it got."""
+    from mdms_host.commissioning.cell_settings import apply_changes
+    from mdms_host.commissioning.network import CommissioningError
+
+    done = 0.0
+
+    with progress("writing") as share:
+
+        def note(part: float) -> None:
+            nonlocal done
+            done = part
+            share(part)
+
+        try:
+            apply_changes(commissioning, changes, note)
+        except CommissioningError:
+            say(f"mdms: {round(done * len(changes))} of {len(changes)} settings were written")
+            raise
+    if save:
+        for node_id in node_ids:
+            commissioning.store(node_id)
+
+
+def show_changes(changes: "Iterable[Change]") -> None:
+    """One line for each change that cells have in common."""
+    grouped: dict[tuple[Parameter, int, int], list[int]] = {}
+    for change in changes:
+        key = (change.parameter, change.before, change.after)
+        grouped.setdefault(key, []).append(change.node_id)
+    for (parameter, before, after), node_ids in grouped.items():
+        was, now = parameter.text(before, unit=False), parameter.text(after)
+        print(f"{parameter.name}: {was} -> {now}  (node {ranges(node_ids)})", flush=True)
+
+
+def agreed(arguments: Namespace, question: str) -> bool:
+    """Whether to go on: `--yes`, or a person says so. Raises `CommandError` with nobody to ask."""
+    if arguments.yes:
+        return True
+    if not sys.stdin.isatty():
+        raise CommandError("nobody can be asked here; say --yes, or --dry-run", Exit.USAGE)
+    print(f"{question} [y/N] ", end="", file=sys.stderr, flush=True)
+    return sys.stdin.readline().strip().lower() in ("y", "yes")
+
+
+def ranges(numbers: Iterable[int]) -> str:
+    """Numbers as people write them: 1-4, 7, 9-12."""
+    runs: list[list[int]] = []
+    for number in sorted(numbers):
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return ", ".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)
+
+
+def _present(commissioning: "Commissioning", wanted: list[int] | None) -> list[int]:
+    found = commissioning.find()
+    if wanted is None:
+        if not found:
+            blank = commissioning.lss.anyone_blank()
+            raise CommandError(BLANK if blank else NOBODY, Exit.NO_DEVICE)
+        return found
+    absent = sorted(set(wanted) - set(found))
+    if absent:
+        there = f"on the bus: {ranges(found)}" if found else NOBODY
+        raise CommandError(f"node {ranges(absent)} does not answer; {there}", Exit.NO_DEVICE)
+    return wanted

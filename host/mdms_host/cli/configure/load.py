@@ -1,0 +1,90 @@
+"""`mdms configure load`: settings from a file, to cells by their serial numbers."""
+
+from argparse import Namespace
+from typing import TYPE_CHECKING
+
+from mdms_host.cli.array.bus import NOBODY
+from mdms_host.cli.configure.cells import (
+    agreed,
+    open_commissioning,
+    ranges,
+    refusing_bad_input,
+    show_changes,
+    write_cells,
+)
+from mdms_host.cli.configure.options import nodes_of
+from mdms_host.cli.configure.set import check_margins, to_read
+from mdms_host.cli.console import progress, say
+from mdms_host.cli.exits import CommandError, Exit
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from mdms_host.commissioning.array_file import FiledCell
+    from mdms_host.commissioning.cell_settings import CellSettings
+    from mdms_host.commissioning.network import Commissioning
+
+
+def run(arguments: Namespace) -> Exit:
+    """Show what differs, and write it when that is agreed."""
+    with refusing_bad_input():
+        filed = _filed(arguments)
+    with open_commissioning(arguments) as commissioning:
+        cells = _cells_of(commissioning, filed)
+        changes = [
+            change
+            for cell, told in zip(cells, filed, strict=True)
+            for change in cell.changes(told.values)
+        ]
+        check_margins(arguments.scenario, cells, [told.values for told in filed])
+        show_changes(changes)
+        if arguments.dry_run or not (changes or arguments.save):
+            print(f"{len(changes)} settings differ")
+            return Exit.OK
+        if not agreed(arguments, f"Write {len(changes)} settings?"):
+            raise CommandError("nothing was written", Exit.FAILURE)
+        node_ids = [cell.node_id for cell in cells]
+        write_cells(commissioning, changes, node_ids, save=arguments.save)
+    stored = f"; stored on node {ranges(node_ids)}" if arguments.save else ""
+    print(f"{len(changes)} settings written and verified{stored}")
+    return Exit.OK
+
+
+def _filed(arguments: Namespace) -> "list[FiledCell]":
+    """The cells of the file, or those of them that `--node` names."""
+    from mdms_host.commissioning.array_file import read_array_file
+
+    filed = read_array_file(arguments.file)
+    wanted = nodes_of(arguments.nodes)
+    if wanted is None:
+        return filed
+    absent = set(wanted) - {cell.node_id for cell in filed}
+    if absent:
+        raise CommandError(f"{arguments.file} tells of no node {ranges(absent)}", Exit.USAGE)
+    return [cell for cell in filed if cell.node_id in wanted]
+
+
+def _cells_of(commissioning: "Commissioning", filed: "Sequence[FiledCell]") -> "list[CellSettings]":
+    """The cells with the serial numbers of the file, whatever their node ids are now."""
+    from mdms_host.commissioning.cell_settings import identify_cells, read_settings
+
+    found = commissioning.find()
+    if not found:
+        raise CommandError(NOBODY, Exit.NO_DEVICE)
+    cells = identify_cells(commissioning, found)
+    nodes = {identity.serial: node_id for node_id, identity in cells.items()}
+    absent = [cell for cell in filed if cell.serial not in nodes]
+    if absent:
+        names = ", ".join(f"{cell.serial:08X} (node {cell.node_id})" for cell in absent)
+        raise CommandError(
+            f"not on the bus: {names}; nothing was written, --node names the others", Exit.NO_DEVICE
+        )
+    settings = []
+    with progress("reading") as share:
+        for done, told in enumerate(filed, 1):
+            node_id = nodes[told.serial]
+            if node_id != told.node_id:
+                say(f"mdms: {told.serial:08X} was node {told.node_id}, and is node {node_id} now")
+            settings.append(read_settings(commissioning, node_id, to_read(told.values)))
+            share(done / len(filed))
+    return settings

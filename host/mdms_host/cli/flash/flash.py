@@ -1,0 +1,203 @@
+"""`mdms flash`: firmware onto boards over USB."""
+
+import json
+import tempfile
+from argparse import ArgumentTypeError, Namespace
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from threading import Lock
+from typing import TYPE_CHECKING
+
+from mdms_host.cli.console import progress, say, show
+from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.options import Verbs, add_json
+
+if TYPE_CHECKING:
+    from mdms_host.cli.flash.flash_board import Outcome
+    from mdms_host.flashing.board_port import BoardPort
+    from mdms_host.flashing.board_survey import Firmware
+
+BOARDS = ("pybv11", "nucleo_g474re")
+JOBS = 8
+NOBODY = (
+    "no board is connected over USB (PYBv1.1 or NUCLEO-G474RE with MicroPython); --port names one "
+    "that is not recognised, and `mdms serve array18` starts an array without boards"
+)
+EPILOG = """\
+The firmware that runs on a board is ended, which cuts its motors, and is started again at the end.
+Settings and crash.log stay. An interrupted board does not start; flash it again.
+"""
+
+
+def add_to(verbs: Verbs) -> None:
+    """Register the verb."""
+    parser = verbs.add_parser(
+        "flash", help="bring the firmware onto boards over USB", epilog=EPILOG
+    )
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument(
+        "--port",
+        metavar="PORT",
+        nargs="+",
+        default=[],
+        dest="ports",
+        help="serial ports, or id: and a USB serial number",
+    )
+    which.add_argument("--all", action="store_true", help="all boards that are found")
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--list", action="store_true", help="only show what is there, and restart it")
+    what.add_argument(
+        "--crash-log",
+        action="store_true",
+        help="only show what crash.log tells, in the words of the sources, and restart it",
+    )
+    what.add_argument("--dry-run", action="store_true", help="only tell what would be written")
+    parser.add_argument("--force", action="store_true", help="write every file, changed or not")
+    parser.add_argument("--board", choices=BOARDS, help="what a board is that does not say it")
+    parser.add_argument(
+        "--jobs", metavar="N", type=_jobs, default=JOBS, help=f"boards at once (default {JOBS})"
+    )
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> Exit:
+    """Flash the boards at once, with a line for each as it is done."""
+    with _telling_of_missing_packages():
+        outcomes = _flash(arguments, _chosen(arguments))
+    if arguments.json:
+        print(json.dumps({"boards": [outcome.row() for outcome in outcomes]}))
+    elif arguments.list:
+        _show(outcomes)
+    failed = [outcome for outcome in outcomes if outcome.code is not Exit.OK]
+    if failed and len(outcomes) > 1:
+        names = ", ".join(outcome.port.device for outcome in failed)
+        raise CommandError(
+            f"{len(failed)} of {len(outcomes)} boards failed: {names}", failed[0].code
+        )
+    return failed[0].code if failed else Exit.OK
+
+
+def _chosen(arguments: Namespace) -> "list[BoardPort]":
+    """The ports to flash. Raises `CommandError` when there are none, or too many to guess."""
+    from mdms_host.flashing.board_port import NoPortError, board_ports, list_ports, named_port
+
+    ports = list_ports()
+    if arguments.ports:
+        try:
+            return list(dict.fromkeys(named_port(name, ports) for name in arguments.ports))
+        except NoPortError as error:
+            raise CommandError(str(error), Exit.NO_DEVICE) from None
+    found = board_ports(ports)
+    if not found:
+        raise CommandError(NOBODY, Exit.NO_DEVICE)
+    if len(found) > 1 and not (arguments.all or _looks_only(arguments)):
+        names = ", ".join(port.device for port in found)
+        raise CommandError(
+            f"{len(found)} boards: {names}; name them with --port, or --all", Exit.USAGE
+        )
+    return found
+
+
+def _looks_only(arguments: Namespace) -> bool:
+    return bool(arguments.list or arguments.crash_log)
+
+
+def _flash(arguments: Namespace, ports: "Sequence[BoardPort]") -> "list[Outcome]":
+    """What became of the boards, in the order of the ports."""
+    from concurrent.futures import ThreadPoolExecutor, as_completed
+
+    from mdms_host.cli.flash.flash_board import Job, flash_board
+
+    shares = dict.fromkeys((port.device for port in ports), 0.0)
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        progress("flashing") as share,
+        ThreadPoolExecutor(arguments.jobs) as pool,
+    ):
+        firmware_of = _Firmwares(Path(folder))
+
+        def note(device: str, part: float) -> None:
+            shares[device] = part
+            share(sum(shares.values()) / len(shares))
+
+        if arguments.board and not _looks_only(arguments):
+            # What cannot be built is told before any board is touched.
+            firmware_of(arguments.board)
+        work = [
+            pool.submit(flash_board, Job(port, arguments, firmware_of, partial(note, port.device)))
+            for port in ports
+        ]
+        for done in as_completed(work):
+            _tell(done.result(), arguments)
+    return [done.result() for done in work]
+
+
+class _Firmwares:
+    """The firmware for each kind of board, built when it is first asked for, by any thread."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._built: dict[str, Firmware] = {}
+        self._lock = Lock()
+
+    def __call__(self, board: str) -> "Firmware":
+        """Raises ImageError."""
+        from mdms_host.flashing.board_survey import Firmware
+        from mdms_image import build_image
+
+        with self._lock:
+            if board not in self._built:
+                folder = self._folder / board
+                image = build_image(folder, board)
+                files = {path.as_posix(): (folder / path).read_bytes() for path in image.files}
+                self._built[board] = Firmware(files, image.version)
+            return self._built[board]
+
+
+def _tell(outcome: "Outcome", arguments: Namespace) -> None:
+    from mdms_host.cli.flash.flash_crash import tell_crashes
+
+    if outcome.problem:
+        say(f"mdms: {outcome.port.device}: {outcome.problem}")
+    elif not (arguments.json or arguments.list):
+        print(outcome.line() if outcome.crashes is None else tell_crashes(outcome), flush=True)
+
+
+def _show(outcomes: "Sequence[Outcome]") -> None:
+    from rich.table import Table
+
+    table = Table("port", "board", "MicroPython", "firmware", "chip", "USB serial")
+    for outcome in outcomes:
+        if outcome.info is not None:
+            info = outcome.info
+            table.add_row(
+                outcome.port.device,
+                info.board or info.machine,
+                info.release,
+                outcome.before or "none",
+                info.chip,
+                outcome.port.usb_serial or "",
+            )
+    if table.row_count:
+        show(table)
+
+
+@contextmanager
+def _telling_of_missing_packages() -> Iterator[None]:
+    """Turns packages that are not installed into a `CommandError` (failure)."""
+    from mdms_host.flashing.board_link import MpremoteMissingError
+    from mdms_image import ImageError
+
+    try:
+        yield
+    except (MpremoteMissingError, ImageError) as error:
+        raise CommandError(str(error), Exit.FAILURE) from None
+
+
+def _jobs(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise ArgumentTypeError(f"{text} is not 1 or more")
+    return int(text)

@@ -1,0 +1,146 @@
+"""From a scenario to the host's own objects: what it believes, is told, and writes to the cells."""
+
+from math import pi
+
+import numpy as np
+
+from mdms_host.can_link.sdo_client import Setting
+from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.scenario.gain import motor_of
+from mdms_host.commissioning.loop_margin import observer_for
+from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.estimation.tracker import Parcel
+from mdms_host.layout import Layout, WheelPlace
+from mdms_host.motion.goal import Goal, Limits
+from mdms_host.motion.program import FieldProgram, GoalProgram, Program, nominal_droop
+from mdms_model import fields
+from mdms_model.array import build_wheels
+from mdms_model.arrays import Floats
+from mdms_model.scenario.scenario import Cell, Scenario
+from mdms_protocol import indices, pdo
+from mdms_protocol.dictionary import ENTRIES
+from mdms_protocol.entry import steps_per_unit
+
+#: As much as a cell comes with, but never more than half the supply.
+UNDERVOLTAGE_V = 10.0
+
+
+def coordinator_of(scenario: Scenario) -> Coordinator:
+    """A coordinator that knows the array, the parcels' sizes and what is to be done.
+
+    Raises `CommandError` for what the firmware cannot be told.
+    """
+    layout, parcels = layout_of(scenario), parcels_of(scenario)
+    program = _program(scenario, layout, parcels)
+    return Coordinator(layout, program, parcels=parcels, settings=settings_of(scenario.cell))
+
+
+def layout_of(scenario: Scenario) -> Layout:
+    """The array as the host believes it to be: here, as the scenario has it."""
+    array, cell = scenario.array, scenario.cell
+    return Layout(
+        columns=array.columns,
+        rows=array.rows,
+        pitch_m=array.pitch_m,
+        wheels=tuple(WheelPlace(wheel.direction_rad, wheel.offset_m) for wheel in cell.wheel),
+        sensor_offsets_m=cell.sensor_offset_m,
+    )
+
+
+def settings_of(cell: Cell) -> tuple[Setting, ...]:
+    """What the host relies on, whatever was saved in a cell before. Raises `CommandError`."""
+    counts_per_m = (
+        cell.encoder_counts_per_motor_rev * cell.gear_ratio / (2 * pi * cell.wheel_radius_m)
+    )
+    acceleration = observer_for(motor_of(cell)).acceleration_m_s2_per_v
+    wanted = {
+        indices.GAIN: ("cell.gain_vs_per_m", cell.gain_vs_per_m),
+        indices.RESOLUTION: ("the encoder's counts per metre", int(counts_per_m)),
+        indices.VOLTAGE_LIMIT: ("cell.supply_v", cell.supply_v),
+        indices.ACCELERATION_PER_VOLT: ("the motor's acceleration per volt", acceleration),
+    }
+    axes = tuple(
+        _setting(index + axis * indices.AXIS_OFFSET, *meaning)
+        for axis in range(len(cell.wheel))
+        for index, meaning in wanted.items()
+    )
+    undervoltage_v = min(UNDERVOLTAGE_V, cell.supply_v / 2)
+    return (*axes, _setting(indices.UNDERVOLTAGE_LIMIT, "half of cell.supply_v", undervoltage_v))
+
+
+def estimates_of(coordinator: Coordinator, scenario: Scenario) -> Floats:
+    """Poses that the coordinator believes the parcels to have, shape (P, 3), NaN where unknown."""
+    believed = (coordinator.estimate(parcel.name) for parcel in scenario.parcel)
+    unknown = (np.nan, np.nan, np.nan)
+    return np.array([(one.x_m, one.y_m, one.yaw_rad) if one else unknown for one in believed])
+
+
+def _setting(index: int, meaning: str, value: float) -> Setting:
+    entry = ENTRIES[index, 0]
+    number = round(value * steps_per_unit(entry.unit))
+    try:
+        pdo.check(entry, number)
+    except pdo.OutOfRangeError as error:
+        raise CommandError(f"{meaning} does not fit the firmware: {error}", Exit.USAGE) from None
+    return Setting(index, 0, number)
+
+
+def parcels_of(scenario: Scenario) -> tuple[Parcel, ...]:
+    """What the host is told of the parcels: size, and where each was put if there are several."""
+    several = len(scenario.parcel) > 1
+    return tuple(
+        Parcel(
+            name=parcel.name,
+            length_m=parcel.length_m,
+            width_m=parcel.width_m,
+            near_m=(parcel.x_m, parcel.y_m) if several else None,
+            yaw_hint_rad=parcel.yaw_rad,
+        )
+        for parcel in scenario.parcel
+    )
+
+
+def _program(scenario: Scenario, layout: Layout, parcels: tuple[Parcel, ...]) -> Program:
+    if scenario.motion.field != "goal":
+        return FieldProgram(references_m_s(scenario))
+    goals = {
+        parcel.name: Goal(parcel.goal.x_m, parcel.goal.y_m, parcel.goal.yaw_rad)
+        for parcel in scenario.parcel
+        if parcel.goal is not None
+    }
+    limits = Limits(
+        speed_m_s=scenario.motion.speed_m_s,
+        friction=scenario.cell.friction,
+        gravity_m_s2=scenario.run.gravity_m_s2,
+    )
+    return GoalProgram(layout, parcels, goals, _droop(scenario.cell), limits)
+
+
+def _droop(cell: Cell) -> float:
+    return nominal_droop(
+        gain_vs_per_m=cell.gain_vs_per_m,
+        torque_constant_nm_per_a=cell.torque_constant_nm_per_a,
+        gear_ratio=cell.gear_ratio,
+        wheel_radius_m=cell.wheel_radius_m,
+        resistance_ohm=cell.resistance_ohm,
+        damping_nms=cell.damping_nms,
+    )
+
+
+def references_m_s(scenario: Scenario) -> Floats:
+    """References of all wheels [m/s], shape (W,). Raises `CommandError` for a field's bad table."""
+    motion = scenario.motion
+    shape = fields.FieldShape(
+        speed_m_s=motion.speed_m_s,
+        heading_rad=motion.heading_rad,
+        centre_m=motion.centre_m,
+        velocity_m_s=motion.velocity_m_s,
+        yaw_rate_rad_s=motion.yaw_rate_rad_s,
+        ratio=motion.ratio,
+        table_m_s=motion.table_m_s,
+    )
+    wheels = build_wheels(scenario)
+    try:
+        return fields.references_m_s(motion.field, wheels.position_m, wheels.direction, shape)
+    except fields.FieldError as error:
+        raise CommandError(f"motion.field: {error}", Exit.USAGE) from None

@@ -1,0 +1,67 @@
+"""`mdms limits`: the paper's bounds on reference speeds for each parcel, and the largest gain."""
+
+import json
+from argparse import Namespace
+from dataclasses import asdict
+from typing import Any
+
+from mdms_host.cli.exits import Exit
+from mdms_host.cli.options import Verbs, add_json, add_scenario
+from mdms_host.cli.scenario.gain import MASSLESS, gain_limits
+from mdms_host.cli.scenario.inputs import open_scenario, refusing_bad_scenarios
+
+#: Name in JSON, what people are told, unit.
+ROWS = (
+    ("supports_min", "supports, at least", ""),
+    ("supports_max", "supports, at most", ""),
+    ("normal_min_n", "normal force, at least (eq 2)", "N"),
+    ("normal_max_n", "normal force, at most (eq 3)", "N"),
+    ("rolling_max_m_s", "reference: all wheels roll below (eq 14)", "m/s"),
+    ("sliding_min_m_s", "reference: all slide at equilibrium above (eq 15)", "m/s"),
+    ("rolling_equilibrium_max_m_s", "reference: all roll at equilibrium below (eq 17)", "m/s"),
+    ("droop", "speed of a free wheel over its reference (a/b)", ""),
+)
+GAIN = "gain: 45 degrees of phase margin up to"
+WIDTH = max(len(text) for _name, text, _unit in ROWS)
+
+
+def add_to(verbs: Verbs) -> None:
+    """Register the verb."""
+    parser = verbs.add_parser(
+        "limits", help="the paper's bounds for each parcel, and the largest gain"
+    )
+    add_scenario(parser)
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> Exit:
+    """Print the bounds."""
+    scenario = open_scenario(arguments.scenario, arguments.overrides)
+    from mdms_model.limits import parcel_limits
+
+    with refusing_bad_scenarios():
+        bounds = [asdict(parcel_limits(scenario, parcel)) for parcel in scenario.parcel]
+    gain = gain_limits(scenario.cell)
+    if arguments.json:
+        print(json.dumps({"parcels": bounds} | gain))
+    else:
+        tables = [_table(scenario.title, parcel) for parcel in bounds]
+        print(*tables, _gain_row(gain), sep="\n\n")
+    return Exit.OK
+
+
+def _table(title: str, parcel: dict[str, Any]) -> str:
+    lines = [f"{title}: {parcel['name']}"]
+    lines += [
+        f"  {text:{WIDTH}}  {parcel[name]:>9.4g} {unit}".rstrip() for name, text, unit in ROWS
+    ]
+    return "\n".join(lines)
+
+
+def _gain_row(gain: dict[str, float | None]) -> str:
+    largest = gain["gain_max_vs_per_m"]
+    value = MASSLESS if largest is None else f"{largest:>9.4g} V s/m"
+    margin_deg = gain["phase_margin_deg"]
+    has = "" if margin_deg is None else f" ({gain['gain_vs_per_m']:g} has {margin_deg:.0f})"
+    return f"  {GAIN:{WIDTH}}  {value}{has}"

@@ -1,0 +1,1 @@
+"""Verbs that simulate, and verbs about the run folders they leave."""

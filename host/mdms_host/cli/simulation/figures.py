@@ -1,0 +1,93 @@
+"""The figures of a run: the JSON of `simulate`, and the same for people."""
+
+from dataclasses import asdict
+from math import degrees, hypot
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mdms_host.cli.simulation.compiling import WORTH_TELLING_S
+
+if TYPE_CHECKING:
+    from mdms_host.cli.simulation.compose import Finished
+    from mdms_model.arrays import Floats
+    from mdms_model.run.record import Record
+    from mdms_model.scenario.scenario import Scenario
+
+POSE = ("x_m", "y_m", "yaw_rad")
+TWIST = ("vx_m_s", "vy_m_s", "yaw_rate_rad_s")
+#: A parcel is at rest when all through the last while it was slower than this.
+REST_WHILE_S = 0.5
+REST_SPEED_M_S = 1e-3
+REST_YAW_RATE_RAD_S = 5e-3
+
+
+def figures_of(scenario: "Scenario", finished: "Finished") -> dict[str, Any]:
+    """What `mdms simulate --json` prints but the run folder's path."""
+    record = finished.record
+    duration_s = float(record.time_s[-1] - record.time_s[0])
+    figures: dict[str, Any] = {
+        "title": scenario.title,
+        "fidelity": scenario.run.fidelity,
+        "nodes": finished.nodes,
+        "seed": scenario.run.seed,
+        "duration_s": duration_s,
+        "wall_s": finished.wall_s,
+        "compile_s": finished.compile_s,
+        "real_time_factor": duration_s / finished.wall_s,
+        "parcels": [_parcel(scenario, record, number) for number in range(len(scenario.parcel))],
+    }
+    if finished.bus is not None:
+        figures["bus"] = asdict(finished.bus)
+    return figures
+
+
+def _parcel(scenario: "Scenario", record: "Record", number: int) -> dict[str, Any]:
+    parcel: dict[str, Any] = {"name": scenario.parcel[number].name}
+    parcel |= _named(POSE, record.pose[-1, number])
+    parcel |= _named(TWIST, record.twist[-1, number])
+    parcel["at_rest"] = _at_rest(record, number)
+    if record.estimate is not None and np.isfinite(record.estimate[-1, number]).all():
+        parcel["estimate"] = _named(POSE, record.estimate[-1, number])
+    return parcel
+
+
+def _named(names: tuple[str, ...], values: "Floats") -> dict[str, float]:
+    return dict(zip(names, values.tolist(), strict=True))
+
+
+def _at_rest(record: "Record", number: int) -> bool:
+    """Whether the parcel stood still over the end of the run, not only at its last instant."""
+    lately = record.time_s >= record.time_s[-1] - REST_WHILE_S
+    vx_m_s, vy_m_s, yaw_rate_rad_s = record.twist[lately, number].T
+    slow = np.hypot(vx_m_s, vy_m_s) < REST_SPEED_M_S
+    return bool(np.all(slow & (abs(yaw_rate_rad_s) < REST_YAW_RATE_RAD_S)))
+
+
+def report(figures: dict[str, Any]) -> list[str]:
+    """The figures as lines for people."""
+    nodes = f" on {figures['nodes']} nodes" if figures["nodes"] else ""
+    lines = [
+        figures["title"],
+        f"  {figures['fidelity']}{nodes}, seed {figures['seed']}: {figures['duration_s']:g} s "
+        f"in {figures['wall_s']:.3g} s, {figures['real_time_factor']:,.3g} times real time",
+    ]
+    if figures["compile_s"] >= WORTH_TELLING_S:
+        lines.append(f"  after {figures['compile_s']:.1f} s of compiling, once per installation")
+    lines += [f"  {_sentence(parcel)}" for parcel in figures["parcels"]]
+    if "bus" in figures:
+        bus = figures["bus"]
+        lines.append(
+            f"  bus: {bus['frames']:,} frames, {100 * bus['load']:.0f} % load, "
+            f"{bus['errors']} errors, log {bus['log_sha256'][:12]}"
+        )
+    return lines
+
+
+def _sentence(parcel: dict[str, Any]) -> str:
+    speed_m_s = hypot(parcel["vx_m_s"], parcel["vy_m_s"])
+    state = "at rest" if parcel["at_rest"] else f"moving at {speed_m_s:.3f} m/s"
+    return (
+        f"{parcel['name']}: x {parcel['x_m']:+.4f} m, y {parcel['y_m']:+.4f} m, "
+        f"yaw {degrees(parcel['yaw_rad']):+.1f} deg, {state}"
+    )

@@ -1,0 +1,214 @@
+"""Looks after single cells with `canopen`: which there are, who they are, and their settings.
+
+`canopen` gets its frames from our link, so that its reader outlives garbage on the line.
+"""
+
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import can
+import canopen
+
+from mdms_host.can_link.link import Link
+from mdms_host.clock import Clock
+from mdms_host.commissioning.lss_master import LssMaster
+from mdms_protocol import cob, indices, nmt, pdo
+from mdms_protocol.dictionary import DEVICE_NAME, ENTRIES, PRODUCT_CODE, VENDOR_ID
+from mdms_protocol.entry import Entry
+from mdms_protocol.frame import Frame
+
+#: `canopen` asks once only; a slow adapter on a busy machine is to be in time.
+_ANSWER_S = 1.0
+#: Erasing a sector of flash may take a board this long.
+_FLASH_S = 3.0
+#: A reset, and the time for which a cell makes sure that its node id is its own.
+_BOOT_S = 3.0
+_LOOK_S = 0.005
+
+
+class CommissioningError(Exception):
+    """A cell did not do as it was asked."""
+
+
+class RefusedError(CommissioningError):
+    """The cell answered, and refused; the message has its reason."""
+
+
+class SilentError(CommissioningError):
+    """The cell did not answer."""
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Who a node says it is."""
+
+    name: str
+    software: str
+    vendor_id: int
+    product_code: int
+    revision: int
+    serial: int
+
+    @property
+    def is_cell(self) -> bool:
+        """Whether it is a cell that this host knows how to talk to."""
+        ours = (DEVICE_NAME, VENDOR_ID, PRODUCT_CODE)
+        return (self.name, self.vendor_id, self.product_code) == ours
+
+
+class Commissioning:
+    """All nodes of a bus, one request at a time; the end of its `with` statement closes the bus.
+
+    Its calls raise DeviceGoneError when the bus is gone.
+    """
+
+    def __init__(self, bus: can.BusABC, clock: Clock) -> None:
+        # canopen logs what it also raises; whoever asked is told once.
+        logging.getLogger("canopen").setLevel(logging.CRITICAL)
+        self.states: dict[int, int] = {}
+        self._booted: set[int] = set()
+        self._clock = clock
+        self._nodes: dict[int, canopen.RemoteNode] = {}
+        # The link delivers frames from its first moment on.
+        self._network = _LinkedNetwork(self._send)
+        self.lss = LssMaster(self._send)
+        self.link = Link(bus, clock, self._on_frame)
+
+    def __enter__(self) -> "Commissioning":
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.link.close()
+
+    def find(self, listen_s: float = 0.3) -> list[int]:
+        """Node ids that speak or answer within the time; all are asked for their device type."""
+        self._network.scanner.search(cob.NODE_MAX - 1)
+        self._clock.sleep(listen_s)
+        self.link.check()
+        return sorted(node for node in self._network.scanner.nodes if node < cob.NODE_MAX)
+
+    def identity(self, node_id: int) -> Identity:
+        """Who a node is. Raises SilentError, or RefusedError if it lacks the objects for it."""
+        name = self.read_text(node_id, indices.DEVICE_NAME)
+        software = self.read_text(node_id, indices.SOFTWARE_VERSION)
+        numbers = [self.read(node_id, indices.IDENTITY, sub) for sub in range(1, 5)]
+        return Identity(name, software, *numbers)
+
+    def read(self, node_id: int, index: int, sub: int = 0) -> int:
+        """An integer of the object table. Raises SilentError, RefusedError, KeyError."""
+        entry = _entry(index, sub)
+        data = self._upload(node_id, entry)
+        return int.from_bytes(data, "little", signed=entry.type.low < 0)
+
+    def read_text(self, node_id: int, index: int, sub: int = 0) -> str:
+        """A text of the object table. Raises SilentError, RefusedError, KeyError."""
+        return self._upload(node_id, _entry(index, sub)).decode("ascii", "replace")
+
+    def write(self, node_id: int, index: int, sub: int, value: int) -> None:
+        """Write an integer. Raises OutOfRangeError before sending, SilentError, RefusedError."""
+        entry = _entry(index, sub)
+        pdo.check(entry, value)
+        data = value.to_bytes(entry.type.size, "little", signed=entry.type.low < 0)
+        with _telling(node_id, entry):
+            self._node(node_id).sdo.download(index, sub, data)
+
+    def store(self, node_id: int) -> None:
+        """Have a cell keep all its settings (0x1010). Raises SilentError, RefusedError."""
+        self._sign(node_id, indices.STORE, b"save")
+
+    def restore_defaults(self, node_id: int) -> None:
+        """Have a cell forget all settings that it keeps (0x1011), and begin anew with defaults.
+
+        Its node id stays. Raises SilentError, RefusedError.
+        """
+        self._sign(node_id, indices.RESTORE, b"load")
+        self.restart(node_id)
+
+    def restart(self, node_id: int) -> None:
+        """Reset a node, and wait until it is back. Raises SilentError."""
+        self.expect_boot(node_id)
+        self.command(nmt.RESET_NODE, node_id)
+        self.await_boot(node_id)
+
+    def expect_boot(self, node_id: int) -> None:
+        """From now on, a boot-up message of this node counts."""
+        self._booted.discard(node_id)
+
+    def await_boot(self, node_id: int) -> None:
+        """Return once the node has booted since it was expected to. Raises SilentError."""
+        end_s = self._clock.now_s() + _BOOT_S
+        while node_id not in self._booted:
+            self.link.check()
+            if self._clock.now_s() > end_s:
+                raise SilentError(f"node {node_id} has not come up within {_BOOT_S:g} s")
+            self._clock.sleep(_LOOK_S)
+
+    def command(self, code: int, node_id: int = nmt.ALL_NODES) -> None:
+        """Send an NMT command; raises ValueError for an unknown one."""
+        self.link.send(nmt.command(code, node_id))
+
+    def _sign(self, node_id: int, index: int, signature: bytes) -> None:
+        """Write what makes 0x1010 and 0x1011 act, to all parameters."""
+        client = self._node(node_id).sdo
+        usual_s, client.RESPONSE_TIMEOUT = client.RESPONSE_TIMEOUT, _FLASH_S
+        try:
+            self.write(node_id, index, 1, int.from_bytes(signature, "little"))
+        finally:
+            client.RESPONSE_TIMEOUT = usual_s
+
+    def _upload(self, node_id: int, entry: Entry) -> bytes:
+        with _telling(node_id, entry):
+            return bytes(self._node(node_id).sdo.upload(entry.index, entry.sub))
+
+    def _node(self, node_id: int) -> canopen.RemoteNode:
+        if node_id not in self._nodes:
+            # Without an object dictionary: ours is `mdms_protocol.dictionary`.
+            self._nodes[node_id] = self._network.add_node(node_id)
+            self._nodes[node_id].sdo.RESPONSE_TIMEOUT = _ANSWER_S
+        return self._nodes[node_id]
+
+    def _send(self, frame: Frame) -> None:
+        self.link.send(frame)
+
+    def _on_frame(self, frame: Frame, now_s: float) -> None:
+        """In the reader's thread: note heartbeats, hand all to `canopen`."""
+        node = frame.can_id - cob.HEARTBEAT_BASE
+        state = nmt.decode_heartbeat(frame.data) if 0 < node < cob.NODE_MAX else None
+        if state is not None:
+            self.states[node] = state
+        if state == nmt.INITIALISING:
+            self._booted.add(node)
+        if frame.can_id == cob.LSS_RESPONSE:
+            self.lss.on_response(frame.data)
+        self._network.notify(frame.can_id, bytearray(frame.data), now_s)
+
+
+class _LinkedNetwork(canopen.Network):
+    """A `canopen` network that sends by a function of ours, and is notified by a link."""
+
+    def __init__(self, send: Callable[[Frame], None]) -> None:
+        super().__init__()
+        self._send = send
+
+    def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
+        self._send(Frame(can_id, bytes(data)))
+
+
+@contextmanager
+def _telling(node_id: int, entry: Entry) -> Iterator[None]:
+    """Turns `canopen`'s errors into ours, with node and object."""
+    place = f"node {node_id}, 0x{entry.index:04X}:{entry.sub} {entry.name}"
+    try:
+        yield
+    except canopen.SdoAbortedError as error:
+        raise RefusedError(f"{place}: refused, {error}") from None
+    except canopen.SdoCommunicationError as error:
+        raise SilentError(f"{place}: {error}") from None
+
+
+def _entry(index: int, sub: int) -> Entry:
+    if (index, sub) not in ENTRIES:
+        raise KeyError(f"a cell has no object 0x{index:04X}:{sub}")
+    return ENTRIES[index, sub]

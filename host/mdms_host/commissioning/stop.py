@@ -1,0 +1,68 @@
+"""Everything off: every drive on the bus is disabled at once, whoever enabled it."""
+
+from dataclasses import dataclass
+
+from mdms_host.can_link.link import Link, drive
+from mdms_host.clock import Clock
+from mdms_protocol import cob, nmt
+from mdms_protocol.frame import Frame
+
+#: The command is repeated, since nobody confirms a broadcast.
+_REPEATS = 3
+_REPEAT_S = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class StopReport:
+    """Node ids of the cells that were heard, and of those among them not seen to be off."""
+
+    heard: tuple[int, ...]
+    not_off: tuple[int, ...]
+
+
+class StopAll:
+    """A participant that takes all nodes out of 'operational', where no motor may run.
+
+    It then listens whether their heartbeats say so; `listen_s` should span some heartbeats.
+    """
+
+    def __init__(self, listen_s: float = 0.4) -> None:
+        self._listen_s = listen_s
+        self._sent = 0
+        self._end_s = float("inf")
+        self._states: dict[int, int] = {}
+        self.wake_s = 0.0
+
+    @property
+    def over(self) -> bool:
+        """Whether it has listened long enough."""
+        return self.wake_s == float("inf")
+
+    @property
+    def report(self) -> StopReport:
+        """What the heartbeats have told."""
+        still = (node for node, state in self._states.items() if state == nmt.OPERATIONAL)
+        return StopReport(tuple(sorted(self._states)), tuple(sorted(still)))
+
+    def poll(self, now_s: float) -> list[Frame]:
+        """The command while it is to be sent, then nothing."""
+        if self._sent < _REPEATS:
+            self._sent += 1
+            self.wake_s = now_s + (_REPEAT_S if self._sent < _REPEATS else self._listen_s)
+            return [nmt.command(nmt.ENTER_PRE_OPERATIONAL)]
+        self.wake_s = float("inf")
+        return []
+
+    def on_frame(self, frame: Frame, now_s: float) -> None:
+        """Note what a heartbeat says."""
+        node = frame.can_id - cob.HEARTBEAT_BASE
+        state = nmt.decode_heartbeat(frame.data)
+        if cob.NODE_MIN <= node < cob.NODE_MAX and state is not None:
+            self._states[node] = state
+
+
+def stop_all(link: Link, clock: Clock) -> StopReport:
+    """Turn off every drive on the bus; raises DeviceGoneError."""
+    stopping = StopAll()
+    drive(stopping, link, clock, lambda: stopping.over)
+    return stopping.report

@@ -1,0 +1,262 @@
+"""Brings the cells up, tells every wheel its speed in step with SYNC, and stops all if one fails.
+
+It sees frames and the time it is given, nothing else: the simulation and a real bus drive it alike.
+"""
+
+from collections.abc import Iterator, Mapping
+from functools import partial
+from math import inf
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mdms_host.can_link.remote_cell import Handler
+from mdms_host.can_link.sdo_client import Setting
+from mdms_host.coordination.bring_up import BringUpCell
+from mdms_host.coordination.phase import BRING_UP, STOPPED, TRANSITIONS, Phase, Signal
+from mdms_host.coordination.schedule import Schedule, Timing
+from mdms_host.coordination.supervision import Supervision, names
+from mdms_host.coordination.velocity_frames import VelocityFrames
+from mdms_host.estimation.tracker import Estimate, Parcel, Tracker
+from mdms_host.layout import Layout
+from mdms_host.motion.program import Program
+from mdms_protocol import cob, indices, nmt, pdo
+from mdms_protocol.frame import Frame
+
+Floats = NDArray[np.float64]
+
+_SYNC = Frame(cob.SYNC, b"")
+#: Cells tell their state on change; now and then they repeat it, so that a lost frame is made good.
+_REPEAT_STATUS = Setting(indices.TPDO_PARAMETERS + 1, 5, 200)
+_OVER = (Phase.FAILING, *STOPPED)
+_SETTLED = (Phase.RUNNING, *STOPPED)
+
+
+class Coordinator:
+    """A participant of the bus that runs a program on all cells of a layout.
+
+    `phase` tells where it is, `fault` what went wrong (None: nothing), `events` what happened when,
+    as (time [s], text). `settings` are written to every cell, `own_settings` to that node besides;
+    all other stored settings must be at their defaults. Raises ValueError for cells of more wheels
+    than the wire has axes.
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        program: Program,
+        *,
+        parcels: tuple[Parcel, ...] = (),
+        settings: tuple[Setting, ...] = (),
+        own_settings: Mapping[int, tuple[Setting, ...]] = MappingProxyType({}),
+        timing: Timing | None = None,
+        host_node_id: int = cob.NODE_MAX,
+    ) -> None:
+        axes = len(layout.wheels)
+        self._velocities = VelocityFrames(layout.node_ids, axes)
+        self.phase = Phase.WAITING
+        self.fault: str | None = None
+        self.events: list[tuple[float, str]] = []
+        self.tracker = Tracker(layout, parcels)
+        self.cells = tuple(
+            BringUpCell(
+                number, node_id, axes, (_REPEAT_STATUS, *settings, *own_settings.get(node_id, ()))
+            )
+            for number, node_id in enumerate(layout.node_ids, 1)
+        )
+        self.references_m_s: Floats = np.zeros(len(layout.wheel_cells))
+        self._program = program
+        self._timing = timing or Timing()
+        self._supervision = Supervision(self.cells, self._timing)
+        self._answered: set[BringUpCell] = set()
+        self._handlers: dict[int, Handler] = {}
+        for cell in self.cells:
+            self._listen(cell)
+        self._alive = nmt.heartbeat(host_node_id, nmt.OPERATIONAL)
+        self._now_s = 0.0
+        self._phase_since_s: float | None = None
+        self._synced_s = 0.0
+        self._schedule = Schedule()
+        self._schedule.set("heartbeat", 0.0)
+        self._stop_wanted = False
+
+    @property
+    def finished(self) -> bool:
+        """Whether the program has reached what it is for."""
+        return self._program.finished
+
+    @property
+    def endless(self) -> bool:
+        """Whether the program has no end of its own."""
+        return self._program.endless
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the array is off and nothing more is going to happen."""
+        return self.phase in STOPPED
+
+    @property
+    def wake_s(self) -> float:
+        """When to poll next, if no frame comes before [s]."""
+        return self._schedule.wake_s
+
+    def estimate(self, parcel: str) -> Estimate | None:
+        """Where the parcel of that name is believed to be now; None if it has not been found."""
+        return self.tracker.estimate(parcel, self._now_s)
+
+    def stop(self) -> None:
+        """Ask for an orderly end; the next poll begins it."""
+        self._stop_wanted = True
+
+    def on_frame(self, frame: Frame, now_s: float) -> None:
+        """Take in a frame from the bus; what is not a cell's, or makes no sense, does nothing."""
+        handler = self._handlers.get(frame.can_id)
+        if handler is not None:
+            handler(frame.data, now_s)
+
+    def poll(self, now_s: float) -> list[Frame]:
+        """What to send now."""
+        self._now_s = now_s
+        if self._phase_since_s is None:
+            self._enter(Phase.WAITING)
+        self._judge()
+        self._advance()
+        return [*self._host_heartbeat(), *self._commands(), *self._sync(), *self._setpoints()]
+
+    def _listen(self, cell: BringUpCell) -> None:
+        """Hear what a cell says; of some frames the coordinator wants to know as well."""
+        self._handlers |= cell.handlers
+        self._handlers[cob.HEARTBEAT_BASE + cell.node_id] = partial(self._on_heartbeat, cell)
+        self._handlers[pdo.STATUS.can_id(cell.node_id)] = partial(self._on_status, cell)
+        self._handlers[cob.EMCY_BASE + cell.node_id] = partial(self._on_emergency, cell)
+        self._handlers[cob.SDO_RESPONSE_BASE + cell.node_id] = partial(self._on_answer, cell)
+
+    def _on_heartbeat(self, cell: BringUpCell, data: bytes, now_s: float) -> None:
+        before = cell.nmt_state
+        cell.on_heartbeat(data, now_s)
+        if cell.nmt_state != before:
+            self._supervision.look_again()
+
+    def _on_status(self, cell: BringUpCell, data: bytes, now_s: float) -> None:
+        before = cell.drive_states
+        cell.on_status(data, now_s)
+        if cell.drive_states != before:
+            self._supervision.look_again()
+        if cell.presence is not None:
+            self.tracker.on_presence(now_s, cell.number, cell.presence)
+        self._hurry(cell, now_s)
+
+    def _on_emergency(self, cell: BringUpCell, data: bytes, now_s: float) -> None:
+        before = cell.emergency
+        cell.on_emergency(data, now_s)
+        if cell.emergency != before:
+            self.events.append((now_s, f"{cell.name} sends emergency 0x{cell.emergency or 0:04X}"))
+
+    def _on_answer(self, cell: BringUpCell, data: bytes, now_s: float) -> None:
+        cell.on_answer(data, now_s)
+        self._hurry(cell, now_s)
+
+    def _hurry(self, cell: BringUpCell, now_s: float) -> None:
+        """A cell that has answered may be waiting for its next command."""
+        if self.phase in BRING_UP:
+            self._answered.add(cell)
+            self._schedule.set("answer", now_s)
+
+    def _judge(self) -> None:
+        """Turn the first thing that is wrong into a fault, and a wish to stop into the end."""
+        if self.phase in _OVER:
+            return
+        wrong = self._supervision.wrong(self.phase, self._now_s)
+        if wrong:
+            self._fail(wrong)
+        elif self._stop_wanted and (self.phase, Signal.STOP) in TRANSITIONS:
+            self._signal(Signal.STOP)
+
+    def _advance(self) -> None:
+        """End the phase when all cells are done with it; give up on those that never are."""
+        if self.phase in _SETTLED:
+            return
+        late = [cell for cell in self.cells if not self._done(cell)]
+        waited_s = self._now_s - (self._phase_since_s or 0.0)
+        if not late:
+            self._signal(Signal.DONE)
+        elif self.phase in BRING_UP and waited_s >= self._timing.phase_limit_s:
+            self._fail(self._supervision.late_text(self.phase, late))
+        elif self.phase not in BRING_UP and waited_s >= self._timing.stop_limit_s:
+            self._note(f"not confirmed to be off: {names(late)}")
+            self._signal(Signal.DONE)
+
+    def _done(self, cell: BringUpCell) -> bool:
+        """Whether a cell holds the present phase up no longer; nobody waits for a silent one."""
+        gone = self.phase not in BRING_UP and self._supervision.silent(cell, self._now_s)
+        return gone or cell.done_with(self.phase)
+
+    def _host_heartbeat(self) -> Iterator[Frame]:
+        if self._schedule.take("heartbeat", self._now_s, self._timing.heartbeat_period_s):
+            yield self._alive
+
+    def _commands(self) -> Iterator[Frame]:
+        """What cells need to hear to get on with the phase: each when it has answered, and again.
+
+        Telling all of them at every answer would crowd setpoints off the bus.
+        """
+        answered = self._schedule.take("answer", self._now_s, inf)
+        everyone = self._schedule.take("command", self._now_s, self._timing.command_period_s)
+        if not answered and not everyone:
+            return
+        for cell in self.cells:
+            if everyone or cell in self._answered:
+                yield from cell.commands(self.phase, self._now_s)
+        self._answered.clear()
+        if self.phase in _SETTLED:
+            self._schedule.cancel("command")
+
+    def _sync(self) -> Iterator[Frame]:
+        if self._schedule.take("sync", self._now_s, self._timing.sync_period_s):
+            self._synced_s = self._now_s
+            yield _SYNC
+
+    def _setpoints(self) -> Iterator[Frame]:
+        """Take in the speeds of the last SYNC and tell what to do from the next one on."""
+        if not self._schedule.take("setpoint", self._now_s, self._timing.sync_period_s):
+            return
+        self._track()
+        self.references_m_s = np.zeros(self.references_m_s.shape)
+        if self.phase == Phase.RUNNING:
+            poses = self.tracker.poses(self._schedule.next_s("sync"))
+            self.references_m_s = self._program.references_m_s(poses, self._timing.sync_period_s)
+        yield from self._velocities.targets(self.references_m_s)
+
+    def _track(self) -> None:
+        """Hand the speeds at the last SYNC to the tracker, once all cells have told theirs."""
+        told = [cell.speeds_data for cell in self.cells if cell.speeds_data is not None]
+        if len(told) < len(self.cells):
+            return
+        found = self.tracker.on_speeds(self._synced_s, self._velocities.actual_m_s(told))
+        for name in found:
+            x_m, y_m, yaw_rad = self.tracker.poses(self._synced_s)[name]
+            self._note(f"{name} found at x = {x_m:.3f} m, y = {y_m:.3f} m, yaw = {yaw_rad:.2f} rad")
+
+    def _signal(self, signal: Signal) -> None:
+        self._enter(TRANSITIONS[self.phase, signal])
+
+    def _enter(self, phase: Phase) -> None:
+        self.phase, self._phase_since_s = phase, self._now_s
+        self._supervision.look_again()
+        self._note(phase.value)
+        self._schedule.set("command", self._now_s)
+        if phase == Phase.ENABLING:
+            self._schedule.set("sync", self._now_s)
+            self._schedule.set("setpoint", self._now_s + self._timing.sync_period_s / 2)
+        elif phase in STOPPED:
+            self._schedule.cancel("sync")
+            self._schedule.cancel("setpoint")
+
+    def _fail(self, text: str) -> None:
+        self.fault = text
+        self._note(f"fault: {text}")
+        self._signal(Signal.FAULT)
+
+    def _note(self, text: str) -> None:
+        self.events.append((self._now_s, text))

@@ -1,0 +1,77 @@
+"""Runs a coordinator on a real or served array, from bring-up to an orderly end."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+
+from mdms_host.can_link.link import Link, drive
+from mdms_host.clock import Clock
+from mdms_host.coordination.coordinator import Coordinator
+
+
+class Ending(StrEnum):
+    """How a run on an array has ended."""
+
+    DONE = "done"
+    TIME_LIMIT = "time limit"
+    FAULT = "fault"
+    NO_CELLS = "no cells"
+    INTERRUPTED = "interrupted"
+
+
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """A run that has ended: how, after how long [s], and with which fault, if any."""
+
+    ending: Ending
+    duration_s: float
+    fault: str | None
+
+
+def operate(
+    coordinator: Coordinator,
+    link: Link,
+    clock: Clock,
+    limit_s: float | None = None,
+    tell: Callable[[float, str], object] = lambda _time_s, _text: None,
+) -> Operation:
+    """Run the program until it is finished, for `limit_s` at most, then turn the array off.
+
+    `tell(time_s, text)` hears of events as they happen. An interrupt (Ctrl-C) ends the run in
+    order; a second one breaks it off. Raises DeviceGoneError.
+    """
+    start_s, told = clock.now_s(), 0
+
+    def news() -> None:
+        nonlocal told
+        while told < len(coordinator.events):
+            told += 1
+            tell(*coordinator.events[told - 1])
+
+    def running() -> bool:
+        news()
+        late = limit_s is not None and clock.now_s() - start_s > limit_s
+        return not (coordinator.stopped or coordinator.finished or late)
+
+    interrupted = False
+    try:
+        drive(coordinator, link, clock, lambda: not running())
+    except KeyboardInterrupt:
+        interrupted = True
+    finished = coordinator.finished
+    coordinator.stop()
+    drive(coordinator, link, clock, lambda: coordinator.stopped)
+    news()
+    ending = _ending(coordinator, interrupted, finished, limit_s)
+    return Operation(ending, clock.now_s() - start_s, coordinator.fault)
+
+
+def _ending(
+    coordinator: Coordinator, interrupted: bool, finished: bool, limit_s: float | None
+) -> Ending:
+    if coordinator.fault:
+        heard = any(cell.heard_s is not None for cell in coordinator.cells)
+        return Ending.FAULT if heard else Ending.NO_CELLS
+    if interrupted:
+        return Ending.INTERRUPTED
+    return Ending.DONE if finished or coordinator.endless else Ending.TIME_LIMIT

@@ -1,0 +1,1 @@
+"""From believed poses to the references of all wheels."""

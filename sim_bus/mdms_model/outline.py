@@ -1,0 +1,118 @@
+"""Outlines of parcels: rectangle, disc, convex polygon, all as half-planes and a circle."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdms_model.arrays import Floats
+from mdms_model.scenario.scenario import Parcel, ScenarioError
+
+#: Corners that make a disc look round.
+DISC_CORNERS = 72
+
+
+@dataclass(frozen=True, slots=True)
+class Outline:
+    """A convex outline about the parcel's origin: what lies in all half-planes and in the circle.
+
+    `edges` (E, 5) are outward normal, distance from the origin, and the corner at which the edge
+    starts, counter-clockwise; a disc has none.
+    """
+
+    edges: Floats
+    radius_m: float
+    moment_m2: float
+    """Moment of inertia of a uniform plate about its own centroid, per mass."""
+
+
+def outline_of(parcel: Parcel) -> Outline:
+    """The outline of a parcel. Raises `ScenarioError` for corners that make no convex polygon."""
+    if parcel.shape == "disc":
+        return _disc(parcel)
+    if parcel.shape == "polygon":
+        return _polygon(checked_corners(parcel))
+    half = np.array([parcel.length_m, parcel.width_m]) / 2
+    return _polygon(half * np.array([[1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]]))
+
+
+def checked_corners(parcel: Parcel) -> Floats:
+    """The corners (n, 2) of a polygon, which must be convex, counter-clockwise and in its box."""
+    corners = np.array(parcel.corners_m, dtype=np.float64).reshape(-1, 2)
+    sides = np.roll(corners, -1, axis=0) - corners
+    onward = np.roll(sides, -1, axis=0)
+    turns = sides[:, 0] * onward[:, 1] - sides[:, 1] * onward[:, 0]
+    headings = np.arctan2(turns, (sides * onward).sum(axis=1))
+    if len(corners) < 3 or (turns <= 0.0).any() or headings.sum() > 2.5 * np.pi:
+        raise ScenarioError(
+            f"corners_m of parcel {parcel.name!r} must be at least three corners of a convex "
+            "polygon, counter-clockwise"
+        )
+    if (np.abs(corners) > np.array([parcel.length_m, parcel.width_m]) / 2 + 1e-9).any():
+        raise ScenarioError(
+            f"corners_m of parcel {parcel.name!r} must lie within its length_m and width_m, "
+            f"{parcel.length_m / 2:g} m along and {parcel.width_m / 2:g} m across its middle"
+        )
+    return corners
+
+
+def _disc(parcel: Parcel) -> Outline:
+    if parcel.length_m != parcel.width_m:
+        raise ScenarioError(
+            f"length_m and width_m of parcel {parcel.name!r} are {parcel.length_m:g} and "
+            f"{parcel.width_m:g}, but a disc has one diameter; give both the same value"
+        )
+    radius_m = parcel.length_m / 2
+    return Outline(np.zeros((0, 5)), radius_m, radius_m**2 / 2)
+
+
+def _polygon(corners: Floats) -> Outline:
+    ends = np.roll(corners, -1, axis=0)
+    sides = ends - corners
+    normals = np.column_stack([sides[:, 1], -sides[:, 0]]) / np.hypot(*sides.T)[:, None]
+    distances = (normals * corners).sum(axis=1)
+    radius_m = float(np.hypot(*corners.T).max())
+    return Outline(np.column_stack([normals, distances, corners]), radius_m, _moment(corners, ends))
+
+
+def _moment(corners: Floats, ends: Floats) -> float:
+    """Second moment of area of a polygon about its centroid over its area (shoelace formulas)."""
+    cross = corners[:, 0] * ends[:, 1] - corners[:, 1] * ends[:, 0]
+    area = cross.sum() / 2
+    centroid = ((corners + ends) * cross[:, None]).sum(axis=0) / (6 * area)
+    squares = (corners**2 + corners * ends + ends**2).sum(axis=1)
+    return float((cross * squares).sum() / (12 * area) - (centroid**2).sum())
+
+
+def chord_m(parcel: Parcel, y_m: float) -> tuple[float, float]:
+    """Where a line along x enters and leaves a parcel [m; the parcel's frame]; (0, 0) beside it."""
+    outline = outline_of(parcel)
+    reach_m = math.sqrt(max(outline.radius_m**2 - y_m**2, 0.0))
+    back_m, front_m = -reach_m, reach_m
+    for along, across, distance_m, *_ in outline.edges.tolist():
+        if along > 0.0:
+            front_m = min(front_m, (distance_m - across * y_m) / along)
+        elif along < 0.0:
+            back_m = max(back_m, (distance_m - across * y_m) / along)
+        elif across * y_m > distance_m:
+            return 0.0, 0.0
+    return (back_m, front_m) if back_m < front_m else (0.0, 0.0)
+
+
+def outline_m(pose: Floats, parcel: Parcel) -> Floats:
+    """Corners of a parcel at a pose (x, y, yaw), counter-clockwise, shape (n, 2)."""
+    turned = np.array(
+        [[math.cos(pose[2]), math.sin(pose[2])], [-math.sin(pose[2]), math.cos(pose[2])]]
+    )
+    corners_m: Floats = own_outline_m(parcel) @ turned + pose[:2]
+    return corners_m
+
+
+def own_outline_m(parcel: Parcel) -> Floats:
+    """Corners of a parcel in its own frame, counter-clockwise, shape (n, 2)."""
+    outline = outline_of(parcel)
+    if len(outline.edges):
+        corners_m: Floats = outline.edges[:, 3:5]
+        return corners_m
+    turns_rad = np.arange(DISC_CORNERS) * (2 * math.pi / DISC_CORNERS)
+    return outline.radius_m * np.column_stack((np.cos(turns_rad), np.sin(turns_rad)))

@@ -1,0 +1,195 @@
+"""Parcels as rigid flat-bottomed bodies: their state, their outline, and what lies under them."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from mdms_model.array import Grid
+from mdms_model.arrays import Floats, Records
+from mdms_model.compiled import compiled
+from mdms_model.outline import Outline, outline_of
+from mdms_model.scenario.scenario import Parcel, Scenario
+from mdms_model.symmetric3 import Vector
+
+#: Points this far outside the outline still count as under it: rounding of rotations [m].
+EDGE_M = 1e-12
+
+#: One parcel in the compiled kernels. Position and velocity are those of the centre of mass.
+PARCEL = np.dtype(
+    [
+        ("x_m", "f8"),
+        ("y_m", "f8"),
+        ("yaw_rad", "f8"),
+        ("vx_m_s", "f8"),
+        ("vy_m_s", "f8"),
+        ("yaw_rate_rad_s", "f8"),
+        ("mass_kg", "f8"),
+        ("inertia_kg_m2", "f8"),
+        ("centre_x_m", "f8"),  # centre of mass from the origin, in the parcel's frame
+        ("centre_y_m", "f8"),
+        ("half_length_m", "f8"),
+        ("half_width_m", "f8"),
+        ("radius_m", "f8"),
+        ("first_edge", "i8"),
+        ("edges", "i8"),
+        ("tipped", "i8"),
+        # This step: its share of the scene's lists, the twist it settles to, what others press.
+        ("first", "i8"),
+        ("supports", "i8"),
+        ("lines", "i8"),
+        ("new_vx_m_s", "f8"),
+        ("new_vy_m_s", "f8"),
+        ("new_yaw_rate_rad_s", "f8"),
+        ("pressed_x_n", "f8"),
+        ("pressed_y_n", "f8"),
+        ("pressed_nm", "f8"),
+    ],
+    align=True,
+)
+
+
+def parcel_records(parcels: tuple[Parcel, ...]) -> tuple[Records, Floats]:
+    """Parcels at rest where they start, and the edges of all, as in `Outline`.
+
+    Raises `ScenarioError` for an impossible outline.
+    """
+    records = np.zeros(len(parcels), dtype=PARCEL)
+    outlines = [outline_of(parcel) for parcel in parcels]
+    first = 0
+    for record, parcel, outline in zip(records, parcels, outlines, strict=True):
+        record["first_edge"], record["edges"] = first, len(outline.edges)
+        first += len(outline.edges)
+        _fill(record, parcel, outline)
+    return records, np.concatenate([np.zeros((0, 5)), *(outline.edges for outline in outlines)])
+
+
+def _fill(record: Records, parcel: Parcel, outline: Outline) -> None:
+    uniform_kg_m2 = parcel.mass_kg * outline.moment_m2
+    record["mass_kg"] = parcel.mass_kg
+    record["inertia_kg_m2"] = parcel.inertia_kg_m2 or uniform_kg_m2
+    record["half_length_m"], record["half_width_m"] = parcel.length_m / 2, parcel.width_m / 2
+    record["radius_m"] = outline.radius_m
+    record["centre_x_m"], record["centre_y_m"] = parcel.centre_of_mass_m
+    record["yaw_rad"] = parcel.yaw_rad
+    arm_x, arm_y = turned(*parcel.centre_of_mass_m, parcel.yaw_rad)
+    record["x_m"], record["y_m"] = parcel.x_m + arm_x, parcel.y_m + arm_y
+
+
+class HeldParcel(NamedTuple):
+    """A parcel as the compiled loops take it: one record and its outline."""
+
+    body: Records
+    edges: Floats
+    weight_n: float
+
+
+def held_parcel(scenario: Scenario, parcel: Parcel) -> HeldParcel:
+    """A parcel that can be put anywhere."""
+    records, edges = parcel_records((parcel,))
+    return HeldParcel(records[0], edges, parcel.mass_kg * scenario.run.gravity_m_s2)
+
+
+@compiled
+def turned(x_m: float, y_m: float, yaw_rad: float) -> tuple[float, float]:
+    """A vector of the parcel's frame in the table frame."""
+    cosine, sine = math.cos(yaw_rad), math.sin(yaw_rad)
+    return cosine * x_m - sine * y_m, sine * x_m + cosine * y_m
+
+
+@compiled
+def read_poses(parcels: Records, pose: Floats, twist: Floats) -> None:
+    """Pose and twist (P, 3) of the origins from those of the centres of mass."""
+    for p in range(parcels.size):
+        body = parcels[p]
+        arm_x, arm_y = turned(body.centre_x_m, body.centre_y_m, body.yaw_rad)
+        pose[p, 0] = body.x_m - arm_x
+        pose[p, 1] = body.y_m - arm_y
+        pose[p, 2] = body.yaw_rad
+        twist[p, 0] = body.vx_m_s + body.yaw_rate_rad_s * arm_y
+        twist[p, 1] = body.vy_m_s - body.yaw_rate_rad_s * arm_x
+        twist[p, 2] = body.yaw_rate_rad_s
+
+
+@compiled
+def halfway(body: Records, step_s: float) -> Vector:
+    """Pose of the centre of mass half a step ahead."""
+    return (
+        body.x_m + 0.5 * step_s * body.vx_m_s,
+        body.y_m + 0.5 * step_s * body.vy_m_s,
+        body.yaw_rad + 0.5 * step_s * body.yaw_rate_rad_s,
+    )
+
+
+@compiled
+def twist_of(body: Records) -> Vector:
+    """Twist of the centre of mass."""
+    return body.vx_m_s, body.vy_m_s, body.yaw_rate_rad_s
+
+
+@compiled
+def new_twist_of(body: Records) -> Vector:
+    """The twist that this step's problem is solved by."""
+    return body.new_vx_m_s, body.new_vy_m_s, body.new_yaw_rate_rad_s
+
+
+@compiled
+def move(body: Records, mean: Vector, after: Vector, step_s: float) -> None:
+    """Carry a parcel along its mean twist and give it a new one."""
+    body.x_m += step_s * mean[0]
+    body.y_m += step_s * mean[1]
+    body.yaw_rad += step_s * mean[2]
+    body.vx_m_s, body.vy_m_s, body.yaw_rate_rad_s = after
+
+
+class Place(NamedTuple):
+    """Where a parcel's origin is, and how it is turned."""
+
+    x_m: float
+    y_m: float
+    cosine: float
+    sine: float
+
+
+@compiled
+def place_of(body: Records, pose: Vector) -> Place:
+    """Where a parcel is whose centre of mass has this pose."""
+    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
+    x = pose[0] - (cosine * body.centre_x_m - sine * body.centre_y_m)
+    y = pose[1] - (sine * body.centre_x_m + cosine * body.centre_y_m)
+    return Place(x, y, cosine, sine)
+
+
+@compiled
+def covers(body: Records, edges: Floats, place: Place, x_m: float, y_m: float) -> bool:
+    """Whether a point of the table lies under a parcel at this place."""
+    from_x, from_y = x_m - place.x_m, y_m - place.y_m
+    own_x = place.cosine * from_x + place.sine * from_y
+    own_y = place.cosine * from_y - place.sine * from_x
+    reach = body.radius_m + EDGE_M
+    if own_x * own_x + own_y * own_y > reach * reach:
+        return False
+    for e in range(body.first_edge, body.first_edge + body.edges):
+        if edges[e, 0] * own_x + edges[e, 1] * own_y > edges[e, 2] + EDGE_M:
+            return False
+    return True
+
+
+@compiled
+def cells_near(body: Records, grid: Grid, place: Place) -> tuple[int, int, int, int]:
+    """First and past-the-last column, then row, of the cells that may reach under a parcel."""
+    cosine, sine = abs(place.cosine), abs(place.sine)
+    across = cosine * body.half_length_m + sine * body.half_width_m + grid.reach_m
+    along = sine * body.half_length_m + cosine * body.half_width_m + grid.reach_m
+    left, right = _cells_between(place.x_m - across, place.x_m + across, grid.pitch_m, grid.columns)
+    low, high = _cells_between(place.y_m - along, place.y_m + along, grid.pitch_m, grid.rows)
+    return left, right, low, high
+
+
+@compiled
+def _cells_between(low_m: float, high_m: float, pitch_m: float, count: int) -> tuple[int, int]:
+    middle = 0.5 * (count - 1)
+    slack = EDGE_M / pitch_m
+    first = max(math.ceil(low_m / pitch_m + middle - slack), 0)
+    last = min(math.floor(high_m / pitch_m + middle + slack), count - 1)
+    return int(first), int(last) + 1

@@ -1,0 +1,142 @@
+"""The folder that a run leaves behind: `meta.json`, `run.mcap`, `picture.png`, and of a run with a
+bus, `bus.log` and the database that explains its frames."""
+
+import json
+import os
+import platform
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from mdms_model.run.mcap_file import RecordFileError, read_record, write_record
+from mdms_model.run.record import Record
+from mdms_model.scenario.file import scenario_from
+from mdms_model.scenario.scenario import Scenario, ScenarioError
+from mdms_model.scenario.tree import plain
+
+FORMAT = "mdms-run"
+FORMAT_VERSION = 1
+META, RECORD, PICTURE = "meta.json", "run.mcap", "picture.png"
+DATABASE = "mdms-cell.dbc"
+#: Everything that a run may leave; those that a new run lacks are taken away.
+FILES = (META, RECORD, PICTURE, "wheels.png", "bus.log", "bus.blf", "bus.asc", DATABASE)
+
+
+SavePicture = Callable[[Path, Scenario, Record], object]
+
+
+class RunFolderError(ValueError):
+    """A folder that is no run, or that must not be written to; the message says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class StoredRun:
+    """A run read back from its folder; `figures` are what `mdms simulate --json` printed."""
+
+    folder: Path
+    scenario: Scenario
+    record: Record
+    figures: dict[str, Any]
+
+
+def check_target(folder: Path) -> None:
+    """Raise `RunFolderError` unless a run may be written there: nothing foreign is touched."""
+    if folder.is_dir():
+        if any(folder.iterdir()) and not _is_run(folder):
+            raise RunFolderError(
+                f"{folder}: holds files that are no run; give a new or empty folder with --out"
+            )
+    elif folder.exists() or folder.is_symlink():
+        raise RunFolderError(f"{folder}: is not a folder; give another name with --out")
+
+
+@contextmanager
+def fresh_folder(folder: Path) -> Iterator[Path]:
+    """A folder beside `folder` to fill; it takes its place at the end, or vanishes on any error.
+
+    Raises `RunFolderError` when the place is taken by something else or cannot be written.
+    """
+    check_target(folder)
+    partial = folder.parent / f".{folder.name}.{os.getpid()}.partial"
+    try:
+        partial.mkdir(parents=True)
+    except OSError as error:
+        raise RunFolderError(f"{folder}: cannot be made: {error.strerror}") from None
+    try:
+        yield partial
+        _put_in_place(partial, folder)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def write_run(
+    folder: Path,
+    scenario: Scenario,
+    record: Record,
+    figures: dict[str, Any],
+    save_picture: SavePicture | None = None,
+) -> None:
+    """Fill a folder with the record, the picture if one can be drawn and, last, `meta.json`."""
+    write_record(folder / RECORD, scenario, record)
+    if save_picture is not None:
+        save_picture(folder / PICTURE, scenario, record)
+    meta = {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "versions": {"mdms-array": version("mdms-array"), "python": platform.python_version()},
+        "scenario": plain(scenario),
+        "figures": figures,
+    }
+    (folder / META).write_text(json.dumps(meta, indent=2) + "\n", "utf-8")
+
+
+def read_run(folder: Path) -> StoredRun:
+    """Read a run back. Raises `RunFolderError` when the folder holds none."""
+    if not folder.exists():
+        raise RunFolderError(f"{folder}: no such run folder")
+    meta = _read_meta(folder)
+    if not _is_meta(meta):
+        raise RunFolderError(f"{folder}: not a run folder; `mdms simulate --out DIR` writes one")
+    if meta["format_version"] != FORMAT_VERSION:
+        raise RunFolderError(
+            f"{folder}: written in format {meta['format_version']}, but this version reads "
+            f"{FORMAT_VERSION}; use the version named in {META}"
+        )
+    try:
+        scenario = scenario_from(meta["scenario"])
+        record = read_record(folder / RECORD, scenario)
+        return StoredRun(folder, scenario, record, meta["figures"])
+    except (ScenarioError, RecordFileError, KeyError) as error:
+        raise RunFolderError(f"{folder}: damaged run folder: {error}") from None
+    except OSError as error:
+        raise RunFolderError(f"{folder / RECORD}: cannot be read: {error.strerror}") from None
+
+
+def _is_run(folder: Path) -> bool:
+    return _is_meta(_read_meta(folder))
+
+
+def _is_meta(meta: Any) -> bool:
+    return isinstance(meta, dict) and meta.get("format") == FORMAT and "format_version" in meta
+
+
+def _read_meta(folder: Path) -> Any:
+    try:
+        return json.loads((folder / META).read_text("utf-8"))
+    except (OSError, ValueError):
+        return None
+
+
+def _put_in_place(partial: Path, folder: Path) -> None:
+    if not folder.exists():
+        partial.rename(folder)
+        return
+    for name in FILES:
+        if (partial / name).exists():
+            (partial / name).replace(folder / name)
+        else:
+            (folder / name).unlink(missing_ok=True)

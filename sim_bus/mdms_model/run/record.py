@@ -1,0 +1,62 @@
+"""What a run leaves behind in memory: sampled state of parcels and wheels, and events.
+
+Wheels are ordered by cell, then by axis: wheel `w` of a two-wheel cell is cell `w // 2 + 1`,
+axis `w % 2 + 1`.
+"""
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mdms_model.arrays import Floats
+
+
+class Contact(IntEnum):
+    """What a wheel does under a parcel; the paper's three greys, sliding told by direction."""
+
+    NONE = 0
+    ROLLING = 1
+    SLIDING_FORWARD = 2
+    SLIDING_BACKWARD = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happened at one instant.
+
+    `kind` is one of 'support', 'contact', 'reversal', 'tip', 'touch', 'fault', 'coordinator'.
+    """
+
+    time_s: float
+    kind: str
+    detail: str
+    parcel: str | None = None
+    cell: int | None = None
+    axis: int | None = None
+
+
+@dataclass(slots=True)
+class Record:
+    """Sampled history of T instants, P parcels and W wheels.
+
+    `pose` [m, m, rad] and `twist` [m/s, m/s, rad/s] are of shape (T, P, 3) in the table frame and
+    tell of the parcels' geometric centres; `estimate` is the coordinator's belief of `pose`, NaN
+    where it had none. The wheels' arrays are of shape (T, W); speeds are of the wheel's surface,
+    `contact` holds `Contact` codes. `slip_m_s` is the surface's speed over the parcel on the wheel,
+    positive ahead, 0 without contact; None where nobody has worked it out.
+    """
+
+    time_s: Floats
+    pose: Floats
+    twist: Floats
+    reference_m_s: Floats
+    speed_m_s: Floats
+    voltage_v: Floats
+    normal_n: Floats
+    force_n: Floats
+    contact: NDArray[np.int8]
+    estimate: Floats | None = None
+    events: list[Event] = field(default_factory=list)
+    slip_m_s: Floats | None = None

@@ -1,0 +1,49 @@
+"""How fast wheels slip under parcels: their surface's speed over what they carry."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mdms_model.array import build_wheels
+from mdms_model.arrays import Floats
+from mdms_model.outline import outline_of
+from mdms_model.run.record import Contact, Record
+from mdms_model.scenario.scenario import Parcel, Scenario
+
+
+def slip_m_s(scenario: Scenario, record: Record) -> Floats:
+    """Speed of every wheel's surface over the parcel on it, along its direction [m/s].
+
+    Positive ahead, 0 where there is no contact; shape (T, W).
+    """
+    wheels = build_wheels(scenario)
+    samples = np.arange(len(record.time_s))[:, None]
+    carried = _parcel_on(scenario, record, wheels.position_m)
+    pose, twist = record.pose[samples, carried], record.twist[samples, carried]
+    arm_m = wheels.position_m - pose[..., :2]
+    along_x, along_y = wheels.direction.T
+    moved_m_s = along_x * (twist[..., 0] - twist[..., 2] * arm_m[..., 1])
+    moved_m_s += along_y * (twist[..., 1] + twist[..., 2] * arm_m[..., 0])
+    return np.where(record.contact != Contact.NONE, record.speed_m_s - moved_m_s, 0.0)
+
+
+def _parcel_on(scenario: Scenario, record: Record, place_m: Floats) -> NDArray[np.int64]:
+    """The parcel whose outline lies nearest around each wheel; (T, W)."""
+    outside_m = [
+        _outside_m(parcel, record.pose[:, number, None], place_m)
+        for number, parcel in enumerate(scenario.parcel)
+    ]
+    nearest: NDArray[np.int64] = np.argmin(outside_m, axis=0)
+    return nearest
+
+
+def _outside_m(parcel: Parcel, pose: Floats, place_m: Floats) -> Floats:
+    """How far places lie outside a parcel's outline at poses (T, 1, 3), negative within; (T, W)."""
+    outline = outline_of(parcel)
+    from_m = place_m - pose[..., :2]
+    cosine, sine = np.cos(pose[..., 2]), np.sin(pose[..., 2])
+    along_m = cosine * from_m[..., 0] + sine * from_m[..., 1]
+    across_m = cosine * from_m[..., 1] - sine * from_m[..., 0]
+    outside_m: Floats = np.hypot(along_m, across_m) - outline.radius_m
+    for normal_x, normal_y, distance_m in outline.edges[:, :3]:
+        outside_m = np.maximum(outside_m, normal_x * along_m + normal_y * across_m - distance_m)
+    return outside_m

@@ -1,0 +1,118 @@
+"""Scenario files: from a name, a TOML file or an earlier run's folder to a checked `Scenario`."""
+
+import json
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from mdms_model.scenario.rules import check_rules
+from mdms_model.scenario.scenario import Scenario, ScenarioError
+from mdms_model.scenario.tree import build, spell_out
+
+SCENARIOS = Path(__file__).parent / "builtin"
+
+
+def builtin_names() -> list[str]:
+    """The names of the scenarios that come with the package."""
+    return sorted(path.stem for path in SCENARIOS.glob("*.toml"))
+
+
+def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
+    """Read and check a scenario: a built-in name, a TOML file, or the folder of an earlier run.
+
+    `overrides` are texts KEY=VALUE, where KEY is a dotted path (items of lists by number) and
+    VALUE is written as in TOML, or bare text. Raises `ScenarioError`.
+    """
+    tree = read_tree(name_or_path)
+    if overrides:
+        tree = spell_out(Scenario, tree)
+    for override in overrides:
+        set_value(tree, override)
+    try:
+        return scenario_from(tree)
+    except ScenarioError as error:
+        raise ScenarioError(f"{name_or_path}: {error}") from None
+
+
+def scenario_from(tree: Any) -> Scenario:
+    """The checked scenario that plain tables tell of. Raises `ScenarioError`."""
+    scenario: Scenario = build(Scenario, tree)
+    check_rules(scenario)
+    return scenario
+
+
+def read_tree(name_or_path: str | Path) -> Any:
+    """The unchecked tables of a scenario. Raises `ScenarioError` when they cannot be read."""
+    path = _locate(name_or_path)
+    try:
+        text = path.read_text("utf-8")
+        return json.loads(text)["scenario"] if path.suffix == ".json" else tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{path}: not valid TOML: {error}") from None
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
+    except (ValueError, KeyError, TypeError, RecursionError):
+        raise ScenarioError(
+            f"{path}: holds no scenario; give a TOML file or a run folder"
+        ) from None
+
+
+def _locate(name_or_path: str | Path) -> Path:
+    if str(name_or_path) in builtin_names():
+        return SCENARIOS / f"{name_or_path}.toml"
+    path = Path(name_or_path)
+    if (path / "meta.json").is_file():
+        return path / "meta.json"
+    if not path.exists():
+        raise ScenarioError(
+            f"{path}: no such scenario file; built-in scenarios: {', '.join(builtin_names())}"
+        )
+    return path
+
+
+def set_value(tree: Any, override: str) -> None:
+    """Change one value of the tables by KEY=VALUE. Raises `ScenarioError` for a bad path."""
+    key, equals, text = override.partition("=")
+    parts = key.strip().split(".")
+    if not equals or not all(parts):
+        raise ScenarioError(f"--set {override}: write KEY=VALUE, as in parcel.0.x_m=-0.30")
+    at = tree
+    for depth, part in enumerate(parts[:-1]):
+        at = _step_into(at, part, ".".join(parts[:depth]))
+    _assign(at, parts[-1], _value(text.strip()), ".".join(parts[:-1]))
+
+
+def _step_into(at: Any, part: str, path: str) -> Any:
+    if isinstance(at, dict):
+        return at.setdefault(part, {})
+    return _list(at, path)[_index(at, part, path)]
+
+
+def _assign(at: Any, part: str, value: Any, path: str) -> None:
+    if isinstance(at, dict):
+        at[part] = value
+    else:
+        _list(at, path)[_index(at, part, path)] = value
+
+
+def _list(at: Any, path: str) -> list[Any]:
+    if not isinstance(at, list):
+        raise ScenarioError(f"{path} is {at!r} and has nothing inside to set")
+    return at
+
+
+def _index(items: list[Any], part: str, path: str) -> int:
+    if not part.isdecimal() or int(part) >= len(items):
+        raise ScenarioError(
+            f"{path}.{part}: there is no such item; number {path} from 0 to {len(items) - 1}"
+        )
+    return int(part)
+
+
+def _value(text: str) -> Any:
+    try:
+        parsed = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):
+        return text
+    return parsed["value"] if len(parsed) == 1 else text

@@ -1,0 +1,236 @@
+"""What a scenario says: the array, its cells, the parcels, the motion and the run, as plain values.
+
+Lengths in metres in the table frame (origin at the centre of the array, x along the columns),
+angles in radians, everything in SI units. `scenario_file` reads these from TOML and checks them
+by their types and by the `Limit` beside each field.
+"""
+
+from dataclasses import dataclass, field
+from dataclasses import field as member
+from typing import TypedDict
+
+
+class ScenarioError(ValueError):
+    """A scenario that cannot be run; the message is one line with key, value, limit and way out."""
+
+
+class Limit(TypedDict, total=False):
+    """What a value, or each number of a list, may be; it stands as the field's metadata."""
+
+    above: float
+    at_least: float
+    at_most: float
+    choices: tuple[str, ...]
+    items: tuple[int, int]
+
+
+LENGTH = Limit(above=0.0, at_most=1000.0)
+PLACE = Limit(at_least=-1000.0, at_most=1000.0)
+ANGLE = Limit(at_least=-1000.0, at_most=1000.0)
+SPEED = Limit(at_least=-100.0, at_most=100.0)
+POSITIVE = Limit(above=0.0, at_most=1e6)
+NOT_NEGATIVE = Limit(at_least=0.0, at_most=1e6)
+SHARE = Limit(at_least=0.0, at_most=0.9)
+
+FIELDS = ("inward", "uniform", "rotate", "elliptic", "twist", "squeeze", "table", "goal")
+FIDELITIES = ("row", "ideal", "firmware")
+SHAPES = ("rectangle", "disc", "polygon")
+FAULTS = (
+    *("loss", "corruption", "overload", "delay", "babble", "cut"),
+    *("off", "hang", "drift", "supply", "bridge_fault"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Array:
+    """The grid of cells."""
+
+    columns: int = field(metadata=Limit(at_least=1, at_most=1000))
+    rows: int = field(metadata=Limit(at_least=1, at_most=1000))
+    pitch_m: float = field(default=0.127, metadata=LENGTH)
+
+
+@dataclass(frozen=True, slots=True)
+class Wheel:
+    """One driven wheel of every cell: a support point that pushes along one direction."""
+
+    direction_rad: float = field(default=0.0, metadata=ANGLE)
+    offset_m: tuple[float, float] = field(default=(0.0, 0.0), metadata=PLACE)
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """Mechanics and electrics that all cells share; spreads vary them from cell to cell by seed.
+
+    Only `firmware` knows what lies between a voltage and a push: inertia (the wheel's is about its
+    own axle), supply, PWM steps and current limit (None: none). Friction of the `roller` acts along
+    the wheel's axle, where it should run free. `sensor_noise` is the chance that a presence sensor
+    misreads at a sample; load cells are there when their noise (standard deviation) is given.
+    """
+
+    wheel: tuple[Wheel, ...] = field(default=(Wheel(),), metadata=Limit(items=(1, 3)))
+    wheel_radius_m: float = field(default=0.0254, metadata=LENGTH)
+    gear_ratio: float = field(default=3.0, metadata=POSITIVE)
+    torque_constant_nm_per_a: float = field(default=0.024, metadata=POSITIVE)
+    resistance_ohm: float = field(default=4.0, metadata=POSITIVE)
+    damping_nms: float = field(default=3.5e-6, metadata=NOT_NEGATIVE)
+    rotor_inertia_kg_m2: float = field(default=0.0, metadata=NOT_NEGATIVE)
+    wheel_inertia_kg_m2: float = field(default=0.0, metadata=NOT_NEGATIVE)
+    gain_vs_per_m: float = field(default=10.0, metadata=NOT_NEGATIVE)
+    supply_v: float = field(default=24.0, metadata=POSITIVE)
+    current_limit_a: float | None = field(default=None, metadata=POSITIVE)
+    friction: float = field(default=0.3, metadata=NOT_NEGATIVE)
+    viscous_friction_s_per_m: float = field(default=0.0, metadata=NOT_NEGATIVE)
+    roller_friction: float = field(default=0.0, metadata=NOT_NEGATIVE)
+    encoder_counts_per_motor_rev: int = field(default=2000, metadata=Limit(at_least=1, at_most=1e6))
+    pwm_steps: int = field(default=1000, metadata=Limit(at_least=1, at_most=1e6))
+    motor_spread: float = field(default=0.0, metadata=SHARE)
+    friction_spread: float = field(default=0.0, metadata=SHARE)
+    load_cell_noise_n: float | None = field(default=None, metadata=NOT_NEGATIVE)
+    sensor_delay_s: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=1.0))
+    sensor_noise: float = field(default=0.0, metadata=SHARE)
+    sensor_offset_m: tuple[tuple[float, float], ...] = field(
+        default=(
+            (0.0, 0.0),
+            (0.03175, 0.03175),
+            (-0.03175, 0.03175),
+            (-0.03175, -0.03175),
+            (0.03175, -0.03175),
+        ),
+        metadata=Limit(items=(1, 5)),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Patch:
+    """Cells, numbered from 1, that differ from the rest in what is given here."""
+
+    cells: tuple[int, ...] = field(metadata=Limit(at_least=1, at_most=1_000_000))
+    wheel: tuple[Wheel, ...] | None = field(default=None, metadata=Limit(items=(1, 3)))
+    friction: float | None = field(default=None, metadata=NOT_NEGATIVE)
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """The pose that a parcel is steered to [table frame]."""
+
+    x_m: float = field(metadata=PLACE)
+    y_m: float = field(metadata=PLACE)
+    yaw_rad: float = field(default=0.0, metadata=ANGLE)
+
+
+@dataclass(frozen=True, slots=True)
+class Parcel:
+    """One flat-bottomed parcel and where it starts, at rest.
+
+    Its own frame has the origin in the middle of `length_m` x `width_m`, which a rectangle fills, a
+    disc touches (both are its diameter) and a polygon's `corners_m` stay within: convex, counter-
+    clockwise. `inertia_kg_m2` is about the centre of mass; None: that of a uniform plate.
+    """
+
+    name: str
+    mass_kg: float = field(metadata=POSITIVE)
+    length_m: float = field(metadata=LENGTH)
+    width_m: float = field(metadata=LENGTH)
+    x_m: float = field(default=0.0, metadata=PLACE)
+    y_m: float = field(default=0.0, metadata=PLACE)
+    yaw_rad: float = field(default=0.0, metadata=ANGLE)
+    centre_of_mass_m: tuple[float, float] = field(default=(0.0, 0.0), metadata=PLACE)
+    shape: str = field(default="rectangle", metadata=Limit(choices=SHAPES))
+    corners_m: tuple[tuple[float, float], ...] = field(default=(), metadata=PLACE)
+    inertia_kg_m2: float | None = field(default=None, metadata=POSITIVE)
+    goal: Goal | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What the wheels are told to do: a field of references, or goals to steer parcels to.
+
+    Of the rest each field uses what it needs: `heading_rad` uniform, elliptic and squeeze,
+    `velocity_m_s` and `yaw_rate_rad_s` twist, `ratio` elliptic, `table_m_s` table.
+    """
+
+    # This class has a field called `field`, so the function needs another name here.
+    field: str = member(default="inward", metadata=Limit(choices=FIELDS))
+    speed_m_s: float = member(default=0.0, metadata=SPEED)
+    heading_rad: float = member(default=0.0, metadata=ANGLE)
+    centre_m: tuple[float, float] = member(default=(0.0, 0.0), metadata=PLACE)
+    velocity_m_s: tuple[float, float] = member(default=(0.0, 0.0), metadata=SPEED)
+    yaw_rate_rad_s: float = member(default=0.0, metadata=SPEED)
+    ratio: float = member(default=0.5, metadata=Limit(at_least=0.0, at_most=1.0))
+    table_m_s: tuple[float, ...] = member(default=(), metadata=SPEED)
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """How, how long and with which chance the scenario is simulated."""
+
+    fidelity: str = field(default="row", metadata=Limit(choices=FIDELITIES))
+    duration_s: float = field(default=20.0, metadata=Limit(above=0.0, at_most=1e5))
+    step_s: float = field(default=0.001, metadata=Limit(above=0.0, at_most=1.0))
+    seed: int = field(default=1, metadata=Limit(at_least=0, at_most=2**63 - 1))
+    gravity_m_s2: float = field(default=9.81, metadata=Limit(above=0.0, at_most=1000.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Wire:
+    """The bus."""
+
+    bitrate: int = field(default=1_000_000, metadata=Limit(at_least=10_000, at_most=1_000_000))
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Something that goes wrong from `start_s` on, for `duration_s` (None: for good).
+
+    `cells` have it, numbered from 1; empty means all, and where frames are concerned everybody
+    else on the bus too. By kind:
+
+    - loss: their frames get lost on the way to `seen_by` (empty: to all) with `probability`
+    - corruption: a bit of their frames, any from the first to the second after the frame, is read
+      wrong by `seen_by` (empty: by all) with `probability`
+    - overload: after a frame, of whomever, they hold up the next by `overload_frames` with
+      `probability`
+    - delay: their frames leave `delay_s` late
+    - babble: they send frames with `can_id` every `period_s`, besides what they do else
+    - cut: the wire is cut between them and the rest
+    - off: they lose power, and start again at the end, as `node_id` if that is given
+    - hang: their program stops, and the watchdog resets them at the end
+    - drift: their clock is fast by `drift_ppm`
+    - supply: the supply of their motors is `supply_v`, 0 behind an open emergency stop
+    - bridge_fault: their bridges report a fault and have shut off
+    """
+
+    kind: str = field(metadata=Limit(choices=FAULTS))
+    start_s: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=1e5))
+    duration_s: float | None = field(default=None, metadata=Limit(above=0.0, at_most=1e5))
+    cells: tuple[int, ...] = field(default=(), metadata=Limit(at_least=1, at_most=1_000_000))
+    seen_by: tuple[int, ...] = field(default=(), metadata=Limit(at_least=1, at_most=1_000_000))
+    probability: float = field(default=1.0, metadata=Limit(at_least=0.0, at_most=1.0))
+    delay_s: float = field(default=0.001, metadata=Limit(at_least=0.0, at_most=10.0))
+    can_id: int = field(default=0, metadata=Limit(at_least=0, at_most=0x7FF))
+    period_s: float = field(default=0.0001, metadata=Limit(at_least=0.00001, at_most=1000.0))
+    node_id: int | None = field(default=None, metadata=Limit(at_least=1, at_most=127))
+    overload_frames: int = field(default=1, metadata=Limit(at_least=1, at_most=2))
+    supply_v: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=60.0))
+    drift_ppm: int = field(default=0, metadata=Limit(at_least=-500_000, at_most=500_000))
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """One experiment."""
+
+    title: str
+    array: Array
+    cell: Cell = field(default_factory=Cell)
+    parcel: tuple[Parcel, ...] = field(default=(), metadata=Limit(items=(1, 10_000)))
+    motion: Motion = field(default_factory=Motion)
+    run: Run = field(default_factory=Run)
+    patch: tuple[Patch, ...] = ()
+    wire: Wire = field(default_factory=Wire)
+    fault: tuple[Fault, ...] = ()
+
+
+def goal_of(scenario: Scenario, parcel: Parcel) -> Goal | None:
+    """Where a parcel is steered to, if the motion steers at all."""
+    return parcel.goal if scenario.motion.field == "goal" else None

@@ -1,0 +1,1 @@
+"""What goes wrong in a scenario, by schedule and by chance."""

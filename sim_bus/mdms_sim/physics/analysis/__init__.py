@@ -1,0 +1,1 @@
+"""What fields do to parcels: forces, equilibria, reduced laws."""

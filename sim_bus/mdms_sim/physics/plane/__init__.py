@@ -1,0 +1,1 @@
+"""Parcels on wheels in the plane, moved step by step."""

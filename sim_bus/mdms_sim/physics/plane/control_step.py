@@ -1,0 +1,65 @@
+"""A step under the voltages of cells, and what their encoders and current sensors tell after it."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mdms_model.arrays import Floats
+from mdms_model.compiled import compiled
+from mdms_sim.physics.plane.scene import Scene
+from mdms_sim.physics.plane.sensors import encoder_count
+from mdms_sim.physics.plane.step import step_voltage
+
+UV_PER_V = 1e6
+#: Below this supply a bridge shuts off (DRV8874: undervoltage lockout).
+BRIDGE_SUPPLY_MIN_V = 4.5
+#: What the firmware takes a bridge's own fault for: a current over any limit that is watched.
+SHUT_OFF_MA = 6000
+MA_PER_A = 1e3
+
+Registers = NDArray[np.int32]
+
+
+class Sampled(NamedTuple):
+    """What cells have sampled, of shape (cells, 2); 0 where a cell has no such wheel."""
+
+    counts_per_m: float
+    counts: Registers
+    current_ma: Registers
+
+
+class Bridges(NamedTuple):
+    """The state of each cell's bridges, of shape (cells,).
+
+    A motor is driven, or shorted at 0 V, by a bridge that is awake, has a supply, and has not shut
+    off by a fault of its own; any other leaves it open, and the wheel coasts. The same table stands
+    in firmware/README.md, 'Fail safe'.
+    """
+
+    awake: Registers
+    shut_off: Registers
+    supply_v: Floats
+
+
+@compiled
+def step_cells(
+    scene: Scene, voltage_uv: Registers, bridges: Bridges, step_s: float, sampled: Sampled
+) -> int:
+    """Move on under voltages (cells, 2) held over the step; returns what there is to tell."""
+    voltage_v = np.empty(scene.wheels.size)
+    for cell in range(scene.first.size - 1):
+        supplied = bridges.supply_v[cell] >= BRIDGE_SUPPLY_MIN_V
+        closed = supplied and bridges.awake[cell] != 0 and bridges.shut_off[cell] == 0
+        for w in range(scene.first[cell], scene.first[cell + 1]):
+            voltage_v[w] = voltage_uv[cell, w - scene.first[cell]] / UV_PER_V
+            scene.wheels[w].supply_v = bridges.supply_v[cell]
+            scene.wheels[w].coasting = 0 if closed else 1
+    news = step_voltage(scene, voltage_v, step_s)
+    for cell in range(scene.first.size - 1):
+        for w in range(scene.first[cell], scene.first[cell + 1]):
+            wheel, axis = scene.wheels[w], w - scene.first[cell]
+            sampled.counts[cell, axis] = encoder_count(wheel.travel_m, sampled.counts_per_m)
+            current_ma = int(wheel.current_a * MA_PER_A)
+            sampled.current_ma[cell, axis] = SHUT_OFF_MA if bridges.shut_off[cell] else current_ma
+    return news

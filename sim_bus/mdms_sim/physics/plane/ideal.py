@@ -1,0 +1,124 @@
+"""The `ideal` fidelity: a whole run of massless wheels under the continuous law, in one kernel."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mdms_model.arrays import Floats
+from mdms_model.compiled import compiled
+from mdms_model.parcel import read_poses
+from mdms_model.run.record import Record
+from mdms_model.scenario.scenario import Scenario
+from mdms_sim.physics.plane.scene import Scene
+from mdms_sim.physics.plane.step import TIPPING, observe_ideal, step_ideal
+from mdms_sim.physics.plane.world import World
+
+SAMPLE_S = 0.01
+
+
+class Samples(NamedTuple):
+    """Room for the sampled history of a run; shapes as in `Record`."""
+
+    pose: Floats
+    twist: Floats
+    speed_m_s: Floats
+    normal_n: Floats
+    force_n: Floats
+    slip_m_s: Floats
+    contact: NDArray[np.int8]
+
+
+def solve_ideal(scenario: Scenario, reference_m_s: Floats) -> Record:
+    """Run a scenario under constant references (W,), sampled every 10 ms or every longer step.
+
+    Ends at the scenario's duration, or when a parcel tips: then the last event tells of it.
+    """
+    step_s = scenario.run.step_s
+    steps = max(1, round(scenario.run.duration_s / step_s))
+    every = min(max(1, round(SAMPLE_S / step_s)), steps)
+    return run_ideal(World(scenario), reference_m_s, step_s, steps, every)
+
+
+def run_ideal(world: World, reference_m_s: Floats, step_s: float, steps: int, every: int) -> Record:
+    """Move a world on by a number of steps and record its start and every so many steps."""
+    reference = np.array(reference_m_s, dtype=np.float64)
+    samples = _room(steps // every + 1, len(world.scene.parcels), len(reference))
+    start_s, done, news = world.time_s, 0, 0
+    world.pass_time(0.0, take_sample(world.scene, reference, samples, 0))
+    while done < steps and not news & TIPPING:
+        now, news = advance(world.scene, reference, step_s, (done, steps, every), samples)
+        world.pass_time((now - done) * step_s, news)
+        done = now
+    return _record(world, reference, samples, start_s, (done // every + 1, every * step_s))
+
+
+def _room(instants: int, parcels: int, wheels: int) -> Samples:
+    body, wheel = (instants, parcels, 3), (instants, wheels)
+    return Samples(
+        pose=np.empty(body),
+        twist=np.empty(body),
+        speed_m_s=np.empty(wheel),
+        normal_n=np.empty(wheel),
+        force_n=np.empty(wheel),
+        slip_m_s=np.empty(wheel),
+        contact=np.empty(wheel, dtype=np.int8),
+    )
+
+
+def _record(
+    world: World,
+    reference: Floats,
+    samples: Samples,
+    start_s: float,
+    taken_and_period_s: tuple[int, float],
+) -> Record:
+    taken, period_s = taken_and_period_s
+    speed_m_s = samples.speed_m_s[:taken]
+    return Record(
+        time_s=start_s + np.arange(taken, dtype=np.float64) * period_s,
+        pose=samples.pose[:taken],
+        twist=samples.twist[:taken],
+        reference_m_s=np.tile(reference, (taken, 1)),
+        speed_m_s=speed_m_s,
+        voltage_v=world.scenario.cell.gain_vs_per_m * (reference - speed_m_s),
+        normal_n=samples.normal_n[:taken],
+        force_n=samples.force_n[:taken],
+        contact=samples.contact[:taken],
+        events=list(world.events),
+        slip_m_s=samples.slip_m_s[:taken],
+    )
+
+
+@compiled
+def advance(
+    scene: Scene,
+    reference_m_s: Floats,
+    step_s: float,
+    done_steps_every: tuple[int, int, int],
+    samples: Samples,
+) -> tuple[int, int]:
+    """Step and sample until there is something to tell; returns the steps done and the news."""
+    done, steps, every = done_steps_every
+    news = 0
+    while done < steps and news == 0:
+        news = step_ideal(scene, reference_m_s, step_s)
+        done += 1
+        if done % every == 0:
+            news |= take_sample(scene, reference_m_s, samples, done // every)
+    return done, news
+
+
+@compiled
+def take_sample(scene: Scene, reference_m_s: Floats, samples: Samples, instant: int) -> int:
+    """Copy what parcels and wheels do at this very instant; returns the news."""
+    news = observe_ideal(scene, reference_m_s)
+    read_poses(scene.parcels, samples.pose[instant], samples.twist[instant])
+    for w in range(scene.wheels.size):
+        wheel = scene.wheels[w]
+        samples.speed_m_s[instant, w] = wheel.speed_m_s
+        samples.normal_n[instant, w] = wheel.normal_n
+        samples.force_n[instant, w] = wheel.force_n
+        samples.slip_m_s[instant, w] = wheel.slip_m_s
+        samples.contact[instant, w] = wheel.contact
+    return news

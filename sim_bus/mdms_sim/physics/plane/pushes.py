@@ -1,0 +1,176 @@
+"""What each wheel does to the parcel on it, as a clipped line, and what that does to the wheel."""
+
+import numpy as np
+
+from mdms_model.arrays import Floats, Records
+from mdms_model.compiled import compiled
+from mdms_model.parcel import new_twist_of, twist_of
+from mdms_model.run.record import Contact
+from mdms_model.symmetric3 import Vector
+from mdms_sim.physics.motor import applied_voltage, coast
+from mdms_sim.physics.plane.contact import push
+from mdms_sim.physics.plane.scene import Scene
+
+NONE, ROLLING = int(Contact.NONE), int(Contact.ROLLING)
+FORWARD, BACKWARD = int(Contact.SLIDING_FORWARD), int(Contact.SLIDING_BACKWARD)
+
+#: A roller with friction creeps: its push grows in proportion up to this speed [m/s].
+CREEP_M_S = 1e-3
+
+#: A wheel without inertia or damping that coasts would answer to a force without limit.
+LOSS_MIN_N_S_PER_M = 1e-6
+
+# Under the ideal law -----------------------------------------------------------------------------
+
+
+@compiled
+def draw_ideal_lines(scene: Scene, reference_m_s: Floats) -> None:
+    """Each support's push f = clip(a r - b u, -mu N, mu N) (eqs 9 and 12).
+
+    With viscous sliding, f = mu_v N (v - u) joined with f = a r - b v, no clip.
+    """
+    for p in range(scene.parcels.size):
+        body = scene.parcels[p]
+        for i in range(body.first, body.first + body.supports):
+            w = scene.support[i]
+            wheel, line, normal_n = scene.wheels[w], scene.line[body.first + i], scene.normal_n[i]
+            stall, slope = wheel.a * reference_m_s[w], wheel.b
+            if wheel.viscous_s_per_m > 0.0:
+                film = wheel.viscous_s_per_m * normal_n
+                share = film / (film + slope)
+                set_line(line, share * stall, share * slope, np.inf)
+            else:
+                set_line(line, stall, slope, wheel.friction * normal_n)
+        draw_roller_lines(scene, body, 0.0, 0.0)
+
+
+@compiled
+def spin_ideal(wheels: Records, reference_m_s: Floats, step_s: float) -> None:
+    """Massless wheels run at the speed at which the motor's force is the push: f = a r - b v."""
+    for w in range(wheels.size):
+        wheel = wheels[w]
+        wheel.speed_m_s = (wheel.a * reference_m_s[w] - wheel.force_n) / wheel.b
+        wheel.travel_m += step_s * wheel.speed_m_s
+
+
+# Under voltage -----------------------------------------------------------------------------------
+
+
+@compiled
+def power_wheels(wheels: Records, voltage_v: Floats, step_s: float) -> None:
+    """Work out how each wheel will answer to its voltage over the step (eq 8).
+
+    A current beyond the limit is held there instead: the motor then pushes evenly. A motor that its
+    bridge leaves open carries no current.
+    """
+    for w in range(wheels.size):
+        wheel = wheels[w]
+        volts = applied_voltage(voltage_v[w], wheel.supply_v, wheel.pwm_steps)
+        drive_n, braking = wheel.force_per_volt * volts, wheel.loss - wheel.damping
+        torque_n = drive_n - braking * wheel.speed_m_s
+        if abs(torque_n) > wheel.force_limit_n:
+            drive_n, braking = np.copysign(wheel.force_limit_n, torque_n), 0.0
+        if wheel.coasting:
+            drive_n, braking = 0.0, 0.0
+        wheel.drive_n, wheel.braking = drive_n, braking
+        loss = max(wheel.damping + braking, LOSS_MIN_N_S_PER_M)
+        wheel.decay, wheel.gain, wheel.glide, wheel.stride = coast(wheel.mass_kg, loss, step_s)
+
+
+@compiled
+def draw_voltage_lines(scene: Scene, step_s: float) -> None:
+    """Each support's mean push over a step, as a line in the parcel's speed at its end.
+
+    A wheel alone would go v+ = decay v + gain (F - f). Rolling is v+ = u+; viscous sliding is
+    f = mu_v N (v + v+ - u - u+) / 2. The levers are those of halfway, so u+ = J xi+ + shift.
+    """
+    for p in range(scene.parcels.size):
+        body = scene.parcels[p]
+        shift_x = -0.5 * step_s * body.yaw_rate_rad_s * body.vy_m_s
+        shift_y = 0.5 * step_s * body.yaw_rate_rad_s * body.vx_m_s
+        for i in range(body.first, body.first + body.supports):
+            wheel, line = scene.wheels[scene.support[i]], scene.line[body.first + i]
+            free = wheel.decay * wheel.speed_m_s + wheel.gain * wheel.drive_n
+            if wheel.viscous_s_per_m > 0.0:
+                film = 0.5 * wheel.viscous_s_per_m * scene.normal_n[i]
+                slope = film / (1.0 + film * wheel.gain)
+                old = speed_over(scene.jacobian[body.first + i], twist_of(body))
+                set_line(line, slope * (wheel.speed_m_s + free - old), slope, np.inf)
+            else:
+                shift = wheel.direction_x * shift_x + wheel.direction_y * shift_y
+                limit = wheel.friction * scene.normal_n[i]
+                set_line(line, (free + shift) / wheel.gain, 1.0 / wheel.gain, limit)
+        draw_roller_lines(scene, body, shift_x, shift_y)
+
+
+@compiled
+def spin_voltage(wheels: Records) -> None:
+    """Wheels with inertia answer to motor and push, both constant over the step, exactly."""
+    for w in range(wheels.size):
+        wheel = wheels[w]
+        force_n = wheel.drive_n - wheel.force_n
+        wheel.travel_m += wheel.glide * wheel.speed_m_s + wheel.stride * force_n
+        wheel.speed_m_s = wheel.decay * wheel.speed_m_s + wheel.gain * force_n
+        torque_n = wheel.drive_n - wheel.braking * wheel.speed_m_s
+        wheel.current_a = torque_n / wheel.force_per_ampere
+
+
+# Under both --------------------------------------------------------------------------------------
+
+
+@compiled
+def draw_roller_lines(scene: Scene, body: Records, shift_x: float, shift_y: float) -> None:
+    """Rollers push against the parcel's motion along the axle, with mu_r N beyond their creep."""
+    for i in range(body.first, body.first + body.lines - body.supports):
+        row = body.first + body.supports + i
+        limit = scene.wheels[scene.support[i]].roller_friction * scene.normal_n[i]
+        slope = limit / CREEP_M_S
+        shift = scene.jacobian[row, 0] * shift_x + scene.jacobian[row, 1] * shift_y
+        set_line(scene.line[row], slope * shift, slope, limit)
+
+
+@compiled
+def set_line(line: Floats, stall_n: float, slope: float, limit_n: float) -> None:
+    """Fill in c, k and limit; a wheel without load gets a limit of zero and a harmless slope."""
+    loaded = slope > 0.0
+    line[0] = stall_n if loaded else 0.0
+    line[1] = slope if loaded else 1.0
+    line[2] = limit_n if loaded else 0.0
+
+
+@compiled
+def speed_over(row: Floats, twist: Vector) -> float:
+    """Speed of a parcel along the direction of a row of its Jacobian."""
+    return float(row[0] * twist[0] + row[1] * twist[1] + row[2] * twist[2])
+
+
+@compiled
+def push_wheels(scene: Scene, body: Records, twist: Vector) -> None:
+    """Tell each support of a parcel what it carries, how it pushes and whether it rolls."""
+    for i in range(body.first, body.first + body.supports):
+        wheel, line = scene.wheels[scene.support[i]], scene.line[body.first + i]
+        wheel.normal_n = scene.normal_n[i]
+        wheel.force_n = push(line, scene.jacobian[body.first + i], twist)
+        wheel.contact = contact_of(wheel.normal_n, wheel.force_n, line[2])
+
+
+@compiled
+def tell_slips(scene: Scene) -> None:
+    """How fast each sliding support's surface runs ahead of its parcel."""
+    for p in range(scene.parcels.size):
+        body = scene.parcels[p]
+        for i in range(body.first, body.first + body.supports):
+            wheel = scene.wheels[scene.support[i]]
+            if wheel.contact > ROLLING:
+                over = speed_over(scene.jacobian[body.first + i], new_twist_of(body))
+                wheel.slip_m_s = wheel.speed_m_s - over
+
+
+@compiled
+def contact_of(normal_n: float, force_n: float, limit_n: float) -> int:
+    """The contact code of a wheel; a viscous film (no limit) always slides."""
+    if normal_n <= 0.0:
+        return NONE
+    if abs(force_n) < limit_n < np.inf:
+        return ROLLING
+    return FORWARD if force_n > 0.0 else BACKWARD

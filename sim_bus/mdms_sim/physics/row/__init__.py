@@ -1,0 +1,1 @@
+"""The paper's row, solved exactly from event to event."""

@@ -1,0 +1,125 @@
+"""The paper's one-dimensional model, solved exactly from event to event.
+
+One row of cells with one massless wheel each under the continuous proportional law, Coulomb
+friction, and parcels that slide along the row. `run.step_s` only spaces the record's samples; every
+event is a sample of its own.
+"""
+
+import math
+from itertools import chain, pairwise
+
+import numpy as np
+
+from mdms_model.array import build_wheels
+from mdms_model.arrays import Floats
+from mdms_model.motor import drive_of
+from mdms_model.run.record import Contact, Record
+from mdms_model.scenario.scenario import Scenario, ScenarioError
+from mdms_sim.physics.motor import true_cells
+from mdms_sim.physics.row.journey import Journey, events_of, journey_of
+from mdms_sim.physics.row.samples import CONTACT_OF_MODE, course, loads
+
+
+def solve_row(scenario: Scenario, reference_m_s: Floats) -> Record:
+    """The whole run under constant references of shape (W,).
+
+    A parcel that tips ends the run, with a 'tip' event. Raises `ScenarioError` where the scenario
+    is no row, or parcels touch.
+    """
+    check_row(scenario)
+    journeys = [journey_of(scenario, parcel, reference_m_s) for parcel in scenario.parcel]
+    record = _blank(scenario, reference_m_s, _instants(scenario, journeys))
+    for number, journey in enumerate(journeys):
+        _write(record, number, journey)
+    _derive_wheels(scenario, record)
+    _check_apart(scenario, record)
+    events = sorted(chain.from_iterable(map(events_of, journeys)), key=lambda event: event.time_s)
+    record.events = [event for event in events if event.time_s <= record.time_s[-1]]
+    return record
+
+
+def check_row(scenario: Scenario) -> None:
+    """Refuse what the paper's row does not have. Raises `ScenarioError`."""
+    _refuse("array.rows", scenario.array.rows, 1)
+    wheels, cells = build_wheels(scenario), true_cells(scenario)
+    _refuse("number of wheels in a cell", max(len(cell.wheel) for cell in cells), 1)
+    _refuse("cosine of a wheel's direction", float(wheels.direction[:, 0].min()), 1.0)
+    _refuse("distance of wheels across the row", float(np.ptp(wheels.position_m[:, 1])), 0.0)
+    _refuse(
+        "cell.viscous_friction_s_per_m", max(cell.viscous_friction_s_per_m for cell in cells), 0.0
+    )
+    for number, parcel in enumerate(scenario.parcel):
+        _refuse(f"parcel.{number}.yaw_rad", parcel.yaw_rad, 0.0)
+
+
+def _refuse(key: str, value: float, wanted: float) -> None:
+    if value != wanted:
+        raise ScenarioError(
+            f"{key} is {value}, but the row needs {wanted}; "
+            "set run.fidelity to 'ideal' or 'firmware' for anything else"
+        )
+
+
+def _instants(scenario: Scenario, journeys: list[Journey]) -> Floats:
+    """Samples at every `step_s`, at every event, and at the end."""
+    run = scenario.run
+    end_s = min([run.duration_s, *(journey.tip_s for journey in journeys)])
+    grid_s = np.arange(math.floor(run.duration_s / run.step_s * (1 + 1e-12)) + 1) * run.step_s
+    times_s = np.concatenate(
+        [grid_s, [end_s], *(journey.trace.phases[:, 0] for journey in journeys)]
+    )
+    times_s = np.unique(times_s)
+    return times_s[times_s <= end_s]
+
+
+def _blank(scenario: Scenario, reference_m_s: Floats, time_s: Floats) -> Record:
+    """A record of parcels at rest where they start and of wheels that carry nothing."""
+    instants, wheels = len(time_s), scenario.array.columns
+    start = np.array([(p.x_m, p.y_m, p.yaw_rad) for p in scenario.parcel]).reshape(-1, 3)
+    pose = np.repeat(start[np.newaxis], instants, axis=0)
+    reference = np.repeat(np.asarray(reference_m_s, dtype=np.float64)[np.newaxis], instants, axis=0)
+    return Record(
+        time_s=time_s,
+        pose=pose,
+        twist=np.zeros_like(pose),
+        reference_m_s=reference,
+        speed_m_s=np.zeros((instants, wheels)),
+        voltage_v=np.zeros((instants, wheels)),
+        normal_n=np.zeros((instants, wheels)),
+        force_n=np.zeros((instants, wheels)),
+        contact=np.full((instants, wheels), Contact.NONE, dtype=np.int8),
+    )
+
+
+def _write(record: Record, number: int, journey: Journey) -> None:
+    """Write one parcel, and the wheels while it is on them."""
+    way = course(journey.trace, record.time_s)
+    found = loads(journey.row, journey.trace, way)
+    record.pose[:, number, 0] = way.x_m
+    record.twist[:, number, 0] = way.speed
+    record.normal_n += found.normal_n
+    record.force_n += found.force_n
+    for code, contact in CONTACT_OF_MODE.items():
+        if contact != Contact.NONE:
+            record.contact[found.mode == code] = contact
+
+
+def _derive_wheels(scenario: Scenario, record: Record) -> None:
+    """Surface speeds and voltages that go with the forces (eq 9 and V = G (r - v))."""
+    drives = [drive_of(cell) for cell in true_cells(scenario)]
+    a, b = (np.array([getattr(drive, name) for drive in drives]) for name in "ab")
+    record.speed_m_s = (a * record.reference_m_s - record.force_n) / b
+    record.voltage_v = scenario.cell.gain_vs_per_m * (record.reference_m_s - record.speed_m_s)
+
+
+def _check_apart(scenario: Scenario, record: Record) -> None:
+    order = sorted(range(len(scenario.parcel)), key=lambda number: scenario.parcel[number].x_m)
+    for left, right in pairwise(order):
+        apart_m = (scenario.parcel[left].length_m + scenario.parcel[right].length_m) / 2
+        gap_m = record.pose[:, right, 0] - record.pose[:, left, 0] - apart_m
+        if (gap_m < 0.0).any():
+            raise ScenarioError(
+                f"parcels {scenario.parcel[left].name!r} and {scenario.parcel[right].name!r} touch "
+                f"at {record.time_s[np.argmax(gap_m < 0.0)]:.3f} s, but on the row each must move "
+                "alone; start them further apart or set run.fidelity to 'ideal'"
+            )

@@ -1,0 +1,222 @@
+import os
+import subprocess
+import sys
+import tty
+from argparse import ArgumentParser
+from collections.abc import Iterator
+from pathlib import Path
+from queue import SimpleQueue
+
+import can
+import pytest
+from can.cli import add_bus_arguments
+
+from mdms_host.can_link.link import DeviceGoneError, Link, NoBusError, open_bus
+from mdms_host.clock import MonotonicClock
+from mdms_protocol.frame import Frame
+
+pytestmark = pytest.mark.real_time
+
+HEARTBEAT = Frame(0x701, b"\x05")
+MESSAGE = can.Message(arbitration_id=0x701, data=b"\x05", is_extended_id=False)
+PATIENCE_S = 5.0
+
+
+class ScriptedBus(can.BusABC):
+    """Receives what a test tells it to: messages, or the errors of an adapter."""
+
+    def __init__(self, *script: can.Message | Exception) -> None:
+        self.script: SimpleQueue = SimpleQueue()
+        for item in script:
+            self.script.put(item)
+        self.flushed = 0
+        self.send_error: Exception | None = None
+        self.sent: list[can.Message] = []
+        super().__init__("scripted")
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        try:
+            item = self.script.get(timeout=timeout)
+        except Exception:
+            return None
+        if isinstance(item, Exception):
+            raise item
+        return item
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        if self.send_error:
+            raise self.send_error
+        self.sent.append(msg)
+
+    def flush(self) -> None:
+        self.flushed += 1
+
+
+@pytest.fixture
+def clock() -> MonotonicClock:
+    return MonotonicClock()
+
+
+def received(link: Link, clock: MonotonicClock, count: int = 1) -> list[Frame]:
+    """The next frames; fails when they do not come."""
+    frames: list[Frame] = []
+    while len(frames) < count:
+        link.receive(0.1, lambda frame, _now_s: frames.append(frame))
+        assert clock.now_s() < PATIENCE_S
+    return frames
+
+
+def gone(link: Link, clock: MonotonicClock) -> str:
+    """What the link says when its device is gone."""
+    while clock.now_s() < PATIENCE_S:
+        try:
+            link.receive(0.1, lambda *_: None)
+        except DeviceGoneError as error:
+            return str(error)
+    raise AssertionError("the device is not taken to be gone")
+
+
+def options(*arguments: str):
+    parser = ArgumentParser()
+    add_bus_arguments(parser)
+    return parser.parse_args(arguments)
+
+
+def test_frames_go_both_ways(clock) -> None:
+    with (
+        can.Bus("both-ways", interface="virtual") as other,
+        Link(can.Bus("both-ways", interface="virtual"), clock) as link,
+    ):
+        link.send(Frame(0x201, b"\x01\x02"))
+        message = other.recv(1.0)
+        assert (message.arbitration_id, message.data) == (0x201, b"\x01\x02")
+        other.send(MESSAGE)
+        assert received(link, clock) == [HEARTBEAT]
+
+
+@pytest.mark.parametrize("garbage", [ValueError("invalid literal"), IndexError()])
+def test_a_reader_that_dies_of_garbage_is_started_anew_and_told_of(clock, garbage) -> None:
+    bus = ScriptedBus(garbage, MESSAGE, garbage, MESSAGE)
+    with Link(bus, clock) as link:
+        assert received(link, clock, 2) == [HEARTBEAT, HEARTBEAT]
+        assert (link.garbled, bus.flushed) == (2, 0)
+        assert [text.split(" of ")[0] for _, text in link.troubles] == ["the reader died"] * 2
+
+
+def test_bytes_that_cannot_be_decoded_are_flushed_from_the_adapter(clock) -> None:
+    bus = ScriptedBus(UnicodeError("undecodable"), MESSAGE)
+    with Link(bus, clock) as link:
+        assert received(link, clock) == [HEARTBEAT]
+        assert (link.garbled, bus.flushed) == (1, 1)
+
+
+def test_a_device_that_recovers_is_not_given_up(clock) -> None:
+    hiccup = can.CanOperationError("overrun")
+    with Link(ScriptedBus(*[hiccup] * 4, MESSAGE, *[hiccup] * 4, MESSAGE), clock) as link:
+        assert received(link, clock, 2) == [HEARTBEAT, HEARTBEAT]
+        assert len(link.troubles) == 8
+
+
+def test_a_device_that_cannot_be_read_is_gone(clock) -> None:
+    with Link(ScriptedBus(*[OSError("unplugged")] * 5), clock) as link:
+        assert gone(link, clock) == "the CAN device is gone: unplugged"
+        with pytest.raises(DeviceGoneError, match="unplugged"):
+            link.send(HEARTBEAT)
+
+
+def test_frames_that_cannot_be_sent_are_counted_until_the_device_is_gone(clock) -> None:
+    bus = ScriptedBus()
+    with Link(bus, clock) as link:
+        bus.send_error = can.CanOperationError("no room")
+        for _ in range(4):
+            link.send(HEARTBEAT)
+        bus.send_error = None
+        link.send(HEARTBEAT)
+        assert (link.unsent, len(bus.sent)) == (4, 1)
+        bus.send_error = can.CanOperationError("no room")
+        for _ in range(5):
+            link.send(HEARTBEAT)
+        with pytest.raises(DeviceGoneError, match="no room"):
+            link.send(HEARTBEAT)
+
+
+def test_what_is_no_plain_data_frame_is_counted_and_dropped(clock) -> None:
+    strange = [
+        can.Message(is_error_frame=True),
+        can.Message(arbitration_id=0x701, is_extended_id=True),
+        can.Message(arbitration_id=0x701, is_extended_id=False, is_remote_frame=True),
+    ]
+    with Link(ScriptedBus(*strange, MESSAGE), clock) as link:
+        assert received(link, clock) == [HEARTBEAT]
+        assert (link.error_frames, link.garbled) == (1, 2)
+
+
+@pytest.fixture
+def adapter() -> Iterator[tuple[int, can.BusABC]]:
+    """A serial adapter: the file descriptor of its far end, and python-can's bus on it."""
+    far, near = os.openpty()
+    tty.setraw(near)
+    bus = can.Bus(os.ttyname(near), interface="slcan", sleep_after_open=0)
+    os.close(near)
+    yield far, bus
+    try:
+        os.close(far)
+    except OSError:
+        return  # The test has unplugged it.
+
+
+@pytest.mark.parametrize("garbage", [b"t70Z1\r", b"\xff\xfe\x80\r", b"t\r", b"T0000\r", b"\x07\r"])
+def test_garbage_from_a_serial_adapter_costs_no_later_frame(clock, adapter, garbage) -> None:
+    far, bus = adapter
+    with Link(bus, clock) as link:
+        os.write(far, b"t701105\r")
+        assert received(link, clock) == [HEARTBEAT]
+        os.write(far, garbage)
+        clock.sleep(0.3)
+        os.write(far, b"t701105\r")
+        assert received(link, clock) == [HEARTBEAT]
+
+
+def test_a_serial_adapter_that_is_unplugged_is_gone(clock, adapter) -> None:
+    far, bus = adapter
+    with Link(bus, clock) as link:
+        os.close(far)
+        assert gone(link, clock).startswith("the CAN device is gone: ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ((), "no CAN interface was named"),
+        (("-i", "slcan", "-c", "/dev/no-such-adapter"), "No such file"),
+        (("-i", "serial"), "channel"),
+    ],
+)
+def test_a_bus_that_cannot_be_opened_is_told_with_a_way_out(monkeypatch, arguments, told) -> None:
+    monkeypatch.setattr("can.util.load_file_config", lambda *_: {})
+    for name in ("CAN_INTERFACE", "CAN_CHANNEL"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(NoBusError, match=told) as refused:
+        open_bus(options(*arguments))
+    assert "mdms serve array18" in str(refused.value)
+
+
+def test_a_bus_is_opened_by_python_cans_own_options() -> None:
+    with open_bus(options("-i", "virtual", "-c", "by-options")) as bus:
+        assert "by-options" in bus.channel_info
+
+
+@pytest.mark.slow
+def test_a_served_array_that_ends_is_gone(clock, monkeypatch, tmp_path) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    command = [Path(sys.executable).parent / "mdms", "serve", "array18", "--name", "to-be-ended"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        try:
+            while "to-be-ended" not in server.stdout.readline():
+                assert server.poll() is None
+            with Link(can.Bus("to-be-ended", interface="mdms"), clock) as link:
+                assert received(link, MonotonicClock())
+                server.terminate()
+                assert "the CAN device is gone" in gone(link, MonotonicClock())
+        finally:
+            server.terminate()

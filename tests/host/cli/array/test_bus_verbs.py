@@ -1,0 +1,144 @@
+"""`stop`, `status`, `scan` and `run` on a bus where nodes do no more than tell their state."""
+
+import json
+import time
+from threading import Event, Thread
+
+import can
+import pytest
+
+from mdms_host.cli import main
+from mdms_host.cli.exits import Exit
+from mdms_protocol import cob, nmt
+
+pytestmark = pytest.mark.real_time
+
+HEARTBEAT_S = 0.05
+
+
+class Nodes:
+    """Nodes with heartbeats that go to 'pre-operational' when told to, unless they are stubborn."""
+
+    def __init__(self, channel, states, stubborn=()):
+        self.states = dict(states)
+        self._stubborn = stubborn
+        self._over = Event()
+        self._bus = can.Bus(channel, interface="virtual")
+        self._thread = Thread(target=self._live)
+
+    def __enter__(self):
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self._over.set()
+        self._thread.join()
+        self._bus.shutdown()
+
+    def _live(self):
+        due_s = 0.0
+        while not self._over.is_set():
+            message = self._bus.recv(0.01)
+            if message and (message.arbitration_id, *message.data) == (
+                cob.NMT,
+                nmt.ENTER_PRE_OPERATIONAL,
+                0,
+            ):
+                calm = self.states.keys() - set(self._stubborn)
+                self.states |= dict.fromkeys(calm, nmt.PRE_OPERATIONAL)
+            if time.monotonic() >= due_s:
+                due_s = time.monotonic() + HEARTBEAT_S
+                for node_id, state in self.states.items():
+                    self._bus.send(
+                        can.Message(
+                            arbitration_id=cob.HEARTBEAT_BASE + node_id,
+                            data=bytes((state,)),
+                            is_extended_id=False,
+                        )
+                    )
+
+
+@pytest.fixture
+def channel(request):
+    return request.node.name
+
+
+def on(channel, verb, *arguments):
+    return main([verb, *arguments, "-i", "virtual", "-c", channel])
+
+
+def test_stop_is_confirmed_by_the_heartbeats(channel, capsys):
+    with Nodes(channel, {1: nmt.OPERATIONAL, 7: nmt.OPERATIONAL}) as nodes:
+        assert on(channel, "stop") == Exit.OK
+    assert capsys.readouterr() == ("2 cells are off\n", "")
+    assert set(nodes.states.values()) == {nmt.PRE_OPERATIONAL}
+
+
+def test_node_that_does_not_stop_is_named(channel, capsys):
+    with Nodes(channel, {1: nmt.OPERATIONAL, 7: nmt.OPERATIONAL}, stubborn=(7,)):
+        assert on(channel, "stop", "--json") == Exit.NODE_FAULT
+    told = capsys.readouterr()
+    assert json.loads(told.out) == {"heard": [1, 7], "not_off": [7]}
+    assert told.err == "mdms: not off: node 7; cut the motors' power\n"
+
+
+def test_status_shows_every_node_that_is_heard(channel, capsys):
+    with Nodes(channel, {1: nmt.OPERATIONAL, 7: nmt.STOPPED}):
+        assert on(channel, "status", "--json") == Exit.OK
+    cells = json.loads(capsys.readouterr().out)["cells"]
+    assert [(cell["node_id"], cell["state"], cell["silent"]) for cell in cells] == [
+        (1, "operational", False),
+        (7, "stopped", False),
+    ]
+
+
+def test_status_for_people_is_a_table(channel, capsys):
+    with Nodes(channel, {3: nmt.PRE_OPERATIONAL}):
+        assert on(channel, "status") == Exit.OK
+    told = capsys.readouterr().out
+    assert "pre-operational" in told
+    assert "\x1b" not in told
+
+
+def test_scan_tells_of_nodes_that_do_not_answer(channel, capsys):
+    with Nodes(channel, {5: nmt.OPERATIONAL}):
+        assert on(channel, "scan", "--json") == Exit.OK
+    (node,) = json.loads(capsys.readouterr().out)["nodes"]
+    assert (node["node_id"], node["state"], node["identity"]) == (5, "operational", None)
+    assert node["problem"]
+
+
+@pytest.mark.parametrize("verb", ["stop", "status", "scan"])
+def test_empty_bus_is_told_with_the_way_out(channel, capsys, verb):
+    assert on(channel, verb) == Exit.NO_DEVICE
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert "nobody is heard on the bus" in told.err
+    assert "mdms serve" in told.err
+
+
+@pytest.mark.parametrize("verb", [("stop",), ("status",), ("scan",), ("run", "array18")])
+def test_no_interface_is_told_in_one_line(monkeypatch, tmp_path, capsys, verb):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.delenv("CAN_INTERFACE", raising=False)
+    assert main([*verb]) == Exit.NO_DEVICE
+    told = capsys.readouterr().err
+    assert told.startswith("mdms: no CAN interface was named; name one with -i and -c")
+    assert told.count("\n") == 1
+
+
+def test_run_without_cells_gives_up(channel, capsys):
+    assert on(channel, "run", "array18", "--json") == Exit.NO_DEVICE
+    told = capsys.readouterr()
+    assert json.loads(told.out)["ending"] == "no cells"
+    assert told.err.splitlines()[-1].startswith("mdms: no cell was heard within 5 s")
+
+
+def test_run_of_a_bad_program_touches_no_bus(capsys):
+    assert main(["run", "none.toml"]) == Exit.USAGE
+    assert "none.toml: no such scenario file" in capsys.readouterr().err
+
+
+def test_unknown_interface_is_bad_usage(capsys):
+    assert main(["stop", "-i", "smoke-signals"]) == Exit.USAGE
+    assert "smoke-signals" in capsys.readouterr().err

@@ -1,0 +1,138 @@
+"""A recorded bus can be sent again, and read by other tools in their own forms."""
+
+import json
+from math import inf
+
+import can
+import cantools
+import pytest
+
+from mdms_host.cli import main
+from mdms_host.cli.array.replay import LogPlayer, chosen, is_from_host, read_log
+from mdms_protocol import cob, pdo
+from mdms_protocol.frame import Frame
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """The run folder of a short run with a bus, with its log in all forms."""
+    folder = tmp_path_factory.mktemp("recorded")
+    short = ["simulate", "array18", "--set", "run.duration_s=0.6", "--json"]
+    for form in ("blf", "asc"):
+        assert main([*short, "--out", str(folder / form), "--bus-format", form]) == 0
+    return folder
+
+
+def log_of(path):
+    """Identifiers with data, and times from the first frame on [s]."""
+    with can.LogReader(path) as messages:
+        frames = [(m.arbitration_id, bytes(m.data), m.timestamp) for m in messages]
+    return [frame[:2] for frame in frames], [frame[2] - frames[0][2] for frame in frames]
+
+
+@pytest.mark.parametrize("form", ["blf", "asc"])
+def test_log_reads_the_same_in_other_forms(recorded, form):
+    frames, times_s = log_of(recorded / form / f"bus.{form}")
+    expected, expected_s = log_of(recorded / form / "bus.log")
+    assert len(expected) > 100
+    assert frames == expected
+    assert times_s == pytest.approx(expected_s, abs=2e-6)
+
+
+def test_database_beside_the_log_is_ours_and_explains_it(recorded, pytestconfig):
+    path = recorded / "blf" / "mdms-cell.dbc"
+    ours = pytestconfig.rootpath / "protocol" / "mdms-cell.dbc"
+    assert path.read_bytes() == ours.read_bytes()
+    database = cantools.database.load_file(path)
+    commands = cob.RPDO_BASES[1]
+    told = [f for _, f in read_log(recorded / "blf" / "bus.log") if f.can_id & ~0x7F == commands]
+    assert told
+    for frame in told:
+        values = database.decode_message(frame.can_id, frame.data, decode_choices=False)
+        assert tuple(values.values()) == pdo.CONTROLWORD.decode(frame.data)
+
+
+def test_database_beside_the_log_knows_every_frame(recorded):
+    database = cantools.database.load_file(recorded / "blf" / "mdms-cell.dbc")
+    frames = [frame for _, frame in read_log(recorded / "blf" / "bus.log")]
+    services = {frame.can_id & ~0x7F for frame in frames}
+    assert {cob.SDO_REQUEST_BASE, cob.SDO_RESPONSE_BASE, cob.HEARTBEAT_BASE} <= services
+    for frame in frames:
+        database.decode_message(frame.can_id, frame.data)
+
+
+def test_run_without_a_bus_takes_the_database_away(tmp_path):
+    folder = tmp_path / "run"
+    for fidelity in ("firmware", "row"):
+        short = ["--set", "run.duration_s=0.01", "--fidelity", fidelity, "--out", str(folder)]
+        assert main(["simulate", "paper-fig7", *short]) == 0
+        assert (folder / "mdms-cell.dbc").exists() == (fidelity == "firmware")
+
+
+@pytest.mark.parametrize("arguments", [("paper-fig7", "--out", "run"), ("array18",)])
+def test_form_of_a_log_that_is_not_there_is_refused(mdms, tmp_path, arguments):
+    done = mdms("simulate", *arguments, "--bus-format", "blf")
+    assert done.returncode == 2
+    assert done.stderr.startswith("mdms: --bus-format: only a run of the firmware with --out")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_frames_are_sent_again_in_order(recorded, capsys):
+    folder = recorded / "blf"
+    with can.Bus("replay", interface="virtual") as listener:
+        replay = ["replay", str(folder), "-i", "virtual", "-c", "replay", "--json"]
+        assert main([*replay, "--only", "host"]) == 0
+        messages = list(iter(lambda: listener.recv(0), None))
+    figures = json.loads(capsys.readouterr().out)
+    sent = [frame for _, frame in chosen(read_log(folder / "bus.log"), "host")]
+    assert [Frame(m.arbitration_id, bytes(m.data)) for m in messages] == sent
+    assert figures["frames"] == len(sent)
+    assert figures["unsent"] == 0
+
+
+def test_every_frame_is_of_the_host_or_of_the_cells(recorded):
+    frames = list(read_log(recorded / "blf" / "bus.log"))
+    parts = [list(chosen(frames, sender)) for sender in ("host", "cells")]
+    assert all(parts)
+    assert sorted([*parts[0], *parts[1]]) == sorted(frames)
+
+
+@pytest.mark.parametrize("can_id", [0x000, 0x080, 0x201, 0x312, 0x601, 0x77F, 0x7E5])
+def test_host_commands(can_id):
+    assert is_from_host(can_id)
+
+
+@pytest.mark.parametrize("can_id", [0x081, 0x181, 0x292, 0x581, 0x701, 0x712, 0x7E4])
+def test_cells_answer(can_id):
+    assert not is_from_host(can_id)
+
+
+@pytest.mark.parametrize("start_s", [946_684_800, 0])
+def test_times_of_a_log_count_from_the_start_of_its_run(tmp_path, start_s):
+    path = tmp_path / "bus.log"
+    path.write_text(f"({start_s}.000056) mdms 77F#05\n({start_s + 2}.500000) mdms 080#\n")
+    assert [time_s for time_s, _ in read_log(path)] == pytest.approx([0.000056, 2.5], abs=2e-7)
+
+
+def test_player_keeps_the_times_of_the_log():
+    times_s = (0.0, 0.5, 0.5, 2.0)
+    frames = [(time_s, Frame(number, b"")) for number, time_s in enumerate(times_s, 1)]
+    player = LogPlayer(frames, start_s=10.0)
+    assert player.wake_s == 10.0
+    assert [frame.can_id for frame in player.poll(10.49)] == [1]
+    assert player.wake_s == 10.5
+    assert [frame.can_id for frame in player.poll(10.5)] == [2, 3]
+    assert not player.over
+    assert [frame.can_id for frame in player.poll(99.0)] == [4]
+    assert player.over
+    assert player.wake_s == inf
+
+
+@pytest.mark.parametrize(
+    ("text", "told"), [(None, "no such bus log"), ("no log\n", "not a candump log")]
+)
+def test_log_that_is_none_is_refused(tmp_path, capsys, text, told):
+    if text is not None:
+        (tmp_path / "bus.log").write_text(text)
+    assert main(["replay", str(tmp_path), "-i", "virtual", "-c", "nobody"]) == 2
+    assert told in capsys.readouterr().err

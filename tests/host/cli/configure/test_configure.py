@@ -1,0 +1,330 @@
+"""`mdms configure` on a bus with three cells of the firmware."""
+
+import io
+import json
+import tomllib
+
+import can
+import pytest
+
+from mdms_host.cli import main
+from mdms_host.cli.configure.cells import ranges
+from mdms_host.cli.exits import Exit
+from mdms_host.cli.scenario.gain import gain_limits
+from mdms_host.cli.scenario.inputs import open_scenario
+from mdms_host.clock import MonotonicClock
+from mdms_host.commissioning.network import Commissioning, SilentError
+from mdms_host.commissioning.node_ids import address_of
+from mdms_protocol import cob, nmt
+
+pytestmark = pytest.mark.real_time
+
+
+@pytest.fixture
+def configure(served_cells):
+    def run(action, *arguments):
+        bus = ("-i", "virtual", "-c", served_cells.channel)
+        return main(["configure", action, *map(str, arguments), *bus])
+
+    return run
+
+
+@pytest.fixture
+def make_blank(served_cells):
+    """Takes the node id of a cell away."""
+
+    def make(node_id):
+        with Commissioning(served_cells.open(), MonotonicClock()) as commissioning:
+            commissioning.lss.select(address_of(commissioning.identity(node_id)))
+            commissioning.lss.set_node_id(cob.NODE_NONE)
+            commissioning.lss.store()
+            commissioning.lss.leave()
+            commissioning.command(nmt.RESET_NODE, node_id)
+            with pytest.raises(SilentError):
+                commissioning.read(node_id, 0x1018, 4)
+
+    return make
+
+
+def shown(configure, capsys, *names):
+    assert configure("show", *names, "--json") == Exit.OK
+    return json.loads(capsys.readouterr().out)
+
+
+def values(configure, capsys, name):
+    (row,) = shown(configure, capsys, name)["settings"]
+    return row["values"]
+
+
+def test_show_tells_value_default_limits_and_who_differs(configure, capsys):
+    assert configure("set", "axis1.gain=12", "--node", "2") == Exit.OK
+    assert capsys.readouterr().out == (
+        "axis1.gain: 13 -> 12 V s/m  (node 2)\n1 settings written and verified\n"
+    )
+    document = shown(configure, capsys)
+    assert document["cells"][0] == {"node": 1, "serial": "00000001"}
+    rows = {row["name"]: row for row in document["settings"]}
+    assert rows["axis1.gain"] == {
+        "name": "axis1.gain",
+        "object": "0x2000:0",
+        "title": "Axis 1 gain",
+        "unit": "V s/m",
+        "default": 13.0,
+        "low": 0.0,
+        "high": 100.0,
+        "values": {"1": 13.0, "2": 12.0, "3": 13.0},
+        "changed": [2],
+        "cells_differ": True,
+    }
+    assert [name for name, row in rows.items() if row["changed"]] == ["axis1.gain"]
+
+
+def test_show_for_people_groups_the_nodes_and_marks_what_differs(configure, capsys):
+    configure("set", "gain=12", "--node", "1-2")
+    capsys.readouterr()
+    assert configure("show", "axis2.gain", "setpoint_timeout") == Exit.OK
+    told = capsys.readouterr()
+    assert "12 (1-2)" in told.out
+    assert "13 (3)" in told.out
+    assert "*!" in told.out
+    assert "cells differ" in told.err
+
+
+def test_identifiers_that_follow_from_the_node_id_are_no_difference(configure, capsys):
+    assert configure("show", "--wiring", "--json") == Exit.OK
+    rows = json.loads(capsys.readouterr().out)["settings"]
+    assert len(rows) > 100
+    assert not any(row["changed"] or row["cells_differ"] for row in rows)
+
+
+def test_what_is_saved_stays_and_what_is_not_goes_with_the_power(configure, capsys, served_cells):
+    assert configure("set", "setpoint_timeout=0.08", "--save") == Exit.OK
+    assert configure("set", "setpoint_timeout=0.09") == Exit.OK
+    assert "stored on node 1-3" in capsys.readouterr().out
+    with Commissioning(served_cells.open(), MonotonicClock()) as commissioning:
+        commissioning.restart(2)
+    assert values(configure, capsys, "setpoint_timeout") == {"1": 0.09, "2": 0.08, "3": 0.09}
+
+
+@pytest.mark.parametrize(
+    ("assignment", "told"),
+    [
+        ("gian=3", "gian: there is no such setting; did you mean gain?"),
+        ("gain=101", "axis1.gain: 101 is not in 0 to 100 V s/m"),
+    ],
+)
+def test_what_must_not_be_is_refused_before_anything_is_written(
+    configure, capsys, assignment, told
+):
+    assert configure("set", "setpoint_timeout=0.07", assignment) == Exit.USAGE
+    assert told in capsys.readouterr().err
+    assert set(values(configure, capsys, "setpoint_timeout").values()) == {0.05}
+
+
+def test_gain_beyond_the_margin_is_refused_with_the_largest(configure, capsys):
+    largest = gain_limits(open_scenario("array18", ()).cell)["gain_max_vs_per_m"]
+    assert configure("set", f"gain={largest * 1.01:.3f}") == Exit.USAGE
+    told = capsys.readouterr().err
+    assert f"the largest that leaves 45 is {largest:.4g} V s/m (motor of array18" in told
+    assert configure("set", f"gain={largest * 0.99:.3f}") == Exit.OK
+
+
+def test_lag_that_is_too_long_for_the_gain_is_refused(configure, capsys):
+    by_encoder = ("set", "acceleration_per_volt=0", "observer_lag=0.02")
+    assert configure(*by_encoder, "--node", "1") == Exit.USAGE
+    assert "a gain of 13 V s/m leaves this motor a phase margin of" in capsys.readouterr().err
+    assert configure(*by_encoder, "gain=1", "--node", "1") == Exit.OK
+
+
+def test_voltage_that_the_observer_is_told_makes_up_for_a_long_lag(configure):
+    assert configure("set", "observer_lag=0.02", "--node", "1") == Exit.OK
+
+
+def test_motors_of_another_scenario_take_another_gain(configure, capsys, tmp_path):
+    assert configure("set", "gain=60", "--scenario", "paper-fig7") == Exit.OK
+    assert "no inertia" in capsys.readouterr().err
+    assert configure("set", "gain=60", "--scenario", tmp_path / "none.toml") == Exit.OK
+    assert configure("set", "gain=61", "--scenario", tmp_path / "none.toml") == Exit.USAGE
+
+
+def test_absent_node_is_named_with_those_that_are_there(configure, capsys):
+    assert configure("set", "gain=11", "--node", "2", "7-8") == Exit.NO_DEVICE
+    assert capsys.readouterr().err == "mdms: node 7-8 does not answer; on the bus: 1-3\n"
+    assert configure("show", "gain", "--node", "all") == Exit.OK
+
+
+def test_stranger_is_left_alone_unless_it_is_meant(configure, capsys, served_cells):
+    import canopen
+
+    network = canopen.Network(can.Bus(served_cells.channel, interface="virtual"))
+    with network.connect():
+        network.create_node(9, stranger_objects())
+        assert configure("show", "axis1.gain", "--json") == Exit.OK
+        told = capsys.readouterr()
+        assert "node 9 is 'pump', not an MDMS cell; left alone" in told.err
+        assert list(json.loads(told.out)["settings"][0]["values"]) == ["1", "2", "3"]
+        assert configure("show", "axis1.gain", "--node", "9") == Exit.NODE_FAULT
+
+
+def stranger_objects():
+    from canopen.objectdictionary import ObjectDictionary, ODRecord, ODVariable, datatypes
+
+    objects = ObjectDictionary()
+    for index, text in ((0x1008, "pump"), (0x100A, "1")):
+        variable = ODVariable("text", index)
+        variable.data_type, variable.value = datatypes.VISIBLE_STRING, text
+        objects.add_object(variable)
+    identity = ODRecord("identity", 0x1018)
+    for sub in range(1, 5):
+        variable = ODVariable("number", 0x1018, sub)
+        variable.data_type, variable.value = datatypes.UNSIGNED32, sub
+        identity.add_member(variable)
+    objects.add_object(identity)
+    return objects
+
+
+def test_array_is_backed_up_and_restored_by_serial_number(configure, capsys, tmp_path):
+    file = tmp_path / "array.toml"
+    configure("set", "axis1.gain=12", "--node", "2")
+    assert configure("dump", file) == Exit.OK
+    cells = tomllib.loads(file.read_text())["cell"]
+    assert [cell["settings"]["axis1"]["gain"] for cell in cells] == [13, 12, 13]
+    configure("set", "axis1.gain=9")
+    capsys.readouterr()
+    assert configure("load", file, "--dry-run") == Exit.OK
+    assert capsys.readouterr().out == (
+        "axis1.gain: 9 -> 13 V s/m  (node 1, 3)\naxis1.gain: 9 -> 12 V s/m  (node 2)\n"
+        "3 settings differ\n"
+    )
+    assert configure("load", file, "--yes", "--save") == Exit.OK
+    assert "3 settings written and verified; stored on node 1-3" in capsys.readouterr().out
+    assert values(configure, capsys, "axis1.gain") == {"1": 13.0, "2": 12.0, "3": 13.0}
+    assert configure("load", file, "--dry-run") == Exit.OK
+    assert capsys.readouterr().out == "0 settings differ\n"
+
+
+def test_settings_follow_the_serial_number_and_not_the_node_id(configure, capsys, tmp_path):
+    file = tmp_path / "array.toml"
+    file.write_text('[[cell]]\nserial = "00000003"\nnode = 1\nsettings.axis1.gain = 7\n')
+    assert configure("load", file, "--yes") == Exit.OK
+    assert "00000003 was node 1, and is node 3 now" in capsys.readouterr().err
+    assert values(configure, capsys, "axis1.gain") == {"1": 13.0, "2": 13.0, "3": 7.0}
+
+
+def test_load_refuses_a_gain_beyond_the_margin_and_cells_that_are_not_there(
+    configure, capsys, tmp_path
+):
+    file = tmp_path / "array.toml"
+    file.write_text('[[cell]]\nserial = "00000001"\nnode = 1\nsettings.axis1.gain = 70\n')
+    assert configure("load", file, "--yes") == Exit.USAGE
+    assert "phase margin" in capsys.readouterr().err
+    file.write_text('[[cell]]\nserial = "000000EE"\nnode = 4\nsettings.axis1.gain = 7\n')
+    assert configure("load", file, "--yes") == Exit.NO_DEVICE
+    assert "not on the bus: 000000EE (node 4)" in capsys.readouterr().err
+    assert configure("load", file, "--node", "5", "--yes") == Exit.USAGE
+
+
+def test_nothing_is_written_without_consent(configure, capsys, tmp_path, monkeypatch):
+    file = tmp_path / "array.toml"
+    file.write_text('[[cell]]\nserial = "00000001"\nnode = 1\nsettings.axis1.gain = 7\n')
+    monkeypatch.setattr("sys.stdin", io.StringIO("y\n"))
+    assert configure("load", file) == Exit.USAGE
+    assert "say --yes" in capsys.readouterr().err
+    terminal = io.StringIO("n\n")
+    terminal.isatty = lambda: True
+    monkeypatch.setattr("sys.stdin", terminal)
+    assert configure("load", file) == Exit.FAILURE
+    assert "Write 1 settings? [y/N]" in capsys.readouterr().err
+    assert configure("restore-defaults") == Exit.FAILURE
+    assert set(values(configure, capsys, "axis1.gain").values()) == {13.0}
+
+
+def test_defaults_are_restored_shown_and_verified(configure, capsys):
+    configure("set", "axis1.gain=12", "producer_heartbeat_time=0.2", "--node", "2", "--save")
+    capsys.readouterr()
+    assert configure("restore-defaults", "--yes", "--node", "2") == Exit.OK
+    assert capsys.readouterr().out == (
+        "producer_heartbeat_time: 0.2 -> 0.1 s  (node 2)\n"
+        "axis1.gain: 12 -> 13 V s/m  (node 2)\n"
+        "defaults restored and verified on node 2\n"
+    )
+
+
+def test_blank_cells_get_free_node_ids_and_keep_them(configure, capsys, make_blank, served_cells):
+    make_blank(1)
+    make_blank(3)
+    assert configure("assign", "--first", "2", "--json") == Exit.OK
+    assert json.loads(capsys.readouterr().out) == {
+        "cells": [
+            {"serial": "00000001", "before": None, "node": 3},
+            {"serial": "00000003", "before": None, "node": 4},
+        ]
+    }
+    with Commissioning(served_cells.open(), MonotonicClock()) as commissioning:
+        commissioning.restart(3)
+        assert commissioning.find() == [2, 3, 4]
+    assert configure("assign") == Exit.OK
+    assert capsys.readouterr().out == "no cell needs a node id\n"
+
+
+def test_only_blank_cells_are_told_with_what_to_do(configure, capsys, make_blank):
+    for node_id in (1, 2, 3):
+        make_blank(node_id)
+    assert configure("show") == Exit.NO_DEVICE
+    assert "blank ones are there: mdms configure assign" in capsys.readouterr().err
+
+
+def test_node_ids_are_swapped_by_a_file(configure, capsys, tmp_path):
+    file = tmp_path / "array.toml"
+    file.write_text(
+        '[[cell]]\nserial = "00000001"\nnode = 2\n[[cell]]\nserial = "00000002"\nnode = 1\n'
+    )
+    assert configure("assign", "--from", file, "--dry-run") == Exit.OK
+    told = "00000002: node 2 -> node 1\n00000001: node 1 -> node 2\n"
+    assert capsys.readouterr().out == told
+    assert configure("assign", "--from", file) == Exit.OK
+    assert capsys.readouterr().out == told + "2 cells have got their node ids, and keep them\n"
+    assert shown(configure, capsys, "gain")["cells"][:2] == [
+        {"node": 1, "serial": "00000002"},
+        {"node": 2, "serial": "00000001"},
+    ]
+
+
+def test_cell_that_is_at_work_keeps_its_node_id(configure, capsys, tmp_path, served_cells):
+    file = tmp_path / "array.toml"
+    file.write_text('[[cell]]\nserial = "00000001"\nnode = 9\n')
+    with Commissioning(served_cells.open(), MonotonicClock()) as commissioning:
+        commissioning.command(nmt.START, 1)
+    assert configure("assign", "--from", file) == Exit.FAILURE
+    assert "node 1 is operational; turn it off first: mdms stop" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "arguments", [("show",), ("set", "gain=10"), ("assign",), ("restore-defaults", "--yes")]
+)
+def test_empty_bus_is_told_with_the_way_out(request, capsys, arguments):
+    assert main(["configure", *arguments, "-i", "virtual", "-c", request.node.name]) == (
+        Exit.NO_DEVICE
+    )
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert "nobody is heard on the bus" in told.err
+    assert "mdms serve" in told.err
+
+
+def test_no_interface_is_told_in_one_line(monkeypatch, tmp_path, capsys):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.delenv("CAN_INTERFACE", raising=False)
+    assert main(["configure", "show"]) == Exit.NO_DEVICE
+    assert capsys.readouterr().err.startswith("mdms: no CAN interface was named")
+
+
+@pytest.mark.parametrize("node", ["0", "128", "3-1", "x", "1,2"])
+def test_what_is_no_node_id_is_bad_usage(capsys, node):
+    assert main(["configure", "show", "--node", node]) == Exit.USAGE
+    assert "node id" in capsys.readouterr().err
+
+
+def test_numbers_are_told_as_ranges():
+    assert ranges([7, 1, 2, 3, 9, 10]) == "1-3, 7, 9-10"
+    assert ranges([]) == ""

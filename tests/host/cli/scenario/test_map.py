@@ -1,0 +1,55 @@
+"""`mdms map` draws a field and tells where it holds a parcel."""
+
+import json
+
+import pytest
+
+from mdms_host.cli import main
+
+
+@pytest.fixture
+def picture(tmp_path):
+    return tmp_path / "map.png"
+
+
+def figures(capsys, picture, *arguments):
+    assert main(["map", *arguments, "--json", "--out", str(picture)]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_inward_field_holds_the_papers_parcel_in_the_middle(capsys, picture):
+    told = figures(capsys, picture, "paper-fig8")
+    (place,) = told["places"]
+    assert place["kind"] == "stable"
+    assert place["x_m"] == pytest.approx(0.0, abs=1e-9)
+    assert place["stiffness_n_per_m"][0] < 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_law_of_the_wheels_can_be_chosen(capsys, picture):
+    arguments = ("paper-fig7", "--law", "at_rest")
+    assert figures(capsys, picture, *arguments)["law"] == "at_rest"
+
+
+def test_turns_are_told_for_people_with_the_picture(capsys, picture):
+    assert main(["map", "array18", "--set", "motion.field=inward", "--out", str(picture)]) == 0
+    told = capsys.readouterr().out
+    assert "inward field on box" in told
+    assert "unstable at yaw" in told
+    assert f"picture: {picture}" in told
+
+
+def test_goal_is_no_field_to_map(capsys, picture):
+    assert main(["map", "array18", "--out", str(picture)]) == 2
+    assert "motion.field: no field is called 'goal'" in capsys.readouterr().err
+    assert not picture.exists()
+
+
+def test_unknown_parcel_is_refused_with_the_known_ones(capsys, picture):
+    assert main(["map", "paper-fig8", "--parcel", "ball", "--out", str(picture)]) == 2
+    assert capsys.readouterr().err == "mdms: --parcel ball: no such parcel; there are box\n"
+
+
+def test_map_into_nowhere_is_refused(capsys, tmp_path):
+    assert main(["map", "paper-fig8", "--out", str(tmp_path / "none" / "map.png")]) == 2
+    assert "cannot be written" in capsys.readouterr().err

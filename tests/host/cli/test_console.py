@@ -1,0 +1,85 @@
+"""Progress and notices appear on a terminal only, without colour where none is wanted."""
+
+import io
+import re
+from contextlib import redirect_stderr
+
+import pytest
+
+from mdms_host.cli.console import progress
+from mdms_host.cli.simulation.compiling import NOTICE, compiling_watched
+
+COLOUR = re.compile(r"\x1b\[[0-9;]*3[0-9]")
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    return Terminal()
+
+
+def half_way():
+    with progress("carrying") as advance:
+        advance(0.5)
+
+
+def shown(screen, work):
+    with redirect_stderr(screen):
+        work()
+    return screen.getvalue()
+
+
+def test_progress_is_drawn_on_a_terminal(terminal):
+    told = shown(terminal, half_way)
+    assert "carrying" in told
+    assert "50%" in told
+    assert COLOUR.search(told)
+
+
+def test_no_color_is_honoured(terminal, monkeypatch):
+    monkeypatch.setenv("NO_COLOR", "1")
+    told = shown(terminal, half_way)
+    assert "50%" in told
+    assert not COLOUR.search(told)
+
+
+def test_nothing_is_drawn_off_a_terminal(capsys):
+    half_way()
+    assert capsys.readouterr() == ("", "")
+
+
+def compile_something():
+    import numba
+
+    inner = numba.njit(lambda x: x + 1)
+    with compiling_watched() as compiled:
+        numba.njit(lambda x: inner(x) + 2)(1)
+        once_s = compiled.seconds
+        inner(1)
+    assert 0.0 < once_s == compiled.seconds
+
+
+@pytest.fixture
+def slow(monkeypatch):
+    """Any compiling takes long enough to be worth telling."""
+    monkeypatch.setattr("mdms_host.cli.simulation.compiling.WORTH_TELLING_S", 0.0)
+
+
+def test_long_compiling_is_told_once_on_a_terminal(terminal, slow):
+    assert shown(terminal, compile_something).count(NOTICE) == 1
+
+
+def test_long_compiling_is_not_told_off_a_terminal(capsys, slow):
+    compile_something()
+    assert capsys.readouterr().err == ""
+
+
+def test_short_compiling_is_not_told(terminal, monkeypatch):
+    monkeypatch.setattr("mdms_host.cli.simulation.compiling.WORTH_TELLING_S", 1e6)
+    assert shown(terminal, compile_something) == ""

@@ -1,0 +1,141 @@
+"""The LSS master against the firmware's LSS slaves, whose answers may come late or many at once."""
+
+import threading
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mdms_cell.canopen.lss import Lss
+from mdms_host.commissioning.lss_master import LssAddress, LssError, LssMaster
+from mdms_protocol import cob, sdo
+from mdms_protocol.dictionary import PRODUCT_CODE, REVISION, VENDOR_ID
+
+OURS = (VENDOR_ID, PRODUCT_CODE, REVISION)
+
+
+class Slave:
+    """One LSS slave of the firmware; a reset is told by `booted`."""
+
+    def __init__(self, address, node_id=cob.NODE_NONE, refusal=None):
+        self.pending_node_id = node_id
+        self.booted = None
+        self.saved = None
+        self.answers = []
+        self._refusal = refusal
+        self.lss = Lss(tuple(address), self, self._save, self._send)
+
+    def on_lss_done(self):
+        if self.pending_node_id != cob.NODE_NONE:
+            self.booted = self.pending_node_id
+
+    def _save(self, node_id):
+        if self._refusal:
+            raise sdo.AbortError(self._refusal)
+        self.saved = node_id
+
+    def _send(self, can_id, data):
+        assert can_id == cob.LSS_RESPONSE
+        self.answers.append(bytes(data))
+        return True
+
+
+class Bus:
+    """Takes the master's requests to the slaves; `late` may hold an answer back for some time."""
+
+    def __init__(self, *slaves, late=lambda _number: 0.0):
+        self.slaves = slaves
+        self.master = LssMaster(self._send, patiences_s=(0.002, 0.02, 0.1), answer_s=0.05)
+        self.requests = []
+        self._late = late
+
+    def _send(self, frame):
+        assert frame.can_id == cob.LSS_REQUEST
+        assert len(frame.data) == 8
+        self.requests.append(frame.data)
+        late_s = self._late(len(self.requests))
+        for slave in self.slaves:
+            slave.lss.on_request(frame.data)
+            answers, slave.answers = slave.answers, []
+            for answer in answers:
+                if late_s:
+                    threading.Timer(late_s, self.master.on_response, (answer,)).start()
+                else:
+                    self.master.on_response(answer)
+
+
+def ours(serial):
+    return LssAddress(*OURS, serial)
+
+
+def test_blank_cells_are_found_in_the_order_of_their_serial_numbers():
+    serials = [0xCAFE0001, 7, 0x80000000, 0xCAFE0000]
+    bus = Bus(*(Slave(ours(serial)) for serial in serials), Slave(ours(3), node_id=5))
+    assert bus.master.anyone_blank()
+    assert bus.master.find_blank() == [ours(serial) for serial in sorted(serials)]
+    assert [slave.booted for slave in bus.slaves[:4]] == [None] * 4
+
+
+def test_nobody_is_found_where_nobody_is_blank():
+    bus = Bus(Slave(ours(3), node_id=5))
+    assert not bus.master.anyone_blank()
+    assert bus.master.find_blank() == []
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 0xFFFFFFFF))
+def test_any_serial_number_is_found(serial):
+    assert Bus(Slave(ours(serial))).master.find_blank() == [ours(serial)]
+
+
+def test_a_stranger_is_found_by_all_of_its_identity():
+    address = LssAddress(0x319, PRODUCT_CODE, 0x00020001, 5)
+    bus = Bus(Slave(address), Slave(ours(9)))
+    assert bus.master.find_blank() == [ours(9), address]
+
+
+def test_few_requests_are_enough_for_our_own():
+    bus = Bus(Slave(ours(0xFFFF)))
+    bus.master.find_blank()
+    assert len(bus.requests) < 50
+
+
+def test_an_answer_that_comes_too_late_does_not_name_a_cell_that_is_not_there():
+    # The serial number's upper bits are 0, so every question about them is answered.
+    bus = Bus(Slave(ours(5)), late=lambda number: 0.03 if number == 8 else 0.0)
+    assert bus.master.find_blank() == [ours(5)]
+
+
+def test_selected_cell_takes_and_keeps_its_node_id_and_no_other_does():
+    bus = Bus(Slave(ours(1)), Slave(ours(2)))
+    bus.master.select(ours(2))
+    bus.master.set_node_id(17)
+    bus.master.store()
+    assert (bus.slaves[1].pending_node_id, bus.slaves[1].saved) == (17, 17)
+    assert bus.slaves[1].booted is None
+    bus.master.leave()
+    assert bus.slaves[1].booted == 17
+    assert bus.slaves[0].pending_node_id == cob.NODE_NONE
+
+
+def test_who_is_not_there_cannot_be_selected():
+    with pytest.raises(LssError, match="no cell answers to serial number 00000004"):
+        Bus(Slave(ours(1))).master.select(ours(4))
+
+
+def test_two_cells_of_one_serial_number_are_told_and_not_configured():
+    bus = Bus(Slave(ours(1)), Slave(ours(1)))
+    with pytest.raises(LssError, match="two cells have the serial number 00000001"):
+        bus.master.select(ours(1))
+    with pytest.raises(LssError, match="the selected cell does not answer"):
+        bus.master.set_node_id(4)
+
+
+def test_a_refusal_is_told():
+    bus = Bus(Slave(ours(1), refusal=sdo.HARDWARE_ERROR))
+    bus.master.select(ours(1))
+    with pytest.raises(LssError, match="refuses LSS command 0x11: 1"):
+        bus.master.set_node_id(200)
+    bus.master.set_node_id(4)
+    with pytest.raises(LssError, match="refuses LSS command 0x17: 2"):
+        bus.master.store()

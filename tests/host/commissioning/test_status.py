@@ -1,0 +1,83 @@
+import io
+
+import pytest
+from rich.console import Console
+
+from mdms_host.commissioning.status import StatusModel, status_table
+from mdms_protocol.frame import Frame
+
+WORD, PRESENCE = 0x6041, 0x3001
+
+
+def answer(index: int, value: int) -> Frame:
+    return Frame(0x585, bytes((0x4B, index & 0xFF, index >> 8, 0)) + value.to_bytes(4, "little"))
+
+
+def after(*frames: Frame) -> StatusModel:
+    """A model that has heard these, one a millisecond, and asked what it wanted."""
+    model = StatusModel()
+    for number, frame in enumerate(frames):
+        model.on_frame(frame, number / 1000)
+        list(model.poll(number / 1000))
+    return model
+
+
+def text(model: StatusModel, now_s: float) -> str:
+    console = Console(file=io.StringIO(), width=120)
+    console.print(status_table(model.rows(now_s)))
+    return console.file.getvalue()
+
+
+def test_a_cell_that_appears_is_asked_once() -> None:
+    model, asked = StatusModel(), []
+    model.on_frame(Frame(0x705, b"\x7f"), 0.0)
+    replies = {WORD: 0x40, 0x6841: 0x27, PRESENCE: 0b10001}
+    for step in range(20):
+        for frame in model.poll(step / 100):
+            asked.append(frame)
+            index = frame.data[1] | frame.data[2] << 8
+            model.on_frame(answer(index, replies[index]), step / 100)
+    model.on_frame(Frame(0x705, b"\x7f"), 0.2)
+    assert [frame.can_id for frame in asked] == [0x605] * 3
+    (row,) = model.rows(0.2)
+    assert row.drives == ("switch on disabled", "operation enabled")
+    assert row.presence == 0b10001
+    assert "●○○○●" in text(model, 0.2)
+
+
+def test_changes_that_cells_tell_are_shown() -> None:
+    speeds = (12_300).to_bytes(4, "little") + (-500).to_bytes(4, "little", signed=True)
+    model = after(
+        Frame(0x705, b"\x05"),
+        Frame(0x285, bytes((0x27, 0, 0x08, 0, 0b00100))),
+        Frame(0x185, speeds),
+        Frame(0x085, bytes.fromhex("3081000000000000")),
+    )
+    (row,) = model.rows(0.1)
+    assert row.state == "operational"
+    assert row.drives == ("operation enabled", "fault")
+    assert row.speeds_m_s == pytest.approx((0.0123, -0.0005))
+    shown = text(model, 0.1)
+    assert "○○●○○" in shown
+    assert "12.3" in shown
+    assert "emergency 0x8130" in shown
+
+
+def test_a_cell_that_falls_silent_is_shown_so() -> None:
+    model = after(Frame(0x705, b"\x05"), Frame(0x706, b"\x05"))
+    model.on_frame(Frame(0x706, b"\x05"), 1.0)
+    assert [row.silent for row in model.rows(1.1)] == [True, False]
+    assert "silent 1.1 s" in text(model, 1.1)
+
+
+def test_what_is_no_cells_frame_adds_no_row() -> None:
+    model = after(Frame(0x77F, b"\x05"), Frame(0x205, bytes(8)), Frame(0x000, b"\x01\x00"))
+    assert model.rows(0.1) == []
+
+
+def test_a_node_that_gives_no_answer_is_left_in_peace() -> None:
+    model = StatusModel()
+    model.on_frame(Frame(0x705, b"\x7f"), 0.0)
+    asked = [frame for step in range(500) for frame in model.poll(step / 100)]
+    assert len(asked) == 3
+    assert model.rows(5.0)[0].drives is None

@@ -1,0 +1,314 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mdms_cell.canopen.objects import Objects
+from mdms_host.can_link.sdo_client import Setting
+from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.coordination.phase import Phase
+from mdms_host.coordination.schedule import Timing
+from mdms_host.estimation.rectangle import Rectangle
+from mdms_host.estimation.tracker import Parcel
+from mdms_host.layout import Layout, WheelPlace
+from mdms_host.motion.goal import Goal
+from mdms_host.motion.program import FieldProgram, GoalProgram
+from mdms_protocol import cia402, cob, nmt, pdo, record, signature
+from mdms_protocol.frame import Frame
+
+LAYOUT = Layout(6, 3, wheels=(WheelPlace(0.0, (0.0, 0.03)), WheelPlace(np.pi / 2, (0.03, 0.0))))
+BOX = Parcel("box", 0.36, 0.30)
+BOTTOM = Rectangle(0.36, 0.30)
+DROOP = 0.775
+
+
+def still(layout: Layout = LAYOUT) -> FieldProgram:
+    return FieldProgram(np.zeros(len(layout.wheel_cells)))
+
+
+def steering(goal: Goal) -> Coordinator:
+    return Coordinator(LAYOUT, GoalProgram(LAYOUT, (BOX,), {"box": goal}, DROOP), parcels=(BOX,))
+
+
+def running(rolling_array, coordinator: Coordinator, layout: Layout = LAYOUT):
+    array = rolling_array(layout, BOTTOM, (0.0, 0.0, 0.0))
+    array.run(coordinator, 1.0, lambda: coordinator.phase == Phase.RUNNING)
+    assert coordinator.phase == Phase.RUNNING
+    return array
+
+
+@pytest.mark.parametrize(
+    ("start", "goal", "seed"),
+    [
+        ((-0.10, 0.0, 0.0), (0.10, 0.0, np.pi / 6), 1),
+        ((0.13, 0.02, 0.2), (-0.10, -0.01, -0.4), 2),
+        ((-0.05, -0.02, -0.3), (0.0, 0.0, 0.5), 3),
+        ((0.0, 0.0, 0.1), (0.15, 0.03, 0.0), 4),
+    ],
+)
+def test_parcel_reaches_its_goal(rolling_array, start, goal, seed: int) -> None:
+    coordinator = steering(Goal(*goal))
+    array = rolling_array(
+        LAYOUT, BOTTOM, start, speed_error=0.03, noise_m_s=0.002, latency_s=0.003, seed=seed
+    )
+    array.run(coordinator, 10.0, lambda: coordinator.finished)
+    assert coordinator.finished
+    error = array.pose - goal
+    assert np.hypot(*error[:2]) < 0.005
+    assert abs(error[2]) < np.radians(1.5)
+    estimate = coordinator.estimate("box")
+    assert np.hypot(estimate.x_m - array.pose[0], estimate.y_m - array.pose[1]) < 0.005
+
+
+def test_parcel_rests_after_it_has_arrived(rolling_array) -> None:
+    coordinator = steering(Goal(0.05, 0.0, 0.1))
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0), noise_m_s=0.002)
+    array.run(coordinator, 10.0, lambda: coordinator.finished)
+    array.run(coordinator, array.now_s + 0.2)
+    rest = array.pose
+    array.run(coordinator, array.now_s + 2.0)
+    np.testing.assert_allclose(array.pose, rest, atol=2e-4)
+
+
+def test_bring_up_goes_through_its_phases_in_order(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, still())
+    running(rolling_array, coordinator)
+    told = [text for _, text in coordinator.events]
+    assert told == [
+        Phase.WAITING,
+        Phase.CONFIGURING,
+        Phase.STARTING,
+        Phase.ENABLING,
+        Phase.RUNNING,
+    ]
+
+
+def signature_of_a_cell(node_id: int = 1) -> bytes:
+    """What a cell answers when its second TPDO is repeated every 200 ms, and all else is usual."""
+    objects = Objects()
+    objects.reset(node_id, record.FROM_NODE)
+    objects.put(0x1801, 5, 200)
+    return signature.of(objects.data).to_bytes(4, "little")
+
+
+@pytest.fixture
+def started() -> Coordinator:
+    """A coordinator of one cell, which has been heard and set up, and is to be started."""
+    layout = Layout(1, 1)
+    coordinator = Coordinator(layout, still(layout))
+    coordinator.on_frame(Frame(0x701, b"\x7f"), 0.0)
+    for _ in range(2):
+        coordinator.poll(0.0)
+    coordinator.on_frame(Frame(0x581, bytes.fromhex("6001180500000000")), 0.01)
+    coordinator.poll(0.01)
+    coordinator.on_frame(Frame(0x581, b"\x43\x05\x30\x00" + signature_of_a_cell()), 0.01)
+    assert Frame(0x000, b"\x01\x01") in coordinator.poll(0.01)
+    coordinator.on_frame(Frame(0x701, b"\x05"), 0.02)
+    return coordinator
+
+
+def controlwords(coordinator: Coordinator, *statuswords: int) -> list[bytes]:
+    """What is commanded while both axes of cell 1 tell these statuswords one after another."""
+    sent = []
+    for step, word in enumerate(statuswords):
+        now_s = 0.02 + 0.002 * step
+        coordinator.on_frame(Frame(0x281, bytes((word, 0, word, 0, 0))), now_s)
+        for _ in range(3):
+            frames = coordinator.poll(now_s)
+            sent += [frame.data for frame in frames if frame.can_id == 0x301]
+    return sent
+
+
+def test_drives_are_enabled_step_by_step(started: Coordinator) -> None:
+    assert controlwords(started, 0x40, 0x21, 0x23, 0x27) == [
+        b"\x06\x00\x06\x00",
+        b"\x07\x00\x07\x00",
+        b"\x0f\x00\x0f\x00",
+    ]
+    assert started.phase == Phase.RUNNING
+
+
+def test_a_cell_that_answers_gets_on_and_the_others_are_not_told_again() -> None:
+    layout = Layout(3, 1)
+    coordinator = Coordinator(layout, still(layout))
+    coordinator.poll(0.0)
+    for node_id in layout.node_ids:
+        coordinator.on_frame(Frame(0x700 + node_id, b"\x7f"), 0.0)
+    asked = {frame.can_id for frame in coordinator.poll(0.0)}
+    assert {0x601, 0x602, 0x603} <= asked
+    for node_id in layout.node_ids:
+        coordinator.on_frame(Frame(0x580 + node_id, bytes.fromhex("6001180500000000")), 0.01)
+        coordinator.poll(0.01)
+        answer = b"\x43\x05\x30\x00" + signature_of_a_cell(node_id)
+        coordinator.on_frame(Frame(0x580 + node_id, answer), 0.01)
+        coordinator.poll(0.01)
+    for node_id in layout.node_ids:
+        coordinator.on_frame(Frame(0x700 + node_id, b"\x05"), 0.02)
+    assert coordinator.poll(0.02)
+    assert coordinator.phase == Phase.ENABLING
+    for node_id in layout.node_ids:
+        coordinator.on_frame(Frame(0x280 + node_id, bytes((0x21, 0, 0x21, 0, 0))), 0.021)
+        assert coordinator.wake_s == 0.021
+        assert coordinator.poll(0.021) == [Frame(0x300 + node_id, b"\x07\x00\x07\x00")]
+    assert len([each for each in coordinator.poll(0.071) if each.can_id & 0x780 == 0x300]) == 3
+
+
+def test_a_drive_in_fault_is_reset_by_an_edge(started: Coordinator) -> None:
+    assert controlwords(started, 0x08) == [b"\x00\x00\x00\x00", b"\x80\x00\x80\x00"]
+
+
+def test_a_cell_left_running_is_taken_back_first() -> None:
+    layout = Layout(1, 1)
+    coordinator = Coordinator(layout, still(layout))
+    coordinator.poll(0.0)
+    coordinator.on_frame(Frame(0x701, b"\x05"), 0.01)
+    frames = [frame for now_s in (0.05, 0.1) for frame in coordinator.poll(now_s)]
+    assert Frame(0x000, b"\x80\x01") in frames
+    assert coordinator.phase == Phase.WAITING
+    coordinator.on_frame(Frame(0x701, b"\x7f"), 0.11)
+    coordinator.poll(0.11)
+    assert coordinator.phase == Phase.CONFIGURING
+
+
+def test_setpoints_follow_sync_by_half_a_period(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, FieldProgram(np.linspace(-0.1, 0.1, 36)))
+    array = running(rolling_array, coordinator)
+    sent = []
+    while len(sent) < 60:
+        array.now_s = coordinator.wake_s
+        sent += [(array.now_s, frame) for frame in coordinator.poll(array.now_s)]
+    syncs = [time_s for time_s, frame in sent if frame.can_id == cob.SYNC]
+    setpoints = [item for item in sent if 0x200 < item[1].can_id <= 0x212]
+    np.testing.assert_allclose(np.diff(syncs), 0.01)
+    assert {round((time_s - syncs[0]) % 0.01, 6) for time_s, _ in setpoints} == {0.005}
+    last = {frame.can_id: pdo.TARGET_VELOCITY.decode(frame.data) for _, frame in setpoints}
+    assert last[0x201] == (-100_000, -94_286)
+    assert last[0x212] == (94_286, 100_000)
+
+
+def test_a_reference_that_no_drive_takes_is_refused_before_it_is_sent(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, FieldProgram(np.full(36, 11.0)))
+    array = running(rolling_array, coordinator)
+    with pytest.raises(pdo.OutOfRangeError, match=r"0x60FF.*11000000"):
+        array.run(coordinator, array.now_s + 0.1)
+
+
+def test_a_cell_that_falls_silent_stops_the_array_and_is_named(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, FieldProgram(np.full(36, 0.05)))
+    array = running(rolling_array, coordinator)
+    dies_s = array.cells[6].dies_s = array.now_s + 0.5
+    array.run(coordinator, dies_s + 2.0, lambda: coordinator.stopped)
+    assert coordinator.fault == "cell 7 (node 7) has fallen silent: no heartbeat for 0.3 s"
+    assert array.now_s < dies_s + 0.45
+    array.run(coordinator, array.now_s + 0.1)
+    off = [cell.states for cell in array.cells if cell.node_id != 7]
+    assert off == [[cia402.SWITCH_ON_DISABLED] * 2] * 17
+
+
+def test_a_cell_that_is_missing_is_named_after_the_time_limit(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, still(), timing=Timing(phase_limit_s=2.0))
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    array.cells[3].boots_s = array.cells[11].boots_s = np.inf
+    array.run(coordinator, 3.0, lambda: coordinator.stopped)
+    assert coordinator.fault == "not heard within 2 s: cell 4 (node 4), cell 12 (node 12)"
+    assert array.now_s == pytest.approx(2.0, abs=0.15)
+
+
+def test_an_empty_bus_is_told_from_a_missing_cell() -> None:
+    coordinator = Coordinator(LAYOUT, still(), timing=Timing(phase_limit_s=1.0))
+    while not coordinator.stopped:
+        coordinator.poll(coordinator.wake_s)
+    assert coordinator.fault.startswith("no cell was heard within 1 s")
+
+
+def test_a_drive_that_cannot_be_enabled_is_named_with_its_state(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, still(), timing=Timing(phase_limit_s=1.0))
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    array.cells[8].stuck = True
+    array.run(coordinator, 3.0, lambda: coordinator.stopped)
+    assert coordinator.fault == (
+        "drives not enabled within 1 s: cell 9 (node 9) "
+        "(axis 1 switch on disabled, axis 2 switch on disabled)"
+    )
+
+
+def test_a_cell_that_restarts_stops_the_array(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, still())
+    array = running(rolling_array, coordinator)
+    array.inject(nmt.heartbeat(5, nmt.INITIALISING))
+    array.run(coordinator, array.now_s + 0.2, lambda: coordinator.stopped)
+    assert "cell 5 (node 5) is no longer operational" in coordinator.fault
+
+
+def test_a_drive_that_trips_stops_the_array(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, still())
+    array = running(rolling_array, coordinator)
+    array.cells[1].states[1] = cia402.FAULT
+    array.run(coordinator, array.now_s + 0.2, lambda: coordinator.stopped)
+    assert coordinator.fault == (
+        "cell 2 (node 2) has disabled its drives: axis 1 operation enabled, axis 2 fault"
+    )
+
+
+def test_stop_ends_in_order_without_a_fault(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, FieldProgram(np.full(36, 0.05)))
+    array = running(rolling_array, coordinator)
+    coordinator.stop()
+    array.run(coordinator, array.now_s + 1.0, lambda: coordinator.stopped)
+    assert (coordinator.phase, coordinator.fault) == (Phase.STOPPED, None)
+    assert not any(cia402.OPERATION_ENABLED in cell.states for cell in array.cells)
+
+
+def test_settings_are_written_to_every_cell(rolling_array) -> None:
+    gain = Setting(0x2000, 0, 8_000)
+    coordinator = Coordinator(LAYOUT, still(), settings=(gain, Setting(0x3000, 0, 80)))
+    array = running(rolling_array, coordinator)
+    expected = [bytes.fromhex("23002000401f0000"), bytes.fromhex("2b00300050000000")]
+    assert [cell.writes[-2:] for cell in array.cells] == [expected] * 18
+
+
+@pytest.mark.parametrize("base", [0x180, 0x280, 0x700])
+def test_garbage_of_a_cell_is_counted_and_dropped(rolling_array, base: int) -> None:
+    coordinator = Coordinator(LAYOUT, still())
+    array = running(rolling_array, coordinator)
+    array.inject(Frame(base + 4, b"\xff" * 3))
+    array.run(coordinator, array.now_s + 0.3)
+    assert coordinator.cells[3].garbage == 1
+    assert coordinator.phase == Phase.RUNNING
+
+
+@given(st.lists(st.tuples(st.integers(0, 0x7FF), st.binary(max_size=8)), max_size=40))
+def test_no_frame_whatever_raises(frames: list[tuple[int, bytes]]) -> None:
+    coordinator = Coordinator(LAYOUT, still(), parcels=(BOX,))
+    for number, (can_id, data) in enumerate(frames):
+        coordinator.on_frame(Frame(can_id, data), number * 0.004)
+        coordinator.poll(number * 0.004)
+
+
+def test_more_wheels_than_axes_are_refused() -> None:
+    layout = Layout(1, 1, wheels=(WheelPlace(0.0), WheelPlace(2.0), WheelPlace(4.0)))
+    with pytest.raises(ValueError, match="2 axes on the wire, the layout wants 3"):
+        Coordinator(layout, still(layout))
+
+
+def test_a_cell_with_another_stored_setting_is_refused_by_name(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, still())
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    array.cells[4].objects.put(0x607E, 0, 0x40)
+    array.cells[4].objects.put(0x3000, 0, 400)
+    array.run(coordinator, 3.0, lambda: coordinator.stopped)
+    assert coordinator.fault == (
+        "cell 5 (node 5) is not set up as this run expects: Setpoint timeout (0x3000:0) is 400, "
+        "not 50, Axis 1 polarity (0x607E:0) is 64, not 0"
+    )
+    assert all(cell.states == [cia402.SWITCH_ON_DISABLED] * 2 for cell in array.cells)
+
+
+def test_what_one_cell_needs_otherwise_is_written_to_it_alone(rolling_array) -> None:
+    reversed_ = Setting(0x607E, 0, 0x40)
+    coordinator = Coordinator(LAYOUT, still(), own_settings={5: (reversed_,)})
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
+    assert coordinator.phase == Phase.RUNNING
+    polarities = [cell.objects.number(0x607E) for cell in array.cells]
+    assert polarities == [0x40 if cell.node_id == 5 else 0 for cell in array.cells]

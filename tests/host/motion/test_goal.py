@@ -1,0 +1,60 @@
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mdms_host.motion.goal import Goal, GoalController, Limits
+
+LIMITS = Limits(speed_m_s=0.1, friction=0.3, friction_share=0.15)
+REACH_M = 0.23
+STEP_S = 0.01
+POSE = st.tuples(st.floats(-0.4, 0.4), st.floats(-0.2, 0.2), st.floats(-3, 3)).map(np.array)
+
+
+def drive(controller: GoalController, pose: np.ndarray, seconds: float) -> tuple[list, np.ndarray]:
+    """Twists commanded to a parcel that follows at once, and where it ends."""
+    twists = []
+    for _ in range(round(seconds / STEP_S)):
+        twists.append(controller.step(pose, STEP_S))
+        pose = pose + twists[-1] * STEP_S
+    return twists, pose
+
+
+@settings(max_examples=30, deadline=None)
+@given(POSE)
+def test_the_goal_is_reached_within_speed_and_acceleration(start: np.ndarray) -> None:
+    controller = GoalController(Goal(0.0, 0.0, 0.0), LIMITS, REACH_M)
+    twists, end = drive(controller, start, 20.0)
+    assert controller.arrived
+    assert np.hypot(*end[:2]) < 0.005
+    assert abs(end[2]) < 0.02
+    scaled_m_s = np.array([np.zeros(3), *twists]) * (1, 1, REACH_M)
+    assert np.linalg.norm(scaled_m_s, axis=1).max() <= 0.1 + 1e-12
+    change_m_s2 = np.linalg.norm(np.diff(scaled_m_s, axis=0), axis=1) / STEP_S
+    assert change_m_s2.max() <= LIMITS.acceleration_m_s2 + 1e-9
+
+
+def test_the_acceleration_is_a_share_of_what_friction_gives() -> None:
+    assert np.isclose(LIMITS.acceleration_m_s2, 0.15 * 0.3 * 9.81)
+
+
+def test_the_short_way_round_is_taken() -> None:
+    controller = GoalController(Goal(0.0, 0.0, 3.0), LIMITS, REACH_M)
+    assert controller.step(np.array([0.0, 0.0, -3.0]), STEP_S)[2] < 0
+
+
+def test_a_parcel_that_has_arrived_is_left_alone_until_it_is_well_away() -> None:
+    goal = Goal(0.0, 0.0, tolerance_m=0.002)
+    controller = GoalController(goal, LIMITS, REACH_M)
+    drive(controller, np.zeros(3), 0.5)
+    assert controller.arrived
+    np.testing.assert_array_equal(controller.step(np.array([0.003, 0.0, 0.0]), STEP_S), np.zeros(3))
+    assert controller.arrived
+    assert controller.step(np.array([0.005, 0.0, 0.0]), STEP_S)[0] < 0
+    assert not controller.arrived
+
+
+def test_passing_through_the_goal_is_not_arriving() -> None:
+    controller = GoalController(Goal(0.0, 0.0, settle_s=0.3), LIMITS, REACH_M)
+    for step in range(100):
+        controller.step(np.array([-0.05 + 0.001 * step, 0.0, 0.0]), STEP_S)
+        assert not controller.arrived

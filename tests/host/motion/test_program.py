@@ -1,0 +1,64 @@
+import numpy as np
+import pytest
+
+from mdms_host.estimation.rectangle import Rectangle
+from mdms_host.estimation.tracker import Parcel
+from mdms_host.layout import Layout
+from mdms_host.motion.goal import Goal
+from mdms_host.motion.program import GoalProgram, nominal_droop
+
+LAYOUT = Layout(12, 3)
+LEFT, RIGHT = Parcel("left", 0.36, 0.30), Parcel("right", 0.30, 0.30)
+POSES = {"left": np.array([-0.4, 0.0, 0.0]), "right": np.array([0.4, 0.0, 0.3])}
+
+
+def program(**goals: Goal) -> GoalProgram:
+    return GoalProgram(LAYOUT, (LEFT, RIGHT), goals, droop=0.775)
+
+
+def test_each_parcel_is_moved_as_a_rigid_body_of_its_own() -> None:
+    references_m_s = program(left=Goal(-0.2, 0.1), right=Goal(0.2, 0.0, 0.0)).references_m_s(
+        POSES, 0.01
+    )
+    for parcel, sign in ((LEFT, 1), (RIGHT, -1)):
+        pose = POSES[parcel.name]
+        bottom = Rectangle(parcel.length_m, parcel.width_m)
+        under = bottom.distance_m(LAYOUT.wheel_positions_m, pose) < 0
+        jacobian = LAYOUT.surface_jacobian(*pose[:2])[under]
+        twist, residual, *_ = np.linalg.lstsq(jacobian, references_m_s[under] * 0.775, rcond=None)
+        assert residual == pytest.approx(0.0, abs=1e-20)
+        assert sign * twist[0] > 0
+
+
+def test_wheels_near_no_steered_parcel_stand_still() -> None:
+    references_m_s = program(left=Goal(-0.2, 0.0)).references_m_s(POSES, 0.01)
+    right_half = LAYOUT.wheel_positions_m[:, 0] > 0
+    assert not references_m_s[right_half].any()
+    assert references_m_s[~right_half].any()
+
+
+def test_nothing_moves_before_its_parcel_has_been_found() -> None:
+    assert not program(left=Goal(0.0, 0.0)).references_m_s({}, 0.01).any()
+
+
+def test_a_program_is_finished_when_all_parcels_have_arrived() -> None:
+    steered = program(left=Goal(-0.4, 0.0), right=Goal(0.2, 0.0))
+    for _ in range(50):
+        steered.references_m_s(POSES, 0.01)
+    assert not steered.finished
+    for _ in range(50):
+        steered.references_m_s({**POSES, "right": np.array([0.2, 0.0, 0.0])}, 0.01)
+    assert steered.finished
+
+
+@pytest.mark.parametrize(("resistance_ohm", "droop"), [(4.0, 7.087 / 9.144), (5.0, 5.669 / 7.325)])
+def test_droop_is_a_over_b_of_the_paper(resistance_ohm: float, droop: float) -> None:
+    told = nominal_droop(
+        gain_vs_per_m=10.0,
+        torque_constant_nm_per_a=0.024,
+        gear_ratio=3.0,
+        wheel_radius_m=0.0254,
+        resistance_ohm=resistance_ohm,
+        damping_nms=3.5e-6,
+    )
+    assert told == pytest.approx(droop, abs=1e-4)

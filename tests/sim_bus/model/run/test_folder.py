@@ -1,0 +1,255 @@
+"""A run folder gives back what was put in, and no other folder is mistaken for one."""
+
+import json
+from dataclasses import fields, replace
+
+import jsonschema
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+
+from mdms_model.run.folder import RunFolderError, fresh_folder, read_run, write_run
+from mdms_model.run.mcap_file import read_record, write_record
+from mdms_model.run.record import Event, Record
+from mdms_model.run.scene_3d import scene_messages
+from mdms_model.scenario.file import load_scenario
+from mdms_sim.plots import save_picture
+
+ARRAYS = [item.name for item in fields(Record) if item.name != "events"]
+SCENARIO = load_scenario("paper-fig7", ["parcel.0.name=a/b"])
+FIGURES = {"title": "by hand", "wall_s": 0.25}
+
+
+def assert_same_arrays(back, record):
+    for name in ARRAYS:
+        before, after = getattr(record, name), getattr(back, name)
+        np.testing.assert_array_equal(after, before, err_msg=name, strict=before is not None)
+
+
+def stored(folder, scenario, record):
+    with fresh_folder(folder) as partial:
+        write_run(partial, scenario, record, FIGURES, save_picture)
+    return folder
+
+
+def test_record_survives_to_the_last_bit(tmp_path, plane, plane_record):
+    write_record(tmp_path / "run.mcap", plane, plane_record)
+    back = read_record(tmp_path / "run.mcap", plane)
+    assert_same_arrays(back, plane_record)
+    assert back.events == sorted(plane_record.events, key=lambda event: event.time_s)
+
+
+def test_record_without_estimates_stays_without(tmp_path, plane, plane_record):
+    write_record(tmp_path / "run.mcap", plane, replace(plane_record, estimate=None))
+    assert read_record(tmp_path / "run.mcap", plane).estimate is None
+
+
+@given(numbers=st.lists(st.floats(allow_infinity=False), min_size=6, max_size=6))
+def test_any_number_survives(tmp_path_factory, numbers):
+    path = tmp_path_factory.mktemp("any") / "run.mcap"
+    wheels = np.array(numbers).reshape(3, 2)
+    poses = wheels[:, :1, None].repeat(3, axis=2)
+    codes = np.zeros((3, 2), dtype=np.int8)
+    times_s = np.array([0.0, 1e-9 / 3, 1.0])
+    record = Record(times_s, poses, poses, *[wheels] * 5, codes)
+    write_record(path, SCENARIO, record)
+    assert_same_arrays(read_record(path, SCENARIO), record)
+
+
+def test_two_parcels_keep_their_order(tmp_path, plane, plane_record):
+    two = replace(
+        plane_record,
+        pose=np.concatenate((plane_record.pose, plane_record.pose + 1), axis=1),
+        twist=np.concatenate((plane_record.twist, plane_record.twist + 1), axis=1),
+        estimate=np.concatenate((plane_record.estimate, plane_record.estimate + 1), axis=1),
+    )
+    box = plane.parcel[0]
+    pair = replace(plane, parcel=(replace(box, name="zebra"), replace(box, name="ant")))
+    write_record(tmp_path / "run.mcap", pair, two)
+    assert_same_arrays(read_record(tmp_path / "run.mcap", pair), two)
+
+
+def test_other_readers_find_schemas_and_messages_in_order_of_time(tmp_path, plane, plane_record):
+    write_record(tmp_path / "run.mcap", plane, plane_record)
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        found = list(make_reader(stream).iter_messages(log_time_order=False))
+    assert [m.log_time for _, _, m in found] == sorted(m.log_time for _, _, m in found)
+    topics = {channel.topic for _, channel, _ in found}
+    assert topics == {"/parcel/box", "/wheels", "/events", "/scene"}
+    for schema, channel, _ in found:
+        assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
+
+
+def without_belief(record):
+    return replace(record, estimate=np.full_like(record.pose, np.nan))
+
+
+def with_a_lost_parcel(record):
+    record.pose[7:, :, 0] = np.nan
+    return record
+
+
+def with_a_force_that_is_no_number(record):
+    record.force_n[3, 5] = np.nan
+    return record
+
+
+@pytest.mark.parametrize(
+    "change",
+    [replace, without_belief, with_a_lost_parcel, with_a_force_that_is_no_number],
+)
+def test_every_message_meets_its_own_schema(tmp_path, plane, plane_record, change):
+    record = change(plane_record)
+    write_record(tmp_path / "run.mcap", plane, record)
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        found = list(make_reader(stream).iter_messages())
+    assert len(found) > 3 * len(record.time_s)
+    for schema, _, message in found:
+        meant = json.loads(schema.data) | {"additionalProperties": False}
+        jsonschema.validate(json.loads(message.data), meant)
+    assert_same_arrays(read_record(tmp_path / "run.mcap", plane), record)
+
+
+def test_run_is_read_back(tmp_path, plane, plane_record):
+    run = read_run(stored(tmp_path / "deep" / "run", plane, plane_record))
+    assert run.scenario == plane
+    assert run.figures == FIGURES
+    assert_same_arrays(run.record, plane_record)
+    names = sorted(path.name for path in run.folder.iterdir())
+    assert names == ["meta.json", "picture.png", "run.mcap"]
+    assert [path.name for path in run.folder.parent.iterdir()] == ["run"]
+
+
+def test_meta_tells_what_ran(tmp_path, plane, plane_record):
+    folder = stored(tmp_path / "run", plane, plane_record)
+    meta = json.loads((folder / "meta.json").read_text())
+    assert meta["scenario"]["run"]["seed"] == plane.run.seed
+    assert meta["versions"]["mdms-array"]
+    assert meta["figures"] == FIGURES
+
+
+def test_new_run_takes_the_place_of_an_old_one_and_leaves_other_files(
+    tmp_path, plane, plane_record
+):
+    folder = stored(tmp_path / "run", plane, plane_record)
+    (folder / "bus.log").write_text("of the old run")
+    (folder / "notes.txt").write_text("mine")
+    stored(folder, replace(plane, title="again"), plane_record)
+    assert read_run(folder).scenario.title == "again"
+    assert not (folder / "bus.log").exists()
+    assert (folder / "notes.txt").read_text() == "mine"
+
+
+def test_foreign_folder_is_not_touched(tmp_path):
+    (tmp_path / "thesis.tex").write_text("mine")
+    with pytest.raises(RunFolderError, match="holds files that are no run"), fresh_folder(tmp_path):
+        pass
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_empty_folder_may_be_filled(tmp_path, plane, plane_record):
+    assert read_run(stored(tmp_path, plane, plane_record)).scenario == plane
+
+
+def test_file_in_the_place_of_the_folder_is_refused(tmp_path):
+    (tmp_path / "run").write_text("mine")
+    with pytest.raises(RunFolderError, match="is not a folder"), fresh_folder(tmp_path / "run"):
+        pass
+
+
+def test_nothing_is_left_when_the_run_fails(tmp_path):
+    def fail(partial):
+        (partial / "bus.log").write_text("half a run")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), fresh_folder(tmp_path / "run") as partial:
+        fail(partial)
+    assert list(tmp_path.iterdir()) == []
+
+
+def cut_record(folder):
+    path = folder / "run.mcap"
+    path.write_bytes(path.read_bytes()[:5000])
+
+
+def change_version(folder):
+    path = folder / "meta.json"
+    path.write_text(path.read_text().replace('"format_version": 1', '"format_version": 99'))
+
+
+def spoil_scenario(folder):
+    path = folder / "meta.json"
+    path.write_text(path.read_text().replace('"mass_kg": 2.0', '"mass_kg": -2.0'))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "told"),
+    [
+        (cut_record, "damaged run folder"),
+        (change_version, "written in format 99, but this version reads 1"),
+        (spoil_scenario, "parcel.0.mass_kg is -2.0, but must be above 0"),
+        (lambda folder: (folder / "run.mcap").unlink(), "run.mcap: cannot be read"),
+        (lambda folder: (folder / "meta.json").unlink(), "not a run folder"),
+        (lambda folder: (folder / "meta.json").write_text("[]"), "not a run folder"),
+    ],
+)
+def test_damaged_run_is_refused(tmp_path, plane, plane_record, spoil, told):
+    folder = stored(tmp_path / "run", plane, plane_record)
+    spoil(folder)
+    with pytest.raises(RunFolderError, match=told):
+        read_run(folder)
+
+
+def test_missing_folder_is_refused(tmp_path):
+    with pytest.raises(RunFolderError, match="no such run folder"):
+        read_run(tmp_path / "none")
+
+
+def test_event_without_a_place_stays_without(tmp_path, plane, plane_record):
+    record = replace(plane_record, events=[Event(0.5, "coordinator", "running")])
+    write_record(tmp_path / "run.mcap", plane, record)
+    assert read_record(tmp_path / "run.mcap", plane).events == record.events
+
+
+def test_scene_shows_every_parcel_where_it_is(tmp_path, plane, plane_record):
+    write_record(tmp_path / "run.mcap", plane, plane_record)
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        scenes = [
+            (schema.name, json.loads(message.data))
+            for schema, _, message in make_reader(stream).iter_messages(topics=["/scene"])
+        ]
+    assert {name for name, _ in scenes} == {"foxglove.SceneUpdate"}
+    first, last = (
+        {entity["id"]: entity["cubes"] for entity in scene["entities"]}
+        for scene in (scenes[0][1], scenes[-1][1])
+    )
+    assert set(last) == {"box"}
+    assert len(first["the table"]) == 1 + 36
+    pose = last["box"][0]["pose"]
+    x_m, y_m, yaw_rad = plane_record.pose[-1, 0]
+    assert (pose["position"]["x"], pose["position"]["y"]) == (x_m, y_m)
+    turn = 2 * np.arctan2(pose["orientation"]["z"], pose["orientation"]["w"])
+    assert turn == pytest.approx(yaw_rad)
+
+
+def test_scene_has_no_more_pictures_than_eyes_need(plane, plane_record):
+    many_s = np.linspace(0, 4, 4001)
+    poses = np.zeros((4001, 1, 3))
+    dense = replace(plane_record, time_s=many_s, pose=poses)
+    times_s = [time_s for time_s, _ in scene_messages(plane, dense)]
+    assert 110 < len(times_s) <= 121
+    assert min(np.diff(times_s)) >= 1 / 30 - 1e-6
+
+
+def test_scene_gives_a_disc_and_a_polygon_their_bodies(plane, plane_record):
+    box = replace(plane.parcel[0], length_m=0.3, width_m=0.3)
+    corners = ((-0.1, -0.1), (0.15, 0.0), (-0.1, 0.1))
+    for shape, kind in ((replace(box, shape="disc"), "cylinders"), (None, "triangles")):
+        parcel = shape or replace(box, shape="polygon", corners_m=corners)
+        _, scene = next(scene_messages(replace(plane, parcel=(parcel,)), plane_record))
+        (body,) = scene["entities"][0][kind]
+        assert body["pose"]["position"]["x"] == plane_record.pose[0, 0, 0]
+    assert [(p["x"], p["y"]) for p in body["points"][:3]] == list(corners)
+    assert len(body["indices"]) == 3 * (1 + 2 * 3)

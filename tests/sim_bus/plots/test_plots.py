@@ -1,0 +1,219 @@
+"""Pictures show what the record says: traces, bands, footprints, goals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex, to_rgb
+
+from mdms_model.outline import outline_m
+from mdms_model.run.record import Contact, Event, Record
+from mdms_model.scenario.file import load_scenario
+from mdms_model.scenario.scenario import Parcel
+from mdms_sim.plots import is_row, save_picture, save_wheels
+from mdms_sim.plots.canvas import parcel_colour
+from mdms_sim.plots.plane import draw_plane
+from mdms_sim.plots.row import BANDS, draw_row
+from mdms_sim.plots.top_view import slip_share
+from mdms_sim.plots.wheels import draw_wheels
+
+
+@pytest.fixture
+def row():
+    return load_scenario("paper-fig7")
+
+
+@pytest.fixture
+def row_record(row):
+    """The box glides from left to right; cell 1 rolls, then slides, then is free."""
+    samples, cells = 31, row.array.columns
+    time_s = np.linspace(0.0, 3.0, samples)
+    pose = np.zeros((samples, 1, 3))
+    pose[:, 0, 0] = np.linspace(-0.35, 0.2, samples)
+    contact = np.zeros((samples, cells), dtype=np.int8)
+    contact[:10, 0] = Contact.ROLLING
+    contact[10:20, 0] = Contact.SLIDING_FORWARD
+    numbers = np.zeros((samples, cells))
+    return Record(time_s, pose, np.gradient(pose, time_s, axis=0), *[numbers] * 5, contact)
+
+
+def text_of(figure):
+    return " ".join(text.get_text() for text in figure.texts)
+
+
+def test_row_has_three_traces_half_a_length_apart(row, row_record):
+    axes = draw_row(row, row_record).axes[0]
+    low, high, middle = sorted(
+        (line.get_ydata() for line in axes.lines), key=lambda trace: trace[0] == -0.35
+    )
+    np.testing.assert_allclose(middle, row_record.pose[:, 0, 0])
+    np.testing.assert_allclose(middle - low, row.parcel[0].length_m / 2)
+    np.testing.assert_allclose(high - middle, row.parcel[0].length_m / 2)
+
+
+def bands_of_cell(axes, place_m):
+    """(start, end, colour) of the bands at one height."""
+    bands = []
+    for collection in axes.collections:
+        for path in collection.get_paths():
+            box = path.get_extents()
+            if box.y0 < place_m < box.y1:
+                bands.append((box.x0, box.x1, to_hex(collection.get_facecolor()[0])))
+    return [
+        (round(start_s, 9), round(end_s, 9), colour) for start_s, end_s, colour in sorted(bands)
+    ]
+
+
+def test_row_bands_follow_the_contact(row, row_record):
+    axes = draw_row(row, row_record).axes[0]
+    first = -4.5 * row.array.pitch_m
+    assert bands_of_cell(axes, first) == [
+        (0.0, 1.0, BANDS["rolling"]),
+        (1.0, 2.0, BANDS["sliding"]),
+        (2.0, 3.0, BANDS["no contact"]),
+    ]
+    assert len(bands_of_cell(axes, -first)) == 1
+
+
+def test_bands_grow_darker_as_in_the_paper():
+    light, medium, dark = (
+        sum(to_rgb(BANDS[name])) for name in ("no contact", "sliding", "rolling")
+    )
+    assert light > medium > dark
+
+
+def test_wheel_that_slipped_half_the_time_has_half_a_share():
+    contact = np.array([[1, 0, 2], [3, 0, 2], [0, 0, 1], [0, 0, 1]], dtype=np.int8)
+    np.testing.assert_array_equal(slip_share(contact), [0.5, np.nan, 0.5])
+
+
+def same_corners(shape, wanted):
+    return sorted(shape.round(9).tolist()) == sorted(wanted.round(9).tolist())
+
+
+def test_plane_shows_the_last_footprint_and_the_goal(plane, plane_record):
+    view = draw_plane(plane, plane_record).axes[0]
+    parcel = plane.parcel[0]
+    outlines = [patch.get_xy()[:4] for patch in view.patches if hasattr(patch, "get_closed")]
+    for pose in (plane_record.pose[0, 0], plane_record.pose[-1, 0], (0.1, 0.0, 0.5235987755982988)):
+        wanted = outline_m(np.array(pose), parcel)
+        assert any(same_corners(shape, wanted) for shape in outlines)
+
+
+def test_plane_view_holds_all_footprints(plane, plane_record):
+    gone = replace(plane_record, pose=plane_record.pose + np.array([0.5, 0, 0]))
+    view = draw_plane(plane, gone).axes[0]
+    assert view.get_xlim()[1] > 0.6
+    assert view.get_aspect() == 1.0
+
+
+def test_plane_tells_how_far_off_the_goal(plane, plane_record):
+    plane_record.pose[-1, 0, 0] += 0.005
+    assert "5.0 mm and 0.0° off its goal" in text_of(draw_plane(plane, plane_record))
+
+
+def test_plane_tells_of_a_tip(plane, plane_record):
+    plane_record.events.append(Event(3.5, "tip", "left the supports", parcel="box"))
+    assert "tipped off at 3.50 s" in text_of(draw_plane(plane, plane_record))
+
+
+def test_panels_show_truth_belief_and_goal(plane, plane_record):
+    yaw = draw_plane(plane, plane_record).axes[-1]
+    true, believed, goal = (line.get_ydata() for line in yaw.lines)
+    np.testing.assert_allclose(true, np.degrees(plane_record.pose[:, 0, 2]))
+    np.testing.assert_allclose(believed[5:], true[5:] + np.degrees(0.001))
+    assert np.isnan(believed[:5]).all()
+    assert goal[0] == pytest.approx(30.0)
+
+
+def test_belief_a_turn_away_is_drawn_near_the_truth(plane, plane_record):
+    plane_record.estimate[:, 0, 2] -= 2 * np.pi
+    yaw = draw_plane(plane, plane_record).axes[-1]
+    true, believed = (line.get_ydata() for line in yaw.lines[:2])
+    np.testing.assert_allclose(believed[5:], true[5:] + np.degrees(0.001))
+
+
+def test_colours_of_neighbouring_parcels_differ():
+    assert len({parcel_colour(number) for number in range(6)}) == 6
+    assert parcel_colour(6) == parcel_colour(0)
+
+
+def test_same_run_gives_the_same_picture(tmp_path, plane, plane_record):
+    for name in ("a.png", "b.png"):
+        save_picture(tmp_path / name, plane, plane_record)
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_row_is_told_from_plane(row, plane):
+    assert is_row(row)
+    assert not is_row(plane)
+
+
+def test_wheels_have_a_panel_for_each_quantity(plane, plane_record):
+    panels = draw_wheels(plane, plane_record).axes[::2]
+    told = [axes.get_ylabel().partition("\n")[0] for axes in panels]
+    assert told == ["contact", "normal [N]", "friction [N]", "slip [m/s]"]
+    contact, normal = (axes.collections[0].get_array() for axes in panels[:2])
+    np.testing.assert_array_equal(contact, plane_record.contact[:-1].T)
+    np.testing.assert_array_equal(normal, plane_record.normal_n[:-1].T)
+
+
+def test_long_run_is_thinned_for_the_wheels(row, row_record):
+    many = 5000
+    long = Record(
+        np.linspace(0, 50, many),
+        np.zeros((many, 1, 3)),
+        np.zeros((many, 1, 3)),
+        *[np.zeros((many, 10))] * 5,
+        np.zeros((many, 10), dtype=np.int8),
+    )
+    stripes = draw_wheels(row, long).axes[0].collections[0]
+    assert stripes.get_array().shape[1] <= 1500
+
+
+@pytest.fixture(params=["5 $ and 6 $", r"$\frac{", "_hidden", "数", "<b>"])
+def named(request):
+    """Gives a scenario this text for its title and its parcel's name."""
+
+    def rename(scenario):
+        parcel = replace(scenario.parcel[0], name=request.param)
+        return replace(scenario, title=request.param, parcel=(parcel,))
+
+    return rename
+
+
+def test_any_text_can_be_drawn_in_the_plane(tmp_path, plane, plane_record, named):
+    save_picture(tmp_path / "picture.png", named(plane), plane_record)
+
+
+def test_any_text_can_be_drawn_on_the_row(tmp_path, row, row_record, named):
+    save_picture(tmp_path / "picture.png", named(row), row_record)
+    save_wheels(tmp_path / "wheels.png", named(row), row_record)
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        {"shape": "disc", "length_m": 0.3, "width_m": 0.3},
+        {"shape": "polygon", "corners_m": ((-0.1, -0.1), (0.15, 0.0), (-0.1, 0.1))},
+    ],
+)
+def test_parcel_of_any_shape_is_drawn_by_its_outline(tmp_path, plane, plane_record, shape):
+    scenario = replace(plane, parcel=(replace(plane.parcel[0], **shape),))
+    view = draw_plane(scenario, plane_record).axes[0]
+    wanted = outline_m(plane_record.pose[-1, 0], scenario.parcel[0])
+    drawn = [patch.get_xy()[:-1] for patch in view.patches if hasattr(patch, "get_closed")]
+    assert any(same_corners(corners, wanted) for corners in drawn)
+
+
+def test_disc_is_round():
+    disc = Parcel("disc", 1.0, 0.3, 0.3, shape="disc")
+    corners_m = outline_m(np.array([1.0, 2.0, 0.5]), disc)
+    np.testing.assert_allclose(np.hypot(*(corners_m - (1.0, 2.0)).T), 0.15)
+
+
+def test_outline_turns_with_the_parcel():
+    parcel = Parcel("plate", 1.0, 0.4, 0.2)
+    corners_m = outline_m(np.array([0.0, 0.0, np.pi / 2]), parcel)
+    np.testing.assert_allclose(np.ptp(corners_m, axis=0), [0.2, 0.4])
