@@ -318,11 +318,11 @@ def spinning(speed_um_s, ticks=300):
 
 
 def test_a_wheel_that_turns_against_its_voltage_is_a_fault_after_its_time():
-    made, go_on = spinning(-50_000)
+    made, go_on = spinning(-120_000)
     made[s.TARGET] = 300_000
-    go_on(79, -50_000)
+    go_on(79, -120_000)
     assert made[s.FAULTS] == 0
-    go_on(2, -50_000)
+    go_on(2, -120_000)
     assert made[s.FAULTS] == s.REVERSED
     assert made[s.VOLTAGE] == 0
 

@@ -62,7 +62,7 @@ CURRENT_COUNT = const(35)  # ticks of over-current so far
 STALL_COUNT = const(36)  # ticks of stall so far
 STALL_FROM = const(37)  # the lowest count of the span in which a stalled wheel stays
 REVERSAL_COUNT = const(38)  # ticks against the voltage so far
-REVERSAL_FROM = const(39)  # speed at which these began [um/s]
+REVERSAL_PEAK = const(39)  # largest speed in these [um/s]
 FOLLOWING_COUNT = const(40)  # ticks of following error so far
 NEAR_COUNT = const(41)  # ticks near the target so far, up to WINDOW_TICKS
 SLOW_COUNT = const(42)  # ticks of standstill so far, up to WINDOW_TICKS
@@ -112,6 +112,8 @@ VOLTAGE_MAX_UV = const(60_000_000)
 FEED_MAX = const((1 << 15) - 1)
 HALF_COUNT = const(1 << 13)  # in units of POSITION
 SLOW_UM_S = const(10_000)
+#: A heavy parcel drags braking wheels at less than this for a while [um/s].
+REVERSAL_UM_S = const(100_000)
 #: A wheel that loses so much speed [um/s] while it turns against its voltage is braking.
 REVERSAL_DROP_UM_S = const(20_000)
 #: Ticks for which a wheel that stands is still braked.
@@ -266,10 +268,13 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         limit = registers[base + REVERSAL_VOLTAGE]
         against = (actual < 0 and voltage > 0) or (actual > 0 and voltage < 0)
         ticks = 0
-        if mode != OFF and limit != 0 and level >= limit and against and speed >= SLOW_UM_S:
+        if mode != OFF and limit != 0 and level >= limit and against and speed >= REVERSAL_UM_S:
             ticks = registers[base + REVERSAL_COUNT] + 1
-            if ticks == 1 or speed + REVERSAL_DROP_UM_S < registers[base + REVERSAL_FROM]:
-                registers[base + REVERSAL_FROM] = speed
+            high = registers[base + REVERSAL_PEAK]
+            if ticks == 1 or speed > high:
+                registers[base + REVERSAL_PEAK] = speed
+            if speed + REVERSAL_DROP_UM_S < high:
+                registers[base + REVERSAL_PEAK] = speed
                 ticks = 1
             elif ticks >= registers[base + REVERSAL_TICKS]:
                 ticks = registers[base + REVERSAL_TICKS]
