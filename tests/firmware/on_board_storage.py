@@ -5,7 +5,9 @@ The faked flash counts as stopping the processor whenever a sector is erased or 
 
 import world
 from bench import NODE, Bench
+from internal_flash import InternalFlash
 
+from mdms_cell.cell import Cell
 from mdms_protocol import cia402, pdo
 
 SAVE = b"\x23\x10\x10\x01save"
@@ -75,6 +77,28 @@ def test_node_id_is_not_saved_while_motors_are_on(bench):
 
 def test_only_flash_that_can_be_read_after_a_cut_save_keeps_settings(bench):
     assert (bench.board.settings is not None) == (bench.name == "pybv11")
+
+
+def test_node_id_and_settings_are_there_after_the_power_was_off(bench):
+    operational(bench)
+    bench.can.deliver(0x600 + NODE, b"\x2b\x00\x30\x00\x4d\x00\x00\x00")
+    bench.pass_ms(2)
+    bench.can.deliver(0x600 + NODE, SAVE)
+    for data in (b"\x04\x01", b"\x11\x09", b"\x17\x00"):
+        bench.pass_ms(2)
+        bench.can.deliver(0x7E5, data + bytes(6))
+    bench.pass_ms(2)
+    content = world.flash.content
+    world.flash = InternalFlash(content)
+    cell = Cell(bench.module.board(), NODE)
+    saved = bench.name == "pybv11"
+    assert cell.node_id == (9 if saved else NODE)
+    sent = []
+    cell._board.send = lambda can_id, data: sent.append((can_id, data)) or True
+    for now_ms in (0, 50):
+        cell.poll(now_ms)
+    cell.on_frame(0x600 + cell.node_id, b"\x40\x00\x30\x00\0\0\0\0")
+    assert sent[-1][1][4] == (77 if saved else 50)
 
 
 def run(board, name):
