@@ -10,6 +10,7 @@ import os
 import sys
 import time
 
+from boards.detect import board_module
 from mdms_cell.cell import Cell
 from mdms_cell.runner import INTERNAL_ERROR, Runner
 from mdms_protocol.version import VERSION
@@ -69,19 +70,7 @@ def size(path):
         return 0
 
 
-def board_module():
-    """The module of the board that this runs on."""
-    machine = sys.implementation._machine
-    if "PYBv1.1" in machine:
-        from boards import pybv11 as module
-    elif "G474" in machine:
-        from boards import nucleo_g474re as module
-    else:
-        raise RuntimeError("there is no board module for " + machine)
-    return module
-
-
 if __name__ == "__main__":
-    module = board_module()
+    module = board_module(sys.implementation._machine)
     if not module.held():
         run(module.board())

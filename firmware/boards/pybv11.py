@@ -2,7 +2,7 @@
 
 from machine import Pin
 
-from boards import sectors
+from boards import can_filters, sectors
 from boards.stm32 import Pins, Stm32Board
 
 PINS = Pins(
@@ -18,6 +18,8 @@ PINS = Pins(
     supply="X21",
     run_led="A14",
     error_led="A13",
+    filters=can_filters.bxcan,
+    receive="Y3",
 )
 #: Behind sectors 1 and 2 (16 KB each) with the file system: sectors 3 (16 KB) and 4 (64 KB).
 STORAGE = sectors.Storage(address=0x08004000, banks=(0x8000, 0xC000))

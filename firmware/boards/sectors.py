@@ -13,7 +13,7 @@ some number or other. For what it does elsewhere see `nucleo_g474re`.
 
 from collections import namedtuple
 
-from machine import mem16
+from machine import mem16  # pyright: ignore[reportAttributeAccessIssue] - not in the stubs
 from pyb import Flash
 
 BANK_SIZE = 4096

@@ -5,8 +5,8 @@ from pathlib import Path
 from mdms_host.flashing.firmware_sources import START, sources
 
 MANIFEST = Path(__file__).parents[2] / "firmware" / "manifest.py"
-#: Frozen with its package, and imported by nothing on a board; `flash` waits for one with LittleFS.
-SPARE = {"mdms_cell/cpython.py", "boards/flash.py"}
+#: Frozen with its package, and imported by nothing on a board.
+SPARE = {"mdms_cell/cpython.py"}
 
 
 def frozen(manifest):

@@ -44,7 +44,7 @@ def command(board, *more):
 def test_real_firmware_goes_into_the_romfs_and_runs_from_it(plug_in, copies, capsys):
     board = plug_in({**OLD.files, **STALE, **KEPT}, rom=b"")
     assert command(board) == Exit.OK
-    assert "1 files and ROMFS" in capsys.readouterr().out
+    assert "1 file and a ROMFS image" in capsys.readouterr().out
     wanted = copies.in_rom()
     assert board.rom.startswith(wanted.rom)
     assert firmware_on(board) == {START: copies.files[START]}
@@ -95,6 +95,15 @@ def test_power_may_fail_at_any_moment(plug_in, traffic_bytes, share):
     assert board.rom.startswith(NEW_ROM.rom)
 
 
+@pytest.mark.parametrize("cut", [b"boards", b"cell.mpy", b"mdms_protocol"])
+def test_image_that_was_cut_while_it_was_written_is_written_anew(plug_in, copies, cut):
+    wanted = copies.in_rom().rom
+    # Erased flash is all ones.
+    board = plug_in({}, rom=wanted[: wanted.index(cut) + 3])
+    assert command(board) == Exit.OK
+    assert board.rom.startswith(wanted)
+
+
 def test_romfs_with_anything_else_in_it_is_left_alone(plug_in, copies):
     rom = rom_image({"app.py": b"", "mdms_cell/__init__.py": b""})
     board = plug_in({}, rom=rom)
@@ -131,7 +140,7 @@ def test_board_with_the_same_firmware_frozen_in_gets_main_alone(plug_in, freeze,
     freeze(VERSION)
     board = plug_in({**OLD.files, **STALE, **KEPT}, heap_bytes=SMALL_HEAP)
     assert command(board) == Exit.OK
-    assert "1 files" in capsys.readouterr().out
+    assert "1 file," in capsys.readouterr().out
     assert firmware_on(board).keys() == {START}
     assert files_of(board)["settings0.bin"] == KEPT["settings0.bin"]
     assert command(board, "--json") == Exit.OK

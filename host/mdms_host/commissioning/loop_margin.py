@@ -1,10 +1,10 @@
 """How large a cell's gain may be: the phase margin of its sampled speed loop.
 
 The loop is worked out exactly at its sampling instants: the wheel under a held voltage (paper,
-eq 8), the position read once a tick, the firmware's observer, an alpha-beta filter that is told of
-new voltage, and the time from reading the encoder to setting the voltage. Within half a count the
-observer takes only a share of what an innovation says; the margin is the smaller one of the loop
-with all of it and with that.
+eq 8), the position read once a tick, the firmware's observer, an alpha-beta filter that takes
+new voltage in, and the time from reading the encoder to setting the voltage. Within half a count
+the observer takes only a share of an innovation; the margin is the smaller one of the loop with all
+of it and with that.
 """
 
 import math
@@ -26,7 +26,7 @@ NEW_TICKS = 16
 #: From reading the encoder to the new voltage, on the slowest board.
 DELAY_S = 0.0001
 MARGIN_RAD = math.radians(45.0)
-#: What the observer is best told, over what the motor's data say: a step of the reference is then
+#: The best setting of the observer over what the motor's data give: a step of the reference is then
 #: quick and calm for motors whose force and resistance are up to 30 % off.
 FEED_SHARE = 5.0 / 3.0
 #: What a wheel may seem to weigh under a parcel, over what it weighs; one that stands is added.
@@ -115,7 +115,7 @@ def largest_gain(
 ) -> float:
     """The largest gain G [V s/m] whose loop keeps the phase margin [rad] under any load.
 
-    A parcel on the wheel adds mass: all of LOADS are looked at, and a wheel that nothing moves.
+    A parcel on the wheel adds mass: all of LOADS are tried, and a wheel that nothing moves.
     """
     return min(_largest_gain(loop, margin_rad) for loop in _open_loops(motor, observer))
 

@@ -18,7 +18,7 @@ _MARGIN_M = 0.05
 
 
 class Program(Protocol):
-    """Tells all wheels' references [m/s] (the paper's r), step by step."""
+    """Sets all wheels' references [m/s] (the paper's r), step by step."""
 
     def references_m_s(self, poses: Mapping[str, Floats], step_s: float) -> Floats:
         """References of shape (W,) for the next step, given the poses (x, y, yaw) known now."""

@@ -17,8 +17,14 @@ class NorFlash:
         self.content = bytearray(content or b"\xff" * (blocks * BLOCK))
         self.budget = None
         self.erases = 0
+        self.on_stop = None
         self._seed = seed
         self._lost = False
+
+    @property
+    def dirty(self):
+        """Whether something waits to be programmed; these ports have nothing wait."""
+        return False
 
     def readblocks(self, block, buffer, offset=0):
         """Read; from a chip without supply nothing comes."""
@@ -61,6 +67,8 @@ class NorFlash:
         """True for an operation to be done, False for one cut off, None for none any more."""
         if self._lost:
             return None
+        if self.on_stop is not None:
+            self.on_stop()
         if self.budget is not None:
             self.budget -= 1
             self._lost = self.budget < 0

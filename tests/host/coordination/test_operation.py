@@ -3,7 +3,7 @@ import pytest
 
 from mdms_host.can_link.link import Link
 from mdms_host.clock import MonotonicClock
-from mdms_host.commissioning.scan import scan
+from mdms_host.commissioning.scan import scan_bus
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, operate
 from mdms_host.coordination.phase import Phase
@@ -30,7 +30,7 @@ def clock() -> MonotonicClock:
 def test_a_field_runs_for_its_time_on_real_cells_and_leaves_them_off(served_cells, clock) -> None:
     heard, one = [], coordinator()
     with Link(served_cells.open(), clock) as link:
-        done = operate(one, link, clock, 2.0, tell=lambda _now_s, text: heard.append(text))
+        done = operate(one, link, clock, 2.0, on_event=lambda _now_s, text: heard.append(text))
     assert (done.ending, done.fault) == (Ending.DONE, None)
     assert done.duration_s >= 2.0
     assert Phase.RUNNING in heard
@@ -46,7 +46,7 @@ def test_an_interrupt_ends_in_order(served_cells, clock) -> None:
             raise KeyboardInterrupt
 
     with Link(served_cells.open(), clock) as link:
-        done = operate(one, link, clock, 10.0, tell=interrupt)
+        done = operate(one, link, clock, 10.0, on_event=interrupt)
     assert done.ending == Ending.INTERRUPTED
     assert one.phase == Phase.STOPPED
 
@@ -76,7 +76,7 @@ def test_a_second_run_takes_the_array_over_from_one_that_broke_off(served_cells,
             raise BrokenOffError
 
     with Link(served_cells.open(), clock) as link, pytest.raises(BrokenOffError):
-        operate(coordinator(), link, clock, 10.0, tell=break_off)
-    assert {node.state for node in scan(served_cells.open(), clock)} == {"operational"}
+        operate(coordinator(), link, clock, 10.0, on_event=break_off)
+    assert {node.state for node in scan_bus(served_cells.open(), clock)} == {"operational"}
     with Link(served_cells.open(), clock) as link:
         assert operate(coordinator(), link, clock, 1.5).ending == Ending.DONE

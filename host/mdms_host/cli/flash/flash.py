@@ -1,7 +1,7 @@
 """`mdms flash`: firmware onto boards over USB."""
 
 import json
-from argparse import ArgumentTypeError, Namespace
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING
 
 from mdms_host.cli.console import progress, say, show
 from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.options import Verbs, add_json
+from mdms_host.cli.options import add_json
+from mdms_host.flashing.board_survey import MACHINES
 
 if TYPE_CHECKING:
     from mdms_host.cli.flash.flash_board import Outcome
     from mdms_host.flashing.board_port import BoardPort
     from mdms_host.flashing.firmware_build import Firmware
 
-BOARDS = ("pybv11", "nucleo_g474re")
 JOBS = 8
 NOBODY = (
-    "no board is connected over USB (PYBv1.1 or NUCLEO-G474RE with MicroPython); --port names one "
-    "that is not recognised, and `mdms serve array18` starts an array without boards"
+    "no board is connected over USB (with MicroPython; firmware/README.md lists those that suit); "
+    "--port names one that is not recognised, and `mdms serve array18` starts an array without any"
 )
 EPILOG = """\
 The firmware that runs on a board is ended, which cuts its motors, and is started again at the end.
@@ -31,11 +31,9 @@ little memory for them needs a MicroPython that has them frozen in (firmware/FRE
 """
 
 
-def add_to(verbs: Verbs) -> None:
-    """Register the verb."""
-    parser = verbs.add_parser(
-        "flash", help="bring the firmware onto boards over USB", epilog=EPILOG
-    )
+def add_options(parser: ArgumentParser) -> None:
+    """Those of `flash`."""
+    parser.epilog = EPILOG
     which = parser.add_mutually_exclusive_group()
     which.add_argument(
         "--port",
@@ -50,12 +48,13 @@ def add_to(verbs: Verbs) -> None:
     what.add_argument("--list", action="store_true", help="only show what is there, and restart it")
     what.add_argument("--dry-run", action="store_true", help="only tell what would be written")
     parser.add_argument("--force", action="store_true", help="write every file, changed or not")
-    parser.add_argument("--board", choices=BOARDS, help="what a board is that does not say it")
+    parser.add_argument(
+        "--board", choices=tuple(MACHINES.values()), help="what a board is that does not say it"
+    )
     parser.add_argument(
         "--jobs", metavar="N", type=_jobs, default=JOBS, help=f"boards at once (default {JOBS})"
     )
     add_json(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: Namespace) -> Exit:

@@ -35,8 +35,9 @@ class Outcome:
         head = f"{self.port.device}: {self.info.board or self.info.machine}"
         if self.plan == Plan():
             return f"{head} has {self.after} already"
-        count = f"{len(self.plan.written)} files{' and ROMFS' if self.plan.rom else ''}"
-        files = f"{count}, {self.plan.size / 1000:.1f} KB"
+        count = "1 file" if len(self.plan.written) == 1 else f"{len(self.plan.written)} files"
+        image = " and a ROMFS image" if self.plan.rom else ""
+        files = f"{count}{image}, {self.plan.size / 1000:.1f} KB"
         change = f"{self.before or 'no firmware'} -> {self.after}"
         stale = f", {len(self.plan.stale)} stale files removed" if self.plan.stale else ""
         if self.dry:

@@ -1,4 +1,4 @@
-"""From a scenario to the host's own objects: what it believes, is told, and writes to the cells."""
+"""From a scenario to the host's own objects: array, parcels, program, settings of the cells."""
 
 from math import pi
 
@@ -26,9 +26,9 @@ UNDERVOLTAGE_V = 10.0
 
 
 def coordinator_of(scenario: Scenario) -> Coordinator:
-    """A coordinator that knows the array, the parcels' sizes and what is to be done.
+    """A coordinator with the scenario's array, sizes of parcels, and motion.
 
-    Raises `CommandError` for what the firmware cannot be told.
+    Raises `CommandError` for what does not fit the firmware.
     """
     layout, parcels = layout_of(scenario), parcels_of(scenario)
     program = _program(scenario, layout, parcels)
@@ -86,7 +86,7 @@ def _setting(index: int, meaning: str, value: float) -> Setting:
 
 
 def parcels_of(scenario: Scenario) -> tuple[Parcel, ...]:
-    """What the host is told of the parcels: size, and where each was put if there are several."""
+    """The parcels as the host gets them: size, and where each was put if there are several."""
     several = len(scenario.parcel) > 1
     return tuple(
         Parcel(
