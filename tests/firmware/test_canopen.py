@@ -75,7 +75,7 @@ class Cells(threading.Thread):
     def _to_cells(self, can_id, data, sender=None):
         for cell in self.cells:
             if cell is not sender:
-                cell.on_frame(can_id, data)
+                cell.on_frame(can_id, data, cell.now_ms)
 
     def _from_cells(self):
         for cell, board in zip(self.cells, self.boards, strict=True):

@@ -9,12 +9,12 @@ request of the transfer's client, who would take another response for its own.
 """
 
 from mdms_cell import ticks
-from mdms_protocol import cob, sdo
+from mdms_protocol import cob, indices, sdo
 
 #: Any node answers an SDO request within this time.
 LISTEN_MS = 50
 
-_SERIAL_NUMBER = (0x1018, 4)
+_SERIAL_NUMBER = (indices.IDENTITY, 4)
 _REQUEST = sdo.read_request(*_SERIAL_NUMBER)[:4]
 
 

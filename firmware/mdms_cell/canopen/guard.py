@@ -3,9 +3,7 @@
 An error of communication switches the motors off, whatever the error behaviour of 0x1029 says.
 """
 
-from mdms_protocol import nmt
-
-ERROR_BEHAVIOUR = 0x1029
+from mdms_protocol import indices, nmt
 
 # What errors come from, as emergency messages tell it; axes count from 1
 SOURCE_CONSUMER = 3
@@ -66,6 +64,6 @@ class Guard:
 
     def _react(self, error_code):
         self._axes.fail(error_code)
-        state = _STATES.get(self._objects.number(ERROR_BEHAVIOUR, 1))
+        state = _STATES.get(self._objects.number(indices.ERROR_BEHAVIOUR, 1))
         if state is not None and self._node.state in (nmt.OPERATIONAL, nmt.PRE_OPERATIONAL):
             self._node.enter(state)

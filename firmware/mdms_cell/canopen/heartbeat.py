@@ -1,10 +1,8 @@
 """Heartbeats: the producer (0x1017) and the consumer (0x1016) of CiA 301, 7.2.8.2.2.3."""
 
 from mdms_cell import ticks
-from mdms_protocol import cob, nmt, sdo
+from mdms_protocol import cob, indices, nmt, sdo
 
-PRODUCER_TIME = 0x1017
-CONSUMER_TIMES = 0x1016
 CONSUMED_NODES = 4
 
 
@@ -18,11 +16,11 @@ class Heartbeat:
         self._due_ms = 0
         self._owed = False
         self.now_ms = 0
-        objects.watchers[PRODUCER_TIME] = self._configure
+        objects.watch(indices.PRODUCER_TIME, self._configure)
 
     def start(self, now_ms):
         """Begin a period, at boot-up or when the period changed."""
-        self._period_ms = self._objects.number(PRODUCER_TIME)
+        self._period_ms = self._objects.number(indices.PRODUCER_TIME)
         self._due_ms = ticks.after(now_ms, self._period_ms)
 
     def answer(self):
@@ -66,7 +64,7 @@ class Consumer:
         self._objects = objects
         self._changed = changed
         self._heard = heard
-        objects.watchers[CONSUMER_TIMES] = self._on_time
+        objects.watch(indices.CONSUMER_TIMES, self._on_time)
         self.load()
 
     def load(self):
@@ -111,7 +109,7 @@ class Consumer:
         return wait_ms
 
     def _watched(self, sub):
-        value = self._objects.number(CONSUMER_TIMES, sub)
+        value = self._objects.number(indices.CONSUMER_TIMES, sub)
         return value >> 16, value & 0xFFFF
 
     def _on_time(self, _index, sub):

@@ -112,6 +112,20 @@ class Objects:
         self.writes = {}
         self.watchers = {}
 
+    def tie(self, index, sub, read=None, write=None):
+        """Have an entry's value come from `read()`, and go to `write(number)`, where given."""
+        if read is not None:
+            self.reads[key(index, sub)] = read
+        if write is not None:
+            self.writes[key(index, sub)] = write
+
+    def watch(self, index, watcher):
+        """Call `watcher(index, sub)` when an entry of the object has been written and stored.
+
+        It refuses the value by raising AbortError.
+        """
+        self.watchers[index] = watcher
+
     def read(self, index, sub):
         """An entry's value as bytes, as a client may read it; raises AbortError."""
         entry = find(index, sub)

@@ -28,8 +28,8 @@ class Pdo:
         self._direction = direction
         self._changed = changed
         self.can_id = None
-        objects.watchers[parameters] = self._on_parameter
-        objects.watchers[mapping] = self._on_mapping
+        objects.watch(parameters, self._on_parameter)
+        objects.watch(mapping, self._on_mapping)
 
     def load(self):
         """Take over identifier and type from the dictionary."""

@@ -5,10 +5,7 @@ import struct
 from mdms_cell import ticks
 from mdms_cell.canopen.pdo import Pdo
 from mdms_cell.canopen.rules import DUMMIES, EVENT_TIMER
-from mdms_protocol import record
-
-PARAMETERS = 0x1400
-MAPPING = 0x1600
+from mdms_protocol import indices, record
 
 _DUMMY_FORMATS = {8: "B", 16: "H", 32: "I"}
 
@@ -20,7 +17,8 @@ class Rpdo(Pdo):
     """
 
     def __init__(self, number, objects, heard, changed):
-        super().__init__(objects, PARAMETERS + number, MAPPING + number, record.IN_RPDO, changed)
+        parameters, mapping = indices.RPDO_PARAMETERS + number, indices.RPDO_MAPPING + number
+        super().__init__(objects, parameters, mapping, record.IN_RPDO, changed)
         self._heard = heard
         self._heard_ms = None
         self.late = False

@@ -83,6 +83,12 @@ def set_ramps(registers, base, acceleration, deceleration, quick_stop):
     registers[base + speed_loop.QUICK_STOP] = _per_tick(quick_stop)
 
 
+def set_times(registers, setpoint_timeout_ms, braking_ms):
+    """Set how old a target may grow, and how long an axis brakes at most; of both axes."""
+    registers[speed_loop.AGE_LIMIT] = setpoint_timeout_ms * speed_loop.TICK_HZ // 1000
+    registers[speed_loop.BRAKE_TICKS] = braking_ms * speed_loop.TICK_HZ // 1000
+
+
 def set_over_current(registers, base, limit_ma, time_ms):
     """Make more than `limit_ma` for `time_ms` a fault; a time of 0 does not watch."""
     _check("current limit [mA]", limit_ma, 0, CURRENT_MAX_MA)
