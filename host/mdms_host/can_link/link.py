@@ -5,17 +5,17 @@ on, records what happened, and ends only when the device itself is gone.
 """
 
 from argparse import ArgumentError, Namespace
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
 from queue import Empty, SimpleQueue
 from threading import Thread
 from types import TracebackType
-from typing import Protocol
 
 import can
 from can.cli import create_bus_from_namespace
 
 from mdms_host.clock import Clock
+from mdms_model.participant import Participant
 from mdms_protocol.frame import Frame
 
 _DEVICE_ERRORS = (can.CanOperationError, OSError)
@@ -197,23 +197,6 @@ class Link:
     def _note(self, text: str) -> None:
         if not self._closing:
             self.incidents.append((self._clock.now_s(), text))
-
-
-class Participant(Protocol):
-    """Anything on the bus; see 'Participant' in DESIGN.md."""
-
-    @property
-    def wake_s(self) -> float:
-        """When to poll it next, if no frame comes before [s]."""
-        ...
-
-    def on_frame(self, frame: Frame, now_s: float) -> None:
-        """A frame was on the bus."""
-        ...
-
-    def poll(self, now_s: float) -> Iterable[Frame]:
-        """The frames to send now."""
-        ...
 
 
 def drive(participant: Participant, link: Link, clock: Clock, over: Callable[[], bool]) -> None:

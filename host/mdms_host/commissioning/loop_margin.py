@@ -90,26 +90,6 @@ def observer_for(motor: WheelMotor) -> Observer:
     return replace(DEFAULT, acceleration_m_s2_per_v=min(FEED_SHARE * acceleration, largest))
 
 
-def wheel_motor(
-    *,
-    torque_constant_nm_per_a: float,
-    resistance_ohm: float,
-    damping_nms: float,
-    rotor_inertia_kg_m2: float,
-    gear_ratio: float,
-    wheel_radius_m: float,
-    wheel_inertia_kg_m2: float = 0.0,
-) -> WheelMotor:
-    """The motor as its wheel's rim sees it (paper, section 3.2), and the wheel about its axle."""
-    lever = gear_ratio / wheel_radius_m
-    return WheelMotor(
-        force_n_per_a=torque_constant_nm_per_a * lever,
-        resistance_ohm=resistance_ohm,
-        damping_n_s_per_m=damping_nms * lever**2,
-        mass_kg=rotor_inertia_kg_m2 * lever**2 + wheel_inertia_kg_m2 / wheel_radius_m**2,
-    )
-
-
 def largest_gain(
     motor: WheelMotor, observer: Observer = DEFAULT, margin_rad: float = MARGIN_RAD
 ) -> float:

@@ -11,8 +11,8 @@ from mdms_host.commissioning.loop_margin import (
     largest_gain,
     observer_for,
     phase_margin,
-    wheel_motor,
 )
+from mdms_model.motor import drive_of, rim_mass_kg
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Cell, Scenario
 
@@ -59,12 +59,10 @@ def refuse_large_gain(scenario: Scenario) -> None:
 
 def motor_of(cell: Cell) -> WheelMotor:
     """The motor of a scenario's cells as its wheel's rim sees it."""
-    return wheel_motor(
-        torque_constant_nm_per_a=cell.torque_constant_nm_per_a,
+    drive = drive_of(cell)
+    return WheelMotor(
+        force_n_per_a=drive.ke,
         resistance_ohm=cell.resistance_ohm,
-        damping_nms=cell.damping_nms,
-        rotor_inertia_kg_m2=cell.rotor_inertia_kg_m2,
-        gear_ratio=cell.gear_ratio,
-        wheel_radius_m=cell.wheel_radius_m,
-        wheel_inertia_kg_m2=cell.wheel_inertia_kg_m2,
+        damping_n_s_per_m=drive.be,
+        mass_kg=rim_mass_kg(cell),
     )

@@ -25,9 +25,9 @@ def _serve(scenario: Scenario, arguments: Namespace) -> Exit:
     with closing(open_bank(arguments.nodes, cells)) as bank:
         simulation = Simulation(scenario, bank, recorded=False)
         name = arguments.name or _name_of(arguments.scenario)
-        with Server(simulation, name, arguments.tcp_port, arguments.speed, tell=say) as server:
+        with Server(simulation, name, arguments.tcp_port, arguments.speed, report=say) as server:
             print(f"{scenario.title}: {cells} cells on a virtual CAN bus; connect with")
-            print(*(f"  {line}" for line in ways_in(server.doors)), sep="\n", flush=True)
+            print(*(f"  {line}" for line in ways_in(server.addresses)), sep="\n", flush=True)
             server.run()
             for event in simulation.world.events:
                 if event.kind == "tip":
