@@ -43,13 +43,15 @@ class Driven:
     def __init__(self, world, runner):
         self._world = world
         self._runner = runner
+        self.now_ms = 0
 
-    def on_frame(self, can_id, data):
+    def on_frame(self, can_id, data, _now_ms):
         self._world.buses[0].deliver(can_id, data)
         self._runner.turn(self._world.now_ms)
 
     def poll(self, now_ms):
         world = self._world
+        self.now_ms = now_ms
         world.now_ms = now_ms - 1
         world.advance()
         self._runner.turn(now_ms)
