@@ -10,21 +10,21 @@ import os
 import sys
 import time
 
-from mdms_cell.runner import INTERNAL_ERROR
+from boards.detect import board_module
+from mdms_cell.cell import Cell
+from mdms_cell.runner import INTERNAL_ERROR, Runner
+from mdms_protocol.version import VERSION
 
 #: Of a cell whose node id was never set; LSS gives it one.
 NODE_UNSET = 0xFF
 FAREWELL_MS = 20
 LOG_MAX = 8192
-#: `mdms_image` puts the version of the image in its place.
-VERSION = "unmerged"
 
 
 def run(board, folder="/flash", node_id=NODE_UNSET, watchdog=True):
     """Run the cell until something goes wrong, and raise that with the motors cut."""
-    from boards.start import cell_on
-
-    cell, runner = cell_on(board, node_id)
+    cell = Cell(board, node_id)
+    runner = Runner(board, cell)
     gc.collect()  # what the start took lies between what stays
     try:
         board.start(runner.tick, watchdog)
@@ -71,8 +71,6 @@ def size(path):
 
 
 if __name__ == "__main__":
-    from boards.start import this_board
-
-    board = this_board()
-    if board is not None:
-        run(board)
+    module = board_module(sys.implementation._machine)
+    if not module.held():
+        run(module.board())

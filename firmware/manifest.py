@@ -1,12 +1,27 @@
-"""Freezes the cell into MicroPython: `make BOARD=PYBV11 FROZEN_MANIFEST=.../manifest.py`.
+"""Freezes a cell's firmware into MicroPython; see FREEZING.md.
 
-The modules then run from flash and leave the heap to their data.
+`main.py` stays a file of the board, so that whether the firmware starts is decided there.
 """
 
 # ruff: noqa: F821 - the build defines these names
 
 include("$(PORT_DIR)/boards/manifest.py")
-package("mdms_cell", base_path="$(MANIFEST_DIR)", opt=0)
-package("boards", base_path="$(MANIFEST_DIR)", opt=0)
-package("mdms_protocol", base_path="$(MANIFEST_DIR)/../protocol", opt=0)
-module("main.py", base_path="$(MANIFEST_DIR)", opt=0)
+package("boards")
+package("mdms_cell")
+package(
+    "mdms_protocol",
+    base_path="../protocol",
+    files=(
+        "__init__.py",
+        "cia402.py",
+        "cob.py",
+        "frame.py",
+        "lss.py",
+        "nmt.py",
+        "packed.py",
+        "record.py",
+        "sdo.py",
+        "signature.py",
+        "version.py",
+    ),
+)

@@ -1,1 +1,1 @@
-"""The tests of the project; a package, so that no installed one of this name comes before it."""
+"""Tests, benchmarks and soaks, which come before an installed package of this name."""

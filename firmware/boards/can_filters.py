@@ -1,27 +1,56 @@
-"""The CAN controller's filters, loaded when it changes what a cell listens to."""
+"""The acceptance filters of the CAN controllers, for what a cell listens to."""
 
 from machine import CAN
 
 #: A filter that no frame of the bus passes.
 _NONE = (0x1FFFFFFF, 0x1FFFFFFF, CAN.FLAG_EXT_ID)
-#: Half of what an STM32F4 has: MicroPython gives those at odd places to the second FIFO.
-_PLACES = 7
+_EXACT = 0x7FF
+#: Half of the 14 banks of a bxCAN, and of the 28 and 64 standard filters of an STM32G4's and H7's
+#: FDCAN.
+_BXCAN_PLACES = 7
+_FDCAN_PLACES = 14
+_FDCAN_H7_PLACES = 32
 
 
-def filters(identifiers):
-    """What lets frames with these identifiers through, all of them into the first FIFO.
+def bxcan(identifiers):
+    """Filters of a bxCAN that let these identifiers through, all of them into the first FIFO.
 
-    MicroPython's controller of an STM32F4 sleeps, in the interrupt, for a frame of the first FIFO
-    before it looks at the second, so nothing may come there. Where there are more identifiers than
-    places, those that differ least share one, and the cell drops what else comes through with them.
+    MicroPython gives filters at odd places to the second FIFO, and sleeps for a frame in the first,
+    in the interrupt, before it looks at the second. Standard and extended filters count together.
     """
-    wanted = [(can_id, 0x7FF) for can_id in sorted(identifiers)]
-    while len(wanted) > _PLACES:
-        _join(wanted)
     made = []
-    for can_id, mask in wanted:
+    for can_id, mask in shared(identifiers, _BXCAN_PLACES):
         made += ((can_id, mask, 0), _NONE)
     return made
+
+
+def fdcan(identifiers, places=_FDCAN_PLACES):
+    """Filters of an FDCAN that let these identifiers through, all of them into the first FIFO.
+
+    MicroPython gives filters at odd places to the second FIFO, where frames would overtake others.
+    Standard and extended filters count apart, so that each filter stands twice: the first decides.
+    """
+    made = []
+    for can_id, mask in shared(identifiers, places):
+        made += ((can_id, mask, 0), (can_id, mask, 0))
+    return made
+
+
+def fdcan_h7(identifiers):
+    """As `fdcan`, for an STM32H7, which has more of them."""
+    return fdcan(identifiers, _FDCAN_H7_PLACES)
+
+
+def shared(identifiers, places):
+    """Identifiers and masks that fit into so many places.
+
+    Where there are more identifiers than places, those that differ least share one, and the cell
+    drops what else comes through with them.
+    """
+    wanted = [(can_id, _EXACT) for can_id in sorted(identifiers)]
+    while len(wanted) > places:
+        _join(wanted)
+    return wanted
 
 
 def _join(wanted):
@@ -30,7 +59,7 @@ def _join(wanted):
     best = 0, 1, 0
     for place in range(1, len(wanted)):
         for other in range(place):
-            mask = _shared(wanted[other], wanted[place])
+            mask = _common(wanted[other], wanted[place])
             bits = bin(mask).count("1")
             if bits > most:
                 most = bits
@@ -40,5 +69,5 @@ def _join(wanted):
     wanted[other] = wanted[other][0] & mask, mask
 
 
-def _shared(one, two):
+def _common(one, two):
     return one[1] & two[1] & ~(one[0] ^ two[0])

@@ -2,6 +2,7 @@
 
 from machine import Pin
 
+from boards import can_filters
 from boards.stm32 import Pins, Stm32Board
 
 PINS = Pins(
@@ -17,6 +18,8 @@ PINS = Pins(
     supply="C2",
     run_led="A5",
     error_led="C6",
+    filters=can_filters.fdcan,
+    receive="A11",
 )
 
 

@@ -2,6 +2,7 @@
 
 from machine import Pin
 
+from boards import can_filters
 from boards.stm32 import Pins, Stm32Board
 
 PINS = Pins(
@@ -17,6 +18,8 @@ PINS = Pins(
     supply="X21",
     run_led="A14",
     error_led="A13",
+    filters=can_filters.bxcan,
+    receive="Y3",
 )
 
 

@@ -1,9 +1,8 @@
-"""A wheel of an STM32 board: bridge (phase and enable), quadrature encoder and current sense."""
+"""A wheel of a board: bridge (phase and enable), quadrature encoder and current sense."""
 
 import micropython
 from machine import ADC, Pin
 from micropython import const
-from pyb import Timer
 
 from mdms_cell.drive import speed_loop
 
@@ -21,21 +20,22 @@ _SUPPLY_MIN = const(1_000_000 >> 12)
 class Wheel:
     """The axis whose registers are at `base`; all but `off` is for the tick.
 
-    `count()` is the encoder's, `sense(registers)` writes the motor's current into the registers,
-    signed as the voltage, and `drive(registers)` sets phase and pulse width to the voltage there.
-    `pulse` is a PWM channel whose full width is `steps`.
+    `count()` is the encoder's position, `sense(registers)` writes the motor's current into the
+    registers, signed as the voltage, and `drive(registers)` sets phase and pulse width to the
+    voltage there.
+    `set_width(width)` sets the pulses of a PWM, `steps` for full ones.
     """
 
-    def __init__(self, base: int, *, encoder: Timer, pulse, steps: int, phase: Pin, current: ADC):
+    def __init__(self, base: int, *, count, set_width, steps: int, phase: Pin, current: ADC):
         voltage = base + speed_loop.VOLTAGE
-        self.count = encoder.counter
+        self.count = count
         self.sense = _sensing(voltage, base + speed_loop.CURRENT, current.read_u16)
-        self.drive = _driving(voltage, phase, pulse.pulse_width, steps)
-        self._pulse_width = pulse.pulse_width
+        self.drive = _driving(voltage, phase, set_width, steps)
+        self._set_width = set_width
 
     def off(self):
         """No pulse."""
-        self._pulse_width(0)
+        self._set_width(0)
 
 
 # What the tick calls has the peripherals' own methods as defaults of its arguments: to look up
@@ -78,22 +78,3 @@ def _driving(voltage, phase, set_width, steps):
         set_width(width if width < steps else steps)
 
     return drive
-
-
-def pulses(timer, source_hz, pins):
-    """PWM channels 1 and 2 of a timer at `PWM_HZ`, one a pin, and their full width."""
-    steps = source_hz // PWM_HZ
-    pwm = Timer(timer, prescaler=0, period=steps - 1)
-    channels = [
-        pwm.channel(place + 1, Timer.PWM, pin=pins[place], pulse_width=0)
-        for place in range(len(pins))
-    ]
-    return channels, steps
-
-
-def encoder(timer, pin_a, pin_b):
-    """A timer that counts the edges of a quadrature encoder, modulo 2**16."""
-    counter = Timer(timer, prescaler=0, period=0xFFFF)
-    counter.channel(1, Timer.ENC_AB, pin=pin_a)
-    counter.channel(2, Timer.ENC_AB, pin=pin_b)
-    return counter

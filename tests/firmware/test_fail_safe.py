@@ -35,9 +35,11 @@ def test_every_row_has_a_test_and_every_test_a_row():
     assert set(rows()) == functions
 
 
+@pytest.mark.parametrize("board", ["pybv11", "teensy41"])
 @pytest.mark.parametrize("row", rows())
-def test_row(micropython, row):
-    assert micropython(f"import fail_safe_rows; fail_safe_rows.run({row!r})", *FILES) == "done\n"
+def test_row(micropython, row, board):
+    code = f"import fail_safe_rows; fail_safe_rows.run({row!r}, {board!r})"
+    assert micropython(code, *FILES) == "done\n"
 
 
 def test_collection_between_any_two_steps_delays_no_tick_and_loses_no_frame(micropython):

@@ -2,18 +2,21 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from threading import Event, Thread
 
 import can
 import numpy as np
 import pytest
 
+from mdms_cell.canopen.objects import Objects, key
+from mdms_cell.canopen.sdo_server import SdoServer
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.layout import Layout
-from mdms_protocol import cia402, cob, nmt, pdo
+from mdms_protocol import cia402, cob, indices, nmt, pdo, record, sdo, signature
 from mdms_protocol.frame import Frame
 from mdms_sim.nodes.python_bank import PythonBank
 
@@ -44,6 +47,13 @@ class KinematicCell:
     status: tuple[int, ...] | None = None
     heartbeat_s: float = 0.0
     writes: list[bytes] = field(default_factory=list)
+    objects: Objects = field(default_factory=Objects)
+
+    def __post_init__(self) -> None:
+        """The object dictionary is the firmware's, with its settings at their defaults."""
+        self.objects.reset(self.node_id, record.FROM_NODE)
+        read = partial(signature.of, self.objects.data)
+        self.objects.reads[key(indices.SIGNATURE, 0)] = read
 
     def alive(self, now_s: float) -> bool:
         return self.boots_s <= now_s < self.dies_s
@@ -62,9 +72,11 @@ class KinematicCell:
             words = pdo.CONTROLWORD.decode(frame.data)
             self.states = [NEXT.get(pair, pair[0]) for pair in zip(self.states, words, strict=True)]
         if frame.can_id == cob.SDO_REQUEST_BASE + self.node_id:
-            self.writes.append(frame.data)
-            answer = b"\x60" + frame.data[1:4] + bytes(4)
-            return [Frame(cob.SDO_RESPONSE_BASE + self.node_id, answer)]
+            if frame.data[0] & sdo.SPECIFIER == sdo.DOWNLOAD:
+                self.writes.append(frame.data)
+            answers: list[bytes] = []
+            SdoServer(self.objects, answers.append).on_request(frame.data)
+            return [Frame(cob.SDO_RESPONSE_BASE + self.node_id, answer) for answer in answers]
         return []
 
     def poll(self, now_s: float, presence: int) -> list[Frame]:

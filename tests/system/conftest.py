@@ -9,6 +9,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from tests.system.unix_board import boards_in
+
+from mdms_host.clock import MonotonicClock
+from mdms_host.flashing.board_link import BoardLink
+from mdms_host.flashing.board_survey import identify
+from mdms_host.flashing.firmware_build import compiled_firmware
 
 FOLDER = Path(sys.executable).parent
 
@@ -89,3 +95,20 @@ def serve_array(tmp_path_factory):
 def served(serve_array):
     """The array of the demo with Python cells."""
     return serve_array()
+
+
+@pytest.fixture
+def plug_in(tmp_path):
+    """Plugs in boards of MicroPython's unix port; see `unix_board`."""
+    with boards_in(tmp_path) as plug_in:
+        yield plug_in
+
+
+@pytest.fixture
+def copies(plug_in):
+    """The real firmware as it is compiled for those boards."""
+    with BoardLink(plug_in({}).port, MonotonicClock()) as link:
+        architecture = identify(link).architecture
+    if architecture is None:
+        pytest.skip("MicroPython makes no machine code here")
+    return compiled_firmware(architecture)

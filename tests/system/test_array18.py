@@ -86,7 +86,9 @@ class Muted:
 
     def __init__(self, bank, cell, ticks):
         self._bank, self._cell, self._ticks = bank, cell, ticks
-        self.accepts, self.deliver = bank.accepts, bank.deliver
+
+    def __getattr__(self, name):
+        return getattr(self._bank, name)
 
     def tick(self, *inputs):
         self._ticks -= 1

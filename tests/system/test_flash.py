@@ -4,45 +4,26 @@ import json
 import time
 
 import pytest
+from tests.system.small_firmware import (
+    KEPT,
+    NEW,
+    OLD,
+    STALE,
+    files_of,
+    firmware_on,
+    flash,
+    imported_from,
+)
 from tests.system.unix_board import boards_in
 
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
 from mdms_host.clock import MonotonicClock
 from mdms_host.flashing.board_link import WATCHDOG_MS, BoardError, BoardLink, NoBoardError
-from mdms_host.flashing.board_survey import Firmware, identify, survey
-from mdms_host.flashing.flashing import carry_out, plan_flash
-from mdms_image import build_image
+from mdms_host.flashing.board_survey import identify, survey
+from mdms_protocol.version import VERSION
 
 pytestmark = pytest.mark.real_time
-
-#: A cell at work, as far as its host can tell: fed watchdog, motors that go off with it.
-CELL = b"""
-import machine, time
-from mdms_cell import VERSION
-
-def tell(name, text, mode="w"):
-    with open(name, mode) as file:
-        file.write(text)
-
-dog = machine.WDT(timeout=1000)
-tell("motors", "on " + VERSION)
-try:
-    while True:
-        dog.feed()
-        time.sleep_ms(5)
-except BaseException as error:
-    tell("crash.log", repr(error) + "\\n", "a")
-    raise
-finally:
-    tell("motors", "off")
-"""
-
-
-@pytest.fixture
-def plug_in(tmp_path):
-    with boards_in(tmp_path) as plug_in:
-        yield plug_in
 
 
 @pytest.fixture(scope="module")
@@ -51,55 +32,12 @@ def plug_in_for_module(tmp_path_factory):
         yield plug_in
 
 
-def version(text):
-    """A small firmware that tells its version."""
-    module = b"from mdms_cell.version import VERSION\n"
-    files = {
-        "main.py": CELL,
-        "mdms_cell/__init__.py": module,
-        "mdms_cell/version.py": f"VERSION = {text!r}\n".encode(),
-        "boards/table.bin": text.encode() * 2000,
-    }
-    return Firmware(files, text)
-
-
-OLD, NEW = version("old"), version("new")
-KEPT = {"settings0.bin": b"\x00\x01", "boot.py": b"", "crash.log": b"before\n"}
-STALE = {
-    "mdms_cell/version.mpy": b"M\x06",
-    "binascii.mpy": b"M\x06",
-    "mdms_protocol/x.py": b"1",
-    "mdms_gone.mpy": b"M\x06",
-}
-
-
-def flash(board, firmware, force=False):
-    """Flash, restart, and return the plan that was carried out."""
-    with BoardLink(board.port, MonotonicClock()) as link:
-        identify(link)
-        found = survey(link, firmware.files)
-        plan = plan_flash(found, firmware, force=force)
-        if plan.written:
-            carry_out(link, firmware, plan, found, lambda _share: None)
-        assert survey(link, firmware.files).has(firmware)
-        link.restart()
-    return plan
-
-
-def files_of(board):
-    return {
-        str(path.relative_to(board.flash)): path.read_bytes()
-        for path in board.flash.rglob("*")
-        if path.is_file()
-    }
-
-
 def test_running_cell_is_stopped_flashed_and_runs_the_new_firmware(plug_in):
     board = plug_in({**OLD.files, **STALE, **KEPT})
     board.wait_for("motors", "on old")
     plan = flash(board, NEW)
     assert set(plan.stale) == set(STALE)
-    assert plan.written == ("mdms_cell/version.py", "boards/table.bin", "main.py")
+    assert plan.written == ("mdms_protocol/version.py", "boards/table.bin", "main.py")
     board.wait_for("motors", "on new")
     left = files_of(board)
     assert left.keys() == NEW.files.keys() | KEPT.keys() | {"motors"}
@@ -154,11 +92,6 @@ def test_power_may_fail_at_any_moment(plug_in, traffic_bytes, share):
     assert files_of(board)["settings0.bin"] == KEPT["settings0.bin"]
 
 
-def firmware_on(board):
-    left = files_of(board)
-    return {path: left[path] for path in left.keys() - KEPT.keys() - {"motors"}}
-
-
 def test_nobody_at_the_port_is_told():
     with pytest.raises(NoBoardError, match="cannot be opened"):
         BoardLink("/dev/none", MonotonicClock())
@@ -177,33 +110,32 @@ def test_board_without_hashlib_is_read_instead(plug_in):
     board = plug_in({**OLD.files, **KEPT})
     with BoardLink(board.port, MonotonicClock()) as link:
         identify(link)
-        quick = survey(link, OLD.files)
+        quick = survey(link, OLD)
         (board.flash / "hashlib.py").write_text("raise ImportError('no module named hashlib')\n")
         link.run("sys.path.insert(0, ''); sys.modules.pop('hashlib', None)")
-        assert survey(link, OLD.files) == quick
+        assert survey(link, OLD) == quick
 
 
-@pytest.fixture(scope="module")
-def image(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("image")
-    return folder, build_image(folder, "pybv11")
-
-
-def test_command_flashes_the_real_image_onto_boards_at_once(plug_in, image, capsys):
-    folder, built = image
+def test_command_flashes_the_real_firmware_onto_boards_at_once(plug_in, copies, capsys):
     boards = [plug_in({**OLD.files, **STALE, **KEPT}), plug_in({})]
     ports = [board.port for board in boards]
     assert main(["flash", "--board", "pybv11", "--port", *ports]) == Exit.OK
     told = capsys.readouterr().out
-    assert told.count(f"-> {built.version}") == 2
+    assert f"old -> {VERSION}" in told
+    assert f"no firmware -> {VERSION}" in told
     assert told.count("written and verified") == 2
     for board in boards:
-        left = files_of(board)
-        assert all(left[str(path)] == (folder / path).read_bytes() for path in built.files)
-        assert not left.keys() & (STALE.keys() | {"boards/table.bin", "mdms_cell/__init__.py"})
+        assert firmware_on(board) == copies.files
     assert main(["flash", "--board", "pybv11", "--json", "--port", *ports]) == Exit.OK
     rows = json.loads(capsys.readouterr().out)["boards"]
-    assert [(row["firmware"], row["written"]) for row in rows] == [(built.version, [])] * 2
+    assert [(row["firmware"], row["written"]) for row in rows] == [(VERSION, [])] * 2
+
+
+def test_flashed_modules_are_those_that_a_board_imports(plug_in, copies, capsys):
+    sources = {"mdms_cell/cell.py": b"raise OSError\n", "mdms_cell/__init__.py": b""}
+    board = plug_in(sources)
+    assert main(["flash", "--board", "pybv11", "--port", board.port]) == Exit.OK
+    assert imported_from(board, "mdms_cell.cell") == "mdms_cell/cell.mpy"
 
 
 def test_dry_run_writes_nothing_and_the_cell_runs_again(plug_in, capsys):
@@ -222,10 +154,11 @@ def test_list_shows_what_is_there(plug_in, capsys):
     assert row["port"] == board.port
     assert row["chip"] == bytes(range(12)).hex()
     assert row["micropython"].count(".") == 2
-    assert len(row["firmware"]) == 12
+    assert row["firmware"] == "old"
+    assert row["frozen"] is None
 
 
-def test_one_board_that_fails_is_named_and_the_others_are_flashed(plug_in, capsys, image):
+def test_one_board_that_fails_is_named_and_the_others_are_flashed(plug_in, capsys):
     board = plug_in({})
     assert main(["flash", "--board", "pybv11", "--port", board.port, "/dev/none"]) == Exit.NO_DEVICE
     told = capsys.readouterr()

@@ -7,18 +7,23 @@ supply, the reset and the watchdog. A soft reset ends a unix process, so the rel
 import os
 import pty
 import select
+import shutil
 import signal
 import subprocess
 import threading
 import time
 import tty
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
 from tests.micropython_builds import skipping_without_micropython, unix_command
 
 from mdms_sim.nodes.micropython_process import find_micropython
 
 PATIENCE_S = 20
+POWER_UP = Path(__file__).parent / "on_board" / "power_up.py"
+#: As `power_up.py` has it.
+ROM_SIZE = 64 * 4096
 #: What the boards have in `machine`; the relay reads the files.
 MACHINE = """
 import sys, time
@@ -48,13 +53,18 @@ class WDT:
 
 
 class UnixBoard:
-    """A board of MicroPython's unix port; `port` is where its USB cable ends."""
+    """A board of MicroPython's unix port; `port` is where its USB cable ends.
 
-    def __init__(self, folder):
+    Its flash is a folder. It has a ROMFS partition on request, and a heap of another size.
+    """
+
+    def __init__(self, folder, rom=False, heap_bytes=None):
+        self._has_rom, self._heap_bytes = rom, heap_bytes
         self.flash, self._outside = folder / "flash", folder / "outside"
         self.flash.mkdir(parents=True)
         self._outside.mkdir()
         (self._outside / "machine.py").write_text(MACHINE % str(self._outside))
+        shutil.copy(POWER_UP, self._outside)
         self.resets = 0
         self.fuse_bytes = None
         self._thread = None
@@ -63,6 +73,15 @@ class UnixBoard:
     def timeouts_ms(self):
         """All timeouts that its watchdog was given."""
         return [int(text) for text in (self._outside / "timeouts").read_text().split()]
+
+    @property
+    def rom(self):
+        """What its ROMFS partition holds."""
+        return (self._outside / "rom.bin").read_bytes()
+
+    @rom.setter
+    def rom(self, content):
+        (self._outside / "rom.bin").write_bytes(content.ljust(ROM_SIZE, b"\xff"))
 
     def plug_in(self):
         self._host, self._line = pty.openpty()
@@ -93,7 +112,7 @@ class UnixBoard:
         self._ours, theirs = pty.openpty()
         tty.setraw(theirs)
         self._child = subprocess.Popen(
-            [*unix_command(), *(("-i", "main.py") if self._runs_main else ())],
+            [*unix_command(), *self._arguments()],
             cwd=self.flash,
             stdin=theirs,
             stdout=theirs,
@@ -102,6 +121,13 @@ class UnixBoard:
             start_new_session=True,
         )
         os.close(theirs)
+
+    def _arguments(self):
+        heap = () if self._heap_bytes is None else ("-X", f"heapsize={self._heap_bytes}")
+        if self._has_rom:
+            power_up = str(self._outside / POWER_UP.name)
+            return (*heap, "-i", power_up, *(("main",) if self._runs_main else ()))
+        return (*heap, *(("-i", "main.py") if self._runs_main else ()))
 
     def _relay(self):
         while self._plugged:
@@ -157,13 +183,15 @@ class UnixBoard:
 
 @contextmanager
 def boards_in(folder):
-    """Gives a function that plugs in a board with these files in its flash."""
+    """Gives a function that plugs in a board with these files in its flash, and `rom` in ROMFS."""
     with skipping_without_micropython():
         find_micropython()
     boards = []
 
-    def plug_in(files):
-        board = UnixBoard(folder / f"board{len(boards)}")
+    def plug_in(files, rom=None, heap_bytes=None):
+        board = UnixBoard(folder / f"board{len(boards)}", rom is not None, heap_bytes)
+        if rom is not None:
+            board.rom = rom
         for path, data in files.items():
             (board.flash / path).parent.mkdir(parents=True, exist_ok=True)
             (board.flash / path).write_bytes(data)

@@ -62,7 +62,7 @@ CURRENT_COUNT = const(35)  # ticks of over-current so far
 STALL_COUNT = const(36)  # ticks of stall so far
 STALL_FROM = const(37)  # the lowest count of the span in which a stalled wheel stays
 REVERSAL_COUNT = const(38)  # ticks against the voltage so far
-REVERSAL_FROM = const(39)  # speed at which these began [um/s]
+REVERSAL_PEAK = const(39)  # largest speed in these [um/s]
 FOLLOWING_COUNT = const(40)  # ticks of following error so far
 NEAR_COUNT = const(41)  # ticks near the target so far, up to WINDOW_TICKS
 SLOW_COUNT = const(42)  # ticks of standstill so far, up to WINDOW_TICKS
@@ -89,7 +89,7 @@ WIDEN = const(105)  # what sign-extends a loaded register, see `reset`
 REGISTERS = const(106)
 
 # Values of MODE.
-OFF = const(0)  # voltage 0: brake until the wheel stands or BRAKE_TICKS are over, then sleep
+OFF = const(0)  # voltage 0: brake until the wheel has stood for HOLD_TICKS, then sleep
 RUN = const(1)  # follow TARGET
 STOP = const(2)  # ramp to standstill, whatever TARGET says; over after BRAKE_TICKS at the latest
 
@@ -112,8 +112,12 @@ VOLTAGE_MAX_UV = const(60_000_000)
 FEED_MAX = const((1 << 15) - 1)
 HALF_COUNT = const(1 << 13)  # in units of POSITION
 SLOW_UM_S = const(10_000)
+#: A heavy parcel drags braking wheels at less than this for a while [um/s].
+REVERSAL_UM_S = const(100_000)
 #: A wheel that loses so much speed [um/s] while it turns against its voltage is braking.
 REVERSAL_DROP_UM_S = const(20_000)
+#: Ticks for which a wheel that stands is still braked.
+HOLD_TICKS = const(500)
 #: Ticks of too low a supply that are a fault; the voltage is 0 from the first.
 LOW_TICKS = const(5)
 
@@ -264,10 +268,13 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         limit = registers[base + REVERSAL_VOLTAGE]
         against = (actual < 0 and voltage > 0) or (actual > 0 and voltage < 0)
         ticks = 0
-        if mode != OFF and limit != 0 and level >= limit and against and speed >= SLOW_UM_S:
+        if mode != OFF and limit != 0 and level >= limit and against and speed >= REVERSAL_UM_S:
             ticks = registers[base + REVERSAL_COUNT] + 1
-            if ticks == 1 or speed + REVERSAL_DROP_UM_S < registers[base + REVERSAL_FROM]:
-                registers[base + REVERSAL_FROM] = speed
+            high = registers[base + REVERSAL_PEAK]
+            if ticks == 1 or speed > high:
+                registers[base + REVERSAL_PEAK] = speed
+            if speed + REVERSAL_DROP_UM_S < high:
+                registers[base + REVERSAL_PEAK] = speed
                 ticks = 1
             elif ticks >= registers[base + REVERSAL_TICKS]:
                 ticks = registers[base + REVERSAL_TICKS]
@@ -335,12 +342,15 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
                 ticks += 1
         registers[base + STOP_COUNT] = ticks
 
-        # Off means braked: 0 V with the bridges awake, until the wheel stands or time is over.
+        # Off means braked: 0 V with the bridges awake, until the wheel has stood for a while, so
+        # that what it carries has come to rest too, or time is over.
         ticks = 0
         if off:
             ticks = registers[base + BRAKE_COUNT]
-            if registers[AWAKE] == 0 or signs & STANDING != 0:
+            if registers[AWAKE] == 0:
                 ticks = limit
+            elif signs & STANDING != 0 and ticks < limit - HOLD_TICKS:
+                ticks = limit - HOLD_TICKS
             if ticks < limit:
                 ticks += 1
                 awake = 1

@@ -53,6 +53,10 @@ class SdoClient:
         self.answers: dict[tuple[int, int], int] = {}
         self.failure: str | None = None
 
+    def append(self, transfers: Iterable[Setting | Question]) -> None:
+        """Do these as well, after the others."""
+        self._waiting.extend(transfers)
+
     @property
     def done(self) -> bool:
         """Whether all transfers have succeeded."""

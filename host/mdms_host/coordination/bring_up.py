@@ -3,7 +3,8 @@
 from collections.abc import Iterable, Iterator, Mapping
 
 from mdms_host.can_link.remote_cell import RemoteCell
-from mdms_host.can_link.sdo_client import SdoClient, Setting
+from mdms_host.can_link.sdo_client import Question, SdoClient, Setting
+from mdms_host.coordination.configuration import SIGNATURE, Configuration
 from mdms_host.coordination.phase import STOPPED, Phase
 from mdms_protocol import cia402, cob, nmt, pdo
 from mdms_protocol.frame import Frame
@@ -12,13 +13,22 @@ _TOWARDS_ENABLED: Mapping[int | None, int] = dict(cia402.TOWARDS_ENABLED.items()
 
 
 class BringUpCell(RemoteCell):
-    """A cell of which the first `axes` are used, and which gets these settings when it comes up."""
+    """A cell of which the first `axes` are used, and which gets these settings when it comes up.
+
+    Then all of its stored settings must be what the run expects: the table's defaults, and these.
+    One that differs is a trouble, whatever it is: a stored polarity turns a wheel the wrong way, a
+    stored time-out lets it drive on alone.
+    """
 
     def __init__(self, number: int, node_id: int, axes: int, settings: Iterable[Setting]) -> None:
         super().__init__(number, node_id)
         self._axes = axes
         self._all_enabled = (cia402.OPERATION_ENABLED,) * axes
-        self._sdo = SdoClient(node_id, settings)
+        settings = tuple(settings)
+        self._configuration = Configuration(node_id, settings)
+        self._sdo = SdoClient(node_id, (*settings, SIGNATURE))
+        self._verified = False
+        self._mismatch: str | None = None
         self.handlers[cob.SDO_RESPONSE_BASE + node_id] = self.on_answer
 
     @property
@@ -30,6 +40,8 @@ class BringUpCell(RemoteCell):
     def on_answer(self, data: bytes, now_s: float) -> None:
         """An answer to a setting."""
         self._sdo.on_response(data)
+        if self._sdo.done and not self._verified:
+            self._verify()
 
     def done_with(self, phase: Phase) -> bool:
         """Whether the cell has done its part of a phase."""
@@ -37,7 +49,7 @@ class BringUpCell(RemoteCell):
             case Phase.WAITING:
                 return self.nmt_state == nmt.PRE_OPERATIONAL
             case Phase.CONFIGURING:
-                return self._sdo.done
+                return self._verified
             case Phase.STARTING:
                 return self.nmt_state == nmt.OPERATIONAL
             case Phase.ENABLING:
@@ -49,6 +61,8 @@ class BringUpCell(RemoteCell):
         """What is wrong with the cell in a phase, None if nothing is."""
         if self._sdo.failure:
             return f"{self.name} cannot be set up: {self._sdo.failure}"
+        if self._mismatch:
+            return f"{self.name} is not set up as this run expects: {self._mismatch}"
         if phase in (Phase.ENABLING, Phase.RUNNING) and self.nmt_state != nmt.OPERATIONAL:
             return f"{self.name} is no longer operational: it has restarted or was stopped"
         if phase == Phase.RUNNING and not self.enabled:
@@ -70,6 +84,17 @@ class BringUpCell(RemoteCell):
             yield self._control(cia402.QUICK_STOP)
         elif phase in STOPPED:
             yield self._control(cia402.DISABLE_VOLTAGE)
+
+    def _verify(self) -> None:
+        """Compare the signature; where it differs, read what does."""
+        answers = self._sdo.answers
+        values = self._configuration.values
+        if answers[SIGNATURE.index, SIGNATURE.sub] == self._configuration.signature:
+            self._verified = True
+        elif answers.keys() >= values.keys():
+            self._mismatch = self._configuration.differences(answers)
+        else:
+            self._sdo.append(Question(*place) for place in values)
 
     def _enable(self) -> Iterator[Frame]:
         """The controlwords that take the drives one step nearer to 'operation enabled'."""

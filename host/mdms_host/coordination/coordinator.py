@@ -3,9 +3,10 @@
 It sees frames and the time it is given, nothing else: the simulation and a real bus drive it alike.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 from math import inf
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +37,9 @@ class Coordinator:
     """A participant of the bus that runs a program on all cells of a layout.
 
     `phase` tells where it is, `fault` what went wrong (None: nothing), `events` what happened when,
-    as (time [s], text). Raises ValueError for cells of more wheels than the wire has axes.
+    as (time [s], text). `settings` are written to every cell, `own_settings` to that node besides;
+    all other stored settings must be at their defaults. Raises ValueError for cells of more wheels
+    than the wire has axes.
     """
 
     def __init__(
@@ -46,6 +49,7 @@ class Coordinator:
         *,
         parcels: tuple[Parcel, ...] = (),
         settings: tuple[Setting, ...] = (),
+        own_settings: Mapping[int, tuple[Setting, ...]] = MappingProxyType({}),
         timing: Timing | None = None,
         host_node_id: int = cob.NODE_MAX,
     ) -> None:
@@ -56,7 +60,9 @@ class Coordinator:
         self.events: list[tuple[float, str]] = []
         self.tracker = Tracker(layout, parcels)
         self.cells = tuple(
-            BringUpCell(number, node_id, axes, (_REPEAT_STATUS, *settings))
+            BringUpCell(
+                number, node_id, axes, (_REPEAT_STATUS, *settings, *own_settings.get(node_id, ()))
+            )
             for number, node_id in enumerate(layout.node_ids, 1)
         )
         self.references_m_s: Floats = np.zeros(len(layout.wheel_cells))

@@ -50,7 +50,7 @@ class Supervision:
                 what = "not heard" if unheard else "not brought to rest"
                 return f"{what} {limit}: {names(unheard or late)}"
             case Phase.CONFIGURING:
-                return f"settings not written {limit}: {names(late)}"
+                return f"settings not written and verified {limit}: {names(late)}"
             case Phase.STARTING:
                 return f"not operational {limit}: {names(late)}"
             case _:

@@ -6,7 +6,8 @@ given more patience at once, and is fed from then on; should the host go away, i
 
 import struct
 from ast import literal_eval
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from types import TracebackType
 from typing import Any
 
@@ -55,16 +56,8 @@ class BoardLink:
     def __init__(self, device: str, clock: Clock) -> None:
         self.device = device
         self._clock = clock
-        self._transport: Any = _open(device)
-        for attempt in range(_ATTEMPTS):
-            try:
-                self._take_over()
-                return
-            except _troubles() as error:
-                self.close()
-                if attempt == _ATTEMPTS - 1:
-                    raise NoBoardError(f"no MicroPython prompt answers: {error}") from None
-            self._transport = self._reopened()
+        self._transport: Any = None
+        self._connect()
 
     def __enter__(self) -> "BoardLink":
         return self
@@ -111,6 +104,19 @@ class BoardLink:
         self.run("_file.close()")
         return data
 
+    @contextmanager
+    def released(self) -> Iterator[None]:
+        """The port is free for another program meanwhile; then the board begins anew, as at first.
+
+        Nobody feeds the watchdog until then. Raises NoBoardError.
+        """
+        self.run("_feed()")
+        self.close()
+        try:
+            yield
+        finally:
+            self._connect()
+
     def restart(self) -> None:
         """Reset the board, which then runs what lies on it."""
         with suppress(*_troubles()):
@@ -120,6 +126,18 @@ class BoardLink:
         """Close the port; a board that is gone does not mind."""
         with suppress(*_troubles()):
             self._transport.close()
+
+    def _connect(self) -> None:
+        self._transport = _open(self.device)
+        for attempt in range(_ATTEMPTS):
+            try:
+                self._take_over()
+                return
+            except _troubles() as error:
+                self.close()
+                if attempt == _ATTEMPTS - 1:
+                    raise NoBoardError(f"no MicroPython prompt answers: {error}") from None
+            self._transport = self._reopened()
 
     def _take_over(self) -> None:
         """End what runs, hold the watchdog, and begin anew without `main.py`."""

@@ -6,15 +6,27 @@ from dataclasses import dataclass
 from textwrap import dedent
 
 from mdms_host.flashing.board_link import BoardError, BoardLink
+from mdms_host.flashing.firmware_build import Firmware
+from mdms_host.flashing.firmware_sources import START
 
-#: What the name of the machine contains, as `main.py` tells boards apart.
-MACHINES = {"PYBv1.1": "pybv11", "G474": "nucleo_g474re"}
-#: `machine.CAN` came with this version of MicroPython.
-MICROPYTHON_MIN = (1, 28, 0)
-START = "main.py"
-#: What firmware of any version, as sources or merged, has put into the root of the file system.
+#: What the name of the machine contains, as `boards/detect.py` tells boards apart.
+MACHINES = {
+    "Teensy 4.1": "teensy41",
+    "WEACTSTUDIO_MINI_STM32H743": "weact_h743",
+    "PYBv1.1": "pybv11",
+    "G474": "nucleo_g474re",
+}
+#: Where MicroPython looks for what is frozen into it.
+FROZEN = ".frozen"
+#: As `sys.implementation._mpy` numbers them, and mpy-cross calls them.
+ARCHITECTURES = (
+    *(None, "x86", "x64", "armv6", "armv6m", "armv7m", "armv7em", "armv7emsp", "armv7emdp"),
+    *("xtensa", "xtensawin", "rv32imc", "rv64imc"),
+)
+#: What firmware of any version has put into the root of the file system.
 _OURS = ("main", "boards", "binascii")
 _OUR_PREFIX = "mdms"
+_UNKNOWN = "unknown"
 
 _PROBE = dedent("""\
     import os, sys
@@ -27,7 +39,48 @@ _PROBE = dedent("""\
         except (ImportError, AttributeError):
             chip = b""
         told = sys.implementation
-        return told._machine, tuple(told.version[:3]), told._mpy & 0xFF, chip, _root, os.getcwd()
+        return told._machine, tuple(told.version[:3]), told._mpy, chip, _root, os.getcwd()
+
+    def _version(path):
+        before = sys.path[:]
+        sys.path[:] = path
+        try:
+            from mdms_protocol.version import VERSION
+            return VERSION
+        except ImportError:
+            return None
+        except Exception:
+            return ""
+        finally:
+            sys.path[:] = before
+            for name in ("mdms_protocol.version", "mdms_protocol"):
+                sys.modules.pop(name, None)
+
+    def _rom():
+        try:
+            import vfs
+        except ImportError:
+            return None
+        if not hasattr(vfs, "rom_ioctl") or vfs.rom_ioctl(1) < 1:
+            return None
+        found = vfs.rom_ioctl(2, 0)
+        return None if isinstance(found, int) else found
+
+    def _rom_size():
+        rom = _rom()
+        if rom is None:
+            return 0
+        return rom.ioctl(4, 0) * rom.ioctl(5, 0) if hasattr(rom, "ioctl") else len(rom)
+
+    def _rom_names():
+        try:
+            return os.listdir("/rom")
+        except (OSError, ValueError):  # none, or a name that was cut while it was written
+            return []
+
+    def _rom_hash(size):
+        import hashlib
+        return hashlib.sha256(memoryview(_rom())[:size]).digest()
 
     def _files(at, found):
         for each in os.ilistdir(_root + at):
@@ -58,37 +111,28 @@ _PROBE = dedent("""\
 
     def _hashes(paths):
         import hashlib
-        whole, each, buffer = hashlib.sha256(), [], memoryview(bytearray(512))
+        each, buffer = [], memoryview(bytearray(512))
         for path in paths:
-            one, size = hashlib.sha256(), os.stat(_root + "/" + path)[6]
-            whole.update(("%s\\0%d\\0" % (path, size)).encode())
+            one = hashlib.sha256()
             with open(_root + "/" + path, "rb") as file:
                 count = file.readinto(buffer)
                 while count:
                     one.update(buffer[:count])
-                    whole.update(buffer[:count])
                     count = file.readinto(buffer)
             _feed()
             each.append(one.digest())
-        return each, whole.digest()
+        return each
     """)
-
-
-class VersionError(BoardError):
-    """A board whose MicroPython does not suit the firmware."""
-
-
-@dataclass(frozen=True, slots=True)
-class Firmware:
-    """The files of a board's flash by their paths, and how people tell them apart."""
-
-    files: Mapping[str, bytes]
-    version: str
 
 
 @dataclass(frozen=True, slots=True)
 class BoardInfo:
-    """What a board says it is; `board` is None for one that there is no firmware for."""
+    """What a board says it is; `board` is None for one that there is no firmware for.
+
+    `mpy` is what `sys.implementation` has of that name, `heap` the free bytes of its heap after a
+    reset, `frozen` the version of the firmware that is frozen into its MicroPython, `rom_size` the
+    bytes of its ROMFS partition, 0 without one, and `rom_names` what lies in the root of that.
+    """
 
     machine: str
     board: str | None
@@ -97,26 +141,43 @@ class BoardInfo:
     chip: str
     root: str
     folder: str
+    heap: int = 0
+    frozen: str | None = None
+    rom_size: int = 0
+    rom_names: tuple[str, ...] = ()
 
     @property
     def release(self) -> str:
         """MicroPython's version as people write it."""
         return ".".join(map(str, self.micropython))
 
+    @property
+    def architecture(self) -> str | None:
+        """The machine code that it loads from `.mpy` files, as mpy-cross calls it."""
+        number = self.mpy >> 10 & 0xF
+        return ARCHITECTURES[number] if number < len(ARCHITECTURES) else None
+
+    @property
+    def rom_is_ours(self) -> bool:
+        """Whether its ROMFS holds nothing but firmware."""
+        return all(map(_is_ours, self.rom_names))
+
 
 @dataclass(frozen=True, slots=True)
 class Survey:
     """The firmware's files on a board, by path, with their SHA-256.
 
-    `version` is None where `main.py` is missing, so that nothing starts at power-up.
+    `version` is None where `main.py` is missing, so that nothing starts at power-up; `rom` says
+    whether the ROMFS holds the image that was asked for, or none was.
     """
 
     hashes: Mapping[str, bytes]
     version: str | None
+    rom: bool = True
 
     def has(self, firmware: Firmware) -> bool:
         """Whether these very files lie on the board, and no others of the firmware."""
-        return dict(self.hashes) == hashes_of(firmware)
+        return self.rom and dict(self.hashes) == hashes_of(firmware)
 
 
 def hashes_of(firmware: Firmware) -> dict[str, bytes]:
@@ -126,49 +187,62 @@ def hashes_of(firmware: Firmware) -> dict[str, bytes]:
 
 def identify(link: BoardLink) -> BoardInfo:
     """What is at the other end; teaches it the rest of this module too. Raises BoardError."""
-    link.run(_PROBE)
+    link.run("import gc")
+    heap = link.ask("(gc.collect(), gc.mem_free())[1]")
+    teach(link)
     machine, release, mpy, chip, root, folder = link.ask("_who()")
     board = next((name for part, name in MACHINES.items() if part in machine), None)
-    return BoardInfo(machine, board, tuple(release), mpy, chip.hex(), root, folder)
+    frozen = link.ask(f"_version([{FROZEN!r}])")
+    rom_size, rom_names = link.ask("(_rom_size(), _rom_names())")
+    return BoardInfo(
+        machine,
+        board,
+        tuple(release),
+        mpy,
+        chip.hex(),
+        root,
+        folder,
+        heap=heap,
+        frozen=_UNKNOWN if frozen == "" else frozen,
+        rom_size=rom_size,
+        rom_names=tuple(rom_names),
+    )
 
 
-def check_suits(info: BoardInfo, firmware: Firmware) -> None:
-    """Raises VersionError for a MicroPython on which the firmware does not run, with what to do."""
-    if info.micropython < MICROPYTHON_MIN:
-        raise VersionError(
-            f"MicroPython {info.release} has no machine.CAN; install 1.28 or later from "
-            "micropython.org/download (PYBV11: DFU mode; Nucleo: copy it to the ST-LINK's drive)"
-        )
-    if info.folder.startswith("/sd"):
-        raise BoardError("it starts from its SD card; take the card out")
-    versions = {data[1] for path, data in firmware.files.items() if path.endswith(".mpy")}
-    if versions - {info.mpy}:
-        raise VersionError(
-            f"MicroPython {info.release} reads .mpy files of version {info.mpy}, the firmware has "
-            f"{max(versions)}; install mpy-cross of the board's version"
-        )
+def teach(link: BoardLink) -> None:
+    """Define on the board what this module asks it for, which a reset takes from it."""
+    link.run(_PROBE)
 
 
-def survey(link: BoardLink, also: Iterable[str] = ()) -> Survey:
-    """Which files of a firmware of any version lie on the board; `also` names more of its roots.
+def survey(link: BoardLink, firmware: Firmware | None = None) -> Survey:
+    """Which files of firmware of any version lie on a board that was identified.
 
-    Raises BoardError.
+    `firmware` adds the roots of its own files to those looked for. Raises BoardError.
     """
-    roots = {*_OURS, *map(_root_of, also)}
+    wanted = firmware or Firmware({})
+    roots = {_root_of(path) for path in wanted.files}
     paths = [
-        path
-        for path in link.ask("_files('', [])")
-        if _root_of(path) in roots or path.startswith(_OUR_PREFIX)
+        path for path in link.ask("_files('', [])") if _root_of(path) in roots or _is_ours(path)
     ]
     paths.sort(key=lambda path: path.split("/"))
     try:
-        each, whole = link.ask(f"_hashes({paths!r})")
+        each = link.ask(f"_hashes({paths!r})")
     except BoardError as error:
         if "hashlib" not in str(error):
             raise
-        each, whole = _hashes_here(link, paths)
-    version = whole.hex()[:12] if START in paths else None
-    return Survey(dict(zip(paths, each, strict=True)), version)
+        each = _hashes_here(link, paths)
+    version = (link.ask("_version(sys.path[:])") or _UNKNOWN) if START in paths else None
+    return Survey(dict(zip(paths, each, strict=True)), version, _has_rom(link, wanted.rom))
+
+
+def _has_rom(link: BoardLink, image: bytes | None) -> bool:
+    if image is None:
+        return True
+    return bool(link.ask(f"_rom_hash({len(image)})") == hashlib.sha256(image).digest())
+
+
+def _is_ours(path: str) -> bool:
+    return _root_of(path) in _OURS or path.startswith(_OUR_PREFIX)
 
 
 def _root_of(path: str) -> str:
@@ -176,12 +250,7 @@ def _root_of(path: str) -> str:
     return path.partition("/")[0].partition(".")[0]
 
 
-def _hashes_here(link: BoardLink, paths: Iterable[str]) -> tuple[list[bytes], bytes]:
+def _hashes_here(link: BoardLink, paths: Iterable[str]) -> list[bytes]:
     """For a build of MicroPython without `hashlib`: the files are read, and hashed on the host."""
     root = link.ask("_root")
-    each, whole = [], hashlib.sha256()
-    for path in paths:
-        data = link.read(f"{root}/{path}")
-        whole.update(f"{path}\0{len(data)}\0".encode() + data)
-        each.append(hashlib.sha256(data).digest())
-    return each, whole.digest()
+    return [hashlib.sha256(link.read(f"{root}/{path}")).digest() for path in paths]

@@ -3,11 +3,14 @@
 `main.py` goes first and comes last: whatever is half done does not start, and can be flashed again.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 from mdms_host.flashing.board_link import BoardError, BoardLink
-from mdms_host.flashing.board_survey import START, Firmware, Survey, hashes_of, survey
+from mdms_host.flashing.board_rom import deploy
+from mdms_host.flashing.board_survey import Survey, hashes_of, survey
+from mdms_host.flashing.firmware_build import Firmware
+from mdms_host.flashing.firmware_sources import START
 
 _FRESH = "main.new"
 #: Until then the blocks of a FAT file system may wait in memory.
@@ -16,18 +19,22 @@ _SYNC = "os.sync() if hasattr(os, 'sync') else None"
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What has to be removed from a board and written to it, by path."""
+    """What has to be removed from a board and written to it, by path, in bytes together.
 
-    stale: tuple[str, ...]
-    written: tuple[str, ...]
-    size: int
+    `rom` is the image for its ROMFS, None where that stays as it is.
+    """
+
+    stale: tuple[str, ...] = ()
+    written: tuple[str, ...] = ()
+    rom: bytes | None = None
+    size: int = 0
 
 
 def plan_flash(found: Survey, firmware: Firmware, *, force: bool = False) -> Plan:
     """What brings a board from what it has to the firmware; all of it when forced."""
     wanted = hashes_of(firmware)
     if found.has(firmware) and not force:
-        return Plan((), (), 0)
+        return Plan()
     stale = tuple(path for path in found.hashes if path not in wanted)
     # Whatever changes, main.py is away meanwhile, so it is written anew.
     written = [
@@ -36,7 +43,9 @@ def plan_flash(found: Survey, firmware: Firmware, *, force: bool = False) -> Pla
         if force or path == START or found.hashes.get(path) != digest
     ]
     written.sort(key=lambda path: path == START)
-    return Plan(stale, tuple(written), sum(len(firmware.files[path]) for path in written))
+    rom = firmware.rom if force or not found.rom else None
+    size = sum(len(firmware.files[path]) for path in written) + len(rom or b"")
+    return Plan(stale, tuple(written), rom, size)
 
 
 def carry_out(
@@ -55,15 +64,19 @@ def carry_out(
         link.run(f"_remove({path!r})")
     link.run(_SYNC)
     done = 0
+    if plan.rom is not None:
+        deploy(link, plan.rom)
+        done += len(plan.rom)
+        progress(done / plan.size)
     for path in plan.written:
         _write(link, _FRESH if path == START else path, firmware.files[path])
         done += len(firmware.files[path])
         progress(done / plan.size)
     link.run(_SYNC)
-    wanted = hashes_of(firmware)
-    _verify(link, {_FRESH if path == START else path: wanted[path] for path in wanted})
+    fresh = {_FRESH if path == START else path: data for path, data in firmware.files.items()}
+    _verify(link, replace(firmware, files=fresh))
     link.run(f"os.rename(_root + '/{_FRESH}', _root + '/{START}'); {_SYNC}")
-    _verify(link, wanted)
+    _verify(link, firmware)
 
 
 def _write(link: BoardLink, path: str, data: bytes) -> None:
@@ -72,8 +85,10 @@ def _write(link: BoardLink, path: str, data: bytes) -> None:
     link.write(f"{root}/{path}", data)
 
 
-def _verify(link: BoardLink, wanted: Mapping[str, bytes]) -> None:
-    found = survey(link, wanted).hashes
-    wrong = [path for path in wanted if found.get(path) != wanted[path]]
+def _verify(link: BoardLink, firmware: Firmware) -> None:
+    found, wanted = survey(link, firmware), hashes_of(firmware)
+    wrong = [path for path in wanted if found.hashes.get(path) != wanted[path]]
+    if not found.rom:
+        wrong.append("the ROMFS image")
     if wrong:
         raise BoardError(f"{wrong[0]} did not arrive whole; flash it again")

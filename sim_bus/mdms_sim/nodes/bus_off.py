@@ -8,7 +8,7 @@ from mdms_sim.bus.controller import Controller
 from mdms_sim.kernel import Kernel
 from mdms_sim.nodes.bank import CellBank
 
-#: As the boards have it (`BUS_OFF_MS` in firmware/boards/stm32.py).
+#: As the boards have it (`BUS_OFF_MS` in firmware/boards/bus.py).
 RESTART_NS = 100_000_000
 PRIORITY = 5
 

@@ -1,8 +1,14 @@
 """A board of ours on faked peripherals, with a cell on it and a host at the other end."""
 
+import gc
 import os
 
+import machine
+import mimxrt
 import world
+from can_bx import BxCan
+from can_fd import FdCan, FdCanH7
+from can_flex import FlexCan
 
 from mdms_cell.cell import Cell
 from mdms_cell.runner import Runner
@@ -21,20 +27,77 @@ def there(path):
     return True
 
 
+#: What the boards of the family have in `machine`, and each board's pins, timers and full pulse.
+BOARDS = {
+    "pybv11": {
+        "machine": {"CAN": BxCan},
+        "wake": "Y5",
+        "phases": ("X7", "X8"),
+        "pulses": ((12, 1), (12, 2)),
+        "full": 4200,
+        "supply": "X21",
+        "encoders": (4, 8),
+        "currents": ("X19", "X20"),
+        "fault": "X11",
+    },
+    "nucleo_g474re": {
+        "machine": {"CAN": FdCan},
+        "wake": "C8",
+        "phases": ("B4", "B5"),
+        "pulses": ((2, 1), (2, 2)),
+        "full": 8500,
+        "supply": "C2",
+        "encoders": (3, 4),
+        "currents": ("C0", "C1"),
+        "fault": "C9",
+    },
+    "weact_h743": {
+        "machine": {"CAN": FdCanH7},
+        "wake": "D8",
+        "phases": ("D14", "D15"),
+        "pulses": ((2, 1), (2, 2)),
+        "full": 12000,
+        "supply": "B1",
+        "encoders": (3, 8),
+        "currents": ("C4", "C5"),
+        "fault": "D9",
+    },
+    "teensy41": {
+        "machine": {
+            "CAN": FlexCan,
+            "PWM": mimxrt.PWM,
+            "Encoder": mimxrt.Encoder,
+            "Timer": mimxrt.Timer,
+            "WDT": mimxrt.Watchdog,
+        },
+        "wake": "D10",
+        "phases": ("D4", "D9"),
+        "pulses": ("D5", "D6"),
+        "full": 65535,
+        "supply": "D16",
+        "encoders": (0, 1),
+        "currents": ("D14", "D15"),
+        "fault": "D11",
+    },
+}
+
+
 class Bench:
-    """`module` is a board's module; `wake`, `phases`, `pwm` and `supply` name what to look at."""
+    """`module` is a board's module; `wake`, `phases`, `pulses` and more name what to look at."""
 
     def __init__(self, name):
-        if name == "pybv11":
-            from boards import pybv11 as module
-
-            self.wake, self.phases, self.pwm, self.supply = "Y5", ("X7", "X8"), 12, "X21"
-            self.encoders, self.currents, self.fault = (4, 8), ("X19", "X20"), "X11"
-        else:
-            from boards import nucleo_g474re as module
-
-            self.wake, self.phases, self.pwm, self.supply = "C8", ("B4", "B5"), 2, "C2"
-            self.encoders, self.currents, self.fault = (3, 4), ("C0", "C1"), "C9"
+        board = BOARDS[name]
+        for each, fake in board["machine"].items():
+            setattr(machine, each, fake)
+        self.name = name
+        self.wake, self.fault, self.supply = board["wake"], board["fault"], board["supply"]
+        self.phases, self.currents, self.encoders = (
+            board["phases"],
+            board["currents"],
+            board["encoders"],
+        )
+        self.pulses, self.full = board["pulses"], board["full"]
+        module = getattr(__import__("boards." + name), name)
         self.module = module
         self.sensors = module.PINS.sensors
         world.analog[self.supply] = SUPPLY_24_V
@@ -61,10 +124,15 @@ class Bench:
             self.pass_ms(2)
 
     def pass_ms(self, count=1):
-        """Let time pass, with one turn of the background a millisecond."""
+        """Let time pass, with one turn of the background a millisecond.
+
+        Garbage goes early, for what is kept of the bus lies scattered in it.
+        """
         for _ in range(count):
             world.advance()
             self.runner.turn(world.now_ms)
+            if world.now_ms % 64 == 0:
+                gc.collect()
 
     def drive(self, target_um_s):
         """Lead the cell to 'operation enabled' and give both wheels a target."""
@@ -83,8 +151,8 @@ class Bench:
 
     def widths(self):
         """Both pulse widths."""
-        return world.pulses[self.pwm, 1], world.pulses[self.pwm, 2]
+        return world.pulses[self.pulses[0]], world.pulses[self.pulses[1]]
 
     def off(self):
-        """Whether no voltage is at the motors."""
-        return self.widths() == (0, 0) or not world.levels[self.wake]
+        """Whether no voltage is at the motors, but for what a coarse PWM would round to 0."""
+        return max(self.widths()) <= self.full // 4096 or not world.levels[self.wake]

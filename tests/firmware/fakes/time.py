@@ -12,3 +12,9 @@ def ticks_ms():
 def ticks_diff(later, earlier):
     """Milliseconds between two instants."""
     return later - earlier
+
+
+def sleep_ms(count):
+    """Let so many milliseconds pass."""
+    for _ in range(count):
+        world.advance()

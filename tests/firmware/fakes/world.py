@@ -21,7 +21,7 @@ def advance():
     global now_ms  # noqa: PLW0603 - there is one clock
     now_ms += 1
     for bus in buses:
-        bus.transmit()
+        bus.pass_ms()
     for timer in timers:
         timer.fire()
     event = events.pop(now_ms, None)

@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mdms_cell.canopen.objects import Objects
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.phase import Phase
@@ -12,7 +13,7 @@ from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import FieldProgram, GoalProgram
-from mdms_protocol import cia402, cob, nmt, pdo
+from mdms_protocol import cia402, cob, nmt, pdo, record, signature
 from mdms_protocol.frame import Frame
 
 LAYOUT = Layout(6, 3, wheels=(WheelPlace(0.0, (0.0, 0.03)), WheelPlace(np.pi / 2, (0.03, 0.0))))
@@ -82,6 +83,14 @@ def test_bring_up_goes_through_its_phases_in_order(rolling_array) -> None:
     ]
 
 
+def signature_of_a_cell(node_id: int = 1) -> bytes:
+    """What a cell answers when its second TPDO is repeated every 200 ms, and all else is usual."""
+    objects = Objects()
+    objects.reset(node_id, record.FROM_NODE)
+    objects.put(0x1801, 5, 200)
+    return signature.of(objects.data).to_bytes(4, "little")
+
+
 @pytest.fixture
 def started() -> Coordinator:
     """A coordinator of one cell, which has been heard and set up, and is to be started."""
@@ -91,6 +100,8 @@ def started() -> Coordinator:
     for _ in range(2):
         coordinator.poll(0.0)
     coordinator.on_frame(Frame(0x581, bytes.fromhex("6001180500000000")), 0.01)
+    coordinator.poll(0.01)
+    coordinator.on_frame(Frame(0x581, b"\x43\x05\x30\x00" + signature_of_a_cell()), 0.01)
     assert Frame(0x000, b"\x01\x01") in coordinator.poll(0.01)
     coordinator.on_frame(Frame(0x701, b"\x05"), 0.02)
     return coordinator
@@ -127,6 +138,9 @@ def test_a_cell_that_answers_gets_on_and_the_others_are_not_told_again() -> None
     assert {0x601, 0x602, 0x603} <= asked
     for node_id in layout.node_ids:
         coordinator.on_frame(Frame(0x580 + node_id, bytes.fromhex("6001180500000000")), 0.01)
+        coordinator.poll(0.01)
+        answer = b"\x43\x05\x30\x00" + signature_of_a_cell(node_id)
+        coordinator.on_frame(Frame(0x580 + node_id, answer), 0.01)
         coordinator.poll(0.01)
     for node_id in layout.node_ids:
         coordinator.on_frame(Frame(0x700 + node_id, b"\x05"), 0.02)
@@ -275,3 +289,26 @@ def test_more_wheels_than_axes_are_refused() -> None:
     layout = Layout(1, 1, wheels=(WheelPlace(0.0), WheelPlace(2.0), WheelPlace(4.0)))
     with pytest.raises(ValueError, match="2 axes on the wire, the layout wants 3"):
         Coordinator(layout, still(layout))
+
+
+def test_a_cell_with_another_stored_setting_is_refused_by_name(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, still())
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    array.cells[4].objects.put(0x607E, 0, 0x40)
+    array.cells[4].objects.put(0x3000, 0, 400)
+    array.run(coordinator, 3.0, lambda: coordinator.stopped)
+    assert coordinator.fault == (
+        "cell 5 (node 5) is not set up as this run expects: Setpoint timeout (0x3000:0) is 400, "
+        "not 50, Axis 1 polarity (0x607E:0) is 64, not 0"
+    )
+    assert all(cell.states == [cia402.SWITCH_ON_DISABLED] * 2 for cell in array.cells)
+
+
+def test_what_one_cell_needs_otherwise_is_written_to_it_alone(rolling_array) -> None:
+    reversed_ = Setting(0x607E, 0, 0x40)
+    coordinator = Coordinator(LAYOUT, still(), own_settings={5: (reversed_,)})
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
+    assert coordinator.phase == Phase.RUNNING
+    polarities = [cell.objects.number(0x607E) for cell in array.cells]
+    assert polarities == [0x40 if cell.node_id == 5 else 0 for cell in array.cells]

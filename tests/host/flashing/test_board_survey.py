@@ -1,39 +1,7 @@
-from dataclasses import replace
-
-import pytest
-
-from mdms_host.flashing.board_link import BoardError
-from mdms_host.flashing.board_survey import (
-    BoardInfo,
-    Firmware,
-    Survey,
-    VersionError,
-    check_suits,
-    hashes_of,
-)
+from mdms_host.flashing.board_survey import BoardInfo, Survey, hashes_of
+from mdms_host.flashing.firmware_build import Firmware
 
 FIRMWARE = Firmware({"main.py": b"1", "cell.mpy": b"M\x06\x1f"}, "abc")
-PYBOARD = BoardInfo("PYBv1.1 with STM32F405RG", "pybv11", (1, 28, 0), 6, "00", "/flash", "/flash")
-
-
-def test_micropython_with_can_suits():
-    check_suits(PYBOARD, FIRMWARE)
-    assert PYBOARD.release == "1.28.0"
-
-
-def test_older_micropython_is_refused_with_what_to_do():
-    with pytest.raises(VersionError, match=r"MicroPython 1.27.2 has no machine.CAN; install 1.28"):
-        check_suits(replace(PYBOARD, micropython=(1, 27, 2)), FIRMWARE)
-
-
-def test_other_bytecode_is_refused():
-    with pytest.raises(VersionError, match=r"reads .mpy files of version 7, the firmware has 6"):
-        check_suits(replace(PYBOARD, mpy=7), FIRMWARE)
-
-
-def test_board_that_starts_from_its_card_is_refused():
-    with pytest.raises(BoardError, match="take the card out"):
-        check_suits(replace(PYBOARD, folder="/sd"), FIRMWARE)
 
 
 def test_firmware_is_there_only_with_every_file_and_no_other():
@@ -42,3 +10,13 @@ def test_firmware_is_there_only_with_every_file_and_no_other():
     assert not Survey(hashes | {"cell.py": b""}, "abc").has(FIRMWARE)
     assert not Survey({"main.py": hashes["main.py"]}, "abc").has(FIRMWARE)
     assert not Survey(hashes | {"main.py": b""}, "abc").has(FIRMWARE)
+    assert not Survey(hashes, "abc", rom=False).has(FIRMWARE)
+
+
+def test_machine_code_is_called_as_the_compiler_calls_it():
+    def architecture(mpy):
+        return BoardInfo("", None, (1, 29, 0), mpy, "00", "/flash", "/flash").architecture
+
+    assert architecture(7 << 10 | 3 << 8 | 6) == "armv7emsp"
+    assert architecture(2 << 10 | 3 << 8 | 6) == "x64"
+    assert architecture(0 << 10 | 3 << 8 | 6) is None

@@ -2,7 +2,7 @@
 
 from mdms_cell.cpython import const
 
-__all__ = ["const", "native", "viper"]
+__all__ = ["alloc_emergency_exception_buf", "const", "native", "viper"]
 
 
 def native(function):
@@ -11,3 +11,7 @@ def native(function):
 
 
 viper = native
+
+
+def alloc_emergency_exception_buf(_size):
+    """CPython needs no room put aside for an exception."""

@@ -1,33 +1,33 @@
 """`mdms flash`: firmware onto boards over USB."""
 
 import json
-import tempfile
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
-from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING
 
 from mdms_host.cli.console import progress, say, show
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.options import Verbs, add_json
+from mdms_host.flashing.board_survey import MACHINES
 
 if TYPE_CHECKING:
     from mdms_host.cli.flash.flash_board import Outcome
     from mdms_host.flashing.board_port import BoardPort
-    from mdms_host.flashing.board_survey import Firmware
+    from mdms_host.flashing.firmware_build import Firmware
 
-BOARDS = ("pybv11", "nucleo_g474re")
 JOBS = 8
 NOBODY = (
-    "no board is connected over USB (PYBv1.1 or NUCLEO-G474RE with MicroPython); --port names one "
-    "that is not recognised, and `mdms serve array18` starts an array without boards"
+    "no board with MicroPython is connected over USB (firmware/README.md lists those that suit); "
+    "--port names one that is not recognised, and `mdms serve array18` starts an array without boards"
 )
 EPILOG = """\
 The firmware that runs on a board is ended, which cuts its motors, and is started again at the end.
 Settings and crash.log stay. An interrupted board does not start; flash it again.
+Modules go into the ROMFS of a board that has one, else into its file system; a board with too
+little memory for them needs a MicroPython that has them frozen in (firmware/FREEZING.md).
 """
 
 
@@ -48,14 +48,11 @@ def add_to(verbs: Verbs) -> None:
     which.add_argument("--all", action="store_true", help="all boards that are found")
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--list", action="store_true", help="only show what is there, and restart it")
-    what.add_argument(
-        "--crash-log",
-        action="store_true",
-        help="only show what crash.log tells, in the words of the sources, and restart it",
-    )
     what.add_argument("--dry-run", action="store_true", help="only tell what would be written")
     parser.add_argument("--force", action="store_true", help="write every file, changed or not")
-    parser.add_argument("--board", choices=BOARDS, help="what a board is that does not say it")
+    parser.add_argument(
+        "--board", choices=tuple(MACHINES.values()), help="what a board is that does not say it"
+    )
     parser.add_argument(
         "--jobs", metavar="N", type=_jobs, default=JOBS, help=f"boards at once (default {JOBS})"
     )
@@ -93,7 +90,7 @@ def _chosen(arguments: Namespace) -> "list[BoardPort]":
     found = board_ports(ports)
     if not found:
         raise CommandError(NOBODY, Exit.NO_DEVICE)
-    if len(found) > 1 and not (arguments.all or _looks_only(arguments)):
+    if len(found) > 1 and not (arguments.all or arguments.list):
         names = ", ".join(port.device for port in found)
         raise CommandError(
             f"{len(found)} boards: {names}; name them with --port, or --all", Exit.USAGE
@@ -101,33 +98,26 @@ def _chosen(arguments: Namespace) -> "list[BoardPort]":
     return found
 
 
-def _looks_only(arguments: Namespace) -> bool:
-    return bool(arguments.list or arguments.crash_log)
-
-
 def _flash(arguments: Namespace, ports: "Sequence[BoardPort]") -> "list[Outcome]":
     """What became of the boards, in the order of the ports."""
     from concurrent.futures import ThreadPoolExecutor, as_completed
 
     from mdms_host.cli.flash.flash_board import Job, flash_board
+    from mdms_host.flashing.firmware_build import compiler
 
+    if not arguments.list:
+        # What is not installed is told before any board is touched.
+        compiler()
     shares = dict.fromkeys((port.device for port in ports), 0.0)
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        progress("flashing") as share,
-        ThreadPoolExecutor(arguments.jobs) as pool,
-    ):
-        firmware_of = _Firmwares(Path(folder))
+    with progress("flashing") as share, ThreadPoolExecutor(arguments.jobs) as pool:
+        compiled = _Compiled()
 
         def note(device: str, part: float) -> None:
             shares[device] = part
             share(sum(shares.values()) / len(shares))
 
-        if arguments.board and not _looks_only(arguments):
-            # What cannot be built is told before any board is touched.
-            firmware_of(arguments.board)
         work = [
-            pool.submit(flash_board, Job(port, arguments, firmware_of, partial(note, port.device)))
+            pool.submit(flash_board, Job(port, arguments, compiled, partial(note, port.device)))
             for port in ports
         ]
         for done in as_completed(work):
@@ -135,35 +125,28 @@ def _flash(arguments: Namespace, ports: "Sequence[BoardPort]") -> "list[Outcome]
     return [done.result() for done in work]
 
 
-class _Firmwares:
-    """The firmware for each kind of board, built when it is first asked for, by any thread."""
+class _Compiled:
+    """The firmware for each architecture, compiled when it is first asked for, by any thread."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._built: dict[str, Firmware] = {}
+    def __init__(self) -> None:
+        self._made: dict[str, Firmware] = {}
         self._lock = Lock()
 
-    def __call__(self, board: str) -> "Firmware":
-        """Raises ImageError."""
-        from mdms_host.flashing.board_survey import Firmware
-        from mdms_image import build_image
+    def __call__(self, architecture: str) -> "Firmware":
+        """Raises FirmwareError."""
+        from mdms_host.flashing.firmware_build import compiled_firmware
 
         with self._lock:
-            if board not in self._built:
-                folder = self._folder / board
-                image = build_image(folder, board)
-                files = {path.as_posix(): (folder / path).read_bytes() for path in image.files}
-                self._built[board] = Firmware(files, image.version)
-            return self._built[board]
+            if architecture not in self._made:
+                self._made[architecture] = compiled_firmware(architecture)
+            return self._made[architecture]
 
 
 def _tell(outcome: "Outcome", arguments: Namespace) -> None:
-    from mdms_host.cli.flash.flash_crash import tell_crashes
-
     if outcome.problem:
         say(f"mdms: {outcome.port.device}: {outcome.problem}")
     elif not (arguments.json or arguments.list):
-        print(outcome.line() if outcome.crashes is None else tell_crashes(outcome), flush=True)
+        print(outcome.line(), flush=True)
 
 
 def _show(outcomes: "Sequence[Outcome]") -> None:
@@ -189,11 +172,11 @@ def _show(outcomes: "Sequence[Outcome]") -> None:
 def _telling_of_missing_packages() -> Iterator[None]:
     """Turns packages that are not installed into a `CommandError` (failure)."""
     from mdms_host.flashing.board_link import MpremoteMissingError
-    from mdms_image import ImageError
+    from mdms_host.flashing.firmware_build import FirmwareError
 
     try:
         yield
-    except (MpremoteMissingError, ImageError) as error:
+    except (MpremoteMissingError, FirmwareError) as error:
         raise CommandError(str(error), Exit.FAILURE) from None
 
 

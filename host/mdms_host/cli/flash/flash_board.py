@@ -3,18 +3,15 @@
 from argparse import Namespace
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from mdms_host.cli.exits import Exit
-from mdms_host.cli.flash.flash_crash import ToldCrash, read_crashes
 from mdms_host.clock import MonotonicClock
 from mdms_host.flashing.board_link import BoardError, BoardLink, NoBoardError
 from mdms_host.flashing.board_port import BoardPort
-from mdms_host.flashing.board_survey import BoardInfo, VersionError, check_suits, identify, survey
+from mdms_host.flashing.board_survey import BoardInfo, identify, survey
+from mdms_host.flashing.board_way import VersionError, firmware_for
+from mdms_host.flashing.firmware_build import Firmware
 from mdms_host.flashing.flashing import Plan, carry_out, plan_flash
-
-if TYPE_CHECKING:
-    from mdms_host.flashing.board_survey import Firmware
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +23,6 @@ class Outcome:
     before: str | None = None
     after: str | None = None
     plan: Plan | None = None
-    crashes: tuple[ToldCrash, ...] | None = None
     duration_s: float = 0.0
     dry: bool = False
     problem: str | None = None
@@ -37,9 +33,11 @@ class Outcome:
         if self.info is None or self.plan is None:
             return self.port.device
         head = f"{self.port.device}: {self.info.board or self.info.machine}"
-        if not self.plan.written:
+        if self.plan == Plan():
             return f"{head} has {self.after} already"
-        files = f"{len(self.plan.written)} files, {self.plan.size / 1000:.1f} KB"
+        count = "1 file" if len(self.plan.written) == 1 else f"{len(self.plan.written)} files"
+        image = " and a ROMFS image" if self.plan.rom else ""
+        files = f"{count}{image}, {self.plan.size / 1000:.1f} KB"
         change = f"{self.before or 'no firmware'} -> {self.after}"
         stale = f", {len(self.plan.stale)} stale files removed" if self.plan.stale else ""
         if self.dry:
@@ -58,28 +56,29 @@ class Outcome:
             "chip": info and info.chip,
             "firmware": self.before,
             "wanted": self.after,
+            "frozen": info and info.frozen,
             "written": list(plan.written) if plan else [],
+            "romfs": bool(plan and plan.rom),
             "removed": list(plan.stale) if plan else [],
             "dry_run": self.dry,
             "problem": self.problem,
-            **({} if self.crashes is None else {"crashes": [each.row() for each in self.crashes]}),
         }
 
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A board to flash: what the command line says, the firmware by kind of board, a listener."""
+    """A board to flash, the command line, what compiles for it, and a listener."""
 
     port: BoardPort
     arguments: Namespace
-    firmware_of: "Callable[[str], Firmware]"
+    compiled: Callable[[str], Firmware]
     progress: Callable[[float], None]
 
 
 def flash_board(job: Job) -> Outcome:
     """Look at a board, flash it unless told otherwise, and restart it.
 
-    Raises MpremoteMissingError, ImageError; all else that fails is told by the outcome.
+    Raises MpremoteMissingError, FirmwareError; all else that fails is told by the outcome.
     """
     clock = MonotonicClock()
     outcome = Outcome(job.port, dry=job.arguments.dry_run)
@@ -98,26 +97,22 @@ def flash_board(job: Job) -> Outcome:
 def _flash(job: Job, link: BoardLink, info: BoardInfo, outcome: Outcome) -> Outcome:
     if job.arguments.list:
         return replace(outcome, before=survey(link).version)
-    if job.arguments.crash_log:
-        return replace(outcome, crashes=read_crashes(link, info, job.arguments.board))
-    firmware = job.firmware_of(_kind(info, job.arguments.board))
-    check_suits(info, firmware)
-    found = survey(link, firmware.files)
+    _check_known(info, job.arguments.board)
+    firmware = firmware_for(info, job.compiled)
+    found = survey(link, firmware)
     plan = plan_flash(found, firmware, force=job.arguments.force)
-    if plan.written and not job.arguments.dry_run:
+    if plan != Plan() and not job.arguments.dry_run:
         carry_out(link, firmware, plan, found, job.progress)
     job.progress(1.0)
     return replace(outcome, before=found.version, after=firmware.version, plan=plan)
 
 
-def _kind(info: BoardInfo, told: str | None) -> str:
-    """The name of the board, by what it says or by what the user says. Raises BoardError."""
+def _check_known(info: BoardInfo, told: str | None) -> None:
+    """Raises BoardError unless there is firmware for what the board says it is, or the user."""
     if info.board and told not in (None, info.board):
         raise BoardError(f"it says that it is {info.machine}, not {told}")
-    kind = info.board or told
-    if kind is None:
+    if info.board is None and told is None:
         raise BoardError(f"there is no firmware for {info.machine}; --board says what it is like")
-    return kind
 
 
 def _code(error: BoardError) -> Exit:

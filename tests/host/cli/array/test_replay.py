@@ -17,7 +17,7 @@ from mdms_protocol.frame import Frame
 def recorded(tmp_path_factory):
     """The run folder of a short run with a bus, with its log in all forms."""
     folder = tmp_path_factory.mktemp("recorded")
-    short = ["simulate", "array18", "--set", "run.duration_s=0.3", "--json"]
+    short = ["simulate", "array18", "--set", "run.duration_s=0.6", "--json"]
     for form in ("blf", "asc"):
         assert main([*short, "--out", str(folder / form), "--bus-format", form]) == 0
     return folder

@@ -64,6 +64,7 @@ def test_what_the_host_relies_on_is_written_to_both_axes(plane):
         Setting(0x2801, 0, ENTRIES[0x2001, 0].default),
         Setting(0x2802, 0, 12000),
         Setting(0x280A, 0, 20053),
+        Setting(0x3003, 0, 6000),
     )
 
 

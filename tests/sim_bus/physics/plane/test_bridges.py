@@ -29,11 +29,11 @@ def way_m(world: World, steps: int = 600) -> float:
 
 def test_a_shorted_motor_brakes_and_an_open_one_coasts() -> None:
     braked, asleep = moving_world(), moving_world()
-    speed_m_s = float(braked.twist[0, 0])
     asleep.bridges.awake[:] = 0
     braked_m = way_m(braked)
-    assert braked_m < 1.3 * speed_m_s**2 / (2 * 0.3 * 9.81 / 2)
-    assert way_m(asleep) > 4 * braked_m
+    assert np.abs(braked.twist[0]).max() < 0.06
+    assert way_m(asleep) > 1.8 * braked_m
+    assert asleep.twist[0, 0] > 0.3
 
 
 @pytest.mark.parametrize("cause", ["supply", "fault"])

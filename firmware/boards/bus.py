@@ -1,0 +1,125 @@
+"""The CAN bus of a board: frames between `machine.CAN` and the background loop, and bus-off.
+
+What differs between the ports of MicroPython stands in `stm32` and `mimxrt`.
+"""
+
+import micropython
+from machine import CAN
+
+from mdms_cell.drive import speed_loop
+from mdms_cell.queues import Inbox, Outbox
+
+BITRATE = 1_000_000
+#: How long the bus is left alone after bus-off, and between attempts to come back.
+BUS_OFF_MS = 100
+#: What the interrupt is for.
+TRIGGERS = CAN.IRQ_RX | CAN.IRQ_STATE
+
+_TIME_MASK = 0x3FFFFFFF
+
+
+class Bus:
+    """Fills `inbox` from a hard interrupt, sends, and sets CUT in `registers` at bus-off.
+
+    `off` is set from bus-off until the controller is back, and for `BUS_OFF_MS` at least.
+    A port's class says what its filters are, and may have more to say by the other methods.
+    """
+
+    def __init__(self, can: CAN, registers):
+        self.inbox = Inbox()
+        self.off = False
+        self._outbox = Outbox()
+        self._registers = registers
+        self._can = can
+        interrupt = can.irq()  # which is there before it can come
+        self._flags = interrupt.flags
+        self._arm = interrupt.trigger
+        self._fell_silent = False  # set by the interrupt, cleared by `service`
+        self._left_alone = False
+        self._off_ms = 0
+
+    # What a port says
+
+    def filters(self, identifiers):
+        """Filters that let these identifiers through, all into the same FIFO."""
+        raise NotImplementedError
+
+    def rearm(self):
+        """The interrupt has come, and there is no frame."""
+
+    def transmit(self, can_id, data):
+        """Give a frame to the controller; None where it takes none."""
+        return self._can.send(can_id, data)
+
+    def drop_sent(self):
+        """Bus-off: drop what would go out after it by itself."""
+
+    def may_restart(self) -> bool:
+        """Whether `CAN.restart` returns at once."""
+        return True
+
+    # What the board calls
+
+    def start(self):
+        """Begin to receive."""
+        self._can.irq(self._on_can, TRIGGERS, True)
+
+    def stop(self):
+        """End that."""
+        self._can.irq(None, 0)
+
+    @micropython.native
+    def _on_can(self, can: CAN):
+        """Take what has come, and note bus-off."""
+        flags = self._flags()
+        if not flags & CAN.IRQ_RX:
+            self.rearm()
+        while flags & CAN.IRQ_RX:
+            self.inbox.take(can)
+            flags = self._flags()
+        if can.state() == CAN.STATE_BUS_OFF:
+            self._fell_silent = True
+            self._registers[speed_loop.CUT] = 1
+
+    def service(self, now_ms):
+        """Look after bus-off, and send what waits."""
+        off = self._can.state() == CAN.STATE_BUS_OFF
+        if self._fell_silent or (off and not self.off):
+            self._fell_silent = False
+            self._leave(now_ms)
+        elif self.off:
+            self._return(now_ms, off)
+        if not self.off:
+            self._outbox.drain(self.transmit)
+
+    def _leave(self, now_ms):
+        """Cut the drive, and leave the bus alone for a while."""
+        self.off = self._left_alone = True
+        self._off_ms = now_ms
+        self._registers[speed_loop.CUT] = 1
+        self._outbox.clear()
+        self.drop_sent()
+
+    def _return(self, now_ms, off):
+        """Restart the controller, which then waits for 128 times 11 recessive bits by itself."""
+        over = (now_ms - self._off_ms) & _TIME_MASK >= BUS_OFF_MS
+        if self._left_alone and not over:
+            return
+        if not off:
+            self.off = False
+        elif over and self.may_restart():
+            self._left_alone = False
+            self._off_ms = now_ms
+            self._can.restart()
+
+    def send(self, can_id, data):
+        """Queue a frame; False when there is no room."""
+        if not self._outbox.push(can_id, data):
+            return False
+        if not self.off:
+            self._outbox.drain(self.transmit)
+        return True
+
+    def listen(self, identifiers):
+        """Let frames with these identifiers through, and as few others as there are filters for."""
+        self._can.set_filters(self.filters(identifiers))

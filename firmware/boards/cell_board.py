@@ -1,0 +1,204 @@
+"""What all boards of a cell share: two wheels, the bus, sensors, LEDs, watchdog, settings.
+
+A chip family's module has what its port of MicroPython has of its own (`stm32`, `mimxrt`), and a
+board's own module its pins.
+"""
+
+from array import array
+from binascii import crc32
+
+import machine
+import micropython
+from machine import ADC, WDT, Pin
+from micropython import const
+
+from boards.flash import Settings
+from boards.wheel import CURRENT_TOO_LARGE_MA
+from mdms_cell.drive import speed_loop
+
+#: The watchdog's patience while both bridges sleep, when flash may be written: that stops the
+#: processor, on an STM32 for seconds.
+WATCHDOG_ASLEEP_MS = 5_000
+#: Room for an exception in an interrupt, which cannot allocate its traceback.
+EXCEPTION_BYTES = 100
+#: 100 kOhm over 8.2 kOhm into an ADC of 3.3 V.
+SUPPLY_FULL_SCALE_MV = const(43_544)
+
+_SUPPLY_STEP_UV = const(SUPPLY_FULL_SCALE_MV * 1000 >> 12)
+
+
+class CellBoard:
+    """The board of a cell; see 'Cell and board' in DESIGN.md.
+
+    Of `pins`, `wake` lets both bridges drive, `fault` is low while one of them reports a fault,
+    `sensors` are the five presence sensors, `run_led` and `error_led` those of CiA 303-3. The tick
+    calls `sample(registers)` and `drive(registers)`. Importing touches nothing; a board is made
+    with both wheels off, and `start` brings it to life.
+
+    A family has `WATCHDOG_MS`, the watchdog's patience while a bridge is awake: far more than a
+    garbage collection. It makes what `wheels` and `connected` return, and the tick's timer.
+    """
+
+    WATCHDOG_MS = 250
+
+    def __init__(self, pins, folder: str):
+        self._wake = Pin(pins.wake, Pin.OUT, value=0)
+        self._wheels = self.wheels(pins)
+        self.motors_off()
+        self.registers = array("i", [0] * speed_loop.REGISTERS)
+        # All of it counts: four of its bytes alone are the same on all chips of a lot.
+        self.serial = crc32(machine.unique_id())
+        supply, fault = ADC(Pin(pins.supply)), Pin(pins.fault, Pin.IN, Pin.PULL_UP)
+        self.sample = _sampling(supply, fault, self._wheels)
+        self.drive = _driving(self._wake, self._wheels)
+        self._sensors = [Pin(name, Pin.IN, Pin.PULL_UP) for name in pins.sensors]
+        self._run_led = Pin(pins.run_led, Pin.OUT, value=0)
+        self._error_led = Pin(pins.error_led, Pin.OUT, value=0)
+        self.settings = Settings(folder, self.asleep)
+        self._watchdog = None
+        self._watchdog_ms = 0
+        self.bus = self.connected(pins)
+        self.inbox = self.bus.inbox
+        self.service = self.bus.service
+        self.send = self.bus.send
+        self.listen = self.bus.listen
+
+    # What a chip family says
+
+    def wheels(self, pins):
+        """Both wheels, made from the peripherals."""
+        raise NotImplementedError
+
+    def connected(self, pins):
+        """The bus."""
+        raise NotImplementedError
+
+    def start_tick(self, tick):
+        """Begin to call `tick` every millisecond, from a hard interrupt."""
+        raise NotImplementedError
+
+    def stop_tick(self):
+        """End that, if it has begun."""
+        raise NotImplementedError
+
+    # Life
+
+    def start(self, tick, watchdog=True):
+        """Begin to call `tick` every millisecond and to receive; the watchdog cannot be stopped."""
+        micropython.alloc_emergency_exception_buf(EXCEPTION_BYTES)
+        self.bus.start()
+        self.start_tick(tick)
+        if watchdog:
+            self._watchdog_ms = WATCHDOG_ASLEEP_MS
+            self._watchdog = WDT(timeout=WATCHDOG_ASLEEP_MS)
+
+    def stop(self):
+        """End both interrupts, and the drive."""
+        self.stop_tick()
+        self.bus.stop()
+        self.motors_off()
+
+    def feed(self):
+        """Feed the watchdog, and set its patience by whether a bridge is awake."""
+        if self._watchdog is None:
+            return
+        wanted_ms = self.WATCHDOG_MS if self._wake.value() else WATCHDOG_ASLEEP_MS
+        if self._watchdog_ms != wanted_ms:
+            self._watchdog_ms = wanted_ms
+            self._watchdog = WDT(timeout=wanted_ms)
+        self._watchdog.feed()
+
+    # What the background calls
+
+    @property
+    def bus_off(self):
+        """Whether the bus is off, or left alone after that."""
+        return self.bus.off
+
+    def asleep(self):
+        """Whether both bridges sleep, so that flash may be written: no axis is on, none brakes.
+
+        The next tick would come too late: it waits, with the voltage on, while flash is erased.
+        """
+        registers = self.registers
+        for base in (0, speed_loop.AXIS):
+            standing = registers[base + speed_loop.SIGNS] & speed_loop.STANDING
+            braking = registers[speed_loop.AWAKE] and not standing
+            if registers[base + speed_loop.MODE] or braking:
+                return False
+        self.motors_off()
+        self._wake.low()
+        self.feed()
+        return True
+
+    def presence(self):
+        """The five presence bits; the sensors pull low where there is a parcel."""
+        bits = 0
+        for place in range(len(self._sensors)):
+            if not self._sensors[place].value():
+                bits |= 1 << place
+        return bits
+
+    def motors_off(self):
+        """0 V on both motors at once, whatever state the program is in.
+
+        Bridges that are awake brake, until a reset lets the pull-down put them to sleep.
+        """
+        for wheel in self._wheels:
+            wheel.off()
+
+    def show(self, now_ms, state, faulty):
+        """Run LED on in operational, else blinking; error LED on at bus-off, blinking at faults."""
+        blink = now_ms // 200 & 1
+        self._run_led.value(1 if state == 5 else blink)
+        self._error_led.value(1 if self.bus.off else blink if faulty else 0)
+
+
+def _sampling(supply, fault, wheels):
+    """What writes supply, currents and encoder counts into the registers, those last.
+
+    The ADC belongs to the tick: a conversion that another interrupts tells of its channel.
+    A bridge with a fault of its own has shut off; that counts as over-current.
+    """
+
+    @micropython.native
+    def sample(  # noqa: PLR0917 - see `boards.wheel`
+        registers,
+        read_supply=supply.read_u16,
+        no_fault=fault.value,
+        sense_1=wheels[0].sense,
+        sense_2=wheels[1].sense,
+        count_1=wheels[0].count,
+        count_2=wheels[1].count,
+    ):
+        registers[speed_loop.SUPPLY] = (read_supply() >> 4) * _SUPPLY_STEP_UV
+        sense_1(registers)
+        sense_2(registers)
+        if not no_fault():
+            registers[speed_loop.CURRENT] = CURRENT_TOO_LARGE_MA
+            registers[speed_loop.AXIS + speed_loop.CURRENT] = CURRENT_TOO_LARGE_MA
+        registers[speed_loop.COUNT] = count_1() & 0xFFFF
+        registers[speed_loop.AXIS + speed_loop.COUNT] = count_2() & 0xFFFF
+
+    return sample
+
+
+def _driving(wake, wheels):
+    """What applies the voltages; the bridges are awake while an axis is on or brakes."""
+
+    @micropython.native
+    def drive(
+        registers,
+        drive_1=wheels[0].drive,
+        drive_2=wheels[1].drive,
+        awake=wake.high,
+        asleep=wake.low,
+    ):
+        drive_1(registers)
+        drive_2(registers)
+        if registers[speed_loop.AWAKE]:
+            awake()
+        else:
+            asleep()
+
+    return drive

@@ -1,0 +1,114 @@
+"""What boards with an i.MX RT share: FlexPWM, quadrature decoders, a soft timer, FlexCAN."""
+
+from collections import namedtuple
+
+import machine
+from machine import ADC, CAN, PWM, Encoder, Pin, Timer
+
+from boards.bus import BITRATE, Bus
+from boards.can_filters import shared
+from boards.cell_board import CellBoard
+from boards.wheel import PWM_HZ, Wheel
+from mdms_cell.drive import speed_loop
+
+#: The wiring of a board, by the names of its pins. `pulses` are of FlexPWM channels A or B of
+#: different submodules, `encoders` has A and B of each, which the crossbar reaches; the rest see
+#: `CellBoard`.
+Pins = namedtuple(
+    "Pins",
+    (
+        "pulses",
+        "phases",
+        "encoders",
+        "currents",
+        "wake",
+        "fault",
+        "sensors",
+        "supply",
+        "run_led",
+        "error_led",
+    ),
+)
+
+_FULL_WIDTH = 0xFFFF
+#: Filters that have a mask of their own; the others share one that MicroPython does not set.
+_FILTER_PLACES = 32
+#: Place of the frames lost in `CAN.get_counters`.
+_OVERRUNS = 7
+_COUNTERS = 8
+
+
+class MimxrtBoard(CellBoard):
+    """A board with an i.MX RT whose MicroPython has `machine.CAN` and `machine.Encoder`."""
+
+    #: The least that the chip's watchdog can wait.
+    WATCHDOG_MS = 500
+
+    def __init__(self, pins: Pins, folder: str):
+        self._timer = None
+        super().__init__(pins, folder)
+
+    def wheels(self, pins: Pins):
+        """Both wheels."""
+        made = []
+        for number in range(speed_loop.AXES):
+            pin_a, pin_b = pins.encoders[number]
+            # Every edge counts, modulo 2**16: a longer count would be an object of its own.
+            encoder = Encoder(number, Pin(pin_a), Pin(pin_b), phases=4, max=0xFFFF, min=0)
+            wheel = Wheel(
+                number * speed_loop.AXIS,
+                count=encoder.value,
+                set_width=PWM(Pin(pins.pulses[number]), freq=PWM_HZ, duty_u16=0).duty_u16,
+                steps=_FULL_WIDTH,
+                phase=Pin(pins.phases[number], Pin.OUT, value=0),
+                current=ADC(Pin(pins.currents[number])),
+            )
+            made.append(wheel)
+        return made[0], made[1]
+
+    def connected(self, pins: Pins):
+        """The bus."""
+        return FlexCanBus(CAN(1, BITRATE), self.registers)
+
+    def start_tick(self, tick):
+        """Begin to call `tick` every millisecond, from a hard interrupt."""
+        self._timer = Timer(
+            -1, mode=Timer.PERIODIC, freq=speed_loop.TICK_HZ, callback=tick, hard=True
+        )
+
+    def stop_tick(self):
+        """End that, if it has begun."""
+        timer, self._timer = self._timer, None
+        if timer is not None:
+            timer.deinit()
+
+
+class FlexCanBus(Bus):
+    """The bus by a FlexCAN, whose one receive FIFO holds six frames.
+
+    Identifier 0 and extended frames with the leading bits of a filter come through whatever the
+    filters are; the cell drops them.
+    """
+
+    def __init__(self, can: CAN, registers):
+        super().__init__(can, registers)
+        self._counters = [0] * _COUNTERS
+        self._overruns = 0
+
+    def filters(self, identifiers):
+        """Filters that let these identifiers through."""
+        return [(can_id, mask, 0) for can_id, mask in shared(identifiers, _FILTER_PLACES)]
+
+    def drop_sent(self):
+        """Bus-off ends by itself, and what waits in mailboxes would go out."""
+        self._can.restart()
+
+    def service(self, now_ms):
+        """See `Bus`; frames that were lost are in the controller's counters alone."""
+        overruns = self._can.get_counters(self._counters)[_OVERRUNS]
+        if overruns != self._overruns:
+            interrupts = machine.disable_irq()  # the interrupt counts there too
+            self.inbox.lost += max(overruns - self._overruns, 0)
+            machine.enable_irq(interrupts)
+            self._overruns = overruns
+        super().service(now_ms)

@@ -1,0 +1,28 @@
+"""Teensy 4.1 (i.MX RT1062, 600 MHz); pins as in the wiring table of firmware/README.md."""
+
+from machine import Pin
+
+from boards.mimxrt import MimxrtBoard, Pins
+
+PINS = Pins(
+    pulses=("D5", "D6"),
+    phases=("D4", "D9"),
+    encoders=(("D2", "D3"), ("D7", "D8")),
+    currents=("D14", "D15"),
+    wake="D10",
+    fault="D11",
+    sensors=("D33", "D34", "D35", "D36", "D37"),
+    supply="D16",
+    run_led="D13",
+    error_led="D12",
+)
+
+
+def board(folder="/flash"):
+    """The board with both wheels off; `start` brings it to life."""
+    return MimxrtBoard(PINS, folder)
+
+
+def held():
+    """Whether D32 is wired to ground, which keeps the firmware from starting; it has no button."""
+    return not Pin("D32", Pin.IN, Pin.PULL_UP).value()

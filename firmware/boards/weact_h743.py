@@ -1,0 +1,37 @@
+"""WeAct MiniSTM32H743 (STM32H743, 480 MHz); pins as in the wiring table of firmware/README.md.
+
+They leave USB, both flash chips, the SD card and the display's connector alone; the camera's
+connector must be free.
+"""
+
+from machine import Pin
+
+from boards import can_filters
+from boards.stm32 import Pins, Stm32Board
+
+PINS = Pins(
+    pwm_timer=2,
+    pwm_hz=240_000_000,  # of timers on APB1
+    pulses=("A0", "A1"),
+    phases=("D14", "D15"),
+    encoders=((3, "A6", "A7"), (8, "C6", "C7")),
+    currents=("C4", "C5"),
+    wake="D8",
+    fault="D9",
+    sensors=("E7", "E8", "E9", "E15", "B12"),
+    supply="B1",
+    run_led="E3",
+    error_led="B13",
+    filters=can_filters.fdcan_h7,
+    receive="B8",
+)
+
+
+def board(folder="/flash"):
+    """The board with both wheels off; `start` brings it to life."""
+    return Stm32Board(PINS, folder)
+
+
+def held():
+    """Whether the button K1 is pressed, which keeps the firmware from starting."""
+    return bool(Pin("C13", Pin.IN, Pin.PULL_DOWN).value())

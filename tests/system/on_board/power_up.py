@@ -1,0 +1,84 @@
+"""What a board with a ROMFS partition does at power-up, for the unix port, which has none.
+
+As ports/stm32/vfs_rom_ioctl.c of MicroPython 1.29 has it for SPI flash: blocks are erased to ones,
+writing makes zeros of ones, numbers below 0 are errors. What is left out: waiting, and wear. The
+content outlives the process in a file, which is as whole as the flash would be.
+"""
+
+import sys
+
+import vfs
+
+BLOCK = 4096
+BLOCKS = 64
+EINVAL = 22
+OUTSIDE = sys.path[0]  # of a script, its folder
+FILE = OUTSIDE + "/rom.bin"
+
+sys.path[0] = ""
+
+
+rom = bytearray(BLOCK * BLOCKS)
+with open(FILE, "rb") as file:
+    file.readinto(rom)
+segment = memoryview(rom)
+
+
+def keep():
+    with open(FILE, "wb") as file:
+        file.write(rom)
+
+
+def erase(at, end):
+    if end > len(rom):
+        return -EINVAL
+    while at < end:
+        rom[at : at + BLOCK] = b"\xff" * BLOCK
+        at += BLOCK
+    keep()
+    return 4
+
+
+def write(at, data):
+    if at + len(data) > len(rom):
+        return -EINVAL
+    for place in range(len(data)):
+        rom[at + place] &= data[place]
+    keep()
+    return 0
+
+
+def rom_ioctl(request, *given):
+    if request == 1:
+        return 1
+    if given[:1] == (0,):
+        if request == 2:
+            return segment
+        if request == 3 and len(given) > 1:
+            at = given[1] if len(given) > 2 else 0
+            return erase(at, at + given[-1])
+        if request == 4 and len(given) > 2:
+            return write(given[1], given[2])
+        if request == 6:
+            return BLOCK
+    return -EINVAL
+
+
+class Vfs:
+    """The module `vfs` with what the port lacks."""
+
+    VfsRom = vfs.VfsRom
+    mount = vfs.mount
+    umount = vfs.umount
+    rom_ioctl = rom_ioctl
+
+
+sys.modules["vfs"] = Vfs
+try:
+    vfs.mount(vfs.VfsRom(segment), "/rom")
+    sys.path += ["/rom", "/rom/lib"]
+except OSError:
+    pass
+if "main" in sys.argv:
+    with open("main.py") as file:
+        exec(file.read())
