@@ -16,7 +16,8 @@ from tests.system.serving import serving
 from mdms_protocol import cia402, cob
 from mdms_sim.nodes.micropython_bank import MicropythonBank
 
-pytestmark = [pytest.mark.slow, pytest.mark.real_time]
+#: One array is commissioned for all.
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("canopen tools")]
 
 EDS = str(Path(__file__).parents[2] / "protocol" / "mdms-cell.eds")
 CELLS = 18

@@ -11,7 +11,8 @@ from mdms_host.cli.exits import Exit
 from mdms_protocol import cob
 from mdms_sim.nodes.python_bank import PythonBank
 
-pytestmark = pytest.mark.real_time
+#: One array is served to all.
+pytestmark = pytest.mark.xdist_group("configure")
 
 CELLS = 18
 

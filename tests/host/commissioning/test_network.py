@@ -8,8 +8,6 @@ from mdms_protocol import nmt
 from mdms_protocol.dictionary import DEVICE_NAME, PRODUCT_CODE
 from mdms_protocol.pdo import OutOfRangeError
 
-pytestmark = pytest.mark.real_time
-
 
 def test_all_cells_are_found_and_say_who_they_are(served_cells) -> None:
     nodes = scan(served_cells.open(), MonotonicClock())
