@@ -126,7 +126,7 @@ def test_remapped_pdo_carries_the_new_object(network):
 def enable(network, node_ids):
     for node_id in node_ids:
         node = network[node_id]
-        node.sdo[0x3000].raw = 2_000
+        node.sdo[0x3000].raw = 500
         node.nmt.state = "OPERATIONAL"
         for index in (0x6040, 0x6840):
             for word in (cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION):
