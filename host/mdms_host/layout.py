@@ -91,11 +91,6 @@ class Layout:
         return np.repeat(np.arange(1, self.cells + 1), len(self.wheels))
 
     @cached_property
-    def wheel_axes(self) -> Ints:
-        """Number of each wheel's axis within its cell, from 1, shape (W,)."""
-        return np.tile(np.arange(1, len(self.wheels) + 1), self.cells)
-
-    @cached_property
     def sensor_positions_m(self) -> Floats:
         """Places of the presence sensors [m; table frame], shape (cells, sensors, 2)."""
         offsets_m = np.array(self.sensor_offsets_m, dtype=np.float64)

@@ -1,34 +1,46 @@
-"""Compilation of inner loops: once per machine, kept beside the source."""
+"""Functions that are compiled where numba is installed, and give the same where it is not.
 
+A function is compiled once and kept on disk. It holds copies of the functions that it calls, so the
+folder that it is kept in is named after the sources of its module and of all that this imports.
+"""
+
+import os
 import re
+import shutil
 import sys
+import threading
 from collections.abc import Callable
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-import numba
-from numba.core.caching import IndexDataCacheFile
+numba: Any
+event: Any
+try:
+    import numba
+    from numba.core import event
+except ImportError:
+    numba = event = None
 
 Function = TypeVar("Function", bound=Callable[..., object])
-Stamp = tuple[str, int, int]
 
-OWN_IMPORT = re.compile(r"^from (mdms_\w+(?:\.\w+)*) import", re.MULTILINE)
+#: Whether functions run compiled; `NUMBA_DISABLE_JIT=1` keeps them plain for a debugger.
+COMPILING = numba is not None and not numba.config.DISABLE_JIT
+OWN_IMPORT = re.compile(r"^from (mdms_\w+(?:\.\w+)*) import (\([^)]*\)|.*)", re.MULTILINE)
+#: Code of sources that have changed since is kept so long after its last use [s].
+KEPT_S = 7 * 24 * 3600.0
 
 
 def compiled(function: Function) -> Function:
-    """The function compiled by numba at its first call, cached on disk, its type unchanged."""
-    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+    """The function, compiled at its first call with arguments of new types; its type unchanged."""
+    if not COMPILING:
         return function
-    dispatcher = numba.njit(cache=True, error_model="numpy")(function)
-    # A compiled function holds copies of those it calls, but numba looks for changes in its own
-    # file only; without this it would run old code after a change in another module.
-    store = cast(Any, dispatcher)._cache
-    plain = store._cache_file
-    stamp = (plain._source_stamp, sorted(stamps(function.__module__)))
-    store._cache_file = CacheFile(store._cache_path, plain._index_name.removesuffix(".nbi"), stamp)
-    return cast(Function, dispatcher)
+    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(_folder(function.__module__))
+    try:
+        return cast(Function, numba.njit(cache=True, error_model="numpy")(function))
+    finally:
+        numba.config.CACHE_DIR = before
 
 
 def for_types_of(function: Function, *arguments: object) -> Function:
@@ -36,42 +48,96 @@ def for_types_of(function: Function, *arguments: object) -> Function:
 
     It does not look at their types at every call, which takes longer than some calls themselves.
     """
-    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+    if not COMPILING:
         return function
-    dispatcher, type_of = cast(Any, function), cast(Any, numba.typeof)
-    types = tuple(type_of(each) for each in arguments)
+    dispatcher = cast(Any, function)
+    types = tuple(numba.typeof(each) for each in arguments)
     dispatcher.compile(types)
     return cast(Function, dispatcher.get_overload(types))
 
 
-class CacheFile(cast(Any, IndexDataCacheFile)):  # type: ignore[misc]
-    """One function's compiled code on disk, which other processes may read and write meanwhile.
+# Where compiled code is kept ----------------------------------------------------------------------
 
-    Numba lists code by number before it writes it, so that another process can find what an older
-    version of the source, or another signature, has left under that number. Here every version
-    has a name of its own, and is listed when it is there.
-    """
 
-    def save(self, key: object, data: object) -> None:
-        """See the base class."""
-        version = sha256(repr((self._source_stamp, key)).encode()).hexdigest()[:16]
-        name = self._name(version)
-        listed = self._load_index()
-        if not listed:
-            # The first of a new version: nobody needs the old ones; who misses one compiles again.
-            for path in Path(self._cache_path).glob(self._name("*")):
-                path.unlink(missing_ok=True)
-        self._save_data(name, data)
-        self._save_index(listed | {key: name})
-
-    def _name(self, version: str) -> str:
-        return str(self._data_name_pattern).replace("{number:d}", version)
+def cache_base() -> Path:
+    """What `NUMBA_CACHE_DIR` says, else beside this module, else the user's own cache."""
+    if numba is not None and numba.config.CACHE_DIR:
+        return Path(numba.config.CACHE_DIR)
+    beside = Path(__file__).parent
+    if os.access(beside, os.W_OK):
+        return beside / "__pycache__" / "numba"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "mdms-array"
 
 
 @cache
-def stamps(module: str) -> frozenset[Stamp]:
-    """Name, time and size of a module of ours and of all that it imports of ours."""
-    path = Path(sys.modules[module].__file__ or "")
-    state = path.stat()
-    found = frozenset({(module, state.st_mtime_ns, state.st_size)})
-    return found.union(*map(stamps, OWN_IMPORT.findall(path.read_text("utf-8"))))
+def _folder(module: str) -> Path:
+    """Where the compiled functions of a module are kept; made, and rid of what nobody needs."""
+    digest = sha256()
+    for name in sorted(closure(module)):
+        digest.update(f"{name}\n".encode() + Path(sys.modules[name].__file__ or "").read_bytes())
+    base = cache_base()
+    folder = base / f"{module}-{digest.hexdigest()[:16]}"
+    if not folder.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        _remove_unused(base, module, folder.stat().st_mtime)
+    os.utime(folder)
+    return folder
+
+
+def _remove_unused(base: Path, module: str, now_s: float) -> None:
+    """Remove what older sources of a module have left; who still runs them used it lately."""
+    for path in base.glob(f"{module}-*"):
+        try:
+            unused_s = now_s - path.stat().st_mtime
+        except OSError:
+            continue  # another process has removed it
+        if unused_s > KEPT_S:
+            shutil.rmtree(path, ignore_errors=True)
+
+
+@cache
+def closure(module: str) -> frozenset[str]:
+    """A module of ours and all that it imports of ours."""
+    text = Path(sys.modules[module].__file__ or "").read_text("utf-8")
+    found = frozenset({module})
+    for package, names in OWN_IMPORT.findall(text):
+        named = {package, *(f"{package}.{name}" for name in re.findall(r"\w+", names))}
+        found = found.union(*map(closure, (named & sys.modules.keys()) - found))
+    return found
+
+
+class _OneAtATime(event.Listener if COMPILING else object):  # type: ignore[misc]
+    """Keeps other processes from compiling while this one does.
+
+    Numba lists what is in a folder apart from the code itself; two processes that add to one list
+    at once may each take the other's code for theirs.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._guard = threading.Lock()
+        self._depth = 0
+        self._file: int | None = None
+
+    def on_start(self, _: object) -> None:
+        """The compiler's lock is wanted: for a function, or for one that it calls."""
+        import fcntl
+
+        with self._guard:
+            if not self._depth:
+                self._path.parent.mkdir(parents=True, exist_ok=True)
+                self._file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+                fcntl.flock(self._file, fcntl.LOCK_EX)
+            self._depth += 1
+
+    def on_end(self, _: object) -> None:
+        """It is given back, and what was compiled is on disk."""
+        with self._guard:
+            self._depth -= 1
+            if not self._depth and self._file is not None:
+                os.close(self._file)
+                self._file = None
+
+
+if COMPILING:
+    event.register("numba:compiler_lock", _OneAtATime(cache_base() / "lock"))

@@ -1,6 +1,6 @@
-"""Open-loop velocity fields: what every wheel is told, from its place and direction alone.
+"""Open-loop velocity fields: the reference of every wheel, from its place and direction alone.
 
-A field is a vector at every place of the table; a wheel is told the part along its direction. The
+A field is a vector at every place of the table; a wheel gets the part along its direction. The
 numbers are references r of the paper's law V = G (r - v), not speeds: a free wheel runs at (a/b) r.
 """
 
@@ -18,7 +18,7 @@ class FieldError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class FieldShape:
-    """What tells one field of a kind from another; each kind uses what it needs.
+    """What sets one field of a kind apart from another; each kind uses what it needs.
 
     `speed_m_s` is the greatest reference, `velocity_m_s` and `yaw_rate_rad_s` are a twist about
     `centre_m`, `ratio` is the weaker over the stronger axis of an ellipse, and `table_m_s` holds
@@ -101,7 +101,7 @@ def squeeze(positions_m: Floats, directions: Floats, shape: FieldShape) -> Float
 
 
 def table(positions_m: Floats, directions: Floats, shape: FieldShape) -> Floats:
-    """Tell every wheel its own number [m/s]; raises FieldError unless there is one per wheel."""
+    """Give every wheel its own number [m/s]; raises FieldError unless there is one per wheel."""
     if len(shape.table_m_s) != len(directions):
         raise FieldError(
             f"the table of a field needs one speed for each of the {len(directions)} wheels, "

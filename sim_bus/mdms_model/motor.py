@@ -34,3 +34,10 @@ def drive_of(cell: Cell) -> Drive:
     be = cell.damping_nms * gear_per_m**2
     a = cell.gain_vs_per_m * ke / cell.resistance_ohm
     return Drive(ke=ke, be=be, a=a, b=be + ke**2 / cell.resistance_ohm + a)
+
+
+def rim_mass_kg(cell: Cell) -> float:
+    """Inertia of rotor and wheel, felt at the wheel's rim."""
+    gear_per_m = cell.gear_ratio / cell.wheel_radius_m
+    wheel_kg = cell.wheel_inertia_kg_m2 / cell.wheel_radius_m**2
+    return cell.rotor_inertia_kg_m2 * gear_per_m**2 + wheel_kg

@@ -47,7 +47,9 @@ def search_normals(scenario: Scenario, parcel: Parcel) -> NormalBounds:
             f"its centre of mass needs wheels around it, and cells are "
             f"{scenario.array.pitch_m:g} m apart"
         )
-    return NormalBounds(found.fewest, found.most, found.least_n, found.most_n)
+    return NormalBounds(
+        int(found.fewest), int(found.most), float(found.least_n), float(found.most_n)
+    )
 
 
 def on_one_line(scenario: Scenario) -> bool:
@@ -62,7 +64,7 @@ def centred_normal_n(scenario: Scenario, parcel: Parcel) -> float:
     x_m = array.pitch_m * (1 - array.columns % 2) / 2
     y_m = array.pitch_m * (1 - array.rows % 2) / 2 if array.rows > 1 else parcel.y_m
     found = _at(scenario, parcel, x_m, y_m)
-    return found.most_n if found.most else math.inf
+    return float(found.most_n) if found.most else math.inf
 
 
 def _row_extremes(scenario: Scenario, parcel: Parcel) -> Extremes:

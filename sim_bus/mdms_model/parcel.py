@@ -1,4 +1,4 @@
-"""Parcels as rigid flat-bottomed bodies: their state, their outline, and what lies under them."""
+"""Parcels as rigid flat-bottomed bodies: their mass, their outline, and what lies under them."""
 
 import math
 from typing import NamedTuple
@@ -15,15 +15,9 @@ from mdms_model.symmetric3 import Vector
 #: Points this far outside the outline still count as under it: rounding of rotations [m].
 EDGE_M = 1e-12
 
-#: One parcel in the compiled kernels. Position and velocity are those of the centre of mass.
+#: One parcel, as compiled functions take it.
 PARCEL = np.dtype(
     [
-        ("x_m", "f8"),
-        ("y_m", "f8"),
-        ("yaw_rad", "f8"),
-        ("vx_m_s", "f8"),
-        ("vy_m_s", "f8"),
-        ("yaw_rate_rad_s", "f8"),
         ("mass_kg", "f8"),
         ("inertia_kg_m2", "f8"),
         ("centre_x_m", "f8"),  # centre of mass from the origin, in the parcel's frame
@@ -33,28 +27,18 @@ PARCEL = np.dtype(
         ("radius_m", "f8"),
         ("first_edge", "i8"),
         ("edges", "i8"),
-        ("tipped", "i8"),
-        # This step: its share of the scene's lists, the twist it settles to, what others press.
-        ("first", "i8"),
-        ("supports", "i8"),
-        ("lines", "i8"),
-        ("new_vx_m_s", "f8"),
-        ("new_vy_m_s", "f8"),
-        ("new_yaw_rate_rad_s", "f8"),
-        ("pressed_x_n", "f8"),
-        ("pressed_y_n", "f8"),
-        ("pressed_nm", "f8"),
     ],
     align=True,
 )
 
 
 def parcel_records(parcels: tuple[Parcel, ...]) -> tuple[Records, Floats]:
-    """Parcels at rest where they start, and the edges of all, as in `Outline`.
+    """Parcels, and the edges of all, as in `Outline`.
 
     Raises `ScenarioError` for an impossible outline.
     """
-    records = np.zeros(len(parcels), dtype=PARCEL)
+    # As a recarray its fields have names in plain Python, too.
+    records = np.zeros(len(parcels), dtype=PARCEL).view(np.recarray)
     outlines = [outline_of(parcel) for parcel in parcels]
     first = 0
     for record, parcel, outline in zip(records, parcels, outlines, strict=True):
@@ -71,9 +55,6 @@ def _fill(record: Records, parcel: Parcel, outline: Outline) -> None:
     record["half_length_m"], record["half_width_m"] = parcel.length_m / 2, parcel.width_m / 2
     record["radius_m"] = outline.radius_m
     record["centre_x_m"], record["centre_y_m"] = parcel.centre_of_mass_m
-    record["yaw_rad"] = parcel.yaw_rad
-    arm_x, arm_y = turned(*parcel.centre_of_mass_m, parcel.yaw_rad)
-    record["x_m"], record["y_m"] = parcel.x_m + arm_x, parcel.y_m + arm_y
 
 
 class HeldParcel(NamedTuple):
@@ -95,51 +76,6 @@ def turned(x_m: float, y_m: float, yaw_rad: float) -> tuple[float, float]:
     """A vector of the parcel's frame in the table frame."""
     cosine, sine = math.cos(yaw_rad), math.sin(yaw_rad)
     return cosine * x_m - sine * y_m, sine * x_m + cosine * y_m
-
-
-@compiled
-def read_poses(parcels: Records, pose: Floats, twist: Floats) -> None:
-    """Pose and twist (P, 3) of the origins from those of the centres of mass."""
-    for p in range(parcels.size):
-        body = parcels[p]
-        arm_x, arm_y = turned(body.centre_x_m, body.centre_y_m, body.yaw_rad)
-        pose[p, 0] = body.x_m - arm_x
-        pose[p, 1] = body.y_m - arm_y
-        pose[p, 2] = body.yaw_rad
-        twist[p, 0] = body.vx_m_s + body.yaw_rate_rad_s * arm_y
-        twist[p, 1] = body.vy_m_s - body.yaw_rate_rad_s * arm_x
-        twist[p, 2] = body.yaw_rate_rad_s
-
-
-@compiled
-def halfway(body: Records, step_s: float) -> Vector:
-    """Pose of the centre of mass half a step ahead."""
-    return (
-        body.x_m + 0.5 * step_s * body.vx_m_s,
-        body.y_m + 0.5 * step_s * body.vy_m_s,
-        body.yaw_rad + 0.5 * step_s * body.yaw_rate_rad_s,
-    )
-
-
-@compiled
-def twist_of(body: Records) -> Vector:
-    """Twist of the centre of mass."""
-    return body.vx_m_s, body.vy_m_s, body.yaw_rate_rad_s
-
-
-@compiled
-def new_twist_of(body: Records) -> Vector:
-    """The twist that this step's problem is solved by."""
-    return body.new_vx_m_s, body.new_vy_m_s, body.new_yaw_rate_rad_s
-
-
-@compiled
-def move(body: Records, mean: Vector, after: Vector, step_s: float) -> None:
-    """Carry a parcel along its mean twist and give it a new one."""
-    body.x_m += step_s * mean[0]
-    body.y_m += step_s * mean[1]
-    body.yaw_rad += step_s * mean[2]
-    body.vx_m_s, body.vy_m_s, body.yaw_rate_rad_s = after
 
 
 class Place(NamedTuple):

@@ -1,4 +1,4 @@
-"""Simulated time: one queue of events in integer nanoseconds, and nothing else that could tell it.
+"""Simulated time: one queue of events in integer nanoseconds, and nothing else that could give it.
 
 Events at one instant run by priority, those of one priority in the order in which they were asked
 for; so the same calls always give the same run.

@@ -22,7 +22,7 @@ class Sampler:
         """Append the state at `now_s`; references and voltages of shape (W,), estimate (P, 3)."""
         world = self._world
         self._time_s.append(now_s)
-        # What the world tells is made anew each time; the rest belongs to the caller.
+        # What the world returns is made anew each time; the rest belongs to the caller.
         values = (
             *world.motion,
             reference_m_s.copy(),

@@ -15,6 +15,7 @@ from typing import BinaryIO
 import numpy as np
 
 from mdms_model.arrays import Floats
+from mdms_model.participant import Participant
 from mdms_model.run.record import Record
 from mdms_model.run.references import References
 from mdms_model.scenario.scenario import Scenario
@@ -22,13 +23,13 @@ from mdms_protocol.entry import MICROVOLTS, steps_per_unit
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.log import BusLog
+from mdms_sim.driver import Driver
 from mdms_sim.faults.schedule import Faults
 from mdms_sim.kernel import Kernel
 from mdms_sim.nodes import CellBank
 from mdms_sim.nodes.bus_off import BusOffWatch
 from mdms_sim.nodes.micropython_bank import MicropythonBank
 from mdms_sim.nodes.python_bank import PythonBank
-from mdms_sim.participant import Driver, Participant
 from mdms_sim.physics.plane.world import World
 from mdms_sim.sampling import Sampler
 
@@ -128,7 +129,7 @@ class Simulation:
     def run_until(self, time_s: float, progress: Progress | None = None) -> None:
         """Let virtual time pass, up to and including `time_s`, or until a parcel tips.
 
-        `progress` is told the time reached [s] now and then.
+        `progress` gets the time reached [s] now and then.
         """
         end_ns = round(time_s * NS_PER_S)
         while self.kernel.now_ns < end_ns and not self.tipped:

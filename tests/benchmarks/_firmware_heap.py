@@ -16,7 +16,9 @@ class Board:
     """Takes frames and throws them away."""
 
     def __init__(self, inbox, outbox):
-        self.registers = array("i", [0] * 100)
+        from mdms_cell.drive import speed_loop  # not before the firmware is measured
+
+        self.registers = array("i", [0] * speed_loop.REGISTERS)
         self.inbox = inbox
         self.outbox = outbox
         self.sent = 0

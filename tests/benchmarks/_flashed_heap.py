@@ -14,9 +14,10 @@ from mdms_host.flashing.firmware_sources import START, sources
 HEAP = Path(__file__).parent / "_firmware_heap.py"
 FAKES = tuple(
     Path(__file__).parents[1] / "firmware" / "fakes" / f"{name}.py"
-    for name in ("machine", "pyb", "world")
+    for name in ("machine", "pyb", "world", "can_controller", "can_stm32", "can_bx", "can_fd")
 )
 BOARD = "pybv11"
+OTHER_BOARDS = ("boards.nucleo", "boards.weact", "boards.teensy", "boards.mimxrt")
 WAYS = ("copies", "romfs")
 #: What the interpreter itself has taken.
 _BARE = "import gc; print(gc.mem_alloc())"
@@ -119,4 +120,4 @@ def _staged(folder: Path, way: str) -> list[str]:
         compiled_path = folder / f"{path.stem}.mpy"
         compiled_path.write_bytes(compile_module(path.name, path, None))
     names = [place[: -len(".mpy")].replace("/", ".") for place in compiled]
-    return [name for name in names if not name.startswith("boards.nucleo") and "_init_" not in name]
+    return [name for name in names if not name.startswith(OTHER_BOARDS) and "_init_" not in name]

@@ -10,6 +10,7 @@ from bench import NODE, SUPPLY_24_V, Bench
 import main
 from mdms_cell.drive import speed_loop as s
 from mdms_protocol import cia402
+from mdms_protocol.version import VERSION
 
 TARGET = 100_000
 
@@ -321,7 +322,9 @@ def ends(bench, action, wanted):
     assert bench.off()
     assert 0x6100 in emergencies()
     with open("crash.log") as file:
-        assert wanted.__name__ in file.read()
+        log = file.read()
+    assert log.startswith("mdms " + VERSION + "\nTraceback")
+    assert wanted.__name__ in log
 
 
 def exception_in_background(bench):

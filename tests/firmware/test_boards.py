@@ -81,7 +81,10 @@ def test_wiring_table_is_that_of_the_board(name):
     ],
 )
 def test_board_is_found_by_what_micropython_calls_it(micropython, machine, name):
-    asked = f"from boards.detect import board_module; print(board_module({machine!r}).__name__)"
+    asked = (
+        f"from bench import Bench; Bench({name!r}); "
+        f"from boards.detect import board_module; print(board_module({machine!r}).__name__)"
+    )
     assert micropython(asked, *FILES).strip() == f"boards.{name}"
     found = next(module for part, module in MACHINES.items() if part in machine)
     assert found == name

@@ -14,7 +14,6 @@ def test_cells_are_numbered_along_x_first_about_the_centre() -> None:
 def test_wheels_are_ordered_by_cell_then_by_axis() -> None:
     layout = Layout(2, 1, pitch_m=0.1, wheels=(WheelPlace(0.0), WheelPlace(np.pi / 2, (0.01, 0.0))))
     assert layout.wheel_cells.tolist() == [1, 1, 2, 2]
-    assert layout.wheel_axes.tolist() == [1, 2, 1, 2]
     expected_m = [[-0.05, 0], [-0.04, 0], [0.05, 0], [0.06, 0]]
     np.testing.assert_allclose(layout.wheel_positions_m, expected_m, atol=1e-15)
     np.testing.assert_allclose(layout.wheel_directions[:2], [[1, 0], [0, 1]], atol=1e-15)

@@ -1,28 +1,28 @@
 """A python-can bus as the sans-IO objects need it: frames in and out, whatever the adapter does.
 
 python-can's own readers end at the first line of garbage from a serial adapter. Here a reader goes
-on, tells what happened, and gives up only when the device itself is gone.
+on, records what happened, and ends only when the device itself is gone.
 """
 
 from argparse import ArgumentError, Namespace
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
 from queue import Empty, SimpleQueue
 from threading import Thread
 from types import TracebackType
-from typing import Protocol
 
 import can
 from can.cli import create_bus_from_namespace
 
 from mdms_host.clock import Clock
+from mdms_model.participant import Participant
 from mdms_protocol.frame import Frame
 
 _DEVICE_ERRORS = (can.CanOperationError, OSError)
 #: A device that fails this many times in a row, so far apart, is taken to be gone.
 _DEVICE_ATTEMPTS = 5
 _ATTEMPT_PAUSE_S = 0.05
-#: How often a reader looks whether it is to end, and how long a frame may take to leave.
+#: How often a reader checks whether it is to end, and how long a frame may take to leave.
 _READ_TIMEOUT_S = 0.1
 _SEND_TIMEOUT_S = 0.2
 
@@ -45,7 +45,7 @@ class DeviceGoneError(LinkError):
 
 
 def open_bus(options: Namespace) -> can.BusABC:
-    """The bus that python-can's own options, environment and files tell of.
+    """The bus that python-can's own options, environment and files name.
 
     Raises NoBusError with what is wrong and what would help.
     """
@@ -65,7 +65,8 @@ class Link:
     """An open bus with a reader of its own; frames of 11-bit data only, the rest is counted.
 
     Frames go to `deliver(frame, now_s)` in the reader's thread, if given, else wait for `receive`.
-    `troubles` tells what the reader met; `garbled`, `error_frames` and `unsent` count.
+    `incidents` lists what the reader met, as (time [s], text); `garbled`, `error_frames` and
+    `unsent` count frames.
     """
 
     def __init__(
@@ -74,7 +75,7 @@ class Link:
         clock: Clock,
         deliver: Callable[[Frame, float], object] | None = None,
     ) -> None:
-        self.troubles: list[tuple[float, str]] = []
+        self.incidents: list[tuple[float, str]] = []
         self.garbled = 0
         self.error_frames = 0
         self.unsent = 0
@@ -136,7 +137,7 @@ class Link:
             self._reader = self._start_reader()
 
     def close(self) -> None:
-        """End the reader and close the bus; a device that is gone does not mind."""
+        """End the reader and close the bus; a device that is gone is no error."""
         self._closing = True
         self._reader.join(timeout=5.0)
         try:
@@ -195,30 +196,13 @@ class Link:
 
     def _note(self, text: str) -> None:
         if not self._closing:
-            self.troubles.append((self._clock.now_s(), text))
-
-
-class Participant(Protocol):
-    """Anything on the bus; see 'Participant' in DESIGN.md."""
-
-    @property
-    def wake_s(self) -> float:
-        """When it wants to be polled next, if nothing comes in before [s]."""
-        ...
-
-    def on_frame(self, frame: Frame, now_s: float) -> None:
-        """A frame was on the bus."""
-        ...
-
-    def poll(self, now_s: float) -> Iterable[Frame]:
-        """What it wants to send now."""
-        ...
+            self.incidents.append((self._clock.now_s(), text))
 
 
 def drive(participant: Participant, link: Link, clock: Clock, over: Callable[[], bool]) -> None:
     """Bring participant and bus together until it is over. Raises DeviceGoneError.
 
-    `over` is asked after each round, at least ten times a second.
+    `over` is called after each round, at least ten times a second.
     """
     while not over():
         now_s = clock.now_s()

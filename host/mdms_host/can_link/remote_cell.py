@@ -1,4 +1,4 @@
-"""One cell as the host sees it: what its frames have told so far."""
+"""The state of one cell as its frames reported it last."""
 
 from collections.abc import Callable, Mapping
 
@@ -7,22 +7,22 @@ from mdms_protocol import cia402, cob, nmt, pdo
 _DRIVING = frozenset((cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE))
 _NAMES: Mapping[int | None, str] = dict(cia402.NAMES.items())
 
-#: What takes in the data of a frame, and the time [s].
+#: Takes the data of a frame, and the time [s].
 Handler = Callable[[bytes, float], None]
 
 
 class RemoteCell:
     """The last known state of the cell with this number (from 1) and node id.
 
-    Everything is None until the cell has told it; `garbage` counts frames of its that made no
-    sense and were dropped. `handlers` tells what takes in the frame of which identifier. Speeds
-    come often and are looked at seldom, so they stay as they came (`speeds_data`) until then.
+    Everything is None until the cell has reported it; `garbage` counts its frames that could not
+    be decoded and were dropped. `handlers` has the function for each identifier. Speeds come often
+    and are read seldom, so they are kept as they came (`speeds_data`) and decoded when read.
     """
 
     def __init__(self, number: int, node_id: int) -> None:
         self.number = number
         self.node_id = node_id
-        self.heard_s: float | None = None
+        self.last_heartbeat_s: float | None = None
         self.nmt_state: int | None = None
         self.drive_states: tuple[int | None, ...] | None = None
         self.presence: int | None = None
@@ -42,14 +42,14 @@ class RemoteCell:
         return f"cell {self.number} (node {self.node_id})"
 
     def on_frame(self, can_id: int, data: bytes, now_s: float) -> None:
-        """Take in a frame of this cell; one that makes no sense is counted and dropped."""
+        """Take in a frame of this cell; one that cannot be decoded is counted and dropped."""
         handler = self.handlers.get(can_id)
         if handler is not None:
             handler(data, now_s)
 
     @property
     def speeds_um_s(self) -> tuple[int, ...] | None:
-        """The speeds last told [um/s]."""
+        """The speeds reported last [um/s]."""
         return None if self.speeds_data is None else pdo.ACTUAL_VELOCITY.decode(self.speeds_data)
 
     @property
@@ -73,7 +73,7 @@ class RemoteCell:
         if state is None:
             self.garbage += 1
             return
-        self.heard_s, self.nmt_state = now_s, state
+        self.last_heartbeat_s, self.nmt_state = now_s, state
 
     def on_status(self, data: bytes, now_s: float) -> None:
         """Its second TPDO: the statuswords and the presence bits."""
@@ -92,7 +92,7 @@ class RemoteCell:
             self.garbage += 1
 
     def on_emergency(self, data: bytes, now_s: float) -> None:
-        """An emergency: an error has come, or is gone (code 0)."""
+        """An emergency: an error has occurred, or is reset (code 0)."""
         if len(data) != 8:
             self.garbage += 1
             return

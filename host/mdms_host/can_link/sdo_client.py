@@ -23,7 +23,7 @@ class Setting:
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
+class Read:
     """One object to be read."""
 
     index: int
@@ -33,14 +33,14 @@ class Question:
 class SdoClient:
     """Does transfers one after another, each again when no answer comes in time.
 
-    `answers` holds what was read, by (index, sub-index), as integers. `failure` tells why it gave
-    up, None as long as it has not.
+    `answers` holds what was read, by (index, sub-index), as integers. `failure` is the reason
+    why it gave up, None as long as it has not.
     """
 
     def __init__(
         self,
         node_id: int,
-        transfers: Iterable[Setting | Question],
+        transfers: Iterable[Setting | Read],
         answer_within_s: float = 0.1,
         attempts: int = 3,
     ) -> None:
@@ -53,7 +53,7 @@ class SdoClient:
         self.answers: dict[tuple[int, int], int] = {}
         self.failure: str | None = None
 
-    def append(self, transfers: Iterable[Setting | Question]) -> None:
+    def append(self, transfers: Iterable[Setting | Read]) -> None:
         """Do these as well, after the others."""
         self._waiting.extend(transfers)
 
@@ -92,17 +92,17 @@ class SdoClient:
             self.failure = f"it refuses {_text(transfer)} (abort code 0x{code:08X})"
         elif kind == sdo.DOWNLOAD_RESPONSE and isinstance(transfer, Setting):
             self._next()
-        elif kind == sdo.UPLOAD_RESPONSE and isinstance(transfer, Question):
+        elif kind == sdo.UPLOAD_RESPONSE and isinstance(transfer, Read):
             self._take(transfer, data)
 
-    def _take(self, question: Question, data: bytes) -> None:
+    def _take(self, read: Read, data: bytes) -> None:
         """The value of an expedited answer, as long as the object's type is."""
-        kind = ENTRIES[question.index, question.sub].type
+        kind = ENTRIES[read.index, read.sub].type
         if not data[0] & sdo.EXPEDITED:
-            self.failure = f"its answer to {_text(question)} is longer than a frame"
+            self.failure = f"its answer to {_text(read)} is longer than a frame"
             return
         value = int.from_bytes(data[4 : 4 + kind.size], "little", signed=kind.low < 0)
-        self.answers[question.index, question.sub] = value
+        self.answers[read.index, read.sub] = value
         self._next()
 
     def _next(self) -> None:
@@ -110,17 +110,17 @@ class SdoClient:
         self._attempt, self._due_s = 0, 0.0
 
 
-def _text(transfer: Setting | Question) -> str:
+def _text(transfer: Setting | Read) -> str:
     place = f"0x{transfer.index:04X}:{transfer.sub}"
     if isinstance(transfer, Setting):
         return f"a write of {transfer.value} to {place}"
     return f"a read of {place}"
 
 
-def _request(transfer: Setting | Question) -> bytes:
+def _request(transfer: Setting | Read) -> bytes:
     """Raises OutOfRangeError for a value, and KeyError for an object, that cannot be."""
     entry = ENTRIES[transfer.index, transfer.sub]
-    if isinstance(transfer, Question):
+    if isinstance(transfer, Read):
         return sdo.read_request(transfer.index, transfer.sub)
     pdo.check(entry, transfer.value)
     value = transfer.value.to_bytes(entry.type.size, "little", signed=entry.type.low < 0)

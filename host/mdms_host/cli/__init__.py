@@ -1,16 +1,14 @@
-"""The command `mdms`: one verb, one module. Only here are host and simulator put together.
+"""The command `mdms`. Only here are host and simulator put together.
 
-Importing this is light; every verb imports what it needs when it runs.
+Importing this is light: the modules of a verb are imported when it runs (`verbs`).
 """
 
 import os
 import sys
 from collections.abc import Sequence
 
-from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.parser import build_parser
-
-INTERRUPTED = 130
+from mdms_host.cli.exits import INTERRUPTED, Exit, exit_of
+from mdms_host.cli.verbs import build_parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -20,11 +18,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         code = int(arguments.run(arguments))
         sys.stdout.flush()
         return code
-    except CommandError as error:
-        print(f"mdms: {error}", file=sys.stderr)
-        return error.code
     except BrokenPipeError:
-        # Whoever read has seen enough; let the interpreter's own last flush go nowhere.
+        # The reader has closed the pipe; the interpreter's own last flush must not fail.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return Exit.OK
     except KeyboardInterrupt:
@@ -32,3 +27,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return INTERRUPTED
     except SystemExit as leaving:
         return leaving.code if isinstance(leaving.code, int) else Exit.OK
+    except Exception as error:
+        known = exit_of(error)
+        if known is None:
+            raise
+        print(f"mdms: {error}", file=sys.stderr)
+        return known

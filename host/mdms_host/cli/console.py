@@ -3,10 +3,10 @@
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from rich.table import Table
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
 
 
 def say(message: str) -> None:
@@ -14,10 +14,8 @@ def say(message: str) -> None:
     print(message, file=sys.stderr)
 
 
-def show(table: "Table") -> None:
+def show(table: Table) -> None:
     """A table on stdout, as wide as the terminal, or as it needs to be where there is none."""
-    from rich.console import Console
-
     console = Console()
     if not console.is_terminal:
         console.width = 200
@@ -26,13 +24,10 @@ def show(table: "Table") -> None:
 
 @contextmanager
 def progress(what: str) -> Iterator[Callable[[float], None]]:
-    """A bar to be told the share done, 0 to 1; nothing at all when stderr is no terminal."""
+    """A bar that shows the share done, 0 to 1; nothing at all when stderr is no terminal."""
     if not sys.stderr.isatty():
         yield _ignore
         return
-    from rich.console import Console
-    from rich.progress import Progress
-
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(what, total=1.0)
         yield lambda share: bar.update(task, completed=share)

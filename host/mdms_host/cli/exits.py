@@ -1,10 +1,13 @@
-"""Exit codes of the command, and the error that carries one."""
+"""How the command ends: its exit codes, and which error leads to which of them."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import IntEnum
+from pathlib import Path
 
 
 class Exit(IntEnum):
-    """What the shell is told."""
+    """The exit codes."""
 
     OK = 0
     FAILURE = 1
@@ -14,9 +17,47 @@ class Exit(IntEnum):
     NODE_FAULT = 5
 
 
+#: The exit code after Ctrl-C, as shells have it.
+INTERRUPTED = 130
+
+#: Exit codes by class of error; of a class and its bases, the nearest that is listed counts.
+#: Classes are named here, not imported: a verb should not wait for the modules of the others.
+EXITS = {
+    "mdms_host.can_link.link.LinkError": Exit.NO_DEVICE,
+    "mdms_host.commissioning.array_file.ArrayFileError": Exit.USAGE,
+    "mdms_host.commissioning.lss_master.LssError": Exit.NODE_FAULT,
+    "mdms_host.commissioning.network.CommissioningError": Exit.NODE_FAULT,
+    "mdms_host.commissioning.network.SilentError": Exit.NO_DEVICE,
+    "mdms_host.commissioning.node_ids.NodeIdError": Exit.FAILURE,
+    "mdms_host.commissioning.parameters.ParameterError": Exit.USAGE,
+    "mdms_sim.nodes.bank.MicropythonMissing": Exit.NO_DEVICE,
+    "mdms_sim.nodes.bank.NodeError": Exit.NODE_FAULT,
+    "mdms_model.run.folder.RunFolderError": Exit.USAGE,
+    "mdms_model.scenario.scenario.ScenarioError": Exit.USAGE,
+    "mdms_sim.serve.endpoint.ServeError": Exit.FAILURE,
+}
+
+
 class CommandError(Exception):
     """Ends the command with one line on stderr and an exit code."""
 
     def __init__(self, message: str, code: Exit) -> None:
         super().__init__(message)
         self.code = code
+
+
+def exit_of(error: Exception) -> Exit | None:
+    """The exit code of an error; None for one that is a defect of the program."""
+    if isinstance(error, CommandError):
+        return error.code
+    names = (f"{each.__module__}.{each.__qualname__}" for each in type(error).__mro__)
+    return next((EXITS[name] for name in names if name in EXITS), None)
+
+
+@contextmanager
+def writing(path: Path, code: Exit) -> Iterator[None]:
+    """Turns an `OSError` inside into a `CommandError` that names the path."""
+    try:
+        yield
+    except OSError as error:
+        raise CommandError(f"{path}: cannot be written: {error.strerror}", code) from None

@@ -1,17 +1,22 @@
-"""Options that several verbs share."""
+"""The options of the verbs, and what several of them share; `configure` has its own.
 
-from argparse import ArgumentParser
+They are apart from the verbs, so that help and usage errors wait for none of their imports.
+"""
+
+import math
+from argparse import ArgumentParser, ArgumentTypeError
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
 
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
-
-    Verbs: TypeAlias = _SubParsersAction[ArgumentParser]
-else:
-    Verbs = object
+from mdms_model.scenario.scenario import FIDELITIES
 
 NODES = ("cpython", "micropython")
+#: Forms of the bus log: candump, and Vector's binary and text.
+BUS_FORMATS = ("log", "blf", "asc")
+LAWS = ("sliding", "at_rest")
+SENDERS = ("all", "host", "cells")
+#: No machine keeps up beyond this.
+SPEED_MAX = 100.0
+PORT_MAX = 65535
 
 
 def add_scenario(parser: ArgumentParser) -> None:
@@ -44,7 +49,7 @@ def add_nodes(parser: ArgumentParser) -> None:
     )
 
 
-def add_run(parser: ArgumentParser) -> None:
+def add_folder(parser: ArgumentParser) -> None:
     """RUN, the folder of an earlier run."""
     parser.add_argument("folder", metavar="RUN", type=Path, help="a run folder")
 
@@ -52,3 +57,126 @@ def add_run(parser: ArgumentParser) -> None:
 def add_json(parser: ArgumentParser) -> None:
     """`--json`."""
     parser.add_argument("--json", action="store_true", help="one JSON object on stdout")
+
+
+def add_demo(parser: ArgumentParser) -> None:
+    """Those of `demo`."""
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, default=Path("runs/demo"), help="run folder"
+    )
+
+
+def add_simulate(parser: ArgumentParser) -> None:
+    """Those of `simulate`."""
+    add_scenario(parser)
+    parser.add_argument("--out", metavar="DIR", type=Path, help="write a run folder")
+    parser.add_argument(
+        "--bus-format",
+        choices=BUS_FORMATS,
+        default="log",
+        help="write the bus log in this form too, beside bus.log (candump)",
+    )
+    parser.add_argument("--seed", metavar="N", type=int, help="instead of the scenario's run.seed")
+    add_nodes(parser)
+    parser.add_argument("--fidelity", choices=FIDELITIES, help="instead of run.fidelity")
+    add_json(parser)
+
+
+def add_limits(parser: ArgumentParser) -> None:
+    """Those of `limits`."""
+    add_scenario(parser)
+    add_json(parser)
+
+
+def add_map(parser: ArgumentParser) -> None:
+    """Those of `map`."""
+    add_scenario(parser)
+    parser.add_argument("--parcel", metavar="NAME", help="which parcel (default: the first)")
+    parser.add_argument(
+        "--law",
+        choices=LAWS,
+        default="sliding",
+        help="all wheels slide, or motors push as far as friction lets them",
+    )
+    parser.add_argument(
+        "--out", metavar="FILE.png", type=Path, help="the picture (default: SCENARIO-map.png)"
+    )
+    add_json(parser)
+
+
+def add_plot(parser: ArgumentParser) -> None:
+    """Those of `plot`."""
+    add_folder(parser)
+    parser.add_argument(
+        "--wheels", action="store_true", help="contact, forces and slip of every wheel instead"
+    )
+    parser.add_argument(
+        "--out", metavar="FILE.png", type=Path, help="the picture (default: in the run folder)"
+    )
+
+
+def add_export(parser: ArgumentParser) -> None:
+    """Those of `export`."""
+    add_folder(parser)
+    parser.add_argument(
+        "--csv",
+        metavar="DIR",
+        type=Path,
+        required=True,
+        help="folder for parcels.csv and cells.csv",
+    )
+
+
+def add_serve(parser: ArgumentParser) -> None:
+    """Those of `serve`."""
+    add_scenario(parser)
+    parser.add_argument("--name", help="python-can's channel (default: the scenario's name)")
+    add_nodes(parser)
+    parser.add_argument("--speed", type=_speed, default=1.0, help="times real time (default 1)")
+    parser.add_argument(
+        "--tcp-port", type=_port, default=0, help="of SLCAN on loopback (default: a free one)"
+    )
+
+
+def add_run(parser: ArgumentParser) -> None:
+    """Those of `run`, but the bus."""
+    parser.add_argument(
+        "program", metavar="PROGRAM", help="a scenario: its array, its parcels, its motion"
+    )
+    add_overrides(parser)
+    parser.add_argument("--limit", metavar="SECONDS", type=float, help="give up after so long")
+    add_json(parser)
+
+
+def add_status(parser: ArgumentParser) -> None:
+    """Those of `status`, but the bus."""
+    parser.add_argument("--once", action="store_true", help="once, even on a terminal")
+    add_json(parser)
+
+
+def add_replay(parser: ArgumentParser) -> None:
+    """Those of `replay`, but the bus."""
+    add_folder(parser)
+    parser.add_argument(
+        "--only", choices=SENDERS, default="all", help="whose frames: to real cells, the host's"
+    )
+    parser.add_argument(
+        "--nodes",
+        choices=NODES,
+        help="instead of to a bus: the host's frames to simulated cells, in virtual time",
+    )
+    add_json(parser)
+
+
+def _speed(text: str) -> float:
+    speed = float(text)
+    if not math.isfinite(speed) or not 0 < speed <= SPEED_MAX:
+        raise ArgumentTypeError(f"{text} is not above 0 and at most {SPEED_MAX:g}")
+    return speed
+
+
+def _port(text: str) -> int:
+    port = int(text)
+    if not 0 <= port <= PORT_MAX:
+        raise ArgumentTypeError(f"{text} is not 0 to {PORT_MAX}")
+    return port

@@ -1,57 +1,47 @@
-"""The command line: which verbs there are and what they share."""
+"""A command line of verbs whose modules are imported only when they are used."""
 
-from argparse import Action, ArgumentParser
-from collections.abc import Callable
+from argparse import Action, ArgumentParser, Namespace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
 from typing import Any, NoReturn
 
-from mdms_host.cli.array import replay, run, scan, status, stop
-from mdms_host.cli.configure import options as configure
 from mdms_host.cli.exits import Exit
-from mdms_host.cli.flash import flash
-from mdms_host.cli.scenario import limits, map, scenarios
-from mdms_host.cli.simulation import demo, export, plot, serve, simulate
 
-VERBS = (
-    demo,
-    simulate,
-    scenarios,
-    limits,
-    map,
-    plot,
-    export,
-    serve,
-    run,
-    scan,
-    status,
-    stop,
-    flash,
-    configure,
-    replay,
-)
-DESCRIPTION = "Modular distributed manipulator: simulate, run and look after an array of cells."
-EPILOG = """\
-Results go to stdout, messages to stderr. Exit codes: 0 ok, 1 failure, 2 usage or bad input,
-3 time limit, 4 no bus or device, 5 node fault or protocol mismatch.
-"""
+
+@dataclass(frozen=True, slots=True)
+class Verb:
+    """A verb: its name and help, the function that runs it, and what adds its options.
+
+    Functions are named as 'module:function', and imported when the verb is used. `late_options`
+    adds options that are themselves costly to import. A verb with `actions` is followed by one.
+    """
+
+    name: str
+    help: str
+    function: str = ""
+    options: Callable[[ArgumentParser], None] | None = None
+    late_options: str | None = None
+    actions: "tuple[Verb, ...]" = ()
+    epilog: str | None = None
 
 
 class Parser(ArgumentParser):
     """An argument parser that complains in one line.
 
-    `late` adds the options that are costly to know; it is called when this parser is used.
+    `late_options` names the function that adds its costly options, called when it is used.
     """
 
-    def __init__(
-        self, *args: Any, late: Callable[[ArgumentParser], None] | None = None, **kwargs: Any
-    ) -> None:
+    def __init__(self, *args: Any, late_options: str | None = None, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self._late = late
+        self._late_options = late_options
 
     def parse_known_args(self, *args: Any, **kwargs: Any) -> Any:
         """See `ArgumentParser`."""
-        late, self._late = self._late, None
-        if late is not None:
-            late(self)
+        late_options, self._late_options = self._late_options, None
+        if late_options is not None:
+            _imported(late_options)(self)
         return super().parse_known_args(*args, **kwargs)
 
     def error(self, message: str) -> NoReturn:
@@ -59,21 +49,38 @@ class Parser(ArgumentParser):
         self.exit(Exit.USAGE, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 
-class _ShowVersion(Action):
-    """Looks the version up only when it is asked for."""
+class ShowVersion(Action):
+    """Prints the version of the installed package."""
 
     def __call__(self, parser: ArgumentParser, *_: Any) -> NoReturn:
-        from importlib.metadata import version
-
-        print(version("mdms-array"))
+        """Print it and end."""
+        print(_imported("importlib.metadata:version")("mdms-array"))
         parser.exit()
 
 
-def build_parser() -> Parser:
-    """The parser of all verbs; each stores its function under `run`."""
-    parser = Parser(prog="mdms", description=DESCRIPTION, epilog=EPILOG)
-    parser.add_argument("--version", action=_ShowVersion, nargs=0, help="print the version")
-    verbs = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
-    for verb in VERBS:
-        verb.add_to(verbs)
-    return parser
+def add_verbs(parser: ArgumentParser, verbs: Iterable[Verb], title: str, metavar: str) -> None:
+    """Add the verbs to a parser; each stores under `run` what runs it."""
+    parsers = parser.add_subparsers(
+        title=title, metavar=metavar, required=True, parser_class=Parser
+    )
+    for verb in verbs:
+        own = parsers.add_parser(
+            verb.name, help=verb.help, epilog=verb.epilog, late_options=verb.late_options
+        )
+        if verb.options is not None:
+            verb.options(own)
+        if verb.actions:
+            add_verbs(own, verb.actions, "actions", "ACTION")
+        else:
+            own.set_defaults(run=partial(_run, verb.function))
+
+
+def _run(function: str, arguments: Namespace) -> int:
+    return int(_imported(function)(arguments))
+
+
+def _imported(function: str) -> Callable[..., Any]:
+    """The function that 'module:function' names."""
+    module, _, name = function.partition(":")
+    imported: Callable[..., Any] = getattr(import_module(module), name)
+    return imported

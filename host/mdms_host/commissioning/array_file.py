@@ -1,4 +1,4 @@
-"""A file (TOML) that tells of an array: serial numbers, node ids, settings in SI units.
+"""A file (TOML) that describes an array: serial numbers, node ids, settings in SI units.
 
 `mdms configure dump` writes it; `load` and `assign --from` read it.
 """
@@ -20,12 +20,12 @@ _HEAD = """\
 
 
 class ArrayFileError(Exception):
-    """A file that cannot be read, or does not tell what it should; the message has the place."""
+    """A file that cannot be read, or lacks what it should have; the message has the place."""
 
 
 @dataclass(frozen=True, slots=True)
 class FiledCell:
-    """What a file says of a cell, settings in the integers of the wire."""
+    """A cell of a file, settings in the integers of the wire."""
 
     serial: int
     node_id: int
@@ -47,7 +47,7 @@ def read_array_file(path: Path) -> list[FiledCell]:
         raise ArrayFileError(f"{path}: {error}") from None
     try:
         cells = [_cell(each) for each in _tables(document)]
-        _refuse_twins(cells)
+        _refuse_duplicates(cells)
     except (ArrayFileError, ParameterError) as error:
         raise ArrayFileError(f"{path}: {error}") from None
     return cells
@@ -108,7 +108,7 @@ def _values(table: object, prefix: str) -> Iterable[tuple[Parameter, int]]:
             yield BY_NAME[name], BY_NAME[name].parse(repr(value))
 
 
-def _refuse_twins(cells: list[FiledCell]) -> None:
+def _refuse_duplicates(cells: list[FiledCell]) -> None:
     for place, cell in enumerate(cells):
         for other in cells[:place]:
             if cell.serial == other.serial:

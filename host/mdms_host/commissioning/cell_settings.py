@@ -18,11 +18,11 @@ _GAIN = ".gain"
 
 
 class StrangerError(CommissioningError):
-    """A node whose objects do not mean what this host takes them for."""
+    """A node that is no cell, or has another object table than this host."""
 
 
 class NotTakenError(CommissioningError):
-    """A cell confirmed a setting, and has another."""
+    """A cell has confirmed a setting, and reads back another value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class CellSettings:
             for parameter, number in wanted.items()
             if self.values[parameter] != number
         )
-        return sorted(changes, key=_turn)
+        return sorted(changes, key=_order)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class Change:
     after: int
 
 
-def _turn(change: Change) -> int:
+def _order(change: Change) -> int:
     """-1 for a gain that falls, 1 for one that rises, 0 for anything else."""
     if not change.parameter.name.endswith(_GAIN):
         return 0
@@ -75,7 +75,7 @@ def check_identity(node_id: int, identity: Identity) -> None:
 
 
 def identify_cells(commissioning: Commissioning, node_ids: Iterable[int]) -> dict[int, Identity]:
-    """Who the cells among these nodes are, by node id; whoever is no cell is left out.
+    """Identities of the cells among these nodes, by node id; other nodes are left out.
 
     Raises StrangerError for a serial number that is there twice, SilentError, DeviceGoneError.
     """
@@ -99,7 +99,7 @@ def identify_cells(commissioning: Commissioning, node_ids: Iterable[int]) -> dic
 def read_settings(
     commissioning: Commissioning, node_id: int, parameters: Iterable[Parameter]
 ) -> CellSettings:
-    """Who a node is, and some of its settings.
+    """The identity of a node, and some of its settings.
 
     Raises StrangerError, SilentError, RefusedError, DeviceGoneError.
     """

@@ -1,10 +1,10 @@
 """How large a cell's gain may be: the phase margin of its sampled speed loop.
 
 The loop is worked out exactly at its sampling instants: the wheel under a held voltage (paper,
-eq 8), the position read once a tick, the firmware's observer, an alpha-beta filter that is told of
-new voltage, and the time from reading the encoder to setting the voltage. Within half a count the
-observer takes only a share of what an innovation says; the margin is the smaller one of the loop
-with all of it and with that.
+eq 8), the position read once a tick, the firmware's observer, an alpha-beta filter that takes
+new voltage in, and the time from reading the encoder to setting the voltage. Within half a count
+the observer takes only a share of an innovation; the margin is the smaller one of the loop with all
+of it and with that.
 """
 
 import math
@@ -26,7 +26,7 @@ NEW_TICKS = 16
 #: From reading the encoder to the new voltage, on the slowest board.
 DELAY_S = 0.0001
 MARGIN_RAD = math.radians(45.0)
-#: What the observer is best told, over what the motor's data say: a step of the reference is then
+#: The best setting of the observer over what the motor's data give: a step of the reference is then
 #: quick and calm for motors whose force and resistance are up to 30 % off.
 FEED_SHARE = 5.0 / 3.0
 #: What a wheel may seem to weigh under a parcel, over what it weighs; one that stands is added.
@@ -90,32 +90,12 @@ def observer_for(motor: WheelMotor) -> Observer:
     return replace(DEFAULT, acceleration_m_s2_per_v=min(FEED_SHARE * acceleration, largest))
 
 
-def wheel_motor(
-    *,
-    torque_constant_nm_per_a: float,
-    resistance_ohm: float,
-    damping_nms: float,
-    rotor_inertia_kg_m2: float,
-    gear_ratio: float,
-    wheel_radius_m: float,
-    wheel_inertia_kg_m2: float = 0.0,
-) -> WheelMotor:
-    """The motor as its wheel's rim sees it (paper, section 3.2), and the wheel about its axle."""
-    lever = gear_ratio / wheel_radius_m
-    return WheelMotor(
-        force_n_per_a=torque_constant_nm_per_a * lever,
-        resistance_ohm=resistance_ohm,
-        damping_n_s_per_m=damping_nms * lever**2,
-        mass_kg=rotor_inertia_kg_m2 * lever**2 + wheel_inertia_kg_m2 / wheel_radius_m**2,
-    )
-
-
 def largest_gain(
     motor: WheelMotor, observer: Observer = DEFAULT, margin_rad: float = MARGIN_RAD
 ) -> float:
     """The largest gain G [V s/m] whose loop keeps the phase margin [rad] under any load.
 
-    A parcel on the wheel adds mass: all of LOADS are looked at, and a wheel that nothing moves.
+    A parcel on the wheel adds mass: all of LOADS are tried, and a wheel that nothing moves.
     """
     return min(_largest_gain(loop, margin_rad) for loop in _open_loops(motor, observer))
 

@@ -1,7 +1,7 @@
 """Gives cells their node ids by the layer setting services (CiA 305), one request at a time.
 
 Unlike the master of `canopen`, which halves all 128 bits of an identity with a pause at each, this
-one asks first whether a cell is of our kind, and searches its serial number alone.
+one first compares all but the serial number with ours, and then searches the serial number alone.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,9 +15,9 @@ from mdms_protocol.frame import Frame
 
 _KNOWN = (VENDOR_ID, PRODUCT_CODE, REVISION)
 _SERIAL = 3
-#: How long an answer is waited for [s]; more of it where one that was late has spoilt a search.
-PATIENCES_S = (0.02, 0.05, 0.1, 0.2, 0.4)
-#: The share of it that has to pass without another answer before the next question.
+#: How long to wait for an answer [s], one search after the other: a late answer spoils a search.
+TIMEOUTS_S = (0.02, 0.05, 0.1, 0.2, 0.4)
+#: The share of it that has to pass without another answer before the next request.
 _SETTLING = 0.25
 #: For requests that are answered as a rule, and for those that write to flash.
 ANSWER_S = 0.5
@@ -25,15 +25,15 @@ _STORE_S = 3.0
 
 
 class LssError(Exception):
-    """A cell did not do as LSS asked it."""
+    """A cell has refused, or not answered, an LSS request."""
 
 
-class _SpoiltError(Exception):
+class _ContradictionError(Exception):
     """Answers contradict each other: one came after its time."""
 
 
 class LssAddress(NamedTuple):
-    """What tells a cell from all others, as in its object 0x1018."""
+    """The identity of a cell, as in its object 0x1018."""
 
     vendor_id: int
     product_code: int
@@ -44,29 +44,29 @@ class LssAddress(NamedTuple):
 class LssMaster:
     """Finds, selects and configures cells; `on_response` may be called from another thread.
 
-    In a search, where most questions have no answer, they are waited for `patiences_s`.
+    In a search, where most requests get no answer, each waits for one of `timeouts_s`.
     """
 
     def __init__(
         self,
         send: Callable[[Frame], None],
         *,
-        patiences_s: Sequence[float] = PATIENCES_S,
+        timeouts_s: Sequence[float] = TIMEOUTS_S,
         answer_s: float = ANSWER_S,
     ) -> None:
         self._send_frame = send
         self._answers: SimpleQueue[bytes] = SimpleQueue()
-        self._patiences_s = patiences_s
-        self._patience_s = patiences_s[0]
+        self._timeouts_s = timeouts_s
+        self._timeout_s = timeouts_s[0]
         self._answer_s = answer_s
 
     def on_response(self, data: bytes) -> None:
         """Take in a frame of `cob.LSS_RESPONSE`."""
         self._answers.put(data)
 
-    def anyone_blank(self) -> bool:
+    def any_blank(self) -> bool:
         """Whether a cell without node id is on the bus."""
-        answer = self._ask(lss.IDENTIFY_UNCONFIGURED, b"", self._answer_s)
+        answer = self._request(lss.IDENTIFY_UNCONFIGURED, b"", self._answer_s)
         return answer is not None and answer[0] == lss.UNCONFIGURED
 
     def find_blank(self) -> list[LssAddress]:
@@ -74,23 +74,25 @@ class LssMaster:
 
         A fast scan finds the lowest of them, which then keeps out of the next scan.
         """
-        for patience_s in self._patiences_s:
-            self._patience_s = patience_s
+        for timeout_s in self._timeouts_s:
+            self._timeout_s = timeout_s
             self.leave()
             try:
                 return self._scan_all()
-            except _SpoiltError:
+            except _ContradictionError:
                 continue
             finally:
                 self.leave()
         raise LssError("the answers to the LSS fast scan contradict each other; is the bus busy?")
 
     def select(self, address: LssAddress) -> None:
-        """Lead one cell, and no other, to the configuration state. Raises LssError."""
+        """Put one cell, and no other, into the configuration state. Raises LssError."""
         self.leave()
         for part, number in enumerate(address[:_SERIAL]):
             self._send(lss.SWITCH_VENDOR + part, number.to_bytes(4, "little"))
-        answer = self._ask(lss.SWITCH_SERIAL, address.serial.to_bytes(4, "little"), self._answer_s)
+        answer = self._request(
+            lss.SWITCH_SERIAL, address.serial.to_bytes(4, "little"), self._answer_s
+        )
         if answer is None or answer[0] != lss.SWITCHED:
             raise LssError(f"no cell answers to serial number {address.serial:08X}")
         if self._others_answer():
@@ -115,7 +117,7 @@ class LssMaster:
             address = LssAddress(*(self._search(part) for part in range(_SERIAL + 1)))
             # A cell that was mistaken for another is found again, or another before it.
             if found and address <= found[-1]:
-                raise _SpoiltError
+                raise _ContradictionError
             found.append(address)
         return found
 
@@ -129,43 +131,43 @@ class LssMaster:
             if not self._matches(number, bit, part, part):
                 number |= 1 << bit
         if not self._matches(number, 0, part, following, self._answer_s):
-            raise _SpoiltError
+            raise _ContradictionError
         return number
 
     def _matches(
-        self, number: int, bit: int, part: int, following: int, patience_s: float | None = None
+        self, number: int, bit: int, part: int, following: int, timeout_s: float | None = None
     ) -> bool:
         """Whether a blank cell has a part of its identity that agrees down to this bit."""
         data = number.to_bytes(4, "little") + bytes((bit, part, following))
-        answer = self._ask(lss.FAST_SCAN, data, patience_s or self._patience_s)
+        answer = self._request(lss.FAST_SCAN, data, timeout_s or self._timeout_s)
         if answer is None or answer[0] != lss.IDENTIFIED:
             return False
         self._others_answer()
         return True
 
     def _others_answer(self) -> bool:
-        """Whether more cells answer, each in its own time; nobody else is asked before."""
+        """Whether more cells answer, each in its own time; the next request waits for that."""
         count = 0
         with suppress(Empty):
             while True:
-                self._answers.get(timeout=self._patience_s * _SETTLING)
+                self._answers.get(timeout=self._timeout_s * _SETTLING)
                 count += 1
         return count > 0
 
-    def _configure(self, command: int, data: bytes, patience_s: float) -> None:
-        answer = self._ask(command, data, patience_s)
+    def _configure(self, command: int, data: bytes, timeout_s: float) -> None:
+        answer = self._request(command, data, timeout_s)
         if answer is None or answer[0] != command:
             raise LssError("the selected cell does not answer")
         if answer[1] != lss.OK:
             raise LssError(f"the selected cell refuses LSS command 0x{command:02X}: {answer[1]}")
 
-    def _ask(self, command: int, data: bytes, patience_s: float) -> bytes | None:
+    def _request(self, command: int, data: bytes, timeout_s: float) -> bytes | None:
         """The first answer of eight bytes, None if there is none in time."""
         while not self._answers.empty():
             self._answers.get()
         self._send(command, data)
         try:
-            answer = self._answers.get(timeout=patience_s)
+            answer = self._answers.get(timeout=timeout_s)
         except Empty:
             return None
         return answer if len(answer) == 8 else None

@@ -1,4 +1,4 @@
-"""Looks after single cells with `canopen`: which there are, who they are, and their settings.
+"""Single cells by `canopen`: which there are, their identities, and their settings.
 
 `canopen` gets its frames from our link, so that its reader outlives garbage on the line.
 """
@@ -19,7 +19,7 @@ from mdms_protocol.dictionary import DEVICE_NAME, ENTRIES, PRODUCT_CODE, VENDOR_
 from mdms_protocol.entry import Entry
 from mdms_protocol.frame import Frame
 
-#: `canopen` asks once only; a slow adapter on a busy machine is to be in time.
+#: `canopen` does not repeat a request; a slow adapter on a busy machine is to be in time.
 _ANSWER_S = 1.0
 #: Erasing a sector of flash may take a board this long.
 _FLASH_S = 3.0
@@ -29,7 +29,7 @@ _LOOK_S = 0.005
 
 
 class CommissioningError(Exception):
-    """A cell did not do as it was asked."""
+    """A request to a cell has failed."""
 
 
 class RefusedError(CommissioningError):
@@ -42,7 +42,7 @@ class SilentError(CommissioningError):
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Who a node says it is."""
+    """The identity that a node reports."""
 
     name: str
     software: str
@@ -53,7 +53,7 @@ class Identity:
 
     @property
     def is_cell(self) -> bool:
-        """Whether it is a cell that this host knows how to talk to."""
+        """Whether it is a cell of our kind."""
         ours = (DEVICE_NAME, VENDOR_ID, PRODUCT_CODE)
         return (self.name, self.vendor_id, self.product_code) == ours
 
@@ -65,7 +65,7 @@ class Commissioning:
     """
 
     def __init__(self, bus: can.BusABC, clock: Clock) -> None:
-        # canopen logs what it also raises; whoever asked is told once.
+        # canopen logs what it also raises.
         logging.getLogger("canopen").setLevel(logging.CRITICAL)
         self.states: dict[int, int] = {}
         self._booted: set[int] = set()
@@ -83,14 +83,14 @@ class Commissioning:
         self.link.close()
 
     def find(self, listen_s: float = 0.3) -> list[int]:
-        """Node ids that speak or answer within the time; all are asked for their device type."""
+        """Node ids that send or answer within the time; the device type of all is requested."""
         self._network.scanner.search(cob.NODE_MAX - 1)
         self._clock.sleep(listen_s)
         self.link.check()
         return sorted(node for node in self._network.scanner.nodes if node < cob.NODE_MAX)
 
     def identity(self, node_id: int) -> Identity:
-        """Who a node is. Raises SilentError, or RefusedError if it lacks the objects for it."""
+        """The identity of a node. Raises SilentError, or RefusedError if it has no such objects."""
         name = self.read_text(node_id, indices.DEVICE_NAME)
         software = self.read_text(node_id, indices.SOFTWARE_VERSION)
         numbers = [self.read(node_id, indices.IDENTITY, sub) for sub in range(1, 5)]
@@ -111,15 +111,15 @@ class Commissioning:
         entry = _entry(index, sub)
         pdo.check(entry, value)
         data = value.to_bytes(entry.type.size, "little", signed=entry.type.low < 0)
-        with _telling(node_id, entry):
+        with _sdo_errors(node_id, entry):
             self._node(node_id).sdo.download(index, sub, data)
 
     def store(self, node_id: int) -> None:
-        """Have a cell keep all its settings (0x1010). Raises SilentError, RefusedError."""
+        """Have a cell store all its settings (0x1010). Raises SilentError, RefusedError."""
         self._sign(node_id, indices.STORE, b"save")
 
     def restore_defaults(self, node_id: int) -> None:
-        """Have a cell forget all settings that it keeps (0x1011), and begin anew with defaults.
+        """Erase the stored settings of a cell (0x1011), and restart it with defaults.
 
         Its node id stays. Raises SilentError, RefusedError.
         """
@@ -159,7 +159,7 @@ class Commissioning:
             client.RESPONSE_TIMEOUT = usual_s
 
     def _upload(self, node_id: int, entry: Entry) -> bytes:
-        with _telling(node_id, entry):
+        with _sdo_errors(node_id, entry):
             return bytes(self._node(node_id).sdo.upload(entry.index, entry.sub))
 
     def _node(self, node_id: int) -> canopen.RemoteNode:
@@ -173,7 +173,7 @@ class Commissioning:
         self.link.send(frame)
 
     def _on_frame(self, frame: Frame, now_s: float) -> None:
-        """In the reader's thread: note heartbeats, hand all to `canopen`."""
+        """In the reader's thread: record heartbeats, pass all to `canopen`."""
         node = frame.can_id - cob.HEARTBEAT_BASE
         state = nmt.decode_heartbeat(frame.data) if 0 < node < cob.NODE_MAX else None
         if state is not None:
@@ -197,7 +197,7 @@ class _LinkedNetwork(canopen.Network):
 
 
 @contextmanager
-def _telling(node_id: int, entry: Entry) -> Iterator[None]:
+def _sdo_errors(node_id: int, entry: Entry) -> Iterator[None]:
     """Turns `canopen`'s errors into ours, with node and object."""
     place = f"node {node_id}, 0x{entry.index:04X}:{entry.sub} {entry.name}"
     try:

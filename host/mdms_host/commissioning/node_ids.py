@@ -8,8 +8,8 @@ from mdms_host.commissioning.network import Commissioning, Identity
 from mdms_protocol import cob, nmt
 
 
-class AssigningError(Exception):
-    """Node ids that cannot be given; the message tells which and why."""
+class NodeIdError(Exception):
+    """Node ids that cannot be given; the message has which and why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +22,7 @@ class Assignment:
 
 
 def address_of(identity: Identity) -> LssAddress:
-    """The LSS address of a node that has told who it is."""
+    """The LSS address of a node by its identity."""
     return LssAddress(identity.vendor_id, identity.product_code, identity.revision, identity.serial)
 
 
@@ -31,12 +31,12 @@ def assign_in_order(
 ) -> list[Assignment]:
     """Blank cells by their serial numbers get the free node ids from `first` on.
 
-    Raises AssigningError when they do not last.
+    Raises NodeIdError when they do not last.
     """
     cells = sorted(blank, key=lambda address: address.serial)
     free = sorted(set(range(first, cob.NODE_MAX + 1)) - set(taken))
     if len(free) < len(cells):
-        raise AssigningError(
+        raise NodeIdError(
             f"{len(cells)} blank cells, and {len(free)} free node ids from {first} to "
             f"{cob.NODE_MAX}"
         )
@@ -52,18 +52,18 @@ def assign_by_serial(
     """Cells get the node ids that stand by their serial numbers, blank or not.
 
     `present` has which cell answers under which node id, `taken` all node ids that are in use.
-    Raises AssigningError for serial numbers that are not on the bus, or twice, and for node ids
+    Raises NodeIdError for serial numbers that are not on the bus, or twice, and for node ids
     that others have.
     """
     cells = [(address, None) for address in blank]
     known = [*cells, *((address_of(who), node_id) for node_id, who in present.items())]
     absent = wanted.keys() - {address.serial for address, _ in known}
     if absent:
-        raise AssigningError(f"not on the bus: {', '.join(f'{one:08X}' for one in sorted(absent))}")
+        raise NodeIdError(f"not on the bus: {', '.join(f'{one:08X}' for one in sorted(absent))}")
     serials = [address.serial for address, _ in known if address.serial in wanted]
     twice = {serial for serial in serials if serials.count(serial) > 1}
     if twice:
-        raise AssigningError(f"two cells have the serial number {min(twice):08X}")
+        raise NodeIdError(f"two cells have the serial number {min(twice):08X}")
     moves = [
         Assignment(address, node_id, wanted[address.serial])
         for address, node_id in known
@@ -72,24 +72,24 @@ def assign_by_serial(
     staying = set(taken) - {move.before for move in moves}
     for move in moves:
         if move.node_id in staying:
-            raise AssigningError(f"node id {move.node_id} is another cell's, which is to keep it")
+            raise NodeIdError(f"node id {move.node_id} is another cell's, which is to keep it")
     return sorted(moves, key=lambda move: move.node_id)
 
 
 def carry_out(
     commissioning: Commissioning,
     moves: Sequence[Assignment],
-    tell: Callable[[Assignment], None],
+    report: Callable[[Assignment], None],
 ) -> None:
-    """Give the node ids, have the cells keep them, and see every cell boot with its own.
+    """Give the node ids, have the cells store them, and wait until every cell boots with its own.
 
     Cells that have another id become blank first, so that ids can be swapped; what they keep
-    changes only with the new one. Raises AssigningError before anything, LssError, SilentError.
+    changes only with the new one. Raises NodeIdError before anything, LssError, SilentError.
     """
     running = [move.before for move in moves if _runs(commissioning, move.before)]
     if running:
         nodes = ", ".join(map(str, running))
-        raise AssigningError(f"node {nodes} is operational; turn it off first: mdms stop")
+        raise NodeIdError(f"node {nodes} is operational; turn it off first: mdms stop")
     lss = commissioning.lss
     for move in moves:
         if move.before is not None:
@@ -104,7 +104,7 @@ def carry_out(
         commissioning.expect_boot(move.node_id)
         lss.leave()
         commissioning.await_boot(move.node_id)
-        tell(move)
+        report(move)
 
 
 def _runs(commissioning: Commissioning, node_id: int | None) -> bool:

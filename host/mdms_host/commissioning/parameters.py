@@ -1,4 +1,4 @@
-"""The settings of a cell as people think of them: by name, in SI units, from the object table."""
+"""The settings of a cell by name, in SI units, from the object table."""
 
 import re
 from collections.abc import Iterable
@@ -17,7 +17,7 @@ _OBJECT = re.compile(r"0x([0-9a-fA-F]{4})(?::(\d+))?")
 
 
 class ParameterError(ValueError):
-    """A setting that does not exist, or a value that it cannot have; tells what would do."""
+    """A setting that does not exist, or a value that it cannot have; the message has the limits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +101,7 @@ def _name(entry: Entry) -> str:
 
 
 def _wires(entry: Entry) -> bool:
-    """Whether it tells which frames carry what, which the coordinator relies on."""
+    """Whether it sets which frames carry what, which the coordinator relies on."""
     identifiers = (indices.SYNC_COB_ID, indices.EMCY_COB_ID)
     return entry.index in identifiers or indices.RPDO_PARAMETERS <= entry.index <= _LAST_OF_PDOS
 

@@ -1,4 +1,4 @@
-"""What is on the bus: every node, who it is, and in which state."""
+"""What is on the bus: every node, its identity and its state."""
 
 from dataclasses import dataclass
 
@@ -19,9 +19,9 @@ STATE_NAMES = {
 
 @dataclass(frozen=True, slots=True)
 class FoundNode:
-    """A node that spoke: its state, None if it sends no heartbeat, and who it is.
+    """A node that sends or answers: its state, None without a heartbeat, and its identity.
 
-    `identity` is None if it would not say; `problem` then tells why, or why it is not a cell.
+    `identity` is None if it could not be read; `problem` is the reason, or why it is no cell.
     """
 
     node_id: int
@@ -31,33 +31,33 @@ class FoundNode:
 
     @property
     def is_cell(self) -> bool:
-        """Whether it is a cell that this host knows how to talk to."""
+        """Whether it is a cell of our kind."""
         return self.identity is not None and self.identity.is_cell
 
 
-def scan(bus: can.BusABC, clock: Clock, listen_s: float = 0.3) -> list[FoundNode]:
+def scan_bus(bus: can.BusABC, clock: Clock, listen_s: float = 0.3) -> list[FoundNode]:
     """All nodes in the order of their ids; closes the bus. Raises DeviceGoneError."""
     with Commissioning(bus, clock) as commissioning:
-        return [_look_at(commissioning, node_id) for node_id in commissioning.find(listen_s)]
+        return [_read_node(commissioning, node_id) for node_id in commissioning.find(listen_s)]
 
 
 def scan_table(nodes: list[FoundNode]) -> Table:
-    """The nodes as people like to read them."""
+    """The nodes as a table."""
     table = Table("node", "state", "device", "software", "serial", "remark")
     for node in nodes:
-        who = node.identity
+        identity = node.identity
         table.add_row(
             str(node.node_id),
             node.state or "no heartbeat",
-            who.name if who else "?",
-            who.software if who else "",
-            f"{who.serial:08X}" if who else "",
+            identity.name if identity else "?",
+            identity.software if identity else "",
+            f"{identity.serial:08X}" if identity else "",
             node.problem or "",
         )
     return table
 
 
-def _look_at(commissioning: Commissioning, node_id: int) -> FoundNode:
+def _read_node(commissioning: Commissioning, node_id: int) -> FoundNode:
     identity, problem = None, None
     try:
         identity = commissioning.identity(node_id)

@@ -1,4 +1,4 @@
-"""How the cells are, as a table that lives: it listens, and asks each cell once when it appears."""
+"""The state of all cells as a live table: it listens, and reads each cell once when it appears."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -6,22 +6,22 @@ from dataclasses import dataclass
 from rich.table import Table
 
 from mdms_host.can_link.remote_cell import RemoteCell
-from mdms_host.can_link.sdo_client import Question, SdoClient
+from mdms_host.can_link.sdo_client import Read, SdoClient
 from mdms_host.commissioning.scan import STATE_NAMES
 from mdms_protocol import cia402, cob, indices, pdo
 from mdms_protocol.frame import Frame
 
 _STATUSWORDS = (indices.STATUSWORD, indices.STATUSWORD + indices.AXIS_OFFSET)
-_QUESTIONS = tuple(Question(index, 0) for index in (*_STATUSWORDS, indices.PRESENCE))
+_READS = tuple(Read(index, 0) for index in (*_STATUSWORDS, indices.PRESENCE))
 #: A cell that is silent for longer is shown as such: three heartbeats at their default period.
 _SILENT_S = 0.35
-_LOOK_S = 0.1
+_POLL_S = 0.1
 _M_PER_UM = pdo.ACTUAL_VELOCITY.entries[0].unit.factor
 
 
 @dataclass(frozen=True, slots=True)
 class CellStatus:
-    """One row: what the cell last told; None where it has not."""
+    """One row: what the cell reported last; None where it has not."""
 
     node_id: int
     state: str | None
@@ -38,54 +38,54 @@ class CellStatus:
 
 
 class StatusModel:
-    """A participant that keeps the last word of every node it hears.
+    """A participant that keeps the last state of every node on the bus.
 
-    It hardly talks: each node is asked for its statuswords and presence bits once, since it tells
-    of changes by itself, and a node that is being flashed must not be disturbed.
+    It sends little: the statuswords and presence bits of a node are read once, since a node reports
+    changes by itself, and one that is being flashed must not be disturbed.
     """
 
     def __init__(self) -> None:
         self._cells: dict[int, RemoteCell] = {}
-        self._asking: dict[int, SdoClient] = {}
-        self._next_look_s = 0.0
+        self._reading: dict[int, SdoClient] = {}
+        self._next_poll_s = 0.0
 
     @property
     def wake_s(self) -> float:
-        """When it wants to be polled next [s]."""
-        return min((client.wake_s for client in self._asking.values()), default=self._next_look_s)
+        """When to poll it next [s]."""
+        return min((client.wake_s for client in self._reading.values()), default=self._next_poll_s)
 
     def on_frame(self, frame: Frame, now_s: float) -> None:
-        """Take in what a node says; nodes are known by their heartbeats."""
+        """Take in a node's frame; a node appears with its first heartbeat."""
         node_id = frame.can_id & 0x7F
         base = frame.can_id - node_id
         is_node = base == cob.HEARTBEAT_BASE and cob.NODE_MIN <= node_id < cob.NODE_MAX
         if is_node and node_id not in self._cells:
             self._cells[node_id] = RemoteCell(node_id, node_id)
-            self._asking[node_id] = SdoClient(node_id, _QUESTIONS)
+            self._reading[node_id] = SdoClient(node_id, _READS)
         if node_id not in self._cells:
             return
         self._cells[node_id].on_frame(frame.can_id, frame.data, now_s)
-        if base == cob.SDO_RESPONSE_BASE and node_id in self._asking:
+        if base == cob.SDO_RESPONSE_BASE and node_id in self._reading:
             self._on_answer(node_id, frame.data)
 
     def poll(self, now_s: float) -> Iterator[Frame]:
-        """The questions that are due."""
-        self._next_look_s = now_s + _LOOK_S
-        for node_id, client in list(self._asking.items()):
+        """The reads that are due."""
+        self._next_poll_s = now_s + _POLL_S
+        for node_id, client in list(self._reading.items()):
             yield from client.poll(now_s)
             if client.failure:
-                del self._asking[node_id]
+                del self._reading[node_id]
 
     def rows(self, now_s: float) -> list[CellStatus]:
-        """All nodes heard so far, by node id."""
+        """All nodes that have appeared so far, by node id."""
         return [_row(self._cells[node_id], now_s) for node_id in sorted(self._cells)]
 
     def _on_answer(self, node_id: int, data: bytes) -> None:
-        client, cell = self._asking[node_id], self._cells[node_id]
+        client, cell = self._reading[node_id], self._cells[node_id]
         client.on_response(data)
         if not client.done:
             return
-        del self._asking[node_id]
+        del self._reading[node_id]
         if cell.drive_states is None:
             words = (client.answers[index, 0] for index in _STATUSWORDS)
             cell.drive_states = tuple(cia402.state(word) for word in words)
@@ -93,7 +93,7 @@ class StatusModel:
 
 
 def status_table(rows: list[CellStatus]) -> Table:
-    """The rows as people like to read them; presence as the centre sensor and the four around."""
+    """The rows as a table; presence as the centre sensor and the four around."""
     table = Table("node", "state", "axis 1", "axis 2", "parcel", "speeds [mm/s]", "remark")
     for row in rows:
         drives = row.drives or ("", "")
@@ -114,7 +114,7 @@ def _row(cell: RemoteCell, now_s: float) -> CellStatus:
     return CellStatus(
         node_id=cell.node_id,
         state=None if cell.nmt_state is None else STATE_NAMES[cell.nmt_state],
-        silent_s=None if cell.heard_s is None else now_s - cell.heard_s,
+        silent_s=None if cell.last_heartbeat_s is None else now_s - cell.last_heartbeat_s,
         drives=None if states is None else tuple(map(_drive_name, states)),
         presence=cell.presence,
         speeds_m_s=None if speeds_um_s is None else tuple(um * _M_PER_UM for um in speeds_um_s),

@@ -7,14 +7,14 @@ from mdms_host.clock import Clock
 from mdms_protocol import cob, nmt
 from mdms_protocol.frame import Frame
 
-#: The command is repeated, since nobody confirms a broadcast.
+#: The command is repeated, since a broadcast is not confirmed.
 _REPEATS = 3
 _REPEAT_S = 0.05
 
 
 @dataclass(frozen=True, slots=True)
 class StopReport:
-    """Node ids of the cells that were heard, and of those among them not seen to be off."""
+    """Node ids of the cells that sent a heartbeat, and of those among them not seen to be off."""
 
     heard: tuple[int, ...]
     not_off: tuple[int, ...]
@@ -23,13 +23,12 @@ class StopReport:
 class StopAll:
     """A participant that takes all nodes out of 'operational', where no motor may run.
 
-    It then listens whether their heartbeats say so; `listen_s` should span some heartbeats.
+    It then checks their heartbeats; `listen_s` should span some of them.
     """
 
     def __init__(self, listen_s: float = 0.4) -> None:
         self._listen_s = listen_s
         self._sent = 0
-        self._end_s = float("inf")
         self._states: dict[int, int] = {}
         self.wake_s = 0.0
 
@@ -40,7 +39,7 @@ class StopAll:
 
     @property
     def report(self) -> StopReport:
-        """What the heartbeats have told."""
+        """The outcome as the heartbeats reported it."""
         still = (node for node, state in self._states.items() if state == nmt.OPERATIONAL)
         return StopReport(tuple(sorted(self._states)), tuple(sorted(still)))
 
@@ -54,7 +53,7 @@ class StopAll:
         return []
 
     def on_frame(self, frame: Frame, now_s: float) -> None:
-        """Note what a heartbeat says."""
+        """Record the state of a heartbeat."""
         node = frame.can_id - cob.HEARTBEAT_BASE
         state = nmt.decode_heartbeat(frame.data)
         if cob.NODE_MIN <= node < cob.NODE_MAX and state is not None:

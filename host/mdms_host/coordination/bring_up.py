@@ -1,9 +1,9 @@
-"""One cell on its way through the phases: what it needs to hear, and what is wrong with it."""
+"""One cell on its way through the phases: the commands it needs next, and its faults."""
 
 from collections.abc import Iterable, Iterator, Mapping
 
 from mdms_host.can_link.remote_cell import RemoteCell
-from mdms_host.can_link.sdo_client import Question, SdoClient, Setting
+from mdms_host.can_link.sdo_client import Read, SdoClient, Setting
 from mdms_host.coordination.configuration import SIGNATURE, Configuration
 from mdms_host.coordination.phase import STOPPED, Phase
 from mdms_protocol import cia402, cob, nmt, pdo
@@ -43,8 +43,8 @@ class BringUpCell(RemoteCell):
         if self._sdo.done and not self._verified:
             self._verify()
 
-    def done_with(self, phase: Phase) -> bool:
-        """Whether the cell has done its part of a phase."""
+    def has_reached(self, phase: Phase) -> bool:
+        """Whether the cell has reached what a phase is for."""
         match phase:
             case Phase.WAITING:
                 return self.nmt_state == nmt.PRE_OPERATIONAL
@@ -57,8 +57,8 @@ class BringUpCell(RemoteCell):
             case _:
                 return not self.moving
 
-    def trouble(self, phase: Phase) -> str | None:
-        """What is wrong with the cell in a phase, None if nothing is."""
+    def fault(self, phase: Phase) -> str | None:
+        """The cell's fault in a phase; None if it has none."""
         if self._sdo.failure:
             return f"{self.name} cannot be set up: {self._sdo.failure}"
         if self._mismatch:
@@ -70,9 +70,9 @@ class BringUpCell(RemoteCell):
         return None
 
     def commands(self, phase: Phase, now_s: float) -> Iterator[Frame]:
-        """What the cell needs to hear to get on with a phase; nothing once it has."""
+        """The commands that the cell still needs in a phase."""
         if phase == Phase.WAITING and self.nmt_state in (nmt.OPERATIONAL, nmt.STOPPED):
-            # Left over from an earlier run: it begins anew, and tells its state anew.
+            # Left over from an earlier run: it begins anew, and reports its state again.
             yield nmt.command(nmt.ENTER_PRE_OPERATIONAL, self.node_id)
         elif phase == Phase.CONFIGURING:
             yield from self._sdo.poll(now_s)
@@ -94,7 +94,7 @@ class BringUpCell(RemoteCell):
         elif answers.keys() >= values.keys():
             self._mismatch = self._configuration.differences(answers)
         else:
-            self._sdo.append(Question(*place) for place in values)
+            self._sdo.append(Read(*place) for place in values)
 
     def _enable(self) -> Iterator[Frame]:
         """The controlwords that take the drives one step nearer to 'operation enabled'."""

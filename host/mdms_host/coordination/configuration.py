@@ -1,9 +1,9 @@
-"""Whether a cell is set up as a run expects, found by one signature over all stored settings."""
+"""Whether a cell is set up as a run expects, by one signature over all stored settings."""
 
 from collections.abc import Iterable, Mapping
 from zlib import crc32
 
-from mdms_host.can_link.sdo_client import Question, Setting
+from mdms_host.can_link.sdo_client import Read, Setting
 from mdms_protocol import indices
 from mdms_protocol.dictionary import ENTRIES
 from mdms_protocol.entry import Entry
@@ -11,7 +11,7 @@ from mdms_protocol.entry import Entry
 Place = tuple[int, int]
 
 #: Where a cell reports the signature of its settings.
-SIGNATURE = Question(indices.SIGNATURE, 0)
+SIGNATURE = Read(indices.SIGNATURE, 0)
 _STORED: Mapping[Place, Entry] = {
     place: entry for place, entry in ENTRIES.items() if entry.stored is not None
 }

@@ -1,6 +1,6 @@
-"""Brings the cells up, tells every wheel its speed in step with SYNC, and stops all if one fails.
+"""Brings the cells up, sends setpoints in step with SYNC, and stops all cells if one fails.
 
-It sees frames and the time it is given, nothing else: the simulation and a real bus drive it alike.
+Frames and time are passed in: the simulation and a real bus drive it alike.
 """
 
 from collections.abc import Iterator, Mapping
@@ -27,7 +27,7 @@ from mdms_protocol.frame import Frame
 Floats = NDArray[np.float64]
 
 _SYNC = Frame(cob.SYNC, b"")
-#: Cells tell their state on change; now and then they repeat it, so that a lost frame is made good.
+#: Cells report their state on change, and repeat it every 200 ms, which makes up for a lost frame.
 _REPEAT_STATUS = Setting(indices.TPDO_PARAMETERS + 1, 5, 200)
 _OVER = (Phase.FAILING, *STOPPED)
 _SETTLED = (Phase.RUNNING, *STOPPED)
@@ -36,10 +36,10 @@ _SETTLED = (Phase.RUNNING, *STOPPED)
 class Coordinator:
     """A participant of the bus that runs a program on all cells of a layout.
 
-    `phase` tells where it is, `fault` what went wrong (None: nothing), `events` what happened when,
-    as (time [s], text). `settings` are written to every cell, `own_settings` to that node besides;
-    all other stored settings must be at their defaults. Raises ValueError for cells of more wheels
-    than the wire has axes.
+    `fault` is the first fault, None without one; `events` is what happened, as (time [s], text).
+    `settings` are written to every cell, `own_settings` to that node besides; all other stored
+    settings must be at their defaults. Raises ValueError for cells of more wheels than the wire has
+    axes.
     """
 
     def __init__(
@@ -72,14 +72,14 @@ class Coordinator:
         self._answered: set[BringUpCell] = set()
         self._handlers: dict[int, Handler] = {}
         for cell in self.cells:
-            self._listen(cell)
+            self._register(cell)
         self._alive = nmt.heartbeat(host_node_id, nmt.OPERATIONAL)
         self._now_s = 0.0
         self._phase_since_s: float | None = None
         self._synced_s = 0.0
         self._schedule = Schedule()
         self._schedule.set("heartbeat", 0.0)
-        self._stop_wanted = False
+        self._stop_requested = False
 
     @property
     def finished(self) -> bool:
@@ -106,11 +106,11 @@ class Coordinator:
         return self.tracker.estimate(parcel, self._now_s)
 
     def stop(self) -> None:
-        """Ask for an orderly end; the next poll begins it."""
-        self._stop_wanted = True
+        """Request an orderly end; the next poll begins it."""
+        self._stop_requested = True
 
     def on_frame(self, frame: Frame, now_s: float) -> None:
-        """Take in a frame from the bus; what is not a cell's, or makes no sense, does nothing."""
+        """Take in a frame from the bus; what is no cell's, or cannot be decoded, does nothing."""
         handler = self._handlers.get(frame.can_id)
         if handler is not None:
             handler(frame.data, now_s)
@@ -120,12 +120,12 @@ class Coordinator:
         self._now_s = now_s
         if self._phase_since_s is None:
             self._enter(Phase.WAITING)
-        self._judge()
+        self._check()
         self._advance()
         return [*self._host_heartbeat(), *self._commands(), *self._sync(), *self._setpoints()]
 
-    def _listen(self, cell: BringUpCell) -> None:
-        """Hear what a cell says; of some frames the coordinator wants to know as well."""
+    def _register(self, cell: BringUpCell) -> None:
+        """Take in a cell's frames; the coordinator acts on some of them as well."""
         self._handlers |= cell.handlers
         self._handlers[cob.HEARTBEAT_BASE + cell.node_id] = partial(self._on_heartbeat, cell)
         self._handlers[pdo.STATUS.can_id(cell.node_id)] = partial(self._on_status, cell)
@@ -136,16 +136,16 @@ class Coordinator:
         before = cell.nmt_state
         cell.on_heartbeat(data, now_s)
         if cell.nmt_state != before:
-            self._supervision.look_again()
+            self._supervision.recheck()
 
     def _on_status(self, cell: BringUpCell, data: bytes, now_s: float) -> None:
         before = cell.drive_states
         cell.on_status(data, now_s)
         if cell.drive_states != before:
-            self._supervision.look_again()
+            self._supervision.recheck()
         if cell.presence is not None:
             self.tracker.on_presence(now_s, cell.number, cell.presence)
-        self._hurry(cell, now_s)
+        self._schedule_commands(cell, now_s)
 
     def _on_emergency(self, cell: BringUpCell, data: bytes, now_s: float) -> None:
         before = cell.emergency
@@ -155,26 +155,26 @@ class Coordinator:
 
     def _on_answer(self, cell: BringUpCell, data: bytes, now_s: float) -> None:
         cell.on_answer(data, now_s)
-        self._hurry(cell, now_s)
+        self._schedule_commands(cell, now_s)
 
-    def _hurry(self, cell: BringUpCell, now_s: float) -> None:
-        """A cell that has answered may be waiting for its next command."""
+    def _schedule_commands(self, cell: BringUpCell, now_s: float) -> None:
+        """A cell that has answered may be ready for its next command."""
         if self.phase in BRING_UP:
             self._answered.add(cell)
             self._schedule.set("answer", now_s)
 
-    def _judge(self) -> None:
-        """Turn the first thing that is wrong into a fault, and a wish to stop into the end."""
+    def _check(self) -> None:
+        """Act on the first fault of a cell, or on a request to stop."""
         if self.phase in _OVER:
             return
-        wrong = self._supervision.wrong(self.phase, self._now_s)
-        if wrong:
-            self._fail(wrong)
-        elif self._stop_wanted and (self.phase, Signal.STOP) in TRANSITIONS:
+        fault = self._supervision.fault(self.phase, self._now_s)
+        if fault:
+            self._fail(fault)
+        elif self._stop_requested and (self.phase, Signal.STOP) in TRANSITIONS:
             self._signal(Signal.STOP)
 
     def _advance(self) -> None:
-        """End the phase when all cells are done with it; give up on those that never are."""
+        """End the phase when all cells have reached its end, or when its time limit has passed."""
         if self.phase in _SETTLED:
             return
         late = [cell for cell in self.cells if not self._done(cell)]
@@ -188,18 +188,18 @@ class Coordinator:
             self._signal(Signal.DONE)
 
     def _done(self, cell: BringUpCell) -> bool:
-        """Whether a cell holds the present phase up no longer; nobody waits for a silent one."""
-        gone = self.phase not in BRING_UP and self._supervision.silent(cell, self._now_s)
-        return gone or cell.done_with(self.phase)
+        """Whether the phase need not wait for a cell; when stopping, nor for a silent one."""
+        lost = self.phase not in BRING_UP and self._supervision.silent(cell, self._now_s)
+        return lost or cell.has_reached(self.phase)
 
     def _host_heartbeat(self) -> Iterator[Frame]:
         if self._schedule.take("heartbeat", self._now_s, self._timing.heartbeat_period_s):
             yield self._alive
 
     def _commands(self) -> Iterator[Frame]:
-        """What cells need to hear to get on with the phase: each when it has answered, and again.
+        """The commands that cells need in the phase: to each when it has answered, and repeated.
 
-        Telling all of them at every answer would crowd setpoints off the bus.
+        Sending to all of them at every answer would crowd setpoints off the bus.
         """
         answered = self._schedule.take("answer", self._now_s, inf)
         everyone = self._schedule.take("command", self._now_s, self._timing.command_period_s)
@@ -218,7 +218,7 @@ class Coordinator:
             yield _SYNC
 
     def _setpoints(self) -> Iterator[Frame]:
-        """Take in the speeds of the last SYNC and tell what to do from the next one on."""
+        """Take in the speeds of the last SYNC, and send the setpoints for the next one."""
         if not self._schedule.take("setpoint", self._now_s, self._timing.sync_period_s):
             return
         self._track()
@@ -229,11 +229,11 @@ class Coordinator:
         yield from self._velocities.targets(self.references_m_s)
 
     def _track(self) -> None:
-        """Hand the speeds at the last SYNC to the tracker, once all cells have told theirs."""
-        told = [cell.speeds_data for cell in self.cells if cell.speeds_data is not None]
-        if len(told) < len(self.cells):
+        """Pass the speeds at the last SYNC to the tracker, once all cells have reported theirs."""
+        reported = [cell.speeds_data for cell in self.cells if cell.speeds_data is not None]
+        if len(reported) < len(self.cells):
             return
-        found = self.tracker.on_speeds(self._synced_s, self._velocities.actual_m_s(told))
+        found = self.tracker.on_speeds(self._synced_s, self._velocities.actual_m_s(reported))
         for name in found:
             x_m, y_m, yaw_rad = self.tracker.poses(self._synced_s)[name]
             self._note(f"{name} found at x = {x_m:.3f} m, y = {y_m:.3f} m, yaw = {yaw_rad:.2f} rad")
@@ -243,7 +243,7 @@ class Coordinator:
 
     def _enter(self, phase: Phase) -> None:
         self.phase, self._phase_since_s = phase, self._now_s
-        self._supervision.look_again()
+        self._supervision.recheck()
         self._note(phase.value)
         self._schedule.set("command", self._now_s)
         if phase == Phase.ENABLING:

@@ -33,23 +33,23 @@ def operate(
     link: Link,
     clock: Clock,
     limit_s: float | None = None,
-    tell: Callable[[float, str], object] = lambda _time_s, _text: None,
+    on_event: Callable[[float, str], object] = lambda _time_s, _text: None,
 ) -> Operation:
     """Run the program until it is finished, for `limit_s` at most, then turn the array off.
 
-    `tell(time_s, text)` hears of events as they happen. An interrupt (Ctrl-C) ends the run in
-    order; a second one breaks it off. Raises DeviceGoneError.
+    `on_event(time_s, text)` is called for events as they happen. An interrupt (Ctrl-C) ends the run
+    in order; a second one breaks it off. Raises DeviceGoneError.
     """
-    start_s, told = clock.now_s(), 0
+    start_s, reported = clock.now_s(), 0
 
-    def news() -> None:
-        nonlocal told
-        while told < len(coordinator.events):
-            told += 1
-            tell(*coordinator.events[told - 1])
+    def report_events() -> None:
+        nonlocal reported
+        while reported < len(coordinator.events):
+            reported += 1
+            on_event(*coordinator.events[reported - 1])
 
     def running() -> bool:
-        news()
+        report_events()
         late = limit_s is not None and clock.now_s() - start_s > limit_s
         return not (coordinator.stopped or coordinator.finished or late)
 
@@ -61,7 +61,7 @@ def operate(
     finished = coordinator.finished
     coordinator.stop()
     drive(coordinator, link, clock, lambda: coordinator.stopped)
-    news()
+    report_events()
     ending = _ending(coordinator, interrupted, finished, limit_s)
     return Operation(ending, clock.now_s() - start_s, coordinator.fault)
 
@@ -70,8 +70,8 @@ def _ending(
     coordinator: Coordinator, interrupted: bool, finished: bool, limit_s: float | None
 ) -> Ending:
     if coordinator.fault:
-        heard = any(cell.heard_s is not None for cell in coordinator.cells)
-        return Ending.FAULT if heard else Ending.NO_CELLS
+        present = any(cell.last_heartbeat_s is not None for cell in coordinator.cells)
+        return Ending.FAULT if present else Ending.NO_CELLS
     if interrupted:
         return Ending.INTERRUPTED
     return Ending.DONE if finished or coordinator.endless else Ending.TIME_LIMIT

@@ -4,7 +4,7 @@ from enum import StrEnum
 
 
 class Phase(StrEnum):
-    """What the coordinator is about."""
+    """What the coordinator is doing."""
 
     WAITING = "waiting for the cells"
     CONFIGURING = "writing settings"

@@ -1,4 +1,4 @@
-"""What is due when, of the things that the coordinator does again and again."""
+"""Due times of what the coordinator repeats."""
 
 from dataclasses import dataclass
 from math import inf
@@ -45,7 +45,7 @@ class Schedule:
     def set(self, name: str, due_s: float) -> None:
         """Make the thing due at that time."""
         self._due_s[name] = due_s
-        # Asked far more often than set: whoever drives asks after every frame.
+        # Read far more often than set: a driver reads it after every frame.
         self.wake_s = min(self._due_s.values())
 
     def cancel(self, name: str) -> None:

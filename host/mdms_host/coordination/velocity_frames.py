@@ -45,7 +45,7 @@ class VelocityFrames:
         return [Frame(can_id, data[start : start + size]) for can_id, start in cells]
 
     def actual_m_s(self, data: Sequence[bytes]) -> Floats:
-        """What the state frames of all cells tell, shape (W,)."""
+        """The speeds in the state frames of all cells, shape (W,)."""
         um_s = np.frombuffer(b"".join(data), _WIRE).reshape(-1, len(_ACTUAL.entries))
         return um_s[:, : self._axes].ravel() / _UM_PER_M
 

@@ -1,6 +1,6 @@
 """Where one parcel is and how it moves, from presence bits and wheel speeds alone.
 
-Wheels that roll tell the twist; a sensor that changes tells that the parcel's edge is over it now.
+Wheels that roll give the twist; a sensor that changes shows that the parcel's edge is over it.
 The two meet in an extended Kalman filter over the pose (x, y, yaw).
 """
 
@@ -38,8 +38,8 @@ class ParcelEstimator:
     """Estimate of one rectangular parcel's pose and twist [table frame; SI].
 
     `pose` is (x, y, yaw), or None until the sensors have shown it; `covariance` is of shape (3, 3)
-    and `twist` is (vx, vy, yaw rate). The yaw starts as the one nearest to the hint. Before
-    `look_s` it will not be looked for [s].
+    and `twist` is (vx, vy, yaw rate). The yaw starts as the one nearest to the hint. `acquire` does
+    nothing before `look_s` [s].
     """
 
     def __init__(self, layout: Layout, rectangle: Rectangle, yaw_hint_rad: float = 0.0) -> None:
@@ -56,10 +56,10 @@ class ParcelEstimator:
         self.twist: Floats = np.zeros(3)
 
     def acquire(self, now_s: float, covered: Bools, mine: Bools) -> bool:
-        """Find the parcel among the sensors that are its own; True if it was found.
+        """Search for the parcel with the sensors that are its own; True if it was found.
 
-        Both arrays are of shape (S,), S the sensors of all cells in a row. Looking takes some
-        milliseconds, so it is not done again at once.
+        Both arrays are of shape (S,), S the sensors of all cells in a row. A search takes
+        some milliseconds, so it is not repeated at once.
         """
         if now_s < self.look_s:
             return False
@@ -111,17 +111,17 @@ class ParcelEstimator:
         self._correct(now_s, sensor, _EDGE_M)
 
     def agree(self, now_s: float, covered: Bools, mine: Bools, distance_m: Floats) -> None:
-        """Move the estimate until no believable sensor contradicts; look anew if many do.
+        """Correct the estimate by every sensor that contradicts it; search again if many are off.
 
         All arrays are of shape (S,); `distance_m` is that of now.
         """
         wrong = mine & ((distance_m < 0) != covered)
-        doubted = [
+        rejected = [
             sensor
             for sensor in wrong.nonzero()[0].tolist()
             if not self._correct(now_s, sensor, _CONTRADICTION_M)
         ]
-        if len(doubted) >= _LOST_SENSORS:
+        if len(rejected) >= _LOST_SENSORS:
             assert self.pose is not None
             self._yaw_hint_rad = float(self.pose[2])
             self.acquire(now_s, covered, mine)
@@ -131,7 +131,7 @@ class ParcelEstimator:
         under = self.rectangle.distance_m(self._layout.wheel_positions_m, pose) < 0
         if not under.any():
             return np.zeros(3)
-        # Columns in metres per second alike, so that what no wheel tells comes out as zero.
+        # Columns in metres per second alike, so that what no wheel shows comes out as zero.
         jacobian = self._layout.surface_jacobian(*pose[:2].tolist()) * self._extent_m
         vx, vy, corner_m_s = (self.twist / self._extent_m).tolist()
         fit = fit_twist(jacobian[under], speed_m_s[under], (vx, vy, corner_m_s))

@@ -1,4 +1,4 @@
-"""Which sensors tell of which parcel, and the estimates of all parcels kept by them."""
+"""Which sensors belong to which parcel, and the estimates of all parcels."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,15 +14,15 @@ from mdms_host.layout import Layout
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
-#: A parcel must stand still this long before it is looked for.
+#: A parcel must stand still this long before it is searched for.
 _STILL_S = 0.05
 
 
 @dataclass(frozen=True, slots=True)
 class Parcel:
-    """What the host is told of a parcel: its size, and roughly where it was put.
+    """A parcel as given to the host: its size, and roughly where it was put.
 
-    `near_m` tells parcels apart when there are several; the yaw starts as the one that looks the
+    `near_m` distinguishes parcels when there are several; the yaw starts as the one that looks the
     same and is nearest to `yaw_hint_rad`.
     """
 
@@ -35,20 +35,17 @@ class Parcel:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """Believed pose of a parcel [m, m, rad; table frame] and its standard deviations."""
+    """Believed pose of a parcel [m, m, rad; table frame]."""
 
     x_m: float
     y_m: float
     yaw_rad: float
-    x_deviation_m: float
-    y_deviation_m: float
-    yaw_deviation_rad: float
 
 
 class Tracker:
     """Estimates of all parcels on the array, fed with presence bits and wheel speeds.
 
-    Raises ValueError if there are several parcels and not all are told where they were put.
+    Raises ValueError if there are several parcels and `near_m` of one is missing.
     """
 
     def __init__(self, layout: Layout, parcels: tuple[Parcel, ...]) -> None:
@@ -74,7 +71,7 @@ class Tracker:
         }
 
     def on_presence(self, now_s: float, cell: int, bits: int) -> None:
-        """Cell `cell` (from 1) tells which of its sensors are covered: bit k sensor k."""
+        """Cell `cell` (from 1) reports which of its sensors are covered: bit k sensor k."""
         before, bits = self._bits[cell - 1], bits & (1 << self._sensors_per_cell) - 1
         if bits == before:
             return
@@ -86,7 +83,7 @@ class Tracker:
                 self._on_edge(now_s, first + place)
 
     def on_speeds(self, now_s: float, speed_m_s: Floats) -> list[str]:
-        """All wheels, shape (W,), had these speeds at that time; names parcels found by that."""
+        """All wheels, shape (W,), had these speeds at that time; returns parcels found by that."""
         for estimator in self._estimators.values():
             estimator.predict(now_s, speed_m_s)
         found = self._find_missing(now_s)
@@ -99,12 +96,8 @@ class Tracker:
 
     def estimate(self, name: str, now_s: float) -> Estimate | None:
         """Where the parcel is believed to be; None as long as it has not been found."""
-        estimator = self._estimators[name]
-        pose = estimator.pose_at(now_s)
-        if pose is None:
-            return None
-        deviation = np.sqrt(np.diag(estimator.covariance))
-        return Estimate(*map(float, pose), *map(float, deviation))
+        pose = self._estimators[name].pose_at(now_s)
+        return None if pose is None else Estimate(*map(float, pose))
 
     def poses(self, now_s: float) -> Mapping[str, Floats]:
         """Pose (x, y, yaw) of every parcel that has been found."""
@@ -131,9 +124,9 @@ class Tracker:
         return np.asarray(np.argmin(distances_m, axis=0))
 
     def _find_missing(self, now_s: float) -> list[str]:
-        """Look for a parcel not found yet, once all cells have spoken and nothing moves.
+        """Search for a parcel not found yet, once all cells have reported and nothing moves.
 
-        Only for one, since looking takes milliseconds and setpoints wait meanwhile.
+        Only for one, since a search takes milliseconds and setpoints wait meanwhile.
         """
         if None in self._bits or now_s < self._changed_s + _STILL_S:
             return []
@@ -145,7 +138,7 @@ class Tracker:
 
 
 def _expected_distance_m(parcel: Parcel, sensors_m: Floats) -> Floats:
-    """Distance of the sensors from the parcel where it was put [m]; zero if that was not told."""
+    """Distance of the sensors from the parcel where it was put [m]; zero if that is not given."""
     if parcel.near_m is None:
         return np.zeros(len(sensors_m))
     bottom = Rectangle(parcel.length_m, parcel.width_m)

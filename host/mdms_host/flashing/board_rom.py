@@ -6,7 +6,7 @@ import tempfile
 from pathlib import Path
 
 from mdms_host.flashing.board_link import BoardError, BoardLink
-from mdms_host.flashing.board_survey import teach
+from mdms_host.flashing.board_probe import teach
 
 #: Longer than any partition takes; a board that is gone is noticed sooner.
 _LIMIT_S = 120.0

@@ -42,7 +42,7 @@ class Limits:
 
 
 class GoalController:
-    """From a pose to the twist that takes it to the goal; says when it has arrived.
+    """From a pose to the twist that takes it to the goal; `arrived` once it is there.
 
     Translation and rotation are one motion: yaw counts by the way of the corners, `reach_m` from
     the centre, so that both end together.
@@ -60,7 +60,7 @@ class GoalController:
     def step(self, pose: Floats, step_s: float) -> Floats:
         """Twist (vx, vy, yaw rate) to command for the next step, shape (3,), about the centre."""
         error_m = self._error_m(pose)
-        self._judge(error_m, step_s)
+        self._check_arrival(error_m, step_s)
         wanted_m_s = np.zeros(3) if self.arrived else self._approach(error_m)
         change_m_s = wanted_m_s - self._twist_m_s
         most_m_s = self._limits.acceleration_m_s2 * step_s
@@ -82,7 +82,7 @@ class GoalController:
         speed_m_s = min(self._limits.speed_m_s, self._limits.stiffness_per_s * way_m, braking_m_s)
         return error_m * (speed_m_s / way_m)
 
-    def _judge(self, error_m: Floats, step_s: float) -> None:
+    def _check_arrival(self, error_m: Floats, step_s: float) -> None:
         """Arrived after a while within the tolerance; gone again outside twice of it."""
         slack = 2.0 if self.arrived else 1.0
         x_m, y_m, corner_m = error_m.tolist()

@@ -18,7 +18,7 @@ _MARGIN_M = 0.05
 
 
 class Program(Protocol):
-    """Tells all wheels' references [m/s] (the paper's r), step by step."""
+    """Sets all wheels' references [m/s] (the paper's r), step by step."""
 
     def references_m_s(self, poses: Mapping[str, Floats], step_s: float) -> Floats:
         """References of shape (W,) for the next step, given the poses (x, y, yaw) known now."""
@@ -108,20 +108,3 @@ class GoalProgram:
             jacobian = self._layout.surface_jacobian(*pose[:2].tolist())
             np.copyto(references_m_s, jacobian @ (twist / self._droop), where=mine)
         return references_m_s
-
-
-def nominal_droop(
-    *,
-    gain_vs_per_m: float,
-    torque_constant_nm_per_a: float,
-    gear_ratio: float,
-    wheel_radius_m: float,
-    resistance_ohm: float,
-    damping_nms: float,
-) -> float:
-    """Speed of a free wheel per reference, a/b (paper, eqs 8 and 9)."""
-    lever_per_m = gear_ratio / wheel_radius_m
-    motor_n_per_a = torque_constant_nm_per_a * lever_per_m
-    a = gain_vs_per_m * motor_n_per_a / resistance_ohm
-    b = damping_nms * lever_per_m**2 + motor_n_per_a**2 / resistance_ohm + a
-    return a / b

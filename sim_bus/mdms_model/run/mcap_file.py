@@ -153,7 +153,7 @@ def _event_messages(record: Record) -> Iterator[Timed]:
 
 
 def _plain(array: Any) -> Any:
-    """Nested lists with None for what is not a number: JSON knows no NaN."""
+    """Nested lists with None for what is not a number: JSON has no NaN."""
     finite: Any = np.isfinite(array)
     shown: Any = array if finite.all() else np.where(finite, array.astype(object), None)
     return shown.tolist()

@@ -14,7 +14,7 @@ from mdms_model.arrays import Floats
 
 
 class Contact(IntEnum):
-    """What a wheel does under a parcel; the paper's three greys, sliding told by direction."""
+    """What a wheel does under a parcel; the paper's three greys, sliding by direction."""
 
     NONE = 0
     ROLLING = 1
@@ -26,7 +26,8 @@ class Contact(IntEnum):
 class Event:
     """Something that happened at one instant.
 
-    `kind` is one of 'support', 'contact', 'reversal', 'tip', 'touch', 'fault', 'coordinator'.
+    `kind` is one of 'support', 'contact', 'reversal', 'tip', 'touch', 'solver', 'fault',
+    'coordinator'.
     """
 
     time_s: float
@@ -42,8 +43,8 @@ class Record:
     """Sampled history of T instants, P parcels and W wheels.
 
     `pose` [m, m, rad] and `twist` [m/s, m/s, rad/s] are of shape (T, P, 3) in the table frame and
-    tell of the parcels' geometric centres; `estimate` is the coordinator's belief of `pose`, NaN
-    where it had none. The wheels' arrays are of shape (T, W); speeds are of the wheel's surface,
+    are those of the parcels' geometric centres; `estimate` is the coordinator's belief of `pose`,
+    NaN where it had none. The wheels' arrays are of shape (T, W), speeds those of the surface;
     `contact` holds `Contact` codes. `slip_m_s` is the surface's speed over the parcel on the wheel,
     positive ahead, 0 without contact; None where nobody has worked it out.
     """

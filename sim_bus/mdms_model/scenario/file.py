@@ -36,7 +36,7 @@ def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Sc
 
 
 def scenario_from(tree: Any) -> Scenario:
-    """The checked scenario that plain tables tell of. Raises `ScenarioError`."""
+    """The checked scenario that plain tables describe. Raises `ScenarioError`."""
     scenario: Scenario = build(Scenario, tree)
     check_rules(scenario)
     return scenario

@@ -62,7 +62,7 @@ class Wheel:
 class Cell:
     """Mechanics and electrics that all cells share; spreads vary them from cell to cell by seed.
 
-    Only `firmware` knows what lies between a voltage and a push: inertia (the wheel's is about its
+    Only `firmware` has what lies between a voltage and a push: inertia (the wheel's is about its
     own axle), supply, PWM steps and current limit (None: none). Friction of the `roller` acts along
     the wheel's axle, where it should run free. `sensor_noise` is the chance that a presence sensor
     misreads at a sample; load cells are there when their noise (standard deviation) is given.
@@ -144,7 +144,7 @@ class Parcel:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What the wheels are told to do: a field of references, or goals to steer parcels to.
+    """What the wheels do: a field of references, or goals to steer parcels to.
 
     Of the rest each field uses what it needs: `heading_rad` uniform, elliptic and squeeze,
     `velocity_m_s` and `yaw_rate_rad_s` twist, `ratio` elliptic, `table_m_s` table.

@@ -1,6 +1,6 @@
 """Plain tables to frozen dataclasses and back, checked by the fields' types and limits.
 
-Nothing here knows the scenario: a key that is added to its dataclasses needs no word here.
+Nothing here depends on the scenario: a key that is added to its dataclasses needs no word here.
 """
 
 import dataclasses

@@ -11,7 +11,7 @@ REMEMBERED = 4096
 FrameObserver = Callable[[Frame, int], object]
 #: An observer and what it wants to see, None for everything.
 Observation = tuple[FrameObserver, Container[int] | None]
-Hearers = tuple[tuple[FrameObserver, ...], tuple[Controller, ...]]
+Recipients = tuple[tuple[FrameObserver, ...], tuple[Controller, ...]]
 
 
 class Acceptance:
@@ -25,33 +25,17 @@ class Acceptance:
         return can_id in self._identifiers
 
     def replace(self, identifiers: Iterable[int]) -> None:
-        """Lets these identifiers through from now on, and tells the bus."""
+        """Lets these identifiers through from now on, and informs the bus."""
         self._identifiers = frozenset(identifiers)
         if self._changed is not None:
             self._changed()
 
     def on_change(self, changed: Callable[[], object]) -> None:
-        """Has `changed` called after every change; for the bus, which remembers who hears what."""
+        """Has `changed` called after every change; for the bus, which keeps who receives what."""
         self._changed = changed
 
 
-class MaskFilters:
-    """Pairs of identifier and mask, as the filter banks of a controller hold them.
-
-    A frame passes when it agrees with a pair's identifier in all bits of that pair's mask; flags
-    count, so that a filter for 11-bit data frames keeps others out.
-    """
-
-    def __init__(self, filters: Iterable[tuple[int, int]]) -> None:
-        self._filters = tuple(filters)
-
-    def __contains__(self, can_id: object) -> bool:
-        return isinstance(can_id, int) and any(
-            (can_id ^ wanted) & mask == 0 for wanted, mask in self._filters
-        )
-
-
-class Receivers(dict[int, Hearers]):
+class Receivers(dict[int, Recipients]):
     """Observers and controllers by identifier; `clear` it when any of them has changed."""
 
     def __init__(
@@ -61,7 +45,7 @@ class Receivers(dict[int, Hearers]):
         self._controllers = controllers
         self._observations = observations
 
-    def __missing__(self, can_id: int) -> Hearers:
+    def __missing__(self, can_id: int) -> Recipients:
         if len(self) >= REMEMBERED:
             self.clear()
         observers = tuple(
@@ -74,5 +58,5 @@ class Receivers(dict[int, Hearers]):
             for each in self._controllers
             if each.live and (each.accept is None or can_id in each.accept)
         )
-        self[can_id] = hearers = observers, controllers
-        return hearers
+        self[can_id] = recipients = observers, controllers
+        return recipients

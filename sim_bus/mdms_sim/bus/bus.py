@@ -49,7 +49,7 @@ class Bus:
     def attach(self, station: Station, accept: Container[int] | None = None) -> Controller:
         """A new controller for `station`, which gets the frames whose `can_id` is in `accept`.
 
-        None accepts every frame. A station does not hear its own frames.
+        None accepts every frame. A station does not receive its own frames.
         """
         controller = Controller(self._segments[0], station, None)
         self._segments[0].add(controller)
@@ -70,7 +70,7 @@ class Bus:
         controller.segment.reconsider()
 
     def set_listen_only(self, controller: Controller, listen_only: bool) -> None:
-        """Has the node hear without acknowledging or sending; what it has to send waits."""
+        """Has the node receive without acknowledging or sending; what it has to send waits."""
         if listen_only:
             controller.segment.silence((controller,))
         controller.listen_only = listen_only
@@ -84,14 +84,14 @@ class Bus:
         return [each for segment in self._segments for each in segment.controllers]
 
     def switch_off(self, controller: Controller) -> None:
-        """The node loses its power: it neither sends nor acknowledges, and forgets its frames."""
+        """The node loses its power: it neither sends nor acknowledges, and loses its frames."""
         controller.segment.silence((controller,))
         controller.live = False
         controller.forget()
         controller.segment.reconsider()
 
     def switch_on(self, controller: Controller) -> None:
-        """The node starts anew, and hears what begins from now on."""
+        """The node starts anew, and receives what begins from now on."""
         controller.segment.silence((controller,))
         controller.errors.reset()
         controller.live = True

@@ -63,7 +63,7 @@ class Confinement:
         self.receive += RECEIVE_ERROR
 
     def receive_severe_error(self) -> None:
-        """An error of a receiver that tells against itself: others had none, or its flag failed."""
+        """An error that a receiver counts against itself: others had none, or its flag failed."""
         self.receive += RECEIVE_SEVERE_ERROR
 
     def copy(self) -> "Confinement":

@@ -124,7 +124,7 @@ class Controller:
             self.segment.request(self, frame)
 
     def forget(self) -> None:
-        """Empties queue, mailboxes and FIFO, as a reset does; the bus must know before."""
+        """Empties queue, mailboxes and FIFO, as a reset does; the bus is to be informed before."""
         self._queue.clear()
         self._identifiers.clear()
         self._fifo.clear()
@@ -157,7 +157,7 @@ class Requests(list[Request]):
     """
 
     def drop(self, controller: Controller, frame: Frame | None = None) -> None:
-        """Forgets what a controller wants to send, or that frame of it."""
+        """Drops what a controller wants to send, or that frame of it."""
         kept = [each for each in self if each[2] is not controller or frame not in (None, each[3])]
         if len(kept) < len(self):
             self[:] = kept

@@ -26,7 +26,7 @@ class Outcome:
     `frame` got through to somebody and ended after `frame_bits`; None if it did not. `free_bits` is
     when the first node would start a new frame, `ready_bits` when those do that are later than it.
     `sent` have sent the frame, `heard` received it, `tried` are all that were sending when it
-    ended. `errors` are the counters of all after it; `error` tells of an error frame.
+    ended. `errors` are the counters of all after it; `error`: there was an error frame.
     """
 
     free_bits: int
@@ -40,7 +40,7 @@ class Outcome:
     errors: list[tuple[Controller, Confinement]] = field(default_factory=list)
 
     def settle(self, start_ns: int, bit_ns: int) -> None:
-        """Moves the counters of all, and tells those who must let others go first until when."""
+        """Moves the counters of all, and sets until when some must let others go first."""
         for controller, errors in self.errors:
             controller.errors.put(errors)
         for controller, bits in self.ready_bits.items():

@@ -1,15 +1,15 @@
 """How long a frame is on the wire, a byte at a time: CRC and stuffing by table.
 
-Every frame of a run comes through here, so this is the quick way; `wire` tells the bits themselves
+Every frame of a run comes through here, so this is the quick way; `wire` gives the bits themselves
 and is what the tests hold it against.
 """
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from mdms_model.compiled import compiled, for_types_of
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.wire import (
     CRC_BITS,
@@ -68,10 +68,7 @@ _CRC_END = _stuff_table(CRC_BITS - 8)
 _CRC = np.array([_crc_after(byte) for byte in range(256)], np.int64)
 
 
-_SIGNATURE = "int64(int64, int64, uint64)"
-
-
-@numba.njit(_SIGNATURE, cache=True)
+@compiled
 def _length(can_id: int, size: int, payload: Any) -> int:
     """Start of frame to end of frame; `payload` is the data as one big-endian number."""
     front, front_bits = header(can_id, size)
@@ -96,8 +93,7 @@ def _length(can_id: int, size: int, payload: Any) -> int:
     return int(front_bits + 8 * data_bytes + CRC_BITS + stuffed + TAIL_BITS)
 
 
-# What stands behind the name, without a look at the types of the arguments at every call.
-_quick_length = _length if numba.config.DISABLE_JIT else _length.get_overload(_SIGNATURE)  # type: ignore[attr-defined]
+_quick_length = for_types_of(_length, 0, 0, np.uint64(0))
 
 
 def frame_bits(frame: Frame) -> int:

@@ -1,4 +1,4 @@
-"""Every frame of a run in candump's log format, and the digest that tells two runs apart."""
+"""Every frame of a run in candump's log format, and the digest in which two runs differ."""
 
 from functools import lru_cache
 from hashlib import sha256

@@ -31,7 +31,7 @@ class Node:
     asks for so many `overloads`. `drive` is its level for the next bit, `seen` all bits so far.
     `sent_after` and `heard_after` count the bits to the end of a frame that was good for it, and
     `heard` is that frame; `idle_after` counts those until it would let a new frame begin. All are
-    None before. `outvoted` tells whether it has lost arbitration, `flagged` whether it has
+    None before. `outvoted`: it has lost arbitration, `flagged`: it has
     destroyed a frame.
     """
 
@@ -157,7 +157,7 @@ class Node:
     # When it is not
 
     def _error(self, *, counts: bool = True, unacknowledged: bool = False) -> Phase:
-        """The node has found an error, and tells of it from the next bit on."""
+        """The node has found an error, and signals it from the next bit on."""
         self._active = self.errors.state is ErrorState.ACTIVE and not self._mute
         self._unacknowledged = unacknowledged and not self._active
         if counts and not self._unacknowledged:

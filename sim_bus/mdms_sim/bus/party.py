@@ -31,11 +31,6 @@ class Disturbance:
         """Whether a node sees the bit wrong."""
         return self.bit is not None and (self.seen_by is None or node in self.seen_by)
 
-    @property
-    def on_wire(self) -> bool:
-        """Whether it changes any bit."""
-        return self.bit is not None or bool(self.overloads)
-
 
 UNDISTURBED = Disturbance()
 
@@ -44,7 +39,7 @@ UNDISTURBED = Disturbance()
 class Party:
     """Controllers that do the same, with what each of them has `seen` before.
 
-    `misled` tells whether they see the disturbed bit wrong.
+    `misled`: they see the disturbed bit wrong.
     """
 
     controllers: tuple[Controller, ...]

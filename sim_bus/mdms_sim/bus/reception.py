@@ -75,7 +75,7 @@ class Reader:
         return Progress.WHOLE if whole else Progress.MORE
 
     def _length(self) -> int | None:
-        """Bits from start of frame to the end of the CRC, as soon as that can be told."""
+        """Bits from start of frame to the end of the CRC, as soon as that is decided."""
         bits = self._bits
         if len(bits) < _STANDARD_HEADER or (bits[_IDE] and len(bits) < _EXTENDED_HEADER):
             return None

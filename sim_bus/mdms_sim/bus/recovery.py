@@ -47,7 +47,7 @@ class Recovery:
             self._await(controller)
 
     def postpone(self, free_ns: int) -> None:
-        """What is on the wire ends at another time than was told."""
+        """What is on the wire ends at another time than was announced."""
         for controller in self._left:
             self._since_ns[controller] = free_ns
             self._await(controller)

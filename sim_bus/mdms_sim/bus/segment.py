@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 
 class Segment:
-    """Controllers that hear each other.
+    """Controllers that receive each other.
 
-    `request(controller, frame)` tells that a frame stands in a mailbox and wants the bus.
+    `request(controller, frame)`: a frame stands in a mailbox and wants the bus.
     """
 
     def __init__(self, bus: "Bus") -> None:
@@ -28,7 +28,7 @@ class Segment:
         self.request = self._traffic.request
 
     def add(self, controller: Controller) -> None:
-        """Puts a controller on this wire; it hears what begins from now on."""
+        """Puts a controller on this wire; it receives what begins from now on."""
         self._go_on_without(())
         self._take_in(controller)
 
@@ -41,7 +41,7 @@ class Segment:
         self.reconsider()
 
     def silence(self, controllers: Collection[Controller]) -> None:
-        """They drive nothing more, do not hear what is on the wire, and want to send nothing."""
+        """They drive nothing more, do not receive what is on the wire, and want to send nothing."""
         self._go_on_without(controllers)
         for controller in controllers:
             self._traffic.requests.drop(controller)
@@ -72,7 +72,7 @@ class Segment:
             traffic.resume(traffic.progress(lambda each: each not in controllers))
 
     def reconsider(self) -> None:
-        """Forgets who hears what, and whether all is well; to be called when either may change."""
+        """Works out anew who receives what and whether all is well; either may have changed."""
         self._traffic.receivers.clear()
         listening = sum(1 for each in self.controllers if each.live and not each.listen_only)
         self._traffic.calm = (

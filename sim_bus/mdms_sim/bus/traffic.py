@@ -1,9 +1,9 @@
-"""What is on one wire: who sends next, how long it takes, who hears it.
+"""What is on one wire: who sends next, how long it takes, who receives it.
 
 Bit boundaries lie at multiples of the bit time. All frames that ask for the bus within one bit
 time contend for it; each takes its real length with stuff bits and the inter-frame space after it.
 While all is well, a frame costs one event; everything else goes the careful way, by an `Exchange`,
-which knows what each node makes of every bit.
+which follows what each node makes of every bit.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -34,7 +34,7 @@ class Traffic:
     """The frames on the wire of these controllers.
 
     `calm` may be set while no counter is above 0, nothing is disturbed and nobody is alone;
-    `recovery` is told when the wire is taken; `ended` is called after everything that was not calm,
+    `recovery` is called when the wire is taken; `ended` after everything that was not calm,
     with the states that nodes were in before.
     """
 

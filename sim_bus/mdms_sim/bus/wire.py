@@ -3,8 +3,7 @@
 from collections.abc import Iterable
 from functools import lru_cache
 
-import numba
-
+from mdms_model.compiled import compiled
 from mdms_protocol.frame import Frame
 
 # The flags of Linux SocketCAN, above the identifier in a `can_id`. A plain 11-bit number is a plain
@@ -35,7 +34,7 @@ def arbitration_field(can_id: int) -> int:
     return (identifier >> 18) << 21 | 0b11 << 19 | (identifier & 0x3FFFF) << 1 | remote
 
 
-@numba.njit(cache=True)
+@compiled
 def header(can_id: int, size: int) -> tuple[int, int]:
     """Start of frame to DLC, as a number and its width [bits]."""
     remote = 1 if can_id & REMOTE else 0

@@ -1,6 +1,6 @@
 """What goes wrong in a run, by schedule and seed: on the wire, at the nodes, in their clocks.
 
-Every fault is told as an event when it begins and when it ends. Each draws from a sequence of its
+Every fault is noted as an event when it begins and when it ends. Each draws from a sequence of its
 own, so that one more fault does not change what the others do.
 """
 
@@ -13,7 +13,7 @@ from mdms_model.scenario.scenario import Fault
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.controller import Controller
-from mdms_sim.faults.wire import Effect, Strikes, WireFaults, corrupting, losing, overloading
+from mdms_sim.faults.wire import Effect, FrameFault, WireFaults, corrupting, losing, overloading
 from mdms_sim.kernel import Kernel
 from mdms_sim.nodes.bank import CellBank
 from mdms_sim.physics.plane.control_step import UV_PER_V
@@ -83,20 +83,22 @@ class Faults:
         return self._striking(fault, random, corrupting(random, self._nodes(fault.seen_by)))
 
     def _striking(self, fault: Fault, random: Random, effect: Effect) -> "_Ways":
-        return self._strikes(Strikes(self._nodes(fault.cells), fault.probability, random, effect))
+        return self._on_frames(
+            FrameFault(self._nodes(fault.cells), fault.probability, random, effect)
+        )
 
     def _overload(self, fault: Fault, random: Random) -> "_Ways":
         busy = [self._controllers[cell] for cell in self._cells(fault)]
         effect = overloading(busy, fault.overload_frames)
-        return self._strikes(Strikes(None, fault.probability, random, effect))
+        return self._on_frames(FrameFault(None, fault.probability, random, effect))
 
-    def _strikes(self, strikes: Strikes) -> "_Ways":
+    def _on_frames(self, frame_fault: FrameFault) -> "_Ways":
         def begin() -> None:
-            self._wire.begin(strikes)
+            self._wire.begin(frame_fault)
 
         def end() -> str:
-            self._wire.end(strikes)
-            return f"{strikes.count} frames"
+            self._wire.end(frame_fault)
+            return f"{frame_fault.count} frames"
 
         return begin, end
 
@@ -213,7 +215,7 @@ class _Babbler:
         self._babble()
 
     def end(self) -> int:
-        """Leave the bus; tells how many frames it has sent."""
+        """Leave the bus; returns how many frames it has sent."""
         controller, self._controller = self._controller, None
         if controller is None:
             return 0
@@ -221,7 +223,7 @@ class _Babbler:
         return controller.sent
 
     def on_frame(self, frame: Frame, now_ns: int) -> None:
-        """Hears nothing."""
+        """Receives nothing."""
 
     def _babble(self) -> None:
         if self._controller is not None:

@@ -17,7 +17,7 @@ BITS_AFTER = INTERFRAME_BITS - 1
 Effect = Callable[[Frame], Disturbance]
 
 
-class Strikes:
+class FrameFault:
     """A fault that strikes the frames of some senders (None: all); `count` says how many."""
 
     def __init__(
@@ -48,21 +48,21 @@ class WireFaults:
 
     def __init__(self, bus: Bus) -> None:
         self._bus = bus
-        self._at_work: list[Strikes] = []
+        self._at_work: list[FrameFault] = []
 
-    def begin(self, strikes: Strikes) -> None:
+    def begin(self, fault: FrameFault) -> None:
         """One more."""
-        self._at_work.append(strikes)
+        self._at_work.append(fault)
         self._bus.disturb(self._disturb)
 
-    def end(self, strikes: Strikes) -> None:
+    def end(self, fault: FrameFault) -> None:
         """One less."""
-        self._at_work.remove(strikes)
+        self._at_work.remove(fault)
         self._bus.disturb(self._disturb if self._at_work else None)
 
     def _disturb(self, sender: Controller, frame: Frame) -> Disturbance | None:
-        for strikes in self._at_work:
-            disturbance = strikes.on(sender, frame)
+        for fault in self._at_work:
+            disturbance = fault.on(sender, frame)
             if disturbance is not None:
                 return disturbance
         return None

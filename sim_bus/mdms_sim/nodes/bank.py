@@ -18,7 +18,7 @@ class MicropythonMissing(NodeError):  # noqa: N818 - it says what is wrong
 
 
 class NodeDied(NodeError):  # noqa: N818 - it says what is wrong
-    """The process of a cell has ended or told of an exception; `text` is what it said."""
+    """The process of a cell has ended or reported an exception; `text` is what it said."""
 
     def __init__(self, node_id: int, text: str) -> None:
         super().__init__(f"cell {node_id} has died: {text.strip() or 'it said nothing'}")

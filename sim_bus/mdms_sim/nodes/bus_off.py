@@ -1,4 +1,4 @@
-"""What boards do when their CAN controller goes bus off: tell the cell, wait, start again."""
+"""What boards do when their CAN controller goes bus off: report it, wait, start again."""
 
 from collections.abc import Sequence
 

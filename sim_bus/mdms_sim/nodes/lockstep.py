@@ -3,7 +3,7 @@
 They take turns at a block of memory that both see. The simulation writes into it what has reached
 the cell, and one byte into a pipe, which says what to do; the process does it, writes what came of
 it into the block, and answers by one byte through another pipe, which says whether there is
-anything in its outbox. The end of a pipe tells that the other is gone.
+anything in its outbox. The end of a pipe means that the other is gone.
 
 A block is `WORDS` 32-bit numbers, the registers of the speed loop, an inbox and an outbox of
 frames: identifier, size, data. What is in the inbox is taken in before anything else is done.
@@ -19,7 +19,7 @@ TICK = 1
 RESTART = 2
 LEAVE_BUS = 3
 REJOIN_BUS = 4
-#: Added to a request: the frames in the outbox need not be told again.
+#: Added to a request: the frames in the outbox need not be sent again.
 TAKEN = 0x80
 
 # Where the words of a block are, counted in words

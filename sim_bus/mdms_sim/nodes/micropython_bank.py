@@ -24,8 +24,8 @@ CHECK_TICKS = 100
 class MicropythonBank:
     """One process a cell. Raises MicropythonMissing, NodeDied, OSError.
 
-    Processes work at the same time as each other and as the bus: they are told of a frame as soon
-    as it has reached the cell, and waited for when somebody wants to know what came of it. Frames
+    Processes work at the same time as each other and as the bus: they get a frame as soon
+    as it has reached the cell, and waited for when the result is asked for. Frames
     that nothing can come of before the next tick wait for it.
     """
 

@@ -3,12 +3,12 @@
 from collections.abc import Container, Sequence
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from mdms_cell.cell import Cell
 from mdms_cell.drive import speed_loop
+from mdms_model.compiled import compiled
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.acceptance import Acceptance
 from mdms_sim.nodes.condition import Conditions
@@ -25,15 +25,14 @@ FULL_POLLS_FROM = 1 << 29
 #: In place of presence bits: of a cell that has something to look after.
 STARTLED = -1
 
-# Only the inner function is cached: a cache does not see that a function it calls has changed.
-_step = numba.njit("void(int32[::1])", cache=True)(speed_loop.step)
+_step = compiled(speed_loop.step)
 
 
-@numba.njit("b1(int32[:, ::1], int32[:, :], int32[:, :], uint8[:], int32[::1])")
+@compiled
 def _tick_all(registers: Any, counts: Any, currents_ma: Any, presence: Any, seen: Any) -> bool:
     """Ticks all cells; returns whether any has something to look after, and marks these in `seen`.
 
-    `seen` has the presence bits that each cell was told of, or `STARTLED`.
+    `seen` has the presence bits that each cell has seen, or `STARTLED`.
     """
     startled = False
     for cell in range(registers.shape[0]):
@@ -50,7 +49,7 @@ def _tick_all(registers: Any, counts: Any, currents_ma: Any, presence: Any, seen
 
 
 class _Board(VirtualBoard):
-    """Tells the filter itself what the cell wants to hear."""
+    """Sets the filter itself to what the cell wants to receive."""
 
     def __init__(
         self, registers: memoryview, serial: int, settings: VirtualFlash, acceptance: Acceptance
@@ -88,7 +87,7 @@ class PythonBank:
         self._seen = np.full(len(cells), STARTLED, np.int32)
         #: When the first of the cells wants to be polled, if nothing startles it.
         self._wake_ms = 0
-        #: The time of a tick in which some cells were not polled, for they do not know it.
+        #: The time of a tick in which some cells were not polled, which therefore lack it.
         self._slept_ms: int | None = None
 
     def _board(self, cell: int) -> _Board:

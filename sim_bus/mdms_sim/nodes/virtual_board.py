@@ -13,7 +13,7 @@ SUPPLY_UV = 24_000_000
 class VirtualBoard:
     """Peripherals as plain attributes: the simulation writes the inputs and takes the outputs.
 
-    `identifiers` tells which frames the cell wants to hear; who takes the list sets it to None.
+    `identifiers` are the frames that the cell wants to receive; who takes the list sets it to None.
     `settings` outlives the cell.
     """
 

@@ -1,1 +1,1 @@
-"""Stick-slip mechanics of parcels on driven wheels; knows neither bus nor protocol."""
+"""Stick-slip mechanics of parcels on driven wheels; imports neither bus nor protocol."""

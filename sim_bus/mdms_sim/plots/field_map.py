@@ -121,7 +121,7 @@ def _thin(count: int, step: int) -> list[int]:
 
 
 def _draw_array(axes: Axes, scenario: Scenario, reference_m_s: Floats) -> None:
-    """Cells, and each wheel as an arrow along which it is told to push."""
+    """Cells, and each wheel as an arrow along which it pushes."""
     pitch_m = scenario.array.pitch_m
     for x_m, y_m in cell_centres(scenario.array):
         corner = (x_m - 0.47 * pitch_m, y_m - 0.47 * pitch_m)
@@ -129,8 +129,8 @@ def _draw_array(axes: Axes, scenario: Scenario, reference_m_s: Floats) -> None:
             Rectangle(corner, 0.94 * pitch_m, 0.94 * pitch_m, fc="none", ec="#c9d1d8", lw=0.8)
         )
     wheels = build_wheels(scenario)
-    told = reference_m_s / (abs(reference_m_s).max() or 1.0)
-    pushes = wheels.direction * (told * 0.3 * pitch_m)[:, None]
+    share = reference_m_s / (abs(reference_m_s).max() or 1.0)
+    pushes = wheels.direction * (share * 0.3 * pitch_m)[:, None]
     bars = wheels.direction * 0.1 * pitch_m
     ends = np.stack((wheels.position_m - bars, wheels.position_m + bars), axis=1)
     axes.add_collection(LineCollection(list(ends), colors="#7d8790", linewidths=3.0, zorder=4))
@@ -203,11 +203,11 @@ def _draw_row(scenario: Scenario, parcel: Parcel, field: FieldMap, reference_m_s
 
 
 def _draw_row_wheels(axes: Axes, scenario: Scenario, reference_m_s: Floats) -> None:
-    """Each wheel at its place, with what it is told."""
-    told = reference_m_s / (abs(reference_m_s).max() or 1.0)
+    """Each wheel at its place, with its reference."""
+    share = reference_m_s / (abs(reference_m_s).max() or 1.0)
     places_m = build_wheels(scenario).position_m[:, 0]
     place = axes.get_xaxis_transform()
-    for x_m, part in zip(places_m, told, strict=True):
+    for x_m, part in zip(places_m, share, strict=True):
         axes.plot(x_m, 0.03, "o", color="#7d8790", ms=6, transform=place)
         if part:
             tip = (x_m + 0.35 * scenario.array.pitch_m * part, 0.03)

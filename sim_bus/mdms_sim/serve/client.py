@@ -26,7 +26,7 @@ class GoneError(Exception):
 
 
 class Codec(Protocol):
-    """How a client writes frames; it begins by being told the greeting."""
+    """How a client writes frames; it begins with the greeting."""
 
     greeting: bytes
 
@@ -35,7 +35,7 @@ class Codec(Protocol):
         """Lines or packets that made no sense."""
 
     def encode(self, frame: Frame, sim_ns: int) -> bytes:
-        """What to tell the client of a frame on the bus; may be nothing."""
+        """What to send the client of a frame on the bus; may be nothing."""
 
     def feed(self, data: bytes) -> bytes:
         """Take in what the client wrote, hand its frames over; return what to answer."""
@@ -82,11 +82,11 @@ class Client:
         """Something was on the bus; see `Station`."""
         if self._deaf:
             return
-        told = self._codec.encode(frame, now_ns)
-        if len(self._backlog) + len(told) > BACKLOG_BYTES:
+        text = self._codec.encode(frame, now_ns)
+        if len(self._backlog) + len(text) > BACKLOG_BYTES:
             self.dropped += 1
         else:
-            self._backlog += told
+            self._backlog += text
 
     def on_error(self, now_ns: int) -> None:
         """An error frame was on the bus."""
@@ -118,7 +118,7 @@ class Client:
             self.hear_no_more()
 
     def hear_no_more(self) -> None:
-        """Tell the client nothing more; what it has sent still goes out."""
+        """Send the client nothing more; what it has sent still goes out."""
         self._deaf = True
         self._backlog.clear()
 

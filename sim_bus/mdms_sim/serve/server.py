@@ -15,11 +15,11 @@ from mdms_sim.simulation import Simulation
 #: The simulation is not run further than this without looking after the clients.
 SLICE_NS = 1_000_000
 
-Tell = Callable[[str], object]
+Report = Callable[[str], object]
 
 
 @dataclass(frozen=True, slots=True)
-class Doors:
+class Addresses:
     """What a client has to name: python-can's channel, a serial device, a TCP port."""
 
     channel: str
@@ -28,9 +28,9 @@ class Doors:
 
 
 class Server:
-    """A running array with its doors open; close it when done.
+    """A running array with its addresses open; close it when done.
 
-    `tell(text)` hears of clients that come and go. Raises `ServeError`.
+    `report(text)` gets a line for each client that comes or goes. Raises `ServeError`.
     """
 
     def __init__(
@@ -39,10 +39,10 @@ class Server:
         channel: str,
         tcp_port: int = 0,
         speed: float = 1.0,
-        tell: Tell = lambda _text: None,
+        report: Report = lambda _text: None,
     ) -> None:
         self._simulation = simulation
-        self._tell = tell
+        self._report = report
         self._selector = selectors.DefaultSelector()
         self._clients: dict[int, Client] = {}
         self._ready: dict[int, Callable[[int], None]] = {}
@@ -54,7 +54,7 @@ class Server:
         self._unix = listen_unix(channel)
         self._tcp = listen_tcp(tcp_port)
         self._terminal = Terminal()
-        self.doors = Doors(channel, self._terminal.name, self._tcp.getsockname()[1])
+        self.addresses = Addresses(channel, self._terminal.name, self._tcp.getsockname()[1])
         self._listen(self._unix, "python-can")
         self._listen(self._tcp, "SLCAN over TCP")
         self._admit("SLCAN terminal", self._terminal.descriptor, slcan=True)
@@ -79,7 +79,7 @@ class Server:
             self._serve_clients()
 
     def close(self) -> None:
-        """Shut all doors and take the clients off the bus."""
+        """Shut all addresses and take the clients off the bus."""
         for descriptor in list(self._clients):
             self._dismiss(descriptor, "the array is switched off")
         for client in self._leaving:
@@ -128,7 +128,7 @@ class Server:
     def _connect(self, kind: str, connection: socket.socket) -> None:
         self._connections[connection.fileno()] = connection
         self._admit(kind, connection.fileno(), slcan=kind != "python-can")
-        self._tell(f"a client has come: {kind}")
+        self._report(f"a client has come: {kind}")
 
     def _admit(self, kind: str, descriptor: int, slcan: bool) -> None:
         codec = SlcanCodec if slcan else partial(PacketCodec, epoch_s=self._epoch_s)
@@ -176,7 +176,7 @@ class Server:
             connection.close()
             lost = f"; {client.dropped} frames dropped" if client.dropped else ""
             bad = f"; {client.garbage} times garbage" if client.garbage else ""
-            self._tell(f"a client has left: {client.name}: {reason}{lost}{bad}")
+            self._report(f"a client has left: {client.name}: {reason}{lost}{bad}")
 
     def _on_error(self, now_ns: int) -> None:
         for client in self._clients.values():
@@ -186,11 +186,11 @@ class Server:
         return self.time.epoch_s(sim_ns)
 
 
-def ways_in(doors: Doors) -> tuple[str, ...]:
+def ways_in(addresses: Addresses) -> tuple[str, ...]:
     """Lines to copy and paste, one a way in."""
     return (
-        f"mdms scan -i mdms -c {doors.channel}",
-        f"python -m can.viewer -i mdms -c {doors.channel}",
-        f"mdms scan -i slcan -c {doors.device} -b 1000000",
-        f"mdms scan -i slcan -c socket://{LOOPBACK}:{doors.tcp_port} -b 1000000",
+        f"mdms scan -i mdms -c {addresses.channel}",
+        f"python -m can.viewer -i mdms -c {addresses.channel}",
+        f"mdms scan -i slcan -c {addresses.device} -b 1000000",
+        f"mdms scan -i slcan -c socket://{LOOPBACK}:{addresses.tcp_port} -b 1000000",
     )

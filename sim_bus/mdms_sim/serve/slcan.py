@@ -27,7 +27,7 @@ class LineError(Exception):
 
 
 class Slcan:
-    """One adapter: `send(frame) -> bool` is told of frames that a client wants on the bus.
+    """One adapter: `send(frame) -> bool` gets the frames that a client wants on the bus.
 
     `garbage` counts lines that were refused.
     """

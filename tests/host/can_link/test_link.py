@@ -100,7 +100,7 @@ def test_a_reader_that_dies_of_garbage_is_started_anew_and_told_of(clock, garbag
     with Link(bus, clock) as link:
         assert received(link, clock, 2) == [HEARTBEAT, HEARTBEAT]
         assert (link.garbled, bus.flushed) == (2, 0)
-        assert [text.split(" of ")[0] for _, text in link.troubles] == ["the reader died"] * 2
+        assert [text.split(" of ")[0] for _, text in link.incidents] == ["the reader died"] * 2
 
 
 def test_bytes_that_cannot_be_decoded_are_flushed_from_the_adapter(clock) -> None:
@@ -114,7 +114,7 @@ def test_a_device_that_recovers_is_not_given_up(clock) -> None:
     hiccup = can.CanOperationError("overrun")
     with Link(ScriptedBus(*[hiccup] * 4, MESSAGE, *[hiccup] * 4, MESSAGE), clock) as link:
         assert received(link, clock, 2) == [HEARTBEAT, HEARTBEAT]
-        assert len(link.troubles) == 8
+        assert len(link.incidents) == 8
 
 
 def test_a_device_that_cannot_be_read_is_gone(clock) -> None:

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdms_host.can_link.sdo_client import Question, SdoClient, Setting
+from mdms_host.can_link.sdo_client import Read, SdoClient, Setting
 from mdms_protocol.frame import Frame
 from mdms_protocol.pdo import OutOfRangeError
 
@@ -28,7 +28,7 @@ def test_a_negative_value_goes_in_twos_complement() -> None:
 
 
 def test_what_is_read_is_kept_with_its_sign() -> None:
-    client = SdoClient(1, (Question(0x6041, 0), Question(0x606C, 0)))
+    client = SdoClient(1, (Read(0x6041, 0), Read(0x606C, 0)))
     assert list(client.poll(0.0)) == [Frame(0x601, bytes.fromhex("4041600000000000"))]
     client.on_response(bytes.fromhex("4b41600027020000"))
     assert list(client.poll(0.0)) == [Frame(0x601, bytes.fromhex("406c600000000000"))]
@@ -37,7 +37,7 @@ def test_what_is_read_is_kept_with_its_sign() -> None:
 
 
 def test_an_answer_longer_than_a_frame_is_a_failure() -> None:
-    client = SdoClient(1, (Question(0x1000, 0),))
+    client = SdoClient(1, (Read(0x1000, 0),))
     list(client.poll(0.0))
     client.on_response(bytes.fromhex("4100100009000000"))
     assert client.failure == "its answer to a read of 0x1000:0 is longer than a frame"

@@ -6,8 +6,8 @@ from contextlib import redirect_stderr
 
 import pytest
 
+from mdms_host.cli.compiling import NOTICE, compiling_watched
 from mdms_host.cli.console import progress
-from mdms_host.cli.simulation.compiling import NOTICE, compiling_watched
 
 COLOUR = re.compile(r"\x1b\[[0-9;]*3[0-9]")
 
@@ -68,7 +68,7 @@ def compile_something():
 @pytest.fixture
 def slow(monkeypatch):
     """Any compiling takes long enough to be worth telling."""
-    monkeypatch.setattr("mdms_host.cli.simulation.compiling.WORTH_TELLING_S", 0.0)
+    monkeypatch.setattr("mdms_host.cli.compiling.REPORTED_S", 0.0)
 
 
 def test_long_compiling_is_told_once_on_a_terminal(terminal, slow):
@@ -81,5 +81,5 @@ def test_long_compiling_is_not_told_off_a_terminal(capsys, slow):
 
 
 def test_short_compiling_is_not_told(terminal, monkeypatch):
-    monkeypatch.setattr("mdms_host.cli.simulation.compiling.WORTH_TELLING_S", 1e6)
+    monkeypatch.setattr("mdms_host.cli.compiling.REPORTED_S", 1e6)
     assert shown(terminal, compile_something) == ""

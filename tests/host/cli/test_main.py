@@ -3,34 +3,72 @@
 import json
 import subprocess
 import sys
+from importlib import import_module
 
 import pytest
 
 from mdms_host.cli import main
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import EXITS, CommandError, Exit, exit_of
+from mdms_host.cli.parser import Verb
+from mdms_host.cli.verbs import VERBS
+from mdms_host.commissioning.cell_settings import StrangerError
+from mdms_host.commissioning.network import SilentError
 
-HEAVY = ("numpy", "numba", "matplotlib", "mcap", "rich", "can", "canopen", "serial", "asyncio")
+HEAVY = {"numpy", "numba", "matplotlib", "mcap", "rich", "can", "canopen", "serial", "asyncio"}
 
 
-def test_help_imports_nothing_heavy():
+def imported_by(*arguments):
+    """Top-level packages that a command line imports."""
     script = (
-        "import sys, json; from mdms_host.cli import main; main(['--help']); "
+        f"import sys, json; from mdms_host.cli import main; main({list(arguments)!r}); "
         "print(json.dumps(sorted(sys.modules)), file=sys.stderr)"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=True)
-    modules = {name.partition(".")[0] for name in json.loads(done.stderr)}
-    assert modules.isdisjoint(HEAVY)
+    return {name.partition(".")[0] for name in json.loads(done.stderr.splitlines()[-1])}
 
 
-def test_model_runs_without_drawing_bus_or_files():
-    script = (
-        "import sys, json; from mdms_host.cli import main; "
-        "main(['simulate', 'paper-fig7', '--set', 'run.duration_s=0.1']); "
-        "print(json.dumps(sorted(sys.modules)), file=sys.stderr)"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=True)
-    modules = {name.partition(".")[0] for name in json.loads(done.stderr.splitlines()[-1])}
-    assert modules.isdisjoint({"matplotlib", "mcap", "rich", "can", "canopen", "serial"})
+@pytest.mark.parametrize(
+    "arguments",
+    [("--help",), ("--version",), ("scenarios", "--help"), ("simulate", "--fidelity", "none")],
+)
+def test_help_and_usage_errors_import_nothing_heavy(arguments):
+    assert imported_by(*arguments).isdisjoint(HEAVY)
+
+
+def test_model_runs_without_drawing_or_the_libraries_of_hardware():
+    short = ("simulate", "paper-fig7", "--set", "run.duration_s=0.1")
+    assert imported_by(*short).isdisjoint({"matplotlib", "canopen", "serial"})
+
+
+def functions(verbs: tuple[Verb, ...]):
+    for verb in verbs:
+        yield from filter(None, (verb.function, verb.late_options))
+        yield from functions(verb.actions)
+
+
+@pytest.mark.parametrize("function", sorted({*functions(VERBS)}))
+def test_every_function_of_the_table_is_there(function):
+    module, _, name = function.partition(":")
+    assert callable(getattr(import_module(module), name))
+
+
+@pytest.mark.parametrize("name", EXITS)
+def test_every_error_of_the_table_is_there(name):
+    module, _, error = name.rpartition(".")
+    assert issubclass(getattr(import_module(module), error), Exception)
+
+
+def test_nearest_class_of_an_error_decides_its_exit_code():
+    assert exit_of(SilentError("")) is Exit.NO_DEVICE
+    assert exit_of(StrangerError("")) is Exit.NODE_FAULT
+    assert exit_of(CommandError("", Exit.USAGE)) is Exit.USAGE
+    assert exit_of(ValueError("")) is None
+
+
+def test_error_that_is_a_defect_is_not_hidden(monkeypatch):
+    monkeypatch.setattr("mdms_host.cli.scenario.reports.scenarios", raising(ZeroDivisionError()))
+    with pytest.raises(ZeroDivisionError):
+        main(["scenarios"])
 
 
 def test_help_lists_the_verbs(capsys):
@@ -68,10 +106,11 @@ def raising(error):
     [
         (KeyboardInterrupt(), 130, "mdms: interrupted\n"),
         (CommandError("no bus", Exit.NO_DEVICE), 4, "mdms: no bus\n"),
+        (SilentError("node 3 is silent"), 4, "mdms: node 3 is silent\n"),
     ],
 )
 def test_error_becomes_one_line_and_a_code(monkeypatch, capsys, error, code, told):
-    monkeypatch.setattr("mdms_host.cli.scenario.scenarios.run", raising(error))
+    monkeypatch.setattr("mdms_host.cli.scenario.reports.scenarios", raising(error))
     assert main(["scenarios"]) == code
     assert capsys.readouterr() == ("", told)
 

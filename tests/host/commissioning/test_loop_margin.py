@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdms_cell.drive import speed_loop, tuning
+from mdms_host.cli.scenario.gain import motor_of
 from mdms_host.commissioning import loop_margin
 from mdms_host.commissioning.loop_margin import (
     DEFAULT,
@@ -21,17 +22,10 @@ from mdms_host.commissioning.loop_margin import (
     check_gain,
     largest_gain,
     phase_margin,
-    wheel_motor,
 )
+from mdms_model.scenario.scenario import Cell
 
-PAPER = wheel_motor(
-    torque_constant_nm_per_a=0.024,
-    resistance_ohm=4.0,
-    damping_nms=3.5e-6,
-    rotor_inertia_kg_m2=5e-6,
-    gear_ratio=3.0,
-    wheel_radius_m=0.0254,
-)
+PAPER = motor_of(Cell(rotor_inertia_kg_m2=5e-6))
 
 
 def spectral_radius(motor, gain, observer, share):
@@ -139,14 +133,7 @@ def test_prototype_gain_is_allowed_and_a_large_one_refused_with_the_limit():
 
 
 def test_wheel_behind_a_gear_weighs_what_the_same_rotor_would():
-    data = {
-        "torque_constant_nm_per_a": 0.024,
-        "resistance_ohm": 4.0,
-        "damping_nms": 3.5e-6,
-        "gear_ratio": 3.0,
-        "wheel_radius_m": 0.0254,
-    }
-    behind = wheel_motor(**data, rotor_inertia_kg_m2=2e-6, wheel_inertia_kg_m2=2.7e-5)
+    behind = motor_of(Cell(rotor_inertia_kg_m2=2e-6, wheel_inertia_kg_m2=2.7e-5))
     assert behind.mass_kg == pytest.approx(PAPER.mass_kg)
 
 

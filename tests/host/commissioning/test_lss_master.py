@@ -45,7 +45,7 @@ class Bus:
 
     def __init__(self, *slaves, late=lambda _number: 0.0):
         self.slaves = slaves
-        self.master = LssMaster(self._send, patiences_s=(0.002, 0.02, 0.1), answer_s=0.05)
+        self.master = LssMaster(self._send, timeouts_s=(0.002, 0.02, 0.1), answer_s=0.05)
         self.requests = []
         self._late = late
 
@@ -71,14 +71,14 @@ def ours(serial):
 def test_blank_cells_are_found_in_the_order_of_their_serial_numbers():
     serials = [0xCAFE0001, 7, 0x80000000, 0xCAFE0000]
     bus = Bus(*(Slave(ours(serial)) for serial in serials), Slave(ours(3), node_id=5))
-    assert bus.master.anyone_blank()
+    assert bus.master.any_blank()
     assert bus.master.find_blank() == [ours(serial) for serial in sorted(serials)]
     assert [slave.booted for slave in bus.slaves[:4]] == [None] * 4
 
 
 def test_nobody_is_found_where_nobody_is_blank():
     bus = Bus(Slave(ours(3), node_id=5))
-    assert not bus.master.anyone_blank()
+    assert not bus.master.any_blank()
     assert bus.master.find_blank() == []
 
 

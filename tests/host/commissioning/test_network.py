@@ -3,14 +3,14 @@ import pytest
 
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning, RefusedError, SilentError
-from mdms_host.commissioning.scan import scan, scan_table
+from mdms_host.commissioning.scan import scan_bus, scan_table
 from mdms_protocol import nmt
 from mdms_protocol.dictionary import DEVICE_NAME, PRODUCT_CODE
 from mdms_protocol.pdo import OutOfRangeError
 
 
 def test_all_cells_are_found_and_say_who_they_are(served_cells) -> None:
-    nodes = scan(served_cells.open(), MonotonicClock())
+    nodes = scan_bus(served_cells.open(), MonotonicClock())
     assert [node.node_id for node in nodes] == [1, 2, 3]
     assert all(node.is_cell and node.problem is None for node in nodes)
     assert {node.state for node in nodes} == {"pre-operational"}
@@ -21,7 +21,7 @@ def test_all_cells_are_found_and_say_who_they_are(served_cells) -> None:
 def test_nothing_is_found_on_an_empty_bus(request) -> None:
     import can
 
-    assert scan(can.Bus(request.node.nodeid, interface="virtual"), MonotonicClock()) == []
+    assert scan_bus(can.Bus(request.node.nodeid, interface="virtual"), MonotonicClock()) == []
 
 
 def test_a_stranger_is_found_and_told_from_cells(request) -> None:
@@ -31,7 +31,7 @@ def test_a_stranger_is_found_and_told_from_cells(request) -> None:
     network = canopen.Network(can.Bus(channel, interface="virtual"))
     with network.connect():
         network.create_node(9, canopen.ObjectDictionary())
-        (stranger,) = scan(can.Bus(channel, interface="virtual"), MonotonicClock())
+        (stranger,) = scan_bus(can.Bus(channel, interface="virtual"), MonotonicClock())
     assert (stranger.node_id, stranger.is_cell, stranger.state) == (9, False, None)
     assert stranger.problem.startswith("node 9, 0x1008:0")
 

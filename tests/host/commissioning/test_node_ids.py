@@ -3,7 +3,7 @@ import pytest
 from mdms_host.commissioning.lss_master import LssAddress
 from mdms_host.commissioning.network import Identity
 from mdms_host.commissioning.node_ids import (
-    AssigningError,
+    NodeIdError,
     address_of,
     assign_by_serial,
     assign_in_order,
@@ -33,7 +33,7 @@ def test_blank_cells_get_the_free_node_ids_in_the_order_of_their_serial_numbers(
 
 
 def test_node_ids_may_run_out():
-    with pytest.raises(AssigningError, match="2 blank cells, and 1 free node ids from 126 to 127"):
+    with pytest.raises(NodeIdError, match="2 blank cells, and 1 free node ids from 126 to 127"):
         assign_in_order([blank(1), blank(2)], taken=[127], first=126)
 
 
@@ -49,15 +49,15 @@ def test_blank_cells_get_the_node_ids_of_the_file():
 
 
 def test_cells_that_are_not_there_are_named():
-    with pytest.raises(AssigningError, match="not on the bus: 0000000B, 0000000C"):
+    with pytest.raises(NodeIdError, match="not on the bus: 0000000B, 0000000C"):
         assign_by_serial({0xA: 1, 0xC: 2, 0xB: 3}, [blank(0xA)], {}, [])
 
 
 def test_node_id_of_another_is_refused():
-    with pytest.raises(AssigningError, match="node id 7 is another cell's"):
+    with pytest.raises(NodeIdError, match="node id 7 is another cell's"):
         assign_by_serial({0xA: 7}, [blank(0xA)], {}, taken=[7])
 
 
 def test_cells_of_one_serial_number_cannot_be_told_apart():
-    with pytest.raises(AssigningError, match="two cells have the serial number 0000000A"):
+    with pytest.raises(NodeIdError, match="two cells have the serial number 0000000A"):
         assign_by_serial({0xA: 7}, [blank(0xA)], {3: cell(0xA)}, [3])

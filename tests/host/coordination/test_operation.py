@@ -26,7 +26,7 @@ def coordinator(timing: Timing | None = None) -> Coordinator:
 
 def test_a_field_runs_for_its_time_on_real_cells_and_leaves_them_off(link) -> None:
     heard, one = [], coordinator()
-    done = operate(one, link, link, 2.0, tell=lambda _now_s, text: heard.append(text))
+    done = operate(one, link, link, 2.0, on_event=lambda _now_s, text: heard.append(text))
     assert (done.ending, done.fault) == (Ending.DONE, None)
     assert done.duration_s >= 2.0
     assert Phase.RUNNING in heard
@@ -41,7 +41,7 @@ def test_an_interrupt_ends_in_order(link) -> None:
         if text == Phase.RUNNING:
             raise KeyboardInterrupt
 
-    done = operate(one, link, link, 10.0, tell=interrupt)
+    done = operate(one, link, link, 10.0, on_event=interrupt)
     assert done.ending == Ending.INTERRUPTED
     assert one.phase == Phase.STOPPED
 
@@ -68,7 +68,7 @@ def test_a_second_run_takes_the_array_over_from_one_that_broke_off(link) -> None
             raise BrokenOffError
 
     with pytest.raises(BrokenOffError):
-        operate(coordinator(), link, link, 10.0, tell=break_off)
+        operate(coordinator(), link, link, 10.0, on_event=break_off)
     link.sleep(0.3)
     assert set(link.states.values()) == {nmt.OPERATIONAL}
     assert operate(coordinator(), link, link, 1.5).ending == Ending.DONE

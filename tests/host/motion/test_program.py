@@ -5,7 +5,7 @@ from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.goal import Goal
-from mdms_host.motion.program import GoalProgram, nominal_droop
+from mdms_host.motion.program import GoalProgram
 
 LAYOUT = Layout(12, 3)
 LEFT, RIGHT = Parcel("left", 0.36, 0.30), Parcel("right", 0.30, 0.30)
@@ -49,16 +49,3 @@ def test_a_program_is_finished_when_all_parcels_have_arrived() -> None:
     for _ in range(50):
         steered.references_m_s({**POSES, "right": np.array([0.2, 0.0, 0.0])}, 0.01)
     assert steered.finished
-
-
-@pytest.mark.parametrize(("resistance_ohm", "droop"), [(4.0, 7.087 / 9.144), (5.0, 5.669 / 7.325)])
-def test_droop_is_a_over_b_of_the_paper(resistance_ohm: float, droop: float) -> None:
-    told = nominal_droop(
-        gain_vs_per_m=10.0,
-        torque_constant_nm_per_a=0.024,
-        gear_ratio=3.0,
-        wheel_radius_m=0.0254,
-        resistance_ohm=resistance_ohm,
-        damping_nms=3.5e-6,
-    )
-    assert told == pytest.approx(droop, abs=1e-4)

@@ -1,57 +1,138 @@
-"""The cache of compiled code, as several processes use it at once."""
+"""Compiled functions: kept between processes, renewed with their sources, plain without numba."""
 
-import numba
+import fcntl
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from mdms_model.compiled import CacheFile, compiled, for_types_of
+from mdms_model import compiled as module
+from mdms_model.compiled import COMPILING, compiled, for_types_of
+
+needs_numba = pytest.mark.skipif(not COMPILING, reason="nothing is compiled")
+
+INNER = """
+from mdms_model.compiled import compiled
+
+@compiled
+def one(x):
+    return x * {factor}
+"""
+OUTER = """
+from mdms_model.compiled import compiled
+from mdms_probe_inner import one
+
+@compiled
+def twice(x):
+    return 2 * one(x)
+"""
+MAIN = """
+import sys
+from mdms_probe_outer import twice
+print([twice(eval(text)) for text in sys.argv[1:]])
+print(sum(twice.stats.cache_misses.values()), "compiled")
+"""
 
 
-def cache(path, version):
-    return CacheFile(str(path), "module.function-1.py311", version)
+@pytest.fixture
+def probe(tmp_path):
+    """Two modules, one of which calls the other, and processes that run them."""
+    (tmp_path / "mdms_probe_inner.py").write_text(INNER.format(factor=1))
+    (tmp_path / "mdms_probe_outer.py").write_text(OUTER)
+    environment = os.environ | {
+        "PYTHONPATH": str(tmp_path),
+        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+    }
+
+    def start(*arguments):
+        return subprocess.Popen(
+            [sys.executable, "-c", MAIN, *arguments],
+            env=environment,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    return start
 
 
-def test_what_was_saved_is_found_by_others(tmp_path):
-    cache(tmp_path, "new").save("int", "code of int")
-    cache(tmp_path, "new").save("float", "code of float")
-    assert cache(tmp_path, "new").load("int") == "code of int"
-    assert cache(tmp_path, "new").load("float") == "code of float"
-    assert cache(tmp_path, "old").load("int") is None
+def said(process):
+    output, _ = process.communicate(timeout=120)
+    assert process.returncode == 0
+    return output.splitlines()[-2:]
 
 
-def test_a_reader_never_finds_code_of_another_version_however_a_writer_is_overtaken(tmp_path):
-    cache(tmp_path, "old").save("int", "old code")
-    writer, found = cache(tmp_path, "new"), []
-
-    def overtaken(step):
-        def slow(*arguments):
-            found.append(cache(tmp_path, "new").load("int"))
-            step(*arguments)
-            found.append(cache(tmp_path, "new").load("int"))
-
-        return slow
-
-    writer._save_index = overtaken(writer._save_index)
-    writer._save_data = overtaken(writer._save_data)
-    writer.save("int", "new code")
-    assert found == [None, None, None, "new code"]
+@needs_numba
+def test_nothing_is_compiled_twice(probe):
+    assert said(probe("1", "2.5")) == ["[2, 5.0]", "2 compiled"]
+    assert said(probe("1", "2.5")) == ["[2, 5.0]", "0 compiled"]
 
 
-def test_two_signatures_that_are_saved_at_once_do_not_change_places(tmp_path):
-    one, other = cache(tmp_path, "new"), cache(tmp_path, "new")
-    step = one._save_index
-    one._save_index = lambda listed: (other.save("float", "code of float"), step(listed))
-    one.save("int", "code of int")
-    # What one of them did not know of is compiled again.
-    assert cache(tmp_path, "new").load("int") in (None, "code of int")
-    assert cache(tmp_path, "new").load("float") in (None, "code of float")
+@needs_numba
+def test_a_change_in_another_module_is_noticed(probe, tmp_path):
+    assert said(probe("1")) == ["[2]", "1 compiled"]
+    (tmp_path / "mdms_probe_inner.py").write_text(INNER.format(factor=5))
+    assert said(probe("1")) == ["[10]", "1 compiled"]
 
 
-def test_files_of_an_older_version_do_not_pile_up(tmp_path):
-    for version in range(5):
-        for key in ("int", "float"):
-            cache(tmp_path, version).save(key, "code")
-    assert len(list(tmp_path.glob("*.nbc"))) == 2
+@needs_numba
+def test_processes_compile_one_after_the_other(probe, tmp_path):
+    (tmp_path / "cache").mkdir()
+    with (tmp_path / "cache" / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        one, other = probe("1"), probe("2.5")
+        with pytest.raises(subprocess.TimeoutExpired):
+            one.wait(1.0)
+        assert not list((tmp_path / "cache").rglob("*.nb?"))
+    assert said(one) == ["[2]", "1 compiled"]
+    assert said(other) == ["[5.0]", "1 compiled"]
+    assert said(probe("1", "2.5")) == ["[2, 5.0]", "0 compiled"]
+
+
+@needs_numba
+def test_code_of_older_sources_goes_when_it_is_not_used_any_more(probe, tmp_path):
+    said(probe("1"))
+    (old,) = (tmp_path / "cache").glob("mdms_probe_outer-*")
+    os.utime(old, (old.stat().st_mtime - module.KEPT_S - 60,) * 2)
+    (tmp_path / "mdms_probe_inner.py").write_text(INNER.format(factor=5))
+    said(probe("1"))
+    (new,) = (tmp_path / "cache").glob("mdms_probe_outer-*")
+    assert new != old
+
+
+LOADS = """
+import json, sys
+if sys.argv[1] == "plain":
+    sys.modules["numba"] = None
+import numpy as np
+from mdms_model.compiled import COMPILING
+from mdms_model.limits import parcel_limits
+from mdms_model.normal_bounds import centred_normal_n
+from mdms_model.scenario.file import load_scenario
+from mdms_model.supports import press
+assert COMPILING == (sys.argv[1] == "compiled")
+box = load_scenario("array18", ["parcel.0.centre_of_mass_m=[0.02, 0.01]"])
+row = load_scenario("paper-fig7", ["parcel.0.centre_of_mass_m=[0.02, 0.0]"])
+loads = np.zeros(9)
+press(np.random.default_rng(1).uniform(-0.2, 0.3, (9, 2)), 20.0, loads)
+found = parcel_limits(row, row.parcel[0])
+print(json.dumps([*loads, centred_normal_n(box, box.parcel[0]), found.supports_max,
+                  found.normal_min_n, found.normal_max_n]))
+"""
+
+
+@needs_numba
+def test_the_model_gives_the_same_without_numba():
+    def loads(how):
+        done = subprocess.run(
+            [sys.executable, "-c", LOADS, how], capture_output=True, text=True, check=True
+        )
+        return json.loads(done.stdout)
+
+    assert loads("plain") == pytest.approx(loads("compiled"), rel=1e-12)
 
 
 @compiled
@@ -67,7 +148,15 @@ def test_code_for_given_types_gives_what_the_function_gives():
     assert quick(np.array([1.0, 2.0, 3.5])) == total(np.array([1.0, 2.0, 3.5])) == 6.5
 
 
-@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+@needs_numba
 def test_code_for_given_types_refuses_others():
     with pytest.raises(TypeError):
         for_types_of(total, np.zeros(3))([1.0, 2.0])
+
+
+def test_a_module_depends_on_all_that_it_imports_of_ours():
+    import mdms_sim.nodes.python_bank
+
+    found = module.closure(mdms_sim.nodes.python_bank.__name__)
+    assert {"mdms_cell.drive.speed_loop", "mdms_sim.bus.controller"} <= found
+    assert all(Path(sys.modules[each].__file__).is_file() for each in found)

@@ -32,12 +32,12 @@ def rigid_speed(world, twist, about=(0.0, 0.0)):
 
 def throw(world, *twists):
     """Gives every parcel a twist."""
-    for body, twist in zip(world.scene.parcels, twists, strict=True):
+    for body, twist in zip(world.scene.state.parcels, twists, strict=True):
         body["vx_m_s"], body["vy_m_s"], body["yaw_rate_rad_s"] = twist
 
 
 def kinetic_j(world):
-    bodies = world.scene.parcels
+    bodies, constants = world.scene.state.parcels, world.scene.model.parcels
     speed2 = bodies["vx_m_s"] ** 2 + bodies["vy_m_s"] ** 2
-    turning = bodies["inertia_kg_m2"] * bodies["yaw_rate_rad_s"] ** 2
-    return 0.5 * (bodies["mass_kg"] * speed2 + turning).sum()
+    turning = constants["inertia_kg_m2"] * bodies["yaw_rate_rad_s"] ** 2
+    return 0.5 * (constants["mass_kg"] * speed2 + turning).sum()

@@ -3,43 +3,31 @@
 import json
 from argparse import Namespace
 from math import isnan
-from typing import TYPE_CHECKING
 
-from mdms_host.cli.array.bus import add_bus, open_link
+from mdms_host.cli.array.bus import open_link
 from mdms_host.cli.console import say
-from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.options import Verbs, add_json, add_overrides
-from mdms_host.cli.scenario.inputs import open_program
+from mdms_host.cli.exits import INTERRUPTED, CommandError, Exit
+from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
+from mdms_host.cli.scenario.gain import open_program
+from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.coordination.operation import Ending, Operation, operate
+from mdms_model.scenario.scenario import Scenario
 
-if TYPE_CHECKING:
-    from mdms_host.coordination.coordinator import Coordinator
-    from mdms_host.coordination.operation import Operation
-    from mdms_model.scenario.scenario import Scenario
-
-INTERRUPTED = 130
-
-
-def add_to(verbs: Verbs) -> None:
-    """Register the verb."""
-    parser = verbs.add_parser("run", help="run a program on a real or served array", late=add_bus)
-    parser.add_argument(
-        "program", metavar="PROGRAM", help="a scenario: its array, its parcels, its motion"
-    )
-    add_overrides(parser)
-    parser.add_argument("--limit", metavar="SECONDS", type=float, help="give up after so long")
-    add_json(parser)
-    parser.set_defaults(run=run)
+#: How the command ends by how the run has.
+EXITS = {
+    Ending.DONE: Exit.OK,
+    Ending.TIME_LIMIT: Exit.TIME_LIMIT,
+    Ending.FAULT: Exit.NODE_FAULT,
+    Ending.NO_CELLS: Exit.NO_DEVICE,
+}
 
 
 def run(arguments: Namespace) -> int:
-    """Bring the array up, run the program, turn everything off, and tell how it went."""
+    """Bring the array up, run the program, turn everything off, and report how it went."""
     scenario = open_program(arguments.program, [*arguments.overrides, "run.fidelity=firmware"])
-    from mdms_host.cli.scenario.coordination import coordinator_of
-    from mdms_host.coordination.operation import operate
-
     coordinator = coordinator_of(scenario)
     with open_link(arguments) as (link, clock):
-        operation = operate(coordinator, link, clock, arguments.limit, _tell)
+        operation = operate(coordinator, link, clock, arguments.limit, _print_event)
     if arguments.json:
         print(json.dumps(_figures(scenario, coordinator, operation)))
     else:
@@ -47,15 +35,13 @@ def run(arguments: Namespace) -> int:
     return _verdict(operation)
 
 
-def _tell(time_s: float, text: str) -> None:
+def _print_event(time_s: float, text: str) -> None:
     say(f"{time_s:8.3f} s  {text}")
 
 
 def _figures(
-    scenario: "Scenario", coordinator: "Coordinator", operation: "Operation"
+    scenario: Scenario, coordinator: Coordinator, operation: Operation
 ) -> dict[str, object]:
-    from mdms_host.cli.scenario.coordination import estimates_of
-
     names = ("x_m", "y_m", "yaw_rad")
     parcels = [
         {"name": parcel.name, "estimate": dict(zip(names, belief.tolist(), strict=True))}
@@ -71,17 +57,10 @@ def _figures(
     }
 
 
-def _verdict(operation: "Operation") -> int:
-    from mdms_host.coordination.operation import Ending
-
+def _verdict(operation: Operation) -> int:
     if operation.ending is Ending.INTERRUPTED:
         return INTERRUPTED
-    code = {
-        Ending.DONE: Exit.OK,
-        Ending.TIME_LIMIT: Exit.TIME_LIMIT,
-        Ending.FAULT: Exit.NODE_FAULT,
-        Ending.NO_CELLS: Exit.NO_DEVICE,
-    }[operation.ending]
+    code = EXITS[operation.ending]
     if code is not Exit.OK:
         raise CommandError(operation.fault or "the time limit has passed", code)
     return code

@@ -3,29 +3,31 @@
 import json
 from argparse import Namespace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from mdms_host.cli.array.bus import NOBODY
-from mdms_host.cli.configure.cells import open_commissioning, refusing_bad_input
+from mdms_host.cli.array.bus import NO_NODES
+from mdms_host.cli.configure.cells import open_commissioning
 from mdms_host.cli.exits import CommandError, Exit
-
-if TYPE_CHECKING:
-    from mdms_host.commissioning.network import Commissioning
-    from mdms_host.commissioning.node_ids import Assignment
+from mdms_host.commissioning.array_file import read_array_file
+from mdms_host.commissioning.cell_settings import identify_cells
+from mdms_host.commissioning.network import Commissioning
+from mdms_host.commissioning.node_ids import (
+    Assignment,
+    assign_by_serial,
+    assign_in_order,
+    carry_out,
+)
 
 
 def run(arguments: Namespace) -> Exit:
-    """Find blank cells, tell who gets which node id, and give it."""
-    from mdms_host.commissioning.node_ids import carry_out
-
+    """Find blank cells, print which gets which node id, and give it."""
     wanted = None if arguments.file is None else _node_ids(arguments.file)
     with open_commissioning(arguments) as commissioning:
         moves = _plan(commissioning, wanted, arguments.first)
         if arguments.dry_run:
             for move in moves:
-                _tell(move, arguments)
+                _report(move, arguments)
         else:
-            carry_out(commissioning, moves, lambda move: _tell(move, arguments))
+            carry_out(commissioning, moves, lambda move: _report(move, arguments))
     if arguments.json:
         print(json.dumps({"cells": [_row(move) for move in moves]}))
     elif not moves:
@@ -36,34 +38,28 @@ def run(arguments: Namespace) -> Exit:
 
 
 def _node_ids(file: Path) -> dict[int, int]:
-    """Node ids of a file by serial number. Raises `CommandError` (bad input)."""
-    from mdms_host.commissioning.array_file import read_array_file
-
-    with refusing_bad_input():
-        return {cell.serial: cell.node_id for cell in read_array_file(file)}
+    """Node ids of a file by serial number. Raises ArrayFileError."""
+    return {cell.serial: cell.node_id for cell in read_array_file(file)}
 
 
 def _plan(
-    commissioning: "Commissioning", wanted: dict[int, int] | None, first: int
-) -> "list[Assignment]":
-    from mdms_host.commissioning.cell_settings import identify_cells
-    from mdms_host.commissioning.node_ids import assign_by_serial, assign_in_order
-
+    commissioning: Commissioning, wanted: dict[int, int] | None, first: int
+) -> list[Assignment]:
     found, blank = commissioning.find(), commissioning.lss.find_blank()
     if not found and not blank:
-        raise CommandError(NOBODY, Exit.NO_DEVICE)
+        raise CommandError(NO_NODES, Exit.NO_DEVICE)
     if wanted is None:
         return assign_in_order(blank, found, first)
     return assign_by_serial(wanted, blank, identify_cells(commissioning, found), found)
 
 
-def _tell(move: "Assignment", arguments: Namespace) -> None:
+def _report(move: Assignment, arguments: Namespace) -> None:
     if not arguments.json:
         was = "blank" if move.before is None else f"node {move.before}"
         print(f"{move.address.serial:08X}: {was} -> node {move.node_id}", flush=True)
 
 
-def _row(move: "Assignment") -> dict[str, object]:
+def _row(move: Assignment) -> dict[str, object]:
     return {
         "serial": f"{move.address.serial:08X}",
         "before": move.before,

@@ -1,68 +1,40 @@
-"""What the actions of `mdms configure` share: cells to talk to, consent, errors with exit codes."""
+"""What the actions of `mdms configure` share: the cells on the bus, consent, changes in words."""
 
 import sys
 from argparse import Namespace
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Sequence
 
-from mdms_host.cli.array.bus import NOBODY, telling_of_no_bus
+from mdms_host.can_link.link import open_bus
+from mdms_host.cli.array.bus import NO_NODES
 from mdms_host.cli.configure.options import nodes_of
 from mdms_host.cli.console import progress, say
 from mdms_host.cli.exits import CommandError, Exit
-
-if TYPE_CHECKING:
-    from mdms_host.commissioning.cell_settings import CellSettings, Change
-    from mdms_host.commissioning.network import Commissioning
-    from mdms_host.commissioning.parameters import Parameter
+from mdms_host.clock import MonotonicClock
+from mdms_host.commissioning.cell_settings import (
+    CellSettings,
+    Change,
+    StrangerError,
+    apply_changes,
+    read_settings,
+)
+from mdms_host.commissioning.network import Commissioning, CommissioningError
+from mdms_host.commissioning.parameters import Parameter
 
 BLANK = "no cell has a node id yet, but blank ones are there: mdms configure assign"
 
 
-@contextmanager
-def refusing_bad_input() -> Iterator[None]:
-    """Turns bad names, values and files into a `CommandError` (bad input)."""
-    from mdms_host.commissioning.array_file import ArrayFileError
-    from mdms_host.commissioning.parameters import ParameterError
-
-    try:
-        yield
-    except (ParameterError, ArrayFileError) as error:
-        raise CommandError(str(error), Exit.USAGE) from None
-
-
-@contextmanager
-def open_commissioning(arguments: Namespace) -> "Iterator[Commissioning]":
-    """The cells on the bus that the options tell of; what fails on it raises `CommandError`."""
-    from mdms_host.can_link.link import open_bus
-    from mdms_host.clock import MonotonicClock
-    from mdms_host.commissioning.lss_master import LssError
-    from mdms_host.commissioning.network import Commissioning, CommissioningError, SilentError
-    from mdms_host.commissioning.node_ids import AssigningError
-
-    try:
-        with (
-            telling_of_no_bus(),
-            Commissioning(open_bus(arguments), MonotonicClock()) as commissioning,
-        ):
-            yield commissioning
-    except SilentError as error:
-        raise CommandError(str(error), Exit.NO_DEVICE) from None
-    except (CommissioningError, LssError) as error:
-        raise CommandError(str(error), Exit.NODE_FAULT) from None
-    except AssigningError as error:
-        raise CommandError(str(error), Exit.FAILURE) from None
+def open_commissioning(arguments: Namespace) -> Commissioning:
+    """The cells on the bus that the options name. Raises NoBusError."""
+    return Commissioning(open_bus(arguments), MonotonicClock())
 
 
 def read_cells(
-    commissioning: "Commissioning", arguments: Namespace, parameters: "Sequence[Parameter]"
-) -> "list[CellSettings]":
+    commissioning: Commissioning, arguments: Namespace, parameters: Sequence[Parameter]
+) -> list[CellSettings]:
     """The cells that `--node` names, and their settings. Raises `CommandError` for absent ones.
 
-    Without `--node`, whoever is no cell is left alone.
+    Without `--node`, nodes that are no cells are left alone.
     """
-    from mdms_host.commissioning.cell_settings import StrangerError, read_settings
-
     wanted = nodes_of(arguments.nodes)
     node_ids = _present(commissioning, wanted)
     cells = []
@@ -81,16 +53,13 @@ def read_cells(
 
 
 def write_cells(
-    commissioning: "Commissioning",
-    changes: "Sequence[Change]",
+    commissioning: Commissioning,
+    changes: Sequence[Change],
     node_ids: Iterable[int],
     *,
     save: bool,
 ) -> None:
-    """Write, read back, and store if that is wanted; errors tell how far it got."""
-    from mdms_host.commissioning.cell_settings import apply_changes
-    from mdms_host.commissioning.network import CommissioningError
-
+    """Write, read back, and store if that is wanted; an error is preceded by how far it got."""
     done = 0.0
 
     with progress("writing") as share:
@@ -110,7 +79,7 @@ def write_cells(
             commissioning.store(node_id)
 
 
-def show_changes(changes: "Iterable[Change]") -> None:
+def show_changes(changes: Iterable[Change]) -> None:
     """One line for each change that cells have in common."""
     grouped: dict[tuple[Parameter, int, int], list[int]] = {}
     for change in changes:
@@ -122,7 +91,7 @@ def show_changes(changes: "Iterable[Change]") -> None:
 
 
 def agreed(arguments: Namespace, question: str) -> bool:
-    """Whether to go on: `--yes`, or a person says so. Raises `CommandError` with nobody to ask."""
+    """Whether to go on: `--yes`, or the answer on a terminal. Raises `CommandError` without one."""
     if arguments.yes:
         return True
     if not sys.stdin.isatty():
@@ -142,15 +111,15 @@ def ranges(numbers: Iterable[int]) -> str:
     return ", ".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)
 
 
-def _present(commissioning: "Commissioning", wanted: list[int] | None) -> list[int]:
+def _present(commissioning: Commissioning, wanted: list[int] | None) -> list[int]:
     found = commissioning.find()
     if wanted is None:
         if not found:
-            blank = commissioning.lss.anyone_blank()
-            raise CommandError(BLANK if blank else NOBODY, Exit.NO_DEVICE)
+            blank = commissioning.lss.any_blank()
+            raise CommandError(BLANK if blank else NO_NODES, Exit.NO_DEVICE)
         return found
     absent = sorted(set(wanted) - set(found))
     if absent:
-        there = f"on the bus: {ranges(found)}" if found else NOBODY
+        there = f"on the bus: {ranges(found)}" if found else NO_NODES
         raise CommandError(f"node {ranges(absent)} does not answer; {there}", Exit.NO_DEVICE)
     return wanted

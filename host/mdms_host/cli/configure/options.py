@@ -1,30 +1,19 @@
-"""`mdms configure`: node ids and settings of cells over the bus."""
+"""`mdms configure`: its actions, and their options."""
 
 from argparse import ArgumentParser, ArgumentTypeError
 from pathlib import Path
 
-from mdms_host.cli.array.bus import add_bus
-from mdms_host.cli.options import Verbs, add_json
+from mdms_host.cli.options import add_json
+from mdms_host.cli.parser import Verb
+from mdms_protocol.cob import NODE_MAX, NODE_MIN
 
-NODE_MIN, NODE_MAX = 1, 127
 ALL = "all"
 EPILOG = """\
 A setting goes by its name (axis1.gain, or gain for all axes) or its object (0x2000:0); its value is
 in SI units. `mdms configure show` lists them all.
 """
-
-
-def add_to(verbs: Verbs) -> None:
-    """Register the verb and what it can do."""
-    parser = verbs.add_parser(
-        "configure", help="node ids and settings of cells over the bus", epilog=EPILOG
-    )
-    actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
-    _add_show(actions)
-    _add_set(actions)
-    _add_assign(actions)
-    _add_files(actions)
-    _add_restore(actions)
+_HERE = "mdms_host.cli.configure"
+_BUS = "mdms_host.cli.array.bus:add_bus"
 
 
 def nodes_of(texts: list[list[int] | str]) -> list[int] | None:
@@ -34,31 +23,24 @@ def nodes_of(texts: list[list[int] | str]) -> list[int] | None:
     return sorted({node_id for some in texts for node_id in some if isinstance(node_id, int)})
 
 
-def _add_show(actions: Verbs) -> None:
-    parser = actions.add_parser(
-        "show", help="settings of cells, and where they differ", late=add_bus
-    )
+def _add_show(parser: ArgumentParser) -> None:
     parser.add_argument("names", metavar="KEY", nargs="*", help="only these settings")
     _add_nodes(parser)
     parser.add_argument(
         "--wiring", action="store_true", help="also which frames carry what (PDOs, identifiers)"
     )
     add_json(parser)
-    parser.set_defaults(run=lambda arguments: _run("show", arguments))
 
 
-def _add_set(actions: Verbs) -> None:
-    parser = actions.add_parser("set", help="change settings, and verify them", late=add_bus)
+def _add_set(parser: ArgumentParser) -> None:
     parser.add_argument("assignments", metavar="KEY=VALUE", nargs="+", help="as in gain=10")
     _add_nodes(parser)
     _add_save(parser)
     _add_motors(parser)
     add_json(parser)
-    parser.set_defaults(run=lambda arguments: _run("set", arguments))
 
 
-def _add_assign(actions: Verbs) -> None:
-    parser = actions.add_parser("assign", help="give cells their node ids by LSS", late=add_bus)
+def _add_assign(parser: ArgumentParser) -> None:
     which = parser.add_mutually_exclusive_group()
     which.add_argument(
         "--first",
@@ -76,32 +58,24 @@ def _add_assign(actions: Verbs) -> None:
     )
     parser.add_argument("--dry-run", action="store_true", help="only tell what would be done")
     add_json(parser)
-    parser.set_defaults(run=lambda arguments: _run("assign", arguments))
 
 
-def _add_files(actions: Verbs) -> None:
-    dump = actions.add_parser("dump", help="write all settings of an array to a file", late=add_bus)
-    dump.add_argument("file", metavar="FILE", type=Path, help="a TOML file, or - for stdout")
-    _add_nodes(dump)
-    dump.set_defaults(run=lambda arguments: _run("dump", arguments))
-    load = actions.add_parser(
-        "load", help="restore settings from a file, to cells by serial number", late=add_bus
-    )
-    load.add_argument("file", metavar="FILE", type=Path, help="a file that `dump` has written")
-    _add_nodes(load)
-    _add_save(load)
-    _add_motors(load)
-    _add_consent(load)
-    load.set_defaults(run=lambda arguments: _run("load", arguments))
+def _add_dump(parser: ArgumentParser) -> None:
+    parser.add_argument("file", metavar="FILE", type=Path, help="a TOML file, or - for stdout")
+    _add_nodes(parser)
 
 
-def _add_restore(actions: Verbs) -> None:
-    parser = actions.add_parser(
-        "restore-defaults", help="forget all stored settings but the node id", late=add_bus
-    )
+def _add_load(parser: ArgumentParser) -> None:
+    parser.add_argument("file", metavar="FILE", type=Path, help="a file that `dump` has written")
+    _add_nodes(parser)
+    _add_save(parser)
+    _add_motors(parser)
+    _add_consent(parser)
+
+
+def _add_restore(parser: ArgumentParser) -> None:
     _add_nodes(parser)
     _add_consent(parser)
-    parser.set_defaults(run=lambda arguments: _run("restore", arguments))
 
 
 def _add_nodes(parser: ArgumentParser) -> None:
@@ -136,13 +110,6 @@ def _add_consent(parser: ArgumentParser) -> None:
     parser.add_argument("--yes", action="store_true", help="do not ask")
 
 
-def _run(module: str, arguments: object) -> int:
-    """What an action does lies in a module of its own, read when it is needed."""
-    from importlib import import_module
-
-    return int(import_module(f"mdms_host.cli.configure.{module}").run(arguments))
-
-
 def _nodes(text: str) -> list[int] | str:
     if text == ALL:
         return ALL
@@ -157,3 +124,54 @@ def _node(text: str) -> int:
     if not text.isdecimal() or not NODE_MIN <= int(text) <= NODE_MAX:
         raise ArgumentTypeError(f"{text!r} is no node id, {NODE_MIN} to {NODE_MAX}")
     return int(text)
+
+
+CONFIGURE = Verb(
+    "configure",
+    "node ids and settings of cells over the bus",
+    epilog=EPILOG,
+    actions=(
+        Verb(
+            "show",
+            "settings of cells, and where they differ",
+            f"{_HERE}.show:run",
+            _add_show,
+            late_options=_BUS,
+        ),
+        Verb(
+            "set",
+            "change settings, and verify them",
+            f"{_HERE}.set:run",
+            _add_set,
+            late_options=_BUS,
+        ),
+        Verb(
+            "assign",
+            "give cells their node ids by LSS",
+            f"{_HERE}.assign:run",
+            _add_assign,
+            late_options=_BUS,
+        ),
+        Verb(
+            "dump",
+            "write all settings of an array to a file",
+            f"{_HERE}.files:dump",
+            _add_dump,
+            late_options=_BUS,
+        ),
+        Verb(
+            "load",
+            "restore settings from a file, to cells by serial number",
+            f"{_HERE}.files:load",
+            _add_load,
+            late_options=_BUS,
+        ),
+        Verb(
+            "restore-defaults",
+            "forget all stored settings but the node id",
+            f"{_HERE}.restore:run",
+            _add_restore,
+            late_options=_BUS,
+        ),
+    ),
+)

@@ -1,4 +1,4 @@
-"""`mdms configure restore-defaults`: cells forget their settings, but not their node ids."""
+"""`mdms configure restore-defaults`: cells return to their defaults, but keep their node ids."""
 
 from argparse import Namespace
 
@@ -10,12 +10,11 @@ from mdms_host.cli.configure.cells import (
     show_changes,
 )
 from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.commissioning.parameters import PARAMETERS, WIRING
 
 
 def run(arguments: Namespace) -> Exit:
     """Show what is not at its default; when that is agreed, restore, restart, and verify."""
-    from mdms_host.commissioning.parameters import PARAMETERS, WIRING
-
     every = (*PARAMETERS, *WIRING)
     with open_commissioning(arguments) as commissioning:
         cells = read_cells(commissioning, arguments, every)
@@ -36,7 +35,7 @@ def run(arguments: Namespace) -> Exit:
         for change in changes:
             found = commissioning.read(change.node_id, *change.parameter.place)
             if found != change.after:
-                told = f"node {change.node_id}, {change.parameter.name}"
-                raise CommandError(f"{told} is not at its default", Exit.NODE_FAULT)
+                what = f"node {change.node_id}, {change.parameter.name}"
+                raise CommandError(f"{what} is not at its default", Exit.NODE_FAULT)
     print(f"defaults restored and verified on node {ranges(node_ids)}")
     return Exit.OK

@@ -3,23 +3,21 @@
 import json
 from argparse import Namespace
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 from mdms_host.cli.configure.cells import (
     open_commissioning,
     ranges,
     read_cells,
-    refusing_bad_input,
     show_changes,
     write_cells,
 )
 from mdms_host.cli.console import say
 from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.scenario.inputs import open_scenario
-
-if TYPE_CHECKING:
-    from mdms_host.commissioning.cell_settings import CellSettings, Change
-    from mdms_host.commissioning.parameters import Parameter
+from mdms_host.cli.scenario.gain import motor_of
+from mdms_host.commissioning.cell_settings import CellSettings, Change
+from mdms_host.commissioning.loop_margin import GainError, Observer, check_gain
+from mdms_host.commissioning.parameters import BY_NAME, Parameter, parse_assignments
+from mdms_model.scenario.file import load_scenario
 
 #: What the speed loop's margin depends on, by axis.
 LOOPS = tuple(
@@ -30,7 +28,7 @@ LOOPS = tuple(
 
 def run(arguments: Namespace) -> Exit:
     """Change settings."""
-    wanted = _wanted(arguments.assignments)
+    wanted = parse_assignments(arguments.assignments)
     with open_commissioning(arguments) as commissioning:
         cells = read_cells(commissioning, arguments, to_read(wanted))
         check_margins(arguments.scenario, cells, [wanted] * len(cells))
@@ -48,16 +46,14 @@ def run(arguments: Namespace) -> Exit:
 
 def check_margins(
     scenario: str,
-    cells: "Sequence[CellSettings]",
-    wanted: "Sequence[Mapping[Parameter, int]]",
+    cells: Sequence[CellSettings],
+    wanted: Sequence[Mapping[Parameter, int]],
 ) -> None:
     """Raises `CommandError` (bad input) for settings that leave a speed loop no margin.
 
     `wanted` has what each cell is to be given; only loops that it changes are looked at, with the
     motor of the scenario.
     """
-    from mdms_host.commissioning.parameters import BY_NAME
-
     loops = {
         tuple(node.after[each] for each in loop)
         for node in map(_After, cells, wanted)
@@ -71,20 +67,16 @@ def check_margins(
 class _After:
     """A cell's settings as they will be."""
 
-    def __init__(self, cell: "CellSettings", wanted: "Mapping[Parameter, int]") -> None:
+    def __init__(self, cell: CellSettings, wanted: Mapping[Parameter, int]) -> None:
         self._before = cell.values
         self.after = {**cell.values, **wanted}
 
-    def changes(self, parameter: "Parameter") -> bool:
+    def changes(self, parameter: Parameter) -> bool:
         return self.after.get(parameter) != self._before.get(parameter)
 
 
 def _check_loops(scenario: str, loops: set[tuple[int, ...]]) -> None:
-    from mdms_host.cli.scenario.gain import motor_of
-    from mdms_host.commissioning.loop_margin import GainError, Observer, check_gain
-    from mdms_host.commissioning.parameters import BY_NAME
-
-    motor = motor_of(open_scenario(scenario, ()).cell)
+    motor = motor_of(load_scenario(scenario).cell)
     if motor.mass_kg == 0.0:
         say(f"mdms: the motors of {scenario} have no inertia, so no gain is too large for them")
         return
@@ -104,17 +96,8 @@ def _check_loops(scenario: str, loops: set[tuple[int, ...]]) -> None:
             ) from None
 
 
-def _wanted(assignments: Sequence[str]) -> "Mapping[Parameter, int]":
-    from mdms_host.commissioning.parameters import parse_assignments
-
-    with refusing_bad_input():
-        return parse_assignments(assignments)
-
-
-def to_read(wanted: "Mapping[Parameter, int]") -> "list[Parameter]":
+def to_read(wanted: Mapping[Parameter, int]) -> list[Parameter]:
     """What is to be changed, and what the margin of its speed loop depends on besides."""
-    from mdms_host.commissioning.parameters import BY_NAME
-
     needed = dict.fromkeys(wanted)
     for names in LOOPS:
         if any(BY_NAME[name] in wanted for name in names):
@@ -122,7 +105,7 @@ def to_read(wanted: "Mapping[Parameter, int]") -> "list[Parameter]":
     return list(needed)
 
 
-def _change(change: "Change") -> dict[str, object]:
+def _change(change: Change) -> dict[str, object]:
     parameter = change.parameter
     return {
         "node": change.node_id,
@@ -132,6 +115,6 @@ def _change(change: "Change") -> dict[str, object]:
     }
 
 
-def _verdict(changes: "Sequence[Change]", node_ids: Sequence[int], *, saved: bool) -> str:
+def _verdict(changes: Sequence[Change], node_ids: Sequence[int], *, saved: bool) -> str:
     done = f"{len(changes)} settings written and verified" if changes else "nothing to change"
     return f"{done}; stored on node {ranges(node_ids)}" if saved else done

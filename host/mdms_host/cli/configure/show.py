@@ -2,24 +2,15 @@
 
 import json
 from argparse import Namespace
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
-from mdms_host.cli.configure.cells import (
-    open_commissioning,
-    ranges,
-    read_cells,
-    refusing_bad_input,
-)
+from rich.table import Table
+
+from mdms_host.cli.configure.cells import open_commissioning, ranges, read_cells
 from mdms_host.cli.console import say, show
 from mdms_host.cli.exits import Exit
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from rich.table import Table
-
-    from mdms_host.commissioning.cell_settings import CellSettings
-    from mdms_host.commissioning.parameters import Parameter
+from mdms_host.commissioning.cell_settings import CellSettings
+from mdms_host.commissioning.parameters import PARAMETERS, WIRING, Parameter, find_parameters
 
 LEGEND = "* not the default   ! cells differ"
 
@@ -37,24 +28,19 @@ def run(arguments: Namespace) -> Exit:
     return Exit.OK
 
 
-def _parameters(arguments: Namespace) -> "list[Parameter]":
-    from mdms_host.commissioning.parameters import PARAMETERS, WIRING, find_parameters
-
-    with refusing_bad_input():
-        named = [each for name in arguments.names for each in find_parameters(name)]
+def _parameters(arguments: Namespace) -> list[Parameter]:
+    named = [each for name in arguments.names for each in find_parameters(name)]
     return named or [*PARAMETERS, *(WIRING if arguments.wiring else ())]
 
 
-def _document(
-    parameters: "Sequence[Parameter]", cells: "Sequence[CellSettings]"
-) -> dict[str, object]:
+def _document(parameters: Sequence[Parameter], cells: Sequence[CellSettings]) -> dict[str, object]:
     return {
         "cells": [{"node": cell.node_id, "serial": f"{cell.serial:08X}"} for cell in cells],
         "settings": [_row(parameter, cells) for parameter in parameters],
     }
 
 
-def _row(parameter: "Parameter", cells: "Sequence[CellSettings]") -> dict[str, object]:
+def _row(parameter: Parameter, cells: Sequence[CellSettings]) -> dict[str, object]:
     entry = parameter.entry
     return {
         "name": parameter.name,
@@ -70,9 +56,7 @@ def _row(parameter: "Parameter", cells: "Sequence[CellSettings]") -> dict[str, o
     }
 
 
-def _table(parameters: "Sequence[Parameter]", cells: "Sequence[CellSettings]") -> "Table":
-    from rich.table import Table
-
+def _table(parameters: Sequence[Parameter], cells: Sequence[CellSettings]) -> Table:
     nodes = ranges(cell.node_id for cell in cells)
     table = Table("setting", "object", "", f"node {nodes}", "unit", "default", "limits")
     for parameter in parameters:
@@ -94,7 +78,7 @@ def _table(parameters: "Sequence[Parameter]", cells: "Sequence[CellSettings]") -
     return table
 
 
-def _values(parameter: "Parameter", cells: "Sequence[CellSettings]") -> str:
+def _values(parameter: Parameter, cells: Sequence[CellSettings]) -> str:
     """The value if all cells have the same, else each with the nodes that have it."""
     nodes_by_value: dict[str, list[int]] = {}
     for cell in cells:
@@ -105,11 +89,11 @@ def _values(parameter: "Parameter", cells: "Sequence[CellSettings]") -> str:
     return "\n".join(f"{text} ({ranges(nodes)})" for text, nodes in nodes_by_value.items())
 
 
-def _changed(parameter: "Parameter", cell: "CellSettings") -> bool:
+def _changed(parameter: Parameter, cell: CellSettings) -> bool:
     return cell.values[parameter] != parameter.default(cell.node_id)
 
 
-def _differ(parameter: "Parameter", cells: "Sequence[CellSettings]") -> bool:
+def _differ(parameter: Parameter, cells: Sequence[CellSettings]) -> bool:
     """Whether cells differ from each other, not counting what comes from their node ids."""
     offsets = {cell.values[parameter] - parameter.default(cell.node_id) for cell in cells}
     return len(offsets) > 1

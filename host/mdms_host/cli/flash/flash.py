@@ -1,7 +1,7 @@
 """`mdms flash`: firmware onto boards over USB."""
 
 import json
-from argparse import ArgumentTypeError, Namespace
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from mdms_host.cli.console import progress, say, show
 from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.options import Verbs, add_json
+from mdms_host.cli.options import add_json
 from mdms_host.flashing.board_survey import MACHINES
 
 if TYPE_CHECKING:
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 JOBS = 8
 NOBODY = (
-    "no board with MicroPython is connected over USB (firmware/README.md lists those that suit); "
-    "--port names one that is not recognised, and `mdms serve array18` starts an array without boards"
+    "no board is connected over USB (with MicroPython; firmware/README.md lists those that suit); "
+    "--port names one that is not recognised, and `mdms serve array18` starts an array without any"
 )
 EPILOG = """\
 The firmware that runs on a board is ended, which cuts its motors, and is started again at the end.
@@ -31,11 +31,9 @@ little memory for them needs a MicroPython that has them frozen in (firmware/FRE
 """
 
 
-def add_to(verbs: Verbs) -> None:
-    """Register the verb."""
-    parser = verbs.add_parser(
-        "flash", help="bring the firmware onto boards over USB", epilog=EPILOG
-    )
+def add_options(parser: ArgumentParser) -> None:
+    """Those of `flash`."""
+    parser.epilog = EPILOG
     which = parser.add_mutually_exclusive_group()
     which.add_argument(
         "--port",
@@ -57,7 +55,6 @@ def add_to(verbs: Verbs) -> None:
         "--jobs", metavar="N", type=_jobs, default=JOBS, help=f"boards at once (default {JOBS})"
     )
     add_json(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: Namespace) -> Exit:

@@ -1,4 +1,4 @@
-"""From a scenario to the host's own objects: what it believes, is told, and writes to the cells."""
+"""From a scenario to the host's own objects: array, parcels, program, settings of the cells."""
 
 from math import pi
 
@@ -12,10 +12,11 @@ from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.goal import Goal, Limits
-from mdms_host.motion.program import FieldProgram, GoalProgram, Program, nominal_droop
+from mdms_host.motion.program import FieldProgram, GoalProgram, Program
 from mdms_model import fields
 from mdms_model.array import build_wheels
 from mdms_model.arrays import Floats
+from mdms_model.motor import drive_of
 from mdms_model.scenario.scenario import Cell, Scenario
 from mdms_protocol import indices, pdo
 from mdms_protocol.dictionary import ENTRIES
@@ -26,9 +27,9 @@ UNDERVOLTAGE_V = 10.0
 
 
 def coordinator_of(scenario: Scenario) -> Coordinator:
-    """A coordinator that knows the array, the parcels' sizes and what is to be done.
+    """A coordinator with the scenario's array, sizes of parcels, and motion.
 
-    Raises `CommandError` for what the firmware cannot be told.
+    Raises `CommandError` for what does not fit the firmware.
     """
     layout, parcels = layout_of(scenario), parcels_of(scenario)
     program = _program(scenario, layout, parcels)
@@ -86,7 +87,7 @@ def _setting(index: int, meaning: str, value: float) -> Setting:
 
 
 def parcels_of(scenario: Scenario) -> tuple[Parcel, ...]:
-    """What the host is told of the parcels: size, and where each was put if there are several."""
+    """The parcels as the host gets them: size, and where each was put if there are several."""
     several = len(scenario.parcel) > 1
     return tuple(
         Parcel(
@@ -113,18 +114,7 @@ def _program(scenario: Scenario, layout: Layout, parcels: tuple[Parcel, ...]) ->
         friction=scenario.cell.friction,
         gravity_m_s2=scenario.run.gravity_m_s2,
     )
-    return GoalProgram(layout, parcels, goals, _droop(scenario.cell), limits)
-
-
-def _droop(cell: Cell) -> float:
-    return nominal_droop(
-        gain_vs_per_m=cell.gain_vs_per_m,
-        torque_constant_nm_per_a=cell.torque_constant_nm_per_a,
-        gear_ratio=cell.gear_ratio,
-        wheel_radius_m=cell.wheel_radius_m,
-        resistance_ohm=cell.resistance_ohm,
-        damping_nms=cell.damping_nms,
-    )
+    return GoalProgram(layout, parcels, goals, drive_of(scenario.cell).droop, limits)
 
 
 def references_m_s(scenario: Scenario) -> Floats:

@@ -1,24 +1,36 @@
 """The gain that a scenario gives its cells, and the largest that leaves their loop a margin."""
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from mdms_host.cli.exits import CommandError, Exit
-
-if TYPE_CHECKING:
-    from mdms_host.commissioning.loop_margin import WheelMotor
-    from mdms_model.scenario.scenario import Cell, Scenario
+from mdms_host.commissioning.loop_margin import (
+    GainError,
+    WheelMotor,
+    check_gain,
+    largest_gain,
+    observer_for,
+    phase_margin,
+)
+from mdms_model.motor import drive_of, rim_mass_kg
+from mdms_model.scenario.file import load_scenario
+from mdms_model.scenario.scenario import Cell, Scenario
 
 MASSLESS = "none, for the wheels have no inertia: the paper's law is continuous"
 
 
-def gain_limits(cell: "Cell") -> dict[str, float | None]:
+def open_program(name_or_path: str, overrides: Sequence[str]) -> Scenario:
+    """A checked scenario that cells can follow. Raises ScenarioError, `CommandError`."""
+    scenario = load_scenario(name_or_path, overrides)
+    refuse_large_gain(scenario)
+    return scenario
+
+
+def gain_limits(cell: Cell) -> dict[str, float | None]:
     """The gain [V s/m], the largest with 45 degrees of phase margin, and the gain's margin [deg].
 
     Massless wheels have neither (None), and a gain too small for a crossover has no margin.
     """
-    from mdms_host.commissioning.loop_margin import largest_gain, observer_for, phase_margin
-
     largest, margin_deg = None, math.inf
     motor = motor_of(cell)
     if motor.mass_kg > 0.0:
@@ -32,13 +44,11 @@ def gain_limits(cell: "Cell") -> dict[str, float | None]:
     }
 
 
-def refuse_large_gain(scenario: "Scenario") -> None:
+def refuse_large_gain(scenario: Scenario) -> None:
     """Raises `CommandError` (bad input) for a gain that leaves the firmware too little margin.
 
     The paper's fidelities have a continuous law, which any gain leaves stable.
     """
-    from mdms_host.commissioning.loop_margin import GainError, check_gain, observer_for
-
     motor = motor_of(scenario.cell)
     if scenario.run.fidelity == "firmware" and motor.mass_kg > 0.0:
         try:
@@ -47,16 +57,12 @@ def refuse_large_gain(scenario: "Scenario") -> None:
             raise CommandError(f"cell.gain_vs_per_m: {error}", Exit.USAGE) from None
 
 
-def motor_of(cell: "Cell") -> "WheelMotor":
+def motor_of(cell: Cell) -> WheelMotor:
     """The motor of a scenario's cells as its wheel's rim sees it."""
-    from mdms_host.commissioning.loop_margin import wheel_motor
-
-    return wheel_motor(
-        torque_constant_nm_per_a=cell.torque_constant_nm_per_a,
+    drive = drive_of(cell)
+    return WheelMotor(
+        force_n_per_a=drive.ke,
         resistance_ohm=cell.resistance_ohm,
-        damping_nms=cell.damping_nms,
-        rotor_inertia_kg_m2=cell.rotor_inertia_kg_m2,
-        gear_ratio=cell.gear_ratio,
-        wheel_radius_m=cell.wheel_radius_m,
-        wheel_inertia_kg_m2=cell.wheel_inertia_kg_m2,
+        damping_n_s_per_m=drive.be,
+        mass_kg=rim_mass_kg(cell),
     )

@@ -3,56 +3,29 @@
 import json
 from argparse import Namespace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.options import Verbs, add_json, add_scenario
-from mdms_host.cli.scenario.inputs import open_scenario, refusing_bad_scenarios
-from mdms_host.cli.simulation.compiling import compiling_watched
-
-if TYPE_CHECKING:
-    from mdms_model.scenario.scenario import Parcel, Scenario
-    from mdms_sim.physics.analysis.field_map import FieldMap
-
-LAWS = ("sliding", "at_rest")
-
-
-def add_to(verbs: Verbs) -> None:
-    """Register the verb."""
-    parser = verbs.add_parser("map", help="draw a field's forces and equilibria for a parcel")
-    add_scenario(parser)
-    parser.add_argument("--parcel", metavar="NAME", help="which parcel (default: the first)")
-    parser.add_argument(
-        "--law",
-        choices=LAWS,
-        default="sliding",
-        help="all wheels slide, or motors push as far as friction lets them",
-    )
-    parser.add_argument(
-        "--out", metavar="FILE.png", type=Path, help="the picture (default: SCENARIO-map.png)"
-    )
-    add_json(parser)
-    parser.set_defaults(run=run)
+from mdms_host.cli.compiling import compiling_watched
+from mdms_host.cli.exits import CommandError, Exit, writing
+from mdms_host.cli.scenario.coordination import references_m_s
+from mdms_model.scenario.file import load_scenario
+from mdms_model.scenario.scenario import Parcel, Scenario
+from mdms_sim.physics.analysis.field_map import FieldMap, map_field
+from mdms_sim.physics.analysis.held_parcel import Law
+from mdms_sim.plots.canvas import save
+from mdms_sim.plots.field_map import draw_field_map
 
 
 def run(arguments: Namespace) -> Exit:
     """Draw the map and print its equilibria and the path of the picture."""
-    scenario = open_scenario(arguments.scenario, arguments.overrides)
+    scenario = load_scenario(arguments.scenario, arguments.overrides)
     parcel = _choose(scenario, arguments.parcel)
     path = arguments.out or Path(f"{Path(arguments.scenario).stem}-map.png")
-    from mdms_host.cli.scenario.coordination import references_m_s
-    from mdms_sim.physics.analysis.field_map import map_field
-    from mdms_sim.physics.analysis.held_parcel import Law
-    from mdms_sim.plots.canvas import save
-    from mdms_sim.plots.field_map import draw_field_map
-
     reference_m_s = references_m_s(scenario)
-    with refusing_bad_scenarios(), compiling_watched():
+    with compiling_watched():
         field = map_field(scenario, parcel, reference_m_s, Law[arguments.law.upper()])
-    try:
+    with writing(path, Exit.USAGE):
         save(draw_field_map(scenario, parcel, field, reference_m_s), path)
-    except OSError as error:
-        raise CommandError(f"{path}: cannot be written: {error.strerror}", Exit.USAGE) from None
     figures = _figures(scenario, parcel, field)
     if arguments.json:
         print(json.dumps(figures | {"picture": str(path)}))
@@ -61,7 +34,7 @@ def run(arguments: Namespace) -> Exit:
     return Exit.OK
 
 
-def _choose(scenario: "Scenario", name: str | None) -> "Parcel":
+def _choose(scenario: Scenario, name: str | None) -> Parcel:
     for parcel in scenario.parcel:
         if name in (None, parcel.name):
             return parcel
@@ -69,7 +42,7 @@ def _choose(scenario: "Scenario", name: str | None) -> "Parcel":
     raise CommandError(f"--parcel {name}: no such parcel; there are {names}", Exit.USAGE)
 
 
-def _figures(scenario: "Scenario", parcel: "Parcel", field: "FieldMap") -> dict[str, Any]:
+def _figures(scenario: Scenario, parcel: Parcel, field: FieldMap) -> dict[str, Any]:
     return {
         "title": scenario.title,
         "field": scenario.motion.field,

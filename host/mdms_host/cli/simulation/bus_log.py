@@ -1,14 +1,39 @@
-"""The bus log in the forms of other tools, beside the candump log that every run has."""
+"""The bus log of a run: read again, its frames by sender, sent once more, in other tools' forms."""
 
+from collections.abc import Iterable, Iterator
+from math import inf
 from pathlib import Path
 
-FORMATS = ("log", "blf", "asc")
+import can
+
+from mdms_host.cli.exits import CommandError, Exit
+from mdms_protocol import cob
+from mdms_protocol.frame import Frame
+from mdms_sim.bus.log import START_S
+
+#: What the host alone sends: to all, to each node, and its heartbeat.
+_TO_ALL = (cob.NMT, cob.SYNC, cob.LSS_REQUEST, cob.HEARTBEAT_BASE + cob.NODE_MAX)
+_TO_NODES = (*cob.RPDO_BASES, cob.SDO_REQUEST_BASE)
+
+
+def read_log(path: Path) -> Iterator[tuple[float, Frame]]:
+    """Times since the run's start [s] and frames of its log. Raises `CommandError` (bad input)."""
+    if not path.is_file():
+        raise CommandError(f"{path}: no such bus log; runs of the firmware have one", Exit.USAGE)
+    try:
+        with can.CanutilsLogReader(path) as reader:
+            for message in reader:
+                if not (message.is_extended_id or message.is_remote_frame):
+                    time_s = message.timestamp
+                    # Logs of older runs begin at 0.
+                    time_s -= START_S if time_s >= START_S else 0
+                    yield time_s, Frame(message.arbitration_id, bytes(message.data))
+    except (ValueError, IndexError) as error:
+        raise CommandError(f"{path}: not a candump log: {error}", Exit.USAGE) from None
 
 
 def convert_log(log: Path, form: str) -> Path:
     """Write a candump log as `bus.blf` (Vector, binary) or `bus.asc` (Vector, text) beside it."""
-    import can
-
     target = log.with_suffix(f".{form}")
     if target != log:
         with can.CanutilsLogReader(log) as messages, can.Logger(target) as writer:
@@ -16,3 +41,44 @@ def convert_log(log: Path, form: str) -> Path:
                 message.channel = 0
                 writer(message)
     return target
+
+
+def chosen(frames: Iterable[tuple[float, Frame]], sender: str) -> Iterator[tuple[float, Frame]]:
+    """The frames that the host, the cells, or all have sent."""
+    for time_s, frame in frames:
+        if sender == "all" or is_from_host(frame.can_id) == (sender == "host"):
+            yield time_s, frame
+
+
+def is_from_host(can_id: int) -> bool:
+    """Whether the host sends this identifier in the predefined connection set (CiA 301, 7.3.3)."""
+    return can_id in _TO_ALL or (bool(can_id & 0x7F) and can_id & ~0x7F in _TO_NODES)
+
+
+class LogPlayer:
+    """A participant that sends frames at their times, counted from its start."""
+
+    def __init__(self, frames: list[tuple[float, Frame]], start_s: float) -> None:
+        self.start_s = start_s
+        self._frames = frames
+        self._next = 0
+
+    @property
+    def over(self) -> bool:
+        """Whether all has been sent."""
+        return self._next == len(self._frames)
+
+    @property
+    def wake_s(self) -> float:
+        """When the next frame is due [s]."""
+        return inf if self.over else self.start_s + self._frames[self._next][0]
+
+    def on_frame(self, frame: Frame, now_s: float) -> None:
+        """Frames of others change nothing."""
+
+    def poll(self, now_s: float) -> Iterator[Frame]:
+        """The frames that are due."""
+        while self.wake_s <= now_s:
+            frame = self._frames[self._next][1]
+            self._next += 1
+            yield frame

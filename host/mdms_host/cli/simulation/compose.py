@@ -1,21 +1,22 @@
 """Puts host and simulator together: a scenario is run in its fidelity."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.scenario.inputs import refusing_bad_scenarios
-from mdms_host.cli.simulation.compiling import compiling_watched
+from mdms_host.cli.compiling import compiling_watched
+from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of, references_m_s
+from mdms_host.clock import MonotonicClock
+from mdms_host.coordination.coordinator import Coordinator
+from mdms_model.run.record import Event, Record
+from mdms_model.run.slip import slip_m_s
+from mdms_model.scenario.scenario import Scenario
+from mdms_sim.physics.plane.ideal import solve_ideal
+from mdms_sim.physics.row.solver import solve_row
+from mdms_sim.simulation import BusFigures, simulate
 
-if TYPE_CHECKING:
-    from mdms_host.coordination.coordinator import Coordinator
-    from mdms_model.arrays import Floats
-    from mdms_model.run.record import Record
-    from mdms_model.scenario.scenario import Scenario
-    from mdms_sim.simulation import BusFigures
+#: The paper's model, by fidelity.
+SOLVERS = {"row": solve_row, "ideal": solve_ideal}
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,32 +26,32 @@ class Finished:
     `wall_s` leaves out `compile_s`, which passes once per installation.
     """
 
-    record: "Record"
+    record: Record
     nodes: str | None = None
-    bus: "BusFigures | None" = None
+    bus: BusFigures | None = None
     fault: str | None = None
     wall_s: float = 0.0
     compile_s: float = 0.0
 
 
 def run_scenario(
-    scenario: "Scenario",
+    scenario: Scenario,
     nodes: str = "cpython",
     progress: Callable[[float], None] | None = None,
     bus_log: Path | None = None,
 ) -> Finished:
-    """Run a scenario in its fidelity. Raises `CommandError` for what it cannot be run with."""
+    """Run a scenario in its fidelity.
+
+    Raises ScenarioError, MicropythonMissing, NodeError, and `CommandError` for what does not fit.
+    """
     if scenario.run.fidelity == "firmware":
         return timed(scenario, lambda: _firmware(scenario, nodes, progress, bus_log))
     return timed(scenario, lambda: _model(scenario))
 
 
-def timed(scenario: "Scenario", prepare: Callable[[], Callable[[], Finished]]) -> Finished:
-    """Prepare a run, do it, and tell how long it took. Raises `CommandError` as the run does."""
-    from mdms_host.clock import MonotonicClock
-    from mdms_model.run.slip import slip_m_s
-
-    with refusing_bad_scenarios(), compiling_watched() as compiled:
+def timed(scenario: Scenario, prepare: Callable[[], Callable[[], Finished]]) -> Finished:
+    """Prepare a run, do it, and measure how long it took."""
+    with compiling_watched() as compiled:
         work = prepare()
         before_s, clock = compiled.seconds, MonotonicClock()
         finished = work()
@@ -60,68 +61,37 @@ def timed(scenario: "Scenario", prepare: Callable[[], Callable[[], Finished]]) -
     return replace(finished, wall_s=wall_s, compile_s=compiled.seconds)
 
 
-def _model(scenario: "Scenario") -> Callable[[], Finished]:
+def _model(scenario: Scenario) -> Callable[[], Finished]:
     """The paper's model, without cells and bus, ready to run."""
-    from mdms_host.cli.scenario.coordination import references_m_s
-
-    solve, reference_m_s = _solver(scenario.run.fidelity), references_m_s(scenario)
+    solve, reference_m_s = SOLVERS[scenario.run.fidelity], references_m_s(scenario)
     return lambda: Finished(solve(scenario, reference_m_s))
 
 
-def _solver(fidelity: str) -> "Callable[[Scenario, Floats], Record]":
-    if fidelity == "row":
-        from mdms_sim.physics.row.solver import solve_row
-
-        return solve_row
-    from mdms_sim.physics.plane.ideal import solve_ideal
-
-    return solve_ideal
-
-
 def _firmware(
-    scenario: "Scenario",
+    scenario: Scenario,
     nodes: str,
     progress: Callable[[float], None] | None,
     bus_log: Path | None,
 ) -> Callable[[], Finished]:
     """Cells, bus and coordinator, ready to run."""
-    from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
-    from mdms_sim.simulation import simulate
-
     coordinator = coordinator_of(scenario)
 
     def work() -> Finished:
-        with telling_of_nodes():
-            outcome = simulate(
-                scenario,
-                [coordinator],
-                nodes,
-                bus_log=bus_log,
-                estimates=lambda: estimates_of(coordinator, scenario),
-                progress=progress,
-            )
-        _tell_of_coordinator(outcome.record, coordinator)
+        outcome = simulate(
+            scenario,
+            [coordinator],
+            nodes,
+            bus_log=bus_log,
+            estimates=lambda: estimates_of(coordinator, scenario),
+            progress=progress,
+        )
+        _add_events(outcome.record, coordinator)
         return Finished(outcome.record, nodes, outcome.bus, coordinator.fault)
 
     return work
 
 
-@contextmanager
-def telling_of_nodes() -> Iterator[None]:
-    """Turns cells that cannot run into a `CommandError` (no MicroPython, or a node's fault)."""
-    from mdms_sim.nodes.bank import MicropythonMissing, NodeError
-
-    try:
-        yield
-    except MicropythonMissing as error:
-        raise CommandError(str(error), Exit.NO_DEVICE) from None
-    except NodeError as error:
-        raise CommandError(str(error), Exit.NODE_FAULT) from None
-
-
-def _tell_of_coordinator(record: "Record", coordinator: "Coordinator") -> None:
+def _add_events(record: Record, coordinator: Coordinator) -> None:
     """Put the coordinator's events among those of the physics, by time."""
-    from mdms_model.run.record import Event
-
-    told = [Event(time_s, "coordinator", text) for time_s, text in coordinator.events]
-    record.events = sorted(record.events + told, key=lambda event: event.time_s)
+    events = [Event(time_s, "coordinator", text) for time_s, text in coordinator.events]
+    record.events = sorted(record.events + events, key=lambda event: event.time_s)

@@ -2,17 +2,15 @@
 
 from dataclasses import asdict
 from math import degrees, hypot
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from mdms_host.cli.simulation.compiling import WORTH_TELLING_S
-
-if TYPE_CHECKING:
-    from mdms_host.cli.simulation.compose import Finished
-    from mdms_model.arrays import Floats
-    from mdms_model.run.record import Record
-    from mdms_model.scenario.scenario import Scenario
+from mdms_host.cli.compiling import REPORTED_S
+from mdms_host.cli.simulation.compose import Finished
+from mdms_model.arrays import Floats
+from mdms_model.run.record import Record
+from mdms_model.scenario.scenario import Scenario
 
 POSE = ("x_m", "y_m", "yaw_rad")
 TWIST = ("vx_m_s", "vy_m_s", "yaw_rate_rad_s")
@@ -22,7 +20,7 @@ REST_SPEED_M_S = 1e-3
 REST_YAW_RATE_RAD_S = 5e-3
 
 
-def figures_of(scenario: "Scenario", finished: "Finished") -> dict[str, Any]:
+def figures_of(scenario: Scenario, finished: Finished) -> dict[str, Any]:
     """What `mdms simulate --json` prints but the run folder's path."""
     record = finished.record
     duration_s = float(record.time_s[-1] - record.time_s[0])
@@ -42,7 +40,7 @@ def figures_of(scenario: "Scenario", finished: "Finished") -> dict[str, Any]:
     return figures
 
 
-def _parcel(scenario: "Scenario", record: "Record", number: int) -> dict[str, Any]:
+def _parcel(scenario: Scenario, record: Record, number: int) -> dict[str, Any]:
     parcel: dict[str, Any] = {"name": scenario.parcel[number].name}
     parcel |= _named(POSE, record.pose[-1, number])
     parcel |= _named(TWIST, record.twist[-1, number])
@@ -52,11 +50,11 @@ def _parcel(scenario: "Scenario", record: "Record", number: int) -> dict[str, An
     return parcel
 
 
-def _named(names: tuple[str, ...], values: "Floats") -> dict[str, float]:
+def _named(names: tuple[str, ...], values: Floats) -> dict[str, float]:
     return dict(zip(names, values.tolist(), strict=True))
 
 
-def _at_rest(record: "Record", number: int) -> bool:
+def _at_rest(record: Record, number: int) -> bool:
     """Whether the parcel stood still over the end of the run, not only at its last instant."""
     lately = record.time_s >= record.time_s[-1] - REST_WHILE_S
     vx_m_s, vy_m_s, yaw_rate_rad_s = record.twist[lately, number].T
@@ -72,7 +70,7 @@ def report(figures: dict[str, Any]) -> list[str]:
         f"  {figures['fidelity']}{nodes}, seed {figures['seed']}: {figures['duration_s']:g} s "
         f"in {figures['wall_s']:.3g} s, {figures['real_time_factor']:,.3g} times real time",
     ]
-    if figures["compile_s"] >= WORTH_TELLING_S:
+    if figures["compile_s"] >= REPORTED_S:
         lines.append(f"  after {figures['compile_s']:.1f} s of compiling, once per installation")
     lines += [f"  {_sentence(parcel)}" for parcel in figures["parcels"]]
     if "bus" in figures:

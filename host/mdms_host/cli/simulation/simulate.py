@@ -4,36 +4,17 @@ import json
 from argparse import Namespace
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from mdms_host.cli.console import progress, say
-from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.options import Verbs, add_json, add_nodes, add_scenario
-from mdms_host.cli.scenario.inputs import folder_to_fill, open_program, telling_of_full_disk
-from mdms_host.cli.simulation.bus_log import FORMATS, convert_log
-from mdms_model.scenario.scenario import FIDELITIES
-
-if TYPE_CHECKING:
-    from mdms_host.cli.simulation.compose import Finished
-    from mdms_model.scenario.scenario import Scenario
-
-
-def add_to(verbs: Verbs) -> None:
-    """Register the verb."""
-    parser = verbs.add_parser("simulate", help="run one scenario in virtual time")
-    add_scenario(parser)
-    parser.add_argument("--out", metavar="DIR", type=Path, help="write a run folder")
-    parser.add_argument(
-        "--bus-format",
-        choices=FORMATS,
-        default="log",
-        help="write the bus log in this form too, beside bus.log (candump)",
-    )
-    parser.add_argument("--seed", metavar="N", type=int, help="instead of the scenario's run.seed")
-    add_nodes(parser)
-    parser.add_argument("--fidelity", choices=FIDELITIES, help="instead of run.fidelity")
-    add_json(parser)
-    parser.set_defaults(run=run)
+from mdms_host.cli.exits import CommandError, Exit, writing
+from mdms_host.cli.scenario.gain import open_program
+from mdms_host.cli.simulation.bus_log import convert_log
+from mdms_host.cli.simulation.compose import Finished, run_scenario
+from mdms_host.cli.simulation.figures import figures_of, report
+from mdms_model.run.folder import DATABASE, fresh_folder, write_run
+from mdms_model.scenario.scenario import Scenario
+from mdms_protocol.generators import dbc
 
 
 def run(arguments: Namespace) -> Exit:
@@ -51,52 +32,51 @@ def run(arguments: Namespace) -> Exit:
     if arguments.json:
         print(json.dumps(figures))
     else:
-        from mdms_host.cli.simulation.figures import report
-
         print(*report(figures), sep="\n")
     return verdict(finished)
 
 
 def simulate(
-    scenario: "Scenario", nodes: str, out: Path | None, bus_format: str = "log"
-) -> "tuple[Finished, dict[str, Any]]":
-    """Run a scenario and keep it in a folder, if any. Raises `CommandError`."""
-    from mdms_host.cli.simulation.figures import figures_of
-
+    scenario: Scenario, nodes: str, out: Path | None, bus_format: str = "log"
+) -> tuple[Finished, dict[str, Any]]:
+    """Run a scenario and keep it in a folder, if any; the run and its figures."""
     with ExitStack() as stack:
-        folder = stack.enter_context(folder_to_fill(out)) if out else None
+        folder = stack.enter_context(fresh_folder(out)) if out else None
         bus_log = folder / "bus.log" if folder else None
         finished = _run(scenario, nodes, bus_log)
         figures = figures_of(scenario, finished)
         if folder:
-            from mdms_model.run.folder import DATABASE, write_run
-            from mdms_protocol.generators import dbc
-            from mdms_sim.plots import save_picture
-
             figures["run"] = str(out)
-            with telling_of_full_disk(folder):
-                if _has_bus(scenario):
-                    convert_log(folder / "bus.log", bus_format)
-                    (folder / DATABASE).write_text(dbc.text(), "utf-8")
-                write_run(folder, scenario, finished.record, figures, save_picture)
+            with writing(folder, Exit.FAILURE):
+                _write_folder(folder, scenario, finished, figures, bus_format)
     return finished, figures
 
 
-def _run(scenario: "Scenario", nodes: str, bus_log: Path | None) -> "Finished":
-    from mdms_host.cli.simulation.compose import run_scenario
+def _write_folder(
+    folder: Path, scenario: Scenario, finished: Finished, figures: dict[str, Any], bus_format: str
+) -> None:
+    # Matplotlib takes longer to import than a short run takes, so only a folder waits for it.
+    from mdms_sim.plots import save_picture  # noqa: PLC0415
 
+    if _has_bus(scenario):
+        convert_log(folder / "bus.log", bus_format)
+        (folder / DATABASE).write_text(dbc.text(), "utf-8")
+    write_run(folder, scenario, finished.record, figures, save_picture)
+
+
+def _run(scenario: Scenario, nodes: str, bus_log: Path | None) -> Finished:
     if not _has_bus(scenario):
         return run_scenario(scenario)
     with progress(scenario.title) as advance:
         return run_scenario(scenario, nodes, advance, bus_log)
 
 
-def _has_bus(scenario: "Scenario") -> bool:
+def _has_bus(scenario: Scenario) -> bool:
     return scenario.run.fidelity == "firmware"
 
 
-def verdict(finished: "Finished") -> Exit:
-    """Tell what went wrong, if anything did, and how the command ends."""
+def verdict(finished: Finished) -> Exit:
+    """Report what went wrong, if anything did; how the command ends."""
     for event in finished.record.events:
         if event.kind == "tip":
             say(f"mdms: {event.parcel} tips at {event.time_s:.3f} s: {event.detail}")

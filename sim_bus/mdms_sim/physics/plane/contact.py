@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from mdms_model.arrays import Floats
 from mdms_model.compiled import compiled
 from mdms_model.symmetric3 import Symmetric, Vector, solve
+from mdms_sim.physics.plane.motion import new_twist_of, twist_of
+from mdms_sim.physics.plane.records import UNSOLVED, Scene
 
 #: A Newton step that would move the parcel by less than this is rounding [m/s].
 ROUNDING_M_S = 1e-14
@@ -42,6 +44,8 @@ class Pushes(NamedTuple):
 def settle(twist: Vector, inertia_per_s: Vector, pushes: Pushes) -> tuple[float, float, float, int]:
     """The new twist about the centre of mass from the old one, and the Newton steps it took.
 
+    More than NEWTON_STEPS: it stopped there, short of the minimum.
+
     `inertia_per_s` is the diagonal of D: mass, mass and moment of inertia over the step.
     """
     at = twist
@@ -61,7 +65,7 @@ def settle(twist: Vector, inertia_per_s: Vector, pushes: Pushes) -> tuple[float,
                 break
             share *= 0.5
         at, value = trial, new_value
-    return at[0], at[1], at[2], NEWTON_STEPS
+    return at[0], at[1], at[2], NEWTON_STEPS + 1
 
 
 @compiled
@@ -108,3 +112,47 @@ def push(line: Floats, jacobian: Floats, twist: Vector) -> float:
     """What one wheel, by its `line` (3,), does to a parcel of this twist [N along the wheel]."""
     speed = jacobian[0] * twist[0] + jacobian[1] * twist[1] + jacobian[2] * twist[2]
     return float(min(max(line[0] - line[1] * speed, -line[2]), line[2]))
+
+
+# Parcels of a scene -------------------------------------------------------------------------------
+
+
+@compiled
+def settle_parcel(scene: Scene, p: int, step_s: float) -> None:
+    """Solve for a parcel's twist after an implicit step, under what others press it with."""
+    old, body, new = twist_of(scene, p), scene.model.parcels[p], scene.scratch.parcels[p]
+    free = (
+        old[0] + step_s * new.pressed_x_n / body.mass_kg,
+        old[1] + step_s * new.pressed_y_n / body.mass_kg,
+        old[2] + step_s * new.pressed_nm / body.inertia_kg_m2,
+    )
+    vx, vy, yaw_rate, steps = settle(free, inertia_per_s(scene, p, step_s), pushes_on(scene, p))
+    new.new_vx_m_s, new.new_vy_m_s, new.new_yaw_rate_rad_s = vx, vy, yaw_rate
+    if steps > NEWTON_STEPS:
+        scene.scratch.tally[UNSOLVED] += 1
+
+
+@compiled
+def yielding(scene: Scene, p: int, push: Vector, step_s: float) -> float:
+    """How much a parcel speeds up along a push (its row of the Jacobian), per newton [m/s/N]."""
+    new = new_twist_of(scene, p)
+    inertia = inertia_per_s(scene, p, step_s)
+    _, _, curvature, _ = objective(new, new, inertia, pushes_on(scene, p))
+    faster = solve(curvature, push)
+    return push[0] * faster[0] + push[1] * faster[1] + push[2] * faster[2]
+
+
+@compiled
+def inertia_per_s(scene: Scene, p: int, step_s: float) -> Vector:
+    """Mass, mass and moment of inertia over the step."""
+    body = scene.model.parcels[p]
+    return body.mass_kg / step_s, body.mass_kg / step_s, body.inertia_kg_m2 / step_s
+
+
+@compiled
+def pushes_on(scene: Scene, p: int) -> Pushes:
+    """The lines of one parcel's supports."""
+    share = scene.scratch.parcels[p]
+    first, end = 2 * share.first, 2 * share.first + share.lines
+    jacobian, line = scene.scratch.jacobian[first:end], scene.scratch.line[first:end]
+    return Pushes(jacobian, line, scene.state.piece[first:end])

@@ -1,4 +1,4 @@
-"""A step under the voltages of cells, and what their encoders and current sensors tell after it."""
+"""A step under the voltages of cells, and what their encoders and current sensors read after it."""
 
 from typing import NamedTuple
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from mdms_model.arrays import Floats
 from mdms_model.compiled import compiled
-from mdms_sim.physics.plane.scene import Scene
+from mdms_sim.physics.plane.records import Scene
 from mdms_sim.physics.plane.sensors import encoder_count
 from mdms_sim.physics.plane.step import step_voltage
 
@@ -46,20 +46,21 @@ class Bridges(NamedTuple):
 def step_cells(
     scene: Scene, voltage_uv: Registers, bridges: Bridges, step_s: float, sampled: Sampled
 ) -> int:
-    """Move on under voltages (cells, 2) held over the step; returns what there is to tell."""
-    voltage_v = np.empty(scene.wheels.size)
-    for cell in range(scene.first.size - 1):
+    """Move on under voltages (cells, 2) held over the step; returns what there is to report."""
+    first, wheels = scene.model.first, scene.state.wheels
+    voltage_v = np.empty(wheels.size)
+    for cell in range(first.size - 1):
         supplied = bridges.supply_v[cell] >= BRIDGE_SUPPLY_MIN_V
         closed = supplied and bridges.awake[cell] != 0 and bridges.shut_off[cell] == 0
-        for w in range(scene.first[cell], scene.first[cell + 1]):
-            voltage_v[w] = voltage_uv[cell, w - scene.first[cell]] / UV_PER_V
-            scene.wheels[w].supply_v = bridges.supply_v[cell]
-            scene.wheels[w].coasting = 0 if closed else 1
-    news = step_voltage(scene, voltage_v, step_s)
-    for cell in range(scene.first.size - 1):
-        for w in range(scene.first[cell], scene.first[cell + 1]):
-            wheel, axis = scene.wheels[w], w - scene.first[cell]
+        for w in range(first[cell], first[cell + 1]):
+            voltage_v[w] = voltage_uv[cell, w - first[cell]] / UV_PER_V
+            wheels[w].supply_v = bridges.supply_v[cell]
+            wheels[w].coasting = 0 if closed else 1
+    report = step_voltage(scene, voltage_v, step_s)
+    for cell in range(first.size - 1):
+        for w in range(first[cell], first[cell + 1]):
+            wheel, axis = wheels[w], w - first[cell]
             sampled.counts[cell, axis] = encoder_count(wheel.travel_m, sampled.counts_per_m)
             current_ma = int(wheel.current_a * MA_PER_A)
             sampled.current_ma[cell, axis] = SHUT_OFF_MA if bridges.shut_off[cell] else current_ma
-    return news
+    return report

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from mdms_model.arrays import Floats
 from mdms_model.compiled import compiled
-from mdms_model.parcel import read_poses
 from mdms_model.run.record import Record
 from mdms_model.scenario.scenario import Scenario
-from mdms_sim.physics.plane.scene import Scene
+from mdms_sim.physics.plane.motion import read_poses
+from mdms_sim.physics.plane.records import Scene
 from mdms_sim.physics.plane.step import TIPPING, observe_ideal, step_ideal
 from mdms_sim.physics.plane.world import World
 
@@ -32,7 +32,7 @@ class Samples(NamedTuple):
 def solve_ideal(scenario: Scenario, reference_m_s: Floats) -> Record:
     """Run a scenario under constant references (W,), sampled every 10 ms or every longer step.
 
-    Ends at the scenario's duration, or when a parcel tips: then the last event tells of it.
+    Ends at the scenario's duration, or when a parcel tips: then the last event says so.
     """
     step_s = scenario.run.step_s
     steps = max(1, round(scenario.run.duration_s / step_s))
@@ -43,12 +43,12 @@ def solve_ideal(scenario: Scenario, reference_m_s: Floats) -> Record:
 def run_ideal(world: World, reference_m_s: Floats, step_s: float, steps: int, every: int) -> Record:
     """Move a world on by a number of steps and record its start and every so many steps."""
     reference = np.array(reference_m_s, dtype=np.float64)
-    samples = _room(steps // every + 1, len(world.scene.parcels), len(reference))
-    start_s, done, news = world.time_s, 0, 0
+    samples = _room(steps // every + 1, len(world.scene.model.parcels), len(reference))
+    start_s, done, report = world.time_s, 0, 0
     world.pass_time(0.0, take_sample(world.scene, reference, samples, 0))
-    while done < steps and not news & TIPPING:
-        now, news = advance(world.scene, reference, step_s, (done, steps, every), samples)
-        world.pass_time((now - done) * step_s, news)
+    while done < steps and not report & TIPPING:
+        now, report = advance(world.scene, reference, step_s, (done, steps, every), samples)
+        world.pass_time((now - done) * step_s, report)
         done = now
     return _record(world, reference, samples, start_s, (done // every + 1, every * step_s))
 
@@ -98,27 +98,28 @@ def advance(
     done_steps_every: tuple[int, int, int],
     samples: Samples,
 ) -> tuple[int, int]:
-    """Step and sample until there is something to tell; returns the steps done and the news."""
+    """Step and sample until there is something to report; returns the steps done and the report."""
     done, steps, every = done_steps_every
-    news = 0
-    while done < steps and news == 0:
-        news = step_ideal(scene, reference_m_s, step_s)
+    report = 0
+    while done < steps and report == 0:
+        report = step_ideal(scene, reference_m_s, step_s)
         done += 1
         if done % every == 0:
-            news |= take_sample(scene, reference_m_s, samples, done // every)
-    return done, news
+            report |= take_sample(scene, reference_m_s, samples, done // every)
+    return done, report
 
 
 @compiled
 def take_sample(scene: Scene, reference_m_s: Floats, samples: Samples, instant: int) -> int:
-    """Copy what parcels and wheels do at this very instant; returns the news."""
-    news = observe_ideal(scene, reference_m_s)
-    read_poses(scene.parcels, samples.pose[instant], samples.twist[instant])
-    for w in range(scene.wheels.size):
-        wheel = scene.wheels[w]
+    """Copy what parcels and wheels do at this very instant; returns the report."""
+    report = observe_ideal(scene, reference_m_s)
+    constants, parcels = scene.model.parcels, scene.state.parcels
+    read_poses(constants, parcels, samples.pose[instant], samples.twist[instant])
+    for w in range(scene.state.wheels.size):
+        wheel = scene.state.wheels[w]
         samples.speed_m_s[instant, w] = wheel.speed_m_s
         samples.normal_n[instant, w] = wheel.normal_n
         samples.force_n[instant, w] = wheel.force_n
         samples.slip_m_s[instant, w] = wheel.slip_m_s
         samples.contact[instant, w] = wheel.contact
-    return news
+    return report

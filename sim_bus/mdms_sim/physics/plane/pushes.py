@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from mdms_model.arrays import Floats, Records
+from mdms_model.arrays import Floats
 from mdms_model.compiled import compiled
-from mdms_model.parcel import new_twist_of, twist_of
 from mdms_model.run.record import Contact
 from mdms_model.symmetric3 import Vector
 from mdms_sim.physics.motor import applied_voltage, coast
 from mdms_sim.physics.plane.contact import push
-from mdms_sim.physics.plane.scene import Scene
+from mdms_sim.physics.plane.motion import new_twist_of, twist_of
+from mdms_sim.physics.plane.records import Scene
 
 NONE, ROLLING = int(Contact.NONE), int(Contact.ROLLING)
 FORWARD, BACKWARD = int(Contact.SLIDING_FORWARD), int(Contact.SLIDING_BACKWARD)
@@ -29,11 +29,13 @@ def draw_ideal_lines(scene: Scene, reference_m_s: Floats) -> None:
 
     With viscous sliding, f = mu_v N (v - u) joined with f = a r - b v, no clip.
     """
-    for p in range(scene.parcels.size):
-        body = scene.parcels[p]
+    scratch = scene.scratch
+    for p in range(scratch.parcels.size):
+        body = scratch.parcels[p]
         for i in range(body.first, body.first + body.supports):
-            w = scene.support[i]
-            wheel, line, normal_n = scene.wheels[w], scene.line[body.first + i], scene.normal_n[i]
+            w = scratch.support[i]
+            wheel, line = scene.model.wheels[w], scratch.line[body.first + i]
+            normal_n = scratch.normal_n[i]
             stall, slope = wheel.a * reference_m_s[w], wheel.b
             if wheel.viscous_s_per_m > 0.0:
                 film = wheel.viscous_s_per_m * normal_n
@@ -41,40 +43,40 @@ def draw_ideal_lines(scene: Scene, reference_m_s: Floats) -> None:
                 set_line(line, share * stall, share * slope, np.inf)
             else:
                 set_line(line, stall, slope, wheel.friction * normal_n)
-        draw_roller_lines(scene, body, 0.0, 0.0)
+        draw_roller_lines(scene, p, 0.0, 0.0)
 
 
 @compiled
-def spin_ideal(wheels: Records, reference_m_s: Floats, step_s: float) -> None:
+def spin_ideal(scene: Scene, reference_m_s: Floats, step_s: float) -> None:
     """Massless wheels run at the speed at which the motor's force is the push: f = a r - b v."""
-    for w in range(wheels.size):
-        wheel = wheels[w]
-        wheel.speed_m_s = (wheel.a * reference_m_s[w] - wheel.force_n) / wheel.b
-        wheel.travel_m += step_s * wheel.speed_m_s
+    for w in range(scene.model.wheels.size):
+        wheel, now = scene.model.wheels[w], scene.state.wheels[w]
+        now.speed_m_s = (wheel.a * reference_m_s[w] - now.force_n) / wheel.b
+        now.travel_m += step_s * now.speed_m_s
 
 
 # Under voltage -----------------------------------------------------------------------------------
 
 
 @compiled
-def power_wheels(wheels: Records, voltage_v: Floats, step_s: float) -> None:
+def power_wheels(scene: Scene, voltage_v: Floats, step_s: float) -> None:
     """Work out how each wheel will answer to its voltage over the step (eq 8).
 
     A current beyond the limit is held there instead: the motor then pushes evenly. A motor that its
     bridge leaves open carries no current.
     """
-    for w in range(wheels.size):
-        wheel = wheels[w]
-        volts = applied_voltage(voltage_v[w], wheel.supply_v, wheel.pwm_steps)
+    for w in range(scene.model.wheels.size):
+        wheel, now, answer = scene.model.wheels[w], scene.state.wheels[w], scene.scratch.wheels[w]
+        volts = applied_voltage(voltage_v[w], now.supply_v, wheel.pwm_steps)
         drive_n, braking = wheel.force_per_volt * volts, wheel.loss - wheel.damping
-        torque_n = drive_n - braking * wheel.speed_m_s
+        torque_n = drive_n - braking * now.speed_m_s
         if abs(torque_n) > wheel.force_limit_n:
             drive_n, braking = np.copysign(wheel.force_limit_n, torque_n), 0.0
-        if wheel.coasting:
+        if now.coasting:
             drive_n, braking = 0.0, 0.0
-        wheel.drive_n, wheel.braking = drive_n, braking
+        answer.drive_n, answer.braking = drive_n, braking
         loss = max(wheel.damping + braking, LOSS_MIN_N_S_PER_M)
-        wheel.decay, wheel.gain, wheel.glide, wheel.stride = coast(wheel.mass_kg, loss, step_s)
+        answer.decay, answer.gain, answer.glide, answer.stride = coast(wheel.mass_kg, loss, step_s)
 
 
 @compiled
@@ -84,49 +86,54 @@ def draw_voltage_lines(scene: Scene, step_s: float) -> None:
     A wheel alone would go v+ = decay v + gain (F - f). Rolling is v+ = u+; viscous sliding is
     f = mu_v N (v + v+ - u - u+) / 2. The levers are those of halfway, so u+ = J xi+ + shift.
     """
-    for p in range(scene.parcels.size):
-        body = scene.parcels[p]
-        shift_x = -0.5 * step_s * body.yaw_rate_rad_s * body.vy_m_s
-        shift_y = 0.5 * step_s * body.yaw_rate_rad_s * body.vx_m_s
+    scratch = scene.scratch
+    for p in range(scratch.parcels.size):
+        body = scratch.parcels[p]
+        vx, vy, yaw_rate = twist_of(scene, p)
+        shift_x = -0.5 * step_s * yaw_rate * vy
+        shift_y = 0.5 * step_s * yaw_rate * vx
         for i in range(body.first, body.first + body.supports):
-            wheel, line = scene.wheels[scene.support[i]], scene.line[body.first + i]
-            free = wheel.decay * wheel.speed_m_s + wheel.gain * wheel.drive_n
+            w, line = scratch.support[i], scratch.line[body.first + i]
+            wheel, answer = scene.model.wheels[w], scratch.wheels[w]
+            speed = scene.state.wheels[w].speed_m_s
+            free = answer.decay * speed + answer.gain * answer.drive_n
             if wheel.viscous_s_per_m > 0.0:
-                film = 0.5 * wheel.viscous_s_per_m * scene.normal_n[i]
-                slope = film / (1.0 + film * wheel.gain)
-                old = speed_over(scene.jacobian[body.first + i], twist_of(body))
-                set_line(line, slope * (wheel.speed_m_s + free - old), slope, np.inf)
+                film = 0.5 * wheel.viscous_s_per_m * scratch.normal_n[i]
+                slope = film / (1.0 + film * answer.gain)
+                old = speed_over(scratch.jacobian[body.first + i], (vx, vy, yaw_rate))
+                set_line(line, slope * (speed + free - old), slope, np.inf)
             else:
                 shift = wheel.direction_x * shift_x + wheel.direction_y * shift_y
-                limit = wheel.friction * scene.normal_n[i]
-                set_line(line, (free + shift) / wheel.gain, 1.0 / wheel.gain, limit)
-        draw_roller_lines(scene, body, shift_x, shift_y)
+                limit = wheel.friction * scratch.normal_n[i]
+                set_line(line, (free + shift) / answer.gain, 1.0 / answer.gain, limit)
+        draw_roller_lines(scene, p, shift_x, shift_y)
 
 
 @compiled
-def spin_voltage(wheels: Records) -> None:
+def spin_voltage(scene: Scene) -> None:
     """Wheels with inertia answer to motor and push, both constant over the step, exactly."""
-    for w in range(wheels.size):
-        wheel = wheels[w]
-        force_n = wheel.drive_n - wheel.force_n
-        wheel.travel_m += wheel.glide * wheel.speed_m_s + wheel.stride * force_n
-        wheel.speed_m_s = wheel.decay * wheel.speed_m_s + wheel.gain * force_n
-        torque_n = wheel.drive_n - wheel.braking * wheel.speed_m_s
-        wheel.current_a = torque_n / wheel.force_per_ampere
+    for w in range(scene.model.wheels.size):
+        now, answer = scene.state.wheels[w], scene.scratch.wheels[w]
+        force_n = answer.drive_n - now.force_n
+        now.travel_m += answer.glide * now.speed_m_s + answer.stride * force_n
+        now.speed_m_s = answer.decay * now.speed_m_s + answer.gain * force_n
+        torque_n = answer.drive_n - answer.braking * now.speed_m_s
+        now.current_a = torque_n / scene.model.wheels[w].force_per_ampere
 
 
 # Under both --------------------------------------------------------------------------------------
 
 
 @compiled
-def draw_roller_lines(scene: Scene, body: Records, shift_x: float, shift_y: float) -> None:
+def draw_roller_lines(scene: Scene, p: int, shift_x: float, shift_y: float) -> None:
     """Rollers push against the parcel's motion along the axle, with mu_r N beyond their creep."""
+    scratch, body = scene.scratch, scene.scratch.parcels[p]
     for i in range(body.first, body.first + body.lines - body.supports):
         row = body.first + body.supports + i
-        limit = scene.wheels[scene.support[i]].roller_friction * scene.normal_n[i]
+        limit = scene.model.wheels[scratch.support[i]].roller_friction * scratch.normal_n[i]
         slope = limit / CREEP_M_S
-        shift = scene.jacobian[row, 0] * shift_x + scene.jacobian[row, 1] * shift_y
-        set_line(scene.line[row], slope * shift, slope, limit)
+        shift = scratch.jacobian[row, 0] * shift_x + scratch.jacobian[row, 1] * shift_y
+        set_line(scratch.line[row], slope * shift, slope, limit)
 
 
 @compiled
@@ -145,24 +152,26 @@ def speed_over(row: Floats, twist: Vector) -> float:
 
 
 @compiled
-def push_wheels(scene: Scene, body: Records, twist: Vector) -> None:
-    """Tell each support of a parcel what it carries, how it pushes and whether it rolls."""
+def push_wheels(scene: Scene, p: int, twist: Vector) -> None:
+    """Set what each support of a parcel carries, how it pushes and whether it rolls."""
+    scratch, body = scene.scratch, scene.scratch.parcels[p]
     for i in range(body.first, body.first + body.supports):
-        wheel, line = scene.wheels[scene.support[i]], scene.line[body.first + i]
-        wheel.normal_n = scene.normal_n[i]
-        wheel.force_n = push(line, scene.jacobian[body.first + i], twist)
+        wheel, line = scene.state.wheels[scratch.support[i]], scratch.line[body.first + i]
+        wheel.normal_n = scratch.normal_n[i]
+        wheel.force_n = push(line, scratch.jacobian[body.first + i], twist)
         wheel.contact = contact_of(wheel.normal_n, wheel.force_n, line[2])
 
 
 @compiled
-def tell_slips(scene: Scene) -> None:
-    """How fast each sliding support's surface runs ahead of its parcel."""
-    for p in range(scene.parcels.size):
-        body = scene.parcels[p]
+def set_slips(scene: Scene) -> None:
+    """Set how fast each sliding support's surface runs ahead of its parcel."""
+    scratch = scene.scratch
+    for p in range(scratch.parcels.size):
+        body = scratch.parcels[p]
         for i in range(body.first, body.first + body.supports):
-            wheel = scene.wheels[scene.support[i]]
+            wheel = scene.state.wheels[scratch.support[i]]
             if wheel.contact > ROLLING:
-                over = speed_over(scene.jacobian[body.first + i], new_twist_of(body))
+                over = speed_over(scratch.jacobian[body.first + i], new_twist_of(scene, p))
                 wheel.slip_m_s = wheel.speed_m_s - over
 
 

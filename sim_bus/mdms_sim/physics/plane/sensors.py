@@ -2,16 +2,18 @@
 
 import math
 from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mdms_model.array import Grid, reach_m
-from mdms_model.arrays import Floats, Records
+from mdms_model.arrays import Bits, Floats, Records
 from mdms_model.compiled import compiled
 from mdms_model.parcel import cells_near, covers, place_of
 from mdms_model.scenario.scenario import Cell, Scenario
-from mdms_sim.physics.plane.scene import Scene
+from mdms_sim.physics.plane.records import Scene
 
 COUNT_BITS = 31
 #: Random streams, apart from the other uses of the scenario's seed.
@@ -19,7 +21,13 @@ PRESENCE_STREAM, LOAD_STREAM = 2, 3
 #: Two readings at the same time differ by rounding only [s].
 ROUNDING_S = 1e-9
 
-Bits = NDArray[np.uint8]
+
+@dataclass(frozen=True, slots=True)
+class SenseState:
+    """What the sensors go on from: their random numbers, and readings that are still to come."""
+
+    chance: Mapping[str, Any]
+    seen: tuple[tuple[float, Bits], ...] = ()
 
 
 def counts_per_m(cell: Cell) -> float:
@@ -35,13 +43,22 @@ def encoder_count(travel_m: float, counts_per_m: float) -> int:
     return (math.floor(travel_m * counts_per_m) + half) % (1 << COUNT_BITS) - half
 
 
+class SensorPlaces(NamedTuple):
+    """Where each cell has its sensors: offsets (S, 2) from its centre, which `grid` reaches to."""
+
+    grid: Grid
+    offset_m: Floats
+
+
 class PresenceSensors:
     """Binary sensors under the table's surface, late and at times wrong, as the scenario says."""
 
     def __init__(self, scenario: Scenario) -> None:
         array, cell = scenario.array, scenario.cell
-        self._offset_m = np.array(cell.sensor_offset_m, dtype=np.float64)
-        self._grid = Grid(array.columns, array.rows, array.pitch_m, reach_m(cell.sensor_offset_m))
+        self._places = SensorPlaces(
+            Grid(array.columns, array.rows, array.pitch_m, reach_m(cell.sensor_offset_m)),
+            np.array(cell.sensor_offset_m, dtype=np.float64),
+        )
         self._delay_s = cell.sensor_delay_s
         self._noise = cell.sensor_noise
         self._chance = np.random.default_rng([scenario.run.seed, PRESENCE_STREAM])
@@ -52,9 +69,19 @@ class PresenceSensors:
 
         A reading is the newest that is as old as the delay; before that, the first one.
         """
-        bits = np.zeros(self._grid.columns * self._grid.rows, dtype=np.uint8)
-        presence_bits(self._grid, scene.parcels, scene.edges, self._offset_m, bits)
+        bits = np.zeros(self._places.grid.columns * self._places.grid.rows, dtype=np.uint8)
+        body, now = scene.model.parcels, scene.state.parcels
+        presence_bits(self._places, body, now, scene.model.edges, bits)
         return self._disturb(self._late(bits, now_s))
+
+    def state(self) -> SenseState:
+        """What the next readings depend on."""
+        return SenseState(self._chance.bit_generator.state, tuple(self._seen))
+
+    def restore(self, state: SenseState) -> None:
+        """Go on from there."""
+        self._chance.bit_generator.state = state.chance
+        self._seen = deque(state.seen)
 
     def _late(self, bits: Bits, now_s: float) -> Bits:
         if self._delay_s == 0.0:
@@ -67,8 +94,8 @@ class PresenceSensors:
     def _disturb(self, bits: Bits) -> Bits:
         if self._noise == 0.0:
             return bits
-        wrong = self._chance.random((len(bits), len(self._offset_m))) < self._noise
-        return bits ^ (wrong @ (1 << np.arange(len(self._offset_m)))).astype(np.uint8)
+        wrong = self._chance.random((len(bits), len(self._places.offset_m))) < self._noise
+        return bits ^ (wrong @ (1 << np.arange(len(self._places.offset_m)))).astype(np.uint8)
 
 
 class LoadCells:
@@ -79,21 +106,27 @@ class LoadCells:
         self._chance = np.random.default_rng([scenario.run.seed, LOAD_STREAM])
 
     def read(self, normal_n: Floats) -> Floats:
-        """What the load cells tell of these normal forces (W,) [N]."""
+        """What the load cells read of these normal forces (W,) [N]."""
         return normal_n + self._chance.normal(0.0, self._noise_n, normal_n.shape)
+
+    def state(self) -> SenseState:
+        """What the next readings depend on."""
+        return SenseState(self._chance.bit_generator.state)
+
+    def restore(self, state: SenseState) -> None:
+        """Go on from there."""
+        self._chance.bit_generator.state = state.chance
 
 
 @compiled
 def presence_bits(
-    grid: Grid, parcels: Records, edges: Floats, offset_m: Floats, bits: Bits
+    places: SensorPlaces, parcels: Records, states: Records, edges: Floats, bits: Bits
 ) -> None:
-    """Set bit s of each cell's byte where a parcel lies over the sensor at offset s of the cell.
-
-    `grid.reach_m` must cover the sensors' offsets (S, 2).
-    """
+    """Set bit s of each cell's byte where a parcel lies over sensor s of the cell."""
+    grid, offset_m = places
     for p in range(parcels.size):
-        body = parcels[p]
-        place = place_of(body, (body.x_m, body.y_m, body.yaw_rad))
+        body, now = parcels[p], states[p]
+        place = place_of(body, (now.x_m, now.y_m, now.yaw_rad))
         left, right, low, high = cells_near(body, grid, place)
         for row in range(low, high):
             for column in range(left, right):

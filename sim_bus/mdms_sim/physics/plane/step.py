@@ -6,74 +6,81 @@ strictly convex problem of `contact`; parcels then move by the mean of the old a
 
 from mdms_model.arrays import Floats
 from mdms_model.compiled import compiled
-from mdms_model.parcel import move, new_twist_of, twist_of
+from mdms_sim.physics.plane.contact import settle_parcel
+from mdms_sim.physics.plane.motion import move, new_twist_of, twist_of
 from mdms_sim.physics.plane.pushes import (
     draw_ideal_lines,
     draw_voltage_lines,
     power_wheels,
     push_wheels,
+    set_slips,
     spin_ideal,
     spin_voltage,
-    tell_slips,
 )
-from mdms_sim.physics.plane.scene import Scene, rest_parcels
-from mdms_sim.physics.plane.settling import settle_parcel
+from mdms_sim.physics.plane.records import DROPPED, UNBALANCED, UNSOLVED, Scene
+from mdms_sim.physics.plane.resting import rest_parcels
 from mdms_sim.physics.plane.touch import find_touches, press_apart
 
-#: What a step has to tell; they add up.
-TIPPING, TOUCHING = 1, 2
+#: What a step reports; they add up. LIMITED: a limit of the solver was reached, see the tally.
+TIPPING, TOUCHING, LIMITED = 1, 2, 4
 
 
 @compiled
 def step_ideal(scene: Scene, reference_m_s: Floats, step_s: float) -> int:
-    """Massless wheels under the continuous proportional law (eq 9); returns what there is to tell.
+    """Massless wheels under the continuous proportional law (eq 9); returns what it reports.
 
     The implicit midpoint rule: the work of the pushes is the change of kinetic energy, to rounding.
     """
     tipping = rest_parcels(scene, step_s)
     draw_ideal_lines(scene, reference_m_s)
     touching = settle_parcels(scene, step_s, 0.5)
-    for p in range(scene.parcels.size):
-        body = scene.parcels[p]
-        old, mean = twist_of(body), new_twist_of(body)
-        push_wheels(scene, body, mean)
+    for p in range(scene.model.parcels.size):
+        old, mean = twist_of(scene, p), new_twist_of(scene, p)
+        push_wheels(scene, p, mean)
         after = (2.0 * mean[0] - old[0], 2.0 * mean[1] - old[1], 2.0 * mean[2] - old[2])
-        move(body, mean, after, step_s)
-    spin_ideal(scene.wheels, reference_m_s, step_s)
-    tell_slips(scene)
-    return TIPPING * tipping + TOUCHING * touching
+        move(scene, p, mean, after, step_s)
+    spin_ideal(scene, reference_m_s, step_s)
+    set_slips(scene)
+    return TIPPING * tipping + TOUCHING * touching + LIMITED * limited(scene)
 
 
 @compiled
 def step_voltage(scene: Scene, voltage_v: Floats, step_s: float) -> int:
-    """Wheels with inertia under voltages held over the step; returns what there is to tell.
+    """Wheels with inertia under voltages held over the step; returns what it reports.
 
     A rolling wheel has the parcel's speed at the end of the step; between, it moves exactly.
     """
     tipping = rest_parcels(scene, step_s)
-    power_wheels(scene.wheels, voltage_v, step_s)
+    power_wheels(scene, voltage_v, step_s)
     draw_voltage_lines(scene, step_s)
     touching = settle_parcels(scene, step_s, 1.0)
-    for p in range(scene.parcels.size):
-        body = scene.parcels[p]
-        old, after = twist_of(body), new_twist_of(body)
-        push_wheels(scene, body, after)
+    for p in range(scene.model.parcels.size):
+        old, after = twist_of(scene, p), new_twist_of(scene, p)
+        push_wheels(scene, p, after)
         mean = (0.5 * (old[0] + after[0]), 0.5 * (old[1] + after[1]), 0.5 * (old[2] + after[2]))
-        move(body, mean, after, step_s)
-    spin_voltage(scene.wheels)
-    tell_slips(scene)
-    return TIPPING * tipping + TOUCHING * touching
+        move(scene, p, mean, after, step_s)
+    spin_voltage(scene)
+    set_slips(scene)
+    return TIPPING * tipping + TOUCHING * touching + LIMITED * limited(scene)
 
 
 @compiled
 def settle_parcels(scene: Scene, step_s: float, share: float) -> bool:
     """Solve for the twists after a `share` of the step; True when parcels begin to touch."""
+    scene.scratch.tally[:] = 0
     find_touches(scene, step_s)
-    for p in range(scene.parcels.size):
-        body = scene.parcels[p]
+    for p in range(scene.model.parcels.size):
+        body = scene.scratch.parcels[p]
         body.pressed_x_n, body.pressed_y_n, body.pressed_nm = 0.0, 0.0, 0.0
-        settle_parcel(scene, body, share * step_s)
+        settle_parcel(scene, p, share * step_s)
     return press_apart(scene, step_s, share)
+
+
+@compiled
+def limited(scene: Scene) -> bool:
+    """Whether this step has reached a limit of the solver."""
+    tally = scene.scratch.tally
+    return bool(tally[DROPPED] + tally[UNSOLVED] + tally[UNBALANCED] > 0)
 
 
 @compiled
@@ -81,10 +88,10 @@ def observe_ideal(scene: Scene, reference_m_s: Floats) -> int:
     """Set what the wheels do at this very instant under the ideal law; nothing moves."""
     tipping = rest_parcels(scene, 0.0)
     draw_ideal_lines(scene, reference_m_s)
-    for p in range(scene.parcels.size):
-        body = scene.parcels[p]
-        body.new_vx_m_s, body.new_vy_m_s, body.new_yaw_rate_rad_s = twist_of(body)
-        push_wheels(scene, body, twist_of(body))
-    spin_ideal(scene.wheels, reference_m_s, 0.0)
-    tell_slips(scene)
+    for p in range(scene.model.parcels.size):
+        body = scene.scratch.parcels[p]
+        body.new_vx_m_s, body.new_vy_m_s, body.new_yaw_rate_rad_s = twist_of(scene, p)
+        push_wheels(scene, p, twist_of(scene, p))
+    spin_ideal(scene, reference_m_s, 0.0)
+    set_slips(scene)
     return TIPPING * tipping

@@ -16,7 +16,7 @@ START, SUPPORT, CONTACT, REVERSAL, REST, HELD, TIP, END = range(8)
 """What begins a phase. HELD: at rest on an edge between two support sets that push both ways."""
 
 SLACK = 1e-12
-"""Part of the weight that is no force: it tells a crossing from a touch."""
+"""Part of the weight that is no force: it separates a crossing from a touch."""
 SLACK_M = 1e-13
 ROUNDING = 4e-16
 CLOSE = 1e-8

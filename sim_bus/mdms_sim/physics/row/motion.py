@@ -1,7 +1,7 @@
 """The motion of one phase in closed form: x'' = alpha + beta x + gamma x'.
 
 While no wheel changes its contact and no support comes or goes, the parcel is a mass on a spring
-(sliding wheels, eq 6) with a damper (rolling wheels, eq 11). Everything is told from the phase's
+(sliding wheels, eq 6) with a damper (rolling wheels, eq 11). Everything is counted from the phase's
 start, by its speed and acceleration there, so that weak springs lose no digits. beta < 0 is a
 spring, beta > 0 pushes away; gamma <= 0.
 """

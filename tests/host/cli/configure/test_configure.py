@@ -11,10 +11,10 @@ from mdms_host.cli import main
 from mdms_host.cli.configure.cells import ranges
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.scenario.gain import gain_limits
-from mdms_host.cli.scenario.inputs import open_scenario
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning, SilentError
 from mdms_host.commissioning.node_ids import address_of
+from mdms_model.scenario.file import load_scenario
 from mdms_protocol import cob, nmt
 
 
@@ -120,7 +120,7 @@ def test_what_must_not_be_is_refused_before_anything_is_written(
 
 
 def test_gain_beyond_the_margin_is_refused_with_the_largest(configure, capsys):
-    largest = gain_limits(open_scenario("array18", ()).cell)["gain_max_vs_per_m"]
+    largest = gain_limits(load_scenario("array18").cell)["gain_max_vs_per_m"]
     assert configure("set", f"gain={largest * 1.01:.3f}") == Exit.USAGE
     told = capsys.readouterr().err
     assert f"the largest that leaves 45 is {largest:.4g} V s/m (motor of array18" in told

@@ -41,6 +41,6 @@ def test_cells_move_the_world_as_their_voltages_do_and_sample_what_it_tells(whee
 def test_counts_wrap_at_31_bits():
     world, _ = two_worlds(PAIR)
     counts_per_m = world.sampled.counts_per_m
-    world.scene.wheels["travel_m"] = (2**30 + 0.5) / counts_per_m
+    world.scene.state.wheels["travel_m"] = (2**30 + 0.5) / counts_per_m
     world.step_cells(np.zeros((12, 2), np.int32), 1e-3)
     assert (world.sampled.counts == -(2**30)).all()

@@ -66,20 +66,22 @@ def test_work_of_ideal_motors_is_kinetic_energy_and_dissipation(seed):
 def test_work_of_motors_with_inertia_is_kinetic_energy_and_dissipation_at_small_steps():
     """Slip's loss is taken from the parcel's own motion, so nothing here is true by definition."""
     world, reference = wild_world(3, rotor_inertia_kg_m2=2e-6, pwm_steps=10**6)
-    wheels, step_s, voltage_v = world.scene.wheels, 1e-6, 20.0 * reference
-    wheel_j = 0.5 * (wheels["mass_kg"] * wheels["speed_m_s"] ** 2).sum()
+    wheels, step_s, voltage_v = world.scene.model.wheels, 1e-6, 20.0 * reference
+    moving, body = world.scene.state.wheels, world.scene.state.parcels[0]
+    answer = world.scene.scratch.wheels
+    wheel_j = 0.5 * (wheels["mass_kg"] * moving["speed_m_s"] ** 2).sum()
     start_j, work_j, lost_j = kinetic_j(world) + wheel_j, 0.0, 0.0
     for _ in range(20_000):
-        travel, speed, body = world.wheel_travel_m, world.wheel_speed_m_s, world.scene.parcels[0]
+        travel, speed = world.wheel_travel_m, world.wheel_speed_m_s
         x, y, yaw = body["x_m"], body["y_m"], body["yaw_rad"]
         world.step_voltage(voltage_v, step_s)
         travel = world.wheel_travel_m - travel
         mean = (speed + world.wheel_speed_m_s) / 2
-        work_j += ((wheels["drive_n"] - wheels["loss"] * mean) * travel).sum()
+        work_j += ((answer["drive_n"] - wheels["loss"] * mean) * travel).sum()
         moved = (body["x_m"] - x, body["y_m"] - y, body["yaw_rad"] - yaw)
         middle = (x + moved[0] / 2, y + moved[1] / 2)
         lost_j += (world.force_n * (travel - rigid_speed(world, moved, middle))).sum()
-    wheel_j = 0.5 * (wheels["mass_kg"] * wheels["speed_m_s"] ** 2).sum()
+    wheel_j = 0.5 * (wheels["mass_kg"] * moving["speed_m_s"] ** 2).sum()
     assert lost_j > 0.0
     assert work_j == pytest.approx(kinetic_j(world) + wheel_j - start_j + lost_j, rel=1e-6)
 

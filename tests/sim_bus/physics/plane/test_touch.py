@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.sim_bus.physics.tables import BOX, kinetic_j, plane, throw
 
-from mdms_sim.physics.plane.touch import NOW
+from mdms_sim.physics.plane.records import NOW
 from mdms_sim.physics.plane.world import World
 
 
@@ -19,10 +19,11 @@ def world_of(*parcels, friction=0.3, columns=12, rows=6):
 
 def momenta(world):
     """Momentum along x and y, and angular momentum about the table's origin."""
-    b = world.scene.parcels
-    turning = b["inertia_kg_m2"] * b["yaw_rate_rad_s"]
-    moment = b["mass_kg"] * (b["x_m"] * b["vy_m_s"] - b["y_m"] * b["vx_m_s"]) + turning
-    return np.array([b["mass_kg"] @ b["vx_m_s"], b["mass_kg"] @ b["vy_m_s"], moment.sum()])
+    b, constants = world.scene.state.parcels, world.scene.model.parcels
+    mass_kg = constants["mass_kg"]
+    turning = constants["inertia_kg_m2"] * b["yaw_rate_rad_s"]
+    moment = mass_kg * (b["x_m"] * b["vy_m_s"] - b["y_m"] * b["vx_m_s"]) + turning
+    return np.array([mass_kg @ b["vx_m_s"], mass_kg @ b["vy_m_s"], moment.sum()])
 
 
 @pytest.mark.parametrize("ideal", [True, False])
@@ -89,7 +90,7 @@ def test_boxes_pressed_together_by_their_wheels_stay_face_to_face():
     reference = np.where(world.wheels.direction[:, 0] > 0.5, inward, 0.0)
     for _ in range(6000):
         world.step_ideal(reference, 1e-3)
-    touches = world.scene.touches[: world.scene.tally[NOW]]
+    touches = world.scene.scratch.touches[: world.scene.scratch.tally[NOW]]
     assert (touches["force_n"] > 0.0).all()
     assert len(touches) == 2
     assert world.pose[0, 2] == pytest.approx(world.pose[1, 2], abs=1e-3)

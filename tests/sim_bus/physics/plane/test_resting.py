@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 
 from mdms_model.array import build_wheels
 from mdms_model.scenario.scenario import Array, Cell, Parcel, Scenario, Wheel
-from mdms_sim.physics.plane.scene import rest_parcels
-from mdms_sim.physics.plane.world import build_scene
+from mdms_sim.physics.plane.records import build_scene
+from mdms_sim.physics.plane.resting import rest_parcels
 
 PAIR = (Wheel(0.0, (-0.03, 0.0)), Wheel(np.pi / 2, (0.03, 0.02)))
 TRIANGLE = ((-0.2, -0.15), (0.2, -0.1), (0.0, 0.15))
@@ -45,25 +45,25 @@ def test_supports_are_the_wheels_under_the_parcel(shape, pose, centre_of_mass_m)
     scenario = Scenario("scene", Array(6, 3), Cell(wheel=PAIR), (parcel,))
     scene = build_scene(scenario)
     rest_parcels(scene, 0.0)
-    found = scene.wheels["parcel"] == 0
+    found = scene.scratch.wheels["parcel"] == 0
     assert found.tolist() == under(parcel, build_wheels(scenario).position_m).tolist()
-    assert sorted(scene.support[: found.sum()]) == np.flatnonzero(found).tolist()
+    assert sorted(scene.scratch.support[: found.sum()]) == np.flatnonzero(found).tolist()
 
 
 def test_wheels_exactly_at_the_edge_carry():
     parcel = Parcel("box", 2.0, 0.4445, 0.1, x_m=-0.34925)
     scene = build_scene(Scenario("row", Array(10, 1), Cell(), (parcel,)))
     rest_parcels(scene, 0.0)
-    assert np.flatnonzero(scene.wheels["parcel"] == 0).tolist() == [0, 1, 2, 3]
+    assert np.flatnonzero(scene.scratch.wheels["parcel"] == 0).tolist() == [0, 1, 2, 3]
 
 
 def test_levers_are_about_the_centre_of_mass():
     parcel = Parcel("box", 2.0, 0.3, 0.3, x_m=0.05, centre_of_mass_m=(0.02, -0.03))
     scene = build_scene(Scenario("levers", Array(2, 2), Cell(wheel=PAIR), (parcel,)))
     rest_parcels(scene, 0.0)
-    count = scene.parcels[0]["supports"]
-    for w, row in zip(scene.support[:count], scene.jacobian[:count], strict=True):
-        wheel = scene.wheels[w]
+    count = scene.scratch.parcels[0]["supports"]
+    for w, row in zip(scene.scratch.support[:count], scene.scratch.jacobian[:count], strict=True):
+        wheel = scene.model.wheels[w]
         arm = np.array([wheel["x_m"] - 0.07, wheel["y_m"] + 0.03])
         direction = np.array([wheel["direction_x"], wheel["direction_y"]])
         assert row[2] == pytest.approx(arm[0] * direction[1] - arm[1] * direction[0])
@@ -73,6 +73,6 @@ def test_a_wheel_under_two_parcels_carries_the_first():
     parcels = (Parcel("a", 2.0, 0.3, 0.3), Parcel("b", 2.0, 0.3, 0.3, x_m=0.1))
     scene = build_scene(Scenario("both", Array(6, 3), Cell(wheel=PAIR), parcels))
     rest_parcels(scene, 0.0)
-    taken = np.bincount(scene.wheels["parcel"] + 1)[1:]
-    assert taken.tolist() == scene.parcels["supports"].tolist()
+    taken = np.bincount(scene.scratch.wheels["parcel"] + 1)[1:]
+    assert taken.tolist() == scene.scratch.parcels["supports"].tolist()
     assert taken[0] > taken[1] > 0

@@ -1,10 +1,9 @@
-"""What is on the bus besides the cells, and how the simulation drives it."""
+"""How the simulation drives what is on the bus besides the cells."""
 
-from collections.abc import Iterable
 from functools import partial
 from math import ceil, isinf
-from typing import Protocol
 
+from mdms_model.participant import Participant
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.kernel import Kernel
@@ -14,20 +13,6 @@ NS_PER_S = 1_000_000_000
 POLL_NS = 100_000
 #: After the world has moved and the cells have answered at that instant.
 PRIORITY_POLL = 30
-
-
-class Participant(Protocol):
-    """Anything on the bus that is not a cell: a coordinator, a commissioning tool."""
-
-    def on_frame(self, frame: Frame, now_s: float) -> object:
-        """A frame was on the bus."""
-
-    def poll(self, now_s: float) -> Iterable[Frame]:
-        """What it wants to send now."""
-
-    @property
-    def wake_s(self) -> float:
-        """When it wants to be polled next, if nothing comes in before [s]; inf for never."""
 
 
 class Driver:

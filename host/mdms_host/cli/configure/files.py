@@ -1,42 +1,57 @@
-"""`mdms configure load`: settings from a file, to cells by their serial numbers."""
+"""`mdms configure dump` and `load`: settings to a file, and back to cells by serial numbers."""
 
 from argparse import Namespace
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from pathlib import Path
 
-from mdms_host.cli.array.bus import NOBODY
+from mdms_host.cli.array.bus import NO_NODES
 from mdms_host.cli.configure.cells import (
     agreed,
     open_commissioning,
     ranges,
-    refusing_bad_input,
+    read_cells,
     show_changes,
     write_cells,
 )
 from mdms_host.cli.configure.options import nodes_of
 from mdms_host.cli.configure.set import check_margins, to_read
 from mdms_host.cli.console import progress, say
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import CommandError, Exit, writing
+from mdms_host.commissioning.array_file import FiledCell, array_text, read_array_file
+from mdms_host.commissioning.cell_settings import CellSettings, identify_cells, read_settings
+from mdms_host.commissioning.network import Commissioning
+from mdms_host.commissioning.parameters import PARAMETERS
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from mdms_host.commissioning.array_file import FiledCell
-    from mdms_host.commissioning.cell_settings import CellSettings
-    from mdms_host.commissioning.network import Commissioning
+STDOUT = Path("-")
 
 
-def run(arguments: Namespace) -> Exit:
+def dump(arguments: Namespace) -> Exit:
+    """Read all settings and write the file, whole or not at all."""
+    with open_commissioning(arguments) as commissioning:
+        cells = read_cells(commissioning, arguments, PARAMETERS)
+    text = array_text(cells)
+    if arguments.file == STDOUT:
+        print(text, end="")
+        return Exit.OK
+    partial = arguments.file.with_name(f".{arguments.file.name}.partial")
+    with writing(arguments.file, Exit.FAILURE):
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(arguments.file)
+    print(f"{len(cells)} cells, {len(PARAMETERS)} settings each: {arguments.file}")
+    return Exit.OK
+
+
+def load(arguments: Namespace) -> Exit:
     """Show what differs, and write it when that is agreed."""
-    with refusing_bad_input():
-        filed = _filed(arguments)
+    filed = _filed(arguments)
     with open_commissioning(arguments) as commissioning:
         cells = _cells_of(commissioning, filed)
         changes = [
             change
-            for cell, told in zip(cells, filed, strict=True)
-            for change in cell.changes(told.values)
+            for cell, entry in zip(cells, filed, strict=True)
+            for change in cell.changes(entry.values)
         ]
-        check_margins(arguments.scenario, cells, [told.values for told in filed])
+        check_margins(arguments.scenario, cells, [entry.values for entry in filed])
         show_changes(changes)
         if arguments.dry_run or not (changes or arguments.save):
             print(f"{len(changes)} settings differ")
@@ -50,27 +65,23 @@ def run(arguments: Namespace) -> Exit:
     return Exit.OK
 
 
-def _filed(arguments: Namespace) -> "list[FiledCell]":
+def _filed(arguments: Namespace) -> list[FiledCell]:
     """The cells of the file, or those of them that `--node` names."""
-    from mdms_host.commissioning.array_file import read_array_file
-
     filed = read_array_file(arguments.file)
     wanted = nodes_of(arguments.nodes)
     if wanted is None:
         return filed
     absent = set(wanted) - {cell.node_id for cell in filed}
     if absent:
-        raise CommandError(f"{arguments.file} tells of no node {ranges(absent)}", Exit.USAGE)
+        raise CommandError(f"{arguments.file} has no node {ranges(absent)}", Exit.USAGE)
     return [cell for cell in filed if cell.node_id in wanted]
 
 
-def _cells_of(commissioning: "Commissioning", filed: "Sequence[FiledCell]") -> "list[CellSettings]":
+def _cells_of(commissioning: Commissioning, filed: Sequence[FiledCell]) -> list[CellSettings]:
     """The cells with the serial numbers of the file, whatever their node ids are now."""
-    from mdms_host.commissioning.cell_settings import identify_cells, read_settings
-
     found = commissioning.find()
     if not found:
-        raise CommandError(NOBODY, Exit.NO_DEVICE)
+        raise CommandError(NO_NODES, Exit.NO_DEVICE)
     cells = identify_cells(commissioning, found)
     nodes = {identity.serial: node_id for node_id, identity in cells.items()}
     absent = [cell for cell in filed if cell.serial not in nodes]
@@ -81,10 +92,10 @@ def _cells_of(commissioning: "Commissioning", filed: "Sequence[FiledCell]") -> "
         )
     settings = []
     with progress("reading") as share:
-        for done, told in enumerate(filed, 1):
-            node_id = nodes[told.serial]
-            if node_id != told.node_id:
-                say(f"mdms: {told.serial:08X} was node {told.node_id}, and is node {node_id} now")
-            settings.append(read_settings(commissioning, node_id, to_read(told.values)))
+        for done, entry in enumerate(filed, 1):
+            node_id = nodes[entry.serial]
+            if node_id != entry.node_id:
+                say(f"mdms: {entry.serial:08X} was node {entry.node_id}, and is node {node_id} now")
+            settings.append(read_settings(commissioning, node_id, to_read(entry.values)))
             share(done / len(filed))
     return settings

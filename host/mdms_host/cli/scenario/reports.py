@@ -1,4 +1,4 @@
-"""`mdms limits`: the paper's bounds on reference speeds for each parcel, and the largest gain."""
+"""`mdms scenarios` and `mdms limits`: what is known of scenarios before they run."""
 
 import json
 from argparse import Namespace
@@ -6,11 +6,11 @@ from dataclasses import asdict
 from typing import Any
 
 from mdms_host.cli.exits import Exit
-from mdms_host.cli.options import Verbs, add_json, add_scenario
 from mdms_host.cli.scenario.gain import MASSLESS, gain_limits
-from mdms_host.cli.scenario.inputs import open_scenario, refusing_bad_scenarios
+from mdms_model.limits import parcel_limits
+from mdms_model.scenario.file import builtin_names, load_scenario
 
-#: Name in JSON, what people are told, unit.
+#: Name in JSON, in words, unit.
 ROWS = (
     ("supports_min", "supports, at least", ""),
     ("supports_max", "supports, at most", ""),
@@ -25,23 +25,22 @@ GAIN = "gain: 45 degrees of phase margin up to"
 WIDTH = max(len(text) for _name, text, _unit in ROWS)
 
 
-def add_to(verbs: Verbs) -> None:
-    """Register the verb."""
-    parser = verbs.add_parser(
-        "limits", help="the paper's bounds for each parcel, and the largest gain"
-    )
-    add_scenario(parser)
-    add_json(parser)
-    parser.set_defaults(run=run)
+def scenarios(arguments: Namespace) -> Exit:
+    """Print the built-in scenarios, a name and a title each."""
+    titles = {name: load_scenario(name).title for name in builtin_names()}
+    if arguments.json:
+        print(json.dumps({"scenarios": [{"name": n, "title": t} for n, t in titles.items()]}))
+    else:
+        width = max(map(len, titles), default=0)
+        for name, title in titles.items():
+            print(f"{name:{width}}  {title}")
+    return Exit.OK
 
 
-def run(arguments: Namespace) -> Exit:
-    """Print the bounds."""
-    scenario = open_scenario(arguments.scenario, arguments.overrides)
-    from mdms_model.limits import parcel_limits
-
-    with refusing_bad_scenarios():
-        bounds = [asdict(parcel_limits(scenario, parcel)) for parcel in scenario.parcel]
+def limits(arguments: Namespace) -> Exit:
+    """Print the paper's bounds on reference speeds for each parcel, and the largest gain."""
+    scenario = load_scenario(arguments.scenario, arguments.overrides)
+    bounds = [asdict(parcel_limits(scenario, parcel)) for parcel in scenario.parcel]
     gain = gain_limits(scenario.cell)
     if arguments.json:
         print(json.dumps({"parcels": bounds} | gain))

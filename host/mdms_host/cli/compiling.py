@@ -1,15 +1,17 @@
-"""How long numba compiles, so that people are told why and no figure is spoilt by it."""
+"""How long numba compiles, so that the wait is explained and no figure includes it."""
 
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from numba.core.event import Event, Listener, install_listener
+
 from mdms_host.cli.console import say
 from mdms_host.clock import MonotonicClock
 
-#: Nobody needs to know of less.
-WORTH_TELLING_S = 0.5
+#: Less is not reported.
+REPORTED_S = 0.5
 NOTICE = "Compiling the simulator's inner loops; this happens once per installation."
 
 
@@ -22,35 +24,33 @@ class Compiled:
 
 @contextmanager
 def compiling_watched() -> Iterator[Compiled]:
-    """Measures what is compiled meanwhile; if it takes its time, says so on a terminal, once."""
-    from numba.core.event import Event, Listener, install_listener
-
+    """Measures what is compiled meanwhile; a long time is announced on a terminal, once."""
     compiled, clock = Compiled(), MonotonicClock()
 
-    class Watch(Listener):
+    class Stopwatch(Listener):
         """Functions that others call are compiled while those are, so only the outermost counts."""
 
         depth = 0
         start_s = 0.0
-        told = False
+        reported = False
 
         def on_start(self, event: Event) -> None:
             if not self.depth:
                 self.start_s = clock.now_s()
             self.depth += 1
-            self.tell()
+            self.report()
 
         def on_end(self, event: Event) -> None:
-            self.tell()
+            self.report()
             self.depth -= 1
             if not self.depth:
                 compiled.seconds += clock.now_s() - self.start_s
 
-        def tell(self) -> None:
+        def report(self) -> None:
             spent_s = compiled.seconds + clock.now_s() - self.start_s
-            if spent_s >= WORTH_TELLING_S and not self.told and sys.stderr.isatty():
-                self.told = True
+            if spent_s >= REPORTED_S and not self.reported and sys.stderr.isatty():
+                self.reported = True
                 say(NOTICE)
 
-    with install_listener("numba:compile", Watch()):
+    with install_listener("numba:compile", Stopwatch()):
         yield compiled

@@ -1,0 +1,113 @@
+"""The table of all verbs; each is a function of a module that is imported when the verb is used."""
+
+from mdms_host.cli import options
+from mdms_host.cli.configure.options import CONFIGURE
+from mdms_host.cli.parser import Parser, ShowVersion, Verb, add_verbs
+
+DESCRIPTION = "Modular distributed manipulator: simulate, run and look after an array of cells."
+EPILOG = """\
+Results go to stdout, messages to stderr. Exit codes: 0 ok, 1 failure, 2 usage or bad input,
+3 time limit, 4 no bus or device, 5 node fault or protocol mismatch.
+"""
+
+_ARRAY = "mdms_host.cli.array"
+_FLASH = "mdms_host.cli.flash"
+_SCENARIO = "mdms_host.cli.scenario"
+_SIMULATION = "mdms_host.cli.simulation"
+_BUS = f"{_ARRAY}.bus:add_bus"
+
+VERBS = (
+    Verb(
+        "demo",
+        "18 cells carry and turn a parcel, with no hardware",
+        f"{_SIMULATION}.demo:run",
+        options.add_demo,
+    ),
+    Verb(
+        "simulate",
+        "run one scenario in virtual time",
+        f"{_SIMULATION}.simulate:run",
+        options.add_simulate,
+    ),
+    Verb(
+        "scenarios",
+        "list the built-in scenarios",
+        f"{_SCENARIO}.reports:scenarios",
+        options.add_json,
+    ),
+    Verb(
+        "limits",
+        "the paper's bounds for each parcel, and the largest gain",
+        f"{_SCENARIO}.reports:limits",
+        options.add_limits,
+    ),
+    Verb(
+        "map",
+        "draw a field's forces and equilibria for a parcel",
+        f"{_SCENARIO}.map:run",
+        options.add_map,
+    ),
+    Verb("plot", "draw a run", f"{_SIMULATION}.stored_run:plot", options.add_plot),
+    Verb(
+        "export",
+        "write a run as CSV tables",
+        f"{_SIMULATION}.stored_run:export",
+        options.add_export,
+    ),
+    Verb(
+        "serve",
+        "run the virtual array in real time for other programs",
+        f"{_SIMULATION}.serve:run",
+        options.add_serve,
+    ),
+    Verb(
+        "run",
+        "run a program on a real or served array",
+        f"{_ARRAY}.run:run",
+        options.add_run,
+        late_options=_BUS,
+    ),
+    Verb(
+        "scan",
+        "list the nodes on the bus",
+        f"{_ARRAY}.cells:scan",
+        options.add_json,
+        late_options=_BUS,
+    ),
+    Verb(
+        "status",
+        "show how the cells are",
+        f"{_ARRAY}.cells:status",
+        options.add_status,
+        late_options=_BUS,
+    ),
+    Verb(
+        "stop",
+        "turn every motor on the bus off",
+        f"{_ARRAY}.cells:stop",
+        options.add_json,
+        late_options=_BUS,
+    ),
+    Verb(
+        "flash",
+        "bring the firmware onto boards over USB",
+        f"{_FLASH}.flash:run",
+        late_options=f"{_FLASH}.flash:add_options",
+    ),
+    CONFIGURE,
+    Verb(
+        "replay",
+        "send a run's bus log again",
+        f"{_ARRAY}.replay:run",
+        options.add_replay,
+        late_options=_BUS,
+    ),
+)
+
+
+def build_parser() -> Parser:
+    """The parser of the command; what it returns has the verb's function under `run`."""
+    parser = Parser(prog="mdms", description=DESCRIPTION, epilog=EPILOG)
+    parser.add_argument("--version", action=ShowVersion, nargs=0, help="print the version")
+    add_verbs(parser, VERBS, "verbs", "VERB")
+    return parser

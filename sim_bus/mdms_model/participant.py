@@ -1,0 +1,23 @@
+"""What simulation and real time both drive: anything on the bus that decides by frames and time."""
+
+from collections.abc import Iterable
+from typing import Protocol
+
+from mdms_protocol.frame import Frame
+
+
+class Participant(Protocol):
+    """Anything on the bus that is not a cell: a coordinator, a commissioning tool."""
+
+    @property
+    def wake_s(self) -> float:
+        """When it wants to be polled next, if nothing comes in before [s]; inf for never."""
+        ...
+
+    def on_frame(self, frame: Frame, now_s: float) -> object:
+        """A frame was on the bus."""
+        ...
+
+    def poll(self, now_s: float) -> Iterable[Frame]:
+        """What it wants to send now."""
+        ...

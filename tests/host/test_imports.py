@@ -1,0 +1,40 @@
+"""What the host's core needs of the machine it is installed on, and how its modules depend."""
+
+import json
+import pkgutil
+import subprocess
+import sys
+
+import pytest
+
+import mdms_host
+
+FORBIDDEN = {"mdms_sim", "mdms_cell", "mdms_image", "numba", "matplotlib"}
+CORE = sorted(
+    module.name
+    for module in pkgutil.walk_packages(mdms_host.__path__, "mdms_host.")
+    if not module.name.startswith("mdms_host.cli")
+)
+
+
+def imported_by(modules: list[str]) -> set[str]:
+    """Top-level packages that a fresh interpreter has imported after these modules."""
+    script = (
+        "import sys, json, importlib; "
+        f"[importlib.import_module(name) for name in {modules!r}]; "
+        "print(json.dumps(sorted(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=True)
+    return {name.partition(".")[0] for name in json.loads(done.stdout)}
+
+
+def test_core_needs_neither_simulator_nor_cell_nor_compiler():
+    assert len(CORE) > 30
+    assert imported_by(CORE).isdisjoint(FORBIDDEN)
+
+
+@pytest.mark.parametrize("package", ["estimation", "motion", "coordination"])
+def test_what_decides_needs_no_bus_library(package):
+    modules = [name for name in CORE if name.startswith(f"mdms_host.{package}.")]
+    modules = [name for name in modules if not name.endswith(".operation")]
+    assert imported_by(modules).isdisjoint({"can", "canopen", "serial", "rich"})
