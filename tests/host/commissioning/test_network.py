@@ -29,6 +29,7 @@ def test_a_stranger_is_found_and_told_from_cells(request) -> None:
 
     channel = request.node.nodeid
     network = canopen.Network(can.Bus(channel, interface="virtual"))
+    network.NOTIFIER_CYCLE = 0.05  # how long its reader takes to end
     with network.connect():
         network.create_node(9, canopen.ObjectDictionary())
         (stranger,) = scan_bus(can.Bus(channel, interface="virtual"), MonotonicClock())
