@@ -11,6 +11,7 @@ except ImportError:
     from mdms_cell.cpython import micropython
 
 from mdms_cell import ticks
+from mdms_cell.canopen.claim import is_claim
 from mdms_cell.canopen.emcy import Emcy
 from mdms_cell.canopen.guard import Guard
 from mdms_cell.canopen.heartbeat import Consumer, Heartbeat
@@ -87,7 +88,7 @@ class Cell:
             consumer=self._consumer,
             pdos=self._pdos,
         )
-        self._parameters = Parameters(objects, self._store, self._axes.driving)
+        self._parameters = Parameters(objects, self._store, self._axes.driving, self._emcy)
         self._tie_cell()
 
     def _tie_cell(self):
@@ -184,10 +185,13 @@ class Cell:
         self._heartbeat.start(self.now_ms)
         self._listen()
 
+    def on_leave(self):
+        """The node is about to leave its state, and perhaps its node id."""
+        self._sdo.give_up()
+
     def on_state(self, state):
         """The node has gone from one state after its boot to another."""
         self._attend()
-        self._sdo.reset()
         if state == nmt.OPERATIONAL:
             self._pdos.start(self.now_ms)
         else:
@@ -203,9 +207,8 @@ class Cell:
             self._axes.reset()
         self._axes.switch_off()
         self._pdos.stop()
-        self._sdo.reset()
         self._objects.reset(self.node_id, flags)
-        self._store.restore(self._objects, flags)
+        self._parameters.restore(flags)
         for part in (self._pdos, self._emcy, self._consumer, self._axes):
             part.load()
         self._on_setting(SETPOINT_TIMEOUT, 0)
@@ -238,6 +241,10 @@ class Cell:
 
     def _on_sdo(self, data):
         """A client may change what is due, and begins to be waited for."""
+        if is_claim(data) and (self._sdo.busy or self.state == nmt.STOPPED):
+            self._attend()
+            self._heartbeat.answer()
+            return True
         if self.state == nmt.STOPPED:
             return True
         self._heartbeat.now_ms = self._sdo.now_ms = self._attend()

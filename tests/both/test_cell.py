@@ -238,6 +238,31 @@ def test_full_transmit_queue_is_counted():
     assert cell.not_sent == 1
 
 
+def test_change_of_state_aborts_a_transfer_with_a_code():
+    aborted = (0x585, sdo.abort(0x1009, 0, sdo.WRONG_STATE))
+    for command in nmt.TRANSITIONS:
+        cell, board = booted()
+        cell.on_frame(0x605, b"\x40\x09\x10\x00\0\0\0\0")
+        board.take()
+        cell.on_frame(0x000, bytes((command, NODE)))
+        sent = board.take()
+        if nmt.TRANSITIONS[command] == nmt.PRE_OPERATIONAL:
+            assert sent == []  # that is where it was
+        else:
+            assert sent[0] == aborted
+
+
+def test_reset_that_gives_another_node_id_aborts_a_transfer_under_the_old_one():
+    cell, board = booted()
+    cell.on_frame(0x7E5, b"\x04\x01\0\0\0\0\0\0")
+    cell.on_frame(0x7E5, b"\x11\x07\0\0\0\0\0\0")
+    cell.on_frame(0x605, b"\x40\x09\x10\x00\0\0\0\0")
+    board.take()
+    cell.on_frame(0x000, bytes((nmt.RESET_COMMUNICATION, NODE)))
+    assert cell.node_id == 7
+    assert board.take()[0] == (0x585, sdo.abort(0x1009, 0, sdo.WRONG_STATE))
+
+
 def voltages(cell, board, ticks=40):
     """All voltages of both axes over some ticks."""
     seen = set()

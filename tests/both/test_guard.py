@@ -89,3 +89,51 @@ def test_rival_that_comes_later_switches_the_motors_off():
     assert cell.state == nmt.PRE_OPERATIONAL
     cell.poll(55)
     assert board.take()[0] == (0x085, b"\x50\x81\x11\x05\0\0\0\0")
+
+
+def test_error_behaviour_is_followed_in_pre_operational_but_leaves_stopped_alone():
+    for before, behaviour, after in (
+        (nmt.PRE_OPERATIONAL, 0, nmt.PRE_OPERATIONAL),
+        (nmt.PRE_OPERATIONAL, 1, nmt.PRE_OPERATIONAL),
+        (nmt.PRE_OPERATIONAL, 2, nmt.STOPPED),
+        (nmt.STOPPED, 0, nmt.STOPPED),
+    ):
+        cell, _ = watching()
+        cell.on_frame(0x605, sdo.write_request(0x1029, 1, bytes((behaviour,))))
+        command = nmt.STOP if before == nmt.STOPPED else nmt.ENTER_PRE_OPERATIONAL
+        cell.on_frame(0x000, bytes((command, 0)))
+        assert cell.state == before
+        cell.on_frame(0x77F, b"\x05")
+        for now_ms in range(51, 300):
+            cell.poll(now_ms)
+        assert cell.state == after
+
+
+TOO_SHORT = b"\x10\x82\x11\x07\0\0\0\0"
+SHORT_NO_MORE = b"\x00\x00\x00\x07\0\0\0\0"
+
+
+def test_frame_too_short_for_its_pdo_is_reported_once_an_episode():
+    cell, board = operational()
+    told = []
+    for now_ms, length in ((51, 8), (52, 7), (53, 0), (54, 8), (55, 8), (56, 4), (57, 8)):
+        cell.on_frame(0x205, bytes(length))
+        cell.poll(now_ms)
+        told += [(now_ms, data) for data in emergencies(board)]
+    assert told == [(52, TOO_SHORT), (54, SHORT_NO_MORE), (56, TOO_SHORT), (57, SHORT_NO_MORE)]
+
+
+def test_frame_too_short_is_reported_even_if_the_next_follows_before_a_poll():
+    cell, board = operational()
+    cell.on_frame(0x205, bytes(7))
+    cell.on_frame(0x205, bytes(8))
+    cell.poll(51)
+    assert emergencies(board) == [TOO_SHORT, SHORT_NO_MORE]
+
+
+def test_frame_too_short_is_not_reported_before_operational():
+    cell, board = operational()
+    cell.on_frame(0x000, b"\x80\x05")
+    cell.on_frame(0x205, bytes(7))
+    cell.poll(51)
+    assert emergencies(board) == []

@@ -3,7 +3,7 @@
 from mdms_cell import ticks
 from mdms_cell.canopen.objects import key
 from mdms_cell.canopen.rules import check_cob_id
-from mdms_protocol import cob
+from mdms_protocol import cob, sdo
 
 ERROR_REGISTER = 0x1001
 HISTORY = 0x1003
@@ -32,6 +32,8 @@ class Emcy:
         self._enabled = False
         objects.reads[key(ERROR_REGISTER, 0)] = self.register
         objects.writes[key(HISTORY, 0)] = self._clear_history
+        for sub in range(1, _HISTORY_SIZE + 1):
+            objects.reads[key(HISTORY, sub)] = self._history_reader(sub)
         objects.watchers[COB_ID] = self._on_cob_id
         objects.watchers[INHIBIT_TIME] = self._on_inhibit_time
         self.load()
@@ -49,19 +51,19 @@ class Emcy:
             bits |= _GENERIC | _REGISTER_BITS.get(code >> 12, 0)
         return bits
 
-    def report(self, source, code):
-        """An error has come up."""
+    def report(self, source, code, detail=bytes(4)):
+        """An error has come up; four bytes may say more about it."""
         if self._errors.get(source) == code:
             return
         self._errors[source] = code
         self._remember(source << 16 | code)
-        self._post(source, code)
+        self._post(source, code, detail)
 
     def clear(self, source):
         """The error of this source is gone, if there was one."""
         if source in self._errors:
             del self._errors[source]
-            self._post(source, _NO_ERROR)
+            self._post(source, _NO_ERROR, bytes(4))
 
     def poll(self, now_ms):
         """Send what waits, one message an inhibit time; return when to go on, in milliseconds."""
@@ -81,11 +83,10 @@ class Emcy:
         elapsed_ms = ticks.diff(now_ms, self._sent_ms)
         return self._inhibit_ms - elapsed_ms if 0 <= elapsed_ms < self._inhibit_ms else 0
 
-    def _post(self, source, code):
+    def _post(self, source, code, detail):
         if len(self._queue) == _QUEUE_SIZE:
             self._queue.pop(0)
-        message = bytes((code & 0xFF, code >> 8, self.register(), source, 0, 0, 0, 0))
-        self._queue.append(message)
+        self._queue.append(bytes((code & 0xFF, code >> 8, self.register(), source)) + detail)
 
     def _remember(self, error):
         objects = self._objects
@@ -95,7 +96,19 @@ class Emcy:
         objects.put(HISTORY, 1, error)
         objects.put(HISTORY, 0, count)
 
-    def _clear_history(self, _zero):
+    def _history_reader(self, sub):
+        """What returns the error at this place, the newest first; raises AbortError without one."""
+
+        def read():
+            if sub > self._objects.number(HISTORY):
+                raise sdo.AbortError(sdo.NO_DATA)
+            return self._objects.number(HISTORY, sub)
+
+        return read
+
+    def _clear_history(self, number):
+        if number:
+            raise sdo.AbortError(sdo.INVALID_VALUE)
         for sub in range(_HISTORY_SIZE + 1):
             self._objects.put(HISTORY, sub, 0)
 

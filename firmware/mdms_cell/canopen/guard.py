@@ -11,9 +11,11 @@ ERROR_BEHAVIOUR = 0x1029
 SOURCE_CONSUMER = 3
 SOURCE_RPDO = 4
 SOURCE_NODE_ID = 5
+SOURCE_RPDO_LENGTH = 7
 
 HEARTBEAT_LOST = 0x8130
 NODE_ID_TAKEN = 0x8150
+RPDO_TOO_SHORT = 0x8210
 RPDO_OVERDUE = 0x8250
 
 #: The state that a communication error leads to, by the value of 0x1029:1.
@@ -47,6 +49,10 @@ class Guard:
             self._emcy.report(SOURCE_RPDO, RPDO_OVERDUE)
         elif not self._pdos.late:
             self._emcy.clear(SOURCE_RPDO)
+        if self._pdos.take_short():
+            self._emcy.report(SOURCE_RPDO_LENGTH, RPDO_TOO_SHORT)
+        if not self._pdos.short:
+            self._emcy.clear(SOURCE_RPDO_LENGTH)
         return consumer.wait_ms(now_ms)
 
     def on_rival(self):
@@ -61,5 +67,5 @@ class Guard:
     def _react(self, error_code):
         self._axes.fail(error_code)
         state = _STATES.get(self._objects.number(ERROR_BEHAVIOUR, 1))
-        if state is not None and self._node.state == nmt.OPERATIONAL:
+        if state is not None and self._node.state in (nmt.OPERATIONAL, nmt.PRE_OPERATIONAL):
             self._node.enter(state)

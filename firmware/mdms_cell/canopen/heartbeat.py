@@ -16,6 +16,7 @@ class Heartbeat:
         self._send = send
         self._period_ms = 0
         self._due_ms = 0
+        self._owed = False
         self.now_ms = 0
         objects.watchers[PRODUCER_TIME] = self._configure
 
@@ -24,12 +25,22 @@ class Heartbeat:
         self._period_ms = self._objects.number(PRODUCER_TIME)
         self._due_ms = ticks.after(now_ms, self._period_ms)
 
+    def answer(self):
+        """Have one more heartbeat sent, as soon as there is room."""
+        self._owed = True
+
     def poll(self, now_ms, node_id, state):
         """Send a heartbeat if it is due; return in how many milliseconds the next one is.
 
         One that is late does not delay those after it.
         """
         self.now_ms = now_ms
+        if self._owed:
+            self._owed = not self._send(cob.HEARTBEAT_BASE + node_id, bytes((state,)))
+        wait_ms = self._poll_period(now_ms, node_id, state)
+        return min(wait_ms, ticks.RETRY_MS) if self._owed else wait_ms
+
+    def _poll_period(self, now_ms, node_id, state):
         if not self._period_ms:
             return ticks.IDLE_MS
         wait_ms = ticks.diff(self._due_ms, now_ms)

@@ -32,6 +32,10 @@ class Record:
         """The entry's format for `struct`; only a number has one."""
         return _FORMATS[self.type]
 
+    def check_bytes(self, value):
+        """Raises AbortError if the number that these bytes make is out of the entry's limits."""
+        self.check(struct.unpack(self.format, value)[0])
+
     def check(self, number):
         """Raises AbortError if the number is out of the entry's limits."""
         if not self._limits:
@@ -192,12 +196,18 @@ class Objects:
         for entry in entries(flags):
             self.data[entry.place : entry.place + entry.size] = default(entry, node_id)
 
+    def restore_default(self, index):
+        """Give the entries of a stored object their defaults."""
+        for entry in entries(record.STORED_COMMUNICATION | record.STORED_APPLICATION):
+            if entry.index == index:
+                self.data[entry.place : entry.place + entry.size] = default(entry, self._node_id)
+
     def changed(self, flags):
-        """What of these entries is not at its default, as (index, sub-index, bytes)."""
+        """What of these entries is not at its default, as (index, sub-index, type, bytes)."""
         for entry in entries(flags):
             value = bytes(self.data[entry.place : entry.place + entry.size])
             if value != default(entry, self._node_id):
-                yield entry.index, entry.sub, value
+                yield entry.index, entry.sub, entry.type, value
 
 
 def entries(flags):

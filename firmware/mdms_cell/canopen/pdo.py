@@ -10,6 +10,7 @@ from mdms_cell.canopen.rules import (
     TYPE,
     check_mapping,
     check_parameter,
+    mapped,
 )
 from mdms_protocol import cob, sdo
 
@@ -49,11 +50,10 @@ class Pdo:
 
     def _entry(self, sub):
         """An entry of the mapping as (index, sub-index, bits)."""
-        item = self._objects.number(self._mapping, sub)
-        return item >> 16, item >> 8 & 0xFF, item & 0xFF
+        return mapped(self._objects, self._mapping, sub)
 
     def _on_parameter(self, _index, sub):
-        check_parameter(sub, self._parameter(sub), self.can_id)
+        check_parameter(self._direction, sub, self._parameter(sub), self.can_id)
         self.load()
         self._changed(sub)
 

@@ -10,10 +10,11 @@ from mdms_protocol import cob
 class Pdos:
     """Receive and transmit PDOs.
 
-    `heard()` tells the time [ms] and has a poll follow; `changed()` is told of other identifiers.
+    `heard()` returns the time [ms] and has a poll follow; `changed()` is told of other identifiers.
     """
 
     def __init__(self, objects, heard, send, changed):
+        self._heard = heard
         self._changed = changed
         numbers = range(len(cob.TPDO_BASES))
         told = self._on_change
@@ -78,7 +79,8 @@ class Pdos:
             for rpdo in self._held:
                 rpdo.on_sync()
             for tpdo in self._sampled:
-                tpdo.on_sync()
+                if not tpdo.on_sync():
+                    self._heard()
         return True
 
     def discard_held(self):
@@ -92,6 +94,9 @@ class Pdos:
         if self._alive:
             for tpdo in self._spontaneous:
                 wait_ms = min(wait_ms, tpdo.poll(now_ms))
+            for tpdo in self._sampled:
+                if not tpdo.retry():
+                    wait_ms = min(wait_ms, ticks.RETRY_MS)
             for rpdo in self._awaited:
                 wait_ms = min(wait_ms, rpdo.wait_ms(now_ms))
         return wait_ms
@@ -100,6 +105,18 @@ class Pdos:
     def late(self):
         """Whether a frame that is waited for has still not come."""
         return any(rpdo.late for rpdo in self._awaited)
+
+    @property
+    def short(self):
+        """Whether the last frame of an RPDO was too short for it."""
+        return any(rpdo.short for rpdo in self._received)
+
+    def take_short(self):
+        """Whether a frame too short for its RPDO has come, since this was asked last."""
+        short = False
+        for rpdo in self._received:
+            short = rpdo.take_short() or short
+        return short
 
     def overdue(self, now_ms):
         """Whether a frame that was waited for has not come; told once."""

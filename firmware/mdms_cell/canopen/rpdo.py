@@ -24,6 +24,8 @@ class Rpdo(Pdo):
         self._heard = heard
         self._heard_ms = None
         self.late = False
+        self.short = False
+        self._was_short = False
         self.load()
 
     def load(self):
@@ -42,11 +44,17 @@ class Rpdo(Pdo):
         self._layout = layout
         self._length = struct.calcsize(layout)
         self.deadline_ms = self._parameter(EVENT_TIMER)
+        self.short = False
 
     def on_frame(self, data):
         """Take or hold the values; return False if the frame is too short for them."""
         if len(data) < self._length:
+            self.short = self._was_short = True
+            self._heard()
             return False
+        if self.short:
+            self.short = False
+            self._heard()
         if self.deadline_ms:
             self._heard_ms = self._heard()
             self.late = False
@@ -72,6 +80,13 @@ class Rpdo(Pdo):
         self._held = None
         self._heard_ms = None
         self.late = False
+        self.short = False
+        self._was_short = False
+
+    def take_short(self):
+        """Whether a frame has come that is too short, since this was asked last."""
+        was_short, self._was_short = self._was_short, False
+        return was_short
 
     def overdue(self, now_ms):
         """Whether the frame that the event timer waits for has not come; told once."""

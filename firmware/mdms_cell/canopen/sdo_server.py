@@ -35,9 +35,11 @@ class SdoServer:
         """Whether a transfer is under way."""
         return self._transfer is not None
 
-    def reset(self):
-        """Forget a transfer that is under way."""
-        self._close()
+    def give_up(self):
+        """Abort a transfer that is under way: the node changes its state."""
+        transfer = self._transfer
+        if transfer is not None:
+            self._abort(transfer.index, transfer.sub, sdo.WRONG_STATE)
 
     def poll(self, now_ms):
         """Go on sending a block, and give up on a silent client."""
