@@ -17,8 +17,6 @@ from mdms_host.commissioning.node_ids import address_of
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol import cob, nmt
 
-pytestmark = pytest.mark.real_time
-
 
 @pytest.fixture
 def configure(served_cells):
