@@ -10,6 +10,13 @@ try:
 except ImportError:
     from mdms_cell.cpython import micropython
 
+try:
+    from typing import TYPE_CHECKING
+except ImportError:
+    TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from mdms_cell.board import Board
+
 from mdms_cell import ticks
 from mdms_cell.canopen.claim import is_claim
 from mdms_cell.canopen.emcy import Emcy
@@ -40,7 +47,7 @@ class Cell:
     until `wake_ms` while presence is unchanged and ATTENTION is 0. `tick()` is one control period.
     """
 
-    def __init__(self, board, node_id):
+    def __init__(self, board: "Board", node_id: int):
         self._board = board
         self._registers = board.registers
         self.accepts = {}
