@@ -1,7 +1,7 @@
 """The whole firmware of a cell but the hardware: frames and ticks in, frames and voltages out.
 
 `on_frame` and `poll` belong to the background loop, `tick` to a hard timer interrupt; they meet
-only in the registers of the speed loop. One of these, ATTENTION, tells `poll` that the tick or a
+only in the registers of the speed loop. One of these, ATTENTION, shows `poll` that the tick or a
 frame has left something to look after; while it is 0, there are only timers and presence sensors.
 """
 
@@ -175,7 +175,7 @@ class Cell:
         self._emcy.clear(SOURCE_SYSTEM)
         self._attend()
 
-    # What network management tells
+    # What network management calls
 
     def on_boot(self):
         """The node id is this node's own, and the node is announced."""
@@ -284,7 +284,7 @@ class Cell:
         self._sdo.poll(now_ms)
         return 1 if self._sdo.busy else wait_ms
 
-    # What the services are lent
+    # What the services call
 
     def _attend(self):
         """Have a poll follow that looks after everything; the time."""

@@ -23,7 +23,6 @@ class Emcy:
         self._errors = {}
         self._queue = []
         self._sent_ms = None
-        self._enabled = False
         objects.tie(indices.ERROR_REGISTER, 0, read=self.register)
         objects.tie(indices.ERROR_HISTORY, 0, write=self._clear_history)
         for sub in range(1, _HISTORY_SIZE + 1):
@@ -46,7 +45,7 @@ class Emcy:
         return bits
 
     def report(self, source, code, detail=bytes(4)):
-        """An error has come up; four bytes may say more about it."""
+        """An error has come up; four bytes may give details."""
         if self._errors.get(source) == code:
             return
         self._errors[source] = code

@@ -57,13 +57,14 @@ class Heartbeat:
 class Consumer:
     """Watches the nodes that 0x1016 names, each from its first heartbeat on.
 
-    `heard()` tells the time [ms] and has a poll follow; `changed()` is told of other identifiers.
+    `attend()` returns the time [ms] and has a poll follow; `changed()` is called when the
+    identifiers have changed.
     """
 
-    def __init__(self, objects, heard, changed):
+    def __init__(self, objects, attend, changed):
         self._objects = objects
         self._changed = changed
-        self._heard = heard
+        self._attend = attend
         objects.watch(indices.CONSUMER_TIMES, self._on_time)
         self.load()
 
@@ -74,7 +75,7 @@ class Consumer:
             node_id, limit_ms = self._watched(sub)
             if cob.NODE_MIN <= node_id <= cob.NODE_MAX and limit_ms:
                 self._limits_ms[node_id] = limit_ms
-        self._heard_ms = {}
+        self._received_ms = {}
         self.lost = set()
 
     def receivers(self):
@@ -86,7 +87,7 @@ class Consumer:
         def receive(data):
             if nmt.decode_heartbeat(data) is None:
                 return False
-            self._heard_ms[node_id] = self._heard()
+            self._received_ms[node_id] = self._attend()
             self.lost.discard(node_id)
             return True
 
@@ -94,18 +95,18 @@ class Consumer:
 
     def poll(self, now_ms):
         """Return whether a node has fallen silent just now; `lost` are all that have."""
-        for node_id, heard_ms in self._heard_ms.items():
-            if ticks.diff(now_ms, heard_ms) >= self._limits_ms[node_id]:
-                del self._heard_ms[node_id]
+        for node_id, received_ms in self._received_ms.items():
+            if ticks.diff(now_ms, received_ms) >= self._limits_ms[node_id]:
+                del self._received_ms[node_id]
                 self.lost.add(node_id)
                 return True
         return False
 
     def wait_ms(self, now_ms):
-        """In how many milliseconds a node will have fallen silent, unless it is heard."""
+        """In how many milliseconds a node will have fallen silent, unless a heartbeat comes."""
         wait_ms = ticks.IDLE_MS
-        for node_id, heard_ms in self._heard_ms.items():
-            wait_ms = min(wait_ms, self._limits_ms[node_id] - ticks.diff(now_ms, heard_ms))
+        for node_id, received_ms in self._received_ms.items():
+            wait_ms = min(wait_ms, self._limits_ms[node_id] - ticks.diff(now_ms, received_ms))
         return wait_ms
 
     def _watched(self, sub):

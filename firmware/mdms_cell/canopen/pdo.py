@@ -18,7 +18,7 @@ from mdms_protocol import cob, sdo
 class Pdo:
     """One PDO; `direction` is the flag of the entries that it may carry.
 
-    `changed(sub)` is told which of its parameters is another.
+    `changed(sub)` is called when that one of its parameters has changed.
     """
 
     def __init__(self, objects, parameters, mapping, direction, changed):

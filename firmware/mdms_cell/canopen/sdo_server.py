@@ -27,7 +27,7 @@ class SdoServer:
         self._objects = objects
         self._respond = respond
         self._transfer = None
-        self._heard_ms = 0
+        self._received_ms = 0
         self.now_ms = 0
 
     @property
@@ -48,14 +48,14 @@ class SdoServer:
         if transfer is None:
             return
         transfer.pump(self._respond)
-        if ticks.diff(now_ms, self._heard_ms) >= TIMEOUT_MS:
+        if ticks.diff(now_ms, self._received_ms) >= TIMEOUT_MS:
             self._abort(transfer.index, transfer.sub, sdo.TIMED_OUT)
 
     def on_request(self, data):
         """Serve one request; return False if it is none."""
         if len(data) != 8:
             return False
-        self._heard_ms = self.now_ms
+        self._received_ms = self.now_ms
         transfer = self._transfer
         try:
             if transfer is not None and transfer.takes(data[0]):

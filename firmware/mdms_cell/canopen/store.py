@@ -22,7 +22,7 @@ _GROUPS = {
     2: record.STORED_COMMUNICATION,
     3: record.STORED_APPLICATION,
 }
-#: What reading tells: saved on command, not by itself; defaults can be restored.
+#: What reading returns: saved on command, not by itself; defaults can be restored.
 _ON_COMMAND = 1
 
 

@@ -68,7 +68,7 @@ _ERROR_CODES = (
 
 
 def command_of(controlword):
-    """The command that a controlword gives, told by its bits 0 to 3 (CiA 402-2, table 27)."""
+    """The command that a controlword gives by its bits 0 to 3 (CiA 402-2, table 27)."""
     if not controlword & cia402.CONTROL_VOLTAGE:
         return cia402.DISABLE_VOLTAGE
     if not controlword & cia402.CONTROL_NO_QUICK_STOP:

@@ -53,7 +53,7 @@ def set_feed(registers, base, counts_per_metre, acceleration_per_volt=ACCELERATI
     """Let the observer expect that new voltage speeds the wheel up by so much [mm/s2 per V].
 
     0 leaves it to the encoder. What counts as new fades with a time constant of 16 ticks, so that
-    a wheel that carries more than its motor's data say is told wrongly for that long only. With
+    the speed of a wheel that carries more than its motor's data say is off for that long only. With
     more than half a million counts per metre the strongest motors are fed what fits in FEED.
     """
     high = ACCELERATION_PER_VOLT_MAX_MM_S2
