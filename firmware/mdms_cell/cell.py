@@ -25,10 +25,10 @@ from mdms_cell.canopen.heartbeat import Consumer, Heartbeat
 from mdms_cell.canopen.lss import Lss
 from mdms_cell.canopen.nmt import EVERYTHING, Nmt
 from mdms_cell.canopen.objects import Objects
-from mdms_cell.canopen.pdos import Pdos
+from mdms_cell.canopen.pdo.pdos import Pdos
 from mdms_cell.canopen.rules import check_plain
-from mdms_cell.canopen.sdo_server import SdoServer
-from mdms_cell.canopen.store import Parameters, Store
+from mdms_cell.canopen.sdo.server import SdoServer
+from mdms_cell.canopen.storage.store import Parameters, Store
 from mdms_cell.drive import speed_loop, tuning
 from mdms_cell.drive.axes import Axes
 from mdms_protocol import cob, indices, nmt, record, signature

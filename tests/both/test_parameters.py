@@ -3,10 +3,10 @@
 from cell_bench import NODE, Board, emergencies
 from refusal import code_of
 
-from mdms_cell.canopen import saved
 from mdms_cell.canopen.emcy import Emcy
 from mdms_cell.canopen.objects import Objects, find
-from mdms_cell.canopen.store import Parameters, Store
+from mdms_cell.canopen.storage import saved
+from mdms_cell.canopen.storage.store import Parameters, Store
 from mdms_cell.cell import Cell
 from mdms_protocol import nmt, record, sdo
 

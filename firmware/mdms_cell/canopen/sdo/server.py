@@ -1,11 +1,11 @@
 """The SDO server (CiA 301, 7.2.4): lets one client read and write the object dictionary.
 
-A transfer of more than four bytes is an object of its own (`sdo_segmented`, `sdo_block`) with
+A transfer of more than four bytes is an object of its own (`segmented`, `block`) with
 `on_request(data)`, which returns the response or None, `done`, and `pump(send)`.
 """
 
 from mdms_cell import ticks
-from mdms_cell.canopen import sdo_block, sdo_segmented
+from mdms_cell.canopen.sdo import block, segmented
 from mdms_protocol import sdo
 
 #: A transfer in which the client is silent for so long is aborted.
@@ -13,10 +13,10 @@ TIMEOUT_MS = 1000
 
 #: What opens a transfer, by the command specifier of the request.
 _OPENINGS = {
-    sdo.UPLOAD: sdo_segmented.begin_upload,
-    sdo.DOWNLOAD: sdo_segmented.begin_download,
-    sdo.BLOCK_UPLOAD: sdo_block.begin_upload,
-    sdo.BLOCK_DOWNLOAD: sdo_block.begin_download,
+    sdo.UPLOAD: segmented.begin_upload,
+    sdo.DOWNLOAD: segmented.begin_download,
+    sdo.BLOCK_UPLOAD: block.begin_upload,
+    sdo.BLOCK_DOWNLOAD: block.begin_download,
 }
 
 

@@ -1,9 +1,9 @@
 """All PDOs of a cell, alive in 'operational' only."""
 
 from mdms_cell import ticks
-from mdms_cell.canopen.rpdo import Rpdo
+from mdms_cell.canopen.pdo.rpdo import Rpdo
+from mdms_cell.canopen.pdo.tpdo import Tpdo
 from mdms_cell.canopen.rules import COB_ID
-from mdms_cell.canopen.tpdo import Tpdo
 from mdms_protocol import cob
 
 

@@ -3,7 +3,7 @@
 import struct
 
 from mdms_cell import ticks
-from mdms_cell.canopen.pdo import Pdo
+from mdms_cell.canopen.pdo.base import Pdo
 from mdms_cell.canopen.rules import DUMMIES, EVENT_TIMER
 from mdms_protocol import indices, record
 

@@ -6,8 +6,9 @@ belongs to no entry, lies out of today's limits, or would make a PDO that no cli
 not taken: the entry has its default, and the value is a misfit to be reported.
 """
 
-from mdms_cell.canopen import rules, saved
+from mdms_cell.canopen import rules
 from mdms_cell.canopen.objects import find
+from mdms_cell.canopen.storage import saved
 from mdms_protocol import cob, indices, record, sdo
 
 _PDOS = (

@@ -7,7 +7,7 @@ The memory has `read(bank)`, which returns the whole bank, `erase(bank)` and
 `write(bank, offset, data)`, and raises OSError where it fails.
 """
 
-from mdms_cell.canopen import restoration, saved
+from mdms_cell.canopen.storage import restoration, saved
 from mdms_protocol import indices, record, sdo
 
 SOURCE_SETTINGS = 8
