@@ -340,3 +340,15 @@ def test_supply_is_reported_as_it_is():
         board.registers[speed_loop.SUPPLY] = supply_uv
         cell.on_frame(0x605, sdo.read_request(0x6079, 0), cell.now_ms)
         assert board.take()[-1][1][4:] == (supply_uv // 1000).to_bytes(4, "little")
+
+
+def test_a_lost_supply_shows_in_the_statusword_at_once():
+    cell, board = operational()
+    board.take()
+    for supply_uv, voltage_enabled in ((0, False), (24_000_000, True)):
+        board.registers[speed_loop.SUPPLY] = supply_uv
+        for now_ms in range(60, 70):
+            cell.tick()
+            cell.poll(now_ms)
+        words = [pdo.STATUS.decode(data)[0] for can_id, data in board.take() if can_id == 0x285]
+        assert [bool(word & cia402.VOLTAGE_ENABLED) for word in words] == [voltage_enabled]

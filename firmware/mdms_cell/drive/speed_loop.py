@@ -105,6 +105,7 @@ UNDERVOLTAGE = const(32)
 AT_TARGET = const(1)
 STANDING = const(2)
 STOPPED = const(4)  # at standstill in STOP, or its time is over
+LOW_SUPPLY = const(8)  # too low a supply for LOW_TICKS
 
 TICK_HZ = const(1000)
 SPEED_MAX_UM_S = const(10_000_000)
@@ -311,14 +312,14 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         registers[base + VOLTAGE] = voltage
 
         # Tell the background what it has to look after.
-        signs = 0
+        signs = LOW_SUPPLY if low_supply == LOW_TICKS else 0
         if remaining < 0:
             remaining = 0 - remaining
         ticks = 0
         if remaining <= registers[base + WINDOW]:
             ticks = registers[base + NEAR_COUNT]
             if ticks >= registers[base + WINDOW_TICKS]:
-                signs = AT_TARGET
+                signs |= AT_TARGET
             else:
                 ticks += 1
         registers[base + NEAR_COUNT] = ticks

@@ -154,7 +154,7 @@ class Drive:
         registers = self.registers
         signs = registers[self.base + speed_loop.SIGNS]
         word = self.state | cia402.REMOTE
-        if registers[speed_loop.LOW_COUNT] == 0:
+        if not signs & speed_loop.LOW_SUPPLY:
             word |= cia402.VOLTAGE_ENABLED
         if signs & speed_loop.AT_TARGET:
             word |= cia402.TARGET_REACHED
