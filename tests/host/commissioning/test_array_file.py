@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdms_host.commissioning.array_file import ArrayFileError, array_text, read_array_file
+from mdms_host.commissioning.array_file import ArrayFileError, array_text, filed_cells
 from mdms_host.commissioning.cell_settings import CellSettings
 from mdms_host.commissioning.parameters import BY_NAME, PARAMETERS
 
@@ -10,7 +10,7 @@ from mdms_host.commissioning.parameters import BY_NAME, PARAMETERS
 def read(folder, text):
     path = folder / "array.toml"
     path.write_text(text)
-    return read_array_file(path)
+    return filed_cells(path)
 
 
 @st.composite
@@ -63,4 +63,4 @@ def test_what_a_file_cannot_say_is_refused_with_its_place(tmp_path, text, told):
 
 def test_missing_file_is_told(tmp_path):
     with pytest.raises(ArrayFileError, match=r"none.toml: No such file"):
-        read_array_file(tmp_path / "none.toml")
+        filed_cells(tmp_path / "none.toml")
