@@ -30,7 +30,7 @@ def is_row(scenario: "Scenario") -> bool:
 def save_picture(path: Path, scenario: "Scenario", record: "Record") -> None:
     """Draw a run into a PNG file, in the way that suits its array. Raises OSError."""
     draw = draw_row if is_row(scenario) else draw_plane
-    save(draw(*_drawable(scenario, record)), path)
+    save(draw(*drawable(scenario, record)), path)
 
 
 def save_wheels(path: Path, scenario: "Scenario", record: "Record") -> None:
@@ -38,7 +38,7 @@ def save_wheels(path: Path, scenario: "Scenario", record: "Record") -> None:
     save(draw_wheels(scenario, record), path)
 
 
-def _drawable(scenario: "Scenario", record: "Record") -> "tuple[Scenario, Record]":
+def drawable(scenario: "Scenario", record: "Record") -> "tuple[Scenario, Record]":
     """A record of belief with a pose at every sample: before it is found, a parcel lies there.
 
     Parcels that were never found are left out.
