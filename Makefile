@@ -12,11 +12,11 @@ demo: $(VENV)/.run
 
 # Tests that keep pace with the machine's clock want the machine for themselves.
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest -n $(WORKERS) -m "not real_time"
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup -m "not real_time"
 	$(BIN)/python -m pytest -m real_time
 
 quick: $(VENV)/.dev
-	$(BIN)/python -m pytest -n $(WORKERS) -m "not slow and not real_time"
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup -m "not slow and not real_time"
 
 check: $(VENV)/.dev typings/.installed
 	$(BIN)/ruff check .

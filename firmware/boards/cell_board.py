@@ -12,7 +12,6 @@ import micropython
 from machine import ADC, WDT, Pin
 from micropython import const
 
-from boards.flash import Settings
 from boards.wheel import CURRENT_TOO_LARGE_MA
 from mdms_cell.drive import speed_loop
 
@@ -33,7 +32,8 @@ class CellBoard:
     Of `pins`, `wake` lets both bridges drive, `fault` is low while one of them reports a fault,
     `sensors` are the five presence sensors, `run_led` and `error_led` those of CiA 303-3. The tick
     calls `sample(registers)` and `drive(registers)`. Importing touches nothing; a board is made
-    with both wheels off, and `start` brings it to life.
+    with both wheels off, and `start` brings it to life. `memory(asleep)` returns the memory of the
+    settings, or None.
 
     A family has `WATCHDOG_MS`, the watchdog's patience while a bridge is awake: far more than a
     garbage collection. It makes what `wheels` and `connected` return, and the tick's timer.
@@ -41,7 +41,7 @@ class CellBoard:
 
     WATCHDOG_MS = 250
 
-    def __init__(self, pins, folder: str):
+    def __init__(self, pins, memory):
         self._wake = Pin(pins.wake, Pin.OUT, value=0)
         self._wheels = self.wheels(pins)
         self.motors_off()
@@ -54,7 +54,7 @@ class CellBoard:
         self._sensors = [Pin(name, Pin.IN, Pin.PULL_UP) for name in pins.sensors]
         self._run_led = Pin(pins.run_led, Pin.OUT, value=0)
         self._error_led = Pin(pins.error_led, Pin.OUT, value=0)
-        self.settings = Settings(folder, self.asleep)
+        self.settings = memory(self.asleep)
         self._watchdog = None
         self._watchdog_ms = 0
         self.bus = self.connected(pins)
@@ -63,7 +63,7 @@ class CellBoard:
         self.send = self.bus.send
         self.listen = self.bus.listen
 
-    # What a chip family says
+    # What a chip family defines
 
     def wheels(self, pins):
         """Both wheels, made from the peripherals."""
@@ -157,7 +157,7 @@ class CellBoard:
 def _sampling(supply, fault, wheels):
     """What writes supply, currents and encoder counts into the registers, those last.
 
-    The ADC belongs to the tick: a conversion that another interrupts tells of its channel.
+    The ADC belongs to the tick: a conversion that another interrupts is of its channel.
     A bridge with a fault of its own has shut off; that counts as over-current.
     """
 

@@ -1,13 +1,18 @@
-"""Settings in files of the board's flash file system, the memory of `mdms_cell.canopen.store`.
+"""Settings in files of a LittleFS, the memory of `mdms_cell.canopen.storage.store`.
+
+For boards on which the port gives LittleFS the erase blocks of the flash itself: Teensy 4.1, and
+STM32 boards whose file system lies on SPI flash. There LittleFS keeps what it has until what is new
+is whole. On internal flash of an STM32 it cannot; see `boards.sectors`.
 
 Erasing flash stops the processor, so nothing is written unless `asleep()` reports that no bridge is
-awake. MicroPython writes the last sector that was touched five seconds later, or when a file is
-closed, renamed or removed; nothing here leaves it to the former.
+awake.
 """
 
 import os
 
 BANK_SIZE = 4096
+#: Of flash chips; a port that lets LittleFS erase nothing has blocks of 512 bytes.
+_ERASE_BLOCK = 4096
 
 
 class Settings:
@@ -45,6 +50,18 @@ class Settings:
             raise OSError("settings are written from their beginning on")
         with open(self._path(bank), "ab") as file:
             file.write(data)
+
+
+def memory(folder, asleep):
+    """The memory of the store; None where the folder is no LittleFS on real erase blocks."""
+    import vfs  # for this only
+
+    for file_system, path in vfs.mount():
+        if path == folder:
+            littlefs = isinstance(file_system, vfs.VfsLfs2)
+            whole = littlefs and os.statvfs(folder)[0] >= _ERASE_BLOCK
+            return Settings(folder, asleep) if whole else None
+    return None
 
 
 def _check(asleep):

@@ -1,4 +1,10 @@
-"""NUCLEO-G474RE (STM32G474, 170 MHz); pins as in the wiring table of firmware/README.md."""
+"""NUCLEO-G474RE (STM32G474, 170 MHz); pins as in the wiring table of firmware/README.md.
+
+It saves no settings. Flash of an STM32G4 has error correction: reading what was cut off amid an
+erase or a program operation raises the NMI, and goes on raising it until FLASH_ECCR is cleared.
+MicroPython's handler returns without that, so a board whose power failed during a save would hang
+at every start.
+"""
 
 from machine import Pin
 
@@ -23,9 +29,13 @@ PINS = Pins(
 )
 
 
-def board(folder="/flash"):
+def board():
     """The board with both wheels off; `start` brings it to life."""
-    return Stm32Board(PINS, folder)
+    return Stm32Board(PINS, _no_memory)
+
+
+def _no_memory(_asleep):
+    return None
 
 
 def held():

@@ -2,7 +2,7 @@
 
 from machine import Pin
 
-from boards import can_filters
+from boards import can_filters, sectors
 from boards.stm32 import Pins, Stm32Board
 
 PINS = Pins(
@@ -21,11 +21,22 @@ PINS = Pins(
     filters=can_filters.bxcan,
     receive="Y3",
 )
+#: Behind sectors 1 and 2 (16 KB each) with the file system: sectors 3 (16 KB) and 4 (64 KB).
+STORAGE = sectors.Storage(address=0x08004000, banks=(0x8000, 0xC000))
 
 
-def board(folder="/flash"):
+def board():
     """The board with both wheels off; `start` brings it to life."""
-    return Stm32Board(PINS, folder)
+    return Stm32Board(PINS, _memory)
+
+
+def _memory(asleep):
+    return sectors.Sectors(STORAGE, asleep)
+
+
+def make_room():
+    """Make the file system smaller, which erases it, so that settings can be saved."""
+    sectors.make_room(STORAGE)
 
 
 def held():

@@ -37,11 +37,11 @@ Pins = namedtuple(
 
 
 class Stm32Board(CellBoard):
-    """A board with one of the STM32s that MicroPython's `machine.CAN` knows."""
+    """A board with one of the STM32s that MicroPython's `machine.CAN` supports."""
 
-    def __init__(self, pins: Pins, folder: str):
+    def __init__(self, pins: Pins, memory):
         self._timer = None
-        super().__init__(pins, folder)
+        super().__init__(pins, memory)
 
     def wheels(self, pins: Pins):
         """Both wheels, with the PWM of one timer."""

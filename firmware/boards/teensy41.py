@@ -2,6 +2,7 @@
 
 from machine import Pin
 
+from boards import flash
 from boards.mimxrt import MimxrtBoard, Pins
 
 PINS = Pins(
@@ -18,9 +19,13 @@ PINS = Pins(
 )
 
 
-def board(folder="/flash"):
+def board():
     """The board with both wheels off; `start` brings it to life."""
-    return MimxrtBoard(PINS, folder)
+    return MimxrtBoard(PINS, _memory)
+
+
+def _memory(asleep):
+    return flash.memory("/flash", asleep)
 
 
 def held():

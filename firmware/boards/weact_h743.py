@@ -6,7 +6,7 @@ connector must be free.
 
 from machine import Pin
 
-from boards import can_filters
+from boards import can_filters, flash
 from boards.stm32 import Pins, Stm32Board
 
 PINS = Pins(
@@ -27,9 +27,13 @@ PINS = Pins(
 )
 
 
-def board(folder="/flash"):
+def board():
     """The board with both wheels off; `start` brings it to life."""
-    return Stm32Board(PINS, folder)
+    return Stm32Board(PINS, _memory)
+
+
+def _memory(asleep):
+    return flash.memory("/flash", asleep)
 
 
 def held():

@@ -23,7 +23,8 @@ NODE_NONE = 255
 #: Bit 31 of a COB-ID object: the service does not exist; bit 29: 29-bit identifier (not supported).
 INVALID = 1 << 31
 EXTENDED = 1 << 29
-#: Bit 30: of a PDO, no remote request; of SYNC, this device produces it.
+#: Bit 30: of a TPDO, remote requests are not answered, as no cell does; of SYNC, this device
+#: produces it.
 FLAG_30 = 1 << 30
 IDENTIFIER = 0x7FF
 

@@ -99,7 +99,7 @@ _COMMUNICATION: dict[int, Field | e.Group] = {
         "Pre-defined error field",
         ERROR_HISTORY,
         field("Standard error field", U32, READ),
-        field("Number of errors", U8, high=0),
+        field("Number of errors", U8),
     ),
     0x1005: _communication("COB-ID SYNC", U32, cob.SYNC),
     0x1008: field("Manufacturer device name", e.TEXT, CONST, DEVICE_NAME),
@@ -241,11 +241,12 @@ def _pdos(number: int) -> dict[int, e.Group]:
     rpdo = "RPDO %d " % (number + 1)
     tpdo = "TPDO %d " % (number + 1)
     unused = 0 if RPDO_MAPS[number] else cob.INVALID
+    no_remote = cob.FLAG_30 | cob.TPDO_BASES[number]
     inhibit = {3: _communication("Inhibit time", U16, 0, e.TENTHS_OF_MILLISECONDS)}
     return {
         0x1400 + number: _parameters(rpdo, cob.RPDO_BASES[number] | unused, number, {}),
         0x1600 + number: _mapping(rpdo, RPDO_MAPS[number]),
-        0x1800 + number: _parameters(tpdo, cob.TPDO_BASES[number] | unused, number, inhibit),
+        0x1800 + number: _parameters(tpdo, no_remote | unused, number, inhibit),
         0x1A00 + number: _mapping(tpdo, TPDO_MAPS[number]),
     }
 

@@ -45,7 +45,7 @@ load("main")
 load("boards.%s")
 code = note()
 import main
-board = sys.modules["boards.%s"].board(".")
+board = sys.modules["boards.%s"].board()
 cell = main.Cell(board, 5)
 runner = main.Runner(board, cell)
 board.start(runner.tick)

@@ -1,8 +1,10 @@
 """Emergency messages, the error register and the history."""
 
+from refusal import code_of
+
 from mdms_cell.canopen.emcy import Emcy
 from mdms_cell.canopen.objects import Objects, find
-from mdms_protocol import record
+from mdms_protocol import record, sdo
 
 
 class Bench:
@@ -58,6 +60,26 @@ def test_history_begins_with_the_newest_and_keeps_eight():
     assert bench.objects.number(0x1003, 8) == 0x00018102
     bench.objects.write(find(0x1003, 0), b"\0")
     assert [bench.objects.number(0x1003, sub) for sub in range(9)] == [0] * 9
+
+
+def test_history_is_cleared_by_0_alone():
+    bench = Bench()
+    bench.emcy.report(1, 0x2310)
+    for number in (1, 2, 255):
+        assert code_of(bench.objects.write, find(0x1003, 0), bytes((number,))) == sdo.INVALID_VALUE
+    assert bench.objects.read(0x1003, 0) == b"\1"
+
+
+def test_places_of_the_history_without_an_error_cannot_be_read():
+    bench = Bench()
+    for sub in range(1, 9):
+        assert code_of(bench.objects.read, 0x1003, sub) == sdo.NO_DATA
+    bench.emcy.report(1, 0x2310)
+    assert bench.objects.read(0x1003, 1) == b"\x10\x23\x01\x00"
+    assert code_of(bench.objects.read, 0x1003, 2) == sdo.NO_DATA
+    bench.objects.write(find(0x1003, 0), b"\0")
+    assert code_of(bench.objects.read, 0x1003, 1) == sdo.NO_DATA
+    assert bench.objects.read(0x1003, 0) == b"\0"
 
 
 def test_inhibit_time_keeps_messages_apart():

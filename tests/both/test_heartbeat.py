@@ -87,3 +87,15 @@ def test_full_queue_costs_one_heartbeat_and_not_the_grid():
     assert bench.poll(100) == (0, 100)
     bench.room = True
     assert bench.poll(200) == (1, 100)
+
+
+def test_answer_is_one_more_heartbeat_as_soon_as_there_is_room():
+    for period_ms in (0, 100):
+        bench = Bench(period_ms)
+        bench.heartbeat.answer()
+        bench.room = False
+        assert bench.poll(1) == (0, ticks.RETRY_MS)
+        bench.room = True
+        assert bench.poll(2)[0] == 1
+        assert bench.poll(3)[0] == 0
+        assert bench.poll(100)[0] == (1 if period_ms else 0)

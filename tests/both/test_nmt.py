@@ -15,6 +15,9 @@ class Cell:
         self.told = []
         self.sent = []
 
+    def on_leave(self):
+        self.told.append(("leave",))
+
     def on_reset(self, command):
         self.told.append(("reset", command))
 
@@ -51,7 +54,7 @@ def test_boot_leads_to_pre_operational_and_is_told_once():
     slave.reset(EVERYTHING)
     for now_ms in (0, 49, 50):
         slave.initialise(now_ms)
-    assert cell.told == [("reset", EVERYTHING), ("boot",)]
+    assert cell.told == [("leave",), ("reset", EVERYTHING), ("boot",)]
     assert cell.sent[1:] == [(0x705, b"\x00")]
     assert slave.state == nmt.PRE_OPERATIONAL
 
@@ -63,9 +66,11 @@ def test_every_command_leads_from_every_state_to_that_of_the_table():
             assert slave.on_command(bytes((command, NODE)))
             assert slave.state == after
             if after == nmt.INITIALISING:
-                assert cell.told == [("reset", command)]
+                assert cell.told == [("leave",), ("reset", command)]
+            elif before == after:
+                assert cell.told == []
             else:
-                assert cell.told == ([] if before == after else [("state", after)])
+                assert cell.told == [("leave",), ("state", after)]
 
 
 def test_all_nodes_are_meant_by_0_and_others_are_left_alone():
@@ -96,7 +101,7 @@ def test_node_that_claims_its_id_obeys_resets_only():
         assert slave.state == nmt.INITIALISING
     assert cell.told == []
     slave.on_command(bytes((COMMUNICATION, NODE)))
-    assert cell.told == [("reset", COMMUNICATION)]
+    assert cell.told == [("leave",), ("reset", COMMUNICATION)]
 
 
 def test_reset_has_the_claim_begin_anew():
@@ -131,5 +136,5 @@ def test_node_without_an_id_takes_the_new_one_when_the_master_is_done():
     assert cell.sent == []
     slave.pending_node_id = 9
     slave.on_lss_done()
-    assert cell.told == [("reset", EVERYTHING)]
+    assert cell.told == [("leave",), ("reset", EVERYTHING)]
     assert slave.node_id == 9

@@ -1,10 +1,14 @@
 """0x1010 and 0x1011: what a client must write, what it saves, and when it is refused."""
 
+from cell_bench import NODE, Board, emergencies
 from refusal import code_of
 
+from mdms_cell.canopen.emcy import Emcy
 from mdms_cell.canopen.objects import Objects, find
-from mdms_cell.canopen.store import Parameters, Store
-from mdms_protocol import record, sdo
+from mdms_cell.canopen.storage import saved
+from mdms_cell.canopen.storage.store import Parameters, Store
+from mdms_cell.cell import Cell
+from mdms_protocol import nmt, record, sdo
 
 ALL = record.STORED_COMMUNICATION | record.STORED_APPLICATION
 STORE = 0x1010
@@ -42,8 +46,20 @@ class Bench:
         self.objects = Objects()
         self.objects.reset(5, ALL | record.FROM_NODE)
         store = Store(self.memory)
-        store.restore(self.objects, ALL)
-        Parameters(self.objects, store, lambda: self.driving)
+        self.sent = []
+        self.emcy = Emcy(self.objects, self.send)
+        self.parameters = Parameters(self.objects, store, lambda: self.driving, self.emcy)
+        self.parameters.restore(ALL)
+
+    def send(self, _can_id, data):
+        self.sent.append(data)
+        return True
+
+    def emergencies(self):
+        """What has been reported since this was asked last."""
+        self.emcy.poll(0)
+        sent, self.sent = self.sent, []
+        return sent
 
     def change(self):
         for index, number in CHANGED:
@@ -115,3 +131,59 @@ def test_failing_memory_is_told():
     bench.memory.broken = True
     assert bench.write(STORE, 1, b"save") == sdo.HARDWARE_ERROR
     assert bench.objects.read(STORE, 1) == b"\1\0\0\0"
+
+
+#: As `saved` has them: index, sub-index, type and size, and the bytes.
+UNKNOWN = b"\xff\x2f\x01\x51\x07"
+TOO_HIGH = b"\x00\x30\x00\x62\xff\xff"
+TOLD = b"\x10\x63\x01\x08"
+OVER = b"\x00\x00\x00\x08\0\0\0\0"
+
+
+def with_misfits():
+    """A memory with a value of no entry and one that is out of its limits."""
+    memory = Memory()
+    saved.write(memory, 0, 1, UNKNOWN + TOO_HIGH)
+    return memory
+
+
+def test_saved_values_that_do_not_fit_are_reported_with_the_first_and_their_number():
+    bench = Bench(with_misfits())
+    assert bench.emergencies() == [TOLD + b"\xff\x2f\x01\x02"]
+    assert bench.objects.number(0x3000) == 50
+    bench.parameters.restore(record.STORED_COMMUNICATION)
+    assert bench.emergencies() == []
+
+
+def test_report_of_misfits_ends_when_they_are_given_up():
+    for index, signature in ((STORE, b"save"), (RESTORE, b"load")):
+        bench = Bench(with_misfits())
+        bench.emergencies()
+        # The one of no entry goes with any group, the other with its own.
+        assert bench.write(index, 2, signature) is None
+        assert bench.emergencies() == []
+        assert bench.write(index, 3, signature) is None
+        assert bench.emergencies() == [OVER]
+        assert Bench(bench.memory).emergencies() == []
+
+
+def test_settings_that_fit_are_not_reported():
+    bench = Bench()
+    bench.change()
+    bench.write(STORE, 1, b"save")
+    assert Bench(bench.memory).emergencies() == []
+
+
+def test_cell_with_a_saved_pdo_of_an_object_that_is_gone_boots_and_reports_it():
+    board = Board()
+    board.settings = Memory()
+    saved.write(board.settings, 0, 1, b"\x00\x1a\x01\x74\x20\x00\xff\x2f" + UNKNOWN)
+    cell = Cell(board, NODE)
+    cell.poll(0)
+    cell.poll(50)
+    cell.poll(51)
+    assert cell.state == nmt.PRE_OPERATIONAL
+    assert emergencies(board) == [TOLD + b"\xff\x2f\x01\x02"]
+    cell.on_frame(0x000, b"\x01\x05", cell.now_ms)
+    cell.on_frame(0x080, b"", cell.now_ms)
+    assert (0x185, bytes(8)) in board.take()

@@ -4,9 +4,12 @@ from refusal import code_of
 
 from mdms_cell import ticks
 from mdms_cell.canopen.objects import Objects, find, key
-from mdms_cell.canopen.rpdo import Rpdo
-from mdms_cell.canopen.tpdo import Tpdo
+from mdms_cell.canopen.pdo.rpdo import Rpdo
+from mdms_cell.canopen.pdo.tpdo import Tpdo
 from mdms_protocol import record, sdo
+
+#: Bit 30 of a TPDO's COB-ID: it answers no remote request.
+NO_REMOTE = 1 << 30
 
 
 class Bench:
@@ -63,7 +66,8 @@ class Bench:
         for sub, item in enumerate(items):
             assert self.write(mapping, sub + 1, item) is None
         assert self.write(mapping, 0, len(items)) is None
-        assert self.write(parameters, 1, can_id) is None
+        no_remote = NO_REMOTE if parameters >= 0x1800 else 0
+        assert self.write(parameters, 1, no_remote | can_id) is None
 
 
 def test_default_identifiers_follow_the_node_id():
@@ -96,6 +100,22 @@ def test_frame_that_is_too_short_is_not_taken_and_one_too_long_is():
     assert not bench.rpdo.on_frame(bytes(7))
     bench.remap(0x1400, 0x1600, 0x205, 0x60FF0020)
     assert bench.rpdo.on_frame(bytes(8))
+
+
+def test_frame_that_is_too_short_is_noted_until_one_is_long_enough():
+    bench = Bench()
+    assert not bench.rpdo.short
+    for length in (7, 0):
+        bench.rpdo.on_frame(bytes(length))
+    assert bench.rpdo.short
+    assert bench.rpdo.take_short()
+    assert not bench.rpdo.take_short()
+    bench.rpdo.on_frame(bytes(8))
+    assert not bench.rpdo.short
+    bench.rpdo.on_frame(bytes(7))
+    bench.rpdo.start()
+    assert not bench.rpdo.short
+    assert not bench.rpdo.take_short()
 
 
 def test_rpdo_deadline_is_told_once():
@@ -141,6 +161,53 @@ def test_acyclic_tpdo_at_sync_only_when_something_has_changed():
     assert len(bench.take()) == 1
 
 
+def test_acyclic_tpdo_that_was_refused_is_sent_when_there_is_room():
+    bench = Bench()
+    assert bench.write(0x1800, 2, 0) is None
+    bench.values[0x606C] = 1
+    bench.room = False
+    assert not bench.tpdo.on_sync()
+    assert not bench.tpdo.retry()
+    bench.room = True
+    assert bench.tpdo.retry()
+    assert bench.take() == [(0x185, b"\x01\0\0\0\0\0\0\0")]
+    assert bench.tpdo.retry()
+    assert bench.tpdo.on_sync()
+    assert bench.take() == []
+
+
+def test_acyclic_tpdo_that_was_refused_gives_way_to_the_next_sync():
+    bench = Bench()
+    assert bench.write(0x1800, 2, 0) is None
+    bench.tpdo.on_sync()
+    bench.take()
+    bench.room = False
+    for value in (1, 2):
+        bench.values[0x606C] = value
+        bench.tpdo.on_sync()
+    bench.room = True
+    bench.tpdo.retry()
+    assert bench.take() == [(0x185, b"\x02\0\0\0\0\0\0\0")]
+    bench.room = False
+    bench.values[0x606C] = 3
+    bench.tpdo.on_sync()
+    # What was sent last is true again: there is no change left to be sent.
+    bench.values[0x606C] = 2
+    bench.tpdo.on_sync()
+    bench.room = True
+    assert bench.tpdo.retry()
+    assert bench.take() == []
+
+
+def test_periodic_tpdo_that_was_refused_is_not_repeated():
+    bench = Bench()
+    bench.room = False
+    assert bench.tpdo.on_sync()
+    bench.room = True
+    assert bench.tpdo.retry()
+    assert bench.take() == []
+
+
 def sent_at(bench, times, step=None):
     """The instants at which an event-driven TPDO is sent when polled every millisecond."""
     instants = []
@@ -166,7 +233,7 @@ def test_inhibit_time_keeps_changes_apart():
     assert bench.write(0x1800, 1, 1 << 31 | 0x185) is None
     assert bench.write(0x1800, 3, 95) is None
     assert bench.write(0x1800, 2, 255) is None
-    assert bench.write(0x1800, 1, 0x185) is None
+    assert bench.write(0x1800, 1, NO_REMOTE | 0x185) is None
     assert sent_at(bench, range(50), step=2) == [0, 10, 20, 30, 40]
 
 
@@ -212,7 +279,7 @@ def test_a_valid_pdo_refuses_to_be_changed():
     assert bench.write(0x1800, 1, 0x196) == sdo.WRONG_STATE
     assert bench.objects.number(0x1A00, 0) == 2
     assert bench.objects.number(0x1A00, 1) == 0x606C0020
-    assert bench.objects.number(0x1800, 1) == 0x185
+    assert bench.objects.number(0x1800, 1) == NO_REMOTE | 0x185
 
 
 def test_entries_are_refused_while_they_are_counted():
@@ -250,7 +317,33 @@ def test_parameters_are_refused_with_the_right_code():
     bench = Bench()
     assert bench.write(0x1800, 1, 1 << 31 | 0x185) is None
     for can_id in (0x000, 0x07F, 0x180, 0x585, 0x605, 0x705, 0x7E5, 1 << 29 | 0x185, 0x985):
-        assert bench.write(0x1800, 1, can_id) == sdo.INVALID_VALUE, can_id
+        assert bench.write(0x1800, 1, NO_REMOTE | can_id) == sdo.INVALID_VALUE, can_id
     for transmission_type in (241, 252, 253):
         assert bench.write(0x1800, 2, transmission_type) == sdo.INVALID_VALUE
     assert bench.objects.number(0x1800, 2) == 1
+
+
+def test_tpdo_answers_no_remote_request_and_must_say_so():
+    bench = Bench()
+    assert bench.objects.number(0x1800, 1) == NO_REMOTE | 0x185
+    assert bench.objects.number(0x1802, 1) == 1 << 31 | NO_REMOTE | 0x385
+    assert bench.write(0x1800, 1, 1 << 31 | 0x185) is None
+    assert bench.write(0x1800, 1, 0x185) == sdo.INVALID_VALUE
+    assert bench.tpdo.can_id is None
+    assert bench.write(0x1800, 1, NO_REMOTE | 0x185) is None
+    assert bench.tpdo.can_id == 0x185
+
+
+def test_remote_bit_of_an_rpdo_means_nothing():
+    bench = Bench()
+    for flag in (0, NO_REMOTE):
+        assert bench.write(0x1400, 1, flag | 0x205) is None
+        assert bench.rpdo.can_id == 0x205
+
+
+def test_identifiers_of_29_bits_are_refused_even_for_a_pdo_that_is_off():
+    bench = Bench()
+    for parameters in (0x1400, 0x1800):
+        for invalid in (0, 1 << 31):
+            cob_id = invalid | NO_REMOTE | 1 << 29 | 0x285
+            assert bench.write(parameters, 1, cob_id) == sdo.INVALID_VALUE

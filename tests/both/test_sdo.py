@@ -1,7 +1,7 @@
 """The SDO server: transcripts of every kind of transfer, and the abort code of every error."""
 
 from mdms_cell.canopen.objects import Objects
-from mdms_cell.canopen.sdo_server import SdoServer
+from mdms_cell.canopen.sdo.server import SdoServer
 from mdms_protocol import record, sdo
 
 NAME = b"MDMS cell"
@@ -339,3 +339,14 @@ def test_frame_of_another_length_is_no_request():
     for length in (0, 1, 7):
         assert not client.server.on_request(bytes(length))
     assert client.take() == []
+
+
+def test_transfer_that_is_given_up_is_aborted_with_the_entry_and_undone():
+    client = Client()
+    client.server.give_up()
+    assert client.take() == []
+    client.ask(b"\x20\x00\x50\x01\0\0\0\0")
+    client.server.give_up()
+    assert client.take() == [sdo.abort(0x5000, 1, sdo.WRONG_STATE)]
+    assert client.sink.cancelled
+    assert not client.server.busy

@@ -1,11 +1,12 @@
 """Saved settings: what comes back, and that power may fail at any byte of a save."""
 
-import binascii
+import struct
 
 from refusal import code_of
 
 from mdms_cell.canopen.objects import Objects, find
-from mdms_cell.canopen.store import Store
+from mdms_cell.canopen.storage import saved as saved_bytes
+from mdms_cell.canopen.storage.store import Store
 from mdms_protocol import record, sdo
 
 SIZE = 256
@@ -148,7 +149,7 @@ def test_any_wrong_byte_falls_back_to_the_save_before():
         objects.put(0x3000, 0, timeout_ms)
         store.save(objects, ALL)
     newer = memory.banks[0] if memory.banks[0][4] == 2 else memory.banks[1]
-    for place in range(26):
+    for place in range(22):
         newer[place] ^= 0x10
         assert restored(memory).number(0x3000) == 77
         newer[place] ^= 0x10
@@ -164,26 +165,98 @@ def test_failing_memory_is_told_and_changes_nothing():
     assert code_of(Store(None).save, objects, ALL) == sdo.CANNOT_STORE
 
 
-def change_table(bank):
-    """Make a bank one that was written with another table."""
-    bank[8] ^= 1
-    length = int.from_bytes(bytes(bank[12:16]), "little")
-    crc = binascii.crc32(bytes(bank[:16]) + bytes(bank[20 : 20 + length]))
-    bank[16:20] = crc.to_bytes(4, "little")
+#: Codes of data types (CiA 301, table 44).
+U8, U16, I32, U32 = 5, 6, 4, 7
+SIZES = {U8: 1, U16: 2, I32: 4, U32: 4}
+NODE_ID_9 = (0, 0, U8, 9)
 
 
-def test_settings_of_another_table_are_not_taken_but_the_node_id_is():
+def written_by_another_firmware(*items):
+    """A memory that holds these values, each as (index, sub-index, type, number)."""
     memory = Memory()
-    store = Store(memory)
-    store.save_node_id(9)
+    values = b""
+    for index, sub, type_, number in items:
+        size = SIZES[type_]
+        head = struct.pack("<HBB", index, sub, type_ << 4 | size)
+        values += head + number.to_bytes(size, "little")
+    saved_bytes.write(memory, 0, 1, values)
+    return memory
+
+
+def test_settings_survive_a_firmware_that_has_other_objects_besides():
+    memory = written_by_another_firmware(
+        NODE_ID_9, (0x1017, 0, U16, 250), (0x2FFF, 0, U32, 1), (0x3000, 0, U16, 77)
+    )
     objects = defaults()
-    objects.put(0x3000, 0, 77)
-    store.save(objects, ALL)
-    assert restored(memory).number(0x3000) == 77
-    for bank in memory.banks:
-        change_table(bank)
-    assert restored(memory).number(0x3000) == 50
+    assert Store(memory).restore(objects, ALL) == [(0x2FFF, 0)]
+    assert (objects.number(0x1017), objects.number(0x3000)) == (250, 77)
     assert Store(memory).node_id() == 9
+
+
+def test_value_of_another_type_or_of_no_setting_is_not_taken_and_reported():
+    misfits = (
+        (0x3000, 0, U32, 77),
+        (0x2000, 0, I32, 77),
+        (0x1018, 9, U32, 77),
+        (0x6040, 0, U16, 77),
+        (0x1008, 0, U32, 77),
+    )
+    memory = written_by_another_firmware(NODE_ID_9, *misfits, (0x1017, 0, U16, 250))
+    objects = defaults()
+    assert Store(memory).restore(objects, ALL) == [each[:2] for each in misfits]
+    expected = defaults()
+    expected.put(0x1017, 0, 250)
+    assert objects.data == expected.data
+
+
+def test_value_out_of_the_limits_of_today_gives_way_to_the_default():
+    memory = written_by_another_firmware((0x3000, 0, U16, 60_000), (0x2009, 0, I32, 3_141_594))
+    objects = defaults()
+    assert Store(memory).restore(objects, ALL) == [(0x3000, 0), (0x2009, 0)]
+    assert objects.number(0x3000) == 50
+
+
+def test_saved_pdo_that_no_client_could_make_gives_way_to_its_default():
+    sound = (0x1A01, 1, U32, 0x30010008), (0x1A01, 0, U8, 1)
+    for unsound in (
+        ((0x1A00, 1, U32, 0x2FFF0020),),  # an object that is not there
+        ((0x1A00, 1, U32, 0x30000010),),  # one that no PDO carries
+        ((0x1800, 1, U32, 0x185),),  # a promise to answer remote requests
+        ((0x1800, 1, U32, 0x40000605),),  # the identifier of a service
+        ((0x1800, 2, U8, 245),),
+        ((0x1A00, 0, U8, 3), (0x1A00, 3, U32, 0x606C0020)),  # more than 64 bits
+    ):
+        memory = written_by_another_firmware(*sound, *unsound)
+        objects = defaults()
+        assert Store(memory).restore(objects, ALL) == [(0x1800, 1)]
+        expected = defaults()
+        expected.put(0x1A01, 0, 1)
+        expected.put(0x1A01, 1, 0x30010008)
+        assert objects.data == expected.data, unsound
+
+
+def test_saved_identifiers_of_sync_and_emergencies_are_checked_too():
+    memory = written_by_another_firmware((0x1005, 0, U32, 0x601), (0x1014, 0, U32, 0x20000085))
+    objects = defaults()
+    assert Store(memory).restore(objects, ALL) == [(0x1005, 0), (0x1014, 0)]
+    assert objects.data == defaults().data
+
+
+def test_unknown_values_wait_for_their_firmware_until_the_next_save():
+    memory = written_by_another_firmware(NODE_ID_9, (0x2FFF, 0, U32, 1), (0x3000, 0, U16, 77))
+    store = Store(memory)
+    store.save_node_id(8)
+    assert Store(memory).restore(defaults(), ALL) == [(0x2FFF, 0)]
+    store.forget(record.STORED_COMMUNICATION)
+    objects = defaults()
+    assert Store(memory).restore(objects, ALL) == []
+    assert objects.number(0x3000) == 77
+    assert Store(memory).node_id() == 8
+
+
+def test_node_id_that_cannot_be_one_does_not_count():
+    for number, taken in ((0, None), (1, 1), (127, 127), (128, None), (254, None), (255, 255)):
+        assert Store(written_by_another_firmware((0, 0, U8, number))).node_id() == taken
 
 
 def test_saved_entries_are_those_that_the_table_says():

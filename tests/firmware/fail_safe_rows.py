@@ -10,6 +10,7 @@ from bench import NODE, SUPPLY_24_V, Bench
 import main
 from mdms_cell.drive import speed_loop as s
 from mdms_protocol import cia402
+from mdms_protocol.version import VERSION
 
 TARGET = 100_000
 
@@ -102,6 +103,12 @@ def heartbeat_lost(bench):
     assert 39 <= silent_ms <= 46, silent_ms
     bench.pass_ms(10)
     assert 0x8130 in emergencies()
+    # It is missed no more, and the node is started again.
+    bench.can.deliver(0x600 + NODE, b"\x23\x16\x10\x01\0\0\0\0")
+    bench.pass_ms(2)
+    bench.can.deliver(0x000, bytes((1, NODE)))
+    bench.pass_ms(2)
+    comes_back(bench, *RESET)
 
 
 def bus_off(bench):
@@ -122,7 +129,7 @@ def shorted_bus(bench):
         world.events[world.now_ms + ms] = lambda: world.told.append(bench.off())
     world.events[world.now_ms + 350] = lambda: world.levels.update({receive: 1})
     world.told.clear()
-    board = bench.module.board(".")
+    board = bench.module.board()
     assert world.told.count(True) in {0, 349}, "a bxCAN waits, others do not"
     assert False not in world.told
     assert bench.off()
@@ -164,6 +171,9 @@ def runaway(bench):
     assert ms < 100
     bench.pass_ms(10)
     assert 0x7302 in emergencies()
+    bench.can.deliver(0x300 + NODE, bytes(4))  # the other wheel has no fault
+    bench.pass_ms(2)
+    comes_back(bench, *RESET)
 
 
 def stall(bench):
@@ -192,6 +202,10 @@ def over_current(bench):
     assert bench.widths()[1] != 0, "the other wheel has no fault"
     bench.pass_ms(10)
     assert 0x2310 in emergencies()
+    world.analog[bench.currents[0]] = 0
+    bench.can.deliver(0x300 + NODE, bytes(4))  # the other wheel has no fault
+    bench.pass_ms(2)
+    comes_back(bench, *RESET)
 
 
 def bridge_fault(bench):
@@ -212,6 +226,11 @@ def following_error(bench):
     bench.can.deliver(0x600 + NODE, b"\x23\xf8\x60\x00" + (50_000).to_bytes(4, "little"))
     bench.pass_ms(2)
     falls(bench, 25, 0x8611)
+    bench.can.deliver(0x600 + NODE, b"\x23\xf8\x60\x00\0\0\0\0")
+    bench.pass_ms(2)
+    bench.can.deliver(0x300 + NODE, bytes(4))  # the other wheel has no fault
+    bench.pass_ms(2)
+    comes_back(bench, *RESET)
 
 
 def leaving_operational(bench):
@@ -271,6 +290,7 @@ def braked(bench):
         assert world.levels[bench.wake]
     bench.pass_ms(600)
     assert not world.levels[bench.wake]
+    comes_back(bench, 0x00, *UP)
 
 
 def enabled_before_operational(bench):
@@ -286,6 +306,7 @@ def enabled_before_operational(bench):
     for _ in range(100):
         bench.pass_ms()
         assert bench.off()
+    comes_back(bench, 0x00, *UP)
 
 
 def exception_in_tick(bench):
@@ -321,7 +342,9 @@ def ends(bench, action, wanted):
     assert bench.off()
     assert 0x6100 in emergencies()
     with open("crash.log") as file:
-        assert wanted.__name__ in file.read()
+        log = file.read()
+    assert log.startswith("mdms " + VERSION + "\nTraceback")
+    assert wanted.__name__ in log
 
 
 def exception_in_background(bench):
@@ -352,6 +375,8 @@ def background_hangs(bench):
     fed_ms = world.fed_ms
     cut(bench, 51)
     assert world.fed_ms == fed_ms
+    bench.pass_ms(10)
+    comes_back(bench, *RESET)
 
 
 def start_up(bench):
@@ -364,6 +389,9 @@ def start_up(bench):
         bench.target(TARGET)
         bench.pass_ms()
     assert bench.off()
+    bench.can.deliver(0x000, bytes((1, NODE)))
+    bench.pass_ms(2)
+    comes_back(bench, 0x00, *UP)
 
 
 def taken_node_id(bench):
@@ -372,6 +400,12 @@ def taken_node_id(bench):
     cut(bench)
     bench.pass_ms(10)
     assert 0x8150 in emergencies()
+    # The other has gone, and the node claims its id anew.
+    bench.can.deliver(0x000, bytes((0x82, NODE)))
+    bench.pass_ms(2000)
+    bench.can.deliver(0x000, bytes((1, NODE)))
+    bench.pass_ms(2)
+    comes_back(bench, *RESET)
 
 
 def run(name, board):

@@ -6,7 +6,6 @@ import micropython
 import world
 from bench import NODE, Bench
 
-from boards import flash
 from mdms_cell.drive import speed_loop as s
 
 
@@ -160,52 +159,6 @@ def test_presence_follows_the_sensors(bench):
     world.levels[bench.sensors[0]] = 0
     world.levels[bench.sensors[4]] = 0
     assert bench.board.presence() == 0b10001
-
-
-class Asked:
-    """A file that notes how many bytes it is asked for; MicroPython finds room for all of them."""
-
-    sizes = ()
-
-    def __init__(self, path, mode):
-        self._file = open(path, mode)  # noqa: SIM115 - closed as it is left
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_error):
-        self._file.close()
-
-    def read(self, size):
-        Asked.sizes += (size,)
-        return self._file.read(size)
-
-
-def test_settings_ask_for_no_more_memory_than_they_fill(bench):
-    memory = bench.board.settings
-    memory.erase(0)
-    memory.write(0, 0, bytes(300))
-    flash.open = Asked
-    try:
-        assert len(memory.read(0)) == 300
-    finally:
-        del flash.open
-    assert Asked.sizes == (300,)
-
-
-def test_settings_survive_and_a_broken_write_does_not_count(bench):
-    memory = bench.board.settings
-    memory.erase(0)
-    memory.write(0, 0, b"abc")
-    memory.write(0, 3, b"def")
-    assert memory.read(0) == b"abcdef"
-    memory.erase(1)
-    assert memory.read(1) == b""
-    try:
-        memory.write(1, 5, b"x")
-    except OSError:
-        return
-    raise AssertionError("a gap was written")
 
 
 def test_stop_ends_timer_and_bus_and_drive(bench):

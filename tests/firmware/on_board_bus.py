@@ -152,7 +152,7 @@ def test_bus_that_is_shorted_at_power_up_is_waited_for(bench):
     world.levels[bench.can.RECEIVE_PIN] = 0
     world.events[world.now_ms + 350] = lambda: world.levels.update({bench.can.RECEIVE_PIN: 1})
     started_ms = world.now_ms
-    board = bench.module.board(".")
+    board = bench.module.board()
     assert len(world.buses) == 1
     assert not world.levels[bench.wake]
     assert world.now_ms - started_ms <= 450

@@ -1,163 +1,104 @@
-"""When flash is written, with a model of the cache before it; runs on MicroPython."""
+"""When a board writes to flash, and what it does where it has none to write; on MicroPython.
 
-import os
+The faked flash counts as stopping the processor whenever a sector is erased or a word programmed.
+"""
 
 import world
 from bench import NODE, Bench
+from internal_flash import InternalFlash
 
-from boards import flash
+from mdms_cell.cell import Cell
 from mdms_protocol import cia402, pdo
 
-
-class Storage:
-    """MicroPython's cache of a sector of flash, which stops the processor at its own times.
-
-    A sector that was touched is erased within 256 ms, and written 5 s after it was touched last or
-    when a file is closed, removed or renamed. `stops` counts all of that; none may happen while a
-    bridge is awake. A file that is left open is closed by a garbage collection, whenever that is.
-    """
-
-    def __init__(self, bench):
-        self._bench = bench
-        self._erased = False
-        self._touched_ms = None
-        self.stops = 0
-        self.left_open = 0
-        self.stat = os.stat
-
-    @property
-    def dirty(self):
-        return self._touched_ms is not None or self.left_open > 0
-
-    def _stop(self):
-        assert not world.levels[self._bench.wake], "a bridge is awake while flash is written"
-        self.stops += 1
-
-    def touch(self):
-        self._touched_ms = world.now_ms
-
-    def force(self):
-        if self._touched_ms is not None:
-            self._stop()
-        self._touched_ms = None
-        self._erased = False
-
-    def pass_ms(self, count=1):
-        for _ in range(count):
-            self._bench.pass_ms()
-            if self._touched_ms is None:
-                continue
-            if not self._erased and world.now_ms % 256 == 0:
-                self._erased = True
-                self._stop()
-            if world.now_ms - self._touched_ms >= 5000:
-                self.force()
-
-    def remove(self, path):
-        os.remove(path)
-        self.touch()
-        self.force()
-
-    def rename(self, old, new):
-        os.rename(old, new)
-        self.touch()
-        self.force()
-
-    def open(self, path, mode):
-        return CachedFile(self, path, mode) if mode != "rb" else open(path, mode)
+SAVE = b"\x23\x10\x10\x01save"
 
 
-class CachedFile:
-    """A file that is written into the cache."""
-
-    def __init__(self, storage, path, mode):
-        self._storage = storage
-        self._file = open(path, mode)  # noqa: SIM115 - what is tested closes it
-        storage.left_open += 1
-        storage.touch()
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_error):
-        self.close()
-
-    def write(self, data):
-        self._storage.touch()
-        return self._file.write(data)
-
-    def close(self):
-        self._file.close()
-        self._storage.left_open -= 1
-        self._storage.force()
-
-
-def cached(bench):
-    """The board on storage as a real one has it, operational; nothing waits to be written."""
+def operational(bench):
+    """The board with an operational cell; what stops its processor from here on is counted."""
     bench.boot()
     bench.can.deliver(0x000, bytes((1, NODE)))
     bench.pass_ms(2)
-    storage = Storage(bench)
-    flash.os, flash.open = storage, storage.open
-    return storage
+    stops = []
+
+    def on_stop():
+        assert not world.levels[bench.wake], "a bridge is awake while flash is written"
+        stops.append(world.now_ms)
+
+    world.flash.on_stop = on_stop
+    return stops
 
 
-def ask(bench, storage, *requests):
-    for request in requests:
-        bench.can.deliver(0x600 + NODE, request)
-        storage.pass_ms(3)
-
-
-def enable(bench, storage):
-    """All that it takes to enable both axes, and targets for a while; what was sent meanwhile."""
+def enable(bench):
+    """All that it takes to enable both axes, and targets for a while."""
     for word in (cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION):
         bench.can.deliver(0x300 + NODE, pdo.CONTROLWORD.encode((word, word)))
-        storage.pass_ms(2)
-    sent = list(world.sent)
-    keep(bench, storage, 20)
-    return sent
-
-
-def keep(bench, storage, ms):
-    """Stream targets, and turn the wheels accordingly."""
-    for _ in range(ms):
+        bench.pass_ms(2)
+    for _ in range(20):
         for encoder, step in zip(bench.encoders, (4, -4)):  # noqa: B905 - MicroPython has no strict
             world.counts[encoder] = world.counts.get(encoder, 0) + step
         bench.target(100_000)
-        storage.pass_ms()
+        bench.pass_ms()
         world.sent.clear()
 
 
-def test_settings_are_stored_right_after_the_motors_were_on_with_the_bridges_asleep(bench):
-    storage = cached(bench)
-    enable(bench, storage)
+def test_settings_are_saved_right_after_the_motors_were_on_with_the_bridges_asleep(bench):
+    stops = operational(bench)
+    enable(bench)
     for _ in range(50):  # the wheels come to stand
         bench.target(100_000)
-        storage.pass_ms()
+        bench.pass_ms()
     assert world.levels[bench.wake]
     world.told.clear()
     # Both frames lie in the inbox before the next turn, and no tick comes in between.
     bench.can.deliver(0x300 + NODE, pdo.CONTROLWORD.encode((0, 0)))
-    bench.can.deliver(0x600 + NODE, b"\x23\x10\x10\x01save")
+    bench.can.deliver(0x600 + NODE, SAVE)
     bench.runner.turn(world.now_ms)
-    assert storage.stops
-    assert not storage.dirty
-    assert world.told == [("watchdog", 5000)]
-    storage.pass_ms(3)
-    assert (0x580 + NODE, b"\x60\x10\x10\x01\0\0\0\0") in world.sent
-    flash.os, flash.open = os, open
+    if stops:
+        assert world.told == [("watchdog", 5000)]
+    bench.pass_ms(3)
+    answer = b"\x60\x10\x10\x01\0\0\0\0" if stops else b"\x80\x10\x10\x01\x20\0\0\x08"
+    assert (0x580 + NODE, answer) in world.sent
+    assert bool(stops) == (bench.board.settings is not None)
+    assert not world.flash.dirty
 
 
-def test_node_id_is_not_stored_while_motors_are_on(bench):
-    storage = cached(bench)
-    enable(bench, storage)
+def test_node_id_is_not_saved_while_motors_are_on(bench):
+    stops = operational(bench)
+    enable(bench)
     bench.can.deliver(0x7E5, b"\x04\x01\0\0\0\0\0\0")
     bench.can.deliver(0x7E5, b"\x17\0\0\0\0\0\0\0")
     bench.pass_ms(3)
-    assert (0x7E4, b"\x17\x02\0\0\0\0\0\0") in world.sent
-    assert not storage.dirty
+    error = 1 if bench.board.settings is None else 2
+    assert (0x7E4, bytes((0x17, error, 0, 0, 0, 0, 0, 0))) in world.sent
+    assert not stops
+    assert not world.flash.dirty
     assert not bench.off()
-    flash.os, flash.open = os, open
+
+
+def test_only_flash_that_can_be_read_after_a_cut_save_keeps_settings(bench):
+    assert (bench.board.settings is None) == (bench.name == "nucleo_g474re")
+
+
+def test_node_id_and_settings_are_there_after_the_power_was_off(bench):
+    operational(bench)
+    bench.can.deliver(0x600 + NODE, b"\x2b\x00\x30\x00\x4d\x00\x00\x00")
+    bench.pass_ms(2)
+    bench.can.deliver(0x600 + NODE, SAVE)
+    for data in (b"\x04\x01", b"\x11\x09", b"\x17\x00"):
+        bench.pass_ms(2)
+        bench.can.deliver(0x7E5, data + bytes(6))
+    bench.pass_ms(2)
+    if bench.name == "pybv11":
+        world.flash = InternalFlash(world.flash.content)
+    cell = Cell(bench.module.board(), NODE)
+    saved = bench.name != "nucleo_g474re"
+    assert cell.node_id == (9 if saved else NODE)
+    sent = []
+    cell._board.send = lambda can_id, data: sent.append((can_id, data)) or True
+    for now_ms in (0, 50):
+        cell.poll(now_ms)
+    cell.on_frame(0x600 + cell.node_id, b"\x40\x00\x30\x00\0\0\0\0", 0)
+    assert sent[-1][1][4] == (77 if saved else 50)
 
 
 def run(board, name):

@@ -11,26 +11,35 @@ from mdms_host.flashing.board_survey import MACHINES
 HERE = Path(__file__).parent
 BOARDS = HERE.parents[1] / "firmware" / "boards"
 MODULES = ("on_board", "on_board_bus", "on_board_storage")
-FILES = (
-    BOARDS,
-    *(HERE / f"{module}.py" for module in MODULES),
-    *sorted((HERE / "fakes").glob("*.py")),
-)
-TESTS = [
-    (module, node.name)
-    for module in MODULES
-    for node in ast.parse((HERE / f"{module}.py").read_text()).body
-    if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")
-]
-
-
+#: What only one of the boards has.
+OF_ONE = {"on_sectors": "pybv11", "on_littlefs": "teensy41"}
 NAMES = ("teensy41", "weact_h743", "nucleo_g474re", "pybv11")  # as in the table of the wiring
 WIRED = ("encoders", "pulses", "phases", "wake", "fault", "currents", "supply", "sensors")
 README = (HERE.parents[1] / "firmware" / "README.md").read_text()
+FILES = (
+    BOARDS,
+    *(HERE / f"{module}.py" for module in (*MODULES, *OF_ONE)),
+    *sorted((HERE / "fakes").glob("*.py")),
+    HERE.parent / "both" / "refusal.py",
+)
 
 
-@pytest.mark.parametrize("board", NAMES)
-@pytest.mark.parametrize(("module", "name"), TESTS)
+def named_in(module: str) -> list[str]:
+    body = ast.parse((HERE / f"{module}.py").read_text()).body
+    functions = [node.name for node in body if isinstance(node, ast.FunctionDef)]
+    return [name for name in functions if name.startswith("test_")]
+
+
+TESTS = [
+    (board, module, name)
+    for module in (*MODULES, *OF_ONE)
+    for board in NAMES
+    for name in named_in(module)
+    if OF_ONE.get(module, board) == board
+]
+
+
+@pytest.mark.parametrize(("board", "module", "name"), TESTS)
 def test_board(micropython, board, module, name):
     printed = micropython(f"import {module}; {module}.run({board!r}, {name!r})", *FILES)
     assert printed.endswith("done\n")

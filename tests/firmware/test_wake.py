@@ -45,7 +45,7 @@ class Bench:
 
     def hear(self, can_id, data):
         self.cell.now_ms = self.now_ms
-        self.cell.on_frame(can_id, data)
+        self.cell.on_frame(can_id, data, self.cell.now_ms)
 
     def pass_ms(self):
         """One tick and, if it is due, one poll; what was sent, and how the motors are driven."""
@@ -103,7 +103,7 @@ SELDOM = (
     write(0x1801, 5, 33, 0),
     write(0x1801, 1, 0x85, 0x02, 0x00, 0x80),
     write(0x1801, 3, 95, 0),
-    write(0x1801, 1, 0x85, 0x02, 0x00, 0x00),
+    write(0x1801, 1, 0x85, 0x02, 0x00, 0x40),
     write(0x1801, 2, 0),
     write(0x1801, 2, 255),
     write(0x2004, 0, 0xF4, 0x01, 0, 0),

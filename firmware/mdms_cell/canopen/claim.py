@@ -1,24 +1,33 @@
 """Makes sure at boot that no other node has the node id (beyond CiA 301, with its means).
 
 Before its boot-up message the cell asks, as an SDO client would, the node of its own id for its
-serial number. Any device that has the id answers; a cell that is just asking the same is told by
-its own serial number, which stands in the four bytes that the request leaves free.
+serial number. Any device that has the id answers; a cell that is just asking the same is recognised
+by its serial number in the four bytes that the request leaves free.
+
+A cell that is in an SDO transfer, or stopped, answers with a heartbeat instead: a claim is no
+request of the transfer's client, who would take another response for its own.
 """
 
 from mdms_cell import ticks
-from mdms_protocol import cob, sdo
+from mdms_protocol import cob, indices, sdo
 
 #: Any node answers an SDO request within this time.
 LISTEN_MS = 50
 
-_SERIAL_NUMBER = (0x1018, 4)
+_SERIAL_NUMBER = (indices.IDENTITY, 4)
+_REQUEST = sdo.read_request(*_SERIAL_NUMBER)[:4]
+
+
+def is_claim(data):
+    """Whether an SDO request claims a node id; a client leaves the last four bytes zero."""
+    return len(data) == 8 and data[:4] == _REQUEST and data[4:] != bytes(4)
 
 
 class Claim:
     """The claim of a node id by the cell with this serial number."""
 
     def __init__(self, serial):
-        self._request = sdo.read_request(*_SERIAL_NUMBER)[:4] + serial.to_bytes(4, "little")
+        self._request = _REQUEST + serial.to_bytes(4, "little")
         self._asked_ms = None
         self.refused = False
 
@@ -40,9 +49,7 @@ class Claim:
 
     def on_request(self, data):
         """Another asks for this id while this cell is claiming it."""
-        if len(data) == 8 and data[:4] == self._request[:4]:
-            # A host that just reads the number leaves those bytes zero.
-            self.refused |= data[4:] not in (self._request[4:], bytes(4))
+        self.refused |= is_claim(data) and data != self._request
         return True
 
     def on_other(self, _data):

@@ -1,14 +1,8 @@
 """Emergency messages, error register and error history (CiA 301, 7.2.7, 0x1001, 0x1003)."""
 
 from mdms_cell import ticks
-from mdms_cell.canopen.objects import key
 from mdms_cell.canopen.rules import check_cob_id
-from mdms_protocol import cob
-
-ERROR_REGISTER = 0x1001
-HISTORY = 0x1003
-COB_ID = 0x1014
-INHIBIT_TIME = 0x1015
+from mdms_protocol import cob, indices, sdo
 
 _HISTORY_SIZE = 8
 #: Messages that may wait for the inhibit time or for room; older ones give way.
@@ -29,18 +23,19 @@ class Emcy:
         self._errors = {}
         self._queue = []
         self._sent_ms = None
-        self._enabled = False
-        objects.reads[key(ERROR_REGISTER, 0)] = self.register
-        objects.writes[key(HISTORY, 0)] = self._clear_history
-        objects.watchers[COB_ID] = self._on_cob_id
-        objects.watchers[INHIBIT_TIME] = self._on_inhibit_time
+        objects.tie(indices.ERROR_REGISTER, 0, read=self.register)
+        objects.tie(indices.ERROR_HISTORY, 0, write=self._clear_history)
+        for sub in range(1, _HISTORY_SIZE + 1):
+            objects.tie(indices.ERROR_HISTORY, sub, read=self._history_reader(sub))
+        objects.watch(indices.EMCY_COB_ID, self._on_cob_id)
+        objects.watch(indices.EMCY_INHIBIT_TIME, self._on_inhibit_time)
         self.load()
 
     def load(self):
         """Take over identifier and inhibit time from the dictionary."""
-        cob_id = self._objects.number(COB_ID)
+        cob_id = self._objects.number(indices.EMCY_COB_ID)
         self.can_id = None if cob_id & cob.INVALID else cob_id & cob.IDENTIFIER
-        self._inhibit_ms = -(-self._objects.number(INHIBIT_TIME) // 10)
+        self._inhibit_ms = -(-self._objects.number(indices.EMCY_INHIBIT_TIME) // 10)
 
     def register(self):
         """The error register."""
@@ -49,19 +44,19 @@ class Emcy:
             bits |= _GENERIC | _REGISTER_BITS.get(code >> 12, 0)
         return bits
 
-    def report(self, source, code):
-        """An error has come up."""
+    def report(self, source, code, detail=bytes(4)):
+        """An error has come up; four bytes may give details."""
         if self._errors.get(source) == code:
             return
         self._errors[source] = code
         self._remember(source << 16 | code)
-        self._post(source, code)
+        self._post(source, code, detail)
 
     def clear(self, source):
         """The error of this source is gone, if there was one."""
         if source in self._errors:
             del self._errors[source]
-            self._post(source, _NO_ERROR)
+            self._post(source, _NO_ERROR, bytes(4))
 
     def poll(self, now_ms):
         """Send what waits, one message an inhibit time; return when to go on, in milliseconds."""
@@ -81,23 +76,34 @@ class Emcy:
         elapsed_ms = ticks.diff(now_ms, self._sent_ms)
         return self._inhibit_ms - elapsed_ms if 0 <= elapsed_ms < self._inhibit_ms else 0
 
-    def _post(self, source, code):
+    def _post(self, source, code, detail):
         if len(self._queue) == _QUEUE_SIZE:
             self._queue.pop(0)
-        message = bytes((code & 0xFF, code >> 8, self.register(), source, 0, 0, 0, 0))
-        self._queue.append(message)
+        self._queue.append(bytes((code & 0xFF, code >> 8, self.register(), source)) + detail)
 
     def _remember(self, error):
         objects = self._objects
-        count = min(objects.number(HISTORY) + 1, _HISTORY_SIZE)
+        count = min(objects.number(indices.ERROR_HISTORY) + 1, _HISTORY_SIZE)
         for sub in range(count, 1, -1):
-            objects.put(HISTORY, sub, objects.number(HISTORY, sub - 1))
-        objects.put(HISTORY, 1, error)
-        objects.put(HISTORY, 0, count)
+            objects.put(indices.ERROR_HISTORY, sub, objects.number(indices.ERROR_HISTORY, sub - 1))
+        objects.put(indices.ERROR_HISTORY, 1, error)
+        objects.put(indices.ERROR_HISTORY, 0, count)
 
-    def _clear_history(self, _zero):
+    def _history_reader(self, sub):
+        """What returns the error at this place, the newest first; raises AbortError without one."""
+
+        def read():
+            if sub > self._objects.number(indices.ERROR_HISTORY):
+                raise sdo.AbortError(sdo.NO_DATA)
+            return self._objects.number(indices.ERROR_HISTORY, sub)
+
+        return read
+
+    def _clear_history(self, number):
+        if number:
+            raise sdo.AbortError(sdo.INVALID_VALUE)
         for sub in range(_HISTORY_SIZE + 1):
-            self._objects.put(HISTORY, sub, 0)
+            self._objects.put(indices.ERROR_HISTORY, sub, 0)
 
     def _on_cob_id(self, index, _sub):
         check_cob_id(self._objects.number(index), self.can_id)

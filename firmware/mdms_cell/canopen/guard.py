@@ -1,19 +1,19 @@
 """Watches over communication: who has fallen silent, what does not come, who takes the node id.
 
-An error of communication switches the motors off, whatever the error behaviour of 0x1029 says.
+An error of communication switches the motors off, whatever the error behaviour 0x1029 is.
 """
 
-from mdms_protocol import nmt
+from mdms_protocol import indices, nmt
 
-ERROR_BEHAVIOUR = 0x1029
-
-# What errors come from, as emergency messages tell it; axes count from 1
+# What errors come from, as it stands in emergency messages; axes count from 1
 SOURCE_CONSUMER = 3
 SOURCE_RPDO = 4
 SOURCE_NODE_ID = 5
+SOURCE_RPDO_LENGTH = 7
 
 HEARTBEAT_LOST = 0x8130
 NODE_ID_TAKEN = 0x8150
+RPDO_TOO_SHORT = 0x8210
 RPDO_OVERDUE = 0x8250
 
 #: The state that a communication error leads to, by the value of 0x1029:1.
@@ -47,6 +47,10 @@ class Guard:
             self._emcy.report(SOURCE_RPDO, RPDO_OVERDUE)
         elif not self._pdos.late:
             self._emcy.clear(SOURCE_RPDO)
+        if self._pdos.take_short():
+            self._emcy.report(SOURCE_RPDO_LENGTH, RPDO_TOO_SHORT)
+        if not self._pdos.short:
+            self._emcy.clear(SOURCE_RPDO_LENGTH)
         return consumer.wait_ms(now_ms)
 
     def on_rival(self):
@@ -60,6 +64,6 @@ class Guard:
 
     def _react(self, error_code):
         self._axes.fail(error_code)
-        state = _STATES.get(self._objects.number(ERROR_BEHAVIOUR, 1))
-        if state is not None and self._node.state == nmt.OPERATIONAL:
+        state = _STATES.get(self._objects.number(indices.ERROR_BEHAVIOUR, 1))
+        if state is not None and self._node.state in (nmt.OPERATIONAL, nmt.PRE_OPERATIONAL):
             self._node.enter(state)

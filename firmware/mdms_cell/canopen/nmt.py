@@ -10,7 +10,8 @@ COMMUNICATION = nmt.RESET_COMMUNICATION
 class Nmt:
     """The state of a node.
 
-    The cell is told by `on_reset(command)`, which of the two resets, by `on_boot()` and
+    It calls the cell's `on_leave()` before each change, while the state and the node id still
+    hold, and then `on_reset(command)` with which of the two resets, `on_boot()` or
     `on_state(state)`.
     `pending_node_id` is what LSS has given; the next reset makes it the `node_id`.
     """
@@ -54,11 +55,13 @@ class Nmt:
     def enter(self, state):
         """Go to a state other than INITIALISING."""
         if state != self.state:
+            self._cell.on_leave()
             self.state = state
             self._cell.on_state(state)
 
     def reset(self, command):
         """Start anew, with the node id that is pending."""
+        self._cell.on_leave()
         self.state = nmt.INITIALISING
         self.node_id = self.pending_node_id
         self._claim = self._new_claim()

@@ -23,8 +23,10 @@ _BITS_MAX = 64
 def check_cob_id(cob_id, can_id_before, ignored=0):
     """Raises AbortError if a service with this identifier, or None, may not have it.
 
-    The bits `ignored` may be set.
+    The bits `ignored` may be set. There are no identifiers of 29 bits, not even switched off.
     """
+    if cob_id & cob.EXTENDED:
+        raise sdo.AbortError(sdo.INVALID_VALUE)
     if cob_id & cob.INVALID:
         return
     can_id = cob_id & cob.IDENTIFIER
@@ -39,14 +41,34 @@ def check_plain(cob_id):
         raise sdo.AbortError(sdo.INVALID_VALUE)
 
 
-def check_parameter(sub, value, can_id):
-    """Raises AbortError if a PDO with this identifier, None for an invalid one, may not have it."""
+def check_parameter(direction, sub, value, can_id):
+    """Raises AbortError if a PDO with this identifier, None for an invalid one, may not have it.
+
+    Bit 30 of a valid TPDO is set, for it answers no remote request; in an RPDO it means nothing.
+    """
     if sub == COB_ID:
         check_cob_id(value, can_id, cob.FLAG_30)
+        if direction == record.IN_TPDO and not value & (cob.INVALID | cob.FLAG_30):
+            raise sdo.AbortError(sdo.INVALID_VALUE)
     elif sub == TYPE and SYNCHRONOUS_MAX < value < EVENT_MANUFACTURER:
         raise sdo.AbortError(sdo.INVALID_VALUE)
     elif sub == INHIBIT_TIME and can_id is not None:
         raise sdo.AbortError(sdo.WRONG_STATE)
+
+
+def check_pdo(objects, parameters, mapping, direction):
+    """Raises AbortError if a PDO may not be as its objects define it, whatever it was before."""
+    for sub in (COB_ID, TYPE):
+        check_parameter(direction, sub, objects.number(parameters, sub), None)
+    count = objects.number(mapping)
+    entries = [mapped(objects, mapping, sub) for sub in range(1, count + 1)]
+    check_mapping(entries, 0, count, direction)
+
+
+def mapped(objects, mapping, sub):
+    """An entry of a mapping as (index, sub-index, bits)."""
+    item = objects.number(mapping, sub)
+    return item >> 16, item >> 8 & 0xFF, item & 0xFF
 
 
 def check_mapping(entries, sub, count, direction):

@@ -5,10 +5,13 @@ import os
 
 import machine
 import mimxrt
+import vfs
 import world
 from can_bx import BxCan
 from can_fd import FdCan, FdCanH7
 from can_flex import FlexCan
+from internal_flash import InternalFlash
+from nor_flash import NorFlash
 
 from mdms_cell.cell import Cell
 from mdms_cell.runner import Runner
@@ -99,10 +102,22 @@ class Bench:
         self.pulses, self.full = board["pulses"], board["full"]
         module = getattr(__import__("boards." + name), name)
         self.module = module
+        self.put_flash()
         self.sensors = module.PINS.sensors
         world.analog[self.supply] = SUPPLY_24_V
-        self.board = module.board(".")
+        self.board = module.board()
         self.can = world.buses[0]
+
+    def put_flash(self):
+        """Give the board its flash, with a file system as it is to be."""
+        if self.name in ("teensy41", "weact_h743"):
+            world.flash = NorFlash()
+            vfs.VfsLfs2.mkfs(world.flash)
+            vfs.mount(vfs.VfsLfs2(world.flash), "/flash")
+            return
+        world.flash = InternalFlash()
+        if self.name == "pybv11":
+            self.module.make_room()
 
     def boot(self):
         """Make cell and runner, start the interrupts, and let the cell announce itself."""

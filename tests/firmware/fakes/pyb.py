@@ -51,3 +51,39 @@ class Timer:
         """A period is over."""
         if self._callback is not None:
             self._callback(self)
+
+
+class Flash:
+    """The port's block device over `world.flash`, from `start` on; blank where there is none.
+
+    As `storage.c` has it: blocks of 512 bytes; with an offset, the extended protocol. Nothing is
+    erased by ioctl.
+    """
+
+    def __init__(self, *, start=-1, len=-1):
+        assert start >= 0, "the device with the partition table is left out"
+        self._flash = world.flash
+        size = self._flash.size if self._flash else 0
+        self._first = start // 512
+        self._blocks = (size - start if len < 0 else len) // 512
+
+    def readblocks(self, block, buffer, offset=0):
+        """Read from a block on; what is written but not programmed yet, too."""
+        if self._flash is None:
+            buffer[:] = b"\xff" * len(buffer)
+        else:
+            self._flash.read((self._first + block) * 512 + offset, buffer)
+        return 0
+
+    def writeblocks(self, block, data, offset=0):
+        """Write from a block on, into the cache."""
+        if self._flash is None or block >= self._blocks:
+            return 5
+        self._flash.write((self._first + block) * 512 + offset, data)
+        return 0
+
+    def ioctl(self, operation, _argument):
+        """What a file system asks."""
+        if operation == 3:
+            self._flash.sync()
+        return {4: self._blocks, 5: 512}.get(operation, 0)

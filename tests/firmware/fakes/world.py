@@ -11,6 +11,7 @@ sent = []  # frames that went over the bus: (identifier, data)
 events = {}  # functions to call at a time, by millisecond
 timers = []  # that have a callback
 buses = []  # all CAN controllers
+flash = None  # what `pyb.Flash` is about
 told = []  # everything that was switched on or off for good, in its order
 interrupts_off = False
 fed_ms = None  # when the watchdog was fed last

@@ -70,7 +70,7 @@ class Life:
         """Board and firmware start anew; the flash is as it was."""
         for each in (world.buses, world.timers, world.told):
             each.clear()
-        self.board = pybv11.board(".")
+        self.board = pybv11.board()
         self.board.settings = self._flash
         self.can = world.buses[0]
         self.cell = Cell(self.board, cob.NODE_NONE)

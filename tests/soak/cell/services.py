@@ -33,7 +33,7 @@ def remap(story):
     """TPDO4 by the standard's procedure to something else, and back."""
     for index in (0x6041, 0x6063):
         bits = 16 if index == 0x6041 else 32
-        can_id = cob.TPDO_BASES[3] + NODE
+        can_id = cob.FLAG_30 | cob.TPDO_BASES[3] + NODE
         entry = bytes((bits, 0, index & 0xFF, index >> 8))
         yield from story.write(0x1803, 1, (can_id | cob.INVALID).to_bytes(4, "little"))
         yield from story.write(0x1A03, 0, b"\0")

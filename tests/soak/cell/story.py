@@ -28,12 +28,12 @@ _SETTINGS = (
     (0x1802, 5, EVENT_MS.to_bytes(2, "little")),
     (0x1A02, 1, b"\x08\x00\x61\x60"),
     (0x1A02, 0, b"\x01"),
-    (0x1802, 1, (cob.TPDO_BASES[2] + NODE).to_bytes(4, "little")),
+    (0x1802, 1, (cob.FLAG_30 | cob.TPDO_BASES[2] + NODE).to_bytes(4, "little")),
     (0x1803, 3, (INHIBIT_MS * 10).to_bytes(2, "little")),
     (0x1803, 5, EVENT_AT_REST_MS.to_bytes(2, "little")),
     (0x1A03, 1, b"\x20\x00\x63\x60"),
     (0x1A03, 0, b"\x01"),
-    (0x1803, 1, (cob.TPDO_BASES[3] + NODE).to_bytes(4, "little")),
+    (0x1803, 1, (cob.FLAG_30 | cob.TPDO_BASES[3] + NODE).to_bytes(4, "little")),
 )
 
 

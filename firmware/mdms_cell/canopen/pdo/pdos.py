@@ -1,24 +1,26 @@
 """All PDOs of a cell, alive in 'operational' only."""
 
 from mdms_cell import ticks
-from mdms_cell.canopen.rpdo import Rpdo
+from mdms_cell.canopen.pdo.rpdo import Rpdo
+from mdms_cell.canopen.pdo.tpdo import Tpdo
 from mdms_cell.canopen.rules import COB_ID
-from mdms_cell.canopen.tpdo import Tpdo
 from mdms_protocol import cob
 
 
 class Pdos:
     """Receive and transmit PDOs.
 
-    `heard()` tells the time [ms] and has a poll follow; `changed()` is told of other identifiers.
+    `attend()` returns the time [ms] and has a poll follow; `changed()` is called when the
+    identifiers have changed.
     """
 
-    def __init__(self, objects, heard, send, changed):
+    def __init__(self, objects, attend, send, changed):
+        self._attend = attend
         self._changed = changed
         numbers = range(len(cob.TPDO_BASES))
-        told = self._on_change
-        self._rpdos = [Rpdo(number, objects, heard, told) for number in numbers]
-        self._tpdos = [Tpdo(number, objects, send, told) for number in numbers]
+        on_change = self._on_change
+        self._rpdos = [Rpdo(number, objects, attend, on_change) for number in numbers]
+        self._tpdos = [Tpdo(number, objects, send, on_change) for number in numbers]
         self._alive = False
         self._choose()
 
@@ -78,7 +80,8 @@ class Pdos:
             for rpdo in self._held:
                 rpdo.on_sync()
             for tpdo in self._sampled:
-                tpdo.on_sync()
+                if not tpdo.on_sync():
+                    self._attend()
         return True
 
     def discard_held(self):
@@ -92,6 +95,9 @@ class Pdos:
         if self._alive:
             for tpdo in self._spontaneous:
                 wait_ms = min(wait_ms, tpdo.poll(now_ms))
+            for tpdo in self._sampled:
+                if not tpdo.retry():
+                    wait_ms = min(wait_ms, ticks.RETRY_MS)
             for rpdo in self._awaited:
                 wait_ms = min(wait_ms, rpdo.wait_ms(now_ms))
         return wait_ms
@@ -101,8 +107,20 @@ class Pdos:
         """Whether a frame that is waited for has still not come."""
         return any(rpdo.late for rpdo in self._awaited)
 
+    @property
+    def short(self):
+        """Whether the last frame of an RPDO was too short for it."""
+        return any(rpdo.short for rpdo in self._received)
+
+    def take_short(self):
+        """Whether a frame too short for its RPDO has come, since this was asked last."""
+        short = False
+        for rpdo in self._received:
+            short = rpdo.take_short() or short
+        return short
+
     def overdue(self, now_ms):
-        """Whether a frame that was waited for has not come; told once."""
+        """Whether a frame that was waited for has not come; True once."""
         overdue = False
         if self._alive:
             for rpdo in self._awaited:

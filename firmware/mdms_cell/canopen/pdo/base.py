@@ -10,6 +10,7 @@ from mdms_cell.canopen.rules import (
     TYPE,
     check_mapping,
     check_parameter,
+    mapped,
 )
 from mdms_protocol import cob, sdo
 
@@ -17,7 +18,7 @@ from mdms_protocol import cob, sdo
 class Pdo:
     """One PDO; `direction` is the flag of the entries that it may carry.
 
-    `changed(sub)` is told which of its parameters is another.
+    `changed(sub)` is called when that one of its parameters has changed.
     """
 
     def __init__(self, objects, parameters, mapping, direction, changed):
@@ -27,8 +28,8 @@ class Pdo:
         self._direction = direction
         self._changed = changed
         self.can_id = None
-        objects.watchers[parameters] = self._on_parameter
-        objects.watchers[mapping] = self._on_mapping
+        objects.watch(parameters, self._on_parameter)
+        objects.watch(mapping, self._on_mapping)
 
     def load(self):
         """Take over identifier and type from the dictionary."""
@@ -49,11 +50,10 @@ class Pdo:
 
     def _entry(self, sub):
         """An entry of the mapping as (index, sub-index, bits)."""
-        item = self._objects.number(self._mapping, sub)
-        return item >> 16, item >> 8 & 0xFF, item & 0xFF
+        return mapped(self._objects, self._mapping, sub)
 
     def _on_parameter(self, _index, sub):
-        check_parameter(sub, self._parameter(sub), self.can_id)
+        check_parameter(self._direction, sub, self._parameter(sub), self.can_id)
         self.load()
         self._changed(sub)
 

@@ -7,11 +7,12 @@ The memory has `read(bank)`, which returns the whole bank, `erase(bank)` and
 `write(bank, offset, data)`, and raises OSError where it fails.
 """
 
-from mdms_cell.canopen import saved
-from mdms_protocol import record, sdo
+from mdms_cell.canopen.storage import restoration, saved
+from mdms_protocol import indices, record, sdo
 
-STORE = 0x1010
-RESTORE = 0x1011
+SOURCE_SETTINGS = 8
+SETTINGS_LOST = 0x6310
+
 
 _SAVE = 0x65766173
 _LOAD = 0x64616F6C
@@ -21,7 +22,7 @@ _GROUPS = {
     2: record.STORED_COMMUNICATION,
     3: record.STORED_APPLICATION,
 }
-#: What reading tells: saved on command, not by itself; defaults can be restored.
+#: What reading returns: saved on command, not by itself; defaults can be restored.
 _ON_COMMAND = 1
 
 
@@ -41,8 +42,11 @@ class Store:
         return saved.node_id_of(self._values)
 
     def restore(self, objects, flags):
-        """Give the entries that have one of these flags their saved values."""
-        saved.restore(self._values, objects, flags)
+        """Give the entries that have one of these flags their saved values.
+
+        Returns (index, sub-index) of the saved values that were not taken; see `restoration`.
+        """
+        return restoration.restore(self._values, objects, flags)
 
     def save(self, objects, flags):
         """Save the entries that have one of these flags; raises AbortError."""
@@ -66,25 +70,48 @@ class Store:
 
 
 class Parameters:
-    """Ties 0x1010 and 0x1011 to the store; `driving()` tells whether motors are on.
+    """Ties 0x1010 and 0x1011 to the store; `driving()` returns whether motors are on.
 
-    Erasing flash stops the processor, so nothing is stored while they are.
+    Erasing flash stops the processor, so nothing is stored while they are. Saved values that do not
+    fit are reported to `emcy`, with the first of them and their number, until they are given up.
     """
 
-    def __init__(self, objects, store, driving):
+    def __init__(self, objects, store, driving, emcy):
         self._objects = objects
         self._store = store
         self._driving = driving
-        objects.watchers[STORE] = self._on_store
-        objects.watchers[RESTORE] = self._on_restore
+        self._emcy = emcy
+        self._misfits = []
+        objects.watch(indices.STORE, self._on_store)
+        objects.watch(indices.RESTORE, self._on_restore)
+
+    def restore(self, flags):
+        """Give the entries that have one of these flags their saved values."""
+        self._misfits = self._store.restore(self._objects, flags)
+        self._report()
+
+    def _report(self):
+        if not self._misfits:
+            self._emcy.clear(SOURCE_SETTINGS)
+            return
+        index, sub = self._misfits[0]
+        detail = bytes((index & 0xFF, index >> 8, sub, min(len(self._misfits), 0xFF)))
+        self._emcy.report(SOURCE_SETTINGS, SETTINGS_LOST, detail)
 
     def _on_store(self, index, sub):
         self._take(index, sub, _SAVE)
         self._store.save(self._objects, _GROUPS[sub])
+        self._give_up(_GROUPS[sub])
 
     def _on_restore(self, index, sub):
         self._take(index, sub, _LOAD)
         self._store.forget(_GROUPS[sub])
+        self._give_up(_GROUPS[sub])
+
+    def _give_up(self, flags):
+        """Saved values with these flags, and those of no entry, are there no more."""
+        self._misfits = restoration.remaining(self._misfits, flags)
+        self._report()
 
     def _take(self, index, sub, expected):
         signature = self._objects.number(index, sub)

@@ -3,16 +3,17 @@
 import struct
 
 from mdms_cell import ticks
-from mdms_cell.canopen.pdo import Pdo
+from mdms_cell.canopen.pdo.base import Pdo
 from mdms_cell.canopen.rules import EVENT_TIMER, INHIBIT_TIME
-from mdms_protocol import record
-
-PARAMETERS = 0x1800
-MAPPING = 0x1A00
+from mdms_protocol import indices, record
 
 _INHIBIT_UNITS_PER_MS = 10
 #: Presence and statuswords: a poll follows when they change. All else may change at any time.
-_ANNOUNCED = (0x3001, 0x6041, 0x6841)
+_ANNOUNCED = (
+    indices.PRESENCE,
+    indices.STATUSWORD,
+    indices.STATUSWORD + indices.AXIS_OFFSET,
+)
 
 
 class Tpdo(Pdo):
@@ -22,7 +23,8 @@ class Tpdo(Pdo):
     """
 
     def __init__(self, number, objects, send, changed):
-        super().__init__(objects, PARAMETERS + number, MAPPING + number, record.IN_TPDO, changed)
+        parameters, mapping = indices.TPDO_PARAMETERS + number, indices.TPDO_MAPPING + number
+        super().__init__(objects, parameters, mapping, record.IN_TPDO, changed)
         self._send = send
         self._syncs = 0
         self._sent_ms = None
@@ -39,6 +41,7 @@ class Tpdo(Pdo):
         announced = all(index in _ANNOUNCED for index, _, _ in entries)
         self._pace_ms = ticks.IDLE_MS if announced else ticks.RETRY_MS
         self._sent = None
+        self._refused = None
         # The clock has no finer ticks: the time is rounded up.
         self._inhibit_ms = -(-self._parameter(INHIBIT_TIME) // _INHIBIT_UNITS_PER_MS)
         self._event_ms = self._parameter(EVENT_TIMER)
@@ -47,20 +50,35 @@ class Tpdo(Pdo):
         """Begin anew, on entering 'operational'."""
         self._sent = None
         self._sent_ms = None
+        self._refused = None
         self._syncs = 0
 
     def on_sync(self):
-        """Send, if the transmission type says so: 0 on change, n at every n-th SYNC."""
+        """Send, if the transmission type says so: 0 on change, n at every n-th SYNC.
+
+        Returns False if there was no room for a change, which `retry` is to send. A periodic frame
+        is not repeated: the next comes by itself, and late ones would only fill the bus further.
+        """
         data = self._data()
         if self.type:
             self._syncs += 1
-            if self._syncs < self.type:
-                return
-            self._syncs = 0
-        elif data == self._sent:
-            return
+            if self._syncs >= self.type:
+                self._syncs = 0
+                self._send(self.can_id, data)
+            return True
+        self._refused = None if data == self._sent else data
+        return self.retry()
+
+    def retry(self):
+        """Send the change that there was no room for at SYNC; return False if there is none yet."""
+        data = self._refused
+        if data is None:
+            return True
+        if not self._send(self.can_id, data):
+            return False
         self._sent = data
-        self._send(self.can_id, data)
+        self._refused = None
+        return True
 
     def poll(self, now_ms):
         """Send what has changed or has not been sent for long, but not too often.

@@ -1,0 +1,115 @@
+"""Settings in sectors of internal STM32 flash, behind a file system that leaves room for them.
+
+MicroPython's STM32 port writes its internal flash through one cache in RAM that holds a sector:
+blocks that are written change the cache, and a sync erases the sector and programs all of it. Power
+that fails meanwhile takes the whole sector, whatever lies in it, under LittleFS as under FAT. So
+the settings are no files: each bank has a sector of its own that no file system uses, and a save
+touches that of one bank. `make_room` makes the smaller file system that this takes; until then, and
+after the port has made a new one over all of the flash, settings are read but not written.
+
+This holds for flash without error correction, as an STM32F405 has: there, what was cut off reads as
+some number or other. For what it does elsewhere see `nucleo_g474re`.
+"""
+
+from collections import namedtuple
+
+from machine import mem16  # pyright: ignore[reportAttributeAccessIssue] - not in the stubs
+from pyb import Flash
+
+BANK_SIZE = 4096
+_BLOCK = 512
+_BLANK = b"\xff" * _BLOCK
+_SYNC = 3  # an operation of `ioctl`
+_FAT_SIGNATURE = b"\x55\xaa"
+
+#: `address` is where the flash of `pyb.Flash` begins, as the port's linker script has it; `banks`
+#: are the offsets of two of its sectors. The file system ends where the first of them begins.
+Storage = namedtuple("Storage", ("address", "banks"))
+
+
+class Sectors:
+    """Two banks of bytes; the store never writes to the bank whose content is in use.
+
+    Erasing and programming stop the processor, for 4 s at worst, so nothing is written unless
+    `asleep()` reports that no bridge is awake.
+    """
+
+    def __init__(self, storage, asleep):
+        self._flash = Flash(start=0)
+        self._storage = storage
+        self._asleep = asleep
+
+    def read(self, bank):
+        """The bank up to its first blank block.
+
+        It is read where it lies: the port would answer from the cache, which has what was meant to
+        be programmed.
+        """
+        start = self._storage.address + self._storage.banks[bank]
+        content = b""
+        for address in range(start, start + BANK_SIZE, _BLOCK):
+            block = _stored(address)
+            if block == _BLANK:
+                break
+            content += block
+        return content
+
+    def erase(self, _bank):
+        """Nothing: the port erases the sector when it is written."""
+
+    def write(self, bank, offset, data):
+        """Replace what the bank holds."""
+        if offset or len(data) > BANK_SIZE:
+            raise OSError("settings are written in one piece of %d bytes at most" % BANK_SIZE)
+        if not self._asleep():
+            raise OSError("flash is written only while both bridges sleep")
+        size = _file_system_size(self._flash)
+        if size is None or size > self._storage.banks[0]:
+            raise OSError("the file system leaves no room for settings")
+        write_blocks(self._flash, self._storage.banks[bank], data)
+
+
+def make_room(storage):
+    """Make a new file system that leaves room for the settings.
+
+    To be called once, from the prompt; it erases all files and settings. Reset the board after it.
+    """
+    import vfs  # once in a board's life
+
+    try:  # noqa: SIM105 - MicroPython has no contextlib
+        vfs.umount("/flash")
+    except OSError:
+        pass  # there was none that could be mounted
+    vfs.VfsFat.mkfs(Flash(start=0, len=storage.banks[0]))
+    for start in storage.banks:
+        write_blocks(Flash(start=0), start, b"")
+
+
+def write_blocks(flash, start, data):
+    """Write a bank from `start` on, blank behind the data, and have the port program it."""
+    for place in range(0, BANK_SIZE, _BLOCK):
+        piece = data[place : place + _BLOCK]
+        block = piece + _BLANK[len(piece) :]
+        if flash.writeblocks((start + place) // _BLOCK, block):
+            raise OSError("flash takes no block")
+    flash.ioctl(_SYNC, 0)
+
+
+def _file_system_size(flash):
+    """Bytes of the FAT volume that the flash begins with, None if there is none."""
+    first = bytearray(_BLOCK)
+    flash.readblocks(0, first)
+    if first[-2:] != _FAT_SIGNATURE or int.from_bytes(first[11:13], "little") != _BLOCK:
+        return None
+    blocks = int.from_bytes(first[19:21], "little") or int.from_bytes(first[32:36], "little")
+    return blocks * _BLOCK
+
+
+def _stored(address):
+    """What a block of flash holds."""
+    block = bytearray(_BLOCK)
+    for place in range(0, _BLOCK, 2):
+        half_word = mem16[address + place]
+        block[place] = half_word & 0xFF
+        block[place + 1] = half_word >> 8
+    return block
