@@ -8,7 +8,7 @@ from mdms_host.cli.array.bus import NO_NODES
 from mdms_host.cli.configure.cells import open_commissioning
 from mdms_host.cli.console import say
 from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.commissioning.array_file import read_array_file
+from mdms_host.commissioning.array_file import filed_cells
 from mdms_host.commissioning.cell_settings import identify_cells
 from mdms_host.commissioning.network import Commissioning
 from mdms_host.commissioning.node_ids import (
@@ -45,7 +45,7 @@ def run(arguments: Namespace) -> Exit:
 
 def _node_ids(file: Path) -> dict[int, int]:
     """Node ids of a file by serial number. Raises ArrayFileError."""
-    return {cell.serial: cell.node_id for cell in read_array_file(file)}
+    return {cell.serial: cell.node_id for cell in filed_cells(file)}
 
 
 def _plan(
