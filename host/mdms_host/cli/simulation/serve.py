@@ -1,5 +1,6 @@
 """`mdms serve`: the virtual array in real time, for other programs."""
 
+import signal
 from argparse import Namespace
 from contextlib import closing
 
@@ -12,8 +13,11 @@ from mdms_sim.simulation import Simulation, open_bank
 
 
 def run(arguments: Namespace) -> Exit:
-    """Serve until Ctrl-C, or until a parcel tips."""
+    """Serve until Ctrl-C or SIGTERM, or until a parcel tips."""
     scenario = open_program(arguments.scenario, [*arguments.overrides, "run.fidelity=firmware"])
+    # Both end a service as Ctrl-C does, so that its sockets go.
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.default_int_handler)
     try:
         return _serve(scenario, arguments)
     except KeyboardInterrupt:
@@ -25,7 +29,7 @@ def _serve(scenario: Scenario, arguments: Namespace) -> Exit:
     with closing(open_bank(arguments.nodes, cells)) as bank:
         simulation = Simulation(scenario, bank, recorded=False)
         name = arguments.name or _name_of(arguments.scenario)
-        with Server(simulation, name, arguments.tcp_port, arguments.speed, report=say) as server:
+        with Server(simulation, name, arguments.tcp, arguments.speed, report=say) as server:
             print(f"{scenario.title}: {cells} cells on a virtual CAN bus; connect with")
             print(*(f"  {line}" for line in ways_in(server.addresses)), sep="\n", flush=True)
             server.run()

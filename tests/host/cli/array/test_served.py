@@ -26,6 +26,8 @@ def served(tmp_path_factory):
         "array18",
         "--name",
         str(tmp_path_factory.mktemp("bus") / "sock"),
+        "--tcp",
+        "0",
     ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         port = None
