@@ -18,7 +18,8 @@ from mdms_protocol import cob
 
 _HEAD = """\
 # Cells of an array, told apart by their serial numbers: node ids, and settings in SI units.
-# `mdms configure load` writes the settings, `mdms configure assign --from` the node ids.
+# `mdms configure load` writes the settings, `mdms configure assign --from` the node ids; `mdms run
+# --array` takes both from it, and a table [array] with columns and rows.
 """
 _SIDE = Limit(at_least=1, at_most=1000)
 #: The keys of a cell that say where it is.

@@ -9,7 +9,6 @@ from math import inf
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mdms_host.can_link.remote_cell import Handler
 from mdms_host.can_link.sdo_client import Setting
@@ -21,10 +20,9 @@ from mdms_host.coordination.velocity_frames import VelocityFrames
 from mdms_host.estimation.tracker import Estimate, Parcel, Tracker
 from mdms_host.layout import Layout
 from mdms_host.motion.program import Program
+from mdms_model.arrays import Floats
 from mdms_protocol import cob, indices, nmt, pdo
 from mdms_protocol.frame import Frame
-
-Floats = NDArray[np.float64]
 
 _SYNC = Frame(cob.SYNC, b"")
 #: Cells report their state on change, and repeat it every 200 ms, which makes up for a lost frame.

@@ -4,14 +4,12 @@ from collections.abc import Mapping
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.goal import Goal, GoalController, Limits
-
-Floats = NDArray[np.float64]
+from mdms_model.arrays import Floats
 
 #: Wheels this far outside a parcel already run as if they were under it.
 _MARGIN_M = 0.05

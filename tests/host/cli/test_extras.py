@@ -72,7 +72,8 @@ def test_run_folder_without_matplotlib_has_all_but_the_picture(without, tmp_path
     assert read_run(tmp_path).scenario == scenario
 
 
-def test_run_that_outlasts_what_a_scenario_may_keeps_its_own_duration():
+@pytest.mark.parametrize("duration_s", [0.0, 1e5, 1e9])
+def test_run_of_a_length_that_no_scenario_has_keeps_its_own_duration(duration_s):
     scenario = load_scenario("array18")
     assert lasting(scenario, 3.5).run.duration_s == 3.5
-    assert lasting(scenario, 1e9) == scenario
+    assert lasting(scenario, duration_s) == scenario

@@ -11,8 +11,9 @@ from mdms_host.cli.extras import PICTURES
 from mdms_host.cli.records.bus_log import convert_log
 from mdms_model.run.folder import BUS_LOG, DATABASE, SavePicture, write_run
 from mdms_model.run.record import Record
-from mdms_model.scenario.rules import check_rules
+from mdms_model.scenario.file import scenario_from
 from mdms_model.scenario.scenario import Scenario, ScenarioError
+from mdms_model.scenario.tree import plain
 from mdms_protocol.generators.files import data_sheet
 
 
@@ -37,14 +38,13 @@ def keep_run(
 def lasting(scenario: Scenario, duration_s: float) -> Scenario:
     """The scenario with the duration that its run has had, so that it can be run again.
 
-    One that has gone on longer than a scenario may keeps the duration it was given.
+    One that has taken no time, or longer than a scenario may, keeps the duration it was given.
     """
     lasted = replace(scenario, run=replace(scenario.run, duration_s=duration_s))
     try:
-        check_rules(lasted)
+        return scenario_from(plain(lasted))
     except ScenarioError:
         return scenario
-    return lasted
 
 
 def _painter(record: Record) -> SavePicture | None:
