@@ -80,3 +80,14 @@ def test_a_second_run_takes_the_array_over_from_one_that_broke_off(served_cells,
     assert {node.state for node in scan_bus(served_cells.open(), clock)} == {"operational"}
     with Link(served_cells.open(), clock) as link:
         assert operate(coordinator(), link, clock, 1.5).ending == Ending.DONE
+
+
+def test_a_fault_names_what_was_held_up(served_cells, clock) -> None:
+    def hold_up(_now_s: float, text: str) -> None:
+        if text == Phase.RUNNING:
+            clock.sleep(0.5)
+
+    with Link(served_cells.open(), clock) as link:
+        done = operate(coordinator(), link, clock, 10.0, on_event=hold_up)
+    assert done.ending == Ending.FAULT
+    assert "this program's own cycle was up to" in done.fault

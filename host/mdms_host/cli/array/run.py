@@ -2,6 +2,7 @@
 
 import json
 from argparse import Namespace
+from dataclasses import asdict
 from math import isnan
 
 from mdms_host.cli.array.bus import open_link
@@ -31,6 +32,8 @@ def run(arguments: Namespace) -> int:
     if arguments.json:
         print(json.dumps(_figures(scenario, coordinator, operation)))
     else:
+        if counts := str(operation.link):
+            say(f"frames: {counts}")
         print(f"{scenario.title}: {operation.ending} after {operation.duration_s:.1f} s")
     return _verdict(operation)
 
@@ -53,6 +56,7 @@ def _figures(
         "ending": str(operation.ending),
         "duration_s": operation.duration_s,
         "fault": operation.fault,
+        "link": asdict(operation.link),
         "parcels": parcels,
     }
 
