@@ -5,6 +5,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from mdms_host.can_link.delays import Delays
+from mdms_host.can_link.incidents import Incidents, LinkCounts
 from mdms_host.can_link.link import Link
 from mdms_protocol import cob
 from mdms_protocol.frame import Frame
@@ -23,6 +25,9 @@ class CellsLink(Link):
 
     def __init__(self, node_ids: tuple[int, ...]) -> None:
         self.states: dict[int, int] = {}
+        self.delays = Delays()
+        self._clock = self
+        self._incidents = Incidents(self)
         self._bank = PythonBank(node_ids)
         self._counts = np.zeros((len(node_ids), 2), np.int32)
         self._presence = np.zeros(len(node_ids), np.uint8)
@@ -44,7 +49,11 @@ class CellsLink(Link):
     def sleep(self, seconds: float) -> None:
         self._pass_until(self._now_s + seconds, lambda: False)
 
-    def send(self, frame: Frame) -> None:
+    @property
+    def counts(self) -> LinkCounts:
+        return LinkCounts(0, 0, 0, 0)
+
+    def send(self, frame: Frame, until_s: float | None = None) -> None:
         for cell in range(len(self._counts)):
             self._bank.deliver(cell, frame)
 

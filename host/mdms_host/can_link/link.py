@@ -4,8 +4,9 @@ python-can's own readers end at the first line of garbage from a serial adapter.
 on, records what happened, and ends only when the device itself is gone.
 """
 
+import os
 from argparse import ArgumentError, Namespace
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from queue import Empty, SimpleQueue
 from threading import Thread
@@ -13,7 +14,12 @@ from types import TracebackType
 
 import can
 from can.cli import create_bus_from_namespace
+from can.interfaces.slcan import slcanBus
 
+from mdms_host.can_link.delays import Delays
+from mdms_host.can_link.incidents import Incidents, LinkCounts
+from mdms_host.can_link.slcan_port import GarbledError, SlcanPort
+from mdms_host.can_link.transmitter import Transmitter
 from mdms_host.clock import Clock
 from mdms_model.participant import Participant
 from mdms_protocol.frame import Frame
@@ -22,9 +28,11 @@ _DEVICE_ERRORS = (can.CanOperationError, OSError)
 #: A device that fails this many times in a row, so far apart, is taken to be gone.
 _DEVICE_ATTEMPTS = 5
 _ATTEMPT_PAUSE_S = 0.05
-#: How often a reader checks whether it is to end, and how long a frame may take to leave.
+#: How often a reader checks whether it is to end.
 _READ_TIMEOUT_S = 0.1
-_SEND_TIMEOUT_S = 0.2
+#: How long frames may wait for room in the transmit queue: a cycle, then newer ones are due.
+_QUEUE_WAIT_S = 0.01
+_FULL_HELP = "frames are not sent; does anybody acknowledge them, and is the bit rate right?"
 
 
 def _is_of_device(error: Exception) -> bool:
@@ -65,8 +73,8 @@ class Link:
     """An open bus with a reader of its own; frames of 11-bit data only, the rest is counted.
 
     Frames go to `deliver(frame, now_s)` in the reader's thread, if given, else wait for `receive`.
-    `incidents` lists what the reader met, as (time [s], text); `garbled`, `error_frames` and
-    `unsent` count frames.
+    `garbled`, `error_frames` and `unsent` count frames; `incidents` has what else the link met.
+    `delays` has what was held up lately.
     """
 
     def __init__(
@@ -75,11 +83,13 @@ class Link:
         clock: Clock,
         deliver: Callable[[Frame, float], object] | None = None,
     ) -> None:
-        self.incidents: list[tuple[float, str]] = []
         self.garbled = 0
         self.error_frames = 0
-        self.unsent = 0
+        self.delays = Delays()
+        self._incidents = Incidents(clock)
         self._bus = bus
+        self._port = _port_of(bus)
+        self._transmitter = Transmitter(self._port, clock)
         self._clock = clock
         self._arrived: SimpleQueue[tuple[Frame, float]] = SimpleQueue()
         self._deliver = deliver or (lambda *item: self._arrived.put(item))
@@ -100,20 +110,52 @@ class Link:
     ) -> None:
         self.close()
 
-    def send(self, frame: Frame) -> None:
-        """Send a frame; one that the device cannot take is counted. Raises DeviceGoneError."""
+    @property
+    def incidents(self) -> list[tuple[float, str]]:
+        """What has happened so far, as (time [s], text)."""
+        return self._incidents.noted
+
+    @property
+    def unsent(self) -> int:
+        """Frames that did not leave: no room in time, a failing device, an adapter's refusal."""
+        refused = self._port.refused if isinstance(self._port, SlcanPort) else 0
+        return self._transmitter.unsent + refused
+
+    @property
+    def counts(self) -> LinkCounts:
+        """All counts at this moment."""
+        waited = self._transmitter.waited
+        return LinkCounts(self.garbled, self.error_frames, waited, self.unsent)
+
+    def send(self, frame: Frame, until_s: float | None = None) -> None:
+        """Send a frame; one that the device cannot take is counted. Raises DeviceGoneError.
+
+        A full transmit queue is waited for until `until_s`, for one cycle if that is not given.
+        """
         self.check()
         message = can.Message(
             arbitration_id=frame.can_id, data=frame.data, is_extended_id=False, check=True
         )
+        if until_s is None:
+            until_s = self._clock.now_s() + _QUEUE_WAIT_S
         try:
-            self._bus.send(message, timeout=_SEND_TIMEOUT_S)
+            if not self._transmitter.send(message, until_s):
+                self._incidents.note_repeated("the transmit queue stays full", _FULL_HELP)
             self._send_failures = 0
         except _DEVICE_ERRORS as error:
-            self.unsent += 1
+            self._incidents.note_repeated("the device cannot be written", error)
             self._send_failures += 1
             if self._send_failures == _DEVICE_ATTEMPTS:
                 self._give_up(error)
+
+    def send_all(self, frames: Iterable[Frame]) -> None:
+        """Send the frames of one cycle, which wait for room as long as that together.
+
+        Raises DeviceGoneError.
+        """
+        until_s = self._clock.now_s() + _QUEUE_WAIT_S
+        for frame in frames:
+            self.send(frame, until_s)
 
     def receive(self, timeout_s: float, handle: Callable[[Frame, float], object]) -> None:
         """Hand over what has arrived; wait for the first frame at most so long.
@@ -154,7 +196,10 @@ class Link:
         """The reader's thread: ends when the link is closed, the device gone, or after garbage."""
         while not self._closing and not self._gone:
             try:
-                message = self._bus.recv(_READ_TIMEOUT_S)
+                message = self._port.recv(_READ_TIMEOUT_S)
+            except GarbledError as error:
+                self.garbled += 1
+                self._incidents.note_repeated("garbage was received", error)
             except Exception as error:
                 if not _is_of_device(error):
                     self._on_garbage(error)
@@ -167,12 +212,16 @@ class Link:
     def _sort(self, message: can.Message | None) -> None:
         if message is None:
             return
+        now_s = self._clock.now_s()
+        self.delays.on_arrival(now_s)
         if message.is_error_frame:
             self.error_frames += 1
+            self._incidents.note_repeated("there are error frames on the bus")
         elif message.is_extended_id or message.is_remote_frame or message.is_fd:
             self.garbled += 1
+            self._incidents.note_repeated("frames that are no data or have 29 bits are left out")
         else:
-            self._deliver(Frame(message.arbitration_id, bytes(message.data)), self._clock.now_s())
+            self._deliver(Frame(message.arbitration_id, bytes(message.data)), now_s)
 
     def _on_device_error(self, error: Exception) -> None:
         self._failures += 1
@@ -196,7 +245,16 @@ class Link:
 
     def _note(self, text: str) -> None:
         if not self._closing:
-            self.incidents.append((self._clock.now_s(), text))
+            self._incidents.note(text)
+
+
+def _port_of(bus: can.BusABC) -> can.BusABC | SlcanPort:
+    """The bus itself, or the serial line behind it where that can be read in larger pieces."""
+    if isinstance(bus, slcanBus) and os.name == "posix":
+        with suppress(NotImplementedError, can.CanOperationError):
+            bus.fileno()
+            return SlcanPort(bus)
+    return bus
 
 
 def drive(participant: Participant, link: Link, clock: Clock, over: Callable[[], bool]) -> None:
@@ -204,9 +262,12 @@ def drive(participant: Participant, link: Link, clock: Clock, over: Callable[[],
 
     `over` is called after each round, at least ten times a second.
     """
+    polled_s = clock.now_s()
     while not over():
-        now_s = clock.now_s()
-        if participant.wake_s <= now_s:
-            for frame in participant.poll(now_s):
-                link.send(frame)
+        now_s, wake_s = clock.now_s(), participant.wake_s
+        if wake_s <= now_s:
+            # One that is due at once may say so by any time in the past.
+            link.delays.on_cycle(max(wake_s, polled_s), now_s)
+            polled_s = now_s
+            link.send_all(participant.poll(now_s))
         link.receive(participant.wake_s - clock.now_s(), participant.on_frame)

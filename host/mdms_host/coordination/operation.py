@@ -4,10 +4,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
+from mdms_host.can_link.incidents import LinkCounts
 from mdms_host.can_link.link import Link, drive
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.coordination.phase import Phase
 from mdms_model.participant import Participant
+
+_STEERED = frozenset((Phase.ENABLING, Phase.RUNNING))
 
 
 class Ending(StrEnum):
@@ -23,11 +27,15 @@ class Ending(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """A run that has ended: how, after how long [s], and with which fault, if any."""
+    """A run that has ended: how, after how long [s], with which fault, and what its bus was like.
+
+    A fault names what was held up at that time, if anything was.
+    """
 
     ending: Ending
     duration_s: float
     fault: str | None
+    link: LinkCounts
 
 
 def operate(
@@ -42,20 +50,15 @@ def operate(
     """Run the program until it is finished, for `limit_s` at most, then turn the array off.
 
     `participant` is on the bus in the coordinator's place, if given, and drives it: a recorder.
-    `on_event(time_s, text)` is called for events as they happen. An interrupt (Ctrl-C) ends the run
-    in order; a second one breaks it off. Raises DeviceGoneError.
+    `on_event(time_s, text)` is called for events, and for incidents of the link, as they happen. An
+    interrupt (Ctrl-C) ends the run in order; a second one breaks it off. Raises DeviceGoneError.
     """
-    start_s, reported = clock.now_s(), 0
+    start_s = clock.now_s()
     participant = participant or coordinator
-
-    def report_events() -> None:
-        nonlocal reported
-        while reported < len(coordinator.events):
-            reported += 1
-            on_event(*coordinator.events[reported - 1])
+    watch = _Watch(coordinator, link, clock, on_event)
 
     def running() -> bool:
-        report_events()
+        watch.look()
         late = limit_s is not None and clock.now_s() - start_s > limit_s
         return not (coordinator.stopped or coordinator.finished or late)
 
@@ -67,9 +70,43 @@ def operate(
     finished = coordinator.finished
     coordinator.stop()
     drive(participant, link, clock, lambda: coordinator.stopped)
-    report_events()
+    watch.look()
     ending = _ending(coordinator, interrupted, finished, limit_s)
-    return Operation(ending, clock.now_s() - start_s, coordinator.fault)
+    return Operation(ending, clock.now_s() - start_s, watch.fault, link.counts)
+
+
+class _Watch:
+    """Reports what happens in a run, and finds what was held up when it fails."""
+
+    def __init__(
+        self,
+        coordinator: Coordinator,
+        link: Link,
+        clock: Clock,
+        on_event: Callable[[float, str], object],
+    ) -> None:
+        self.fault: str | None = None
+        self._coordinator = coordinator
+        self._link = link
+        self._clock = clock
+        self._on_event = on_event
+        self._reported = [0, 0]
+        self._steered = False
+
+    def look(self) -> None:
+        """Report what is new."""
+        if self._coordinator.fault and self.fault is None:
+            self.fault = self._coordinator.fault + self._delay()
+        self._steered |= self._coordinator.phase in _STEERED
+        for number, source in enumerate((self._coordinator.events, self._link.incidents)):
+            for time_s, text in source[self._reported[number] :]:
+                self._reported[number] += 1
+                self._on_event(time_s, text)
+
+    def _delay(self) -> str:
+        """What was held up, in brackets; nothing before setpoints have to be in time."""
+        reason = self._link.delays.reason(self._clock.now_s()) if self._steered else None
+        return f" ({reason})" if reason else ""
 
 
 def _ending(

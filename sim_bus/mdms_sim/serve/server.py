@@ -26,6 +26,7 @@ from mdms_sim.serve.endpoint import (
     UnixListener,
     listen_tcp,
 )
+from mdms_sim.serve.lateness import Lateness
 from mdms_sim.simulation import Simulation
 
 #: The simulation is not run further than this without looking after the clients.
@@ -71,6 +72,7 @@ class Server:
         # Whatever is compiled at its first use is so before anybody can come in and time counts.
         simulation.kernel.run_until(SLICE_NS)
         self.time = RealTime(speed)
+        self._lateness = Lateness(self.time, report)
         with ExitStack() as opened:
             self._open(opened, channel, tcp_port)
             self._opened = opened.pop_all()
@@ -105,6 +107,7 @@ class Server:
         while not over() and not self._simulation.tipped:
             self._simulate()
             self._serve_clients()
+            self._lateness.look(self._simulation.kernel.now_ns)
 
     def close(self) -> None:
         """Shut all addresses and take the clients off the bus."""
@@ -127,7 +130,7 @@ class Server:
                 client.write()
             self._watch(descriptor, client)
         # No time passes in the simulation while what a client has sent is on its way.
-        self._terminal.settle()
+        self.time.settle(self._terminal.settle)
         next_ns = kernel.next_ns
         wait_s = 0.0 if next_ns is None else self.time.wait_s(next_ns, kernel.now_ns)
         for key, events in self._selector.select(wait_s):

@@ -72,3 +72,13 @@ def test_a_second_run_takes_the_array_over_from_one_that_broke_off(link) -> None
     link.sleep(0.3)
     assert set(link.states.values()) == {nmt.OPERATIONAL}
     assert operate(coordinator(), link, link, 1.5).ending == Ending.DONE
+
+
+def test_a_fault_names_what_was_held_up(link) -> None:
+    def hold_up(_now_s: float, text: str) -> None:
+        if text == Phase.RUNNING:
+            link.sleep(0.5)
+
+    done = operate(coordinator(), link, link, 10.0, on_event=hold_up)
+    assert done.ending == Ending.FAULT
+    assert "this program's own cycle was up to" in done.fault

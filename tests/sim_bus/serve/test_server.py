@@ -100,6 +100,19 @@ def test_setpoints_come_in_time_when_the_kernel_leaves_a_terminal_alone(machine,
     assert lost_ns == pytest.approx(len(STALL) - PATIENCE_NS, abs=SLICE_NS)
 
 
+def test_time_that_a_terminal_takes_from_the_array_is_reported(machine, tmp_path):
+    told = []
+
+    def over() -> bool:
+        machine.turn()
+        return machine.now_ns >= 2000 * MS
+
+    with Server(bare_simulation(), str(tmp_path / "bus.sock"), report=told.append) as server:
+        server.run(over)
+    assert len(told) == 1
+    assert "0.18 s of the array's time were left out; it took 0.20 s to carry" in told[0]
+
+
 def test_time_passes_with_the_machines_while_a_terminal_works(machine, tmp_path):
     simulation = bare_simulation()
 

@@ -9,7 +9,7 @@ from rich.live import Live
 
 from mdms_host.can_link.link import Link, drive, open_bus
 from mdms_host.cli.array.bus import NO_NODES, open_link
-from mdms_host.cli.console import show
+from mdms_host.cli.console import say, show
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.clock import Clock, MonotonicClock
 from mdms_host.commissioning.scan import scan_bus, scan_table
@@ -41,11 +41,14 @@ def status(arguments: Namespace) -> Exit:
         drive(model, link, clock, lambda: clock.now_s() >= end_s)
         rows = model.rows(clock.now_s())
         if arguments.json:
-            print(json.dumps({"cells": [asdict(row) | {"silent": row.silent} for row in rows]}))
+            cells = [asdict(row) | {"silent": row.silent} for row in rows]
+            print(json.dumps({"cells": cells, "link": asdict(link.counts)}))
         elif rows and sys.stdout.isatty() and not arguments.once:
             _show_live(model, link, clock)
         elif rows:
             show(status_table(rows))
+        if not arguments.json:
+            _show_link(link)
     if not rows:
         raise CommandError(NO_NODES, Exit.NO_DEVICE)
     return Exit.OK
@@ -67,6 +70,14 @@ def stop(arguments: Namespace) -> Exit:
     return Exit.OK
 
 
+def _show_link(link: Link) -> None:
+    """What the link met besides frames, on stderr."""
+    for time_s, text in link.incidents:
+        say(f"{time_s:8.3f} s  {text}")
+    if counts := str(link.counts):
+        say(f"frames: {counts}")
+
+
 def _show_live(model: StatusModel, link: Link, clock: Clock) -> None:
     """Redraw the table until somebody presses Ctrl-C."""
     due_s = clock.now_s()
@@ -76,7 +87,9 @@ def _show_live(model: StatusModel, link: Link, clock: Clock) -> None:
             nonlocal due_s
             if clock.now_s() >= due_s:
                 due_s += REDRAW_S
-                live.update(status_table(model.rows(clock.now_s())), refresh=True)
+                table = status_table(model.rows(clock.now_s()))
+                table.caption = str(link.counts)
+                live.update(table, refresh=True)
             return False
 
         try:

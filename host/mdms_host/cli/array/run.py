@@ -2,6 +2,7 @@
 
 import json
 from argparse import Namespace
+from dataclasses import asdict
 from math import isnan
 from typing import Any
 
@@ -43,6 +44,8 @@ def run(arguments: Namespace) -> int:
     if arguments.json:
         print(json.dumps(figures))
     else:
+        if counts := str(operation.link):
+            say(f"frames: {counts}")
         print(f"{scenario.title}: {operation.ending} after {operation.duration_s:.1f} s")
     return _verdict(operation)
 
@@ -79,7 +82,7 @@ def _operate(
                 coordinator, link, clock, arguments.limit, _print_event, participant=recorder
             )
         except DeviceGoneError as error:
-            operation = Operation(Ending.DEVICE_GONE, clock.now_s(), str(error))
+            operation = Operation(Ending.DEVICE_GONE, clock.now_s(), str(error), link.counts)
         return operation, link.incidents
 
 
@@ -99,6 +102,7 @@ def _figures(scenario: Scenario, coordinator: Coordinator, operation: Operation)
         "ending": str(operation.ending),
         "duration_s": operation.duration_s,
         "fault": operation.fault,
+        "link": asdict(operation.link),
         "parcels": parcels,
     }
 

@@ -52,7 +52,9 @@ def test_scan_finds_all_cells(served, capsys):
 
 def test_status_shows_drives_and_presence(served, capsys):
     assert main(["status", *served, "--json"]) == Exit.OK
-    cells = json.loads(capsys.readouterr().out)["cells"]
+    shown = json.loads(capsys.readouterr().out)
+    assert shown["link"] == {"garbled": 0, "error_frames": 0, "waited": 0, "unsent": 0}
+    cells = shown["cells"]
     assert len(cells) == 18
     assert {cell["drives"][0] for cell in cells} == {"switch on disabled"}
     assert any(cell["presence"] for cell in cells)

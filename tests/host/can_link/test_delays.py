@@ -1,0 +1,41 @@
+from mdms_host.can_link.delays import Delays
+
+
+def test_nothing_is_said_of_cycles_and_frames_in_time():
+    delays = Delays()
+    for cycle in range(100):
+        delays.on_arrival(cycle * 0.01)
+        delays.on_cycle(cycle * 0.01, cycle * 0.01 + 0.005)
+    assert delays.reason(1.0) is None
+
+
+def test_a_late_cycle_is_the_reason_for_a_second():
+    delays = Delays()
+    delays.on_cycle(1.0, 1.08)
+    assert "80 ms late" in delays.reason(1.5)
+    assert delays.reason(2.5) is None
+
+
+def test_a_bus_that_is_held_up_is_the_reason_while_it_lasts_and_for_a_second():
+    delays = Delays()
+    delays.on_arrival(1.0)
+    assert delays.reason(1.02) is None
+    assert "for 300 ms" in delays.reason(1.3)
+    delays.on_arrival(1.4)
+    assert "for 400 ms" in delays.reason(1.41)
+
+
+def test_many_short_pauses_are_a_reason_together():
+    delays = Delays()
+    for pause in range(5):
+        delays.on_arrival(1.0 + pause * 0.06)
+        assert delays.reason(1.0 + pause * 0.06) is None or pause > 1
+    assert "for 240 ms" in delays.reason(1.25)
+
+
+def test_the_programs_own_lateness_goes_before_a_pause_that_follows_from_it():
+    delays = Delays()
+    delays.on_arrival(1.0)
+    delays.on_cycle(1.01, 1.4)
+    delays.on_arrival(1.4)
+    assert "own cycle" in delays.reason(1.4)
