@@ -135,7 +135,10 @@ def add_serve(parser: ArgumentParser) -> None:
     add_nodes(parser)
     parser.add_argument("--speed", type=_speed, default=1.0, help="times real time (default 1)")
     parser.add_argument(
-        "--tcp-port", type=_port, default=0, help="of SLCAN on loopback (default: a free one)"
+        "--tcp",
+        metavar="PORT",
+        type=_port,
+        help="SLCAN on loopback as well, for every user of this machine (0: a free port)",
     )
 
 

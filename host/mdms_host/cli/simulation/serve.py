@@ -20,10 +20,16 @@ from mdms_model.scenario.scenario import Scenario
 from mdms_sim.serve.server import Server, ways_in
 from mdms_sim.simulation import Simulation, open_bank
 
+#: The signals that end a service in order.
+ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
 
 def run(arguments: Namespace) -> Exit:
-    """Serve until Ctrl-C, or until a parcel tips; keep a run folder, if one is wanted."""
+    """Serve until Ctrl-C or SIGTERM, or until a parcel tips; keep a run folder if asked to."""
     scenario = open_program(arguments.scenario, [*arguments.overrides, "run.fidelity=firmware"])
+    # Both end a service as Ctrl-C does, so that its sockets go.
+    for number in ENDS:
+        signal.signal(number, signal.default_int_handler)
     try:
         if arguments.out is None:
             simulation = _serve(scenario, arguments)
@@ -59,7 +65,7 @@ def _serve(scenario: Scenario, arguments: Namespace, log: BinaryIO | None = None
         )
         name = arguments.name or _name_of(arguments.scenario)
         with (
-            Server(simulation, name, arguments.tcp_port, arguments.speed, report=say) as server,
+            Server(simulation, name, arguments.tcp, arguments.speed, report=say) as server,
             _interrupted() as over,
         ):
             print(f"{scenario.title}: {cells} cells on a virtual CAN bus; connect with")
@@ -70,7 +76,10 @@ def _serve(scenario: Scenario, arguments: Namespace, log: BinaryIO | None = None
 
 @contextmanager
 def _interrupted() -> Iterator[Callable[[], bool]]:
-    """Whether Ctrl-C was pressed: no step of the simulation is broken off. A second one breaks."""
+    """Whether the end was asked for by a signal: no step of the simulation is broken off.
+
+    A second signal breaks it off.
+    """
     pressed = Event()
 
     def on_signal(*_: object) -> None:
@@ -78,11 +87,12 @@ def _interrupted() -> Iterator[Callable[[], bool]]:
             raise KeyboardInterrupt
         pressed.set()
 
-    before = signal.signal(signal.SIGINT, on_signal)
+    before = {number: signal.signal(number, on_signal) for number in ENDS}
     try:
         yield pressed.is_set
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _name_of(scenario: str) -> str:

@@ -6,9 +6,9 @@ from math import inf
 import can
 import cantools
 import pytest
-from mdms_host.cli.records.bus_log import LogPlayer, chosen, is_from_host, read_log
 
 from mdms_host.cli import main
+from mdms_host.cli.records.bus_log import LogPlayer, chosen, is_from_host, read_log
 from mdms_protocol import cob, pdo
 from mdms_protocol.frame import Frame
 

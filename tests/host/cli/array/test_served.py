@@ -29,6 +29,8 @@ def served(tmp_path_factory):
         "array18",
         "--name",
         str(tmp_path_factory.mktemp("bus") / "sock"),
+        "--tcp",
+        "0",
     ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         port = None
@@ -95,9 +97,9 @@ def test_run_on_an_array_file_needs_no_simulator_and_keeps_what_it_saw(served, t
 @pytest.mark.slow
 def test_serve_keeps_the_truth_of_what_was_done_to_it(tmp_path):
     out, name = tmp_path / "run", str(tmp_path / "sock")
-    command = [str(MDMS), "serve", "array18", "--name", name, "--out", str(out)]
+    command = [str(MDMS), "serve", "array18", "--name", name, "--tcp", "0", "--out", str(out)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        while b"socket" not in process.stdout.readline():
+        while b"slcan" not in process.stdout.readline():
             assert process.poll() is None
         assert main(["run", "array18", "-i", "mdms", "-c", name, "--limit", "60"]) == Exit.OK
         process.send_signal(signal.SIGINT)
