@@ -101,7 +101,7 @@ def test_serve_keeps_the_truth_of_what_was_done_to_it(tmp_path):
     out, name = tmp_path / "run", str(tmp_path / "sock")
     command = [str(MDMS), "serve", "array18", "--name", name, "--tcp", "0", "--out", str(out)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        while b"socket" not in process.stdout.readline():
+        while b"slcan" not in process.stdout.readline():
             assert process.poll() is None
         assert main(["run", "array18", "-i", "mdms", "-c", name, "--limit", "60"]) == Exit.OK
         process.send_signal(signal.SIGINT)
