@@ -17,6 +17,7 @@ from mdms_model import fields
 from mdms_model.array import build_wheels
 from mdms_model.arrays import Floats
 from mdms_model.motor import drive_of
+from mdms_model.scenario.belief import believed
 from mdms_model.scenario.scenario import Cell, Scenario
 from mdms_protocol import indices, pdo
 from mdms_protocol.dictionary import ENTRIES
@@ -27,10 +28,11 @@ UNDERVOLTAGE_V = 10.0
 
 
 def coordinator_of(scenario: Scenario) -> Coordinator:
-    """A coordinator with the scenario's array, sizes of parcels, and motion.
+    """A coordinator with the scenario's array, sizes of parcels, and motion, as it is to believe.
 
     Raises `CommandError` for what does not fit the firmware.
     """
+    scenario = believed(scenario)
     layout, parcels = layout_of(scenario), parcels_of(scenario)
     program = _program(scenario, layout, parcels)
     return Coordinator(layout, program, parcels=parcels, settings=settings_of(scenario.cell))
