@@ -164,9 +164,13 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class Wire:
-    """The bus."""
+    """The bus, and how often the host has the cells exchange setpoints and speeds on it.
+
+    Two periods must fit into the 50 ms for which a cell goes on by a setpoint.
+    """
 
     bitrate: int = field(default=1_000_000, metadata=Limit(at_least=10_000, at_most=1_000_000))
+    sync_period_s: float = field(default=0.01, metadata=Limit(at_least=0.005, at_most=0.02))
 
 
 @dataclass(frozen=True, slots=True)

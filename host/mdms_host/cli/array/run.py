@@ -9,6 +9,7 @@ from mdms_host.cli.console import say
 from mdms_host.cli.exits import INTERRUPTED, CommandError, Exit
 from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
 from mdms_host.cli.scenario.gain import open_program
+from mdms_host.cli.scenario.load import warn_of_load
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, Operation, operate
 from mdms_model.scenario.scenario import Scenario
@@ -24,7 +25,11 @@ EXITS = {
 
 def run(arguments: Namespace) -> int:
     """Bring the array up, run the program, turn everything off, and report how it went."""
-    scenario = open_program(arguments.program, [*arguments.overrides, "run.fidelity=firmware"])
+    overrides = [*arguments.overrides, "run.fidelity=firmware"]
+    if getattr(arguments, "bitrate", None):
+        overrides.append(f"wire.bitrate={arguments.bitrate}")
+    scenario = open_program(arguments.program, overrides)
+    warn_of_load(scenario.array.columns * scenario.array.rows, scenario.wire)
     coordinator = coordinator_of(scenario)
     with open_link(arguments) as (link, clock):
         operation = operate(coordinator, link, clock, arguments.limit, _print_event)

@@ -7,6 +7,7 @@ import numpy as np
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.scenario.gain import motor_of
+from mdms_host.cli.scenario.load import timing_of
 from mdms_host.commissioning.loop_margin import observer_for
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.tracker import Parcel
@@ -35,7 +36,13 @@ def coordinator_of(scenario: Scenario) -> Coordinator:
     scenario = believed(scenario)
     layout, parcels = layout_of(scenario), parcels_of(scenario)
     program = _program(scenario, layout, parcels)
-    return Coordinator(layout, program, parcels=parcels, settings=settings_of(scenario.cell))
+    return Coordinator(
+        layout,
+        program,
+        parcels=parcels,
+        settings=settings_of(scenario.cell),
+        timing=timing_of(scenario.wire),
+    )
 
 
 def layout_of(scenario: Scenario) -> Layout:
