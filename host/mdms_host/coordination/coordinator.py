@@ -179,11 +179,19 @@ class Coordinator:
         late = [cell for cell in self.cells if not self._done(cell)]
         waited_s = self._now_s - (self._phase_since_s or 0.0)
         if not late:
-            self._signal(Signal.DONE)
+            self._conclude()
         elif self.phase in BRING_UP and waited_s >= self._timing.phase_limit_s:
             self._fail(self._supervision.late_text(self.phase, late))
         elif self.phase not in BRING_UP and waited_s >= self._timing.stop_limit_s:
             self._note(f"not confirmed to be off: {names(late)}")
+            self._signal(Signal.DONE)
+
+    def _conclude(self) -> None:
+        """End a phase that all cells have reached; nothing is written to cells of other tables."""
+        strangers = self._supervision.strangers_text()
+        if self.phase == Phase.IDENTIFYING and strangers:
+            self._fail(strangers)
+        else:
             self._signal(Signal.DONE)
 
     def _done(self, cell: BringUpCell) -> bool:
