@@ -130,6 +130,7 @@ def add_export(parser: ArgumentParser) -> None:
 def add_serve(parser: ArgumentParser) -> None:
     """Those of `serve`."""
     add_scenario(parser)
+    parser.add_argument("--out", metavar="DIR", type=Path, help="write a run folder at the end")
     parser.add_argument("--name", help="python-can's channel (default: the scenario's name)")
     add_nodes(parser)
     parser.add_argument("--speed", type=_speed, default=1.0, help="times real time (default 1)")
@@ -144,6 +145,13 @@ def add_run(parser: ArgumentParser) -> None:
         "program", metavar="PROGRAM", help="a scenario: its array, its parcels, its motion"
     )
     add_overrides(parser)
+    parser.add_argument(
+        "--array",
+        metavar="FILE",
+        type=Path,
+        help="an array file: grid, wheels, sensors, bit rate, cells (default: the scenario's)",
+    )
+    parser.add_argument("--out", metavar="DIR", type=Path, help="write a run folder")
     parser.add_argument("--limit", metavar="SECONDS", type=float, help="give up after so long")
     add_json(parser)
 

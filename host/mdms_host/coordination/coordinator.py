@@ -100,6 +100,17 @@ class Coordinator:
         """When to poll next, if no frame comes before [s]."""
         return self._schedule.wake_s
 
+    @property
+    def speeds_m_s(self) -> Floats:
+        """The speeds that the cells reported last, shape (W,); NaN for one that has not."""
+        frames = [cell.speeds_data for cell in self.cells]
+        heard = [data is not None for data in frames]
+        speeds = np.full((len(frames), len(self.references_m_s) // len(frames)), np.nan)
+        if any(heard):
+            actual_m_s = self._velocities.actual_m_s([data for data in frames if data is not None])
+            speeds[heard] = actual_m_s.reshape(-1, speeds.shape[1])
+        return speeds.ravel()
+
     def estimate(self, parcel: str) -> Estimate | None:
         """Where the parcel of that name is believed to be now; None if it has not been found."""
         return self.tracker.estimate(parcel, self._now_s)

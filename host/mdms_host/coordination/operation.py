@@ -7,6 +7,7 @@ from enum import StrEnum
 from mdms_host.can_link.link import Link, drive
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
+from mdms_model.participant import Participant
 
 
 class Ending(StrEnum):
@@ -17,6 +18,7 @@ class Ending(StrEnum):
     FAULT = "fault"
     NO_CELLS = "no cells"
     INTERRUPTED = "interrupted"
+    DEVICE_GONE = "device gone"
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,13 +36,17 @@ def operate(
     clock: Clock,
     limit_s: float | None = None,
     on_event: Callable[[float, str], object] = lambda _time_s, _text: None,
+    *,
+    participant: Participant | None = None,
 ) -> Operation:
     """Run the program until it is finished, for `limit_s` at most, then turn the array off.
 
+    `participant` is on the bus in the coordinator's place, if given, and drives it: a recorder.
     `on_event(time_s, text)` is called for events as they happen. An interrupt (Ctrl-C) ends the run
     in order; a second one breaks it off. Raises DeviceGoneError.
     """
     start_s, reported = clock.now_s(), 0
+    participant = participant or coordinator
 
     def report_events() -> None:
         nonlocal reported
@@ -55,12 +61,12 @@ def operate(
 
     interrupted = False
     try:
-        drive(coordinator, link, clock, lambda: not running())
+        drive(participant, link, clock, lambda: not running())
     except KeyboardInterrupt:
         interrupted = True
     finished = coordinator.finished
     coordinator.stop()
-    drive(coordinator, link, clock, lambda: coordinator.stopped)
+    drive(participant, link, clock, lambda: coordinator.stopped)
     report_events()
     ending = _ending(coordinator, interrupted, finished, limit_s)
     return Operation(ending, clock.now_s() - start_s, coordinator.fault)

@@ -60,7 +60,7 @@ class GoalProgram:
     """Steers each parcel that has a goal to it; wheels near no such parcel stand still.
 
     `droop` is the nominal speed of a free wheel per reference, a/b of the paper's eq (9): the
-    reference is the wanted speed divided by it.
+    reference is the wanted speed divided by it, times `trim` (W,) where wheels differ.
     """
 
     def __init__(
@@ -70,8 +70,11 @@ class GoalProgram:
         goals: Mapping[str, Goal],
         droop: float,
         limits: Limits | None = None,
+        *,
+        trim: Floats | float = 1.0,
     ) -> None:
         self._layout = layout
+        self._trim = trim
         self._droop = droop
         self._bottoms = {
             parcel.name: Rectangle(parcel.length_m, parcel.width_m)
@@ -106,5 +109,6 @@ class GoalProgram:
             mine = away_m < nearest_m
             np.copyto(nearest_m, away_m, where=mine)
             jacobian = self._layout.surface_jacobian(*pose[:2].tolist())
-            np.copyto(references_m_s, jacobian @ (twist / self._droop), where=mine)
+            along = jacobian @ (twist / self._droop) * self._trim
+            np.copyto(references_m_s, along, where=mine)
         return references_m_s

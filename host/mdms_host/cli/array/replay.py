@@ -5,13 +5,10 @@ from argparse import Namespace
 
 from mdms_host.can_link.link import drive
 from mdms_host.cli.array.bus import open_link
-from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.simulation.bus_log import LogPlayer, chosen, read_log
-from mdms_host.cli.simulation.figures import figures_of, report
-from mdms_host.cli.simulation.replay_nodes import replay_on_nodes
-from mdms_host.cli.simulation.simulate import verdict
-from mdms_model.run.folder import read_run
+from mdms_host.cli.extras import SIMULATION, require
+from mdms_host.cli.records.bus_log import LogPlayer, chosen, read_log
+from mdms_model.run.folder import BUS_LOG
 
 
 def run(arguments: Namespace) -> Exit:
@@ -24,23 +21,16 @@ def run(arguments: Namespace) -> Exit:
             "leave --only cells, -i and -c out",
             Exit.USAGE,
         )
-    return _run_cells(arguments)
+    require(SIMULATION, "mdms replay --nodes")
+    # A log is sent to a bus without the simulator.
+    from mdms_host.cli.simulation.replay_nodes import run_cells  # noqa: PLC0415
 
-
-def _run_cells(arguments: Namespace) -> Exit:
-    """Run the folder's scenario with the recorded host, and print the figures of the run."""
-    frames = list(chosen(read_log(arguments.folder / "bus.log"), "host"))
-    scenario = read_run(arguments.folder).scenario
-    with progress(scenario.title) as advance:
-        finished = replay_on_nodes(scenario, frames, arguments.nodes, advance)
-    figures = figures_of(scenario, finished)
-    print(json.dumps(figures) if arguments.json else "\n".join(report(figures)))
-    return verdict(finished)
+    return run_cells(arguments)
 
 
 def _send(arguments: Namespace) -> Exit:
     """Send the log to a bus, frame by frame, and print how many there were."""
-    frames = list(chosen(read_log(arguments.folder / "bus.log"), arguments.only))
+    frames = list(chosen(read_log(arguments.folder / BUS_LOG), arguments.only))
     with open_link(arguments) as (link, clock):
         player = LogPlayer(frames, clock.now_s())
         drive(player, link, clock, lambda: player.over)

@@ -3,15 +3,22 @@
 import json
 from argparse import Namespace
 from math import isnan
+from typing import Any
 
+from mdms_host.can_link.link import DeviceGoneError
 from mdms_host.cli.array.bus import open_link
 from mdms_host.cli.console import say
 from mdms_host.cli.exits import INTERRUPTED, CommandError, Exit
+from mdms_host.cli.records.bus_log import LogWriter
+from mdms_host.cli.records.keep import keep_run, lasting
+from mdms_host.cli.scenario.belief import Belief, believe
 from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
 from mdms_host.cli.scenario.gain import open_program
-from mdms_host.cli.scenario.load import warn_of_load
+from mdms_host.cli.scenario.load import check_load
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, Operation, operate
+from mdms_host.coordination.recorder import Recorder
+from mdms_model.run.folder import BUS_LOG, fresh_folder
 from mdms_model.scenario.scenario import Scenario
 
 #: How the command ends by how the run has.
@@ -20,6 +27,7 @@ EXITS = {
     Ending.TIME_LIMIT: Exit.TIME_LIMIT,
     Ending.FAULT: Exit.NODE_FAULT,
     Ending.NO_CELLS: Exit.NO_DEVICE,
+    Ending.DEVICE_GONE: Exit.NO_DEVICE,
 }
 
 
@@ -29,24 +37,62 @@ def run(arguments: Namespace) -> int:
     if getattr(arguments, "bitrate", None):
         overrides.append(f"wire.bitrate={arguments.bitrate}")
     scenario = open_program(arguments.program, overrides)
-    warn_of_load(scenario.array.columns * scenario.array.rows, scenario.wire)
-    coordinator = coordinator_of(scenario)
-    with open_link(arguments) as (link, clock):
-        operation = operate(coordinator, link, clock, arguments.limit, _print_event)
+    belief = believe(scenario, arguments.array, arguments)
+    check_load(belief.scenario, arguments)
+    coordinator = coordinator_of(belief.scenario, belief.cells)
+    if arguments.out is None:
+        operation, _ = _operate(coordinator, arguments)
+        figures = _figures(belief.scenario, coordinator, operation)
+    else:
+        operation, figures = _operate_and_keep(belief, coordinator, arguments)
     if arguments.json:
-        print(json.dumps(_figures(scenario, coordinator, operation)))
+        print(json.dumps(figures))
     else:
         print(f"{scenario.title}: {operation.ending} after {operation.duration_s:.1f} s")
     return _verdict(operation)
+
+
+def _operate_and_keep(
+    belief: Belief, coordinator: Coordinator, arguments: Namespace
+) -> tuple[Operation, dict[str, Any]]:
+    """Operate, and keep what was seen in a run folder, however it ended."""
+    with fresh_folder(arguments.out) as folder:
+        with (folder / BUS_LOG).open("w") as log:
+            recorder = Recorder(
+                coordinator,
+                lambda: estimates_of(coordinator, belief.scenario),
+                LogWriter(log).on_frame,
+            )
+            operation, incidents = _operate(coordinator, arguments, recorder)
+        figures = _figures(belief.scenario, coordinator, operation)
+        figures["node_ids"] = [cell.node_id for cell in coordinator.cells]
+        figures["run"] = str(arguments.out)
+        record = recorder.record(incidents)
+        lasted = lasting(belief.scenario, float(record.time_s[-1]))
+        keep_run(folder, lasted, record, figures)
+    return operation, figures
+
+
+def _operate(
+    coordinator: Coordinator, arguments: Namespace, recorder: Recorder | None = None
+) -> tuple[Operation, list[tuple[float, str]]]:
+    """Operate the array; how it ended, and what the link met meanwhile."""
+    # A bus that cannot be opened raises; one that goes away later ends the run.
+    with open_link(arguments) as (link, clock):
+        try:
+            operation = operate(
+                coordinator, link, clock, arguments.limit, _print_event, participant=recorder
+            )
+        except DeviceGoneError as error:
+            operation = Operation(Ending.DEVICE_GONE, clock.now_s(), str(error))
+        return operation, link.incidents
 
 
 def _print_event(time_s: float, text: str) -> None:
     say(f"{time_s:8.3f} s  {text}")
 
 
-def _figures(
-    scenario: Scenario, coordinator: Coordinator, operation: Operation
-) -> dict[str, object]:
+def _figures(scenario: Scenario, coordinator: Coordinator, operation: Operation) -> dict[str, Any]:
     names = ("x_m", "y_m", "yaw_rad")
     parcels = [
         {"name": parcel.name, "estimate": dict(zip(names, belief.tolist(), strict=True))}

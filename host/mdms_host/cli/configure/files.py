@@ -17,7 +17,7 @@ from mdms_host.cli.configure.options import nodes_of
 from mdms_host.cli.configure.set import check_margins, to_read
 from mdms_host.cli.console import progress, say
 from mdms_host.cli.exits import CommandError, Exit, writing
-from mdms_host.commissioning.array_file import FiledCell, array_text, read_array_file
+from mdms_host.commissioning.array_file import FiledCell, array_text, filed_cells
 from mdms_host.commissioning.cell_settings import CellSettings, identify_cells, read_settings
 from mdms_host.commissioning.network import Commissioning
 from mdms_host.commissioning.parameters import PARAMETERS
@@ -65,9 +65,9 @@ def load(arguments: Namespace) -> Exit:
     return Exit.OK
 
 
-def _filed(arguments: Namespace) -> list[FiledCell]:
+def _filed(arguments: Namespace) -> Sequence[FiledCell]:
     """The cells of the file, or those of them that `--node` names."""
-    filed = read_array_file(arguments.file)
+    filed = filed_cells(arguments.file)
     wanted = nodes_of(arguments.nodes)
     if wanted is None:
         return filed

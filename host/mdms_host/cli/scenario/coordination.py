@@ -6,6 +6,7 @@ import numpy as np
 
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.scenario.cells import Cells, trim
 from mdms_host.cli.scenario.gain import motor_of
 from mdms_host.cli.scenario.load import timing_of
 from mdms_host.commissioning.loop_margin import observer_for
@@ -28,24 +29,27 @@ from mdms_protocol.entry import steps_per_unit
 UNDERVOLTAGE_V = 10.0
 
 
-def coordinator_of(scenario: Scenario) -> Coordinator:
+def coordinator_of(scenario: Scenario, cells: Cells | None = None) -> Coordinator:
     """A coordinator with the scenario's array, sizes of parcels, and motion, as it is to believe.
 
-    Raises `CommandError` for what does not fit the firmware.
+    `cells` are node ids and settings of single cells, if they have any of their own. Raises
+    `CommandError` for what does not fit the firmware.
     """
     scenario = believed(scenario)
-    layout, parcels = layout_of(scenario), parcels_of(scenario)
-    program = _program(scenario, layout, parcels)
+    cells = cells or Cells()
+    layout, parcels = layout_of(scenario, cells.node_ids), parcels_of(scenario)
+    program = _program(scenario, layout, parcels, cells)
     return Coordinator(
         layout,
         program,
         parcels=parcels,
         settings=settings_of(scenario.cell),
+        own_settings=cells.settings,
         timing=timing_of(scenario.wire),
     )
 
 
-def layout_of(scenario: Scenario) -> Layout:
+def layout_of(scenario: Scenario, node_ids: tuple[int, ...] = ()) -> Layout:
     """The array as the host believes it to be: here, as the scenario has it."""
     array, cell = scenario.array, scenario.cell
     return Layout(
@@ -54,6 +58,7 @@ def layout_of(scenario: Scenario) -> Layout:
         pitch_m=array.pitch_m,
         wheels=tuple(WheelPlace(wheel.direction_rad, wheel.offset_m) for wheel in cell.wheel),
         sensor_offsets_m=cell.sensor_offset_m,
+        node_ids=node_ids,
     )
 
 
@@ -110,7 +115,9 @@ def parcels_of(scenario: Scenario) -> tuple[Parcel, ...]:
     )
 
 
-def _program(scenario: Scenario, layout: Layout, parcels: tuple[Parcel, ...]) -> Program:
+def _program(
+    scenario: Scenario, layout: Layout, parcels: tuple[Parcel, ...], cells: Cells
+) -> Program:
     if scenario.motion.field != "goal":
         return FieldProgram(references_m_s(scenario))
     goals = {
@@ -123,7 +130,8 @@ def _program(scenario: Scenario, layout: Layout, parcels: tuple[Parcel, ...]) ->
         friction=scenario.cell.friction,
         gravity_m_s2=scenario.run.gravity_m_s2,
     )
-    return GoalProgram(layout, parcels, goals, drive_of(scenario.cell).droop, limits)
+    droop = drive_of(scenario.cell).droop
+    return GoalProgram(layout, parcels, goals, droop, limits, trim=trim(scenario, cells))
 
 
 def references_m_s(scenario: Scenario) -> Floats:

@@ -30,6 +30,17 @@ def refuse_overload(scenario: Scenario) -> None:
         )
 
 
+def check_load(scenario: Scenario, options: Namespace) -> None:
+    """Refuse a scenario on the bus that python-can's options name, or warn. Raises `CommandError`.
+
+    Without a bit rate among them the scenario's own counts.
+    """
+    bitrate = getattr(options, "bitrate", None) or scenario.wire.bitrate
+    scenario = replace(scenario, wire=replace(scenario.wire, bitrate=bitrate))
+    refuse_overload(scenario)
+    warn_of_load(scenario.array.columns * scenario.array.rows, scenario.wire)
+
+
 def warn_of_load(cells: int, wire: Wire) -> None:
     """Say what a run with so many cells needs of a bus where they are crowded."""
     load = _traffic(wire).load(cells)

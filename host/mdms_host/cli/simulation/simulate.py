@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from mdms_host.cli.console import progress, say
-from mdms_host.cli.exits import CommandError, Exit, writing
+from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.records.keep import keep_run
 from mdms_host.cli.scenario.gain import open_program
-from mdms_host.cli.simulation.bus_log import convert_log
 from mdms_host.cli.simulation.compose import Finished, run_scenario
 from mdms_host.cli.simulation.figures import figures_of, report
-from mdms_model.run.folder import DATABASE, fresh_folder, write_run
+from mdms_model.run.folder import BUS_LOG, fresh_folder
 from mdms_model.scenario.scenario import Scenario
-from mdms_protocol.generators import dbc
 
 
 def run(arguments: Namespace) -> Exit:
@@ -42,26 +41,13 @@ def simulate(
     """Run a scenario and keep it in a folder, if any; the run and its figures."""
     with ExitStack() as stack:
         folder = stack.enter_context(fresh_folder(out)) if out else None
-        bus_log = folder / "bus.log" if folder else None
+        bus_log = folder / BUS_LOG if folder else None
         finished = _run(scenario, nodes, bus_log)
         figures = figures_of(scenario, finished)
         if folder:
             figures["run"] = str(out)
-            with writing(folder, Exit.FAILURE):
-                _write_folder(folder, scenario, finished, figures, bus_format)
+            keep_run(folder, scenario, finished.record, figures, bus_format)
     return finished, figures
-
-
-def _write_folder(
-    folder: Path, scenario: Scenario, finished: Finished, figures: dict[str, Any], bus_format: str
-) -> None:
-    # Matplotlib takes longer to import than a short run takes, so only a folder waits for it.
-    from mdms_sim.plots import save_picture  # noqa: PLC0415
-
-    if _has_bus(scenario):
-        convert_log(folder / "bus.log", bus_format)
-        (folder / DATABASE).write_text(dbc.text(), "utf-8")
-    write_run(folder, scenario, finished.record, figures, save_picture)
 
 
 def _run(scenario: Scenario, nodes: str, bus_log: Path | None) -> Finished:

@@ -11,8 +11,6 @@ from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
 from mdms_protocol import cob, nmt
 
-pytestmark = pytest.mark.real_time
-
 HEARTBEAT_S = 0.05
 
 

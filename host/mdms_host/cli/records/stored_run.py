@@ -5,11 +5,13 @@ from argparse import Namespace
 from mdms_host.cli.exits import Exit, writing
 from mdms_model.run.csv_export import export_csv
 from mdms_model.run.folder import read_run
-from mdms_sim.plots import save_picture, save_wheels
 
 
 def plot(arguments: Namespace) -> Exit:
     """Draw the run and print the path of the picture."""
+    # Tables are exported where nothing draws.
+    from mdms_sim.plots import save_picture, save_wheels  # noqa: PLC0415
+
     stored = read_run(arguments.folder)
     name = "wheels.png" if arguments.wheels else "picture.png"
     path = arguments.out or arguments.folder / name
