@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from mdms_model.arrays import Floats, Ints
+from mdms_protocol import cob
 
 _SENSOR_OFFSETS_M = (
     (0.0, 0.0),
@@ -54,8 +55,8 @@ class Layout:
             raise ValueError(
                 f"{self.cells} cells need as many different node ids, got {self.node_ids}"
             )
-        if not all(1 <= node <= 127 for node in self.node_ids):
-            raise ValueError(f"node ids must be 1 to 127, got {self.node_ids}")
+        if not all(cob.NODE_MIN <= node <= cob.CELL_NODE_MAX for node in self.node_ids):
+            raise ValueError(f"node ids must be 1 to 126, got {self.node_ids}")
 
     @property
     def cells(self) -> int:

@@ -15,9 +15,12 @@ HEARTBEAT_BASE = 0x700
 LSS_RESPONSE = 0x7E4
 LSS_REQUEST = 0x7E5
 
-#: Node ids that a cell may have, and the one that says it has none yet.
+#: Node ids that there may be; the last is the host's own, and no cell may get it.
 NODE_MIN = 1
 NODE_MAX = 127
+HOST_NODE = 127
+CELL_NODE_MAX = 126
+#: The one that says that a cell has none yet.
 NODE_NONE = 255
 
 #: Bit 31 of a COB-ID object: the service does not exist; bit 29: 29-bit identifier (not supported).

@@ -16,16 +16,33 @@ PRIORITY_POLL = 30
 
 
 class Driver:
-    """Puts a participant on the bus and polls it when it wants to be polled."""
+    """Puts a participant on the bus and polls it when it wants to be polled.
+
+    A participant that has left is not polled and receives nothing, whatever it had to send is lost.
+    """
 
     def __init__(self, kernel: Kernel, bus: Bus, participant: Participant) -> None:
         self._kernel = kernel
+        self._bus = bus
+        self._left = 0
         self._participant = participant
         self._mailbox = bus.attach(self)
         self._due_ns: int | None = None
         self._earliest_ns = 0
         self._wake_s = participant.wake_s
         self._schedule(self._wake_s)
+
+    def leave(self) -> None:
+        """Takes the participant off the bus, until it has rejoined as often as it has left."""
+        self._left += 1
+        self._bus.switch_off(self._mailbox)
+
+    def rejoin(self) -> None:
+        """Puts it back, as late as it is: it is polled at once for what was due."""
+        self._left -= 1
+        if not self._left:
+            self._bus.switch_on(self._mailbox)
+            self._schedule(self._participant.wake_s)
 
     def on_frame(self, frame: Frame, now_ns: int) -> None:
         """A frame was on the bus."""
@@ -46,6 +63,9 @@ class Driver:
 
     def _poll(self, due_ns: int) -> None:
         if due_ns != self._due_ns:
+            return
+        if self._left:
+            self._due_ns = None
             return
         for frame in self._participant.poll(due_ns / NS_PER_S):
             self._mailbox.send(frame)

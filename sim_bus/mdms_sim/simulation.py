@@ -109,6 +109,7 @@ class Simulation:
             for cell in range(self._cells)
         ]
         BusOffWatch(self.kernel, self.bus, self._mailboxes, bank)
+        self._drivers = [Driver(self.kernel, self.bus, one) for one in participants]
         self._faults = Faults(
             scenario.fault,
             scenario.run.seed,
@@ -117,13 +118,13 @@ class Simulation:
             controllers=self._mailboxes,
             bank=bank,
             world=self.world,
+            drivers=self._drivers,
         )
         for cell, supply_v in enumerate(self.world.bridges.supply_v):
             bank.set_supply(cell, round(supply_v * UV_PER_V))
         self._delivered_ns = -1
         self._delivered: list[int] = []
         self._unknown: Floats = np.full((len(scenario.parcel), 3), np.nan)
-        self._drivers = [Driver(self.kernel, self.bus, one) for one in participants]
         self.kernel.at(0, PRIORITY_TICK, self._tick)
         if recorded:
             self.kernel.at(0, PRIORITY_SAMPLE, self._sample)

@@ -146,3 +146,11 @@ def test_end_of_what_never_began_is_taken_and_changes_nothing():
     assert slave.answers == []
     assert slave.left == 0
     assert slave.pending_node_id == cob.NODE_NONE
+
+
+def test_the_hosts_node_id_is_out_of_range():
+    slave = Slave(node_id=5)
+    slave.ask(0x04, b"\x01")
+    assert slave.ask(0x11, b"\x7e") == [b"\x11\0\0\0\0\0\0\0"]
+    assert slave.ask(0x11, b"\x7f") == [b"\x11\x01\0\0\0\0\0\0"]
+    assert slave.pending_node_id == 0x7E

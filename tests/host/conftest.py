@@ -241,7 +241,7 @@ class ServedCells:
 
 @pytest.fixture
 def served_cells(request: pytest.FixtureRequest) -> Iterator[ServedCells]:
-    cells = ServedCells(request.node.nodeid, (1, 2, 3))
+    cells = ServedCells(request.node.nodeid, getattr(request, "param", (1, 2, 3)))
     yield cells
     cells.close()
 

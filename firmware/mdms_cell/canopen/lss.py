@@ -115,7 +115,7 @@ class Lss:
         return True
 
     def _configure_node_id(self, node_id):
-        known = cob.NODE_MIN <= node_id <= cob.NODE_MAX or node_id == cob.NODE_NONE
+        known = cob.NODE_MIN <= node_id <= cob.CELL_NODE_MAX or node_id == cob.NODE_NONE
         if known:
             self._cell.pending_node_id = node_id
         self._answer(lss.CONFIGURE_NODE_ID, bytes((lss.OK if known else lss.OUT_OF_RANGE,)))

@@ -12,7 +12,8 @@ from typing import Any
 
 from mdms_host.commissioning.cell_settings import CellSettings
 from mdms_host.commissioning.parameters import BY_NAME, Parameter, ParameterError
-from mdms_model.scenario.scenario import LENGTH, Limit, ScenarioError, Wheel
+from mdms_model.scenario.limit import LENGTH, Limit
+from mdms_model.scenario.scenario import ScenarioError, Wheel
 from mdms_model.scenario.tree import build
 from mdms_protocol import cob
 

@@ -11,9 +11,7 @@ from mdms_host.commissioning.network import (
     RefusedError,
 )
 from mdms_host.commissioning.parameters import Parameter
-from mdms_protocol.dictionary import REVISION
 
-_MAJOR = 16
 _GAIN = ".gain"
 
 
@@ -67,11 +65,8 @@ def check_identity(node_id: int, identity: Identity) -> None:
     """Raises StrangerError for a node that is no cell, or one of another object table."""
     if not identity.is_cell:
         raise StrangerError(f"node {node_id} is {identity.name!r}, not an MDMS cell")
-    if identity.revision >> _MAJOR != REVISION >> _MAJOR:
-        raise StrangerError(
-            f"node {node_id} speaks revision {identity.revision >> _MAJOR} of the protocol, "
-            f"this host {REVISION >> _MAJOR}; flash the same version: mdms flash"
-        )
+    if identity.other_protocol:
+        raise StrangerError(f"node {node_id} {identity.other_protocol}")
 
 
 def identify_cells(commissioning: Commissioning, node_ids: Iterable[int]) -> dict[int, Identity]:

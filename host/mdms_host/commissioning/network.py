@@ -12,6 +12,7 @@ import can
 import canopen
 
 from mdms_host.can_link.link import Link
+from mdms_host.can_link.protocol_revision import other_protocol
 from mdms_host.clock import Clock
 from mdms_host.commissioning.lss_master import LssMaster
 from mdms_protocol import cob, indices, nmt, pdo
@@ -57,6 +58,11 @@ class Identity:
         ours = (DEVICE_NAME, VENDOR_ID, PRODUCT_CODE)
         return (self.name, self.vendor_id, self.product_code) == ours
 
+    @property
+    def other_protocol(self) -> str | None:
+        """What there is to say of a cell that speaks another revision of the protocol."""
+        return other_protocol(self.revision)
+
 
 class Commissioning:
     """All nodes of a bus, one request at a time; the end of its `with` statement closes the bus.
@@ -69,6 +75,7 @@ class Commissioning:
         logging.getLogger("canopen").setLevel(logging.CRITICAL)
         self.states: dict[int, int] = {}
         self._booted: set[int] = set()
+        self._host_node_answers = False
         self._clock = clock
         self._nodes: dict[int, canopen.RemoteNode] = {}
         # The link delivers frames from its first moment on.
@@ -83,11 +90,18 @@ class Commissioning:
         self.link.close()
 
     def find(self, listen_s: float = 0.3) -> list[int]:
-        """Node ids that send or answer within the time; the device type of all is requested."""
-        self._network.scanner.search(cob.NODE_MAX - 1)
+        """Node ids that send or answer within the time; the device type of all is requested.
+
+        The host's own is among them if a node answers there: a cell that has it.
+        """
+        self._network.scanner.search(cob.NODE_MAX)
         self._clock.sleep(listen_s)
         self.link.check()
-        return sorted(node for node in self._network.scanner.nodes if node < cob.NODE_MAX)
+        found = set(self._network.scanner.nodes)
+        if not self._host_node_answers:
+            # Another host has a heartbeat there, and answers nothing.
+            found.discard(cob.HOST_NODE)
+        return sorted(found)
 
     def identity(self, node_id: int) -> Identity:
         """The identity of a node. Raises SilentError, or RefusedError if it has no such objects."""
@@ -175,11 +189,13 @@ class Commissioning:
     def _on_frame(self, frame: Frame, now_s: float) -> None:
         """In the reader's thread: record heartbeats, pass all to `canopen`."""
         node = frame.can_id - cob.HEARTBEAT_BASE
-        state = nmt.decode_heartbeat(frame.data) if 0 < node < cob.NODE_MAX else None
+        state = nmt.decode_heartbeat(frame.data) if 0 < node <= cob.NODE_MAX else None
         if state is not None:
             self.states[node] = state
         if state == nmt.INITIALISING:
             self._booted.add(node)
+        if frame.can_id == cob.SDO_RESPONSE_BASE + cob.HOST_NODE:
+            self._host_node_answers = True
         if frame.can_id == cob.LSS_RESPONSE:
             self.lss.on_response(frame.data)
         self._network.notify(frame.can_id, bytearray(frame.data), now_s)

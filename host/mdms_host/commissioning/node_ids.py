@@ -34,13 +34,23 @@ def assign_in_order(
     Raises NodeIdError when they do not last.
     """
     cells = sorted(blank, key=lambda address: address.serial)
-    free = sorted(set(range(first, cob.NODE_MAX + 1)) - set(taken))
+    free = sorted(set(range(first, cob.CELL_NODE_MAX + 1)) - set(taken))
     if len(free) < len(cells):
         raise NodeIdError(
             f"{len(cells)} blank cells, and {len(free)} free node ids from {first} to "
-            f"{cob.NODE_MAX}"
+            f"{cob.CELL_NODE_MAX}"
         )
     return [Assignment(address, None, free[place]) for place, address in enumerate(cells)]
+
+
+def refuse_host_node(wanted: Mapping[int, int]) -> None:
+    """Raises NodeIdError where a cell, by its serial number, is to get the host's node id."""
+    for serial, node_id in wanted.items():
+        if node_id == cob.HOST_NODE:
+            raise NodeIdError(
+                f"{serial:08X}: node id {node_id} is the host's own; give it one from "
+                f"{cob.NODE_MIN} to {cob.CELL_NODE_MAX}"
+            )
 
 
 def assign_by_serial(
@@ -53,8 +63,9 @@ def assign_by_serial(
 
     `present` has which cell answers under which node id, `taken` all node ids that are in use.
     Raises NodeIdError for serial numbers that are not on the bus, or twice, and for node ids
-    that others have.
+    that others have, or the host.
     """
+    refuse_host_node(wanted)
     cells = [(address, None) for address in blank]
     known = [*cells, *((address_of(who), node_id) for node_id, who in present.items())]
     absent = wanted.keys() - {address.serial for address, _ in known}

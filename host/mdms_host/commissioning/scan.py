@@ -7,7 +7,7 @@ from rich.table import Table
 
 from mdms_host.clock import Clock
 from mdms_host.commissioning.network import Commissioning, CommissioningError, Identity
-from mdms_protocol import nmt
+from mdms_protocol import cob, nmt
 
 STATE_NAMES = {
     nmt.INITIALISING: "initialising",
@@ -21,7 +21,7 @@ STATE_NAMES = {
 class FoundNode:
     """A node that sends or answers: its state, None without a heartbeat, and its identity.
 
-    `identity` is None if it could not be read; `problem` is the reason, or why it is no cell.
+    `identity` is None if it could not be read; `problem` is the reason, or why a run cannot use it.
     """
 
     node_id: int
@@ -61,8 +61,19 @@ def _read_node(commissioning: Commissioning, node_id: int) -> FoundNode:
     identity, problem = None, None
     try:
         identity = commissioning.identity(node_id)
-        problem = None if identity.is_cell else "not an MDMS cell"
+        problem = _problem(node_id, identity)
     except CommissioningError as error:
         problem = str(error)
     state = commissioning.states.get(node_id)
     return FoundNode(node_id, None if state is None else STATE_NAMES[state], identity, problem)
+
+
+def _problem(node_id: int, identity: Identity) -> str | None:
+    if not identity.is_cell:
+        return "not an MDMS cell"
+    problems = [identity.other_protocol] if identity.other_protocol else []
+    if node_id == cob.HOST_NODE:
+        problems.append(
+            "has the host's own node id; give it another: mdms configure assign --from FILE"
+        )
+    return "; ".join(problems) or None

@@ -2,13 +2,16 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 
+from mdms_host.can_link.protocol_revision import other_protocol
 from mdms_host.can_link.remote_cell import RemoteCell
 from mdms_host.can_link.sdo_client import Read, SdoClient, Setting
 from mdms_host.coordination.configuration import SIGNATURE, Configuration
 from mdms_host.coordination.phase import STOPPED, Phase
-from mdms_protocol import cia402, cob, nmt, pdo
+from mdms_protocol import cia402, cob, indices, nmt, pdo
 from mdms_protocol.frame import Frame
 
+#: Where a cell reports the revision of its object table.
+REVISION = Read(indices.IDENTITY, 3)
 _TOWARDS_ENABLED: Mapping[int | None, int] = dict(cia402.TOWARDS_ENABLED.items())
 
 
@@ -26,6 +29,7 @@ class BringUpCell(RemoteCell):
         self._all_enabled = (cia402.OPERATION_ENABLED,) * axes
         settings = tuple(settings)
         self._configuration = Configuration(node_id, settings)
+        self._identity = SdoClient(node_id, (REVISION,))
         self._sdo = SdoClient(node_id, (*settings, SIGNATURE))
         self._verified = False
         self._mismatch: str | None = None
@@ -37,8 +41,15 @@ class BringUpCell(RemoteCell):
         states = self.drive_states
         return states is not None and states[: self._axes] == self._all_enabled
 
+    @property
+    def other_protocol(self) -> str | None:
+        """What there is to say of a cell that speaks another revision of the protocol."""
+        revision = self._identity.answers.get((REVISION.index, REVISION.sub))
+        return None if revision is None else other_protocol(revision)
+
     def on_answer(self, data: bytes, now_s: float) -> None:
-        """An answer to a setting."""
+        """An answer to a setting, or to the question who it is."""
+        self._identity.on_response(data)
         self._sdo.on_response(data)
         if self._sdo.done and not self._verified:
             self._verify()
@@ -48,6 +59,8 @@ class BringUpCell(RemoteCell):
         match phase:
             case Phase.WAITING:
                 return self.nmt_state == nmt.PRE_OPERATIONAL
+            case Phase.IDENTIFYING:
+                return self._identity.done
             case Phase.CONFIGURING:
                 return self._verified
             case Phase.STARTING:
@@ -59,6 +72,8 @@ class BringUpCell(RemoteCell):
 
     def fault(self, phase: Phase) -> str | None:
         """The cell's fault in a phase; None if it has none."""
+        if self._identity.failure:
+            return f"{self.name} cannot be identified: {self._identity.failure}"
         if self._sdo.failure:
             return f"{self.name} cannot be set up: {self._sdo.failure}"
         if self._mismatch:
@@ -74,6 +89,8 @@ class BringUpCell(RemoteCell):
         if phase == Phase.WAITING and self.nmt_state in (nmt.OPERATIONAL, nmt.STOPPED):
             # Left over from an earlier run: it begins anew, and reports its state again.
             yield nmt.command(nmt.ENTER_PRE_OPERATIONAL, self.node_id)
+        elif phase == Phase.IDENTIFYING:
+            yield from self._identity.poll(now_s)
         elif phase == Phase.CONFIGURING:
             yield from self._sdo.poll(now_s)
         elif phase == Phase.STARTING and self.nmt_state != nmt.OPERATIONAL:

@@ -25,8 +25,6 @@ from mdms_protocol import cob, indices, nmt, pdo
 from mdms_protocol.frame import Frame
 
 _SYNC = Frame(cob.SYNC, b"")
-#: Cells report their state on change, and repeat it every 200 ms, which makes up for a lost frame.
-_REPEAT_STATUS = Setting(indices.TPDO_PARAMETERS + 1, 5, 200)
 _OVER = (Phase.FAILING, *STOPPED)
 _SETTLED = (Phase.RUNNING, *STOPPED)
 
@@ -52,20 +50,21 @@ class Coordinator:
         host_node_id: int = cob.NODE_MAX,
     ) -> None:
         axes = len(layout.wheels)
+        self._timing = timing or Timing()
         self._velocities = VelocityFrames(layout.node_ids, axes)
         self.phase = Phase.WAITING
         self.fault: str | None = None
         self.events: list[tuple[float, str]] = []
         self.tracker = Tracker(layout, parcels)
+        # Cells report their state on change, and repeat it, which makes up for a lost frame.
+        repeat_ms = round(self._timing.status_period_s * 1e3)
+        repeat = Setting(indices.TPDO_PARAMETERS + 1, 5, repeat_ms)
         self.cells = tuple(
-            BringUpCell(
-                number, node_id, axes, (_REPEAT_STATUS, *settings, *own_settings.get(node_id, ()))
-            )
+            BringUpCell(number, node_id, axes, (repeat, *settings, *own_settings.get(node_id, ())))
             for number, node_id in enumerate(layout.node_ids, 1)
         )
         self.references_m_s: Floats = np.zeros(len(layout.wheel_cells))
         self._program = program
-        self._timing = timing or Timing()
         self._supervision = Supervision(self.cells, self._timing)
         self._answered: set[BringUpCell] = set()
         self._handlers: dict[int, Handler] = {}
@@ -189,11 +188,19 @@ class Coordinator:
         late = [cell for cell in self.cells if not self._done(cell)]
         waited_s = self._now_s - (self._phase_since_s or 0.0)
         if not late:
-            self._signal(Signal.DONE)
+            self._conclude()
         elif self.phase in BRING_UP and waited_s >= self._timing.phase_limit_s:
             self._fail(self._supervision.late_text(self.phase, late))
         elif self.phase not in BRING_UP and waited_s >= self._timing.stop_limit_s:
             self._note(f"not confirmed to be off: {names(late)}")
+            self._signal(Signal.DONE)
+
+    def _conclude(self) -> None:
+        """End a phase that all cells have reached; nothing is written to cells of other tables."""
+        strangers = self._supervision.strangers_text()
+        if self.phase == Phase.IDENTIFYING and strangers:
+            self._fail(strangers)
+        else:
             self._signal(Signal.DONE)
 
     def _done(self, cell: BringUpCell) -> bool:

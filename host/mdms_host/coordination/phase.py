@@ -7,6 +7,7 @@ class Phase(StrEnum):
     """What the coordinator is doing."""
 
     WAITING = "waiting for the cells"
+    IDENTIFYING = "identifying the cells"
     CONFIGURING = "writing settings"
     STARTING = "starting the cells"
     ENABLING = "enabling the drives"
@@ -25,11 +26,15 @@ class Signal(StrEnum):
     FAULT = "fault"
 
 
-BRING_UP = (Phase.WAITING, Phase.CONFIGURING, Phase.STARTING, Phase.ENABLING)
+BRING_UP = (
+    *(Phase.WAITING, Phase.IDENTIFYING, Phase.CONFIGURING),
+    *(Phase.STARTING, Phase.ENABLING),
+)
 STOPPED = (Phase.STOPPED, Phase.FAILED)
 
 TRANSITIONS: dict[tuple[Phase, Signal], Phase] = {
-    (Phase.WAITING, Signal.DONE): Phase.CONFIGURING,
+    (Phase.WAITING, Signal.DONE): Phase.IDENTIFYING,
+    (Phase.IDENTIFYING, Signal.DONE): Phase.CONFIGURING,
     (Phase.CONFIGURING, Signal.DONE): Phase.STARTING,
     (Phase.STARTING, Signal.DONE): Phase.ENABLING,
     (Phase.ENABLING, Signal.DONE): Phase.RUNNING,

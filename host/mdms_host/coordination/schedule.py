@@ -17,6 +17,7 @@ class Timing:
 
     sync_period_s: float = 0.01
     heartbeat_period_s: float = 0.1
+    status_period_s: float = 0.2
     silence_periods: float = 3.0
     command_period_s: float = 0.05
     phase_limit_s: float = 5.0

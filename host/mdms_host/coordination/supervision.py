@@ -52,12 +52,24 @@ class Supervision:
                 absent = [cell for cell in late if cell.last_heartbeat_s is None]
                 what = "not heard" if absent else "not brought to rest"
                 return f"{what} {limit}: {names(absent or late)}"
+            case Phase.IDENTIFYING:
+                return f"not identified {limit}: {names(late)}"
             case Phase.CONFIGURING:
                 return f"settings not written and verified {limit}: {names(late)}"
             case Phase.STARTING:
                 return f"not operational {limit}: {names(late)}"
             case _:
                 return f"drives not enabled {limit}: {names(late)} ({late[0].drive_text})"
+
+    def strangers_text(self) -> str | None:
+        """All cells that speak another protocol than the host, None without any."""
+        found = {cell.name: cell.other_protocol for cell in self._cells}
+        texts = {text for text in found.values() if text}
+        listed = (
+            f"{', '.join(name for name, text in found.items() if text == each)}: each {each}"
+            for each in sorted(texts)
+        )
+        return "; ".join(listed) or None
 
     def _fault_of(self, cell: BringUpCell, phase: Phase, now_s: float) -> str | None:
         if self.silent(cell, now_s):

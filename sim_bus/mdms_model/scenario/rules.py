@@ -3,6 +3,9 @@
 from math import cos, sin
 
 from mdms_model.outline import outline_of
+from mdms_model.scenario.belief import believed
+from mdms_model.scenario.fault_rules import check_faults
+from mdms_model.scenario.on_table import check_over, half_table_m
 from mdms_model.scenario.scenario import Parcel, Scenario, ScenarioError
 
 MOST_STEPS = 100_000_000
@@ -22,12 +25,12 @@ def check_rules(scenario: Scenario) -> None:
     _check_fidelity(scenario)
     _check_names(scenario)
     _check_patches(scenario)
-    _check_faults(scenario)
+    _check_wire(scenario)
     for number, parcel in enumerate(scenario.parcel):
-        _check_outline(parcel, f"parcel.{number}")
-        _check_centre_of_mass(parcel, f"parcel.{number}")
-        _check_on_table(scenario, parcel, f"parcel.{number}")
+        _check_parcel(scenario, parcel, f"parcel.{number}")
     _check_goals(scenario)
+    check_faults(scenario)
+    _check_belief(scenario)
 
 
 def _check_title(scenario: Scenario) -> None:
@@ -112,23 +115,35 @@ def _check_patches(scenario: Scenario) -> None:
             )
 
 
-def _check_faults(scenario: Scenario) -> None:
-    cells = scenario.array.columns * scenario.array.rows
+def _check_wire(scenario: Scenario) -> None:
     if 1_000_000_000 % scenario.wire.bitrate:
         raise ScenarioError(
             f"wire.bitrate is {scenario.wire.bitrate}, but a bit must last a whole number of ns"
         )
-    for number, fault in enumerate(scenario.fault):
-        for key, named in (("cells", fault.cells), ("seen_by", fault.seen_by)):
-            if max(named, default=0) > cells:
-                raise ScenarioError(
-                    f"fault.{number}.{key} has {max(named)}, but the array has {cells} cells"
-                )
-        if scenario.run.fidelity != "firmware":
+
+
+def _check_belief(scenario: Scenario) -> None:
+    taken, fidelity = believed(scenario), scenario.run.fidelity
+    if scenario.belief and fidelity != "firmware":
+        raise ScenarioError(
+            f"belief needs a host, which run.fidelity {fidelity!r} has not; "
+            "set run.fidelity to 'firmware'"
+        )
+    for key in ("wheel", "sensor_offset_m"):
+        count, most = len(getattr(taken.cell, key)), len(getattr(scenario.cell, key))
+        if count != most:
             raise ScenarioError(
-                f"fault.{number} needs cells and a bus, which run.fidelity "
-                f"{scenario.run.fidelity!r} has not; set run.fidelity to 'firmware'"
+                f"belief.{key} has {count} items, but must have {most}, as cell.{key} has"
             )
+    for parcel in taken.parcel:
+        if parcel.name in scenario.belief:
+            _check_parcel(taken, parcel, f"belief.{parcel.name}")
+
+
+def _check_parcel(scenario: Scenario, parcel: Parcel, key: str) -> None:
+    _check_outline(parcel, key)
+    _check_centre_of_mass(parcel, key)
+    _check_on_table(scenario, parcel, key)
 
 
 def _check_outline(parcel: Parcel, key: str) -> None:
@@ -157,10 +172,10 @@ def _check_on_table(scenario: Scenario, parcel: Parcel, key: str) -> None:
     along_m, across_m = parcel.centre_of_mass_m
     x_m = parcel.x_m + along_m * cos(parcel.yaw_rad) - across_m * sin(parcel.yaw_rad)
     y_m = parcel.y_m + along_m * sin(parcel.yaw_rad) + across_m * cos(parcel.yaw_rad)
-    half_x_m, half_y_m = _half_table_m(scenario)
+    half_x_m, half_y_m = half_table_m(scenario)
     name = f"the centre of mass of {parcel.name!r}"
-    _check_over(f"{key}.x_m", name, parcel.x_m, x_m, half_x_m)
-    _check_over(f"{key}.y_m", name, parcel.y_m, y_m, half_y_m)
+    check_over(f"{key}.x_m", name, parcel.x_m, x_m, half_x_m)
+    check_over(f"{key}.y_m", name, parcel.y_m, y_m, half_y_m)
 
 
 def _check_goals(scenario: Scenario) -> None:
@@ -176,20 +191,7 @@ def _check_goals(scenario: Scenario) -> None:
             f"motion.field is 'goal', but run.fidelity is {scenario.run.fidelity!r}; "
             "steering needs the cells' sensors, so set run.fidelity to 'firmware'"
         )
-    half_x_m, half_y_m = _half_table_m(scenario)
+    half_x_m, half_y_m = half_table_m(scenario)
     for number, goal in goals:
-        _check_over(f"parcel.{number}.goal.x_m", "the goal", goal.x_m, goal.x_m, half_x_m)
-        _check_over(f"parcel.{number}.goal.y_m", "the goal", goal.y_m, goal.y_m, half_y_m)
-
-
-def _half_table_m(scenario: Scenario) -> tuple[float, float]:
-    array = scenario.array
-    return array.columns * array.pitch_m / 2, array.rows * array.pitch_m / 2
-
-
-def _check_over(key: str, name: str, value: float, place_m: float, half_m: float) -> None:
-    if abs(place_m) > half_m:
-        raise ScenarioError(
-            f"{key} is {value}, which puts {name} off the table; "
-            f"the table reaches from {-half_m:g} to {half_m:g} m"
-        )
+        check_over(f"parcel.{number}.goal.x_m", "the goal", goal.x_m, goal.x_m, half_x_m)
+        check_over(f"parcel.{number}.goal.y_m", "the goal", goal.y_m, goal.y_m, half_y_m)

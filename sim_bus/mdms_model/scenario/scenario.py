@@ -7,38 +7,28 @@ by their types and by the `Limit` beside each field.
 
 from dataclasses import dataclass, field
 from dataclasses import field as member
-from typing import TypedDict
+from typing import Any
+
+from mdms_model.scenario.fault import Fault
+from mdms_model.scenario.limit import (
+    ANGLE,
+    LENGTH,
+    NOT_NEGATIVE,
+    PLACE,
+    POSITIVE,
+    SHARE,
+    SPEED,
+    Limit,
+)
 
 
 class ScenarioError(ValueError):
     """A scenario that cannot be run; the message is one line with key, value, limit and way out."""
 
 
-class Limit(TypedDict, total=False):
-    """What a value, or each number of a list, may be; it stands as the field's metadata."""
-
-    above: float
-    at_least: float
-    at_most: float
-    choices: tuple[str, ...]
-    items: tuple[int, int]
-
-
-LENGTH = Limit(above=0.0, at_most=1000.0)
-PLACE = Limit(at_least=-1000.0, at_most=1000.0)
-ANGLE = Limit(at_least=-1000.0, at_most=1000.0)
-SPEED = Limit(at_least=-100.0, at_most=100.0)
-POSITIVE = Limit(above=0.0, at_most=1e6)
-NOT_NEGATIVE = Limit(at_least=0.0, at_most=1e6)
-SHARE = Limit(at_least=0.0, at_most=0.9)
-
 FIELDS = ("inward", "uniform", "rotate", "elliptic", "twist", "squeeze", "table", "goal")
 FIDELITIES = ("row", "ideal", "firmware")
 SHAPES = ("rectangle", "disc", "polygon")
-FAULTS = (
-    *("loss", "corruption", "overload", "delay", "babble", "cut"),
-    *("off", "hang", "drift", "supply", "bridge_fault"),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,46 +164,13 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class Wire:
-    """The bus."""
+    """The bus, and how often the host has the cells exchange setpoints and speeds on it.
 
-    bitrate: int = field(default=1_000_000, metadata=Limit(at_least=10_000, at_most=1_000_000))
-
-
-@dataclass(frozen=True, slots=True)
-class Fault:
-    """Something that goes wrong from `start_s` on, for `duration_s` (None: for good).
-
-    `cells` have it, numbered from 1; empty means all, and where frames are concerned everybody
-    else on the bus too. By kind:
-
-    - loss: their frames get lost on the way to `seen_by` (empty: to all) with `probability`
-    - corruption: a bit of their frames, any from the first to the second after the frame, is read
-      wrong by `seen_by` (empty: by all) with `probability`
-    - overload: after a frame, of whomever, they hold up the next by `overload_frames` with
-      `probability`
-    - delay: their frames leave `delay_s` late
-    - babble: they send frames with `can_id` every `period_s`, besides what they do else
-    - cut: the wire is cut between them and the rest
-    - off: they lose power, and start again at the end, as `node_id` if that is given
-    - hang: their program stops, and the watchdog resets them at the end
-    - drift: their clock is fast by `drift_ppm`
-    - supply: the supply of their motors is `supply_v`, 0 behind an open emergency stop
-    - bridge_fault: their bridges report a fault and have shut off
+    Two periods must fit into the 50 ms for which a cell goes on by a setpoint.
     """
 
-    kind: str = field(metadata=Limit(choices=FAULTS))
-    start_s: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=1e5))
-    duration_s: float | None = field(default=None, metadata=Limit(above=0.0, at_most=1e5))
-    cells: tuple[int, ...] = field(default=(), metadata=Limit(at_least=1, at_most=1_000_000))
-    seen_by: tuple[int, ...] = field(default=(), metadata=Limit(at_least=1, at_most=1_000_000))
-    probability: float = field(default=1.0, metadata=Limit(at_least=0.0, at_most=1.0))
-    delay_s: float = field(default=0.001, metadata=Limit(at_least=0.0, at_most=10.0))
-    can_id: int = field(default=0, metadata=Limit(at_least=0, at_most=0x7FF))
-    period_s: float = field(default=0.0001, metadata=Limit(at_least=0.00001, at_most=1000.0))
-    node_id: int | None = field(default=None, metadata=Limit(at_least=1, at_most=127))
-    overload_frames: int = field(default=1, metadata=Limit(at_least=1, at_most=2))
-    supply_v: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=60.0))
-    drift_ppm: int = field(default=0, metadata=Limit(at_least=-500_000, at_most=500_000))
+    bitrate: int = field(default=1_000_000, metadata=Limit(at_least=10_000, at_most=1_000_000))
+    sync_period_s: float = field(default=0.01, metadata=Limit(at_least=0.005, at_most=0.02))
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,6 +186,8 @@ class Scenario:
     patch: tuple[Patch, ...] = ()
     wire: Wire = field(default_factory=Wire)
     fault: tuple[Fault, ...] = ()
+    #: What the host takes for true where it is not; see `belief`.
+    belief: dict[str, Any] = field(default_factory=dict, hash=False)
 
 
 def goal_of(scenario: Scenario, parcel: Parcel) -> Goal | None:

@@ -25,18 +25,24 @@ BOUNDS = {"above": operator.gt, "at_least": operator.ge, "at_most": operator.le}
 
 def build(kind: type[Any], tree: Any, path: str = "") -> Any:
     """The dataclass `kind` filled from a table. Raises `ScenarioError` with the key's full path."""
-    if not isinstance(tree, dict):
-        raise ScenarioError(f"{path or 'the scenario'} is {_shown(tree)}, but must be a table")
+    _table(tree, path or "the scenario")
+    values = build_values(kind, tree, path)
+    for item in dataclasses.fields(kind):
+        if item.name not in tree and _is_required(item):
+            expected = _expected(get_type_hints(kind)[item.name])
+            raise ScenarioError(f"{_join(path, item.name)} is missing; give it {expected}")
+    return kind(**values)
+
+
+def build_values(kind: type[Any], tree: Mapping[str, Any], path: str) -> dict[str, Any]:
+    """The fields of `kind` that a table gives, checked. Raises `ScenarioError`."""
     hints = get_type_hints(kind)
     _refuse_unknown(tree, hints, path)
-    values = {}
-    for item in dataclasses.fields(kind):
-        key = _join(path, item.name)
-        if item.name in tree:
-            values[item.name] = _value(hints[item.name], tree[item.name], item.metadata, key)
-        elif _is_required(item):
-            raise ScenarioError(f"{key} is missing; give it {_expected(hints[item.name])}")
-    return kind(**values)
+    return {
+        item.name: _value(hints[item.name], tree[item.name], item.metadata, _join(path, item.name))
+        for item in dataclasses.fields(kind)
+        if item.name in tree
+    }
 
 
 def spell_out(kind: Any, tree: Any) -> Any:
@@ -69,11 +75,20 @@ def _value(kind: Any, value: Any, limit: Mapping[str, Any], key: str) -> Any:
         return build(kind, value, key)  # type: ignore[arg-type]
     if get_origin(kind) is tuple:
         return _items(get_args(kind), value, limit, key)
+    if get_origin(kind) is dict:
+        # Its keys are names of the scenario, which whoever reads it checks.
+        return _table(value, key)
     if not _is_a(kind, value):
         raise ScenarioError(f"{key} is {_shown(value)}, but must be {_expected(kind)}")
     if kind is str:
         return _choice(value, limit, key)
     return value if kind is bool else _number(kind, value, limit, key)
+
+
+def _table(value: Any, key: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise ScenarioError(f"{key} is {_shown(value)}, but must be a table")
+    return value
 
 
 def _items(kinds: tuple[Any, ...], value: Any, limit: Mapping[str, Any], key: str) -> Any:
@@ -112,7 +127,7 @@ def _choice(value: str, limit: Mapping[str, Any], key: str) -> str:
     return value
 
 
-def _refuse_unknown(tree: dict[str, Any], known: Mapping[str, Any], path: str) -> None:
+def _refuse_unknown(tree: Mapping[str, Any], known: Mapping[str, Any], path: str) -> None:
     for name in tree:
         if name not in known:
             close = difflib.get_close_matches(name, known, n=1)

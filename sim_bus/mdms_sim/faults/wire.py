@@ -1,88 +1,78 @@
-"""Faults that strike single frames on the wire, by chance."""
+"""What goes wrong on the wire: frames lost, corrupted or held up, and cuts."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from random import Random
 
-from mdms_protocol.frame import Frame
+from mdms_model.scenario.fault import Fault
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.controller import Controller
-from mdms_sim.bus.length import frame_bits
-from mdms_sim.bus.party import Disturbance
-from mdms_sim.bus.wire import INTERFRAME_BITS
-
-#: A wrong bit may be any of a frame and the first two after it, where nobody sends yet.
-BITS_AFTER = INTERFRAME_BITS - 1
-
-#: What a fault does to a frame.
-Effect = Callable[[Frame], Disturbance]
-
-
-class FrameFault:
-    """A fault that strikes the frames of some senders (None: all); `count` says how many."""
-
-    def __init__(
-        self,
-        senders: Sequence[Controller] | None,
-        probability: float,
-        random: Random,
-        effect: Effect,
-    ) -> None:
-        self.count = 0
-        self._senders = senders
-        self._probability = probability
-        self._random = random
-        self._effect = effect
-
-    def on(self, sender: Controller, frame: Frame) -> Disturbance | None:
-        """What happens to this frame, None for nothing."""
-        if self._senders is not None and sender not in self._senders:
-            return None
-        if self._random.random() >= self._probability:
-            return None
-        self.count += 1
-        return self._effect(frame)
+from mdms_sim.bus.segment import Segment
+from mdms_sim.faults.course import Course, Kind, cells_with
+from mdms_sim.faults.frames import (
+    Effect,
+    FrameFault,
+    FrameFaults,
+    corrupting,
+    losing,
+    overloading,
+)
 
 
 class WireFaults:
-    """The faults at work on a bus; the first that strikes a frame has it for itself."""
+    """Faults of the wire between the controllers of cells, in their order; `kinds` by name."""
 
-    def __init__(self, bus: Bus) -> None:
+    def __init__(self, bus: Bus, controllers: Sequence[Controller]) -> None:
         self._bus = bus
-        self._at_work: list[FrameFault] = []
+        self._controllers = controllers
+        self._at_work = FrameFaults(bus)
+        self.kinds: Mapping[str, Kind] = {
+            "loss": self._loss,
+            "corruption": self._corruption,
+            "overload": self._overload,
+            "cut": self._cut,
+        }
 
-    def begin(self, fault: FrameFault) -> None:
-        """One more."""
-        self._at_work.append(fault)
-        self._bus.disturb(self._disturb)
+    def _nodes(self, cells: Sequence[int]) -> list[Controller] | None:
+        """The controllers of cells numbered from 1; None, which is everybody, for no cells."""
+        return [self._controllers[cell - 1] for cell in cells] or None
 
-    def end(self, fault: FrameFault) -> None:
-        """One less."""
-        self._at_work.remove(fault)
-        self._bus.disturb(self._disturb if self._at_work else None)
+    def _group(self, fault: Fault) -> list[Controller]:
+        """The controllers of the cells that have it."""
+        return [self._controllers[cell] for cell in cells_with(fault, len(self._controllers))]
 
-    def _disturb(self, sender: Controller, frame: Frame) -> Disturbance | None:
-        for fault in self._at_work:
-            disturbance = fault.on(sender, frame)
-            if disturbance is not None:
-                return disturbance
-        return None
+    def _loss(self, fault: Fault, random: Random) -> Course:
+        return self._striking(fault, random, losing(self._bus, self._nodes(fault.seen_by)))
 
+    def _corruption(self, fault: Fault, random: Random) -> Course:
+        return self._striking(fault, random, corrupting(random, self._nodes(fault.seen_by)))
 
-def losing(bus: Bus, victims: Sequence[Controller] | None) -> Effect:
-    """Frames do not reach the victims (None: anybody), though all was well on the wire."""
-    return lambda frame: Disturbance(lost_by=bus.controllers if victims is None else victims)
+    def _striking(self, fault: Fault, random: Random, effect: Effect) -> Course:
+        return self._on_frames(
+            FrameFault(self._nodes(fault.cells), fault.probability, random, effect)
+        )
 
+    def _overload(self, fault: Fault, random: Random) -> Course:
+        effect = overloading(self._group(fault), fault.overload_frames)
+        return self._on_frames(FrameFault(None, fault.probability, random, effect))
 
-def corrupting(random: Random, victims: Sequence[Controller] | None) -> Effect:
-    """The victims (None: everybody) see one bit the wrong way round."""
+    def _on_frames(self, frame_fault: FrameFault) -> Course:
+        def begin() -> None:
+            self._at_work.begin(frame_fault)
 
-    def corrupt(frame: Frame) -> Disturbance:
-        return Disturbance(random.randrange(frame_bits(frame) + BITS_AFTER), victims)
+        def end() -> str:
+            self._at_work.end(frame_fault)
+            return f"{frame_fault.count} frames"
 
-    return corrupt
+        return Course(begin, end)
 
+    def _cut(self, fault: Fault, random: Random) -> Course:
+        group = self._group(fault)
+        pieces: list[Segment] = []
 
-def overloading(nodes: Sequence[Controller], count: int) -> Effect:
-    """The nodes hold up what follows a frame by so many overload frames each."""
-    disturbance = Disturbance(overloads=dict.fromkeys(nodes, count))
-    return lambda frame: disturbance
+        def begin() -> None:
+            pieces.append(self._bus.cut(group))
+
+        def end() -> None:
+            self._bus.heal(pieces.pop())
+
+        return Course(begin, end)

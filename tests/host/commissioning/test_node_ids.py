@@ -33,8 +33,8 @@ def test_blank_cells_get_the_free_node_ids_in_the_order_of_their_serial_numbers(
 
 
 def test_node_ids_may_run_out():
-    with pytest.raises(NodeIdError, match="2 blank cells, and 1 free node ids from 126 to 127"):
-        assign_in_order([blank(1), blank(2)], taken=[127], first=126)
+    with pytest.raises(NodeIdError, match="2 blank cells, and 1 free node ids from 125 to 126"):
+        assign_in_order([blank(1), blank(2)], taken=[126], first=125)
 
 
 def test_cells_may_swap_their_node_ids():

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdms_cell.canopen.objects import Objects
+from mdms_cell.canopen.objects import Objects, key
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.phase import Phase
@@ -20,6 +20,8 @@ LAYOUT = Layout(6, 3, wheels=(WheelPlace(0.0, (0.0, 0.03)), WheelPlace(np.pi / 2
 BOX = Parcel("box", 0.36, 0.30)
 BOTTOM = Rectangle(0.36, 0.30)
 DROOP = 0.775
+#: A cell's answer to the question for its revision: that of our object table.
+REVISION = bytes.fromhex("4318100300000100")
 
 
 def still(layout: Layout = LAYOUT) -> FieldProgram:
@@ -76,6 +78,7 @@ def test_bring_up_goes_through_its_phases_in_order(rolling_array) -> None:
     told = [text for _, text in coordinator.events]
     assert told == [
         Phase.WAITING,
+        Phase.IDENTIFYING,
         Phase.CONFIGURING,
         Phase.STARTING,
         Phase.ENABLING,
@@ -97,6 +100,9 @@ def started() -> Coordinator:
     layout = Layout(1, 1)
     coordinator = Coordinator(layout, still(layout))
     coordinator.on_frame(Frame(0x701, b"\x7f"), 0.0)
+    for _ in range(2):
+        coordinator.poll(0.0)
+    coordinator.on_frame(Frame(0x581, REVISION), 0.0)
     for _ in range(2):
         coordinator.poll(0.0)
     coordinator.on_frame(Frame(0x581, bytes.fromhex("6001180500000000")), 0.01)
@@ -134,6 +140,9 @@ def test_a_cell_that_answers_gets_on_and_the_others_are_not_told_again() -> None
     coordinator.poll(0.0)
     for node_id in layout.node_ids:
         coordinator.on_frame(Frame(0x700 + node_id, b"\x7f"), 0.0)
+    assert {0x601, 0x602, 0x603} <= {frame.can_id for frame in coordinator.poll(0.0)}
+    for node_id in layout.node_ids:
+        coordinator.on_frame(Frame(0x580 + node_id, REVISION), 0.0)
     asked = {frame.can_id for frame in coordinator.poll(0.0)}
     assert {0x601, 0x602, 0x603} <= asked
     for node_id in layout.node_ids:
@@ -167,7 +176,7 @@ def test_a_cell_left_running_is_taken_back_first() -> None:
     assert coordinator.phase == Phase.WAITING
     coordinator.on_frame(Frame(0x701, b"\x7f"), 0.11)
     coordinator.poll(0.11)
-    assert coordinator.phase == Phase.CONFIGURING
+    assert coordinator.phase == Phase.IDENTIFYING
 
 
 def test_setpoints_follow_sync_by_half_a_period(rolling_array) -> None:
@@ -312,3 +321,41 @@ def test_what_one_cell_needs_otherwise_is_written_to_it_alone(rolling_array) -> 
     assert coordinator.phase == Phase.RUNNING
     polarities = [cell.objects.number(0x607E) for cell in array.cells]
     assert polarities == [0x40 if cell.node_id == 5 else 0 for cell in array.cells]
+
+
+def test_cells_of_another_protocol_are_named_and_nothing_is_written_to_any_cell(
+    rolling_array,
+) -> None:
+    coordinator = Coordinator(LAYOUT, FieldProgram(np.full(36, 0.05)))
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    for cell, revision in ((array.cells[2], 0x00020001), (array.cells[16], 0x00020000)):
+        cell.objects.reads[key(0x1018, 3)] = lambda revision=revision: revision
+    array.run(coordinator, 2.0, lambda: coordinator.stopped)
+    assert coordinator.fault == (
+        "cell 3 (node 3), cell 17 (node 17): each speaks revision 2 of the protocol, this host 1; "
+        "flash the same version: mdms flash"
+    )
+    assert coordinator.phase == Phase.FAILED
+    assert not any(cell.writes for cell in array.cells)
+
+
+def test_a_later_revision_of_the_same_protocol_is_taken(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, still())
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    array.cells[0].objects.reads[key(0x1018, 3)] = lambda: 0x00010007
+    array.run(coordinator, 1.0, lambda: coordinator.phase == Phase.RUNNING)
+    assert coordinator.phase == Phase.RUNNING
+
+
+def test_a_cell_that_does_not_say_who_it_is_is_a_fault() -> None:
+    layout = Layout(1, 1)
+    coordinator = Coordinator(layout, still(layout))
+    coordinator.on_frame(Frame(0x701, b"\x7f"), 0.0)
+    for _ in range(2):
+        coordinator.poll(0.0)
+    coordinator.on_frame(Frame(0x581, bytes.fromhex("8018100300000206")), 0.0)
+    coordinator.poll(0.0)
+    assert coordinator.fault == (
+        "cell 1 (node 1) cannot be identified: it refuses a read of 0x1018:3 "
+        "(abort code 0x06020000)"
+    )

@@ -11,6 +11,7 @@ from mdms_host.can_link.link import Link, drive, open_bus
 from mdms_host.cli.array.bus import NO_NODES, open_link
 from mdms_host.cli.console import say, show
 from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.scenario.load import warn_of_load, wire_of
 from mdms_host.clock import Clock, MonotonicClock
 from mdms_host.commissioning.scan import scan_bus, scan_table
 from mdms_host.commissioning.status import StatusModel, status_table
@@ -30,6 +31,7 @@ def scan(arguments: Namespace) -> Exit:
         show(scan_table(nodes))
     if not nodes:
         raise CommandError(NO_NODES, Exit.NO_DEVICE)
+    warn_of_load(sum(node.is_cell for node in nodes), wire_of(arguments))
     return Exit.OK
 
 
@@ -51,6 +53,7 @@ def status(arguments: Namespace) -> Exit:
             _show_link(link)
     if not rows:
         raise CommandError(NO_NODES, Exit.NO_DEVICE)
+    warn_of_load(len(rows), wire_of(arguments))
     return Exit.OK
 
 

@@ -15,6 +15,7 @@ from mdms_host.cli.records.keep import keep_run, lasting
 from mdms_host.cli.scenario.belief import Belief, believe
 from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
 from mdms_host.cli.scenario.gain import open_program
+from mdms_host.cli.scenario.load import check_load
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, Operation, operate
 from mdms_host.coordination.recorder import Recorder
@@ -33,8 +34,12 @@ EXITS = {
 
 def run(arguments: Namespace) -> int:
     """Bring the array up, run the program, turn everything off, and report how it went."""
-    scenario = open_program(arguments.program, [*arguments.overrides, "run.fidelity=firmware"])
+    overrides = [*arguments.overrides, "run.fidelity=firmware"]
+    if getattr(arguments, "bitrate", None):
+        overrides.append(f"wire.bitrate={arguments.bitrate}")
+    scenario = open_program(arguments.program, overrides)
     belief = believe(scenario, arguments.array, arguments)
+    check_load(belief.scenario, arguments)
     coordinator = coordinator_of(belief.scenario, belief.cells)
     if arguments.out is None:
         operation, _ = _operate(coordinator, arguments)

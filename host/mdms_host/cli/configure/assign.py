@@ -13,15 +13,19 @@ from mdms_host.commissioning.cell_settings import identify_cells
 from mdms_host.commissioning.network import Commissioning
 from mdms_host.commissioning.node_ids import (
     Assignment,
+    NodeIdError,
     assign_by_serial,
     assign_in_order,
     carry_out,
+    refuse_host_node,
 )
 
 
 def run(arguments: Namespace) -> Exit:
     """Find blank cells, print which gets which node id, and give it."""
     wanted = None if arguments.file is None else _node_ids(arguments.file)
+    if wanted is not None:
+        _refuse_host_node(wanted, arguments.file)
     with open_commissioning(arguments) as commissioning:
         moves = _plan(commissioning, wanted, arguments.first)
         passing: list[Assignment] = []
@@ -46,6 +50,13 @@ def run(arguments: Namespace) -> Exit:
 def _node_ids(file: Path) -> dict[int, int]:
     """Node ids of a file by serial number. Raises ArrayFileError."""
     return {cell.serial: cell.node_id for cell in filed_cells(file)}
+
+
+def _refuse_host_node(wanted: dict[int, int], file: Path) -> None:
+    try:
+        refuse_host_node(wanted)
+    except NodeIdError as error:
+        raise CommandError(f"{file}: {error}", Exit.USAGE) from None
 
 
 def _plan(

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from mdms_host.cli.options import add_json
 from mdms_host.cli.parser import Verb
-from mdms_protocol.cob import NODE_MAX, NODE_MIN
+from mdms_protocol.cob import CELL_NODE_MAX, HOST_NODE, NODE_MAX, NODE_MIN
 
 ALL = "all"
 EPILOG = """\
@@ -13,6 +13,7 @@ A setting goes by its name (axis1.gain, or gain for all axes) or its object (0x2
 in SI units. `mdms configure show` lists them all.
 """
 _HERE = "mdms_host.cli.configure"
+_CELL_NODES = f"may be {NODE_MIN} to {CELL_NODE_MAX}"
 _BUS = "mdms_host.cli.array.bus:add_bus"
 
 
@@ -45,7 +46,7 @@ def _add_assign(parser: ArgumentParser) -> None:
     which.add_argument(
         "--first",
         metavar="N",
-        type=_node,
+        type=_cell_node,
         default=NODE_MIN,
         help="blank cells by serial number get free node ids from here (default 1)",
     )
@@ -118,6 +119,12 @@ def _nodes(text: str) -> list[int] | str:
     if low > high:
         raise ArgumentTypeError(f"{text} is no range of node ids")
     return list(range(low, high + 1))
+
+
+def _cell_node(text: str) -> int:
+    if _node(text) == HOST_NODE:
+        raise ArgumentTypeError(f"{text} is the host's own node id, a cell's {_CELL_NODES}")
+    return _node(text)
 
 
 def _node(text: str) -> int:

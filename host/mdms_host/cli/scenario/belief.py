@@ -12,6 +12,7 @@ from mdms_host.cli.scenario.gain import motor_of
 from mdms_host.commissioning.array_file import ArrayFile, ArrayFileError, FiledCell, read_array
 from mdms_host.commissioning.loop_margin import GainError, Observer, check_gain, observer_for
 from mdms_host.commissioning.parameters import WIRING
+from mdms_model.scenario.belief import believed
 from mdms_model.scenario.rules import check_rules
 from mdms_model.scenario.scenario import Scenario, ScenarioError
 from mdms_protocol import cob
@@ -26,13 +27,13 @@ class Belief:
 
 
 def believe(scenario: Scenario, path: Path | None, bus: Namespace) -> Belief:
-    """The scenario on the array of a file, or on its own where there is none.
+    """The scenario as its `[belief]` has it, on the array of a file, if there is one.
 
     A bit rate of the file counts where `bus`, python-can's options, has none. Raises
     ArrayFileError, `CommandError` and ScenarioError for what does not fit.
     """
     # What a scenario lets go wrong is not what the host believes.
-    scenario = replace(scenario, fault=(), patch=())
+    scenario = replace(believed(scenario), fault=(), patch=())
     if path is None:
         return Belief(scenario, Cells())
     file = read_array(path)

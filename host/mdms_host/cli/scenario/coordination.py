@@ -8,6 +8,7 @@ from mdms_host.can_link.sdo_client import Setting
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.scenario.cells import Cells, trim
 from mdms_host.cli.scenario.gain import motor_of
+from mdms_host.cli.scenario.load import timing_of
 from mdms_host.commissioning.loop_margin import observer_for
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.tracker import Parcel
@@ -18,6 +19,7 @@ from mdms_model import fields
 from mdms_model.array import build_wheels
 from mdms_model.arrays import Floats
 from mdms_model.motor import drive_of
+from mdms_model.scenario.belief import believed
 from mdms_model.scenario.scenario import Cell, Scenario
 from mdms_protocol import indices, pdo
 from mdms_protocol.dictionary import ENTRIES
@@ -28,11 +30,12 @@ UNDERVOLTAGE_V = 10.0
 
 
 def coordinator_of(scenario: Scenario, cells: Cells | None = None) -> Coordinator:
-    """A coordinator with the scenario's array, sizes of parcels, and motion.
+    """A coordinator with the scenario's array, sizes of parcels, and motion, as it is to believe.
 
     `cells` are node ids and settings of single cells, if they have any of their own. Raises
     `CommandError` for what does not fit the firmware.
     """
+    scenario = believed(scenario)
     cells = cells or Cells()
     layout, parcels = layout_of(scenario, cells.node_ids), parcels_of(scenario)
     program = _program(scenario, layout, parcels, cells)
@@ -42,6 +45,7 @@ def coordinator_of(scenario: Scenario, cells: Cells | None = None) -> Coordinato
         parcels=parcels,
         settings=settings_of(scenario.cell),
         own_settings=cells.settings,
+        timing=timing_of(scenario.wire),
     )
 
 

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.scenario.load import refuse_overload
 from mdms_host.commissioning.loop_margin import (
     GainError,
     WheelMotor,
@@ -13,6 +14,7 @@ from mdms_host.commissioning.loop_margin import (
     phase_margin,
 )
 from mdms_model.motor import drive_of, rim_mass_kg
+from mdms_model.scenario.belief import believed
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Cell, Scenario
 
@@ -20,8 +22,9 @@ MASSLESS = "none, for the wheels have no inertia: the paper's law is continuous"
 
 
 def open_program(name_or_path: str, overrides: Sequence[str]) -> Scenario:
-    """A checked scenario that cells can follow. Raises ScenarioError, `CommandError`."""
+    """A checked scenario that cells and bus can follow. Raises ScenarioError, `CommandError`."""
     scenario = load_scenario(name_or_path, overrides)
+    refuse_overload(scenario)
     refuse_large_gain(scenario)
     return scenario
 
@@ -47,12 +50,14 @@ def gain_limits(cell: Cell) -> dict[str, float | None]:
 def refuse_large_gain(scenario: Scenario) -> None:
     """Raises `CommandError` (bad input) for a gain that leaves the firmware too little margin.
 
-    The paper's fidelities have a continuous law, which any gain leaves stable.
+    Gain and motor are those that the host believes in. The paper's fidelities have a continuous
+    law, which any gain leaves stable.
     """
-    motor = motor_of(scenario.cell)
+    cell = believed(scenario).cell
+    motor = motor_of(cell)
     if scenario.run.fidelity == "firmware" and motor.mass_kg > 0.0:
         try:
-            check_gain(motor, scenario.cell.gain_vs_per_m, observer_for(motor))
+            check_gain(motor, cell.gain_vs_per_m, observer_for(motor))
         except GainError as error:
             raise CommandError(f"cell.gain_vs_per_m: {error}", Exit.USAGE) from None
 

@@ -53,14 +53,25 @@ def step_cells(
         supplied = bridges.supply_v[cell] >= BRIDGE_SUPPLY_MIN_V
         closed = supplied and bridges.awake[cell] != 0 and bridges.shut_off[cell] == 0
         for w in range(first[cell], first[cell + 1]):
-            voltage_v[w] = voltage_uv[cell, w - first[cell]] / UV_PER_V
-            wheels[w].supply_v = bridges.supply_v[cell]
-            wheels[w].coasting = 0 if closed else 1
+            wheel = wheels[w]
+            volts = voltage_uv[cell, w - first[cell]] / UV_PER_V
+            voltage_v[w] = -volts if wheel.reversed else volts
+            wheel.supply_v = bridges.supply_v[cell]
+            wheel.coasting = 0 if closed else 1
+            if wheel.encoder_stuck:
+                wheel.missed_m -= wheel.travel_m
     report = step_voltage(scene, voltage_v, step_s)
     for cell in range(first.size - 1):
         for w in range(first[cell], first[cell + 1]):
             wheel, axis = wheels[w], w - first[cell]
-            sampled.counts[cell, axis] = encoder_count(wheel.travel_m, sampled.counts_per_m)
+            if wheel.encoder_stuck:
+                wheel.missed_m += wheel.travel_m
+            else:
+                counted_m = wheel.travel_m - wheel.missed_m
+                sampled.counts[cell, axis] = encoder_count(counted_m, sampled.counts_per_m)
+            # The bridge measures, and a motor of swapped leads sits the other way round behind it.
             current_ma = int(wheel.current_a * MA_PER_A)
+            if wheel.reversed:
+                current_ma = -current_ma
             sampled.current_ma[cell, axis] = SHUT_OFF_MA if bridges.shut_off[cell] else current_ma
     return report

@@ -17,6 +17,10 @@ FORWARD, BACKWARD = int(Contact.SLIDING_FORWARD), int(Contact.SLIDING_BACKWARD)
 #: A roller with friction creeps: its push grows in proportion up to this speed [m/s].
 CREEP_M_S = 1e-3
 
+#: A jammed wheel that holds a parcel gives way by so much [m/s/N]: nothing against any speed that
+#: counts, and large enough that the problem of `contact` stays well conditioned.
+JAMMED_M_S_PER_N = 1e-7
+
 #: A wheel without inertia or damping that coasts would answer to a force without limit.
 LOSS_MIN_N_S_PER_M = 1e-6
 
@@ -63,10 +67,12 @@ def power_wheels(scene: Scene, voltage_v: Floats, step_s: float) -> None:
     """Work out how each wheel will answer to its voltage over the step (eq 8).
 
     A current beyond the limit is held there instead: the motor then pushes evenly. A motor that its
-    bridge leaves open carries no current.
+    bridge leaves open carries no current; one behind a jammed wheel that of a stall.
     """
     for w in range(scene.model.wheels.size):
         wheel, now, answer = scene.model.wheels[w], scene.state.wheels[w], scene.scratch.wheels[w]
+        if now.jammed:
+            now.speed_m_s = 0.0
         volts = applied_voltage(voltage_v[w], now.supply_v, wheel.pwm_steps)
         drive_n, braking = wheel.force_per_volt * volts, wheel.loss - wheel.damping
         torque_n = drive_n - braking * now.speed_m_s
@@ -77,6 +83,8 @@ def power_wheels(scene: Scene, voltage_v: Floats, step_s: float) -> None:
         answer.drive_n, answer.braking = drive_n, braking
         loss = max(wheel.damping + braking, LOSS_MIN_N_S_PER_M)
         answer.decay, answer.gain, answer.glide, answer.stride = coast(wheel.mass_kg, loss, step_s)
+        if now.jammed:
+            answer.decay, answer.gain, answer.glide, answer.stride = 0.0, JAMMED_M_S_PER_N, 0.0, 0.0
 
 
 @compiled
@@ -97,6 +105,8 @@ def draw_voltage_lines(scene: Scene, step_s: float) -> None:
             wheel, answer = scene.model.wheels[w], scratch.wheels[w]
             speed = scene.state.wheels[w].speed_m_s
             free = answer.decay * speed + answer.gain * answer.drive_n
+            if scene.state.wheels[w].jammed:
+                free = 0.0
             if wheel.viscous_s_per_m > 0.0:
                 film = 0.5 * wheel.viscous_s_per_m * scratch.normal_n[i]
                 slope = film / (1.0 + film * answer.gain)
@@ -117,6 +127,8 @@ def spin_voltage(scene: Scene) -> None:
         force_n = answer.drive_n - now.force_n
         now.travel_m += answer.glide * now.speed_m_s + answer.stride * force_n
         now.speed_m_s = answer.decay * now.speed_m_s + answer.gain * force_n
+        if now.jammed:
+            now.speed_m_s = 0.0
         torque_n = answer.drive_n - answer.braking * now.speed_m_s
         now.current_a = torque_n / scene.model.wheels[w].force_per_ampere
 

@@ -57,6 +57,11 @@ WHEEL_STATE = np.dtype(
         ("current_a", "f8"),  # of the motor, under voltage only
         ("supply_v", "f8"),
         ("coasting", "i8"),  # 1: its bridge leaves the motor open
+        # What is wrong with it, each the number of faults that say so.
+        ("jammed", "i8"),  # wheel and motor stand, whatever the voltage
+        ("reversed", "i8"),  # the motor's leads are swapped
+        ("encoder_stuck", "i8"),
+        ("missed_m", "f8"),  # travel that a stuck encoder has not counted
     ],
     align=True,
 )
@@ -83,6 +88,7 @@ PARCEL_STATE = np.dtype(
         ("vy_m_s", "f8"),
         ("yaw_rate_rad_s", "f8"),
         ("tipped", "i8"),
+        ("lifted", "i8"),  # off the table, by so many hands
     ],
     align=True,
 )

@@ -11,7 +11,10 @@ from mdms_sim.physics.plane.records import NOBODY, Scene
 
 @compiled
 def rest_parcels(scene: Scene, step_s: float) -> bool:
-    """Find where each parcel rests half a step ahead; True when one begins to tip."""
+    """Find where each parcel rests half a step ahead; True when one begins to tip.
+
+    One that is lifted rests on nothing, and does not tip.
+    """
     for w in range(scene.state.wheels.size):
         scene.scratch.wheels[w].parcel = NOBODY
         wheel = scene.state.wheels[w]
@@ -23,8 +26,11 @@ def rest_parcels(scene: Scene, step_s: float) -> bool:
     end = 0
     for p in range(scene.model.parcels.size):
         share = scene.scratch.parcels[p]
-        pose = halfway(scene, p, step_s)
         share.first = end
+        if scene.state.parcels[p].lifted:
+            share.supports = share.lines = 0
+            continue
+        pose = halfway(scene, p, step_s)
         share.supports = find_supports(scene, p, place_of(scene.model.parcels[p], pose))
         end += share.supports
         tipping |= not load_supports(scene, p, pose)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mdms_model.array import Grid, reach_m
-from mdms_model.arrays import Bits, Floats, Records
+from mdms_model.arrays import Bits, Floats, Ints, Records
 from mdms_model.compiled import compiled
 from mdms_model.parcel import cells_near, covers, place_of
 from mdms_model.scenario.scenario import Cell, Scenario
@@ -51,7 +51,10 @@ class SensorPlaces(NamedTuple):
 
 
 class PresenceSensors:
-    """Binary sensors under the table's surface, late and at times wrong, as the scenario says."""
+    """Binary sensors under the table's surface, late and at times wrong, as the scenario says.
+
+    One that is stuck both ways reads covered.
+    """
 
     def __init__(self, scenario: Scenario) -> None:
         array, cell = scenario.array, scenario.cell
@@ -63,6 +66,10 @@ class PresenceSensors:
         self._noise = cell.sensor_noise
         self._chance = np.random.default_rng([scenario.run.seed, PRESENCE_STREAM])
         self._seen: deque[tuple[float, Bits]] = deque()
+        #: How many faults hold each sensor, as free and as covered, (2, cells, S).
+        self.stuck: Ints = np.zeros(
+            (2, array.columns * array.rows, len(cell.sensor_offset_m)), np.int64
+        )
 
     def read(self, scene: Scene, now_s: float) -> Bits:
         """One byte a cell, bit s for the sensor at `cell.sensor_offset_m[s]`, as sensed by now.
@@ -72,7 +79,8 @@ class PresenceSensors:
         bits = np.zeros(self._places.grid.columns * self._places.grid.rows, dtype=np.uint8)
         body, now = scene.model.parcels, scene.state.parcels
         presence_bits(self._places, body, now, scene.model.edges, bits)
-        return self._disturb(self._late(bits, now_s))
+        # What is stuck is so at the sensor's output, behind its delay and its noise.
+        return self._hold(self._disturb(self._late(bits, now_s)))
 
     def state(self) -> SenseState:
         """What the next readings depend on."""
@@ -96,6 +104,14 @@ class PresenceSensors:
             return bits
         wrong = self._chance.random((len(bits), len(self._places.offset_m))) < self._noise
         return bits ^ (wrong @ (1 << np.arange(len(self._places.offset_m)))).astype(np.uint8)
+
+    def _hold(self, bits: Bits) -> Bits:
+        if not self.stuck.any():
+            return bits
+        values = 1 << np.arange(len(self._places.offset_m))
+        free, covered = ((self.stuck > 0) @ values).astype(np.uint8)
+        held: Bits = bits & ~free | covered
+        return held
 
 
 class LoadCells:
@@ -126,6 +142,8 @@ def presence_bits(
     grid, offset_m = places
     for p in range(parcels.size):
         body, now = parcels[p], states[p]
+        if now.lifted:
+            continue
         place = place_of(body, (now.x_m, now.y_m, now.yaw_rad))
         left, right, low, high = cells_near(body, grid, place)
         for row in range(low, high):

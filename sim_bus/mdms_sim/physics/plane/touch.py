@@ -30,7 +30,7 @@ ROUNDING_M_S = 1e-12
 
 @compiled
 def find_touches(scene: Scene, step_s: float) -> None:
-    """List where parcels may touch within the step, by a sweep along x."""
+    """List where parcels on the table may touch within the step, by a sweep along x."""
     if scene.model.parcels.size < 2:
         return
     sort_by_left_end(scene)
@@ -41,12 +41,15 @@ def find_touches(scene: Scene, step_s: float) -> None:
     order, bodies = scene.state.order, scene.state.parcels
     for i in range(order.size):
         p = order[i]
+        if bodies[p].lifted:
+            continue
         reach = span(scene, p) + 2.0 * most_m
         for j in range(i + 1, order.size):
             q = order[j]
             if left_end(scene, q) > bodies[p].x_m + reach:
                 break
-            if abs(bodies[q].y_m - bodies[p].y_m) <= reach + span(scene, q):
+            near = abs(bodies[q].y_m - bodies[p].y_m) <= reach + span(scene, q)
+            if near and not bodies[q].lifted:
                 note_touches(scene, min(p, q), max(p, q), step_s, points)
 
 

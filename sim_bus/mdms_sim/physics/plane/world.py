@@ -51,7 +51,9 @@ class World:
     Wheels (W,) are ordered by cell, then axis; poses and twists (P, 3) are those of the parcels'
     origins in the table frame. Forces and contacts are those of the step just made. What happened
     is in `events`: parcels that touch or tip, and limits of the solver ('solver'), each when a step
-    reaches it and the one before did not. Raises `ScenarioError` for impossible outlines.
+    reaches it and the one before did not. What is wrong with wheels, sensors and bridges is part of
+    the state; `handling` has what hands do to parcels. Raises `ScenarioError` for impossible
+    outlines.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -62,6 +64,7 @@ class World:
         self.events: list[Event] = []
         self._limits: frozenset[int] = frozenset()
         self._presence = PresenceSensors(scenario)
+        self.stuck_sensors = self._presence.stuck
         noise_n = scenario.cell.load_cell_noise_n
         self._load_cells = None if noise_n is None else LoadCells(scenario, noise_n)
         counts, current_ma = np.zeros((2, len(self.scene.model.first) - 1, 2), np.int32)
@@ -96,7 +99,7 @@ class World:
 
     def _arrays(self) -> tuple[Any, ...]:
         sampled = self.sampled.counts, self.sampled.current_ma
-        return *self.scene.state, *sampled, *self.bridges
+        return *self.scene.state, *sampled, *self.bridges, self.stuck_sensors
 
     def _senses(self) -> tuple[PresenceSensors | LoadCells, ...]:
         return (self._presence, self._load_cells) if self._load_cells else (self._presence,)

@@ -1,0 +1,22 @@
+"""What the values of a scenario may be, as it stands beside each of its fields."""
+
+from typing import TypedDict
+
+
+class Limit(TypedDict, total=False):
+    """What a value, or each number of a list, may be; it stands as the field's metadata."""
+
+    above: float
+    at_least: float
+    at_most: float
+    choices: tuple[str, ...]
+    items: tuple[int, int]
+
+
+LENGTH = Limit(above=0.0, at_most=1000.0)
+PLACE = Limit(at_least=-1000.0, at_most=1000.0)
+ANGLE = Limit(at_least=-1000.0, at_most=1000.0)
+SPEED = Limit(at_least=-100.0, at_most=100.0)
+POSITIVE = Limit(above=0.0, at_most=1e6)
+NOT_NEGATIVE = Limit(at_least=0.0, at_most=1e6)
+SHARE = Limit(at_least=0.0, at_most=0.9)

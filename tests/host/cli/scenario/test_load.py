@@ -1,0 +1,87 @@
+"""More cells than a bus carries are refused before anything runs, with what helps."""
+
+from argparse import Namespace
+
+import pytest
+
+from mdms_host.cli import main
+from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.scenario.gain import open_program
+from mdms_host.cli.scenario.load import warn_of_load, wire_of
+from mdms_host.cli.simulation.compose import run_scenario
+from mdms_model.scenario.scenario import Wire
+
+
+def refusal(*overrides):
+    with pytest.raises(CommandError) as caught:
+        open_program("array18", overrides)
+    assert caught.value.code is Exit.USAGE
+    return str(caught.value)
+
+
+def test_a_slow_bus_is_refused_with_what_helps():
+    assert refusal("wire.bitrate=500000") == (
+        "array: a run of 18 cells needs 103% of a bus at 500 kbit/s, and above 80% cells fall "
+        "silent; take 13 cells a bus or a slower SYNC (wire.sync_period_s = 0.02) or a higher bit "
+        "rate"
+    )
+
+
+def test_what_does_not_help_is_not_said():
+    message = refusal("wire.bitrate=250000")
+    assert message.endswith("take 6 cells a bus or a higher bit rate")
+    message = refusal("wire.bitrate=500000", "wire.sync_period_s=0.02", "array.columns=10")
+    assert message.endswith("take 27 cells a bus or a higher bit rate")
+
+
+def test_too_many_cells_are_refused_and_a_slower_sync_carries_them():
+    assert refusal("array.columns=10").startswith("array: a run of 30 cells needs 85% of a bus at")
+    assert open_program("array18", ["array.columns=10", "wire.sync_period_s=0.02"])
+
+
+def test_a_model_without_a_bus_has_as_many_cells_as_it_wants():
+    overrides = ("array.columns=30", "run.fidelity='ideal'", "motion.field='uniform'")
+    assert open_program("array18", overrides).array.columns == 30
+
+
+@pytest.mark.parametrize(
+    "command",
+    [("simulate", "array18"), ("serve", "array18"), ("run", "array18", "-i", "virtual")],
+)
+def test_every_verb_with_a_program_refuses_it_as_bad_input(capsys, command):
+    assert main([*command, "--set", "wire.bitrate=250000"]) == Exit.USAGE
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.startswith("mdms: array: a run of 18 cells needs 20")
+
+
+def test_a_run_goes_by_the_bit_rate_of_its_bus(capsys):
+    assert main(["run", "array18", "-i", "virtual", "-b", "250000"]) == Exit.USAGE
+    assert "of a bus at 250 kbit/s" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("cells", "expected"),
+    [
+        (18, ""),
+        (22, "a run of 22 cells needs 63% of a bus at 1000 kbit/s; above 60% answers queue: take"),
+        (30, "a run of 30 cells needs 85% of a bus at 1000 kbit/s; above 80% cells fall silent"),
+    ],
+)
+def test_a_crowded_bus_is_a_warning(capsys, cells, expected):
+    warn_of_load(cells, Wire())
+    said = capsys.readouterr().err
+    assert said.startswith(f"mdms: warning: {expected}") if expected else said == ""
+
+
+def test_the_bit_rate_that_counts_is_that_of_the_options():
+    assert wire_of(Namespace()).bitrate == 1_000_000
+    assert wire_of(Namespace(bitrate=250_000)).bitrate == 250_000
+
+
+def test_the_host_sends_sync_as_often_as_the_scenario_says():
+    overrides = ["run.duration_s=3", "wire.bitrate=500000", "wire.sync_period_s=0.02"]
+    slow = run_scenario(open_program("array18", overrides))
+    fast = run_scenario(open_program("array18", overrides[:1]))
+    assert slow.fault is None
+    assert slow.bus.frames == pytest.approx(fast.bus.frames / 2, rel=0.25)

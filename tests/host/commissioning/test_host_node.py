@@ -1,0 +1,104 @@
+"""A cell with the host's own node id is found, marked and moved; nothing gives it to a cell."""
+
+import json
+from dataclasses import replace
+
+import can
+import pytest
+
+from mdms_host.cli import main
+from mdms_host.cli.exits import Exit
+from mdms_host.clock import MonotonicClock
+from mdms_host.commissioning.network import Commissioning, Identity
+from mdms_host.commissioning.node_ids import NodeIdError, assign_by_serial, assign_in_order
+from mdms_host.commissioning.scan import scan_bus
+from mdms_protocol import nmt
+from mdms_protocol.dictionary import DEVICE_NAME, PRODUCT_CODE, REVISION, VENDOR_ID
+
+AT_THE_HOSTS = pytest.mark.parametrize("served_cells", [(1, 2, 127)], indirect=True)
+MARK = "has the host's own node id; give it another: mdms configure assign --from FILE"
+CELL = Identity(DEVICE_NAME, "0.1.0", VENDOR_ID, PRODUCT_CODE, REVISION, 0xA)
+
+
+def array_file(tmp_path, serial, node):
+    file = tmp_path / "array.toml"
+    file.write_text(f'[[cell]]\nserial = "{serial:08X}"\nnode = {node}\n')
+    return file
+
+
+def configure(channel, *arguments):
+    return main(["configure", *map(str, arguments), "-i", "virtual", "-c", channel])
+
+
+@pytest.mark.real_time
+@AT_THE_HOSTS
+def test_a_cell_with_the_hosts_node_id_is_found_and_marked(served_cells):
+    nodes = scan_bus(served_cells.open(), MonotonicClock())
+    assert [(node.node_id, node.is_cell, node.problem) for node in nodes] == [
+        (1, True, None),
+        (2, True, None),
+        (127, True, MARK),
+    ]
+
+
+@pytest.mark.real_time
+@AT_THE_HOSTS
+def test_a_cell_with_the_hosts_node_id_is_moved_by_its_serial_number(
+    served_cells, capsys, tmp_path
+):
+    file = array_file(tmp_path, 3, 9)
+    assert configure(served_cells.channel, "assign", "--from", file) == Exit.OK
+    assert capsys.readouterr().out.startswith("00000003: node 127 -> node 9\n")
+    nodes = scan_bus(served_cells.open(), MonotonicClock())
+    assert [(node.node_id, node.problem) for node in nodes] == [(1, None), (2, None), (9, None)]
+
+
+@pytest.mark.real_time
+def test_the_heartbeat_of_another_host_is_no_cell(request):
+    channel = request.node.nodeid
+    with (
+        can.Bus(channel, interface="virtual") as host,
+        Commissioning(can.Bus(channel, interface="virtual"), MonotonicClock()) as commissioning,
+    ):
+        alive = nmt.heartbeat(127, nmt.OPERATIONAL)
+        host.send(can.Message(arbitration_id=alive.can_id, data=alive.data, is_extended_id=False))
+        assert commissioning.find() == []
+
+
+def test_files_with_the_hosts_node_id_are_refused_before_the_bus_is_opened(capsys, tmp_path):
+    file = array_file(tmp_path, 3, 127)
+    assert main(["configure", "assign", "--from", str(file)]) == Exit.USAGE
+    assert capsys.readouterr().err == (
+        f"mdms: {file}: 00000003: node id 127 is the host's own; give it one from 1 to 126\n"
+    )
+
+
+def test_the_first_node_id_to_give_is_none_of_the_hosts(capsys):
+    assert main(["configure", "assign", "--first", "127"]) == Exit.USAGE
+    assert "127 is the host's own node id" in capsys.readouterr().err
+
+
+def test_no_plan_has_the_hosts_node_id():
+    with pytest.raises(NodeIdError, match=r"0000000A: node id 127 is the host's own"):
+        assign_by_serial({0xA: 127}, [], {5: CELL}, [5])
+    blank = [replace(CELL, serial=serial) for serial in (1, 2)]
+    with pytest.raises(NodeIdError, match="2 blank cells, and 1 free node ids from 126 to 126"):
+        assign_in_order(blank, taken=[], first=126)
+
+
+@pytest.mark.real_time
+def test_a_cell_of_another_protocol_is_marked(served_cells, capsys, monkeypatch):
+    identity = Commissioning.identity
+
+    def older(self, node_id):
+        found = identity(self, node_id)
+        return replace(found, revision=0x00020000) if node_id == 2 else found
+
+    monkeypatch.setattr(Commissioning, "identity", older)
+    assert main(["scan", "--json", "-i", "virtual", "-c", served_cells.channel]) == Exit.OK
+    nodes = json.loads(capsys.readouterr().out)["nodes"]
+    assert [node["problem"] for node in nodes] == [
+        None,
+        "speaks revision 2 of the protocol, this host 1; flash the same version: mdms flash",
+        None,
+    ]

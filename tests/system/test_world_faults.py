@@ -1,0 +1,89 @@
+"""What firmware and coordinator make of a world that goes wrong, or that is not as believed."""
+
+import numpy as np
+import pytest
+
+from mdms_host.cli.simulation.compose import run_scenario
+from mdms_model.scenario.file import load_scenario
+
+#: All wheels along x at 0.3 m/s of reference; the box starts in the middle and leaves cell 1 free.
+UNIFORM = (
+    "motion.field='uniform'",
+    "motion.speed_m_s=0.3",
+    "parcel.0.x_m=0.0",
+    "parcel.0.y_m=0.0",
+    "run.duration_s=1.8",
+)
+
+
+def run(*overrides):
+    return run_scenario(load_scenario("array18", [*UNIFORM, *overrides]))
+
+
+def of_wheel(values, cell, axis=1):
+    return values[:, 2 * (cell - 1) + axis - 1]
+
+
+@pytest.fixture(scope="module")
+def well():
+    return run()
+
+
+def test_a_jammed_wheel_stands_under_the_full_voltage_of_its_loop(well):
+    jammed = run("fault=[{kind='wheel_jammed', start_s=1.0, cells=[1], axes=[1]}]").record
+    late = jammed.time_s > 1.1
+    assert (of_wheel(jammed.speed_m_s, 1)[late] == 0.0).all()
+    # G (r - 0): nothing turns that could take it back.
+    assert of_wheel(jammed.voltage_v, 1)[late] == pytest.approx(3.0, abs=0.05)
+    assert of_wheel(well.record.voltage_v, 1)[late].max() < 2.6
+    assert np.array_equal(of_wheel(jammed.speed_m_s, 18), of_wheel(well.record.speed_m_s, 18))
+
+
+def test_a_wheel_whose_encoder_is_stuck_runs_away_unseen():
+    stuck = run("fault=[{kind='encoder_stuck', start_s=1.0, cells=[1], axes=[1]}]").record
+    late = stuck.time_s > 1.4
+    assert (of_wheel(stuck.speed_m_s, 1)[late] > 0.5).all()
+
+
+def test_a_reversed_motor_is_a_runaway_that_stops_the_array_and_names_the_cell():
+    finished = run("fault=[{kind='motor_reversed', start_s=1.0, cells=[1], axes=[1]}]")
+    record = finished.record
+    assert finished.fault is not None
+    assert finished.fault.startswith("cell 1 (node 1) has disabled its drives")
+    turning = (record.time_s > 1.02) & (record.time_s < 1.1)
+    assert (of_wheel(record.speed_m_s, 1)[turning] < -0.1).all()
+    assert np.abs(record.speed_m_s[record.time_s > 1.7]).max() < 1e-3
+
+
+def test_wheels_stop_when_the_host_is_gone_and_stay_so_when_it_is_back(well):
+    finished = run("fault=[{kind='host', start_s=1.0, duration_s=0.4}]")
+    record = finished.record
+    # The setpoint's time-out is 50 ms, and the wheels brake for 250 ms more.
+    assert (record.voltage_v[record.time_s > 1.35] == 0.0).all()
+    assert np.abs(record.speed_m_s[record.time_s > 1.7]).max() < 2e-3
+    assert np.abs(well.record.speed_m_s[well.record.time_s > 1.7]).max() > 0.1
+    # It takes all cells for silent, since it has missed their heartbeats, and ends the run.
+    assert finished.fault == "cell 1 (node 1) has fallen silent: no heartbeat for 0.3 s"
+
+
+def test_cells_get_the_gain_that_the_host_believes_in():
+    jam = "fault=[{kind='wheel_jammed', start_s=1.0, cells=[1], axes=[1]}]"
+    record = run(jam, "belief.gain_vs_per_m=5").record
+    late = record.time_s > 1.1
+    assert of_wheel(record.voltage_v, 1)[late] == pytest.approx(5 * 0.3, abs=0.03)
+
+
+def test_a_box_that_is_longer_than_believed_is_carried_by_its_believed_edges():
+    """The truth stays: the host is off by about half of what its belief is off."""
+    scenario = load_scenario(
+        "array18", ["belief.box.length_m=0.30", "run.duration_s=2.0", "parcel.0.yaw_rad=0.0"]
+    )
+    assert scenario.parcel[0].length_m > 0.35
+    believing = run_scenario(scenario).record
+    right = run_scenario(load_scenario("array18", ["run.duration_s=2.0"])).record
+
+    def away_m(record):
+        return np.nanmax(np.abs((record.estimate - record.pose)[:, 0, 0]))
+
+    assert away_m(believing) > 0.015
+    assert away_m(right) < 0.010
