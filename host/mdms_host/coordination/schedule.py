@@ -18,6 +18,7 @@ class Timing:
     sync_period_s: float = 0.01
     heartbeat_period_s: float = 0.1
     silence_periods: float = 3.0
+    speeds_limit_s: float = 0.1
     command_period_s: float = 0.05
     phase_limit_s: float = 5.0
     stop_limit_s: float = 0.5
