@@ -106,6 +106,7 @@ class GoalProgram:
             for name, bottom in self._bottoms.items()
             if name in goals
         }
+        self._found: set[str] = set()
         self._contacts = Contacts()
         self._standstills = {name: Standstill() for name in self._controllers}
         self._notices: list[str] = []
@@ -130,6 +131,7 @@ class GoalProgram:
     ) -> Floats:
         """References that move every parcel as one rigid body, r = (b/a) J xi, shape (W,)."""
         self._places.update((name, poses[name]) for name in poses if name in self._bottoms)
+        self._found.update(poses)
         twists = dict(self._steer(poses, step_s, corrected))
         self._stop_blocked(twists, step_s)
         return self._carry(twists)
@@ -163,8 +165,11 @@ class GoalProgram:
         return references_m_s
 
     def _stop_blocked(self, twists: Mapping[str, Floats], step_s: float) -> None:
-        """Stop parcels that press each other, and those that do not get on, and report them."""
-        bodies = {name: self._body(name, twists) for name in self._places}
+        """Stop parcels that press each other, and those that do not get on, and report them.
+
+        Where a parcel was put is too rough to be judged by; where it was found last is not.
+        """
+        bodies = {name: self._body(name, twists) for name in self._bottoms if name in self._found}
         for pair in self._contacts.step(bodies, step_s):
             self._stop(pair)
         for name, standstill in self._standstills.items():

@@ -78,3 +78,16 @@ def test_a_parcel_that_does_not_get_on_is_stopped_within_a_second_and_reported()
     assert steered.take_notices() == []
     assert not references_m_s.any()
     assert not steered.finished
+
+
+def test_two_on_their_way_into_each_other_are_stopped_once_both_have_been_found() -> None:
+    parcels = (Parcel("left", 0.36, 0.30), Parcel("right", 0.30, 0.30, near_m=(0.08, 0.0)))
+    steered = GoalProgram(LAYOUT, parcels, {"left": Goal(0.5, 0.0)}, droop=0.775)
+    pose = {"left": np.array([-0.25, 0.0, 0.0])}
+    for step in range(30):
+        pose["left"] = pose["left"] + (0.001 if step > 20 else 0.0, 0.0, 0.0)
+        assert steered.references_m_s(pose, 0.01).any()
+    assert steered.take_notices() == []
+    for _ in range(10):
+        steered.references_m_s({**pose, "right": np.array([0.08, 0.0, 0.0])}, 0.01)
+    assert steered.take_notices() == ["left and right press each other: stopped"]
