@@ -94,7 +94,10 @@ class KinematicCell:
 
 
 class RollingArray:
-    """One parcel that follows the wheels under it as closely as a rigid body can."""
+    """One parcel that follows the wheels under it as closely as a rigid body can.
+
+    Frames to the host that are `lost` do not arrive; the host is not polled before `stalled_s`.
+    """
 
     def __init__(
         self,
@@ -111,6 +114,8 @@ class RollingArray:
         self.bottom = bottom
         self.pose = np.array(pose)
         self.now_s = 0.0
+        self.stalled_s = 0.0
+        self.lost: Callable[[Frame], bool] = lambda _frame: False
         self.cells = [KinematicCell(node_id) for node_id in layout.node_ids]
         self._latency_s = latency_s
         self._speed_error = speed_error
@@ -130,7 +135,7 @@ class RollingArray:
     ) -> None:
         while self.now_s < until_s and not done():
             self._deliver(coordinator)
-            if coordinator.wake_s <= self.now_s + 1e-9:
+            if max(coordinator.wake_s, self.stalled_s) <= self.now_s + 1e-9:
                 self._queue(coordinator.poll(self.now_s), False)
             self._move()
             presence = self.presence()
@@ -152,7 +157,8 @@ class RollingArray:
         self._on_wire = [item for item in self._on_wire if item[0] > self.now_s + 1e-9]
         for _, to_host, frame in due:
             if to_host:
-                coordinator.on_frame(frame, self.now_s)
+                if not self.lost(frame):
+                    coordinator.on_frame(frame, self.now_s)
                 continue
             for cell, speeds in zip(self.cells, self._told_um_s(), strict=True):
                 if cell.alive(self.now_s):

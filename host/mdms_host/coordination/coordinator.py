@@ -13,8 +13,10 @@ import numpy as np
 from mdms_host.can_link.remote_cell import Handler
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.coordination.bring_up import BringUpCell
+from mdms_host.coordination.odometry import Odometry
 from mdms_host.coordination.phase import BRING_UP, STOPPED, TRANSITIONS, Phase, Signal
 from mdms_host.coordination.schedule import Schedule, Timing
+from mdms_host.coordination.speed_reports import MISSED_SYNCS
 from mdms_host.coordination.supervision import Supervision, names
 from mdms_host.coordination.velocity_frames import VelocityFrames
 from mdms_host.estimation.tracker import Estimate, Parcel, Tracker
@@ -65,6 +67,7 @@ class Coordinator:
         )
         self.references_m_s: Floats = np.zeros(len(layout.wheel_cells))
         self._program = program
+        self._odometry = Odometry(self.cells, axes, self._velocities, self._timing)
         self._supervision = Supervision(self.cells, self._timing)
         self._answered: set[BringUpCell] = set()
         self._handlers: dict[int, Handler] = {}
@@ -73,7 +76,6 @@ class Coordinator:
         self._alive = nmt.heartbeat(host_node_id, nmt.OPERATIONAL)
         self._now_s = 0.0
         self._phase_since_s: float | None = None
-        self._synced_s = 0.0
         self._schedule = Schedule()
         self._schedule.set("heartbeat", 0.0)
         self._stop_requested = False
@@ -137,6 +139,9 @@ class Coordinator:
         self._handlers |= cell.handlers
         self._handlers[cob.HEARTBEAT_BASE + cell.node_id] = partial(self._on_heartbeat, cell)
         self._handlers[pdo.STATUS.can_id(cell.node_id)] = partial(self._on_status, cell)
+        self._handlers[pdo.ACTUAL_VELOCITY.can_id(cell.node_id)] = partial(
+            self._odometry.on_speeds, cell
+        )
         self._handlers[cob.EMCY_BASE + cell.node_id] = partial(self._on_emergency, cell)
         self._handlers[cob.SDO_RESPONSE_BASE + cell.node_id] = partial(self._on_answer, cell)
 
@@ -176,6 +181,8 @@ class Coordinator:
         if self.phase in _OVER:
             return
         fault = self._supervision.fault(self.phase, self._now_s)
+        if fault is None and self.phase == Phase.RUNNING:
+            fault = self._odometry.fault()
         if fault:
             self._fail(fault)
         elif self._stop_requested and (self.phase, Signal.STOP) in TRANSITIONS:
@@ -230,7 +237,7 @@ class Coordinator:
 
     def _sync(self) -> Iterator[Frame]:
         if self._schedule.take("sync", self._now_s, self._timing.sync_period_s):
-            self._synced_s = self._now_s
+            self._odometry.on_sync(self._now_s)
             yield _SYNC
 
     def _setpoints(self) -> Iterator[Frame]:
@@ -240,18 +247,36 @@ class Coordinator:
         self._track()
         self.references_m_s = np.zeros(self.references_m_s.shape)
         if self.phase == Phase.RUNNING:
-            poses = self.tracker.poses(self._schedule.next_s("sync"))
-            self.references_m_s = self._program.references_m_s(poses, self._timing.sync_period_s)
+            self.references_m_s = self._program_references_m_s()
+        self._odometry.on_references(self.references_m_s)
         yield from self._velocities.targets(self.references_m_s)
 
+    def _program_references_m_s(self) -> Floats:
+        """The program's references for the next SYNC; zero while no cell reports its speeds."""
+        if self._odometry.silent:
+            return np.zeros(self.references_m_s.shape)
+        references_m_s = self._program.references_m_s(
+            self.tracker.poses(self._schedule.next_s("sync")),
+            self._timing.sync_period_s,
+            self.tracker.take_corrected(),
+        )
+        for text in self._program.take_notices():
+            self._note(text)
+        return references_m_s
+
     def _track(self) -> None:
-        """Pass the speeds at the last SYNC to the tracker, once all cells have reported theirs."""
-        reported = [cell.speeds_data for cell in self.cells if cell.speeds_data is not None]
-        if len(reported) < len(self.cells):
+        """Pass the speeds of a SYNC to the tracker, at the SYNC's time, and each once only."""
+        mute = self._odometry.fallen_mute()
+        if mute and self.phase == Phase.RUNNING:
+            self._note(f"no speeds for {MISSED_SYNCS} SYNCs: {names(mute)}")
+        speeds = self._odometry.take()
+        if speeds is None:
             return
-        found = self.tracker.on_speeds(self._synced_s, self._velocities.actual_m_s(reported))
+        found = self.tracker.on_speeds(
+            speeds.time_s, speeds.speed_m_s, speeds.known, speeds.standing
+        )
         for name in found:
-            x_m, y_m, yaw_rad = self.tracker.poses(self._synced_s)[name]
+            x_m, y_m, yaw_rad = self.tracker.poses(speeds.time_s)[name]
             self._note(f"{name} found at x = {x_m:.3f} m, y = {y_m:.3f} m, yaw = {yaw_rad:.2f} rad")
 
     def _signal(self, signal: Signal) -> None:

@@ -19,6 +19,7 @@ class Timing:
     heartbeat_period_s: float = 0.1
     status_period_s: float = 0.2
     silence_periods: float = 3.0
+    speeds_limit_s: float = 0.1
     command_period_s: float = 0.05
     phase_limit_s: float = 5.0
     stop_limit_s: float = 0.5

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from math import inf
 
+from mdms_host.can_link.remote_cell import RemoteCell
 from mdms_host.coordination.bring_up import BringUpCell
 from mdms_host.coordination.phase import Phase
 from mdms_host.coordination.schedule import Timing
@@ -77,6 +78,6 @@ class Supervision:
         return cell.fault(phase)
 
 
-def names(cells: list[BringUpCell]) -> str:
+def names(cells: Sequence[RemoteCell]) -> str:
     """How messages call these cells."""
     return ", ".join(cell.name for cell in cells)

@@ -26,6 +26,8 @@ _LOST_SENSORS = 3
 _LOOK_AGAIN_S = 0.1
 #: A place that leaves more of the covered sensors unexplained is not believed.
 _DOUBTFUL_SHARE = 0.2
+#: A pose is carried on without new speeds for so long.
+_CARRIED_S = 0.1
 #: Odometry errs by this share of the way, and by this much at rest in a second.
 _SLIP_SHARE = 0.1
 _DRIFT_M2_S = 1e-8
@@ -36,7 +38,7 @@ class ParcelEstimator:
 
     `pose` is (x, y, yaw), or None until the sensors have shown it; `covariance` is of shape (3, 3)
     and `twist` is (vx, vy, yaw rate). The yaw starts as the one nearest to the hint. `acquire` does
-    nothing before `look_s` [s].
+    nothing before `look_s` [s]. `corrected` is set by every sensor that is believed.
     """
 
     def __init__(self, layout: Layout, rectangle: Rectangle, yaw_hint_rad: float = 0.0) -> None:
@@ -51,6 +53,7 @@ class ParcelEstimator:
         self.pose: Floats | None = None
         self.covariance: Floats = np.zeros((3, 3))
         self.twist: Floats = np.zeros(3)
+        self.corrected = False
 
     def acquire(self, now_s: float, covered: Bools, mine: Bools) -> bool:
         """Search for the parcel with the sensors that are its own; True if it was found.
@@ -67,13 +70,14 @@ class ParcelEstimator:
         self.pose, self.covariance = found.pose, found.covariance
         self.twist = np.zeros(3)
         self._at_s = now_s
+        self.corrected = True
         return True
 
     def pose_at(self, now_s: float) -> Floats | None:
-        """The pose carried on to a time near now by the present twist."""
+        """The pose carried on to a time near now by the present twist, for 0.1 s at most."""
         if self.pose is None:
             return None
-        return self.pose + self.twist * (now_s - self._at_s)
+        return self.pose + self.twist * min(now_s - self._at_s, _CARRIED_S)
 
     def distance_m(self, now_s: float) -> Floats:
         """Distance of all sensors from the parcel's edge [m], negative inside; inf if unknown."""
@@ -87,13 +91,23 @@ class ParcelEstimator:
         pose = self.pose_at(now_s)
         return inf if pose is None else abs(self.rectangle.edge(self._sensors_m[sensor], pose)[0])
 
-    def predict(self, now_s: float, speed_m_s: Floats) -> None:
-        """Roll on to the time at which the wheels had these speeds, shape (W,)."""
+    def predict(
+        self,
+        now_s: float,
+        speed_m_s: Floats,
+        known: Bools | None = None,
+        standing: Bools | None = None,
+    ) -> None:
+        """Roll on to the time at which the wheels had these speeds; all arrays of shape (W,).
+
+        Wheels that are not `known` are left out (None: all are); without any under the parcel its
+        twist stays. Where all of them are `standing` so is the parcel, whatever their speeds.
+        """
         if self.pose is None:
             return
         before = self.twist
         step_s = max(0.0, now_s - self._at_s)
-        self.twist = self._fit_twist(self.pose, speed_m_s)
+        self.twist = self._fit_twist(self.pose, speed_m_s, known, standing)
         moved = (before + self.twist) * (step_s / 2)
         self.pose = self.pose + moved
         x_m, y_m, yaw_rad = moved.tolist()
@@ -123,10 +137,16 @@ class ParcelEstimator:
             self._yaw_hint_rad = float(self.pose[2])
             self.acquire(now_s, covered, mine)
 
-    def _fit_twist(self, pose: Floats, speed_m_s: Floats) -> Floats:
+    def _fit_twist(
+        self, pose: Floats, speed_m_s: Floats, known: Bools | None, standing: Bools | None
+    ) -> Floats:
         """Rigid twist that most wheels under the parcel agree on; zero without any, shape (3,)."""
         under = self.rectangle.distance_m(self._layout.wheel_positions_m, pose) < 0
-        if not under.any():
+        if known is not None and under.any():
+            under &= known
+            if not under.any():
+                return self.twist
+        if not under.any() or (standing is not None and standing[under].all()):
             return np.zeros(3)
         # Columns in metres per second alike, so that what no wheel shows comes out as zero.
         jacobian = self._layout.surface_jacobian(*pose[:2].tolist()) * self._extent_m
@@ -149,4 +169,5 @@ class ParcelEstimator:
         gain = spread / variance_m2
         self.pose = self.pose - gain * off_m
         self.covariance = self.covariance - np.outer(gain, spread)
+        self.corrected = True
         return True

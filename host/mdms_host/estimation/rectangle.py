@@ -8,6 +8,8 @@ import numpy as np
 
 from mdms_model.arrays import Floats
 
+_CORNERS = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
+
 
 @dataclass(frozen=True)
 class Rectangle:
@@ -35,6 +37,14 @@ class Rectangle:
         cosine, sine = cos(yaw_rad), sin(yaw_rad)
         own_m: Floats = (points_m - (x_m, y_m)) @ np.array([[cosine, -sine], [sine, cosine]])
         return own_m
+
+    def corners_m(self, pose: Floats) -> Floats:
+        """The corners of one pose [m; table frame], anticlockwise, shape (4, 2)."""
+        x_m, y_m, yaw_rad = pose.tolist()
+        cosine, sine = cos(yaw_rad), sin(yaw_rad)
+        turn = np.array([[cosine, sine], [-sine, cosine]])
+        places_m: Floats = (_CORNERS * self._half_m) @ turn + (x_m, y_m)
+        return places_m
 
     def distance_m(self, points_m: Floats, pose: Floats) -> Floats:
         """Distance of points to the nearer edge line [m], negative inside, shape (S,).

@@ -9,7 +9,7 @@ import numpy as np
 from mdms_host.estimation.estimator import ParcelEstimator
 from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.layout import Layout
-from mdms_model.arrays import Floats, Ints
+from mdms_model.arrays import Bools, Floats, Ints
 
 #: A parcel must stand still this long before it is searched for.
 _STILL_S = 0.05
@@ -79,10 +79,20 @@ class Tracker:
             if before is not None and (bits ^ before) >> place & 1:
                 self._on_edge(now_s, first + place)
 
-    def on_speeds(self, now_s: float, speed_m_s: Floats) -> list[str]:
-        """All wheels, shape (W,), had these speeds at that time; returns parcels found by that."""
+    def on_speeds(
+        self,
+        now_s: float,
+        speed_m_s: Floats,
+        known: Bools | None = None,
+        standing: Bools | None = None,
+    ) -> list[str]:
+        """Wheels, shape (W,), had these speeds at that time; returns parcels found by that.
+
+        The speeds of all wheels are `known` if that is None; `standing` are wheels that are to
+        stand, and do but for the noise of their encoders.
+        """
         for estimator in self._estimators.values():
-            estimator.predict(now_s, speed_m_s)
+            estimator.predict(now_s, speed_m_s, known, standing)
         found = self._find_missing(now_s)
         distances_m = self._distances_m(now_s)
         owners = self._owners(distances_m)
@@ -90,6 +100,13 @@ class Tracker:
             if estimator.pose is not None:
                 estimator.agree(now_s, self._covered, owners == number, distances_m[number])
         return found
+
+    def take_corrected(self) -> set[str]:
+        """Parcels whose sensors have corrected or found them since the last call."""
+        corrected = {name for name, one in self._estimators.items() if one.corrected}
+        for name in corrected:
+            self._estimators[name].corrected = False
+        return corrected
 
     def estimate(self, name: str, now_s: float) -> Estimate | None:
         """Where the parcel is believed to be; None as long as it has not been found."""

@@ -1,7 +1,7 @@
 """Closed-loop steering of one parcel to a goal pose, gently enough that its wheels roll."""
 
 from dataclasses import dataclass
-from math import hypot, pi, sqrt
+from math import hypot, inf, pi, sqrt
 
 import numpy as np
 
@@ -44,23 +44,56 @@ class GoalController:
     """From a pose to the twist that takes it to the goal; `arrived` once it is there.
 
     Translation and rotation are one motion: yaw counts by the way of the corners, `reach_m` from
-    the centre, so that both end together.
+    the centre, so that both end together. A parcel that has arrived is held until a sensor shows it
+    outside twice the tolerance; one that is `stopped` is not steered any more.
     """
 
     def __init__(self, goal: Goal, limits: Limits, reach_m: float) -> None:
         self.goal = goal
         self.arrived = False
+        self.stopped = False
         self._limits = limits
         self._reach_m = reach_m
         self._extent_m = np.array([1.0, 1.0, reach_m])
         self._twist_m_s: Floats = np.zeros(3)
+        self._left_m = inf
         self._within_s = 0.0
 
-    def step(self, pose: Floats, step_s: float) -> Floats:
-        """Twist (vx, vy, yaw rate) to command for the next step, shape (3,), about the centre."""
+    @property
+    def left_m(self) -> float:
+        """What was left to go at the last step, a corner's way included [m]; inf before it."""
+        return self._left_m
+
+    @property
+    def speed_m_s(self) -> float:
+        """How fast the parcel is commanded to go there, a corner's way included [m/s]."""
+        return hypot(*self._twist_m_s.tolist())
+
+    @property
+    def stopping_s(self) -> float:
+        """How long it takes to come to rest from the commanded speed [s]."""
+        return self.speed_m_s / self._limits.acceleration_m_s2
+
+    def stop(self) -> None:
+        """Bring the parcel to rest, and do not steer it any more."""
+        self.stopped = True
+
+    def lose(self) -> None:
+        """Where the parcel is is not known: it is not steered, and begins anew from rest."""
+        self.arrived, self._within_s, self._left_m = False, 0.0, inf
+        self._twist_m_s = np.zeros(3)
+
+    def step(self, pose: Floats, step_s: float, contradicted: bool = True) -> Floats:
+        """Twist (vx, vy, yaw rate) to command for the next step, shape (3,), about the centre.
+
+        `contradicted` is whether a sensor has corrected the pose since the last step.
+        """
         error_m = self._error_m(pose)
-        self._check_arrival(error_m, step_s)
-        wanted_m_s = np.zeros(3) if self.arrived else self._approach(error_m)
+        self._left_m = hypot(*error_m.tolist())
+        if contradicted or not self.arrived:
+            self._check_arrival(error_m, step_s)
+        still = self.stopped or self.arrived
+        wanted_m_s = np.zeros(3) if still else self._approach(error_m)
         change_m_s = wanted_m_s - self._twist_m_s
         most_m_s = self._limits.acceleration_m_s2 * step_s
         size_m_s = hypot(*change_m_s.tolist())

@@ -1,6 +1,6 @@
 """What the array is to do: from the parcels' estimated poses to every wheel's reference."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Protocol
 
 import numpy as np
@@ -8,18 +8,30 @@ import numpy as np
 from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
+from mdms_host.motion.allocation import Claim, allocate
+from mdms_host.motion.contact import Body, Contacts, gap_m
 from mdms_host.motion.goal import Goal, GoalController, Limits
+from mdms_host.motion.standstill import Standstill
 from mdms_model.arrays import Floats
 
-#: Wheels this far outside a parcel already run as if they were under it.
-_MARGIN_M = 0.05
+#: A parcel that stands is pressed by one that is believed to be so near.
+_NEAR_M = 0.015
 
 
 class Program(Protocol):
     """Sets all wheels' references [m/s] (the paper's r), step by step."""
 
-    def references_m_s(self, poses: Mapping[str, Floats], step_s: float) -> Floats:
-        """References of shape (W,) for the next step, given the poses (x, y, yaw) known now."""
+    def references_m_s(
+        self, poses: Mapping[str, Floats], step_s: float, corrected: Collection[str] | None = None
+    ) -> Floats:
+        """References of shape (W,) for the next step, given the poses (x, y, yaw) known now.
+
+        `corrected` are parcels whose poses a sensor has corrected since the last step; None: all.
+        """
+        ...
+
+    def take_notices(self) -> list[str]:
+        """What has happened to parcels since the last call."""
         ...
 
     @property
@@ -49,16 +61,24 @@ class FieldProgram:
         """A field goes on for as long as it may."""
         return True
 
-    def references_m_s(self, poses: Mapping[str, Floats], step_s: float) -> Floats:
+    def references_m_s(
+        self, poses: Mapping[str, Floats], step_s: float, corrected: Collection[str] | None = None
+    ) -> Floats:
         """The field's references, shape (W,)."""
         return self._references_m_s
 
+    def take_notices(self) -> list[str]:
+        """Nothing: a field does not look at parcels."""
+        return []
+
 
 class GoalProgram:
-    """Steers each parcel that has a goal to it; wheels near no such parcel stand still.
+    """Steers each parcel that has a goal to it; wheels under any other, or near none, stand still.
 
-    `droop` is the nominal speed of a free wheel per reference, a/b of the paper's eq (9): the
-    reference is the wanted speed divided by it, times `trim` (W,) where wheels differ.
+    A parcel that is not found holds the wheels where it was last, or where it was put. Two that
+    press each other, and one that does not get on, are stopped for good. `droop` is the nominal
+    speed of a free wheel per reference, a/b of the paper's eq (9): the reference is the wanted
+    speed divided by it, times `trim` (W,) where wheels differ.
     """
 
     def __init__(
@@ -75,14 +95,22 @@ class GoalProgram:
         self._trim = trim
         self._droop = droop
         self._bottoms = {
-            parcel.name: Rectangle(parcel.length_m, parcel.width_m)
+            parcel.name: Rectangle(parcel.length_m, parcel.width_m) for parcel in parcels
+        }
+        self._places: dict[str, Floats] = {
+            parcel.name: np.array([*parcel.near_m, parcel.yaw_hint_rad])
             for parcel in parcels
-            if parcel.name in goals
+            if parcel.near_m is not None
         }
         self._controllers = {
             name: GoalController(goals[name], limits or Limits(), bottom.reach_m)
             for name, bottom in self._bottoms.items()
+            if name in goals
         }
+        self._found: set[str] = set()
+        self._contacts = Contacts()
+        self._standstills = {name: Standstill() for name in self._controllers}
+        self._notices: list[str] = []
 
     @property
     def finished(self) -> bool:
@@ -94,19 +122,90 @@ class GoalProgram:
         """Goals are reached at some time."""
         return False
 
-    def references_m_s(self, poses: Mapping[str, Floats], step_s: float) -> Floats:
+    def take_notices(self) -> list[str]:
+        """Which parcels were stopped, and why, since the last call."""
+        notices, self._notices = self._notices, []
+        return notices
+
+    def references_m_s(
+        self, poses: Mapping[str, Floats], step_s: float, corrected: Collection[str] | None = None
+    ) -> Floats:
         """References that move every parcel as one rigid body, r = (b/a) J xi, shape (W,)."""
-        wheels_m = self._layout.wheel_positions_m
-        references_m_s = np.zeros(len(wheels_m))
-        nearest_m = np.full(len(wheels_m), _MARGIN_M)
-        for name, pose in poses.items():
-            if name not in self._controllers:
-                continue
-            twist = self._controllers[name].step(pose, step_s)
-            away_m = self._bottoms[name].distance_m(wheels_m, pose)
-            mine = away_m < nearest_m
-            np.copyto(nearest_m, away_m, where=mine)
-            jacobian = self._layout.surface_jacobian(*pose[:2].tolist())
-            along = jacobian @ (twist / self._droop) * self._trim
-            np.copyto(references_m_s, along, where=mine)
+        self._places.update((name, poses[name]) for name in poses if name in self._bottoms)
+        self._found.update(poses)
+        twists = dict(self._steer(poses, step_s, corrected))
+        self._stop_blocked(twists, step_s)
+        return self._carry(twists)
+
+    def _steer(
+        self, poses: Mapping[str, Floats], step_s: float, corrected: Collection[str] | None
+    ) -> Iterator[tuple[str, Floats]]:
+        """The commanded twist of each parcel that has a goal and is found."""
+        for name, controller in self._controllers.items():
+            if name in poses:
+                contradicted = corrected is None or name in corrected
+                yield name, controller.step(poses[name], step_s, contradicted)
+            else:
+                controller.lose()
+
+    def _carry(self, twists: Mapping[str, Floats]) -> Floats:
+        """References of the wheels that serve each parcel with a twist; zero for all others."""
+        names = list(self._places)
+        parked = [not twists[name].any() if name in twists else True for name in names]
+        claims = [
+            Claim(self._bottoms[name], self._places[name], still)
+            for name, still in zip(names, parked, strict=True)
+        ]
+        serves = allocate(self._layout.wheel_positions_m, claims)
+        references_m_s = np.zeros(len(serves))
+        for number, name in enumerate(names):
+            if not parked[number]:
+                x_m, y_m, _ = self._places[name].tolist()
+                jacobian = self._layout.surface_jacobian(x_m, y_m)
+                speeds_m_s = jacobian @ (twists[name] / self._droop) * self._trim
+                np.copyto(references_m_s, speeds_m_s, where=serves == number)
         return references_m_s
+
+    def _stop_blocked(self, twists: Mapping[str, Floats], step_s: float) -> None:
+        """Stop parcels that press each other, and those that do not get on, and report them.
+
+        Where a parcel was put is too rough to be judged by; where it was found last is not.
+        """
+        bodies = {name: self._body(name, twists) for name in self._bottoms if name in self._found}
+        for pair in self._contacts.step(bodies, step_s):
+            self._stop(pair)
+        for name, standstill in self._standstills.items():
+            controller = self._controllers[name]
+            if name not in twists or controller.arrived or controller.stopped:
+                standstill.clear()
+            elif standstill.step(controller.left_m, controller.speed_m_s, step_s):
+                self._stop((name, *self._near(name, bodies)))
+
+    def _body(self, name: str, twists: Mapping[str, Floats]) -> Body:
+        twist = twists.get(name)
+        if twist is None:
+            return Body(self._bottoms[name], self._places[name], np.zeros(3), 0.0)
+        stopping_s = self._controllers[name].stopping_s
+        return Body(self._bottoms[name], self._places[name], twist, stopping_s)
+
+    @staticmethod
+    def _near(name: str, bodies: Mapping[str, Body]) -> Iterable[str]:
+        """The parcels that may be what holds one."""
+        mine = bodies[name]
+        for other, body in bodies.items():
+            if other == name:
+                continue
+            if gap_m(mine.outline, mine.pose, body.outline, body.pose) < _NEAR_M:
+                yield other
+
+    def _stop(self, names: tuple[str, ...]) -> None:
+        """Stop these parcels, and report it unless all of them have been stopped before."""
+        steered = [self._controllers[name] for name in names if name in self._controllers]
+        if all(controller.stopped for controller in steered):
+            return
+        for controller in steered:
+            controller.stop()
+        if len(names) == 1:
+            self._notices.append(f"{names[0]} does not move as commanded: stopped")
+        else:
+            self._notices.append(f"{' and '.join(names)} press each other: stopped")

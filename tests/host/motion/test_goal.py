@@ -58,3 +58,25 @@ def test_passing_through_the_goal_is_not_arriving() -> None:
     for step in range(100):
         controller.step(np.array([-0.05 + 0.001 * step, 0.0, 0.0]), STEP_S)
         assert not controller.arrived
+
+
+def test_a_parcel_that_has_arrived_is_held_until_a_sensor_contradicts() -> None:
+    controller = GoalController(Goal(0.0, 0.0), Limits(), 0.2)
+    for _ in range(40):
+        controller.step(np.zeros(3), 0.01)
+    assert controller.arrived
+    for _ in range(100):
+        assert not controller.step(np.array([0.01, 0.0, 0.0]), 0.01, contradicted=False).any()
+    assert controller.step(np.array([0.01, 0.0, 0.0]), 0.01, contradicted=True)[0] < 0
+    assert not controller.arrived
+
+
+def test_a_parcel_that_is_stopped_brakes_and_is_not_steered_any_more() -> None:
+    controller = GoalController(Goal(1.0, 0.0), Limits(), 0.2)
+    for _ in range(50):
+        controller.step(np.zeros(3), 0.01)
+    controller.stop()
+    assert controller.step(np.zeros(3), 0.01)[0] > 0.09
+    for _ in range(50):
+        controller.step(np.zeros(3), 0.01)
+    assert not controller.step(np.zeros(3), 0.01).any()

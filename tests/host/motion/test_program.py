@@ -49,3 +49,45 @@ def test_a_program_is_finished_when_all_parcels_have_arrived() -> None:
     for _ in range(50):
         steered.references_m_s({**POSES, "right": np.array([0.2, 0.0, 0.0])}, 0.01)
     assert steered.finished
+
+
+def test_wheels_under_a_parcel_without_a_goal_stand_still_whoever_passes_it() -> None:
+    poses = {"left": np.array([-0.25, 0.0, 0.0]), "right": np.array([0.09, 0.0, 0.0])}
+    references_m_s = program(left=Goal(-0.25, 0.5)).references_m_s(poses, 0.01)
+    under = Rectangle(0.30, 0.30).distance_m(LAYOUT.wheel_positions_m, poses["right"]) < 0
+    assert not references_m_s[under].any()
+    assert references_m_s[LAYOUT.wheel_positions_m[:, 0] < -0.1].any()
+
+
+def test_wheels_stand_still_where_a_parcel_was_put_that_is_not_found_yet() -> None:
+    parcels = (LEFT, Parcel("right", 0.30, 0.30, near_m=(0.09, 0.0)))
+    steered = GoalProgram(LAYOUT, parcels, {"left": Goal(0.5, 0.0)}, droop=0.775)
+    references_m_s = steered.references_m_s({"left": np.array([-0.25, 0.0, 0.0])}, 0.01)
+    under = Rectangle(0.30, 0.30).distance_m(LAYOUT.wheel_positions_m, np.array([0.09, 0, 0])) < 0
+    assert not references_m_s[under].any()
+    assert references_m_s.any()
+
+
+def test_a_parcel_that_does_not_get_on_is_stopped_within_a_second_and_reported() -> None:
+    steered = program(left=Goal(0.4, 0.0))
+    for _ in range(100):
+        steered.references_m_s(POSES, 0.01)
+    assert steered.take_notices() == ["left does not move as commanded: stopped"]
+    for _ in range(30):
+        references_m_s = steered.references_m_s(POSES, 0.01)
+    assert steered.take_notices() == []
+    assert not references_m_s.any()
+    assert not steered.finished
+
+
+def test_two_on_their_way_into_each_other_are_stopped_once_both_have_been_found() -> None:
+    parcels = (Parcel("left", 0.36, 0.30), Parcel("right", 0.30, 0.30, near_m=(0.08, 0.0)))
+    steered = GoalProgram(LAYOUT, parcels, {"left": Goal(0.5, 0.0)}, droop=0.775)
+    pose = {"left": np.array([-0.25, 0.0, 0.0])}
+    for step in range(30):
+        pose["left"] = pose["left"] + (0.001 if step > 20 else 0.0, 0.0, 0.0)
+        assert steered.references_m_s(pose, 0.01).any()
+    assert steered.take_notices() == []
+    for _ in range(10):
+        steered.references_m_s({**pose, "right": np.array([0.08, 0.0, 0.0])}, 0.01)
+    assert steered.take_notices() == ["left and right press each other: stopped"]

@@ -1,0 +1,43 @@
+"""Which parcel each wheel serves, from the believed outlines."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdms_host.estimation.rectangle import Rectangle
+from mdms_model.arrays import Floats, Ints
+
+#: A wheel that serves no parcel.
+FREE = -1
+#: Wheels this far outside a parcel that moves already run as if they were under it.
+_AHEAD_M = 0.05
+#: Wheels this far outside one that is parked still hold it: a belief may be wrong by as much.
+_HOLD_M = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """A parcel that wants the wheels under it: to carry it, or, `parked`, to stand still."""
+
+    outline: Rectangle
+    pose: Floats
+    parked: bool
+
+
+def allocate(wheels_m: Floats, claims: Sequence[Claim]) -> Ints:
+    """Number of the claim that each wheel serves, or FREE, shape (W,); wheels of shape (W, 2).
+
+    A wheel serves one parcel at most: one that is parked before one that moves, else the nearer.
+    """
+    serves = np.full(len(wheels_m), FREE, dtype=np.intp)
+    nearest_m = np.full(len(wheels_m), np.inf)
+    for parked, reach_m in ((True, _HOLD_M), (False, _AHEAD_M)):
+        open_ = serves == FREE if not parked else np.ones(len(wheels_m), dtype=bool)
+        for number, claim in enumerate(claims):
+            if claim.parked != parked:
+                continue
+            away_m = claim.outline.distance_m(wheels_m, claim.pose)
+            mine = open_ & (away_m < np.minimum(nearest_m, reach_m))
+            nearest_m[mine], serves[mine] = away_m[mine], number
+    return serves

@@ -1,0 +1,73 @@
+"""Parcels that press each other, judged from believed outlines and commanded twists."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from mdms_host.estimation.rectangle import Rectangle
+from mdms_model.arrays import Floats
+
+#: Beliefs that overlap by less may be of parcels that pass each other.
+_OVERLAP_M = 0.002
+#: How long two parcels must be on their way into each other.
+_PRESSING_S = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """A parcel's outline, believed pose, commanded twist, and the time it takes to stop [s]."""
+
+    outline: Rectangle
+    pose: Floats
+    twist: Floats
+    stopping_s: float
+
+    @property
+    def stopped_pose(self) -> Floats:
+        """Where it lies if it is stopped now, shape (3,)."""
+        return self.pose + self.twist * (self.stopping_s / 2)
+
+
+class Contacts:
+    """Watches all pairs of parcels."""
+
+    def __init__(self) -> None:
+        self._pressing_s: dict[tuple[str, str], float] = {}
+
+    def step(self, bodies: Mapping[str, Body], step_s: float) -> Iterator[tuple[str, str]]:
+        """Take in all parcels; names of two that press each other, or cannot avoid it any more."""
+        for pair in combinations(bodies, 2):
+            one, other = (bodies[name] for name in pair)
+            pressing_s = self._pressing_s.get(pair, 0.0) + step_s if _press(one, other) else 0.0
+            self._pressing_s[pair] = pressing_s
+            if pressing_s >= _PRESSING_S:
+                yield pair
+
+
+def _press(one: Body, other: Body) -> bool:
+    """Whether two parcels overlap once they have stopped, and more than they do now."""
+    if not (one.twist.any() or other.twist.any()):
+        return False
+    way_m = one.outline.reach_m + other.outline.reach_m
+    if np.hypot(*(one.stopped_pose - other.stopped_pose)[:2]) > way_m:
+        return False
+    later_m = gap_m(one.outline, one.stopped_pose, other.outline, other.stopped_pose)
+    return later_m < -_OVERLAP_M and later_m < gap_m(
+        one.outline, one.pose, other.outline, other.pose
+    )
+
+
+def gap_m(one: Rectangle, one_pose: Floats, other: Rectangle, other_pose: Floats) -> float:
+    """Gap between two outlines along the direction that parts them best [m]; negative: overlap."""
+    corners_m = one.corners_m(one_pose), other.corners_m(other_pose)
+    return max(_gap_beyond_m(*corners_m), _gap_beyond_m(*reversed(corners_m)))
+
+
+def _gap_beyond_m(inner_m: Floats, outer_m: Floats) -> float:
+    """The widest gap between any edge of one polygon (N, 2), anticlockwise, and another [m]."""
+    along_m = np.roll(inner_m, -1, axis=0) - inner_m
+    normals = np.column_stack((along_m[:, 1], -along_m[:, 0])) / np.hypot(*along_m.T)[:, None]
+    beyond_m = (outer_m[None, :, :] - inner_m[:, None, :]) @ normals[:, :, None]
+    return float(beyond_m[:, :, 0].min(axis=1).max())

@@ -1,0 +1,47 @@
+import numpy as np
+import pytest
+
+from mdms_host.estimation.rectangle import Rectangle
+from mdms_host.motion.contact import Body, Contacts, gap_m
+
+BOX = Rectangle(0.30, 0.20)
+STEP_S = 0.01
+
+
+def body(x_m: float, y_m: float = 0.0, speed_m_s: float = 0.0) -> Body:
+    return Body(BOX, np.array([x_m, y_m, 0.0]), np.array([speed_m_s, 0.0, 0.0]), 0.2)
+
+
+def pairs(one: Body, other: Body, steps: int = 10) -> list[tuple[str, str]]:
+    contacts = Contacts()
+    return [p for _ in range(steps) for p in contacts.step({"a": one, "b": other}, STEP_S)]
+
+
+def test_gap_is_that_along_the_direction_that_parts_two_outlines_best() -> None:
+    at = np.array
+    assert gap_m(BOX, at([0.0, 0, 0]), BOX, at([0.31, 0, 0])) == pytest.approx(0.01)
+    assert gap_m(BOX, at([0.0, 0, 0]), BOX, at([0.0, 0.195, 0])) == pytest.approx(-0.005)
+    assert gap_m(BOX, at([0.0, 0, 0]), BOX, at([0.26, 0, np.pi / 2])) == pytest.approx(0.01)
+    turned = gap_m(BOX, at([0.0, 0, 0]), BOX, at([0.40, 0, np.pi / 4]))
+    assert turned == pytest.approx(0.40 - 0.15 - 0.25 / np.sqrt(2))
+
+
+def test_a_parcel_on_its_way_into_another_is_reported() -> None:
+    assert ("a", "b") in pairs(body(0.0, speed_m_s=0.1), body(0.305))
+
+
+def test_a_parcel_that_can_still_stop_is_not_reported() -> None:
+    assert pairs(body(0.0, speed_m_s=0.1), body(0.32)) == []
+
+
+def test_a_parcel_that_passes_by_is_not_reported() -> None:
+    assert pairs(body(0.0, speed_m_s=0.1), body(0.1, 0.199)) == []
+    assert pairs(body(0.0, speed_m_s=-0.1), body(0.29)) == []
+
+
+def test_parcels_that_stand_may_touch() -> None:
+    assert pairs(body(0.0), body(0.29)) == []
+
+
+def test_what_is_so_for_a_moment_only_is_not_reported() -> None:
+    assert pairs(body(0.0, speed_m_s=0.1), body(0.305), steps=3) == []

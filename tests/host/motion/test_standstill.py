@@ -1,0 +1,33 @@
+from mdms_host.motion.standstill import Standstill
+
+STEP_S = 0.01
+
+
+def reported_s(made_share: float, speed_m_s: float = 0.1, jump_m: float = 0.0) -> float | None:
+    """When a parcel that makes this share of its commanded way is reported, within 3 s."""
+    standstill, left_m = Standstill(), 1.0
+    for step in range(1, 301):
+        left_m -= made_share * speed_m_s * STEP_S
+        left_m += jump_m if step == 100 else 0.0
+        if standstill.step(left_m, speed_m_s, STEP_S):
+            return step * STEP_S
+    return None
+
+
+def test_a_parcel_that_does_not_get_on_is_reported_within_a_second() -> None:
+    for speed_m_s in (0.1, 0.01):
+        time_s = reported_s(0.0, speed_m_s)
+        assert time_s is not None
+        assert time_s < 1.0
+
+
+def test_a_parcel_that_slips_half_its_way_gets_on() -> None:
+    assert reported_s(0.5) is None
+
+
+def test_a_belief_that_an_edge_sets_back_does_not_stand() -> None:
+    assert reported_s(1.0, jump_m=0.06) is None
+
+
+def test_a_parcel_that_is_to_stand_is_not_reported() -> None:
+    assert reported_s(0.0, speed_m_s=0.0) is None
