@@ -117,6 +117,8 @@ def listen_tcp(port: int) -> socket.socket:
     """A listening socket on loopback; port 0 takes a free one. Raises ServeError."""
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    # Connections inherit it: no frame waits for the client to acknowledge the ones before.
+    listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     try:
         listener.bind((LOOPBACK, port))
     except OSError as error:
