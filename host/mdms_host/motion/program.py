@@ -6,7 +6,6 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.goal import Goal, GoalController, Limits
@@ -73,11 +72,7 @@ class GoalProgram:
     ) -> None:
         self._layout = layout
         self._droop = droop
-        self._bottoms = {
-            parcel.name: Rectangle(parcel.length_m, parcel.width_m)
-            for parcel in parcels
-            if parcel.name in goals
-        }
+        self._bottoms = {parcel.name: parcel.bottom for parcel in parcels if parcel.name in goals}
         self._controllers = {
             name: GoalController(goals[name], limits or Limits(), bottom.reach_m)
             for name, bottom in self._bottoms.items()

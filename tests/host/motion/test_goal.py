@@ -58,3 +58,10 @@ def test_passing_through_the_goal_is_not_arriving() -> None:
     for step in range(100):
         controller.step(np.array([-0.05 + 0.001 * step, 0.0, 0.0]), STEP_S)
         assert not controller.arrived
+
+
+def test_a_goal_without_a_yaw_turns_nothing_and_is_reached_however_the_parcel_is_turned() -> None:
+    controller = GoalController(Goal(0.0, 0.0, None), LIMITS, REACH_M)
+    twists, _ = drive(controller, np.array([0.05, 0.02, 1.3]), 5.0)
+    assert controller.arrived
+    assert not np.array(twists)[:, 2].any()
