@@ -1,6 +1,6 @@
 """Whether a parcel stands safely: at its start, at its goal and on the straight way between."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, hypot, pi
 
 import numpy as np
@@ -14,6 +14,8 @@ Floats = NDArray[np.float64]
 
 #: The centre of mass stays this far inside the hull of the supports.
 MARGIN_M = 0.010
+#: Wheels count as supports only this far under the parcel, which may be as much beside its way.
+INSET_M = 0.002
 #: How far a corner moves from one place of the way that is checked to the next, at most.
 _STEP_M = 0.002
 
@@ -52,12 +54,20 @@ def least_footing(wheel_m: Floats, load: Load, start: Floats, goal: Goal | None)
     the way between, for that is what a person chose.
     """
     poses = straight_way(start, goal, load.outline.radius_m)
-    margins_m = support_margins_m(wheel_m, load.outline, load.centre_of_mass_m, poses)
+    outline = _inset(load.outline)
+    margins_m = support_margins_m(wheel_m, outline, load.centre_of_mass_m, poses)
     ends = [0, len(poses) - 1]
     worst = min(ends, key=lambda end: margins_m[end])
     if margins_m[worst] >= MARGIN_M:
         worst = int(margins_m.argmin())
     return Footing(poses[worst], float(margins_m[worst]), worst / max(len(poses) - 1, 1))
+
+
+def _inset(outline: Outline) -> Outline:
+    """The outline that lies `INSET_M` inside another, edge by edge."""
+    edges = outline.edges.copy()
+    edges[:, 2] -= INSET_M
+    return replace(outline, edges=edges, radius_m=outline.radius_m - INSET_M)
 
 
 def straight_way(start: Floats, goal: Goal | None, reach_m: float) -> Floats:

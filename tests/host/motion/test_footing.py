@@ -49,6 +49,12 @@ def test_the_worst_place_is_named(
     assert footing.margin_m == pytest.approx(margin_m, abs=0.002)
 
 
+def test_a_wheel_at_the_very_edge_does_not_count_as_a_support() -> None:
+    for y_m, stands in ((0.028, False), (0.030, True)):
+        footing = least_footing(WHEEL_M, BOX, np.array([-0.1905, y_m, 0.0]), None)
+        assert (footing.margin_m > MARGIN_M) == stands
+
+
 def test_a_parcel_that_stays_between_two_rows_is_safe() -> None:
     footing = least_footing(WHEEL_M, BOX, np.array([-0.1905, 0.06, 0.0]), Goal(-0.1905, 0.067))
     assert footing.margin_m > MARGIN_M
