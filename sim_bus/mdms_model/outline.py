@@ -10,6 +10,8 @@ from mdms_model.scenario.scenario import Parcel, ScenarioError
 
 #: Corners that make a disc look round.
 DISC_CORNERS = 72
+#: Points this far outside the outline still count as under it: rounding of rotations [m].
+EDGE_M = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,9 +33,9 @@ def outline_of(parcel: Parcel) -> Outline:
     if parcel.shape == "disc":
         return _disc(parcel)
     if parcel.shape == "polygon":
-        return _polygon(checked_corners(parcel))
+        return polygon_outline(checked_corners(parcel))
     half = np.array([parcel.length_m, parcel.width_m]) / 2
-    return _polygon(half * np.array([[1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]]))
+    return polygon_outline(half * np.array([[1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]]))
 
 
 def checked_corners(parcel: Parcel) -> Floats:
@@ -66,7 +68,8 @@ def _disc(parcel: Parcel) -> Outline:
     return Outline(np.zeros((0, 5)), radius_m, radius_m**2 / 2)
 
 
-def _polygon(corners: Floats) -> Outline:
+def polygon_outline(corners: Floats) -> Outline:
+    """The outline with these corners (n, 2), convex and counter-clockwise [m]."""
     ends = np.roll(corners, -1, axis=0)
     sides = ends - corners
     normals = np.column_stack([sides[:, 1], -sides[:, 0]]) / np.hypot(*sides.T)[:, None]

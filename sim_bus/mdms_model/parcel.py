@@ -8,12 +8,9 @@ import numpy as np
 from mdms_model.array import Grid
 from mdms_model.arrays import Floats, Records
 from mdms_model.compiled import compiled
-from mdms_model.outline import Outline, outline_of
+from mdms_model.outline import EDGE_M, Outline, outline_of
 from mdms_model.scenario.scenario import Parcel, Scenario
 from mdms_model.symmetric3 import Vector
-
-#: Points this far outside the outline still count as under it: rounding of rotations [m].
-EDGE_M = 1e-12
 
 #: One parcel, as compiled functions take it.
 PARCEL = np.dtype(

@@ -143,3 +143,32 @@ def test_field_moves_the_box_its_own_way(field, overrides, moves):
     )
     pose = run_scenario(scenario).record.pose[:, 0]
     assert moves(*(pose[-1] - pose[0]))
+
+
+@pytest.mark.parametrize(
+    ("shape", "size_m", "goal_yaw"),
+    [
+        ("shape=disc", (0.30, 0.30), ""),
+        (
+            "corners_m=[[0.18, -0.15], [0.18, 0.05], [0.05, 0.15], [-0.18, 0.12], [-0.15, -0.15]]",
+            (0.36, 0.30),
+            ", yaw_rad = 0.4",
+        ),
+    ],
+)
+def test_discs_and_polygons_arrive(shape, size_m, goal_yaw):
+    kind = "disc" if shape == "shape=disc" else "polygon"
+    run = run_scenario(
+        array18(
+            f"parcel.0.shape={kind}",
+            f"parcel.0.{shape}",
+            f"parcel.0.length_m={size_m[0]}",
+            f"parcel.0.width_m={size_m[1]}",
+            f"parcel.0.goal={{ x_m = 0.10, y_m = 0.01{goal_yaw} }}",
+        )
+    )
+    x_m, y_m, yaw_rad = run.record.pose[-1, 0]
+    assert run.fault is None
+    assert math.hypot(x_m - 0.10, y_m - 0.01) < 0.005
+    if goal_yaw:
+        assert abs(yaw_rad - 0.4) < 0.02

@@ -8,8 +8,8 @@ from math import hypot, inf
 
 import numpy as np
 
+from mdms_host.estimation.bottom import Bottom
 from mdms_host.estimation.locate import locate
-from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.estimation.twist_fit import fit_twist
 from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats
@@ -34,22 +34,22 @@ _DRIFT_M2_S = 1e-8
 
 
 class ParcelEstimator:
-    """Estimate of one rectangular parcel's pose and twist [table frame; SI].
+    """Estimate of one parcel's pose and twist [table frame; SI].
 
     `pose` is (x, y, yaw), or None until the sensors have shown it; `covariance` is of shape (3, 3)
     and `twist` is (vx, vy, yaw rate). The yaw starts as the one nearest to the hint. `acquire` does
     nothing before `look_s` [s]. `corrected` is set by every sensor that is believed.
     """
 
-    def __init__(self, layout: Layout, rectangle: Rectangle, yaw_hint_rad: float = 0.0) -> None:
+    def __init__(self, layout: Layout, bottom: Bottom, yaw_hint_rad: float = 0.0) -> None:
         self._layout = layout
         self._sensors_m = layout.sensor_positions_m.reshape(-1, 2)
         self._yaw_hint_rad = yaw_hint_rad
         self._at_s = 0.0
         self.look_s = -inf
-        self._extent_m = np.array([1.0, 1.0, 1.0 / rectangle.reach_m])
+        self._extent_m = np.array([1.0, 1.0, 1.0 / bottom.reach_m])
         self._spread_m2 = np.diag(self._extent_m**2)
-        self.rectangle = rectangle
+        self.bottom = bottom
         self.pose: Floats | None = None
         self.covariance: Floats = np.zeros((3, 3))
         self.twist: Floats = np.zeros(3)
@@ -64,7 +64,7 @@ class ParcelEstimator:
         if now_s < self.look_s:
             return False
         self.look_s = now_s + _LOOK_AGAIN_S
-        found = locate(self.rectangle, self._sensors_m[mine], covered[mine], self._yaw_hint_rad)
+        found = locate(self.bottom, self._sensors_m[mine], covered[mine], self._yaw_hint_rad)
         if found is None or found.contradictions > _DOUBTFUL_SHARE * (covered & mine).sum():
             return False
         self.pose, self.covariance = found.pose, found.covariance
@@ -84,12 +84,12 @@ class ParcelEstimator:
         pose = self.pose_at(now_s)
         if pose is None:
             return np.full(len(self._sensors_m), np.inf)
-        return self.rectangle.distance_m(self._sensors_m, pose)
+        return self.bottom.distance_m(self._sensors_m, pose)
 
     def off_m(self, now_s: float, sensor: int) -> float:
         """How far one sensor is from the parcel's edge, whichever side [m]; inf if unknown."""
         pose = self.pose_at(now_s)
-        return inf if pose is None else abs(self.rectangle.edge(self._sensors_m[sensor], pose)[0])
+        return inf if pose is None else abs(self.bottom.edge(self._sensors_m[sensor], pose)[0])
 
     def predict(
         self,
@@ -111,7 +111,7 @@ class ParcelEstimator:
         moved = (before + self.twist) * (step_s / 2)
         self.pose = self.pose + moved
         x_m, y_m, yaw_rad = moved.tolist()
-        way_m = hypot(x_m, y_m) + abs(yaw_rad) * self.rectangle.reach_m
+        way_m = hypot(x_m, y_m) + abs(yaw_rad) * self.bottom.reach_m
         # The error of odometry grows as a random walk whose steps are a millimetre or so long.
         variance_m2 = _SLIP_SHARE**2 * way_m * 0.01 + _DRIFT_M2_S * step_s
         self.covariance = self.covariance + variance_m2 * self._spread_m2
@@ -141,7 +141,7 @@ class ParcelEstimator:
         self, pose: Floats, speed_m_s: Floats, known: Bools | None, standing: Bools | None
     ) -> Floats:
         """Rigid twist that most wheels under the parcel agree on; zero without any, shape (3,)."""
-        under = self.rectangle.distance_m(self._layout.wheel_positions_m, pose) < 0
+        under = self.bottom.distance_m(self._layout.wheel_positions_m, pose) < 0
         if known is not None and under.any():
             under &= known
             if not under.any():
@@ -160,7 +160,7 @@ class ParcelEstimator:
         pose = self.pose_at(now_s)
         if self.pose is None or pose is None:
             return True
-        off_m, slope = self.rectangle.edge(self._sensors_m[sensor], pose)
+        off_m, slope = self.bottom.edge(self._sensors_m[sensor], pose)
         late_m = _LATENCY_S * float(slope @ self.twist)
         spread = self.covariance @ slope
         variance_m2 = float(slope @ spread) + sigma_m**2 + late_m**2

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdms_host.estimation.rectangle import Rectangle
+from mdms_host.estimation.bottom import Bottom
 from mdms_model.arrays import Bools, Floats, Ints
 
 #: Fineness of the search: how far a neighbouring candidate is.
@@ -28,54 +28,52 @@ class Location:
 
 
 def locate(
-    rectangle: Rectangle, sensors_m: Floats, covered: Bools, yaw_hint_rad: float = 0.0
+    bottom: Bottom, sensors_m: Floats, covered: Bools, yaw_hint_rad: float = 0.0
 ) -> Location | None:
     """Mean and spread of the poses that agree with the sensors; None if no pose or none covered.
 
     `sensors_m` has shape (S, 2), `covered` shape (S,). A rectangle looks the same after half a
-    turn: the yaw is the one nearest to the hint.
+    turn, a disc after any: the yaw is the one nearest to the hint.
     """
     if not covered.any():
         return None
-    steps = round(rectangle.period_rad / _YAW_STEP_RAD)
-    yaws_rad = yaw_hint_rad + rectangle.period_rad * (np.arange(steps) / steps - 0.5)
-    found = [_try_yaw(rectangle, float(yaw), sensors_m, covered) for yaw in yaws_rad]
+    yaws_rad = bottom.yaws_rad(yaw_hint_rad, _YAW_STEP_RAD)
+    found = [_try_yaw(bottom, float(yaw), sensors_m, covered) for yaw in yaws_rad]
     poses = np.concatenate([poses for poses, _ in found])
     wrong = np.concatenate([wrong for _, wrong in found])
     if not len(poses):
         return None
     near = wrong <= wrong.min() + _SPARE_ERRORS
     poses, weights = poses[near], np.exp(-_ERROR_COST * (wrong[near] - wrong.min()))
-    group = _likeliest_group(poses[:, 2], weights, yaw_hint_rad, rectangle.period_rad)
-    pose, covariance = _moments(poses[group], weights[group], rectangle.period_rad)
-    pose[2] = rectangle.nearest_yaw_rad(float(pose[2]), yaw_hint_rad)
+    group = _likeliest_group(poses[:, 2], weights, yaw_hint_rad, bottom.period_rad)
+    pose, covariance = _moments(poses[group], weights[group], bottom.period_rad)
+    pose[2] = bottom.nearest_yaw_rad(float(pose[2]), yaw_hint_rad)
     return Location(pose, covariance, int(wrong.min()))
 
 
 def _try_yaw(
-    rectangle: Rectangle, yaw_rad: float, sensors_m: Floats, covered: Bools
+    bottom: Bottom, yaw_rad: float, sensors_m: Floats, covered: Bools
 ) -> tuple[Floats, Ints]:
-    """Poses (N, 3) of this yaw whose circle holds all covered sensors, and each one's errors (N,).
+    """Poses (N, 3) of this yaw whose spans hold all covered sensors, and each one's errors (N,).
 
-    The grid lies along the parcel's own axes: a sensor is inside where it is inside both ways, so
-    the errors of the whole grid are one matrix product.
+    The grid lies along the parcel's own axes.
     """
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     turn = np.array([[cos, -sin], [sin, cos]])
     own_m = sensors_m @ turn
-    along_m, across_m = (_centres_m(own_m[covered, axis], rectangle.reach_m) for axis in (0, 1))
-    inside_along = np.abs(own_m[:, :1] - along_m) <= rectangle.length_m / 2
-    inside_across = np.abs(own_m[:, 1:] - across_m) <= rectangle.width_m / 2
+    along_m, across_m = (
+        _centres_m(own_m[covered, axis], span_m) for axis, span_m in enumerate(bottom.spans_m)
+    )
     sign = np.where(covered, -1.0, 1.0)
-    wrong = covered.sum() + (inside_along * sign[:, None]).T @ inside_across
+    wrong = covered.sum() + bottom.hidden(own_m, sign, along_m, across_m)
     grid_m = np.stack(np.meshgrid(along_m, across_m, indexing="ij"), axis=-1).reshape(-1, 2)
     poses = np.column_stack((grid_m @ turn.T, np.full(len(grid_m), yaw_rad)))
     return poses, wrong.ravel().astype(np.int64)
 
 
-def _centres_m(covered_m: Floats, reach_m: float) -> Floats:
+def _centres_m(covered_m: Floats, span_m: tuple[float, float]) -> Floats:
     """Where the centre may be along one axis, given where sensors are covered."""
-    return np.arange(covered_m.max() - reach_m, covered_m.min() + reach_m, _STEP_M)
+    return np.arange(covered_m.max() - span_m[1], covered_m.min() - span_m[0], _STEP_M)
 
 
 def _likeliest_group(

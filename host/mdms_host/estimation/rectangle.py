@@ -6,6 +6,7 @@ from math import copysign, cos, hypot, pi, sin
 
 import numpy as np
 
+from mdms_host.estimation.bottom import local_m, turned_m
 from mdms_model.arrays import Floats
 
 _CORNERS = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
@@ -27,37 +28,31 @@ class Rectangle:
         return hypot(self.length_m, self.width_m) / 2
 
     @property
+    def spans_m(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """From where to where it reaches, along its own x and y: as far as its corners [m]."""
+        return (-self.reach_m, self.reach_m), (-self.reach_m, self.reach_m)
+
+    @property
     def period_rad(self) -> float:
         """Turn after which the bottom looks the same [rad]."""
         return pi / 2 if self.length_m == self.width_m else pi
 
-    def local(self, points_m: Floats, pose: Floats) -> Floats:
-        """Points of shape (..., 2) in the parcel's own frame [m], for one pose."""
-        x_m, y_m, yaw_rad = pose.tolist()
-        cosine, sine = cos(yaw_rad), sin(yaw_rad)
-        own_m: Floats = (points_m - (x_m, y_m)) @ np.array([[cosine, -sine], [sine, cosine]])
-        return own_m
-
-    def corners_m(self, pose: Floats) -> Floats:
+    def outline_m(self, pose: Floats) -> Floats:
         """The corners of one pose [m; table frame], anticlockwise, shape (4, 2)."""
-        x_m, y_m, yaw_rad = pose.tolist()
-        cosine, sine = cos(yaw_rad), sin(yaw_rad)
-        turn = np.array([[cosine, sine], [-sine, cosine]])
-        places_m: Floats = (_CORNERS * self._half_m) @ turn + (x_m, y_m)
-        return places_m
+        return turned_m(_CORNERS * self._half_m, pose)
 
     def distance_m(self, points_m: Floats, pose: Floats) -> Floats:
         """Distance of points to the nearer edge line [m], negative inside, shape (S,).
 
         Outside a corner it is the greater of the two, not the Euclidean distance.
         """
-        over_m = np.abs(self.local(points_m, pose)) - self._half_m
+        over_m = np.abs(local_m(points_m, pose)) - self._half_m
         nearer_m: Floats = np.maximum(over_m[:, 0], over_m[:, 1])
         return nearer_m
 
     def edge(self, point_m: Floats, pose: Floats) -> tuple[float, Floats]:
         """`distance_m` of one point, and its derivative by the pose [1, 1, m/rad], shape (3,)."""
-        along_m, across_m = self.local(point_m, pose).tolist()
+        along_m, across_m = local_m(point_m, pose).tolist()
         over_m, beside_m = abs(along_m) - self.length_m / 2, abs(across_m) - self.width_m / 2
         cosine, sine = cos(pose[2]), sin(pose[2])
         if over_m >= beside_m:
@@ -67,6 +62,22 @@ class Rectangle:
     def nearest_yaw_rad(self, yaw_rad: float, hint_rad: float) -> float:
         """The yaw that looks the same and is nearest to the hint [rad]."""
         return yaw_rad - self.period_rad * round((yaw_rad - hint_rad) / self.period_rad)
+
+    def yaws_rad(self, hint_rad: float, step_rad: float) -> Floats:
+        """Yaws that all look different, about the hint and some `step_rad` apart [rad], (Y,)."""
+        steps = round(self.period_rad / step_rad)
+        yaws_rad: Floats = hint_rad + self.period_rad * (np.arange(steps) / steps - 0.5)
+        return yaws_rad
+
+    def hidden(self, own_m: Floats, shown: Floats, along_m: Floats, across_m: Floats) -> Floats:
+        """Sum of `shown` over the points inside, for each centre of a grid, shape (A, B).
+
+        A point is inside where it is inside both ways, so the whole grid is one matrix product.
+        """
+        inside_along = np.abs(own_m[:, :1] - along_m) <= self.length_m / 2
+        inside_across = np.abs(own_m[:, 1:] - across_m) <= self.width_m / 2
+        total: Floats = (inside_along * shown[:, None]).T @ inside_across
+        return total
 
     @cached_property
     def _half_m(self) -> Floats:

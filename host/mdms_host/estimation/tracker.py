@@ -6,7 +6,10 @@ from math import inf
 
 import numpy as np
 
+from mdms_host.estimation.bottom import Bottom
+from mdms_host.estimation.disc import Disc
 from mdms_host.estimation.estimator import ParcelEstimator
+from mdms_host.estimation.polygon import Polygon
 from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats, Ints
@@ -17,10 +20,11 @@ _STILL_S = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Parcel:
-    """A parcel as given to the host: its size, and roughly where it was put.
+    """A parcel as given to the host: its outline, and roughly where it was put.
 
     `near_m` distinguishes parcels when there are several; the yaw starts as the one that looks the
-    same and is nearest to `yaw_hint_rad`.
+    same and is nearest to `yaw_hint_rad`. `corners_m` are those of the shape 'polygon', in its own
+    frame, and `length_m` is the diameter of a 'disc'.
     """
 
     name: str
@@ -28,6 +32,17 @@ class Parcel:
     width_m: float
     near_m: tuple[float, float] | None = None
     yaw_hint_rad: float = 0.0
+    shape: str = "rectangle"
+    corners_m: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def bottom(self) -> Bottom:
+        """The outline that the wheels and sensors are under."""
+        if self.shape == "disc":
+            return Disc(self.length_m)
+        if self.shape == "polygon":
+            return Polygon(self.corners_m)
+        return Rectangle(self.length_m, self.width_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,9 +76,7 @@ class Tracker:
             parcel.name: _expected_distance_m(parcel, self._sensors_m) for parcel in parcels
         }
         self._estimators = {
-            parcel.name: ParcelEstimator(
-                layout, Rectangle(parcel.length_m, parcel.width_m), parcel.yaw_hint_rad
-            )
+            parcel.name: ParcelEstimator(layout, parcel.bottom, parcel.yaw_hint_rad)
             for parcel in parcels
         }
 
@@ -155,5 +168,4 @@ def _expected_distance_m(parcel: Parcel, sensors_m: Floats) -> Floats:
     """Distance of the sensors from the parcel where it was put [m]; zero if that is not given."""
     if parcel.near_m is None:
         return np.zeros(len(sensors_m))
-    bottom = Rectangle(parcel.length_m, parcel.width_m)
-    return bottom.distance_m(sensors_m, np.array([*parcel.near_m, parcel.yaw_hint_rad]))
+    return parcel.bottom.distance_m(sensors_m, np.array([*parcel.near_m, parcel.yaw_hint_rad]))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdms_host.estimation.rectangle import Rectangle
+from mdms_host.estimation.bottom import Bottom
 from mdms_model.arrays import Floats, Ints
 
 #: A wheel that serves no parcel.
@@ -20,7 +20,7 @@ _HOLD_M = 0.01
 class Claim:
     """A parcel that wants the wheels under it: to carry it, or, `parked`, to stand still."""
 
-    outline: Rectangle
+    outline: Bottom
     pose: Floats
     parked: bool
 

@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
-from mdms_host.estimation.rectangle import Rectangle
+from mdms_host.estimation.bottom import Bottom
 from mdms_model.arrays import Floats
 
 #: Beliefs that overlap by less may be of parcels that pass each other.
@@ -19,7 +19,7 @@ _PRESSING_S = 0.05
 class Body:
     """A parcel's outline, believed pose, commanded twist, and the time it takes to stop [s]."""
 
-    outline: Rectangle
+    outline: Bottom
     pose: Floats
     twist: Floats
     stopping_s: float
@@ -59,9 +59,9 @@ def _press(one: Body, other: Body) -> bool:
     )
 
 
-def gap_m(one: Rectangle, one_pose: Floats, other: Rectangle, other_pose: Floats) -> float:
+def gap_m(one: Bottom, one_pose: Floats, other: Bottom, other_pose: Floats) -> float:
     """Gap between two outlines along the direction that parts them best [m]; negative: overlap."""
-    corners_m = one.corners_m(one_pose), other.corners_m(other_pose)
+    corners_m = one.outline_m(one_pose), other.outline_m(other_pose)
     return max(_gap_beyond_m(*corners_m), _gap_beyond_m(*reversed(corners_m)))
 
 

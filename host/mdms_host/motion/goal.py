@@ -10,11 +10,14 @@ from mdms_model.arrays import Floats
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """The pose that a parcel is steered to [table frame], and when it counts as reached."""
+    """The pose that a parcel is steered to [table frame], and when it counts as reached.
+
+    `yaw_rad` None leaves the parcel turned as it is.
+    """
 
     x_m: float
     y_m: float
-    yaw_rad: float = 0.0
+    yaw_rad: float | None = 0.0
     tolerance_m: float = 0.002
     tolerance_rad: float = 0.01
     settle_s: float = 0.3
@@ -104,7 +107,9 @@ class GoalController:
     def _error_m(self, pose: Floats) -> Floats:
         """What is left to go, shape (3,); yaw as the way of a corner [m]."""
         x_m, y_m, yaw_rad = pose.tolist()
-        left_rad = (self.goal.yaw_rad - yaw_rad + pi) % (2 * pi) - pi
+        left_rad = 0.0
+        if self.goal.yaw_rad is not None:
+            left_rad = (self.goal.yaw_rad - yaw_rad + pi) % (2 * pi) - pi
         return np.array([self.goal.x_m - x_m, self.goal.y_m - y_m, left_rad * self._reach_m])
 
     def _approach(self, error_m: Floats) -> Floats:

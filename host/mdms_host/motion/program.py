@@ -5,7 +5,6 @@ from typing import Protocol
 
 import numpy as np
 
-from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.allocation import Claim, allocate
@@ -94,9 +93,7 @@ class GoalProgram:
         self._layout = layout
         self._trim = trim
         self._droop = droop
-        self._bottoms = {
-            parcel.name: Rectangle(parcel.length_m, parcel.width_m) for parcel in parcels
-        }
+        self._bottoms = {parcel.name: parcel.bottom for parcel in parcels}
         self._places: dict[str, Floats] = {
             parcel.name: np.array([*parcel.near_m, parcel.yaw_hint_rad])
             for parcel in parcels

@@ -2,6 +2,7 @@ import numpy as np
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from mdms_host.estimation.bottom import local_m
 from mdms_host.estimation.rectangle import Rectangle
 
 POSE = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-4, 4)).map(np.array)
@@ -23,7 +24,7 @@ def test_a_quarter_turn_swaps_length_and_width() -> None:
 
 @given(POSE, POINT)
 def test_slope_of_the_edge_agrees_with_differences(pose: np.ndarray, point_m: np.ndarray) -> None:
-    x_m, y_m = np.abs(BOTTOM.local(point_m, pose))[0]
+    x_m, y_m = np.abs(local_m(point_m, pose))[0]
     # On a crease of the distance there is no derivative.
     assume(min(abs((x_m - 0.18) - (y_m - 0.15)), x_m, y_m) > 1e-4)
     step = 1e-6 * np.eye(3)

@@ -80,3 +80,10 @@ def test_a_parcel_that_is_stopped_brakes_and_is_not_steered_any_more() -> None:
     for _ in range(50):
         controller.step(np.zeros(3), 0.01)
     assert not controller.step(np.zeros(3), 0.01).any()
+
+
+def test_a_goal_without_a_yaw_turns_nothing_and_is_reached_however_the_parcel_is_turned() -> None:
+    controller = GoalController(Goal(0.0, 0.0, None), LIMITS, REACH_M)
+    twists, _ = drive(controller, np.array([0.05, 0.02, 1.3]), 5.0)
+    assert controller.arrived
+    assert not np.array(twists)[:, 2].any()

@@ -7,13 +7,14 @@ import numpy as np
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.scenario.cells import Cells, trim
+from mdms_host.cli.scenario.footing import goal_of
 from mdms_host.cli.scenario.gain import motor_of
 from mdms_host.cli.scenario.load import timing_of
 from mdms_host.commissioning.loop_margin import observer_for
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
-from mdms_host.motion.goal import Goal, Limits
+from mdms_host.motion.goal import Limits
 from mdms_host.motion.program import FieldProgram, GoalProgram, Program
 from mdms_model import fields
 from mdms_model.array import build_wheels
@@ -110,6 +111,8 @@ def parcels_of(scenario: Scenario) -> tuple[Parcel, ...]:
             width_m=parcel.width_m,
             near_m=(parcel.x_m, parcel.y_m) if several else None,
             yaw_hint_rad=parcel.yaw_rad,
+            shape=parcel.shape,
+            corners_m=parcel.corners_m,
         )
         for parcel in scenario.parcel
     )
@@ -120,11 +123,8 @@ def _program(
 ) -> Program:
     if scenario.motion.field != "goal":
         return FieldProgram(references_m_s(scenario))
-    goals = {
-        parcel.name: Goal(parcel.goal.x_m, parcel.goal.y_m, parcel.goal.yaw_rad)
-        for parcel in scenario.parcel
-        if parcel.goal is not None
-    }
+    told = {parcel.name: goal_of(parcel) for parcel in scenario.parcel}
+    goals = {name: goal for name, goal in told.items() if goal is not None}
     limits = Limits(
         speed_m_s=scenario.motion.speed_m_s,
         friction=scenario.cell.friction,

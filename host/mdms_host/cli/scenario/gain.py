@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.scenario.footing import refuse_tipping
 from mdms_host.cli.scenario.load import refuse_overload
 from mdms_host.commissioning.loop_margin import (
     GainError,
@@ -26,6 +27,7 @@ def open_program(name_or_path: str, overrides: Sequence[str]) -> Scenario:
     scenario = load_scenario(name_or_path, overrides)
     refuse_overload(scenario)
     refuse_large_gain(scenario)
+    refuse_tipping(scenario)
     return scenario
 
 

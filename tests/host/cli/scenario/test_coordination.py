@@ -15,6 +15,9 @@ from mdms_host.cli.scenario.coordination import (
     references_m_s,
     settings_of,
 )
+from mdms_host.cli.scenario.footing import goal_of
+from mdms_host.estimation.disc import Disc
+from mdms_host.estimation.polygon import Polygon
 from mdms_model.array import build_wheels
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.dictionary import ENTRIES
@@ -112,3 +115,22 @@ def test_bad_table_is_refused_by_its_key(plane):
     motion = replace(plane.motion, field="table", table_m_s=(0.1,))
     with pytest.raises(CommandError, match=r"motion.field: the table"):
         references_m_s(replace(plane, motion=motion))
+
+
+def test_discs_and_polygons_are_handed_on_as_what_they_are(plane):
+    corners_m = ((0.17, -0.15), (0.0, 0.15), (-0.17, -0.15))
+    (box,) = plane.parcel
+    disc = replace(box, shape="disc", length_m=0.3, width_m=0.3)
+    triangle = replace(box, name="triangle", shape="polygon", corners_m=corners_m)
+    told = parcels_of(replace(plane, parcel=(disc, triangle)))
+    assert told[0].bottom == Disc(0.3)
+    assert told[1].bottom == Polygon(corners_m)
+
+
+def test_a_disc_is_steered_to_a_place_however_it_is_turned(plane):
+    (box,) = plane.parcel
+    disc = replace(box, shape="disc", length_m=0.3, width_m=0.3)
+    told = goal_of(replace(disc, goal=replace(box.goal, yaw_rad=0.0)))
+    assert (told.x_m, told.y_m, told.yaw_rad) == (0.10, 0.0, None)
+    with pytest.raises(CommandError, match=r"goal.yaw_rad of parcel 'box' is 0.523.*leave yaw_rad"):
+        goal_of(disc)

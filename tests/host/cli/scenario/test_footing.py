@@ -1,0 +1,57 @@
+"""A parcel that would tip is refused by name before anything moves."""
+
+import pytest
+
+from mdms_host.cli import main
+from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.scenario.gain import open_program
+from mdms_model.scenario.file import builtin_names
+
+SMALL = ("parcel.0.length_m=0.25", "parcel.0.width_m=0.20")
+#: Between two rows of wheels, which it covers both.
+SAFE = ("parcel.0.x_m=-0.20", "parcel.0.y_m=-0.065")
+
+
+def refusal(*overrides):
+    with pytest.raises(CommandError) as refused:
+        open_program("array18", overrides)
+    assert refused.value.code is Exit.USAGE
+    return str(refused.value)
+
+
+@pytest.mark.parametrize("name", builtin_names())
+def test_scenarios_that_come_with_the_package_are_accepted(name):
+    open_program(name, ())
+    open_program(name, ("run.fidelity=firmware",))
+
+
+def test_a_goal_that_ends_off_the_table_is_refused():
+    text = refusal("parcel.0.goal.x_m=0.37", "parcel.0.goal.y_m=0.18")
+    assert text.startswith("parcel.0: 'box' (rectangle, 0.36 m x 0.3 m) would tip at its goal")
+    assert "at x 0.370 m, y 0.180 m, turned by 30 degrees" in text
+    assert "53.0 mm outside its supports, and 10 mm are needed" in text
+
+
+def test_a_start_between_supports_is_refused():
+    assert "would tip at its start, at x -0.100 m" in refusal(*SMALL)
+
+
+def test_a_way_that_leads_between_supports_is_refused_though_both_ends_stand():
+    goal = "parcel.0.goal={ x_m = -0.20, y_m = 0.065 }"
+    assert "would tip on its way" in refusal(*SMALL, *SAFE, goal)
+
+
+def test_a_parcel_that_no_field_steers_counts_where_it_starts():
+    open_program("array18", (*SMALL, *SAFE, "motion.field=uniform", "motion.speed_m_s=0.05"))
+    assert "at its start" in refusal(*SMALL, "motion.field=uniform", "motion.speed_m_s=0.05")
+
+
+def test_the_papers_model_may_tip():
+    open_program("array18", (*SMALL, "motion.field=uniform", "run.fidelity=ideal"))
+
+
+@pytest.mark.parametrize("verb", ["simulate", "serve", "run"])
+def test_every_verb_that_moves_parcels_refuses(verb, capsys):
+    options = [text for each in SMALL for text in ("--set", each)]
+    assert main([verb, "array18", *options]) == Exit.USAGE
+    assert "would tip" in capsys.readouterr().err
