@@ -13,7 +13,7 @@ NODES = ("cpython", "micropython")
 #: Forms of the bus log: candump, and Vector's binary and text.
 BUS_FORMATS = ("log", "blf", "asc")
 LAWS = ("sliding", "at_rest")
-SENDERS = ("all", "host", "cells")
+SENDERS = ("host", "cells")
 #: No machine keeps up beyond this.
 SPEED_MAX = 100.0
 PORT_MAX = 65535
@@ -144,7 +144,12 @@ def add_run(parser: ArgumentParser) -> None:
         "program", metavar="PROGRAM", help="a scenario: its array, its parcels, its motion"
     )
     add_overrides(parser)
-    parser.add_argument("--limit", metavar="SECONDS", type=float, help="give up after so long")
+    parser.add_argument(
+        "--limit",
+        metavar="SECONDS",
+        type=_limit,
+        help="give up after so long (default: run.duration_s, and 10 s for the bring-up)",
+    )
     add_json(parser)
 
 
@@ -158,7 +163,12 @@ def add_replay(parser: ArgumentParser) -> None:
     """Those of `replay`, but the bus."""
     add_folder(parser)
     parser.add_argument(
-        "--only", choices=SENDERS, default="all", help="whose frames: to real cells, the host's"
+        "--only", choices=SENDERS, default="host", help="whose frames (default: the host's)"
+    )
+    parser.add_argument(
+        "--all",
+        action="store_true",
+        help="the frames of cells as well: for a bus that has none, or they collide",
     )
     parser.add_argument(
         "--nodes",
@@ -173,6 +183,13 @@ def _speed(text: str) -> float:
     if not math.isfinite(speed) or not 0 < speed <= SPEED_MAX:
         raise ArgumentTypeError(f"{text} is not above 0 and at most {SPEED_MAX:g}")
     return speed
+
+
+def _limit(text: str) -> float:
+    limit_s = float(text)
+    if not 0 < limit_s < math.inf:
+        raise ArgumentTypeError(f"{text} is no time above 0")
+    return limit_s
 
 
 def _port(text: str) -> int:

@@ -3,7 +3,7 @@
 Frames and time are passed in: the simulation and a real bus drive it alike.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from functools import partial
 from math import inf
 from types import MappingProxyType
@@ -18,6 +18,7 @@ from mdms_host.coordination.phase import BRING_UP, STOPPED, TRANSITIONS, Phase, 
 from mdms_host.coordination.schedule import Schedule, Timing
 from mdms_host.coordination.supervision import Supervision, names
 from mdms_host.coordination.velocity_frames import VelocityFrames
+from mdms_host.coordination.watch import Watch
 from mdms_host.estimation.tracker import Estimate, Parcel, Tracker
 from mdms_host.layout import Layout
 from mdms_host.motion.program import Program
@@ -36,7 +37,8 @@ _SETTLED = (Phase.RUNNING, *STOPPED)
 class Coordinator:
     """A participant of the bus that runs a program on all cells of a layout.
 
-    `fault` is the first fault, None without one; `events` is what happened, as (time [s], text).
+    `fault` is the first fault, None without one; `events` is what happened, as (time [s], text);
+    `troubles` are those of the events that a person should look after, though the run goes on.
     `settings` are written to every cell, `own_settings` to that node besides; all other stored
     settings must be at their defaults. Raises ValueError for cells of more wheels than the wire has
     axes.
@@ -58,6 +60,7 @@ class Coordinator:
         self.phase = Phase.WAITING
         self.fault: str | None = None
         self.events: list[tuple[float, str]] = []
+        self.troubles: list[tuple[float, str]] = []
         self.tracker = Tracker(layout, parcels)
         self.cells = tuple(
             BringUpCell(
@@ -67,6 +70,7 @@ class Coordinator:
         )
         self.references_m_s: Floats = np.zeros(len(layout.wheel_cells))
         self._program = program
+        self._watch = Watch(self.cells, axes, program)
         self._timing = timing or Timing()
         self._supervision = Supervision(self.cells, self._timing)
         self._answered: set[BringUpCell] = set()
@@ -90,6 +94,11 @@ class Coordinator:
     def endless(self) -> bool:
         """Whether the program has no end of its own."""
         return self._program.endless
+
+    @property
+    def arrived_s(self) -> Mapping[str, float]:
+        """When each parcel came to its goal, of those that are there [s]."""
+        return self._watch.arrived_s
 
     @property
     def stopped(self) -> bool:
@@ -226,6 +235,7 @@ class Coordinator:
         if self.phase == Phase.RUNNING:
             poses = self.tracker.poses(self._schedule.next_s("sync"))
             self.references_m_s = self._program.references_m_s(poses, self._timing.sync_period_s)
+            self._watch_parcels(poses)
         yield from self._velocities.targets(self.references_m_s)
 
     def _track(self) -> None:
@@ -233,10 +243,20 @@ class Coordinator:
         reported = [cell.speeds_data for cell in self.cells if cell.speeds_data is not None]
         if len(reported) < len(self.cells):
             return
-        found = self.tracker.on_speeds(self._synced_s, self._velocities.actual_m_s(reported))
+        speed_m_s = self._velocities.actual_m_s(reported)
+        period_s = self._timing.sync_period_s
+        for text in self._watch.wheels(self.references_m_s, speed_m_s, period_s):
+            self._warn(text)
+        found = self.tracker.on_speeds(self._synced_s, speed_m_s)
         for name in found:
             x_m, y_m, yaw_rad = self.tracker.poses(self._synced_s)[name]
             self._note(f"{name} found at x = {x_m:.3f} m, y = {y_m:.3f} m, yaw = {yaw_rad:.2f} rad")
+
+    def _watch_parcels(self, found: Collection[str]) -> None:
+        for text in self._watch.arrivals(self._now_s):
+            self._note(text)
+        for text in self._watch.parcels(found, self._timing.sync_period_s):
+            self._warn(text)
 
     def _signal(self, signal: Signal) -> None:
         self._enter(TRANSITIONS[self.phase, signal])
@@ -257,6 +277,10 @@ class Coordinator:
         self.fault = text
         self._note(f"fault: {text}")
         self._signal(Signal.FAULT)
+
+    def _warn(self, text: str) -> None:
+        self.troubles.append((self._now_s, text))
+        self._note(text)
 
     def _note(self, text: str) -> None:
         self.events.append((self._now_s, text))

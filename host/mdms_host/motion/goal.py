@@ -1,7 +1,7 @@
 """Closed-loop steering of one parcel to a goal pose, gently enough that its wheels roll."""
 
 from dataclasses import dataclass
-from math import hypot, pi, sqrt
+from math import hypot, inf, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,11 +55,23 @@ class GoalController:
         self._reach_m = reach_m
         self._extent_m = np.array([1.0, 1.0, reach_m])
         self._twist_m_s: Floats = np.zeros(3)
+        self._left_m = inf
         self._within_s = 0.0
+
+    @property
+    def left_m(self) -> float:
+        """What was left to go at the last step, a corner's way included [m]; inf before it."""
+        return self._left_m
+
+    @property
+    def speed_m_s(self) -> float:
+        """How fast the parcel is commanded to go there, a corner's way included [m/s]."""
+        return hypot(*self._twist_m_s.tolist())
 
     def step(self, pose: Floats, step_s: float) -> Floats:
         """Twist (vx, vy, yaw rate) to command for the next step, shape (3,), about the centre."""
         error_m = self._error_m(pose)
+        self._left_m = hypot(*error_m.tolist())
         self._check_arrival(error_m, step_s)
         wanted_m_s = np.zeros(3) if self.arrived else self._approach(error_m)
         change_m_s = wanted_m_s - self._twist_m_s

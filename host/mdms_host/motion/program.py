@@ -34,6 +34,11 @@ class Program(Protocol):
         """Whether the program has no end of its own."""
         ...
 
+    @property
+    def controllers(self) -> Mapping[str, GoalController]:
+        """What steers each parcel that has a goal, by the parcel's name."""
+        ...
+
 
 class FieldProgram:
     """An open-loop field: the same references for as long as it runs."""
@@ -50,6 +55,11 @@ class FieldProgram:
     def endless(self) -> bool:
         """A field goes on for as long as it may."""
         return True
+
+    @property
+    def controllers(self) -> Mapping[str, GoalController]:
+        """A field steers no parcel to a goal."""
+        return {}
 
     def references_m_s(self, poses: Mapping[str, Floats], step_s: float) -> Floats:
         """The field's references, shape (W,)."""
@@ -92,6 +102,11 @@ class GoalProgram:
     def endless(self) -> bool:
         """Goals are reached at some time."""
         return False
+
+    @property
+    def controllers(self) -> Mapping[str, GoalController]:
+        """See `Program`."""
+        return self._controllers
 
     def references_m_s(self, poses: Mapping[str, Floats], step_s: float) -> Floats:
         """References that move every parcel as one rigid body, r = (b/a) J xi, shape (W,)."""

@@ -14,7 +14,7 @@ from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.clock import Clock, MonotonicClock
 from mdms_host.commissioning.scan import scan_bus, scan_table
 from mdms_host.commissioning.status import StatusModel, status_table
-from mdms_host.commissioning.stop import stop_all
+from mdms_host.commissioning.stop import not_off_text, stop_all
 
 #: Ten heartbeats at their default period.
 LISTEN_S = 1.0
@@ -60,8 +60,7 @@ def stop(arguments: Namespace) -> Exit:
     if not report.heard:
         raise CommandError(NO_NODES, Exit.NO_DEVICE)
     if report.not_off:
-        nodes = ", ".join(map(str, report.not_off))
-        raise CommandError(f"not off: node {nodes}; cut the motors' power", Exit.NODE_FAULT)
+        raise CommandError(not_off_text(report), Exit.NODE_FAULT)
     if not arguments.json:
         print(f"{len(report.heard)} cells are off")
     return Exit.OK

@@ -11,6 +11,7 @@ from mdms_host.cli.simulation.bus_log import LogPlayer, chosen, read_log
 from mdms_host.cli.simulation.figures import figures_of, report
 from mdms_host.cli.simulation.replay_nodes import replay_on_nodes
 from mdms_host.cli.simulation.simulate import verdict
+from mdms_host.commissioning.stop import not_off_text, stop_all
 from mdms_model.run.folder import read_run
 
 
@@ -18,10 +19,14 @@ def run(arguments: Namespace) -> Exit:
     """Send the log again, and report what came of it."""
     if arguments.nodes is None:
         return _send(arguments)
-    if arguments.only == "cells" or vars(arguments).keys() & {"interface", "channel"}:
+    if (
+        arguments.all
+        or arguments.only == "cells"
+        or vars(arguments).keys() & {"interface", "channel"}
+    ):
         raise CommandError(
             "--nodes: simulated cells are sent the host's frames, and on a bus of their own; "
-            "leave --only cells, -i and -c out",
+            "leave --all, --only cells, -i and -c out",
             Exit.USAGE,
         )
     return _run_cells(arguments)
@@ -35,19 +40,27 @@ def _run_cells(arguments: Namespace) -> Exit:
         finished = replay_on_nodes(scenario, frames, arguments.nodes, advance)
     figures = figures_of(scenario, finished)
     print(json.dumps(figures) if arguments.json else "\n".join(report(figures)))
-    return verdict(finished)
+    return verdict(scenario, finished)
 
 
 def _send(arguments: Namespace) -> Exit:
-    """Send the log to a bus, frame by frame, and print how many there were."""
-    frames = list(chosen(read_log(arguments.folder / "bus.log"), arguments.only))
+    """Send the log to a bus, frame by frame, turn all off, and print how many there were."""
+    sender = "all" if arguments.all else arguments.only
+    frames = list(chosen(read_log(arguments.folder / "bus.log"), sender))
     with open_link(arguments) as (link, clock):
         player = LogPlayer(frames, clock.now_s())
-        drive(player, link, clock, lambda: player.over)
-        duration_s, unsent = clock.now_s() - player.start_s, link.unsent
+        try:
+            drive(player, link, clock, lambda: player.over)
+            duration_s, unsent = clock.now_s() - player.start_s, link.unsent
+        finally:
+            # The host of the log may not have come to its end, and what it enabled would run on
+            # until the cells miss it, and then stand in fault.
+            stopped = stop_all(link, clock)
     figures = {"frames": len(frames), "unsent": unsent, "duration_s": duration_s}
     if arguments.json:
         print(json.dumps(figures))
     else:
         print(f"sent {len(frames) - unsent} of {len(frames)} frames in {duration_s:.2f} s")
+    if stopped.not_off:
+        raise CommandError(not_off_text(stopped), Exit.NODE_FAULT)
     return Exit.OK if not unsent else Exit.FAILURE

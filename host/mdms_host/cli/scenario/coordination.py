@@ -101,14 +101,19 @@ def parcels_of(scenario: Scenario) -> tuple[Parcel, ...]:
     )
 
 
+def goals_by_parcel(scenario: Scenario) -> list[Goal | None]:
+    """The goal that each parcel is steered to, in their order; None for those that are not."""
+    if scenario.motion.field != "goal":
+        return [None] * len(scenario.parcel)
+    goals = [parcel.goal for parcel in scenario.parcel]
+    return [None if goal is None else Goal(goal.x_m, goal.y_m, goal.yaw_rad) for goal in goals]
+
+
 def _program(scenario: Scenario, layout: Layout, parcels: tuple[Parcel, ...]) -> Program:
     if scenario.motion.field != "goal":
         return FieldProgram(references_m_s(scenario))
-    goals = {
-        parcel.name: Goal(parcel.goal.x_m, parcel.goal.y_m, parcel.goal.yaw_rad)
-        for parcel in scenario.parcel
-        if parcel.goal is not None
-    }
+    steered = zip(scenario.parcel, goals_by_parcel(scenario), strict=True)
+    goals = {parcel.name: goal for parcel, goal in steered if goal is not None}
     limits = Limits(
         speed_m_s=scenario.motion.speed_m_s,
         friction=scenario.cell.friction,

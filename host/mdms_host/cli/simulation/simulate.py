@@ -11,7 +11,8 @@ from mdms_host.cli.exits import CommandError, Exit, writing
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.simulation.bus_log import convert_log
 from mdms_host.cli.simulation.compose import Finished, run_scenario
-from mdms_host.cli.simulation.figures import figures_of, report
+from mdms_host.cli.simulation.figures import fault_of, figures_of, goals_of, report
+from mdms_host.motion.outcome import missed_text
 from mdms_model.run.folder import DATABASE, fresh_folder, write_run
 from mdms_model.scenario.scenario import Scenario
 from mdms_protocol.generators import dbc
@@ -33,7 +34,7 @@ def run(arguments: Namespace) -> Exit:
         print(json.dumps(figures))
     else:
         print(*report(figures), sep="\n")
-    return verdict(finished)
+    return verdict(scenario, finished)
 
 
 def simulate(
@@ -75,13 +76,15 @@ def _has_bus(scenario: Scenario) -> bool:
     return scenario.run.fidelity == "firmware"
 
 
-def verdict(finished: Finished) -> Exit:
+def verdict(scenario: Scenario, finished: Finished) -> Exit:
     """Report what went wrong, if anything did; how the command ends."""
-    for event in finished.record.events:
-        if event.kind == "tip":
-            say(f"mdms: {event.parcel} tips at {event.time_s:.3f} s: {event.detail}")
-            return Exit.FAILURE
+    for time_s, text in finished.troubles:
+        say(f"{time_s:8.3f} s  {text}")
+    missed = missed_text(goals_of(scenario, finished.record))
+    for text in filter(None, (fault_of(finished), missed)):
+        say(f"mdms: {text}")
+    if any(event.kind == "tip" for event in finished.record.events):
+        return Exit.FAILURE
     if finished.fault is not None:
-        say(f"mdms: {finished.fault}")
         return Exit.NODE_FAULT
-    return Exit.OK
+    return Exit.OK if missed is None else Exit.TIME_LIMIT
