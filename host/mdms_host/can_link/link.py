@@ -14,11 +14,15 @@ from types import TracebackType
 import can
 from can.cli import create_bus_from_namespace
 
+from mdms_host.can_link.drivers import remedy
 from mdms_host.clock import Clock
 from mdms_model.participant import Participant
 from mdms_protocol.frame import Frame
 
 _DEVICE_ERRORS = (can.CanOperationError, OSError)
+#: What python-can and its plug-ins raise where a bus cannot be opened; some fail of a library that
+#: is not there, or of a channel's kind.
+_NO_BUS = (ArgumentError, can.CanError, OSError, ValueError, ImportError, NameError, TypeError)
 #: A device that fails this many times in a row, so far apart, is taken to be gone.
 _DEVICE_ATTEMPTS = 5
 _ATTEMPT_PAUSE_S = 0.05
@@ -51,14 +55,15 @@ def open_bus(options: Namespace) -> can.BusABC:
     """
     try:
         return create_bus_from_namespace(options)
-    except (ArgumentError, can.CanError, OSError, ValueError) as error:
-        if getattr(options, "interface", None) is None and "None" in str(error.__cause__):
+    except _NO_BUS as error:
+        interface = getattr(options, "interface", None)
+        problem = str(error.__cause__ or error).rstrip(".")
+        advice = "name one with -i and -c, or start a virtual one: mdms serve array18"
+        if interface is None and "None" in str(error.__cause__):
             reason = "no CAN interface was named"
         else:
-            reason = f"the CAN bus cannot be opened: {error.__cause__ or error}"
-        raise NoBusError(
-            f"{reason}; name one with -i and -c, or start a virtual one: mdms serve array18"
-        ) from None
+            reason = f"the CAN bus cannot be opened: {problem}"
+        raise NoBusError(f"{reason}; {remedy(interface, problem) or advice}") from None
 
 
 class Link:

@@ -11,6 +11,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from mdms_host.can_link.emergencies import error_text
 from mdms_host.can_link.remote_cell import Handler
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.coordination.bring_up import BringUpCell
@@ -157,10 +158,13 @@ class Coordinator:
         self._schedule_commands(cell, now_s)
 
     def _on_emergency(self, cell: BringUpCell, data: bytes, now_s: float) -> None:
-        before = cell.emergency
+        before = set(cell.errors.items())
         cell.on_emergency(data, now_s)
-        if cell.emergency != before:
-            self.events.append((now_s, f"{cell.name} sends emergency 0x{cell.emergency or 0:04X}"))
+        after = set(cell.errors.items())
+        for error in sorted(before - after):
+            self.events.append((now_s, f"{cell.name} clears emergency {error_text(*error)}"))
+        for error in sorted(after - before):
+            self.events.append((now_s, f"{cell.name} sends emergency {error_text(*error)}"))
 
     def _on_answer(self, cell: BringUpCell, data: bytes, now_s: float) -> None:
         cell.on_answer(data, now_s)

@@ -9,7 +9,7 @@ from rich.live import Live
 
 from mdms_host.can_link.link import Link, drive, open_bus
 from mdms_host.cli.array.bus import NO_NODES, open_link
-from mdms_host.cli.console import show
+from mdms_host.cli.console import dots, show
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.clock import Clock, MonotonicClock
 from mdms_host.commissioning.scan import scan_bus, scan_table
@@ -45,7 +45,7 @@ def status(arguments: Namespace) -> Exit:
         elif rows and sys.stdout.isatty() and not arguments.once:
             _show_live(model, link, clock)
         elif rows:
-            show(status_table(rows))
+            show(status_table(rows, dots()))
     if not rows:
         raise CommandError(NO_NODES, Exit.NO_DEVICE)
     return Exit.OK
@@ -75,7 +75,7 @@ def _show_live(model: StatusModel, link: Link, clock: Clock) -> None:
             nonlocal due_s
             if clock.now_s() >= due_s:
                 due_s += REDRAW_S
-                live.update(status_table(model.rows(clock.now_s())), refresh=True)
+                live.update(status_table(model.rows(clock.now_s()), dots()), refresh=True)
             return False
 
         try:

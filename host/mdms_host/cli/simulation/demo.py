@@ -40,7 +40,7 @@ def _journey(parcel: Parcel, end: dict[str, Any], goals: dict[str, dict[str, Any
 
 def _machine(figures: dict[str, Any]) -> list[str]:
     bus = figures["bus"]
-    compiling = f" (after {figures['compile_s']:.0f} s of compiling, once per installation)"
+    compiling = f" (after {figures['compile_s']:.0f} s of compiling)"
     return [
         f"  bus: {bus['frames']:,} frames, {100 * bus['load']:.0f} % load at 1 Mbit/s",
         f"  {figures['duration_s']:g} s simulated in {figures['wall_s']:.1f} s: "

@@ -125,7 +125,7 @@ def report(figures: dict[str, Any]) -> list[str]:
         f"in {figures['wall_s']:.3g} s, {figures['real_time_factor']:,.3g} times real time",
     ]
     if figures["compile_s"] >= REPORTED_S:
-        lines.append(f"  after {figures['compile_s']:.1f} s of compiling, once per installation")
+        lines.append(f"  after {figures['compile_s']:.1f} s of compiling")
     lines += [f"  {_sentence(parcel)}" for parcel in figures["parcels"]]
     if "bus" in figures:
         bus = figures["bus"]
