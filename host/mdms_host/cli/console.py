@@ -12,11 +12,6 @@ from rich.table import Table
 WIDE = 200
 
 
-def say(message: str) -> None:
-    """One line for people."""
-    print(message, file=sys.stderr)
-
-
 def show(table: Table) -> None:
     """A table on stdout, as wide as the terminal, or as it needs to be where there is none."""
     console = Console()

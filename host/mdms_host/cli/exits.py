@@ -1,5 +1,6 @@
 """How the command ends: its exit codes, and which error leads to which of them."""
 
+import errno
 from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import IntEnum
@@ -23,6 +24,7 @@ INTERRUPTED = 130
 #: Exit codes by class of error; of a class and its bases, the nearest that is listed counts.
 #: Classes are named here, not imported: a verb should not wait for the modules of the others.
 EXITS = {
+    "builtins.OSError": Exit.FAILURE,
     "mdms_host.can_link.link.LinkError": Exit.NO_DEVICE,
     "mdms_host.commissioning.array_file.ArrayFileError": Exit.USAGE,
     "mdms_host.commissioning.lss_master.LssError": Exit.NODE_FAULT,
@@ -36,6 +38,19 @@ EXITS = {
     "mdms_model.scenario.scenario.ScenarioError": Exit.USAGE,
     "mdms_sim.serve.endpoint.ServeError": Exit.FAILURE,
 }
+
+#: What is wrong with a path that was given, and not with the device behind it.
+_BAD_PLACES = frozenset(
+    (
+        errno.ENOENT,
+        errno.EEXIST,
+        errno.ENOTDIR,
+        errno.EISDIR,
+        errno.EACCES,
+        errno.EPERM,
+        errno.EROFS,
+    )
+)
 
 
 class CommandError(Exception):
@@ -54,10 +69,21 @@ def exit_of(error: Exception) -> Exit | None:
     return next((EXITS[name] for name in names if name in EXITS), None)
 
 
+def text_of(error: Exception) -> str:
+    """The error in one line: of a file, its name and what the system says of it."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)
+
+
 @contextmanager
-def writing(path: Path, code: Exit) -> Iterator[None]:
-    """Turns an `OSError` inside into a `CommandError` that names the path."""
+def writing(path: Path) -> Iterator[None]:
+    """Turns an `OSError` inside into a `CommandError` that names the path.
+
+    A place where nothing can be written is bad input, one that is full or breaks is a failure.
+    """
     try:
         yield
     except OSError as error:
+        code = Exit.USAGE if error.errno in _BAD_PLACES else Exit.FAILURE
         raise CommandError(f"{path}: cannot be written: {error.strerror}", code) from None

@@ -4,9 +4,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
-from mdms_host.can_link.link import Link, drive
+from mdms_host.can_link.link import DeviceGoneError, Link, drive
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
+from mdms_protocol import nmt
 
 
 class Ending(StrEnum):
@@ -21,11 +22,15 @@ class Ending(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """A run that has ended: how, after how long [s], and with which fault, if any."""
+    """A run that has ended: how, after how long [s], and with which fault, if any.
+
+    `interrupt` is what ended it early, if a person did.
+    """
 
     ending: Ending
     duration_s: float
     fault: str | None
+    interrupt: KeyboardInterrupt | None = None
 
 
 def operate(
@@ -38,7 +43,8 @@ def operate(
     """Run the program until it is finished, for `limit_s` at most, then turn the array off.
 
     `on_event(time_s, text)` is called for events as they happen. An interrupt (Ctrl-C) ends the run
-    in order; a second one breaks it off. Raises DeviceGoneError.
+    in order; so does any error, which is raised when the array is off. A second interrupt breaks
+    the ending off. Raises DeviceGoneError.
     """
     start_s, reported = clock.now_s(), 0
 
@@ -53,17 +59,33 @@ def operate(
         late = limit_s is not None and clock.now_s() - start_s > limit_s
         return not (coordinator.stopped or coordinator.finished or late)
 
-    interrupted = False
+    interrupt: KeyboardInterrupt | None = None
     try:
         drive(coordinator, link, clock, lambda: not running())
-    except KeyboardInterrupt:
-        interrupted = True
+    except KeyboardInterrupt as caught:
+        interrupt = caught
+    except DeviceGoneError:
+        raise
+    except BaseException:
+        _turn_off(coordinator, link, clock)
+        raise
     finished = coordinator.finished
-    coordinator.stop()
-    drive(coordinator, link, clock, lambda: coordinator.stopped)
+    _turn_off(coordinator, link, clock)
     report_events()
-    ending = _ending(coordinator, interrupted, finished, limit_s)
-    return Operation(ending, clock.now_s() - start_s, coordinator.fault)
+    ending = _ending(coordinator, interrupt is not None, finished, limit_s)
+    return Operation(ending, clock.now_s() - start_s, coordinator.fault, interrupt)
+
+
+def _turn_off(coordinator: Coordinator, link: Link, clock: Clock) -> None:
+    """Stop the array in order; where that fails, take all cells out of 'operational' at once."""
+    coordinator.stop()
+    try:
+        drive(coordinator, link, clock, lambda: coordinator.stopped)
+    except DeviceGoneError:
+        raise
+    except BaseException:
+        link.send(nmt.command(nmt.ENTER_PRE_OPERATIONAL))
+        raise
 
 
 def _ending(

@@ -14,7 +14,7 @@ from mdms_host.motion.goal import Goal, GoalController, Limits
 Floats = NDArray[np.float64]
 
 #: Wheels this far outside a parcel already run as if they were under it.
-_MARGIN_M = 0.05
+MARGIN_M = 0.05
 
 
 class Program(Protocol):
@@ -112,7 +112,7 @@ class GoalProgram:
         """References that move every parcel as one rigid body, r = (b/a) J xi, shape (W,)."""
         wheels_m = self._layout.wheel_positions_m
         references_m_s = np.zeros(len(wheels_m))
-        nearest_m = np.full(len(wheels_m), _MARGIN_M)
+        nearest_m = np.full(len(wheels_m), MARGIN_M)
         for name, pose in poses.items():
             if name not in self._controllers:
                 continue

@@ -80,3 +80,35 @@ def test_a_second_run_takes_the_array_over_from_one_that_broke_off(served_cells,
     assert {node.state for node in scan_bus(served_cells.open(), clock)} == {"operational"}
     with Link(served_cells.open(), clock) as link:
         assert operate(coordinator(), link, clock, 1.5).ending == Ending.DONE
+
+
+def test_an_error_in_the_cycle_leaves_the_array_off_and_is_raised(served_cells, clock) -> None:
+    class Failing(FieldProgram):
+        steps = 0
+
+        def references_m_s(self, poses, step_s):
+            self.steps += 1
+            if self.steps == 20:
+                raise ZeroDivisionError
+            return super().references_m_s(poses, step_s)
+
+    one = Coordinator(LAYOUT, Failing(np.full(6, 0.05)), timing=PATIENT)
+    with Link(served_cells.open(), clock) as link:
+        with pytest.raises(ZeroDivisionError):
+            operate(one, link, clock, 10.0)
+        assert one.phase == Phase.STOPPED
+    assert not any(cell.moving for cell in one.cells)
+
+
+def test_an_ending_that_fails_as_well_takes_the_cells_out_of_operational(
+    served_cells, clock, monkeypatch
+) -> None:
+    one = coordinator()
+
+    def fail(_now_s: float, text: str) -> None:
+        if text == Phase.RUNNING:
+            monkeypatch.setattr(one, "poll", lambda _now_s: 1 / 0)
+
+    with Link(served_cells.open(), clock) as link, pytest.raises(ZeroDivisionError):
+        operate(one, link, clock, 10.0, on_event=fail)
+    assert {node.state for node in scan_bus(served_cells.open(), clock)} == {"pre-operational"}

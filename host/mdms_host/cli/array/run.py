@@ -2,14 +2,16 @@
 
 import json
 from argparse import Namespace
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from math import isnan
 
 from mdms_host.cli.array.bus import open_link
-from mdms_host.cli.console import say
-from mdms_host.cli.exits import INTERRUPTED, CommandError, Exit
+from mdms_host.cli.exits import CommandError, Exit, exit_of
 from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of, goals_by_parcel
 from mdms_host.cli.scenario.gain import open_program
+from mdms_host.cli.streams import say
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, Operation, operate
 from mdms_host.motion.goal import Goal
@@ -31,7 +33,7 @@ def run(arguments: Namespace) -> int:
     """Bring the array up, run the program, turn everything off, and report how it went."""
     scenario = open_program(arguments.program, [*arguments.overrides, "run.fidelity=firmware"])
     coordinator = coordinator_of(scenario)
-    with open_link(arguments) as (link, clock):
+    with open_link(arguments) as (link, clock), _broken_off():
         limit_s = arguments.limit or scenario.run.duration_s + BRING_UP_S
         operation = operate(coordinator, link, clock, limit_s, _print_event)
     goals = goals_of(scenario, coordinator)
@@ -40,6 +42,20 @@ def run(arguments: Namespace) -> int:
     else:
         print(f"{scenario.title}: {operation.ending} after {operation.duration_s:.1f} s")
     return _verdict(operation, missed_text(goals))
+
+
+@contextmanager
+def _broken_off() -> Iterator[None]:
+    """Says of an error that nobody expected what became of the array."""
+    try:
+        yield
+    except Exception as error:
+        if exit_of(error) is not None:
+            raise
+        what = f"{type(error).__name__}: {error}"
+        raise CommandError(
+            f"the run was broken off, and the array turned off: {what}", Exit.FAILURE
+        ) from error
 
 
 def _print_event(time_s: float, text: str) -> None:
@@ -81,8 +97,8 @@ def _outcome(coordinator: Coordinator, name: str, goal: Goal) -> GoalOutcome:
 
 
 def _verdict(operation: Operation, missed: str | None) -> int:
-    if operation.ending is Ending.INTERRUPTED:
-        return INTERRUPTED
+    if operation.interrupt is not None:
+        raise operation.interrupt
     code = EXITS[operation.ending]
     if code is not Exit.OK:
         raise CommandError(operation.fault or missed or "the time limit has passed", code)

@@ -15,8 +15,9 @@ from mdms_host.cli.configure.cells import (
 )
 from mdms_host.cli.configure.options import nodes_of
 from mdms_host.cli.configure.set import check_margins, to_read
-from mdms_host.cli.console import progress, say
+from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit, writing
+from mdms_host.cli.streams import say
 from mdms_host.commissioning.array_file import FiledCell, array_text, read_array_file
 from mdms_host.commissioning.cell_settings import CellSettings, identify_cells, read_settings
 from mdms_host.commissioning.network import Commissioning
@@ -34,7 +35,7 @@ def dump(arguments: Namespace) -> Exit:
         print(text, end="")
         return Exit.OK
     partial = arguments.file.with_name(f".{arguments.file.name}.partial")
-    with writing(arguments.file, Exit.FAILURE):
+    with writing(arguments.file):
         partial.write_text(text, encoding="utf-8")
         partial.replace(arguments.file)
     print(f"{len(cells)} cells, {len(PARAMETERS)} settings each: {arguments.file}")

@@ -8,8 +8,9 @@ from rich import box
 from rich.table import Table
 
 from mdms_host.cli.configure.cells import open_commissioning, ranges, read_cells
-from mdms_host.cli.console import say, show
+from mdms_host.cli.console import show
 from mdms_host.cli.exits import Exit
+from mdms_host.cli.streams import say
 from mdms_host.commissioning.cell_settings import CellSettings
 from mdms_host.commissioning.parameters import PARAMETERS, WIRING, Parameter, find_parameters
 

@@ -1,6 +1,6 @@
 """From a scenario to the host's own objects: array, parcels, program, settings of the cells."""
 
-from math import pi
+from math import hypot, pi
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.goal import Goal, Limits
-from mdms_host.motion.program import FieldProgram, GoalProgram, Program
+from mdms_host.motion.program import MARGIN_M, FieldProgram, GoalProgram, Program
 from mdms_model import fields
 from mdms_model.array import build_wheels
 from mdms_model.arrays import Floats
@@ -32,8 +32,39 @@ def coordinator_of(scenario: Scenario) -> Coordinator:
     Raises `CommandError` for what does not fit the firmware.
     """
     layout, parcels = layout_of(scenario), parcels_of(scenario)
+    check_speed(scenario)
     program = _program(scenario, layout, parcels)
     return Coordinator(layout, program, parcels=parcels, settings=settings_of(scenario.cell))
+
+
+def check_speed(scenario: Scenario) -> None:
+    """Raise `CommandError` for a motion that may ask for references which the wire does not carry.
+
+    A wheel under a parcel that moves and turns goes faster than its centre and its corners, which
+    are within the speed together.
+    """
+    entry = pdo.TARGET_VELOCITY.entries[0]
+    limit_m_s = entry.high / steps_per_unit(entry.unit)
+    if scenario.motion.field == "goal":
+        droop = drive_of(scenario.cell).droop
+        fastest_m_s = scenario.motion.speed_m_s * _wheel_share(scenario) / droop
+    else:
+        fastest_m_s = float(abs(references_m_s(scenario)).max())
+    if fastest_m_s > limit_m_s:
+        raise CommandError(
+            f"motion.speed_m_s is {scenario.motion.speed_m_s:g}: wheels would be set to "
+            f"{fastest_m_s:.3g} m/s, but a setpoint on the wire is at most {limit_m_s:g} m/s",
+            Exit.USAGE,
+        )
+
+
+def _wheel_share(scenario: Scenario) -> float:
+    """Speed of the fastest wheel for a parcel, over that of its centre and corners together.
+
+    Wheels as far outside as `MARGIN_M` run for a parcel too: sqrt(1 + (r / reach)^2) at most.
+    """
+    reaches_m = [hypot(parcel.length_m, parcel.width_m) / 2 for parcel in scenario.parcel]
+    return max(hypot(1.0, 1.0 + MARGIN_M / reach_m) for reach_m in reaches_m)
 
 
 def layout_of(scenario: Scenario) -> Layout:

@@ -24,7 +24,7 @@ def run(arguments: Namespace) -> Exit:
     reference_m_s = references_m_s(scenario)
     with compiling_watched():
         field = map_field(scenario, parcel, reference_m_s, Law[arguments.law.upper()])
-    with writing(path, Exit.USAGE):
+    with writing(path):
         save(draw_field_map(scenario, parcel, field, reference_m_s), path)
     figures = _figures(scenario, parcel, field)
     if arguments.json:

@@ -3,9 +3,9 @@
 from argparse import Namespace
 from contextlib import closing
 
-from mdms_host.cli.console import say
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.scenario.gain import open_program
+from mdms_host.cli.streams import say
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.serve.server import Server, ways_in
 from mdms_sim.simulation import Simulation, open_bank

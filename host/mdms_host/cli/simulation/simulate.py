@@ -6,12 +6,13 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from mdms_host.cli.console import progress, say
+from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit, writing
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.simulation.bus_log import convert_log
 from mdms_host.cli.simulation.compose import Finished, run_scenario
 from mdms_host.cli.simulation.figures import fault_of, figures_of, goals_of, report
+from mdms_host.cli.streams import say
 from mdms_host.motion.outcome import missed_text
 from mdms_model.run.folder import DATABASE, fresh_folder, write_run
 from mdms_model.scenario.scenario import Scenario
@@ -48,7 +49,7 @@ def simulate(
         figures = figures_of(scenario, finished)
         if folder:
             figures["run"] = str(out)
-            with writing(folder, Exit.FAILURE):
+            with writing(folder):
                 _write_folder(folder, scenario, finished, figures, bus_format)
     return finished, figures
 

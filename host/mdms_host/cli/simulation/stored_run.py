@@ -14,7 +14,7 @@ def plot(arguments: Namespace) -> Exit:
     name = "wheels.png" if arguments.wheels else "picture.png"
     path = arguments.out or arguments.folder / name
     save = save_wheels if arguments.wheels else save_picture
-    with writing(path, Exit.USAGE):
+    with writing(path):
         save(path, stored.scenario, stored.record)
     print(path)
     return Exit.OK
@@ -23,7 +23,7 @@ def plot(arguments: Namespace) -> Exit:
 def export(arguments: Namespace) -> Exit:
     """Write the run as CSV tables and print their paths."""
     stored = read_run(arguments.folder)
-    with writing(arguments.csv, Exit.USAGE):
+    with writing(arguments.csv):
         paths = export_csv(arguments.csv, stored.scenario, stored.record)
     print(*paths, sep="\n")
     return Exit.OK
