@@ -1,10 +1,6 @@
 """How the command ends: its exit codes, and which error leads to which of them."""
 
-import errno
-from collections.abc import Iterator
-from contextlib import contextmanager
 from enum import IntEnum
-from pathlib import Path
 
 
 class Exit(IntEnum):
@@ -36,21 +32,9 @@ EXITS = {
     "mdms_sim.nodes.bank.NodeError": Exit.NODE_FAULT,
     "mdms_model.run.folder.RunFolderError": Exit.USAGE,
     "mdms_model.scenario.scenario.ScenarioError": Exit.USAGE,
+    "mdms_sim.plots.canvas.PictureFormatError": Exit.USAGE,
     "mdms_sim.serve.endpoint.ServeError": Exit.FAILURE,
 }
-
-#: What is wrong with a path that was given, and not with the device behind it.
-_BAD_PLACES = frozenset(
-    (
-        errno.ENOENT,
-        errno.EEXIST,
-        errno.ENOTDIR,
-        errno.EISDIR,
-        errno.EACCES,
-        errno.EPERM,
-        errno.EROFS,
-    )
-)
 
 
 class CommandError(Exception):
@@ -74,16 +58,3 @@ def text_of(error: Exception) -> str:
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
     return str(error)
-
-
-@contextmanager
-def writing(path: Path) -> Iterator[None]:
-    """Turns an `OSError` inside into a `CommandError` that names the path.
-
-    A place where nothing can be written is bad input, one that is full or breaks is a failure.
-    """
-    try:
-        yield
-    except OSError as error:
-        code = Exit.USAGE if error.errno in _BAD_PLACES else Exit.FAILURE
-        raise CommandError(f"{path}: cannot be written: {error.strerror}", code) from None

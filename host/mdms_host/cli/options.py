@@ -59,11 +59,19 @@ def add_json(parser: ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="one JSON object on stdout")
 
 
+def add_force(parser: ArgumentParser) -> None:
+    """`--force`."""
+    parser.add_argument(
+        "--force", action="store_true", help="overwrite a file that this verb has not written"
+    )
+
+
 def add_demo(parser: ArgumentParser) -> None:
     """Those of `demo`."""
     parser.add_argument(
         "--out", metavar="DIR", type=Path, default=Path("runs/demo"), help="run folder"
     )
+    add_json(parser)
 
 
 def add_simulate(parser: ArgumentParser) -> None:
@@ -99,8 +107,12 @@ def add_map(parser: ArgumentParser) -> None:
         help="all wheels slide, or motors push as far as friction lets them",
     )
     parser.add_argument(
-        "--out", metavar="FILE.png", type=Path, help="the picture (default: SCENARIO-map.png)"
+        "--out",
+        metavar="FILE",
+        type=Path,
+        help="the picture, .png, .svg or .pdf (default: SCENARIO-map.png)",
     )
+    add_force(parser)
     add_json(parser)
 
 
@@ -111,8 +123,13 @@ def add_plot(parser: ArgumentParser) -> None:
         "--wheels", action="store_true", help="contact, forces and slip of every wheel instead"
     )
     parser.add_argument(
-        "--out", metavar="FILE.png", type=Path, help="the picture (default: in the run folder)"
+        "--out",
+        metavar="FILE",
+        type=Path,
+        help="the picture, .png, .svg or .pdf (default: a PNG in the run folder)",
     )
+    add_force(parser)
+    add_json(parser)
 
 
 def add_export(parser: ArgumentParser) -> None:
@@ -125,6 +142,8 @@ def add_export(parser: ArgumentParser) -> None:
         required=True,
         help="folder for parcels.csv and cells.csv",
     )
+    add_force(parser)
+    add_json(parser)
 
 
 def add_serve(parser: ArgumentParser) -> None:

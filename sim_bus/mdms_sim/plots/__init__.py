@@ -22,11 +22,11 @@ def is_row(scenario: "Scenario") -> bool:
 
 
 def save_picture(path: Path, scenario: "Scenario", record: "Record") -> None:
-    """Draw a run into a PNG file, in the way that suits its array. Raises OSError."""
+    """Draw a run into a file, in the way that suits its array; see `save`."""
     draw = draw_row if is_row(scenario) else draw_plane
     save(draw(scenario, record), path)
 
 
 def save_wheels(path: Path, scenario: "Scenario", record: "Record") -> None:
-    """Draw every wheel's contact, forces and slip into a PNG file. Raises OSError."""
+    """Draw every wheel's contact, forces and slip into a file; see `save`."""
     save(draw_wheels(scenario, record), path)

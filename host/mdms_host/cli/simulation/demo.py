@@ -1,14 +1,16 @@
 """`mdms demo`: the main job with no hardware."""
 
+import json
 from argparse import Namespace
 from math import degrees, hypot
+from pathlib import Path
 from typing import Any
 
 from mdms_host.cli.compiling import REPORTED_S
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.simulation.simulate import simulate, verdict
-from mdms_model.scenario.scenario import Parcel
+from mdms_model.scenario.scenario import Parcel, Scenario
 
 SCENARIO = "array18"
 
@@ -17,14 +19,22 @@ def run(arguments: Namespace) -> Exit:
     """Run the prototype's array with its real firmware and report how it went."""
     scenario = open_program(SCENARIO, ())
     columns, rows = scenario.array.columns, scenario.array.rows
-    print(f"{columns} x {rows} cells with the real firmware on a virtual CAN bus:")
+    if not arguments.json:
+        print(f"{columns} x {rows} cells with the real firmware on a virtual CAN bus:")
     finished, figures = simulate(scenario, "cpython", arguments.out)
+    if arguments.json:
+        print(json.dumps(figures))
+    else:
+        _report(scenario, figures, arguments.out)
+    return verdict(scenario, finished)
+
+
+def _report(scenario: Scenario, figures: dict[str, Any], folder: Path) -> None:
     pairs = list(zip(scenario.parcel, figures["parcels"], strict=True))
     goals = {goal["parcel"]: goal for goal in figures["goals"]}
     print(*(_journey(parcel, end, goals) for parcel, end in pairs), sep="\n")
     print(*_machine(figures), sep="\n")
-    print(f"  picture: {arguments.out / 'picture.png'}")
-    return verdict(scenario, finished)
+    print(f"  picture: {folder / 'picture.png'}")
 
 
 def _journey(parcel: Parcel, end: dict[str, Any], goals: dict[str, dict[str, Any]]) -> str:

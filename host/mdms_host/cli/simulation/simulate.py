@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from mdms_host.cli.console import progress
-from mdms_host.cli.exits import CommandError, Exit, writing
+from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.files import writing
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.simulation.bus_log import convert_log
 from mdms_host.cli.simulation.compose import Finished, run_scenario
