@@ -93,3 +93,24 @@ def test_paths_are_given_as_json_too(run, tmp_path, capsys):
     tables = json.loads(capsys.readouterr().out)["tables"]
     assert [Path(table).name for table in tables] == ["parcels.csv", "cells.csv"]
     assert Path(tables[0]).read_text().startswith("time_s,")
+
+
+@pytest.mark.parametrize(
+    "what", ["mdms_sim.bus.log.BusLog.on_frame", "mdms_host.cli.simulation.simulate.write_run"]
+)
+def test_full_disk_ends_a_run_in_the_same_way_and_leaves_the_old_one(
+    tmp_path, capsys, monkeypatch, what
+):
+    folder = tmp_path / "run"
+    field = ("--set", "motion.field=inward", "--set", "run.duration_s=0.05")
+    command = ["simulate", "array18", *field, "--out", str(folder)]
+    assert main(command) == 0
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    capsys.readouterr()
+    monkeypatch.setattr(what, full)
+    assert main(command) == Exit.FAILURE
+    assert (
+        capsys.readouterr().err == f"mdms: {folder}: cannot be written: No space left on device\n"
+    )
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+    assert list(tmp_path.iterdir()) == [folder]

@@ -1,8 +1,10 @@
 """`mdms simulate`: one scenario in virtual time."""
 
+import errno
 import json
 from argparse import Namespace
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -44,15 +46,27 @@ def simulate(
 ) -> tuple[Finished, dict[str, Any]]:
     """Run a scenario and keep it in a folder, if any; the run and its figures."""
     with ExitStack() as stack:
-        folder = stack.enter_context(fresh_folder(out)) if out else None
+        folder = stack.enter_context(_folder(out)) if out else None
         bus_log = folder / "bus.log" if folder else None
         finished = _run(scenario, nodes, bus_log)
         figures = figures_of(scenario, finished)
-        if folder:
+        if folder and out:
             figures["run"] = str(out)
-            with writing(folder):
+            with writing(out):
                 _write_folder(folder, scenario, finished, figures, bus_format)
     return finished, figures
+
+
+@contextmanager
+def _folder(out: Path) -> Iterator[Path]:
+    """A fresh run folder; a device that is full, for the bus log too, is named so."""
+    try:
+        with fresh_folder(out) as folder:
+            yield folder
+    except OSError as error:
+        if error.errno != errno.ENOSPC:
+            raise
+        raise CommandError(f"{out}: cannot be written: {error.strerror}", Exit.FAILURE) from None
 
 
 def _write_folder(
