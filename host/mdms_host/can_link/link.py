@@ -174,6 +174,9 @@ class Link:
             return
         if message.is_error_frame:
             self.error_frames += 1
+        elif not message.is_rx:
+            # Some drivers (gs_usb) return what was sent.
+            return
         elif message.is_extended_id or message.is_remote_frame or message.is_fd:
             self.garbled += 1
         else:

@@ -15,6 +15,7 @@ from mdms_host.can_link.emergencies import error_text
 from mdms_host.can_link.remote_cell import Handler
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.coordination.bring_up import BringUpCell
+from mdms_host.coordination.other_host import FOUND
 from mdms_host.coordination.phase import BRING_UP, STOPPED, TRANSITIONS, Phase, Signal
 from mdms_host.coordination.schedule import Schedule, Timing
 from mdms_host.coordination.supervision import Supervision, names
@@ -78,6 +79,9 @@ class Coordinator:
         self._handlers: dict[int, Handler] = {}
         for cell in self.cells:
             self._register(cell)
+        # Two hosts that began at the same instant meet here.
+        self._other_host = False
+        self._handlers[cob.HEARTBEAT_BASE + host_node_id] = self._on_other_host
         self._alive = nmt.heartbeat(host_node_id, nmt.OPERATIONAL)
         self._now_s = 0.0
         self._phase_since_s: float | None = None
@@ -166,6 +170,10 @@ class Coordinator:
         for error in sorted(after - before):
             self.events.append((now_s, f"{cell.name} sends emergency {error_text(*error)}"))
 
+    def _on_other_host(self, data: bytes, now_s: float) -> None:
+        """Somebody else sends heartbeats as the host."""
+        self._other_host |= nmt.decode_heartbeat(data) is not None
+
     def _on_answer(self, cell: BringUpCell, data: bytes, now_s: float) -> None:
         cell.on_answer(data, now_s)
         self._schedule_commands(cell, now_s)
@@ -181,7 +189,9 @@ class Coordinator:
         if self.phase in _OVER:
             return
         fault = self._supervision.fault(self.phase, self._now_s)
-        if fault:
+        if self._other_host:
+            self._fail(FOUND)
+        elif fault:
             self._fail(fault)
         elif self._stop_requested and (self.phase, Signal.STOP) in TRANSITIONS:
             self._signal(Signal.STOP)

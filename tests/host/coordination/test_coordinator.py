@@ -341,3 +341,13 @@ def test_a_drive_that_trips_is_named_with_its_reason(rolling_array) -> None:
         "cell 2 (node 2) has disabled its drives: axis 1 operation enabled, axis 2 fault; "
         "0x7121: wheel stands under voltage: stalled (axis 2)"
     )
+
+
+def test_another_host_that_begins_at_the_same_time_stops_both(rolling_array) -> None:
+    """Each has listened before, and nobody spoke yet."""
+    coordinator = Coordinator(LAYOUT, FieldProgram(np.full(36, 0.05)))
+    array = running(rolling_array, coordinator)
+    array.inject(nmt.heartbeat(127, nmt.OPERATIONAL))
+    array.run(coordinator, array.now_s + 0.5, lambda: coordinator.stopped)
+    assert coordinator.phase == Phase.FAILED
+    assert "another host runs on this bus (a heartbeat of node 127)" in coordinator.fault

@@ -12,6 +12,7 @@ from mdms_host.cli.simulation.figures import figures_of, report
 from mdms_host.cli.simulation.replay_nodes import replay_on_nodes
 from mdms_host.cli.simulation.simulate import verdict
 from mdms_host.commissioning.stop import not_off_text, stop_all
+from mdms_host.coordination.other_host import refuse_other_host
 from mdms_model.run.folder import read_run
 
 
@@ -48,6 +49,7 @@ def _send(arguments: Namespace) -> Exit:
     sender = "all" if arguments.all else arguments.only
     frames = list(chosen(read_log(arguments.folder / "bus.log"), sender))
     with open_link(arguments) as (link, clock):
+        refuse_other_host(link, clock)
         player = LogPlayer(frames, clock.now_s())
         try:
             drive(player, link, clock, lambda: player.over)

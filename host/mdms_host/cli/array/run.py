@@ -14,6 +14,7 @@ from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.streams import say
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, Operation, operate
+from mdms_host.coordination.other_host import refuse_other_host
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.outcome import GoalOutcome, missed_text, outcome_of
 from mdms_model.scenario.scenario import Scenario
@@ -34,6 +35,7 @@ def run(arguments: Namespace) -> int:
     scenario = open_program(arguments.program, [*arguments.overrides, "run.fidelity=firmware"])
     coordinator = coordinator_of(scenario)
     with open_link(arguments) as (link, clock), _broken_off():
+        refuse_other_host(link, clock)
         limit_s = arguments.limit or scenario.run.duration_s + BRING_UP_S
         operation = operate(coordinator, link, clock, limit_s, _print_event)
     goals = goals_of(scenario, coordinator)

@@ -168,3 +168,17 @@ def test_run_of_a_bad_program_touches_no_bus(capsys):
 def test_unknown_interface_is_bad_usage(capsys):
     assert main(["stop", "-i", "smoke-signals"]) == Exit.USAGE
     assert "smoke-signals" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("verb", ["run", "replay"])
+def test_second_host_on_a_bus_notices_the_first_and_sends_nothing(
+    channel, capsys, monkeypatch, verb
+):
+    monkeypatch.setattr("mdms_host.cli.array.replay.read_log", lambda _path: [])
+    states = {1: nmt.OPERATIONAL, 127: nmt.OPERATIONAL}
+    with Nodes(channel, states) as nodes, can.Bus(channel, interface="virtual") as listener:
+        assert on(channel, verb, "array18") == Exit.FAILURE
+        heard = {message.arbitration_id for message in iter(lambda: listener.recv(0), None)}
+    assert heard <= {cob.HEARTBEAT_BASE + 1, cob.HEARTBEAT_BASE + 127}
+    assert nodes.states[1] == nmt.OPERATIONAL
+    assert capsys.readouterr().err.startswith("mdms: another host runs on this bus (a heartbeat")
