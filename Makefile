@@ -12,11 +12,11 @@ demo: $(VENV)/.run
 
 # Tests that keep pace with the machine's clock want the machine for themselves.
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest -n $(WORKERS) -m "not real_time"
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup -m "not real_time"
 	$(BIN)/python -m pytest -m real_time
 
 quick: $(VENV)/.dev
-	$(BIN)/python -m pytest -n $(WORKERS) -m "not slow and not real_time"
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup -m "not slow and not real_time"
 
 check: $(VENV)/.dev typings/.installed
 	$(BIN)/ruff check .
@@ -66,9 +66,9 @@ typings/.installed: requirements/stubs.txt | $(VENV)/bin/python
 
 # Needs uv; the files it writes are all that anybody else needs.
 requirements:
-	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate --no-header -q pyproject.toml --group build -o requirements/run.txt
-	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate --no-header -q pyproject.toml --group build --group dev -c requirements/run.txt -o requirements/dev.txt
-	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate --no-header -q pyproject.toml --group build --group dev --group bench -c requirements/dev.txt -o requirements/bench.txt
+	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate --no-header -q pyproject.toml --extra sim --group build -o requirements/run.txt
+	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate --no-header -q pyproject.toml --extra sim --group build --group dev -c requirements/run.txt -o requirements/dev.txt
+	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate --no-header -q pyproject.toml --extra sim --group build --group dev --group bench -c requirements/dev.txt -o requirements/bench.txt
 	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate --no-header -q --group stubs -o requirements/stubs.txt
 
 clean:

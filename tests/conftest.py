@@ -1,5 +1,6 @@
 """The real command in a process of its own."""
 
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -13,6 +14,10 @@ from hypothesis import settings
 settings.register_profile("explore", deadline=None)
 settings.register_profile("mdms", deadline=None, derandomize=True, database=None)
 settings.load_profile("mdms")
+
+# Tests end servers as Ctrl-C does; a shell that starts them in the background has that ignored.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 MDMS = Path(sys.executable).with_name("mdms")
 

@@ -22,7 +22,7 @@ class Bus:
     """Fills `inbox` from a hard interrupt, sends, and sets CUT in `registers` at bus-off.
 
     `off` is set from bus-off until the controller is back, and for `BUS_OFF_MS` at least.
-    A port's class says what its filters are, and may have more to say by the other methods.
+    A port's class defines its filters, and may define the other methods.
     """
 
     def __init__(self, can: CAN, registers):
@@ -38,7 +38,7 @@ class Bus:
         self._left_alone = False
         self._off_ms = 0
 
-    # What a port says
+    # What a port defines
 
     def filters(self, identifiers):
         """Filters that let these identifiers through, all into the same FIFO."""

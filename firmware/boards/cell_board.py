@@ -63,7 +63,7 @@ class CellBoard:
         self.send = self.bus.send
         self.listen = self.bus.listen
 
-    # What a chip family says
+    # What a chip family defines
 
     def wheels(self, pins):
         """Both wheels, made from the peripherals."""
@@ -157,7 +157,7 @@ class CellBoard:
 def _sampling(supply, fault, wheels):
     """What writes supply, currents and encoder counts into the registers, those last.
 
-    The ADC belongs to the tick: a conversion that another interrupts tells of its channel.
+    The ADC belongs to the tick: a conversion that another interrupts is of its channel.
     A bridge with a fault of its own has shut off; that counts as over-current.
     """
 

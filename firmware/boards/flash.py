@@ -1,4 +1,4 @@
-"""Settings in files of a LittleFS, the memory of `mdms_cell.canopen.store`.
+"""Settings in files of a LittleFS, the memory of `mdms_cell.canopen.storage.store`.
 
 For boards on which the port gives LittleFS the erase blocks of the flash itself: Teensy 4.1, and
 STM32 boards whose file system lies on SPI flash. There LittleFS keeps what it has until what is new

@@ -37,7 +37,7 @@ Pins = namedtuple(
 
 
 class Stm32Board(CellBoard):
-    """A board with one of the STM32s that MicroPython's `machine.CAN` knows."""
+    """A board with one of the STM32s that MicroPython's `machine.CAN` supports."""
 
     def __init__(self, pins: Pins, memory):
         self._timer = None

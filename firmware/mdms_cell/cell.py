@@ -1,7 +1,7 @@
 """The whole firmware of a cell but the hardware: frames and ticks in, frames and voltages out.
 
 `on_frame` and `poll` belong to the background loop, `tick` to a hard timer interrupt; they meet
-only in the registers of the speed loop. One of these, ATTENTION, tells `poll` that the tick or a
+only in the registers of the speed loop. One of these, ATTENTION, shows `poll` that the tick or a
 frame has left something to look after; while it is 0, there are only timers and presence sensors.
 """
 
@@ -10,6 +10,13 @@ try:
 except ImportError:
     from mdms_cell.cpython import micropython
 
+try:
+    from typing import TYPE_CHECKING
+except ImportError:
+    TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from mdms_cell.board import Board
+
 from mdms_cell import ticks
 from mdms_cell.canopen.claim import is_claim
 from mdms_cell.canopen.emcy import Emcy
@@ -17,23 +24,14 @@ from mdms_cell.canopen.guard import Guard
 from mdms_cell.canopen.heartbeat import Consumer, Heartbeat
 from mdms_cell.canopen.lss import Lss
 from mdms_cell.canopen.nmt import EVERYTHING, Nmt
-from mdms_cell.canopen.objects import Objects, key
-from mdms_cell.canopen.pdos import Pdos
+from mdms_cell.canopen.objects import Objects
+from mdms_cell.canopen.pdo.pdos import Pdos
 from mdms_cell.canopen.rules import check_plain
-from mdms_cell.canopen.sdo_server import SdoServer
-from mdms_cell.canopen.store import Parameters, Store
-from mdms_cell.drive import speed_loop
+from mdms_cell.canopen.sdo.server import SdoServer
+from mdms_cell.canopen.storage.store import Parameters, Store
+from mdms_cell.drive import speed_loop, tuning
 from mdms_cell.drive.axes import Axes
-from mdms_protocol import cob, nmt, record, signature
-
-SYNC_COB_ID = 0x1005
-IDENTITY = 0x1018
-SETPOINT_TIMEOUT = 0x3000
-PRESENCE = 0x3001
-TRAFFIC = 0x3002
-UNDERVOLTAGE_LIMIT = 0x3003
-BRAKING_TIME = 0x3004
-SIGNATURE = 0x3005
+from mdms_protocol import cob, indices, nmt, record, signature
 
 #: What `fail` is reported to come from; axes count from 1, and then come those of `guard`.
 SOURCE_SYSTEM = 6
@@ -45,12 +43,11 @@ class Cell:
     """A cell on a board; see 'Cell and board' in DESIGN.md.
 
     A node id that was saved by LSS comes before the one given; `cob.NODE_NONE` waits for LSS.
-    `accepts` has the identifiers that the cell takes, and what serves each. Before `wake_ms` a
-    `poll` with the same presence bits, and ATTENTION not set, does nothing but tell the time, as
-    setting `now_ms` does. `tick()` is one control period.
+    `accepts` has the identifiers that the cell takes, and what serves each. `poll` may be skipped
+    until `wake_ms` while presence is unchanged and ATTENTION is 0. `tick()` is one control period.
     """
 
-    def __init__(self, board, node_id):
+    def __init__(self, board: "Board", node_id: int):
         self._board = board
         self._registers = board.registers
         self.accepts = {}
@@ -64,13 +61,13 @@ class Cell:
         self._registers[speed_loop.SUPPLY] = _DEFAULT_SUPPLY_UV
         self.tick = _ticking(board.sample, board.drive, self._registers)
         self._objects = Objects()
-        self._objects.put(IDENTITY, 4, getattr(board, "serial", node_id))
+        self._objects.put(indices.IDENTITY, 4, getattr(board, "serial", node_id))
         self._build_services(node_id)
         self._nmt.reset(EVERYTHING)
 
     def _build_services(self, node_id):
         objects = self._objects
-        identity = [objects.number(IDENTITY, sub) for sub in range(1, 5)]
+        identity = [objects.number(indices.IDENTITY, sub) for sub in range(1, 5)]
         self._store = Store(getattr(self._board, "settings", None))
         self._nmt = Nmt(self._store.node_id() or node_id, identity[3], self, self._send)
         self._lss = Lss(identity, self._nmt, self._store.save_node_id, self._send)
@@ -92,17 +89,17 @@ class Cell:
         self._tie_cell()
 
     def _tie_cell(self):
-        reads = self._objects.reads
-        reads[key(PRESENCE, 0)] = self._read_presence
-        reads[key(TRAFFIC, 1)] = self._read_received
-        reads[key(TRAFFIC, 2)] = self._read_dropped
-        reads[key(TRAFFIC, 3)] = self._read_not_sent
-        reads[key(TRAFFIC, 4)] = self._read_overruns
-        reads[key(SIGNATURE, 0)] = self._read_signature
-        for index in (SETPOINT_TIMEOUT, UNDERVOLTAGE_LIMIT, BRAKING_TIME):
-            self._objects.watchers[index] = self._on_setting
+        objects = self._objects
+        objects.tie(indices.PRESENCE, 0, self._read_presence)
+        objects.tie(indices.TRAFFIC, 1, self._read_received)
+        objects.tie(indices.TRAFFIC, 2, self._read_dropped)
+        objects.tie(indices.TRAFFIC, 3, self._read_not_sent)
+        objects.tie(indices.TRAFFIC, 4, self._read_overruns)
+        objects.tie(indices.SIGNATURE, 0, self._read_signature)
+        for index in (indices.SETPOINT_TIMEOUT, indices.UNDERVOLTAGE_LIMIT, indices.BRAKING_TIME):
+            objects.watch(index, self._on_setting)
         self._axes.guard(self._may_enable, self._pdos.discard_held)
-        self._objects.watchers[SYNC_COB_ID] = self._on_sync_cob_id
+        objects.watch(indices.SYNC_COB_ID, self._on_sync_cob_id)
 
     def _read_presence(self):
         return self._presence
@@ -143,8 +140,9 @@ class Cell:
 
     # What the background loop and the timer interrupt call
 
-    def on_frame(self, can_id, data):
+    def on_frame(self, can_id, data, now_ms):
         """Take in a frame from the bus; one that makes no sense is counted and dropped."""
+        self.now_ms = now_ms
         handle = self.accepts.get(can_id)
         if handle is None:
             return
@@ -177,7 +175,7 @@ class Cell:
         self._emcy.clear(SOURCE_SYSTEM)
         self._attend()
 
-    # What network management tells
+    # What network management calls
 
     def on_boot(self):
         """The node id is this node's own, and the node is announced."""
@@ -211,7 +209,7 @@ class Cell:
         self._parameters.restore(flags)
         for part in (self._pdos, self._emcy, self._consumer, self._axes):
             part.load()
-        self._on_setting(SETPOINT_TIMEOUT, 0)
+        self._on_setting(indices.SETPOINT_TIMEOUT, 0)
         self._listen()
 
     # What is listened to
@@ -234,7 +232,7 @@ class Cell:
             listen(list(accepts))
 
     def _own_receivers(self):
-        yield self._objects.number(SYNC_COB_ID), self._pdos.on_sync
+        yield self._objects.number(indices.SYNC_COB_ID), self._pdos.on_sync
         yield cob.SDO_REQUEST_BASE + self.node_id, self._on_sdo
         yield cob.SDO_RESPONSE_BASE + self.node_id, self._on_rival
         yield cob.HEARTBEAT_BASE + self.node_id, self._on_rival
@@ -258,9 +256,8 @@ class Cell:
 
     def _on_setting(self, _index, _sub):
         registers, number = self._registers, self._objects.number
-        registers[speed_loop.AGE_LIMIT] = number(SETPOINT_TIMEOUT) * speed_loop.TICK_HZ // 1000
-        registers[speed_loop.SUPPLY_MIN] = number(UNDERVOLTAGE_LIMIT) * 1000
-        registers[speed_loop.BRAKE_TICKS] = number(BRAKING_TIME) * speed_loop.TICK_HZ // 1000
+        tuning.set_times(registers, number(indices.SETPOINT_TIMEOUT), number(indices.BRAKING_TIME))
+        registers[speed_loop.SUPPLY_MIN] = number(indices.UNDERVOLTAGE_LIMIT) * 1000
 
     def _on_sync_cob_id(self, index, _sub):
         check_plain(self._objects.number(index))
@@ -287,7 +284,7 @@ class Cell:
         self._sdo.poll(now_ms)
         return 1 if self._sdo.busy else wait_ms
 
-    # What the services are lent
+    # What the services call
 
     def _attend(self):
         """Have a poll follow that looks after everything; the time."""

@@ -69,7 +69,7 @@ class Inbox:
         ring[start + _LENGTH] = length
         ring[start + _FLAGS] = frame[2] & 0xFF
         ring[start + _ERRORS] = frame[3] & 0xFF
-        # Viper takes any buffer; the stubs do not know.
+        # Viper takes any buffer; the stubs take bytes alone.
         _copy(ring, start + _DATA, frame[1], length)  # pyright: ignore[reportArgumentType]
 
     def _after(self, start):

@@ -48,7 +48,7 @@ class Runner:
             raise self.error
         self._board.service(now_ms)
         self._watch_bus()
-        self._receive()
+        self._receive(now_ms)
         self._cell.poll(now_ms)
         self._board.show(now_ms, self._cell.state, self._faulty())
         self._feed()
@@ -63,7 +63,7 @@ class Runner:
             self._cell.recover()
             self._registers[speed_loop.CUT] = 0
 
-    def _receive(self):
+    def _receive(self, now_ms):
         """Take frames, no more than `FRAMES_PER_TURN`, so that traffic starves nothing else."""
         inbox = self._board.inbox
         for _ in range(FRAMES_PER_TURN):
@@ -71,7 +71,7 @@ class Runner:
             if frame is None:
                 return
             if not frame[2]:
-                self._cell.on_frame(frame[0], frame[1])
+                self._cell.on_frame(frame[0], frame[1], now_ms)
             inbox.pop()
 
     def _faulty(self):

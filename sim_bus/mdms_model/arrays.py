@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 Floats: TypeAlias = NDArray[np.float64]
 Ints: TypeAlias = NDArray[np.int64]
+Bools: TypeAlias = NDArray[np.bool_]
 Bits: TypeAlias = NDArray[np.uint8]
 #: Arrays of a record type; compiled functions read the fields by name.
 Records: TypeAlias = Any

@@ -1,59 +1,41 @@
 """Sampled history of a running world, gathered into a `Record`."""
 
-import numpy as np
-
 from mdms_model.arrays import Floats
+from mdms_model.run.history import History
 from mdms_model.run.record import Event, Record
 from mdms_sim.physics.plane.world import World
 
 
 class Sampler:
-    """Copies the state of a world at chosen instants."""
+    """Copies the state of a world at chosen instants; at most `most` are kept (see `History`)."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, most: int | None = None) -> None:
         self._world = world
-        self._time_s: list[float] = []
-        self._rows: dict[str, list[Floats]] = {name: [] for name in _SAMPLED}
-        self._contact: list[np.ndarray[tuple[int], np.dtype[np.int8]]] = []
+        self._history = History(most)
 
     def sample(
         self, now_s: float, reference_m_s: Floats, voltage_v: Floats, estimate: Floats
     ) -> None:
         """Append the state at `now_s`; references and voltages of shape (W,), estimate (P, 3)."""
+        if not self._history.takes():
+            return
         world = self._world
-        self._time_s.append(now_s)
+        pose, twist = world.motion
         # What the world returns is made anew each time; the rest belongs to the caller.
-        values = (
-            *world.motion,
-            reference_m_s.copy(),
-            world.wheel_speed_m_s,
-            voltage_v.copy(),
-            world.normal_n,
-            world.force_n,
-            estimate.copy(),
+        self._history.append(
+            now_s,
+            pose=pose,
+            twist=twist,
+            reference_m_s=reference_m_s.copy(),
+            speed_m_s=world.wheel_speed_m_s,
+            voltage_v=voltage_v.copy(),
+            normal_n=world.normal_n,
+            force_n=world.force_n,
+            contact=world.contact,
+            estimate=estimate.copy(),
         )
-        for rows, value in zip(self._rows.values(), values, strict=True):
-            rows.append(value)
-        self._contact.append(world.contact)
 
     def record(self, events: list[Event]) -> Record:
         """Return what was sampled so far as one `Record` with these events, ordered by time."""
-        columns = {name: np.array(rows) for name, rows in self._rows.items()}
-        return Record(
-            time_s=np.array(self._time_s),
-            contact=np.array(self._contact, dtype=np.int8),
-            events=sorted(events, key=lambda event: event.time_s),
-            **columns,
-        )
-
-
-_SAMPLED = (
-    "pose",
-    "twist",
-    "reference_m_s",
-    "speed_m_s",
-    "voltage_v",
-    "normal_n",
-    "force_n",
-    "estimate",
-)
+        ordered = sorted(events, key=lambda event: event.time_s)
+        return Record(time_s=self._history.time_s, events=ordered, **self._history.columns())

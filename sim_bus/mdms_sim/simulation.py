@@ -73,7 +73,8 @@ class Simulation:
     """A scenario with its cells, its bus and its participants, ready to run.
 
     `estimates` returns the poses that somebody believes the parcels to have, shape (P, 3), NaN
-    where unknown; they are only recorded. A run without end is better not `recorded`.
+    where unknown; they are only recorded. A run without end is better not `recorded`, or thinned
+    to `most_samples`.
     """
 
     def __init__(
@@ -85,6 +86,7 @@ class Simulation:
         bus_log: BinaryIO | None = None,
         estimates: Callable[[], Floats] | None = None,
         recorded: bool = True,
+        most_samples: int | None = None,
     ) -> None:
         self.kernel = Kernel()
         self.bus = Bus(self.kernel, scenario.wire.bitrate)
@@ -93,7 +95,7 @@ class Simulation:
         self.bus.observe(self.log.on_frame)
         self._bank = bank
         self._estimates = estimates
-        self._sampler = Sampler(self.world)
+        self._sampler = Sampler(self.world, most_samples)
         self._substeps = max(1, round(TICK_NS / NS_PER_S / scenario.run.step_s))
         self._step_s = TICK_NS / NS_PER_S / self._substeps
         self._cells = scenario.array.columns * scenario.array.rows

@@ -43,13 +43,15 @@ class Driven:
     def __init__(self, world, runner):
         self._world = world
         self._runner = runner
+        self.now_ms = 0
 
-    def on_frame(self, can_id, data):
+    def on_frame(self, can_id, data, _now_ms):
         self._world.buses[0].deliver(can_id, data)
         self._runner.turn(self._world.now_ms)
 
     def poll(self, now_ms):
         world = self._world
+        self.now_ms = now_ms
         world.now_ms = now_ms - 1
         world.advance()
         self._runner.turn(now_ms)
@@ -68,10 +70,10 @@ class Traffic:
         while self._now_ms < 200:
             self._cell.poll(self._now_ms)
             self._now_ms += 1
-        self._cell.on_frame(0x000, b"\x01\x00")
+        self._cell.on_frame(0x000, b"\x01\x00", self._cell.now_ms)
         self._ask(b"\x23\x16\x10\x01\xf4\x01\x7f\x00")
         for word in (b"\x06\0\x06\0", b"\x07\0\x07\0", b"\x0f\0\x0f\0"):
-            self._cell.on_frame(0x300 + NODE, word)
+            self._cell.on_frame(0x300 + NODE, word, self._cell.now_ms)
 
     def live(self, cycles):
         """Let so many periods of SYNC pass; False when the hour is over."""
@@ -97,10 +99,10 @@ class Traffic:
     def _cycle(self):
         cell = self._cell
         now_ms = self._now_ms
-        cell.on_frame(0x200 + NODE, b"\x20\x4e\0\0\xe0\xb1\xff\xff")
-        cell.on_frame(0x080, b"")
+        cell.on_frame(0x200 + NODE, b"\x20\x4e\0\0\xe0\xb1\xff\xff", cell.now_ms)
+        cell.on_frame(0x080, b"", cell.now_ms)
         if now_ms % 100 == 0:
-            cell.on_frame(0x77F, b"\x05")
+            cell.on_frame(0x77F, b"\x05", cell.now_ms)
         if now_ms % 1000 == 0:
             self._ask(b"\x40\x6c\x60\x00\0\0\0\0")
         if now_ms % 60_000 == 30_000:
@@ -110,7 +112,7 @@ class Traffic:
         self._now_ms = now_ms + CYCLE_MS
 
     def _ask(self, request):
-        self._cell.on_frame(0x600 + NODE, request)
+        self._cell.on_frame(0x600 + NODE, request, self._cell.now_ms)
 
     def _read_text(self):
         self._ask(b"\x40\x09\x10\x00\0\0\0\0")

@@ -61,16 +61,16 @@ def driving():
     while not (board.sent and cell.state != 0) and now_ms < START_MS:
         cell.poll(now_ms)
         now_ms += 1
-    cell.on_frame(cob.NMT, bytes((1, NODE)))
+    cell.on_frame(cob.NMT, bytes((1, NODE)), cell.now_ms)
     for word in (0x06, 0x07, 0x0F):
-        cell.on_frame(0x300 + NODE, bytes((word, 0, word, 0)))
+        cell.on_frame(0x300 + NODE, bytes((word, 0, word, 0)), cell.now_ms)
     return cell, board, now_ms
 
 
 def cycle(cell, target, now_ms):
     """A SYNC period as the cell sees it: target, SYNC with its answer, ten ticks and polls."""
-    cell.on_frame(0x200 + NODE, target)
-    cell.on_frame(cob.SYNC, b"")
+    cell.on_frame(0x200 + NODE, target, cell.now_ms)
+    cell.on_frame(cob.SYNC, b"", cell.now_ms)
     for ms in range(now_ms, now_ms + 10):
         cell.tick()
         cell.poll(ms)
@@ -93,8 +93,8 @@ def main():
     target = pdo.TARGET_VELOCITY.encode((100_000, -100_000))
     print("step_us", per_call(3000, speed_loop.step, board.registers))
     print("tick_us", per_call(3000, cell.tick))
-    print("frame_us", per_call(3000, cell.on_frame, 0x200 + NODE, target))
-    print("sync_us", per_call(3000, cell.on_frame, cob.SYNC, b""))
+    print("frame_us", per_call(3000, cell.on_frame, 0x200 + NODE, target, 0))
+    print("sync_us", per_call(3000, cell.on_frame, cob.SYNC, b"", 0))
     print("poll_us", per_call(3000, cell.poll, now_ms))
     print("cycle_us", per_call(500, cycle, cell, target, now_ms))
     print("cycle_sends", board.sent > 0)

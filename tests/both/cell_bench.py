@@ -49,14 +49,14 @@ def booted(now_ms=50):
 
 def operational():
     cell, board = booted()
-    cell.on_frame(0x000, b"\x01\x05")
+    cell.on_frame(0x000, b"\x01\x05", cell.now_ms)
     board.take()
     return cell, board
 
 
 def enable(cell):
     for word in (cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION):
-        cell.on_frame(0x305, pdo.CONTROLWORD.encode((word, word)))
+        cell.on_frame(0x305, pdo.CONTROLWORD.encode((word, word)), cell.now_ms)
 
 
 def emergencies(board):

@@ -20,18 +20,18 @@ def test_heartbeat_every_100_ms_across_the_wrap_of_the_clock():
 
 def test_start_sends_status_once_and_sync_sends_speeds():
     cell, board = booted()
-    cell.on_frame(0x000, b"\x01\x05")
+    cell.on_frame(0x000, b"\x01\x05", cell.now_ms)
     assert board.take() == [(0x285, b"\x50\x02\x50\x02\x00")]
-    cell.on_frame(0x080, b"")
+    cell.on_frame(0x080, b"", cell.now_ms)
     assert board.take() == [(0x185, bytes(8))]
-    cell.on_frame(0x000, b"\x80\x00")
-    cell.on_frame(0x080, b"")
+    cell.on_frame(0x000, b"\x80\x00", cell.now_ms)
+    cell.on_frame(0x080, b"", cell.now_ms)
     assert board.take() == []
 
 
 def test_command_to_another_node_is_not_taken():
     cell, _ = booted()
-    cell.on_frame(0x000, b"\x01\x06")
+    cell.on_frame(0x000, b"\x01\x06", cell.now_ms)
     assert cell.state == nmt.PRE_OPERATIONAL
     assert cell.dropped == 0
 
@@ -39,9 +39,9 @@ def test_command_to_another_node_is_not_taken():
 def test_setpoint_is_held_until_sync():
     cell, board = operational()
     enable(cell)
-    cell.on_frame(0x205, pdo.TARGET_VELOCITY.encode((63_500, -63_500)))
+    cell.on_frame(0x205, pdo.TARGET_VELOCITY.encode((63_500, -63_500)), cell.now_ms)
     assert board.registers[speed_loop.TARGET] == 0
-    cell.on_frame(0x080, b"")
+    cell.on_frame(0x080, b"", cell.now_ms)
     assert board.registers[speed_loop.TARGET] == 63_500
     assert board.registers[speed_loop.AXIS + speed_loop.TARGET] == -63_500
     cell.tick()
@@ -63,8 +63,8 @@ def test_controlword_leads_to_operation_enabled_and_status_follows():
 def test_wheels_stop_when_no_setpoint_comes_for_50_ms():
     cell, board = operational()
     enable(cell)
-    cell.on_frame(0x205, pdo.TARGET_VELOCITY.encode((63_500, 0)))
-    cell.on_frame(0x080, b"")
+    cell.on_frame(0x205, pdo.TARGET_VELOCITY.encode((63_500, 0)), cell.now_ms)
+    cell.on_frame(0x080, b"", cell.now_ms)
     running = 0
     for now_ms in range(51, 250):
         cell.tick()
@@ -86,11 +86,11 @@ def test_leaving_operational_switches_the_motors_off():
     for command in (nmt.STOP, nmt.ENTER_PRE_OPERATIONAL, nmt.RESET_NODE, nmt.RESET_COMMUNICATION):
         cell, board = operational()
         enable(cell)
-        cell.on_frame(0x205, pdo.TARGET_VELOCITY.encode((63_500, 63_500)))
-        cell.on_frame(0x080, b"")
+        cell.on_frame(0x205, pdo.TARGET_VELOCITY.encode((63_500, 63_500)), cell.now_ms)
+        cell.on_frame(0x080, b"", cell.now_ms)
         cell.tick()
         assert board.registers[speed_loop.VOLTAGE] == 825_500
-        cell.on_frame(0x000, bytes((command, 0)))
+        cell.on_frame(0x000, bytes((command, 0)), cell.now_ms)
         cell.tick()
         assert board.registers[speed_loop.VOLTAGE] == 0
 
@@ -105,7 +105,7 @@ def test_expedited_read_and_write_transcript():
         (b"\x40\x00\x12\x01\x00\x00\x00\x00", b"\x43\x00\x12\x01\x05\x06\x00\x00"),
     )
     for request, response in transcript:
-        cell.on_frame(0x605, request)
+        cell.on_frame(0x605, request, cell.now_ms)
         assert board.take() == [(0x585, response)]
 
 
@@ -122,7 +122,7 @@ def test_refusals_carry_the_abort_code():
         (b"\xe0\x00\x30\x00\x00\x00\x00\x00", sdo.UNKNOWN_COMMAND),
     )
     for request, code in refusals:
-        cell.on_frame(0x605, request)
+        cell.on_frame(0x605, request, cell.now_ms)
         ((can_id, response),) = board.take()
         assert can_id == 0x585
         assert response == b"\x80" + request[1:4] + code.to_bytes(4, "little")
@@ -139,7 +139,7 @@ def test_garbage_is_counted_and_dropped():
         (0x605, b"\x40\x00"),
     )
     for can_id, data in garbage:
-        cell.on_frame(can_id, data)
+        cell.on_frame(can_id, data, cell.now_ms)
     assert cell.dropped == len(garbage)
     assert board.take() == []
     assert cell.state == nmt.OPERATIONAL
@@ -147,8 +147,8 @@ def test_garbage_is_counted_and_dropped():
 
 def test_sends_only_on_identifiers_of_its_own():
     cell, board = operational()
-    cell.on_frame(0x080, b"")
-    cell.on_frame(cob.SDO_REQUEST_BASE + NODE, sdo.read_request(0x1000, 0))
+    cell.on_frame(0x080, b"", cell.now_ms)
+    cell.on_frame(cob.SDO_REQUEST_BASE + NODE, sdo.read_request(0x1000, 0), cell.now_ms)
     cell.poll(150)
     assert {can_id & 0x7F for can_id, _ in board.take()} == {NODE}
 
@@ -159,7 +159,7 @@ def test_stalled_wheel_is_reported_until_it_is_reset():
     board.registers[speed_loop.FAULTS] = speed_loop.STALLED
     cell.poll(55)
     assert emergencies(board) == [b"\x21\x71\x21\x01\0\0\0\0"]
-    cell.on_frame(0x305, pdo.CONTROLWORD.encode((cia402.FAULT_RESET, 0)))
+    cell.on_frame(0x305, pdo.CONTROLWORD.encode((cia402.FAULT_RESET, 0)), cell.now_ms)
     cell.poll(60)
     assert emergencies(board) == [b"\x00\x00\x00\x01\0\0\0\0"]
 
@@ -171,14 +171,14 @@ def mapped_alone(cell, board, *objects):
     requests += [write(0x1602, sub, each) for sub, each in enumerate(objects, 1)]
     requests += [write(0x1602, 0, bytes((len(objects),))), write(0x1402, 1, b"\x05\x03\0\0")]
     for request in requests:
-        cell.on_frame(0x605, request)
+        cell.on_frame(0x605, request, cell.now_ms)
         assert board.take()[0][1][0] == 0x60
 
 
 def test_pdos_with_one_identifier_are_all_taken():
     cell, board = operational()
     mapped_alone(cell, board, b"\x10\x00\x40\x60")
-    cell.on_frame(0x305, b"\x06\x00\x06\x00")
+    cell.on_frame(0x305, b"\x06\x00\x06\x00", cell.now_ms)
     assert cell.dropped == 0
 
 
@@ -186,19 +186,19 @@ def test_mapped_setting_is_taken_from_a_frame_within_its_limits():
     cell, board = operational()
     mapped_alone(cell, board, b"\x08\x00\x60\x60", b"\x08\x00\x60\x68")
     for modes in (b"\x03\x03", b"\x01\x09", b"\xff\x80"):
-        cell.on_frame(0x305, modes + b"\0\0")
+        cell.on_frame(0x305, modes + b"\0\0", cell.now_ms)
         for index in (0x6060, 0x6860):
-            cell.on_frame(0x605, sdo.read_request(index, 0))
+            cell.on_frame(0x605, sdo.read_request(index, 0), cell.now_ms)
             assert board.take()[-1][1][4] == 3
 
 
 def test_stopped_cell_obeys_network_management_only():
     cell, board = operational()
-    cell.on_frame(0x000, b"\x02\x05")
-    cell.on_frame(0x605, sdo.read_request(0x1000, 0))
-    cell.on_frame(0x080, b"")
+    cell.on_frame(0x000, b"\x02\x05", cell.now_ms)
+    cell.on_frame(0x605, sdo.read_request(0x1000, 0), cell.now_ms)
+    cell.on_frame(0x080, b"", cell.now_ms)
     assert board.take() == []
-    cell.on_frame(0x000, b"\x80\x05")
+    cell.on_frame(0x000, b"\x80\x05", cell.now_ms)
     assert cell.state == nmt.PRE_OPERATIONAL
 
 
@@ -206,35 +206,35 @@ def test_filter_is_set_anew_for_another_identifier_only():
     cell, board = operational()
     heard = []
     board.listen = heard.append
-    cell.on_frame(0x605, sdo.write_request(0x1800, 2, b"\xff"))
-    cell.on_frame(0x605, sdo.write_request(0x1801, 5, b"\x14\0"))
+    cell.on_frame(0x605, sdo.write_request(0x1800, 2, b"\xff"), cell.now_ms)
+    cell.on_frame(0x605, sdo.write_request(0x1801, 5, b"\x14\0"), cell.now_ms)
     assert heard == []
-    cell.on_frame(0x605, sdo.write_request(0x1402, 1, b"\x86\x01\0\0"))
+    cell.on_frame(0x605, sdo.write_request(0x1402, 1, b"\x86\x01\0\0"), cell.now_ms)
     assert len(heard) == 1
     assert 0x186 in heard[0]
 
 
 def test_sync_may_have_another_identifier():
     cell, board = operational()
-    cell.on_frame(0x605, sdo.write_request(0x1005, 0, b"\x90\0\0\0"))
+    cell.on_frame(0x605, sdo.write_request(0x1005, 0, b"\x90\0\0\0"), cell.now_ms)
     board.take()
-    cell.on_frame(0x080, b"")
+    cell.on_frame(0x080, b"", cell.now_ms)
     assert board.take() == []
-    cell.on_frame(0x090, b"")
+    cell.on_frame(0x090, b"", cell.now_ms)
     assert board.take() == [(0x185, bytes(8))]
 
 
 def test_nothing_is_saved_while_a_motor_is_on():
     cell, board = operational()
     enable(cell)
-    cell.on_frame(0x605, sdo.write_request(0x1010, 1, b"save"))
+    cell.on_frame(0x605, sdo.write_request(0x1010, 1, b"save"), cell.now_ms)
     assert board.take()[-1] == (0x585, sdo.abort(0x1010, 1, sdo.WRONG_STATE))
 
 
 def test_full_transmit_queue_is_counted():
     cell, board = operational()
     board.send = lambda can_id, data: False
-    cell.on_frame(0x080, b"")
+    cell.on_frame(0x080, b"", cell.now_ms)
     assert cell.not_sent == 1
 
 
@@ -242,9 +242,9 @@ def test_change_of_state_aborts_a_transfer_with_a_code():
     aborted = (0x585, sdo.abort(0x1009, 0, sdo.WRONG_STATE))
     for command in nmt.TRANSITIONS:
         cell, board = booted()
-        cell.on_frame(0x605, b"\x40\x09\x10\x00\0\0\0\0")
+        cell.on_frame(0x605, b"\x40\x09\x10\x00\0\0\0\0", cell.now_ms)
         board.take()
-        cell.on_frame(0x000, bytes((command, NODE)))
+        cell.on_frame(0x000, bytes((command, NODE)), cell.now_ms)
         sent = board.take()
         if nmt.TRANSITIONS[command] == nmt.PRE_OPERATIONAL:
             assert sent == []  # that is where it was
@@ -254,11 +254,11 @@ def test_change_of_state_aborts_a_transfer_with_a_code():
 
 def test_reset_that_gives_another_node_id_aborts_a_transfer_under_the_old_one():
     cell, board = booted()
-    cell.on_frame(0x7E5, b"\x04\x01\0\0\0\0\0\0")
-    cell.on_frame(0x7E5, b"\x11\x07\0\0\0\0\0\0")
-    cell.on_frame(0x605, b"\x40\x09\x10\x00\0\0\0\0")
+    cell.on_frame(0x7E5, b"\x04\x01\0\0\0\0\0\0", cell.now_ms)
+    cell.on_frame(0x7E5, b"\x11\x07\0\0\0\0\0\0", cell.now_ms)
+    cell.on_frame(0x605, b"\x40\x09\x10\x00\0\0\0\0", cell.now_ms)
     board.take()
-    cell.on_frame(0x000, bytes((nmt.RESET_COMMUNICATION, NODE)))
+    cell.on_frame(0x000, bytes((nmt.RESET_COMMUNICATION, NODE)), cell.now_ms)
     assert cell.node_id == 7
     assert board.take()[0] == (0x585, sdo.abort(0x1009, 0, sdo.WRONG_STATE))
 
@@ -276,41 +276,41 @@ def voltages(cell, board, ticks=40):
 def test_an_axis_is_enabled_in_operational_only():
     cell, board = booted()
     for word in (cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION):
-        cell.on_frame(0x605, sdo.write_request(0x6040, 0, bytes((word, 0))))
-    cell.on_frame(0x605, sdo.write_request(0x60FF, 0, (100_000).to_bytes(4, "little")))
+        cell.on_frame(0x605, sdo.write_request(0x6040, 0, bytes((word, 0))), cell.now_ms)
+    cell.on_frame(0x605, sdo.write_request(0x60FF, 0, (100_000).to_bytes(4, "little")), cell.now_ms)
     board.take()
-    cell.on_frame(0x605, sdo.read_request(0x6041, 0))
+    cell.on_frame(0x605, sdo.read_request(0x6041, 0), cell.now_ms)
     (_, data) = board.take()[-1]
     assert cia402.state(data[4] | data[5] << 8) == cia402.SWITCHED_ON
     assert voltages(cell, board) == {0}
     # Nor does 'operational' enable it by itself.
-    cell.on_frame(0x000, b"\x01\x05")
+    cell.on_frame(0x000, b"\x01\x05", cell.now_ms)
     assert voltages(cell, board) == {0}
 
 
 def test_a_setpoint_held_for_sync_is_dropped_when_an_axis_is_enabled():
     cell, board = operational()
-    cell.on_frame(0x205, pdo.TARGET_VELOCITY.encode((63_500, -63_500)))
+    cell.on_frame(0x205, pdo.TARGET_VELOCITY.encode((63_500, -63_500)), cell.now_ms)
     enable(cell)
-    cell.on_frame(0x080, b"")
+    cell.on_frame(0x080, b"", cell.now_ms)
     assert voltages(cell, board) == {0}
 
 
 def test_reset_of_the_node_drops_the_target():
     cell, board = operational()
     enable(cell)
-    cell.on_frame(0x605, sdo.write_request(0x60FF, 0, (100_000).to_bytes(4, "little")))
-    cell.on_frame(0x000, b"\x81\x05")
+    cell.on_frame(0x605, sdo.write_request(0x60FF, 0, (100_000).to_bytes(4, "little")), cell.now_ms)
+    cell.on_frame(0x000, b"\x81\x05", cell.now_ms)
     cell.poll(60)
     cell.poll(120)
     board.take()
-    cell.on_frame(0x605, sdo.read_request(0x60FF, 0))
+    cell.on_frame(0x605, sdo.read_request(0x60FF, 0), cell.now_ms)
     assert board.take()[-1] == (0x585, b"\x43\xff\x60\x00\0\0\0\0")
 
 
 def test_setpoint_timeout_ends_at_500_ms():
     cell, board = operational()
-    cell.on_frame(0x605, sdo.write_request(0x3000, 0, (501).to_bytes(2, "little")))
+    cell.on_frame(0x605, sdo.write_request(0x3000, 0, (501).to_bytes(2, "little")), cell.now_ms)
     assert board.take()[-1] == (0x585, sdo.abort(0x3000, 0, sdo.TOO_HIGH))
 
 
@@ -318,18 +318,18 @@ def test_signature_changes_with_every_stored_setting_and_with_nothing_else():
     cell, board = booted()
 
     def signature():
-        cell.on_frame(0x605, sdo.read_request(0x3005, 0))
+        cell.on_frame(0x605, sdo.read_request(0x3005, 0), cell.now_ms)
         return board.take()[-1][1][4:]
 
     usual = signature()
-    cell.on_frame(0x605, sdo.write_request(0x60FF, 0, (100_000).to_bytes(4, "little")))
-    cell.on_frame(0x605, sdo.write_request(0x6040, 0, b"\x06\x00"))
+    cell.on_frame(0x605, sdo.write_request(0x60FF, 0, (100_000).to_bytes(4, "little")), cell.now_ms)
+    cell.on_frame(0x605, sdo.write_request(0x6040, 0, b"\x06\x00"), cell.now_ms)
     board.take()
     assert signature() == usual
-    cell.on_frame(0x605, sdo.write_request(0x607E, 0, b"\x40"))
+    cell.on_frame(0x605, sdo.write_request(0x607E, 0, b"\x40"), cell.now_ms)
     board.take()
     assert signature() != usual
-    cell.on_frame(0x605, sdo.write_request(0x607E, 0, b"\x00"))
+    cell.on_frame(0x605, sdo.write_request(0x607E, 0, b"\x00"), cell.now_ms)
     board.take()
     assert signature() == usual
 
@@ -338,5 +338,17 @@ def test_supply_is_reported_as_it_is():
     cell, board = booted()
     for supply_uv in (24_000_000, 0):
         board.registers[speed_loop.SUPPLY] = supply_uv
-        cell.on_frame(0x605, sdo.read_request(0x6079, 0))
+        cell.on_frame(0x605, sdo.read_request(0x6079, 0), cell.now_ms)
         assert board.take()[-1][1][4:] == (supply_uv // 1000).to_bytes(4, "little")
+
+
+def test_a_lost_supply_shows_in_the_statusword_at_once():
+    cell, board = operational()
+    board.take()
+    for supply_uv, voltage_enabled in ((0, False), (24_000_000, True)):
+        board.registers[speed_loop.SUPPLY] = supply_uv
+        for now_ms in range(60, 70):
+            cell.tick()
+            cell.poll(now_ms)
+        words = [pdo.STATUS.decode(data)[0] for can_id, data in board.take() if can_id == 0x285]
+        assert [bool(word & cia402.VOLTAGE_ENABLED) for word in words] == [voltage_enabled]

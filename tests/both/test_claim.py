@@ -35,11 +35,11 @@ def test_node_id_that_answers_is_not_taken_and_that_is_reported():
     )
     for can_id, data in answers:
         cell, board = claiming()
-        cell.on_frame(can_id, data)
+        cell.on_frame(can_id, data, cell.now_ms)
         for now_ms in range(1, 500):
             cell.poll(now_ms)
         assert board.take() == [(0x085, b"\x50\x81\x11\x05\0\0\0\0")]
-        cell.on_frame(0x000, b"\x01\x05")
+        cell.on_frame(0x000, b"\x01\x05", cell.now_ms)
         enable(cell)
         cell.tick()
         assert cell.state == nmt.INITIALISING
@@ -48,10 +48,10 @@ def test_node_id_that_answers_is_not_taken_and_that_is_reported():
 
 def test_node_id_is_claimed_again_after_a_reset():
     cell, board = claiming()
-    cell.on_frame(0x705, b"\x05")
+    cell.on_frame(0x705, b"\x05", cell.now_ms)
     cell.poll(100)
     board.take()
-    cell.on_frame(0x000, b"\x82\x00")
+    cell.on_frame(0x000, b"\x82\x00", cell.now_ms)
     cell.poll(200)
     cell.poll(250)
     cell.poll(251)
@@ -60,7 +60,7 @@ def test_node_id_is_claimed_again_after_a_reset():
 
 def test_host_that_reads_the_serial_number_is_no_rival():
     cell, board = claiming()
-    cell.on_frame(0x605, b"\x40\x18\x10\x04\x00\x00\x00\x00")
+    cell.on_frame(0x605, b"\x40\x18\x10\x04\x00\x00\x00\x00", cell.now_ms)
     cell.poll(50)
     assert board.take() == [(0x705, b"\x00")]
 
@@ -72,9 +72,9 @@ def test_cell_without_node_id_is_silent_until_it_gets_one():
         cell.poll(now_ms)
     assert board.take() == []
     assert list(cell.accepts) == [0x7E5]
-    cell.on_frame(0x7E5, b"\x04\x01\0\0\0\0\0\0")
-    cell.on_frame(0x7E5, b"\x11\x07\0\0\0\0\0\0")
-    cell.on_frame(0x7E5, b"\x04\x00\0\0\0\0\0\0")
+    cell.on_frame(0x7E5, b"\x04\x01\0\0\0\0\0\0", cell.now_ms)
+    cell.on_frame(0x7E5, b"\x11\x07\0\0\0\0\0\0", cell.now_ms)
+    cell.on_frame(0x7E5, b"\x04\x00\0\0\0\0\0\0", cell.now_ms)
     cell.poll(100)
     cell.poll(150)
     assert board.take()[-1] == (0x707, b"\x00")
@@ -91,21 +91,21 @@ def test_claim_of_a_duplicate_leaves_a_transfer_alone_and_is_answered_with_a_hea
     )
     for first, second, answer in transfers:
         cell, board = booted()
-        cell.on_frame(0x605, first)
+        cell.on_frame(0x605, first, cell.now_ms)
         board.take()
-        cell.on_frame(0x605, CLAIM)
+        cell.on_frame(0x605, CLAIM, cell.now_ms)
         cell.poll(51)
         assert board.take() == [(0x705, b"\x7f")]
-        cell.on_frame(0x605, second)
+        cell.on_frame(0x605, second, cell.now_ms)
         assert board.take() == [(0x585, answer)]
 
 
 def test_claim_is_answered_by_a_stopped_cell_and_when_there_is_room_again():
     cell, board = booted()
-    cell.on_frame(0x000, b"\x02\x05")
+    cell.on_frame(0x000, b"\x02\x05", cell.now_ms)
     send = board.send
     board.send = lambda can_id, data: False
-    cell.on_frame(0x605, CLAIM)
+    cell.on_frame(0x605, CLAIM, cell.now_ms)
     cell.poll(51)
     board.send = send
     for now_ms in range(52, 57):
@@ -115,21 +115,21 @@ def test_claim_is_answered_by_a_stopped_cell_and_when_there_is_room_again():
 
 def test_claim_is_answered_like_any_request_while_there_is_no_transfer():
     cell, board = booted()
-    cell.on_frame(0x605, CLAIM)
+    cell.on_frame(0x605, CLAIM, cell.now_ms)
     assert board.take() == [(0x585, b"\x43\x18\x10\x04\x05\0\0\0")]
 
 
 def test_client_that_reads_the_serial_number_takes_the_place_of_a_transfer():
     cell, board = booted()
-    cell.on_frame(0x605, b"\x40\x09\x10\x00\0\0\0\0")
+    cell.on_frame(0x605, b"\x40\x09\x10\x00\0\0\0\0", cell.now_ms)
     board.take()
-    cell.on_frame(0x605, sdo.read_request(0x1018, 4))
+    cell.on_frame(0x605, sdo.read_request(0x1018, 4), cell.now_ms)
     assert board.take() == [(0x585, b"\x43\x18\x10\x04\x05\0\0\0")]
 
 
 def test_duplicate_that_boots_amid_a_transfer_does_not_take_the_node_id():
     legitimate, board = booted()
-    legitimate.on_frame(0x605, b"\x40\x09\x10\x00\0\0\0\0")
+    legitimate.on_frame(0x605, b"\x40\x09\x10\x00\0\0\0\0", legitimate.now_ms)
     board.take()
     other = Board()
     other.serial = 9
@@ -138,10 +138,10 @@ def test_duplicate_that_boots_amid_a_transfer_does_not_take_the_node_id():
         legitimate.poll(now_ms)
         duplicate.poll(now_ms)
         for can_id, data in board.take():
-            duplicate.on_frame(can_id, data)
+            duplicate.on_frame(can_id, data, duplicate.now_ms)
         for can_id, data in other.take():
-            legitimate.on_frame(can_id, data)
+            legitimate.on_frame(can_id, data, legitimate.now_ms)
     assert duplicate.state == nmt.INITIALISING
     assert legitimate.state == nmt.PRE_OPERATIONAL
-    legitimate.on_frame(0x605, b"\x60\0\0\0\0\0\0\0")
+    legitimate.on_frame(0x605, b"\x60\0\0\0\0\0\0\0", legitimate.now_ms)
     assert board.take() == [(0x585, b"\x002 wheel")]

@@ -9,7 +9,7 @@ from mdms_protocol import nmt, sdo
 def watching():
     """A cell that watches the host's heartbeat, node 127, with its motors on."""
     cell, board = operational()
-    cell.on_frame(0x605, sdo.write_request(0x1016, 1, b"\xc8\x00\x7f\x00"))
+    cell.on_frame(0x605, sdo.write_request(0x1016, 1, b"\xc8\x00\x7f\x00"), cell.now_ms)
     enable(cell)
     board.take()
     return cell, board
@@ -18,17 +18,17 @@ def watching():
 def test_lost_heartbeat_of_the_host_switches_the_motors_off():
     cell, board = watching()
     for now_ms in range(51, 600):
-        cell.on_frame(0x205, bytes(8))
-        cell.on_frame(0x080, b"")
+        cell.on_frame(0x205, bytes(8), cell.now_ms)
+        cell.on_frame(0x080, b"", cell.now_ms)
         cell.tick()
         cell.poll(now_ms)
         if now_ms <= 300 and now_ms % 100 == 0:
-            cell.on_frame(0x77F, b"\x05")
+            cell.on_frame(0x77F, b"\x05", cell.now_ms)
         driven = board.registers[speed_loop.MODE] == speed_loop.RUN
         assert driven == (now_ms < 500)
     assert cell.state == nmt.PRE_OPERATIONAL
     assert emergencies(board) == [b"\x30\x81\x11\x03\0\0\0\0"]
-    cell.on_frame(0x77F, b"\x05")
+    cell.on_frame(0x77F, b"\x05", cell.now_ms)
     cell.poll(605)
     assert emergencies(board) == [b"\x00\x00\x00\x03\0\0\0\0"]
 
@@ -43,8 +43,8 @@ def test_heartbeat_is_not_missed_before_the_first():
 def test_error_behaviour_chooses_the_state():
     for behaviour, state in ((0, nmt.PRE_OPERATIONAL), (1, nmt.OPERATIONAL), (2, nmt.STOPPED)):
         cell, board = watching()
-        cell.on_frame(0x605, sdo.write_request(0x1029, 1, bytes((behaviour,))))
-        cell.on_frame(0x77F, b"\x05")
+        cell.on_frame(0x605, sdo.write_request(0x1029, 1, bytes((behaviour,))), cell.now_ms)
+        cell.on_frame(0x77F, b"\x05", cell.now_ms)
         for now_ms in range(51, 300):
             cell.poll(now_ms)
         assert cell.state == state
@@ -54,8 +54,8 @@ def test_error_behaviour_chooses_the_state():
 def awaiting():
     """A cell that has had its target at 50 ms, and awaits the next within 25 ms."""
     cell, board = operational()
-    cell.on_frame(0x605, sdo.write_request(0x1400, 5, b"\x19\0"))
-    cell.on_frame(0x205, bytes(8))
+    cell.on_frame(0x605, sdo.write_request(0x1400, 5, b"\x19\0"), cell.now_ms)
+    cell.on_frame(0x205, bytes(8), cell.now_ms)
     return cell, board
 
 
@@ -73,7 +73,7 @@ def test_frame_that_comes_after_all_takes_the_report_back_and_is_waited_for_agai
     told = []
     for now_ms in range(51, 200):
         if now_ms == 101:
-            cell.on_frame(0x205, bytes(8))
+            cell.on_frame(0x205, bytes(8), cell.now_ms)
         cell.poll(now_ms)
         told += [(now_ms, data[:4]) for data in emergencies(board)]
     late, over = b"\x50\x82\x11\x04", b"\x00\x00\x00\x04"
@@ -83,7 +83,7 @@ def test_frame_that_comes_after_all_takes_the_report_back_and_is_waited_for_agai
 def test_rival_that_comes_later_switches_the_motors_off():
     cell, board = operational()
     enable(cell)
-    cell.on_frame(0x705, b"\x00")
+    cell.on_frame(0x705, b"\x00", cell.now_ms)
     cell.tick()
     assert board.registers[speed_loop.MODE] == speed_loop.OFF
     assert cell.state == nmt.PRE_OPERATIONAL
@@ -99,11 +99,11 @@ def test_error_behaviour_is_followed_in_pre_operational_but_leaves_stopped_alone
         (nmt.STOPPED, 0, nmt.STOPPED),
     ):
         cell, _ = watching()
-        cell.on_frame(0x605, sdo.write_request(0x1029, 1, bytes((behaviour,))))
+        cell.on_frame(0x605, sdo.write_request(0x1029, 1, bytes((behaviour,))), cell.now_ms)
         command = nmt.STOP if before == nmt.STOPPED else nmt.ENTER_PRE_OPERATIONAL
-        cell.on_frame(0x000, bytes((command, 0)))
+        cell.on_frame(0x000, bytes((command, 0)), cell.now_ms)
         assert cell.state == before
-        cell.on_frame(0x77F, b"\x05")
+        cell.on_frame(0x77F, b"\x05", cell.now_ms)
         for now_ms in range(51, 300):
             cell.poll(now_ms)
         assert cell.state == after
@@ -117,7 +117,7 @@ def test_frame_too_short_for_its_pdo_is_reported_once_an_episode():
     cell, board = operational()
     told = []
     for now_ms, length in ((51, 8), (52, 7), (53, 0), (54, 8), (55, 8), (56, 4), (57, 8)):
-        cell.on_frame(0x205, bytes(length))
+        cell.on_frame(0x205, bytes(length), cell.now_ms)
         cell.poll(now_ms)
         told += [(now_ms, data) for data in emergencies(board)]
     assert told == [(52, TOO_SHORT), (54, SHORT_NO_MORE), (56, TOO_SHORT), (57, SHORT_NO_MORE)]
@@ -125,15 +125,15 @@ def test_frame_too_short_for_its_pdo_is_reported_once_an_episode():
 
 def test_frame_too_short_is_reported_even_if_the_next_follows_before_a_poll():
     cell, board = operational()
-    cell.on_frame(0x205, bytes(7))
-    cell.on_frame(0x205, bytes(8))
+    cell.on_frame(0x205, bytes(7), cell.now_ms)
+    cell.on_frame(0x205, bytes(8), cell.now_ms)
     cell.poll(51)
     assert emergencies(board) == [TOO_SHORT, SHORT_NO_MORE]
 
 
 def test_frame_too_short_is_not_reported_before_operational():
     cell, board = operational()
-    cell.on_frame(0x000, b"\x80\x05")
-    cell.on_frame(0x205, bytes(7))
+    cell.on_frame(0x000, b"\x80\x05", cell.now_ms)
+    cell.on_frame(0x205, bytes(7), cell.now_ms)
     cell.poll(51)
     assert emergencies(board) == []

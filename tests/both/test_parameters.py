@@ -3,10 +3,10 @@
 from cell_bench import NODE, Board, emergencies
 from refusal import code_of
 
-from mdms_cell.canopen import saved
 from mdms_cell.canopen.emcy import Emcy
 from mdms_cell.canopen.objects import Objects, find
-from mdms_cell.canopen.store import Parameters, Store
+from mdms_cell.canopen.storage import saved
+from mdms_cell.canopen.storage.store import Parameters, Store
 from mdms_cell.cell import Cell
 from mdms_protocol import nmt, record, sdo
 
@@ -184,6 +184,6 @@ def test_cell_with_a_saved_pdo_of_an_object_that_is_gone_boots_and_reports_it():
     cell.poll(51)
     assert cell.state == nmt.PRE_OPERATIONAL
     assert emergencies(board) == [TOLD + b"\xff\x2f\x01\x02"]
-    cell.on_frame(0x000, b"\x01\x05")
-    cell.on_frame(0x080, b"")
+    cell.on_frame(0x000, b"\x01\x05", cell.now_ms)
+    cell.on_frame(0x080, b"", cell.now_ms)
     assert (0x185, bytes(8)) in board.take()

@@ -4,8 +4,8 @@ from refusal import code_of
 
 from mdms_cell import ticks
 from mdms_cell.canopen.objects import Objects, find, key
-from mdms_cell.canopen.rpdo import Rpdo
-from mdms_cell.canopen.tpdo import Tpdo
+from mdms_cell.canopen.pdo.rpdo import Rpdo
+from mdms_cell.canopen.pdo.tpdo import Tpdo
 from mdms_protocol import record, sdo
 
 #: Bit 30 of a TPDO's COB-ID: it answers no remote request.

@@ -62,7 +62,8 @@ class Cell:
             raise self.error
         self.registers[speed_loop.TICKS] += 1
 
-    def on_frame(self, can_id, data):
+    def on_frame(self, can_id, data, now_ms):
+        self.now_ms = now_ms
         self.told.append((can_id, bytes(data)))
 
     def poll(self, now_ms):
@@ -86,6 +87,7 @@ def test_turn_takes_all_frames_in_their_order_and_then_polls():
     board.receive((0x080, b"", 0), (0x205, b"12345678", 0), (0x605, b"abc", 0))
     runner.turn(77)
     assert cell.told == [(0x080, b""), (0x205, b"12345678"), (0x605, b"abc"), ("poll", 77)]
+    assert cell.now_ms == 77
     assert board.serviced_ms == 77
     runner.turn(78)
     assert cell.told[4:] == [("poll", 78)]

@@ -4,9 +4,9 @@ import struct
 
 from refusal import code_of
 
-from mdms_cell.canopen import saved as saved_bytes
 from mdms_cell.canopen.objects import Objects, find
-from mdms_cell.canopen.store import Store
+from mdms_cell.canopen.storage import saved as saved_bytes
+from mdms_cell.canopen.storage.store import Store
 from mdms_protocol import record, sdo
 
 SIZE = 256

@@ -13,12 +13,12 @@ EMCY_INHIBIT_10_MS = (0x1015, 0, b"\x64\x00")
 def slept(days, *settings):
     """A cell to which nothing has happened for days but its status sent once, and the time."""
     cell, board = operational()
-    cell.on_frame(0x000, b"\x80\x05")
-    cell.on_frame(0x605, sdo.write_request(0x1801, 1, b"\x85\x02\0\x80"))
+    cell.on_frame(0x000, b"\x80\x05", cell.now_ms)
+    cell.on_frame(0x605, sdo.write_request(0x1801, 1, b"\x85\x02\0\x80"), cell.now_ms)
     for setting in settings:
-        cell.on_frame(0x605, sdo.write_request(*setting))
-    cell.on_frame(0x605, sdo.write_request(0x1801, 1, b"\x85\x02\0\x40"))
-    cell.on_frame(0x000, b"\x01\x05")
+        cell.on_frame(0x605, sdo.write_request(*setting), cell.now_ms)
+    cell.on_frame(0x605, sdo.write_request(0x1801, 1, b"\x85\x02\0\x40"), cell.now_ms)
+    cell.on_frame(0x000, b"\x01\x05", cell.now_ms)
     cell.fail(0x8140)
     now_ms = 50
     for _ in range(days):
@@ -39,11 +39,11 @@ def test_change_after_days_of_nothing_is_sent_at_once():
 
 def test_acyclic_change_that_was_refused_is_sent_within_a_few_milliseconds():
     cell, board = operational()
-    cell.on_frame(0x605, sdo.write_request(0x1800, 2, b"\0"))
+    cell.on_frame(0x605, sdo.write_request(0x1800, 2, b"\0"), cell.now_ms)
     board.take()
     send = board.send
     board.send = lambda can_id, data: False
-    cell.on_frame(0x080, b"")
+    cell.on_frame(0x080, b"", cell.now_ms)
     cell.poll(51)
     board.send = send
     for now_ms in range(52, 51 + ticks.RETRY_MS + 1):

@@ -171,6 +171,8 @@ def runaway(bench):
     assert ms < 100
     bench.pass_ms(10)
     assert 0x7302 in emergencies()
+    bench.can.deliver(0x300 + NODE, bytes(4))  # the other wheel has no fault
+    bench.pass_ms(2)
     comes_back(bench, *RESET)
 
 
@@ -201,6 +203,8 @@ def over_current(bench):
     bench.pass_ms(10)
     assert 0x2310 in emergencies()
     world.analog[bench.currents[0]] = 0
+    bench.can.deliver(0x300 + NODE, bytes(4))  # the other wheel has no fault
+    bench.pass_ms(2)
     comes_back(bench, *RESET)
 
 
@@ -223,6 +227,8 @@ def following_error(bench):
     bench.pass_ms(2)
     falls(bench, 25, 0x8611)
     bench.can.deliver(0x600 + NODE, b"\x23\xf8\x60\x00\0\0\0\0")
+    bench.pass_ms(2)
+    bench.can.deliver(0x300 + NODE, bytes(4))  # the other wheel has no fault
     bench.pass_ms(2)
     comes_back(bench, *RESET)
 

@@ -97,7 +97,7 @@ def test_node_id_and_settings_are_there_after_the_power_was_off(bench):
     cell._board.send = lambda can_id, data: sent.append((can_id, data)) or True
     for now_ms in (0, 50):
         cell.poll(now_ms)
-    cell.on_frame(0x600 + cell.node_id, b"\x40\x00\x30\x00\0\0\0\0")
+    cell.on_frame(0x600 + cell.node_id, b"\x40\x00\x30\x00\0\0\0\0", 0)
     assert sent[-1][1][4] == (77 if saved else 50)
 
 

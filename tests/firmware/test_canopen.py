@@ -16,10 +16,13 @@ from mdms_cell.drive import speed_loop
 from mdms_protocol import cia402, cob
 from mdms_protocol.dictionary import ENTRIES, ERROR_HISTORY
 
-pytestmark = pytest.mark.real_time
-
 EDS = Path(__file__).parents[2] / "protocol" / "mdms-cell.eds"
 NODE = 5
+PATIENCE_S = 10
+#: For answers that always come.
+ANSWER_S = 2
+#: `fast_scan` waits this long for each answer that does not come; longer where one was late.
+SCAN_TIMEOUTS_S = (0.03, 0.1, 0.3, 1.0)
 
 
 class Settings:
@@ -75,7 +78,7 @@ class Cells(threading.Thread):
     def _to_cells(self, can_id, data, sender=None):
         for cell in self.cells:
             if cell is not sender:
-                cell.on_frame(can_id, data)
+                cell.on_frame(can_id, data, cell.now_ms)
 
     def _from_cells(self):
         for cell, board in zip(self.cells, self.boards, strict=True):
@@ -97,6 +100,7 @@ def run_cells(request):
     def start(*node_ids):
         cells = Cells(request.node.name, node_ids)
         network = canopen.Network()
+        network.NOTIFIER_CYCLE = 0.05  # how long its reader takes to end
         network.connect(interface="virtual", channel=request.node.name)
         opened.append((cells, network))
         cells.start()
@@ -112,7 +116,8 @@ def run_cells(request):
 def node(run_cells):
     cells, network = run_cells(NODE)
     remote = network.add_node(NODE, import_od(str(EDS), NODE))
-    remote.nmt.wait_for_heartbeat(5)
+    remote.sdo.RESPONSE_TIMEOUT = ANSWER_S
+    remote.nmt.wait_for_heartbeat(PATIENCE_S)
     return cells, remote
 
 
@@ -183,7 +188,7 @@ def test_pdo_is_remapped_and_carries_other_objects(node):
     cells.boards[0].bits = 0b10101
     remote.nmt.state = "OPERATIONAL"
     for _ in range(3):
-        assert mapping.wait_for_reception(1) is not None
+        assert mapping.wait_for_reception(PATIENCE_S) is not None
     assert mapping[0].raw == 12345
     assert mapping[1].raw == 0b10101
 
@@ -192,11 +197,12 @@ def test_setpoint_by_pdo_reaches_the_motor(node):
     cells, remote = node
     remote.rpdo.read()
     remote.sdo[0x200A].raw = 0  # the wheel stands
+    remote.sdo[0x3000].raw = 500  # a machine under load may hold up the setpoints
     remote.nmt.state = "OPERATIONAL"
     for word in (cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION):
         remote.sdo[0x6040].raw = word
     remote.rpdo[1][0].raw = 63_500
-    deadline_s = time.monotonic() + 2
+    deadline_s = time.monotonic() + PATIENCE_S
     while cells.boards[0].registers[speed_loop.VOLTAGE] != 825_500:
         remote.rpdo[1].transmit()
         remote.network.sync.transmit()
@@ -208,7 +214,7 @@ def test_emergency_reaches_the_host_and_the_history(node):
     cells, remote = node
     remote.nmt.state = "OPERATIONAL"
     cells.cells[0].fail(0x6100)
-    deadline_s = time.monotonic() + 2
+    deadline_s = time.monotonic() + PATIENCE_S
     while not remote.emcy.log:
         time.sleep(0.01)
         assert time.monotonic() < deadline_s
@@ -225,23 +231,31 @@ def test_saved_settings_come_back_after_a_reset(node):
     remote.store()
     remote.sdo[0x3000].raw = 88
     remote.nmt.send_command(0x81)
-    remote.nmt.wait_for_bootup(2)
+    remote.nmt.wait_for_bootup(PATIENCE_S)
     assert remote.sdo[0x3000].raw == 77
     remote.restore()
     remote.nmt.send_command(0x81)
-    remote.nmt.wait_for_bootup(2)
+    remote.nmt.wait_for_bootup(PATIENCE_S)
     assert remote.sdo[0x3000].raw == 50
+
+
+def scan(network):
+    """The identity of a blank cell; an answer that is late spoils a scan."""
+    for timeout_s in SCAN_TIMEOUTS_S:
+        network.lss.RESPONSE_TIMEOUT = timeout_s
+        found, identity = network.lss.fast_scan()
+        if found:
+            return identity
+    raise AssertionError("no blank cell answers")
 
 
 @pytest.mark.slow
 def test_three_blank_cells_get_node_ids_by_fast_scan(run_cells):
     cells, network = run_cells(cob.NODE_NONE, cob.NODE_NONE, cob.NODE_NONE)
-    network.lss.RESPONSE_TIMEOUT = 0.03
     found = []
     for node_id in (11, 12, 13):
-        done, identity = network.lss.fast_scan()
-        assert done
-        found.append(identity[3])
+        found.append(scan(network)[3])
+        network.lss.RESPONSE_TIMEOUT = ANSWER_S
         network.lss.configure_node_id(node_id)
         network.lss.store_configuration()
         network.lss.send_switch_state_global(network.lss.WAITING_STATE)
@@ -249,6 +263,7 @@ def test_three_blank_cells_get_node_ids_by_fast_scan(run_cells):
     assert network.lss.fast_scan() == (False, None)
     assert sorted(cell.node_id for cell in cells.cells) == [11, 12, 13]
     remote = network.add_node(13, import_od(str(EDS), 13))
-    time.sleep(0.1)
+    remote.sdo.RESPONSE_TIMEOUT = ANSWER_S
+    remote.nmt.wait_for_heartbeat(PATIENCE_S)
     assert remote.sdo[0x1018][4].raw == found[2]
     assert remote.sdo[0x1018][2].raw == 0x4D444D53

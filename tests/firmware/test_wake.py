@@ -45,7 +45,7 @@ class Bench:
 
     def hear(self, can_id, data):
         self.cell.now_ms = self.now_ms
-        self.cell.on_frame(can_id, data)
+        self.cell.on_frame(can_id, data, self.cell.now_ms)
 
     def pass_ms(self):
         """One tick and, if it is due, one poll; what was sent, and how the motors are driven."""

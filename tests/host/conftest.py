@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mdms_cell.canopen.objects import Objects, key
-from mdms_cell.canopen.sdo_server import SdoServer
+from mdms_cell.canopen.sdo.server import SdoServer
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning
 from mdms_host.coordination.coordinator import Coordinator

@@ -38,3 +38,22 @@ def test_what_decides_needs_no_bus_library(package):
     modules = [name for name in CORE if name.startswith(f"mdms_host.{package}.")]
     modules = [name for name in modules if not name.endswith(".operation")]
     assert imported_by(modules).isdisjoint({"can", "canopen", "serial", "rich"})
+
+
+#: Verbs for a table of real cells, and what they make of a scenario.
+HARDWARE = sorted(
+    module.name
+    for module in pkgutil.walk_packages(mdms_host.__path__, "mdms_host.")
+    if module.name.startswith(tuple(f"mdms_host.cli.{name}" for name in ("array", "scenario")))
+    or module.name.startswith(("mdms_host.cli.configure", "mdms_host.cli.records"))
+)
+
+
+def test_verbs_on_hardware_need_neither_simulator_nor_extras():
+    assert {"mdms_host.cli.array.run", "mdms_host.cli.scenario.belief"} <= {*HARDWARE}
+    script = (
+        "import sys, importlib; "
+        f"sys.modules.update(dict.fromkeys({sorted(FORBIDDEN)!r})); "
+        f"[importlib.import_module(name) for name in {HARDWARE!r}]"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True)

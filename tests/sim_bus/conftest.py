@@ -1,5 +1,7 @@
 """A run in the plane made by hand, to keep, draw and export."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -44,4 +46,22 @@ def plane_record(plane) -> Record:
             Event(0.5, "coordinator", "running"),
             Event(1 / 3, "contact", "slips", parcel="box", cell=3, axis=2),
         ],
+    )
+
+
+@pytest.fixture
+def believed_record(plane_record) -> Record:
+    """The same as a coordinator on hardware sees it: no truth."""
+    nothing, nowhere = (
+        np.full_like(plane_record.speed_m_s, np.nan),
+        np.full((SAMPLES, 1, 3), np.nan),
+    )
+    return replace(
+        plane_record,
+        pose=nowhere,
+        twist=nowhere,
+        voltage_v=nothing,
+        normal_n=nothing,
+        force_n=nothing,
+        contact=np.full_like(plane_record.contact, Contact.UNKNOWN),
     )

@@ -58,7 +58,7 @@ def serve(runtime_folder, *options, scenario="array18", name="array18"):
     """Start `mdms serve` and wait until it has told its doors."""
     environment = os.environ | {"XDG_RUNTIME_DIR": str(runtime_folder), "TERM": "xterm"}
     process = subprocess.Popen(
-        [str(FOLDER / "mdms"), "serve", scenario, "--name", name, *options],
+        [str(FOLDER / "mdms"), "serve", scenario, "--name", name, "--tcp", "0", *options],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

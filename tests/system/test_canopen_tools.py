@@ -16,7 +16,8 @@ from tests.system.serving import serving
 from mdms_protocol import cia402, cob
 from mdms_sim.nodes.micropython_bank import MicropythonBank
 
-pytestmark = [pytest.mark.slow, pytest.mark.real_time]
+#: One array is commissioned for all.
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("canopen tools")]
 
 EDS = str(Path(__file__).parents[2] / "protocol" / "mdms-cell.eds")
 CELLS = 18
@@ -125,7 +126,7 @@ def test_remapped_pdo_carries_the_new_object(network):
 def enable(network, node_ids):
     for node_id in node_ids:
         node = network[node_id]
-        node.sdo[0x3000].raw = 2_000
+        node.sdo[0x3000].raw = 500
         node.nmt.state = "OPERATIONAL"
         for index in (0x6040, 0x6840):
             for word in (cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION):

@@ -11,7 +11,8 @@ from mdms_host.cli.exits import Exit
 from mdms_protocol import cob
 from mdms_sim.nodes.python_bank import PythonBank
 
-pytestmark = pytest.mark.real_time
+#: One array is served to all.
+pytestmark = pytest.mark.xdist_group("configure")
 
 CELLS = 18
 
@@ -43,7 +44,7 @@ def test_settings_are_changed_over_a_serial_line(served):
     done = served.run("mdms", "configure", "set", "axis2.stall_time=0.4", "--node", "18", *door)
     assert done.returncode == 0, done.stderr
     assert done.stdout == (
-        "axis2.stall_time: 0.5 -> 0.4 s  (node 18)\n1 settings written and verified\n"
+        "axis2.stall_time: 0.08 -> 0.4 s  (node 18)\n1 settings written and verified\n"
     )
 
 

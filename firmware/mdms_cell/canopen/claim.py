@@ -1,20 +1,20 @@
 """Makes sure at boot that no other node has the node id (beyond CiA 301, with its means).
 
 Before its boot-up message the cell asks, as an SDO client would, the node of its own id for its
-serial number. Any device that has the id answers; a cell that is just asking the same is told by
-its own serial number, which stands in the four bytes that the request leaves free.
+serial number. Any device that has the id answers; a cell that is just asking the same is recognised
+by its serial number in the four bytes that the request leaves free.
 
 A cell that is in an SDO transfer, or stopped, answers with a heartbeat instead: a claim is no
 request of the transfer's client, who would take another response for its own.
 """
 
 from mdms_cell import ticks
-from mdms_protocol import cob, sdo
+from mdms_protocol import cob, indices, sdo
 
 #: Any node answers an SDO request within this time.
 LISTEN_MS = 50
 
-_SERIAL_NUMBER = (0x1018, 4)
+_SERIAL_NUMBER = (indices.IDENTITY, 4)
 _REQUEST = sdo.read_request(*_SERIAL_NUMBER)[:4]
 
 

@@ -1,14 +1,8 @@
 """Emergency messages, error register and error history (CiA 301, 7.2.7, 0x1001, 0x1003)."""
 
 from mdms_cell import ticks
-from mdms_cell.canopen.objects import key
 from mdms_cell.canopen.rules import check_cob_id
-from mdms_protocol import cob, sdo
-
-ERROR_REGISTER = 0x1001
-HISTORY = 0x1003
-COB_ID = 0x1014
-INHIBIT_TIME = 0x1015
+from mdms_protocol import cob, indices, sdo
 
 _HISTORY_SIZE = 8
 #: Messages that may wait for the inhibit time or for room; older ones give way.
@@ -29,20 +23,19 @@ class Emcy:
         self._errors = {}
         self._queue = []
         self._sent_ms = None
-        self._enabled = False
-        objects.reads[key(ERROR_REGISTER, 0)] = self.register
-        objects.writes[key(HISTORY, 0)] = self._clear_history
+        objects.tie(indices.ERROR_REGISTER, 0, read=self.register)
+        objects.tie(indices.ERROR_HISTORY, 0, write=self._clear_history)
         for sub in range(1, _HISTORY_SIZE + 1):
-            objects.reads[key(HISTORY, sub)] = self._history_reader(sub)
-        objects.watchers[COB_ID] = self._on_cob_id
-        objects.watchers[INHIBIT_TIME] = self._on_inhibit_time
+            objects.tie(indices.ERROR_HISTORY, sub, read=self._history_reader(sub))
+        objects.watch(indices.EMCY_COB_ID, self._on_cob_id)
+        objects.watch(indices.EMCY_INHIBIT_TIME, self._on_inhibit_time)
         self.load()
 
     def load(self):
         """Take over identifier and inhibit time from the dictionary."""
-        cob_id = self._objects.number(COB_ID)
+        cob_id = self._objects.number(indices.EMCY_COB_ID)
         self.can_id = None if cob_id & cob.INVALID else cob_id & cob.IDENTIFIER
-        self._inhibit_ms = -(-self._objects.number(INHIBIT_TIME) // 10)
+        self._inhibit_ms = -(-self._objects.number(indices.EMCY_INHIBIT_TIME) // 10)
 
     def register(self):
         """The error register."""
@@ -52,7 +45,7 @@ class Emcy:
         return bits
 
     def report(self, source, code, detail=bytes(4)):
-        """An error has come up; four bytes may say more about it."""
+        """An error has come up; four bytes may give details."""
         if self._errors.get(source) == code:
             return
         self._errors[source] = code
@@ -90,19 +83,19 @@ class Emcy:
 
     def _remember(self, error):
         objects = self._objects
-        count = min(objects.number(HISTORY) + 1, _HISTORY_SIZE)
+        count = min(objects.number(indices.ERROR_HISTORY) + 1, _HISTORY_SIZE)
         for sub in range(count, 1, -1):
-            objects.put(HISTORY, sub, objects.number(HISTORY, sub - 1))
-        objects.put(HISTORY, 1, error)
-        objects.put(HISTORY, 0, count)
+            objects.put(indices.ERROR_HISTORY, sub, objects.number(indices.ERROR_HISTORY, sub - 1))
+        objects.put(indices.ERROR_HISTORY, 1, error)
+        objects.put(indices.ERROR_HISTORY, 0, count)
 
     def _history_reader(self, sub):
         """What returns the error at this place, the newest first; raises AbortError without one."""
 
         def read():
-            if sub > self._objects.number(HISTORY):
+            if sub > self._objects.number(indices.ERROR_HISTORY):
                 raise sdo.AbortError(sdo.NO_DATA)
-            return self._objects.number(HISTORY, sub)
+            return self._objects.number(indices.ERROR_HISTORY, sub)
 
         return read
 
@@ -110,7 +103,7 @@ class Emcy:
         if number:
             raise sdo.AbortError(sdo.INVALID_VALUE)
         for sub in range(_HISTORY_SIZE + 1):
-            self._objects.put(HISTORY, sub, 0)
+            self._objects.put(indices.ERROR_HISTORY, sub, 0)
 
     def _on_cob_id(self, index, _sub):
         check_cob_id(self._objects.number(index), self.can_id)

@@ -1,13 +1,11 @@
 """Watches over communication: who has fallen silent, what does not come, who takes the node id.
 
-An error of communication switches the motors off, whatever the error behaviour of 0x1029 says.
+An error of communication switches the motors off, whatever the error behaviour 0x1029 is.
 """
 
-from mdms_protocol import nmt
+from mdms_protocol import indices, nmt
 
-ERROR_BEHAVIOUR = 0x1029
-
-# What errors come from, as emergency messages tell it; axes count from 1
+# What errors come from, as it stands in emergency messages; axes count from 1
 SOURCE_CONSUMER = 3
 SOURCE_RPDO = 4
 SOURCE_NODE_ID = 5
@@ -66,6 +64,6 @@ class Guard:
 
     def _react(self, error_code):
         self._axes.fail(error_code)
-        state = _STATES.get(self._objects.number(ERROR_BEHAVIOUR, 1))
+        state = _STATES.get(self._objects.number(indices.ERROR_BEHAVIOUR, 1))
         if state is not None and self._node.state in (nmt.OPERATIONAL, nmt.PRE_OPERATIONAL):
             self._node.enter(state)

@@ -1,10 +1,8 @@
 """Heartbeats: the producer (0x1017) and the consumer (0x1016) of CiA 301, 7.2.8.2.2.3."""
 
 from mdms_cell import ticks
-from mdms_protocol import cob, nmt, sdo
+from mdms_protocol import cob, indices, nmt, sdo
 
-PRODUCER_TIME = 0x1017
-CONSUMER_TIMES = 0x1016
 CONSUMED_NODES = 4
 
 
@@ -18,11 +16,11 @@ class Heartbeat:
         self._due_ms = 0
         self._owed = False
         self.now_ms = 0
-        objects.watchers[PRODUCER_TIME] = self._configure
+        objects.watch(indices.PRODUCER_TIME, self._configure)
 
     def start(self, now_ms):
         """Begin a period, at boot-up or when the period changed."""
-        self._period_ms = self._objects.number(PRODUCER_TIME)
+        self._period_ms = self._objects.number(indices.PRODUCER_TIME)
         self._due_ms = ticks.after(now_ms, self._period_ms)
 
     def answer(self):
@@ -59,14 +57,15 @@ class Heartbeat:
 class Consumer:
     """Watches the nodes that 0x1016 names, each from its first heartbeat on.
 
-    `heard()` tells the time [ms] and has a poll follow; `changed()` is told of other identifiers.
+    `attend()` returns the time [ms] and has a poll follow; `changed()` is called when the
+    identifiers have changed.
     """
 
-    def __init__(self, objects, heard, changed):
+    def __init__(self, objects, attend, changed):
         self._objects = objects
         self._changed = changed
-        self._heard = heard
-        objects.watchers[CONSUMER_TIMES] = self._on_time
+        self._attend = attend
+        objects.watch(indices.CONSUMER_TIMES, self._on_time)
         self.load()
 
     def load(self):
@@ -76,7 +75,7 @@ class Consumer:
             node_id, limit_ms = self._watched(sub)
             if cob.NODE_MIN <= node_id <= cob.NODE_MAX and limit_ms:
                 self._limits_ms[node_id] = limit_ms
-        self._heard_ms = {}
+        self._received_ms = {}
         self.lost = set()
 
     def receivers(self):
@@ -88,7 +87,7 @@ class Consumer:
         def receive(data):
             if nmt.decode_heartbeat(data) is None:
                 return False
-            self._heard_ms[node_id] = self._heard()
+            self._received_ms[node_id] = self._attend()
             self.lost.discard(node_id)
             return True
 
@@ -96,22 +95,22 @@ class Consumer:
 
     def poll(self, now_ms):
         """Return whether a node has fallen silent just now; `lost` are all that have."""
-        for node_id, heard_ms in self._heard_ms.items():
-            if ticks.diff(now_ms, heard_ms) >= self._limits_ms[node_id]:
-                del self._heard_ms[node_id]
+        for node_id, received_ms in self._received_ms.items():
+            if ticks.diff(now_ms, received_ms) >= self._limits_ms[node_id]:
+                del self._received_ms[node_id]
                 self.lost.add(node_id)
                 return True
         return False
 
     def wait_ms(self, now_ms):
-        """In how many milliseconds a node will have fallen silent, unless it is heard."""
+        """In how many milliseconds a node will have fallen silent, unless a heartbeat comes."""
         wait_ms = ticks.IDLE_MS
-        for node_id, heard_ms in self._heard_ms.items():
-            wait_ms = min(wait_ms, self._limits_ms[node_id] - ticks.diff(now_ms, heard_ms))
+        for node_id, received_ms in self._received_ms.items():
+            wait_ms = min(wait_ms, self._limits_ms[node_id] - ticks.diff(now_ms, received_ms))
         return wait_ms
 
     def _watched(self, sub):
-        value = self._objects.number(CONSUMER_TIMES, sub)
+        value = self._objects.number(indices.CONSUMER_TIMES, sub)
         return value >> 16, value & 0xFFFF
 
     def _on_time(self, _index, sub):

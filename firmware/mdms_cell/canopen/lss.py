@@ -10,7 +10,7 @@ from mdms_protocol import cob, lss, sdo
 class Lss:
     """The LSS slave of a cell with an identity of four numbers (0x1018).
 
-    `cell` has `node_id` and `pending_node_id`, and is told by `on_lss_done` that the master has
+    `cell` has `node_id` and `pending_node_id`, and its `on_lss_done` is called when the master has
     left the configuration; `save_node_id` keeps a node id or raises AbortError.
     """
 

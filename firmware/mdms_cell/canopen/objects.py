@@ -9,9 +9,9 @@ _FORMATS = {0x02: "<b", 0x03: "<h", 0x04: "<i", 0x05: "<B", 0x06: "<H", 0x07: "<
 
 
 class Record:
-    """What the table says about one entry of the record at a position.
+    """One entry of the record at a position of the table.
 
-    `past` tells how far the sub-index lies behind the last of the record; then there is no entry.
+    `past` is how far the sub-index lies behind the last of the record; above 0 there is no entry.
     """
 
     def __init__(self, position, sub):
@@ -101,7 +101,7 @@ class Objects:
 
     An entry may be tied to what is alive, by `key`: `reads` gives functions that return its value,
     `writes` functions that take it.
-    `watchers` are told, by index, of entries that were written and stored, and may refuse by
+    `watchers` are called, by index, after an entry was written and stored, and may refuse by
     raising AbortError.
     """
 
@@ -111,6 +111,20 @@ class Objects:
         self.reads = {}
         self.writes = {}
         self.watchers = {}
+
+    def tie(self, index, sub, read=None, write=None):
+        """Have an entry's value come from `read()`, and go to `write(number)`, where given."""
+        if read is not None:
+            self.reads[key(index, sub)] = read
+        if write is not None:
+            self.writes[key(index, sub)] = write
+
+    def watch(self, index, watcher):
+        """Call `watcher(index, sub)` when an entry of the object has been written and stored.
+
+        It refuses the value by raising AbortError.
+        """
+        self.watchers[index] = watcher
 
     def read(self, index, sub):
         """An entry's value as bytes, as a client may read it; raises AbortError."""
@@ -123,7 +137,7 @@ class Objects:
         return bytes(self.data[entry.place : entry.place + entry.size])
 
     def open(self, index, sub, size):
-        """A sink with `write`, `finish` and `cancel` for `size` bytes, or None if that is not told.
+        """A sink with `write`, `finish` and `cancel` for `size` bytes; None: the client gives none.
 
         Raises AbortError if the entry cannot be written, or not with so many bytes.
         """
@@ -236,5 +250,5 @@ def check_length(entry, size):
 
 
 def key(index, sub):
-    """What `reads` and `writes` know an entry by."""
+    """The key of an entry in `reads` and `writes`."""
     return index << 8 | sub

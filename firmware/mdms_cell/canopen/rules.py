@@ -44,7 +44,7 @@ def check_plain(cob_id):
 def check_parameter(direction, sub, value, can_id):
     """Raises AbortError if a PDO with this identifier, None for an invalid one, may not have it.
 
-    A valid TPDO says by bit 30 that it answers no remote request; of an RPDO the bit means nothing.
+    Bit 30 of a valid TPDO is set, for it answers no remote request; in an RPDO it means nothing.
     """
     if sub == COB_ID:
         check_cob_id(value, can_id, cob.FLAG_30)
@@ -57,7 +57,7 @@ def check_parameter(direction, sub, value, can_id):
 
 
 def check_pdo(objects, parameters, mapping, direction):
-    """Raises AbortError if a PDO may not be as its objects say, whatever it was before."""
+    """Raises AbortError if a PDO may not be as its objects define it, whatever it was before."""
     for sub in (COB_ID, TYPE):
         check_parameter(direction, sub, objects.number(parameters, sub), None)
     count = objects.number(mapping)

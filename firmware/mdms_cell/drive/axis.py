@@ -1,67 +1,36 @@
 """One axis on the bus: ties the objects of CiA 402 and the settings to drive and speed loop.
 
-Indices are those of axis 1; axis 2 has them `dictionary.AXIS_OFFSET` higher.
+Indices are those of axis 1; axis 2 has them `indices.AXIS_OFFSET` higher.
 """
 
-from mdms_cell.canopen.objects import key
 from mdms_cell.drive import speed_loop, tuning
 from mdms_cell.drive.state_machine import Drive
+from mdms_protocol import indices
 
-AXIS_OFFSET = 0x800
 _VELOCITY_REVERSED = 0x40
 
-GAIN = 0x2000
-RESOLUTION = 0x2001
-VOLTAGE_LIMIT = 0x2002
-MOTOR_VOLTAGE = 0x2003
-STALL_VOLTAGE = 0x2004
-STALL_TIME = 0x2005
-OVER_CURRENT_TIME = 0x2006
-SLIPPAGE_TIME = 0x2007
-OBSERVER_LAG = 0x2008
-ACCELERATION_PER_VOLT = 0x200A
-REVERSAL_VOLTAGE = 0x200B
-REVERSAL_TIME = 0x200C
-ERROR_CODE = 0x603F
-CONTROLWORD = 0x6040
-STATUSWORD = 0x6041
-POSITION = 0x6063
-DEMAND = 0x606B
-ACTUAL = 0x606C
-WINDOW = 0x606D
-WINDOW_TIME = 0x606E
-MAX_CURRENT = 0x6073
-RATED_CURRENT = 0x6075
-CURRENT = 0x6078
-SUPPLY = 0x6079
-POLARITY = 0x607E
-ACCELERATION = 0x6083
-DECELERATION = 0x6084
-QUICK_STOP = 0x6085
-MAX_SLIPPAGE = 0x60F8
-TARGET = 0x60FF
 
 _SETTINGS = (
-    GAIN,
-    RESOLUTION,
-    VOLTAGE_LIMIT,
-    STALL_VOLTAGE,
-    STALL_TIME,
-    REVERSAL_VOLTAGE,
-    REVERSAL_TIME,
-    OVER_CURRENT_TIME,
-    SLIPPAGE_TIME,
-    OBSERVER_LAG,
-    ACCELERATION_PER_VOLT,
-    WINDOW,
-    WINDOW_TIME,
-    MAX_CURRENT,
-    RATED_CURRENT,
-    POLARITY,
-    ACCELERATION,
-    DECELERATION,
-    QUICK_STOP,
-    MAX_SLIPPAGE,
+    indices.GAIN,
+    indices.RESOLUTION,
+    indices.VOLTAGE_LIMIT,
+    indices.STALL_VOLTAGE,
+    indices.STALL_TIME,
+    indices.REVERSAL_VOLTAGE,
+    indices.REVERSAL_TIME,
+    indices.OVER_CURRENT_TIME,
+    indices.SLIPPAGE_TIME,
+    indices.OBSERVER_LAG,
+    indices.ACCELERATION_PER_VOLT,
+    indices.WINDOW,
+    indices.WINDOW_TIME,
+    indices.MAX_CURRENT,
+    indices.RATED_CURRENT,
+    indices.POLARITY,
+    indices.ACCELERATION,
+    indices.DECELERATION,
+    indices.QUICK_STOP,
+    indices.MAX_SLIPPAGE,
 )
 
 
@@ -72,13 +41,13 @@ class Axis:
         self._objects = objects
         self._registers = registers
         self._base = number * speed_loop.AXIS
-        self._offset = number * AXIS_OFFSET
+        self._offset = number * indices.AXIS_OFFSET
         self.drive = Drive(registers, self._base)
         self._tie_commands()
         self._tie_readings()
         on_setting = self._on_setting
         for index in _SETTINGS:
-            objects.watchers[index + self._offset] = on_setting
+            objects.watch(index + self._offset, on_setting)
         self.load()
 
     def load(self):
@@ -86,22 +55,29 @@ class Axis:
         registers = self._registers
         base = self._base
         setting = self._setting
-        rated_ma = setting(RATED_CURRENT)
-        resolution = setting(RESOLUTION)
-        registers[base + speed_loop.INVERTED] = 1 if setting(POLARITY) & _VELOCITY_REVERSED else 0
-        tuning.set_encoder(registers, base, resolution, setting(OBSERVER_LAG))
-        tuning.set_feed(registers, base, resolution, setting(ACCELERATION_PER_VOLT))
-        tuning.set_law(registers, base, setting(GAIN), setting(VOLTAGE_LIMIT))
-        ramps = setting(ACCELERATION), setting(DECELERATION), setting(QUICK_STOP)
-        tuning.set_ramps(registers, base, *ramps)
-        limit_ma = setting(MAX_CURRENT) * rated_ma // 1000
-        tuning.set_over_current(registers, base, limit_ma, setting(OVER_CURRENT_TIME))
-        stall_voltage_mv, stall_time_ms = setting(STALL_VOLTAGE), setting(STALL_TIME)
-        tuning.set_stall(registers, base, resolution, stall_voltage_mv, stall_time_ms)
-        tuning.set_reversal(registers, base, setting(REVERSAL_VOLTAGE), setting(REVERSAL_TIME))
-        tuning.set_following(registers, base, setting(MAX_SLIPPAGE), setting(SLIPPAGE_TIME))
-        registers[base + speed_loop.WINDOW] = setting(WINDOW)
-        registers[base + speed_loop.WINDOW_TICKS] = setting(WINDOW_TIME)
+        resolution = setting(indices.RESOLUTION)
+        reversed_ = setting(indices.POLARITY) & _VELOCITY_REVERSED
+        registers[base + speed_loop.INVERTED] = 1 if reversed_ else 0
+        tuning.set_encoder(registers, base, resolution, setting(indices.OBSERVER_LAG))
+        tuning.set_feed(registers, base, resolution, setting(indices.ACCELERATION_PER_VOLT))
+        tuning.set_law(registers, base, setting(indices.GAIN), setting(indices.VOLTAGE_LIMIT))
+        acceleration, deceleration = setting(indices.ACCELERATION), setting(indices.DECELERATION)
+        quick_stop = setting(indices.QUICK_STOP)
+        tuning.set_ramps(registers, base, acceleration, deceleration, quick_stop)
+        registers[base + speed_loop.WINDOW] = setting(indices.WINDOW)
+        registers[base + speed_loop.WINDOW_TICKS] = setting(indices.WINDOW_TIME)
+        self._load_watching(registers, base, setting, resolution)
+
+    def _load_watching(self, registers, base, setting, resolution):
+        """Set what is watched, and for how long."""
+        limit_ma = setting(indices.MAX_CURRENT) * setting(indices.RATED_CURRENT) // 1000
+        tuning.set_over_current(registers, base, limit_ma, setting(indices.OVER_CURRENT_TIME))
+        voltage_mv, time_ms = setting(indices.STALL_VOLTAGE), setting(indices.STALL_TIME)
+        tuning.set_stall(registers, base, resolution, voltage_mv, time_ms)
+        voltage_mv, time_ms = setting(indices.REVERSAL_VOLTAGE), setting(indices.REVERSAL_TIME)
+        tuning.set_reversal(registers, base, voltage_mv, time_ms)
+        limit_um_s, time_ms = setting(indices.MAX_SLIPPAGE), setting(indices.SLIPPAGE_TIME)
+        tuning.set_following(registers, base, limit_um_s, time_ms)
 
     def _on_setting(self, _index, _sub):
         self.load()
@@ -113,27 +89,24 @@ class Axis:
 
     def _tie_commands(self):
         drive = self.drive
-        self._tie(CONTROLWORD, self._controlword, drive.control)
-        self._tie(TARGET, self._target_um_s, drive.set_target)
-        self._tie(STATUSWORD, drive.statusword)
-        self._tie(ERROR_CODE, self._error_code)
+        self._tie(indices.CONTROLWORD, self._controlword, drive.control)
+        self._tie(indices.TARGET, self._target_um_s, drive.set_target)
+        self._tie(indices.STATUSWORD, drive.statusword)
+        self._tie(indices.ERROR_CODE, self._error_code)
 
     def _tie_readings(self):
-        self._tie(ACTUAL, self._actual_reader())
-        self._tie(DEMAND, self._demand_um_s)
-        self._tie(POSITION, self._position)
-        self._tie(MOTOR_VOLTAGE, self._voltage_uv)
-        self._tie(SUPPLY, self._supply_mv)
-        self._tie(CURRENT, self._current_per_mille)
+        self._tie(indices.ACTUAL, self._actual_reader())
+        self._tie(indices.DEMAND, self._demand_um_s)
+        self._tie(indices.POSITION, self._position)
+        self._tie(indices.MOTOR_VOLTAGE, self._voltage_uv)
+        self._tie(indices.SUPPLY, self._supply_mv)
+        self._tie(indices.CURRENT, self._current_per_mille)
 
     def _tie(self, index, read, write=None):
-        where = key(index + self._offset, 0)
-        self._objects.reads[where] = read
-        if write is not None:
-            self._objects.writes[where] = write
+        self._objects.tie(index + self._offset, 0, read, write)
 
     def _actual_reader(self):
-        """What tells the speed at every SYNC, and looks up nothing that it could know."""
+        """A function that returns the speed, called at every SYNC; it looks up nothing."""
         registers = self._registers
         actual = self._base + speed_loop.ACTUAL
         return lambda: registers[actual]
@@ -164,5 +137,5 @@ class Axis:
 
     def _current_per_mille(self):
         current_ma = self._registers[self._base + speed_loop.CURRENT]
-        per_mille = current_ma * 1000 // self._setting(RATED_CURRENT)
+        per_mille = current_ma * 1000 // self._setting(indices.RATED_CURRENT)
         return min(max(per_mille, -32768), 32767)

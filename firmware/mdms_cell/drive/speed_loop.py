@@ -81,7 +81,7 @@ AGE_LIMIT = const(97)  # a target of this age is stale [ticks]
 SUPPLY = const(98)  # supply voltage as the board measures it [uV], 0..VOLTAGE_MAX_UV
 SUPPLY_MIN = const(99)  # a supply below this drives no motor [uV]
 LOW_COUNT = const(100)  # ticks of too low a supply so far, up to LOW_TICKS
-CUT = const(101)  # not 0: voltage 0 on both axes, for interrupts that know no state machine
+CUT = const(101)  # not 0: voltage 0 on both axes, for interrupts, which see no state machine
 BRAKE_TICKS = const(102)  # ticks after which braking ends, standstill or not
 AWAKE = const(103)  # 1: the bridges are to be awake, for an axis is on or brakes; 0: they sleep
 ATTENTION = const(104)  # set to 1 when FAULTS or SIGNS change; zeroed by who looks after that
@@ -91,7 +91,7 @@ REGISTERS = const(106)
 # Values of MODE.
 OFF = const(0)  # voltage 0: brake until the wheel has stood for HOLD_TICKS, then sleep
 RUN = const(1)  # follow TARGET
-STOP = const(2)  # ramp to standstill, whatever TARGET says; over after BRAKE_TICKS at the latest
+STOP = const(2)  # ramp to standstill, whatever TARGET is; over after BRAKE_TICKS at the latest
 
 # Bits of FAULTS.
 STALE = const(1)
@@ -105,6 +105,7 @@ UNDERVOLTAGE = const(32)
 AT_TARGET = const(1)
 STANDING = const(2)
 STOPPED = const(4)  # at standstill in STOP, or its time is over
+LOW_SUPPLY = const(8)  # too low a supply for LOW_TICKS
 
 TICK_HZ = const(1000)
 SPEED_MAX_UM_S = const(10_000_000)
@@ -123,7 +124,7 @@ LOW_TICKS = const(5)
 
 
 def reset(registers):
-    """Zero all registers but the one that tells `step` how wide a machine word is.
+    """Zero all registers but WIDEN, which depends on the width of a machine word.
 
     Viper on a 64-bit machine loads a negative register as a large positive number; shifting it up
     and down again by 32 bits repairs that, and by 0 bits does nothing where it is not needed.
@@ -164,7 +165,7 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         innovation = (count << 14) - position
         innovation = ((innovation & 0x3FFFFFFF) ^ 0x20000000) - 0x20000000
 
-        # The wheel may be anywhere within its count: so much of an innovation tells little.
+        # The wheel may be anywhere within its count: so much of an innovation means little.
         within = innovation
         if within > HALF_COUNT:
             within = HALF_COUNT
@@ -300,7 +301,7 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
             voltage = 0
             mean = 0
 
-        # New voltage speeds the wheel up before its encoder can tell.
+        # New voltage speeds the wheel up before its encoder shows it.
         high = voltage - mean
         registers[base + MEAN_VOLTAGE] = mean + (high >> 4)
         registers[base + RATE] = rate + ((high + 2048 >> 12) * registers[base + FEED] >> 4)
@@ -311,14 +312,14 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         registers[base + VOLTAGE] = voltage
 
         # Tell the background what it has to look after.
-        signs = 0
+        signs = LOW_SUPPLY if low_supply == LOW_TICKS else 0
         if remaining < 0:
             remaining = 0 - remaining
         ticks = 0
         if remaining <= registers[base + WINDOW]:
             ticks = registers[base + NEAR_COUNT]
             if ticks >= registers[base + WINDOW_TICKS]:
-                signs = AT_TARGET
+                signs |= AT_TARGET
             else:
                 ticks += 1
         registers[base + NEAR_COUNT] = ticks

@@ -68,7 +68,7 @@ _ERROR_CODES = (
 
 
 def command_of(controlword):
-    """The command that a controlword gives, told by its bits 0 to 3 (CiA 402-2, table 27)."""
+    """The command that a controlword gives by its bits 0 to 3 (CiA 402-2, table 27)."""
     if not controlword & cia402.CONTROL_VOLTAGE:
         return cia402.DISABLE_VOLTAGE
     if not controlword & cia402.CONTROL_NO_QUICK_STOP:
@@ -154,7 +154,7 @@ class Drive:
         registers = self.registers
         signs = registers[self.base + speed_loop.SIGNS]
         word = self.state | cia402.REMOTE
-        if registers[speed_loop.LOW_COUNT] == 0:
+        if not signs & speed_loop.LOW_SUPPLY:
             word |= cia402.VOLTAGE_ENABLED
         if signs & speed_loop.AT_TARGET:
             word |= cia402.TARGET_REACHED

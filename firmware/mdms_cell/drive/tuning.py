@@ -53,7 +53,7 @@ def set_feed(registers, base, counts_per_metre, acceleration_per_volt=ACCELERATI
     """Let the observer expect that new voltage speeds the wheel up by so much [mm/s2 per V].
 
     0 leaves it to the encoder. What counts as new fades with a time constant of 16 ticks, so that
-    a wheel that carries more than its motor's data say is told wrongly for that long only. With
+    the speed of a wheel that carries more than its motor's data say is off for that long only. With
     more than half a million counts per metre the strongest motors are fed what fits in FEED.
     """
     high = ACCELERATION_PER_VOLT_MAX_MM_S2
@@ -81,6 +81,12 @@ def set_ramps(registers, base, acceleration, deceleration, quick_stop):
     registers[base + speed_loop.ACCELERATION] = _per_tick(acceleration)
     registers[base + speed_loop.DECELERATION] = _per_tick(deceleration)
     registers[base + speed_loop.QUICK_STOP] = _per_tick(quick_stop)
+
+
+def set_times(registers, setpoint_timeout_ms, braking_ms):
+    """Set how old a target may grow, and how long an axis brakes at most; of both axes."""
+    registers[speed_loop.AGE_LIMIT] = setpoint_timeout_ms * speed_loop.TICK_HZ // 1000
+    registers[speed_loop.BRAKE_TICKS] = braking_ms * speed_loop.TICK_HZ // 1000
 
 
 def set_over_current(registers, base, limit_ma, time_ms):

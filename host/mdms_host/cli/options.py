@@ -149,11 +149,15 @@ def add_export(parser: ArgumentParser) -> None:
 def add_serve(parser: ArgumentParser) -> None:
     """Those of `serve`."""
     add_scenario(parser)
+    parser.add_argument("--out", metavar="DIR", type=Path, help="write a run folder at the end")
     parser.add_argument("--name", help="python-can's channel (default: the scenario's name)")
     add_nodes(parser)
     parser.add_argument("--speed", type=_speed, default=1.0, help="times real time (default 1)")
     parser.add_argument(
-        "--tcp-port", type=_port, default=0, help="of SLCAN on loopback (default: a free one)"
+        "--tcp",
+        metavar="PORT",
+        type=_port,
+        help="SLCAN on loopback as well, for every user of this machine (0: a free port)",
     )
 
 
@@ -163,6 +167,13 @@ def add_run(parser: ArgumentParser) -> None:
         "program", metavar="PROGRAM", help="a scenario: its array, its parcels, its motion"
     )
     add_overrides(parser)
+    parser.add_argument(
+        "--array",
+        metavar="FILE",
+        type=Path,
+        help="an array file: grid, wheels, sensors, bit rate, cells (default: the scenario's)",
+    )
+    parser.add_argument("--out", metavar="DIR", type=Path, help="write a run folder")
     parser.add_argument(
         "--limit",
         metavar="SECONDS",

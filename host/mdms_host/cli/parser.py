@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 from mdms_host.cli.exits import Exit
+from mdms_host.cli.extras import Extra, require
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,6 +17,7 @@ class Verb:
 
     Functions are named as 'module:function', and imported when the verb is used. `late_options`
     adds options that are themselves costly to import. A verb with `actions` is followed by one.
+    `extra` is what has to be installed on request for the verb.
     """
 
     name: str
@@ -25,6 +27,7 @@ class Verb:
     late_options: str | None = None
     actions: "tuple[Verb, ...]" = ()
     epilog: str | None = None
+    extra: Extra | None = None
 
 
 class Parser(ArgumentParser):
@@ -72,11 +75,13 @@ def add_verbs(parser: ArgumentParser, verbs: Iterable[Verb], title: str, metavar
         if verb.actions:
             add_verbs(own, verb.actions, "actions", "ACTION")
         else:
-            own.set_defaults(run=partial(_run, verb.function))
+            own.set_defaults(run=partial(_run, verb))
 
 
-def _run(function: str, arguments: Namespace) -> int:
-    return int(_imported(function)(arguments))
+def _run(verb: Verb, arguments: Namespace) -> int:
+    if verb.extra is not None:
+        require(verb.extra, f"mdms {verb.name}")
+    return int(_imported(verb.function)(arguments))
 
 
 def _imported(function: str) -> Callable[..., Any]:

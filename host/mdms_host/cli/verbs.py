@@ -2,6 +2,7 @@
 
 from mdms_host.cli import options
 from mdms_host.cli.configure.options import CONFIGURE
+from mdms_host.cli.extras import BOARDS, PICTURES, SIMULATION
 from mdms_host.cli.parser import Parser, ShowVersion, Verb, add_verbs
 
 DESCRIPTION = "Modular distributed manipulator: simulate, run and look after an array of cells."
@@ -12,6 +13,7 @@ Results go to stdout, messages to stderr. Exit codes: 0 ok, 1 failure, 2 usage o
 
 _ARRAY = "mdms_host.cli.array"
 _FLASH = "mdms_host.cli.flash"
+_RECORDS = "mdms_host.cli.records"
 _SCENARIO = "mdms_host.cli.scenario"
 _SIMULATION = "mdms_host.cli.simulation"
 _BUS = f"{_ARRAY}.bus:add_bus"
@@ -22,12 +24,14 @@ VERBS = (
         "18 cells carry and turn a parcel, with no hardware",
         f"{_SIMULATION}.demo:run",
         options.add_demo,
+        extra=SIMULATION,
     ),
     Verb(
         "simulate",
         "run one scenario in virtual time",
         f"{_SIMULATION}.simulate:run",
         options.add_simulate,
+        extra=SIMULATION,
     ),
     Verb(
         "scenarios",
@@ -44,14 +48,21 @@ VERBS = (
     Verb(
         "map",
         "draw a field's forces and equilibria for a parcel",
-        f"{_SCENARIO}.map:run",
+        f"{_SIMULATION}.map:run",
         options.add_map,
+        extra=SIMULATION,
     ),
-    Verb("plot", "draw a run", f"{_SIMULATION}.stored_run:plot", options.add_plot),
+    Verb(
+        "plot",
+        "draw a run",
+        f"{_RECORDS}.stored_run:plot",
+        options.add_plot,
+        extra=PICTURES,
+    ),
     Verb(
         "export",
         "write a run as CSV tables",
-        f"{_SIMULATION}.stored_run:export",
+        f"{_RECORDS}.stored_run:export",
         options.add_export,
     ),
     Verb(
@@ -59,6 +70,7 @@ VERBS = (
         "run the virtual array in real time for other programs",
         f"{_SIMULATION}.serve:run",
         options.add_serve,
+        extra=SIMULATION,
     ),
     Verb(
         "run",
@@ -93,6 +105,7 @@ VERBS = (
         "bring the firmware onto boards over USB",
         f"{_FLASH}.flash:run",
         late_options=f"{_FLASH}.flash:add_options",
+        extra=BOARDS,
     ),
     CONFIGURE,
     Verb(

@@ -1,22 +1,29 @@
-"""A file (TOML) that describes an array: serial numbers, node ids, settings in SI units.
+"""A file (TOML) that describes an array: grid, wheels, sensors, bus; cells with their settings.
 
-`mdms configure dump` writes it; `load` and `assign --from` read it.
+`mdms configure dump` writes its cells; `load` and `assign --from` read them. `mdms run --array`
+reads all of it. Whatever is left out is as the reader's own defaults have it.
 """
 
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from mdms_host.commissioning.cell_settings import CellSettings
 from mdms_host.commissioning.parameters import BY_NAME, Parameter, ParameterError
+from mdms_model.scenario.scenario import LENGTH, Limit, ScenarioError, Wheel
+from mdms_model.scenario.tree import build
 from mdms_protocol import cob
 
 _HEAD = """\
 # Cells of an array, told apart by their serial numbers: node ids, and settings in SI units.
-# `mdms configure load` writes the settings, `mdms configure assign --from` the node ids.
+# `mdms configure load` writes the settings, `mdms configure assign --from` the node ids; `mdms run
+# --array` takes both from it, and a table [array] with columns and rows.
 """
+_SIDE = Limit(at_least=1, at_most=1000)
+#: The keys of a cell that say where it is.
+_PLACE = ("number", "column", "row")
 
 
 class ArrayFileError(Exception):
@@ -24,12 +31,72 @@ class ArrayFileError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
+class FiledTable:
+    """What `[array]` says: the keys of a scenario's array, wheels and sensors, and the bit rate.
+
+    None where the file says nothing.
+    """
+
+    columns: int | None = field(default=None, metadata=_SIDE)
+    rows: int | None = field(default=None, metadata=_SIDE)
+    pitch_m: float | None = field(default=None, metadata=LENGTH)
+    bitrate: int | None = field(default=None, metadata=Limit(at_least=10_000, at_most=1_000_000))
+    wheel: tuple[Wheel, ...] | None = field(default=None, metadata=Limit(items=(1, 2)))
+    sensor_offset_m: tuple[tuple[float, float], ...] | None = field(
+        default=None, metadata=Limit(at_least=-1000.0, at_most=1000.0, items=(1, 5))
+    )
+
+
+@dataclass(frozen=True, slots=True)
 class FiledCell:
-    """A cell of a file, settings in the integers of the wire."""
+    """A cell of a file, settings in the integers of the wire.
+
+    Its place in the grid is its `number`, along x first, or its column and row, all from 1; without
+    either it is the one of its node id.
+    """
 
     serial: int
     node_id: int
     values: Mapping[Parameter, int]
+    number: int | None = None
+    column: int | None = None
+    row: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ArrayFile:
+    """All that a file says."""
+
+    path: Path
+    table: FiledTable
+    cells: tuple[FiledCell, ...]
+
+    def by_number(self, columns: int, rows: int) -> dict[int, FiledCell]:
+        """The cells by their number in a grid; none where the file lists none.
+
+        Raises ArrayFileError for a cell beside the grid, two at one place, and an empty place.
+        """
+        placed: dict[int, FiledCell] = {}
+        for item, cell in enumerate(self.cells):
+            key, number = _number_of(cell, columns, rows)
+            if not 1 <= number <= columns * rows:
+                raise ArrayFileError(
+                    f"{self.path}: cell.{item}.{key}: node {cell.node_id} is beside the grid of "
+                    f"{columns} x {rows} cells"
+                )
+            if number in placed:
+                raise ArrayFileError(
+                    f"{self.path}: cell.{item}.{key}: node {cell.node_id} and node "
+                    f"{placed[number].node_id} have the same place, number {number}"
+                )
+            placed[number] = cell
+        empty = sorted(set(range(1, columns * rows + 1)) - placed.keys()) if placed else []
+        if empty:
+            raise ArrayFileError(
+                f"{self.path}: cell: {len(placed)} cells are listed, but the grid has {columns} x "
+                f"{rows}; number {empty[0]} is missing"
+            )
+        return placed
 
 
 def array_text(cells: Iterable[CellSettings]) -> str:
@@ -37,8 +104,8 @@ def array_text(cells: Iterable[CellSettings]) -> str:
     return "\n".join([_HEAD, *map(_cell_text, cells)])
 
 
-def read_array_file(path: Path) -> list[FiledCell]:
-    """The cells of a file. Raises ArrayFileError."""
+def read_array(path: Path) -> ArrayFile:
+    """All of a file. Raises ArrayFileError."""
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -46,10 +113,22 @@ def read_array_file(path: Path) -> list[FiledCell]:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ArrayFileError(f"{path}: {error}") from None
     try:
-        cells = [_cell(each) for each in _tables(document)]
+        unknown = document.keys() - {"array", "cell"}
+        if unknown:
+            raise ArrayFileError(f"unknown key {min(unknown)}; expected [array], [[cell]] tables")
+        table: FiledTable = build(FiledTable, document.get("array", {}), "array")
+        cells = tuple(_cell(each) for each in _tables(document))
         _refuse_duplicates(cells)
-    except (ArrayFileError, ParameterError) as error:
+    except (ArrayFileError, ParameterError, ScenarioError) as error:
         raise ArrayFileError(f"{path}: {error}") from None
+    return ArrayFile(path, table, cells)
+
+
+def filed_cells(path: Path) -> tuple[FiledCell, ...]:
+    """The cells of a file, at least one. Raises ArrayFileError."""
+    cells = read_array(path).cells
+    if not cells:
+        raise ArrayFileError(f"{path}: expected [[cell]] tables")
     return cells
 
 
@@ -62,17 +141,15 @@ def _cell_text(cell: CellSettings) -> str:
 
 
 def _tables(document: Mapping[str, Any]) -> list[dict[str, Any]]:
-    unknown = document.keys() - {"cell"}
-    if unknown:
-        raise ArrayFileError(f"unknown key {min(unknown)}; expected [[cell]] tables")
-    cells = document.get("cell")
-    if not isinstance(cells, list) or not cells or not all(isinstance(c, dict) for c in cells):
+    cells = document.get("cell", [])
+    listed = isinstance(cells, list) and all(isinstance(each, dict) for each in cells)
+    if not listed or not (cells or "array" in document):
         raise ArrayFileError("expected [[cell]] tables")
-    return cells
+    return list(cells)
 
 
 def _cell(table: dict[str, Any]) -> FiledCell:
-    unknown = table.keys() - {"serial", "node", "settings"}
+    unknown = table.keys() - {"serial", "node", "settings", *_PLACE}
     if unknown:
         raise ArrayFileError(f"cell.{min(unknown)}: unknown key")
     serial, node_id = _serial(table.get("serial")), table.get("node")
@@ -80,7 +157,30 @@ def _cell(table: dict[str, Any]) -> FiledCell:
         raise ArrayFileError(
             f"cell.node: expected {cob.NODE_MIN} to {cob.NODE_MAX}, got {node_id!r}"
         )
-    return FiledCell(serial, node_id, dict(_values(table.get("settings", {}), "")))
+    values = dict(_values(table.get("settings", {}), ""))
+    return FiledCell(serial, node_id, values, **_place(table))
+
+
+def _place(table: dict[str, Any]) -> dict[str, int]:
+    place = {name: table[name] for name in _PLACE if name in table}
+    for name, value in place.items():
+        if type(value) is not int or value < 1:
+            raise ArrayFileError(f"cell.{name}: expected a whole number from 1, got {value!r}")
+    if place and place.keys() not in ({"number"}, {"column", "row"}):
+        raise ArrayFileError(
+            f"cell.{min(place)}: a place is column and row, or number alone; got "
+            f"{' and '.join(place)}"
+        )
+    return place
+
+
+def _number_of(cell: FiledCell, columns: int, rows: int) -> tuple[str, int]:
+    """The key that says where a cell is, and its number; 0 for a place beside the grid."""
+    if cell.column is not None and cell.row is not None:
+        if cell.column > columns:
+            return "column", 0
+        return "row", (cell.row - 1) * columns + cell.column if cell.row <= rows else 0
+    return ("node", cell.node_id) if cell.number is None else ("number", cell.number)
 
 
 def _serial(value: object) -> int:
@@ -108,7 +208,7 @@ def _values(table: object, prefix: str) -> Iterable[tuple[Parameter, int]]:
             yield BY_NAME[name], BY_NAME[name].parse(repr(value))
 
 
-def _refuse_duplicates(cells: list[FiledCell]) -> None:
+def _refuse_duplicates(cells: tuple[FiledCell, ...]) -> None:
     for place, cell in enumerate(cells):
         for other in cells[:place]:
             if cell.serial == other.serial:

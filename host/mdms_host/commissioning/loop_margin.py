@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mdms_model.arrays import Floats
 from mdms_protocol import indices
 from mdms_protocol.dictionary import ENTRIES
 
@@ -38,7 +39,6 @@ _FREQUENCIES = 20_000
 _SLOWEST_HZ = 0.01
 
 Complex = NDArray[np.complex128]
-Floats = NDArray[np.float64]
 
 
 class GainError(ValueError):

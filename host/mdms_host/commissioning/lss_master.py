@@ -103,9 +103,13 @@ class LssMaster:
         """Give the selected cell a node id, or `cob.NODE_NONE`. Raises LssError."""
         self._configure(lss.CONFIGURE_NODE_ID, bytes((node_id,)), self._answer_s)
 
-    def store(self) -> None:
-        """Have the selected cell keep its node id. Raises LssError."""
-        self._configure(lss.STORE, b"", _STORE_S)
+    def store(self) -> bool:
+        """Have the selected cell keep its node id; whether its board can. Raises LssError."""
+        result = self._result(lss.STORE, b"", _STORE_S)
+        if result == lss.STORE_UNSUPPORTED:
+            return False
+        self._expect_ok(lss.STORE, result)
+        return True
 
     def leave(self) -> None:
         """End the configuration of all cells; those that were blank boot with their node ids."""
@@ -155,11 +159,18 @@ class LssMaster:
         return count > 0
 
     def _configure(self, command: int, data: bytes, timeout_s: float) -> None:
+        self._expect_ok(command, self._result(command, data, timeout_s))
+
+    def _result(self, command: int, data: bytes, timeout_s: float) -> int:
+        """The error code that the selected cell answers with."""
         answer = self._request(command, data, timeout_s)
         if answer is None or answer[0] != command:
             raise LssError("the selected cell does not answer")
-        if answer[1] != lss.OK:
-            raise LssError(f"the selected cell refuses LSS command 0x{command:02X}: {answer[1]}")
+        return answer[1]
+
+    def _expect_ok(self, command: int, result: int) -> None:
+        if result != lss.OK:
+            raise LssError(f"the selected cell refuses LSS command 0x{command:02X}: {result}")
 
     def _request(self, command: int, data: bytes, timeout_s: float) -> bytes | None:
         """The first answer of eight bytes, None if there is none in time."""

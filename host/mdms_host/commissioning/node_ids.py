@@ -80,8 +80,10 @@ def carry_out(
     commissioning: Commissioning,
     moves: Sequence[Assignment],
     report: Callable[[Assignment], None],
-) -> None:
+) -> list[Assignment]:
     """Give the node ids, have the cells store them, and wait until every cell boots with its own.
+
+    Returns those whose board stores no settings: they are blank again after a loss of power.
 
     Cells that have another id become blank first, so that ids can be swapped; what they keep
     changes only with the new one. Raises NodeIdError before anything, LssError, SilentError.
@@ -97,14 +99,17 @@ def carry_out(
             lss.set_node_id(cob.NODE_NONE)
             lss.leave()
             commissioning.command(nmt.RESET_NODE, move.before)
+    passing: list[Assignment] = []
     for move in moves:
         lss.select(move.address)
         lss.set_node_id(move.node_id)
-        lss.store()
+        if not lss.store():
+            passing.append(move)
         commissioning.expect_boot(move.node_id)
         lss.leave()
         commissioning.await_boot(move.node_id)
         report(move)
+    return passing
 
 
 def _runs(commissioning: Commissioning, node_id: int | None) -> bool:

@@ -9,7 +9,6 @@ from math import inf
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mdms_host.can_link.emergencies import error_text
 from mdms_host.can_link.remote_cell import Handler
@@ -24,10 +23,9 @@ from mdms_host.coordination.watch import Watch
 from mdms_host.estimation.tracker import Estimate, Parcel, Tracker
 from mdms_host.layout import Layout
 from mdms_host.motion.program import Program
+from mdms_model.arrays import Floats
 from mdms_protocol import cob, indices, nmt, pdo
 from mdms_protocol.frame import Frame
-
-Floats = NDArray[np.float64]
 
 _SYNC = Frame(cob.SYNC, b"")
 #: Cells report their state on change, and repeat it every 200 ms, which makes up for a lost frame.
@@ -114,6 +112,17 @@ class Coordinator:
     def wake_s(self) -> float:
         """When to poll next, if no frame comes before [s]."""
         return self._schedule.wake_s
+
+    @property
+    def speeds_m_s(self) -> Floats:
+        """The speeds that the cells reported last, shape (W,); NaN for one that has not."""
+        frames = [cell.speeds_data for cell in self.cells]
+        heard = [data is not None for data in frames]
+        speeds = np.full((len(frames), len(self.references_m_s) // len(frames)), np.nan)
+        if any(heard):
+            actual_m_s = self._velocities.actual_m_s([data for data in frames if data is not None])
+            speeds[heard] = actual_m_s.reshape(-1, speeds.shape[1])
+        return speeds.ravel()
 
     def estimate(self, parcel: str) -> Estimate | None:
         """Where the parcel of that name is believed to be now; None if it has not been found."""

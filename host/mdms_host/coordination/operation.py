@@ -7,6 +7,7 @@ from enum import StrEnum
 from mdms_host.can_link.link import DeviceGoneError, Link, drive
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
+from mdms_model.participant import Participant
 from mdms_protocol import nmt
 
 
@@ -18,6 +19,7 @@ class Ending(StrEnum):
     FAULT = "fault"
     NO_CELLS = "no cells"
     INTERRUPTED = "interrupted"
+    DEVICE_GONE = "device gone"
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,14 +41,18 @@ def operate(
     clock: Clock,
     limit_s: float | None = None,
     on_event: Callable[[float, str], object] = lambda _time_s, _text: None,
+    *,
+    participant: Participant | None = None,
 ) -> Operation:
     """Run the program until it is finished, for `limit_s` at most, then turn the array off.
 
+    `participant` is on the bus in the coordinator's place, if given, and drives it: a recorder.
     `on_event(time_s, text)` is called for events as they happen. An interrupt (Ctrl-C) ends the run
     in order; so does any error, which is raised when the array is off. A second interrupt breaks
     the ending off. Raises DeviceGoneError.
     """
     start_s, reported = clock.now_s(), 0
+    participant = participant or coordinator
 
     def report_events() -> None:
         nonlocal reported
@@ -61,26 +67,26 @@ def operate(
 
     interrupt: KeyboardInterrupt | None = None
     try:
-        drive(coordinator, link, clock, lambda: not running())
+        drive(participant, link, clock, lambda: not running())
     except KeyboardInterrupt as caught:
         interrupt = caught
     except DeviceGoneError:
         raise
     except BaseException:
-        _turn_off(coordinator, link, clock)
+        _turn_off(coordinator, participant, link, clock)
         raise
     finished = coordinator.finished
-    _turn_off(coordinator, link, clock)
+    _turn_off(coordinator, participant, link, clock)
     report_events()
     ending = _ending(coordinator, interrupt is not None, finished, limit_s)
     return Operation(ending, clock.now_s() - start_s, coordinator.fault, interrupt)
 
 
-def _turn_off(coordinator: Coordinator, link: Link, clock: Clock) -> None:
+def _turn_off(coordinator: Coordinator, participant: Participant, link: Link, clock: Clock) -> None:
     """Stop the array in order; where that fails, take all cells out of 'operational' at once."""
     coordinator.stop()
     try:
-        drive(coordinator, link, clock, lambda: coordinator.stopped)
+        drive(participant, link, clock, lambda: coordinator.stopped)
     except DeviceGoneError:
         raise
     except BaseException:

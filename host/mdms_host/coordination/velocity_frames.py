@@ -3,13 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mdms_model.arrays import Floats, Ints
 from mdms_protocol import pdo
 from mdms_protocol.entry import steps_per_unit
 from mdms_protocol.frame import Frame
-
-Floats = NDArray[np.float64]
 
 _TARGET, _ACTUAL = pdo.TARGET_VELOCITY, pdo.ACTUAL_VELOCITY
 #: All axes of a cell have the same type and limits.
@@ -50,7 +48,7 @@ class VelocityFrames:
         return um_s[:, : self._axes].ravel() / _UM_PER_M
 
 
-def _refuse(um_s: NDArray[np.int64]) -> None:
+def _refuse(um_s: Ints) -> None:
     """Raises OutOfRangeError for the first value that no drive takes."""
     for values in um_s.tolist():
         for entry, value in zip(_TARGET.entries, values, strict=False):

@@ -7,15 +7,12 @@ The two meet in an extended Kalman filter over the pose (x, y, yaw).
 from math import hypot, inf
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mdms_host.estimation.locate import locate
 from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.estimation.twist_fit import fit_twist
 from mdms_host.layout import Layout
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from mdms_model.arrays import Bools, Floats
 
 #: How well an edge is known at the instant a sensor changes, and while one contradicts.
 _EDGE_M = 0.0015

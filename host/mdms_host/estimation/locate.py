@@ -3,13 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mdms_host.estimation.rectangle import Rectangle
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
+from mdms_model.arrays import Bools, Floats, Ints
 
 #: Fineness of the search: how far a neighbouring candidate is.
 _STEP_M = 0.006

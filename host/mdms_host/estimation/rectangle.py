@@ -5,9 +5,8 @@ from functools import cached_property
 from math import copysign, cos, hypot, pi, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from mdms_model.arrays import Floats
 
 
 @dataclass(frozen=True)

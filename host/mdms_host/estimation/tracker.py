@@ -5,14 +5,11 @@ from dataclasses import dataclass
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mdms_host.estimation.estimator import ParcelEstimator
 from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.layout import Layout
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
+from mdms_model.arrays import Floats, Ints
 
 #: A parcel must stand still this long before it is searched for.
 _STILL_S = 0.05

@@ -1,9 +1,9 @@
 """The rigid twist that most wheels under a parcel agree on; wheels that slip count little."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from mdms_model.arrays import Floats
+
 Twist = tuple[float, float, float]
 
 #: Wheels this far from the fit are taken to slip.

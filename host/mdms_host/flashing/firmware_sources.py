@@ -67,10 +67,12 @@ def _imported_by(path: Path) -> list[str]:
 
 
 def _on_board(tree: ast.AST) -> Iterator[ast.AST]:
-    """All of a tree but what stands in for modules that MicroPython has built in."""
+    """All of a tree but what MicroPython has built in, and what type checkers alone read."""
     yield tree
     for node in ast.iter_child_nodes(tree):
-        if not (isinstance(node, ast.ExceptHandler) and _missing_module(node)):
+        stand_in = isinstance(node, ast.ExceptHandler) and _missing_module(node)
+        typing = isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+        if not (stand_in or typing):
             yield from _on_board(node)
 
 

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from math import hypot, inf, pi, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from mdms_model.arrays import Floats
 
 
 @dataclass(frozen=True, slots=True)

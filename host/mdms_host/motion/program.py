@@ -4,14 +4,12 @@ from collections.abc import Mapping
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.goal import Goal, GoalController, Limits
-
-Floats = NDArray[np.float64]
+from mdms_model.arrays import Floats
 
 #: Wheels this far outside a parcel already run as if they were under it.
 MARGIN_M = 0.05
@@ -70,7 +68,7 @@ class GoalProgram:
     """Steers each parcel that has a goal to it; wheels near no such parcel stand still.
 
     `droop` is the nominal speed of a free wheel per reference, a/b of the paper's eq (9): the
-    reference is the wanted speed divided by it.
+    reference is the wanted speed divided by it, times `trim` (W,) where wheels differ.
     """
 
     def __init__(
@@ -80,8 +78,11 @@ class GoalProgram:
         goals: Mapping[str, Goal],
         droop: float,
         limits: Limits | None = None,
+        *,
+        trim: Floats | float = 1.0,
     ) -> None:
         self._layout = layout
+        self._trim = trim
         self._droop = droop
         self._bottoms = {
             parcel.name: Rectangle(parcel.length_m, parcel.width_m)
@@ -121,5 +122,6 @@ class GoalProgram:
             mine = away_m < nearest_m
             np.copyto(nearest_m, away_m, where=mine)
             jacobian = self._layout.surface_jacobian(*pose[:2].tolist())
-            np.copyto(references_m_s, jacobian @ (twist / self._droop), where=mine)
+            along = jacobian @ (twist / self._droop) * self._trim
+            np.copyto(references_m_s, along, where=mine)
         return references_m_s

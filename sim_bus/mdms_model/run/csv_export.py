@@ -1,4 +1,7 @@
-"""A record as two CSV tables: `parcels.csv` and `cells.csv`, one row per sample and thing."""
+"""A record as two CSV tables: `parcels.csv` and `cells.csv`, one row per sample and thing.
+
+Poses are the coordinator's belief where nobody knows the true ones.
+"""
 
 import csv
 from collections.abc import Iterable
@@ -31,7 +34,7 @@ def export_csv(folder: Path, scenario: Scenario, record: Record) -> tuple[Path, 
 
 
 def _parcel_rows(scenario: Scenario, record: Record) -> Iterable[tuple[Any, ...]]:
-    states = np.concatenate((record.pose, record.twist), axis=2).tolist()
+    states = np.concatenate((record.with_belief().pose, record.twist), axis=2).tolist()
     for time_s, sample in zip(record.time_s.tolist(), states, strict=True):
         for parcel, state in zip(scenario.parcel, sample, strict=True):
             yield time_s, parcel.name, *state

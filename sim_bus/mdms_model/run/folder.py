@@ -24,8 +24,14 @@ FORMAT = "mdms-run"
 FORMAT_VERSION = 1
 META, RECORD, PICTURE = "meta.json", "run.mcap", "picture.png"
 DATABASE = "mdms-cell.dbc"
+BUS_LOG = "bus.log"
+#: When a run begins, as far as its bus log is concerned: 2000-01-01 00:00 UTC [s since 1970]. Tools
+#: take second 0 for no time at all; another date than a fixed one would make equal runs differ.
+START_S = 946_684_800
+#: What the log calls the bus.
+INTERFACE = "mdms"
 #: Everything that a run may leave; those that a new run lacks are taken away.
-FILES = (META, RECORD, PICTURE, "wheels.png", "bus.log", "bus.blf", "bus.asc", DATABASE)
+FILES = (META, RECORD, PICTURE, "wheels.png", BUS_LOG, "bus.blf", "bus.asc", DATABASE)
 
 
 #: What is wrong with a device, and not with a path.

@@ -3,7 +3,7 @@
 Topics: `/parcel/NAME` and `/wheels` at every sample, `/events` where something happened, `/scene`
 for the eyes. All but the scene also carry their time in seconds to the last bit; MCAP's own is in
 whole nanoseconds. JSON has no NaN: what is no number is left out of a parcel's message, and is null
-in an array of the wheels, whose schema allows it then.
+in an array of the wheels, whose schema allows it then. An array without any number is left out.
 """
 
 import heapq
@@ -33,6 +33,8 @@ WHEELS = tuple(
     for item in fields(Record)
     if item.name not in {"time_s", "pose", "twist", "estimate", "events"}
 )
+#: Those that every record has, of numbers or of NaN.
+ARRAYS = tuple(name for name in WHEELS if name not in {"contact", "slip_m_s"})
 
 _TEXT, _INTEGER, _NUMBER = {"type": "string"}, {"type": "integer"}, {"type": "number"}
 _NUMBERS = {"type": "array", "items": _NUMBER}
@@ -60,7 +62,7 @@ class RecordFileError(ValueError):
 def write_record(path: Path, scenario: Scenario, record: Record) -> None:
     """Write all samples and events of a run, and the scene that they make. Raises OSError."""
     sources = [
-        ("/scene", "foxglove.SceneUpdate", scene_messages(scenario, record)),
+        ("/scene", "foxglove.SceneUpdate", scene_messages(scenario, record.with_belief())),
         ("/wheels", "mdms.Wheels", _wheel_messages(record)),
         ("/events", "mdms.Event", _event_messages(record)),
     ]
@@ -107,10 +109,15 @@ def _register_schemas(writer: Writer, record: Record) -> dict[str, int]:
 
 
 def _with_gaps(record: Record) -> Iterator[str]:
+    return (name for name, array in _known_arrays(record) if not np.isfinite(array).all())
+
+
+def _known_arrays(record: Record) -> Iterator[tuple[str, Any]]:
+    """The wheels' arrays that have a number at all."""
     for name in WHEELS:
         array = getattr(record, name)
-        if array is not None and not np.isfinite(array).all():
-            yield name
+        if array is not None and np.isfinite(array).any():
+            yield name, array
 
 
 def _add_messages(writer: Writer, channels: dict[int, Iterator[Timed]]) -> None:
@@ -141,8 +148,7 @@ def _known(names: tuple[str, ...], values: list[float | None]) -> dict[str, floa
 
 
 def _wheel_messages(record: Record) -> Iterator[Timed]:
-    arrays = {name: getattr(record, name) for name in WHEELS}
-    present = {name: _plain(array) for name, array in arrays.items() if array is not None}
+    present = {name: _plain(array) for name, array in _known_arrays(record)}
     for time_s, *rows in zip(record.time_s.tolist(), *present.values(), strict=True):
         yield time_s, {"time_s": time_s, **dict(zip(present, rows, strict=True))}
 
@@ -164,6 +170,8 @@ def _record(topics: dict[str, list[dict[str, Any]]], parcels: list[list[dict[str
     present = [name for name in WHEELS if wheels and name in wheels[0]]
     columns = {name: np.array([row[name] for row in wheels], dtype=float) for name in present}
     contact = columns.pop("contact").astype(np.int8)
+    for name in ARRAYS:
+        columns.setdefault(name, np.full(contact.shape, np.nan))
     return Record(
         time_s=np.array([row["time_s"] for row in wheels]),
         pose=_stack(parcels, POSE),

@@ -4,7 +4,7 @@ Wheels are ordered by cell, then by axis: wheel `w` of a two-wheel cell is cell 
 axis `w % 2 + 1`.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
 import numpy as np
@@ -14,12 +14,16 @@ from mdms_model.arrays import Floats
 
 
 class Contact(IntEnum):
-    """What a wheel does under a parcel; the paper's three greys, sliding by direction."""
+    """What a wheel does under a parcel; the paper's three greys, sliding by direction.
+
+    On hardware no sensor shows it: unknown.
+    """
 
     NONE = 0
     ROLLING = 1
     SLIDING_FORWARD = 2
     SLIDING_BACKWARD = 3
+    UNKNOWN = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +31,7 @@ class Event:
     """Something that happened at one instant.
 
     `kind` is one of 'support', 'contact', 'reversal', 'tip', 'touch', 'solver', 'fault',
-    'coordinator'.
+    'coordinator', 'link'.
     """
 
     time_s: float
@@ -46,7 +50,8 @@ class Record:
     are those of the parcels' geometric centres; `estimate` is the coordinator's belief of `pose`,
     NaN where it had none. The wheels' arrays are of shape (T, W), speeds those of the surface;
     `contact` holds `Contact` codes. `slip_m_s` is the surface's speed over the parcel on the wheel,
-    positive ahead, 0 without contact; None where nobody has worked it out.
+    positive ahead, 0 without contact; None where nobody has worked it out. What nobody knows, as
+    the truth on hardware, is NaN.
     """
 
     time_s: Floats
@@ -61,3 +66,14 @@ class Record:
     estimate: Floats | None = None
     events: list[Event] = field(default_factory=list)
     slip_m_s: Floats | None = None
+
+    @property
+    def is_belief(self) -> bool:
+        """Whether no true pose is known, only what the coordinator believes."""
+        return self.estimate is not None and not np.isfinite(self.pose).any()
+
+    def with_belief(self) -> "Record":
+        """This record, with the coordinator's belief for the poses if the true ones are unknown."""
+        if self.estimate is None or not self.is_belief:
+            return self
+        return replace(self, pose=self.estimate)

@@ -4,16 +4,13 @@ from functools import lru_cache
 from hashlib import sha256
 from typing import BinaryIO
 
+from mdms_model.run.folder import INTERFACE, START_S
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.wire import EXTENDED, EXTENDED_MASK, REMOTE, STANDARD_MASK
 
 NS_PER_S = 1_000_000_000
 NS_PER_US = 1000
 US_PER_S = 1_000_000
-#: When a run begins, as far as its file is concerned: 2000-01-01 00:00 UTC [s since 1970]. Tools
-#: take second 0 for no time at all; another date than a fixed one would make equal runs differ.
-START_S = 946_684_800
-INTERFACE = "mdms"
 #: Lines are made, hashed and written so many at a time.
 BATCH_LINES = 1024
 

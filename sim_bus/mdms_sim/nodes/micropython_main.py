@@ -65,7 +65,7 @@ class Node:
 
     def _hand_over(self, can_id, data):
         queued = len(self.board.frames)
-        self.cell.on_frame(can_id, data)
+        self.cell.on_frame(can_id, data, self.cell.now_ms)
         if can_id in self._silent and len(self.board.frames) > queued:
             raise RuntimeError("a frame that may have waited has been answered", can_id)
 

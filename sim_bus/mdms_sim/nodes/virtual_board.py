@@ -62,7 +62,7 @@ class VirtualBoard:
 
 
 class VirtualFlash:
-    """Two banks of bytes, as `mdms_cell.canopen.store` wants its memory."""
+    """Two banks of bytes, as `mdms_cell.canopen.storage.store` wants its memory."""
 
     def __init__(self) -> None:
         self._banks = [bytearray(), bytearray()]

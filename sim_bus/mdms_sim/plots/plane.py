@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from mdms_model.run.record import Record
+from mdms_model.run.record import Contact, Record
 from mdms_model.scenario.scenario import Scenario, goal_of
 from mdms_sim.plots.canvas import FAINT, INK, new_figure, parcel_colour
 from mdms_sim.plots.pose_panels import draw_pose_panels
@@ -28,7 +28,8 @@ def draw_plane(scenario: Scenario, record: Record) -> Figure:
     bottom, top = BOTTOM_IN / height_in, 1 - TOP_IN / height_in
     axes = figure.add_axes((LEFT, bottom, MIDDLE - LEFT, top - bottom))
     draw_top_view(axes, scenario, record)
-    draw_slip_scale(figure, (LEFT + 0.07, 0.2 / height_in, 0.11, 0.12 / height_in))
+    if (record.contact != Contact.UNKNOWN).any():
+        draw_slip_scale(figure, (LEFT + 0.07, 0.2 / height_in, 0.11, 0.12 / height_in))
     draw_pose_panels(figure, (PANELS, bottom, RIGHT - PANELS, top - bottom), scenario, record)
     _add_legend(figure, scenario, record)
     _add_titles(figure, height_in, scenario, record)

@@ -51,6 +51,8 @@ def _draw_bands(axes: Axes, scenario: Scenario, record: Record) -> None:
     for number, (x_m, _y_m) in enumerate(cell_centres(scenario.array)):
         contact = _of_cell(record.contact[:, number * wheels : (number + 1) * wheels])
         for state, spans in _spans(record.time_s, contact).items():
+            if state is Contact.UNKNOWN:
+                continue
             place = (x_m - height_m / 2, height_m)
             axes.broken_barh(spans, place, facecolor=BANDS[BAND_OF[state]], linewidth=0)
 

@@ -66,8 +66,9 @@ def slip_share(contact: NDArray[np.int8]) -> Floats:
 
     `contact` has shape (T, W), the result (W,).
     """
-    touched = np.count_nonzero(contact != Contact.NONE, axis=0)
-    slipped = np.count_nonzero(contact >= Contact.SLIDING_FORWARD, axis=0)
+    sliding = (contact == Contact.SLIDING_FORWARD) | (contact == Contact.SLIDING_BACKWARD)
+    touched = np.count_nonzero(sliding | (contact == Contact.ROLLING), axis=0)
+    slipped = np.count_nonzero(sliding, axis=0)
     return np.where(touched > 0, slipped / np.maximum(touched, 1), np.nan)
 
 

@@ -1,4 +1,7 @@
-"""All wheels over time, one stripe each: contact, normal force, friction force and slip."""
+"""All wheels over time, one stripe each: contact, normal force, friction force and slip.
+
+Of a run on hardware only references and speeds are known.
+"""
 
 from typing import TypeAlias
 
@@ -17,7 +20,9 @@ from mdms_sim.plots.canvas import INK, new_figure, tidy
 
 #: In the order of the codes of `Contact`; forward and backward are told apart by warmth.
 CONTACT_COLOURS = ListedColormap(["#e3e6e9", "#16191d", "#d9795d", "#6d9fc9"])
-CONTACT_NAMES = [contact.name.lower().replace("_", "\n") for contact in Contact]
+CONTACT = "contact"
+KNOWN = [contact for contact in Contact if contact is not Contact.UNKNOWN]
+CONTACT_NAMES = [contact.name.lower().replace("_", "\n") for contact in KNOWN]
 Paint: TypeAlias = tuple[Colormap | str, Normalize]
 MOST_COLUMNS = 1500
 STRIPE_IN, LEAST_PANEL_IN = 0.045, 1.25
@@ -25,33 +30,40 @@ LEFT, RIGHT, SCALE_WIDTH = 0.08, 0.88, 0.012
 
 
 def draw_wheels(scenario: Scenario, record: Record) -> Figure:
-    """The figure: four panels, one above the other, with a stripe for each wheel."""
+    """The figure: panels one above the other, with a stripe for each wheel."""
     wheels = build_wheels(scenario)
     panel_in = max(LEAST_PANEL_IN, STRIPE_IN * len(wheels.cell))
-    height_in = 4 * (panel_in + 0.25) + 1.15
+    panels = _panels(scenario, record)
+    height_in = len(panels) * (panel_in + 0.25) + 1.15
     figure = new_figure(11.0, height_in)
     figure.text(
         LEFT, 1 - 0.45 / height_in, scenario.title, color=INK, fontsize=14, fontweight="bold"
     )
-    for part, (name, values, colours, norm) in enumerate(_panels(scenario, record)):
+    for part, (name, values, colours, norm) in enumerate(panels):
         low_in = height_in - 0.55 - (part + 1) * (panel_in + 0.25)
         box = (LEFT, low_in / height_in, RIGHT - LEFT, panel_in / height_in)
         axes = figure.add_axes(box)
         _draw_stripes(axes, record.time_s, values, (colours, norm))
-        _label(axes, name, wheels, is_last=part == 3)
+        _label(axes, name, wheels, is_last=part == len(panels) - 1)
         scale = figure.add_axes((RIGHT + 0.015, box[1], SCALE_WIDTH, box[3]))
         bar = figure.colorbar(ScalarMappable(norm, colours), cax=scale)
-        if part == 0:
-            bar.set_ticks(list(range(len(Contact))), labels=CONTACT_NAMES)
+        if name == CONTACT:
+            bar.set_ticks(list(range(len(KNOWN))), labels=CONTACT_NAMES)
         scale.tick_params(labelsize=7, colors=INK)
     return figure
 
 
 def _panels(scenario: Scenario, record: Record) -> list[tuple[str, Floats, *Paint]]:
+    if (record.contact == Contact.UNKNOWN).all():
+        return [
+            ("reference [m/s]", record.reference_m_s, "RdBu_r", _centred(record.reference_m_s)),
+            ("speed [m/s]", record.speed_m_s, "RdBu_r", _centred(record.speed_m_s)),
+        ]
     slip = slip_m_s(scenario, record)
-    kinds = BoundaryNorm(np.arange(len(Contact) + 1) - 0.5, len(Contact))
+    kinds = BoundaryNorm(np.arange(len(KNOWN) + 1) - 0.5, len(KNOWN))
+    contact = record.contact.astype(float)
     return [
-        ("contact", record.contact.astype(float), CONTACT_COLOURS, kinds),
+        (CONTACT, contact, CONTACT_COLOURS, kinds),
         ("normal [N]", record.normal_n, "YlGnBu", Normalize(0, _most(record.normal_n))),
         ("friction [N]", record.force_n, "RdBu_r", _centred(record.force_n)),
         ("slip [m/s]", slip, "RdBu_r", _centred(slip)),
@@ -59,8 +71,8 @@ def _panels(scenario: Scenario, record: Record) -> list[tuple[str, Floats, *Pain
 
 
 def _most(values: Floats) -> float:
-    """The greatest size, 1 where all is nought, so that a scale always has a span."""
-    return float(np.nanmax(abs(values), initial=0.0)) or 1.0
+    """The greatest size, 1 where all is nought or unknown, so that a scale always has a span."""
+    return float(np.max(abs(values), initial=0.0, where=np.isfinite(values))) or 1.0
 
 
 def _centred(values: Floats) -> Normalize:

@@ -6,45 +6,26 @@ does not take yet is left in the client's socket.
 
 import os
 from collections.abc import Callable
-from typing import Protocol
 
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.bus import Bus
-from mdms_sim.bus.wire import ERROR, EXTENDED, EXTENDED_MASK, STANDARD_MASK
-from mdms_sim.serve import packet
-from mdms_sim.serve.slcan import Slcan
+from mdms_sim.bus.wire import ERROR
+from mdms_sim.serve.codec import Codec, GoneError
 
 #: What is kept for a client that reads slowly [bytes]: some seconds of a full bus.
 BACKLOG_BYTES = 1 << 20
 #: A client that has this many frames waiting is not read from until the bus has taken some.
 PENDING_FRAMES = 64
-_READ_BYTES = 1 << 12
-
-
-class GoneError(Exception):
-    """The client has left, or was not one."""
-
-
-class Codec(Protocol):
-    """How a client writes frames; it begins with the greeting."""
-
-    greeting: bytes
-
-    @property
-    def garbage(self) -> int:
-        """Lines or packets that made no sense."""
-
-    def encode(self, frame: Frame, sim_ns: int) -> bytes:
-        """What to send the client of a frame on the bus; may be nothing."""
-
-    def feed(self, data: bytes) -> bytes:
-        """Take in what the client wrote, hand its frames over; return what to answer."""
+_READ_BYTES = 1 << 10
+#: A client is read no faster than this in simulated time: a bus full of frames without data comes
+#: to 510 bytes/ms in packets. A flood of what is no frame, or of commands, costs others no time.
+_NS_PER_BYTE = 2_000
 
 
 class Client:
-    """A program on the bus; `dropped` counts frames that it was too slow for, `garbage` bad input.
+    """A program on the bus; `dropped` counts frames and answers that it was too slow to read.
 
-    `descriptor` is not blocking. `make_codec(send)` makes the codec that speaks with it.
+    `descriptor` is not blocking. `make_codec(send)` makes the codec for it.
     """
 
     def __init__(
@@ -62,6 +43,7 @@ class Client:
         self._controller = bus.attach(self)
         self._codec = make_codec(self._controller.send)
         self._backlog = bytearray(self._codec.greeting)
+        self._read_from_ns = 0
 
     @property
     def garbage(self) -> int:
@@ -73,26 +55,20 @@ class Client:
         """Whether something waits until the client reads."""
         return bool(self._backlog)
 
-    @property
-    def may_send(self) -> bool:
-        """Whether the bus has room for what the client wants to send."""
-        return self._controller.pending < PENDING_FRAMES
+    def may_read(self, now_ns: int) -> bool:
+        """Whether the bus has room for what the client wants to send, and it is not too fast."""
+        return self._read_from_ns <= now_ns and self._controller.pending < PENDING_FRAMES
 
     def on_frame(self, frame: Frame, now_ns: int) -> None:
         """Something was on the bus; see `Station`."""
-        if self._deaf:
-            return
-        text = self._codec.encode(frame, now_ns)
-        if len(self._backlog) + len(text) > BACKLOG_BYTES:
-            self.dropped += 1
-        else:
-            self._backlog += text
+        if not self._deaf:
+            self._keep(self._codec.encode(frame, now_ns))
 
     def on_error(self, now_ns: int) -> None:
         """An error frame was on the bus."""
         self.on_frame(Frame(ERROR, bytes(8)), now_ns)
 
-    def read(self) -> None:
+    def read(self, now_ns: int) -> None:
         """Take what the client has written. Raises GoneError."""
         try:
             data = os.read(self.descriptor, _READ_BYTES)
@@ -102,7 +78,8 @@ class Client:
             raise GoneError(str(error)) from error
         if not data:
             raise GoneError("it has closed its end")
-        self._backlog += self._codec.feed(data)
+        self._read_from_ns = now_ns + len(data) * _NS_PER_BYTE
+        self._keep(self._codec.feed(data))
 
     def write(self) -> None:
         """Give the client what it takes now.
@@ -131,65 +108,8 @@ class Client:
         """Take the client off the bus."""
         self._bus.detach(self._controller)
 
-
-class PacketCodec:
-    """The fixed-size packets of the python-can interface, after a greeting from both sides."""
-
-    greeting = packet.HELLO
-
-    def __init__(self, send: Callable[[Frame], bool], epoch_s: Callable[[int], float]) -> None:
-        self.garbage = 0
-        self._send = send
-        self._epoch_s = epoch_s
-        self._greeted = False
-        self._rest = bytearray()
-
-    def encode(self, frame: Frame, sim_ns: int) -> bytes:
-        """See `Codec`."""
-        return packet.pack(frame, self._epoch_s(sim_ns))
-
-    def feed(self, data: bytes) -> bytes:
-        """See `Codec`. Raises GoneError for a client that does not greet as it should."""
-        self._rest += data
-        if not self._greeted:
-            if not self._rest.startswith(packet.HELLO[: len(self._rest)]):
-                raise GoneError("it speaks another version")
-            if len(self._rest) < len(packet.HELLO):
-                return b""
-            del self._rest[: len(packet.HELLO)]
-            self._greeted = True
-        whole = len(self._rest) // packet.SIZE * packet.SIZE
-        for frame, epoch_s in packet.unpack(bytes(self._rest[:whole])):
-            if epoch_s is None or frame.can_id & ERROR or not _is_identifier(frame.can_id):
-                self.garbage += 1
-            else:
-                self._send(frame)
-        del self._rest[:whole]
-        return b""
-
-
-class SlcanCodec:
-    """The lines of a serial adapter."""
-
-    greeting = b""
-
-    def __init__(self, send: Callable[[Frame], bool]) -> None:
-        self._adapter = Slcan(send)
-
-    @property
-    def garbage(self) -> int:
-        """Lines refused so far."""
-        return self._adapter.garbage
-
-    def encode(self, frame: Frame, sim_ns: int) -> bytes:
-        """See `Codec`."""
-        return self._adapter.line(frame, sim_ns)
-
-    def feed(self, data: bytes) -> bytes:
-        """See `Codec`."""
-        return self._adapter.feed(data)
-
-
-def _is_identifier(can_id: int) -> bool:
-    largest = EXTENDED_MASK if can_id & EXTENDED else STANDARD_MASK
-    return can_id & EXTENDED_MASK <= largest
+    def _keep(self, text: bytes) -> None:
+        if len(self._backlog) + len(text) > BACKLOG_BYTES:
+            self.dropped += 1
+        else:
+            self._backlog += text

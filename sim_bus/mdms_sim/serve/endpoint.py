@@ -1,56 +1,115 @@
 """Where clients come in: a Unix socket for python-can, a pseudo-terminal and TCP for SLCAN."""
 
+import errno
 import fcntl
 import os
 import select
 import socket
+import stat
 import tty
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from mdms_sim.serve import packet
 
 LOOPBACK = "127.0.0.1"
+#: What `accept` raises when the process or the machine can open nothing more.
+_NO_ROOM = frozenset((errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM))
 _SOCKET_MODE = 0o600
 _FOLDER_MODE = 0o700
+_BACKLOG = 128
 
 
 class ServeError(Exception):
     """A way in cannot be opened."""
 
 
-def listen_unix(channel: str) -> socket.socket:
-    """A listening socket that only this user can connect to. Raises ServeError."""
-    path = packet.socket_path(channel)
-    if "/" not in channel:
-        path.parent.mkdir(mode=_FOLDER_MODE, parents=True, exist_ok=True)
-        if path.parent.stat().st_uid != os.getuid():
-            raise ServeError(f"{path.parent} belongs to somebody else; set XDG_RUNTIME_DIR")
-    if path.exists():
-        _remove_dead(path)
-    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    # Nobody may slip in between the file's appearing and its mode.
-    before = os.umask(0o777 - _SOCKET_MODE)
+class UnixListener:
+    """A listening socket in the file system that only this user can connect to.
+
+    A socket of this user's that nobody listens at any more is replaced; whatever else has the name
+    stays, and raises ServeError.
+    """
+
+    def __init__(self, channel: str) -> None:
+        self.path = packet.socket_path(channel)
+        if "/" not in channel:
+            _make_folder(self.path.parent)
+        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            with _one_at_a_time(self.path.parent):
+                _remove_dead(self.path)
+                self._bind()
+                self._identity = _identity(self.path)
+        except OSError as error:
+            self.socket.close()
+            raise ServeError(f"cannot serve at {self.path}: {error.strerror or error}") from error
+        except ServeError:
+            self.socket.close()
+            raise
+        self.socket.setblocking(False)
+
+    def _bind(self) -> None:
+        # Nobody may slip in between the file's appearing and its mode.
+        before = os.umask(0o777 - _SOCKET_MODE)
+        try:
+            self.socket.bind(str(self.path))
+        finally:
+            os.umask(before)
+        self.socket.listen(_BACKLOG)
+
+    def close(self) -> None:
+        """Close it and remove its file, unless something else has the name by now."""
+        # While the socket is open no other file can have its inode.
+        with suppress(OSError):
+            if _identity(self.path) == self._identity:
+                self.path.unlink()
+        self.socket.close()
+
+
+def _make_folder(folder: Path) -> None:
+    folder.mkdir(mode=_FOLDER_MODE, parents=True, exist_ok=True)
+    if folder.stat().st_uid != os.getuid():
+        raise ServeError(f"{folder} belongs to somebody else; set XDG_RUNTIME_DIR")
+
+
+@contextmanager
+def _one_at_a_time(folder: Path) -> Iterator[None]:
+    """Two servers that start at once do not both find the same dead socket. Raises OSError."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        listener.bind(str(path))
-    except OSError as error:
-        listener.close()
-        raise ServeError(f"cannot serve at {path}: {error}") from error
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
     finally:
-        os.umask(before)
-    listener.listen()
-    listener.setblocking(False)
-    return listener
+        os.close(descriptor)
+
+
+def _identity(path: Path) -> tuple[int, int]:
+    status = path.lstat()
+    return status.st_dev, status.st_ino
 
 
 def _remove_dead(path: Path) -> None:
-    """Remove the socket of a server that is no more; raises ServeError for a live one."""
+    """Remove this user's socket that nobody listens at; raises ServeError for anything else."""
+    try:
+        status = path.lstat()
+    except FileNotFoundError:
+        return
+    if not stat.S_ISSOCK(status.st_mode):
+        raise ServeError(f"{path} is there and is no socket; choose another name with --name")
+    if status.st_uid != os.getuid():
+        raise ServeError(f"{path} belongs to somebody else; choose another name with --name")
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        # One that is too busy to take the connection is alive as well.
+        probe.setblocking(False)
         try:
             probe.connect(str(path))
-        except OSError:
-            path.unlink(missing_ok=True)
+        except ConnectionRefusedError:
+            path.unlink()
             return
+        except BlockingIOError:
+            pass
     raise ServeError(f"{path} is in use; choose another name with --name")
 
 
@@ -63,7 +122,7 @@ def listen_tcp(port: int) -> socket.socket:
     except OSError as error:
         listener.close()
         raise ServeError(f"cannot listen on {LOOPBACK}:{port}: {error}") from error
-    listener.listen()
+    listener.listen(_BACKLOG)
     listener.setblocking(False)
     return listener
 
@@ -97,11 +156,49 @@ class Terminal:
         os.close(self.descriptor)
 
 
-def accept(listener: socket.socket, admit: Callable[[socket.socket], object]) -> None:
-    """Admit whoever is waiting at the door."""
-    try:
-        connection, _ = listener.accept()
-    except (BlockingIOError, ConnectionError):
-        return
-    connection.setblocking(False)
-    admit(connection)
+class FullError(Exception):
+    """A connection was refused: there is no room for it."""
+
+
+class Acceptor:
+    """Accepts connections, or turns them away at once, so that no client waits for an answer.
+
+    One file descriptor is kept back: without any, a connection could not even be refused.
+    """
+
+    def __init__(self) -> None:
+        self._reserve: int | None = None
+        self._keep_reserve()
+
+    def accept(self, listener: socket.socket) -> socket.socket | None:
+        """The next connection, None when there is none.
+
+        Raises FullError for one that had to be turned away.
+        """
+        try:
+            connection, _ = listener.accept()
+        except (BlockingIOError, ConnectionError):
+            return None
+        except OSError as error:
+            if error.errno not in _NO_ROOM:
+                raise
+            self._turn_away(listener)
+            raise FullError("no file descriptor is left (ulimit -n)") from error
+        connection.setblocking(False)
+        return connection
+
+    def close(self) -> None:
+        """Give the descriptor back."""
+        if self._reserve is not None:
+            os.close(self._reserve)
+            self._reserve = None
+
+    def _turn_away(self, listener: socket.socket) -> None:
+        self.close()
+        with suppress(OSError):
+            listener.accept()[0].close()
+        self._keep_reserve()
+
+    def _keep_reserve(self) -> None:
+        with suppress(OSError):
+            self._reserve = os.open(os.devnull, os.O_RDONLY)

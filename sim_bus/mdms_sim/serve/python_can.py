@@ -117,11 +117,16 @@ def _connect(channel: str) -> socket.socket:
         connection.connect(str(path))
         connection.sendall(packet.HELLO)
         hello = connection.recv(len(packet.HELLO), socket.MSG_WAITALL)
+    except (BrokenPipeError, ConnectionResetError):
+        hello = b""
     except OSError as error:
         connection.close()
         raise can.CanInitializationError(
             f"no bus is served as {channel!r} ({error}); start one with: mdms serve array18"
         ) from error
+    if not hello:
+        connection.close()
+        raise can.CanInitializationError(f"{path} takes no more clients; end one, then try again")
     if hello != packet.HELLO:
         connection.close()
         raise can.CanInitializationError(

@@ -3,74 +3,102 @@
 import selectors
 import socket
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
+from typing import Self
 
-from mdms_sim.serve import packet
-from mdms_sim.serve.client import Client, GoneError, PacketCodec, SlcanCodec
+from mdms_sim.serve.client import Client
 from mdms_sim.serve.clock import RealTime
-from mdms_sim.serve.endpoint import LOOPBACK, Terminal, accept, listen_tcp, listen_unix
+from mdms_sim.serve.codec import (
+    Codec,
+    GoneError,
+    PacketCodec,
+    Packets,
+    SlcanCodec,
+    StrictSlcanCodec,
+)
+from mdms_sim.serve.endpoint import (
+    LOOPBACK,
+    Acceptor,
+    FullError,
+    Terminal,
+    UnixListener,
+    listen_tcp,
+)
 from mdms_sim.simulation import Simulation
 
 #: The simulation is not run further than this without looking after the clients.
 SLICE_NS = 1_000_000
+#: Every connection costs time at each frame; more are refused.
+CONNECTIONS_MAX = 16
 
 Report = Callable[[str], object]
+MakeCodec = Callable[[Callable[..., bool]], Codec]
 
 
 @dataclass(frozen=True, slots=True)
 class Addresses:
-    """What a client has to name: python-can's channel, a serial device, a TCP port."""
+    """What a client has to name: python-can's channel, a serial device, a TCP port if open."""
 
     channel: str
     device: str
-    tcp_port: int
+    tcp_port: int | None
 
 
 class Server:
     """A running array with its addresses open; close it when done.
 
-    `report(text)` gets a line for each client that comes or goes. Raises `ServeError`.
+    SLCAN over TCP is open with a `tcp_port` only; 0 takes a free one. `report(text)` gets a line
+    for each client that comes or goes. Raises `ServeError`.
     """
 
     def __init__(
         self,
         simulation: Simulation,
         channel: str,
-        tcp_port: int = 0,
+        tcp_port: int | None = None,
         speed: float = 1.0,
         report: Report = lambda _text: None,
     ) -> None:
         self._simulation = simulation
         self._report = report
-        self._selector = selectors.DefaultSelector()
         self._clients: dict[int, Client] = {}
         self._ready: dict[int, Callable[[int], None]] = {}
         self._connections: dict[int, socket.socket] = {}
         self._leaving: list[Client] = []
+        self._refusing = False
         # Whatever is compiled at its first use is so before anybody can come in and time counts.
         simulation.kernel.run_until(SLICE_NS)
-        self._channel = channel
-        self._unix = listen_unix(channel)
-        self._tcp = listen_tcp(tcp_port)
-        self._terminal = Terminal()
-        self.addresses = Addresses(channel, self._terminal.name, self._tcp.getsockname()[1])
-        self._listen(self._unix, "python-can")
-        self._listen(self._tcp, "SLCAN over TCP")
-        self._admit("SLCAN terminal", self._terminal.descriptor, slcan=True)
-        simulation.bus.observe_errors(self._on_error)
         self.time = RealTime(speed)
+        with ExitStack() as opened:
+            self._open(opened, channel, tcp_port)
+            self._opened = opened.pop_all()
+        simulation.bus.observe_errors(self._on_error)
 
-    def __enter__(self) -> "Server":
+    def _open(self, opened: ExitStack, channel: str, tcp_port: int | None) -> None:
+        """Open everything that is to be closed at the end."""
+        self._selector = opened.enter_context(selectors.DefaultSelector())
+        self._acceptor = Acceptor()
+        opened.callback(self._acceptor.close)
+        self._terminal = Terminal()
+        opened.callback(self._terminal.close)
+        self._admit("SLCAN terminal", self._terminal.descriptor, SlcanCodec)
+        if tcp_port is not None:
+            tcp = opened.enter_context(listen_tcp(tcp_port))
+            tcp_port = tcp.getsockname()[1]
+            self._listen(tcp, "SLCAN over TCP", StrictSlcanCodec)
+        unix = UnixListener(channel)
+        opened.callback(unix.close)
+        packets = Packets(self.time.epoch_s)
+        self._listen(unix.socket, "python-can", partial(PacketCodec, packets=packets))
+        self.addresses = Addresses(channel, self._terminal.name, tcp_port)
+
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_error: object) -> None:
         self.close()
-
-    @property
-    def clients(self) -> tuple[Client, ...]:
-        """Who is on the bus, the terminal's line among them."""
-        return tuple(self._clients.values())
 
     def run(self, over: Callable[[], bool] = lambda: False) -> None:
         """Serve until it is over, which is asked about a thousand times a second."""
@@ -84,11 +112,7 @@ class Server:
             self._dismiss(descriptor, "the array is switched off")
         for client in self._leaving:
             client.leave()
-        for listener in (self._unix, self._tcp):
-            listener.close()
-        packet.socket_path(self._channel).unlink(missing_ok=True)
-        self._terminal.close()
-        self._selector.close()
+        self._opened.close()
 
     def _simulate(self) -> None:
         kernel = self._simulation.kernel
@@ -119,20 +143,41 @@ class Server:
                 client.leave()
         self._leaving = staying
 
-    def _listen(self, listener: socket.socket, kind: str) -> None:
+    def _listen(self, listener: socket.socket, kind: str, make_codec: MakeCodec) -> None:
         def welcome(_events: int) -> None:
-            accept(listener, partial(self._connect, kind))
+            try:
+                connection = self._accept(listener)
+            except FullError as error:
+                self._on_refused(str(error))
+            else:
+                if connection is not None:
+                    self._connect(kind, connection, make_codec)
 
         self._selector.register(listener, selectors.EVENT_READ, welcome)
 
-    def _connect(self, kind: str, connection: socket.socket) -> None:
+    def _accept(self, listener: socket.socket) -> socket.socket | None:
+        """The next connection, if any. Raises FullError for one that was refused."""
+        connection = self._acceptor.accept(listener)
+        # One that has left with frames still to be sent is on the bus as well.
+        if connection and len(self._connections) + len(self._leaving) >= CONNECTIONS_MAX:
+            connection.close()
+            raise FullError(f"{CONNECTIONS_MAX} are open, which is the most")
+        return connection
+
+    def _on_refused(self, reason: str) -> None:
+        """Of many refused in a row the first is reported."""
+        if not self._refusing:
+            self._report(f"connections are refused: {reason}")
+        self._refusing = True
+
+    def _connect(self, kind: str, connection: socket.socket, make_codec: MakeCodec) -> None:
+        self._refusing = False
         self._connections[connection.fileno()] = connection
-        self._admit(kind, connection.fileno(), slcan=kind != "python-can")
+        self._admit(kind, connection.fileno(), make_codec)
         self._report(f"a client has come: {kind}")
 
-    def _admit(self, kind: str, descriptor: int, slcan: bool) -> None:
-        codec = SlcanCodec if slcan else partial(PacketCodec, epoch_s=self._epoch_s)
-        client = Client(kind, descriptor, self._simulation.bus, codec)
+    def _admit(self, kind: str, descriptor: int, make_codec: MakeCodec) -> None:
+        client = Client(kind, descriptor, self._simulation.bus, make_codec)
 
         def ready(events: int) -> None:
             if events & selectors.EVENT_WRITE:
@@ -148,7 +193,7 @@ class Server:
         """Listen only for what can be served: a bus that is full does not read on."""
         if descriptor not in self._clients:
             return
-        wanted = selectors.EVENT_READ if client.may_send else 0
+        wanted = selectors.EVENT_READ if client.may_read(self._simulation.kernel.now_ns) else 0
         wanted |= selectors.EVENT_WRITE if client.wants_to_write else 0
         key = self._selector.get_map().get(descriptor)
         if wanted and key is None:
@@ -160,7 +205,7 @@ class Server:
 
     def _read(self, descriptor: int, client: Client) -> None:
         try:
-            client.read()
+            client.read(self._simulation.kernel.now_ns)
         except GoneError as error:
             self._dismiss(descriptor, str(error))
 
@@ -174,7 +219,7 @@ class Server:
         connection = self._connections.pop(descriptor, None)
         if connection is not None:
             connection.close()
-            lost = f"; {client.dropped} frames dropped" if client.dropped else ""
+            lost = f"; {client.dropped} frames or answers dropped" if client.dropped else ""
             bad = f"; {client.garbage} times garbage" if client.garbage else ""
             self._report(f"a client has left: {client.name}: {reason}{lost}{bad}")
 
@@ -182,15 +227,15 @@ class Server:
         for client in self._clients.values():
             client.on_error(now_ns)
 
-    def _epoch_s(self, sim_ns: int) -> float:
-        return self.time.epoch_s(sim_ns)
-
 
 def ways_in(addresses: Addresses) -> tuple[str, ...]:
     """Lines to copy and paste, one a way in."""
-    return (
+    ways = [
         f"mdms scan -i mdms -c {addresses.channel}",
         f"python -m can.viewer -i mdms -c {addresses.channel}",
         f"mdms scan -i slcan -c {addresses.device} -b 1000000",
-        f"mdms scan -i slcan -c socket://{LOOPBACK}:{addresses.tcp_port} -b 1000000",
-    )
+    ]
+    if addresses.tcp_port is not None:
+        url = f"socket://{LOOPBACK}:{addresses.tcp_port}"
+        ways.append(f"mdms scan -i slcan -c {url} -b 1000000")
+    return tuple(ways)

@@ -4,6 +4,7 @@ Sans-IO: bytes in, frames and answers out. A line that makes no sense is answere
 and counted.
 """
 
+import re
 from collections.abc import Callable
 
 from mdms_protocol.frame import Frame
@@ -20,6 +21,12 @@ _MS_PER_MINUTE = 60_000
 _DATA_MAX = 8
 _SPEEDS = frozenset(b"012345678")
 _HEX_DIGITS = frozenset(b"0123456789ABCDEFabcdef")
+#: What a client of any adapter may write in a line, possible here or not; FD's letters included.
+_SYNTAX = re.compile(
+    rb"[SYWUQ][0-9]|s[0-9A-F]{1,8}|Z[0-9]|[Mm][0-9A-F]{8}|[OLCVvNFPA]|X[01]"
+    rb"|[trdb][0-9A-F]{4,}|[TRDB][0-9A-F]{9,}",
+    re.IGNORECASE,
+)
 
 
 class LineError(Exception):
@@ -29,12 +36,14 @@ class LineError(Exception):
 class Slcan:
     """One adapter: `send(frame) -> bool` gets the frames that a client wants on the bus.
 
-    `garbage` counts lines that were refused.
+    `garbage` counts lines that were refused. `is_slcan` is False once something has come that is
+    no line of this protocol at all.
     """
 
     def __init__(self, send: Callable[[Frame], bool]) -> None:
         self.is_open = False
         self.garbage = 0
+        self.is_slcan = True
         self._send = send
         self._listen_only = False
         self._stamped = False
@@ -61,15 +70,19 @@ class Slcan:
 
     def feed(self, data: bytes) -> bytes:
         """Take in bytes from the client; return what to answer."""
-        answers = b""
-        for byte in data:
-            if byte == OK[0]:
-                answers += self._answer()
-            elif len(self._line) < _LINE_MAX:
-                self._line.append(byte)
-            else:
-                self._overlong = True
-        return answers
+        *lines, rest = data.split(OK)
+        answers = bytearray()
+        for line in lines:
+            self._take(line)
+            answers += self._answer()
+        self._take(rest)
+        return bytes(answers)
+
+    def _take(self, piece: bytes) -> None:
+        room = _LINE_MAX - len(self._line)
+        self._line += piece[:room]
+        if len(piece) > room:
+            self._overlong, self.is_slcan = True, False
 
     def line(self, frame: Frame, sim_ns: int) -> bytes:
         """A received frame as a line for the client; nothing while the channel is closed."""
@@ -92,10 +105,12 @@ class Slcan:
         if not line and not overlong:
             return OK
         try:
-            command = self._commands.get(line[0])
-            if overlong or command is None:
+            if overlong or not _SYNTAX.fullmatch(line):
+                self.is_slcan = False
                 raise LineError
-            return command(line)
+            if line[0] not in self._commands:
+                raise LineError
+            return self._commands[line[0]](line)
         except (LineError, ValueError):
             self.garbage += 1
             return ERROR

@@ -2,7 +2,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdms_host.commissioning.array_file import ArrayFileError, array_text, read_array_file
+from mdms_host.commissioning.array_file import (
+    ArrayFileError,
+    array_text,
+    filed_cells,
+    read_array,
+)
 from mdms_host.commissioning.cell_settings import CellSettings
 from mdms_host.commissioning.parameters import BY_NAME, PARAMETERS
 
@@ -10,7 +15,7 @@ from mdms_host.commissioning.parameters import BY_NAME, PARAMETERS
 def read(folder, text):
     path = folder / "array.toml"
     path.write_text(text)
-    return read_array_file(path)
+    return filed_cells(path)
 
 
 @st.composite
@@ -63,4 +68,102 @@ def test_what_a_file_cannot_say_is_refused_with_its_place(tmp_path, text, told):
 
 def test_missing_file_is_told(tmp_path):
     with pytest.raises(ArrayFileError, match=r"none.toml: No such file"):
-        read_array_file(tmp_path / "none.toml")
+        filed_cells(tmp_path / "none.toml")
+
+
+ARRAY = """
+[array]
+columns = 2
+rows = 1
+pitch_m = 0.1
+bitrate = 500000
+sensor_offset_m = [[0.0, 0.0]]
+
+[[array.wheel]]
+direction_rad = 1.5
+offset_m = [0.01, -0.02]
+"""
+
+
+def read_all(folder, text):
+    path = folder / "array.toml"
+    path.write_text(text)
+    return read_array(path)
+
+
+def test_table_is_read_beside_the_cells(tmp_path):
+    table = read_all(tmp_path, ARRAY + CELL).table
+    assert (table.columns, table.rows, table.pitch_m, table.bitrate) == (2, 1, 0.1, 500_000)
+    assert [(wheel.direction_rad, wheel.offset_m) for wheel in table.wheel] == [
+        (1.5, (0.01, -0.02))
+    ]
+    assert table.sensor_offset_m == ((0.0, 0.0),)
+
+
+def test_file_of_cells_alone_leaves_the_table_open(tmp_path):
+    table = read_all(tmp_path, CELL).table
+    assert (table.columns, table.wheel, table.bitrate) == (None, None, None)
+
+
+def test_table_without_cells_is_an_array_but_nothing_to_load(tmp_path):
+    file = read_all(tmp_path, ARRAY)
+    assert file.by_number(2, 1) == {}
+    with pytest.raises(ArrayFileError, match=r"expected \[\[cell\]\]"):
+        filed_cells(file.path)
+
+
+def cell(serial, node, place=""):
+    return f'[[cell]]\nserial = "{serial:08X}"\nnode = {node}\n{place}\n'
+
+
+@pytest.mark.parametrize(
+    "cells",
+    [
+        cell(1, 1) + cell(2, 2) + cell(3, 3) + cell(4, 4),
+        cell(3, 30, "number = 3") + cell(4, 4) + cell(1, 1) + cell(2, 20, "number = 2"),
+        cell(2, 9, "column = 2\nrow = 1")
+        + cell(3, 8, "column = 1\nrow = 2")
+        + cell(1, 1)
+        + cell(4, 4),
+    ],
+)
+def test_cells_stand_where_the_file_has_them(tmp_path, cells):
+    placed = read_all(tmp_path, cells).by_number(2, 2)
+    assert {number: each.serial for number, each in placed.items()} == {1: 1, 2: 2, 3: 3, 4: 4}
+
+
+@pytest.mark.parametrize(
+    ("cells", "told"),
+    [
+        (cell(1, 1) + cell(2, 5), r"cell.1.node: node 5 is beside the grid of 2 x 1"),
+        (cell(1, 1, "number = 3"), r"cell.0.number: node 1 is beside the grid"),
+        (cell(1, 1, "column = 3\nrow = 1"), r"cell.0.column: node 1 is beside the grid"),
+        (cell(1, 1, "column = 1\nrow = 2"), r"cell.0.row: node 1 is beside the grid"),
+        (cell(1, 1) + cell(2, 2, "number = 1"), r"node 2 and node 1 have the same place, number 1"),
+        (cell(1, 1), r"cell: 1 cells are listed, but the grid has 2 x 1; number 2 is missing"),
+    ],
+)
+def test_cells_that_do_not_fill_the_grid_are_refused(tmp_path, cells, told):
+    with pytest.raises(ArrayFileError, match=rf"array.toml: .*{told}"):
+        read_all(tmp_path, cells).by_number(2, 1)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("[array]\ncolumns = 0", "array.columns is 0, but must be at least 1"),
+        ("[array]\npitch_m = 'x'", "array.pitch_m is 'x', but must be a number"),
+        ("[array]\ncolums = 3", "array.colums is not a known key; did you mean columns"),
+        ("[array]\nbitrate = 5", "array.bitrate is 5"),
+        ("[[array]]\ncolumns = 3", "array is .*, but must be a table"),
+        ("[[array.wheel]]\noffset_m = [1.0]", "array.wheel.0.offset_m has 1 items"),
+        ("[array]\nwheel = []", "array.wheel has 0 items, but must have 1 to 2"),
+        (CELL + "number = 0", "cell.number: expected a whole number from 1, got 0"),
+        (CELL + "row = true", "cell.row: expected a whole number from 1, got True"),
+        (CELL + "row = 1", "cell.row: a place is column and row, or number alone; got row"),
+        (CELL + "number = 1\nrow = 1\ncolumn = 1", "cell.column: a place is"),
+    ],
+)
+def test_what_a_table_cannot_say_is_refused_with_its_key(tmp_path, text, told):
+    with pytest.raises(ArrayFileError, match=rf"array.toml: {told}"):
+        read_all(tmp_path, text)

@@ -16,8 +16,6 @@ from mdms_host.commissioning.network import Identity, RefusedError
 from mdms_host.commissioning.parameters import BY_NAME
 from mdms_protocol.dictionary import DEVICE_NAME, PRODUCT_CODE, REVISION, VENDOR_ID
 
-pytestmark = pytest.mark.real_time
-
 GAIN, LAG = BY_NAME["axis1.gain"], BY_NAME["axis1.observer_lag"]
 TIMEOUT = BY_NAME["setpoint_timeout"]
 CELL = Identity(DEVICE_NAME, "0.1.0", VENDOR_ID, PRODUCT_CODE, REVISION, 7)

@@ -110,7 +110,7 @@ def test_selected_cell_takes_and_keeps_its_node_id_and_no_other_does():
     bus = Bus(Slave(ours(1)), Slave(ours(2)))
     bus.master.select(ours(2))
     bus.master.set_node_id(17)
-    bus.master.store()
+    assert bus.master.store() is True
     assert (bus.slaves[1].pending_node_id, bus.slaves[1].saved) == (17, 17)
     assert bus.slaves[1].booted is None
     bus.master.leave()
@@ -139,3 +139,12 @@ def test_a_refusal_is_told():
     bus.master.set_node_id(4)
     with pytest.raises(LssError, match="refuses LSS command 0x17: 2"):
         bus.master.store()
+
+
+def test_a_cell_without_a_memory_for_settings_takes_its_node_id_and_does_not_keep_it():
+    bus = Bus(Slave(ours(1), refusal=sdo.CANNOT_STORE))
+    bus.master.select(ours(1))
+    bus.master.set_node_id(4)
+    assert bus.master.store() is False
+    bus.master.leave()
+    assert bus.slaves[0].booted == 4

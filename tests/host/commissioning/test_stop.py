@@ -1,12 +1,8 @@
-import pytest
+from tests.host.cells_link import CellsLink
 
-from mdms_host.can_link.link import Link
-from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.stop import StopAll, StopReport, stop_all
 from mdms_protocol import nmt
 from mdms_protocol.frame import Frame
-
-pytestmark = pytest.mark.real_time
 
 
 def test_the_command_is_sent_three_times_and_first_of_all() -> None:
@@ -28,9 +24,9 @@ def test_a_cell_that_goes_on_is_named() -> None:
     assert stopping.report == StopReport(heard=(4, 5), not_off=(5,))
 
 
-def test_running_cells_are_stopped(served_cells) -> None:
-    clock = MonotonicClock()
-    with Link(served_cells.open(), clock) as link:
-        link.send(nmt.command(nmt.START))
-        clock.sleep(0.2)
-        assert stop_all(link, clock) == StopReport(heard=(1, 2, 3), not_off=())
+def test_running_cells_are_stopped() -> None:
+    link = CellsLink((1, 2, 3))
+    link.send(nmt.command(nmt.START))
+    link.sleep(0.2)
+    assert set(link.states.values()) == {nmt.OPERATIONAL}
+    assert stop_all(link, link) == StopReport(heard=(1, 2, 3), not_off=())

@@ -1,36 +1,32 @@
+"""Runs on firmware cells in virtual time; the link to them is the clock as well."""
+
 import numpy as np
 import pytest
+from tests.host.cells_link import CellsLink
 
-from mdms_host.can_link.link import Link
-from mdms_host.clock import MonotonicClock
-from mdms_host.commissioning.scan import scan_bus
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, operate
 from mdms_host.coordination.phase import Phase
 from mdms_host.coordination.schedule import Timing
 from mdms_host.layout import Layout
 from mdms_host.motion.program import FieldProgram
-
-pytestmark = pytest.mark.real_time
+from mdms_protocol import nmt
 
 LAYOUT = Layout(3, 1)
-#: A machine under load may hold a test up for longer than a cell may be silent.
-PATIENT = Timing(silence_periods=50)
-
-
-def coordinator(timing: Timing = PATIENT) -> Coordinator:
-    return Coordinator(LAYOUT, FieldProgram(np.full(6, 0.05)), timing=timing)
 
 
 @pytest.fixture
-def clock() -> MonotonicClock:
-    return MonotonicClock()
+def link() -> CellsLink:
+    return CellsLink((1, 2, 3))
 
 
-def test_a_field_runs_for_its_time_on_real_cells_and_leaves_them_off(served_cells, clock) -> None:
+def coordinator(timing: Timing | None = None) -> Coordinator:
+    return Coordinator(LAYOUT, FieldProgram(np.full(6, 0.05)), timing=timing)
+
+
+def test_a_field_runs_for_its_time_on_real_cells_and_leaves_them_off(link) -> None:
     heard, one = [], coordinator()
-    with Link(served_cells.open(), clock) as link:
-        done = operate(one, link, clock, 2.0, on_event=lambda _now_s, text: heard.append(text))
+    done = operate(one, link, link, 2.0, on_event=lambda _now_s, text: heard.append(text))
     assert (done.ending, done.fault) == (Ending.DONE, None)
     assert done.duration_s >= 2.0
     assert Phase.RUNNING in heard
@@ -38,36 +34,32 @@ def test_a_field_runs_for_its_time_on_real_cells_and_leaves_them_off(served_cell
     assert not any(cell.moving for cell in one.cells)
 
 
-def test_an_interrupt_ends_in_order(served_cells, clock) -> None:
+def test_an_interrupt_ends_in_order(link) -> None:
     one = coordinator()
 
     def interrupt(_now_s: float, text: str) -> None:
         if text == Phase.RUNNING:
             raise KeyboardInterrupt
 
-    with Link(served_cells.open(), clock) as link:
-        done = operate(one, link, clock, 10.0, on_event=interrupt)
+    done = operate(one, link, link, 10.0, on_event=interrupt)
     assert done.ending == Ending.INTERRUPTED
     assert one.phase == Phase.STOPPED
 
 
-def test_an_array_of_no_cells_is_told_as_such(clock, request) -> None:
-    import can
-
-    with Link(can.Bus(request.node.nodeid, interface="virtual"), clock) as link:
-        done = operate(coordinator(Timing(phase_limit_s=0.2)), link, clock, 10.0)
+def test_an_array_of_no_cells_is_told_as_such(link) -> None:
+    link.power_off()
+    done = operate(coordinator(Timing(phase_limit_s=0.2)), link, link, 10.0)
     assert done.ending == Ending.NO_CELLS
 
 
-def test_a_missing_cell_is_a_fault(served_cells, clock) -> None:
+def test_a_missing_cell_is_a_fault(link) -> None:
     one = Coordinator(Layout(4, 1), FieldProgram(np.zeros(8)), timing=Timing(phase_limit_s=0.5))
-    with Link(served_cells.open(), clock) as link:
-        done = operate(one, link, clock, 10.0)
+    done = operate(one, link, link, 10.0)
     assert done.ending == Ending.FAULT
     assert done.fault == "not heard within 0.5 s: cell 4 (node 4)"
 
 
-def test_a_second_run_takes_the_array_over_from_one_that_broke_off(served_cells, clock) -> None:
+def test_a_second_run_takes_the_array_over_from_one_that_broke_off(link) -> None:
     class BrokenOffError(Exception):
         pass
 
@@ -75,14 +67,14 @@ def test_a_second_run_takes_the_array_over_from_one_that_broke_off(served_cells,
         if text == Phase.RUNNING:
             raise BrokenOffError
 
-    with Link(served_cells.open(), clock) as link, pytest.raises(BrokenOffError):
-        operate(coordinator(), link, clock, 10.0, on_event=break_off)
-    assert {node.state for node in scan_bus(served_cells.open(), clock)} == {"operational"}
-    with Link(served_cells.open(), clock) as link:
-        assert operate(coordinator(), link, clock, 1.5).ending == Ending.DONE
+    with pytest.raises(BrokenOffError):
+        operate(coordinator(), link, link, 10.0, on_event=break_off)
+    link.sleep(0.3)
+    assert set(link.states.values()) == {nmt.OPERATIONAL}
+    assert operate(coordinator(), link, link, 1.5).ending == Ending.DONE
 
 
-def test_an_error_in_the_cycle_leaves_the_array_off_and_is_raised(served_cells, clock) -> None:
+def test_an_error_in_the_cycle_leaves_the_array_off_and_is_raised(link) -> None:
     class Failing(FieldProgram):
         steps = 0
 
@@ -92,23 +84,21 @@ def test_an_error_in_the_cycle_leaves_the_array_off_and_is_raised(served_cells, 
                 raise ZeroDivisionError
             return super().references_m_s(poses, step_s)
 
-    one = Coordinator(LAYOUT, Failing(np.full(6, 0.05)), timing=PATIENT)
-    with Link(served_cells.open(), clock) as link:
-        with pytest.raises(ZeroDivisionError):
-            operate(one, link, clock, 10.0)
-        assert one.phase == Phase.STOPPED
+    one = Coordinator(LAYOUT, Failing(np.full(6, 0.05)), timing=Timing())
+    with pytest.raises(ZeroDivisionError):
+        operate(one, link, link, 10.0)
+    assert one.phase == Phase.STOPPED
     assert not any(cell.moving for cell in one.cells)
 
 
-def test_an_ending_that_fails_as_well_takes_the_cells_out_of_operational(
-    served_cells, clock, monkeypatch
-) -> None:
+def test_an_ending_that_fails_as_well_takes_the_cells_out_of_operational(link, monkeypatch) -> None:
     one = coordinator()
 
     def fail(_now_s: float, text: str) -> None:
         if text == Phase.RUNNING:
             monkeypatch.setattr(one, "poll", lambda _now_s: 1 / 0)
 
-    with Link(served_cells.open(), clock) as link, pytest.raises(ZeroDivisionError):
-        operate(one, link, clock, 10.0, on_event=fail)
-    assert {node.state for node in scan_bus(served_cells.open(), clock)} == {"pre-operational"}
+    with pytest.raises(ZeroDivisionError):
+        operate(one, link, link, 10.0, on_event=fail)
+    link.sleep(0.3)
+    assert set(link.states.values()) == {nmt.PRE_OPERATIONAL}

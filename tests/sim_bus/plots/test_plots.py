@@ -10,7 +10,7 @@ from mdms_model.outline import outline_m
 from mdms_model.run.record import Contact, Event, Record
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Parcel
-from mdms_sim.plots import is_row, save_picture, save_wheels
+from mdms_sim.plots import drawable, is_row, save_picture, save_wheels
 from mdms_sim.plots.canvas import parcel_colour
 from mdms_sim.plots.plane import draw_plane
 from mdms_sim.plots.row import BANDS, draw_row
@@ -217,3 +217,44 @@ def test_outline_turns_with_the_parcel():
     parcel = Parcel("plate", 1.0, 0.4, 0.2)
     corners_m = outline_m(np.array([0.0, 0.0, np.pi / 2]), parcel)
     np.testing.assert_allclose(np.ptp(corners_m, axis=0), [0.2, 0.4])
+
+
+def test_belief_is_drawn_where_there_is_no_truth_and_said_to_be_one(plane, believed_record):
+    scenario, record = drawable(plane, believed_record)
+    np.testing.assert_array_equal(record.pose[5:], believed_record.estimate[5:])
+    # Before it is found, the parcel lies where it is found.
+    np.testing.assert_array_equal(record.pose[:5], believed_record.estimate[[5] * 5])
+    figure = draw_plane(scenario, record)
+    assert "as the coordinator believes" in text_of(figure)
+    assert "wheel rolled" not in [text.get_text() for axes in figure.axes for text in axes.texts]
+
+
+def test_truth_is_drawn_as_it_is(plane, plane_record):
+    assert drawable(plane, plane_record) == (plane, plane_record)
+
+
+def test_parcel_that_was_never_found_is_not_drawn(tmp_path, plane, believed_record):
+    lost = replace(believed_record, estimate=np.full_like(believed_record.estimate, np.nan))
+    scenario, record = drawable(plane, lost)
+    assert scenario.parcel == ()
+    assert record.pose.shape == (len(record.time_s), 0, 3)
+    save_picture(tmp_path / "lost.png", plane, lost)
+    assert (tmp_path / "lost.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_row_of_belief_has_no_bands(row, row_record):
+    belief = replace(
+        row_record,
+        pose=np.full_like(row_record.pose, np.nan),
+        estimate=row_record.pose,
+        contact=np.full_like(row_record.contact, Contact.UNKNOWN),
+    )
+    axes = draw_row(*drawable(row, belief)).axes[0]
+    assert not bands_of_cell(axes, -4.5 * row.array.pitch_m)
+    assert len(axes.lines) == 3
+
+
+def test_wheels_of_belief_are_references_and_speeds(plane, believed_record):
+    axes = draw_wheels(plane, believed_record).axes
+    labels = [each.get_ylabel().split("\n")[0] for each in axes if "\n" in each.get_ylabel()]
+    assert labels == ["reference [m/s]", "speed [m/s]"]

@@ -5,15 +5,12 @@ from argparse import Namespace
 
 from mdms_host.can_link.link import drive
 from mdms_host.cli.array.bus import open_link
-from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.simulation.bus_log import LogPlayer, chosen, read_log
-from mdms_host.cli.simulation.figures import figures_of, report
-from mdms_host.cli.simulation.replay_nodes import replay_on_nodes
-from mdms_host.cli.simulation.simulate import verdict
+from mdms_host.cli.extras import SIMULATION, require
+from mdms_host.cli.records.bus_log import LogPlayer, chosen, read_log
 from mdms_host.commissioning.stop import not_off_text, stop_all
 from mdms_host.coordination.other_host import refuse_other_host
-from mdms_model.run.folder import read_run
+from mdms_model.run.folder import BUS_LOG
 
 
 def run(arguments: Namespace) -> Exit:
@@ -30,24 +27,17 @@ def run(arguments: Namespace) -> Exit:
             "leave --all, --only cells, -i and -c out",
             Exit.USAGE,
         )
-    return _run_cells(arguments)
+    require(SIMULATION, "mdms replay --nodes")
+    # A log is sent to a bus without the simulator.
+    from mdms_host.cli.simulation.replay_nodes import run_cells  # noqa: PLC0415
 
-
-def _run_cells(arguments: Namespace) -> Exit:
-    """Run the folder's scenario with the recorded host, and print the figures of the run."""
-    frames = list(chosen(read_log(arguments.folder / "bus.log"), "host"))
-    scenario = read_run(arguments.folder).scenario
-    with progress(scenario.title) as advance:
-        finished = replay_on_nodes(scenario, frames, arguments.nodes, advance)
-    figures = figures_of(scenario, finished)
-    print(json.dumps(figures) if arguments.json else "\n".join(report(figures)))
-    return verdict(scenario, finished)
+    return run_cells(arguments)
 
 
 def _send(arguments: Namespace) -> Exit:
     """Send the log to a bus, frame by frame, turn all off, and print how many there were."""
     sender = "all" if arguments.all else arguments.only
-    frames = list(chosen(read_log(arguments.folder / "bus.log"), sender))
+    frames = list(chosen(read_log(arguments.folder / BUS_LOG), sender))
     with open_link(arguments) as (link, clock):
         refuse_other_host(link, clock)
         player = LogPlayer(frames, clock.now_s())

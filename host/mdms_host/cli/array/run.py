@@ -6,17 +6,25 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from math import isnan
+from typing import Any
 
+from mdms_host.can_link.link import DeviceGoneError
 from mdms_host.cli.array.bus import open_link
 from mdms_host.cli.exits import CommandError, Exit, exit_of
+from mdms_host.cli.files import writing
+from mdms_host.cli.records.bus_log import LogWriter
+from mdms_host.cli.records.keep import keep_run, lasting
+from mdms_host.cli.scenario.belief import Belief, believe
 from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of, goals_by_parcel
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.streams import say
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, Operation, operate
 from mdms_host.coordination.other_host import refuse_other_host
+from mdms_host.coordination.recorder import Recorder
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.outcome import GoalOutcome, missed_text, outcome_of
+from mdms_model.run.folder import BUS_LOG, fresh_folder
 from mdms_model.scenario.scenario import Scenario
 
 #: What the bring-up may take of a run's time limit, which else is the scenario's duration.
@@ -27,23 +35,27 @@ EXITS = {
     Ending.TIME_LIMIT: Exit.TIME_LIMIT,
     Ending.FAULT: Exit.NODE_FAULT,
     Ending.NO_CELLS: Exit.NO_DEVICE,
+    Ending.DEVICE_GONE: Exit.NO_DEVICE,
 }
 
 
 def run(arguments: Namespace) -> int:
     """Bring the array up, run the program, turn everything off, and report how it went."""
     scenario = open_program(arguments.program, [*arguments.overrides, "run.fidelity=firmware"])
-    coordinator = coordinator_of(scenario)
-    with open_link(arguments) as (link, clock), _broken_off():
-        refuse_other_host(link, clock)
-        limit_s = arguments.limit or scenario.run.duration_s + BRING_UP_S
-        operation = operate(coordinator, link, clock, limit_s, _print_event)
-    goals = goals_of(scenario, coordinator)
+    belief = believe(scenario, arguments.array, arguments)
+    coordinator = coordinator_of(belief.scenario, belief.cells)
+    if arguments.limit is None:
+        arguments.limit = scenario.run.duration_s + BRING_UP_S
+    if arguments.out is None:
+        operation, _ = _operate(coordinator, arguments)
+        figures = _figures(belief.scenario, coordinator, operation)
+    else:
+        operation, figures = _operate_and_keep(belief, coordinator, arguments)
     if arguments.json:
-        print(json.dumps(_figures(scenario, coordinator, operation, goals)))
+        print(json.dumps(figures))
     else:
         print(f"{scenario.title}: {operation.ending} after {operation.duration_s:.1f} s")
-    return _verdict(operation, missed_text(goals))
+    return _verdict(operation, missed_text(goals_of(belief.scenario, coordinator)))
 
 
 @contextmanager
@@ -60,16 +72,49 @@ def _broken_off() -> Iterator[None]:
         ) from error
 
 
+def _operate_and_keep(
+    belief: Belief, coordinator: Coordinator, arguments: Namespace
+) -> tuple[Operation, dict[str, Any]]:
+    """Operate, and keep what was seen in a run folder, however it ended."""
+    with fresh_folder(arguments.out) as folder:
+        with (folder / BUS_LOG).open("w") as log:
+            recorder = Recorder(
+                coordinator,
+                lambda: estimates_of(coordinator, belief.scenario),
+                LogWriter(log).on_frame,
+            )
+            operation, incidents = _operate(coordinator, arguments, recorder)
+        figures = _figures(belief.scenario, coordinator, operation)
+        figures["node_ids"] = [cell.node_id for cell in coordinator.cells]
+        figures["run"] = str(arguments.out)
+        record = recorder.record(incidents)
+        lasted = lasting(belief.scenario, float(record.time_s[-1]))
+        with writing(arguments.out):
+            keep_run(folder, lasted, record, figures)
+    return operation, figures
+
+
+def _operate(
+    coordinator: Coordinator, arguments: Namespace, recorder: Recorder | None = None
+) -> tuple[Operation, list[tuple[float, str]]]:
+    """Operate the array; how it ended, and what the link met meanwhile."""
+    # A bus that cannot be opened raises; one that goes away later ends the run.
+    with open_link(arguments) as (link, clock), _broken_off():
+        refuse_other_host(link, clock)
+        try:
+            operation = operate(
+                coordinator, link, clock, arguments.limit, _print_event, participant=recorder
+            )
+        except DeviceGoneError as error:
+            operation = Operation(Ending.DEVICE_GONE, clock.now_s(), str(error))
+        return operation, link.incidents
+
+
 def _print_event(time_s: float, text: str) -> None:
     say(f"{time_s:8.3f} s  {text}")
 
 
-def _figures(
-    scenario: Scenario,
-    coordinator: Coordinator,
-    operation: Operation,
-    goals: list[GoalOutcome],
-) -> dict[str, object]:
+def _figures(scenario: Scenario, coordinator: Coordinator, operation: Operation) -> dict[str, Any]:
     names = ("x_m", "y_m", "yaw_rad")
     parcels = [
         {"name": parcel.name, "estimate": dict(zip(names, belief.tolist(), strict=True))}
@@ -82,7 +127,7 @@ def _figures(
         "duration_s": operation.duration_s,
         "fault": operation.fault,
         "parcels": parcels,
-        "goals": [asdict(outcome) for outcome in goals],
+        "goals": [asdict(outcome) for outcome in goals_of(scenario, coordinator)],
     }
 
 

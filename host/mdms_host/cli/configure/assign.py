@@ -7,7 +7,8 @@ from pathlib import Path
 from mdms_host.cli.array.bus import NO_NODES
 from mdms_host.cli.configure.cells import open_commissioning
 from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.commissioning.array_file import read_array_file
+from mdms_host.cli.streams import say
+from mdms_host.commissioning.array_file import filed_cells
 from mdms_host.commissioning.cell_settings import identify_cells
 from mdms_host.commissioning.network import Commissioning
 from mdms_host.commissioning.node_ids import (
@@ -23,23 +24,28 @@ def run(arguments: Namespace) -> Exit:
     wanted = None if arguments.file is None else _node_ids(arguments.file)
     with open_commissioning(arguments) as commissioning:
         moves = _plan(commissioning, wanted, arguments.first)
+        passing: list[Assignment] = []
         if arguments.dry_run:
             for move in moves:
                 _report(move, arguments)
         else:
-            carry_out(commissioning, moves, lambda move: _report(move, arguments))
+            passing = carry_out(commissioning, moves, lambda move: _report(move, arguments))
+    if passing:
+        nodes = ", ".join(str(move.node_id) for move in passing)
+        say(f"node {nodes} has no memory for settings, and is blank after a loss of power")
     if arguments.json:
-        print(json.dumps({"cells": [_row(move) for move in moves]}))
+        print(json.dumps({"cells": [_row(move, move not in passing) for move in moves]}))
     elif not moves:
         print("no cell needs a node id")
     elif not arguments.dry_run:
-        print(f"{len(moves)} cells have got their node ids, and keep them")
+        keep = "keep them" if not passing else f"{len(moves) - len(passing)} of them keep it"
+        print(f"{len(moves)} cells have got their node ids, and {keep}")
     return Exit.OK
 
 
 def _node_ids(file: Path) -> dict[int, int]:
     """Node ids of a file by serial number. Raises ArrayFileError."""
-    return {cell.serial: cell.node_id for cell in read_array_file(file)}
+    return {cell.serial: cell.node_id for cell in filed_cells(file)}
 
 
 def _plan(
@@ -59,9 +65,10 @@ def _report(move: Assignment, arguments: Namespace) -> None:
         print(f"{move.address.serial:08X}: {was} -> node {move.node_id}", flush=True)
 
 
-def _row(move: Assignment) -> dict[str, object]:
+def _row(move: Assignment, stored: bool) -> dict[str, object]:
     return {
         "serial": f"{move.address.serial:08X}",
         "before": move.before,
         "node": move.node_id,
+        "stored": stored,
     }

@@ -20,7 +20,7 @@ from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.files import replacing
 from mdms_host.cli.streams import say
-from mdms_host.commissioning.array_file import FiledCell, array_text, read_array_file
+from mdms_host.commissioning.array_file import FiledCell, array_text, filed_cells
 from mdms_host.commissioning.cell_settings import CellSettings, identify_cells, read_settings
 from mdms_host.commissioning.network import Commissioning
 from mdms_host.commissioning.parameters import PARAMETERS
@@ -71,9 +71,9 @@ def load(arguments: Namespace) -> Exit:
     return Exit.OK
 
 
-def _filed(arguments: Namespace) -> list[FiledCell]:
+def _filed(arguments: Namespace) -> Sequence[FiledCell]:
     """The cells of the file, or those of them that `--node` names."""
-    filed = read_array_file(arguments.file)
+    filed = filed_cells(arguments.file)
     wanted = nodes_of(arguments.nodes)
     if wanted is None:
         return filed

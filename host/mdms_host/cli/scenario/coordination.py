@@ -6,6 +6,7 @@ import numpy as np
 
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.scenario.cells import Cells, trim
 from mdms_host.cli.scenario.gain import motor_of
 from mdms_host.commissioning.loop_margin import observer_for
 from mdms_host.coordination.coordinator import Coordinator
@@ -26,15 +27,23 @@ from mdms_protocol.entry import steps_per_unit
 UNDERVOLTAGE_V = 10.0
 
 
-def coordinator_of(scenario: Scenario) -> Coordinator:
+def coordinator_of(scenario: Scenario, cells: Cells | None = None) -> Coordinator:
     """A coordinator with the scenario's array, sizes of parcels, and motion.
 
-    Raises `CommandError` for what does not fit the firmware.
+    `cells` are node ids and settings of single cells, if they have any of their own. Raises
+    `CommandError` for what does not fit the firmware.
     """
-    layout, parcels = layout_of(scenario), parcels_of(scenario)
+    cells = cells or Cells()
     check_speed(scenario)
-    program = _program(scenario, layout, parcels)
-    return Coordinator(layout, program, parcels=parcels, settings=settings_of(scenario.cell))
+    layout, parcels = layout_of(scenario, cells.node_ids), parcels_of(scenario)
+    program = _program(scenario, layout, parcels, cells)
+    return Coordinator(
+        layout,
+        program,
+        parcels=parcels,
+        settings=settings_of(scenario.cell),
+        own_settings=cells.settings,
+    )
 
 
 def check_speed(scenario: Scenario) -> None:
@@ -67,7 +76,7 @@ def _wheel_share(scenario: Scenario) -> float:
     return max(hypot(1.0, 1.0 + MARGIN_M / reach_m) for reach_m in reaches_m)
 
 
-def layout_of(scenario: Scenario) -> Layout:
+def layout_of(scenario: Scenario, node_ids: tuple[int, ...] = ()) -> Layout:
     """The array as the host believes it to be: here, as the scenario has it."""
     array, cell = scenario.array, scenario.cell
     return Layout(
@@ -76,6 +85,7 @@ def layout_of(scenario: Scenario) -> Layout:
         pitch_m=array.pitch_m,
         wheels=tuple(WheelPlace(wheel.direction_rad, wheel.offset_m) for wheel in cell.wheel),
         sensor_offsets_m=cell.sensor_offset_m,
+        node_ids=node_ids,
     )
 
 
@@ -140,7 +150,9 @@ def goals_by_parcel(scenario: Scenario) -> list[Goal | None]:
     return [None if goal is None else Goal(goal.x_m, goal.y_m, goal.yaw_rad) for goal in goals]
 
 
-def _program(scenario: Scenario, layout: Layout, parcels: tuple[Parcel, ...]) -> Program:
+def _program(
+    scenario: Scenario, layout: Layout, parcels: tuple[Parcel, ...], cells: Cells
+) -> Program:
     if scenario.motion.field != "goal":
         return FieldProgram(references_m_s(scenario))
     steered = zip(scenario.parcel, goals_by_parcel(scenario), strict=True)
@@ -150,7 +162,8 @@ def _program(scenario: Scenario, layout: Layout, parcels: tuple[Parcel, ...]) ->
         friction=scenario.cell.friction,
         gravity_m_s2=scenario.run.gravity_m_s2,
     )
-    return GoalProgram(layout, parcels, goals, drive_of(scenario.cell).droop, limits)
+    droop = drive_of(scenario.cell).droop
+    return GoalProgram(layout, parcels, goals, droop, limits, trim=trim(scenario, cells))
 
 
 def references_m_s(scenario: Scenario) -> Floats:

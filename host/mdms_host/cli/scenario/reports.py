@@ -6,8 +6,10 @@ from dataclasses import asdict
 from typing import Any
 
 from mdms_host.cli.exits import Exit
+from mdms_host.cli.extras import COMPILER
 from mdms_host.cli.scenario.gain import MASSLESS, gain_limits
-from mdms_model.limits import parcel_limits
+from mdms_host.cli.streams import say
+from mdms_model.limits import is_paper_row, parcel_limits
 from mdms_model.scenario.file import builtin_names, load_scenario
 
 #: Name in JSON, in words, unit.
@@ -40,6 +42,8 @@ def scenarios(arguments: Namespace) -> Exit:
 def limits(arguments: Namespace) -> Exit:
     """Print the paper's bounds on reference speeds for each parcel, and the largest gain."""
     scenario = load_scenario(arguments.scenario, arguments.overrides)
+    if COMPILER.missing and not all(is_paper_row(scenario, each) for each in scenario.parcel):
+        say(f"mdms: without numba this takes minutes; pip install {COMPILER.requirement}")
     bounds = [asdict(parcel_limits(scenario, parcel)) for parcel in scenario.parcel]
     gain = gain_limits(scenario.cell)
     if arguments.json:

@@ -7,10 +7,17 @@ there wins the bus as it did. What the log does not have is lost: a frame under 
 the run, and attempts that an error frame ended, and so the draws of faults that came of them.
 """
 
+import json
+from argparse import Namespace
 from collections.abc import Callable, Iterable
 
-from mdms_host.cli.simulation.bus_log import LogPlayer
+from mdms_host.cli.console import progress
+from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.records.bus_log import LogPlayer, chosen, read_log
 from mdms_host.cli.simulation.compose import Finished, timed
+from mdms_host.cli.simulation.figures import figures_of, report
+from mdms_host.cli.simulation.simulate import verdict
+from mdms_model.run.folder import BUS_LOG, read_run
 from mdms_model.scenario.scenario import Scenario
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.length import frame_bits
@@ -21,6 +28,25 @@ NS_PER_US = 1_000
 US_PER_S = 1_000_000
 #: Two frames of the least length take longer than a participant must wait between its polls.
 PLAYERS = 2
+
+
+def run_cells(arguments: Namespace) -> Exit:
+    """Run a folder's scenario with its recorded host, and print the figures of the run."""
+    frames = list(chosen(read_log(arguments.folder / BUS_LOG), "host"))
+    stored = read_run(arguments.folder)
+    scenario = stored.scenario
+    cells = scenario.array.columns * scenario.array.rows
+    if stored.figures.get("node_ids") not in (None, list(range(1, cells + 1))):
+        raise CommandError(
+            f"{arguments.folder}: its cells had other node ids than their numbers, which simulated "
+            "cells have; replay it to a bus: -i and -c",
+            Exit.USAGE,
+        )
+    with progress(scenario.title) as advance:
+        finished = replay_on_nodes(scenario, frames, arguments.nodes, advance)
+    figures = figures_of(scenario, finished)
+    print(json.dumps(figures) if arguments.json else "\n".join(report(figures)))
+    return verdict(scenario, finished)
 
 
 def replay_on_nodes(

@@ -1,38 +1,100 @@
 """`mdms serve`: the virtual array in real time, for other programs."""
 
+import signal
 from argparse import Namespace
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from threading import Event
+from typing import BinaryIO
 
 from mdms_host.cli.exits import Exit
+from mdms_host.cli.files import writing
+from mdms_host.cli.records.keep import keep_run, lasting
 from mdms_host.cli.scenario.gain import open_program
+from mdms_host.cli.simulation.compose import Finished
+from mdms_host.cli.simulation.figures import figures_of
 from mdms_host.cli.streams import say
+from mdms_host.clock import MonotonicClock
+from mdms_model.run.folder import BUS_LOG, fresh_folder
+from mdms_model.run.history import MOST_SAMPLES
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.serve.server import Server, ways_in
 from mdms_sim.simulation import Simulation, open_bank
 
+#: The signals that end a service in order.
+ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
 
 def run(arguments: Namespace) -> Exit:
-    """Serve until Ctrl-C, or until a parcel tips."""
+    """Serve until Ctrl-C or SIGTERM, or until a parcel tips; keep a run folder if asked to."""
     scenario = open_program(arguments.scenario, [*arguments.overrides, "run.fidelity=firmware"])
+    # Both end a service as Ctrl-C does, so that its sockets go.
+    for number in ENDS:
+        signal.signal(number, signal.default_int_handler)
     try:
-        return _serve(scenario, arguments)
+        if arguments.out is None:
+            simulation = _serve(scenario, arguments)
+        else:
+            simulation = _serve_and_keep(scenario, arguments)
     except KeyboardInterrupt:
         return Exit.OK
+    for event in simulation.world.events:
+        if event.kind == "tip":
+            say(f"mdms: {event.parcel} tips at {event.time_s:.3f} s: {event.detail}")
+    return Exit.FAILURE if simulation.tipped else Exit.OK
 
 
-def _serve(scenario: Scenario, arguments: Namespace) -> Exit:
+def _serve_and_keep(scenario: Scenario, arguments: Namespace) -> Simulation:
+    clock = MonotonicClock()
+    with fresh_folder(arguments.out) as folder:
+        with (folder / BUS_LOG).open("wb") as log:
+            simulation = _serve(scenario, arguments, log)
+            outcome = simulation.outcome()
+        lasted = lasting(scenario, float(outcome.record.time_s[-1]))
+        finished = Finished(outcome.record, arguments.nodes, outcome.bus, wall_s=clock.now_s())
+        figures = figures_of(lasted, finished) | {"run": str(arguments.out)}
+        with writing(arguments.out):
+            keep_run(folder, lasted, outcome.record, figures)
+    return simulation
+
+
+def _serve(scenario: Scenario, arguments: Namespace, log: BinaryIO | None = None) -> Simulation:
+    """Serve to the end; recorded where there is a log, in a bounded memory."""
     cells = scenario.array.columns * scenario.array.rows
     with closing(open_bank(arguments.nodes, cells)) as bank:
-        simulation = Simulation(scenario, bank, recorded=False)
+        simulation = Simulation(
+            scenario, bank, bus_log=log, recorded=log is not None, most_samples=MOST_SAMPLES
+        )
         name = arguments.name or _name_of(arguments.scenario)
-        with Server(simulation, name, arguments.tcp_port, arguments.speed, report=say) as server:
+        with (
+            Server(simulation, name, arguments.tcp, arguments.speed, report=say) as server,
+            _interrupted() as over,
+        ):
             print(f"{scenario.title}: {cells} cells on a virtual CAN bus; connect with")
             print(*(f"  {line}" for line in ways_in(server.addresses)), sep="\n", flush=True)
-            server.run()
-            for event in simulation.world.events:
-                if event.kind == "tip":
-                    say(f"mdms: {event.parcel} tips at {event.time_s:.3f} s: {event.detail}")
-    return Exit.FAILURE
+            server.run(over)
+    return simulation
+
+
+@contextmanager
+def _interrupted() -> Iterator[Callable[[], bool]]:
+    """Whether the end was asked for by a signal: no step of the simulation is broken off.
+
+    A second signal breaks it off.
+    """
+    pressed = Event()
+
+    def on_signal(*_: object) -> None:
+        if pressed.is_set():
+            raise KeyboardInterrupt
+        pressed.set()
+
+    before = {number: signal.signal(number, on_signal) for number in ENDS}
+    try:
+        yield pressed.is_set
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _name_of(scenario: str) -> str:

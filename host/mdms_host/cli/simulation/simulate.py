@@ -11,15 +11,14 @@ from typing import Any
 from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.files import writing
+from mdms_host.cli.records.keep import keep_run
 from mdms_host.cli.scenario.gain import open_program
-from mdms_host.cli.simulation.bus_log import convert_log
 from mdms_host.cli.simulation.compose import Finished, run_scenario
 from mdms_host.cli.simulation.figures import fault_of, figures_of, goals_of, report
 from mdms_host.cli.streams import say
 from mdms_host.motion.outcome import missed_text
-from mdms_model.run.folder import DATABASE, fresh_folder, write_run
+from mdms_model.run.folder import BUS_LOG, fresh_folder
 from mdms_model.scenario.scenario import Scenario
-from mdms_protocol.generators import dbc
 
 
 def run(arguments: Namespace) -> Exit:
@@ -47,13 +46,13 @@ def simulate(
     """Run a scenario and keep it in a folder, if any; the run and its figures."""
     with ExitStack() as stack:
         folder = stack.enter_context(_folder(out)) if out else None
-        bus_log = folder / "bus.log" if folder else None
+        bus_log = folder / BUS_LOG if folder else None
         finished = _run(scenario, nodes, bus_log)
         figures = figures_of(scenario, finished)
         if folder and out:
             figures["run"] = str(out)
             with writing(out):
-                _write_folder(folder, scenario, finished, figures, bus_format)
+                keep_run(folder, scenario, finished.record, figures, bus_format)
     return finished, figures
 
 
@@ -67,18 +66,6 @@ def _folder(out: Path) -> Iterator[Path]:
         if error.errno != errno.ENOSPC:
             raise
         raise CommandError(f"{out}: cannot be written: {error.strerror}", Exit.FAILURE) from None
-
-
-def _write_folder(
-    folder: Path, scenario: Scenario, finished: Finished, figures: dict[str, Any], bus_format: str
-) -> None:
-    # Matplotlib takes longer to import than a short run takes, so only a folder waits for it.
-    from mdms_sim.plots import save_picture  # noqa: PLC0415
-
-    if _has_bus(scenario):
-        convert_log(folder / "bus.log", bus_format)
-        (folder / DATABASE).write_text(dbc.text(), "utf-8")
-    write_run(folder, scenario, finished.record, figures, save_picture)
 
 
 def _run(scenario: Scenario, nodes: str, bus_log: Path | None) -> Finished:

@@ -12,8 +12,6 @@ from mdms_host.cli.exits import Exit
 from mdms_host.coordination.operation import Ending, Operation
 from mdms_protocol import cob, nmt
 
-pytestmark = pytest.mark.real_time
-
 HEARTBEAT_S = 0.05
 
 
@@ -144,7 +142,7 @@ def test_run_ends_by_itself(channel, monkeypatch, capsys, options, limit_s):
     """After the program's own duration and what the bring-up takes, unless something is said."""
     limits_s = []
 
-    def operated(_coordinator, _link, _clock, limit_s, _on_event):
+    def operated(_coordinator, _link, _clock, limit_s, _on_event, participant):
         limits_s.append(limit_s)
         return Operation(Ending.TIME_LIMIT, 13.0, None)
 

@@ -8,7 +8,7 @@ import cantools
 import pytest
 
 from mdms_host.cli import main
-from mdms_host.cli.simulation.bus_log import LogPlayer, chosen, is_from_host, read_log
+from mdms_host.cli.records.bus_log import LogPlayer, chosen, is_from_host, read_log
 from mdms_protocol import cob, nmt, pdo
 from mdms_protocol.frame import Frame
 

@@ -7,10 +7,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
+from mdms_host.cli.records.bus_log import read_log
+from mdms_model.run.folder import read_run
 
 pytestmark = pytest.mark.real_time
 
@@ -26,6 +29,8 @@ def served(tmp_path_factory):
         "array18",
         "--name",
         str(tmp_path_factory.mktemp("bus") / "sock"),
+        "--tcp",
+        "0",
     ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         port = None
@@ -51,6 +56,60 @@ def test_status_shows_drives_and_presence(served, capsys):
     assert len(cells) == 18
     assert {cell["drives"][0] for cell in cells} == {"switch on disabled"}
     assert any(cell["presence"] for cell in cells)
+
+
+#: A host without simulator, compiler and pictures.
+BARE = """
+import sys
+sys.modules.update(dict.fromkeys(("mdms_sim", "mdms_cell", "numba", "matplotlib")))
+from mdms_host.cli import extras, main
+extras.find_spec = lambda name: None
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_run_on_an_array_file_needs_no_simulator_and_keeps_what_it_saw(served, tmp_path):
+    array, out = tmp_path / "array.toml", tmp_path / "run"
+    array.write_text("[array]\ncolumns = 6\nrows = 3\n")
+    command = ["run", "array18", *served, "--array", array, "--out", out, "--limit", "2", "--json"]
+    at_rest = ["--set", "motion.field=uniform", "--set", "motion.speed_m_s=0"]
+    done = subprocess.run(
+        [sys.executable, "-c", BARE, *map(str, command), *at_rest],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == Exit.OK, done.stderr
+    assert json.loads(done.stdout)["ending"] == "done"
+    assert "no picture without matplotlib" in done.stderr
+    names = sorted(path.name for path in out.iterdir())
+    assert names == ["bus.log", "mdms-cell.dbc", "meta.json", "run.mcap"]
+    stored = read_run(out)
+    assert stored.figures["node_ids"] == list(range(1, 19))
+    assert stored.record.is_belief
+    assert np.isfinite(stored.record.estimate[-1]).all()
+    assert np.isfinite(stored.record.speed_m_s[-1]).all()
+    assert sum(1 for _ in read_log(out / "bus.log")) > 1000
+    assert main(["plot", str(out)]) == Exit.OK
+    assert main(["export", str(out), "--csv", str(tmp_path / "tables")]) == Exit.OK
+
+
+@pytest.mark.slow
+def test_serve_keeps_the_truth_of_what_was_done_to_it(tmp_path):
+    out, name = tmp_path / "run", str(tmp_path / "sock")
+    command = [str(MDMS), "serve", "array18", "--name", name, "--tcp", "0", "--out", str(out)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        while b"socket" not in process.stdout.readline():
+            assert process.poll() is None
+        assert main(["run", "array18", "-i", "mdms", "-c", name, "--limit", "60"]) == Exit.OK
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=60) == Exit.OK, process.stderr.read()
+    stored = read_run(out)
+    assert not stored.record.is_belief
+    assert stored.record.pose[-1, 0, 0] == pytest.approx(0.10, abs=0.01)
+    assert stored.figures["bus"]["frames"] > 1000
+    assert stored.scenario.run.duration_s == stored.record.time_s[-1]
+    assert (out / "picture.png").exists()
 
 
 @pytest.mark.slow

@@ -18,8 +18,6 @@ from mdms_host.commissioning.parameters import PARAMETERS, WIRING
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol import cob, nmt
 
-pytestmark = pytest.mark.real_time
-
 
 @pytest.fixture
 def configure(served_cells):
@@ -257,8 +255,8 @@ def test_blank_cells_get_free_node_ids_and_keep_them(configure, capsys, make_bla
     assert configure("assign", "--first", "2", "--json") == Exit.OK
     assert json.loads(capsys.readouterr().out) == {
         "cells": [
-            {"serial": "00000001", "before": None, "node": 3},
-            {"serial": "00000003", "before": None, "node": 4},
+            {"serial": "00000001", "before": None, "node": 3, "stored": True},
+            {"serial": "00000003", "before": None, "node": 4, "stored": True},
         ]
     }
     with Commissioning(served_cells.open(), MonotonicClock()) as commissioning:

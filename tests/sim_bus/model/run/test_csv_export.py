@@ -49,3 +49,12 @@ def test_contact_is_told_in_words(tmp_path, plane, plane_record):
     table = rows(export_csv(tmp_path, plane, plane_record)[1])
     told = [Contact[row["contact"].upper()] for row in table]
     np.testing.assert_array_equal(told, plane_record.contact.ravel())
+
+
+def test_belief_stands_for_poses_that_nobody_knows(tmp_path, plane, believed_record):
+    parcels, cells = map(rows, export_csv(tmp_path, plane, believed_record))
+    np.testing.assert_array_equal(
+        [float(row["yaw_rad"]) for row in parcels], believed_record.estimate[:, 0, 2]
+    )
+    assert {row["contact"] for row in cells} == {"unknown"}
+    assert {row["vx_m_s"] for row in parcels} == {"nan"}

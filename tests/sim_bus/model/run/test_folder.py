@@ -84,6 +84,25 @@ def test_other_readers_find_schemas_and_messages_in_order_of_time(tmp_path, plan
         assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
 
 
+def test_what_nobody_knows_is_left_out_and_read_back_as_unknown(tmp_path, plane, believed_record):
+    write_record(tmp_path / "run.mcap", plane, believed_record)
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        found = list(make_reader(stream).iter_messages())
+    wheels = [json.loads(m.data) for _, channel, m in found if channel.topic == "/wheels"]
+    assert {*wheels[0]} == {"time_s", "reference_m_s", "speed_m_s", "contact"}
+    assert_same_arrays(read_record(tmp_path / "run.mcap", plane), believed_record)
+
+
+def test_scene_shows_the_belief_where_there_is_no_truth(tmp_path, plane, believed_record):
+    write_record(tmp_path / "run.mcap", plane, believed_record)
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        found = [json.loads(m.data) for _, _, m in make_reader(stream).iter_messages(["/scene"])]
+    assert "box" not in [entity["id"] for entity in found[0]["entities"]]
+    (box,) = found[-1]["entities"]
+    place = box["cubes"][0]["pose"]["position"]
+    assert place["x"] == believed_record.estimate[-1, 0, 0]
+
+
 def without_belief(record):
     return replace(record, estimate=np.full_like(record.pose, np.nan))
 

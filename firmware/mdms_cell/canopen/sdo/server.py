@@ -1,11 +1,11 @@
 """The SDO server (CiA 301, 7.2.4): lets one client read and write the object dictionary.
 
-A transfer of more than four bytes is an object of its own (`sdo_segmented`, `sdo_block`) with
+A transfer of more than four bytes is an object of its own (`segmented`, `block`) with
 `on_request(data)`, which returns the response or None, `done`, and `pump(send)`.
 """
 
 from mdms_cell import ticks
-from mdms_cell.canopen import sdo_block, sdo_segmented
+from mdms_cell.canopen.sdo import block, segmented
 from mdms_protocol import sdo
 
 #: A transfer in which the client is silent for so long is aborted.
@@ -13,10 +13,10 @@ TIMEOUT_MS = 1000
 
 #: What opens a transfer, by the command specifier of the request.
 _OPENINGS = {
-    sdo.UPLOAD: sdo_segmented.begin_upload,
-    sdo.DOWNLOAD: sdo_segmented.begin_download,
-    sdo.BLOCK_UPLOAD: sdo_block.begin_upload,
-    sdo.BLOCK_DOWNLOAD: sdo_block.begin_download,
+    sdo.UPLOAD: segmented.begin_upload,
+    sdo.DOWNLOAD: segmented.begin_download,
+    sdo.BLOCK_UPLOAD: block.begin_upload,
+    sdo.BLOCK_DOWNLOAD: block.begin_download,
 }
 
 
@@ -27,7 +27,7 @@ class SdoServer:
         self._objects = objects
         self._respond = respond
         self._transfer = None
-        self._heard_ms = 0
+        self._received_ms = 0
         self.now_ms = 0
 
     @property
@@ -48,14 +48,14 @@ class SdoServer:
         if transfer is None:
             return
         transfer.pump(self._respond)
-        if ticks.diff(now_ms, self._heard_ms) >= TIMEOUT_MS:
+        if ticks.diff(now_ms, self._received_ms) >= TIMEOUT_MS:
             self._abort(transfer.index, transfer.sub, sdo.TIMED_OUT)
 
     def on_request(self, data):
         """Serve one request; return False if it is none."""
         if len(data) != 8:
             return False
-        self._heard_ms = self.now_ms
+        self._received_ms = self.now_ms
         transfer = self._transfer
         try:
             if transfer is not None and transfer.takes(data[0]):

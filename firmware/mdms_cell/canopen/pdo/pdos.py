@@ -1,25 +1,26 @@
 """All PDOs of a cell, alive in 'operational' only."""
 
 from mdms_cell import ticks
-from mdms_cell.canopen.rpdo import Rpdo
+from mdms_cell.canopen.pdo.rpdo import Rpdo
+from mdms_cell.canopen.pdo.tpdo import Tpdo
 from mdms_cell.canopen.rules import COB_ID
-from mdms_cell.canopen.tpdo import Tpdo
 from mdms_protocol import cob
 
 
 class Pdos:
     """Receive and transmit PDOs.
 
-    `heard()` returns the time [ms] and has a poll follow; `changed()` is told of other identifiers.
+    `attend()` returns the time [ms] and has a poll follow; `changed()` is called when the
+    identifiers have changed.
     """
 
-    def __init__(self, objects, heard, send, changed):
-        self._heard = heard
+    def __init__(self, objects, attend, send, changed):
+        self._attend = attend
         self._changed = changed
         numbers = range(len(cob.TPDO_BASES))
-        told = self._on_change
-        self._rpdos = [Rpdo(number, objects, heard, told) for number in numbers]
-        self._tpdos = [Tpdo(number, objects, send, told) for number in numbers]
+        on_change = self._on_change
+        self._rpdos = [Rpdo(number, objects, attend, on_change) for number in numbers]
+        self._tpdos = [Tpdo(number, objects, send, on_change) for number in numbers]
         self._alive = False
         self._choose()
 
@@ -80,7 +81,7 @@ class Pdos:
                 rpdo.on_sync()
             for tpdo in self._sampled:
                 if not tpdo.on_sync():
-                    self._heard()
+                    self._attend()
         return True
 
     def discard_held(self):
@@ -119,7 +120,7 @@ class Pdos:
         return short
 
     def overdue(self, now_ms):
-        """Whether a frame that was waited for has not come; told once."""
+        """Whether a frame that was waited for has not come; True once."""
         overdue = False
         if self._alive:
             for rpdo in self._awaited:

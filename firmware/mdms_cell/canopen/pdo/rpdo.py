@@ -3,12 +3,9 @@
 import struct
 
 from mdms_cell import ticks
-from mdms_cell.canopen.pdo import Pdo
+from mdms_cell.canopen.pdo.base import Pdo
 from mdms_cell.canopen.rules import DUMMIES, EVENT_TIMER
-from mdms_protocol import record
-
-PARAMETERS = 0x1400
-MAPPING = 0x1600
+from mdms_protocol import indices, record
 
 _DUMMY_FORMATS = {8: "B", 16: "H", 32: "I"}
 
@@ -16,13 +13,14 @@ _DUMMY_FORMATS = {8: "B", 16: "H", 32: "I"}
 class Rpdo(Pdo):
     """Receive PDO `number`, counted from 0.
 
-    `heard()` tells the time [ms] and has a poll follow; see `Pdo` for `changed`.
+    `attend()` returns the time [ms] and has a poll follow; see `Pdo` for `changed`.
     """
 
-    def __init__(self, number, objects, heard, changed):
-        super().__init__(objects, PARAMETERS + number, MAPPING + number, record.IN_RPDO, changed)
-        self._heard = heard
-        self._heard_ms = None
+    def __init__(self, number, objects, attend, changed):
+        parameters, mapping = indices.RPDO_PARAMETERS + number, indices.RPDO_MAPPING + number
+        super().__init__(objects, parameters, mapping, record.IN_RPDO, changed)
+        self._attend = attend
+        self._received_ms = None
         self.late = False
         self.short = False
         self._was_short = False
@@ -50,13 +48,13 @@ class Rpdo(Pdo):
         """Take or hold the values; return False if the frame is too short for them."""
         if len(data) < self._length:
             self.short = self._was_short = True
-            self._heard()
+            self._attend()
             return False
         if self.short:
             self.short = False
-            self._heard()
+            self._attend()
         if self.deadline_ms:
-            self._heard_ms = self._heard()
+            self._received_ms = self._attend()
             self.late = False
         if self.synchronous:
             self._held = data
@@ -78,7 +76,7 @@ class Rpdo(Pdo):
     def start(self):
         """Forget what came before 'operational'."""
         self._held = None
-        self._heard_ms = None
+        self._received_ms = None
         self.late = False
         self.short = False
         self._was_short = False
@@ -89,18 +87,18 @@ class Rpdo(Pdo):
         return was_short
 
     def overdue(self, now_ms):
-        """Whether the frame that the event timer waits for has not come; told once."""
-        if self._heard_ms is None or self.wait_ms(now_ms) > 0:
+        """Whether the frame that the event timer waits for has not come; True once."""
+        if self._received_ms is None or self.wait_ms(now_ms) > 0:
             return False
-        self._heard_ms = None
+        self._received_ms = None
         self.late = True
         return True
 
     def wait_ms(self, now_ms):
         """In how many milliseconds the frame will be overdue, unless it comes."""
-        if self._heard_ms is None:
+        if self._received_ms is None:
             return ticks.IDLE_MS
-        return self.deadline_ms - ticks.diff(now_ms, self._heard_ms)
+        return self.deadline_ms - ticks.diff(now_ms, self._received_ms)
 
     def _take(self, data):
         values = struct.unpack_from(self._layout, data)

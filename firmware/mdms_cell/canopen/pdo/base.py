@@ -18,7 +18,7 @@ from mdms_protocol import cob, sdo
 class Pdo:
     """One PDO; `direction` is the flag of the entries that it may carry.
 
-    `changed(sub)` is told which of its parameters is another.
+    `changed(sub)` is called when that one of its parameters has changed.
     """
 
     def __init__(self, objects, parameters, mapping, direction, changed):
@@ -28,8 +28,8 @@ class Pdo:
         self._direction = direction
         self._changed = changed
         self.can_id = None
-        objects.watchers[parameters] = self._on_parameter
-        objects.watchers[mapping] = self._on_mapping
+        objects.watch(parameters, self._on_parameter)
+        objects.watch(mapping, self._on_mapping)
 
     def load(self):
         """Take over identifier and type from the dictionary."""

@@ -6,13 +6,16 @@ belongs to no entry, lies out of today's limits, or would make a PDO that no cli
 not taken: the entry has its default, and the value is a misfit to be reported.
 """
 
-from mdms_cell.canopen import rpdo, rules, saved, tpdo
+from mdms_cell.canopen import rules
 from mdms_cell.canopen.objects import find
-from mdms_protocol import cob, record, sdo
+from mdms_cell.canopen.storage import saved
+from mdms_protocol import cob, indices, record, sdo
 
+_PDOS = (
+    (indices.RPDO_PARAMETERS, indices.RPDO_MAPPING, record.IN_RPDO),
+    (indices.TPDO_PARAMETERS, indices.TPDO_MAPPING, record.IN_TPDO),
+)
 STORED = record.STORED_COMMUNICATION | record.STORED_APPLICATION
-_SYNC_COB_ID = 0x1005
-_EMCY_COB_ID = 0x1014
 
 
 def restore(values, objects, flags):
@@ -30,10 +33,10 @@ def restore(values, objects, flags):
             misfits.append((index, sub))
         elif entry.flags & flags:
             objects.data[entry.place : entry.place + entry.size] = value
-    for sub, indices in _unsound(objects):
-        for index in indices:
+    for sub, places in _unsound(objects):
+        for index in places:
             objects.restore_default(index)
-        misfits.append((indices[0], sub))
+        misfits.append((places[0], sub))
     return misfits
 
 
@@ -55,15 +58,14 @@ def _home(index, sub, type_, value):
 
 
 def _unsound(objects):
-    """What no client could have written: sub-index of the COB-ID, and indices of the objects."""
-    if not _allowed(rules.check_plain, objects.number(_SYNC_COB_ID)):
-        yield 0, (_SYNC_COB_ID,)
-    if not _allowed(rules.check_cob_id, objects.number(_EMCY_COB_ID), None):
-        yield 0, (_EMCY_COB_ID,)
+    """What no client could have written: sub-index of the COB-ID, and places of the objects."""
+    if not _allowed(rules.check_plain, objects.number(indices.SYNC_COB_ID)):
+        yield 0, (indices.SYNC_COB_ID,)
+    if not _allowed(rules.check_cob_id, objects.number(indices.EMCY_COB_ID), None):
+        yield 0, (indices.EMCY_COB_ID,)
     for number in range(len(cob.TPDO_BASES)):
-        for module, direction in ((rpdo, record.IN_RPDO), (tpdo, record.IN_TPDO)):
-            parameters = module.PARAMETERS + number
-            mapping = module.MAPPING + number
+        for first_parameters, first_mapping, direction in _PDOS:
+            parameters, mapping = first_parameters + number, first_mapping + number
             if not _allowed(rules.check_pdo, objects, parameters, mapping, direction):
                 yield rules.COB_ID, (parameters, mapping)
 

@@ -24,14 +24,14 @@ def answer(value, data, index, sub):
 def begin_download(objects, data, index, sub):
     """The transfer that a request opens, None where one frame does, and its first response."""
     command = data[0]
-    told = command & sdo.SIZE_TOLD
+    announced = command & sdo.SIZE_TOLD
     if not command & sdo.EXPEDITED:
-        size = int.from_bytes(data[4:8], "little") if told else None
+        size = int.from_bytes(data[4:8], "little") if announced else None
         sink = objects.open(index, sub, size)
         transfer = SegmentedDownload(index, sub, sink, size)
         return transfer, head(sdo.DOWNLOAD_RESPONSE, data) + bytes(4)
-    # Where no size is told, the entry's own counts.
-    size = 4 - (command >> 2 & 3) if told else find(index, sub).size or 4
+    # Where no size is given, the entry's own counts.
+    size = 4 - (command >> 2 & 3) if announced else find(index, sub).size or 4
     sink = objects.open(index, sub, size)
     sink.write(data[4 : 4 + size])
     sink.finish()
@@ -76,7 +76,7 @@ class SegmentedUpload:
 
 
 class SegmentedDownload:
-    """A value on its way from the client into `sink`; `size` is what was told, or None."""
+    """A value on its way from the client into `sink`; `size` is as announced, or None."""
 
     def __init__(self, index, sub, sink, size):
         self.index = index
@@ -113,13 +113,13 @@ class SegmentedDownload:
         self._sink.cancel()
 
 
-def check_size(told, received, last):
-    """Compare the bytes received with what was told, if it was; raises AbortError."""
-    if told is None:
+def check_size(announced, received, last):
+    """Compare the bytes received with what was announced, if it was; raises AbortError."""
+    if announced is None:
         return
-    if received > told:
+    if received > announced:
         raise sdo.AbortError(sdo.TOO_LONG)
-    if last and received < told:
+    if last and received < announced:
         raise sdo.AbortError(sdo.TOO_SHORT)
 
 

@@ -7,14 +7,12 @@ The memory has `read(bank)`, which returns the whole bank, `erase(bank)` and
 `write(bank, offset, data)`, and raises OSError where it fails.
 """
 
-from mdms_cell.canopen import restoration, saved
-from mdms_protocol import record, sdo
+from mdms_cell.canopen.storage import restoration, saved
+from mdms_protocol import indices, record, sdo
 
 SOURCE_SETTINGS = 8
 SETTINGS_LOST = 0x6310
 
-STORE = 0x1010
-RESTORE = 0x1011
 
 _SAVE = 0x65766173
 _LOAD = 0x64616F6C
@@ -24,7 +22,7 @@ _GROUPS = {
     2: record.STORED_COMMUNICATION,
     3: record.STORED_APPLICATION,
 }
-#: What reading tells: saved on command, not by itself; defaults can be restored.
+#: What reading returns: saved on command, not by itself; defaults can be restored.
 _ON_COMMAND = 1
 
 
@@ -84,8 +82,8 @@ class Parameters:
         self._driving = driving
         self._emcy = emcy
         self._misfits = []
-        objects.watchers[STORE] = self._on_store
-        objects.watchers[RESTORE] = self._on_restore
+        objects.watch(indices.STORE, self._on_store)
+        objects.watch(indices.RESTORE, self._on_restore)
 
     def restore(self, flags):
         """Give the entries that have one of these flags their saved values."""

@@ -3,16 +3,17 @@
 import struct
 
 from mdms_cell import ticks
-from mdms_cell.canopen.pdo import Pdo
+from mdms_cell.canopen.pdo.base import Pdo
 from mdms_cell.canopen.rules import EVENT_TIMER, INHIBIT_TIME
-from mdms_protocol import record
-
-PARAMETERS = 0x1800
-MAPPING = 0x1A00
+from mdms_protocol import indices, record
 
 _INHIBIT_UNITS_PER_MS = 10
 #: Presence and statuswords: a poll follows when they change. All else may change at any time.
-_ANNOUNCED = (0x3001, 0x6041, 0x6841)
+_ANNOUNCED = (
+    indices.PRESENCE,
+    indices.STATUSWORD,
+    indices.STATUSWORD + indices.AXIS_OFFSET,
+)
 
 
 class Tpdo(Pdo):
@@ -22,7 +23,8 @@ class Tpdo(Pdo):
     """
 
     def __init__(self, number, objects, send, changed):
-        super().__init__(objects, PARAMETERS + number, MAPPING + number, record.IN_TPDO, changed)
+        parameters, mapping = indices.TPDO_PARAMETERS + number, indices.TPDO_MAPPING + number
+        super().__init__(objects, parameters, mapping, record.IN_TPDO, changed)
         self._send = send
         self._syncs = 0
         self._sent_ms = None

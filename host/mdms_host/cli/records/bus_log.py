@@ -1,15 +1,16 @@
-"""The bus log of a run: read again, its frames by sender, sent once more, in other tools' forms."""
+"""The bus log of a run: written, read again, by sender, sent once more, in other tools' forms."""
 
 from collections.abc import Iterable, Iterator
 from math import inf
 from pathlib import Path
+from typing import TextIO
 
 import can
 
 from mdms_host.cli.exits import CommandError, Exit
+from mdms_model.run.folder import INTERFACE, START_S
 from mdms_protocol import cob
 from mdms_protocol.frame import Frame
-from mdms_sim.bus.log import START_S
 
 #: What the host alone sends: to all, to each node, and its heartbeat.
 _TO_ALL = (cob.NMT, cob.SYNC, cob.LSS_REQUEST, cob.HEARTBEAT_BASE + cob.NODE_MAX)
@@ -30,6 +31,24 @@ def read_log(path: Path) -> Iterator[tuple[float, Frame]]:
                     yield time_s, Frame(message.arbitration_id, bytes(message.data))
     except (ValueError, IndexError) as error:
         raise CommandError(f"{path}: not a candump log: {error}", Exit.USAGE) from None
+
+
+class LogWriter:
+    """Writes frames of 11-bit identifiers as they come, in the form of `candump -L`.
+
+    Frames of both directions come by two clocks' readings; a line is never before the last.
+    """
+
+    def __init__(self, file: TextIO) -> None:
+        self._file = file
+        self._last_s = 0.0
+
+    def on_frame(self, frame: Frame, time_s: float) -> None:
+        """Append one line."""
+        self._last_s = max(self._last_s, time_s)
+        data = frame.data.hex().upper()
+        time = f"{START_S + self._last_s:.6f}"
+        self._file.write(f"({time}) {INTERFACE} {frame.can_id:03X}#{data}\n")
 
 
 def convert_log(log: Path, form: str) -> Path:

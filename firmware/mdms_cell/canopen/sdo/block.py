@@ -1,6 +1,6 @@
 """Block SDO transfers (CiA 301, 7.2.4.2.9 to 7.2.4.2.16): many segments to one answer."""
 
-from mdms_cell.canopen.sdo_segmented import answer, check_size, head
+from mdms_cell.canopen.sdo.segmented import answer, check_size, head
 from mdms_protocol import sdo
 
 _SEGMENT = 7
@@ -31,10 +31,10 @@ def begin_download(objects, data, index, sub):
 
 
 class BlockDownload:
-    """A value on its way from the client into `sink`; `size` is what was told, or None.
+    """A value on its way from the client into `sink`; `size` is what the client announced, or None.
 
     The segments of a block wait until the next block begins or the transfer ends, for only the
-    end tells how many bytes of the last segment count.
+    end gives how many bytes of the last segment count.
     """
 
     def __init__(self, index, sub, sink, command, size):

@@ -8,8 +8,6 @@ from mdms_host.cli.exits import Exit
 from mdms_host.cli.files import check_own, replacing, writing
 from mdms_model.run.csv_export import CELLS_HEADER, PARCELS_HEADER, export_csv
 from mdms_model.run.folder import read_run
-from mdms_sim.plots import save_picture, save_wheels
-from mdms_sim.plots.canvas import MARK
 
 #: What stands at the top of each table.
 TABLES = {"parcels.csv": PARCELS_HEADER, "cells.csv": CELLS_HEADER}
@@ -17,6 +15,9 @@ TABLES = {"parcels.csv": PARCELS_HEADER, "cells.csv": CELLS_HEADER}
 
 def plot(arguments: Namespace) -> Exit:
     """Draw the run and print the path of the picture."""
+    # Tables are exported where nothing draws.
+    from mdms_sim.plots import MARK, save_picture, save_wheels  # noqa: PLC0415
+
     stored = read_run(arguments.folder)
     name = "wheels.png" if arguments.wheels else "picture.png"
     path = arguments.out or arguments.folder / name

@@ -1,0 +1,1 @@
+"""The SDO server of a cell (CiA 301, 7.2.4)."""

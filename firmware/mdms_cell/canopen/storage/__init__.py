@@ -1,0 +1,1 @@
+"""Settings of a cell that outlive the power supply."""

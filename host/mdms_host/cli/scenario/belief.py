@@ -1,0 +1,111 @@
+"""What the host takes for true of the array that it runs on: the scenario's word, or a file's."""
+
+from argparse import Namespace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from mdms_host.can_link.sdo_client import Setting
+from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.scenario.cells import Cells
+from mdms_host.cli.scenario.gain import motor_of
+from mdms_host.commissioning.array_file import ArrayFile, ArrayFileError, FiledCell, read_array
+from mdms_host.commissioning.loop_margin import GainError, Observer, check_gain, observer_for
+from mdms_host.commissioning.parameters import WIRING
+from mdms_model.scenario.rules import check_rules
+from mdms_model.scenario.scenario import Scenario, ScenarioError
+from mdms_protocol import cob
+
+
+@dataclass(frozen=True, slots=True)
+class Belief:
+    """A scenario with the array as it is believed to be, and its cells."""
+
+    scenario: Scenario
+    cells: Cells
+
+
+def believe(scenario: Scenario, path: Path | None, bus: Namespace) -> Belief:
+    """The scenario on the array of a file, or on its own where there is none.
+
+    A bit rate of the file counts where `bus`, python-can's options, has none. Raises
+    ArrayFileError, `CommandError` and ScenarioError for what does not fit.
+    """
+    # What a scenario lets go wrong is not what the host believes.
+    scenario = replace(scenario, fault=(), patch=())
+    if path is None:
+        return Belief(scenario, Cells())
+    file = read_array(path)
+    scenario = _on_table(scenario, file)
+    if file.table.bitrate is not None:
+        vars(bus).setdefault("bitrate", file.table.bitrate)
+    placed = file.by_number(scenario.array.columns, scenario.array.rows)
+    _refuse_host_id(file)
+    node_ids = tuple(placed[number].node_id for number in sorted(placed))
+    settings = {cell.node_id: _settings(cell, path) for cell in file.cells if cell.values}
+    _check_margins(scenario, file)
+    return Belief(scenario, Cells(node_ids, settings))
+
+
+def _on_table(scenario: Scenario, file: ArrayFile) -> Scenario:
+    table = file.table
+    grid = {"columns": table.columns, "rows": table.rows, "pitch_m": table.pitch_m}
+    parts = {"wheel": table.wheel, "sensor_offset_m": table.sensor_offset_m}
+    believed = replace(
+        scenario,
+        array=replace(scenario.array, **_given(grid)),  # type: ignore[arg-type]
+        cell=replace(scenario.cell, **_given(parts)),  # type: ignore[arg-type]
+        wire=replace(scenario.wire, bitrate=table.bitrate or scenario.wire.bitrate),
+    )
+    try:
+        check_rules(believed)
+    except ScenarioError as error:
+        raise ScenarioError(f"{scenario.title!r} on {file.path}: {error}") from None
+    return believed
+
+
+def _given(values: dict[str, object]) -> dict[str, object]:
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _refuse_host_id(file: ArrayFile) -> None:
+    for item, cell in enumerate(file.cells):
+        if cell.node_id == cob.NODE_MAX:
+            raise ArrayFileError(
+                f"{file.path}: cell.{item}.node: {cob.NODE_MAX} is the host's own node id; give "
+                "the cell another: mdms configure assign"
+            )
+
+
+def _settings(cell: FiledCell, path: Path) -> tuple[Setting, ...]:
+    """Raises ArrayFileError for what a run itself relies on: which frames carry what."""
+    for parameter in cell.values:
+        if parameter in WIRING:
+            raise ArrayFileError(
+                f"{path}: cell.settings.{parameter.name}: a run relies on its default; leave it out"
+            )
+    return tuple(Setting(*parameter.place, number) for parameter, number in cell.values.items())
+
+
+def _check_margins(scenario: Scenario, file: ArrayFile) -> None:
+    """Raises `CommandError` (bad input) for settings that leave a speed loop too little margin."""
+    motor = motor_of(scenario.cell)
+    if motor.mass_kg == 0.0:
+        return
+    for (gain_vs_per_m, observer), key in dict(_loops(scenario, file)).items():
+        try:
+            check_gain(motor, gain_vs_per_m, observer)
+        except GainError as error:
+            raise CommandError(f"{file.path}: {key}: {error}", Exit.USAGE) from None
+
+
+def _loops(scenario: Scenario, file: ArrayFile) -> Iterator[tuple[tuple[float, Observer], str]]:
+    """The speed loops that the file's settings change, and the key of one that has each."""
+    usual = observer_for(motor_of(scenario.cell))
+    for item, cell in enumerate(file.cells):
+        own = {parameter.name: parameter.si(number) for parameter, number in cell.values.items()}
+        for axis in range(1, len(scenario.cell.wheel) + 1):
+            gain = own.get(f"axis{axis}.gain", scenario.cell.gain_vs_per_m)
+            lag_s = own.get(f"axis{axis}.observer_lag", usual.lag_s)
+            feed = own.get(f"axis{axis}.acceleration_per_volt", usual.acceleration_m_s2_per_v)
+            yield (gain, Observer(lag_s, feed)), f"cell.{item}.settings.axis{axis}"

@@ -1,0 +1,84 @@
+"""What a coordinator sees of a run, sampled for the record: nobody knows the truth on hardware."""
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from mdms_host.coordination.coordinator import Coordinator
+from mdms_model.arrays import Floats
+from mdms_model.run.history import MOST_SAMPLES, History
+from mdms_model.run.record import Contact, Event, Record
+from mdms_protocol.frame import Frame
+
+#: As often as the simulation samples.
+SAMPLE_S = 0.01
+
+
+class Recorder:
+    """A participant that passes everything to a coordinator and back, and keeps a record of it.
+
+    `estimates` returns the poses that the coordinator believes the parcels to have, shape (P, 3),
+    NaN where unknown. `log_frame(frame, time_s)` is called for every frame, received or sent.
+    """
+
+    def __init__(
+        self,
+        coordinator: Coordinator,
+        estimates: Callable[[], Floats],
+        log_frame: Callable[[Frame, float], object] = lambda _frame, _time_s: None,
+        most_samples: int = MOST_SAMPLES,
+    ) -> None:
+        self._coordinator = coordinator
+        self._estimates = estimates
+        self._log_frame = log_frame
+        self._history = History(most_samples)
+        self._due_s = -np.inf
+
+    @property
+    def wake_s(self) -> float:
+        """When to poll next, if no frame comes before [s]."""
+        return self._coordinator.wake_s
+
+    def on_frame(self, frame: Frame, now_s: float) -> None:
+        """A frame was on the bus."""
+        self._log_frame(frame, now_s)
+        self._coordinator.on_frame(frame, now_s)
+
+    def poll(self, now_s: float) -> Iterable[Frame]:
+        """What the coordinator sends now; samples are taken after it, when one is due."""
+        frames = self._coordinator.poll(now_s)
+        for frame in frames:
+            self._log_frame(frame, now_s)
+        if now_s >= self._due_s:
+            # What a busy machine has missed is not made up for.
+            self._due_s = max(self._due_s + SAMPLE_S, now_s)
+            self._sample(now_s)
+        return frames
+
+    def record(self, incidents: Iterable[tuple[float, str]] = ()) -> Record:
+        """What was recorded so far, with the coordinator's events and the link's incidents."""
+        events = [Event(time_s, "coordinator", text) for time_s, text in self._coordinator.events]
+        events += [Event(time_s, "link", text) for time_s, text in incidents]
+        columns = self._history.columns()
+        poses, wheels = columns["estimate"], columns["reference_m_s"]
+        nowhere, nothing = np.full_like(poses, np.nan), np.full_like(wheels, np.nan)
+        return Record(
+            time_s=self._history.time_s,
+            pose=nowhere,
+            twist=nowhere,
+            voltage_v=nothing,
+            normal_n=nothing,
+            force_n=nothing,
+            contact=np.full(wheels.shape, Contact.UNKNOWN, np.int8),
+            events=sorted(events, key=lambda event: event.time_s),
+            **columns,
+        )
+
+    def _sample(self, now_s: float) -> None:
+        if self._history.takes():
+            self._history.append(
+                now_s,
+                reference_m_s=self._coordinator.references_m_s.copy(),
+                speed_m_s=self._coordinator.speeds_m_s,
+                estimate=self._estimates(),
+            )

@@ -1,0 +1,75 @@
+"""Firmware cells and the host's link to them in virtual time: no machine is too slow for them."""
+
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+
+from mdms_host.can_link.link import Link
+from mdms_protocol import cob
+from mdms_protocol.frame import Frame
+from mdms_sim.nodes.python_bank import PythonBank
+
+TICK_S = 0.001
+#: A link waits for a frame no longer than this, whatever it is asked for.
+READ_TIMEOUT_S = 0.1
+
+
+class CellsLink(Link):
+    """A link whose cells live through exactly the time that the host waits in `receive`.
+
+    Nothing lies on the cells, and no wheel turns. Left out: a device that fails.
+    """
+
+    def __init__(self, node_ids: tuple[int, ...]) -> None:
+        self.states: dict[int, int] = {}
+        self._bank = PythonBank(node_ids)
+        self._counts = np.zeros((len(node_ids), 2), np.int32)
+        self._presence = np.zeros(len(node_ids), np.uint8)
+        self._ticks = 0
+        self._now_s = 0.0
+        self._waiting: deque[tuple[Frame, float]] = deque()
+        while len(self.states) < len(node_ids):
+            self._now_s = self._ticks * TICK_S
+            self._tick()
+        self._waiting.clear()
+
+    def power_off(self) -> None:
+        for cell in range(len(self._counts)):
+            self._bank.power_off(cell)
+
+    def now_s(self) -> float:
+        return self._now_s
+
+    def sleep(self, seconds: float) -> None:
+        self._pass_until(self._now_s + seconds, lambda: False)
+
+    def send(self, frame: Frame) -> None:
+        for cell in range(len(self._counts)):
+            self._bank.deliver(cell, frame)
+
+    def receive(self, timeout_s: float, handle: Callable[[Frame, float], object]) -> None:
+        wait_s = max(0.0, min(timeout_s, READ_TIMEOUT_S))
+        self._pass_until(self._now_s + wait_s, lambda: bool(self._waiting))
+        for _ in range(len(self._waiting)):
+            handle(*self._waiting.popleft())
+
+    def close(self) -> None:
+        self._waiting.clear()
+
+    def _pass_until(self, end_s: float, over: Callable[[], bool]) -> None:
+        while not over() and self._now_s < end_s:
+            next_s = self._ticks * TICK_S
+            self._now_s = min(end_s, next_s)
+            if next_s <= end_s:
+                self._tick()
+
+    def _tick(self) -> None:
+        self._bank.tick(self._counts, np.zeros_like(self._counts), self._presence)
+        self._ticks += 1
+        for _, frames in self._bank.collect_all():
+            for frame in frames:
+                self._waiting.append((frame, self._now_s))
+                node_id = frame.can_id - cob.HEARTBEAT_BASE
+                if 0 < node_id < cob.NODE_MAX:
+                    self.states[node_id] = frame.data[0]

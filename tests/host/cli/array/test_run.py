@@ -1,0 +1,68 @@
+"""`mdms run` when its way to the bus ends before the run does."""
+
+import json
+
+import pytest
+
+from mdms_host.can_link.link import DeviceGoneError
+from mdms_host.cli import main
+from mdms_host.cli.array import run
+from mdms_host.cli.exits import Exit
+from mdms_model.run.folder import read_run
+
+
+@pytest.fixture
+def on_a_bus_that_ends(monkeypatch, request):
+    """Runs the verb on a bus whose device is gone after three polls."""
+
+    def operate(coordinator, _link, _clock, _limit_s, _on_event, *, participant):
+        for poll in range(3):
+            (participant or coordinator).poll(0.05 * poll)
+        raise DeviceGoneError("the CAN device is gone: unplugged")
+
+    monkeypatch.setattr(run, "operate", operate)
+    return lambda *more: main(
+        ["run", "array18", "-i", "virtual", "-c", request.node.name, "--json", *more]
+    )
+
+
+def test_device_that_goes_away_is_told_as_such(on_a_bus_that_ends, capsys):
+    assert on_a_bus_that_ends() == Exit.NO_DEVICE
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["ending"] == "device gone"
+    assert printed.err == "mdms: the CAN device is gone: unplugged\n"
+
+
+def test_what_was_seen_until_then_is_kept(on_a_bus_that_ends, tmp_path):
+    assert on_a_bus_that_ends("--out", str(tmp_path / "run")) == Exit.NO_DEVICE
+    stored = read_run(tmp_path / "run")
+    assert stored.figures["fault"] == "the CAN device is gone: unplugged"
+    assert stored.record.time_s.tolist() == [0.0, 0.05, 0.1]
+    assert (tmp_path / "run" / "bus.log").read_text().count("77F#05") == 2
+
+
+def test_folder_of_somebody_else_is_not_touched_and_no_bus_opened(on_a_bus_that_ends, tmp_path):
+    (tmp_path / "mine.txt").write_text("mine")
+    assert on_a_bus_that_ends("--out", str(tmp_path)) == Exit.USAGE
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("[array]\nrows = 0\n", "array.rows is 0, but must be at least 1"),
+        (
+            "[array]\ncolumns = 5\nrows = 3\n[[cell]]\nserial = '1'\nnode = 1\n",
+            "number 2 is missing",
+        ),
+        ("[array]\ncolumns = 1\nrows = 1\n", "parcel.0.x_m is -0.1, which puts the centre of mass"),
+    ],
+)
+def test_array_file_that_does_not_do_is_refused(on_a_bus_that_ends, tmp_path, capsys, text, told):
+    path = tmp_path / "array.toml"
+    path.write_text(text)
+    assert on_a_bus_that_ends("--array", str(path)) == Exit.USAGE
+    message = capsys.readouterr().err
+    assert told in message
+    assert str(path) in message
+    assert message.count("\n") == 1

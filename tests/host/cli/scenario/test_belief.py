@@ -1,0 +1,119 @@
+"""What the host believes of an array file, and what follows for the cells."""
+
+from argparse import Namespace
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mdms_host.cli.exits import CommandError, exit_of
+from mdms_host.cli.scenario.belief import believe
+from mdms_host.cli.scenario.coordination import coordinator_of, layout_of
+from mdms_host.commissioning.array_file import ArrayFileError
+from mdms_host.coordination.phase import Phase
+from mdms_host.estimation.rectangle import Rectangle
+from mdms_model.motor import drive_of
+from mdms_model.scenario.file import load_scenario
+from mdms_model.scenario.scenario import ScenarioError
+from mdms_protocol import indices
+
+GRID = "[array]\ncolumns = 2\nrows = 1\n"
+SMALL = ["array.columns=2", "array.rows=1", "parcel.0.x_m=0.0", "motion.field=uniform"]
+
+
+def cell(serial, node, more=""):
+    return f'[[cell]]\nserial = "{serial:08X}"\nnode = {node}\n{more}\n'
+
+
+@pytest.fixture
+def believed(tmp_path):
+    def read(text, *overrides, bus=None):
+        path = tmp_path / "array.toml"
+        path.write_text(text)
+        scenario = load_scenario("array18", [*SMALL, *overrides])
+        return believe(scenario, path, Namespace() if bus is None else bus)
+
+    return read
+
+
+def test_scenario_is_believed_without_its_faults_and_patches():
+    scenario = load_scenario("array18", ['fault=[{kind="off", cells=[1]}]'])
+    belief = believe(scenario, None, Namespace())
+    assert belief.scenario == replace(scenario, fault=())
+    assert belief.cells.node_ids == ()
+
+
+def test_file_says_where_wheels_and_sensors_are(believed):
+    table = (
+        "pitch_m = 0.2\nsensor_offset_m = [[0.01, 0.0]]\n[[array.wheel]]\noffset_m = [0.0, 0.05]\n"
+    )
+    belief = believed(GRID + table + cell(1, 40, "number = 1") + cell(2, 2))
+    layout = layout_of(belief.scenario, belief.cells.node_ids)
+    np.testing.assert_allclose(layout.wheel_positions_m, [(-0.1, 0.05), (0.1, 0.05)])
+    np.testing.assert_allclose(layout.sensor_positions_m[:, 0], [(-0.09, 0.0), (0.11, 0.0)])
+    assert layout.node_ids == (40, 2)
+
+
+def test_bit_rate_of_the_file_counts_where_the_bus_has_none(believed):
+    bare, given = Namespace(), Namespace(bitrate=250_000)
+    for bus in (bare, given):
+        belief = believed(GRID + "bitrate = 500000\n", bus=bus)
+        assert belief.scenario.wire.bitrate == 500_000
+    assert (bare.bitrate, given.bitrate) == (500_000, 250_000)
+
+
+def test_program_that_does_not_fit_the_array_is_refused(believed):
+    with pytest.raises(ScenarioError, match=r"array.toml: parcel.0.x_m is 0.2, which puts") as told:
+        believed(GRID, "array.columns=6", "parcel.0.x_m=0.2")
+    assert exit_of(told.value) == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "told"),
+    [
+        (cell(1, 127, "number = 1") + cell(2, 2), ArrayFileError, "cell.0.node: 127 is the host's"),
+        (
+            cell(1, 1, 'settings."0x1801:5" = 3') + cell(2, 2),
+            ArrayFileError,
+            "cell.settings.0x1801:5: a run relies on its default",
+        ),
+        (
+            cell(1, 1) + cell(2, 2, "settings.axis2.gain = 99"),
+            CommandError,
+            "cell.1.settings.axis2: a gain of 99 V s/m leaves this motor a phase margin",
+        ),
+    ],
+)
+def test_cell_that_a_run_cannot_use_is_refused_with_its_key(believed, text, error, told):
+    with pytest.raises(error, match=told) as caught:
+        believed(GRID + text)
+    assert exit_of(caught.value) == 2
+
+
+def test_cells_of_a_file_are_set_and_driven_by_their_own_node_ids(believed, rolling_array):
+    own = "number = 1\nsettings.axis1.gain = 12.5\nsettings.axis2.stall_time = 0.2"
+    belief = believed(GRID + cell(1, 40, own) + cell(2, 2), "motion.speed_m_s=0.05")
+    coordinator = coordinator_of(belief.scenario, belief.cells)
+    layout = layout_of(belief.scenario, belief.cells.node_ids)
+    array = rolling_array(layout, Rectangle(0.36, 0.3), (0.0, 0.0, 0.0))
+    array.run(coordinator, 2.0, lambda: coordinator.phase == Phase.RUNNING and array.now_s > 1.0)
+    assert coordinator.fault is None
+    gains = [each.objects.number(indices.GAIN) for each in array.cells]
+    assert gains == [12_500, 10_000]
+    assert [each.target_um_s[0] for each in array.cells] == [50_000, 50_000]
+
+
+def test_steered_wheel_with_a_gain_of_its_own_gets_the_reference_that_suits_it(believed):
+    goal = ["motion.field=goal", "parcel.0.goal={x_m=0.1, y_m=0.0}"]
+    usual = believed(GRID + cell(1, 1) + cell(2, 2), *goal)
+    strong = believed(GRID + cell(1, 1) + cell(2, 2, "settings.axis1.gain = 20"), *goal)
+    plain, trimmed = (
+        coordinator_of(each.scenario, each.cells)._program.references_m_s(
+            {"box": np.array([0.0, 0.0, 0.3])}, 0.01
+        )
+        for each in (usual, strong)
+    )
+    motor = strong.scenario.cell
+    droops = [drive_of(replace(motor, gain_vs_per_m=gain)).droop for gain in (10.0, 20.0)]
+    np.testing.assert_allclose(trimmed * [1, 1, droops[1] / droops[0], 1], plain)
+    assert plain[2] != 0.0

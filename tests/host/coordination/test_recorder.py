@@ -1,0 +1,58 @@
+"""What a recorder keeps of a run is what the coordinator saw, and no more."""
+
+import numpy as np
+import pytest
+
+from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
+from mdms_host.coordination.recorder import Recorder
+from mdms_model.run.record import Contact, Event
+from mdms_model.scenario.file import load_scenario
+from mdms_sim.simulation import simulate
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    """The record, the frames that were logged, and the simulation's own outcome."""
+    scenario = load_scenario("array18", ["run.duration_s=1.5"])
+    coordinator, frames = coordinator_of(scenario), []
+    recorder = Recorder(
+        coordinator, lambda: estimates_of(coordinator, scenario), lambda *each: frames.append(each)
+    )
+    outcome = simulate(scenario, [recorder])
+    return recorder.record([(0.5, "garbage")]), frames, outcome
+
+
+def test_truth_is_left_out(recorded):
+    record, _, _ = recorded
+    assert record.is_belief
+    for name in ("pose", "twist", "voltage_v", "normal_n", "force_n"):
+        assert np.isnan(getattr(record, name)).all(), name
+    assert set(record.contact.ravel().tolist()) == {Contact.UNKNOWN}
+
+
+def test_estimates_references_and_speeds_are_those_of_the_run(recorded):
+    record, _, outcome = recorded
+    assert np.isnan(record.estimate[0]).all()
+    np.testing.assert_allclose(record.estimate[-1], outcome.record.pose[-1], atol=0.01)
+    assert np.abs(record.reference_m_s[-1]).max() > 0.05
+    speeds_m_s = outcome.record.speed_m_s[-1]
+    np.testing.assert_allclose(record.speed_m_s[-1], speeds_m_s, atol=0.01)
+
+
+def test_samples_keep_their_rate(recorded):
+    record, _, _ = recorded
+    # In the phases without setpoints the coordinator is seldom polled.
+    assert np.diff(record.time_s)[-50:] == pytest.approx(0.01, abs=0.006)
+
+
+def test_every_frame_is_logged_whoever_sent_it(recorded):
+    _, frames, outcome = recorded
+    assert len(frames) == pytest.approx(outcome.bus.frames, abs=20)
+
+
+def test_events_of_coordinator_and_link_are_in_order_of_time(recorded):
+    record, _, _ = recorded
+    assert Event(0.5, "link", "garbage") in record.events
+    assert "running" in [event.detail for event in record.events]
+    times_s = [event.time_s for event in record.events]
+    assert times_s == sorted(times_s)

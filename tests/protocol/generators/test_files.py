@@ -1,0 +1,45 @@
+"""The data sheets are found wherever the package is installed."""
+
+import subprocess
+import sys
+import zipfile
+
+import pytest
+
+from mdms_protocol.generators.files import data_sheet
+
+NAMES = ("mdms-cell.dbc", "mdms-cell.eds")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_checkout_has_the_generated_files(pytestconfig, name):
+    assert data_sheet(name) == pytestconfig.rootpath / "protocol" / name
+
+
+def test_unknown_file_is_refused():
+    with pytest.raises(FileNotFoundError, match=r"none.eds is neither in"):
+        data_sheet("none.eds")
+
+
+def test_wheel_has_them_within_the_package(pytestconfig, tmp_path):
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
+    subprocess.run(command, cwd=pytestconfig.rootpath, capture_output=True, check=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(tmp_path / "site")
+    script = (
+        "from mdms_protocol.generators.files import data_sheet; "
+        f"print(*(data_sheet(name) for name in {NAMES}))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        env={"PYTHONPATH": str(tmp_path / "site")},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.split() == [
+        str(tmp_path / "site" / "mdms_protocol" / name) for name in NAMES
+    ]
+    packages = {path.name for path in (tmp_path / "site" / "mdms_host" / "cli").iterdir()}
+    assert {"array", "configure", "flash", "records", "scenario", "simulation"} <= packages
