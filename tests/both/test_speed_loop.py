@@ -346,7 +346,7 @@ def test_an_axis_that_goes_off_brakes_until_it_stands_and_then_the_bridges_sleep
         go_on(1, speed)
         assert made[s.AWAKE] == 1
         assert made[s.VOLTAGE] == 0
-    go_on(500, 0)
+    go_on(800, 0)
     assert made[s.AWAKE] == 1
     go_on(60, 0)
     assert made[s.AWAKE] == 0

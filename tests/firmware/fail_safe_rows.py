@@ -288,7 +288,7 @@ def braked(bench):
         bench.pass_ms()
         assert ms < 2 or bench.widths() == (0, 0)
         assert world.levels[bench.wake]
-    bench.pass_ms(600)
+    bench.pass_ms(900)
     assert not world.levels[bench.wake]
     comes_back(bench, 0x00, *UP)
 

@@ -95,7 +95,7 @@ def test_watchdog_is_patient_while_the_bridges_sleep(bench):
     bench.pass_ms(2)
     assert bench.off()
     assert watchdogs() == [5000, awake_ms]
-    bench.pass_ms(600)
+    bench.pass_ms(900)
     assert watchdogs() == [5000, awake_ms, 5000]
 
 

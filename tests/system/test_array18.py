@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from mdms_host.cli.exits import Exit
 from mdms_host.cli.scenario.coordination import coordinator_of
 from mdms_host.cli.simulation.compose import run_scenario
 from mdms_model.run.record import Contact
@@ -21,7 +22,8 @@ def array18(*overrides):
 def simulate(mdms):
     def run(*arguments):
         done = mdms("simulate", "array18", "--json", *arguments)
-        assert done.returncode == 0, done.stderr
+        # A short run ends before the box is at its goal.
+        assert done.returncode in (Exit.OK, Exit.TIME_LIMIT), done.stderr
         return json.loads(done.stdout)
 
     return run

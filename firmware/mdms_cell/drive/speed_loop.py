@@ -118,7 +118,7 @@ REVERSAL_UM_S = const(100_000)
 #: A wheel that loses so much speed [um/s] while it turns against its voltage is braking.
 REVERSAL_DROP_UM_S = const(20_000)
 #: Ticks for which a wheel that stands is still braked.
-HOLD_TICKS = const(500)
+HOLD_TICKS = const(800)
 #: Ticks of too low a supply that are a fault; the voltage is 0 from the first.
 LOW_TICKS = const(5)
 

@@ -17,6 +17,7 @@ from can.cli import create_bus_from_namespace
 from can.interfaces.slcan import slcanBus
 
 from mdms_host.can_link.delays import Delays
+from mdms_host.can_link.drivers import remedy
 from mdms_host.can_link.incidents import Incidents, LinkCounts
 from mdms_host.can_link.slcan_port import GarbledError, SlcanPort
 from mdms_host.can_link.transmitter import Transmitter
@@ -25,6 +26,9 @@ from mdms_model.participant import Participant
 from mdms_protocol.frame import Frame
 
 _DEVICE_ERRORS = (can.CanOperationError, OSError)
+#: What python-can and its plug-ins raise where a bus cannot be opened; some fail of a library that
+#: is not there, or of a channel's kind.
+_NO_BUS = (ArgumentError, can.CanError, OSError, ValueError, ImportError, NameError, TypeError)
 #: A device that fails this many times in a row, so far apart, is taken to be gone.
 _DEVICE_ATTEMPTS = 5
 _ATTEMPT_PAUSE_S = 0.05
@@ -59,14 +63,15 @@ def open_bus(options: Namespace) -> can.BusABC:
     """
     try:
         return create_bus_from_namespace(options)
-    except (ArgumentError, can.CanError, OSError, ValueError) as error:
-        if getattr(options, "interface", None) is None and "None" in str(error.__cause__):
+    except _NO_BUS as error:
+        interface = getattr(options, "interface", None)
+        problem = str(error.__cause__ or error).rstrip(".")
+        advice = "name one with -i and -c, or start a virtual one: mdms serve array18"
+        if interface is None and "None" in str(error.__cause__):
             reason = "no CAN interface was named"
         else:
-            reason = f"the CAN bus cannot be opened: {error.__cause__ or error}"
-        raise NoBusError(
-            f"{reason}; name one with -i and -c, or start a virtual one: mdms serve array18"
-        ) from None
+            reason = f"the CAN bus cannot be opened: {problem}"
+        raise NoBusError(f"{reason}; {remedy(interface, problem) or advice}") from None
 
 
 class Link:
@@ -217,6 +222,9 @@ class Link:
         if message.is_error_frame:
             self.error_frames += 1
             self._incidents.note_repeated("there are error frames on the bus")
+        elif not message.is_rx:
+            # Some drivers (gs_usb) return what was sent.
+            return
         elif message.is_extended_id or message.is_remote_frame or message.is_fd:
             self.garbled += 1
             self._incidents.note_repeated("frames that are no data or have 29 bits are left out")

@@ -15,8 +15,9 @@ class RemoteCell:
     """The last known state of the cell with this number (from 1) and node id.
 
     Everything is None until the cell has reported it; `garbage` counts its frames that could not
-    be decoded and were dropped. `handlers` has the function for each identifier. Speeds come often
-    and are read seldom, so they are kept as they came (`speeds_data`) and decoded when read.
+    be decoded and were dropped. `errors` has the code of each error that stands, by its source.
+    `handlers` has the function for each identifier. Speeds come often and are read seldom, so they
+    are kept as they came (`speeds_data`) and decoded when read.
     """
 
     def __init__(self, number: int, node_id: int) -> None:
@@ -27,7 +28,7 @@ class RemoteCell:
         self.drive_states: tuple[int | None, ...] | None = None
         self.presence: int | None = None
         self.speeds_data: bytes | None = None
-        self.emergency: int | None = None
+        self.errors: dict[int, int] = {}
         self.garbage = 0
         self.handlers: dict[int, Handler] = {
             cob.HEARTBEAT_BASE + node_id: self.on_heartbeat,
@@ -53,6 +54,11 @@ class RemoteCell:
         return None if self.speeds_data is None else pdo.ACTUAL_VELOCITY.decode(self.speeds_data)
 
     @property
+    def emergency(self) -> int | None:
+        """The code of the error that came last of those that stand; None if there is none."""
+        return next(reversed(self.errors.values()), None)
+
+    @property
     def moving(self) -> bool:
         """Whether any axis may be driving its motor."""
         return not _DRIVING.isdisjoint(self.drive_states or ())
@@ -73,6 +79,9 @@ class RemoteCell:
         if state is None:
             self.garbage += 1
             return
+        if state == nmt.INITIALISING:
+            # It has restarted, and reports anew what is wrong.
+            self.errors.clear()
         self.last_heartbeat_s, self.nmt_state = now_s, state
 
     def on_status(self, data: bytes, now_s: float) -> None:
@@ -92,8 +101,12 @@ class RemoteCell:
             self.garbage += 1
 
     def on_emergency(self, data: bytes, now_s: float) -> None:
-        """An emergency: an error has occurred, or is reset (code 0)."""
+        """An emergency: an error has come up, or that of its source is gone (code 0)."""
         if len(data) != 8:
             self.garbage += 1
             return
-        self.emergency = int.from_bytes(data[:2], "little")
+        code, source = int.from_bytes(data[:2], "little"), data[3]
+        # One that changes becomes the last.
+        self.errors.pop(source, None)
+        if code:
+            self.errors[source] = code

@@ -3,27 +3,31 @@
 Importing this is light: the modules of a verb are imported when it runs (`verbs`).
 """
 
-import os
-import sys
+from argparse import Namespace
 from collections.abc import Sequence
 
-from mdms_host.cli.exits import INTERRUPTED, Exit, exit_of
+from mdms_host.cli.exits import INTERRUPTED, Exit, exit_of, text_of
+from mdms_host.cli.signals import Terminated, terminating
+from mdms_host.cli.streams import flushed, open_streams, say
 from mdms_host.cli.verbs import build_parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line and return its exit code; see `Exit`."""
+    open_streams()
+    with terminating():
+        return flushed(_run(argv))
+
+
+def _run(argv: Sequence[str] | None) -> int:
     try:
-        arguments = build_parser().parse_args(argv)
-        code = int(arguments.run(arguments))
-        sys.stdout.flush()
-        return code
-    except BrokenPipeError:
-        # The reader has closed the pipe; the interpreter's own last flush must not fail.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return Exit.OK
+        arguments: Namespace = build_parser().parse_args(argv)
+        return int(arguments.run(arguments))
+    except Terminated:
+        say("mdms: terminated")
+        return Exit.FAILURE
     except KeyboardInterrupt:
-        print("mdms: interrupted", file=sys.stderr)
+        say("mdms: interrupted")
         return INTERRUPTED
     except SystemExit as leaving:
         return leaving.code if isinstance(leaving.code, int) else Exit.OK
@@ -31,5 +35,5 @@ def main(argv: Sequence[str] | None = None) -> int:
         known = exit_of(error)
         if known is None:
             raise
-        print(f"mdms: {error}", file=sys.stderr)
+        say(f"mdms: {text_of(error)}")
         return known

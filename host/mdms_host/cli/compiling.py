@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from numba.core.event import Event, Listener, install_listener
 
-from mdms_host.cli.console import say
+from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 
 #: Less is not reported.

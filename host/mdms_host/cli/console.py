@@ -8,18 +8,21 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-
-def say(message: str) -> None:
-    """One line for people."""
-    print(message, file=sys.stderr)
+#: Columns of a table where there is no terminal.
+WIDE = 200
 
 
 def show(table: Table) -> None:
     """A table on stdout, as wide as the terminal, or as it needs to be where there is none."""
     console = Console()
     if not console.is_terminal:
-        console.width = 200
+        console.width = WIDE
     console.print(table)
+
+
+def dots() -> tuple[str, str]:
+    """How a sensor is shown on stdout that is covered, and one that is not."""
+    return ("#", ".") if Console().options.ascii_only else ("●", "○")
 
 
 @contextmanager

@@ -1,9 +1,6 @@
 """How the command ends: its exit codes, and which error leads to which of them."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from enum import IntEnum
-from pathlib import Path
 
 
 class Exit(IntEnum):
@@ -23,6 +20,7 @@ INTERRUPTED = 130
 #: Exit codes by class of error; of a class and its bases, the nearest that is listed counts.
 #: Classes are named here, not imported: a verb should not wait for the modules of the others.
 EXITS = {
+    "builtins.OSError": Exit.FAILURE,
     "mdms_host.can_link.link.LinkError": Exit.NO_DEVICE,
     "mdms_host.commissioning.array_file.ArrayFileError": Exit.USAGE,
     "mdms_host.commissioning.lss_master.LssError": Exit.NODE_FAULT,
@@ -30,10 +28,12 @@ EXITS = {
     "mdms_host.commissioning.network.SilentError": Exit.NO_DEVICE,
     "mdms_host.commissioning.node_ids.NodeIdError": Exit.FAILURE,
     "mdms_host.commissioning.parameters.ParameterError": Exit.USAGE,
+    "mdms_host.coordination.other_host.OtherHostError": Exit.FAILURE,
     "mdms_sim.nodes.bank.MicropythonMissing": Exit.NO_DEVICE,
     "mdms_sim.nodes.bank.NodeError": Exit.NODE_FAULT,
     "mdms_model.run.folder.RunFolderError": Exit.USAGE,
     "mdms_model.scenario.scenario.ScenarioError": Exit.USAGE,
+    "mdms_sim.plots.canvas.PictureFormatError": Exit.USAGE,
     "mdms_sim.serve.endpoint.ServeError": Exit.FAILURE,
 }
 
@@ -54,10 +54,8 @@ def exit_of(error: Exception) -> Exit | None:
     return next((EXITS[name] for name in names if name in EXITS), None)
 
 
-@contextmanager
-def writing(path: Path, code: Exit) -> Iterator[None]:
-    """Turns an `OSError` inside into a `CommandError` that names the path."""
-    try:
-        yield
-    except OSError as error:
-        raise CommandError(f"{path}: cannot be written: {error.strerror}", code) from None
+def text_of(error: Exception) -> str:
+    """The error in one line: of a file, its name and what the system says of it."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)

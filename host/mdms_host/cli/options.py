@@ -13,7 +13,7 @@ NODES = ("cpython", "micropython")
 #: Forms of the bus log: candump, and Vector's binary and text.
 BUS_FORMATS = ("log", "blf", "asc")
 LAWS = ("sliding", "at_rest")
-SENDERS = ("all", "host", "cells")
+SENDERS = ("host", "cells")
 #: No machine keeps up beyond this.
 SPEED_MAX = 100.0
 PORT_MAX = 65535
@@ -59,11 +59,19 @@ def add_json(parser: ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="one JSON object on stdout")
 
 
+def add_force(parser: ArgumentParser) -> None:
+    """`--force`."""
+    parser.add_argument(
+        "--force", action="store_true", help="overwrite a file that this verb has not written"
+    )
+
+
 def add_demo(parser: ArgumentParser) -> None:
     """Those of `demo`."""
     parser.add_argument(
         "--out", metavar="DIR", type=Path, default=Path("runs/demo"), help="run folder"
     )
+    add_json(parser)
 
 
 def add_simulate(parser: ArgumentParser) -> None:
@@ -99,8 +107,12 @@ def add_map(parser: ArgumentParser) -> None:
         help="all wheels slide, or motors push as far as friction lets them",
     )
     parser.add_argument(
-        "--out", metavar="FILE.png", type=Path, help="the picture (default: SCENARIO-map.png)"
+        "--out",
+        metavar="FILE",
+        type=Path,
+        help="the picture, .png, .svg or .pdf (default: SCENARIO-map.png)",
     )
+    add_force(parser)
     add_json(parser)
 
 
@@ -111,8 +123,13 @@ def add_plot(parser: ArgumentParser) -> None:
         "--wheels", action="store_true", help="contact, forces and slip of every wheel instead"
     )
     parser.add_argument(
-        "--out", metavar="FILE.png", type=Path, help="the picture (default: in the run folder)"
+        "--out",
+        metavar="FILE",
+        type=Path,
+        help="the picture, .png, .svg or .pdf (default: a PNG in the run folder)",
     )
+    add_force(parser)
+    add_json(parser)
 
 
 def add_export(parser: ArgumentParser) -> None:
@@ -125,6 +142,8 @@ def add_export(parser: ArgumentParser) -> None:
         required=True,
         help="folder for parcels.csv and cells.csv",
     )
+    add_force(parser)
+    add_json(parser)
 
 
 def add_serve(parser: ArgumentParser) -> None:
@@ -155,7 +174,12 @@ def add_run(parser: ArgumentParser) -> None:
         help="an array file: grid, wheels, sensors, bit rate, cells (default: the scenario's)",
     )
     parser.add_argument("--out", metavar="DIR", type=Path, help="write a run folder")
-    parser.add_argument("--limit", metavar="SECONDS", type=float, help="give up after so long")
+    parser.add_argument(
+        "--limit",
+        metavar="SECONDS",
+        type=_limit,
+        help="give up after so long (default: run.duration_s, and 10 s for the bring-up)",
+    )
     add_json(parser)
 
 
@@ -169,7 +193,12 @@ def add_replay(parser: ArgumentParser) -> None:
     """Those of `replay`, but the bus."""
     add_folder(parser)
     parser.add_argument(
-        "--only", choices=SENDERS, default="all", help="whose frames: to real cells, the host's"
+        "--only", choices=SENDERS, default="host", help="whose frames (default: the host's)"
+    )
+    parser.add_argument(
+        "--all",
+        action="store_true",
+        help="the frames of cells as well: for a bus that has none, or they collide",
     )
     parser.add_argument(
         "--nodes",
@@ -184,6 +213,13 @@ def _speed(text: str) -> float:
     if not math.isfinite(speed) or not 0 < speed <= SPEED_MAX:
         raise ArgumentTypeError(f"{text} is not above 0 and at most {SPEED_MAX:g}")
     return speed
+
+
+def _limit(text: str) -> float:
+    limit_s = float(text)
+    if not 0 < limit_s < math.inf:
+        raise ArgumentTypeError(f"{text} is no time above 0")
+    return limit_s
 
 
 def _port(text: str) -> int:

@@ -3,8 +3,10 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from rich import box
 from rich.table import Table
 
+from mdms_host.can_link.emergencies import error_text
 from mdms_host.can_link.remote_cell import RemoteCell
 from mdms_host.can_link.sdo_client import Read, SdoClient
 from mdms_host.commissioning.scan import STATE_NAMES
@@ -12,7 +14,8 @@ from mdms_protocol import cia402, cob, indices, pdo
 from mdms_protocol.frame import Frame
 
 _STATUSWORDS = (indices.STATUSWORD, indices.STATUSWORD + indices.AXIS_OFFSET)
-_READS = tuple(Read(index, 0) for index in (*_STATUSWORDS, indices.PRESENCE))
+_ERROR_CODES = (indices.ERROR_CODE, indices.ERROR_CODE + indices.AXIS_OFFSET)
+_READS = tuple(Read(index, 0) for index in (*_STATUSWORDS, indices.PRESENCE, *_ERROR_CODES))
 #: A cell that is silent for longer is shown as such: three heartbeats at their default period.
 _SILENT_S = 0.35
 _POLL_S = 0.1
@@ -21,7 +24,10 @@ _M_PER_UM = pdo.ACTUAL_VELOCITY.entries[0].unit.factor
 
 @dataclass(frozen=True, slots=True)
 class CellStatus:
-    """One row: what the cell reported last; None where it has not."""
+    """One row: what the cell reported last; None where it has not.
+
+    `emergency` is the code of its last error that stands, `errors` are all that stand, in words.
+    """
 
     node_id: int
     state: str | None
@@ -30,6 +36,7 @@ class CellStatus:
     presence: int | None
     speeds_m_s: tuple[float, ...] | None
     emergency: int | None
+    errors: tuple[str, ...] = ()
 
     @property
     def silent(self) -> bool:
@@ -90,19 +97,32 @@ class StatusModel:
             words = (client.answers[index, 0] for index in _STATUSWORDS)
             cell.drive_states = tuple(cia402.state(word) for word in words)
             cell.presence = client.answers[indices.PRESENCE, 0]
+            for source, index in enumerate(_ERROR_CODES, 1):
+                self._on_error_code(cell, source, client.answers[index, 0])
+
+    def _on_error_code(self, cell: RemoteCell, source: int, code: int) -> None:
+        """An axis in fault has its code in 0x603F, though its emergency came before we listened."""
+        states = cell.drive_states
+        if code and states is not None and states[source - 1] == cia402.FAULT:
+            cell.errors.setdefault(source, code)
 
 
-def status_table(rows: list[CellStatus]) -> Table:
-    """The rows as a table; presence as the centre sensor and the four around."""
-    table = Table("node", "state", "axis 1", "axis 2", "parcel", "speeds [mm/s]", "remark")
+def status_table(rows: list[CellStatus], dots: tuple[str, str] = ("●", "○")) -> Table:
+    """The rows as a table of 80 columns; presence as the centre sensor and the four around.
+
+    `dots` are how a sensor is shown that is covered, and one that is not.
+    """
+    table = Table(box=box.SIMPLE_HEAD, padding=0, collapse_padding=True)
+    for name in ("node", "state", "drives", "parcel", "speeds mm/s"):
+        table.add_column(name, no_wrap=True)
+    table.add_column("remark", overflow="fold")
     for row in rows:
-        drives = row.drives or ("", "")
         table.add_row(
             str(row.node_id),
             row.state or "?",
-            *drives,
-            _dots(row.presence),
-            " ".join(f"{speed * 1e3:7.1f}" for speed in row.speeds_m_s or ()),
+            _drives(row.drives),
+            _dots(row.presence, dots),
+            " ".join(f"{speed * 1e3:5.1f}" for speed in row.speeds_m_s or ()),
             _remark(row),
             style="red" if row.silent or row.emergency else None,
         )
@@ -118,7 +138,8 @@ def _row(cell: RemoteCell, now_s: float) -> CellStatus:
         drives=None if states is None else tuple(map(_drive_name, states)),
         presence=cell.presence,
         speeds_m_s=None if speeds_um_s is None else tuple(um * _M_PER_UM for um in speeds_um_s),
-        emergency=cell.emergency or None,
+        emergency=cell.emergency,
+        errors=tuple(error_text(*error) for error in cell.errors.items()),
     )
 
 
@@ -126,16 +147,24 @@ def _drive_name(state: int | None) -> str:
     return "unknown" if state is None else str(cia402.NAMES[state])
 
 
-def _dots(presence: int | None) -> str:
+def _drives(names: tuple[str, ...] | None) -> str:
+    """The states of the drives; one for both axes where it is the same."""
+    if names is None:
+        return "?"
+    if len(set(names)) == 1:
+        return names[0]
+    return "\n".join(f"{axis}: {name}" for axis, name in enumerate(names, 1))
+
+
+def _dots(presence: int | None, dots: tuple[str, str]) -> str:
     if presence is None:
         return "?"
-    return "".join("●" if presence >> sensor & 1 else "○" for sensor in range(5))
+    covered, free = dots
+    return "".join(covered if presence >> sensor & 1 else free for sensor in range(5))
 
 
 def _remark(row: CellStatus) -> str:
     remarks = []
     if row.silent:
         remarks.append("never heard" if row.silent_s is None else f"silent {row.silent_s:.1f} s")
-    if row.emergency:
-        remarks.append(f"emergency 0x{row.emergency:04X}")
-    return ", ".join(remarks)
+    return "\n".join((*remarks, *row.errors))

@@ -65,3 +65,9 @@ def stop_all(link: Link, clock: Clock) -> StopReport:
     stopping = StopAll()
     drive(stopping, link, clock, lambda: stopping.over)
     return stopping.report
+
+
+def not_off_text(report: StopReport) -> str:
+    """Which cells are not seen to be off, and what to do."""
+    nodes = ", ".join(map(str, report.not_off))
+    return f"not off: node {nodes}; cut the motors' power"

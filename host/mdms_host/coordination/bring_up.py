@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 
+from mdms_host.can_link.emergencies import error_text
 from mdms_host.can_link.protocol_revision import other_protocol
 from mdms_host.can_link.remote_cell import RemoteCell
 from mdms_host.can_link.sdo_client import Read, SdoClient, Setting
@@ -81,7 +82,8 @@ class BringUpCell(RemoteCell):
         if phase in (Phase.ENABLING, Phase.RUNNING) and self.nmt_state != nmt.OPERATIONAL:
             return f"{self.name} is no longer operational: it has restarted or was stopped"
         if phase == Phase.RUNNING and not self.enabled:
-            return f"{self.name} has disabled its drives: {self.drive_text}"
+            errors = "".join(f"; {error_text(*error)}" for error in self.errors.items())
+            return f"{self.name} has disabled its drives: {self.drive_text}{errors}"
         return None
 
     def commands(self, phase: Phase, now_s: float) -> Iterator[Frame]:

@@ -3,13 +3,14 @@
 Frames and time are passed in: the simulation and a real bus drive it alike.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from functools import partial
 from math import inf
 from types import MappingProxyType
 
 import numpy as np
 
+from mdms_host.can_link.emergencies import error_text
 from mdms_host.can_link.remote_cell import Handler
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.coordination.bring_up import BringUpCell
@@ -17,8 +18,9 @@ from mdms_host.coordination.odometry import Odometry
 from mdms_host.coordination.phase import BRING_UP, STOPPED, TRANSITIONS, Phase, Signal
 from mdms_host.coordination.schedule import Schedule, Timing
 from mdms_host.coordination.speed_reports import MISSED_SYNCS
-from mdms_host.coordination.supervision import Supervision, names
+from mdms_host.coordination.supervision import OTHER_HOST, Supervision, names
 from mdms_host.coordination.velocity_frames import VelocityFrames
+from mdms_host.coordination.watch import Watch
 from mdms_host.estimation.tracker import Estimate, Parcel, Tracker
 from mdms_host.layout import Layout
 from mdms_host.motion.program import Program
@@ -34,7 +36,8 @@ _SETTLED = (Phase.RUNNING, *STOPPED)
 class Coordinator:
     """A participant of the bus that runs a program on all cells of a layout.
 
-    `fault` is the first fault, None without one; `events` is what happened, as (time [s], text).
+    `fault` is the first fault, None without one; `events` is what happened, as (time [s], text);
+    `troubles` are those of the events that a person should look after, though the run goes on.
     `settings` are written to every cell, `own_settings` to that node besides; all other stored
     settings must be at their defaults. Raises ValueError for cells of more wheels than the wire has
     axes.
@@ -57,6 +60,7 @@ class Coordinator:
         self.phase = Phase.WAITING
         self.fault: str | None = None
         self.events: list[tuple[float, str]] = []
+        self.troubles: list[tuple[float, str]] = []
         self.tracker = Tracker(layout, parcels)
         # Cells report their state on change, and repeat it, which makes up for a lost frame.
         repeat_ms = round(self._timing.status_period_s * 1e3)
@@ -68,11 +72,15 @@ class Coordinator:
         self.references_m_s: Floats = np.zeros(len(layout.wheel_cells))
         self._program = program
         self._odometry = Odometry(self.cells, axes, self._velocities, self._timing)
+        self._watch = Watch(self.cells, axes, program)
         self._supervision = Supervision(self.cells, self._timing)
         self._answered: set[BringUpCell] = set()
         self._handlers: dict[int, Handler] = {}
         for cell in self.cells:
             self._register(cell)
+        # Two hosts that began at the same instant meet here.
+        self._other_host = False
+        self._handlers[cob.HEARTBEAT_BASE + host_node_id] = self._on_other_host
         self._alive = nmt.heartbeat(host_node_id, nmt.OPERATIONAL)
         self._now_s = 0.0
         self._phase_since_s: float | None = None
@@ -89,6 +97,11 @@ class Coordinator:
     def endless(self) -> bool:
         """Whether the program has no end of its own."""
         return self._program.endless
+
+    @property
+    def arrived_s(self) -> Mapping[str, float]:
+        """When each parcel came to its goal, of those that are there [s]."""
+        return self._watch.arrived_s
 
     @property
     def stopped(self) -> bool:
@@ -161,10 +174,17 @@ class Coordinator:
         self._schedule_commands(cell, now_s)
 
     def _on_emergency(self, cell: BringUpCell, data: bytes, now_s: float) -> None:
-        before = cell.emergency
+        before = set(cell.errors.items())
         cell.on_emergency(data, now_s)
-        if cell.emergency != before:
-            self.events.append((now_s, f"{cell.name} sends emergency 0x{cell.emergency or 0:04X}"))
+        after = set(cell.errors.items())
+        for error in sorted(before - after):
+            self.events.append((now_s, f"{cell.name} clears emergency {error_text(*error)}"))
+        for error in sorted(after - before):
+            self.events.append((now_s, f"{cell.name} sends emergency {error_text(*error)}"))
+
+    def _on_other_host(self, data: bytes, now_s: float) -> None:
+        """Somebody else sends heartbeats as the host."""
+        self._other_host |= nmt.decode_heartbeat(data) is not None
 
     def _on_answer(self, cell: BringUpCell, data: bytes, now_s: float) -> None:
         cell.on_answer(data, now_s)
@@ -183,7 +203,9 @@ class Coordinator:
         fault = self._supervision.fault(self.phase, self._now_s)
         if fault is None and self.phase == Phase.RUNNING:
             fault = self._odometry.fault()
-        if fault:
+        if self._other_host:
+            self._fail(OTHER_HOST)
+        elif fault:
             self._fail(fault)
         elif self._stop_requested and (self.phase, Signal.STOP) in TRANSITIONS:
             self._signal(Signal.STOP)
@@ -255,13 +277,13 @@ class Coordinator:
         """The program's references for the next SYNC; zero while no cell reports its speeds."""
         if self._odometry.silent:
             return np.zeros(self.references_m_s.shape)
+        poses = self.tracker.poses(self._schedule.next_s("sync"))
         references_m_s = self._program.references_m_s(
-            self.tracker.poses(self._schedule.next_s("sync")),
-            self._timing.sync_period_s,
-            self.tracker.take_corrected(),
+            poses, self._timing.sync_period_s, self.tracker.take_corrected()
         )
         for text in self._program.take_notices():
-            self._note(text)
+            self._warn(text)
+        self._watch_parcels(poses)
         return references_m_s
 
     def _track(self) -> None:
@@ -272,12 +294,22 @@ class Coordinator:
         speeds = self._odometry.take()
         if speeds is None:
             return
+        for text in self._watch.wheels(
+            self.references_m_s, speeds.speed_m_s, self._timing.sync_period_s
+        ):
+            self._warn(text)
         found = self.tracker.on_speeds(
             speeds.time_s, speeds.speed_m_s, speeds.known, speeds.standing
         )
         for name in found:
             x_m, y_m, yaw_rad = self.tracker.poses(speeds.time_s)[name]
             self._note(f"{name} found at x = {x_m:.3f} m, y = {y_m:.3f} m, yaw = {yaw_rad:.2f} rad")
+
+    def _watch_parcels(self, found: Collection[str]) -> None:
+        for text in self._watch.arrivals(self._now_s):
+            self._note(text)
+        for text in self._watch.parcels(found, self._timing.sync_period_s):
+            self._warn(text)
 
     def _signal(self, signal: Signal) -> None:
         self._enter(TRANSITIONS[self.phase, signal])
@@ -298,6 +330,10 @@ class Coordinator:
         self.fault = text
         self._note(f"fault: {text}")
         self._signal(Signal.FAULT)
+
+    def _warn(self, text: str) -> None:
+        self.troubles.append((self._now_s, text))
+        self._note(text)
 
     def _note(self, text: str) -> None:
         self.events.append((self._now_s, text))

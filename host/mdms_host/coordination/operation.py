@@ -5,11 +5,12 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from mdms_host.can_link.incidents import LinkCounts
-from mdms_host.can_link.link import Link, drive
+from mdms_host.can_link.link import DeviceGoneError, Link, drive
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.phase import Phase
 from mdms_model.participant import Participant
+from mdms_protocol import nmt
 
 _STEERED = frozenset((Phase.ENABLING, Phase.RUNNING))
 
@@ -29,13 +30,15 @@ class Ending(StrEnum):
 class Operation:
     """A run that has ended: how, after how long [s], with which fault, and what its bus was like.
 
-    A fault names what was held up at that time, if anything was.
+    A fault names what was held up at that time, if anything was. `interrupt` is what ended it
+    early, if a person did.
     """
 
     ending: Ending
     duration_s: float
     fault: str | None
     link: LinkCounts
+    interrupt: KeyboardInterrupt | None = None
 
 
 def operate(
@@ -51,7 +54,8 @@ def operate(
 
     `participant` is on the bus in the coordinator's place, if given, and drives it: a recorder.
     `on_event(time_s, text)` is called for events, and for incidents of the link, as they happen. An
-    interrupt (Ctrl-C) ends the run in order; a second one breaks it off. Raises DeviceGoneError.
+    interrupt (Ctrl-C) ends the run in order; so does any error, which is raised when the array is
+    off. A second interrupt breaks the ending off. Raises DeviceGoneError.
     """
     start_s = clock.now_s()
     participant = participant or coordinator
@@ -62,17 +66,21 @@ def operate(
         late = limit_s is not None and clock.now_s() - start_s > limit_s
         return not (coordinator.stopped or coordinator.finished or late)
 
-    interrupted = False
+    interrupt: KeyboardInterrupt | None = None
     try:
         drive(participant, link, clock, lambda: not running())
-    except KeyboardInterrupt:
-        interrupted = True
+    except KeyboardInterrupt as caught:
+        interrupt = caught
+    except DeviceGoneError:
+        raise
+    except BaseException:
+        _turn_off(coordinator, participant, link, clock)
+        raise
     finished = coordinator.finished
-    coordinator.stop()
-    drive(participant, link, clock, lambda: coordinator.stopped)
+    _turn_off(coordinator, participant, link, clock)
     watch.look()
-    ending = _ending(coordinator, interrupted, finished, limit_s)
-    return Operation(ending, clock.now_s() - start_s, watch.fault, link.counts)
+    ending = _ending(coordinator, interrupt is not None, finished, limit_s)
+    return Operation(ending, clock.now_s() - start_s, watch.fault, link.counts, interrupt)
 
 
 class _Watch:
@@ -107,6 +115,18 @@ class _Watch:
         """What was held up, in brackets; nothing before setpoints have to be in time."""
         reason = self._link.delays.reason(self._clock.now_s()) if self._steered else None
         return f" ({reason})" if reason else ""
+
+
+def _turn_off(coordinator: Coordinator, participant: Participant, link: Link, clock: Clock) -> None:
+    """Stop the array in order; where that fails, take all cells out of 'operational' at once."""
+    coordinator.stop()
+    try:
+        drive(participant, link, clock, lambda: coordinator.stopped)
+    except DeviceGoneError:
+        raise
+    except BaseException:
+        link.send(nmt.command(nmt.ENTER_PRE_OPERATIONAL))
+        raise
 
 
 def _ending(

@@ -7,6 +7,13 @@ from mdms_host.can_link.remote_cell import RemoteCell
 from mdms_host.coordination.bring_up import BringUpCell
 from mdms_host.coordination.phase import Phase
 from mdms_host.coordination.schedule import Timing
+from mdms_protocol import cob
+
+#: What is wrong where a second host sends heartbeats.
+OTHER_HOST = (
+    f"another host runs on this bus (a heartbeat of node {cob.NODE_MAX}); "
+    "let it come to its end, or end it, first"
+)
 
 
 class Supervision:

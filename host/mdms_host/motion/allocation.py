@@ -11,7 +11,7 @@ from mdms_model.arrays import Floats, Ints
 #: A wheel that serves no parcel.
 FREE = -1
 #: Wheels this far outside a parcel that moves already run as if they were under it.
-_AHEAD_M = 0.05
+AHEAD_M = 0.05
 #: Wheels this far outside one that is parked still hold it: a belief may be wrong by as much.
 _HOLD_M = 0.01
 
@@ -32,7 +32,7 @@ def allocate(wheels_m: Floats, claims: Sequence[Claim]) -> Ints:
     """
     serves = np.full(len(wheels_m), FREE, dtype=np.intp)
     nearest_m = np.full(len(wheels_m), np.inf)
-    for parked, reach_m in ((True, _HOLD_M), (False, _AHEAD_M)):
+    for parked, reach_m in ((True, _HOLD_M), (False, AHEAD_M)):
         open_ = serves == FREE if not parked else np.ones(len(wheels_m), dtype=bool)
         for number, claim in enumerate(claims):
             if claim.parked != parked:

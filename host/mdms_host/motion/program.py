@@ -43,6 +43,11 @@ class Program(Protocol):
         """Whether the program has no end of its own."""
         ...
 
+    @property
+    def controllers(self) -> Mapping[str, GoalController]:
+        """What steers each parcel that has a goal, by the parcel's name."""
+        ...
+
 
 class FieldProgram:
     """An open-loop field: the same references for as long as it runs."""
@@ -59,6 +64,11 @@ class FieldProgram:
     def endless(self) -> bool:
         """A field goes on for as long as it may."""
         return True
+
+    @property
+    def controllers(self) -> Mapping[str, GoalController]:
+        """A field steers no parcel to a goal."""
+        return {}
 
     def references_m_s(
         self, poses: Mapping[str, Floats], step_s: float, corrected: Collection[str] | None = None
@@ -118,6 +128,11 @@ class GoalProgram:
     def endless(self) -> bool:
         """Goals are reached at some time."""
         return False
+
+    @property
+    def controllers(self) -> Mapping[str, GoalController]:
+        """See `Program`."""
+        return self._controllers
 
     def take_notices(self) -> list[str]:
         """Which parcels were stopped, and why, since the last call."""

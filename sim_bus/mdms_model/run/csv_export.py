@@ -22,7 +22,10 @@ CELLS_HEADER = ("time_s", "cell", "axis", *CELL_COLUMNS, "contact", "slip_m_s")
 
 
 def export_csv(folder: Path, scenario: Scenario, record: Record) -> tuple[Path, Path]:
-    """Write both tables into a folder, which is made if need be. Raises OSError."""
+    """Write both tables into a folder, which is made if need be; each whole or not at all.
+
+    Raises OSError.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     parcels, cells = folder / "parcels.csv", folder / "cells.csv"
     _write(parcels, PARCELS_HEADER, _parcel_rows(scenario, record))
@@ -51,7 +54,12 @@ def _cell_rows(scenario: Scenario, record: Record) -> Iterable[tuple[Any, ...]]:
 
 
 def _write(path: Path, header: tuple[str, ...], rows: Iterable[tuple[Any, ...]]) -> None:
-    with path.open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(header)
-        writer.writerows(rows)
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        with partial.open("w", encoding="utf-8", newline="") as stream:
+            writer = csv.writer(stream, lineterminator="\n")
+            writer.writerow(header)
+            writer.writerows(rows)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)

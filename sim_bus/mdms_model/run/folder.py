@@ -1,9 +1,11 @@
 """The folder that a run leaves behind: `meta.json`, `run.mcap`, `picture.png`, and of a run with a
 bus, `bus.log` and the database that explains its frames."""
 
+import errno
 import json
 import os
 import platform
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -31,6 +33,9 @@ INTERFACE = "mdms"
 #: Everything that a run may leave; those that a new run lacks are taken away.
 FILES = (META, RECORD, PICTURE, "wheels.png", BUS_LOG, "bus.blf", "bus.asc", DATABASE)
 
+
+#: What is wrong with a device, and not with a path.
+_DEVICE = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 
 SavePicture = Callable[[Path, Scenario, Record], object]
 
@@ -64,13 +69,18 @@ def check_target(folder: Path) -> None:
 def fresh_folder(folder: Path) -> Iterator[Path]:
     """A folder beside `folder` to fill; it takes its place at the end, or vanishes on any error.
 
-    Raises `RunFolderError` when the place is taken by something else or cannot be written.
+    A crash at any time leaves the old folder or the new one, or for an instant none: then the old
+    one comes back with the next run that is written here. Raises `RunFolderError` when the place is
+    taken by something else or cannot be written, OSError when the device is full or breaks.
     """
-    check_target(folder)
-    partial = folder.parent / f".{folder.name}.{os.getpid()}.partial"
+    partial = _beside(folder, "partial")
     try:
+        _clear_up(folder)
+        check_target(folder)
         partial.mkdir(parents=True)
     except OSError as error:
+        if error.errno in _DEVICE:
+            raise
         raise RunFolderError(f"{folder}: cannot be made: {error.strerror}") from None
     try:
         yield partial
@@ -138,11 +148,61 @@ def _read_meta(folder: Path) -> Any:
 
 
 def _put_in_place(partial: Path, folder: Path) -> None:
+    """Have the new folder take the old one's name; files of others move over to it."""
     if not folder.exists():
         partial.rename(folder)
         return
-    for name in FILES:
-        if (partial / name).exists():
-            (partial / name).replace(folder / name)
+    place = folder.resolve()
+    old = _beside(folder, "old")
+    place.rename(old)
+    try:
+        partial.rename(place)
+    except OSError:
+        old.rename(place)
+        raise
+    _take_over(old, place)
+
+
+def _take_over(old: Path, folder: Path) -> None:
+    """Move what is no run's own from an old folder to the new one, and remove the old."""
+    for path in old.iterdir():
+        if path.name not in FILES and not (folder / path.name).exists():
+            path.rename(folder / path.name)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _beside(folder: Path, kind: str) -> Path:
+    """A hidden folder of this process beside `folder`."""
+    place = folder.resolve()
+    return place.parent / f".{place.name}.{os.getpid()}.{kind}"
+
+
+def _clear_up(folder: Path) -> None:
+    """Put right what runs have left here that were killed while they wrote this folder."""
+    place = folder.resolve()
+    left_over = re.compile(rf"\.{re.escape(place.name)}\.(\d+)\.(old|partial)")
+    if not place.parent.is_dir():
+        return
+    for path in sorted(place.parent.iterdir()):
+        found = left_over.fullmatch(path.name)
+        if found is None or _is_alive(int(found[1])):
+            continue
+        if found[2] == "partial":
+            shutil.rmtree(path, ignore_errors=True)
+        elif place.exists():
+            _take_over(path, place)
         else:
-            (folder / name).unlink(missing_ok=True)
+            path.rename(place)
+
+
+def _is_alive(process: int) -> bool:
+    """Whether there is such a process; who cannot ask takes it for alive."""
+    if os.name != "posix":
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True

@@ -26,6 +26,18 @@ class NodeDied(NodeError):  # noqa: N818 - it says what is wrong
         self.text = text
 
 
+class NodeHangs(NodeError):  # noqa: N818 - it says what is wrong
+    """The process of a cell gives no answer, and was ended; `text` is what it said."""
+
+    def __init__(self, node_id: int, limit_s: float, text: str) -> None:
+        said = f": {text.strip()}" if text.strip() else ""
+        super().__init__(
+            f"cell {node_id} hangs: no answer for {limit_s:g} s; its process was ended{said}"
+        )
+        self.node_id = node_id
+        self.text = text
+
+
 class CellBank(Protocol):
     """Cells in lock step with the simulation, numbered from 0."""
 

@@ -3,6 +3,7 @@
 import os
 import platform
 import re
+import select
 import shutil
 import subprocess
 import sys
@@ -14,7 +15,7 @@ from pathlib import Path
 import mdms_cell
 import mdms_protocol
 from mdms_sim.nodes import lockstep
-from mdms_sim.nodes.bank import MicropythonMissing, NodeDied
+from mdms_sim.nodes.bank import MicropythonMissing, NodeDied, NodeHangs
 from mdms_sim.nodes.blocks import Blocks
 
 _MAIN = Path(__file__).with_name("micropython_main.py")
@@ -26,6 +27,10 @@ _LAUNCH = Path(__file__).with_name("micropython_launch.py")
 #: Requests as they are written, by number.
 _REQUESTS = tuple(bytes((request,)) for request in range(256))
 _NOTHING_NEW = b"\0"
+#: How long an answer may take, and the first one, for which the interpreter has to start [s]. A
+#: tick takes a millisecond; the rest is for a machine that has other work.
+_ANSWER_S = 4.5
+_START_S = 30.0
 
 
 def find_micropython() -> str:
@@ -70,6 +75,9 @@ class MicropythonProcess:
             self._answers, child_writes = os.pipe()
             child.callback(os.close, child_writes)
             own.callback(os.close, self._answers)
+            self._answered = select.poll()
+            self._answered.register(self._answers, select.POLLIN)
+            self._limit_s = _START_S
             self._said = own.enter_context(tempfile.TemporaryFile())
             self._process = subprocess.Popen(
                 [
@@ -95,7 +103,15 @@ class MicropythonProcess:
             raise self._died() from None
 
     def answer(self) -> bool:
-        """Waits for the process; whether its outbox has anything. NodeDied if it has died."""
+        """Waits for the process; whether its outbox has anything.
+
+        NodeDied if it has died, NodeHangs if it does not answer in time; then it is ended.
+        """
+        if not self._answered.poll(self._limit_s * 1000):
+            self._process.kill()
+            self._process.wait()
+            raise NodeHangs(self.node_id, self._limit_s, self._text())
+        self._limit_s = _ANSWER_S
         answer = os.read(self._answers, 1)
         if not answer:
             raise self._died()

@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mdms_sim.plots.canvas import save
+from mdms_sim.plots.canvas import MARK, save
 from mdms_sim.plots.plane import draw_plane
 from mdms_sim.plots.row import draw_row
 from mdms_sim.plots.wheels import draw_wheels
+
+__all__ = ["MARK", "is_row", "save_picture", "save_wheels"]
 
 if TYPE_CHECKING:
     from mdms_model.run.record import Record
@@ -28,13 +30,13 @@ def is_row(scenario: "Scenario") -> bool:
 
 
 def save_picture(path: Path, scenario: "Scenario", record: "Record") -> None:
-    """Draw a run into a PNG file, in the way that suits its array. Raises OSError."""
+    """Draw a run into a file, in the way that suits its array; see `save`."""
     draw = draw_row if is_row(scenario) else draw_plane
     save(draw(*drawable(scenario, record)), path)
 
 
 def save_wheels(path: Path, scenario: "Scenario", record: "Record") -> None:
-    """Draw every wheel's contact, forces and slip into a PNG file. Raises OSError."""
+    """Draw every wheel's contact, forces and slip into a file; see `save`."""
     save(draw_wheels(scenario, record), path)
 
 

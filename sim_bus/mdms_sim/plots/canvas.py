@@ -3,16 +3,29 @@
 import warnings
 from pathlib import Path
 
+import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
+#: Written into every picture.
+MARK = "drawn by mdms"
+#: What a picture may be written as, and the metadata of each, which leave the date out.
+FORMATS: dict[str, dict[str, str | None]] = {
+    "png": {"Software": MARK},
+    "svg": {"Creator": MARK, "Date": None},
+    "pdf": {"Creator": MARK, "CreationDate": None},
+}
 DPI = 150
 INK = "#1c2733"
 FAINT = "#8b97a3"
 #: One colour per parcel, told apart by people with any kind of colour vision (Okabe and Ito).
 PARCEL_COLOURS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+
+
+class PictureFormatError(ValueError):
+    """A name that says no format in which pictures are written."""
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
@@ -45,13 +58,22 @@ def parcel_colour(number: int) -> str:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG, the same bytes for the same picture. Raises OSError.
+    """Write a figure in the format of the name: the same bytes for the same picture.
+
+    Raises OSError, and PictureFormatError for a name that ends in none of `FORMATS`; PNG without
+    an ending. `MARK` stands in the file.
 
     Titles and names are people's own text: no dollar sign in them starts a formula, and a letter
     that the font lacks is drawn as a box without a word about it.
     """
+    form = path.suffix.removeprefix(".").lower() or "png"
+    if form not in FORMATS:
+        raise PictureFormatError(
+            f"{path}: a picture ends in {', '.join('.' + name for name in FORMATS)}"
+        )
     for text in figure.findobj(Text):
         text.set_parse_math(False)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
-        figure.savefig(path, format="png", metadata={"Software": None})
+        with matplotlib.rc_context({"svg.hashsalt": MARK}):
+            figure.savefig(path, format=form, metadata=FORMATS[form])

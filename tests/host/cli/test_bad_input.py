@@ -88,6 +88,13 @@ def test_field_table_of_the_wrong_length(mdms, tmp_path):
     assert_refused(done, "one speed for each of the 10 wheels", tmp_path)
 
 
+@pytest.mark.parametrize("field", ["goal", "inward"])
+def test_speed_that_the_wire_does_not_carry(mdms, tmp_path, field):
+    fast = ("--set", "motion.speed_m_s=20", "--set", f"motion.field={field}")
+    done = mdms("simulate", "array18", *fast, "--out", "run")
+    assert_refused(done, "a setpoint on the wire is at most 10 m/s", tmp_path)
+
+
 def test_gain_that_the_firmware_cannot_hold(mdms, tmp_path):
     heavy = ("--set", "cell.rotor_inertia_kg_m2=0.01")
     done = mdms("simulate", "array18", *heavy, "--set", "cell.gain_vs_per_m=1000", "--out", "run")

@@ -29,3 +29,17 @@ def test_interrupted_run_is_told_in_one_line_and_not_kept(tmp_path, nodes):
         assert process.stderr.read() == b"mdms: interrupted\n"
     assert process.returncode == 130
     assert list(tmp_path.iterdir()) == []
+
+
+def test_killed_run_leaves_the_old_one_whole_and_the_next_clears_up(tmp_path):
+    short = ["simulate", "paper-fig7", "--set", "run.duration_s=0.1", "--out", "run"]
+    subprocess.run([str(MDMS), *short], cwd=tmp_path, check=True, capture_output=True)
+    before = {path.name: path.read_bytes() for path in (tmp_path / "run").iterdir()}
+    command = [str(MDMS), "simulate", "array18", *LONG, "--out", "run"]
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE) as process:
+        wait_for_frames(process, tmp_path)
+        process.kill()
+    assert {path.name: path.read_bytes() for path in (tmp_path / "run").iterdir()} == before
+    assert len(list(tmp_path.iterdir())) == 2
+    subprocess.run([str(MDMS), *short], cwd=tmp_path, check=True, capture_output=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]

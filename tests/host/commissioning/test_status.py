@@ -31,14 +31,14 @@ def text(model: StatusModel, now_s: float) -> str:
 def test_a_cell_that_appears_is_asked_once() -> None:
     model, asked = StatusModel(), []
     model.on_frame(Frame(0x705, b"\x7f"), 0.0)
-    replies = {WORD: 0x40, 0x6841: 0x27, PRESENCE: 0b10001}
+    replies = {WORD: 0x40, 0x6841: 0x27, PRESENCE: 0b10001, 0x603F: 0, 0x683F: 0}
     for step in range(20):
         for frame in model.poll(step / 100):
             asked.append(frame)
             index = frame.data[1] | frame.data[2] << 8
             model.on_frame(answer(index, replies[index]), step / 100)
     model.on_frame(Frame(0x705, b"\x7f"), 0.2)
-    assert [frame.can_id for frame in asked] == [0x605] * 3
+    assert [frame.can_id for frame in asked] == [0x605] * 5
     (row,) = model.rows(0.2)
     assert row.drives == ("switch on disabled", "operation enabled")
     assert row.presence == 0b10001
@@ -60,7 +60,7 @@ def test_changes_that_cells_tell_are_shown() -> None:
     shown = text(model, 0.1)
     assert "○○●○○" in shown
     assert "12.3" in shown
-    assert "emergency 0x8130" in shown
+    assert "0x8130: heartbeat of the host lost" in " ".join(shown.split())
 
 
 def test_a_cell_that_falls_silent_is_shown_so() -> None:
@@ -81,3 +81,51 @@ def test_a_node_that_gives_no_answer_is_left_in_peace() -> None:
     asked = [frame for step in range(500) for frame in model.poll(step / 100)]
     assert len(asked) == 3
     assert model.rows(5.0)[0].drives is None
+
+
+def test_a_fault_from_before_is_named_with_its_words() -> None:
+    """The emergency went out before anybody listened."""
+    model = StatusModel()
+    model.on_frame(Frame(0x705, b"\x05"), 0.0)
+    replies = {WORD: 0x27, 0x6841: 0x08, PRESENCE: 0, 0x603F: 0x8250, 0x683F: 0x7121}
+    for step in range(20):
+        for frame in model.poll(step / 100):
+            index = frame.data[1] | frame.data[2] << 8
+            model.on_frame(answer(index, replies[index]), step / 100)
+    (row,) = model.rows(0.1)
+    assert row.errors == ("0x7121: wheel stands under voltage: stalled (axis 2)",)
+    assert row.emergency == 0x7121
+
+
+def test_an_error_that_is_gone_is_no_longer_shown_and_others_stay() -> None:
+    model = after(
+        Frame(0x705, b"\x05"),
+        Frame(0x085, bytes.fromhex("5082110100000000")),
+        Frame(0x085, bytes.fromhex("3081110300000000")),
+        Frame(0x085, bytes.fromhex("0000110300000000")),
+    )
+    (row,) = model.rows(0.1)
+    assert row.errors == ("0x8250: no setpoint for 50 ms (axis 1)",)
+    model.on_frame(Frame(0x705, b"\x00"), 0.1)
+    assert model.rows(0.1)[0].errors == ()
+
+
+def test_table_names_the_unit_and_fits_80_columns() -> None:
+    speeds = (-123_400).to_bytes(4, "little", signed=True) * 2
+    frames = [
+        frame
+        for node in range(1, 19)
+        for frame in (
+            Frame(0x700 + node, b"\x7f"),
+            Frame(0x280 + node, bytes((0x40, 0, 0x40, 0, 0b00100))),
+            Frame(0x180 + node, speeds),
+        )
+    ]
+    console = Console(file=io.StringIO(), width=80)
+    console.print(status_table(after(*frames).rows(0.06)))
+    lines = [line for line in console.file.getvalue().splitlines() if line.strip()]
+    assert len(lines) == 18 + 2
+    assert "mm/s" in lines[0]
+    assert "pre-operational" in lines[2]
+    assert "switch on disabled" in lines[2]
+    assert "-123.4 -123.4" in lines[2]

@@ -359,3 +359,42 @@ def test_a_cell_that_does_not_say_who_it_is_is_a_fault() -> None:
         "cell 1 (node 1) cannot be identified: it refuses a read of 0x1018:3 "
         "(abort code 0x06020000)"
     )
+
+
+def emergency(code: int, source: int) -> Frame:
+    return Frame(0x082, code.to_bytes(2, "little") + bytes((0x11, source, 0, 0, 0, 0)))
+
+
+def test_emergencies_have_their_words_and_what_is_cleared_is_called_so(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, still())
+    array = running(rolling_array, coordinator)
+    before = len(coordinator.events)
+    for code, source in ((0x8250, 1), (0x8250, 1), (0x8130, 3), (0, 1)):
+        coordinator.on_frame(emergency(code, source), array.now_s)
+    assert [text for _, text in coordinator.events[before:]] == [
+        "cell 2 (node 2) sends emergency 0x8250: no setpoint for 50 ms (axis 1)",
+        "cell 2 (node 2) sends emergency 0x8130: heartbeat of the host lost",
+        "cell 2 (node 2) clears emergency 0x8250: no setpoint for 50 ms (axis 1)",
+    ]
+
+
+def test_a_drive_that_trips_is_named_with_its_reason(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, still())
+    array = running(rolling_array, coordinator)
+    array.cells[1].states[1] = cia402.FAULT
+    coordinator.on_frame(emergency(0x7121, 2), array.now_s)
+    array.run(coordinator, array.now_s + 0.2, lambda: coordinator.stopped)
+    assert coordinator.fault == (
+        "cell 2 (node 2) has disabled its drives: axis 1 operation enabled, axis 2 fault; "
+        "0x7121: wheel stands under voltage: stalled (axis 2)"
+    )
+
+
+def test_another_host_that_begins_at_the_same_time_stops_both(rolling_array) -> None:
+    """Each has listened before, and nobody spoke yet."""
+    coordinator = Coordinator(LAYOUT, FieldProgram(np.full(36, 0.05)))
+    array = running(rolling_array, coordinator)
+    array.inject(nmt.heartbeat(127, nmt.OPERATIONAL))
+    array.run(coordinator, array.now_s + 0.5, lambda: coordinator.stopped)
+    assert coordinator.phase == Phase.FAILED
+    assert "another host runs on this bus (a heartbeat of node 127)" in coordinator.fault

@@ -82,3 +82,33 @@ def test_a_fault_names_what_was_held_up(link) -> None:
     done = operate(coordinator(), link, link, 10.0, on_event=hold_up)
     assert done.ending == Ending.FAULT
     assert "this program's own cycle was up to" in done.fault
+
+
+def test_an_error_in_the_cycle_leaves_the_array_off_and_is_raised(link) -> None:
+    class Failing(FieldProgram):
+        steps = 0
+
+        def references_m_s(self, poses, step_s, corrected=None):
+            self.steps += 1
+            if self.steps == 20:
+                raise ZeroDivisionError
+            return super().references_m_s(poses, step_s)
+
+    one = Coordinator(LAYOUT, Failing(np.full(6, 0.05)), timing=Timing())
+    with pytest.raises(ZeroDivisionError):
+        operate(one, link, link, 10.0)
+    assert one.phase == Phase.STOPPED
+    assert not any(cell.moving for cell in one.cells)
+
+
+def test_an_ending_that_fails_as_well_takes_the_cells_out_of_operational(link, monkeypatch) -> None:
+    one = coordinator()
+
+    def fail(_now_s: float, text: str) -> None:
+        if text == Phase.RUNNING:
+            monkeypatch.setattr(one, "poll", lambda _now_s: 1 / 0)
+
+    with pytest.raises(ZeroDivisionError):
+        operate(one, link, link, 10.0, on_event=fail)
+    link.sleep(0.3)
+    assert set(link.states.values()) == {nmt.PRE_OPERATIONAL}

@@ -13,7 +13,7 @@ from mdms_cell.drive import speed_loop
 from mdms_protocol import cob, nmt
 from mdms_protocol.frame import Frame
 from mdms_sim.nodes import lockstep, micropython_bank, micropython_process
-from mdms_sim.nodes.bank import NodeDied
+from mdms_sim.nodes.bank import NodeDied, NodeHangs
 from mdms_sim.nodes.blocks import Blocks
 from mdms_sim.nodes.micropython_bank import MicropythonBank
 from mdms_sim.nodes.python_bank import PythonBank
@@ -198,3 +198,17 @@ def test_frames_are_added_to_an_inbox_until_it_is_full():
         fitting += 1
     blocks.close()
     assert fitting == lockstep.INBOX_MAX // lockstep.FRAME_MAX
+
+
+def test_process_that_hangs_is_named_within_five_seconds_and_ended():
+    bank = MicropythonBank([1, 7])
+    try:
+        tick(bank, BOOT_TICKS)
+        process = bank._processes[1]._process
+        os.kill(process.pid, signal.SIGSTOP)
+        assert micropython_process._ANSWER_S < 5.0
+        with pytest.raises(NodeHangs, match=r"cell 7 hangs: no answer for 4.5 s; its process was"):
+            tick(bank)
+        assert process.poll() == -signal.SIGKILL
+    finally:
+        bank.close()

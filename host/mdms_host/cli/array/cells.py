@@ -9,13 +9,14 @@ from rich.live import Live
 
 from mdms_host.can_link.link import Link, drive, open_bus
 from mdms_host.cli.array.bus import NO_NODES, open_link
-from mdms_host.cli.console import say, show
+from mdms_host.cli.console import dots, show
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.scenario.load import warn_of_load, wire_of
+from mdms_host.cli.streams import say
 from mdms_host.clock import Clock, MonotonicClock
 from mdms_host.commissioning.scan import scan_bus, scan_table
 from mdms_host.commissioning.status import StatusModel, status_table
-from mdms_host.commissioning.stop import stop_all
+from mdms_host.commissioning.stop import not_off_text, stop_all
 
 #: Ten heartbeats at their default period.
 LISTEN_S = 1.0
@@ -48,7 +49,7 @@ def status(arguments: Namespace) -> Exit:
         elif rows and sys.stdout.isatty() and not arguments.once:
             _show_live(model, link, clock)
         elif rows:
-            show(status_table(rows))
+            show(status_table(rows, dots()))
         if not arguments.json:
             _show_link(link)
     if not rows:
@@ -66,8 +67,7 @@ def stop(arguments: Namespace) -> Exit:
     if not report.heard:
         raise CommandError(NO_NODES, Exit.NO_DEVICE)
     if report.not_off:
-        nodes = ", ".join(map(str, report.not_off))
-        raise CommandError(f"not off: node {nodes}; cut the motors' power", Exit.NODE_FAULT)
+        raise CommandError(not_off_text(report), Exit.NODE_FAULT)
     if not arguments.json:
         print(f"{len(report.heard)} cells are off")
     return Exit.OK
@@ -90,7 +90,7 @@ def _show_live(model: StatusModel, link: Link, clock: Clock) -> None:
             nonlocal due_s
             if clock.now_s() >= due_s:
                 due_s += REDRAW_S
-                table = status_table(model.rows(clock.now_s()))
+                table = status_table(model.rows(clock.now_s()), dots())
                 table.caption = str(link.counts)
                 live.update(table, refresh=True)
             return False

@@ -8,6 +8,8 @@ from mdms_host.cli.array.bus import open_link
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.extras import SIMULATION, require
 from mdms_host.cli.records.bus_log import LogPlayer, chosen, read_log
+from mdms_host.commissioning.stop import not_off_text, stop_all
+from mdms_host.coordination.other_host import refuse_other_host
 from mdms_model.run.folder import BUS_LOG
 
 
@@ -15,10 +17,14 @@ def run(arguments: Namespace) -> Exit:
     """Send the log again, and report what came of it."""
     if arguments.nodes is None:
         return _send(arguments)
-    if arguments.only == "cells" or vars(arguments).keys() & {"interface", "channel"}:
+    if (
+        arguments.all
+        or arguments.only == "cells"
+        or vars(arguments).keys() & {"interface", "channel"}
+    ):
         raise CommandError(
             "--nodes: simulated cells are sent the host's frames, and on a bus of their own; "
-            "leave --only cells, -i and -c out",
+            "leave --all, --only cells, -i and -c out",
             Exit.USAGE,
         )
     require(SIMULATION, "mdms replay --nodes")
@@ -29,15 +35,24 @@ def run(arguments: Namespace) -> Exit:
 
 
 def _send(arguments: Namespace) -> Exit:
-    """Send the log to a bus, frame by frame, and print how many there were."""
-    frames = list(chosen(read_log(arguments.folder / BUS_LOG), arguments.only))
+    """Send the log to a bus, frame by frame, turn all off, and print how many there were."""
+    sender = "all" if arguments.all else arguments.only
+    frames = list(chosen(read_log(arguments.folder / BUS_LOG), sender))
     with open_link(arguments) as (link, clock):
+        refuse_other_host(link, clock)
         player = LogPlayer(frames, clock.now_s())
-        drive(player, link, clock, lambda: player.over)
-        duration_s, unsent = clock.now_s() - player.start_s, link.unsent
+        try:
+            drive(player, link, clock, lambda: player.over)
+            duration_s, unsent = clock.now_s() - player.start_s, link.unsent
+        finally:
+            # The host of the log may not have come to its end, and what it enabled would run on
+            # until the cells miss it, and then stand in fault.
+            stopped = stop_all(link, clock)
     figures = {"frames": len(frames), "unsent": unsent, "duration_s": duration_s}
     if arguments.json:
         print(json.dumps(figures))
     else:
         print(f"sent {len(frames) - unsent} of {len(frames)} frames in {duration_s:.2f} s")
+    if stopped.not_off:
+        raise CommandError(not_off_text(stopped), Exit.NODE_FAULT)
     return Exit.OK if not unsent else Exit.FAILURE

@@ -2,26 +2,34 @@
 
 import json
 from argparse import Namespace
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from math import isnan
 from typing import Any
 
 from mdms_host.can_link.link import DeviceGoneError
 from mdms_host.cli.array.bus import open_link
-from mdms_host.cli.console import say
-from mdms_host.cli.exits import INTERRUPTED, CommandError, Exit
+from mdms_host.cli.exits import CommandError, Exit, exit_of
+from mdms_host.cli.files import writing
 from mdms_host.cli.records.bus_log import LogWriter
 from mdms_host.cli.records.keep import keep_run, lasting
 from mdms_host.cli.scenario.belief import Belief, believe
-from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
+from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of, goals_by_parcel
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.scenario.load import check_load
+from mdms_host.cli.streams import say
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, Operation, operate
+from mdms_host.coordination.other_host import refuse_other_host
 from mdms_host.coordination.recorder import Recorder
+from mdms_host.motion.goal import Goal
+from mdms_host.motion.outcome import GoalOutcome, missed_text, outcome_of
 from mdms_model.run.folder import BUS_LOG, fresh_folder
 from mdms_model.scenario.scenario import Scenario
 
+#: What the bring-up may take of a run's time limit, which else is the scenario's duration.
+BRING_UP_S = 10.0
 #: How the command ends by how the run has.
 EXITS = {
     Ending.DONE: Exit.OK,
@@ -41,6 +49,8 @@ def run(arguments: Namespace) -> int:
     belief = believe(scenario, arguments.array, arguments)
     check_load(belief.scenario, arguments)
     coordinator = coordinator_of(belief.scenario, belief.cells)
+    if arguments.limit is None:
+        arguments.limit = scenario.run.duration_s + BRING_UP_S
     if arguments.out is None:
         operation, _ = _operate(coordinator, arguments)
         figures = _figures(belief.scenario, coordinator, operation)
@@ -52,7 +62,21 @@ def run(arguments: Namespace) -> int:
         if counts := str(operation.link):
             say(f"frames: {counts}")
         print(f"{scenario.title}: {operation.ending} after {operation.duration_s:.1f} s")
-    return _verdict(operation)
+    return _verdict(operation, missed_text(goals_of(belief.scenario, coordinator)))
+
+
+@contextmanager
+def _broken_off() -> Iterator[None]:
+    """Says of an error that nobody expected what became of the array."""
+    try:
+        yield
+    except Exception as error:
+        if exit_of(error) is not None:
+            raise
+        what = f"{type(error).__name__}: {error}"
+        raise CommandError(
+            f"the run was broken off, and the array turned off: {what}", Exit.FAILURE
+        ) from error
 
 
 def _operate_and_keep(
@@ -72,7 +96,8 @@ def _operate_and_keep(
         figures["run"] = str(arguments.out)
         record = recorder.record(incidents)
         lasted = lasting(belief.scenario, float(record.time_s[-1]))
-        keep_run(folder, lasted, record, figures)
+        with writing(arguments.out):
+            keep_run(folder, lasted, record, figures)
     return operation, figures
 
 
@@ -81,7 +106,8 @@ def _operate(
 ) -> tuple[Operation, list[tuple[float, str]]]:
     """Operate the array; how it ended, and what the link met meanwhile."""
     # A bus that cannot be opened raises; one that goes away later ends the run.
-    with open_link(arguments) as (link, clock):
+    with open_link(arguments) as (link, clock), _broken_off():
+        refuse_other_host(link, clock)
         try:
             operation = operate(
                 coordinator, link, clock, arguments.limit, _print_event, participant=recorder
@@ -109,13 +135,26 @@ def _figures(scenario: Scenario, coordinator: Coordinator, operation: Operation)
         "fault": operation.fault,
         "link": asdict(operation.link),
         "parcels": parcels,
+        "goals": [asdict(outcome) for outcome in goals_of(scenario, coordinator)],
     }
 
 
-def _verdict(operation: Operation) -> int:
-    if operation.ending is Ending.INTERRUPTED:
-        return INTERRUPTED
+def goals_of(scenario: Scenario, coordinator: Coordinator) -> list[GoalOutcome]:
+    """How far from its goal each parcel that is steered to one is believed to have ended."""
+    goals = zip(scenario.parcel, goals_by_parcel(scenario), strict=True)
+    return [_outcome(coordinator, parcel.name, goal) for parcel, goal in goals if goal is not None]
+
+
+def _outcome(coordinator: Coordinator, name: str, goal: Goal) -> GoalOutcome:
+    believed = coordinator.estimate(name)
+    pose = None if believed is None else (believed.x_m, believed.y_m, believed.yaw_rad)
+    return outcome_of(name, goal, pose, coordinator.arrived_s.get(name))
+
+
+def _verdict(operation: Operation, missed: str | None) -> int:
+    if operation.interrupt is not None:
+        raise operation.interrupt
     code = EXITS[operation.ending]
     if code is not Exit.OK:
-        raise CommandError(operation.fault or "the time limit has passed", code)
+        raise CommandError(operation.fault or missed or "the time limit has passed", code)
     return code

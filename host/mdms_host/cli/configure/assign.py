@@ -6,8 +6,8 @@ from pathlib import Path
 
 from mdms_host.cli.array.bus import NO_NODES
 from mdms_host.cli.configure.cells import open_commissioning
-from mdms_host.cli.console import say
 from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.streams import say
 from mdms_host.commissioning.array_file import filed_cells
 from mdms_host.commissioning.cell_settings import identify_cells
 from mdms_host.commissioning.network import Commissioning

@@ -1,5 +1,6 @@
 """`mdms configure dump` and `load`: settings to a file, and back to cells by serial numbers."""
 
+import json
 from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,8 +16,10 @@ from mdms_host.cli.configure.cells import (
 )
 from mdms_host.cli.configure.options import nodes_of
 from mdms_host.cli.configure.set import check_margins, to_read
-from mdms_host.cli.console import progress, say
-from mdms_host.cli.exits import CommandError, Exit, writing
+from mdms_host.cli.console import progress
+from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.files import replacing
+from mdms_host.cli.streams import say
 from mdms_host.commissioning.array_file import FiledCell, array_text, filed_cells
 from mdms_host.commissioning.cell_settings import CellSettings, identify_cells, read_settings
 from mdms_host.commissioning.network import Commissioning
@@ -33,11 +36,14 @@ def dump(arguments: Namespace) -> Exit:
     if arguments.file == STDOUT:
         print(text, end="")
         return Exit.OK
-    partial = arguments.file.with_name(f".{arguments.file.name}.partial")
-    with writing(arguments.file, Exit.FAILURE):
+    # The first line says who has written the file.
+    mark = text.partition("\n")[0].encode()
+    with replacing(arguments.file, mark, arguments.force) as partial:
         partial.write_text(text, encoding="utf-8")
-        partial.replace(arguments.file)
-    print(f"{len(cells)} cells, {len(PARAMETERS)} settings each: {arguments.file}")
+    if arguments.json:
+        print(json.dumps({"file": str(arguments.file), "cells": len(cells)}))
+    else:
+        print(f"{len(cells)} cells, {len(PARAMETERS)} settings each: {arguments.file}")
     return Exit.OK
 
 

@@ -3,7 +3,7 @@
 from argparse import ArgumentParser, ArgumentTypeError
 from pathlib import Path
 
-from mdms_host.cli.options import add_json
+from mdms_host.cli.options import add_force, add_json
 from mdms_host.cli.parser import Verb
 from mdms_protocol.cob import CELL_NODE_MAX, HOST_NODE, NODE_MAX, NODE_MIN
 
@@ -64,6 +64,8 @@ def _add_assign(parser: ArgumentParser) -> None:
 def _add_dump(parser: ArgumentParser) -> None:
     parser.add_argument("file", metavar="FILE", type=Path, help="a TOML file, or - for stdout")
     _add_nodes(parser)
+    add_force(parser)
+    add_json(parser)
 
 
 def _add_load(parser: ArgumentParser) -> None:

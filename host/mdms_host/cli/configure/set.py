@@ -11,9 +11,9 @@ from mdms_host.cli.configure.cells import (
     show_changes,
     write_cells,
 )
-from mdms_host.cli.console import say
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.scenario.gain import motor_of
+from mdms_host.cli.streams import say
 from mdms_host.commissioning.cell_settings import CellSettings, Change
 from mdms_host.commissioning.loop_margin import GainError, Observer, check_gain
 from mdms_host.commissioning.parameters import BY_NAME, Parameter, parse_assignments

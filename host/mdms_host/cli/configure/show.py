@@ -4,11 +4,13 @@ import json
 from argparse import Namespace
 from collections.abc import Sequence
 
+from rich import box
 from rich.table import Table
 
 from mdms_host.cli.configure.cells import open_commissioning, ranges, read_cells
-from mdms_host.cli.console import say, show
+from mdms_host.cli.console import show
 from mdms_host.cli.exits import Exit
+from mdms_host.cli.streams import say
 from mdms_host.commissioning.cell_settings import CellSettings
 from mdms_host.commissioning.parameters import PARAMETERS, WIRING, Parameter, find_parameters
 
@@ -58,12 +60,15 @@ def _row(parameter: Parameter, cells: Sequence[CellSettings]) -> dict[str, objec
 
 def _table(parameters: Sequence[Parameter], cells: Sequence[CellSettings]) -> Table:
     nodes = ranges(cell.node_id for cell in cells)
-    table = Table("setting", "object", "", f"node {nodes}", "unit", "default", "limits")
+    table = Table(box=box.SIMPLE_HEAD, padding=0, collapse_padding=True)
+    for name in ("setting", "object", ""):
+        table.add_column(name, no_wrap=True)
+    for name in (f"node {nodes}", "unit", "default", "limits"):
+        table.add_column(name, overflow="fold")
     for parameter in parameters:
         entry = parameter.entry
         changed = any(_changed(parameter, cell) for cell in cells)
         differ = _differ(parameter, cells)
-        low, high = (parameter.text(bound, unit=False) for bound in (entry.low, entry.high))
         default = parameter.text(entry.default, unit=False)
         table.add_row(
             parameter.name,
@@ -72,10 +77,17 @@ def _table(parameters: Sequence[Parameter], cells: Sequence[CellSettings]) -> Ta
             _values(parameter, cells),
             parameter.unit,
             f"node + {default}" if entry.from_node else default,
-            f"{low} to {high}",
+            _limits(parameter),
             style="red" if differ else "yellow" if changed else None,
         )
     return table
+
+
+def _limits(parameter: Parameter) -> str:
+    """The limits; what is alike to both sides is written once, which 80 columns have room for."""
+    entry = parameter.entry
+    low, high = (parameter.text(bound, unit=False) for bound in (entry.low, entry.high))
+    return f"+-{high}" if low == f"-{high}" else f"{low} to {high}"
 
 
 def _values(parameter: Parameter, cells: Sequence[CellSettings]) -> str:

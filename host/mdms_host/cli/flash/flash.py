@@ -8,9 +8,10 @@ from functools import partial
 from threading import Lock
 from typing import TYPE_CHECKING
 
-from mdms_host.cli.console import progress, say, show
+from mdms_host.cli.console import progress, show
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.options import add_json
+from mdms_host.cli.streams import say
 from mdms_host.flashing.board_survey import MACHINES
 
 if TYPE_CHECKING:

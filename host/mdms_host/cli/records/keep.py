@@ -5,10 +5,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from mdms_host.cli.console import say
-from mdms_host.cli.exits import Exit, writing
 from mdms_host.cli.extras import PICTURES
 from mdms_host.cli.records.bus_log import convert_log
+from mdms_host.cli.streams import say
 from mdms_model.run.folder import BUS_LOG, DATABASE, SavePicture, write_run
 from mdms_model.run.record import Record
 from mdms_model.scenario.file import scenario_from
@@ -26,13 +25,12 @@ def keep_run(
 ) -> None:
     """Write everything of a run; its bus log, if it had a bus, is there already.
 
-    Raises `CommandError` for a folder that cannot be written.
+    Raises OSError.
     """
-    with writing(folder, Exit.FAILURE):
-        if (folder / BUS_LOG).exists():
-            convert_log(folder / BUS_LOG, bus_format)
-            shutil.copyfile(data_sheet(DATABASE), folder / DATABASE)
-        write_run(folder, scenario, record, figures, _painter(record))
+    if (folder / BUS_LOG).exists():
+        convert_log(folder / BUS_LOG, bus_format)
+        shutil.copyfile(data_sheet(DATABASE), folder / DATABASE)
+    write_run(folder, scenario, record, figures, _painter(record))
 
 
 def lasting(scenario: Scenario, duration_s: float) -> Scenario:

@@ -1,6 +1,6 @@
 """From a scenario to the host's own objects: array, parcels, program, settings of the cells."""
 
-from math import pi
+from math import hypot, pi
 
 import numpy as np
 
@@ -14,7 +14,8 @@ from mdms_host.commissioning.loop_margin import observer_for
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
-from mdms_host.motion.goal import Limits
+from mdms_host.motion.allocation import AHEAD_M
+from mdms_host.motion.goal import Goal, Limits
 from mdms_host.motion.program import FieldProgram, GoalProgram, Program
 from mdms_model import fields
 from mdms_model.array import build_wheels
@@ -38,6 +39,7 @@ def coordinator_of(scenario: Scenario, cells: Cells | None = None) -> Coordinato
     """
     scenario = believed(scenario)
     cells = cells or Cells()
+    check_speed(scenario)
     layout, parcels = layout_of(scenario, cells.node_ids), parcels_of(scenario)
     program = _program(scenario, layout, parcels, cells)
     return Coordinator(
@@ -48,6 +50,36 @@ def coordinator_of(scenario: Scenario, cells: Cells | None = None) -> Coordinato
         own_settings=cells.settings,
         timing=timing_of(scenario.wire),
     )
+
+
+def check_speed(scenario: Scenario) -> None:
+    """Raise `CommandError` for a motion that may ask for references which the wire does not carry.
+
+    A wheel under a parcel that moves and turns goes faster than its centre and its corners, which
+    are within the speed together.
+    """
+    entry = pdo.TARGET_VELOCITY.entries[0]
+    limit_m_s = entry.high / steps_per_unit(entry.unit)
+    if scenario.motion.field == "goal":
+        droop = drive_of(scenario.cell).droop
+        fastest_m_s = scenario.motion.speed_m_s * _wheel_share(scenario) / droop
+    else:
+        fastest_m_s = float(abs(references_m_s(scenario)).max())
+    if fastest_m_s > limit_m_s:
+        raise CommandError(
+            f"motion.speed_m_s is {scenario.motion.speed_m_s:g}: wheels would be set to "
+            f"{fastest_m_s:.3g} m/s, but a setpoint on the wire is at most {limit_m_s:g} m/s",
+            Exit.USAGE,
+        )
+
+
+def _wheel_share(scenario: Scenario) -> float:
+    """Speed of the fastest wheel for a parcel, over that of its centre and corners together.
+
+    Wheels as far outside as `AHEAD_M` run for a parcel too: sqrt(1 + (r / reach)^2) at most.
+    """
+    reaches_m = [hypot(parcel.length_m, parcel.width_m) / 2 for parcel in scenario.parcel]
+    return max(hypot(1.0, 1.0 + AHEAD_M / reach_m) for reach_m in reaches_m)
 
 
 def layout_of(scenario: Scenario, node_ids: tuple[int, ...] = ()) -> Layout:
@@ -118,13 +150,20 @@ def parcels_of(scenario: Scenario) -> tuple[Parcel, ...]:
     )
 
 
+def goals_by_parcel(scenario: Scenario) -> list[Goal | None]:
+    """The goal that each parcel is steered to, in their order; None for those that are not."""
+    if scenario.motion.field != "goal":
+        return [None] * len(scenario.parcel)
+    return [goal_of(parcel) for parcel in scenario.parcel]
+
+
 def _program(
     scenario: Scenario, layout: Layout, parcels: tuple[Parcel, ...], cells: Cells
 ) -> Program:
     if scenario.motion.field != "goal":
         return FieldProgram(references_m_s(scenario))
-    told = {parcel.name: goal_of(parcel) for parcel in scenario.parcel}
-    goals = {name: goal for name, goal in told.items() if goal is not None}
+    steered = zip(scenario.parcel, goals_by_parcel(scenario), strict=True)
+    goals = {parcel.name: goal for parcel, goal in steered if goal is not None}
     limits = Limits(
         speed_m_s=scenario.motion.speed_m_s,
         friction=scenario.cell.friction,

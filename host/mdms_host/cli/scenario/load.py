@@ -3,8 +3,8 @@
 from argparse import Namespace
 from dataclasses import replace
 
-from mdms_host.cli.console import say
 from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.streams import say
 from mdms_host.coordination.schedule import Timing
 from mdms_model.bus_time import CROWDED, OVERLOADED, BusTraffic
 from mdms_model.scenario.scenario import Scenario, Wire

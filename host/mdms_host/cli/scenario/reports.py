@@ -5,10 +5,10 @@ from argparse import Namespace
 from dataclasses import asdict
 from typing import Any
 
-from mdms_host.cli.console import say
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.extras import COMPILER
 from mdms_host.cli.scenario.gain import MASSLESS, gain_limits
+from mdms_host.cli.streams import say
 from mdms_model.limits import is_paper_row, parcel_limits
 from mdms_model.scenario.file import builtin_names, load_scenario
 

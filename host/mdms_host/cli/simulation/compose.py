@@ -23,13 +23,15 @@ SOLVERS = {"row": solve_row, "ideal": solve_ideal}
 class Finished:
     """A run that has ended: what it recorded, how long it took, and what a coordinator met.
 
-    `wall_s` leaves out `compile_s`, which passes once per installation.
+    `troubles` are what the coordinator found amiss, as (time [s], text). `wall_s` leaves out
+    `compile_s`, which passes once per installation.
     """
 
     record: Record
     nodes: str | None = None
     bus: BusFigures | None = None
     fault: str | None = None
+    troubles: tuple[tuple[float, str], ...] = ()
     wall_s: float = 0.0
     compile_s: float = 0.0
 
@@ -86,7 +88,8 @@ def _firmware(
             progress=progress,
         )
         _add_events(outcome.record, coordinator)
-        return Finished(outcome.record, nodes, outcome.bus, coordinator.fault)
+        troubles = tuple(coordinator.troubles)
+        return Finished(outcome.record, nodes, outcome.bus, coordinator.fault, troubles)
 
     return work
 

@@ -1,15 +1,18 @@
 """The figures of a run: the JSON of `simulate`, and the same for people."""
 
 from dataclasses import asdict
-from math import degrees, hypot
+from math import degrees, hypot, pi
 from typing import Any
 
 import numpy as np
 
 from mdms_host.cli.compiling import REPORTED_S
+from mdms_host.cli.scenario.coordination import goals_by_parcel
 from mdms_host.cli.simulation.compose import Finished
+from mdms_host.motion.goal import Goal
+from mdms_host.motion.outcome import REACHED_M, REACHED_RAD, GoalOutcome, outcome_of
 from mdms_model.arrays import Floats
-from mdms_model.run.record import Record
+from mdms_model.run.record import Contact, Record
 from mdms_model.scenario.scenario import Scenario
 
 POSE = ("x_m", "y_m", "yaw_rad")
@@ -34,10 +37,61 @@ def figures_of(scenario: Scenario, finished: Finished) -> dict[str, Any]:
         "compile_s": finished.compile_s,
         "real_time_factor": duration_s / finished.wall_s,
         "parcels": [_parcel(scenario, record, number) for number in range(len(scenario.parcel))],
+        "goals": [asdict(outcome) for outcome in goals_of(scenario, record)],
+        "fault": fault_of(finished),
+        "slipping_share": slipping_share(record),
     }
     if finished.bus is not None:
         figures["bus"] = asdict(finished.bus)
     return figures
+
+
+def goals_of(scenario: Scenario, record: Record) -> list[GoalOutcome]:
+    """How far from its goal each parcel that is steered to one ends in truth."""
+    return [
+        outcome_of(
+            parcel.name, goal, _pose(record.pose[-1, number]), _there_s(record, number, goal)
+        )
+        for number, (parcel, goal) in enumerate(
+            zip(scenario.parcel, goals_by_parcel(scenario), strict=True)
+        )
+        if goal is not None
+    ]
+
+
+def fault_of(finished: Finished) -> str | None:
+    """What ended the run before its time: a parcel that tips, or a fault of the nodes."""
+    tips = (event for event in finished.record.events if event.kind == "tip")
+    for tip in tips:
+        return f"{tip.parcel} tips at {tip.time_s:.3f} s: {tip.detail}"
+    return finished.fault
+
+
+def slipping_share(record: Record) -> float:
+    """Share of wheel contacts in motion, sample by sample, that slipped; 0 where nothing moved."""
+    slip_m_s = 0.0 if record.slip_m_s is None else record.slip_m_s
+    carried_m_s = record.speed_m_s - slip_m_s
+    moving = np.maximum(abs(record.speed_m_s), abs(carried_m_s)) > REST_SPEED_M_S
+    moving &= record.contact != Contact.NONE
+    slipping = moving & (record.contact != Contact.ROLLING)
+    return float(slipping.sum() / max(moving.sum(), 1))
+
+
+def _there_s(record: Record, number: int, goal: Goal) -> float | None:
+    """Since when the parcel has been at its goal [s]; None if it is not there at the end."""
+    x_m, y_m, yaw_rad = record.pose[:, number].T
+    turn_rad = (yaw_rad - goal.yaw_rad + pi) % (2 * pi) - pi
+    away = np.hypot(x_m - goal.x_m, y_m - goal.y_m) > REACHED_M
+    away |= abs(turn_rad) > REACHED_RAD
+    if away[-1]:
+        return None
+    outside = np.flatnonzero(away)
+    return float(record.time_s[outside[-1] + 1 if len(outside) else 0])
+
+
+def _pose(values: Floats) -> tuple[float, float, float]:
+    x_m, y_m, yaw_rad = values.tolist()
+    return x_m, y_m, yaw_rad
 
 
 def _parcel(scenario: Scenario, record: Record, number: int) -> dict[str, Any]:
@@ -71,7 +125,7 @@ def report(figures: dict[str, Any]) -> list[str]:
         f"in {figures['wall_s']:.3g} s, {figures['real_time_factor']:,.3g} times real time",
     ]
     if figures["compile_s"] >= REPORTED_S:
-        lines.append(f"  after {figures['compile_s']:.1f} s of compiling, once per installation")
+        lines.append(f"  after {figures['compile_s']:.1f} s of compiling")
     lines += [f"  {_sentence(parcel)}" for parcel in figures["parcels"]]
     if "bus" in figures:
         bus = figures["bus"]

@@ -6,13 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from mdms_host.cli.compiling import compiling_watched
-from mdms_host.cli.exits import CommandError, Exit, writing
+from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.files import replacing
 from mdms_host.cli.scenario.coordination import references_m_s
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Parcel, Scenario
 from mdms_sim.physics.analysis.field_map import FieldMap, map_field
 from mdms_sim.physics.analysis.held_parcel import Law
-from mdms_sim.plots.canvas import save
+from mdms_sim.plots.canvas import MARK, save
 from mdms_sim.plots.field_map import draw_field_map
 
 
@@ -24,8 +25,8 @@ def run(arguments: Namespace) -> Exit:
     reference_m_s = references_m_s(scenario)
     with compiling_watched():
         field = map_field(scenario, parcel, reference_m_s, Law[arguments.law.upper()])
-    with writing(path, Exit.USAGE):
-        save(draw_field_map(scenario, parcel, field, reference_m_s), path)
+    with replacing(path, MARK.encode(), arguments.force) as partial:
+        save(draw_field_map(scenario, parcel, field, reference_m_s), partial)
     figures = _figures(scenario, parcel, field)
     if arguments.json:
         print(json.dumps(figures | {"picture": str(path)}))

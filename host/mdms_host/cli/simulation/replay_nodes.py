@@ -46,7 +46,7 @@ def run_cells(arguments: Namespace) -> Exit:
         finished = replay_on_nodes(scenario, frames, arguments.nodes, advance)
     figures = figures_of(scenario, finished)
     print(json.dumps(figures) if arguments.json else "\n".join(report(figures)))
-    return verdict(finished)
+    return verdict(scenario, finished)
 
 
 def replay_on_nodes(

@@ -7,12 +7,13 @@ from contextlib import closing, contextmanager
 from threading import Event
 from typing import BinaryIO
 
-from mdms_host.cli.console import say
 from mdms_host.cli.exits import Exit
+from mdms_host.cli.files import writing
 from mdms_host.cli.records.keep import keep_run, lasting
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.simulation.compose import Finished
 from mdms_host.cli.simulation.figures import figures_of
+from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_model.run.folder import BUS_LOG, fresh_folder
 from mdms_model.run.history import MOST_SAMPLES
@@ -52,7 +53,8 @@ def _serve_and_keep(scenario: Scenario, arguments: Namespace) -> Simulation:
         lasted = lasting(scenario, float(outcome.record.time_s[-1]))
         finished = Finished(outcome.record, arguments.nodes, outcome.bus, wall_s=clock.now_s())
         figures = figures_of(lasted, finished) | {"run": str(arguments.out)}
-        keep_run(folder, lasted, outcome.record, figures)
+        with writing(arguments.out):
+            keep_run(folder, lasted, outcome.record, figures)
     return simulation
 
 

@@ -1,17 +1,22 @@
 """`mdms simulate`: one scenario in virtual time."""
 
+import errno
 import json
 from argparse import Namespace
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from mdms_host.cli.console import progress, say
+from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.files import writing
 from mdms_host.cli.records.keep import keep_run
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.simulation.compose import Finished, run_scenario
-from mdms_host.cli.simulation.figures import figures_of, report
+from mdms_host.cli.simulation.figures import fault_of, figures_of, goals_of, report
+from mdms_host.cli.streams import say
+from mdms_host.motion.outcome import missed_text
 from mdms_model.run.folder import BUS_LOG, fresh_folder
 from mdms_model.scenario.scenario import Scenario
 
@@ -32,7 +37,7 @@ def run(arguments: Namespace) -> Exit:
         print(json.dumps(figures))
     else:
         print(*report(figures), sep="\n")
-    return verdict(finished)
+    return verdict(scenario, finished)
 
 
 def simulate(
@@ -40,14 +45,27 @@ def simulate(
 ) -> tuple[Finished, dict[str, Any]]:
     """Run a scenario and keep it in a folder, if any; the run and its figures."""
     with ExitStack() as stack:
-        folder = stack.enter_context(fresh_folder(out)) if out else None
+        folder = stack.enter_context(_folder(out)) if out else None
         bus_log = folder / BUS_LOG if folder else None
         finished = _run(scenario, nodes, bus_log)
         figures = figures_of(scenario, finished)
-        if folder:
+        if folder and out:
             figures["run"] = str(out)
-            keep_run(folder, scenario, finished.record, figures, bus_format)
+            with writing(out):
+                keep_run(folder, scenario, finished.record, figures, bus_format)
     return finished, figures
+
+
+@contextmanager
+def _folder(out: Path) -> Iterator[Path]:
+    """A fresh run folder; a device that is full, for the bus log too, is named so."""
+    try:
+        with fresh_folder(out) as folder:
+            yield folder
+    except OSError as error:
+        if error.errno != errno.ENOSPC:
+            raise
+        raise CommandError(f"{out}: cannot be written: {error.strerror}", Exit.FAILURE) from None
 
 
 def _run(scenario: Scenario, nodes: str, bus_log: Path | None) -> Finished:
@@ -61,13 +79,15 @@ def _has_bus(scenario: Scenario) -> bool:
     return scenario.run.fidelity == "firmware"
 
 
-def verdict(finished: Finished) -> Exit:
+def verdict(scenario: Scenario, finished: Finished) -> Exit:
     """Report what went wrong, if anything did; how the command ends."""
-    for event in finished.record.events:
-        if event.kind == "tip":
-            say(f"mdms: {event.parcel} tips at {event.time_s:.3f} s: {event.detail}")
-            return Exit.FAILURE
+    for time_s, text in finished.troubles:
+        say(f"{time_s:8.3f} s  {text}")
+    missed = missed_text(goals_of(scenario, finished.record))
+    for text in filter(None, (fault_of(finished), missed)):
+        say(f"mdms: {text}")
+    if any(event.kind == "tip" for event in finished.record.events):
+        return Exit.FAILURE
     if finished.fault is not None:
-        say(f"mdms: {finished.fault}")
         return Exit.NODE_FAULT
-    return Exit.OK
+    return Exit.OK if missed is None else Exit.TIME_LIMIT

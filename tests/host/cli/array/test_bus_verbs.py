@@ -9,6 +9,7 @@ import pytest
 
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
+from mdms_host.coordination.operation import Ending, Operation
 from mdms_protocol import cob, nmt
 
 HEARTBEAT_S = 0.05
@@ -128,8 +129,33 @@ def test_no_interface_is_told_in_one_line(monkeypatch, tmp_path, capsys, verb):
 def test_run_without_cells_gives_up(channel, capsys):
     assert on(channel, "run", "array18", "--json") == Exit.NO_DEVICE
     told = capsys.readouterr()
-    assert json.loads(told.out)["ending"] == "no cells"
+    figures = json.loads(told.out)
+    assert figures["ending"] == "no cells"
+    assert figures["fault"].startswith("no cell was heard within 5 s")
+    (goal,) = figures["goals"]
+    assert (goal["parcel"], goal["reached"], goal["position_error_m"]) == ("box", False, None)
     assert told.err.splitlines()[-1].startswith("mdms: no cell was heard within 5 s")
+
+
+@pytest.mark.parametrize(("options", "limit_s"), [((), 13.0), (("--limit", "2.5"), 2.5)])
+def test_run_ends_by_itself(channel, monkeypatch, capsys, options, limit_s):
+    """After the program's own duration and what the bring-up takes, unless something is said."""
+    limits_s = []
+
+    def operated(_coordinator, _link, _clock, limit_s, _on_event, participant):
+        limits_s.append(limit_s)
+        return Operation(Ending.TIME_LIMIT, 13.0, None)
+
+    monkeypatch.setattr("mdms_host.cli.array.run.operate", operated)
+    assert on(channel, "run", "array18", "--set", "run.duration_s=3", *options) == Exit.TIME_LIMIT
+    assert limits_s == [limit_s]
+    assert capsys.readouterr().err == "mdms: goal not reached: box has not been found\n"
+
+
+@pytest.mark.parametrize("limit", ["-1", "0", "nan", "inf", "soon"])
+def test_limit_that_is_no_time_is_bad_usage(capsys, limit):
+    assert main(["run", "array18", f"--limit={limit}"]) == Exit.USAGE
+    assert "--limit" in capsys.readouterr().err
 
 
 def test_run_of_a_bad_program_touches_no_bus(capsys):
@@ -140,3 +166,17 @@ def test_run_of_a_bad_program_touches_no_bus(capsys):
 def test_unknown_interface_is_bad_usage(capsys):
     assert main(["stop", "-i", "smoke-signals"]) == Exit.USAGE
     assert "smoke-signals" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("verb", ["run", "replay"])
+def test_second_host_on_a_bus_notices_the_first_and_sends_nothing(
+    channel, capsys, monkeypatch, verb
+):
+    monkeypatch.setattr("mdms_host.cli.array.replay.read_log", lambda _path: [])
+    states = {1: nmt.OPERATIONAL, 127: nmt.OPERATIONAL}
+    with Nodes(channel, states) as nodes, can.Bus(channel, interface="virtual") as listener:
+        assert on(channel, verb, "array18") == Exit.FAILURE
+        heard = {message.arbitration_id for message in iter(lambda: listener.recv(0), None)}
+    assert heard <= {cob.HEARTBEAT_BASE + 1, cob.HEARTBEAT_BASE + 127}
+    assert nodes.states[1] == nmt.OPERATIONAL
+    assert capsys.readouterr().err.startswith("mdms: another host runs on this bus (a heartbeat")

@@ -9,7 +9,7 @@ import pytest
 
 from mdms_host.cli import main
 from mdms_host.cli.records.bus_log import LogPlayer, chosen, is_from_host, read_log
-from mdms_protocol import cob, pdo
+from mdms_protocol import cob, nmt, pdo
 from mdms_protocol.frame import Frame
 
 
@@ -19,7 +19,8 @@ def recorded(tmp_path_factory):
     folder = tmp_path_factory.mktemp("recorded")
     short = ["simulate", "array18", "--set", "run.duration_s=0.6", "--json"]
     for form in ("blf", "asc"):
-        assert main([*short, "--out", str(folder / form), "--bus-format", form]) == 0
+        # The box is not there yet.
+        assert main([*short, "--out", str(folder / form), "--bus-format", form]) == 3
     return folder
 
 
@@ -77,17 +78,33 @@ def test_form_of_a_log_that_is_not_there_is_refused(mdms, tmp_path, arguments):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_frames_are_sent_again_in_order(recorded, capsys):
+@pytest.mark.parametrize(("options", "sender"), [((), "host"), (("--all",), "all")])
+def test_frames_are_sent_again_in_order_and_then_all_is_off(recorded, capsys, options, sender):
     folder = recorded / "blf"
     with can.Bus("replay", interface="virtual") as listener:
-        replay = ["replay", str(folder), "-i", "virtual", "-c", "replay", "--json"]
-        assert main([*replay, "--only", "host"]) == 0
+        replay = ["replay", str(folder), "-i", "virtual", "-c", "replay", "--json", *options]
+        assert main(replay) == 0
         messages = list(iter(lambda: listener.recv(0), None))
     figures = json.loads(capsys.readouterr().out)
-    sent = [frame for _, frame in chosen(read_log(folder / "bus.log"), "host")]
-    assert [Frame(m.arbitration_id, bytes(m.data)) for m in messages] == sent
+    sent = [frame for _, frame in chosen(read_log(folder / "bus.log"), sender)]
+    seen = [Frame(m.arbitration_id, bytes(m.data)) for m in messages]
+    assert seen[: len(sent)] == sent
+    assert set(seen[len(sent) :]) == {nmt.command(nmt.ENTER_PRE_OPERATIONAL)}
     assert figures["frames"] == len(sent)
     assert figures["unsent"] == 0
+    assert figures["duration_s"] >= 0.5
+
+
+def test_replay_leaves_cells_of_the_firmware_off_and_without_fault(recorded, served_cells, capsys):
+    """The log ends in the middle of the run, with every drive enabled."""
+    folder = recorded / "blf"
+    assert main(["replay", str(folder), "-i", "virtual", "-c", served_cells.channel]) == 0
+    capsys.readouterr()
+    assert main(["status", "--json", "-i", "virtual", "-c", served_cells.channel]) == 0
+    cells = json.loads(capsys.readouterr().out)["cells"]
+    assert {(cell["state"], *cell["drives"]) for cell in cells} == {
+        ("pre-operational", "switch on disabled", "switch on disabled")
+    }
 
 
 def test_every_frame_is_of_the_host_or_of_the_cells(recorded):

@@ -123,3 +123,18 @@ def test_run_carries_the_box_and_stop_finds_all_off(served, capsys):
     assert box["estimate"]["x_m"] == pytest.approx(0.10, abs=0.01)
     assert main(["stop", *served]) == Exit.OK
     assert capsys.readouterr().out == "18 cells are off\n"
+
+
+def test_run_that_is_terminated_leaves_every_motor_off(served):
+    run = [str(MDMS), "run", "array18", *served, "--set", "motion.speed_m_s=0.01", "--limit", "60"]
+    with subprocess.Popen(
+        run, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        events = iter(process.stderr.readline, "")
+        assert any(line.endswith("  running\n") for line in events)
+        process.send_signal(signal.SIGTERM)
+        told = process.stderr.read().splitlines()
+        assert process.wait(timeout=20) == Exit.FAILURE
+    assert told[-1] == "mdms: terminated"
+    assert any(line.endswith("  stopped") for line in told)
+    assert "Traceback" not in "".join(told)

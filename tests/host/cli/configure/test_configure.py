@@ -14,6 +14,7 @@ from mdms_host.cli.scenario.gain import gain_limits
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning, SilentError
 from mdms_host.commissioning.node_ids import address_of
+from mdms_host.commissioning.parameters import PARAMETERS, WIRING
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol import cob, nmt
 
@@ -326,3 +327,13 @@ def test_what_is_no_node_id_is_bad_usage(capsys, node):
 def test_numbers_are_told_as_ranges():
     assert ranges([7, 1, 2, 3, 9, 10]) == "1-3, 7, 9-10"
     assert ranges([]) == ""
+
+
+def test_show_fits_80_columns_with_every_name_whole(configure, capsys, monkeypatch):
+    monkeypatch.setattr("mdms_host.cli.console.WIDE", 80)
+    assert configure("show", "--wiring") == Exit.OK
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert not any("…" in line for line in lines)
+    shown_names = {line.split()[0] for line in lines if line.strip()}
+    assert {each.name for each in (*PARAMETERS, *WIRING)} <= shown_names

@@ -6,7 +6,7 @@ import pytest
 
 from mdms_host.cli import main
 
-SHORT = ("--set", "run.duration_s=0.01")
+SHORT = ("--set", "run.duration_s=0.01", "--set", "motion.field=inward")
 
 
 @pytest.fixture

@@ -1,5 +1,7 @@
 """What the figures of a run say of its parcels."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -56,3 +58,9 @@ def test_report_has_a_line_per_parcel(scenario):
     lines = report(figures_of(scenario, finished(0.25)))
     assert "20" not in lines[1]
     assert lines[2].strip() == "box: x +0.2500 m, y +0.0000 m, yaw +0.0 deg, at rest"
+
+
+def test_that_compiling_happens_once_is_not_said_twice(scenario):
+    """The notice said it, when compiling began."""
+    done = replace(finished(0.0), compile_s=20.0)
+    assert "  after 20.0 s of compiling" in report(figures_of(scenario, done))

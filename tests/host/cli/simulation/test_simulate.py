@@ -1,10 +1,15 @@
 """`mdms simulate` prints what a run came to, keeps it, and can run it again."""
 
 import json
+import re
+from pathlib import Path
 
 import pytest
 
+import mdms_model.scenario
 from mdms_host.cli import main
+
+BUILTIN = Path(mdms_model.scenario.__file__).parent / "builtin"
 
 
 def figures(capsys, *arguments):
@@ -24,6 +29,9 @@ def test_json_has_the_promised_names(capsys):
         "compile_s",
         "real_time_factor",
         "parcels",
+        "goals",
+        "fault",
+        "slipping_share",
     }
     assert set(told["parcels"][0]) == {
         "name",
@@ -80,3 +88,46 @@ def test_parcel_that_tips_is_a_failure(capsys):
 def test_same_seed_same_figures(capsys):
     told = [figures(capsys, "paper-fig9")["parcels"] for _ in range(2)]
     assert told[0] == told[1]
+
+
+def test_goal_that_is_not_reached_is_told_with_the_way_left_and_by_the_exit_code(capsys):
+    """A box that no friction moves stands where it was put, though its wheels turn."""
+    assert main(["simulate", "array18", "--set", "cell.friction=0.0001", "--json"]) == 3
+    told = capsys.readouterr()
+    figures = json.loads(told.out)
+    (goal,) = figures["goals"]
+    assert goal["parcel"] == "box"
+    assert (goal["reached"], goal["time_s"], figures["fault"]) == (False, None, None)
+    assert goal["position_error_m"] == pytest.approx(0.2, abs=0.01)
+    assert abs(goal["yaw_error_rad"]) == pytest.approx(0.52, abs=0.03)
+    assert figures["slipping_share"] > 0.9
+    warning, verdict = told.err.splitlines()
+    assert "box does not get on" in warning
+    assert float(warning.split()[0]) < 2.5
+    assert re.match(r"mdms: goal not reached: box is 19\d\.\d mm and 29\.\d degrees from", verdict)
+
+
+def test_goal_that_is_reached_is_told_with_its_time(capsys):
+    told = figures(capsys, "array18", "--set", "run.duration_s=5")
+    (goal,) = told["goals"]
+    assert goal["reached"] is True
+    assert goal["position_error_m"] < 0.002
+    assert 2.0 < goal["time_s"] < 4.0
+    assert told["slipping_share"] < 0.1
+
+
+def test_fault_of_a_node_is_in_the_figures(capsys, tmp_path):
+    scenario = tmp_path / "dies.toml"
+    text = (BUILTIN / "array18.toml").read_text()
+    fault = '[[fault]]\nkind = "off"\ncells = [8]\nstart_s = 1.0\n'
+    scenario.write_text(text.replace("duration_s = 12.0", "duration_s = 2.0") + fault)
+    assert main(["simulate", str(scenario), "--json"]) == 5
+    told = capsys.readouterr()
+    assert "cell 8 (node 8) has fallen silent" in json.loads(told.out)["fault"]
+    assert "mdms: cell 8 (node 8) has fallen silent" in told.err
+
+
+def test_parcel_that_tips_is_the_fault_of_its_run(capsys):
+    arguments = ["--set", "motion.field=uniform", "--set", "motion.speed_m_s=0.2", "--json"]
+    assert main(["simulate", "paper-fig7", *arguments]) == 1
+    assert json.loads(capsys.readouterr().out)["fault"].startswith("box tips at ")

@@ -1,7 +1,9 @@
 """A run folder gives back what was put in, and no other folder is mistaken for one."""
 
 import json
+import os
 from dataclasses import fields, replace
+from pathlib import Path
 
 import jsonschema
 import numpy as np
@@ -272,3 +274,57 @@ def test_scene_gives_a_disc_and_a_polygon_their_bodies(plane, plane_record):
         assert body["pose"]["position"]["x"] == plane_record.pose[0, 0, 0]
     assert [(p["x"], p["y"]) for p in body["points"][:3]] == list(corners)
     assert len(body["indices"]) == 3 * (1 + 2 * 3)
+
+
+class KilledError(BaseException):
+    """Stands for the end of the process: nothing after it is carried out."""
+
+
+@pytest.mark.parametrize("renames", [0, 1])
+def test_crash_at_any_rename_leaves_the_old_run_whole_or_brings_it_back(
+    tmp_path, plane, plane_record, monkeypatch, renames
+):
+    folder = stored(tmp_path / "run", plane, plane_record)
+    (folder / "notes.txt").write_text("mine")
+    left, rename = [renames], Path.rename
+
+    def killed(path, target):
+        if not left[0]:
+            raise KilledError
+        left[0] -= 1
+        return rename(path, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "rename", killed)
+        with pytest.raises(KilledError):
+            stored(folder, replace(plane, title="new"), plane_record)
+    assert folder.exists() == (renames == 0)
+    if renames == 0:
+        assert read_run(folder).scenario.title == plane.title
+    # The process that left them is gone by the next run.
+    monkeypatch.setattr("mdms_model.run.folder._is_alive", lambda _process: False)
+    stored(folder, replace(plane, title="again"), plane_record)
+    assert read_run(folder).scenario.title == "again"
+    assert (folder / "notes.txt").read_text() == "mine"
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_old_run_comes_back_though_the_next_one_fails_too(tmp_path, plane, plane_record):
+    """Between its two renames the process was killed; its number is beyond any."""
+    old = tmp_path / ".run.4194999.old"
+    stored(tmp_path / "run", plane, plane_record).rename(old)
+    with pytest.raises(ZeroDivisionError), fresh_folder(tmp_path / "run"):
+        raise ZeroDivisionError
+    assert read_run(tmp_path / "run").scenario.title == plane.title
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_partial_folders_of_killed_runs_go_with_the_next_and_those_of_others_stay(
+    tmp_path, plane, plane_record
+):
+    names = [".run.4194999.partial", f".run.{os.getppid()}.partial", ".other.4194999.partial"]
+    for name in names:
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "bus.log").write_text("half")
+    stored(tmp_path / "run", plane, plane_record)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([*names[1:], "run"])

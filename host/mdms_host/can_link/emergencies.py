@@ -1,0 +1,40 @@
+"""The words for the error codes of a cell, as in its emergencies and in 0x603F.
+
+They are those of firmware/README.md and of `What an emergency says` in protocol/README.md.
+"""
+
+from collections.abc import Mapping
+
+from mdms_protocol import indices
+from mdms_protocol.dictionary import ENTRIES
+
+_TIMEOUT_MS = ENTRIES[indices.SETPOINT_TIMEOUT, 0].default
+
+#: What each code means.
+CODES: Mapping[int, str] = {
+    0x2310: "over-current, or the bridge has shut off",
+    0x3220: "supply below the undervoltage limit",
+    0x6100: "exception in the cell's program; it restarts",
+    0x6310: "saved settings that this firmware cannot take",
+    0x7121: "wheel stands under voltage: stalled",
+    0x7302: "wheel turns against its voltage: motor or encoder reversed",
+    0x8130: "heartbeat of the host lost",
+    0x8140: "bus off",
+    0x8150: "another node has the same node id",
+    0x8210: "a receive PDO is too short",
+    0x8250: f"no setpoint for {_TIMEOUT_MS} ms",
+    0x8611: "speed off its reference for too long",
+}
+#: What an emergency comes from, by its source byte, where the code does not say it.
+_SOURCES: Mapping[int, str] = {1: "axis 1", 2: "axis 2"}
+
+
+def code_text(code: int) -> str:
+    """A code and what it means, as in '0x8250: no setpoint for 50 ms'."""
+    return f"0x{code:04X}: {CODES.get(code, 'a code that no cell of this version has')}"
+
+
+def error_text(source: int, code: int) -> str:
+    """A code with what it comes from, where that says more."""
+    where = f" ({_SOURCES[source]})" if source in _SOURCES else ""
+    return f"{code_text(code)}{where}"

@@ -1,0 +1,68 @@
+"""Files that verbs write: whole or not at all, and never over somebody else's."""
+
+import errno
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from mdms_host.cli.exits import CommandError, Exit
+
+#: What is wrong with a path that was given, and not with the device behind it.
+_BAD_PLACES = frozenset(
+    (
+        *(errno.ENOENT, errno.EEXIST, errno.ENOTDIR, errno.EISDIR),
+        *(errno.EACCES, errno.EPERM, errno.EROFS),
+    )
+)
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turns an `OSError` inside into a `CommandError` that names the path.
+
+    A place where nothing can be written is bad input, one that is full or breaks is a failure.
+    """
+    try:
+        yield
+    except OSError as error:
+        code = Exit.USAGE if error.errno in _BAD_PLACES else Exit.FAILURE
+        raise CommandError(f"{path}: cannot be written: {error.strerror}", code) from None
+
+
+def check_own(path: Path, mark: bytes, force: bool) -> None:
+    """Raise `CommandError` for a file that is there and that this verb has not written.
+
+    `mark` stands in every file that it writes.
+    """
+    if force or not path.is_file():
+        return
+    with writing(path):
+        own = mark in path.read_bytes()
+    if not own:
+        raise CommandError(
+            f"{path}: is there already, and was not written by this verb; "
+            "--force overwrites it, or give another name",
+            Exit.USAGE,
+        )
+
+
+@contextmanager
+def replacing(path: Path, mark: bytes, force: bool) -> Iterator[Path]:
+    """A file beside `path` to write, with its suffix; it takes its place at the end, or vanishes.
+
+    What is no plain file, as a terminal or a pipe, is written as it is. Raises `CommandError`.
+    """
+    check_own(path, mark, force)
+    if path.exists() and not path.is_file():
+        with writing(path):
+            yield path
+        return
+    partial = path.with_name(f".{os.getpid()}.partial.{path.name}")
+    try:
+        with writing(path):
+            yield partial
+            partial.replace(path)
+    finally:
+        with suppress(OSError):
+            partial.unlink()

@@ -1,0 +1,68 @@
+"""Stdout and stderr as they come: closed, full, without a reader, or of few characters."""
+
+import io
+import os
+import sys
+from contextlib import suppress
+
+from mdms_host.cli.exits import Exit
+
+
+class Output(io.TextIOWrapper):
+    """Stdout that takes anything: what cannot be written is dropped, and `failure` says why.
+
+    So a verb comes to its end, and to its own exit code, though nobody reads what it prints.
+    """
+
+    failure: OSError | None = None
+
+    def write(self, text: str) -> int:
+        """See `io.TextIOWrapper`."""
+        try:
+            return super().write(text) if self.failure is None else len(text)
+        except OSError as error:
+            self.failure = error
+            return len(text)
+
+    def flush(self) -> None:
+        """See `io.TextIOWrapper`."""
+        try:
+            if self.failure is None:
+                super().flush()
+        except OSError as error:
+            self.failure = error
+
+
+def open_streams() -> None:
+    """Have both streams take anything; what was closed goes nowhere."""
+    if sys.stdout is None:
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - it stays open to the end
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w")  # noqa: SIM115
+    # One that somebody else has put there, as a test does, is left to them.
+    if type(sys.stdout) is io.TextIOWrapper and sys.stdout is sys.__stdout__:
+        encoding, by_line = sys.stdout.encoding, sys.stdout.line_buffering
+        sys.stdout = Output(sys.stdout.detach(), encoding, "replace", line_buffering=by_line)
+
+
+def say(message: str) -> None:
+    """One line for people on stderr; where it has no room, nobody reads it."""
+    with suppress(OSError):
+        print(message, file=sys.stderr)
+
+
+def flushed(code: int) -> int:
+    """Write what stdout still holds; the exit code, or that of a failure if there was no room.
+
+    A reader that has gone away has read all it wanted.
+    """
+    sys.stdout.flush()
+    failure = getattr(sys.stdout, "failure", None)
+    if failure is None:
+        return code
+    # The interpreter's own last flush must not fail.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if isinstance(failure, BrokenPipeError):
+        return code
+    say(f"mdms: stdout cannot be written: {failure.strerror}")
+    return code or Exit.FAILURE

@@ -1,0 +1,44 @@
+"""One host at a time: whether another one speaks on the bus, by its heartbeat."""
+
+from collections.abc import Iterable
+from math import inf
+
+from mdms_host.can_link.link import Link, drive
+from mdms_host.clock import Clock
+from mdms_host.coordination.supervision import OTHER_HOST
+from mdms_protocol import cob, nmt
+from mdms_protocol.frame import Frame
+
+#: A host sends a heartbeat every 0.1 s.
+_LISTEN_S = 0.35
+HEARTBEAT = cob.HEARTBEAT_BASE + cob.NODE_MAX
+
+
+class OtherHostError(Exception):
+    """Another host runs on the bus."""
+
+
+class _Listening:
+    """A participant that sends nothing, and notes whether a host sends heartbeats."""
+
+    wake_s = inf
+
+    def __init__(self) -> None:
+        self.found = False
+
+    def on_frame(self, frame: Frame, now_s: float) -> None:
+        """Note a host's heartbeat."""
+        if frame.can_id == HEARTBEAT and nmt.decode_heartbeat(frame.data) is not None:
+            self.found = True
+
+    def poll(self, now_s: float) -> Iterable[Frame]:
+        """Nothing."""
+        return ()
+
+
+def refuse_other_host(link: Link, clock: Clock) -> None:
+    """Listen for a while before anything is sent. Raises OtherHostError, DeviceGoneError."""
+    listening, end_s = _Listening(), clock.now_s() + _LISTEN_S
+    drive(listening, link, clock, lambda: listening.found or clock.now_s() >= end_s)
+    if listening.found:
+        raise OtherHostError(OTHER_HOST)

@@ -1,0 +1,47 @@
+"""What a person should know of a run: arrivals, and what does not move as it is to."""
+
+from collections.abc import Collection, Iterator, Sequence
+
+from mdms_host.coordination.bring_up import BringUpCell
+from mdms_host.coordination.following import Floats, Following
+from mdms_host.coordination.progress import Progress
+from mdms_host.motion.program import Program
+
+
+class Watch:
+    """Watches the wheels of `axes` axes a cell, and the parcels of a program.
+
+    `arrived_s` is when each parcel came to its goal, of those that are there [s].
+    """
+
+    def __init__(self, cells: Sequence[BringUpCell], axes: int, program: Program) -> None:
+        self.arrived_s: dict[str, float] = {}
+        self._cells = cells
+        self._axes = axes
+        self._program = program
+        self._following = Following(axes * len(cells))
+        self._progress = Progress(program.controllers)
+
+    def wheels(self, reference_m_s: Floats, speed_m_s: Floats, step_s: float) -> Iterator[str]:
+        """Troubles of wheels, given the references of the last cycle and the speeds under them."""
+        for wheel in self._following.step(reference_m_s, speed_m_s, step_s):
+            cell, axis = divmod(wheel, self._axes)
+            yield (
+                f"{self._cells[cell].name} axis {axis + 1} does not follow: it stands at a "
+                f"reference of {1e3 * reference_m_s[wheel]:.0f} mm/s "
+                "(wheel held, encoder stuck, no supply?)"
+            )
+
+    def arrivals(self, now_s: float) -> Iterator[str]:
+        """Parcels that have come to their goals since the last call."""
+        for name, controller in self._program.controllers.items():
+            if not controller.arrived:
+                self.arrived_s.pop(name, None)
+            elif name not in self.arrived_s:
+                self.arrived_s[name] = now_s
+                yield f"{name} has arrived"
+
+    def parcels(self, found: Collection[str], step_s: float) -> Iterator[str]:
+        """Troubles of parcels, given those that have been found."""
+        for name, trouble in self._progress.step(found, step_s):
+            yield f"{name} {trouble}"

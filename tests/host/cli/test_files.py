@@ -1,0 +1,116 @@
+"""What verbs write is of the form its name says, whole or not there, and never over other files."""
+
+import errno
+import json
+from pathlib import Path
+
+import pytest
+
+from mdms_host.cli import main
+from mdms_host.cli.exits import Exit
+
+BEGINS = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("files") / "run"
+    short = ("--set", "run.duration_s=0.5")
+    assert main(["simulate", "paper-fig7", *short, "--out", str(folder)]) == 0
+    return str(folder)
+
+
+def writers(run, path):
+    """Command lines that write a picture, or a table, at a path."""
+    return {
+        "plot": ["plot", run, "--out", str(path)],
+        "map": ["map", "paper-fig7", "--set", "array.columns=4", "--out", str(path)],
+        "export": ["export", run, "--csv", str(path.parent)],
+    }
+
+
+@pytest.mark.parametrize("form", BEGINS)
+def test_picture_is_of_the_form_that_its_name_says(run, tmp_path, form):
+    paths = [tmp_path / f"{name}.{form}" for name in "ab"]
+    for path in paths:
+        assert main(["plot", run, "--out", str(path)]) == 0
+    assert paths[0].read_bytes().startswith(BEGINS[form])
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+
+
+def test_picture_of_an_unknown_form_is_refused(run, tmp_path, capsys):
+    assert main(["plot", run, "--out", str(tmp_path / "a.jpeg")]) == Exit.USAGE
+    assert "a picture ends in .png, .svg, .pdf" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("verb", "name"), [("plot", "mine.svg"), ("export", "cells.csv")])
+def test_own_file_is_written_again_and_others_only_by_force(run, tmp_path, capsys, verb, name):
+    path = tmp_path / name
+    command = writers(run, path)[verb]
+    assert main(command) == 0
+    assert main(command) == 0
+    path.write_text("mine")
+    assert main(command) == Exit.USAGE
+    assert "--force overwrites it" in capsys.readouterr().err
+    assert path.read_text() == "mine"
+    assert main([*command, "--force"]) == 0
+    assert path.read_text() != "mine"
+
+
+def full(*_arguments, **_options):
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        ("plot", "a.png", "matplotlib.figure.Figure.savefig"),
+        ("export", "cells.csv", "mdms_model.run.csv_export.csv.writer"),
+    ],
+)
+def test_full_disk_is_one_line_one_code_and_nothing_half_written(
+    run, tmp_path, capsys, monkeypatch, case
+):
+    verb, name, what = case
+    command = writers(run, tmp_path / name)[verb]
+    assert main(command) == 0
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    capsys.readouterr()
+    monkeypatch.setattr(what, full)
+    assert main(command) == Exit.FAILURE
+    told = capsys.readouterr().err
+    assert told.startswith(f"mdms: {tmp_path}")
+    assert told.endswith("cannot be written: No space left on device\n")
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_paths_are_given_as_json_too(run, tmp_path, capsys):
+    picture = tmp_path / "a.png"
+    assert main([*writers(run, picture)["plot"], "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"picture": str(picture)}
+    assert main([*writers(run, picture)["export"], "--json"]) == 0
+    tables = json.loads(capsys.readouterr().out)["tables"]
+    assert [Path(table).name for table in tables] == ["parcels.csv", "cells.csv"]
+    assert Path(tables[0]).read_text().startswith("time_s,")
+
+
+@pytest.mark.parametrize(
+    "what", ["mdms_sim.bus.log.BusLog.on_frame", "mdms_host.cli.records.keep.write_run"]
+)
+def test_full_disk_ends_a_run_in_the_same_way_and_leaves_the_old_one(
+    tmp_path, capsys, monkeypatch, what
+):
+    folder = tmp_path / "run"
+    field = ("--set", "motion.field=inward", "--set", "run.duration_s=0.05")
+    command = ["simulate", "array18", *field, "--out", str(folder)]
+    assert main(command) == 0
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    capsys.readouterr()
+    monkeypatch.setattr(what, full)
+    assert main(command) == Exit.FAILURE
+    assert (
+        capsys.readouterr().err == f"mdms: {folder}: cannot be written: No space left on device\n"
+    )
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+    assert list(tmp_path.iterdir()) == [folder]

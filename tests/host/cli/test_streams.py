@@ -1,0 +1,129 @@
+"""Whatever the streams are, and whenever a signal comes: one line, and the right exit code."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from mdms_host.cli import main
+from mdms_host.cli.exits import Exit
+
+MDMS = str(Path(sys.executable).with_name("mdms"))
+
+
+def shell(line, **environment):
+    """A command line of a shell, with `mdms` in it as a word."""
+    return subprocess.run(
+        ["/bin/sh", "-c", line.replace("mdms ", f"{MDMS} ", 1)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        env=os.environ | environment,
+    )
+
+
+@pytest.mark.parametrize(
+    ("line", "code", "told"),
+    [
+        ("mdms scenarios >&-", 0, ""),
+        ("mdms scenarios > /dev/full", 1, "mdms: stdout cannot be written: No space left on dev"),
+        (
+            "mdms limits paper-fig7 --json > /dev/full",
+            1,
+            "mdms: stdout cannot be written: No space",
+        ),
+        ("mdms simulate none.toml >&-", 2, "mdms: none.toml: no such scenario file"),
+        ("mdms simulate none.toml 2>&-", 2, ""),
+        ("mdms simulate none.toml 2> /dev/full", 2, ""),
+        ("mdms simulate none.toml | true; exit 0", 0, "mdms: none.toml: no such scenario file"),
+    ],
+)
+def test_closed_or_full_stream_is_no_traceback(line, code, told):
+    done = shell(line)
+    assert done.returncode == code
+    assert done.stdout == ""
+    assert done.stderr.startswith(told)
+    assert done.stderr.count("\n") == bool(told)
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_exit_code_stands_though_nobody_reads(unbuffered):
+    """A run that tips ends in 1, with a reader or without."""
+    tips = "--set motion.field=uniform --set motion.speed_m_s=0.2"
+    line = f"{{ mdms simulate paper-fig7 {tips}; echo $? >&2; }} | true"
+    assert shell(line, PYTHONUNBUFFERED=unbuffered).stderr.splitlines()[-1] == "1"
+
+
+def test_stream_of_ascii_takes_everything(tmp_path):
+    title = (tmp_path / "dots.toml", 'title = "●○ étagère"')
+    builtin = shell("mdms scenarios").stdout
+    assert "paper-fig7" in builtin
+    from mdms_model.scenario import file
+
+    text = (Path(file.__file__).parent / "builtin" / "paper-fig7.toml").read_text("utf-8")
+    title[0].write_text(text.replace('title = "Paper, figure 7: full rolling"', title[1]), "utf-8")
+    done = shell(f"mdms limits {title[0]}", PYTHONIOENCODING="ascii:strict")
+    assert done.returncode == 0, done.stderr
+    assert "?? ?tag?re: box" in done.stdout
+
+
+LONG = ("simulate", "array18", "--set", "run.duration_s=1e4")
+
+
+def ended_by(number, *, after_s):
+    """The exit code and stderr of a long run that gets a signal at some time."""
+    with subprocess.Popen([MDMS, *LONG], stderr=subprocess.PIPE, text=True) as process:
+        time.sleep(after_s)
+        process.send_signal(number)
+        return process.wait(timeout=60), process.stderr.read()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_end_by_signal_is_one_line_and_a_failure(number):
+    assert ended_by(number, after_s=2.0) == (Exit.FAILURE, "mdms: terminated\n")
+
+
+#: Interrupts itself where a module is imported, as Ctrl-C may; the last is imported by a verb.
+INTERRUPTED = """
+import builtins, os, signal, sys
+imported = builtins.__import__
+def interrupting(name, *rest):
+    if name == {name!r}:
+        os.kill(os.getpid(), signal.SIGINT)
+    return imported(name, *rest)
+builtins.__import__ = interrupting
+from mdms_host.entry import main
+sys.argv = ["mdms", "simulate", "paper-fig7"]
+sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize("name", ["mdms_host.cli.verbs", "mdms_host.cli.exits", "numpy", "numba"])
+def test_interrupt_while_importing_is_one_line(name):
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED.format(name=name)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "mdms: interrupted\n")
+
+
+def test_error_of_a_file_is_one_line(monkeypatch, capsys):
+    def fail(_arguments):
+        raise OSError(28, "No space left on device", "run/bus.log")
+
+    monkeypatch.setattr("mdms_host.cli.scenario.reports.scenarios", fail)
+    assert main(["scenarios"]) == Exit.FAILURE
+    assert capsys.readouterr().err == "mdms: run/bus.log: No space left on device\n"
+
+
+def test_handlers_of_signals_are_given_back():
+    before = signal.getsignal(signal.SIGTERM)
+    main(["--version"])
+    assert signal.getsignal(signal.SIGTERM) is before

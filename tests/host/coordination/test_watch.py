@@ -1,0 +1,115 @@
+"""What does not move as it is commanded is reported soon, once, and by name."""
+
+import numpy as np
+import pytest
+
+from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.coordination.following import Following
+from mdms_host.coordination.phase import Phase
+from mdms_host.coordination.progress import Progress
+from mdms_host.estimation.rectangle import Rectangle
+from mdms_host.estimation.tracker import Parcel
+from mdms_host.layout import Layout, WheelPlace
+from mdms_host.motion.goal import Goal, GoalController, Limits
+from mdms_host.motion.program import FieldProgram, GoalProgram
+
+LAYOUT = Layout(6, 3, wheels=(WheelPlace(0.0, (0.0, 0.03)), WheelPlace(np.pi / 2, (0.03, 0.0))))
+BOX = Parcel("box", 0.36, 0.30)
+BOTTOM = Rectangle(0.36, 0.30)
+STEP_S = 0.01
+
+
+@pytest.fixture
+def array(rolling_array):
+    return rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+
+
+def carrying() -> Coordinator:
+    program = GoalProgram(LAYOUT, (BOX,), {"box": Goal(0.1, 0.0, 0.3)}, 0.775)
+    return Coordinator(LAYOUT, program, parcels=(BOX,))
+
+
+def start(array, coordinator: Coordinator) -> float:
+    array.run(coordinator, 2.0, lambda: coordinator.phase == Phase.RUNNING)
+    assert coordinator.phase == Phase.RUNNING
+    return array.now_s
+
+
+def test_wheel_that_stands_under_its_reference_is_named_within_half_a_second(array) -> None:
+    coordinator = Coordinator(LAYOUT, FieldProgram(np.full(36, 0.05)))
+    started_s = start(array, coordinator)
+    told_um_s = array._told_um_s
+    array._told_um_s = lambda: [
+        [speeds[0], 0] if cell == 6 else speeds for cell, speeds in enumerate(told_um_s())
+    ]
+    array.run(coordinator, started_s + 2.0)
+    ((time_s, text),) = coordinator.troubles
+    assert time_s - started_s < 0.5
+    assert text.startswith("cell 7 (node 7) axis 2 does not follow: it stands at a reference of 50")
+    assert (time_s, text) in coordinator.events
+
+
+def test_parcel_that_is_not_there_is_reported_within_two_seconds(array) -> None:
+    coordinator = carrying()
+    array.presence = lambda: np.zeros(18, dtype=int)
+    started_s = start(array, coordinator)
+    array.run(coordinator, started_s + 4.0)
+    ((time_s, text),) = coordinator.troubles
+    assert time_s - started_s < 2.0
+    assert text.startswith("box has not been found")
+
+
+def test_parcel_that_stands_is_reported_within_two_seconds(array) -> None:
+    coordinator = carrying()
+    started_s = start(array, coordinator)
+    array._move = lambda: None
+    array.run(coordinator, started_s + 4.0)
+    (standstill,) = [each for each in coordinator.troubles if "does not get on" in each[1]]
+    assert standstill[0] - started_s < 2.0
+    assert standstill[1].startswith("box does not get on, ")
+
+
+def test_parcel_that_gets_there_is_no_trouble_and_its_arrival_is_noted(array) -> None:
+    coordinator = carrying()
+    start(array, coordinator)
+    array.run(coordinator, 10.0, lambda: coordinator.finished)
+    assert coordinator.troubles == []
+    assert coordinator.events[-1][1] == "box has arrived"
+    assert coordinator.arrived_s == {"box": coordinator.events[-1][0]}
+
+
+def test_wheel_is_reported_again_only_after_it_has_turned() -> None:
+    following, reference, still = Following(1), np.array([0.05]), np.zeros(1)
+
+    def reports(speed, steps):
+        return sum(len(following.step(reference, speed, STEP_S)) for _ in range(steps))
+
+    assert reports(still, 29) == 0
+    assert reports(still, 200) == 1
+    assert reports(np.array([0.04]), 1) == 0
+    assert reports(still, 200) == 1
+
+
+def test_wheel_with_no_or_a_small_reference_may_stand() -> None:
+    following = Following(2)
+    for _ in range(200):
+        assert following.step(np.array([0.0, 0.005]), np.zeros(2), STEP_S) == []
+
+
+@pytest.mark.parametrize("speed_m_s", [0.002, 0.1, 0.3])
+def test_slow_and_fast_parcels_alike_get_on(speed_m_s: float) -> None:
+    controller = GoalController(Goal(0.3, 0.0, 0.0), Limits(speed_m_s=speed_m_s), 0.2)
+    progress, pose = Progress({"box": controller}), np.zeros(3)
+    for _ in range(600):
+        pose = pose + controller.step(pose, STEP_S) * STEP_S
+        assert list(progress.step({"box"}, STEP_S)) == []
+
+
+def test_belief_that_is_pulled_back_again_and_again_stands() -> None:
+    controller = GoalController(Goal(0.3, 0.0, 0.0), Limits(), 0.2)
+    progress, pose, reports = Progress({"box": controller}), np.zeros(3), 0
+    for step in range(300):
+        twist = controller.step(pose, STEP_S)
+        pose = np.zeros(3) if step % 10 == 0 else pose + twist * STEP_S
+        reports += len(list(progress.step({"box"}, STEP_S)))
+    assert reports == 1
