@@ -3,14 +3,18 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
+from math import hypot
 
 import numpy as np
 
 from mdms_host.estimation.bottom import Bottom
 from mdms_model.arrays import Floats
 
-#: Beliefs that overlap by less may be of parcels that pass each other.
-_OVERLAP_M = 0.002
+#: Beliefs that overlap by less may be of parcels that pass each other; by more they are not.
+_OVERLAP_M = 0.005
+_DEEP_M = 0.02
+#: Between the two it must be at least this share of the way to a stop that brings them closer.
+_CLOSING_SHARE = 0.3
 #: How long two parcels must be on their way into each other.
 _PRESSING_S = 0.05
 
@@ -28,6 +32,13 @@ class Body:
     def stopped_pose(self) -> Floats:
         """Where it lies if it is stopped now, shape (3,)."""
         return self.pose + self.twist * (self.stopping_s / 2)
+
+    @property
+    def stopping_m(self) -> float:
+        """The way to a stop, turning counted by that of a corner [m]."""
+        vx_m_s, vy_m_s, rate_rad_s = self.twist.tolist()
+        corner_m_s: float = abs(rate_rad_s) * self.outline.reach_m
+        return 0.5 * self.stopping_s * (hypot(vx_m_s, vy_m_s) + corner_m_s)
 
 
 class Contacts:
@@ -51,12 +62,13 @@ def _press(one: Body, other: Body) -> bool:
     if not (one.twist.any() or other.twist.any()):
         return False
     way_m = one.outline.reach_m + other.outline.reach_m
-    if np.hypot(*(one.stopped_pose - other.stopped_pose)[:2]) > way_m:
+    if hypot(*(one.stopped_pose - other.stopped_pose)[:2].tolist()) > way_m:
         return False
     later_m = gap_m(one.outline, one.stopped_pose, other.outline, other.stopped_pose)
-    return later_m < -_OVERLAP_M and later_m < gap_m(
-        one.outline, one.pose, other.outline, other.pose
-    )
+    closing_m = gap_m(one.outline, one.pose, other.outline, other.pose) - later_m
+    if closing_m <= 0.0 or later_m >= -_OVERLAP_M:
+        return False
+    return later_m < -_DEEP_M or closing_m > _CLOSING_SHARE * (one.stopping_m + other.stopping_m)
 
 
 def gap_m(one: Bottom, one_pose: Floats, other: Bottom, other_pose: Floats) -> float:
