@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from mdms_host.cli.scenario.coordination import coordinator_of
 from mdms_host.cli.simulation.compose import run_scenario
 from mdms_model.scenario.file import load_scenario
+from mdms_sim.simulation import simulate
 
 #: All wheels along x at 0.3 m/s of reference; the box starts in the middle and leaves cell 1 free.
 UNIFORM = (
@@ -39,7 +41,7 @@ def test_a_jammed_wheel_stands_under_the_full_voltage_of_its_loop(well):
     assert np.array_equal(of_wheel(jammed.speed_m_s, 18), of_wheel(well.record.speed_m_s, 18))
 
 
-def test_a_wheel_whose_encoder_is_stuck_runs_away_unseen():
+def test_a_wheel_whose_encoder_is_stuck_below_the_stall_voltage_is_no_fault_of_its_cell():
     stuck = run("fault=[{kind='encoder_stuck', start_s=1.0, cells=[1], axes=[1]}]").record
     late = stuck.time_s > 1.4
     assert (of_wheel(stuck.speed_m_s, 1)[late] > 0.5).all()
@@ -87,3 +89,14 @@ def test_a_box_that_is_longer_than_believed_is_carried_by_its_believed_edges():
 
     assert away_m(believing) > 0.015
     assert away_m(right) < 0.010
+
+
+@pytest.mark.parametrize("kind", ["encoder_stuck", "wheel_jammed"])
+def test_a_wheel_that_stands_at_a_reference_is_named_within_half_a_second(kind):
+    fault = f'fault=[{{kind="{kind}", cells=[9], axes=[1], start_s=1.0}}]'
+    scenario = load_scenario("array18", ["run.duration_s=1.6", fault])
+    coordinator = coordinator_of(scenario)
+    simulate(scenario, [coordinator])
+    named_s = [time_s for time_s, text in coordinator.troubles if "cell 9 (node 9) axis 1" in text]
+    assert named_s
+    assert 1.0 < named_s[0] <= 1.5
