@@ -20,7 +20,7 @@ from mdms_host.coordination.schedule import Schedule, Timing
 from mdms_host.coordination.speed_reports import MISSED_SYNCS
 from mdms_host.coordination.supervision import OTHER_HOST, Supervision, names
 from mdms_host.coordination.velocity_frames import VelocityFrames
-from mdms_host.coordination.watch import Watch
+from mdms_host.coordination.watching.watch import Watch
 from mdms_host.estimation.tracker import Estimate, Parcel, Tracker
 from mdms_host.layout import Layout
 from mdms_host.motion.program import Program

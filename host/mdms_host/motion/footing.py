@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from mdms_host.motion.goal import Goal
 from mdms_model.outline import Outline
-from mdms_model.support_margin import support_margins_m
+from mdms_model.statics.support_margin import support_margins_m
 
 Floats = NDArray[np.float64]
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.coordination.following import Following
 from mdms_host.coordination.phase import Phase
-from mdms_host.coordination.progress import Progress
+from mdms_host.coordination.watching.following import Following
+from mdms_host.coordination.watching.progress import Progress
 from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace

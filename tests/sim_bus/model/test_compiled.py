@@ -109,10 +109,10 @@ if sys.argv[1] == "plain":
     sys.modules["numba"] = None
 import numpy as np
 from mdms_model.compiled import COMPILING
-from mdms_model.limits import parcel_limits
-from mdms_model.normal_bounds import centred_normal_n
+from mdms_model.statics.limits import parcel_limits
+from mdms_model.statics.normal_bounds import centred_normal_n
 from mdms_model.scenario.file import load_scenario
-from mdms_model.supports import press
+from mdms_model.statics.supports import press
 assert COMPILING == (sys.argv[1] == "compiled")
 box = load_scenario("array18", ["parcel.0.centre_of_mass_m=[0.02, 0.01]"])
 row = load_scenario("paper-fig7", ["parcel.0.centre_of_mass_m=[0.02, 0.0]"])

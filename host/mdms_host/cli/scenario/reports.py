@@ -9,8 +9,8 @@ from mdms_host.cli.exits import Exit
 from mdms_host.cli.extras import COMPILER
 from mdms_host.cli.scenario.gain import MASSLESS, gain_limits
 from mdms_host.cli.streams import say
-from mdms_model.limits import is_paper_row, parcel_limits
 from mdms_model.scenario.file import builtin_names, load_scenario
+from mdms_model.statics.limits import is_paper_row, parcel_limits
 
 #: Name in JSON, in words, unit.
 ROWS = (

@@ -12,7 +12,7 @@ from mdms_model.compiled import compiled
 from mdms_model.motor import drive_of
 from mdms_model.parcel import HeldParcel, covers, place_of, turned
 from mdms_model.scenario.scenario import Scenario
-from mdms_model.supports import press
+from mdms_model.statics.supports import press
 from mdms_sim.physics.motor import true_cells
 
 

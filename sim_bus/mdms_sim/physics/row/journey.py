@@ -9,9 +9,9 @@ from mdms_model.array import build_wheels
 from mdms_model.arrays import Floats
 from mdms_model.motor import drive_of
 from mdms_model.outline import chord_m
-from mdms_model.row_supports import stretches_of
 from mdms_model.run.record import Event
 from mdms_model.scenario.scenario import Parcel, Scenario, ScenarioError
+from mdms_model.statics.row_supports import stretches_of
 from mdms_sim.physics.motor import true_cells
 from mdms_sim.physics.row.events import HELD, REVERSAL, TIP
 from mdms_sim.physics.row.parcel import ABSENT, BACKWARD, FORWARD, ROLLING, RowParcel

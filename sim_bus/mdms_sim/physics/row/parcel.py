@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from mdms_model.arrays import Floats, Ints
 from mdms_model.compiled import compiled
-from mdms_model.row_supports import spread
+from mdms_model.statics.row_supports import spread
 
 Modes = NDArray[np.int8]
 

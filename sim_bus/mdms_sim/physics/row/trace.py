@@ -6,7 +6,7 @@ import numpy as np
 
 from mdms_model.arrays import Floats, Ints
 from mdms_model.compiled import compiled
-from mdms_model.row_supports import EDGE_M
+from mdms_model.statics.row_supports import EDGE_M
 from mdms_sim.physics.row.events import (
     CONTACT,
     END,

@@ -10,9 +10,9 @@ from mdms_model.array import lay_out
 from mdms_model.arrays import Floats
 from mdms_model.outline import chord_m
 from mdms_model.parcel import held_parcel
-from mdms_model.pose_search import Extremes, Lattice, extremes_at, weigh
-from mdms_model.row_supports import stretches_of
 from mdms_model.scenario.scenario import Parcel, Scenario, ScenarioError
+from mdms_model.statics.pose_search import Extremes, Lattice, extremes_at, weigh
+from mdms_model.statics.row_supports import stretches_of
 
 YAWS = 180
 ZOOMS = 4

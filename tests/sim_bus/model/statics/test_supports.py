@@ -5,7 +5,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from mdms_model.supports import press
+from mdms_model.statics.supports import press
 
 WEIGHT_N = 20.0
 places = st.integers(-40, 40).map(lambda step: step / 100)

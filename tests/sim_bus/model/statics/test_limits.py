@@ -6,7 +6,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from mdms_model.array import lay_out
-from mdms_model.limits import (
+from mdms_model.motor import drive_of
+from mdms_model.scenario.scenario import Array, Cell, Parcel, Scenario, ScenarioError, Wheel
+from mdms_model.statics.limits import (
     normal_max_n,
     normal_min_n,
     parcel_limits,
@@ -14,9 +16,7 @@ from mdms_model.limits import (
     rolls,
     whole_pitches,
 )
-from mdms_model.motor import drive_of
-from mdms_model.normal_bounds import centred_normal_n, search_normals
-from mdms_model.scenario.scenario import Array, Cell, Parcel, Scenario, ScenarioError, Wheel
+from mdms_model.statics.normal_bounds import centred_normal_n, search_normals
 
 PITCH_M = 0.127
 

@@ -13,7 +13,7 @@ import numpy as np
 from mdms_model.arrays import Floats
 from mdms_model.compiled import compiled
 from mdms_model.parcel import HeldParcel, covers, place_of, turned
-from mdms_model.supports import press
+from mdms_model.statics.supports import press
 
 HAIR_M = 1e-9
 PARALLEL = 1e-9

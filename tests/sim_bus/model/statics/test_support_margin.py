@@ -9,8 +9,8 @@ from mdms_model.array import build_wheels
 from mdms_model.outline import outline_of
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Parcel
-from mdms_model.support_margin import support_margin_m, support_margins_m
-from mdms_model.supports import press
+from mdms_model.statics.support_margin import support_margin_m, support_margins_m
+from mdms_model.statics.supports import press
 
 MIDDLE = (0.0, 0.0)
 PITCH_M = 0.127

@@ -3,8 +3,8 @@
 from collections.abc import Collection, Iterator, Sequence
 
 from mdms_host.coordination.bring_up import BringUpCell
-from mdms_host.coordination.following import Floats, Following
-from mdms_host.coordination.progress import Progress
+from mdms_host.coordination.watching.following import Floats, Following
+from mdms_host.coordination.watching.progress import Progress
 from mdms_host.motion.program import Program
 
 

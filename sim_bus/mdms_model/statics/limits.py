@@ -9,8 +9,8 @@ import math
 from dataclasses import dataclass
 
 from mdms_model.motor import Drive, drive_of
-from mdms_model.normal_bounds import NormalBounds, centred_normal_n, search_normals
 from mdms_model.scenario.scenario import Parcel, Scenario
+from mdms_model.statics.normal_bounds import NormalBounds, centred_normal_n, search_normals
 
 
 @dataclass(frozen=True, slots=True)
