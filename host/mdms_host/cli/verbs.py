@@ -2,7 +2,7 @@
 
 from mdms_host.cli import options
 from mdms_host.cli.configure.options import CONFIGURE
-from mdms_host.cli.extras import BOARDS, PICTURES, SIMULATION
+from mdms_host.cli.extras import BOARDS, PICTURES, RECORDING, SIMULATION
 from mdms_host.cli.parser import Parser, ShowVersion, Verb, add_verbs
 
 DESCRIPTION = "Modular distributed manipulator: simulate, run and look after an array of cells."
@@ -64,6 +64,7 @@ VERBS = (
         "write a run as CSV tables",
         f"{_RECORDS}.stored_run:export",
         options.add_export,
+        extra=RECORDING,
     ),
     Verb(
         "serve",

@@ -14,8 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from mdms_model.run.mcap_file import RecordFileError, read_record, write_record
-from mdms_model.run.record import Record
+from mdms_model.run.record import Record, RecordFileError
 from mdms_model.scenario.file import scenario_from
 from mdms_model.scenario.scenario import Scenario, ScenarioError
 from mdms_model.scenario.tree import plain
@@ -97,6 +96,9 @@ def write_run(
     save_picture: SavePicture | None = None,
 ) -> None:
     """Fill a folder with the record, the picture if one can be drawn and, last, `meta.json`."""
+    # A record file needs an extra; who only names the files of a run folder does without it.
+    from mdms_model.run.mcap_file import write_record
+
     write_record(folder / RECORD, scenario, record)
     if save_picture is not None:
         save_picture(folder / PICTURE, scenario, record)
@@ -122,6 +124,8 @@ def read_run(folder: Path) -> StoredRun:
             f"{folder}: written in format {meta['format_version']}, but this version reads "
             f"{FORMAT_VERSION}; use the version named in {META}"
         )
+    from mdms_model.run.mcap_file import read_record  # see `write_run`
+
     try:
         scenario = scenario_from(meta["scenario"])
         record = read_record(folder / RECORD, scenario)

@@ -20,7 +20,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from mdms_model.arrays import Floats
-from mdms_model.run.record import Event, Record
+from mdms_model.run.record import Event, Record, RecordFileError
 from mdms_model.run.scene_3d import SCENE_SCHEMA, scene_messages
 from mdms_model.scenario.scenario import Parcel, Scenario
 
@@ -53,10 +53,6 @@ SCHEMAS: dict[str, dict[str, Any]] = {
 }
 #: A message and when it belongs [s].
 Timed: TypeAlias = tuple[float, dict[str, Any]]
-
-
-class RecordFileError(ValueError):
-    """A file holds no record of ours."""
 
 
 def write_record(path: Path, scenario: Scenario, record: Record) -> None:

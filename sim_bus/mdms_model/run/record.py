@@ -26,6 +26,10 @@ class Contact(IntEnum):
     UNKNOWN = 4
 
 
+class RecordFileError(ValueError):
+    """A file holds no record of ours."""
+
+
 @dataclass(frozen=True, slots=True)
 class Event:
     """Something that happened at one instant.

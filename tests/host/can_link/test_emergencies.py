@@ -5,7 +5,8 @@ import re
 import pytest
 
 from mdms_cell import runner
-from mdms_cell.canopen import guard, store
+from mdms_cell.canopen import guard
+from mdms_cell.canopen.storage import store
 from mdms_cell.drive import state_machine
 from mdms_host.can_link.emergencies import CODES, code_text, error_text
 

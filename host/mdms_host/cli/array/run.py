@@ -11,6 +11,7 @@ from typing import Any
 from mdms_host.can_link.link import DeviceGoneError
 from mdms_host.cli.array.bus import open_link
 from mdms_host.cli.exits import CommandError, Exit, exit_of
+from mdms_host.cli.extras import RECORDING, require
 from mdms_host.cli.files import writing
 from mdms_host.cli.records.bus_log import LogWriter
 from mdms_host.cli.records.keep import keep_run, lasting
@@ -42,6 +43,8 @@ EXITS = {
 
 def run(arguments: Namespace) -> int:
     """Bring the array up, run the program, turn everything off, and report how it went."""
+    if arguments.out is not None:
+        require(RECORDING, "mdms run --out")
     overrides = [*arguments.overrides, "run.fidelity=firmware"]
     if getattr(arguments, "bitrate", None):
         overrides.append(f"wire.bitrate={arguments.bitrate}")

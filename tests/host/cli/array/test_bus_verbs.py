@@ -7,6 +7,7 @@ from threading import Event, Thread
 import can
 import pytest
 
+from mdms_host.can_link.incidents import LinkCounts
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
 from mdms_host.coordination.operation import Ending, Operation
@@ -144,7 +145,7 @@ def test_run_ends_by_itself(channel, monkeypatch, capsys, options, limit_s):
 
     def operated(_coordinator, _link, _clock, limit_s, _on_event, participant):
         limits_s.append(limit_s)
-        return Operation(Ending.TIME_LIMIT, 13.0, None)
+        return Operation(Ending.TIME_LIMIT, 13.0, None, LinkCounts(0, 0, 0, 0))
 
     monkeypatch.setattr("mdms_host.cli.array.run.operate", operated)
     assert on(channel, "run", "array18", "--set", "run.duration_s=3", *options) == Exit.TIME_LIMIT
