@@ -1,6 +1,6 @@
 """The drive's state machine as the bus sees it (CiA 402-2): states, statusword, controlword."""
 
-# States: the bits of the statusword that tell them.
+# States: the bits of the statusword that stand for them.
 NOT_READY = 0x00
 SWITCH_ON_DISABLED = 0x40
 READY_TO_SWITCH_ON = 0x21
@@ -62,7 +62,7 @@ _FIVE_BITS = (NOT_READY, SWITCH_ON_DISABLED, FAULT_REACTION, FAULT)
 
 
 def state(statusword: int) -> int | None:
-    """The state that a statusword tells, None if it tells none (CiA 402-2, table 30)."""
+    """The state that a statusword reports, None if it reports none (CiA 402-2, table 30)."""
     short = statusword & 0x4F
     if short in _FIVE_BITS:
         return short

@@ -47,7 +47,7 @@ def heartbeat(node_id: int, state: int) -> Frame:
 
 
 def decode_heartbeat(data: bytes) -> int | None:
-    """The state that a heartbeat tells, None if it is no heartbeat."""
+    """The state that a heartbeat reports, None if it is no heartbeat."""
     if len(data) != 1 or data[0] not in STATES:
         return None
     return data[0]

@@ -11,7 +11,7 @@ _LETTERS = {1: "b", 2: "h", 4: "i"}
 
 
 class OutOfRangeError(ValueError):
-    """A value does not fit its object; the message tells object, value and limits."""
+    """A value does not fit its object; the message names object, value and limits."""
 
 
 class PdoMap:

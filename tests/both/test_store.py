@@ -96,7 +96,7 @@ def test_groups_are_saved_and_forgotten_apart():
     store.save(objects, record.STORED_APPLICATION)
     assert restored(memory).number(0x1017) == 100
     store.save(objects, record.STORED_COMMUNICATION)
-    store.forget(record.STORED_APPLICATION)
+    store.drop(record.STORED_APPLICATION)
     again = restored(memory)
     assert (again.number(0x3000), again.number(0x1017)) == (50, 250)
     assert Store(memory).node_id() == 9
@@ -247,7 +247,7 @@ def test_unknown_values_wait_for_their_firmware_until_the_next_save():
     store = Store(memory)
     store.save_node_id(8)
     assert Store(memory).restore(defaults(), ALL) == [(0x2FFF, 0)]
-    store.forget(record.STORED_COMMUNICATION)
+    store.drop(record.STORED_COMMUNICATION)
     objects = defaults()
     assert Store(memory).restore(objects, ALL) == []
     assert objects.number(0x3000) == 77

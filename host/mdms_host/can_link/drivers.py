@@ -34,7 +34,7 @@ _LIBRARIES: Mapping[str, str] = {
 
 
 def remedy(interface: str | None, problem: str) -> str | None:
-    """What to install so that the interface works; None if nothing is missing, or nobody knows."""
+    """What to install so that the interface works; None if nothing is missing, or it is unknown."""
     if interface is None or not any(text in problem for text in _MISSING):
         return None
     if interface in _LIBRARIES:

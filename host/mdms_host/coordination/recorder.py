@@ -1,4 +1,4 @@
-"""What a coordinator sees of a run, sampled for the record: nobody knows the truth on hardware."""
+"""What a coordinator sees of a run, sampled for the record: on hardware the truth is unknown."""
 
 from collections.abc import Callable, Iterable
 

@@ -23,7 +23,7 @@ class Port(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class BoardPort:
-    """A port to talk to, and what USB tells of it."""
+    """A serial port, and what USB reports of it."""
 
     device: str
     usb_serial: str | None = None

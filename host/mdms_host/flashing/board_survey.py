@@ -9,7 +9,7 @@ from mdms_host.flashing.board_probe import teach
 from mdms_host.flashing.firmware_build import Firmware
 from mdms_host.flashing.firmware_sources import START
 
-#: What the name of the machine contains, as `boards/detect.py` tells boards apart.
+#: What the name of the machine contains, as `boards/detect.py` distinguishes boards.
 MACHINES = {
     "Teensy 4.1": "teensy41",
     "WEACTSTUDIO_MINI_STM32H743": "weact_h743",

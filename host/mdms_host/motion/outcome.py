@@ -16,7 +16,7 @@ REACHED_RAD = 0.03
 class GoalOutcome:
     """How far a parcel is from its goal at the end, and when it came there to stay [s].
 
-    Errors are None where nobody knows where the parcel is, the time where it has not arrived.
+    Errors are None where the parcel has not been found, the time where it has not arrived.
     """
 
     parcel: str

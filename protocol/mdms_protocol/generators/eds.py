@@ -120,7 +120,7 @@ def _variable(section: str, entry: e.Entry) -> list[str]:
 
 
 def _access(entry: e.Entry) -> str:
-    """CiA 306 tells the direction of a mappable object by its access."""
+    """CiA 306 gives the direction of a mappable object by its access."""
     if entry.access == e.READ_WRITE and entry.mappable == e.RPDO:
         return "rww"
     return str(entry.access)

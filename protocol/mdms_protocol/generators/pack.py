@@ -1,7 +1,7 @@
 """Writes the object table as the three byte strings that a cell holds it in.
 
-A record tells in eight bytes a run of entries that differ in nothing but their sub-indices, in the
-order of (index, sub-index), so that a cell finds it by halving; the values of a run lie one after
+A record describes in eight bytes a run of entries that differ in nothing but their sub-indices, in
+the order of (index, sub-index), so that a cell finds it by halving; the values of a run lie one after
 the other from `place` on. Limits that several entries share stand once.
 """
 
@@ -66,7 +66,7 @@ def pack() -> tuple[bytes, bytes, bytes]:
 
 
 def _runs() -> list[list[e.Entry]]:
-    """The entries in their order; those that one record tells are together."""
+    """The entries in their order; those of one record are together."""
     runs: list[list[e.Entry]] = []
     for each in OBJECTS:
         for entry in each.entries:

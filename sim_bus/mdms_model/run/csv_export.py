@@ -1,6 +1,6 @@
 """A record as two CSV tables: `parcels.csv` and `cells.csv`, one row per sample and thing.
 
-Poses are the coordinator's belief where nobody knows the true ones.
+Poses are the coordinator's belief where the true ones are unknown.
 """
 
 import csv

@@ -54,7 +54,7 @@ class Record:
     are those of the parcels' geometric centres; `estimate` is the coordinator's belief of `pose`,
     NaN where it had none. The wheels' arrays are of shape (T, W), speeds those of the surface;
     `contact` holds `Contact` codes. `slip_m_s` is the surface's speed over the parcel on the wheel,
-    positive ahead, 0 without contact; None where nobody has worked it out. What nobody knows, as
+    positive ahead, 0 without contact; None where nobody has worked it out. What is unknown, as
     the truth on hardware, is NaN.
     """
 

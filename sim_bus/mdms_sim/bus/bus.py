@@ -60,7 +60,7 @@ class Bus:
         """Takes a controller off the bus with everything it had to send."""
         controller.segment.remove((controller,))
         controller.live = False
-        controller.forget()
+        controller.drop_queue()
 
     def set_filter(self, controller: Controller, accept: Container[int] | None) -> None:
         """Changes what a controller lets through, from the next end of a frame on."""
@@ -87,7 +87,7 @@ class Bus:
         """The node loses its power: it neither sends nor acknowledges, and loses its frames."""
         controller.segment.silence((controller,))
         controller.live = False
-        controller.forget()
+        controller.drop_queue()
         controller.segment.reconsider()
 
     def switch_on(self, controller: Controller) -> None:

@@ -123,7 +123,7 @@ class Controller:
         for frame in self._identifiers.values():
             self.segment.request(self, frame)
 
-    def forget(self) -> None:
+    def drop_queue(self) -> None:
         """Empties queue, mailboxes and FIFO, as a reset does; the bus is to be informed before."""
         self._queue.clear()
         self._identifiers.clear()

@@ -33,7 +33,7 @@ class BusOffWatch:
         if controller.state is ErrorState.BUS_OFF:
             self._off.add(cell)
             self._bank.set_bus_off(cell, True)
-            controller.forget()
+            controller.drop_queue()
             self._kernel.at(now_ns + RESTART_NS, PRIORITY, lambda: self._restart(cell, controller))
         elif cell in self._off:
             self._off.remove(cell)

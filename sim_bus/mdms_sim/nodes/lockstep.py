@@ -9,7 +9,7 @@ A block is `WORDS` 32-bit numbers, the registers of the speed loop, an inbox and
 frames: identifier, size, data. What is in the inbox is taken in before anything else is done.
 Frames stay in the outbox until a request says that they were `TAKEN`. Two identifiers that no frame
 has come first, when they have changed: under `LISTENS` stand the identifiers that the cell wants to
-hear from now on, under `SILENT` those that it sends nothing about before its next tick, so that
+take from now on, under `SILENT` those that it sends nothing about before its next tick, so that
 they may lie in the inbox until then.
 """
 

@@ -1,6 +1,6 @@
 """Pictures of a run: position over time for rows, a top view for the plane.
 
-Where nobody knows the true poses, they show the coordinator's belief, and say so.
+Where the true poses are unknown, they show the coordinator's belief, and say so.
 """
 
 from dataclasses import replace

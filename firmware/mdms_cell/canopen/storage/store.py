@@ -52,7 +52,7 @@ class Store:
         """Save the entries that have one of these flags; raises AbortError."""
         self._write(saved.without(self._values, flags) + saved.of(objects, flags))
 
-    def forget(self, flags):
+    def drop(self, flags):
         """Give up the saved values of these entries; raises AbortError."""
         self._write(saved.without(self._values, flags))
 
@@ -105,7 +105,7 @@ class Parameters:
 
     def _on_restore(self, index, sub):
         self._take(index, sub, _LOAD)
-        self._store.forget(_GROUPS[sub])
+        self._store.drop(_GROUPS[sub])
         self._give_up(_GROUPS[sub])
 
     def _give_up(self, flags):

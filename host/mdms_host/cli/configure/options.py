@@ -57,7 +57,7 @@ def _add_assign(parser: ArgumentParser) -> None:
         dest="file",
         help="cells, blank or not, get the node ids of a file of `dump`",
     )
-    parser.add_argument("--dry-run", action="store_true", help="only tell what would be done")
+    parser.add_argument("--dry-run", action="store_true", help="only print what would be done")
     add_json(parser)
 
 
@@ -177,7 +177,7 @@ CONFIGURE = Verb(
         ),
         Verb(
             "restore-defaults",
-            "forget all stored settings but the node id",
+            "drop all stored settings but the node id",
             f"{_HERE}.restore:run",
             _add_restore,
             late_options=_BUS,

@@ -47,7 +47,7 @@ def add_options(parser: ArgumentParser) -> None:
     which.add_argument("--all", action="store_true", help="all boards that are found")
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--list", action="store_true", help="only show what is there, and restart it")
-    what.add_argument("--dry-run", action="store_true", help="only tell what would be written")
+    what.add_argument("--dry-run", action="store_true", help="only print what would be written")
     parser.add_argument("--force", action="store_true", help="write every file, changed or not")
     parser.add_argument(
         "--board", choices=tuple(MACHINES.values()), help="what a board is that does not say it"
