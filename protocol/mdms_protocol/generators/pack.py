@@ -1,8 +1,8 @@
 """Writes the object table as the three byte strings that a cell holds it in.
 
 A record describes in eight bytes a run of entries that differ in nothing but their sub-indices, in
-the order of (index, sub-index), so that a cell finds it by halving; the values of a run lie one after
-the other from `place` on. Limits that several entries share stand once.
+the order of (index, sub-index), so that a cell finds it by halving; the values of a run lie one
+after the other from `place` on. Limits that several entries share stand once.
 """
 
 import struct
