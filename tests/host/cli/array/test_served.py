@@ -65,7 +65,7 @@ BARE = """
 import sys
 sys.modules.update(dict.fromkeys(("mdms_sim", "mdms_cell", "numba", "matplotlib")))
 from mdms_host.cli import extras, main
-extras.find_spec = lambda name: None
+extras.find_spec = lambda name: name == "mcap" or None
 sys.exit(main(sys.argv[1:]))
 """
 
