@@ -294,9 +294,9 @@ class Coordinator:
         speeds = self._odometry.take()
         if speeds is None:
             return
-        for text in self._watch.wheels(
-            self.references_m_s, speeds.speed_m_s, self._timing.sync_period_s
-        ):
+        # Of a wheel that is not known nothing is expected.
+        expected_m_s = np.where(speeds.known, self.references_m_s, 0.0)
+        for text in self._watch.wheels(expected_m_s, speeds.speed_m_s, self._timing.sync_period_s):
             self._warn(text)
         found = self.tracker.on_speeds(
             speeds.time_s, speeds.speed_m_s, speeds.known, speeds.standing
