@@ -9,7 +9,7 @@ import pytest
 
 import mdms_host
 
-FORBIDDEN = {"mdms_sim", "mdms_cell", "mdms_image", "numba", "matplotlib"}
+FORBIDDEN = {"mdms_sim", "mdms_cell", "numba", "matplotlib"}
 CORE = sorted(
     module.name
     for module in pkgutil.walk_packages(mdms_host.__path__, "mdms_host.")

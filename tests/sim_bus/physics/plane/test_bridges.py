@@ -53,3 +53,16 @@ def test_without_a_supply_or_after_a_fault_of_its_own_a_bridge_neither_drives_no
     assert world.pose == pytest.approx(asleep.pose, abs=1e-12)
     read_ma = world.sampled.current_ma
     assert (read_ma == (0 if cause == "supply" else 6000)).all()
+
+
+@pytest.mark.parametrize(("mass_kg", "speed_m_s", "went_m"), [(2, 0.0, 0.103), (10, 0.034, 0.267)])
+def test_from_0_4_m_s_a_shorted_motor_brakes_as_the_design_has_it(
+    mass_kg: float, speed_m_s: float, went_m: float
+) -> None:
+    """What is left after the 2 s for which a cell brakes at most."""
+    overrides = ["parcel.0.x_m=0", "parcel.0.y_m=0", f"parcel.0.mass_kg={mass_kg}"]
+    world = World(load_scenario("array18", overrides))
+    while world.twist[0, 0] < 0.4:
+        world.step_cells(DRIVEN * np.array([1, 0], np.int32), 1e-3)
+    assert way_m(world, 2000) == pytest.approx(went_m, abs=0.002)
+    assert world.twist[0, 0] == pytest.approx(speed_m_s, abs=0.001)
