@@ -7,7 +7,7 @@ from argparse import Namespace
 from collections.abc import Sequence
 
 from mdms_host.cli.exits import INTERRUPTED, Exit, exit_of, text_of
-from mdms_host.cli.signals import Terminated, terminating
+from mdms_host.cli.signals import Terminated, ended_by_signals
 from mdms_host.cli.streams import flushed, open_streams, say
 from mdms_host.cli.verbs import build_parser
 
@@ -15,7 +15,7 @@ from mdms_host.cli.verbs import build_parser
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line and return its exit code; see `Exit`."""
     open_streams()
-    with terminating():
+    with ended_by_signals():
         return flushed(_run(argv))
 
 

@@ -1,11 +1,19 @@
-"""Signals that end the command as Ctrl-C does, but for its exit code."""
+"""Signals that end the command: SIGTERM and SIGHUP as Ctrl-C does, but for the exit code."""
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import NoReturn
+from weakref import WeakSet
+
+#: An exception that a signal raised and that was lost is raised again after so long [s].
+AGAIN_S = 0.5
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C."""
 
 
 class Terminated(KeyboardInterrupt):
@@ -13,26 +21,62 @@ class Terminated(KeyboardInterrupt):
 
 
 @contextmanager
-def terminating() -> Iterator[None]:
-    """Raises `Terminated` where the main thread stands, meanwhile, on either signal.
+def ended_by_signals() -> Iterator[None]:
+    """Raises `Terminated` or `Interrupted` where the main thread stands, meanwhile.
 
-    One that is ignored, as SIGHUP is under nohup, stays ignored.
+    A signal that is ignored, as SIGHUP is under nohup, stays ignored.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    names = ("SIGTERM", "SIGHUP")
-    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    before = {number: signal.getsignal(number) for number in numbers}
-    taken = {number: handler for number, handler in before.items() if handler != signal.SIG_IGN}
-    for number in taken:
-        signal.signal(number, _terminate)
+    before = {number: signal.getsignal(number) for number in _numbers("SIGTERM", "SIGHUP")}
+    ends: dict[int, type[KeyboardInterrupt]] = {
+        number: Terminated for number, handler in before.items() if handler != signal.SIG_IGN
+    }
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        ends[signal.SIGINT] = Interrupted
+    taken = {number: signal.signal(number, _ending(error)) for number, error in ends.items()}
+    alarm = {number: signal.getsignal(number) for number in _numbers("SIGALRM")}
     try:
         yield
     finally:
-        for number, handler in taken.items():
+        if alarm:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+        for number, handler in {**taken, **alarm}.items():
             signal.signal(number, handler)
 
 
-def _terminate(_number: int, _frame: FrameType | None) -> NoReturn:
-    raise Terminated
+def _numbers(*names: str) -> list[int]:
+    """Those of the signals that the system has."""
+    return [getattr(signal, name) for name in names if hasattr(signal, name)]
+
+
+def _ending(error: type[KeyboardInterrupt]) -> Callable[[int, FrameType | None], None]:
+    """A handler that raises the error until it has arrived.
+
+    Compiled code that calls back into Python may drop an exception that is raised there. One that
+    is on its way, or kept by whoever caught it, still exists; one that was dropped does not.
+    """
+    raised: WeakSet[KeyboardInterrupt] = WeakSet()
+
+    def end(_number: int, _frame: FrameType | None) -> NoReturn:
+        _repeat(again)
+        raise _kept(error(), raised)
+
+    def again(_number: int, _frame: FrameType | None) -> None:
+        if not raised:
+            end(_number, _frame)
+
+    return end
+
+
+def _repeat(handler: Callable[[int, FrameType | None], None]) -> None:
+    if hasattr(signal, "SIGALRM"):
+        signal.signal(signal.SIGALRM, handler)
+        signal.setitimer(signal.ITIMER_REAL, AGAIN_S, AGAIN_S)
+
+
+def _kept(error: KeyboardInterrupt, raised: WeakSet[KeyboardInterrupt]) -> KeyboardInterrupt:
+    """The error, noted; no variable of the frame that raises it keeps it alive."""
+    raised.add(error)
+    return error

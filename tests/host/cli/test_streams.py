@@ -80,7 +80,10 @@ def ended_by(number, *, after_s):
     with subprocess.Popen([MDMS, *LONG], stderr=subprocess.PIPE, text=True) as process:
         time.sleep(after_s)
         process.send_signal(number)
-        return process.wait(timeout=60), process.stderr.read()
+        try:
+            return process.wait(timeout=60), process.stderr.read()
+        finally:
+            process.kill()
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
@@ -127,3 +130,31 @@ def test_handlers_of_signals_are_given_back():
     before = signal.getsignal(signal.SIGTERM)
     main(["--version"])
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+#: A callback of a destructor drops what is raised in it, as those from compiled code do.
+DROPPED = """
+import os, signal, sys, time
+from mdms_host.cli.signals import Terminated, ended_by_signals
+class Dropping:
+    def __del__(self):
+        os.kill(os.getpid(), signal.{name})
+sys.unraisablehook = lambda unraisable: None
+try:
+    with ended_by_signals():
+        Dropping()
+        time.sleep(60)
+except KeyboardInterrupt as error:
+    sys.exit(type(error).__name__)
+"""
+
+
+@pytest.mark.parametrize(("name", "error"), [("SIGTERM", "Terminated"), ("SIGINT", "Interrupted")])
+def test_signal_whose_exception_is_dropped_ends_the_command_all_the_same(name, error):
+    done = subprocess.run(
+        [sys.executable, "-c", DROPPED.format(name=name)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (1, error + "\n")
