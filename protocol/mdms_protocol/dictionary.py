@@ -9,7 +9,22 @@ times in milliseconds. The unit of a field turns the integer into SI.
 
 from mdms_protocol import cob
 from mdms_protocol import entry as e
-from mdms_protocol.entry import CONST, I8, I16, I32, READ, U8, U16, U32, Field, array, field, record
+from mdms_protocol.entry import (
+    CONST,
+    I8,
+    I16,
+    I32,
+    READ,
+    U8,
+    U16,
+    U32,
+    Field,
+    array,
+    field,
+    record,
+    setting,
+)
+from mdms_protocol.neighbour_table import ESTIMATE, NEIGHBOUR_OBJECTS, PROGRAM, REACH_UM
 from mdms_protocol.version import VERSION
 
 VENDOR_ID = 0
@@ -29,9 +44,11 @@ CONSUMED_HEARTBEATS = 4
 SPEED_LIMIT_UM_S = 10_000_000
 ACCELERATION_LIMIT_UM_S2 = 1_000_000_000
 
-# Transmission types of PDOs (CiA 301, 7.5.2.35 and 7.5.2.37)
+# Transmission types of PDOs (CiA 301, 7.5.2.35 and 7.5.2.37); the manufacturer's own, 254, leaves
+# it to the neighbour layer when a transmit PDO is sent.
 SYNCHRONOUS = 1
 SYNCHRONOUS_MAX = 240
+BY_THE_LAYER = 254
 EVENT_DRIVEN = 255
 
 
@@ -44,28 +61,17 @@ def mapped(index: int, sub: int, bits: int) -> int:
 RPDO_MAPS: tuple[tuple[int, ...], ...] = (
     (mapped(0x60FF, 0, 32), mapped(0x68FF, 0, 32)),
     (mapped(0x6040, 0, 16), mapped(0x6840, 0, 16)),
-    (),
+    (mapped(PROGRAM, 1, 32), mapped(PROGRAM, 2, 32)),
     (),
 )
 TPDO_MAPS: tuple[tuple[int, ...], ...] = (
     (mapped(0x606C, 0, 32), mapped(0x686C, 0, 32)),
     (mapped(0x6041, 0, 16), mapped(0x6841, 0, 16), mapped(0x3001, 0, 8)),
-    (),
-    (),
+    (mapped(ESTIMATE, 1, 32), mapped(ESTIMATE, 2, 32)),
+    (mapped(PROGRAM, 1, 32), mapped(PROGRAM, 2, 32)),
 )
-_PDO_TYPES = (SYNCHRONOUS, EVENT_DRIVEN, EVENT_DRIVEN, EVENT_DRIVEN)
-
-
-def _setting(
-    name: str,
-    type_: e.Type,
-    default: int = 0,
-    unit: e.Unit = e.PLAIN,
-    *,
-    low: int | None = None,
-    high: int | None = None,
-) -> Field:
-    return field(name, type_, default=default, unit=unit, low=low, high=high, stored=e.APPLICATION)
+_RPDO_TYPES = (SYNCHRONOUS, EVENT_DRIVEN, EVENT_DRIVEN, EVENT_DRIVEN)
+_TPDO_TYPES = (SYNCHRONOUS, EVENT_DRIVEN, BY_THE_LAYER, BY_THE_LAYER)
 
 
 def _communication(
@@ -135,7 +141,7 @@ _COMMUNICATION: dict[int, Field | e.Group] = {
 }
 
 _CELL: dict[int, Field | e.Group] = {
-    0x3000: _setting("Setpoint timeout", U16, 50, e.MILLISECONDS, low=1, high=500),
+    0x3000: setting("Setpoint timeout", U16, 50, e.MILLISECONDS, low=1, high=500),
     0x3001: field("Presence", U8, READ, mappable=e.TPDO),
     0x3002: record(
         "Traffic",
@@ -146,27 +152,29 @@ _CELL: dict[int, Field | e.Group] = {
             4: field("Frames overrun", U32, READ),
         },
     ),
-    0x3003: _setting("Undervoltage limit", U16, 10_000, e.MILLIVOLTS, high=60_000),
-    0x3004: _setting("Braking time limit", U16, 2_000, e.MILLISECONDS, low=100, high=10_000),
+    0x3003: setting("Undervoltage limit", U16, 10_000, e.MILLIVOLTS, high=60_000),
+    0x3004: setting("Braking time limit", U16, 2_000, e.MILLISECONDS, low=100, high=10_000),
     0x3005: field("Configuration signature", U32, READ),
 }
 
 _SPEED = e.MICROMETRES_PER_SECOND
 _ACCELERATION = e.MICROMETRES_PER_SECOND2
 _AXIS: dict[int, Field] = {
-    0x2000: _setting("gain", U32, 13_000, e.MILLIVOLT_SECONDS_PER_METRE, high=100_000),
-    0x2001: _setting("resolution", U32, 37_595, e.PER_METRE, low=1_000, high=1_000_000),
-    0x2002: _setting("voltage limit", U32, 24_000, e.MILLIVOLTS, high=60_000),
+    0x2000: setting("gain", U32, 13_000, e.MILLIVOLT_SECONDS_PER_METRE, high=100_000),
+    0x2001: setting("resolution", U32, 37_595, e.PER_METRE, low=1_000, high=1_000_000),
+    0x2002: setting("voltage limit", U32, 24_000, e.MILLIVOLTS, high=60_000),
     0x2003: field("motor voltage", I32, READ, unit=e.MICROVOLTS, mappable=e.TPDO),
-    0x2004: _setting("stall voltage", U32, 6_000, e.MILLIVOLTS, high=60_000),
-    0x2005: _setting("stall time", U16, 80, e.MILLISECONDS),
-    0x2006: _setting("over-current time", U16, 100, e.MILLISECONDS),
-    0x2007: _setting("slippage time", U16, 500, e.MILLISECONDS),
-    0x2008: _setting("observer lag", U16, 1_900, e.MICROSECONDS, low=1_000, high=20_000),
-    0x2009: _setting("direction", I32, 0, e.MICRORADIANS, low=-3_141_593, high=3_141_593),
-    0x200A: _setting("acceleration per volt", U16, 20_053, e.MILLIMETRES_PER_SECOND2_PER_VOLT),
-    0x200B: _setting("reversal voltage", U32, 2_000, e.MILLIVOLTS, high=60_000),
-    0x200C: _setting("reversal time", U16, 80, e.MILLISECONDS),
+    0x2004: setting("stall voltage", U32, 6_000, e.MILLIVOLTS, high=60_000),
+    0x2005: setting("stall time", U16, 80, e.MILLISECONDS),
+    0x2006: setting("over-current time", U16, 100, e.MILLISECONDS),
+    0x2007: setting("slippage time", U16, 500, e.MILLISECONDS),
+    0x2008: setting("observer lag", U16, 1_900, e.MICROSECONDS, low=1_000, high=20_000),
+    0x2009: setting("direction", I32, 0, e.MICRORADIANS, low=-3_141_593, high=3_141_593),
+    0x200A: setting("acceleration per volt", U16, 20_053, e.MILLIMETRES_PER_SECOND2_PER_VOLT),
+    0x200B: setting("reversal voltage", U32, 2_000, e.MILLIVOLTS, high=60_000),
+    0x200C: setting("reversal time", U16, 80, e.MILLISECONDS),
+    0x200D: setting("contact x", I32, -30_000, e.MICROMETRES, low=-REACH_UM, high=REACH_UM),
+    0x200E: setting("contact y", I32, 0, e.MICROMETRES, low=-REACH_UM, high=REACH_UM),
     0x603F: field("error code", U16, READ, mappable=e.TPDO),
     0x6040: field("controlword", U16, mappable=e.RPDO),
     0x6041: field("statusword", U16, READ, mappable=e.TPDO),
@@ -176,16 +184,16 @@ _AXIS: dict[int, Field] = {
     0x6063: field("position", I32, READ, unit=e.COUNTS, mappable=e.TPDO),
     0x606B: field("velocity demand value", I32, READ, unit=_SPEED, mappable=e.TPDO),
     0x606C: field("velocity actual value", I32, READ, unit=_SPEED, mappable=e.TPDO),
-    0x606D: _setting("velocity window", U16, 10_000, _SPEED),
-    0x606E: _setting("velocity window time", U16, 10, e.MILLISECONDS),
-    0x6073: _setting("max current", U16, 1_500, e.PER_MILLE, high=10_000),
-    0x6075: _setting("motor rated current", U32, 2_000, e.MILLIAMPERES, low=1, high=100_000),
+    0x606D: setting("velocity window", U16, 10_000, _SPEED),
+    0x606E: setting("velocity window time", U16, 10, e.MILLISECONDS),
+    0x6073: setting("max current", U16, 1_500, e.PER_MILLE, high=10_000),
+    0x6075: setting("motor rated current", U32, 2_000, e.MILLIAMPERES, low=1, high=100_000),
     0x6078: field("current actual value", I16, READ, unit=e.PER_MILLE, mappable=e.TPDO),
     0x6079: field("DC link circuit voltage", U32, READ, unit=e.MILLIVOLTS, mappable=e.TPDO),
-    0x607E: _setting("polarity", U8, high=0x40),
-    0x6083: _setting("profile acceleration", U32, 0, _ACCELERATION, high=ACCELERATION_LIMIT_UM_S2),
-    0x6084: _setting("profile deceleration", U32, 0, _ACCELERATION, high=ACCELERATION_LIMIT_UM_S2),
-    0x6085: _setting(
+    0x607E: setting("polarity", U8, high=0x40),
+    0x6083: setting("profile acceleration", U32, 0, _ACCELERATION, high=ACCELERATION_LIMIT_UM_S2),
+    0x6084: setting("profile deceleration", U32, 0, _ACCELERATION, high=ACCELERATION_LIMIT_UM_S2),
+    0x6085: setting(
         "quick stop deceleration",
         U32,
         2_000_000,
@@ -193,7 +201,7 @@ _AXIS: dict[int, Field] = {
         low=1_000,
         high=ACCELERATION_LIMIT_UM_S2,
     ),
-    0x60F8: _setting("max slippage", I32, 0, _SPEED, low=0, high=SPEED_LIMIT_UM_S),
+    0x60F8: setting("max slippage", I32, 0, _SPEED, low=0, high=SPEED_LIMIT_UM_S),
     0x60FF: field(
         "target velocity",
         I32,
@@ -206,7 +214,7 @@ _AXIS: dict[int, Field] = {
     0x67FF: field("single device type", U32, CONST, 0x00020192),
 }
 #: Where the wheels of the prototype differ: axis 2 pushes along y.
-_AXIS_2_DEFAULTS = {0x2009: 1_570_796}
+_AXIS_2_DEFAULTS = {0x2009: 1_570_796, 0x200D: 30_000}
 
 
 def _axis(number: int) -> dict[int, Field]:
@@ -227,10 +235,10 @@ def _mapping(name: str, entries: tuple[int, ...]) -> e.Group:
     return record(name + "mapping", fields, count)
 
 
-def _parameters(name: str, cob_id: int, number: int, more: dict[int, Field]) -> e.Group:
+def _parameters(name: str, cob_id: Field, type_: int, more: dict[int, Field]) -> e.Group:
     fields = {
-        1: _cob_id("COB-ID", cob_id),
-        2: _communication("Transmission type", U8, _PDO_TYPES[number]),
+        1: cob_id,
+        2: _communication("Transmission type", U8, type_),
         5: _communication("Event timer", U16, 0, e.MILLISECONDS),
     }
     fields.update(more)
@@ -240,21 +248,29 @@ def _parameters(name: str, cob_id: int, number: int, more: dict[int, Field]) -> 
 def _pdos(number: int) -> dict[int, e.Group]:
     rpdo = "RPDO %d " % (number + 1)
     tpdo = "TPDO %d " % (number + 1)
-    unused = 0 if RPDO_MAPS[number] else cob.INVALID
-    no_remote = cob.FLAG_30 | cob.TPDO_BASES[number]
+    sent = _cob_id("COB-ID", cob.FLAG_30 | cob.TPDO_BASES[number])
     inhibit = {3: _communication("Inhibit time", U16, 0, e.TENTHS_OF_MILLISECONDS)}
     return {
-        0x1400 + number: _parameters(rpdo, cob.RPDO_BASES[number] | unused, number, {}),
+        0x1400 + number: _parameters(rpdo, _received(number), _RPDO_TYPES[number], {}),
         0x1600 + number: _mapping(rpdo, RPDO_MAPS[number]),
-        0x1800 + number: _parameters(tpdo, no_remote | unused, number, inhibit),
+        0x1800 + number: _parameters(tpdo, sent, _TPDO_TYPES[number], inhibit),
         0x1A00 + number: _mapping(tpdo, TPDO_MAPS[number]),
     }
+
+
+def _received(number: int) -> Field:
+    """The COB-ID of a receive PDO; that of motion programs is the same on all cells."""
+    base = cob.RPDO_BASES[number]
+    if base + cob.HOST_NODE == cob.PROGRAM:
+        return _communication("COB-ID", U32, cob.PROGRAM)
+    return _cob_id("COB-ID", base if RPDO_MAPS[number] else base | cob.INVALID)
 
 
 def _objects() -> tuple[e.Object, ...]:
     objects: dict[int, Field | e.Group] = {}
     objects.update(_COMMUNICATION)
     objects.update(_CELL)
+    objects.update(NEIGHBOUR_OBJECTS)
     for number in range(PDOS):
         objects.update(_pdos(number))
     for number in range(AXES):

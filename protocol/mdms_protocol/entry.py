@@ -20,6 +20,7 @@ Unit = namedtuple("Unit", ("symbol", "factor"))
 PLAIN = Unit("", 1)
 COUNTS = Unit("counts", 1)
 PER_METRE = Unit("counts/m", 1)
+MICROMETRES = Unit("m", 1e-6)
 MICROMETRES_PER_SECOND = Unit("m/s", 1e-6)
 MICROMETRES_PER_SECOND2 = Unit("m/s2", 1e-6)
 MILLIMETRES_PER_SECOND2_PER_VOLT = Unit("m/s2/V", 1e-3)
@@ -46,9 +47,10 @@ READ = "ro"
 WRITE = "wo"
 READ_WRITE = "rw"
 
-# Direction in which a PDO may carry the object, seen from the cell
+# Directions in which a PDO may carry the object, seen from the cell
 RPDO = 1
 TPDO = 2
+BOTH = RPDO | TPDO
 
 # Groups of 0x1010 and 0x1011 that an object is stored with
 COMMUNICATION = "communication"
@@ -117,6 +119,19 @@ def field(
     low = type_.low if low is None else low
     high = type_.high if high is None else high
     return Field(name, type_, unit, low, high, access, default, mappable, stored, from_node)
+
+
+def setting(
+    name: str,
+    type_: Type,
+    default: int = 0,
+    unit: Unit = PLAIN,
+    *,
+    low: int | None = None,
+    high: int | None = None,
+) -> Field:
+    """A field that is stored with the application's parameters."""
+    return field(name, type_, default=default, unit=unit, low=low, high=high, stored=APPLICATION)
 
 
 def record(name: str, fields: dict[int, Field], count: Field | None = None) -> Group:

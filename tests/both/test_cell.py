@@ -167,7 +167,7 @@ def test_stalled_wheel_is_reported_until_it_is_reset():
 def mapped_alone(cell, board, *objects):
     """RPDO 3 takes these objects out of the frame that RPDO 2 takes, too."""
     write = sdo.write_request
-    requests = [write(0x1602, 0, b"\0")]
+    requests = [write(0x1402, 1, b"\x7f\x04\0\x80"), write(0x1602, 0, b"\0")]
     requests += [write(0x1602, sub, each) for sub, each in enumerate(objects, 1)]
     requests += [write(0x1602, 0, bytes((len(objects),))), write(0x1402, 1, b"\x05\x03\0\0")]
     for request in requests:
@@ -209,7 +209,7 @@ def test_filter_is_set_anew_for_another_identifier_only():
     cell.on_frame(0x605, sdo.write_request(0x1800, 2, b"\xff"), cell.now_ms)
     cell.on_frame(0x605, sdo.write_request(0x1801, 5, b"\x14\0"), cell.now_ms)
     assert heard == []
-    cell.on_frame(0x605, sdo.write_request(0x1402, 1, b"\x86\x01\0\0"), cell.now_ms)
+    cell.on_frame(0x605, sdo.write_request(0x1403, 1, b"\x86\x01\0\0"), cell.now_ms)
     assert len(heard) == 1
     assert 0x186 in heard[0]
 

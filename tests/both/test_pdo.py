@@ -326,7 +326,7 @@ def test_parameters_are_refused_with_the_right_code():
 def test_tpdo_answers_no_remote_request_and_must_say_so():
     bench = Bench()
     assert bench.objects.number(0x1800, 1) == NO_REMOTE | 0x185
-    assert bench.objects.number(0x1802, 1) == 1 << 31 | NO_REMOTE | 0x385
+    assert bench.objects.number(0x1802, 1) == NO_REMOTE | 0x385
     assert bench.write(0x1800, 1, 1 << 31 | 0x185) is None
     assert bench.write(0x1800, 1, 0x185) == sdo.INVALID_VALUE
     assert bench.tpdo.can_id is None

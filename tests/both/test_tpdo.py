@@ -57,3 +57,16 @@ def test_emergency_after_days_of_nothing_is_sent_at_once():
         cell.recover()
         cell.poll(now_ms)
         assert emergencies(board) == [b"\x00\x00\x00\x06\0\0\0\0"]
+
+
+def test_pdo_of_the_layer_is_sent_by_nothing_else():
+    cell, board = operational()
+    board.bits = 0b1
+    for now_ms in range(cell.now_ms, cell.now_ms + 2000, 5):
+        cell.on_frame(0x080, b"", now_ms)
+        cell.poll(now_ms)
+    assert not [can_id for can_id, _ in board.take() if can_id in (0x385, 0x485)]
+    cell.on_frame(0x47F, bytes(range(8)), cell.now_ms)
+    assert cell.dropped == 0
+    cell.on_frame(0x605, sdo.read_request(0x3022, 2), cell.now_ms)
+    assert board.take() == [(0x585, b"\x43\x22\x30\x02\x04\x05\x06\x07")]

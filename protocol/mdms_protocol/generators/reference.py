@@ -26,7 +26,7 @@ _COLUMNS = (
     "PDO",
     "Stored",
 )
-_DIRECTIONS = {0: "", e.RPDO: "receive", e.TPDO: "transmit"}
+_DIRECTIONS = {0: "", e.RPDO: "receive", e.TPDO: "transmit", e.BOTH: "both"}
 
 
 def text() -> str:

@@ -5,7 +5,7 @@ import logging
 import cantools
 import pytest
 
-from mdms_protocol import cob, lss, nmt, sdo
+from mdms_protocol import cob, lss, messages, nmt, sdo
 from mdms_protocol.generators import dbc
 
 
@@ -103,3 +103,43 @@ def test_all_layer_setting_commands_are_explained(database):
         assert decoded(database, 0x7E5, bytes((code, *bytes(7))))["command"]
     for code in (0x11, 0x13, 0x17, 0x44, 0x4F, 0x50, *range(0x5A, 0x5F)):
         assert decoded(database, 0x7E4, bytes((code, *bytes(7))))["command"]
+
+
+def test_estimate_is_taken_apart(database):
+    estimate = messages.Estimate(-40, 400, -1024, 9, 3, 0x81, 7, 4, 2, 5)
+    assert database.decode_message(0x387, messages.encode_estimate(estimate)) == {
+        "x": pytest.approx(-0.01),
+        "y": pytest.approx(0.1),
+        "yaw": -90,
+        "identity": 9,
+        "state": "under the parcel",
+        "wants": 0x81,
+        "certainty": 7,
+        "hold": 4,
+        "sequence": 2,
+        "arrived": 1,
+        "lacking": 0,
+        "contradicted": 1,
+    }
+
+
+@pytest.mark.parametrize("can_id", [0x47F, 0x487])
+def test_program_is_taken_apart_page_by_page(database, can_id):
+    parcel = messages.Parcel(5, 1, 1, 1200, 1200, 98, 40, 1)
+    assert database.decode_message(can_id, messages.encode_page(parcel)) == {
+        "identity": 5,
+        "page": "parcel",
+        "sequence": 1,
+        "parcel_shape": "disc",
+        "parcel_length": pytest.approx(0.3),
+        "parcel_width": pytest.approx(0.3),
+        "parcel_acceleration": pytest.approx(0.98),
+        "parcel_speed": pytest.approx(0.2),
+        "parcel_go_on": 1,
+        "parcel_any_yaw": 0,
+    }
+    goal = database.decode_message(can_id, messages.encode_page(messages.Goal(5, 2, -800, 4, 512)))
+    assert (goal["goal_x"], goal["goal_y"]) == (pytest.approx(-0.2), pytest.approx(0.001))
+    assert goal["goal_yaw"] == 45
+    end = database.decode_message(can_id, messages.encode_page(messages.End(5, 2)))
+    assert end == {"identity": 5, "page": "end", "sequence": 2}

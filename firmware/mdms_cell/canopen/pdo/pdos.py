@@ -3,7 +3,7 @@
 from mdms_cell import ticks
 from mdms_cell.canopen.pdo.rpdo import Rpdo
 from mdms_cell.canopen.pdo.tpdo import Tpdo
-from mdms_cell.canopen.rules import COB_ID
+from mdms_cell.canopen.rules import COB_ID, EVENT_MANUFACTURER, EVENT_PROFILE
 from mdms_protocol import cob
 
 
@@ -37,7 +37,7 @@ class Pdos:
         self._awaited = [rpdo for rpdo in self._received if rpdo.deadline_ms]
         sent = [tpdo for tpdo in self._tpdos if tpdo.can_id is not None]
         self._sampled = [tpdo for tpdo in sent if tpdo.synchronous]
-        self._spontaneous = [tpdo for tpdo in sent if not tpdo.synchronous]
+        self._spontaneous = [tpdo for tpdo in sent if tpdo.type == EVENT_PROFILE]
 
     def _on_change(self, sub):
         self._choose()
@@ -83,6 +83,16 @@ class Pdos:
                 if not tpdo.on_sync():
                     self._attend()
         return True
+
+    def trigger(self, number):
+        """Send transmit PDO `number`, counted from 0, as it is now; return whether it was sent.
+
+        Nothing is sent unless its type, 254, leaves it to the caller and the cell is 'operational'.
+        """
+        tpdo = self._tpdos[number]
+        if not self._alive or tpdo.can_id is None or tpdo.type != EVENT_MANUFACTURER:
+            return False
+        return tpdo.trigger()
 
     def discard_held(self):
         """Drop what is held for SYNC: it came before the state that has just begun."""

@@ -19,7 +19,8 @@ _ANNOUNCED = (
 class Tpdo(Pdo):
     """Transmit PDO `number`, counted from 0.
 
-    `on_sync` is for a synchronous one, `poll` for one of the others; see `Pdo` for `changed`.
+    `on_sync` is for a synchronous one, `trigger` for one of type 254, `poll` for one of type 255;
+    see `Pdo` for `changed`.
     """
 
     def __init__(self, number, objects, send, changed):
@@ -79,6 +80,10 @@ class Tpdo(Pdo):
         self._sent = data
         self._refused = None
         return True
+
+    def trigger(self):
+        """Send what is mapped; return False if there was no room."""
+        return self._send(self.can_id, self._data())
 
     def poll(self, now_ms):
         """Send what has changed or has not been sent for long, but not too often.

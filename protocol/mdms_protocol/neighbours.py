@@ -1,0 +1,210 @@
+"""What cells say to each other in the eight bytes of a frame: estimates and pages of a program.
+
+A frame is one little-endian number; its fields lie from bit 0 on in the order of the constants. It
+is taken apart and put together in three pieces of 24, 24 and 16 bits, so that no number on the way
+leaves a small int of 31 bits. Fields stand in any buffer of integers, from `base` on, and the frame
+in any buffer of bytes, from `at` on: nothing is allocated.
+
+`pack_...` clips what does not fit, for the cell; `messages` checks values for the host.
+`unpack_...` returns False, and leaves the fields as they were, for a frame that no sender makes.
+"""
+
+try:
+    from micropython import const  # type: ignore[import-not-found,unused-ignore]
+except ImportError:
+
+    def const(number: int) -> int:
+        """As in MicroPython, which puts the number where its name is used."""
+        return number
+
+
+try:
+    from typing import TYPE_CHECKING
+except ImportError:
+    TYPE_CHECKING = False  # type: ignore[misc]
+if TYPE_CHECKING:
+    from collections.abc import MutableSequence, Sequence
+
+LENGTH = const(8)
+
+#: Steps of the wire: 0.25 mm, a 4096th of a turn, 10 mm/s2 and 5 mm/s.
+STEP_UM = const(250)
+TURN = const(4096)
+ACCELERATION_MM_S2 = const(10)
+SPEED_MM_S = const(5)
+
+# Fields of an estimate, all from the cell's own point of view
+X = const(0)  # of the parcel's centre from the cell's own centre [STEP_UM], 12 bits, signed
+Y = const(1)
+YAW = const(2)  # [turns / TURN], 12 bits, signed
+IDENTITY = const(3)  # of the parcel, 1 to 63; 0: none
+STATE = const(4)  # below, 2 bits
+WANTS = const(5)  # mask by direction of the neighbours that the parcel needs next
+CERTAINTY = const(6)  # 0: no pose, else deviation 16 mm * 2^(-(c - 1) / 2), 4 bits
+HOLD = const(7)  # hops from a cell that lacks a promise, up to HOLD_NONE
+SEQUENCE = const(8)  # of the program that the cell holds, 1 to 3; 0: none
+FLAGS = const(9)  # below, 3 bits
+ESTIMATE_FIELDS = const(10)
+
+# Values of STATE
+NONE = const(0)
+NEAR = const(1)  # believes, and is not promised
+PROMISED = const(2)  # free for the parcel
+UNDER = const(3)  # under the parcel
+
+HOLD_NONE = const(4)
+
+# Bits of the FLAGS of an estimate
+ARRIVED = const(1)  # the parcel stands at its goal
+LACKING = const(2)  # the cell lacks the parcel's data or program
+CONTRADICTED = const(4)  # by a neighbour
+
+# Fields of a page of a program. The first three are in each ...
+PARCEL_IDENTITY = const(0)  # 1 to 63
+PAGE = const(1)  # below, 2 bits
+PROGRAM_SEQUENCE = const(2)  # 1 to 3
+# ... and these in page PARCEL ...
+SHAPE = const(3)  # RECTANGLE or DISC, 2 bits
+PARCEL_LENGTH = const(4)  # [STEP_UM], 12 bits
+PARCEL_WIDTH = const(5)
+ACCELERATION = const(6)  # [ACCELERATION_MM_S2], 8 bits
+SPEED = const(7)  # [SPEED_MM_S], 8 bits
+PROGRAM_FLAGS = const(8)  # below, 6 bits
+# ... and these in pages PLACE and GOAL.
+PLACE_X = const(3)  # [STEP_UM; table frame], 18 bits, signed
+PLACE_Y = const(4)
+PLACE_YAW = const(5)  # [turns / TURN], 12 bits, signed
+PROGRAM_FIELDS = const(9)
+
+# Values of PAGE
+PARCEL = const(0)
+PLACE = const(1)  # where the parcel is now
+GOAL = const(2)
+END = const(3)  # the identity is dropped, and its programs
+
+# Values of SHAPE
+RECTANGLE = const(0)
+DISC = const(1)
+
+# Bits of PROGRAM_FLAGS
+GO_ON = const(1)  # the host's silence does not end the motion
+ANY_YAW = const(2)  # the yaw at the goal does not matter
+
+IDENTITY_MAX = const(63)
+SEQUENCE_MAX = const(3)
+
+
+def clipped(number: int, low: int, high: int) -> int:
+    """The number within these limits that is next to it."""
+    if number < low:
+        return low
+    return high if number > high else number
+
+
+def pack_estimate(
+    fields: "Sequence[int]", base: int, frame: "MutableSequence[int]", at: int = 0
+) -> None:
+    """Write the frame of an estimate; yaw wraps, and all else is clipped."""
+    yaw = fields[base + YAW] & 0xFFF
+    wants = fields[base + WANTS] & 0xFF
+    low = clipped(fields[base + X], -2048, 2047) & 0xFFF
+    low |= (clipped(fields[base + Y], -2048, 2047) & 0xFFF) << 12
+    middle = yaw | clipped(fields[base + IDENTITY], 0, IDENTITY_MAX) << 12
+    middle |= clipped(fields[base + STATE], 0, UNDER) << 18
+    middle |= (wants & 0xF) << 20
+    high = wants >> 4 | clipped(fields[base + CERTAINTY], 0, 15) << 4
+    high |= clipped(fields[base + HOLD], 0, HOLD_NONE) << 8
+    high |= clipped(fields[base + SEQUENCE], 0, SEQUENCE_MAX) << 11
+    high |= (fields[base + FLAGS] & 7) << 13
+    _write(low, middle, high, frame, at)
+
+
+def unpack_estimate(frame: "Sequence[int]", fields: "MutableSequence[int]", base: int) -> bool:
+    """Read the frame of an estimate into the fields; returns False if it is none."""
+    if len(frame) != LENGTH:
+        return False
+    high = frame[6] | frame[7] << 8
+    if high >> 8 & 7 > HOLD_NONE:
+        return False
+    low = frame[0] | frame[1] << 8 | frame[2] << 16
+    middle = frame[3] | frame[4] << 8 | frame[5] << 16
+    fields[base + X] = ((low & 0xFFF) ^ 0x800) - 0x800
+    fields[base + Y] = (low >> 12 ^ 0x800) - 0x800
+    fields[base + YAW] = ((middle & 0xFFF) ^ 0x800) - 0x800
+    fields[base + IDENTITY] = middle >> 12 & 63
+    fields[base + STATE] = middle >> 18 & 3
+    fields[base + WANTS] = middle >> 20 | (high & 0xF) << 4
+    fields[base + CERTAINTY] = high >> 4 & 15
+    fields[base + HOLD] = high >> 8 & 7
+    fields[base + SEQUENCE] = high >> 11 & 3
+    fields[base + FLAGS] = high >> 13
+    return True
+
+
+def pack_program(
+    fields: "Sequence[int]", base: int, frame: "MutableSequence[int]", at: int = 0
+) -> None:
+    """Write the frame of a page; yaw wraps, and all else is clipped."""
+    page = fields[base + PAGE] & 3
+    low = clipped(fields[base + PARCEL_IDENTITY], 0, IDENTITY_MAX) | page << 6
+    low |= clipped(fields[base + PROGRAM_SEQUENCE], 0, SEQUENCE_MAX) << 8
+    middle = 0
+    high = 0
+    if page == PARCEL:
+        low |= clipped(fields[base + SHAPE], 0, DISC) << 10
+        low |= clipped(fields[base + PARCEL_LENGTH], 0, 4095) << 12
+        middle = clipped(fields[base + PARCEL_WIDTH], 0, 4095)
+        middle |= clipped(fields[base + ACCELERATION], 0, 255) << 12
+        speed = clipped(fields[base + SPEED], 0, 255)
+        middle |= (speed & 0xF) << 20
+        high = speed >> 4 | (fields[base + PROGRAM_FLAGS] & 63) << 4
+    elif page != END:
+        x = clipped(fields[base + PLACE_X], -131_072, 131_071)
+        yaw = fields[base + PLACE_YAW] & 0xFFF
+        low |= (x & 0x3FFF) << 10
+        middle = x >> 14 & 0xF
+        middle |= (clipped(fields[base + PLACE_Y], -131_072, 131_071) & 0x3FFFF) << 4
+        middle |= (yaw & 3) << 22
+        high = yaw >> 2
+    _write(low, middle, high, frame, at)
+
+
+def unpack_program(frame: "Sequence[int]", fields: "MutableSequence[int]", base: int) -> bool:
+    """Read the frame of a page into the fields that it has; returns False if it is none.
+
+    A page is of an identity and has a sequence; the bits that its fields leave mean nothing.
+    """
+    if len(frame) != LENGTH:
+        return False
+    low = frame[0] | frame[1] << 8 | frame[2] << 16
+    page = low >> 6 & 3
+    if not low & 63 or not low >> 8 & 3 or (page == PARCEL and low >> 10 & 3 > DISC):
+        return False
+    middle = frame[3] | frame[4] << 8 | frame[5] << 16
+    high = frame[6] | frame[7] << 8
+    fields[base + PARCEL_IDENTITY] = low & 63
+    fields[base + PAGE] = page
+    fields[base + PROGRAM_SEQUENCE] = low >> 8 & 3
+    if page == PARCEL:
+        fields[base + SHAPE] = low >> 10 & 3
+        fields[base + PARCEL_LENGTH] = low >> 12
+        fields[base + PARCEL_WIDTH] = middle & 0xFFF
+        fields[base + ACCELERATION] = middle >> 12 & 0xFF
+        fields[base + SPEED] = middle >> 20 | (high & 0xF) << 4
+        fields[base + PROGRAM_FLAGS] = high >> 4 & 63
+    elif page != END:
+        fields[base + PLACE_X] = ((low >> 10 | (middle & 0xF) << 14) ^ 0x20000) - 0x20000
+        fields[base + PLACE_Y] = ((middle >> 4 & 0x3FFFF) ^ 0x20000) - 0x20000
+        fields[base + PLACE_YAW] = ((middle >> 22 | (high & 0x3FF) << 2) ^ 0x800) - 0x800
+    return True
+
+
+def _write(low: int, middle: int, high: int, frame: "MutableSequence[int]", at: int) -> None:
+    frame[at] = low & 0xFF
+    frame[at + 1] = low >> 8 & 0xFF
+    frame[at + 2] = low >> 16
+    frame[at + 3] = middle & 0xFF
+    frame[at + 4] = middle >> 8 & 0xFF
+    frame[at + 5] = middle >> 16
+    frame[at + 6] = high & 0xFF
+    frame[at + 7] = high >> 8
