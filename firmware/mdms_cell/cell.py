@@ -31,6 +31,7 @@ from mdms_cell.canopen.sdo.server import SdoServer
 from mdms_cell.canopen.storage.store import Parameters, Store
 from mdms_cell.drive import speed_loop, tuning
 from mdms_cell.drive.axes import Axes
+from mdms_cell.neighbours.layer import Layer
 from mdms_protocol import cob, indices, nmt, record, signature
 
 #: What `fail` is reported to come from; axes count from 1, and then come those of `guard`.
@@ -77,6 +78,15 @@ class Cell:
         self._emcy = Emcy(objects, self._send)
         self._axes = Axes(objects, self._registers, self._emcy)
         self._pdos = Pdos(objects, self._attend, self._send, self._listen)
+        self._layer = Layer(
+            objects,
+            self._registers,
+            axes=self._axes,
+            pdos=self._pdos,
+            consumer=self._consumer,
+            attend=self._attend,
+            changed=self._listen,
+        )
         self._guard = Guard(
             objects,
             self._nmt,
@@ -84,6 +94,7 @@ class Cell:
             emcy=self._emcy,
             consumer=self._consumer,
             pdos=self._pdos,
+            goes_on=self._layer.goes_on,
         )
         self._parameters = Parameters(objects, self._store, self._axes.driving, self._emcy)
         self._tie_cell()
@@ -192,8 +203,10 @@ class Cell:
         self._attend()
         if state == nmt.OPERATIONAL:
             self._pdos.start(self.now_ms)
+            self._layer.start(self.node_id)
         else:
             self._pdos.stop()
+            self._layer.stop()
             self._axes.switch_off()
 
     def on_reset(self, command):
@@ -205,9 +218,10 @@ class Cell:
             self._axes.reset()
         self._axes.switch_off()
         self._pdos.stop()
+        self._layer.stop()
         self._objects.reset(self.node_id, flags)
         self._parameters.restore(flags)
-        for part in (self._pdos, self._emcy, self._consumer, self._axes):
+        for part in (self._pdos, self._emcy, self._consumer, self._axes, self._layer):
             part.load()
         self._on_setting(indices.SETPOINT_TIMEOUT, 0)
         self._listen()
@@ -224,6 +238,7 @@ class Cell:
             else:
                 accepts.update(self._pdos.receivers())
                 accepts.update(self._consumer.receivers())
+                accepts.update(self._layer.receivers())
                 accepts.update(self._own_receivers())
             accepts[cob.NMT] = self._nmt.on_command
         accepts[cob.LSS_REQUEST] = self._lss.on_request
@@ -232,10 +247,16 @@ class Cell:
             listen(list(accepts))
 
     def _own_receivers(self):
-        yield self._objects.number(indices.SYNC_COB_ID), self._pdos.on_sync
+        yield self._objects.number(indices.SYNC_COB_ID), self._on_sync
         yield cob.SDO_REQUEST_BASE + self.node_id, self._on_sdo
         yield cob.SDO_RESPONSE_BASE + self.node_id, self._on_rival
         yield cob.HEARTBEAT_BASE + self.node_id, self._on_rival
+
+    def _on_sync(self, data):
+        taken = self._pdos.on_sync(data)
+        if taken:
+            self._layer.on_sync(self.now_ms)
+        return taken
 
     def _on_sdo(self, data):
         """A client may change what is due, and begins to be waited for."""
@@ -278,6 +299,7 @@ class Cell:
         now_ms = self.now_ms
         self._axes.poll()
         wait_ms = min(self._guard.poll(now_ms), self._pdos.poll(now_ms))
+        wait_ms = min(wait_ms, self._layer.poll(now_ms, self._presence))
         if self.state != nmt.STOPPED:
             wait_ms = min(wait_ms, self._emcy.poll(now_ms))
         wait_ms = min(wait_ms, self._heartbeat.poll(now_ms, self.node_id, self.state))
