@@ -31,6 +31,8 @@ from mdms_cell.canopen.sdo.server import SdoServer
 from mdms_cell.canopen.storage.store import Parameters, Store
 from mdms_cell.drive import speed_loop, tuning
 from mdms_cell.drive.axes import Axes
+from mdms_cell.neighbours.beat import Beat
+from mdms_cell.neighbours.place import Place
 from mdms_protocol import cob, indices, nmt, record, signature
 
 #: What `fail` is reported to come from; axes count from 1, and then come those of `guard`.
@@ -85,6 +87,8 @@ class Cell:
             consumer=self._consumer,
             pdos=self._pdos,
         )
+        self._beat = Beat()
+        self.place = Place(objects, self._listen)
         self._parameters = Parameters(objects, self._store, self._axes.driving, self._emcy)
         self._tie_cell()
 
@@ -100,6 +104,7 @@ class Cell:
             objects.watch(index, self._on_setting)
         self._axes.guard(self._may_enable, self._pdos.discard_held)
         objects.watch(indices.SYNC_COB_ID, self._on_sync_cob_id)
+        objects.watch(indices.LEASE, self._on_lease)
 
     def _read_presence(self):
         return self._presence
@@ -192,7 +197,9 @@ class Cell:
         self._attend()
         if state == nmt.OPERATIONAL:
             self._pdos.start(self.now_ms)
+            self._beat.start(self.now_ms)
         else:
+            self._beat.stop()
             self._pdos.stop()
             self._axes.switch_off()
 
@@ -204,12 +211,14 @@ class Cell:
             flags |= record.STORED_APPLICATION
             self._axes.reset()
         self._axes.switch_off()
+        self._beat.stop()
         self._pdos.stop()
         self._objects.reset(self.node_id, flags)
         self._parameters.restore(flags)
-        for part in (self._pdos, self._emcy, self._consumer, self._axes):
+        for part in (self._pdos, self._emcy, self._consumer, self._axes, self.place):
             part.load()
         self._on_setting(indices.SETPOINT_TIMEOUT, 0)
+        self._load_beat()
         self._listen()
 
     # What is listened to
@@ -232,10 +241,18 @@ class Cell:
             listen(list(accepts))
 
     def _own_receivers(self):
-        yield self._objects.number(indices.SYNC_COB_ID), self._pdos.on_sync
+        on_sync = self._on_sync if self._beat.enabled else self._pdos.on_sync
+        yield self._objects.number(indices.SYNC_COB_ID), on_sync
         yield cob.SDO_REQUEST_BASE + self.node_id, self._on_sdo
         yield cob.SDO_RESPONSE_BASE + self.node_id, self._on_rival
         yield cob.HEARTBEAT_BASE + self.node_id, self._on_rival
+
+    def _on_sync(self, data):
+        """Somebody else gives the beat."""
+        taken = self._pdos.on_sync(data)
+        if taken:
+            self._beat.on_sync(self.now_ms)
+        return taken
 
     def _on_sdo(self, data):
         """A client may change what is due, and begins to be waited for."""
@@ -263,6 +280,16 @@ class Cell:
         check_plain(self._objects.number(index))
         self._listen()
 
+    def _on_lease(self, _index, _sub):
+        self._load_beat()
+        self._listen()
+
+    def _load_beat(self):
+        number = self._objects.number
+        rank = number(indices.LEASE, 4) or self.node_id
+        enabled, period_ms = number(indices.LEASE, 3), number(indices.LEASE, 2)
+        self._beat.configure(enabled, rank - 1, period_ms, self._attend())
+
     # What goes on in the background
 
     def _initialise(self):
@@ -281,8 +308,15 @@ class Cell:
         if self.state != nmt.STOPPED:
             wait_ms = min(wait_ms, self._emcy.poll(now_ms))
         wait_ms = min(wait_ms, self._heartbeat.poll(now_ms, self.node_id, self.state))
+        wait_ms = min(wait_ms, self._give_beat(now_ms))
         self._sdo.poll(now_ms)
         return 1 if self._sdo.busy else wait_ms
+
+    def _give_beat(self, now_ms):
+        """Send SYNC, if it is this cell's to send; in how many milliseconds it may be again."""
+        if self._beat.poll(now_ms) and self._send(self._objects.number(indices.SYNC_COB_ID), b""):
+            self._pdos.on_sync(b"")
+        return self._beat.wait_ms(now_ms)
 
     # What the services call
 
