@@ -1,1 +1,1 @@
-"""Neighbours: what a cell and the cells around it say to each other, and do together."""
+"""The neighbour layer: the cells under a parcel drive it together, by messages among themselves."""

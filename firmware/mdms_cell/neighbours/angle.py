@@ -1,0 +1,58 @@
+"""Turns of a parcel, in whole numbers.
+
+An angle is the way of a point at `ARM_UM` from the centre [um], so that a pose is three lengths and a
+twist three speeds. Sine and cosine are in 1/8192.
+"""
+
+try:
+    from micropython import const
+except ImportError:
+    from mdms_cell.cpython import const
+
+ARM_UM = const(128_000)
+ONE = const(8192)
+#: A right angle is 201,061.93 um; a full turn is rounded once, so that the error does not add up.
+QUARTER_UM = const(201_062)
+TURN_UM = const(804_248)
+
+
+def wrapped(turn_um):
+    """The same angle within half a turn of 0 [um]."""
+    return (turn_um + TURN_UM // 2) % TURN_UM - TURN_UM // 2
+
+
+def sine(turn_um):
+    """Sine of an angle [um at the arm], in 1/8192, within 2 of it."""
+    quarter = (turn_um + QUARTER_UM // 2) // QUARTER_UM
+    # Radians in 1/8192, at most an eighth of a turn from a multiple of the right angle.
+    near = (turn_um - quarter * QUARTER_UM) * 8 // 125
+    square = near * near >> 13
+    quarter &= 3
+    if quarter & 1:
+        most = (ONE // 12 - square // 360) * square >> 13
+        value = ONE - (square * (ONE // 2 - most // 2) >> 13)
+    else:
+        value = near * (ONE - (square * (ONE - square // 20) >> 13) // 6) >> 13
+    return -value if quarter & 2 else value
+
+
+def cosine(turn_um):
+    """Cosine of an angle [um at the arm], in 1/8192."""
+    return sine(turn_um + QUARTER_UM)
+
+
+def root(number):
+    """The square root of a number from 0 on, rounded down."""
+    if number < 2:
+        return number
+    guess = 1
+    rest = number
+    while rest > 3:
+        rest >>= 2
+        guess <<= 1
+    guess = (guess + number // guess) >> 1
+    guess = (guess + number // guess) >> 1
+    guess = (guess + number // guess) >> 1
+    while guess * guess > number:
+        guess -= 1
+    return guess
