@@ -1,7 +1,8 @@
-"""18 cells on the virtual bus keep a common beat: without a host, through crashes and a cut wire."""
+"""18 cells on the virtual bus keep a common beat: without a host, through crashes and cuts."""
 
 from contextlib import closing
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 
@@ -65,7 +66,7 @@ class Beats:
 
     def largest_gap_s(self, node):
         times_s = self.cells[node]
-        return max(after - before for before, after in zip(times_s, times_s[1:], strict=False))
+        return max(after - before for before, after in pairwise(times_s))
 
     def regular_since_s(self):
         """From when on there is one SYNC a beat, until the end."""
