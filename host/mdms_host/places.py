@@ -38,8 +38,8 @@ def place_values(layout: Layout, number: int) -> dict[Place, int]:
         (indices.PLACE, 5): _steps(indices.PLACE, 5, layout.pitch_m),
         _RANK: rank + 1,
     }
-    for sub, node_id in enumerate(_neighbours(layout, column, row), 1):
-        values[indices.NEIGHBOURS, sub] = node_id
+    for sub, neighbour in enumerate(neighbours_of(layout, number), 1):
+        values[indices.NEIGHBOURS, sub] = layout.node_ids[neighbour - 1] if neighbour else 0
     return _checked(values)
 
 
@@ -73,12 +73,13 @@ def all_values(layout: Layout, number: int) -> dict[Place, int]:
     return place_values(layout, number) | wheel_values(layout) | sensor_values(layout)
 
 
-def _neighbours(layout: Layout, column: int, row: int) -> Iterator[int]:
-    """Node ids by direction, 0 beyond the array's edge."""
+def neighbours_of(layout: Layout, number: int) -> Iterator[int]:
+    """The numbers of a cell's neighbours by direction, 0 beyond the array's edge."""
+    row, column = divmod(number - 1, layout.columns)
     for step_x, step_y in _STEPS:
         x, y = column + step_x, row + step_y
         inside = 0 <= x < layout.columns and 0 <= y < layout.rows
-        yield layout.node_ids[y * layout.columns + x] if inside else 0
+        yield y * layout.columns + x + 1 if inside else 0
 
 
 def _steps(index: int, sub: int, value: float) -> int:

@@ -11,6 +11,7 @@ from mdms_host.coordination.schedule import Timing
 from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
+from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import FieldProgram, GoalProgram
 from mdms_host.places import all_values
@@ -431,7 +432,7 @@ def test_right_places_cost_no_reading_of_all_settings(rolling_array) -> None:
 
 
 def test_cells_that_steer_are_told_their_places_whatever_they_had(rolling_array) -> None:
-    coordinator = Coordinator(LAYOUT, still(), control="cells")
+    coordinator = Coordinator(LAYOUT, CellsProgram(LAYOUT, (), {}))
     array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
     tell_place(array, row=7)
     array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
@@ -444,9 +445,35 @@ def test_cells_that_steer_are_told_their_places_whatever_they_had(rolling_array)
         assert written[-1] == indices.CONTROL
 
 
-def test_cell_that_steers_by_itself_is_not_taken_for_one_that_obeys(rolling_array) -> None:
+def test_cell_that_was_left_to_steer_by_itself_is_made_to_obey(rolling_array) -> None:
     coordinator = Coordinator(LAYOUT, still())
     array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
-    array.cells[2].objects.put(indices.CONTROL, 0, 1)
-    array.run(coordinator, 3.0, lambda: coordinator.stopped)
-    assert "Control (0x3013:0) is 1, not 0" in coordinator.fault
+    left = array.cells[2].objects
+    left.put(indices.CONTROL, 0, 1)
+    left.put(indices.LEASE, 3, 1)
+    left.put(indices.CONSUMER_TIMES, 1, 127 << 16 | 75)
+    array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
+    assert coordinator.phase == Phase.RUNNING
+    for place in ((indices.CONTROL, 0), (indices.LEASE, 3), (indices.CONSUMER_TIMES, 1)):
+        assert left.number(*place) == 0
+
+
+def test_settings_of_a_run_that_cells_steer_are_taken_back_at_its_end(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, CellsProgram(LAYOUT, (), {}))
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
+    coordinator.stop()
+    array.run(coordinator, array.now_s + 1.0, lambda: coordinator.stopped)
+    assert coordinator.stopped
+    for cell in array.cells:
+        for place in ((indices.CONTROL, 0), (indices.LEASE, 3), (indices.CONSUMER_TIMES, 1)):
+            assert cell.objects.number(*place) == 0
+
+
+def test_cells_that_steer_are_left_to_enable_their_drives(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, CellsProgram(LAYOUT, (), {}))
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
+    array.run(coordinator, array.now_s + 0.5)
+    assert coordinator.fault is None
+    assert all(cell.states == [cia402.SWITCHED_ON] * 2 for cell in array.cells)
