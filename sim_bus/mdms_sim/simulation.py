@@ -14,8 +14,10 @@ from typing import BinaryIO
 
 import numpy as np
 
+from mdms_model.array import cell_centres
 from mdms_model.arrays import Floats
 from mdms_model.participant import Participant
+from mdms_model.run.cell_reports import CellReports
 from mdms_model.run.record import Record
 from mdms_model.run.references import References
 from mdms_model.scenario.scenario import Scenario
@@ -104,6 +106,8 @@ class Simulation:
         self._voltage_uv = np.zeros((self._cells, 2), np.int32)
         self._references = References(self._cells, self._axes)
         self.bus.observe(self._references.on_frame, self._references.cells)
+        self._reports = CellReports(cell_centres(scenario.array))
+        self.bus.observe(self._on_report, self._reports.cells)
         self._mailboxes = [
             self.bus.attach(_CellStation(self._deliver, cell), bank.accepts(cell))
             for cell in range(self._cells)
@@ -149,7 +153,10 @@ class Simulation:
         """Everything recorded so far."""
         figures = BusFigures(self.bus.frames, self.bus.load(), self.bus.errors, self.log.log_sha256)
         events = sorted([*self.world.events, *self._faults.events], key=lambda each: each.time_s)
-        return Outcome(self._sampler.record(events), figures)
+        return Outcome(self._sampler.record(events, self._reports.any), figures)
+
+    def _on_report(self, frame: Frame, now_ns: int) -> None:
+        self._reports.on_frame(frame, now_ns / NS_PER_S)
 
     def _deliver(self, cell: int, frame: Frame, now_ns: int) -> None:
         """A frame has reached a cell (from 0); its background loop deals with it soon."""
@@ -190,7 +197,9 @@ class Simulation:
         estimates = self._estimates() if self._estimates else self._unknown
         voltage_v = self._voltage_uv[:, : self._axes].ravel() / UV_PER_V
         references = self._references.reference_m_s
-        self._sampler.sample(now_ns / NS_PER_S, references, voltage_v, estimates)
+        now_s = now_ns / NS_PER_S
+        reports = self._reports.sample(now_s)
+        self._sampler.sample(now_s, references, voltage_v, estimates, reports)
         self.kernel.at(now_ns + SAMPLE_NS, PRIORITY_SAMPLE, self._sample)
 
 

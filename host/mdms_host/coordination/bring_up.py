@@ -28,8 +28,8 @@ class BringUpCell(RemoteCell):
     Then all of its stored settings must be what the run expects: the table's defaults, and these.
     One that differs is a trouble, whatever it is: a stored polarity turns a wheel the wrong way, a
     stored time-out lets it drive on alone. Only those of `spare` do not matter (`Configuration`),
-    and those of `steering_settings` are set back where a run has left them behind. With `steers` the
-    cell leads its drives by itself, and these settings are taken back at the end.
+    and those of `steering_settings` are set back where a run has left them behind. With `steers`
+    the cell leads its drives by itself, and these settings are taken back at the end.
     """
 
     def __init__(
@@ -53,6 +53,8 @@ class BringUpCell(RemoteCell):
         self._sdo = SdoClient(node_id, (*settings, SIGNATURE))
         self._verified = False
         self._corrected = False
+        self._written = False
+        self._ending = False
         self._mismatch: str | None = None
         self.handlers[cob.SDO_RESPONSE_BASE + node_id] = self.on_answer
 
@@ -69,6 +71,11 @@ class BringUpCell(RemoteCell):
         return tuple(state != cia402.SWITCHED_ON for state in states[: self._axes])
 
     @property
+    def _setting_back(self) -> bool:
+        """Whether settings are still to be taken back; none are where none were written."""
+        return self._written and not (self._set_back.done or self._set_back.failure)
+
+    @property
     def other_protocol(self) -> str | None:
         """What there is to say of a cell that speaks another revision of the protocol."""
         revision = self._identity.answers.get((REVISION.index, REVISION.sub))
@@ -77,8 +84,11 @@ class BringUpCell(RemoteCell):
     def on_answer(self, data: bytes, now_s: float) -> None:
         """An answer to a setting, or to the question who it is."""
         self._identity.on_response(data)
+        if self._ending:
+            # What the bring-up was still waiting for is of no interest any more.
+            self._set_back.on_response(data)
+            return
         self._sdo.on_response(data)
-        self._set_back.on_response(data)
         if self._sdo.done and not self._verified:
             self._verify()
 
@@ -96,7 +106,7 @@ class BringUpCell(RemoteCell):
             case Phase.ENABLING:
                 return self.enabled
             case _:
-                return not self.moving and (self._set_back.done or bool(self._set_back.failure))
+                return not self.moving and not self._setting_back
 
     def fault(self, phase: Phase) -> str | None:
         """The cell's fault in a phase; None if it has none."""
@@ -121,6 +131,7 @@ class BringUpCell(RemoteCell):
         elif phase == Phase.IDENTIFYING:
             yield from self._identity.poll(now_s)
         elif phase == Phase.CONFIGURING:
+            self._written = True
             yield from self._sdo.poll(now_s)
         elif phase == Phase.STARTING and self.nmt_state != nmt.OPERATIONAL:
             yield nmt.command(nmt.START, self.node_id)
@@ -128,7 +139,9 @@ class BringUpCell(RemoteCell):
             yield from self._enable()
         elif phase in (Phase.STOPPING, Phase.FAILING):
             yield self._control(cia402.QUICK_STOP)
-            yield from self._set_back.poll(now_s)
+            self._ending = True
+            if self._setting_back:
+                yield from self._set_back.poll(now_s)
         elif phase in STOPPED:
             yield self._control(cia402.DISABLE_VOLTAGE)
 
@@ -152,9 +165,7 @@ class BringUpCell(RemoteCell):
         """What sets back the settings of a run in which cells steered, and which came to no end."""
         answers, values = self._sdo.answers, self._configuration.values
         return [
-            Setting(*place, values[place])
-            for place in PLACES
-            if answers[place] != values[place]
+            Setting(*place, values[place]) for place in PLACES if answers[place] != values[place]
         ]
 
     def _enable(self) -> Iterator[Frame]:

@@ -38,7 +38,6 @@ _SETTLED = (Phase.RUNNING, *STOPPED)
 _ENDING = (Phase.STOPPING, Phase.FAILING)
 
 
-
 def _told(layout: Layout, number: int) -> Iterator[Setting]:
     """What a cell that steers is told of its place. Raises `pdo.OutOfRangeError`."""
     for place, value in all_values(layout, number).items():
@@ -76,6 +75,7 @@ class Coordinator:
         host_node_id: int = cob.NODE_MAX,
     ) -> None:
         axes = len(layout.wheels)
+        self.layout = layout
         self._timing = timing or Timing()
         self._velocities = VelocityFrames(layout.node_ids, axes)
         self.phase = Phase.WAITING

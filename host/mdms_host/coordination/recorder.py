@@ -6,6 +6,7 @@ import numpy as np
 
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_model.arrays import Floats
+from mdms_model.run.cell_reports import CellReports, without_reports
 from mdms_model.run.history import MOST_SAMPLES, History
 from mdms_model.run.record import Contact, Event, Record
 from mdms_protocol.frame import Frame
@@ -32,6 +33,8 @@ class Recorder:
         self._estimates = estimates
         self._log_frame = log_frame
         self._history = History(most_samples)
+        layout = coordinator.layout
+        self._reports = CellReports(layout.cell_positions_m, layout.node_ids)
         self._due_s = -np.inf
 
     @property
@@ -42,6 +45,8 @@ class Recorder:
     def on_frame(self, frame: Frame, now_s: float) -> None:
         """A frame was on the bus."""
         self._log_frame(frame, now_s)
+        if frame.can_id in self._reports.cells:
+            self._reports.on_frame(frame, now_s)
         self._coordinator.on_frame(frame, now_s)
 
     def poll(self, now_s: float) -> Iterable[Frame]:
@@ -60,6 +65,8 @@ class Recorder:
         events = [Event(time_s, "coordinator", text) for time_s, text in self._coordinator.events]
         events += [Event(time_s, "link", text) for time_s, text in incidents]
         columns = self._history.columns()
+        if not self._reports.any:
+            columns = without_reports(columns)
         poses, wheels = columns["estimate"], columns["reference_m_s"]
         nowhere, nothing = np.full_like(poses, np.nan), np.full_like(wheels, np.nan)
         return Record(
@@ -81,4 +88,5 @@ class Recorder:
                 reference_m_s=self._coordinator.references_m_s.copy(),
                 speed_m_s=self._coordinator.speeds_m_s,
                 estimate=self._estimates(),
+                **self._reports.sample(now_s),
             )

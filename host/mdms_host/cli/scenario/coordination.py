@@ -15,8 +15,8 @@ from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.allocation import AHEAD_M
-from mdms_host.motion.goal import Goal, Limits
 from mdms_host.motion.by_cells.program import CellsProgram
+from mdms_host.motion.goal import Goal, Limits
 from mdms_host.motion.program import FieldProgram, GoalProgram, Program
 from mdms_model import fields
 from mdms_model.array import build_wheels

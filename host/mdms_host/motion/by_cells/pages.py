@@ -1,4 +1,4 @@
-"""The pages of a motion program, as cells get them: what a parcel is, where it is, where it goes."""
+"""The pages of a motion program, as cells get them: what a parcel is, where it is, and goes."""
 
 from math import pi
 
@@ -13,12 +13,9 @@ _SHAPES = {"rectangle": wire.RECTANGLE, "disc": wire.DISC}
 
 
 def parcel_page(
-    parcel: Parcel, identity: int, sequence: int, goal: Goal | None, limits: Limits, go_on: bool
+    identity: int, sequence: int, parcel: Parcel, limits: Limits, flags: int
 ) -> messages.Parcel:
     """Outline and limits of a parcel. Raises KeyError for a shape that no page has."""
-    flags = wire.GO_ON if go_on else 0
-    if goal is not None and goal.yaw_rad is None:
-        flags |= wire.ANY_YAW
     return messages.Parcel(
         identity,
         sequence,
@@ -29,6 +26,12 @@ def parcel_page(
         round(limits.speed_m_s * 1e3 / wire.SPEED_MM_S),
         flags,
     )
+
+
+def flags_of(goal: Goal | None, go_on: bool) -> int:
+    """The flags of a parcel on its way to a goal."""
+    any_yaw = goal is not None and goal.yaw_rad is None
+    return (wire.GO_ON if go_on else 0) | (wire.ANY_YAW if any_yaw else 0)
 
 
 def place_page(identity: int, sequence: int, pose: Floats) -> messages.Place:

@@ -12,11 +12,10 @@ from mdms_host.estimation.bottom import Bottom
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.followed import Followed
-from mdms_host.motion.by_cells.pages import goal_page, parcel_page, place_page
+from mdms_host.motion.by_cells.pages import flags_of, goal_page, parcel_page, place_page
 from mdms_host.motion.by_cells.reports import Reports
 from mdms_host.motion.goal import Goal, Limits
 from mdms_model.arrays import Floats
-from mdms_protocol import neighbours as wire
 from mdms_protocol.messages import End, Estimate, Page
 
 #: Pages are repeated so often [s] until the cells have acknowledged them.
@@ -128,15 +127,13 @@ class CellsProgram:
             return
         sending.due_s = now_s + REPEAT_S
         identity, goal = self._identities[name], self._goals.get(name)
-        parcel = self._parcels[name]
-        yield parcel_page(parcel, identity, _SEQUENCE, goal, self._limits, self._go_on)
+        parcel, flags = self._parcels[name], flags_of(goal, self._go_on)
+        yield parcel_page(identity, _SEQUENCE, parcel, self._limits, flags)
         yield place_page(identity, _SEQUENCE, pose)
         if goal is not None:
             yield goal_page(identity, _SEQUENCE, goal)
 
-    def _check_acknowledged(
-        self, name: str, sending: _Sending, pose: Floats, now_s: float
-    ) -> None:
+    def _check_acknowledged(self, name: str, sending: _Sending, pose: Floats, now_s: float) -> None:
         """Send no more when all cells of a parcel have its program; again when none has it."""
         having = self._cells_having(name)
         if sending.done:
@@ -194,7 +191,9 @@ class CellsProgram:
         if self._lasts(name, "blocked", bool(held), now_s):
             lacked = set().union(*held.values())
             lacks = f" and lack {_cells(lacked)}" if lacked else ""
-            self._notices.append(f"{name} is blocked: {_cells(set(held))} want the way ahead{lacks}")
+            self._notices.append(
+                f"{name} is blocked: {_cells(set(held))} want the way ahead{lacks}"
+            )
         arrived = self._reports.have_arrived(identity)
         clear = all(each.hold for each in self._reports.under(identity).values())
         may_move = self._sendings[name].done and clear
