@@ -81,7 +81,7 @@ def test_record_shows_who_has_the_box_as_it_passes(steered):
     assert record.identity.shape == record.state.shape == (len(record.time_s), 18)
     under = record.state == wire.UNDER
     assert set(np.unique(record.identity)) == {0, 1}
-    # The box lies over columns 2 to 4, less than 10 mm from the first one's sensors. It leaves that,
+    # The box lies over columns 2 to 4, less than 10 mm from sensors of the first. It leaves that,
     # and comes to the fifth, whose cells are promised to it before.
     begun = np.flatnonzero(under.any(axis=1))[0]
     fifth = record.state[:, [4, 10, 16]]

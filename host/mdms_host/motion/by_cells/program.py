@@ -16,13 +16,14 @@ from mdms_host.motion.by_cells.pages import flags_of, goal_page, parcel_page, pl
 from mdms_host.motion.by_cells.reports import Reports
 from mdms_host.motion.goal import Goal, Limits
 from mdms_model.arrays import Floats
+from mdms_protocol import neighbours as wire
 from mdms_protocol.messages import End, Estimate, Page
 
 #: Pages are repeated so often [s] until the cells have acknowledged them.
 REPEAT_S = 0.05
 #: Once most have, for so long for the sake of the rest; they are handed on by the others.
 _REST_S = 0.5
-#: No cell has the parcel any more when none has been under it for so long [s].
+#: No cell has the parcel any more when none has reported its identity for so long [s].
 _GONE_S = 0.3
 #: What lasts so long [s] is reported.
 _REPORTED_S = 1.0
@@ -154,7 +155,7 @@ class CellsProgram:
         self._lasts(name, "unanswered", False, now_s)
 
     def _check_gone(self, name: str, sending: _Sending, now_s: float) -> None:
-        if self._reports.under(self._identities[name]):
+        if self._reports.of(self._identities[name]):
             sending.gone_s = None
             return
         sending.gone_s = now_s if sending.gone_s is None else sending.gone_s
@@ -195,7 +196,8 @@ class CellsProgram:
                 f"{name} is blocked: {_cells(set(held))} want the way ahead{lacks}"
             )
         arrived = self._reports.have_arrived(identity)
-        clear = all(each.hold for each in self._reports.under(identity).values())
+        under = self._reports.under(identity).values()
+        clear = bool(under) and all(each.hold == wire.HOLD_NONE for each in under)
         may_move = self._sendings[name].done and clear
         if followed.see(pose, arrived, may_move, step_s):
             followed.stopped = True
