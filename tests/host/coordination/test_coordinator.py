@@ -15,7 +15,7 @@ from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import FieldProgram, GoalProgram
 from mdms_host.places import all_values
-from mdms_protocol import cia402, cob, indices, nmt, pdo, record, signature
+from mdms_protocol import cia402, cob, indices, messages, nmt, pdo, record, signature
 from mdms_protocol.frame import Frame
 
 LAYOUT = Layout(6, 3, wheels=(WheelPlace(0.0, (0.0, 0.03)), WheelPlace(np.pi / 2, (0.03, 0.0))))
@@ -468,6 +468,34 @@ def test_settings_of_a_run_that_cells_steer_are_taken_back_at_its_end(rolling_ar
     for cell in array.cells:
         for place in ((indices.CONTROL, 0), (indices.LEASE, 3), (indices.CONSUMER_TIMES, 1)):
             assert cell.objects.number(*place) == 0
+
+
+def test_programs_end_behind_the_quick_stop(rolling_array) -> None:
+    box = Parcel("box", 0.36, 0.30)
+    coordinator = Coordinator(LAYOUT, CellsProgram(LAYOUT, (box,), {"box": Goal(0.1, 0.0)}))
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
+    coordinator.stop()
+    frames = coordinator.poll(array.now_s)
+    end = frames.index(Frame(cob.PROGRAM, messages.encode_page(messages.End(1, 1))))
+    stops = [place for place, frame in enumerate(frames) if is_quick_stop(frame)]
+    assert len(stops) == LAYOUT.cells
+    assert max(stops) < end
+
+
+def is_quick_stop(frame: Frame) -> bool:
+    words = (cia402.QUICK_STOP,) * len(pdo.CONTROLWORD.entries)
+    return frame.data == pdo.CONTROLWORD.encode(words)
+
+
+def test_host_sends_heartbeats_often_enough_for_cells_that_steer(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, CellsProgram(LAYOUT, (), {}))
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
+    sent = [frame for step in range(300) for frame in coordinator.poll(array.now_s + 0.001 * step)]
+    assert sum(frame.can_id == cob.HEARTBEAT_BASE + 127 for frame in sent) == 12
+    limits = {cell.objects.number(indices.CONSUMER_TIMES, 1) for cell in array.cells}
+    assert limits == {127 << 16 | 75}
 
 
 def test_cells_that_steer_are_left_to_enable_their_drives(rolling_array) -> None:

@@ -109,7 +109,7 @@ def test_program_is_sent_again_when_no_cell_has_the_parcel_any_more():
 
 def test_parcel_has_arrived_when_most_of_its_cells_say_so_and_the_host_agrees():
     table = Table()
-    arrived = reports(UNDER[:4], flags=wire.ARRIVED) | reports(UNDER[4:])
+    arrived = reports(UNDER[:5], flags=wire.ARRIVED) | reports(UNDER[5:])
     table.run(0.5, poses=AT, reports=arrived)
     assert not table.program.finished
     table.run(0.5, poses=THERE, reports=reports(UNDER))
