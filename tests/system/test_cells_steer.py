@@ -9,7 +9,7 @@ import pytest
 
 from mdms_host.cli.scenario.coordination import coordinator_of
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol import cob, pdo
+from mdms_protocol import cob, nmt, pdo
 from mdms_protocol import neighbours as wire
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.simulation import Simulation
@@ -119,6 +119,13 @@ def test_box_that_is_to_go_on_gets_to_its_goal_without_the_host():
     gone = run(3.6, "motion.go_on=true", f"fault=[{{kind='host', start_s={GONE_S}}}]")
     syncs = [time_s for time_s, frame in gone.frames if frame.can_id == cob.SYNC]
     assert np.diff(syncs).max() < 0.03 + 0.002
+    # Cells that it only comes to later are as ready as those that have it.
+    states = {
+        frame.data
+        for time_s, frame in gone.frames
+        if time_s > GONE_S and frame.can_id - cob.HEARTBEAT_BASE in CELLS
+    }
+    assert states == {bytes((nmt.OPERATIONAL,))}
     off_m, off_deg = away(gone.record)
     assert off_m < 0.005
     assert off_deg < 2.0
