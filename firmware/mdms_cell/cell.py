@@ -31,6 +31,7 @@ from mdms_cell.canopen.sdo.server import SdoServer
 from mdms_cell.canopen.storage.store import Parameters, Store
 from mdms_cell.drive import speed_loop, tuning
 from mdms_cell.drive.axes import Axes
+from mdms_cell.neighbours.beat import Beat
 from mdms_cell.neighbours.layer import Layer
 from mdms_protocol import cob, indices, nmt, record, signature
 
@@ -96,6 +97,7 @@ class Cell:
             pdos=self._pdos,
             goes_on=self._layer.goes_on,
         )
+        self._beat = Beat()
         self._parameters = Parameters(objects, self._store, self._axes.driving, self._emcy)
         self._tie_cell()
 
@@ -111,6 +113,7 @@ class Cell:
             objects.watch(index, self._on_setting)
         self._axes.guard(self._may_enable, self._pdos.discard_held)
         objects.watch(indices.SYNC_COB_ID, self._on_sync_cob_id)
+        objects.watch(indices.LEASE, self._on_lease)
 
     def _read_presence(self):
         return self._presence
@@ -145,9 +148,14 @@ class Cell:
         return self._nmt.node_id
 
     def silent(self):
-        """Identifiers of frames that let the cell send nothing before its next poll: its RPDOs."""
+        """Identifiers of frames that let the cell send nothing before its next poll.
+
+        Its RPDOs, and what its neighbours send.
+        """
         own = dict(self._own_receivers())
-        return [can_id for can_id, _ in self._pdos.receivers() if can_id not in own]
+        taken = dict(self._pdos.receivers())
+        taken.update(self._layer.receivers())
+        return [can_id for can_id in taken if can_id not in own]
 
     # What the background loop and the timer interrupt call
 
@@ -203,8 +211,10 @@ class Cell:
         self._attend()
         if state == nmt.OPERATIONAL:
             self._pdos.start(self.now_ms)
+            self._beat.start(self.now_ms)
             self._layer.start(self.node_id)
         else:
+            self._beat.stop()
             self._pdos.stop()
             self._layer.stop()
             self._axes.switch_off()
@@ -217,6 +227,7 @@ class Cell:
             flags |= record.STORED_APPLICATION
             self._axes.reset()
         self._axes.switch_off()
+        self._beat.stop()
         self._pdos.stop()
         self._layer.stop()
         self._objects.reset(self.node_id, flags)
@@ -224,6 +235,7 @@ class Cell:
         for part in (self._pdos, self._emcy, self._consumer, self._axes, self._layer):
             part.load()
         self._on_setting(indices.SETPOINT_TIMEOUT, 0)
+        self._load_beat()
         self._listen()
 
     # What is listened to
@@ -247,14 +259,18 @@ class Cell:
             listen(list(accepts))
 
     def _own_receivers(self):
-        yield self._objects.number(indices.SYNC_COB_ID), self._on_sync
+        led = self._beat.enabled or self._layer.wanted
+        on_sync = self._on_sync if led else self._pdos.on_sync
+        yield self._objects.number(indices.SYNC_COB_ID), on_sync
         yield cob.SDO_REQUEST_BASE + self.node_id, self._on_sdo
         yield cob.SDO_RESPONSE_BASE + self.node_id, self._on_rival
         yield cob.HEARTBEAT_BASE + self.node_id, self._on_rival
 
     def _on_sync(self, data):
+        """SYNC from somebody else."""
         taken = self._pdos.on_sync(data)
         if taken:
+            self._beat.on_sync(self.now_ms)
             self._layer.on_sync(self.now_ms)
         return taken
 
@@ -284,6 +300,16 @@ class Cell:
         check_plain(self._objects.number(index))
         self._listen()
 
+    def _on_lease(self, _index, _sub):
+        self._load_beat()
+        self._listen()
+
+    def _load_beat(self):
+        number = self._objects.number
+        rank = number(indices.LEASE, 4) or self.node_id
+        enabled, period_ms = number(indices.LEASE, 3), number(indices.LEASE, 2)
+        self._beat.configure(enabled, rank - 1, period_ms, self._attend())
+
     # What goes on in the background
 
     def _initialise(self):
@@ -303,8 +329,16 @@ class Cell:
         if self.state != nmt.STOPPED:
             wait_ms = min(wait_ms, self._emcy.poll(now_ms))
         wait_ms = min(wait_ms, self._heartbeat.poll(now_ms, self.node_id, self.state))
+        wait_ms = min(wait_ms, self._give_beat(now_ms))
         self._sdo.poll(now_ms)
         return 1 if self._sdo.busy else wait_ms
+
+    def _give_beat(self, now_ms):
+        """Send SYNC, if it is this cell's to send; in how many milliseconds it may be again."""
+        if self._beat.poll(now_ms) and self._send(self._objects.number(indices.SYNC_COB_ID), b""):
+            self._pdos.on_sync(b"")
+            self._layer.on_sync(now_ms)
+        return self._beat.wait_ms(now_ms)
 
     # What the services call
 

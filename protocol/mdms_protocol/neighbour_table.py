@@ -45,7 +45,7 @@ def _array(name: str, fields: dict[int, Field]) -> e.Group:
 
 def _neighbours() -> e.Group:
     fields = {
-        number: setting("Node id " + direction, U8, high=cob.CELL_NODE_MAX)
+        number: setting("Neighbour " + direction, U8, high=cob.CELL_NODE_MAX)
         for number, direction in enumerate(DIRECTIONS, 1)
     }
     return _array("Neighbour", fields)
@@ -74,11 +74,11 @@ NEIGHBOUR_OBJECTS: dict[int, Field | e.Group] = {
     0x3010: record(
         "Place",
         {
-            1: setting("Column", U8),
-            2: setting("Row", U8),
-            3: _within("x", 0, _TABLE_UM),
-            4: _within("y", 0, _TABLE_UM),
-            5: setting("Pitch", U32, 127_000, e.MICROMETRES, low=1_000, high=REACH_UM),
+            1: setting("Place column", U8),
+            2: setting("Place row", U8),
+            3: _within("Place x", 0, _TABLE_UM),
+            4: _within("Place y", 0, _TABLE_UM),
+            5: setting("Place pitch", U32, 127_000, e.MICROMETRES, low=1_000, high=REACH_UM),
         },
     ),
     0x3011: _neighbours(),
@@ -90,6 +90,7 @@ NEIGHBOUR_OBJECTS: dict[int, Field | e.Group] = {
             1: setting("Lease beats", U8, 10, low=3, high=100),
             2: setting("Beat period", U16, 10, e.MILLISECONDS, low=5, high=100),
             3: setting("SYNC takeover", U8, high=1),
+            4: setting("SYNC takeover rank", U8, high=cob.CELL_NODE_MAX),
         },
     ),
     0x3015: field("Suspect", U8, READ),

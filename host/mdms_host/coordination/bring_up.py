@@ -6,8 +6,9 @@ from mdms_host.can_link.emergencies import error_text
 from mdms_host.can_link.protocol_revision import other_protocol
 from mdms_host.can_link.remote_cell import RemoteCell
 from mdms_host.can_link.sdo_client import Read, SdoClient, Setting
-from mdms_host.coordination.configuration import SIGNATURE, Configuration
+from mdms_host.coordination.configuration import NOTHING, SIGNATURE, Configuration
 from mdms_host.coordination.phase import STOPPED, Phase
+from mdms_host.places import Place
 from mdms_protocol import cia402, cob, indices, nmt, pdo
 from mdms_protocol.frame import Frame
 
@@ -21,15 +22,22 @@ class BringUpCell(RemoteCell):
 
     Then all of its stored settings must be what the run expects: the table's defaults, and these.
     One that differs is a trouble, whatever it is: a stored polarity turns a wheel the wrong way, a
-    stored time-out lets it drive on alone.
+    stored time-out lets it drive on alone. Only those of `spare` do not matter (`Configuration`).
     """
 
-    def __init__(self, number: int, node_id: int, axes: int, settings: Iterable[Setting]) -> None:
+    def __init__(
+        self,
+        number: int,
+        node_id: int,
+        axes: int,
+        settings: Iterable[Setting],
+        spare: Mapping[Place, int] = NOTHING,
+    ) -> None:
         super().__init__(number, node_id)
         self._axes = axes
         self._all_enabled = (cia402.OPERATION_ENABLED,) * axes
         settings = tuple(settings)
-        self._configuration = Configuration(node_id, settings)
+        self._configuration = Configuration(node_id, settings, spare)
         self._identity = SdoClient(node_id, (REVISION,))
         self._sdo = SdoClient(node_id, (*settings, SIGNATURE))
         self._verified = False
@@ -108,10 +116,11 @@ class BringUpCell(RemoteCell):
         """Compare the signature; where it differs, read what does."""
         answers = self._sdo.answers
         values = self._configuration.values
-        if answers[SIGNATURE.index, SIGNATURE.sub] == self._configuration.signature:
+        if self._configuration.accepts(answers[SIGNATURE.index, SIGNATURE.sub]):
             self._verified = True
         elif answers.keys() >= values.keys():
-            self._mismatch = self._configuration.differences(answers)
+            self._mismatch = self._configuration.differences(answers) or None
+            self._verified = self._mismatch is None
         else:
             self._sdo.append(Read(*place) for place in values)
 

@@ -24,6 +24,7 @@ from mdms_host.coordination.watching.watch import Watch
 from mdms_host.estimation.tracker import Estimate, Parcel, Tracker
 from mdms_host.layout import Layout
 from mdms_host.motion.program import Program
+from mdms_host.places import Place, all_values
 from mdms_model.arrays import Floats
 from mdms_protocol import cob, indices, nmt, pdo
 from mdms_protocol.frame import Frame
@@ -33,14 +34,33 @@ _OVER = (Phase.FAILING, *STOPPED)
 _SETTLED = (Phase.RUNNING, *STOPPED)
 
 
+#: Cells drive parcels themselves, and give the beat when the host is gone.
+_STEERED_BY_CELLS = (Setting(indices.LEASE, 3, 1), Setting(indices.CONTROL, 0, 1))
+
+
+def _told(layout: Layout, number: int) -> Iterator[Setting]:
+    """What a cell that steers is told of its place. Raises `pdo.OutOfRangeError`."""
+    for place, value in all_values(layout, number).items():
+        yield Setting(*place, value)
+
+
+def _spare(layout: Layout, number: int) -> dict[Place, int]:
+    """What a cell may have been told of its place; nothing where it does not fit the wire."""
+    try:
+        return all_values(layout, number)
+    except pdo.OutOfRangeError:
+        return {}
+
+
 class Coordinator:
     """A participant of the bus that runs a program on all cells of a layout.
 
     `fault` is the first fault, None without one; `events` is what happened, as (time [s], text);
     `troubles` are those of the events that a person should look after, though the run goes on.
     `settings` are written to every cell, `own_settings` to that node besides; all other stored
-    settings must be at their defaults. Raises ValueError for cells of more wheels than the wire has
-    axes.
+    settings must be at their defaults. Where the cells steer (`control` is "cells"), each is told
+    its place, too; else they may have been told any. Raises ValueError for cells of more wheels
+    than the wire has axes.
     """
 
     def __init__(
@@ -53,6 +73,7 @@ class Coordinator:
         own_settings: Mapping[int, tuple[Setting, ...]] = MappingProxyType({}),
         timing: Timing | None = None,
         host_node_id: int = cob.NODE_MAX,
+        control: str = "host",
     ) -> None:
         axes = len(layout.wheels)
         self._timing = timing or Timing()
@@ -65,8 +86,22 @@ class Coordinator:
         # Cells report their state on change, and repeat it, which makes up for a lost frame.
         repeat_ms = round(self._timing.status_period_s * 1e3)
         repeat = Setting(indices.TPDO_PARAMETERS + 1, 5, repeat_ms)
+        by_cells = control == "cells"
         self.cells = tuple(
-            BringUpCell(number, node_id, axes, (repeat, *settings, *own_settings.get(node_id, ())))
+            BringUpCell(
+                number,
+                node_id,
+                axes,
+                (
+                    repeat,
+                    *settings,
+                    *(_told(layout, number) if by_cells else ()),
+                    *own_settings.get(node_id, ()),
+                    # Last, so that a cell steers with its place only.
+                    *(_STEERED_BY_CELLS if by_cells else ()),
+                ),
+                {} if by_cells else _spare(layout, number),
+            )
             for number, node_id in enumerate(layout.node_ids, 1)
         )
         self.references_m_s: Floats = np.zeros(len(layout.wheel_cells))

@@ -13,7 +13,8 @@ from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import FieldProgram, GoalProgram
-from mdms_protocol import cia402, cob, nmt, pdo, record, signature
+from mdms_host.places import all_values
+from mdms_protocol import cia402, cob, indices, nmt, pdo, record, signature
 from mdms_protocol.frame import Frame
 
 LAYOUT = Layout(6, 3, wheels=(WheelPlace(0.0, (0.0, 0.03)), WheelPlace(np.pi / 2, (0.03, 0.0))))
@@ -398,3 +399,54 @@ def test_another_host_that_begins_at_the_same_time_stops_both(rolling_array) -> 
     array.run(coordinator, array.now_s + 0.5, lambda: coordinator.stopped)
     assert coordinator.phase == Phase.FAILED
     assert "another host runs on this bus (a heartbeat of node 127)" in coordinator.fault
+
+
+def tell_place(array, row: int) -> None:
+    """All cells believe to stand in this row, with node 9 in the east."""
+    for cell in array.cells:
+        cell.objects.put(indices.PLACE, 1, 1)
+        cell.objects.put(indices.PLACE, 2, row)
+        cell.objects.put(indices.NEIGHBOURS, 1, 9)
+
+
+def test_place_that_a_cell_was_told_does_not_matter_where_the_host_steers(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, still())
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    tell_place(array, row=7)
+    array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
+    assert coordinator.phase == Phase.RUNNING
+    assert {cell.objects.number(indices.PLACE, 2) for cell in array.cells} == {7}
+    assert {cell.objects.number(indices.CONTROL) for cell in array.cells} == {0}
+
+
+def test_right_places_cost_no_reading_of_all_settings(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, still())
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    for number, cell in enumerate(array.cells, 1):
+        for place, value in all_values(LAYOUT, number).items():
+            cell.objects.put(*place, value)
+    array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
+    assert coordinator.phase == Phase.RUNNING
+    assert all(len(cell._sdo.answers) < 10 for cell in coordinator.cells)
+
+
+def test_cells_that_steer_are_told_their_places_whatever_they_had(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, still(), control="cells")
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    tell_place(array, row=7)
+    array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
+    assert coordinator.phase == Phase.RUNNING
+    for number, cell in enumerate(array.cells, 1):
+        for place, value in all_values(LAYOUT, number).items():
+            assert cell.objects.number(*place) == value
+        assert cell.objects.number(indices.CONTROL) == 1
+        written = [int.from_bytes(data[1:3], "little") for data in cell.writes]
+        assert written[-1] == indices.CONTROL
+
+
+def test_cell_that_steers_by_itself_is_not_taken_for_one_that_obeys(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, still())
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    array.cells[2].objects.put(indices.CONTROL, 0, 1)
+    array.run(coordinator, 3.0, lambda: coordinator.stopped)
+    assert "Control (0x3013:0) is 1, not 0" in coordinator.fault

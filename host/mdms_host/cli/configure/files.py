@@ -20,8 +20,14 @@ from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.files import replacing
 from mdms_host.cli.streams import say
-from mdms_host.commissioning.array_file import FiledCell, array_text, filed_cells
+from mdms_host.commissioning.array_file import (
+    ArrayFileError,
+    FiledCell,
+    array_text,
+    read_array,
+)
 from mdms_host.commissioning.cell_settings import CellSettings, identify_cells, read_settings
+from mdms_host.commissioning.filed_places import placed_cells
 from mdms_host.commissioning.network import Commissioning
 from mdms_host.commissioning.parameters import PARAMETERS
 
@@ -73,7 +79,10 @@ def load(arguments: Namespace) -> Exit:
 
 def _filed(arguments: Namespace) -> Sequence[FiledCell]:
     """The cells of the file, or those of them that `--node` names."""
-    filed = filed_cells(arguments.file)
+    file = read_array(arguments.file)
+    filed = placed_cells(file)
+    if not filed:
+        raise ArrayFileError(f"{arguments.file}: expected [[cell]] tables")
     wanted = nodes_of(arguments.nodes)
     if wanted is None:
         return filed

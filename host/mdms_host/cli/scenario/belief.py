@@ -10,6 +10,7 @@ from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.scenario.cells import Cells
 from mdms_host.cli.scenario.gain import motor_of
 from mdms_host.commissioning.array_file import ArrayFile, ArrayFileError, FiledCell, read_array
+from mdms_host.commissioning.filed_places import without_places
 from mdms_host.commissioning.loop_margin import GainError, Observer, check_gain, observer_for
 from mdms_host.commissioning.parameters import WIRING
 from mdms_model.scenario.belief import believed
@@ -43,7 +44,9 @@ def believe(scenario: Scenario, path: Path | None, bus: Namespace) -> Belief:
     placed = file.by_number(scenario.array.columns, scenario.array.rows)
     _refuse_host_id(file)
     node_ids = tuple(placed[number].node_id for number in sorted(placed))
-    settings = {cell.node_id: _settings(cell, path) for cell in file.cells if cell.values}
+    # Where a cell stands is the table's to say.
+    own = [without_places(cell) for cell in file.cells]
+    settings = {cell.node_id: _settings(cell, path) for cell in own if cell.values}
     _check_margins(scenario, file)
     return Belief(scenario, Cells(node_ids, settings))
 

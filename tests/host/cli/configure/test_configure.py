@@ -337,3 +337,23 @@ def test_show_fits_80_columns_with_every_name_whole(configure, capsys, monkeypat
     assert not any("…" in line for line in lines)
     shown_names = {line.split()[0] for line in lines if line.strip()}
     assert {each.name for each in (*PARAMETERS, *WIRING)} <= shown_names
+
+
+def test_load_gives_cells_their_places_in_the_table(configure, capsys, tmp_path):
+    file = tmp_path / "array.toml"
+    configure("dump", file)
+    # Dumped before anybody had a place, and placed by hand: node 3 stands above node 1.
+    places = {1: "number = 1\n", 2: "number = 2\n", 3: "number = 3\n"}
+    text = "[array]\ncolumns = 1\nrows = 3\n" + file.read_text()
+    for node, place in places.items():
+        text = text.replace(f"node = {node}\n", f"node = {node}\n{place}")
+    file.write_text(text)
+    assert configure("load", file, "--yes", "--save") == Exit.OK
+    capsys.readouterr()
+    assert values(configure, capsys, "place_row") == {"1": 1, "2": 2, "3": 3}
+    assert values(configure, capsys, "place_y") == {"1": -0.127, "2": 0.0, "3": 0.127}
+    assert values(configure, capsys, "neighbour_north") == {"1": 2, "2": 3, "3": 0}
+    assert values(configure, capsys, "neighbour_south") == {"1": 0, "2": 1, "3": 2}
+    assert values(configure, capsys, "sync_takeover_rank") == {"1": 1, "2": 2, "3": 3}
+    assert configure("load", file, "--dry-run") == Exit.OK
+    assert "0 settings differ" in capsys.readouterr().out

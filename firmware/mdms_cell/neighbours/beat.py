@@ -1,0 +1,79 @@
+"""The common beat: SYNC from outside, or one of the cells takes over.
+
+SYNC has no sender, and two nodes may never send one identifier with different data, so that it
+cannot be given one. What a cell can see is that a SYNC comes which is not its own:
+
+- Who produces and sees another's SYNC yields. So the host's wins, and of two beats that meet after
+  a partition has healed, the one whose SYNC is seen first.
+- Who misses SYNC for two beats and a half takes over, a millisecond later for each rank, so that
+  the next in rank is silenced by it. Up to rank 22 the gap stays below 50 ms.
+- Two whose SYNCs cross on their way both yield. So who has yielded, and has not seen two beats in
+  turn from elsewhere, returns after one beat and a half, the lower rank first.
+
+Two that begin at the same bit send one frame, and are one beat.
+"""
+
+from mdms_cell import ticks
+
+#: Beats missed, in halves: before a cell takes over, and before one that has just yielded returns.
+MISSED_HALVES = 5
+YIELDED_HALVES = 3
+RANK_MS = 1
+
+
+class Beat:
+    """When this cell is to send SYNC; off until it is configured and started.
+
+    `enabled` is whether it may be, `producing` whether it is.
+    """
+
+    def __init__(self):
+        self.producing = False
+        self.enabled = False
+        self._alive = False
+        self._rank = 0
+        self._period_ms = 10
+        self._due_ms = 0
+
+    def configure(self, enabled, rank, period_ms, now_ms):
+        """Take settings: whether to take over at all, which in line, the period of SYNC."""
+        self.enabled = enabled
+        self._rank = rank
+        self._period_ms = period_ms
+        self._wait(now_ms, MISSED_HALVES)
+
+    def start(self, now_ms):
+        """The cell is 'operational' from now on."""
+        self._alive = True
+        self._wait(now_ms, MISSED_HALVES)
+
+    def stop(self):
+        """The cell is not 'operational' any more."""
+        self._alive = False
+        self.producing = False
+
+    def on_sync(self, now_ms):
+        """A SYNC has come from elsewhere."""
+        self._wait(now_ms, YIELDED_HALVES if self.producing else MISSED_HALVES)
+
+    def poll(self, now_ms):
+        """Whether to send SYNC now; one that finds no room is left out."""
+        if self.wait_ms(now_ms) > 0:
+            return False
+        late_ms = ticks.diff(now_ms, self._due_ms)
+        start_ms = self._due_ms if self.producing and late_ms < self._period_ms else now_ms
+        self.producing = True
+        self._due_ms = ticks.after(start_ms, self._period_ms)
+        return True
+
+    def wait_ms(self, now_ms):
+        """In how many milliseconds to poll, unless a SYNC comes before."""
+        if not self.enabled or not self._alive:
+            return ticks.IDLE_MS
+        return max(ticks.diff(self._due_ms, now_ms), 0)
+
+    def _wait(self, now_ms, halves):
+        """Follow: take over when so many halves of a beat have been missed."""
+        self.producing = False
+        delay_ms = halves * self._period_ms // 2 + self._rank * RANK_MS
+        self._due_ms = ticks.after(now_ms, delay_ms)

@@ -1,0 +1,71 @@
+"""A cell's place and neighbours, as its object dictionary has them."""
+
+from mdms_cell.canopen.objects import Objects, find
+from mdms_cell.neighbours import place as p
+from mdms_protocol import indices
+
+
+def write(objects, index, sub, number):
+    entry = find(index, sub)
+    objects.write(entry, number.to_bytes(4, "little")[: entry.size])
+
+
+def made():
+    objects = Objects()
+    changes = []
+    return objects, p.Place(objects, lambda: changes.append(1)), changes
+
+
+def test_cell_has_no_place_until_it_is_given_one():
+    objects, place, changes = made()
+    assert not place.known
+    assert sum(place.nodes) == 0
+    write(objects, indices.PLACE, 1, 3)
+    assert not place.known
+    write(objects, indices.PLACE, 2, 2)
+    assert place.known
+    assert (place.column, place.row) == (3, 2)
+    assert len(changes) == 2
+
+
+def test_neighbours_stand_a_pitch_away():
+    objects, place, _ = made()
+    write(objects, indices.PLACE, 5, 100_000)
+    shifts = [(place.shifts[2 * d], place.shifts[2 * d + 1]) for d in range(p.DIRECTIONS)]
+    near, far = 100_000, -100_000
+    assert shifts[:4] == [(near, 0), (near, near), (0, near), (far, near)]
+    for direction in range(p.DIRECTIONS):
+        x_um, y_um = shifts[direction ^ 4]
+        assert shifts[direction] == (-x_um, -y_um)
+
+
+def test_wheels_and_sensors_are_the_prototypes_until_they_are_set():
+    objects, place, _ = made()
+    assert list(place.contacts) == [-30_000, 0, 30_000, 0]
+    assert list(place.drives) == [p.UNITY, 0, 0, p.UNITY]
+    assert list(place.sensors)[:4] == [0, 0, 31_750, 31_750]
+    assert place.pitch_um == 127_000
+    write(objects, indices.CONTACT_Y + indices.AXIS_OFFSET, 0, 7_000)
+    write(objects, indices.DIRECTION, 0, 3_141_593)
+    write(objects, indices.SENSOR_OFFSETS, 10, 5)
+    assert list(place.contacts) == [-30_000, 0, 30_000, 7_000]
+    assert list(place.drives) == [-p.UNITY, 0, 0, p.UNITY]
+    assert list(place.sensors)[-2:] == [31_750, 5]
+
+
+def test_only_neighbours_that_there_are_and_the_host_are_listened_to():
+    objects, place, _ = made()
+    assert list(place.receivers()) == [(0x47F, p.PROGRAM, p.HOST)]
+    write(objects, indices.NEIGHBOURS, 1, 7)
+    write(objects, indices.NEIGHBOURS, 6, 18)
+    write(objects, indices.RPDO_PARAMETERS + 2, 1, 0x8000047F)
+    assert list(place.receivers()) == [
+        (0x187, p.SPEEDS, 0),
+        (0x287, p.STATE, 0),
+        (0x387, p.ESTIMATE, 0),
+        (0x487, p.PROGRAM, 0),
+        (0x192, p.SPEEDS, 5),
+        (0x292, p.STATE, 5),
+        (0x392, p.ESTIMATE, 5),
+        (0x492, p.PROGRAM, 5),
+    ]
