@@ -24,8 +24,15 @@ class BringUpCell(RemoteCell):
     stored time-out lets it drive on alone.
     """
 
-    def __init__(self, number: int, node_id: int, axes: int, settings: Iterable[Setting]) -> None:
-        super().__init__(number, node_id)
+    def __init__(
+        self,
+        number: int,
+        node_id: int,
+        axes: int,
+        settings: Iterable[Setting],
+        bus: int | None = None,
+    ) -> None:
+        super().__init__(number, node_id, bus)
         self._axes = axes
         self._all_enabled = (cia402.OPERATION_ENABLED,) * axes
         settings = tuple(settings)

@@ -91,7 +91,7 @@ def _operate_and_keep(
             recorder = Recorder(
                 coordinator,
                 lambda: estimates_of(coordinator, belief.scenario),
-                LogWriter(log).on_frame,
+                LogWriter(log, len(belief.scenario.array.buses) or 1).on_frame,
             )
             operation, incidents = _operate(coordinator, arguments, recorder)
         figures = _figures(belief.scenario, coordinator, operation)

@@ -43,7 +43,7 @@ def believe(scenario: Scenario, path: Path | None, bus: Namespace) -> Belief:
     placed = file.by_number(scenario.array.columns, scenario.array.rows)
     _refuse_host_id(file)
     node_ids = tuple(placed[number].node_id for number in sorted(placed))
-    settings = {cell.node_id: _settings(cell, path) for cell in file.cells if cell.values}
+    settings = {number: _settings(cell, path) for number, cell in placed.items() if cell.values}
     _check_margins(scenario, file)
     return Belief(scenario, Cells(node_ids, settings))
 

@@ -48,7 +48,7 @@ def test_file_says_where_wheels_and_sensors_are(believed):
         "pitch_m = 0.2\nsensor_offset_m = [[0.01, 0.0]]\n[[array.wheel]]\noffset_m = [0.0, 0.05]\n"
     )
     belief = believed(GRID + table + cell(1, 40, "number = 1") + cell(2, 2))
-    layout = layout_of(belief.scenario, belief.cells.node_ids)
+    layout = layout_of(belief.scenario, belief.cells)
     np.testing.assert_allclose(layout.wheel_positions_m, [(-0.1, 0.05), (0.1, 0.05)])
     np.testing.assert_allclose(layout.sensor_positions_m[:, 0], [(-0.09, 0.0), (0.11, 0.0)])
     assert layout.node_ids == (40, 2)
@@ -94,7 +94,7 @@ def test_cells_of_a_file_are_set_and_driven_by_their_own_node_ids(believed, roll
     own = "number = 1\nsettings.axis1.gain = 12.5\nsettings.axis2.stall_time = 0.2"
     belief = believed(GRID + cell(1, 40, own) + cell(2, 2), "motion.speed_m_s=0.05")
     coordinator = coordinator_of(belief.scenario, belief.cells)
-    layout = layout_of(belief.scenario, belief.cells.node_ids)
+    layout = layout_of(belief.scenario, belief.cells)
     array = rolling_array(layout, Rectangle(0.36, 0.3), (0.0, 0.0, 0.0))
     array.run(coordinator, 2.0, lambda: coordinator.phase == Phase.RUNNING and array.now_s > 1.0)
     assert coordinator.fault is None
