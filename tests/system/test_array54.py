@@ -6,6 +6,7 @@ from collections import defaultdict
 import pytest
 
 from mdms_host.cli.simulation.compose import run_scenario
+from mdms_model.run.folder import START_S
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol import cob
 
@@ -42,11 +43,13 @@ def test_every_bus_has_its_own_sync_at_the_same_instant(carried):
     for line in log:
         time, name, frame = line.split()
         if frame.startswith(f"{cob.SYNC:03X}#"):
-            times_s[name].append(float(time.strip("()")))
+            times_s[name].append(float(time.strip("()")) - START_S)
     assert {*times_s} == {"can0", "can1", "can2"}
-    # Where a bus is busy at that instant, SYNC waits for the end of the frame on it.
-    for at_s in zip(*times_s.values(), strict=True):
-        assert max(at_s) - min(at_s) < 150e-6
+    # Where a bus is busy at that instant, SYNC waits for the end of the frame on it; in bring-up,
+    # for those that stand in the mailboxes before it.
+    settled = [at_s for at_s in zip(*times_s.values(), strict=True) if min(at_s) > 1.0]
+    assert len(settled) == 550
+    assert max(max(at_s) - min(at_s) for at_s in settled) < 150e-6
 
 
 def test_states_of_border_cells_are_heard_on_both_sides(carried):

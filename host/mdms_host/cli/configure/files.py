@@ -73,7 +73,7 @@ def load(arguments: Namespace) -> Exit:
 
 def _filed(arguments: Namespace) -> Sequence[FiledCell]:
     """The cells of the file, or those of them that `--node` names."""
-    filed = filed_cells(arguments.file)
+    filed = filed_cells(arguments.file, getattr(arguments, "channel", None))
     wanted = nodes_of(arguments.nodes)
     if wanted is None:
         return filed
