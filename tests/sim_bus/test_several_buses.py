@@ -4,6 +4,7 @@ from contextlib import closing
 from io import BytesIO
 
 import pytest
+from tests.micropython_builds import skipping_without_micropython
 
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.scenario import Array, Cell, Parcel, Run, Scenario, Wheel
@@ -105,6 +106,14 @@ def test_load_is_that_of_the_busiest_bus():
 def test_same_seed_gives_the_same_bytes():
     noise = Fault("loss", start_s=0.3, probability=0.3)
     digests = [life(noise)[1].outcome().bus.log_sha256 for _ in range(2)]
+    assert digests[0] == digests[1]
+
+
+def test_micropython_processes_give_the_same_bytes():
+    with skipping_without_micropython():
+        micropython = life(until_s=0.4, nodes="micropython", forwarded=(1,))
+    python = life(until_s=0.4, forwarded=(1,))
+    digests = [run.outcome().bus.log_sha256 for _, run, _ in (micropython, python)]
     assert digests[0] == digests[1]
 
 
