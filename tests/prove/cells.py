@@ -27,6 +27,7 @@ class Rules(NamedTuple):
     hold: int = 1
     hops: int = 1
     patience: int = 8
+    single: bool = False  # at most one link of the table is disturbed within a beat
 
 
 class Memory(NamedTuple):
@@ -80,7 +81,7 @@ class Cell:
 
     def __init__(self, module: Any, rules: Rules, directions: Iterable[int]) -> None:
         self._rules = rules
-        self._directions = tuple(directions)
+        self._directions = tuple(sorted(directions))
         self._module = module
         self._decider = module.RightOfWay(
             lease_beats=rules.lease,
@@ -103,6 +104,23 @@ class Cell:
         if number == len(self.locals):
             self.locals.append(local)
         return number
+
+    def turned(self, number: int, directions: tuple[int, ...], image: "Cell") -> int:
+        """The local state of another cell that is this one turned or mirrored."""
+        memory, sent = self.locals[number]
+        memory = memory._replace(
+            wants=_turned_mask(memory.wants, directions),
+            said=tuple(sorted((directions[said[0]], *said[1:]) for said in memory.said)),
+        )
+        return image._number(
+            Local(
+                memory,
+                tuple(
+                    (identity, state, _turned_mask(wants, directions), hold)
+                    for identity, state, wants, hold in sent
+                ),
+            )
+        )
 
     def settled(self, given: Input) -> int:
         """The local state long after a restart, with this parcel standing on the cell."""
@@ -140,7 +158,8 @@ class Cell:
             yield self._number(self._after(local, DOWN))
             return
         lags = given.over and local.memory.state != right_of_way.UNDER
-        for choice in product(*inbox):
+        choices = _singly(inbox) if self._rules.single else product(*inbox)
+        for choice in choices:
             delivered = tuple(
                 (direction, message)
                 for direction, message in zip(self._directions, choice, strict=True)
@@ -211,3 +230,16 @@ class Cell:
                 if decider._left[direction]
             ),
         )
+
+
+def _turned_mask(mask: int, directions: tuple[int, ...]) -> int:
+    return sum(1 << directions[direction] for direction in range(8) if mask >> direction & 1)
+
+
+def _singly(inbox: tuple[Arrivals, ...]) -> Iterable[tuple[Message, ...]]:
+    """All that may arrive where at most one link does not deliver this beat's estimate at once."""
+    prompt = tuple(arrivals[0] for arrivals in inbox)
+    yield prompt
+    for place, arrivals in enumerate(inbox):
+        for message in arrivals[1:]:
+            yield (*prompt[:place], message, *prompt[place + 1 :])

@@ -59,15 +59,20 @@ class Exploration:
         self._world_numbers: dict[World, int] = {}
         self._next_worlds: dict[tuple[int, tuple[bool, ...]], list[int]] = {}
         self._heard_by = [
-            [(there, direction ^ 4) for direction, there in links.items()] for links in self._links
+            [(there, direction ^ 4) for direction, there in sorted(links.items())]
+            for links in self._links
         ]
+        self._turns: list[tuple[int, int]] = []
+        self._turned: dict[tuple[int, int, int], int] = {}
         world = self._number((tuple(Situation(place, place) for place in starts), crash))
-        self.first: State = (
-            world,
-            *(
-                cell.settled(given)
-                for cell, given in zip(self.cells, self._inputs[world], strict=True)
-            ),
+        self.first: State = self.canonical(
+            (
+                world,
+                *(
+                    cell.settled(given)
+                    for cell, given in zip(self.cells, self._inputs[world], strict=True)
+                ),
+            )
         )
         self.parents: dict[State, State | None] = {}
         self.transitions = 0
@@ -86,6 +91,35 @@ class Exploration:
             self._worlds.append(world)
             self._inputs.append(tuple(self._input(world, cell) for cell in self._places))
         return number
+
+    def _turn(self, world: int) -> tuple[int, int]:
+        """By which symmetry a world becomes the one that stands for all its images, and which."""
+        while len(self._turns) <= world:
+            parcels, crash = self._worlds[len(self._turns)]
+            images = [
+                (self._number((tuple(each.turned(cells) for each in parcels), crash)), turn)
+                for turn, (cells, _) in enumerate(self.grid.symmetries)
+            ]
+            self._turns.append(min(images))
+        return self._turns[world]
+
+    def canonical(self, state: State) -> State:
+        """The state that stands for all that are its images by a symmetry of the table."""
+        world, turn = self._turn(state[0])
+        if not turn:
+            return state
+        images, directions = self.grid.symmetries[turn]
+        after = [0] * len(state)
+        after[0] = world
+        for place in self._places:
+            key = (turn, place, state[1 + place])
+            number = self._turned.get(key)
+            if number is None:
+                number = self._turned[key] = self.cells[place].turned(
+                    state[1 + place], directions, self.cells[images[place]]
+                )
+            after[1 + images[place]] = number
+        return tuple(after)
 
     def _input(self, world: World, cell: int) -> Input:
         for identity, parcel in enumerate(world[0], 1):
@@ -159,9 +193,19 @@ class Exploration:
             if self._lossless:
                 yield (world, *(option[0] for option in options))
                 continue
-            for choice in product(*options):
+            for choice in self._choices(options):
                 yield (world, *choice)
             yield from self._crashes(world, state, options)
+
+    def _choices(self, options: list[tuple[int, ...]]) -> Iterator[tuple[int, ...]]:
+        if not self.rules.single:
+            yield from product(*options)
+            return
+        prompt = tuple(option[0] for option in options)
+        yield prompt
+        for place, option in enumerate(options):
+            for number in option[1:]:
+                yield (*prompt[:place], number, *prompt[place + 1 :])
 
     def _crashes(
         self, world: int, state: State, options: list[tuple[int, ...]]
@@ -173,7 +217,7 @@ class Exploration:
             number = state[1 + place]
             if crash or cell.locals[number].memory.down:
                 fallen = cell.crashed(number, self._inputs[world][place])
-                for choice in product(*options[:place], fallen, *options[place + 1 :]):
+                for choice in self._choices([*options[:place], fallen, *options[place + 1 :]]):
                     yield (after, *choice)
 
     def run(self) -> Found:
@@ -185,6 +229,7 @@ class Exploration:
             for state in front:
                 for after in self.successors(state):
                     self.transitions += 1
+                    after = self.canonical(after)
                     if after not in self.parents:
                         self.parents[after] = state
                         self.judge(after)

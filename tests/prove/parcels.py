@@ -31,10 +31,25 @@ class Situation:
         """The cells that it covers or needs next."""
         return self.place | self.goal
 
+    def turned(self, cells: tuple[int, ...]) -> "Situation":
+        """The same where each cell has become another."""
+        return Situation(
+            frozenset(cells[cell] for cell in self.place),
+            frozenset(cells[cell] for cell in self.goal),
+            self.on_its_way,
+        )
+
     @property
     def waits(self) -> bool:
         """Whether it needs more than it covers."""
         return self.needs != self.covers
+
+
+def _turned(turn: int, x: int, y: int) -> tuple[int, int]:
+    """A vector after one of the eight symmetries of a square."""
+    if turn & 4:
+        x, y = y, x
+    return (-x if turn & 1 else x), (-y if turn & 2 else y)
 
 
 @dataclass(frozen=True)
@@ -56,6 +71,23 @@ class Grid:
             for y in range(self.rows)
             for x in range(self.columns)
         ]
+
+    @cached_property
+    def symmetries(self) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
+        """The ways to turn or mirror the table into itself: images of cells, and of directions."""
+        found = []
+        for turn in range(8):
+            images = [self._turned(turn, x, y) for y in range(self.rows) for x in range(self.columns)]
+            if sorted(images) != sorted(self._turned(0, x, y) for y in range(self.rows) for x in range(self.columns)):
+                continue
+            cells = tuple(y * self.columns + x for x, y in images)
+            directions = tuple(STEPS.index(_turned(turn, *step)) for step in STEPS)
+            found.append((cells, directions))
+        return found
+
+    def _turned(self, turn: int, x: int, y: int) -> tuple[int, int]:
+        twice = _turned(turn, 2 * x - self.columns + 1, 2 * y - self.rows + 1)
+        return (twice[0] + self.columns - 1) // 2, (twice[1] + self.rows - 1) // 2
 
     def places(self, length: int) -> list[Cells]:
         """Where a parcel of so many cells in a row can stand, along x or y."""
