@@ -4,14 +4,11 @@ What a cell does within a beat is a function of its own memory, of the estimates
 of what stands on it, so each such step is run once and kept.
 """
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Iterable
 from itertools import product
 from typing import Any, NamedTuple
 
 from mdms_cell.neighbours import right_of_way
-from tests.prove.parcels import Grid
 
 SILENCE = (0, 0, 0, 0)
 Message = tuple[int, int, int, int]  # identity, state, whether the receiver is wanted, hold
@@ -157,7 +154,7 @@ class Cell:
         if local.memory.down:
             yield self._number(self._after(local, DOWN))
             return
-        lags = given.over and local.memory.state != right_of_way.UNDER
+        lags = given.over and local.memory.promised != given.over
         choices = _singly(inbox) if self._rules.single else product(*inbox)
         for choice in choices:
             delivered = tuple(

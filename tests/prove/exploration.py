@@ -1,6 +1,7 @@
 """Explores all that may happen on a small table until nothing new comes, and judges every state."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -13,7 +14,7 @@ World = tuple[tuple[Situation, ...], bool]
 State = tuple[int, ...]  # number of the world, then of each cell's local state
 
 
-class Counterexample(AssertionError):
+class CounterexampleError(AssertionError):
     """A rule was broken; `trace` shows the states that lead there."""
 
     def __init__(self, rule: str, trace: list[str]) -> None:
@@ -28,7 +29,6 @@ class Found(NamedTuple):
     transitions: int
     local_states: int
     runs: int
-    waiting: int
 
 
 class Exploration:
@@ -39,15 +39,15 @@ class Exploration:
         grid: Grid,
         starts: tuple[Cells, ...],
         *,
-        rules: Rules = Rules(),
+        rules: Rules,
         crash: bool = True,
-        lossless: bool = False,
         module: Any = right_of_way,
         most_states: int = 10_000_000,
     ) -> None:
-        self.grid = grid
+        spans = max(len(place) for place in starts) > 1
+        self._reaction_beats = rules.hops * (rules.late + rules.hold) if spans else 0
+        self.grid = grid = replace(grid, reaction_beats=self._reaction_beats)
         self.rules = rules
-        self._lossless = lossless
         self._most_states = most_states
         self._keep_bound = rules.hops * (rules.late + rules.hold)
         self._links = grid.neighbours
@@ -180,6 +180,32 @@ class Exploration:
             self._next_worlds[key] = found
         return found
 
+    def may_all_drive(self, state: State, identity: int) -> bool:
+        """Whether every wheel under a parcel may turn."""
+        return all(
+            self.memory(state, cell).drive and self.memory(state, cell).identity == identity
+            for cell in self.world(state)[0][identity - 1].covers
+        )
+
+    def is_down(self, state: State) -> bool:
+        """Whether a cell is silent for ever: then nothing is asked of the parcels."""
+        return any(number == cell.down for cell, number in zip(self.cells, state[1:], strict=True))
+
+    def prompt_successors(self, state: State) -> Iterator[tuple[State, tuple[Situation, ...]]]:
+        """The states a beat later if every estimate arrives in its beat and no cell falls.
+
+        With where the parcels are before the table is turned into the state that stands for it.
+        """
+        inboxes = [self._inbox(state, cell) for cell in self._places]
+        for world in self._worlds_after(state):
+            numbers = (
+                cell.steps(number, inbox, given)[0]
+                for cell, number, inbox, given in zip(
+                    self.cells, state[1:], inboxes, self._inputs[world], strict=True
+                )
+            )
+            yield self.canonical((world, *numbers)), self._worlds[world][0]
+
     def successors(self, state: State) -> Iterator[State]:
         """The states a beat later."""
         inboxes = [self._inbox(state, cell) for cell in self._places]
@@ -190,9 +216,6 @@ class Exploration:
                     self.cells, state[1:], inboxes, self._inputs[world], strict=True
                 )
             ]
-            if self._lossless:
-                yield (world, *(option[0] for option in options))
-                continue
             for choice in self._choices(options):
                 yield (world, *choice)
             yield from self._crashes(world, state, options)
@@ -207,9 +230,7 @@ class Exploration:
             for number in option[1:]:
                 yield (*prompt[:place], number, *prompt[place + 1 :])
 
-    def _crashes(
-        self, world: int, state: State, options: list[tuple[int, ...]]
-    ) -> Iterator[State]:
+    def _crashes(self, world: int, state: State, options: list[tuple[int, ...]]) -> Iterator[State]:
         """A cell falls silent or restarts, once; one that is silent restarts at any moment."""
         parcels, crash = self._worlds[world]
         after = self._number((parcels, False))
@@ -221,15 +242,14 @@ class Exploration:
                     yield (after, *choice)
 
     def run(self) -> Found:
-        """Explore to closure; raises Counterexample."""
+        """Explore to closure; raises CounterexampleError."""
         self.parents = {self.first: None}
         front = [self.first]
         while front:
             found: list[State] = []
             for state in front:
-                for after in self.successors(state):
+                for after in map(self.canonical, self.successors(state)):
                     self.transitions += 1
-                    after = self.canonical(after)
                     if after not in self.parents:
                         self.parents[after] = state
                         self.judge(after)
@@ -242,7 +262,6 @@ class Exploration:
             transitions=self.transitions,
             local_states=max(len(cell.locals) for cell in self.cells),
             runs=sum(cell.runs for cell in self.cells),
-            waiting=0,
         )
 
     def judge(self, state: State) -> None:
@@ -277,6 +296,9 @@ class Exploration:
             other = memories[there]
             if other.identity != turning.identity or other.state != right_of_way.UNDER:
                 continue
+            parcel = self.world(state)[0][turning.identity - 1]
+            if there != cell and parcel.waits and parcel.since < self._reaction_beats:
+                continue
             for direction, wanted in self._links[there].items():
                 if not other.wants >> direction & 1:
                     continue
@@ -290,21 +312,19 @@ class Exploration:
                         state,
                     )
 
-    def _broken(self, rule: str, state: State) -> Counterexample:
+    def _broken(self, rule: str, state: State) -> CounterexampleError:
         trace: list[str] = []
         at: State | None = state
         while at is not None:
             trace.append(self.told(at))
             at = self.parents.get(at)
-        return Counterexample(rule, trace[::-1])
+        return CounterexampleError(rule, trace[::-1])
 
     def told(self, state: State) -> str:
         """A state in words."""
         parcels, crash = self.world(state)
         lines = [
-            " ".join(
-                f"{sorted(parcel.covers)}>{sorted(parcel.needs)}" for parcel in parcels
-            )
+            " ".join(f"{sorted(parcel.covers)}>{sorted(parcel.needs)}" for parcel in parcels)
             + (" may crash" if crash else "")
         ]
         for cell in self._places:

@@ -4,7 +4,7 @@ A parcel that stands covers its place. One that wishes to go covers the same, an
 would cover there. One that is on its way covers both, until it has arrived or gone back.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 #: (dx, dy) of the neighbours by direction; the opposite of d is d ^ 4.
@@ -20,6 +20,7 @@ class Situation:
     place: Cells
     goal: Cells
     on_its_way: bool = False
+    since: int = 0  # beats for which it has wished to go, as far as they are counted
 
     @property
     def covers(self) -> Cells:
@@ -37,6 +38,7 @@ class Situation:
             frozenset(cells[cell] for cell in self.place),
             frozenset(cells[cell] for cell in self.goal),
             self.on_its_way,
+            self.since,
         )
 
     @property
@@ -58,6 +60,7 @@ class Grid:
 
     columns: int
     rows: int
+    reaction_beats: int = 0  # a parcel wishes to go this long before it can be there
 
     @cached_property
     def neighbours(self) -> list[dict[int, int]]:
@@ -75,14 +78,14 @@ class Grid:
     @cached_property
     def symmetries(self) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
         """The ways to turn or mirror the table into itself: images of cells, and of directions."""
+        corners = [(x, y) for y in range(self.rows) for x in range(self.columns)]
         found = []
         for turn in range(8):
-            images = [self._turned(turn, x, y) for y in range(self.rows) for x in range(self.columns)]
-            if sorted(images) != sorted(self._turned(0, x, y) for y in range(self.rows) for x in range(self.columns)):
-                continue
-            cells = tuple(y * self.columns + x for x, y in images)
-            directions = tuple(STEPS.index(_turned(turn, *step)) for step in STEPS)
-            found.append((cells, directions))
+            images = [self._turned(turn, x, y) for x, y in corners]
+            if set(images) == set(corners):
+                cells = tuple(y * self.columns + x for x, y in images)
+                directions = tuple(STEPS.index(_turned(turn, *step)) for step in STEPS)
+                found.append((cells, directions))
         return found
 
     def _turned(self, turn: int, x: int, y: int) -> tuple[int, int]:
@@ -112,13 +115,13 @@ class Grid:
 
     def next_of(self, now: Situation, may_drive: bool) -> list[Situation]:
         """What may become of a parcel within a beat; first that it goes on as it is."""
-        found = [now]
         if now.on_its_way:
-            if may_drive:
-                found += [Situation(end, end) for end in (now.goal, now.place)]
-            return found
+            ends = (now.goal, now.place) if may_drive else ()
+            return [now, *(Situation(end, end) for end in ends)]
+        since = min(now.since + 1, self.reaction_beats) if now.waits else 0
+        found = [replace(now, since=since)]
         if now.waits:
-            if may_drive:
+            if may_drive and now.since >= self.reaction_beats:
                 found.append(Situation(now.place, now.goal, on_its_way=True))
             found.append(Situation(now.place, now.place))
         else:
