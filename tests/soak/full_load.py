@@ -43,7 +43,7 @@ def numbers(log: Path) -> list[int]:
 
 
 def wait_for_line(log: Path, text: str) -> None:
-    """Wait until a tool has written something of this kind; patience begins anew as the log grows."""
+    """Wait until a tool has written this; patience begins anew as the log grows."""
     size, end = -1, time.monotonic() + PATIENCE_S
     while not (log.exists() and text in log.read_text()):
         if log.exists() and log.stat().st_size != size:

@@ -1,9 +1,9 @@
 """Throws any number of seeded frames at a cell, on any interpreter.
 
 `python -m tests.soak.fuzz [--frames N] [--nodes cpython|micropython|wasm] [--seed N]` prints
-number and sum of the replies, which are the same everywhere, and the heap in use on the way. It ends
-with 1 if a frame raised anything, or if more memory is in use in the second half than in the first.
-With `--lines` it prints instead which lines of the firmware the frames do not reach.
+number and sum of the replies, which are the same everywhere, and the heap in use on the way. It
+ends with 1 if a frame raised anything, or if more memory is in use in the second half than in the
+first. With `--lines` it prints instead which lines of the firmware the frames do not reach.
 """
 
 import argparse

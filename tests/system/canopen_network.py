@@ -20,8 +20,8 @@ CELLS = 18
 NODE_IDS = range(21, 21 + CELLS)
 PATIENCE_S = 60
 ANSWER_S = 2
-#: `fast_scan` waits this long for each answer that does not come: short at first, for there are some
-#: fifty for each cell; longer when a busy machine was too slow.
+#: `fast_scan` waits this long for each answer that does not come: short at first, for there are
+#: some fifty for each cell; longer when a busy machine was too slow.
 SCAN_TIMEOUTS_S = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 
 

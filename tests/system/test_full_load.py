@@ -1,4 +1,4 @@
-"""A full bus with several real tools on it; `python -m tests.soak.full_load` does it for a minute."""
+"""A full bus with several real tools on it; `python -m tests.soak.full_load` fills a minute."""
 
 import pytest
 from tests.soak.full_load import full_load
