@@ -1,7 +1,7 @@
 """Signals that end the command: Ctrl-C, and two that do as it does, but for their exit code.
 
-Compiled code looks up attributes of records, and makes machine code, by way of C that drops whatever
-is raised there. What ends the command must not: it waits until the main thread has left such a place.
+Numba looks up attributes of records, and makes machine code, by way of C that drops whatever is
+raised there. A signal that meets such a place comes again once the main thread has left it.
 """
 
 import signal
