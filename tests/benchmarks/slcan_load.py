@@ -9,10 +9,11 @@ average stands beside the shares, for other programs keep cores busy too.
 import argparse
 import json
 import os
+import signal
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from math import comb
 from tempfile import TemporaryDirectory
@@ -22,6 +23,8 @@ from tests.system.served_array import Served, serve
 RUNS = 12
 LIMIT_S = 40
 WAYS = ("mdms", "terminal", "tcp")
+#: An idle machine, one busy core, and all of them.
+BUSY = tuple(sorted({0, 1, os.cpu_count() or 1}))
 CONFIDENCE = 0.95
 #: What a fault says that a delay of the computer is the reason of.
 DELAYED = ("held up", "too busy or too slow")
@@ -99,13 +102,9 @@ def figures(way: str, busy: int, runs: int) -> dict[str, object]:
     }
 
 
-def run(
-    ways: Sequence[str] = WAYS, busy: Sequence[int] | None = None, runs: int = RUNS
-) -> list[dict[str, object]]:
+def run() -> list[dict[str, object]]:
     """All ways under all loads."""
-    cores = os.cpu_count() or 1
-    counts = sorted({0, 1, cores}) if busy is None else busy
-    return [figures(way, count, runs) for count in counts for way in ways]
+    return [figures(way, busy, RUNS) for busy in BUSY for way in WAYS]
 
 
 def main() -> None:
@@ -115,8 +114,12 @@ def main() -> None:
     parser.add_argument("--busy", type=int, nargs="+")
     parser.add_argument("--ways", nargs="+", choices=WAYS, default=WAYS)
     told = parser.parse_args()
-    for row in run(told.ways, told.busy, told.runs):
-        print("  ".join(f"{key}={value}" for key, value in row.items()))
+    # What was started ends with this, however it ends.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for busy in told.busy if told.busy is not None else BUSY:
+        for way in told.ways:
+            row = figures(way, busy, told.runs)
+            print("  ".join(f"{key}={value}" for key, value in row.items()), flush=True)
 
 
 if __name__ == "__main__":
