@@ -24,6 +24,7 @@ from mdms_host.can_link.slcan_port import GarbledError, SlcanPort
 from mdms_host.can_link.transmitter import Transmitter
 from mdms_host.clock import Clock
 from mdms_model.participant import Participant
+from mdms_protocol import cob
 from mdms_protocol.frame import Frame
 
 _DEVICE_ERRORS = (can.CanOperationError, OSError)
@@ -235,6 +236,9 @@ class Link:
             self.garbled += 1
             self._incidents.note_repeated("frames that are no data or have 29 bits are left out")
         else:
+            node_id = message.arbitration_id - cob.HEARTBEAT_BASE
+            if 0 < node_id < cob.HOST_NODE:
+                self.delays.on_heartbeat(node_id, now_s)
             self._deliver(Frame(message.arbitration_id, bytes(message.data)), now_s)
 
     def _on_device_error(self, error: Exception) -> None:

@@ -112,8 +112,9 @@ class _Watch:
                 self._on_event(time_s, text)
 
     def _delay(self) -> str:
-        """What was held up, in brackets; nothing before setpoints have to be in time."""
-        reason = self._link.delays.reason(self._clock.now_s()) if self._steered else None
+        """What was held up, in brackets; by heartbeats alone before setpoints are to be in time."""
+        delays, now_s = self._link.delays, self._clock.now_s()
+        reason = delays.reason(now_s) if self._steered else delays.slow_reason(now_s)
         return f" ({reason})" if reason else ""
 
 

@@ -43,6 +43,20 @@ def served(tmp_path_factory):
         assert process.wait(timeout=20) == Exit.OK
 
 
+#: A run that a busy machine held up says so, and may be tried again.
+HELD_UP = ("held up", "too busy or too slow")
+CHANCES = 5
+
+
+def until_not_held_up(run):
+    """The exit code of the first run that does not fault by a delay of the machine."""
+    for _ in range(CHANCES):
+        code, told = run()
+        if not any(text in told for text in HELD_UP):
+            break
+    return code, told
+
+
 def test_scan_finds_all_cells(served, capsys):
     assert main(["scan", *served, "--json"]) == Exit.OK
     nodes = json.loads(capsys.readouterr().out)["nodes"]
@@ -75,15 +89,23 @@ def test_run_on_an_array_file_needs_no_simulator_and_keeps_what_it_saw(served, t
     array.write_text("[array]\ncolumns = 6\nrows = 3\n")
     command = ["run", "array18", *served, "--array", array, "--out", out, "--limit", "2", "--json"]
     at_rest = ["--set", "motion.field=uniform", "--set", "motion.speed_m_s=0"]
-    done = subprocess.run(
-        [sys.executable, "-c", BARE, *map(str, command), *at_rest],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == Exit.OK, done.stderr
-    assert json.loads(done.stdout)["ending"] == "done"
-    assert "no picture without matplotlib" in done.stderr
+    ran = []
+
+    def run():
+        ran.append(
+            subprocess.run(
+                [sys.executable, "-c", BARE, *map(str, command), *at_rest],
+                capture_output=True,
+                text=True,
+                check=False,
+            )
+        )
+        return ran[-1].returncode, ran[-1].stderr
+
+    code, told = until_not_held_up(run)
+    assert code == Exit.OK, told
+    assert json.loads(ran[-1].stdout)["ending"] == "done"
+    assert "no picture without matplotlib" in told
     names = sorted(path.name for path in out.iterdir())
     assert names == ["bus.log", "mdms-cell.dbc", "meta.json", "run.mcap"]
     stored = read_run(out)
@@ -116,8 +138,16 @@ def test_serve_keeps_the_truth_of_what_was_done_to_it(tmp_path):
 
 @pytest.mark.slow
 def test_run_carries_the_box_and_stop_finds_all_off(served, capsys):
-    assert main(["run", "array18", *served, "--limit", "60", "--json"]) == Exit.OK
-    figures = json.loads(capsys.readouterr().out)
+    printed = []
+
+    def run():
+        code = main(["run", "array18", *served, "--limit", "60", "--json"])
+        printed.append(capsys.readouterr())
+        return code, printed[-1].err
+
+    code, told = until_not_held_up(run)
+    assert code == Exit.OK, told
+    figures = json.loads(printed[-1].out)
     assert figures["ending"] == "done"
     (box,) = figures["parcels"]
     assert box["estimate"]["x_m"] == pytest.approx(0.10, abs=0.01)
