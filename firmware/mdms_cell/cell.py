@@ -148,9 +148,14 @@ class Cell:
         return self._nmt.node_id
 
     def silent(self):
-        """Identifiers of frames that let the cell send nothing before its next poll: its RPDOs."""
+        """Identifiers of frames that let the cell send nothing before its next poll.
+
+        Its RPDOs, and what its neighbours send.
+        """
         own = dict(self._own_receivers())
-        return [can_id for can_id, _ in self._pdos.receivers() if can_id not in own]
+        taken = dict(self._pdos.receivers())
+        taken.update(self._layer.receivers())
+        return [can_id for can_id in taken if can_id not in own]
 
     # What the background loop and the timer interrupt call
 
@@ -254,13 +259,15 @@ class Cell:
             listen(list(accepts))
 
     def _own_receivers(self):
-        yield self._objects.number(indices.SYNC_COB_ID), self._on_sync
+        led = self._beat.enabled or self._layer.wanted
+        on_sync = self._on_sync if led else self._pdos.on_sync
+        yield self._objects.number(indices.SYNC_COB_ID), on_sync
         yield cob.SDO_REQUEST_BASE + self.node_id, self._on_sdo
         yield cob.SDO_RESPONSE_BASE + self.node_id, self._on_rival
         yield cob.HEARTBEAT_BASE + self.node_id, self._on_rival
 
     def _on_sync(self, data):
-        """Somebody else gives the beat."""
+        """SYNC from somebody else."""
         taken = self._pdos.on_sync(data)
         if taken:
             self._beat.on_sync(self.now_ms)

@@ -6,6 +6,7 @@ Cells of a layout are numbered from 1, along x first. Values are by (index, sub-
 from collections.abc import Iterator
 
 from mdms_host.layout import Layout
+from mdms_model.buses import Addresses, foreign_nodes
 from mdms_protocol import indices, pdo
 from mdms_protocol.dictionary import ENTRIES
 from mdms_protocol.entry import steps_per_unit
@@ -29,7 +30,11 @@ def place_values(layout: Layout, number: int) -> dict[Place, int]:
     """
     row, column = divmod(number - 1, layout.columns)
     x_m, y_m = layout.cell_positions_m[number - 1].tolist()
-    rank = sorted(layout.node_ids).index(layout.node_ids[number - 1])
+    bus = layout.buses[number - 1]
+    peers = sorted(
+        node_id for node_id, own in zip(layout.node_ids, layout.buses, strict=True) if own == bus
+    )
+    rank = peers.index(layout.node_ids[number - 1])
     values = {
         (indices.PLACE, 1): column + 1,
         (indices.PLACE, 2): row + 1,
@@ -38,8 +43,8 @@ def place_values(layout: Layout, number: int) -> dict[Place, int]:
         (indices.PLACE, 5): _steps(indices.PLACE, 5, layout.pitch_m),
         _RANK: rank + 1,
     }
-    for sub, neighbour in enumerate(neighbours_of(layout, number), 1):
-        values[indices.NEIGHBOURS, sub] = layout.node_ids[neighbour - 1] if neighbour else 0
+    for sub, node_id in enumerate(_neighbour_nodes(layout, number), 1):
+        values[indices.NEIGHBOURS, sub] = node_id
     return _checked(values)
 
 
@@ -80,6 +85,15 @@ def neighbours_of(layout: Layout, number: int) -> Iterator[int]:
         x, y = column + step_x, row + step_y
         inside = 0 <= x < layout.columns and 0 <= y < layout.rows
         yield y * layout.columns + x + 1 if inside else 0
+
+
+def _neighbour_nodes(layout: Layout, number: int) -> Iterator[int]:
+    """The neighbours' node ids on the cell's own bus, 0 beyond the array's edge."""
+    addresses = Addresses(layout.buses, layout.node_ids)
+    foreign = foreign_nodes(layout.columns, layout.rows, addresses)[layout.buses[number - 1]]
+    for neighbour in neighbours_of(layout, number):
+        own = layout.node_ids[neighbour - 1] if neighbour else 0
+        yield foreign.get(neighbour, own)
 
 
 def _steps(index: int, sub: int, value: float) -> int:

@@ -23,6 +23,7 @@ from mdms_host.cli.exits import CommandError
 from mdms_host.cli.scenario.coordination import coordinator_of
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.coordination.coordinator import Coordinator
+from mdms_model.buses import address_cells
 from mdms_model.run.cell_reports import CellReports
 from mdms_model.scenario.scenario import Scenario, ScenarioError
 from mdms_protocol import cob, pdo
@@ -68,7 +69,7 @@ class Watching:
         self._simulation = simulation
         self._coordinator = coordinator
         self._cells, self._host = cells, host
-        self._reports = CellReports(coordinator.layout.cell_positions_m)
+        self._reports = CellReports(coordinator.layout.cell_positions_m, address_cells(CELLS))
         self._presence: dict[int, int] = {}
         self._edges = 0
         self._beat = 0
@@ -82,8 +83,8 @@ class Watching:
         if frame.can_id == cob.SYNC:
             self._compare()
             self._on_sync(now_ns / 1e9)
-        elif frame.can_id in self._reports.cells:
-            self._reports.on_frame(frame, now_ns / 1e9)
+        elif frame.can_id in self._reports.cells[0]:
+            self._reports.on_frame(0, frame, now_ns / 1e9)
         elif 0 < frame.can_id - cob.TPDO_BASES[1] <= CELLS:
             self._on_status(frame)
 

@@ -1,4 +1,8 @@
-"""Which cells a parcel covers: a cell is its wheels and sensors, and what lies between does not count."""
+"""Which cells a parcel covers.
+
+It belongs to those whose wheels or sensors are under it, and what lies between does not count. It
+needs those whose squares it lies over, which are what it may move within.
+"""
 
 from array import array
 
@@ -7,6 +11,8 @@ from mdms_cell.neighbours.place import AXES, DIRECTIONS, SENSORS
 
 #: A parcel's cells are those under its outline and this much around it [steps].
 MARGIN = 10_000 // STEP_UM
+#: A parcel keeps this away from the squares of cells that are not promised to it [steps].
+CLEARANCE = 4_000 // STEP_UM
 POINTS = AXES + SENSORS
 
 
@@ -40,6 +46,7 @@ class Footprint:
         for direction in range(DIRECTIONS):
             self.shift_x[direction] = place.shifts[2 * direction] // STEP_UM
             self.shift_y[direction] = place.shifts[2 * direction + 1] // STEP_UM
+        self._half = self._place.pitch_um // (2 * STEP_UM) + CLEARANCE
         self._radius = 0
         for point in range(POINTS):
             # Not the distance itself, but never less.
@@ -50,7 +57,7 @@ class Footprint:
         self.y[point] = lengths_um[2 * number + 1] // STEP_UM
 
     def covered(self, outline, direction):
-        """Whether the parcel covers a point of the cell in that direction, or nearly."""
+        """Whether the parcel covers a wheel or a sensor of the cell in that direction, or nearly."""
         x, y = self.shift_x[direction], self.shift_y[direction]
         distance = outline.distance(x, y)
         if distance > self._radius + MARGIN:
@@ -61,9 +68,13 @@ class Footprint:
         return False
 
     def mask(self, outline):
-        """The neighbours that the parcel covers, by direction."""
+        """The neighbours whose squares the parcel lies over, or nearly, by direction.
+
+        Squares, not points: two parcels may not meet between the sensors of two cells either.
+        """
         mask = 0
         for direction in range(DIRECTIONS):
-            if self._place.nodes[direction] and self.covered(outline, direction):
+            x, y = self.shift_x[direction], self.shift_y[direction]
+            if self._place.nodes[direction] and outline.overlaps(x, y, self._half):
                 mask |= 1 << direction
         return mask

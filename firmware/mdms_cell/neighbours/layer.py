@@ -67,9 +67,8 @@ class Layer:
     def start(self, node_id):
         """The cell is 'operational'; what it knew before is gone."""
         self._node_id = node_id
-        self.active = self._objects.number(indices.CONTROL) == 1 and self._place.known
-        self._axes.led = self.active
-        self._rights = RightOfWay(self._objects.number(indices.LEASE, 1))
+        self.active = self.wanted
+        self._rights = RightOfWay(lease_beats=self._objects.number(indices.LEASE, 1))
         self._heard.reset()
         self._tracking.drop()
         self._programs = Programs()
@@ -94,14 +93,19 @@ class Layer:
     def _on_place(self, _index=0, _sub=0):
         self._footprint.load()
         self.stop()
-        self._axes.led = self._objects.number(indices.CONTROL) == 1
+        self._axes.led = self.wanted
         self._changed()
 
     # What comes
 
+    @property
+    def wanted(self):
+        """Whether the cell is to be led by the layer, and has been given its place."""
+        return self._objects.number(indices.CONTROL) == 1 and self._place.known
+
     def receivers(self):
         """Pairs of an identifier and what takes its frames."""
-        if self._objects.number(indices.CONTROL) == 1 and self._place.known:
+        if self.wanted:
             for can_id, kind, direction in self._place.receivers():
                 yield can_id, self._receiver(kind, direction)
 

@@ -6,14 +6,13 @@ beside the parcel follows those that are under it.
 """
 
 from mdms_cell import ticks
-from mdms_cell.neighbours.angle import TURN_UM, wrapped
+from mdms_cell.neighbours.angle import wrapped
 from mdms_cell.neighbours.belief import CONTRADICTION, EDGE, Belief
-from mdms_cell.neighbours.footprint import MARGIN
 from mdms_cell.neighbours.heard import OWN
 from mdms_cell.neighbours.outline import STEP_UM
 from mdms_cell.neighbours.place import AXES, DIRECTIONS, SENSORS
 from mdms_cell.neighbours.program import turn_um, wire_yaw
-from mdms_cell.neighbours.right_of_way import UNDER
+from mdms_cell.neighbours.right_of_way import PROMISED, UNDER
 from mdms_cell.neighbours.twist import TwistFit
 from mdms_protocol import neighbours as wire
 
@@ -21,6 +20,7 @@ from mdms_protocol import neighbours as wire
 _OWN_WEIGHT = 1280
 _PEER_WEIGHT = 16
 _ROUNDS = 2
+_FEW_WHEELS = 5
 #: A frame may be this late; the parcel has moved on meanwhile.
 _LATENCY_MS = 3
 #: A cell beside a parcel follows its neighbours for so long after the last of them.
@@ -50,6 +50,7 @@ class Tracking:
         self.under = False
         self.missing_beats = 0
         self._followed_beats = 0
+        self._follows = False
         self._sent = (0, 0, 0)
         self._turn = 0
         self.certainty = 0
@@ -74,39 +75,50 @@ class Tracking:
         self._look()
 
     def _look(self):
-        self.under = self.shaped and self.belief.known and self._footprint.covered(self.outline, OWN)
+        self.under = (
+            self.shaped and self.belief.known and self._footprint.covered(self.outline, OWN)
+        )
 
     def update(self, beat, step_ms, sync_ms):
         """Bring the belief to the last SYNC, `step_ms` after that of the last update."""
         if self.identity and self.shaped:
+            before = self.twist.vx, self.twist.vy, self.twist.turn
+            self._fit(beat)
+            # A few wheels, all on one side, do not show how a parcel turns.
+            self._follows = not self.under or self.twist.wheels < _FEW_WHEELS
+            if not self._follows or not self._follow(beat):
+                self._move(before, step_ms)
+                self._agree(beat)
             if self.under:
-                self._move(beat, step_ms)
                 self._correct(sync_ms)
                 self._check_sensors()
-            else:
-                self._follow(beat)
             self._look()
         self._drop_edges(sync_ms)
 
-    def _move(self, beat, step_ms):
-        """Roll on by the wheels, half by the twist before, and agree with the others."""
+    def _fit(self, beat):
+        """Find the twist by the wheels under the parcel, where the belief was at the SYNC before."""
         twist, belief = self.twist, self.belief
-        vx, vy, turn = twist.vx, twist.vy, twist.turn
-        for _ in range(_ROUNDS):
-            twist.begin(belief.x // STEP_UM, belief.y // STEP_UM)
-            for direction in range(DIRECTIONS + 1):
-                if self._heard.speeds_beat[direction] == beat:
-                    self._give_wheels(direction)
-            twist.end()
+        twist.wheels = 0
+        if belief.known:
+            for _ in range(_ROUNDS):
+                twist.begin(belief.x // STEP_UM, belief.y // STEP_UM)
+                for direction in range(DIRECTIONS + 1):
+                    if self._heard.speeds_beat[direction] == beat and not self._is_other(direction):
+                        self._give_wheels(direction)
+                twist.end()
         if not twist.wheels:
             twist.reset()
+
+    def _move(self, before, step_ms):
+        """Roll on by the wheels, half by the twist before."""
+        vx, vy, turn = before
+        twist = self.twist
         half_ms = 2000 // step_ms
-        belief.roll(
+        self.belief.roll(
             _rounded(vx + twist.vx, half_ms),
             _rounded(vy + twist.vy, half_ms),
             _rounded(turn + twist.turn, half_ms),
         )
-        self._agree(beat)
 
     def _give_wheels(self, direction):
         footprint, speeds = self._footprint, self._heard.speeds
@@ -146,6 +158,16 @@ class Tracking:
             and heard.field(direction, wire.CERTAINTY) > 0
         )
 
+    def _is_other(self, direction):
+        """Whether that cell's wheels and sensors serve another parcel."""
+        heard = self._heard
+        return (
+            direction != OWN
+            and heard.estimate_beat[direction] >= 0
+            and heard.field(direction, wire.STATE) >= PROMISED
+            and heard.field(direction, wire.IDENTITY) != self.identity
+        )
+
     def _pose(self, direction):
         """A neighbour's pose as it sent it [um; from this cell's centre]."""
         heard, shifts = self._heard, self._place.shifts
@@ -171,6 +193,8 @@ class Tracking:
             if ago_ms <= 0:
                 continue
             direction = heard.edge_direction[number]
+            if self._is_other(direction):
+                continue
             point = AXES + heard.edge_sensor[number]
             # The parcel has moved on since: so has, with it, the place where its edge was seen.
             x = footprint.shift_x[direction] + footprint.x[point]
@@ -206,7 +230,7 @@ class Tracking:
         """How many sensors have to be covered, and how many of them are not."""
         heard, footprint = self._heard, self._footprint
         deep = free = 0
-        if not heard.seen[direction]:
+        if not heard.seen[direction] or self._is_other(direction):
             return deep, free
         bits = heard.presence[direction]
         shift_x, shift_y = footprint.shift_x[direction], footprint.shift_y[direction]
@@ -223,7 +247,7 @@ class Tracking:
         return deep, free
 
     def _follow(self, beat):
-        """Beside the parcel: take the mean of those that are under it."""
+        """Take the mean of those that are under the parcel; returns whether there are any."""
         total = x = y = turn = best = 0
         first = None
         for direction in range(DIRECTIONS):
@@ -239,16 +263,18 @@ class Tracking:
             self._followed_beats = 0
             pose = x // total, y // total, wrapped(first + turn // total)
             self.belief.start(*pose, variance=1 << 17 - best)
-            return
-        self._followed_beats += 1
-        if self._followed_beats > _FOLLOW_BEATS:
-            self.belief.forget()
+            return True
+        if not self.under:
+            self._followed_beats += 1
+            if self._followed_beats > _FOLLOW_BEATS:
+                self.belief.forget()
+        return False
 
     def announce(self, fields, step_ms):
         """Write pose and certainty into an estimate, as they will be at the next SYNC."""
         belief, twist = self.belief, self.twist
         self.certainty = 0
-        if belief.known and self.under:
+        if belief.known and self.under and not self._follows:
             x = (belief.x + _rounded(twist.vx, 1000 // step_ms) + wire.STEP_UM // 2) // wire.STEP_UM
             y = (belief.y + _rounded(twist.vy, 1000 // step_ms) + wire.STEP_UM // 2) // wire.STEP_UM
             yaw = wire_yaw(belief.turn + _rounded(twist.turn, 1000 // step_ms))

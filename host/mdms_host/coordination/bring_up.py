@@ -39,10 +39,11 @@ class BringUpCell(RemoteCell):
         axes: int,
         settings: Iterable[Setting],
         spare: Mapping[Place, int] = NOTHING,
+        bus: int | None = None,
         *,
         steers: bool = False,
     ) -> None:
-        super().__init__(number, node_id)
+        super().__init__(number, node_id, bus)
         self._axes = axes
         self._ready = _LED if steers else _ENABLED
         self._towards_ready = _TOWARDS_SWITCHED_ON if steers else _TOWARDS_ENABLED

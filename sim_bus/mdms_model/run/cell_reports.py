@@ -1,12 +1,12 @@
 """What cells report of the parcels that they steer, read off the bus for the record."""
 
 from array import array
-from collections.abc import Sequence
 from math import pi
 
 import numpy as np
 
 from mdms_model.arrays import Floats
+from mdms_model.buses import Addresses
 from mdms_protocol import cob
 from mdms_protocol import neighbours as wire
 from mdms_protocol.frame import Frame
@@ -19,14 +19,16 @@ REPORTED = ("identity", "state", "belief")
 
 
 class CellReports:
-    """Estimates of cells at these centres (C, 2); takes the frames whose `can_id` is in `cells`.
+    """Estimates of cells at these centres (C, 2) and addresses.
 
-    Cell k (from 0) has node id k + 1, or that of `node_ids`.
+    `cells[bus]` has the cells of a bus (from 0) by the identifiers of their estimates.
     """
 
-    def __init__(self, centres_m: Floats, node_ids: Sequence[int] = ()) -> None:
-        ids = node_ids or range(1, len(centres_m) + 1)
-        self.cells = {cob.ESTIMATE_BASE + node_id: cell for cell, node_id in enumerate(ids)}
+    def __init__(self, centres_m: Floats, addresses: Addresses) -> None:
+        self.cells: list[dict[int, int]] = [{} for _ in range(addresses.bus_count)]
+        places = zip(addresses.buses, addresses.node_ids, strict=True)
+        for cell, (bus, node_id) in enumerate(places):
+            self.cells[bus][cob.ESTIMATE_BASE + node_id] = cell
         #: Whether any cell has reported yet.
         self.any = False
         self._centres_m = centres_m
@@ -34,9 +36,9 @@ class CellReports:
         self._fields = array("i", bytes(4 * wire.ESTIMATE_FIELDS))
         self._last = np.zeros((len(centres_m), wire.ESTIMATE_FIELDS), np.int64)
 
-    def on_frame(self, frame: Frame, now_s: float) -> None:
-        """A frame was on the bus; one that cannot be decoded changes nothing."""
-        cell = self.cells[frame.can_id]
+    def on_frame(self, bus: int, frame: Frame, now_s: float) -> None:
+        """A frame whose `can_id` is in `cells[bus]` was there; one that is none changes nothing."""
+        cell = self.cells[bus][frame.can_id]
         if wire.unpack_estimate(frame.data, self._fields, 0):
             self.any = True
             self._reported_s[cell] = now_s

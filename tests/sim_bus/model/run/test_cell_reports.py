@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mdms_model.array import cell_centres
+from mdms_model.buses import address_cells
 from mdms_model.run.cell_reports import SILENT_S, CellReports
 from mdms_model.run.mcap_file import read_record, write_record
 from mdms_model.run.record import Contact, Record
@@ -26,11 +27,11 @@ def frame(cell, **fields):
 
 @pytest.fixture
 def reports():
-    return CellReports(CENTRES_M)
+    return CellReports(CENTRES_M, address_cells(18))
 
 
 def test_a_cell_reports_identity_state_and_belief_in_the_frame_of_the_table(reports):
-    reports.on_frame(frame(1), 1.0)
+    reports.on_frame(0, frame(1), 1.0)
     sample = reports.sample(1.0)
     assert reports.any
     assert sample["identity"].tolist() == [2] + 17 * [0]
@@ -41,14 +42,14 @@ def test_a_cell_reports_identity_state_and_belief_in_the_frame_of_the_table(repo
 
 
 def test_a_cell_without_a_pose_believes_nothing(reports):
-    reports.on_frame(frame(3, certainty=0, state=wire.PROMISED), 1.0)
+    reports.on_frame(0, frame(3, certainty=0, state=wire.PROMISED), 1.0)
     sample = reports.sample(1.0)
     assert sample["state"][2] == wire.PROMISED
     assert np.isnan(sample["belief"]).all()
 
 
 def test_a_cell_that_has_fallen_silent_has_no_parcel(reports):
-    reports.on_frame(frame(1), 1.0)
+    reports.on_frame(0, frame(1), 1.0)
     assert reports.sample(1.0 + 0.9 * SILENT_S)["identity"][0] == 2
     late = reports.sample(1.01 + SILENT_S)
     assert not late["identity"].any()
@@ -56,7 +57,7 @@ def test_a_cell_that_has_fallen_silent_has_no_parcel(reports):
 
 
 def test_what_is_no_estimate_changes_nothing(reports):
-    reports.on_frame(Frame(0x381, b"\x01"), 1.0)
+    reports.on_frame(0, Frame(0x381, b"\x01"), 1.0)
     assert not reports.any
     assert not reports.sample(1.0)["identity"].any()
 
