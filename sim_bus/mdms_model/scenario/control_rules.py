@@ -6,6 +6,7 @@ from mdms_model.scenario.scenario import Parcel, Scenario, ScenarioError
 AXES = 2
 SENSORS = 5
 BEAT_S = 0.01
+FORWARDED = frozenset((1, 2, 3, 4))
 #: What fits the frames of a motion program.
 SHAPES = ("rectangle", "disc")
 MOST_PARCELS = 63
@@ -34,6 +35,7 @@ def check_control(scenario: Scenario) -> None:
             "at most"
         )
     _check_cells(scenario)
+    _check_borders(scenario)
     if len(scenario.parcel) > MOST_PARCELS:
         raise ScenarioError(
             f"parcel has {len(scenario.parcel)} items, but cells distinguish {MOST_PARCELS} at most"
@@ -58,6 +60,16 @@ def _check_cells(scenario: Scenario) -> None:
         raise ScenarioError(
             f"motion.control is 'cells', whose beat is {BEAT_S} s, but wire.sync_period_s is "
             f"{scenario.wire.sync_period_s}; leave it out"
+        )
+
+
+def _check_borders(scenario: Scenario) -> None:
+    """Neighbours on different buses need each other's speeds, states, estimates and programs."""
+    array = scenario.array
+    if len(array.buses) > 1 and not FORWARDED <= {*array.forwarded}:
+        raise ScenarioError(
+            f"array.forwarded is {list(array.forwarded)}, but cells that steer need all PDOs of "
+            f"their neighbours beyond a border; set it to {sorted(FORWARDED)}"
         )
 
 

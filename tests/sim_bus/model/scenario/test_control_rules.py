@@ -19,6 +19,14 @@ def test_cells_steer_discs_too_and_may_go_on():
     assert load_scenario("neighbours", [*overrides, "motion.go_on=true"]).motion.go_on
 
 
+def test_cells_of_several_buses_steer_where_gateways_forward_all_that_they_need():
+    scenario = load_scenario("array54", ["motion.control=cells", "array.forwarded=[1, 2, 3, 4]"])
+    assert scenario.motion.control == "cells"
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario("array54", ["motion.control=cells", "array.forwarded=[1, 2]"])
+    assert "array.forwarded is [1, 2], but cells that steer need all PDOs" in str(caught.value)
+
+
 @pytest.mark.parametrize(
     ("overrides", "expected"),
     [
