@@ -5,6 +5,11 @@ A Kalman filter over the pose (x, y, turn) [um; from the cell's own centre, turn
 """
 
 try:
+    import micropython
+except ImportError:
+    from mdms_cell.cpython import micropython
+
+try:
     from micropython import const
 except ImportError:
     from mdms_cell.cpython import const
@@ -71,6 +76,7 @@ class Belief:
         self._doubt(more)
         self._place()
 
+    @micropython.native
     def correct(self, x, y, error, exact=True):
         """The parcel's edge is over a point [steps]; returns False if that is not believed.
 

@@ -52,10 +52,13 @@ class Leading:
         twist, steering, belief = tracking.twist, self._steering, tracking.belief
         acceleration = program.acceleration_mm_s2
         self._move_on(tracking, twist.vx, twist.vy, twist.turn, _REACTION_MS, acceleration)
-        needs = here | self._footprint.mask(tracking.outline)
+        needs = self._footprint.mask(tracking.outline, here)
         vx, vy, turn = steering.wish
+        if not (vx or vy or turn):
+            tracking.outline.place(belief.x, belief.y, belief.turn)
+            return needs, needs
         self._move_on(tracking, vx, vy, turn, _ASK_MS, acceleration)
-        asks = needs | self._footprint.mask(tracking.outline)
+        asks = self._footprint.mask(tracking.outline, needs)
         tracking.outline.place(belief.x, belief.y, belief.turn)
         return needs, asks
 
