@@ -1,7 +1,7 @@
 """Turns of a parcel, in whole numbers.
 
-An angle is the way of a point at `ARM_UM` from the centre [um], so that a pose is three lengths and a
-twist three speeds. Sine and cosine are in 1/8192.
+An angle is the way of a point at `ARM_UM` from the centre [um], so that a pose is three lengths and
+a twist three speeds. Sine and cosine are in 1/8192.
 """
 
 try:

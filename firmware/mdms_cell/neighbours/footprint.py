@@ -25,8 +25,8 @@ POINTS = AXES + SENSORS
 class Footprint:
     """The points of a cell and its neighbours [steps of 16 um; from the cell's own centre].
 
-    Wheels come before sensors; `x` and `y` are of POINTS points. `present` is the mask of neighbours
-    that there are. Neighbours are cells alike, at
+    Wheels come before sensors; `x` and `y` are of POINTS points. `present` is the mask of the
+    neighbours that there are. Neighbours are cells alike, at
     `shift_x` and `shift_y` by direction.
     """
 
@@ -81,7 +81,7 @@ class Footprint:
         self.y[point] = lengths_um[2 * number + 1] // STEP_UM
 
     def covered(self, outline, direction):
-        """Whether the parcel covers a wheel or a sensor of the cell in that direction, or nearly."""
+        """Whether the parcel covers a wheel or a sensor of the cell there, or nearly."""
         x, y = self.shift_x[direction], self.shift_y[direction]
         distance = outline.distance(x, y)
         if distance > self._radius + MARGIN:
@@ -100,7 +100,8 @@ class Footprint:
         shift_x, shift_y, half = self.shift_x, self.shift_y, self._half
         for direction in range(DIRECTIONS):
             bit = 1 << direction
-            if self.present & bit and not mask & bit:
-                if outline.overlaps(shift_x[direction], shift_y[direction], half):
-                    mask |= bit
+            if mask & bit or not self.present & bit:
+                continue
+            if outline.overlaps(shift_x[direction], shift_y[direction], half):
+                mask |= bit
         return mask

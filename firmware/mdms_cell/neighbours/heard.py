@@ -24,9 +24,9 @@ class Heard:
     """Speeds, presence, edges and estimates, the cell's own under `OWN`.
 
     `speeds[2 * d]` and the next are those of direction d [um/s], valid where `speeds_beat[d]` is
-    the present beat. `presence[d]` are its sensors' bits, valid where `seen[d]`. `estimates` has the
-    fields of `mdms_protocol.neighbours`, `estimate_beat[d]` the beat in which they came; they are to
-    be passed on once, while `fresh[d]`. An edge is a direction, a sensor and a time [ms].
+    the present beat. `presence[d]` are its sensors' bits, valid where `seen[d]`. `estimates` has
+    the fields of `mdms_protocol.neighbours`, `estimate_beat[d]` the beat in which they came; they
+    are to be passed on once, while `fresh[d]`. An edge is a direction, a sensor and a time [ms].
     """
 
     def __init__(self):
@@ -105,4 +105,3 @@ class Heard:
     def field(self, direction, field):
         """A field of a neighbour's last estimate."""
         return self.estimates[direction * wire.ESTIMATE_FIELDS + field]
-

@@ -26,7 +26,8 @@ DISC = const(1)
 class Outline:
     """A rectangle about its centre, or a disc; `place` sets its pose [um; any frame].
 
-    `x`, `y`, `half_length` and `half_width` are in steps, `cosine` and `sine` of its turn in 1/8192.
+    `x`, `y`, `half_length` and `half_width` are in steps, `cosine` and `sine` of its turn in
+    1/8192.
 
     `edge` leaves where the nearest edge lies in `normal_x`, `normal_y` and `lever`: the derivative
     of the distance by the pose, its sign changed, in 1/1024.

@@ -1,8 +1,8 @@
 """What a cell makes of what it and its neighbours have seen: where the parcel is, how it moves.
 
-A cell under the parcel keeps a belief of its own: it rolls it on by the wheels of its neighbourhood,
-corrects it where sensors see an edge, and agrees with the neighbours under the same parcel. A cell
-beside the parcel follows those that are under it.
+A cell under the parcel keeps a belief of its own: it rolls it on by the wheels of its
+neighbourhood, corrects it where sensors see an edge, and agrees with the neighbours under the same
+parcel. A cell beside the parcel follows those that are under it.
 """
 
 try:
@@ -116,14 +116,14 @@ class Tracking:
             others = heard.estimate_beat[direction] >= 0 and state >= PROMISED and not same
             self._others[direction] = others
             use[direction] = heard.speeds_beat[direction] == beat and not others
-            if same and state == UNDER and heard.estimate_beat[direction] == beat:
-                if heard.estimates[at + wire.CERTAINTY]:
-                    peers |= 1 << direction
+            sure = heard.estimates[at + wire.CERTAINTY] > 0
+            if same and sure and state == UNDER and heard.estimate_beat[direction] == beat:
+                peers |= 1 << direction
         use[OWN] = heard.speeds_beat[OWN] == beat
         self._peers = peers
 
     def _fit(self):
-        """Find the twist by the wheels under the parcel, where the belief was at the SYNC before."""
+        """Find the twist by the wheels under the parcel, as believed at the SYNC before."""
         if self.belief.known:
             heard, wheels = self._heard, self._footprint.wheels
             self.twist.fit(self.outline, wheels, heard.speeds, AXES, self._use)
@@ -161,7 +161,7 @@ class Tracking:
         if total:
             mean = variance // total
             x, y, turn = x * 4 // total, y * 4 // total, turn * 4 // total
-            self.belief.agree(total, total + _OWN_WEIGHT, x, y, turn, mean)
+            self.belief.agree(total, total + _OWN_WEIGHT, (x, y, turn), mean)
 
     def _pose(self, direction):
         """A neighbour's pose as it sent it [um; from this cell's centre]."""
@@ -245,11 +245,12 @@ class Tracking:
     def _follow(self):
         """Take the mean of those that are under the parcel; returns whether there are any."""
         total = x = y = turn = best = 0
-        first = None
+        first = 0
         for direction in range(DIRECTIONS):
             if self._peers >> direction & 1:
                 its_x, its_y, its_turn = self._pose(direction)
-                first = its_turn if first is None else first
+                if not total:
+                    first = its_turn
                 total += 1
                 x += its_x
                 y += its_y

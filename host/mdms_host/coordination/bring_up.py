@@ -31,6 +31,7 @@ class BringUpCell(RemoteCell):
         node_id: int,
         axes: int,
         settings: Iterable[Setting],
+        *,
         spare: Mapping[Place, int] = NOTHING,
         bus: int | None = None,
     ) -> None:
