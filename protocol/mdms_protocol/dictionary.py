@@ -179,6 +179,7 @@ _AXIS: dict[int, Field] = {
     0x6040: field("controlword", U16, mappable=e.RPDO),
     0x6041: field("statusword", U16, READ, mappable=e.TPDO),
     0x605A: field("quick stop option code", I16, CONST, 2),
+    0x605E: setting("fault reaction option code", I16, 2, low=0, high=2),
     0x6060: field("modes of operation", I8, default=3, low=3, high=3, mappable=e.RPDO),
     0x6061: field("modes of operation display", I8, READ, 3, mappable=e.TPDO),
     0x6063: field("position", I32, READ, unit=e.COUNTS, mappable=e.TPDO),
@@ -196,7 +197,7 @@ _AXIS: dict[int, Field] = {
     0x6085: setting(
         "quick stop deceleration",
         U32,
-        2_000_000,
+        4_000_000,
         _ACCELERATION,
         low=1_000,
         high=ACCELERATION_LIMIT_UM_S2,

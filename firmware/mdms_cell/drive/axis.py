@@ -5,10 +5,13 @@ Indices are those of axis 1; axis 2 has them `indices.AXIS_OFFSET` higher.
 
 from mdms_cell.drive import speed_loop, tuning
 from mdms_cell.drive.state_machine import Drive
-from mdms_protocol import indices
+from mdms_protocol import indices, sdo
 
 _VELOCITY_REVERSED = 0x40
 
+# Fault reaction option code (CiA 402-2): 0 V at once, or the quick stop's ramp
+_DISABLE = 0
+_QUICK_STOP_RAMP = 2
 
 _SETTINGS = (
     indices.GAIN,
@@ -30,6 +33,7 @@ _SETTINGS = (
     indices.ACCELERATION,
     indices.DECELERATION,
     indices.QUICK_STOP,
+    indices.FAULT_REACTION,
     indices.MAX_SLIPPAGE,
 )
 
@@ -64,6 +68,8 @@ class Axis:
         acceleration, deceleration = setting(indices.ACCELERATION), setting(indices.DECELERATION)
         quick_stop = setting(indices.QUICK_STOP)
         tuning.set_ramps(registers, base, acceleration, deceleration, quick_stop)
+        ramped = setting(indices.FAULT_REACTION) == _QUICK_STOP_RAMP
+        registers[base + speed_loop.REACTION] = 1 if ramped else 0
         registers[base + speed_loop.WINDOW] = setting(indices.WINDOW)
         registers[base + speed_loop.WINDOW_TICKS] = setting(indices.WINDOW_TIME)
         self._load_watching(registers, base, setting, resolution)
@@ -80,6 +86,8 @@ class Axis:
         tuning.set_following(registers, base, limit_um_s, time_ms)
 
     def _on_setting(self, _index, _sub):
+        if self._setting(indices.FAULT_REACTION) not in (_DISABLE, _QUICK_STOP_RAMP):
+            raise sdo.AbortError(sdo.INVALID_VALUE)
         self.load()
 
     def _setting(self, index):
