@@ -77,8 +77,8 @@ def driven_ms(*settings):
 
 
 def test_wheels_ramp_down_when_no_setpoint_comes_for_50_ms():
-    # 63.5 mm/s at 4 m/s2, or at 1 m/s2
-    assert 50 + 15 <= driven_ms() <= 52 + 16
+    # 63.5 mm/s at 8 m/s2, or at 1 m/s2
+    assert 50 + 7 <= driven_ms() <= 52 + 8
     assert 50 + 63 <= driven_ms((0x6085, 0, (1_000_000).to_bytes(4, "little"))) <= 52 + 64
 
 

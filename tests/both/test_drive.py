@@ -73,6 +73,7 @@ class Axis:
         for base in (0, s.AXIS):
             tuning.set_encoder(self.registers, base, 37_596)
             tuning.set_law(self.registers, base, 10_000, 24_000)
+            tuning.set_brake(self.registers, base, 10_000, 24_000)
             self.registers[base + s.WINDOW] = 5_000
             self.registers[base + s.WINDOW_TICKS] = 10
         self.drive = d.Drive(self.registers, 0)

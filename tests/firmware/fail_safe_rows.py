@@ -32,12 +32,13 @@ def keep(bench, ms):
 
 
 def brakes(bench, ms, hold_ms=300):
-    """The wheels are ramped to rest within so many ms, held there, and then off; for `ticks`.
+    """The wheels are ramped to rest within so many ticks, and stay there, whatever is commanded.
 
-    Whatever the background does in between, targets count no more.
+    These stand from the beginning, so that the braking gain shows as more voltage at first.
     """
+    world.advance()
     before = bench.widths()
-    for _ in range(ms):
+    for _ in range(ms - 1):
         world.advance()
         assert all(now <= then for now, then in zip(bench.widths(), before))  # noqa: B905
         before = bench.widths()
@@ -98,13 +99,13 @@ UP = RESET[2:]
 
 
 def stale_setpoint(bench):
-    # 4 m/s2 from 0.1 m/s: 25 ms
+    # 8 m/s2 from 0.1 m/s: 13 ms
     keep(bench, 100)
     bench.target(TARGET)
-    for _ in range(50):
+    for _ in range(51):
         bench.pass_ms()
         assert not bench.off()
-    brakes(bench, 26)
+    brakes(bench, 14)
     assert emergencies() == [0x8250, 0x8250], emergencies()
     comes_back(bench, *RESET)
 
@@ -162,7 +163,7 @@ def heartbeat_lost(bench):
         bench.pass_ms()
         silent_ms += 1
     assert 39 <= silent_ms <= 46, silent_ms
-    brakes(bench, 26)
+    brakes(bench, 14)
     assert 0x8130 in emergencies()
     # It is missed no more, and the node is started again.
     bench.can.deliver(0x600 + NODE, b"\x23\x16\x10\x01\0\0\0\0")
@@ -314,11 +315,11 @@ def disable_voltage(bench):
 
 
 def quick_stop(bench):
-    # 4 m/s2 from 0.1 m/s: 25 ms
+    # 8 m/s2 from 0.1 m/s: 13 ms
     bench.can.deliver(0x300 + NODE, b"\x02\x00\x02\x00")
     bench.runner.turn(world.now_ms)
     before = bench.widths()[0]
-    for _ in range(23):
+    for _ in range(11):
         world.advance()
         assert 0 < bench.widths()[0] <= before
         before = bench.widths()[0]
@@ -437,7 +438,7 @@ def background_hangs(bench):
     for _ in range(50):
         world.advance()
         assert not bench.off()
-    for _ in range(26):
+    for _ in range(14):
         world.advance()
     assert bench.off()
     assert world.fed_ms == fed_ms

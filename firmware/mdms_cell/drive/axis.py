@@ -34,6 +34,7 @@ _SETTINGS = (
     indices.DECELERATION,
     indices.QUICK_STOP,
     indices.FAULT_REACTION,
+    indices.BRAKING_GAIN,
     indices.MAX_SLIPPAGE,
 )
 
@@ -64,7 +65,9 @@ class Axis:
         registers[base + speed_loop.INVERTED] = 1 if reversed_ else 0
         tuning.set_encoder(registers, base, resolution, setting(indices.OBSERVER_LAG))
         tuning.set_feed(registers, base, resolution, setting(indices.ACCELERATION_PER_VOLT))
-        tuning.set_law(registers, base, setting(indices.GAIN), setting(indices.VOLTAGE_LIMIT))
+        voltage_limit_mv = setting(indices.VOLTAGE_LIMIT)
+        tuning.set_law(registers, base, setting(indices.GAIN), voltage_limit_mv)
+        tuning.set_brake(registers, base, setting(indices.BRAKING_GAIN), voltage_limit_mv)
         acceleration, deceleration = setting(indices.ACCELERATION), setting(indices.DECELERATION)
         quick_stop = setting(indices.QUICK_STOP)
         tuning.set_ramps(registers, base, acceleration, deceleration, quick_stop)

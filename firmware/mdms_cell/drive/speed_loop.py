@@ -72,30 +72,33 @@ BRAKE_COUNT = const(44)  # ticks of braking since the axis went off, up to BRAKE
 LAST_COUNT = const(45)  # the low 16 bits of COUNT in the last tick
 TURNS = const(46)  # how often COUNT has passed over its 16 bits, modulo 2**16
 SIGNS = const(47)  # bits below
-# A parameter again:
+# Parameters again:
 REACTION = const(48)  # 1: a stale target has the wheel braked as in BRAKE; 0: voltage 0 at once
+BRAKE_GAIN = const(49)  # * G in BRAKE [V s/m / 16], 0..2**20
+BRAKE_LIMIT = const(50)  # * ERROR_LIMIT in BRAKE [um/s]
 
-AXIS = const(49)  # registers of an axis
+AXIS = const(51)  # registers of an axis
 AXES = const(2)
 
 # Of the cell:
-TICKS = const(98)  # ticks since the start, modulo 2**30
-AGE_LIMIT = const(99)  # a target of this age is stale [ticks]
-SUPPLY = const(100)  # supply voltage as the board measures it [uV], 0..VOLTAGE_MAX_UV
-SUPPLY_MIN = const(101)  # a supply below this drives no motor [uV]
-LOW_COUNT = const(102)  # ticks of too low a supply so far, up to LOW_TICKS
-CUT = const(103)  # not 0: voltage 0 on both axes, for interrupts, which see no state machine
-BRAKE_TICKS = const(104)  # ticks after which braking ends, standstill or not
-AWAKE = const(105)  # 1: the bridges are to be awake, for an axis is on or brakes; 0: they sleep
-ATTENTION = const(106)  # set to 1 when FAULTS or SIGNS change; zeroed by who looks after that
-WIDEN = const(107)  # what sign-extends a loaded register, see `reset`
-REGISTERS = const(108)
+TICKS = const(102)  # ticks since the start, modulo 2**30
+AGE_LIMIT = const(103)  # a target of this age is stale [ticks]
+SUPPLY = const(104)  # supply voltage as the board measures it [uV], 0..VOLTAGE_MAX_UV
+SUPPLY_MIN = const(105)  # a supply below this drives no motor [uV]
+LOW_COUNT = const(106)  # ticks of too low a supply so far, up to LOW_TICKS
+CUT = const(107)  # not 0: voltage 0 on both axes, for interrupts, which see no state machine
+BRAKE_TICKS = const(108)  # ticks after which braking ends, standstill or not
+AWAKE = const(109)  # 1: the bridges are to be awake, for an axis is on or brakes; 0: they sleep
+ATTENTION = const(110)  # set to 1 when FAULTS or SIGNS change; zeroed by who looks after that
+WIDEN = const(111)  # what sign-extends a loaded register, see `reset`
+REGISTERS = const(112)
 
 # Values of MODE; those from STOP on ramp down.
 OFF = const(0)  # voltage 0: brake until the wheel has stood for HOLD_TICKS, then sleep
 RUN = const(1)  # follow TARGET
 STOP = const(2)  # ramp to standstill, whatever TARGET is; over after BRAKE_TICKS at the latest
-BRAKE = const(3)  # as STOP, and hold the wheel for STILL_TICKS, for what it carries may still slide
+#: As STOP, with a gain of its own, and hold the wheel for STILL_TICKS: what it carries may slide.
+BRAKE = const(3)
 
 # Bits of FAULTS.
 STALE = const(1)
@@ -234,11 +237,15 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         error = demand - actual
         distance = error
         limit = registers[base + ERROR_LIMIT]
+        gain = registers[base + GAIN]
+        if mode == BRAKE:
+            limit = registers[base + BRAKE_LIMIT]
+            gain = registers[base + BRAKE_GAIN]
         if error > limit:
             error = limit
         elif error < 0 - limit:
             error = 0 - limit
-        voltage = error * registers[base + GAIN] >> 4
+        voltage = error * gain >> 4
 
         # Watch over the axis. A count of ticks stands still at its limit.
         if low_supply == LOW_TICKS and mode != OFF:
