@@ -32,7 +32,7 @@ from mdms_cell.canopen.storage.store import Parameters, Store
 from mdms_cell.drive import speed_loop, tuning
 from mdms_cell.drive.axes import Axes
 from mdms_cell.neighbours.beat import Beat
-from mdms_cell.neighbours.place import Place
+from mdms_cell.neighbours.layer import Layer
 from mdms_protocol import cob, indices, nmt, record, signature
 
 #: What `fail` is reported to come from; axes count from 1, and then come those of `guard`.
@@ -79,6 +79,15 @@ class Cell:
         self._emcy = Emcy(objects, self._send)
         self._axes = Axes(objects, self._registers, self._emcy)
         self._pdos = Pdos(objects, self._attend, self._send, self._listen)
+        self._layer = Layer(
+            objects,
+            self._registers,
+            axes=self._axes,
+            pdos=self._pdos,
+            consumer=self._consumer,
+            attend=self._attend,
+            changed=self._listen,
+        )
         self._guard = Guard(
             objects,
             self._nmt,
@@ -86,9 +95,9 @@ class Cell:
             emcy=self._emcy,
             consumer=self._consumer,
             pdos=self._pdos,
+            goes_on=self._layer.goes_on,
         )
         self._beat = Beat()
-        self.place = Place(objects, self._listen)
         self._parameters = Parameters(objects, self._store, self._axes.driving, self._emcy)
         self._tie_cell()
 
@@ -139,9 +148,14 @@ class Cell:
         return self._nmt.node_id
 
     def silent(self):
-        """Identifiers of frames that let the cell send nothing before its next poll: its RPDOs."""
+        """Identifiers of frames that let the cell send nothing before its next poll.
+
+        Its RPDOs, and what its neighbours send.
+        """
         own = dict(self._own_receivers())
-        return [can_id for can_id, _ in self._pdos.receivers() if can_id not in own]
+        taken = dict(self._pdos.receivers())
+        taken.update(self._layer.receivers())
+        return [can_id for can_id in taken if can_id not in own]
 
     # What the background loop and the timer interrupt call
 
@@ -198,9 +212,11 @@ class Cell:
         if state == nmt.OPERATIONAL:
             self._pdos.start(self.now_ms)
             self._beat.start(self.now_ms)
+            self._layer.start(self.node_id)
         else:
             self._beat.stop()
             self._pdos.stop()
+            self._layer.stop()
             self._axes.switch_off()
 
     def on_reset(self, command):
@@ -213,9 +229,10 @@ class Cell:
         self._axes.cut()
         self._beat.stop()
         self._pdos.stop()
+        self._layer.stop()
         self._objects.reset(self.node_id, flags)
         self._parameters.restore(flags)
-        for part in (self._pdos, self._emcy, self._consumer, self._axes, self.place):
+        for part in (self._pdos, self._emcy, self._consumer, self._axes, self._layer):
             part.load()
         self._on_setting(indices.SETPOINT_TIMEOUT, 0)
         self._load_beat()
@@ -233,6 +250,7 @@ class Cell:
             else:
                 accepts.update(self._pdos.receivers())
                 accepts.update(self._consumer.receivers())
+                accepts.update(self._layer.receivers())
                 accepts.update(self._own_receivers())
             accepts[cob.NMT] = self._nmt.on_command
         accepts[cob.LSS_REQUEST] = self._lss.on_request
@@ -241,17 +259,19 @@ class Cell:
             listen(list(accepts))
 
     def _own_receivers(self):
-        on_sync = self._on_sync if self._beat.enabled else self._pdos.on_sync
+        led = self._beat.enabled or self._layer.wanted
+        on_sync = self._on_sync if led else self._pdos.on_sync
         yield self._objects.number(indices.SYNC_COB_ID), on_sync
         yield cob.SDO_REQUEST_BASE + self.node_id, self._on_sdo
         yield cob.SDO_RESPONSE_BASE + self.node_id, self._on_rival
         yield cob.HEARTBEAT_BASE + self.node_id, self._on_rival
 
     def _on_sync(self, data):
-        """Somebody else gives the beat."""
+        """SYNC from somebody else."""
         taken = self._pdos.on_sync(data)
         if taken:
             self._beat.on_sync(self.now_ms)
+            self._layer.on_sync(self.now_ms)
         return taken
 
     def _on_sdo(self, data):
@@ -305,6 +325,7 @@ class Cell:
         now_ms = self.now_ms
         self._axes.poll()
         wait_ms = min(self._guard.poll(now_ms), self._pdos.poll(now_ms))
+        wait_ms = min(wait_ms, self._layer.poll(now_ms, self._presence))
         if self.state != nmt.STOPPED:
             wait_ms = min(wait_ms, self._emcy.poll(now_ms))
         wait_ms = min(wait_ms, self._heartbeat.poll(now_ms, self.node_id, self.state))
@@ -316,6 +337,7 @@ class Cell:
         """Send SYNC, if it is this cell's to send; in how many milliseconds it may be again."""
         if self._beat.poll(now_ms) and self._send(self._objects.number(indices.SYNC_COB_ID), b""):
             self._pdos.on_sync(b"")
+            self._layer.on_sync(now_ms)
         return self._beat.wait_ms(now_ms)
 
     # What the services call

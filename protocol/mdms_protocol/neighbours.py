@@ -52,7 +52,7 @@ NEAR = const(1)  # believes, and is not promised
 PROMISED = const(2)  # free for the parcel
 UNDER = const(3)  # under the parcel
 
-HOLD_NONE = const(4)
+HOLD_NONE = const(5)
 
 # Bits of the FLAGS of an estimate
 ARRIVED = const(1)  # the parcel stands at its goal

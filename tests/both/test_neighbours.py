@@ -18,7 +18,7 @@ from mdms_protocol import neighbours as n
 ESTIMATE_BITS = (12, 12, 12, 6, 2, 8, 4, 3, 2, 3)
 ESTIMATES = (
     (0, 0, 0, 0, 0, 0, 0, 0, 0, 0),
-    (-1, -1, -1, 63, 3, 255, 15, 4, 3, 7),
+    (-1, -1, -1, 63, 3, 255, 15, 5, 3, 7),
     (-2048, 2047, -2048, 1, 2, 0x81, 8, 3, 1, 1),
     (1234, -1234, 777, 42, 1, 0x5A, 9, 2, 2, 4),
 )
@@ -86,7 +86,7 @@ def test_cell_clips_what_does_not_fit_and_lets_yaw_wrap():
     frame, read = bytearray(8), array("i", [0] * n.ESTIMATE_FIELDS)
     n.pack_estimate(fields, 0, frame)
     assert n.unpack_estimate(frame, read, 0)
-    assert tuple(read) == (2047, -2048, -2047, 63, 3, 255, 15, 4, 3, 7)
+    assert tuple(read) == (2047, -2048, -2047, 63, 3, 255, 15, 5, 3, 7)
     fields = array("i", (70, n.GOAL, 9, 1 << 29, -(1 << 29), -2049, 0, 0, 0))
     n.pack_program(fields, 0, frame)
     assert n.unpack_program(frame, fields, 0)

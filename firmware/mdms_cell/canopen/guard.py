@@ -22,15 +22,19 @@ _STATES = {0: nmt.PRE_OPERATIONAL, 2: nmt.STOPPED}
 
 
 class Guard:
-    """Reports to `emcy`, and switches off `axes`, what `consumer` and `pdos` miss."""
+    """Reports to `emcy`, and switches off `axes`, what `consumer` and `pdos` miss.
 
-    def __init__(self, objects, node, *, axes, emcy, consumer, pdos):
+    `goes_on()` is whether a lost heartbeat is to end no motion.
+    """
+
+    def __init__(self, objects, node, *, axes, emcy, consumer, pdos, goes_on):
         self._objects = objects
         self._node = node
         self._axes = axes
         self._emcy = emcy
         self._consumer = consumer
         self._pdos = pdos
+        self._goes_on = goes_on
 
     def start(self):
         """The node id is this node's own."""
@@ -41,8 +45,9 @@ class Guard:
         consumer = self._consumer
         if consumer.poll(now_ms):
             self._emcy.report(SOURCE_CONSUMER, HEARTBEAT_LOST)
-            self._axes.fall_silent(HEARTBEAT_LOST)
-            self._enter()
+            if not self._goes_on():
+                self._axes.fall_silent(HEARTBEAT_LOST)
+                self._enter()
         elif not consumer.lost:
             self._emcy.clear(SOURCE_CONSUMER)
         if self._pdos.overdue(now_ms):

@@ -15,6 +15,32 @@ class Axes:
         self._axes = [Axis(number, objects, registers) for number in range(speed_loop.AXES)]
         self._drives = [axis.drive for axis in self._axes]
         self._emcy = emcy
+        #: Whether the neighbour layer leads the wheels, and targets from the bus count for nothing.
+        self._led = False
+
+    @property
+    def led(self):
+        """Whether the neighbour layer sets the targets; those from the bus are not taken then."""
+        return self._led
+
+    @led.setter
+    def led(self, led):
+        self._led = led
+        for drive in self._drives:
+            drive.led = led
+
+    def lead(self, *targets_um_s):
+        """Set the targets of axes that the host has switched on, and enable them."""
+        for drive, target_um_s in zip(self._drives, targets_um_s):  # noqa: B905
+            if drive.state == cia402.SWITCHED_ON:
+                drive.control(cia402.ENABLE_OPERATION)
+            drive.set_target(target_um_s)
+
+    def rest(self):
+        """Take axes back to 'switched on': 0 V, and braked."""
+        for drive in self._drives:
+            if drive.state == cia402.OPERATION_ENABLED:
+                drive.control(cia402.SWITCH_ON)
 
     def load(self):
         """Take over the settings from the dictionary."""

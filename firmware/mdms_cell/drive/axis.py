@@ -101,7 +101,7 @@ class Axis:
     def _tie_commands(self):
         drive = self.drive
         self._tie(indices.CONTROLWORD, self._controlword, drive.control)
-        self._tie(indices.TARGET, self._target_um_s, drive.set_target)
+        self._tie(indices.TARGET, self._target_um_s, drive.take_target)
         self._tie(indices.STATUSWORD, drive.statusword)
         self._tie(indices.ERROR_CODE, self._error_code)
 

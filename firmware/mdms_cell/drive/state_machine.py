@@ -104,6 +104,7 @@ class Drive:
         self.target_um_s = 0
         self.may_enable = None
         self.on_enabled = None
+        self.led = False
         self._enter(cia402.SWITCH_ON_DISABLED)
 
     def control(self, controlword):
@@ -115,6 +116,11 @@ class Drive:
         elif not controlword & cia402.CONTROL_FAULT_RESET:
             self._happen(self._allowed(command_of(controlword)))
         self._aim()
+
+    def take_target(self, target_um_s):
+        """`set_target` from the bus: nothing happens while the neighbour layer leads the wheel."""
+        if not self.led:
+            self.set_target(target_um_s)
 
     def set_target(self, target_um_s):
         """Take a target velocity [um/s], clipped to what the speed loop bears, as fresh.

@@ -13,14 +13,14 @@ from mdms_cell.neighbours.angle import wrapped
 from mdms_cell.neighbours.outline import STEP_UM, Outline
 
 #: How well an edge is known at the instant a sensor changes, and while one contradicts.
-EDGE = const(24 * 24)
-CONTRADICTION = const(64 * 64)
+EDGE = const(16 * 16)
+CONTRADICTION = const(32 * 32)
 #: Variance at the start, and the most and the least that there is.
 _START = const(128 * 128)
 _MOST = const(384 * 384)
 _LEAST = const(6 * 6)
-#: A way so long adds one to the variances: a tenth of it is slip, in steps of 10 mm.
-_WAY_UM = const(39)
+#: A way so long adds one to the variances: a tenth of it is slip, in steps of 25 mm.
+_WAY_UM = const(15)
 #: An edge so many standard deviations away is not believed, nor one so far [steps of 16 um].
 _GATE = const(25)
 _FAR = const(2500)

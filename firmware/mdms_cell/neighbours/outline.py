@@ -56,6 +56,27 @@ class Outline:
         across = abs(self._cosine * y - self._sine * x >> 13) - self._half_width
         return along if along > across else across
 
+    def overlaps(self, x, y, half):
+        """Whether the bottom lies over a square about a point [steps; half its side].
+
+        Two rectangles lie apart where one of their four axes shows a gap.
+        """
+        x -= self._x
+        y -= self._y
+        if self.shape == DISC:
+            x, y = max(abs(x) - half, 0), max(abs(y) - half, 0)
+            return root((x >> 2) ** 2 + (y >> 2) ** 2) * 4 < self._half_length
+        cosine, sine = abs(self._cosine), abs(self._sine)
+        length, width = self._half_length, self._half_width
+        if abs(x) > half + (cosine * length + sine * width >> 13):
+            return False
+        if abs(y) > half + (sine * length + cosine * width >> 13):
+            return False
+        shadow = half * (cosine + sine) >> 13
+        if abs(self._cosine * x + self._sine * y >> 13) > length + shadow:
+            return False
+        return abs(self._cosine * y - self._sine * x >> 13) <= width + shadow
+
     def edge(self, x, y):
         """The distance of a point, with the direction of the edge that is nearest to it."""
         x -= self._x

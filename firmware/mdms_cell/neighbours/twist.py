@@ -10,7 +10,7 @@ _SLIPPING_UM_S = 3_000
 _CLIP_UM_S = 65_000
 #: Keeps a direction that no wheel shows where it was.
 _RIDGE = 8
-_SWEEPS = 3
+_SWEEPS = 4
 
 
 class TwistFit:

@@ -1,0 +1,102 @@
+"""What a cell has last received from its neighbours, by direction, and since when."""
+
+from array import array
+
+from mdms_cell.neighbours.place import DIRECTIONS
+from mdms_protocol import neighbours as wire
+
+#: What neighbours' frames hold besides: statuswords before the presence bits, and two speeds.
+_PRESENCE_AT = 4
+_STATE_LENGTH = 5
+_SPEEDS_LENGTH = 8
+#: Edges that may wait for the next update.
+EDGES = 16
+#: The cell itself, in the place of a direction.
+OWN = DIRECTIONS
+
+
+class Heard:
+    """Speeds, presence, edges and estimates, the cell's own under `OWN`.
+
+    `speeds[2 * d]` and the next are those of direction d [um/s], valid where `speeds_beat[d]` is
+    the present beat. `presence[d]` are its sensors' bits, valid where `seen[d]`. `estimates` has the
+    fields of `mdms_protocol.neighbours`, `estimate_beat[d]` the beat in which they came; they are to
+    be passed on once, while `fresh[d]`. An edge is a direction, a sensor and a time [ms].
+    """
+
+    def __init__(self):
+        self.speeds = array("i", [0] * (2 * DIRECTIONS + 2))
+        self.speeds_beat = array("i", [-1] * (DIRECTIONS + 1))
+        self.presence = bytearray(DIRECTIONS + 1)
+        self.seen = bytearray(DIRECTIONS + 1)
+        self.estimates = array("i", [0] * (wire.ESTIMATE_FIELDS * DIRECTIONS))
+        self.estimate_beat = array("i", [-1] * DIRECTIONS)
+        self.fresh = bytearray(DIRECTIONS)
+        self.edges = 0
+        self.edge_direction = bytearray(EDGES)
+        self.edge_sensor = bytearray(EDGES)
+        self.edge_ms = array("i", [0] * EDGES)
+
+    def reset(self):
+        """Nothing has been received."""
+        for direction in range(DIRECTIONS + 1):
+            self.speeds_beat[direction] = -1
+            self.seen[direction] = 0
+        for direction in range(DIRECTIONS):
+            self.estimate_beat[direction] = -1
+            self.fresh[direction] = 0
+        self.edges = 0
+
+    def on_speeds(self, direction, data, beat):
+        """A neighbour's TPDO 1; returns False if it has another length."""
+        if len(data) != _SPEEDS_LENGTH:
+            return False
+        self.take_speed(direction, 0, _signed(data, 0), beat)
+        self.take_speed(direction, 1, _signed(data, 4), beat)
+        return True
+
+    def take_speed(self, direction, axis, speed_um_s, beat):
+        """The speed of a wheel at the last SYNC."""
+        self.speeds[2 * direction + axis] = speed_um_s
+        self.speeds_beat[direction] = beat
+
+    def on_state(self, direction, data, now_ms):
+        """A neighbour's TPDO 2; returns False if it has another length."""
+        if len(data) != _STATE_LENGTH:
+            return False
+        self.take_presence(direction, data[_PRESENCE_AT], now_ms)
+        return True
+
+    def take_presence(self, direction, bits, now_ms):
+        """Presence bits as they are now; what has changed are edges."""
+        changed = bits ^ self.presence[direction]
+        if self.seen[direction]:
+            sensor = 0
+            while changed:
+                if changed & 1 and self.edges < EDGES:
+                    self.edge_direction[self.edges] = direction
+                    self.edge_sensor[self.edges] = sensor
+                    self.edge_ms[self.edges] = now_ms
+                    self.edges += 1
+                changed >>= 1
+                sensor += 1
+        self.presence[direction] = bits
+        self.seen[direction] = 1
+
+    def on_estimate(self, direction, data, beat):
+        """A neighbour's TPDO 3; returns False if it is none."""
+        at = direction * wire.ESTIMATE_FIELDS
+        if not wire.unpack_estimate(data, self.estimates, at):
+            return False
+        self.estimate_beat[direction] = beat
+        self.fresh[direction] = 1
+        return True
+
+    def field(self, direction, field):
+        """A field of a neighbour's last estimate."""
+        return self.estimates[direction * wire.ESTIMATE_FIELDS + field]
+
+
+def _signed(data, at):
+    low = data[at] | data[at + 1] << 8 | data[at + 2] << 16
+    return low | (data[at + 3] ^ 0x80) - 0x80 << 24

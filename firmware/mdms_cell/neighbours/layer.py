@@ -1,0 +1,297 @@
+"""The neighbour layer: in each beat what came is taken in, decided upon, and the wheels are led.
+
+At SYNC the cell sends its speeds and, if it is at a parcel, its estimate; `UPDATE_MS` later those of
+its neighbours have come, and `update` runs in the background. What it decides holds for a beat.
+"""
+
+from array import array
+
+from mdms_cell import ticks
+from mdms_cell.canopen.objects import find
+from mdms_cell.drive import speed_loop
+from mdms_cell.neighbours.footprint import Footprint
+from mdms_cell.neighbours.heard import OWN, Heard
+from mdms_cell.neighbours.leading import Leading
+from mdms_cell.neighbours.place import DIRECTIONS, ESTIMATE, HOST, SPEEDS, STATE, Place
+from mdms_cell.neighbours.program import Programs, turn_um
+from mdms_cell.neighbours.right_of_way import NONE, UNDER, RightOfWay
+from mdms_cell.neighbours.tracking import DOUBT_BEATS, LOST_BEATS, Tracking
+from mdms_protocol import indices
+from mdms_protocol import neighbours as wire
+
+#: From SYNC until speeds and estimates of all cells of a bus have come.
+UPDATE_MS = 7
+#: A step between two SYNCs is counted as no more than this.
+_STEP_MAX_MS = 50
+_ESTIMATE_PDO = 2
+_PROGRAM_PDO = 3
+#: Of the cells that could hand a program on, each does so in one of so many beats.
+_HAND_ON_BEATS = 4
+
+
+class Layer:
+    """The layer of one cell, off until it is `active`.
+
+    `attend()` returns the time [ms] and has a poll follow; `changed()` is called when the
+    identifiers have changed.
+    """
+
+    def __init__(self, objects, registers, *, axes, pdos, consumer, attend, changed):
+        self._objects = objects
+        self._registers = registers
+        self._axes = axes
+        self._pdos = pdos
+        self._consumer = consumer
+        self._attend = attend
+        self._changed = changed
+        self.active = False
+        self._fields = array("i", [0] * wire.ESTIMATE_FIELDS)
+        self._page = array("i", [0] * wire.PROGRAM_FIELDS)
+        self._place = Place(objects, self._on_place)
+        self._heard = Heard()
+        self._footprint = Footprint(self._place)
+        self._tracking = Tracking(self._place, self._footprint, self._heard)
+        self._programs = Programs()
+        self._leading = Leading(self._place, self._footprint, axes)
+        self._rights = RightOfWay()
+        self._beat = 0
+        self._sync_ms = 0
+        self._step_ms = 10
+        self._due = False
+        self._second = False
+        self._node_id = 0
+        self._estimate_at = find(indices.ESTIMATE, 1).place
+        self._program_at = find(indices.PROGRAM, 1).place
+        objects.watch(indices.CONTROL, self._on_place)
+
+    def start(self, node_id):
+        """The cell is 'operational'; what it knew before is gone."""
+        self._node_id = node_id
+        self.active = self.wanted
+        self._rights = RightOfWay(self._objects.number(indices.LEASE, 1))
+        self._heard.reset()
+        self._tracking.drop()
+        self._programs = Programs()
+        self._leading.stop()
+        self._due = False
+
+    def stop(self):
+        """The cell is not 'operational' any more."""
+        self.active = False
+        self._tracking.drop()
+        self._leading.stop()
+
+    def load(self):
+        """Take over everything from the dictionary."""
+        self._place.load()
+        self._on_place()
+
+    def goes_on(self):
+        """Whether the silence of the host does not end the motion of the parcel here."""
+        program = self._programs.find(self._tracking.identity)
+        return self.active and program is not None and program.complete and program.goes_on
+
+    def _on_place(self, _index=0, _sub=0):
+        self._footprint.load()
+        self.stop()
+        self._axes.led = self.wanted
+        self._changed()
+
+    # What comes
+
+    @property
+    def wanted(self):
+        """Whether the cell is to be led by the layer, and has been given its place."""
+        return self._objects.number(indices.CONTROL) == 1 and self._place.known
+
+    def receivers(self):
+        """Pairs of an identifier and what takes its frames."""
+        if self.wanted:
+            for can_id, kind, direction in self._place.receivers():
+                yield can_id, self._receiver(kind, direction)
+
+    def _receiver(self, kind, direction):
+        heard = self._heard
+
+        def receive(data):
+            if not self.active:
+                return True
+            if kind == SPEEDS:
+                return heard.on_speeds(direction, data, self._beat)
+            if kind == STATE:
+                return heard.on_state(direction, data, self._attend())
+            if kind == ESTIMATE:
+                return heard.on_estimate(direction, data, self._beat)
+            return self._on_page(direction, data)
+
+        return receive
+
+    def _on_page(self, direction, data):
+        """A page of a program, from the host or handed on by a neighbour."""
+        page = self._page
+        if not wire.unpack_program(data, page, 0):
+            return False
+        identity = page[wire.PARCEL_IDENTITY]
+        if direction == HOST:
+            self._on_host_page(identity, page)
+        elif identity == self._tracking.identity:
+            program = self._programs.place_for(identity)
+            newer = (page[wire.PROGRAM_SEQUENCE] - program.sequence) % wire.SEQUENCE_MAX == 1
+            if page[wire.PAGE] == wire.PARCEL and not program.has_parcel:
+                program.take(page)
+            elif page[wire.PAGE] == wire.GOAL and (not program.has_goal or newer):
+                program.take(page)
+                self._leading.begin()
+        return True
+
+    def _on_host_page(self, identity, page):
+        tracking = self._tracking
+        if page[wire.PAGE] == wire.END:
+            self._programs.drop(identity)
+            if tracking.identity == identity:
+                tracking.drop()
+                self._leading.stop()
+        elif page[wire.PAGE] == wire.PLACE:
+            self._put(identity, page)
+        else:
+            program = self._programs.place_for(identity)
+            again = program.has_goal and program.sequence == page[wire.PROGRAM_SEQUENCE]
+            program.take(page)
+            if page[wire.PAGE] == wire.GOAL and identity == tracking.identity and not again:
+                self._leading.begin()
+
+    def _put(self, identity, page):
+        """A parcel lies where the host says, perhaps on this cell; one that it has stays."""
+        tracking, place = self._tracking, self._place
+        program = self._programs.find(identity)
+        if program is None or not program.has_parcel or tracking.under:
+            return
+        tracking.adopt(identity)
+        tracking.take_shape(program)
+        x_um = page[wire.PLACE_X] * wire.STEP_UM - place.x_um
+        y_um = page[wire.PLACE_Y] * wire.STEP_UM - place.y_um
+        if max(abs(x_um), abs(y_um)) < 4 * place.pitch_um:
+            tracking.place(x_um, y_um, turn_um(page[wire.PLACE_YAW]))
+        if not tracking.under:
+            tracking.drop()
+
+    # The beat
+
+    def on_sync(self, now_ms):
+        """SYNC: send the estimate of the last update, and have the next update follow."""
+        if not self.active:
+            return
+        if self._fields[wire.IDENTITY]:
+            self._pdos.trigger(_ESTIMATE_PDO)
+        step_ms = ticks.diff(now_ms, self._sync_ms)
+        period_ms = self._objects.number(indices.LEASE, 2)
+        if self._due or step_ms > 2 * period_ms:
+            self._rights.on_gap()
+        self._step_ms = max(min(step_ms, _STEP_MAX_MS), 1)
+        self._sync_ms = now_ms
+        self._beat = (self._beat + 1) & 0xFFFFFF
+        self._due = True
+        for axis in range(speed_loop.AXES):
+            speed_um_s = self._registers[axis * speed_loop.AXIS + speed_loop.ACTUAL]
+            self._heard.take_speed(OWN, axis, speed_um_s, self._beat)
+        self._attend()
+
+    def poll(self, now_ms, presence):
+        """Update when it is time; return in how many milliseconds the next update is due."""
+        if not self.active:
+            return ticks.IDLE_MS
+        if presence != self._heard.presence[OWN] or not self._heard.seen[OWN]:
+            self._heard.take_presence(OWN, presence, now_ms)
+        if not self._due:
+            return ticks.IDLE_MS
+        wait_ms = UPDATE_MS - ticks.diff(now_ms, self._sync_ms)
+        if wait_ms > 0:
+            return wait_ms
+        self._due = False
+        self._update(presence)
+        return ticks.IDLE_MS
+
+    def _update(self, presence):
+        lacking = self._listen()
+        tracking = self._tracking
+        self._choose_parcel()
+        tracking.update(self._beat, self._step_ms, self._sync_ms)
+        if tracking.missing_beats >= LOST_BEATS:
+            tracking.drop()
+        program = self._programs.find(tracking.identity)
+        over = tracking.identity if tracking.under else 0
+        leading = self._leading
+        needs, asks = leading.look_ahead(tracking, program) if over else (0, 0)
+        self._rights.on_beat(over, needs, presence != 0)
+        self._lead(program)
+        self._announce(program, asks)
+        if lacking and over and program is not None and program.complete:
+            self._hand_on(program)
+
+    def _listen(self):
+        """Pass on what neighbours sent; returns whether one lacks this parcel's program."""
+        heard, rights = self._heard, self._rights
+        lacking = False
+        for direction in range(DIRECTIONS):
+            if heard.fresh[direction]:
+                heard.fresh[direction] = 0
+                identity = heard.field(direction, wire.IDENTITY)
+                wants_me = heard.field(direction, wire.WANTS) >> (direction ^ 4) & 1
+                state, hold = heard.field(direction, wire.STATE), heard.field(direction, wire.HOLD)
+                rights.on_message(direction, identity, state, wants_me, hold)
+                if identity == self._tracking.identity and identity:
+                    lacking = lacking or self._is_behind(direction)
+        return lacking
+
+    def _is_behind(self, direction):
+        if self._heard.field(direction, wire.FLAGS) & wire.LACKING:
+            return True
+        its, own = self._heard.field(direction, wire.SEQUENCE), self._fields[wire.SEQUENCE]
+        return bool(own) and (own - its) % wire.SEQUENCE_MAX == 1
+
+    def _choose_parcel(self):
+        """Be at the parcel that lies here, or else at the one that the right of way says."""
+        tracking, rights = self._tracking, self._rights
+        if not tracking.under:
+            if rights.identity and rights.identity != tracking.identity:
+                tracking.adopt(rights.identity)
+            elif not rights.identity and rights.state == NONE and not tracking.belief.known:
+                tracking.drop()
+        if tracking.identity and not tracking.shaped:
+            program = self._programs.find(tracking.identity)
+            if program is not None and program.has_parcel:
+                tracking.take_shape(program)
+
+    def _lead(self, program):
+        """Lead the wheels towards the goal while all is clear; else bring them to rest."""
+        tracking, rights, leading = self._tracking, self._rights, self._leading
+        known = rights.state == UNDER and program is not None and program.complete
+        if not known or not tracking.under or tracking.missing_beats >= DOUBT_BEATS:
+            leading.stop()
+            return
+        allowed = not self._consumer.lost or leading.goes_on(program, self._step_ms)
+        leading.step(tracking, program, allowed and rights.drive_beats > 0, self._step_ms)
+
+    # What is sent
+
+    def _announce(self, program, asks):
+        fields, rights, tracking = self._fields, self._rights, self._tracking
+        tracking.announce(fields, self._step_ms)
+        fields[wire.IDENTITY] = rights.identity
+        fields[wire.STATE] = rights.state
+        fields[wire.WANTS] = asks
+        fields[wire.HOLD] = rights.hold
+        complete = program is not None and program.complete
+        fields[wire.SEQUENCE] = program.sequence if complete else 0
+        flags = 0 if complete else wire.LACKING
+        if self._leading.arrived:
+            flags |= wire.ARRIVED
+        fields[wire.FLAGS] = flags
+        wire.pack_estimate(fields, 0, self._objects.data, self._estimate_at)
+
+    def _hand_on(self, program):
+        if (self._beat + self._node_id) % _HAND_ON_BEATS:
+            return
+        self._second = not self._second
+        program.pack(self._second, self._objects.data, self._program_at)
+        self._pdos.trigger(_PROGRAM_PDO)

@@ -1,0 +1,109 @@
+"""Leads the cell's two wheels: finds the cells that the parcel needs next, steers, and rests."""
+
+from mdms_cell.neighbours.angle import ARM_UM, wrapped
+from mdms_cell.neighbours.outline import STEP_UM
+from mdms_cell.neighbours.steering import Steering, length
+
+#: From the wish to brake until all cells under the parcel do, and how far ahead a cell asks [ms].
+_REACTION_MS = 80
+_ASK_MS = 400
+#: At the goal, or where it is held, the wheels hold for so long before they are switched off.
+_HOLD_BEATS = 50
+_ARM = ARM_UM // STEP_UM
+
+
+class Leading:
+    """The wheels of one cell under one parcel, by its program."""
+
+    def __init__(self, place, footprint, axes):
+        self._place = place
+        self._footprint = footprint
+        self._axes = axes
+        self._steering = Steering()
+        self._driving = False
+        self.begin()
+
+    def begin(self):
+        """A new program has come."""
+        self._alone_ms = 0
+        self._held_beats = 0
+        self._steering.arrived = False
+
+    def stop(self):
+        """Switch the wheels off in good order, if they are on."""
+        if self._driving:
+            self._driving = False
+            self._axes.rest()
+        self._held_beats = 0
+        self._steering.reset()
+
+    @property
+    def arrived(self):
+        """Whether the parcel stands at its goal."""
+        return self._steering.arrived and self._steering.standing
+
+    def look_ahead(self, tracking, program):
+        """Masks of the neighbours that the parcel covers or will before it can stand, and of those
+        that it will cover soon.
+        """
+        here = self._footprint.mask(tracking.outline)
+        if program is None or not program.complete:
+            return here, here
+        twist, steering, belief = tracking.twist, self._steering, tracking.belief
+        acceleration = program.acceleration_mm_s2
+        self._move_on(tracking, twist.vx, twist.vy, twist.turn, _REACTION_MS, acceleration)
+        needs = here | self._footprint.mask(tracking.outline)
+        vx, vy, turn = steering.wish
+        self._move_on(tracking, vx, vy, turn, _ASK_MS, acceleration)
+        asks = needs | self._footprint.mask(tracking.outline)
+        tracking.outline.place(belief.x, belief.y, belief.turn)
+        return needs, asks
+
+    def _move_on(self, tracking, vx, vy, turn, ahead_ms, acceleration_mm_s2):
+        """Place the outline where the parcel will be, having braked after a time ahead."""
+        ahead_ms += length(vx, vy, turn) // (2 * max(acceleration_mm_s2, 1))
+        belief = tracking.belief
+        tracking.outline.place(
+            belief.x + vx * ahead_ms // 1000,
+            belief.y + vy * ahead_ms // 1000,
+            belief.turn + turn * ahead_ms // 1000,
+        )
+
+    def goes_on(self, program, step_ms):
+        """Whether a parcel may go on without its host: if it is to, for twice its planned time."""
+        self._alone_ms = min(self._alone_ms + step_ms, 1 << 20)
+        return program.goes_on and self._alone_ms < 2 * self._planned_ms
+
+    def step(self, tracking, program, may_go, step_ms):
+        """Lead the wheels for a beat; without `may_go` bring the parcel to rest, then switch off."""
+        steering, belief, twist = self._steering, tracking.belief, tracking.twist
+        if not self._driving:
+            steering.join(twist.vx, twist.vy, twist.turn)
+        dx_um = program.goal_x_um - self._place.x_um - belief.x
+        dy_um = program.goal_y_um - self._place.y_um - belief.y
+        dturn_um = wrapped(program.goal_turn_um - belief.turn)
+        reach_um = tracking.outline.reach_um
+        steering.step(program, reach_um, dx_um, dy_um, dturn_um, may_go, step_ms)
+        if not self._alone_ms:
+            way_um = length(dx_um, dy_um, dturn_um * reach_um // ARM_UM)
+            speed_mm_s = max(program.speed_um_s // 1000, 1)
+            self._planned_ms = way_um // speed_mm_s + 2 * speed_mm_s * 1000 // max(
+                program.acceleration_mm_s2, 1
+            )
+        still = steering.standing and (steering.arrived or not may_go)
+        self._held_beats = min(self._held_beats + 1, _HOLD_BEATS) if still else 0
+        if self._held_beats >= _HOLD_BEATS or (still and not self._driving):
+            if self._driving:
+                self._driving = False
+                self._axes.rest()
+            return
+        self._driving = True
+        self._axes.lead(self._target_um_s(0, belief), self._target_um_s(1, belief))
+
+    def _target_um_s(self, axis, belief):
+        """The speed of a wheel that moves with the parcel as commanded."""
+        footprint, steering = self._footprint, self._steering
+        along_x, along_y = footprint.along_x[axis], footprint.along_y[axis]
+        lever = along_y * (footprint.x[axis] - belief.x // STEP_UM)
+        lever = (lever - along_x * (footprint.y[axis] - belief.y // STEP_UM)) // _ARM
+        return along_x * steering.vx + along_y * steering.vy + lever * steering.turn >> 9

@@ -1,0 +1,110 @@
+"""What a parcel is and where it is to go: the pages that a host sends and cells hand on."""
+
+from array import array
+
+from mdms_cell.neighbours.angle import TURN_UM
+from mdms_protocol import neighbours as wire
+
+#: A cell is near one parcel, and may be asked for by a few more.
+SLOTS = 4
+
+
+class Program:
+    """One parcel's data and goal, as their pages have them; lengths in um, angles as in `angle`."""
+
+    def __init__(self):
+        self.identity = 0
+        self.used = 0
+        self._pages = array("i", [0] * (2 * wire.PROGRAM_FIELDS))
+        self.clear(0)
+
+    def clear(self, identity):
+        """Begin anew, for this identity."""
+        self.identity = identity
+        self.sequence = 0
+        self.has_parcel = self.has_goal = False
+
+    def take(self, fields):
+        """Take a page; returns whether it is one that is kept."""
+        page = fields[wire.PAGE]
+        sequence = fields[wire.PROGRAM_SEQUENCE]
+        if page == wire.PARCEL:
+            self._take_parcel(fields)
+        elif page == wire.GOAL:
+            self.goal_x_um = fields[wire.PLACE_X] * wire.STEP_UM
+            self.goal_y_um = fields[wire.PLACE_Y] * wire.STEP_UM
+            self.goal_turn_um = turn_um(fields[wire.PLACE_YAW])
+            self.has_goal = True
+            self.sequence = sequence
+        else:
+            return False
+        start = wire.PROGRAM_FIELDS if page == wire.GOAL else 0
+        for place in range(wire.PROGRAM_FIELDS):
+            self._pages[start + place] = fields[place]
+        return True
+
+    def _take_parcel(self, fields):
+        self.shape = fields[wire.SHAPE]
+        self.length_um = fields[wire.PARCEL_LENGTH] * wire.STEP_UM
+        self.width_um = fields[wire.PARCEL_WIDTH] * wire.STEP_UM
+        self.acceleration_mm_s2 = fields[wire.ACCELERATION] * wire.ACCELERATION_MM_S2
+        self.speed_um_s = fields[wire.SPEED] * wire.SPEED_MM_S * 1000
+        self.goes_on = bool(fields[wire.PROGRAM_FLAGS] & wire.GO_ON)
+        self.any_yaw = bool(fields[wire.PROGRAM_FLAGS] & wire.ANY_YAW)
+        self.has_parcel = True
+
+    @property
+    def complete(self):
+        """Whether nothing is lacking."""
+        return self.has_parcel and self.has_goal
+
+    def pack(self, second, frame, at):
+        """Write the page of the parcel, or with `second` that of the goal, as a frame."""
+        wire.pack_program(self._pages, wire.PROGRAM_FIELDS if second else 0, frame, at)
+
+
+class Programs:
+    """The programs that a cell keeps; the one longest unused makes room for another."""
+
+    def __init__(self):
+        self._slots = [Program() for _ in range(SLOTS)]
+        self._uses = 0
+
+    def find(self, identity):
+        """The program of an identity; None if there is none."""
+        for slot in self._slots:
+            if identity and slot.identity == identity:
+                self._uses += 1
+                slot.used = self._uses
+                return slot
+        return None
+
+    def place_for(self, identity):
+        """The program of an identity, begun anew if there is none."""
+        found = self.find(identity)
+        if found is None:
+            found = self._slots[0]
+            for slot in self._slots:
+                if slot.used < found.used:
+                    found = slot
+            found.clear(identity)
+            self._uses += 1
+            found.used = self._uses
+        return found
+
+    def drop(self, identity):
+        """Keep nothing of an identity."""
+        found = self.find(identity)
+        if found is not None:
+            found.clear(0)
+            found.used = 0
+
+
+def turn_um(yaw):
+    """An angle of the wire as the way of a point at the arm [um]."""
+    return yaw * (TURN_UM // 8) // (wire.TURN // 8)
+
+
+def wire_yaw(turn):
+    """The angle of the wire that is nearest to a turn [um at the arm]."""
+    return (turn * (wire.TURN // 8) + TURN_UM // 16) // (TURN_UM // 8)

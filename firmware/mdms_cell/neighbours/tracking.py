@@ -1,0 +1,310 @@
+"""What a cell makes of what it and its neighbours have seen: where the parcel is, how it moves.
+
+A cell under the parcel keeps a belief of its own: it rolls it on by the wheels of its neighbourhood,
+corrects it where sensors see an edge, and agrees with the neighbours under the same parcel. A cell
+beside the parcel follows those that are under it.
+"""
+
+from mdms_cell import ticks
+from mdms_cell.neighbours.angle import TURN_UM, wrapped
+from mdms_cell.neighbours.belief import CONTRADICTION, EDGE, Belief
+from mdms_cell.neighbours.footprint import MARGIN
+from mdms_cell.neighbours.heard import OWN
+from mdms_cell.neighbours.outline import STEP_UM
+from mdms_cell.neighbours.place import AXES, DIRECTIONS, SENSORS
+from mdms_cell.neighbours.program import turn_um, wire_yaw
+from mdms_cell.neighbours.right_of_way import PROMISED, UNDER
+from mdms_cell.neighbours.twist import TwistFit
+from mdms_protocol import neighbours as wire
+
+#: A belief of one's own weighs as much as so many of others.
+_OWN_WEIGHT = 1280
+_PEER_WEIGHT = 16
+_ROUNDS = 2
+_FEW_WHEELS = 5
+#: A frame may be this late; the parcel has moved on meanwhile.
+_LATENCY_MS = 3
+#: A cell beside a parcel follows its neighbours for so long after the last of them.
+_FOLLOW_BEATS = 5
+#: A sensor so far inside the outline has to be covered [steps].
+_DEEP = 12_000 // STEP_UM
+DOUBT_BEATS = 20
+LOST_BEATS = 100
+
+
+class Tracking:
+    """The belief of one parcel; `identity` is 0 without one, `missing_beats` since it was seen."""
+
+    def __init__(self, place, footprint, heard):
+        self._place = place
+        self._footprint = footprint
+        self._heard = heard
+        self.belief = Belief()
+        self.outline = self.belief.outline
+        self.twist = TwistFit()
+        self.drop()
+
+    def drop(self):
+        """There is no parcel."""
+        self.identity = 0
+        self.shaped = False
+        self.under = False
+        self.missing_beats = 0
+        self._followed_beats = 0
+        self._follows = False
+        self._sent = (0, 0, 0)
+        self._turn = 0
+        self.certainty = 0
+        self.belief.forget()
+        self.twist.reset()
+
+    def adopt(self, identity):
+        """Follow this parcel from now on."""
+        self.drop()
+        self.identity = identity
+
+    def take_shape(self, program):
+        """The parcel's outline is known now."""
+        self.outline.set(program.shape, program.length_um, program.width_um)
+        self.shaped = True
+        self._look()
+
+    def place(self, x_um, y_um, turn):
+        """The parcel was put there [um; from the cell's own centre]."""
+        self.belief.start(x_um, y_um, turn)
+        self.twist.reset()
+        self._look()
+
+    def _look(self):
+        self.under = self.shaped and self.belief.known and self._footprint.covered(self.outline, OWN)
+
+    def update(self, beat, step_ms, sync_ms):
+        """Bring the belief to the last SYNC, `step_ms` after that of the last update."""
+        if self.identity and self.shaped:
+            before = self.twist.vx, self.twist.vy, self.twist.turn
+            self._fit(beat)
+            # A few wheels, all on one side, do not show how a parcel turns.
+            self._follows = not self.under or self.twist.wheels < _FEW_WHEELS
+            if not self._follows or not self._follow(beat):
+                self._move(before, step_ms)
+                self._agree(beat)
+            if self.under:
+                self._correct(sync_ms)
+                self._check_sensors()
+            self._look()
+        self._drop_edges(sync_ms)
+
+    def _fit(self, beat):
+        """Find the twist by the wheels under the parcel, where the belief was at the SYNC before."""
+        twist, belief = self.twist, self.belief
+        twist.wheels = 0
+        if belief.known:
+            for _ in range(_ROUNDS):
+                twist.begin(belief.x // STEP_UM, belief.y // STEP_UM)
+                for direction in range(DIRECTIONS + 1):
+                    if self._heard.speeds_beat[direction] == beat and not self._is_other(direction):
+                        self._give_wheels(direction)
+                twist.end()
+        if not twist.wheels:
+            twist.reset()
+
+    def _move(self, before, step_ms):
+        """Roll on by the wheels, half by the twist before."""
+        vx, vy, turn = before
+        twist = self.twist
+        half_ms = 2000 // step_ms
+        self.belief.roll(
+            _rounded(vx + twist.vx, half_ms),
+            _rounded(vy + twist.vy, half_ms),
+            _rounded(turn + twist.turn, half_ms),
+        )
+
+    def _give_wheels(self, direction):
+        footprint, speeds = self._footprint, self._heard.speeds
+        shift_x, shift_y = footprint.shift_x[direction], footprint.shift_y[direction]
+        for axis in range(AXES):
+            x, y = shift_x + footprint.x[axis], shift_y + footprint.y[axis]
+            if self.outline.distance(x, y) < 0:
+                along_x, along_y = footprint.along_x[axis], footprint.along_y[axis]
+                self.twist.wheel(x, y, along_x, along_y, speeds[2 * direction + axis])
+
+    def _agree(self, beat):
+        """Move towards what the others under the parcel sent at the SYNC at which this cell did."""
+        if not self.certainty:
+            return
+        heard = self._heard
+        total = x = y = turn = variance = 0
+        for direction in range(DIRECTIONS):
+            if heard.estimate_beat[direction] == beat and self._is_peer(direction):
+                certainty = heard.field(direction, wire.CERTAINTY)
+                weight = _weight(certainty - self.certainty)
+                total += weight
+                dx, dy, dturn = self._difference(direction)
+                x += weight * (dx >> 2)
+                y += weight * (dy >> 2)
+                turn += weight * (dturn >> 2)
+                variance += weight * (1 << 16 - certainty)
+        if total:
+            mean = variance // total
+            x, y, turn = x * 4 // total, y * 4 // total, turn * 4 // total
+            self.belief.agree(total, total + _OWN_WEIGHT, x, y, turn, mean)
+
+    def _is_peer(self, direction):
+        heard = self._heard
+        return (
+            heard.field(direction, wire.STATE) == UNDER
+            and heard.field(direction, wire.IDENTITY) == self.identity
+            and heard.field(direction, wire.CERTAINTY) > 0
+        )
+
+    def _is_other(self, direction):
+        """Whether that cell's wheels and sensors serve another parcel."""
+        heard = self._heard
+        return (
+            direction != OWN
+            and heard.estimate_beat[direction] >= 0
+            and heard.field(direction, wire.STATE) >= PROMISED
+            and heard.field(direction, wire.IDENTITY) != self.identity
+        )
+
+    def _pose(self, direction):
+        """A neighbour's pose as it sent it [um; from this cell's centre]."""
+        heard, shifts = self._heard, self._place.shifts
+        return (
+            heard.field(direction, wire.X) * wire.STEP_UM + shifts[2 * direction],
+            heard.field(direction, wire.Y) * wire.STEP_UM + shifts[2 * direction + 1],
+            turn_um(heard.field(direction, wire.YAW)),
+        )
+
+    def _difference(self, direction):
+        """What a neighbour's pose differs from that sent here [um], within what sums bear."""
+        x, y, turn = self._pose(direction)
+        own_x, own_y, own_turn = self._sent
+        return _bounded(x - own_x), _bounded(y - own_y), _bounded(wrapped(turn - own_turn))
+
+    def _correct(self, sync_ms):
+        """Take in the edges that sensors have seen until the last SYNC."""
+        heard, footprint, twist = self._heard, self._footprint, self.twist
+        speed = abs(twist.vx) + abs(twist.vy) + abs(twist.turn)
+        late = speed * _LATENCY_MS // 62_500
+        for number in range(heard.edges):
+            ago_ms = ticks.diff(sync_ms, heard.edge_ms[number]) + 1
+            if ago_ms <= 0:
+                continue
+            direction = heard.edge_direction[number]
+            if self._is_other(direction):
+                continue
+            point = AXES + heard.edge_sensor[number]
+            # The parcel has moved on since: so has, with it, the place where its edge was seen.
+            x = footprint.shift_x[direction] + footprint.x[point]
+            y = footprint.shift_y[direction] + footprint.y[point]
+            turned = twist.turn * ago_ms // 128_000
+            x, y = (
+                x + twist.vx * ago_ms // 16_000 - (y - self.belief.y // STEP_UM) * turned // 1000,
+                y + twist.vy * ago_ms // 16_000 + (x - self.belief.x // STEP_UM) * turned // 1000,
+            )
+            self.belief.correct(x, y, EDGE + late * late)
+
+    def _drop_edges(self, sync_ms):
+        """Keep the edges that came after the last SYNC for the next update."""
+        heard = self._heard
+        kept = 0
+        for number in range(heard.edges):
+            if ticks.diff(sync_ms, heard.edge_ms[number]) + 1 <= 0:
+                heard.edge_direction[kept] = heard.edge_direction[number]
+                heard.edge_sensor[kept] = heard.edge_sensor[number]
+                heard.edge_ms[kept] = heard.edge_ms[number]
+                kept += 1
+        heard.edges = kept
+
+    def _check_sensors(self):
+        """Correct by sensors that contradict: the cell's own and, in turns, a neighbour's."""
+        self._turn = (self._turn + 1) % (DIRECTIONS + 1)
+        deep, free = self._contradictions(OWN, not self._turn & 3)
+        if self._turn != OWN:
+            self._contradictions(self._turn, True)
+        self.missing_beats = min(self.missing_beats + 1, LOST_BEATS) if deep and free == deep else 0
+
+    def _contradictions(self, direction, correcting):
+        """How many sensors have to be covered, and how many of them are not."""
+        heard, footprint = self._heard, self._footprint
+        deep = free = 0
+        if not heard.seen[direction] or self._is_other(direction):
+            return deep, free
+        bits = heard.presence[direction]
+        shift_x, shift_y = footprint.shift_x[direction], footprint.shift_y[direction]
+        for sensor in range(SENSORS):
+            x = shift_x + footprint.x[AXES + sensor]
+            y = shift_y + footprint.y[AXES + sensor]
+            distance = self.outline.distance(x, y)
+            covered = bits >> sensor & 1
+            if distance < -_DEEP:
+                deep += 1
+                free += 1 - covered
+            if correcting and (distance < 0) != bool(covered):
+                self.belief.correct(x, y, CONTRADICTION, False)
+        return deep, free
+
+    def _follow(self, beat):
+        """Take the mean of those that are under the parcel; returns whether there are any."""
+        total = x = y = turn = best = 0
+        first = None
+        for direction in range(DIRECTIONS):
+            if self._heard.estimate_beat[direction] == beat and self._is_peer(direction):
+                its_x, its_y, its_turn = self._pose(direction)
+                first = its_turn if first is None else first
+                total += 1
+                x += its_x
+                y += its_y
+                turn += wrapped(its_turn - first)
+                best = max(best, self._heard.field(direction, wire.CERTAINTY))
+        if total:
+            self._followed_beats = 0
+            pose = x // total, y // total, wrapped(first + turn // total)
+            self.belief.start(*pose, variance=1 << 17 - best)
+            return True
+        if not self.under:
+            self._followed_beats += 1
+            if self._followed_beats > _FOLLOW_BEATS:
+                self.belief.forget()
+        return False
+
+    def announce(self, fields, step_ms):
+        """Write pose and certainty into an estimate, as they will be at the next SYNC."""
+        belief, twist = self.belief, self.twist
+        self.certainty = 0
+        if belief.known and self.under and not self._follows:
+            x = (belief.x + _rounded(twist.vx, 1000 // step_ms) + wire.STEP_UM // 2) // wire.STEP_UM
+            y = (belief.y + _rounded(twist.vy, 1000 // step_ms) + wire.STEP_UM // 2) // wire.STEP_UM
+            yaw = wire_yaw(belief.turn + _rounded(twist.turn, 1000 // step_ms))
+            fields[wire.X], fields[wire.Y], fields[wire.YAW] = x, y, yaw
+            self.certainty = _certainty(belief.variance)
+            exact = (
+                belief.x + _rounded(twist.vx, 1000 // step_ms),
+                belief.y + _rounded(twist.vy, 1000 // step_ms),
+                wrapped(belief.turn + _rounded(twist.turn, 1000 // step_ms)),
+            )
+            self._sent = exact
+        fields[wire.CERTAINTY] = self.certainty
+
+
+def _rounded(number, divisor):
+    return (number + divisor // 2) // divisor
+
+
+def _bounded(length_um):
+    return max(min(length_um, 60_000), -60_000)
+
+
+def _weight(more):
+    """Of a belief that is so many steps more certain."""
+    return _PEER_WEIGHT << min(more, 3) if more >= 0 else _PEER_WEIGHT >> min(-more, 4)
+
+
+def _certainty(variance):
+    """As it is sent: each step halves the variance."""
+    certainty = 17
+    while variance and certainty > 1:
+        variance >>= 1
+        certainty -= 1
+    return min(certainty, 15)
