@@ -41,9 +41,14 @@ def check_load(scenario: Scenario, options: Namespace) -> None:
     warn_of_load(scenario.array.columns * scenario.array.rows, scenario.wire)
 
 
-def warn_of_load(cells: int, wire: Wire) -> None:
+def load_of(cells: int, wire: Wire, control: str = "host") -> float:
+    """The share of a bus that so many cells need at most, steered by the host or by themselves."""
+    return replace(_traffic(wire), control=control).load(cells)
+
+
+def warn_of_load(cells: int, wire: Wire, control: str = "host") -> None:
     """Say what a run with so many cells needs of a bus where they are crowded."""
-    load = _traffic(wire).load(cells)
+    load = load_of(cells, wire, control)
     if load > OVERLOADED:
         limit, what = OVERLOADED, "cells fall silent, and a run is refused"
     elif load > CROWDED:
