@@ -76,7 +76,9 @@ class Tracking:
         self._look()
 
     def _look(self):
-        self.under = self.shaped and self.belief.known and self._footprint.covered(self.outline, OWN)
+        self.under = (
+            self.shaped and self.belief.known and self._footprint.covered(self.outline, OWN)
+        )
 
     def update(self, beat, step_ms, sync_ms):
         """Bring the belief to the last SYNC, `step_ms` after that of the last update."""
