@@ -14,7 +14,7 @@ def test_share_that_software_drops(controller, most):
 
 
 def test_cell_behind_few_filters_may_drop_more_than_half_of_the_bus_and_no_other_does():
-    """42 identifiers share 7 places: one that is less lucky has a filter that lets nearly all in."""
+    """42 identifiers share 7 places, and one filter of an unlucky cell lets nearly all in."""
     assert max(len(accepted(number)) for number in LAYOUT.node_ids) == 42
     at_parcel = (1, 2, 3, 4, 7, 8, 9, 10, 13, 14, 15, 16)
     worst = {
