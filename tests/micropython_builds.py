@@ -22,7 +22,11 @@ from mdms_sim.nodes import MicropythonMissing
 from mdms_sim.nodes.micropython_process import EMITTER_LINE, EMITTERS, find_micropython
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = (ROOT / "firmware" / "mdms_cell", ROOT / "protocol" / "mdms_protocol")
+PACKAGES = (
+    ROOT / "firmware" / "mdms_cell",
+    ROOT / "firmware" / "mdms_gateway",
+    ROOT / "protocol" / "mdms_protocol",
+)
 TIME_LIMIT_S = 60
 _MEMORY_BYTES = 1 << 28
 _STACK_BYTES = 512 * 1024

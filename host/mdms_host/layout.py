@@ -33,7 +33,8 @@ class WheelPlace:
 class Layout:
     """A grid of like cells; `node_ids` are those of cells 1, 2, ..., by default the same numbers.
 
-    Raises ValueError when the grid is empty or the node ids do not fit it.
+    `buses` are those that the cells are on, numbered from 0, by default one for all. Raises
+    ValueError when the grid is empty or node ids and buses do not fit it.
     """
 
     columns: int
@@ -42,6 +43,7 @@ class Layout:
     wheels: tuple[WheelPlace, ...] = (WheelPlace(0.0), WheelPlace(np.pi / 2))
     sensor_offsets_m: tuple[tuple[float, float], ...] = _SENSOR_OFFSETS_M
     node_ids: tuple[int, ...] = ()
+    buses: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if self.columns < 1 or self.rows < 1 or not self.wheels:
@@ -51,10 +53,16 @@ class Layout:
             )
         if not self.node_ids:
             object.__setattr__(self, "node_ids", tuple(range(1, self.cells + 1)))
-        if len(set(self.node_ids)) != self.cells or len(self.node_ids) != self.cells:
+        if not self.buses:
+            object.__setattr__(self, "buses", (0,) * self.cells)
+        addresses = {*zip(self.buses, self.node_ids, strict=False)}
+        if {len(addresses), len(self.node_ids), len(self.buses)} != {self.cells}:
             raise ValueError(
                 f"{self.cells} cells need as many different node ids, got {self.node_ids}"
+                + (f" on buses {self.buses}" if any(self.buses) else "")
             )
+        if {*self.buses} != {*range(self.bus_count)}:
+            raise ValueError(f"buses are numbered from 0 without gaps, got {self.buses}")
         if not all(cob.NODE_MIN <= node <= cob.CELL_NODE_MAX for node in self.node_ids):
             raise ValueError(f"node ids must be 1 to 126, got {self.node_ids}")
 
@@ -62,6 +70,11 @@ class Layout:
     def cells(self) -> int:
         """How many cells there are."""
         return self.columns * self.rows
+
+    @property
+    def bus_count(self) -> int:
+        """How many buses there are."""
+        return max(self.buses) + 1
 
     @cached_property
     def cell_positions_m(self) -> Floats:

@@ -6,6 +6,7 @@ Cells of a layout are numbered from 1, along x first. Values are by (index, sub-
 from collections.abc import Iterator
 
 from mdms_host.layout import Layout
+from mdms_model.buses import Addresses, foreign_nodes
 from mdms_protocol import indices, pdo
 from mdms_protocol.dictionary import ENTRIES
 from mdms_protocol.entry import steps_per_unit
@@ -29,7 +30,11 @@ def place_values(layout: Layout, number: int) -> dict[Place, int]:
     """
     row, column = divmod(number - 1, layout.columns)
     x_m, y_m = layout.cell_positions_m[number - 1].tolist()
-    rank = sorted(layout.node_ids).index(layout.node_ids[number - 1])
+    bus = layout.buses[number - 1]
+    peers = sorted(
+        node_id for node_id, own in zip(layout.node_ids, layout.buses, strict=True) if own == bus
+    )
+    rank = peers.index(layout.node_ids[number - 1])
     values = {
         (indices.PLACE, 1): column + 1,
         (indices.PLACE, 2): row + 1,
@@ -74,11 +79,17 @@ def all_values(layout: Layout, number: int) -> dict[Place, int]:
 
 
 def _neighbours(layout: Layout, column: int, row: int) -> Iterator[int]:
-    """Node ids by direction, 0 beyond the array's edge."""
+    """Node ids by direction, on the cell's own bus; 0 beyond the array's edge."""
+    addresses = Addresses(layout.buses, layout.node_ids)
+    bus = layout.buses[row * layout.columns + column]
+    foreign = foreign_nodes(layout.columns, layout.rows, addresses)[bus]
     for step_x, step_y in _STEPS:
         x, y = column + step_x, row + step_y
-        inside = 0 <= x < layout.columns and 0 <= y < layout.rows
-        yield layout.node_ids[y * layout.columns + x] if inside else 0
+        if not (0 <= x < layout.columns and 0 <= y < layout.rows):
+            yield 0
+            continue
+        number = y * layout.columns + x + 1
+        yield foreign.get(number, layout.node_ids[number - 1])
 
 
 def _steps(index: int, sub: int, value: float) -> int:

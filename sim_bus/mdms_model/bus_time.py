@@ -46,14 +46,15 @@ class BusTraffic:
     status_period_s: float
     control: str = "host"
 
-    def load(self, cells: int) -> float:
+    def load(self, cells: int, forwarded: int = 0) -> float:
         """The share of the bus that so many cells and their host need at most.
 
         Setpoints or estimates and speeds of each cell at every SYNC, its state as it repeats it,
-        heartbeats. Changes of state come besides: a frame for each edge of a parcel over a sensor;
-        and the pages of motion programs.
+        heartbeats; and the frames that gateways forward at every SYNC. Changes of state come
+        besides: a frame for each edge of a parcel over a sensor; and the pages of motion programs.
         """
-        return (self._host_bits_per_s() + cells * self._cell_bits_per_s()) / self.bitrate
+        own = self._host_bits_per_s() + cells * self._cell_bits_per_s()
+        return (own + forwarded * worst_bits(8) / self.sync_period_s) / self.bitrate
 
     def most_cells(self) -> int:
         """The most cells that the bus carries within the limit."""

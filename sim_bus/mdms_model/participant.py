@@ -1,7 +1,7 @@
 """What simulation and real time both drive: anything on the bus that decides by frames and time."""
 
 from collections.abc import Iterable
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from mdms_protocol.frame import Frame
 
@@ -20,4 +20,22 @@ class Participant(Protocol):
 
     def poll(self, now_s: float) -> Iterable[Frame]:
         """What it wants to send now."""
+        ...
+
+
+@runtime_checkable
+class BusesParticipant(Protocol):
+    """The same on several buses, numbered from 0; where there is only one it is a `Participant`."""
+
+    @property
+    def wake_s(self) -> float:
+        """When it wants to be polled next, if nothing comes in before [s]; inf for never."""
+        ...
+
+    def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> object:
+        """A frame was on that bus."""
+        ...
+
+    def poll_buses(self, now_s: float) -> Iterable[tuple[int, Frame]]:
+        """What it wants to send now, each frame with its bus."""
         ...

@@ -1,9 +1,10 @@
 """How the simulation drives what is on the bus besides the cells."""
 
+from collections.abc import Iterable, Sequence
 from functools import partial
 from math import ceil, isinf
 
-from mdms_model.participant import Participant
+from mdms_model.participant import BusesParticipant, Participant
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.kernel import Kernel
@@ -16,38 +17,54 @@ PRIORITY_POLL = 30
 
 
 class Driver:
-    """Puts a participant on the bus and polls it when it wants to be polled.
+    """Puts a participant on its buses and polls it when it wants to be polled.
 
-    A participant that has left is not polled and receives nothing, whatever it had to send is lost.
+    A `BusesParticipant` is on all of them, any other on the first. A participant that has left is
+    not polled and receives nothing, whatever it had to send is lost.
     """
 
-    def __init__(self, kernel: Kernel, bus: Bus, participant: Participant) -> None:
+    def __init__(
+        self, kernel: Kernel, buses: Sequence[Bus], participant: Participant | BusesParticipant
+    ) -> None:
         self._kernel = kernel
-        self._bus = bus
-        self._left = 0
+        if not isinstance(participant, BusesParticipant):
+            participant, buses = _OnFirstBus(participant), buses[:1]
         self._participant = participant
-        self._mailbox = bus.attach(self)
+        self._buses = buses
+        self._mailboxes = [bus.attach(_Ear(self, number)) for number, bus in enumerate(buses)]
+        #: How often it has left each bus without coming back.
+        self._left = [0] * len(buses)
         self._due_ns: int | None = None
         self._earliest_ns = 0
         self._wake_s = participant.wake_s
         self._schedule(self._wake_s)
 
-    def leave(self) -> None:
-        """Takes the participant off the bus, until it has rejoined as often as it has left."""
-        self._left += 1
-        self._bus.switch_off(self._mailbox)
+    def leave(self, bus: int | None = None) -> None:
+        """Takes the participant off a bus, or all, until it has rejoined as often as it has left.
 
-    def rejoin(self) -> None:
+        One that is on no bus any more is not polled.
+        """
+        for number in self._numbers(bus):
+            self._left[number] += 1
+            self._buses[number].switch_off(self._mailboxes[number])
+
+    def rejoin(self, bus: int | None = None) -> None:
         """Puts it back, as late as it is: it is polled at once for what was due."""
-        self._left -= 1
-        if not self._left:
-            self._bus.switch_on(self._mailbox)
-            self._schedule(self._participant.wake_s)
+        for number in self._numbers(bus):
+            self._left[number] -= 1
+            if not self._left[number]:
+                self._buses[number].switch_on(self._mailboxes[number])
+                self._schedule(self._participant.wake_s)
 
-    def on_frame(self, frame: Frame, now_ns: int) -> None:
-        """A frame was on the bus."""
+    def _numbers(self, bus: int | None) -> Iterable[int]:
+        """The buses that are meant, of those that it is on."""
+        everywhere = range(len(self._buses))
+        return everywhere if bus is None else [number for number in everywhere if number == bus]
+
+    def on_frame(self, bus: int, frame: Frame, now_ns: int) -> None:
+        """A frame was on a bus, numbered from 0."""
         participant = self._participant
-        participant.on_frame(frame, now_ns / NS_PER_S)
+        participant.on_frame(frame, now_ns / NS_PER_S, bus)
         wake_s = participant.wake_s
         if wake_s != self._wake_s:
             self._schedule(wake_s)
@@ -64,11 +81,36 @@ class Driver:
     def _poll(self, due_ns: int) -> None:
         if due_ns != self._due_ns:
             return
-        if self._left:
+        if all(self._left):
             self._due_ns = None
             return
-        for frame in self._participant.poll(due_ns / NS_PER_S):
-            self._mailbox.send(frame)
+        for bus, frame in self._participant.poll_buses(due_ns / NS_PER_S):
+            if not self._left[bus]:
+                self._mailboxes[bus].send(frame)
         self._due_ns = None
         self._earliest_ns = due_ns + POLL_NS
         self._schedule(self._participant.wake_s)
+
+
+class _Ear:
+    """A driver as one of its buses sees it."""
+
+    def __init__(self, driver: Driver, bus: int) -> None:
+        self.on_frame = partial(driver.on_frame, bus)
+
+
+class _OnFirstBus:
+    """A participant that has no word for buses, on the first."""
+
+    def __init__(self, participant: Participant) -> None:
+        self._participant = participant
+
+    @property
+    def wake_s(self) -> float:
+        return self._participant.wake_s
+
+    def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
+        self._participant.on_frame(frame, now_s)
+
+    def poll_buses(self, now_s: float) -> Iterable[tuple[int, Frame]]:
+        return [(0, frame) for frame in self._participant.poll(now_s)]

@@ -1,4 +1,4 @@
-"""The one place where bus, cells and physics meet: a scenario in virtual time.
+"""The one place where buses, cells and physics meet: a scenario in virtual time.
 
 Every millisecond the world moves under the voltages of the last one, the cells sample it and answer
 with new voltages; in between, frames travel over the bus in their real time. Nothing here decides
@@ -15,7 +15,9 @@ from typing import BinaryIO
 import numpy as np
 
 from mdms_model.arrays import Floats
-from mdms_model.participant import Participant
+from mdms_model.buses import Addresses, address_cells, plan_gateways
+from mdms_model.participant import BusesParticipant, Participant
+from mdms_model.run.folder import interface_of
 from mdms_model.run.record import Record
 from mdms_model.run.references import References
 from mdms_model.scenario.scenario import Scenario
@@ -28,6 +30,7 @@ from mdms_sim.faults.schedule import Faults
 from mdms_sim.kernel import Kernel
 from mdms_sim.nodes import CellBank
 from mdms_sim.nodes.bus_off import BusOffWatch
+from mdms_sim.nodes.gateway import GatewayNode
 from mdms_sim.nodes.micropython_bank import MicropythonBank
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.physics.plane.world import World
@@ -53,7 +56,7 @@ Progress = Callable[[float], object]
 
 @dataclass(frozen=True, slots=True)
 class BusFigures:
-    """What the bus carried: `load` is the share of time it was not idle."""
+    """What the buses carried: `load` is the share of time that the busiest was not idle."""
 
     frames: int
     load: float
@@ -70,7 +73,9 @@ class Outcome:
 
 
 class Simulation:
-    """A scenario with its cells, its bus and its participants, ready to run.
+    """A scenario with its cells, its buses and its participants, ready to run.
+
+    `bus` is the only one of `buses`, or their first.
 
     `estimates` returns the poses that somebody believes the parcels to have, shape (P, 3), NaN
     where unknown; they are only recorded. A run without end is better not `recorded`, or thinned
@@ -81,7 +86,7 @@ class Simulation:
         self,
         scenario: Scenario,
         bank: CellBank,
-        participants: Sequence[Participant] = (),
+        participants: Sequence[Participant | BusesParticipant] = (),
         *,
         bus_log: BinaryIO | None = None,
         estimates: Callable[[], Floats] | None = None,
@@ -89,10 +94,16 @@ class Simulation:
         most_samples: int | None = None,
     ) -> None:
         self.kernel = Kernel()
-        self.bus = Bus(self.kernel, scenario.wire.bitrate)
+        addresses = addresses_of(scenario)
+        self.buses = [Bus(self.kernel, scenario.wire.bitrate) for _ in range(addresses.bus_count)]
+        self.bus = self.buses[0]
         self.world = World(scenario)
         self.log = BusLog(bus_log)
-        self.bus.observe(self.log.on_frame)
+        self._references = References(addresses, len(scenario.cell.wheel))
+        for number, bus in enumerate(self.buses):
+            interface = interface_of(number, len(self.buses))
+            bus.observe(partial(self.log.on_frame, interface=interface))
+            bus.observe(partial(self._references.on_frame, number), self._references.cells[number])
         self._bank = bank
         self._estimates = estimates
         self._sampler = Sampler(self.world, most_samples)
@@ -102,19 +113,25 @@ class Simulation:
         self._axes = len(scenario.cell.wheel)
         # A cell has two axes, of which the array may use one.
         self._voltage_uv = np.zeros((self._cells, 2), np.int32)
-        self._references = References(self._cells, self._axes)
-        self.bus.observe(self._references.on_frame, self._references.cells)
         self._mailboxes = [
-            self.bus.attach(_CellStation(self._deliver, cell), bank.accepts(cell))
-            for cell in range(self._cells)
+            self.buses[bus].attach(_CellStation(self._deliver, cell), bank.accepts(cell))
+            for cell, bus in enumerate(addresses.buses)
         ]
-        BusOffWatch(self.kernel, self.bus, self._mailboxes, bank)
-        self._drivers = [Driver(self.kernel, self.bus, one) for one in participants]
+        for bus in self.buses:
+            BusOffWatch(self.kernel, bus, self._mailboxes, bank)
+        array = scenario.array
+        self.gateways = [
+            GatewayNode(
+                self.kernel, (self.buses[plan.buses[0]], self.buses[plan.buses[1]]), plan.tables
+            )
+            for plan in plan_gateways(array.columns, array.rows, addresses, array.forwarded)
+        ]
+        self._drivers = [Driver(self.kernel, self.buses, one) for one in participants]
         self._faults = Faults(
             scenario.fault,
             scenario.run.seed,
             kernel=self.kernel,
-            bus=self.bus,
+            buses=self.buses,
             controllers=self._mailboxes,
             bank=bank,
             world=self.world,
@@ -147,7 +164,12 @@ class Simulation:
 
     def outcome(self) -> Outcome:
         """Everything recorded so far."""
-        figures = BusFigures(self.bus.frames, self.bus.load(), self.bus.errors, self.log.log_sha256)
+        figures = BusFigures(
+            frames=sum(bus.frames for bus in self.buses),
+            load=max(bus.load() for bus in self.buses),
+            errors=sum(bus.errors for bus in self.buses),
+            log_sha256=self.log.log_sha256,
+        )
         events = sorted([*self.world.events, *self._faults.events], key=lambda each: each.time_s)
         return Outcome(self._sampler.record(events), figures)
 
@@ -194,9 +216,15 @@ class Simulation:
         self.kernel.at(now_ns + SAMPLE_NS, PRIORITY_SAMPLE, self._sample)
 
 
+def addresses_of(scenario: Scenario) -> Addresses:
+    """Bus and node id of each cell of a scenario."""
+    array = scenario.array
+    return address_cells(array.columns * array.rows, array.buses)
+
+
 def simulate(
     scenario: Scenario,
-    participants: Sequence[Participant],
+    participants: Sequence[Participant | BusesParticipant],
     nodes: str = "cpython",
     *,
     bus_log: Path | None = None,
@@ -209,7 +237,7 @@ def simulate(
     run.
     """
     with ExitStack() as stack:
-        bank = open_bank(nodes, scenario.array.columns * scenario.array.rows)
+        bank = open_bank(nodes, addresses_of(scenario).node_ids)
         stack.enter_context(closing(bank))
         log = stack.enter_context(bus_log.open("wb")) if bus_log else None
         simulation = Simulation(scenario, bank, participants, bus_log=log, estimates=estimates)
@@ -217,9 +245,9 @@ def simulate(
         return simulation.outcome()
 
 
-def open_bank(nodes: str, cells: int) -> CellBank:
-    """Cells with node ids from 1, as Python objects or as MicroPython processes."""
-    node_ids = range(1, cells + 1)
+def open_bank(nodes: str, cells: int | Sequence[int]) -> CellBank:
+    """Cells with these node ids, or so many from 1, as Python objects or MicroPython processes."""
+    node_ids = range(1, cells + 1) if isinstance(cells, int) else cells
     if nodes == "micropython":
         return MicropythonBank(node_ids)
     return PythonBank(node_ids)

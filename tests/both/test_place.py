@@ -17,7 +17,7 @@ def made():
 
 
 def test_cell_has_no_place_until_it_is_given_one():
-    objects, place, changes = made()
+    objects, place, _ = made()
     assert not place.known
     assert sum(place.nodes) == 0
     write(objects, indices.PLACE, 1, 3)
@@ -28,7 +28,7 @@ def test_cell_has_no_place_until_it_is_given_one():
 
 
 def test_only_what_changes_the_neighbours_sets_filters_anew():
-    objects, place, changes = made()
+    objects, _, changes = made()
     write(objects, indices.PLACE, 1, 3)
     assert not changes
     write(objects, indices.PLACE, 2, 2)

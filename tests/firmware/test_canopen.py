@@ -21,8 +21,9 @@ NODE = 5
 PATIENCE_S = 10
 #: For answers that always come.
 ANSWER_S = 2
-#: `fast_scan` waits this long for each answer that does not come; longer where one was late.
-SCAN_TIMEOUTS_S = (0.03, 0.1, 0.3, 1.0)
+#: `fast_scan` waits this long for each answer that does not come; longer where one was late, which
+#: spoils a scan and nothing else.
+SCAN_TIMEOUTS_S = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 
 
 class Settings:

@@ -1,4 +1,7 @@
-"""Whatever comes over the bus, a cell raises nothing, stays valid, and replies alike everywhere."""
+"""Whatever comes over the bus, a cell raises nothing, stays valid, and replies alike everywhere.
+
+`python -m tests.soak.fuzz` does the same with a million frames.
+"""
 
 import sys
 from pathlib import Path
@@ -36,15 +39,22 @@ def test_same_frames_give_the_same_replies_on_micropython(micropython):
     assert replies[1] > 5_000
 
 
-@pytest.mark.slow
-def test_100_000_frames_on_micropython_leave_the_heap_as_it_was(micropython):
-    replies, used = on_micropython(micropython, 100_000)
-    assert replies == fuzz(100_000)
-    assert max(used[5:]) <= max(used[:5]) + 1024
-
-
-@pytest.mark.slow
-def test_a_million_frames_raise_nothing_and_leave_the_memory_as_it_was():
+@pytest.fixture(scope="module")
+def long_fuzz():
+    """The replies of 100,000 frames on CPython, and the memory in use on the way [blocks]."""
     used = []
-    fuzz(1_000_000, lambda: used.append(sys.getallocatedblocks()))
-    assert max(used[50:]) <= max(used[:50]) + 100
+    replies = fuzz(100_000, lambda: used.append(sys.getallocatedblocks()))
+    return replies, used
+
+
+@pytest.mark.slow
+def test_100_000_frames_raise_nothing_and_leave_the_memory_as_it_was(long_fuzz):
+    _, used = long_fuzz
+    assert max(used[5:]) <= max(used[:5]) + 100
+
+
+@pytest.mark.slow
+def test_100_000_frames_on_micropython_leave_the_heap_as_it_was(micropython, long_fuzz):
+    replies, used = on_micropython(micropython, 100_000)
+    assert replies == long_fuzz[0]
+    assert max(used[5:]) <= max(used[:5]) + 1024

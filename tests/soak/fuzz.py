@@ -1,8 +1,9 @@
 """Throws any number of seeded frames at a cell, on any interpreter.
 
 `python -m tests.soak.fuzz [--frames N] [--nodes cpython|micropython|wasm] [--seed N]` prints
-number and sum of the replies, which are the same everywhere, and the heap in use on the way. With
-`--lines` it tells instead which lines of the firmware the frames do not reach.
+number and sum of the replies, which are the same everywhere, and the heap in use on the way. It
+ends with 1 if a frame raised anything, or if more memory is in use in the second half than in the
+first. With `--lines` it prints instead which lines of the firmware the frames do not reach.
 """
 
 import argparse
@@ -31,6 +32,8 @@ print("replies", bench.board.frames, bench.board.sum)
 """
 #: Frames between two collections on a build that collects here only, and has 1 MB.
 _PIECE = {"cpython": 10_000, "micropython": 10_000, "wasm": 50}
+#: What the second half may have in use beyond the first: blocks of CPython, bytes of MicroPython.
+_MORE = {"cpython": 100, "micropython": 1024, "wasm": 1024}
 
 
 def parser() -> argparse.ArgumentParser:
@@ -69,7 +72,16 @@ def main() -> int:
     if heaps:
         print(f"heap in use {min(heaps):,} to {max(heaps):,}, at last {heaps[-1]:,} {unit}")
     print(f"{told.frames:,} frames in {time.perf_counter() - start_s:.0f} s")
-    return 1 if failed else 0
+    grown = growth(heaps)
+    if grown > _MORE[told.nodes]:
+        print(f"found: {grown:,} {unit} more in use in the second half than in the first")
+    return 1 if failed or grown > _MORE[told.nodes] else 0
+
+
+def growth(heaps: list[int]) -> int:
+    """How far the most that is in use in the second half exceeds that of the first."""
+    half = len(heaps) // 2
+    return max(heaps[half:]) - max(heaps[:half]) if half else 0
 
 
 def tell_lines(seed: int, frames: int) -> None:

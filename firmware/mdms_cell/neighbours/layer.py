@@ -68,7 +68,7 @@ class Layer:
         """The cell is 'operational'; what it knew before is gone."""
         self._node_id = node_id
         self.active = self.wanted
-        self._rights = RightOfWay(self._objects.number(indices.LEASE, 1))
+        self._rights = RightOfWay(lease_beats=self._objects.number(indices.LEASE, 1))
         self._heard.reset()
         self._tracking.drop()
         self._programs = Programs()

@@ -30,7 +30,7 @@ class RightOfWay:
 
     `lease_beats`: how long a promise counts after the SYNC it was sent at.
     `late_beats`: an estimate is passed to `on_message` before the update that follows the
-    `late_beats`-th SYNC after its own (1: never later than the next beat's update).
+    `late_beats`-th SYNC after its own (1: no later than the next beat's update).
     `hold_beats`: for how many beats a neighbour's `hold` counts after its arrival.
     `hops`: the most steps between two cells under one parcel; at most HOPS.
     `patience_beats`: how long a parcel that is held elsewhere keeps a promise that another wants;
@@ -44,6 +44,7 @@ class RightOfWay:
 
     def __init__(
         self,
+        *,
         lease_beats=10,
         late_beats=2,
         hold_beats=3,
@@ -54,11 +55,12 @@ class RightOfWay:
         self._valid_beats = lease_beats - late_beats
         self._stale_beats = max(0, self._valid_beats - hold_beats)
         self._bound_beats = lease_beats + hops * (late_beats + hold_beats)
+        self._hops = hops
         self._patience_beats = patience_beats
         self._blocked_beats = blocked_beats
+        # What neighbours said that counts, by direction, and for how many more beats
         self._identities = bytearray(DIRECTIONS)
         self._states = bytearray(DIRECTIONS)
-        self._wishes = bytearray(DIRECTIONS)
         self._holds = bytearray(DIRECTIONS)
         self._left = bytearray(DIRECTIONS)
         self.restart()
@@ -71,32 +73,39 @@ class RightOfWay:
         self.drive_beats = 0
         self.lacking = 0
         self.blocked = False
-        self._promised = 0  # identity that this cell is bound to, announced or not; 0: nobody's
+        self._promised = 0  # identity that this cell is bound to, announced or not; 0: unknown
         self._bound = self._bound_beats + 1  # beats until another may be promised
-        self._last = 0  # identity that goes last where several ask
-        self._waiting = 0  # beats for which the one promised to has been held, and another asks
+        self._waiting = 0  # beats for which the one promised to is held while another asks
         self._lacked = 0  # beats for which a promise has been lacked
-        self.void()
-
-    def void(self):
-        """Drop all that neighbours said."""
-        for direction in range(DIRECTIONS):
-            self._left[direction] = 0
+        self._near = 0  # identity of a parcel on a neighbour
+        self._near_left = 0
+        self._drop_others()
 
     def on_gap(self):
         """A SYNC passed without an update of its own: what neighbours said may be of any age."""
-        self.void()
+        for direction in range(DIRECTIONS):
+            self._left[direction] = 0
         self.drive_beats = 0
         if self._bound:
             self._bound = self._bound_beats + 1
 
     def on_message(self, direction, identity, state, wants_me, hold):
-        """The neighbour in this direction sent this estimate, at most `late_beats` SYNCs ago."""
-        self._identities[direction] = identity
-        self._states[direction] = state if identity else NONE
-        self._wishes[direction] = 1 if wants_me else 0
+        """The neighbour in this direction sent this estimate, at most `late_beats` SYNCs ago.
+
+        A cell under a parcel counts what cells of the same parcel say, and promises to it; any
+        other counts the cells under a parcel that want it.
+        """
+        if self.state == UNDER:
+            counts = identity == self.identity and state >= PROMISED
+        else:
+            counts = identity and state == UNDER and wants_me
+            if identity and state == UNDER and self._near in (0, identity):
+                self._near = identity
+                self._near_left = self._valid_beats + 1
+        self._identities[direction] = identity if counts else 0
+        self._states[direction] = state
         self._holds[direction] = hold if hold <= CLEAR else 0
-        self._left[direction] = self._valid_beats
+        self._left[direction] = self._valid_beats + 1 if counts else 0
 
     def on_beat(self, over, wants, occupied):
         """Decide for the next beat.
@@ -105,34 +114,51 @@ class RightOfWay:
         `wants`: mask of the neighbours which that parcel covers or needs next, as seen from here;
         `occupied`: a presence sensor of this cell is covered.
         """
+        before = self.state
+        previous = self._promised
+        self._count_down()
+        if over:
+            self._be_under(over)
+        elif before >= PROMISED and self._keeps():
+            self.identity = self._promised
+            self.state = PROMISED
+        else:
+            self._be_free(previous, occupied)
+        if (before == UNDER) != (self.state == UNDER):
+            self._drop_others()
+        self._clear_the_wheels(wants)
+
+    def _drop_others(self):
+        """Drop what neighbours said, but for those of the same parcel."""
+        for direction in range(DIRECTIONS):
+            if self._identities[direction] != self.identity:
+                self._identities[direction] = 0
+                self._left[direction] = 0
+
+    def _count_down(self):
         if self.state >= PROMISED:
             self._bound = self._bound_beats
         elif self._bound:
             self._bound -= 1
             if not self._bound:
                 self._promised = 0
-        if over:
-            self._be_under(over)
-        elif self.state >= PROMISED and self._keeps():
-            self.identity = self._promised
-            self.state = PROMISED
-        else:
-            self._be_free(occupied)
-        self._clear_the_wheels(wants)
         for direction in range(DIRECTIONS):
             if self._left[direction]:
                 self._left[direction] -= 1
+        if self._near_left:
+            self._near_left -= 1
+        if not self._near_left:
+            self._near = 0
 
     def _be_under(self, identity):
-        """A parcel stands here, promised to or not; it drives once nobody else may."""
+        """A parcel stands here, promised to or not; it drives once no other may come."""
         self._waiting = 0
-        self.identity = identity
+        self._near = self.identity = identity
+        self._near_left = self._valid_beats
+        self.state = NEAR
         if self._promised == identity or not self._bound:
             self._promise(identity)
-            self._last = identity
             self.state = UNDER
-        else:
-            self.state = NEAR
 
     def _promise(self, identity):
         self._promised = identity
@@ -140,43 +166,36 @@ class RightOfWay:
 
     def _keeps(self):
         """Whether the promise that is announced is to be announced again."""
-        if not self._asks(self._promised):
+        promised = self._promised
+        if not self._asks(promised):
             return False
-        other = self._asker(self._promised)
-        if not other or not self._is_held(self._promised):
+        other = self._asker(promised)
+        if not other or not self._is_held(promised):
             self._waiting = 0
             return True
         self._waiting += 1
-        if self._waiting >= self._patience_beats or (
-            other < self._promised and self._waiting >= self._patience_beats >> 2
-        ):
-            self._last = self._promised
-            return False
-        return True
+        patience_beats = self._patience_beats
+        return self._waiting < (patience_beats >> 2 if other < promised else patience_beats)
 
-    def _be_free(self, occupied):
-        """No parcel stands here by belief, and no promise is announced: find whom to promise to.
+    def _be_free(self, previous, occupied):
+        """No parcel stands here by belief, and no promise is to be kept: promise to who asks.
 
-        What covers a sensor and belongs to nobody keeps everybody away.
+        The parcel that had the promise before goes last. What covers a sensor and belongs to no
+        parcel keeps all others away.
         """
         self._waiting = 0
-        asker = self._asker(self._last) or self._asker(0)
+        asker = self._asker(previous) or self._asker(0)
         if asker and (asker == self._promised or not (self._bound or occupied)):
             self._promise(asker)
             self.identity = asker
             self.state = PROMISED
         else:
-            self.identity = self._nearest()
-            self.state = NEAR if self.identity else NONE
-
-    def _is_asking(self, direction):
-        return (
-            self._left[direction] and self._states[direction] == UNDER and self._wishes[direction]
-        )
+            self.identity = self._near
+            self.state = NEAR if self._near else NONE
 
     def _asks(self, identity):
         for direction in range(DIRECTIONS):
-            if self._is_asking(direction) and self._identities[direction] == identity:
+            if self._left[direction] and self._identities[direction] == identity:
                 return True
         return False
 
@@ -184,58 +203,49 @@ class RightOfWay:
         """The lowest identity that asks, but for one; 0 if there is none."""
         lowest = 0
         for direction in range(DIRECTIONS):
-            if self._is_asking(direction):
-                identity = self._identities[direction]
-                if identity != excluded and (not lowest or identity < lowest):
-                    lowest = identity
+            identity = self._identities[direction] if self._left[direction] else 0
+            if identity and identity != excluded and (not lowest or identity < lowest):
+                lowest = identity
         return lowest
 
     def _is_held(self, identity):
         """Whether the parcel stands for want of a promise, by all of its cells that ask here."""
         for direction in range(DIRECTIONS):
             if (
-                self._is_asking(direction)
+                self._left[direction]
                 and self._identities[direction] == identity
                 and self._holds[direction] == CLEAR
             ):
                 return False
         return True
 
-    def _nearest(self):
-        """The identity of a neighbour that a parcel stands on; its own as long as there is one."""
-        nearest = 0
-        for direction in range(DIRECTIONS):
-            if self._left[direction] and self._states[direction] == UNDER:
-                identity = self._identities[direction]
-                if identity == self.identity:
-                    return identity
-                nearest = nearest or identity
-        return nearest
-
     def _clear_the_wheels(self, wants):
         """Find out whether all that the parcel covers or needs is promised, here and around."""
-        lacking = 0
-        hold = CLEAR
-        drive_beats = self._valid_beats
+        self.lacking = 0
+        self.hold = CLEAR
+        self.drive_beats = 0
         if self.state == UNDER:
-            for direction in range(DIRECTIONS):
-                left = self._left[direction]
-                if not (
-                    left
-                    and self._identities[direction] == self.identity
-                    and self._states[direction] >= PROMISED
-                ):
-                    lacking |= wants & (1 << direction)
-                    continue
-                if self._states[direction] == UNDER:
-                    left = max(0, left - self._stale_beats)
-                    hold = min(hold, 1 + (self._holds[direction] if left else 0))
-                if wants & (1 << direction):
-                    drive_beats = min(drive_beats, left)
-        else:
-            drive_beats = 0
-        self.lacking = lacking
-        self.hold = 0 if lacking else hold
-        self.drive_beats = drive_beats if self.hold == CLEAR else 0
-        self._lacked = min(self._lacked + 1, self._blocked_beats) if lacking else 0
+            self._look_around(wants)
+        self._lacked = min(self._lacked + 1, self._blocked_beats) if self.lacking else 0
         self.blocked = self._lacked >= self._blocked_beats
+
+    def _look_around(self, wants):
+        steps = self._hops + 1
+        drive_beats = self._valid_beats
+        for direction in range(DIRECTIONS):
+            left = self._left[direction]
+            wanted = wants & (1 << direction)
+            if not left:
+                self.lacking |= wanted
+                continue
+            if self._states[direction] == UNDER:
+                left = max(0, left - self._stale_beats)
+                steps = min(steps, 1 + self._holds[direction] if left else 1)
+            if wanted:
+                drive_beats = min(drive_beats, left)
+        if self.lacking:
+            self.hold = 0
+        elif steps <= self._hops:
+            self.hold = steps
+        else:
+            self.drive_beats = drive_beats

@@ -1,6 +1,6 @@
 """From a parcel's pose and goal to the twist that takes it there, as gently as its program asks."""
 
-from mdms_cell.neighbours.angle import ARM_UM, root, wrapped
+from mdms_cell.neighbours.angle import ARM_UM, root
 
 #: The parcel has arrived within this, for so many beats; it is steered again outside twice as much.
 TOLERANCE_UM = 2_000

@@ -6,9 +6,8 @@ beside the parcel follows those that are under it.
 """
 
 from mdms_cell import ticks
-from mdms_cell.neighbours.angle import TURN_UM, wrapped
+from mdms_cell.neighbours.angle import wrapped
 from mdms_cell.neighbours.belief import CONTRADICTION, EDGE, Belief
-from mdms_cell.neighbours.footprint import MARGIN
 from mdms_cell.neighbours.heard import OWN
 from mdms_cell.neighbours.outline import STEP_UM
 from mdms_cell.neighbours.place import AXES, DIRECTIONS, SENSORS

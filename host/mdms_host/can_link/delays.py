@@ -1,19 +1,23 @@
 """When the host itself, or what brings it frames, was held up: the reason behind many a fault."""
 
 from collections import deque
+from statistics import median
 
 #: What is older has nothing to do with a fault [s].
 _WINDOW_S = 1.0
-#: A cycle this late leaves little of the 50 ms after which a cell gives up waiting for setpoints.
-LATE_S = 0.02
+#: A setpoint that is a cycle late may be held up again on its way, and cells wait for 50 ms.
+LATE_S = 0.01
 #: While SYNC goes out every 10 ms something comes in as often; this is a pause.
 PAUSE_S = 0.03
 #: Pauses that come to so much in a second leave little of the 0.3 s that a cell may be silent.
 PAUSES_S = 0.1
+#: Heartbeats are due every 0.1 s. When most cells' come this late, time passes slowly beyond the
+#: link, though something may come in all the while.
+SLOW_S = 0.2
 
 
 class Delays:
-    """Late cycles, and pauses in what comes in, of the last second, while SYNC goes out.
+    """Late cycles, pauses in what comes in, and late heartbeats of the last second.
 
     Cycles are reported by one thread and arrivals by another.
     """
@@ -22,6 +26,8 @@ class Delays:
         self._late: deque[tuple[float, float]] = deque(maxlen=200)
         self._pauses: deque[tuple[float, float]] = deque(maxlen=200)
         self._arrived_s: float | None = None
+        #: By node: when its last heartbeat came, when one last came late, and how late [s].
+        self._heartbeats: dict[int, tuple[float, float, float]] = {}
 
     def on_cycle(self, due_s: float, now_s: float) -> None:
         """Something that was due is done now."""
@@ -33,6 +39,13 @@ class Delays:
         if self._arrived_s is not None and now_s - self._arrived_s >= PAUSE_S:
             self._pauses.append((now_s, now_s - self._arrived_s))
         self._arrived_s = now_s
+
+    def on_heartbeat(self, node_id: int, now_s: float) -> None:
+        """A heartbeat was read."""
+        before_s, late_s, gap_s = self._heartbeats.get(node_id, (now_s, now_s, 0.0))
+        if now_s - before_s >= SLOW_S:
+            late_s, gap_s = now_s, now_s - before_s
+        self._heartbeats[node_id] = now_s, late_s, gap_s
 
     def reason(self, now_s: float) -> str | None:
         """What was held up in the last second, and where; None if nothing was."""
@@ -51,7 +64,25 @@ class Delays:
                 f"this program's own cycle was up to {late_s * 1e3:.0f} ms late: "
                 "the computer is too busy or too slow"
             )
-        return None
+        return self.slow_reason(now_s)
+
+    def slow_reason(self, now_s: float) -> str | None:
+        """What heartbeats alone show, with or without SYNC; None if they come in time."""
+        slow_s = self._usual_gap_s(now_s)
+        if slow_s < SLOW_S:
+            return None
+        return (
+            f"heartbeats of most cells, due every 100 ms, came after {slow_s * 1e3:.0f} ms: "
+            "the bus is open, or the adapter, its driver or the served array was held up"
+        )
+
+    def _usual_gap_s(self, now_s: float) -> float:
+        """How late the heartbeats of half of the cells were at least; one alone says nothing."""
+        gaps_s = [
+            max(now_s - last_s, gap_s if now_s - late_s <= _WINDOW_S else 0.0)
+            for last_s, late_s, gap_s in list(self._heartbeats.values())
+        ]
+        return median(gaps_s) if len(gaps_s) > 1 else 0.0
 
 
 def _recent(delays: deque[tuple[float, float]], now_s: float) -> list[float]:

@@ -10,17 +10,23 @@ _KEPT = 1000
 
 
 class Incidents:
-    """`noted` lists incidents as (time [s], text), the first thousand."""
+    """`noted` lists incidents as (time [s], text), the first thousand.
 
-    def __init__(self, clock: Clock) -> None:
-        self.noted: list[tuple[float, str]] = []
+    Several may share one list; each then begins its texts with what it is `about`.
+    """
+
+    def __init__(
+        self, clock: Clock, noted: list[tuple[float, str]] | None = None, about: str = ""
+    ) -> None:
+        self.noted = [] if noted is None else noted
+        self._about = about
         self._clock = clock
         self._last_s: dict[str, float] = {}
 
     def note(self, text: str) -> None:
         """Note an incident."""
         if len(self.noted) < _KEPT:
-            self.noted.append((self._clock.now_s(), text))
+            self.noted.append((self._clock.now_s(), self._about + text))
 
     def note_repeated(self, kind: str, detail: object = "") -> None:
         """Note an incident that may come with every frame, the first of its kind in a second."""

@@ -11,6 +11,7 @@ from contextlib import suppress
 from queue import Empty, SimpleQueue
 from threading import Thread
 from types import TracebackType
+from typing import Any, Protocol
 
 import can
 from can.cli import create_bus_from_namespace
@@ -23,6 +24,7 @@ from mdms_host.can_link.slcan_port import GarbledError, SlcanPort
 from mdms_host.can_link.transmitter import Transmitter
 from mdms_host.clock import Clock
 from mdms_model.participant import Participant
+from mdms_protocol import cob
 from mdms_protocol.frame import Frame
 
 _DEVICE_ERRORS = (can.CanOperationError, OSError)
@@ -33,9 +35,9 @@ _NO_BUS = (ArgumentError, can.CanError, OSError, ValueError, ImportError, NameEr
 _DEVICE_ATTEMPTS = 5
 _ATTEMPT_PAUSE_S = 0.05
 #: How often a reader checks whether it is to end.
-_READ_TIMEOUT_S = 0.1
+READ_TIMEOUT_S = 0.1
 #: How long frames may wait for room in the transmit queue: a cycle, then newer ones are due.
-_QUEUE_WAIT_S = 0.01
+QUEUE_WAIT_S = 0.01
 _FULL_HELP = "frames are not sent; does anybody acknowledge them, and is the bit rate right?"
 
 
@@ -78,8 +80,8 @@ class Link:
     """An open bus with a reader of its own; frames of 11-bit data only, the rest is counted.
 
     Frames go to `deliver(frame, now_s)` in the reader's thread, if given, else wait for `receive`.
-    `garbled`, `error_frames` and `unsent` count frames; `incidents` has what else the link met.
-    `delays` has what was held up lately.
+    `garbled`, `error_frames` and `unsent` count frames; `incidents` has what else the link met, and
+    may be given where it is shared. `delays` has what was held up lately.
     """
 
     def __init__(
@@ -87,11 +89,12 @@ class Link:
         bus: can.BusABC,
         clock: Clock,
         deliver: Callable[[Frame, float], object] | None = None,
+        incidents: Incidents | None = None,
     ) -> None:
         self.garbled = 0
         self.error_frames = 0
         self.delays = Delays()
-        self._incidents = Incidents(clock)
+        self._incidents = incidents or Incidents(clock)
         self._bus = bus
         self._port = _port_of(bus)
         self._transmitter = Transmitter(self._port, clock)
@@ -142,7 +145,7 @@ class Link:
             arbitration_id=frame.can_id, data=frame.data, is_extended_id=False, check=True
         )
         if until_s is None:
-            until_s = self._clock.now_s() + _QUEUE_WAIT_S
+            until_s = self._clock.now_s() + QUEUE_WAIT_S
         try:
             if not self._transmitter.send(message, until_s):
                 self._incidents.note_repeated("the transmit queue stays full", _FULL_HELP)
@@ -153,12 +156,16 @@ class Link:
             if self._send_failures == _DEVICE_ATTEMPTS:
                 self._give_up(error)
 
+    def send_polled(self, participant: Participant, now_s: float) -> None:
+        """Send what a participant wants to send now. Raises DeviceGoneError."""
+        self.send_all(participant.poll(now_s))
+
     def send_all(self, frames: Iterable[Frame]) -> None:
         """Send the frames of one cycle, which wait for room as long as that together.
 
         Raises DeviceGoneError.
         """
-        until_s = self._clock.now_s() + _QUEUE_WAIT_S
+        until_s = self._clock.now_s() + QUEUE_WAIT_S
         for frame in frames:
             self.send(frame, until_s)
 
@@ -169,7 +176,7 @@ class Link:
         """
         self.check()
         try:
-            handle(*self._arrived.get(timeout=max(0.0, min(timeout_s, _READ_TIMEOUT_S))))
+            handle(*self._arrived.get(timeout=max(0.0, min(timeout_s, READ_TIMEOUT_S))))
         except Empty:
             return
         # Only what is here by now, so that a full bus cannot keep the caller from its own work.
@@ -201,7 +208,7 @@ class Link:
         """The reader's thread: ends when the link is closed, the device gone, or after garbage."""
         while not self._closing and not self._gone:
             try:
-                message = self._port.recv(_READ_TIMEOUT_S)
+                message = self._port.recv(READ_TIMEOUT_S)
             except GarbledError as error:
                 self.garbled += 1
                 self._incidents.note_repeated("garbage was received", error)
@@ -229,6 +236,9 @@ class Link:
             self.garbled += 1
             self._incidents.note_repeated("frames that are no data or have 29 bits are left out")
         else:
+            node_id = message.arbitration_id - cob.HEARTBEAT_BASE
+            if 0 < node_id < cob.HOST_NODE:
+                self.delays.on_heartbeat(node_id, now_s)
             self._deliver(Frame(message.arbitration_id, bytes(message.data)), now_s)
 
     def _on_device_error(self, error: Exception) -> None:
@@ -265,8 +275,45 @@ def _port_of(bus: can.BusABC) -> can.BusABC | SlcanPort:
     return bus
 
 
-def drive(participant: Participant, link: Link, clock: Clock, over: Callable[[], bool]) -> None:
+class AnyDelays(Protocol):
+    """What of a link, or of several, was held up."""
+
+    def on_cycle(self, due_s: float, now_s: float) -> None:
+        """Something that was due is done now."""
+
+    def reason(self, now_s: float) -> str | None:
+        """What was held up in the last second, and where; None if nothing was."""
+
+
+class AnyLink(Protocol):
+    """A link to one bus, or to several at once, as a run asks for it."""
+
+    @property
+    def incidents(self) -> list[tuple[float, str]]:
+        """What has happened so far, as (time [s], text)."""
+
+    @property
+    def counts(self) -> LinkCounts:
+        """All counts at this moment."""
+
+    @property
+    def delays(self) -> "AnyDelays":
+        """What was held up lately."""
+
+    def send(self, frame: Frame) -> None:
+        """Send a frame to all cells."""
+
+    def send_polled(self, participant: Any, now_s: float) -> None:
+        """Send what a participant wants to send now, on which bus it wants."""
+
+    def receive(self, timeout_s: float, handle: Any) -> None:
+        """Hand over what has arrived; wait for the first frame at most so long."""
+
+
+def drive(participant: Any, link: AnyLink, clock: Clock, over: Callable[[], bool]) -> None:
     """Bring participant and bus together until it is over. Raises DeviceGoneError.
+
+    The participant is a `Participant`, or a `BusesParticipant` where the link has several buses.
 
     `over` is called after each round, at least ten times a second.
     """
@@ -277,5 +324,5 @@ def drive(participant: Participant, link: Link, clock: Clock, over: Callable[[],
             # One that is due at once may say so by any time in the past.
             link.delays.on_cycle(max(wake_s, polled_s), now_s)
             polled_s = now_s
-            link.send_all(participant.poll(now_s))
+            link.send_polled(participant, now_s)
         link.receive(participant.wake_s - clock.now_s(), participant.on_frame)

@@ -12,7 +12,7 @@ Handler = Callable[[bytes, float], None]
 
 
 class RemoteCell:
-    """The last known state of the cell with this number (from 1) and node id.
+    """The last known state of the cell with this number (from 1), node id and bus (None: the only).
 
     Everything is None until the cell has reported it; `garbage` counts its frames that could not
     be decoded and were dropped. `errors` has the code of each error that stands, by its source.
@@ -20,9 +20,12 @@ class RemoteCell:
     are kept as they came (`speeds_data`) and decoded when read.
     """
 
-    def __init__(self, number: int, node_id: int) -> None:
+    def __init__(self, number: int, node_id: int, bus: int | None = None) -> None:
         self.number = number
         self.node_id = node_id
+        self.bus = bus or 0
+        #: How messages call this cell.
+        self.name = f"cell {number} (node {node_id}{'' if bus is None else f' of bus {bus}'})"
         self.last_heartbeat_s: float | None = None
         self.nmt_state: int | None = None
         self.drive_states: tuple[int | None, ...] | None = None
@@ -36,11 +39,6 @@ class RemoteCell:
             pdo.ACTUAL_VELOCITY.can_id(node_id): self.on_speeds,
             cob.EMCY_BASE + node_id: self.on_emergency,
         }
-
-    @property
-    def name(self) -> str:
-        """How messages call this cell."""
-        return f"cell {self.number} (node {self.node_id})"
 
     def on_frame(self, can_id: int, data: bytes, now_s: float) -> None:
         """Take in a frame of this cell; one that cannot be decoded is counted and dropped."""

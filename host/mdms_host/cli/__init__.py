@@ -7,7 +7,7 @@ from argparse import Namespace
 from collections.abc import Sequence
 
 from mdms_host.cli.exits import INTERRUPTED, Exit, exit_of, text_of
-from mdms_host.cli.signals import Terminated, ended_by_signals
+from mdms_host.cli.signals import Terminated, ended_by_signals, ending_behind
 from mdms_host.cli.streams import flushed, open_streams, say
 from mdms_host.cli.verbs import build_parser
 
@@ -23,17 +23,24 @@ def _run(argv: Sequence[str] | None) -> int:
     try:
         arguments: Namespace = build_parser().parse_args(argv)
         return int(arguments.run(arguments))
-    except Terminated:
-        say("mdms: terminated")
-        return Exit.FAILURE
-    except KeyboardInterrupt:
-        say("mdms: interrupted")
-        return INTERRUPTED
+    except KeyboardInterrupt as interrupt:
+        return _ended_by(interrupt)
     except SystemExit as leaving:
         return leaving.code if isinstance(leaving.code, int) else Exit.OK
     except Exception as error:
+        ending = ending_behind(error)
+        if ending is not None:
+            return _ended_by(ending)
         known = exit_of(error)
         if known is None:
             raise
         say(f"mdms: {text_of(error)}")
         return known
+
+
+def _ended_by(interrupt: KeyboardInterrupt) -> int:
+    if isinstance(interrupt, Terminated):
+        say("mdms: terminated")
+        return Exit.FAILURE
+    say("mdms: interrupted")
+    return INTERRUPTED

@@ -46,6 +46,13 @@ def ended_by_signals() -> Iterator[None]:
             signal.signal(number, handler)
 
 
+def ending_behind(error: BaseException | None) -> KeyboardInterrupt | None:
+    """What ended the command, if it is what led to this error: a compiler may wrap it in its own."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error
+
+
 def _numbers(*names: str) -> list[int]:
     """Those of the signals that the system has."""
     return [getattr(signal, name) for name in names if hasattr(signal, name)]

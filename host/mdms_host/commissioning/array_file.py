@@ -25,6 +25,7 @@ _HEAD = """\
 _SIDE = Limit(at_least=1, at_most=1000)
 #: The keys of a cell that say where it is.
 _PLACE = ("number", "column", "row")
+_BUSES_MOST = 1000
 
 
 class ArrayFileError(Exception):
@@ -33,15 +34,16 @@ class ArrayFileError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class FiledTable:
-    """What `[array]` says: the keys of a scenario's array, wheels and sensors, and the bit rate.
+    """What `[array]` says: keys of a scenario's array, wheels and sensors, bit rate and channels.
 
-    None where the file says nothing.
+    None where the file says nothing. `channels` are the buses' in python-can's words, bus 0 first.
     """
 
     columns: int | None = field(default=None, metadata=_SIDE)
     rows: int | None = field(default=None, metadata=_SIDE)
     pitch_m: float | None = field(default=None, metadata=LENGTH)
     bitrate: int | None = field(default=None, metadata=Limit(at_least=10_000, at_most=1_000_000))
+    channels: tuple[str, ...] | None = field(default=None, metadata=Limit(items=(1, _BUSES_MOST)))
     wheel: tuple[Wheel, ...] | None = field(default=None, metadata=Limit(items=(1, 2)))
     sensor_offset_m: tuple[tuple[float, float], ...] | None = field(
         default=None, metadata=Limit(at_least=-1000.0, at_most=1000.0, items=(1, 5))
@@ -53,7 +55,8 @@ class FiledCell:
     """A cell of a file, settings in the integers of the wire.
 
     Its place in the grid is its `number`, along x first, or its column and row, all from 1; without
-    either it is the one of its node id.
+    either it is the one of its node id. Its `bus` is numbered from 0, and where there are several
+    each has node ids of its own.
     """
 
     serial: int
@@ -62,6 +65,7 @@ class FiledCell:
     number: int | None = None
     column: int | None = None
     row: int | None = None
+    bus: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +75,11 @@ class ArrayFile:
     path: Path
     table: FiledTable
     cells: tuple[FiledCell, ...]
+
+    @property
+    def bus_count(self) -> int:
+        """How many buses the cells are on."""
+        return max((cell.bus for cell in self.cells), default=0) + 1
 
     def by_number(self, columns: int, rows: int) -> dict[int, FiledCell]:
         """The cells by their number in a grid; none where the file lists none.
@@ -100,6 +109,16 @@ class ArrayFile:
         return placed
 
 
+def channels_of(channel: str | None, buses: int) -> tuple[str, ...]:
+    """Channels of so many buses by one name, as a served array has them. Raises ArrayFileError."""
+    if channel is None:
+        raise ArrayFileError(
+            f"{buses} buses need a channel each: list them as array.channels in the array file, or "
+            "name a served array with -c"
+        )
+    return (channel,) if buses == 1 else tuple(f"{channel}.{bus}" for bus in range(buses))
+
+
 def array_text(cells: Iterable[CellSettings]) -> str:
     """The text of a file for these cells."""
     return "\n".join([_HEAD, *map(_cell_text, cells)])
@@ -120,17 +139,35 @@ def read_array(path: Path) -> ArrayFile:
         table: FiledTable = build(FiledTable, document.get("array", {}), "array")
         cells = tuple(_cell(each) for each in _tables(document))
         _refuse_duplicates(cells)
+        _check_buses(table, cells)
     except (ArrayFileError, ParameterError, ScenarioError) as error:
         raise ArrayFileError(f"{path}: {error}") from None
     return ArrayFile(path, table, cells)
 
 
-def filed_cells(path: Path) -> tuple[FiledCell, ...]:
-    """The cells of a file, at least one. Raises ArrayFileError."""
-    cells = read_array(path).cells
-    if not cells:
+def filed_cells(path: Path, channel: str | None = None) -> tuple[FiledCell, ...]:
+    """`cells_on` of the file at a path. Raises ArrayFileError."""
+    return cells_on(read_array(path), channel)
+
+
+def cells_on(file: ArrayFile, channel: str | None = None) -> tuple[FiledCell, ...]:
+    """The cells of a file, at least one; of several buses those on the one with that channel.
+
+    Raises ArrayFileError.
+    """
+    path = file.path
+    if not file.cells:
         raise ArrayFileError(f"{path}: expected [[cell]] tables")
-    return cells
+    if file.bus_count == 1:
+        return file.cells
+    names = file.table.channels or ()
+    if channel not in names:
+        named = f"must be one of {', '.join(names)}" if names else "array.channels is to list them"
+        raise ArrayFileError(
+            f"{path}: its cells are on {file.bus_count} buses, of which this is done one by one; "
+            f"the channel (-c) is {channel!r}, but {named}"
+        )
+    return tuple(cell for cell in file.cells if cell.bus == names.index(channel))
 
 
 def _cell_text(cell: CellSettings) -> str:
@@ -150,7 +187,7 @@ def _tables(document: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _cell(table: dict[str, Any]) -> FiledCell:
-    unknown = table.keys() - {"serial", "node", "settings", *_PLACE}
+    unknown = table.keys() - {"serial", "node", "bus", "settings", *_PLACE}
     if unknown:
         raise ArrayFileError(f"cell.{min(unknown)}: unknown key")
     serial, node_id = _serial(table.get("serial")), table.get("node")
@@ -158,8 +195,11 @@ def _cell(table: dict[str, Any]) -> FiledCell:
         raise ArrayFileError(
             f"cell.node: expected {cob.NODE_MIN} to {cob.NODE_MAX}, got {node_id!r}"
         )
+    bus = table.get("bus", 0)
+    if type(bus) is not int or not 0 <= bus < _BUSES_MOST:
+        raise ArrayFileError(f"cell.bus: expected 0 to {_BUSES_MOST - 1}, got {bus!r}")
     values = dict(_values(table.get("settings", {}), ""))
-    return FiledCell(serial, node_id, values, **_place(table))
+    return FiledCell(serial, node_id, values, bus=bus, **_place(table))
 
 
 def _place(table: dict[str, Any]) -> dict[str, int]:
@@ -214,5 +254,24 @@ def _refuse_duplicates(cells: tuple[FiledCell, ...]) -> None:
         for other in cells[:place]:
             if cell.serial == other.serial:
                 raise ArrayFileError(f"serial number {cell.serial:08X} is there twice")
-            if cell.node_id == other.node_id:
-                raise ArrayFileError(f"node id {cell.node_id} is there twice")
+            if (cell.bus, cell.node_id) == (other.bus, other.node_id):
+                where = f" on bus {cell.bus}" if cell.bus else ""
+                raise ArrayFileError(f"node id {cell.node_id} is there twice{where}")
+
+
+def _check_buses(table: FiledTable, cells: tuple[FiledCell, ...]) -> None:
+    buses = {cell.bus for cell in cells} or {0}
+    empty = set(range(max(buses))) - buses
+    if empty:
+        raise ArrayFileError(f"cell.bus: there is a bus {max(buses)}, but none on {min(empty)}")
+    if cells and table.channels is not None and len(table.channels) != len(buses):
+        raise ArrayFileError(
+            f"array.channels has {len(table.channels)} items, but the cells are on {len(buses)} "
+            "buses"
+        )
+    for item, cell in enumerate(cells):
+        if len(buses) > 1 and cell.number is None and cell.column is None:
+            raise ArrayFileError(
+                f"cell.{item}.number is missing: where there are several buses a node id is no "
+                "place; give it, or column and row"
+            )

@@ -1,8 +1,9 @@
 """Cells of a file with the places that its table gives them, as settings."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
-from mdms_host.commissioning.array_file import ArrayFile, ArrayFileError, FiledCell
+from mdms_host.commissioning.array_file import ArrayFile, ArrayFileError, FiledCell, cells_on
 from mdms_host.commissioning.parameters import BY_PLACE, Parameter
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.places import Place, is_place, place_values, sensor_values, wheel_values
@@ -14,20 +15,21 @@ def without_places(cell: FiledCell) -> FiledCell:
     return replace(cell, values=values)
 
 
-def placed_cells(file: ArrayFile) -> tuple[FiledCell, ...]:
-    """The cells with settings of where they stand, who is next to them, and what is on them.
+def placed_cells(file: ArrayFile, channel: str | None = None) -> tuple[FiledCell, ...]:
+    """The cells on the bus of that channel, with where they stand, who is next and what is on them.
 
     Places, neighbours and turns to take over SYNC are the table's, whatever a cell's own settings
     say; where wheels and sensors are comes from the table, unless a cell has its own. A file whose
     table has no columns and rows leaves the cells as they are. Raises ArrayFileError.
     """
     table = file.table
-    if table.columns is None or table.rows is None or not file.cells:
-        return file.cells
+    on_bus = cells_on(file, channel)
+    if table.columns is None or table.rows is None:
+        return on_bus
     placed = file.by_number(table.columns, table.rows)
-    numbers = {cell.node_id: number for number, cell in placed.items()}
+    numbers = {cell.serial: number for number, cell in placed.items()}
     try:
-        layout = _layout(file, tuple(placed[number].node_id for number in sorted(placed)))
+        layout = _layout(file, [placed[number] for number in sorted(placed)])
         parts = wheel_values(layout) if table.wheel else {}
         parts |= sensor_values(layout) if table.sensor_offset_m else {}
         return tuple(
@@ -36,19 +38,24 @@ def placed_cells(file: ArrayFile) -> tuple[FiledCell, ...]:
                 values={
                     **_parameters(parts),
                     **without_places(cell).values,
-                    **_parameters(place_values(layout, numbers[cell.node_id])),
+                    **_parameters(place_values(layout, numbers[cell.serial])),
                 },
             )
-            for cell in file.cells
+            for cell in on_bus
         )
     except ValueError as error:
         raise ArrayFileError(f"{file.path}: array: {error}") from None
 
 
-def _layout(file: ArrayFile, node_ids: tuple[int, ...]) -> Layout:
+def _layout(file: ArrayFile, cells: Sequence[FiledCell]) -> Layout:
     """The table as the file has it; raises ValueError."""
     table = file.table
-    layout = Layout(table.columns or 0, table.rows or 0, node_ids=node_ids)
+    layout = Layout(
+        table.columns or 0,
+        table.rows or 0,
+        node_ids=tuple(cell.node_id for cell in cells),
+        buses=tuple(cell.bus for cell in cells),
+    )
     if table.pitch_m is not None:
         layout = replace(layout, pitch_m=table.pitch_m)
     if table.wheel:

@@ -31,9 +31,11 @@ class BringUpCell(RemoteCell):
         node_id: int,
         axes: int,
         settings: Iterable[Setting],
+        *,
         spare: Mapping[Place, int] = NOTHING,
+        bus: int | None = None,
     ) -> None:
-        super().__init__(number, node_id)
+        super().__init__(number, node_id, bus)
         self._axes = axes
         self._all_enabled = (cia402.OPERATION_ENABLED,) * axes
         settings = tuple(settings)

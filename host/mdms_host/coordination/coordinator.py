@@ -53,14 +53,14 @@ def _spare(layout: Layout, number: int) -> dict[Place, int]:
 
 
 class Coordinator:
-    """A participant of the bus that runs a program on all cells of a layout.
+    """A participant of the buses that runs a program on all cells of a layout.
 
     `fault` is the first fault, None without one; `events` is what happened, as (time [s], text);
     `troubles` are those of the events that a person should look after, though the run goes on.
-    `settings` are written to every cell, `own_settings` to that node besides; all other stored
-    settings must be at their defaults. Where the cells steer (`control` is "cells"), each is told
-    its place, too; else they may have been told any. Raises ValueError for cells of more wheels
-    than the wire has axes.
+    `settings` are written to every cell, `own_settings` to the cell of that number besides; all
+    other stored settings must be at their defaults. Where the cells steer (`control` is "cells"),
+    each is told its place, too; else they may have been told any. Raises ValueError for cells of
+    more wheels than the wire has axes.
     """
 
     def __init__(
@@ -87,6 +87,9 @@ class Coordinator:
         repeat_ms = round(self._timing.status_period_s * 1e3)
         repeat = Setting(indices.TPDO_PARAMETERS + 1, 5, repeat_ms)
         by_cells = control == "cells"
+        self._buses = range(layout.bus_count)
+        several = len(self._buses) > 1
+        addresses = zip(layout.buses, layout.node_ids, strict=True)
         self.cells = tuple(
             BringUpCell(
                 number,
@@ -96,13 +99,14 @@ class Coordinator:
                     repeat,
                     *settings,
                     *(_told(layout, number) if by_cells else ()),
-                    *own_settings.get(node_id, ()),
+                    *own_settings.get(number, ()),
                     # Last, so that a cell steers with its place only.
                     *(_STEERED_BY_CELLS if by_cells else ()),
                 ),
-                {} if by_cells else _spare(layout, number),
+                spare={} if by_cells else _spare(layout, number),
+                bus=bus if several else None,
             )
-            for number, node_id in enumerate(layout.node_ids, 1)
+            for number, (bus, node_id) in enumerate(addresses, 1)
         )
         self.references_m_s: Floats = np.zeros(len(layout.wheel_cells))
         self._program = program
@@ -110,12 +114,14 @@ class Coordinator:
         self._watch = Watch(self.cells, axes, program)
         self._supervision = Supervision(self.cells, self._timing)
         self._answered: set[BringUpCell] = set()
-        self._handlers: dict[int, Handler] = {}
+        # What each bus brings, by its identifiers.
+        self._handlers: list[dict[int, Handler]] = [{} for _ in self._buses]
         for cell in self.cells:
             self._register(cell)
         # Two hosts that began at the same instant meet here.
         self._other_host = False
-        self._handlers[cob.HEARTBEAT_BASE + host_node_id] = self._on_other_host
+        for handlers in self._handlers:
+            handlers[cob.HEARTBEAT_BASE + host_node_id] = self._on_other_host
         self._alive = nmt.heartbeat(host_node_id, nmt.OPERATIONAL)
         self._now_s = 0.0
         self._phase_since_s: float | None = None
@@ -167,14 +173,18 @@ class Coordinator:
         """Request an orderly end; the next poll begins it."""
         self._stop_requested = True
 
-    def on_frame(self, frame: Frame, now_s: float) -> None:
-        """Take in a frame from the bus; what is no cell's, or cannot be decoded, does nothing."""
-        handler = self._handlers.get(frame.can_id)
+    def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
+        """Take in a frame from a bus; what is no cell's, or cannot be decoded, does nothing."""
+        handler = self._handlers[bus].get(frame.can_id)
         if handler is not None:
             handler(frame.data, now_s)
 
     def poll(self, now_s: float) -> list[Frame]:
-        """What to send now."""
+        """What to send now, where there is one bus."""
+        return [frame for _, frame in self.poll_buses(now_s)]
+
+    def poll_buses(self, now_s: float) -> list[tuple[int, Frame]]:
+        """What to send now, each frame with its bus."""
         self._now_s = now_s
         if self._phase_since_s is None:
             self._enter(Phase.WAITING)
@@ -184,14 +194,13 @@ class Coordinator:
 
     def _register(self, cell: BringUpCell) -> None:
         """Take in a cell's frames; the coordinator acts on some of them as well."""
-        self._handlers |= cell.handlers
-        self._handlers[cob.HEARTBEAT_BASE + cell.node_id] = partial(self._on_heartbeat, cell)
-        self._handlers[pdo.STATUS.can_id(cell.node_id)] = partial(self._on_status, cell)
-        self._handlers[pdo.ACTUAL_VELOCITY.can_id(cell.node_id)] = partial(
-            self._odometry.on_speeds, cell
-        )
-        self._handlers[cob.EMCY_BASE + cell.node_id] = partial(self._on_emergency, cell)
-        self._handlers[cob.SDO_RESPONSE_BASE + cell.node_id] = partial(self._on_answer, cell)
+        handlers, node_id = self._handlers[cell.bus], cell.node_id
+        handlers |= cell.handlers
+        handlers[cob.HEARTBEAT_BASE + node_id] = partial(self._on_heartbeat, cell)
+        handlers[pdo.STATUS.can_id(node_id)] = partial(self._on_status, cell)
+        handlers[pdo.ACTUAL_VELOCITY.can_id(node_id)] = partial(self._odometry.on_speeds, cell)
+        handlers[cob.EMCY_BASE + node_id] = partial(self._on_emergency, cell)
+        handlers[cob.SDO_RESPONSE_BASE + node_id] = partial(self._on_answer, cell)
 
     def _on_heartbeat(self, cell: BringUpCell, data: bytes, now_s: float) -> None:
         before = cell.nmt_state
@@ -272,11 +281,14 @@ class Coordinator:
         lost = self.phase not in BRING_UP and self._supervision.silent(cell, self._now_s)
         return lost or cell.has_reached(self.phase)
 
-    def _host_heartbeat(self) -> Iterator[Frame]:
+    def _host_heartbeat(self) -> Iterator[tuple[int, Frame]]:
         if self._schedule.take("heartbeat", self._now_s, self._timing.heartbeat_period_s):
-            yield self._alive
+            yield from self._on_every_bus(self._alive)
 
-    def _commands(self) -> Iterator[Frame]:
+    def _on_every_bus(self, frame: Frame) -> Iterator[tuple[int, Frame]]:
+        return ((bus, frame) for bus in self._buses)
+
+    def _commands(self) -> Iterator[tuple[int, Frame]]:
         """The commands that cells need in the phase: to each when it has answered, and repeated.
 
         Sending to all of them at every answer would crowd setpoints off the bus.
@@ -287,17 +299,18 @@ class Coordinator:
             return
         for cell in self.cells:
             if everyone or cell in self._answered:
-                yield from cell.commands(self.phase, self._now_s)
+                for frame in cell.commands(self.phase, self._now_s):
+                    yield cell.bus, frame
         self._answered.clear()
         if self.phase in _SETTLED:
             self._schedule.cancel("command")
 
-    def _sync(self) -> Iterator[Frame]:
+    def _sync(self) -> Iterator[tuple[int, Frame]]:
         if self._schedule.take("sync", self._now_s, self._timing.sync_period_s):
             self._odometry.on_sync(self._now_s)
-            yield _SYNC
+            yield from self._on_every_bus(_SYNC)
 
-    def _setpoints(self) -> Iterator[Frame]:
+    def _setpoints(self) -> Iterator[tuple[int, Frame]]:
         """Take in the speeds of the last SYNC, and send the setpoints for the next one."""
         if not self._schedule.take("setpoint", self._now_s, self._timing.sync_period_s):
             return
@@ -306,7 +319,10 @@ class Coordinator:
         if self.phase == Phase.RUNNING:
             self.references_m_s = self._program_references_m_s()
         self._odometry.on_references(self.references_m_s)
-        yield from self._velocities.targets(self.references_m_s)
+        for cell, frame in zip(
+            self.cells, self._velocities.targets(self.references_m_s), strict=True
+        ):
+            yield cell.bus, frame
 
     def _program_references_m_s(self) -> Floats:
         """The program's references for the next SYNC; zero while no cell reports its speeds."""

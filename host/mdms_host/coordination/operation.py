@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from mdms_host.can_link.incidents import LinkCounts
-from mdms_host.can_link.link import DeviceGoneError, Link, drive
+from mdms_host.can_link.link import AnyLink, DeviceGoneError, drive
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.phase import Phase
@@ -43,7 +43,7 @@ class Operation:
 
 def operate(
     coordinator: Coordinator,
-    link: Link,
+    link: AnyLink,
     clock: Clock,
     limit_s: float | None = None,
     on_event: Callable[[float, str], object] = lambda _time_s, _text: None,
@@ -89,7 +89,7 @@ class _Watch:
     def __init__(
         self,
         coordinator: Coordinator,
-        link: Link,
+        link: AnyLink,
         clock: Clock,
         on_event: Callable[[float, str], object],
     ) -> None:
@@ -112,12 +112,15 @@ class _Watch:
                 self._on_event(time_s, text)
 
     def _delay(self) -> str:
-        """What was held up, in brackets; nothing before setpoints have to be in time."""
-        reason = self._link.delays.reason(self._clock.now_s()) if self._steered else None
+        """What was held up, in brackets; by heartbeats alone before setpoints are to be in time."""
+        delays, now_s = self._link.delays, self._clock.now_s()
+        reason = delays.reason(now_s) if self._steered else delays.slow_reason(now_s)
         return f" ({reason})" if reason else ""
 
 
-def _turn_off(coordinator: Coordinator, participant: Participant, link: Link, clock: Clock) -> None:
+def _turn_off(
+    coordinator: Coordinator, participant: Participant, link: AnyLink, clock: Clock
+) -> None:
     """Stop the array in order; where that fails, take all cells out of 'operational' at once."""
     coordinator.stop()
     try:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from math import inf
 
-from mdms_host.can_link.link import Link, drive
+from mdms_host.can_link.link import AnyLink, drive
 from mdms_host.clock import Clock
 from mdms_host.coordination.supervision import OTHER_HOST
 from mdms_protocol import cob, nmt
@@ -26,7 +26,7 @@ class _Listening:
     def __init__(self) -> None:
         self.found = False
 
-    def on_frame(self, frame: Frame, now_s: float) -> None:
+    def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
         """Note a host's heartbeat."""
         if frame.can_id == HEARTBEAT and nmt.decode_heartbeat(frame.data) is not None:
             self.found = True
@@ -35,8 +35,12 @@ class _Listening:
         """Nothing."""
         return ()
 
+    def poll_buses(self, now_s: float) -> Iterable[tuple[int, Frame]]:
+        """Nothing on any bus."""
+        return ()
 
-def refuse_other_host(link: Link, clock: Clock) -> None:
+
+def refuse_other_host(link: AnyLink, clock: Clock) -> None:
     """Listen for a while before anything is sent. Raises OtherHostError, DeviceGoneError."""
     listening, end_s = _Listening(), clock.now_s() + _LISTEN_S
     drive(listening, link, clock, lambda: listening.found or clock.now_s() >= end_s)

@@ -18,14 +18,14 @@ class Recorder:
     """A participant that passes everything to a coordinator and back, and keeps a record of it.
 
     `estimates` returns the poses that the coordinator believes the parcels to have, shape (P, 3),
-    NaN where unknown. `log_frame(frame, time_s)` is called for every frame, received or sent.
+    NaN where unknown. `log_frame(frame, time_s, bus)` is called for every frame, received or sent.
     """
 
     def __init__(
         self,
         coordinator: Coordinator,
         estimates: Callable[[], Floats],
-        log_frame: Callable[[Frame, float], object] = lambda _frame, _time_s: None,
+        log_frame: Callable[[Frame, float, int], object] = lambda _frame, _time_s, _bus: None,
         most_samples: int = MOST_SAMPLES,
     ) -> None:
         self._coordinator = coordinator
@@ -39,16 +39,20 @@ class Recorder:
         """When to poll next, if no frame comes before [s]."""
         return self._coordinator.wake_s
 
-    def on_frame(self, frame: Frame, now_s: float) -> None:
-        """A frame was on the bus."""
-        self._log_frame(frame, now_s)
-        self._coordinator.on_frame(frame, now_s)
+    def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
+        """A frame was on a bus."""
+        self._log_frame(frame, now_s, bus)
+        self._coordinator.on_frame(frame, now_s, bus)
 
     def poll(self, now_s: float) -> Iterable[Frame]:
+        """What the coordinator sends now, where there is one bus."""
+        return [frame for _, frame in self.poll_buses(now_s)]
+
+    def poll_buses(self, now_s: float) -> Iterable[tuple[int, Frame]]:
         """What the coordinator sends now; samples are taken after it, when one is due."""
-        frames = self._coordinator.poll(now_s)
-        for frame in frames:
-            self._log_frame(frame, now_s)
+        frames = self._coordinator.poll_buses(now_s)
+        for bus, frame in frames:
+            self._log_frame(frame, now_s, bus)
         if now_s >= self._due_s:
             # What a busy machine has missed is not made up for.
             self._due_s = max(self._due_s + SAMPLE_S, now_s)

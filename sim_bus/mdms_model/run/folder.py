@@ -29,6 +29,19 @@ BUS_LOG = "bus.log"
 START_S = 946_684_800
 #: What the log calls the bus.
 INTERFACE = "mdms"
+
+
+def interface_of(bus: int, buses: int) -> str:
+    """How a bus log calls a bus, numbered from 0, of so many."""
+    return INTERFACE if buses == 1 else f"can{bus}"
+
+
+def bus_number(interface: object) -> int:
+    """The bus that a line of a log names; 0 for a name that has no number."""
+    digits = re.search(r"(\d+)$", str(interface))
+    return int(digits[1]) if digits else 0
+
+
 #: Everything that a run may leave; those that a new run lacks are taken away.
 FILES = (META, RECORD, PICTURE, "wheels.png", BUS_LOG, "bus.blf", "bus.asc", DATABASE)
 

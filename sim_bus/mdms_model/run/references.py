@@ -3,6 +3,7 @@
 import numpy as np
 
 from mdms_model.arrays import Floats
+from mdms_model.buses import Addresses
 from mdms_protocol import pdo
 from mdms_protocol.entry import steps_per_unit
 from mdms_protocol.frame import Frame
@@ -13,18 +14,24 @@ REFERENCES = np.dtype("<i4")
 
 
 class References:
-    """Setpoints of cells with node ids from 1; takes the frames whose `can_id` is in `cells`."""
+    """Setpoints of cells at these addresses.
 
-    def __init__(self, cells: int, axes: int) -> None:
+    `cells[bus]` has the cells of a bus (from 0) by the identifiers of their setpoints.
+    """
+
+    def __init__(self, addresses: Addresses, axes: int) -> None:
         self._axes = axes
-        self.cells = {pdo.TARGET_VELOCITY.can_id(cell + 1): cell for cell in range(cells)}
-        self._sent = [bytes(pdo.TARGET_VELOCITY.length)] * cells
+        self.cells: list[dict[int, int]] = [{} for _ in range(addresses.bus_count)]
+        places = zip(addresses.buses, addresses.node_ids, strict=True)
+        for cell, (bus, node_id) in enumerate(places):
+            self.cells[bus][pdo.TARGET_VELOCITY.can_id(node_id)] = cell
+        self._sent = [bytes(pdo.TARGET_VELOCITY.length)] * len(addresses.buses)
 
-    def on_frame(self, frame: Frame, now_ns: int) -> None:
-        """A frame was on the bus."""
+    def on_frame(self, bus: int, frame: Frame, now_ns: int) -> None:
+        """A frame whose `can_id` is in `cells[bus]` was on that bus."""
         can_id, data = frame
         if len(data) == pdo.TARGET_VELOCITY.length:
-            self._sent[self.cells[can_id]] = data
+            self._sent[self.cells[bus][can_id]] = data
 
     @property
     def reference_m_s(self) -> Floats:

@@ -17,7 +17,9 @@ class Fault:
     """Something that goes wrong from `start_s` on, for `duration_s` (None: for good).
 
     `cells` have it, numbered from 1; empty means all, and where frames are concerned everybody
-    else on the bus too. `axes` are numbered from 1 and `sensors` from 0; empty means all. By kind:
+    else on the bus too. `bus`, from 0, confines faults of frames, and a host's, to one of several
+    buses; None means all. `axes` are numbered from 1 and `sensors` from 0; empty means all. By
+    kind:
 
     - loss: their frames get lost on the way to `seen_by` (empty: to all) with `probability`
     - corruption: a bit of their frames, any from the first to the second after the frame, is read
@@ -39,13 +41,14 @@ class Fault:
     - push: `parcel` gets an impulse through its centre of mass, and one about it [table frame]
     - lift: `parcel` is off the table, and at rest where it was, or at `x_m`, `y_m` and `yaw_rad`
       as far as they are given, at the end
-    - host: the coordinator neither receives nor sends
+    - host: the coordinator neither receives nor sends, on its `bus` if that is given
     """
 
     kind: str = field(metadata=Limit(choices=FAULTS))
     start_s: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=1e5))
     duration_s: float | None = field(default=None, metadata=Limit(above=0.0, at_most=1e5))
     cells: tuple[int, ...] = field(default=(), metadata=Limit(at_least=1, at_most=1_000_000))
+    bus: int | None = field(default=None, metadata=Limit(at_least=0, at_most=1_000_000))
     seen_by: tuple[int, ...] = field(default=(), metadata=Limit(at_least=1, at_most=1_000_000))
     probability: float = field(default=1.0, metadata=Limit(at_least=0.0, at_most=1.0))
     delay_s: float = field(default=0.001, metadata=Limit(at_least=0.0, at_most=10.0))

@@ -11,6 +11,8 @@ from mdms_model.scenario.scenario import Parcel, Scenario, ScenarioError
 #: What is of no single cell, and has no `cells`.
 _OF_PARCELS = ("push", "lift")
 _WITHOUT_CELLS = (*_OF_PARCELS, "host")
+#: What may be on one bus alone.
+_ON_A_BUS = ("loss", "corruption", "overload", "host")
 #: A parcel that goes faster crosses a cell within a few steps of the physics.
 PUSHED_MOST_M_S = 10.0
 
@@ -29,6 +31,7 @@ def check_faults(scenario: Scenario) -> None:
             raise ScenarioError(
                 f"{key}.cells has {fault.cells[0]}, but {fault.kind!r} is of no cell; leave it out"
             )
+        _check_bus(scenario, fault, key)
         if fault.kind in _OF_PARCELS:
             _check_parcel(scenario, fault, key)
 
@@ -45,6 +48,18 @@ def _check_numbers(scenario: Scenario, fault: Fault, key: str) -> None:
         sensors - 1,
         f"a cell has {sensors} sensors, numbered from 0",
     )
+
+
+def _check_bus(scenario: Scenario, fault: Fault, key: str) -> None:
+    if fault.bus is None:
+        return
+    if fault.kind not in _ON_A_BUS:
+        raise ScenarioError(
+            f"{key}.bus is {fault.bus}, but {fault.kind!r} is of cells or parcels, wherever they "
+            "are; leave it out"
+        )
+    buses = len(scenario.array.buses) or 1
+    _check_most(f"{key}.bus", [fault.bus], buses - 1, f"buses are numbered 0 to {buses - 1}")
 
 
 def _check_most(key: str, numbers: Iterable[int], most: int, there: str) -> None:

@@ -4,6 +4,7 @@ from math import cos, sin
 
 from mdms_model.outline import outline_of
 from mdms_model.scenario.belief import believed
+from mdms_model.scenario.bus_rules import check_buses
 from mdms_model.scenario.fault_rules import check_faults
 from mdms_model.scenario.on_table import check_over, half_table_m
 from mdms_model.scenario.scenario import Parcel, Scenario, ScenarioError
@@ -12,8 +13,6 @@ MOST_STEPS = 100_000_000
 #: A sample of a wheel takes about 50 bytes.
 MOST_SAMPLES = 50_000_000
 SAMPLE_S = 0.01
-#: Node ids go up to 127, which is the host's own.
-MOST_NODES = 126
 MOST_AXES = 2
 
 
@@ -23,6 +22,7 @@ def check_rules(scenario: Scenario) -> None:
     _check_steps(scenario)
     _check_memory(scenario)
     _check_fidelity(scenario)
+    check_buses(scenario)
     _check_names(scenario)
     _check_patches(scenario)
     _check_wire(scenario)
@@ -61,12 +61,7 @@ def _check_memory(scenario: Scenario) -> None:
 
 
 def _check_fidelity(scenario: Scenario) -> None:
-    array, wheels = scenario.array, len(scenario.cell.wheel)
-    if scenario.run.fidelity == "firmware" and array.columns * array.rows > MOST_NODES:
-        raise ScenarioError(
-            f"array has {array.columns} x {array.rows} cells, but one bus takes at most "
-            f"{MOST_NODES}; make it smaller or set run.fidelity to 'ideal'"
-        )
+    wheels = len(scenario.cell.wheel)
     if scenario.run.fidelity == "firmware" and wheels > MOST_AXES:
         raise ScenarioError(
             f"cell.wheel has {wheels} items, but the firmware drives at most {MOST_AXES}; "

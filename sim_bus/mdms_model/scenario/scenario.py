@@ -33,11 +33,20 @@ SHAPES = ("rectangle", "disc", "polygon")
 
 @dataclass(frozen=True, slots=True)
 class Array:
-    """The grid of cells."""
+    """The grid of cells.
+
+    `buses` lists the numbers of the cells on each bus, in the order of their node ids, which count
+    from 1 on each; none: one bus, with node ids as the numbers. Gateways between the buses forward
+    the TPDOs `forwarded` of cells at a border.
+    """
 
     columns: int = field(metadata=Limit(at_least=1, at_most=1000))
     rows: int = field(metadata=Limit(at_least=1, at_most=1000))
     pitch_m: float = field(default=0.127, metadata=LENGTH)
+    buses: tuple[tuple[int, ...], ...] = field(
+        default=(), metadata=Limit(at_least=1, at_most=1_000_000)
+    )
+    forwarded: tuple[int, ...] = field(default=(), metadata=Limit(at_least=1, at_most=4))
 
 
 @dataclass(frozen=True, slots=True)

@@ -81,6 +81,11 @@ class Controller:
         """Error active, error passive or bus off."""
         return self.errors.state
 
+    def has_room(self, can_id: int) -> bool:
+        """Whether a frame of this identifier would stand in a mailbox at once."""
+        taken = self._identifiers
+        return not self._queue and len(taken) < MAILBOXES and can_id not in taken
+
     def send(self, frame: Frame) -> bool:
         """Queues a frame; False, and counted, when there is no room.
 
@@ -95,8 +100,7 @@ class Controller:
         return self._queue_frame(frame)
 
     def _queue_frame(self, frame: Frame) -> bool:
-        taken = self._identifiers
-        if not self._queue and len(taken) < MAILBOXES and frame.can_id not in taken:
+        if self.has_room(frame.can_id):
             self._load(frame)
         elif len(self._queue) < TRANSMIT_QUEUE:
             self._queue.append(frame)

@@ -25,18 +25,19 @@ def _name(can_id: int) -> str:
 class BusLog:
     """Writes frames to `file`, if any, as `candump -L` does: `(946684800.001234) mdms 181#0011`.
 
-    Times are simulated and begin at `START_S`. `log_sha256` is the digest of all lines so far with
-    times that begin at 0.
+    The name is that of the frame's bus; of several they are `can0`, `can1` and so on. Times are
+    simulated and begin at `START_S`. `log_sha256` is the digest of all lines so far with times that
+    begin at 0.
     """
 
     def __init__(self, file: BinaryIO | None = None) -> None:
         self._file = file
         self._digest = sha256()
-        self._waiting: list[tuple[Frame, int]] = []
+        self._waiting: list[tuple[Frame, int, str]] = []
 
-    def on_frame(self, frame: Frame, now_ns: int) -> None:
-        """Appends one line; an observer of the bus."""
-        self._waiting.append((frame, now_ns))
+    def on_frame(self, frame: Frame, now_ns: int, interface: str = INTERFACE) -> None:
+        """Appends one line; an observer of the bus of that name."""
+        self._waiting.append((frame, now_ns, interface))
         if len(self._waiting) >= BATCH_LINES:
             self.flush()
 
@@ -49,9 +50,9 @@ class BusLog:
 
     def _text(self, start_s: int) -> bytes:
         lines = [
-            f"({start_s + ns // NS_PER_S}.{ns // NS_PER_US % US_PER_S:06d}) {INTERFACE} "
+            f"({start_s + ns // NS_PER_S}.{ns // NS_PER_US % US_PER_S:06d}) {interface} "
             f"{_name(can_id)}#{f'R{len(data)}' if can_id & REMOTE else data.hex().upper()}\n"
-            for (can_id, data), ns in self._waiting
+            for (can_id, data), ns, interface in self._waiting
         ]
         return "".join(lines).encode()
 

@@ -21,7 +21,7 @@ class Segment:
 
     def __init__(self, bus: "Bus") -> None:
         self.controllers: list[Controller] = []
-        self._bus = bus
+        self.bus = bus
         self._kernel = bus.kernel
         self._recovery = Recovery(bus.kernel, bus.bit_ns, self._recovered)
         self._traffic = Traffic(bus, self.controllers, self._recovery, self._tell_states)
@@ -77,7 +77,7 @@ class Segment:
         listening = sum(1 for each in self.controllers if each.live and not each.listen_only)
         self._traffic.calm = (
             listening > 1
-            and self._bus.disturbance is None
+            and self.bus.disturbance is None
             and all(each.errors.clean for each in self.controllers)
         )
 
@@ -91,7 +91,7 @@ class Segment:
                 if node.state is ErrorState.BUS_OFF:
                     self.silence((node,))
                     node.live = False
-                self._bus.on_state(node)
+                self.bus.on_state(node)
         self.reconsider()
 
     # Coming back from bus off
@@ -104,6 +104,6 @@ class Segment:
         controller.errors.reset()
         self._go_on_without(())
         controller.live = True
-        self._bus.on_state(controller)
+        self.bus.on_state(controller)
         controller.request_again()
         self.reconsider()

@@ -68,9 +68,14 @@ class FrameFaults:
         return None
 
 
-def losing(bus: Bus, victims: Sequence[Controller] | None) -> Effect:
+def losing(buses: Sequence[Bus], victims: Sequence[Controller] | None) -> Effect:
     """Frames do not reach the victims (None: anybody), though all was well on the wire."""
-    return lambda frame: Disturbance(lost_by=bus.controllers if victims is None else victims)
+
+    def lose(frame: Frame) -> Disturbance:
+        everybody = [each for bus in buses for each in bus.controllers]
+        return Disturbance(lost_by=everybody if victims is None else victims)
+
+    return lose
 
 
 def corrupting(random: Random, victims: Sequence[Controller] | None) -> Effect:

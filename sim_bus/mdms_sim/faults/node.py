@@ -27,13 +27,11 @@ class NodeFaults:
     def __init__(
         self,
         kernel: Kernel,
-        bus: Bus,
         controllers: Sequence[Controller],
         bank: CellBank,
         drivers: Sequence[Driver],
     ) -> None:
         self._kernel = kernel
-        self._bus = bus
         self._controllers = controllers
         self._bank = bank
         self._drivers = drivers
@@ -49,6 +47,9 @@ class NodeFaults:
     def _cells(self, fault: Fault) -> Sequence[int]:
         return cells_with(fault, len(self._controllers))
 
+    def _bus_of(self, cell: int) -> Bus:
+        return self._controllers[cell].segment.bus
+
     def _delay(self, fault: Fault, random: Random) -> Course:
         def set_delay(delay_s: float) -> None:
             for cell in self._cells(fault):
@@ -57,7 +58,9 @@ class NodeFaults:
         return Course(partial(set_delay, fault.delay_s), partial(set_delay, 0.0))
 
     def _babble(self, fault: Fault, random: Random) -> Course:
-        babblers = [_Babbler(self._kernel, self._bus, fault) for _ in self._cells(fault)]
+        babblers = [
+            _Babbler(self._kernel, self._bus_of(cell), fault) for cell in self._cells(fault)
+        ]
 
         def begin() -> None:
             for babbler in babblers:
@@ -71,13 +74,13 @@ class NodeFaults:
     def _off(self, fault: Fault, random: Random) -> Course:
         def begin() -> None:
             for cell in self._cells(fault):
-                self._bus.switch_off(self._controllers[cell])
+                self._bus_of(cell).switch_off(self._controllers[cell])
                 self._bank.power_off(cell)
 
         def end() -> str | None:
             for cell in self._cells(fault):
                 self._bank.restart(cell, fault.node_id)
-                self._bus.switch_on(self._controllers[cell])
+                self._bus_of(cell).switch_on(self._controllers[cell])
             return f"it is now node {fault.node_id}" if fault.node_id is not None else None
 
         return Course(begin, end)
@@ -92,9 +95,9 @@ class NodeFaults:
             overruns = 0
             for cell in self._cells(fault):
                 overruns += self._controllers[cell].overruns
-                self._bus.switch_off(self._controllers[cell])
+                self._bus_of(cell).switch_off(self._controllers[cell])
                 self._bank.restart(cell)
-                self._bus.switch_on(self._controllers[cell])
+                self._bus_of(cell).switch_on(self._controllers[cell])
             return f"watchdog reset, {overruns} frames overrun"
 
         return Course(begin, end)
@@ -109,12 +112,12 @@ class NodeFaults:
     def _host(self, fault: Fault, random: Random) -> Course:
         def begin() -> str | None:
             for driver in self._drivers:
-                driver.leave()
+                driver.leave(fault.bus)
             return None if self._drivers else "there is none"
 
         def end() -> None:
             for driver in self._drivers:
-                driver.rejoin()
+                driver.rejoin(fault.bus)
 
         return Course(begin, end)
 

@@ -21,7 +21,7 @@ from mdms_sim.physics.plane.world import World
 
 
 class Faults:
-    """The faults of a scenario, at work on a bus, the cells on it, their world and the host.
+    """The faults of a scenario, at work on buses, the cells on them, their world and the host.
 
     `controllers` are the cells' in their order, `drivers` those of the participants; `events` fills
     up as the run goes on.
@@ -33,7 +33,7 @@ class Faults:
         seed: int,
         *,
         kernel: Kernel,
-        bus: Bus,
+        buses: Sequence[Bus],
         controllers: Sequence[Controller],
         bank: CellBank,
         world: World,
@@ -42,8 +42,8 @@ class Faults:
         self.events: list[Event] = []
         self._kernel = kernel
         self._kinds = {
-            **WireFaults(bus, controllers).kinds,
-            **NodeFaults(kernel, bus, controllers, bank, drivers).kinds,
+            **WireFaults(buses, controllers).kinds,
+            **NodeFaults(kernel, controllers, bank, drivers).kinds,
             **WorldFaults(world, bank).kinds,
         }
         for number, fault in enumerate(faults):

@@ -1,23 +1,30 @@
 """What boards do when their CAN controller goes bus off: report it, wait, start again."""
 
 from collections.abc import Sequence
+from typing import Protocol
 
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.confinement import ErrorState
 from mdms_sim.bus.controller import Controller
 from mdms_sim.kernel import Kernel
-from mdms_sim.nodes.bank import CellBank
 
 #: As the boards have it (`BUS_OFF_MS` in firmware/boards/bus.py).
 RESTART_NS = 100_000_000
 PRIORITY = 5
 
 
+class Boards(Protocol):
+    """What has the controllers: a bank of cells, a gateway."""
+
+    def set_bus_off(self, cell: int, off: bool) -> None:
+        """That controller, numbered from 0, has gone bus off, or has come back."""
+
+
 class BusOffWatch:
-    """Looks after the controllers of a bank of cells, in the order of the cells."""
+    """Looks after those of the controllers, numbered from 0, that are on this bus."""
 
     def __init__(
-        self, kernel: Kernel, bus: Bus, controllers: Sequence[Controller], bank: CellBank
+        self, kernel: Kernel, bus: Bus, controllers: Sequence[Controller], bank: Boards
     ) -> None:
         self._kernel = kernel
         self._bus = bus

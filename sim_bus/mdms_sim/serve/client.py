@@ -39,7 +39,7 @@ class Client:
         self.descriptor = descriptor
         self.dropped = 0
         self._deaf = False
-        self._bus = bus
+        self.bus = bus
         self._controller = bus.attach(self)
         self._codec = make_codec(self._controller.send)
         self._backlog = bytearray(self._codec.greeting)
@@ -106,7 +106,7 @@ class Client:
 
     def leave(self) -> None:
         """Take the client off the bus."""
-        self._bus.detach(self._controller)
+        self.bus.detach(self._controller)
 
     def _keep(self, text: bytes) -> None:
         if len(self._backlog) + len(text) > BACKLOG_BYTES:

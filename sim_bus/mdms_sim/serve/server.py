@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Self
 
+from mdms_sim.bus.bus import Bus
 from mdms_sim.serve.client import Client
 from mdms_sim.serve.clock import RealTime
 from mdms_sim.serve.codec import (
@@ -48,10 +49,12 @@ class Addresses:
 
 
 class Server:
-    """A running array with its addresses open; close it when done.
+    """A running array with the addresses of its buses open; close it when done.
 
-    SLCAN over TCP is open with a `tcp_port` only; 0 takes a free one. `report(text)` gets a line
-    for each client that comes or goes. Raises `ServeError`.
+    Of several buses each has the channel's name with its number, from 0: `array54.0` and so on.
+    `addresses` are those of the first bus, `all_addresses` of all. SLCAN over TCP is open with a
+    `tcp_port` only, for the first bus, and on the ports after it for the others; 0 takes free ones.
+    `report(text)` gets a line for each client that comes or goes. Raises `ServeError`.
     """
 
     def __init__(
@@ -76,25 +79,44 @@ class Server:
         with ExitStack() as opened:
             self._open(opened, channel, tcp_port)
             self._opened = opened.pop_all()
-        simulation.bus.observe_errors(self._on_error)
+        for bus in simulation.buses:
+            bus.observe_errors(partial(self._on_error, bus))
 
     def _open(self, opened: ExitStack, channel: str, tcp_port: int | None) -> None:
         """Open everything that is to be closed at the end."""
         self._selector = opened.enter_context(selectors.DefaultSelector())
         self._acceptor = Acceptor()
         opened.callback(self._acceptor.close)
-        self._terminal = Terminal()
-        opened.callback(self._terminal.close)
-        self._admit("SLCAN terminal", self._terminal.descriptor, SlcanCodec)
+        self._terminals: list[Terminal] = []
+        buses = self._simulation.buses
+        self.all_addresses = tuple(
+            self._open_bus(
+                opened,
+                bus,
+                channel if len(buses) == 1 else f"{channel}.{number}",
+                tcp_port + number if tcp_port else tcp_port,
+            )
+            for number, bus in enumerate(buses)
+        )
+        self.addresses = self.all_addresses[0]
+
+    def _open_bus(
+        self, opened: ExitStack, bus: Bus, channel: str, tcp_port: int | None
+    ) -> Addresses:
+        """Open the doors of one bus."""
+        terminal = Terminal()
+        opened.callback(terminal.close)
+        self._terminals.append(terminal)
+        self._admit("SLCAN terminal", bus, terminal.descriptor, SlcanCodec)
         if tcp_port is not None:
             tcp = opened.enter_context(listen_tcp(tcp_port))
             tcp_port = tcp.getsockname()[1]
-            self._listen(tcp, "SLCAN over TCP", StrictSlcanCodec)
+            self._listen(tcp, "SLCAN over TCP", bus, StrictSlcanCodec)
         unix = UnixListener(channel)
         opened.callback(unix.close)
         packets = Packets(self.time.epoch_s)
-        self._listen(unix.socket, "python-can", partial(PacketCodec, packets=packets))
-        self.addresses = Addresses(channel, self._terminal.name, tcp_port)
+        self._listen(unix.socket, "python-can", bus, partial(PacketCodec, packets=packets))
+        return Addresses(channel, terminal.name, tcp_port)
 
     def __enter__(self) -> Self:
         return self
@@ -130,7 +152,8 @@ class Server:
                 client.write()
             self._watch(descriptor, client)
         # No time passes in the simulation while what a client has sent is on its way.
-        self.time.settle(self._terminal.settle)
+        for terminal in self._terminals:
+            self.time.settle(terminal.settle)
         next_ns = kernel.next_ns
         wait_s = 0.0 if next_ns is None else self.time.wait_s(next_ns, kernel.now_ns)
         for key, events in self._selector.select(wait_s):
@@ -146,7 +169,7 @@ class Server:
                 client.leave()
         self._leaving = staying
 
-    def _listen(self, listener: socket.socket, kind: str, make_codec: MakeCodec) -> None:
+    def _listen(self, listener: socket.socket, kind: str, bus: Bus, make_codec: MakeCodec) -> None:
         def welcome(_events: int) -> None:
             try:
                 connection = self._accept(listener)
@@ -154,7 +177,7 @@ class Server:
                 self._on_refused(str(error))
             else:
                 if connection is not None:
-                    self._connect(kind, connection, make_codec)
+                    self._connect(kind, bus, connection, make_codec)
 
         self._selector.register(listener, selectors.EVENT_READ, welcome)
 
@@ -173,14 +196,16 @@ class Server:
             self._report(f"connections are refused: {reason}")
         self._refusing = True
 
-    def _connect(self, kind: str, connection: socket.socket, make_codec: MakeCodec) -> None:
+    def _connect(
+        self, kind: str, bus: Bus, connection: socket.socket, make_codec: MakeCodec
+    ) -> None:
         self._refusing = False
         self._connections[connection.fileno()] = connection
-        self._admit(kind, connection.fileno(), make_codec)
+        self._admit(kind, bus, connection.fileno(), make_codec)
         self._report(f"a client has come: {kind}")
 
-    def _admit(self, kind: str, descriptor: int, make_codec: MakeCodec) -> None:
-        client = Client(kind, descriptor, self._simulation.bus, make_codec)
+    def _admit(self, kind: str, bus: Bus, descriptor: int, make_codec: MakeCodec) -> None:
+        client = Client(kind, descriptor, bus, make_codec)
 
         def ready(events: int) -> None:
             if events & selectors.EVENT_WRITE:
@@ -226,9 +251,10 @@ class Server:
             bad = f"; {client.garbage} times garbage" if client.garbage else ""
             self._report(f"a client has left: {client.name}: {reason}{lost}{bad}")
 
-    def _on_error(self, now_ns: int) -> None:
+    def _on_error(self, bus: Bus, now_ns: int) -> None:
         for client in self._clients.values():
-            client.on_error(now_ns)
+            if client.bus is bus:
+                client.on_error(now_ns)
 
 
 def ways_in(addresses: Addresses) -> tuple[str, ...]:

@@ -39,3 +39,41 @@ def test_the_programs_own_lateness_goes_before_a_pause_that_follows_from_it():
     delays.on_cycle(1.01, 1.4)
     delays.on_arrival(1.4)
     assert "own cycle" in delays.reason(1.4)
+
+
+def test_heartbeats_that_most_cells_send_too_late_are_the_reason_though_frames_come_in():
+    """An array whose time passes at a third of its speed."""
+    delays = Delays()
+    for step in range(100):
+        delays.on_arrival(step * 0.01)
+        if step % 30 == 0:
+            for node_id in range(1, 19):
+                delays.on_heartbeat(node_id, step * 0.01)
+    assert "came after 300 ms" in delays.reason(1.0)
+    assert "served array" in delays.reason(1.0)
+
+
+def test_one_cell_without_heartbeats_is_no_delay():
+    delays = Delays()
+    for step in range(100):
+        delays.on_arrival(step * 0.01)
+        for node_id in range(1, 19):
+            if step % 10 == 0 and (node_id != 7 or step < 50):
+                delays.on_heartbeat(node_id, step * 0.01)
+    assert delays.reason(1.0) is None
+
+
+def test_late_heartbeats_are_no_reason_after_a_second():
+    delays = Delays()
+    for time_s in (0.0, 0.3, *(0.4 + 0.1 * number for number in range(15))):
+        for node_id in (1, 2, 3):
+            delays.on_heartbeat(node_id, time_s)
+        if time_s == 0.3:
+            assert "came after 300 ms" in delays.reason(time_s)
+    assert delays.reason(1.85) is None
+
+
+def test_a_cycle_that_is_late_by_one_more_is_the_reason():
+    delays = Delays()
+    delays.on_cycle(1.0, 1.011)
+    assert "11 ms late" in delays.reason(1.1)

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.real_time
 
 HEARTBEAT = Frame(0x701, b"\x05")
 MESSAGE = can.Message(arbitration_id=0x701, data=b"\x05", is_extended_id=False)
-PATIENCE_S = 5.0
+PATIENCE_S = 60.0
 
 
 class ScriptedBus(can.BusABC):
@@ -182,6 +182,31 @@ def test_a_serial_adapter_that_is_unplugged_is_gone(clock, adapter) -> None:
     with Link(bus, clock) as link:
         os.close(far)
         assert gone(link, clock).startswith("the CAN device is gone: ")
+
+
+class SteppedClock:
+    """Time passes as the test sets it."""
+
+    def __init__(self) -> None:
+        self.time_s = 0.0
+
+    def now_s(self) -> float:
+        return self.time_s
+
+    def sleep(self, seconds: float) -> None:
+        """Return at once."""
+
+
+def test_heartbeats_of_all_cells_that_come_late_are_among_the_delays(clock) -> None:
+    bus, stepped = ScriptedBus(), SteppedClock()
+    with Link(bus, stepped) as link:
+        for stepped.time_s in (1.0, 1.3):
+            for node_id in (1, 2):
+                bus.script.put(
+                    can.Message(arbitration_id=0x700 + node_id, data=[5], is_extended_id=False)
+                )
+            received(link, clock, 2)
+        assert "came after 300 ms" in link.delays.slow_reason(1.3)
 
 
 @pytest.mark.parametrize(

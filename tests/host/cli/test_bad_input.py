@@ -1,6 +1,10 @@
 """Bad input ends in one line on stderr and exit code 2, and nothing is written."""
 
+from types import SimpleNamespace
+
 import pytest
+
+from mdms_host.cli import main
 
 SCENARIO = """
 title = "a row"
@@ -15,6 +19,19 @@ width_m = 0.1
 [motion]
 speed_m_s = 0.0635
 """
+
+
+@pytest.fixture
+def mdms(tmp_path, monkeypatch, capsys):
+    """Runs `mdms` in an empty folder, in this process."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        code = main([str(each) for each in arguments])
+        told = capsys.readouterr()
+        return SimpleNamespace(returncode=code, stdout=told.out, stderr=told.err)
+
+    return run
 
 
 def assert_refused(done, told, folder, files=()):

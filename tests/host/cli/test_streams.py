@@ -75,20 +75,24 @@ def test_stream_of_ascii_takes_everything(tmp_path):
 LONG = ("simulate", "array18", "--set", "run.duration_s=1e4")
 
 
-def ended_by(number, *, after_s):
-    """The exit code and stderr of a long run that gets a signal at some time."""
-    with subprocess.Popen([MDMS, *LONG], stderr=subprocess.PIPE, text=True) as process:
-        time.sleep(after_s)
+def ended_by(number, folder):
+    """The exit code and stderr of a long run that gets a signal once it has written frames."""
+    command = [MDMS, *LONG, "--out", folder / "run"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        while not any(path.stat().st_size for path in folder.glob(".run.*/bus.log")):
+            assert process.poll() is None, process.stderr.read()
+            time.sleep(0.01)
         process.send_signal(number)
         try:
-            return process.wait(timeout=60), process.stderr.read()
+            said = process.stderr.read()
         finally:
             process.kill()
+    return process.returncode, said
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_end_by_signal_is_one_line_and_a_failure(number):
-    assert ended_by(number, after_s=2.0) == (Exit.FAILURE, "mdms: terminated\n")
+def test_end_by_signal_is_one_line_and_a_failure(number, tmp_path):
+    assert ended_by(number, tmp_path) == (Exit.FAILURE, "mdms: terminated\n")
 
 
 #: Interrupts itself where a module is imported, as Ctrl-C may; the last is imported by a verb.

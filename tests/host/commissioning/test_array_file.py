@@ -167,3 +167,40 @@ def test_cells_that_do_not_fill_the_grid_are_refused(tmp_path, cells, told):
 def test_what_a_table_cannot_say_is_refused_with_its_key(tmp_path, text, told):
     with pytest.raises(ArrayFileError, match=rf"array.toml: {told}"):
         read_all(tmp_path, text)
+
+
+TWO_BUSES = cell(1, 1, "number = 1") + cell(2, 1, "number = 2\nbus = 1")
+
+
+def test_cells_of_two_buses_may_have_the_same_node_id(tmp_path):
+    file = read_all(tmp_path, "[array]\nchannels = ['can0', 'can1']\n" + TWO_BUSES)
+    assert [(each.bus, each.node_id) for each in file.cells] == [(0, 1), (1, 1)]
+    assert file.bus_count == 2
+    assert file.table.channels == ("can0", "can1")
+
+
+def test_cells_of_several_buses_are_set_up_one_bus_after_the_other(tmp_path):
+    file = read_all(tmp_path, "[array]\nchannels = ['can0', 'can1']\n" + TWO_BUSES)
+    assert [each.serial for each in filed_cells(file.path, "can1")] == [2]
+    with pytest.raises(ArrayFileError, match=r"on 2 buses.*is 'can2', but must be one of can0, ca"):
+        filed_cells(file.path, "can2")
+    file = read_all(tmp_path, TWO_BUSES)
+    with pytest.raises(ArrayFileError, match=r"array.channels is to list them"):
+        filed_cells(file.path, "can1")
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (cell(1, 1, "bus = -1"), "cell.bus: expected 0 to 999, got -1"),
+        (cell(1, 1, "bus = '0'"), "cell.bus: expected 0 to 999, got '0'"),
+        (cell(1, 1, "bus = 1"), "cell.bus: there is a bus 1, but none on 0"),
+        (TWO_BUSES + cell(3, 1, "number = 3\nbus = 1"), "node id 1 is there twice on bus 1"),
+        (cell(1, 1, "number = 1") + cell(2, 1, "bus = 1"), "cell.1.number is missing"),
+        ("[array]\nchannels = ['a']\n" + TWO_BUSES, "array.channels has 1 items, but the cells"),
+        ("[array]\nchannels = []\n", "array.channels has 0 items"),
+    ],
+)
+def test_buses_of_a_file_that_do_not_fit_are_refused(tmp_path, text, told):
+    with pytest.raises(ArrayFileError, match=rf"array.toml: {told}"):
+        read_all(tmp_path, text)

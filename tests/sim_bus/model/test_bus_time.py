@@ -38,3 +38,8 @@ def test_most_cells_are_those_within_the_limit(bitrate, sync_period_s):
     most = bus.most_cells()
     assert bus.load(most + 1) > 0.8
     assert most == 0 or bus.load(most) <= 0.8
+
+
+def test_forwarded_frames_come_at_every_sync():
+    bus = traffic()
+    assert bus.load(18, 12) - bus.load(18) == pytest.approx(12 * 100 * 135 / 1e6)

@@ -80,7 +80,8 @@ def machine(monkeypatch):
 def bare_simulation():
     """A bus and its time, and nothing that would be on it."""
     kernel = Kernel()
-    return SimpleNamespace(kernel=kernel, bus=Bus(kernel, 1_000_000), tipped=False)
+    bus = Bus(kernel, 1_000_000)
+    return SimpleNamespace(kernel=kernel, bus=bus, buses=[bus], tipped=False)
 
 
 def test_setpoints_come_in_time_when_the_kernel_leaves_a_terminal_alone(machine, tmp_path):

@@ -25,8 +25,9 @@ PATIENCE_S = 20.0
 def serving(path, speed=1.0, **options):
     """A bus with one listener on it, served by a thread of its own."""
     kernel, ear, over, told = Kernel(), Ear(), threading.Event(), []
-    simulation = SimpleNamespace(kernel=kernel, bus=Bus(kernel, 1_000_000), tipped=False)
-    simulation.bus.attach(ear)
+    bus = Bus(kernel, 1_000_000)
+    simulation = SimpleNamespace(kernel=kernel, bus=bus, buses=[bus], tipped=False)
+    bus.attach(ear)
 
     def tick():
         kernel.at(kernel.now_ns + MS, 0, tick)

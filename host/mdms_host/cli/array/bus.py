@@ -1,12 +1,13 @@
 """The bus of a verb: python-can's own options, and a link that is open while the verb runs."""
 
 from argparse import ArgumentParser, Namespace
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 
 from can.cli import add_bus_arguments
 
-from mdms_host.can_link.link import Link, open_bus
+from mdms_host.can_link.link import AnyLink, Link, open_bus
+from mdms_host.can_link.links import Links
 from mdms_host.clock import Clock, MonotonicClock
 
 NO_NODES = (
@@ -27,3 +28,28 @@ def open_link(arguments: Namespace) -> Iterator[tuple[Link, Clock]]:
     clock = MonotonicClock()
     with Link(open_bus(arguments), clock) as link:
         yield link, clock
+
+
+@contextmanager
+def open_links(
+    arguments: Namespace, channels: Sequence[str] = ()
+) -> Iterator[tuple[AnyLink, Clock]]:
+    """The bus that the options name, or several that differ in their channels.
+
+    Raises NoBusError, DeviceGoneError.
+    """
+    if not channels:
+        with open_link(arguments) as (link, clock):
+            yield link, clock
+        return
+    clock = MonotonicClock()
+    with ExitStack() as opened:
+        buses = []
+        for channel in channels:
+            bus = open_bus(Namespace(**vars(arguments) | {"channel": channel}))
+            opened.callback(bus.shutdown)
+            buses.append(bus)
+        # From here on the links close their buses.
+        opened.pop_all()
+        with Links(buses, channels, clock) as links:
+            yield links, clock

@@ -9,7 +9,7 @@ from math import isnan
 from typing import Any
 
 from mdms_host.can_link.link import DeviceGoneError
-from mdms_host.cli.array.bus import open_link
+from mdms_host.cli.array.bus import open_links
 from mdms_host.cli.exits import CommandError, Exit, exit_of
 from mdms_host.cli.extras import RECORDING, require
 from mdms_host.cli.files import writing
@@ -55,7 +55,7 @@ def run(arguments: Namespace) -> int:
     if arguments.limit is None:
         arguments.limit = scenario.run.duration_s + BRING_UP_S
     if arguments.out is None:
-        operation, _ = _operate(coordinator, arguments)
+        operation, _ = _operate(coordinator, belief, arguments)
         figures = _figures(belief.scenario, coordinator, operation)
     else:
         operation, figures = _operate_and_keep(belief, coordinator, arguments)
@@ -91,9 +91,9 @@ def _operate_and_keep(
             recorder = Recorder(
                 coordinator,
                 lambda: estimates_of(coordinator, belief.scenario),
-                LogWriter(log).on_frame,
+                LogWriter(log, len(belief.scenario.array.buses) or 1).on_frame,
             )
-            operation, incidents = _operate(coordinator, arguments, recorder)
+            operation, incidents = _operate(coordinator, belief, arguments, recorder)
         figures = _figures(belief.scenario, coordinator, operation)
         figures["node_ids"] = [cell.node_id for cell in coordinator.cells]
         figures["run"] = str(arguments.out)
@@ -105,11 +105,14 @@ def _operate_and_keep(
 
 
 def _operate(
-    coordinator: Coordinator, arguments: Namespace, recorder: Recorder | None = None
+    coordinator: Coordinator,
+    belief: Belief,
+    arguments: Namespace,
+    recorder: Recorder | None = None,
 ) -> tuple[Operation, list[tuple[float, str]]]:
     """Operate the array; how it ended, and what the link met meanwhile."""
     # A bus that cannot be opened raises; one that goes away later ends the run.
-    with open_link(arguments) as (link, clock), _broken_off():
+    with open_links(arguments, belief.channels) as (link, clock), _broken_off():
         refuse_other_host(link, clock)
         try:
             operation = operate(

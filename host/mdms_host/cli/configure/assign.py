@@ -23,7 +23,7 @@ from mdms_host.commissioning.node_ids import (
 
 def run(arguments: Namespace) -> Exit:
     """Find blank cells, print which gets which node id, and give it."""
-    wanted = None if arguments.file is None else _node_ids(arguments.file)
+    wanted = None if arguments.file is None else _node_ids(arguments)
     if wanted is not None:
         _refuse_host_node(wanted, arguments.file)
     with open_commissioning(arguments) as commissioning:
@@ -47,9 +47,10 @@ def run(arguments: Namespace) -> Exit:
     return Exit.OK
 
 
-def _node_ids(file: Path) -> dict[int, int]:
+def _node_ids(arguments: Namespace) -> dict[int, int]:
     """Node ids of a file by serial number. Raises ArrayFileError."""
-    return {cell.serial: cell.node_id for cell in filed_cells(file)}
+    channel = getattr(arguments, "channel", None)
+    return {cell.serial: cell.node_id for cell in filed_cells(arguments.file, channel)}
 
 
 def _refuse_host_node(wanted: dict[int, int], file: Path) -> None:

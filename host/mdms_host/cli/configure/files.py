@@ -21,7 +21,6 @@ from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.files import replacing
 from mdms_host.cli.streams import say
 from mdms_host.commissioning.array_file import (
-    ArrayFileError,
     FiledCell,
     array_text,
     read_array,
@@ -79,10 +78,7 @@ def load(arguments: Namespace) -> Exit:
 
 def _filed(arguments: Namespace) -> Sequence[FiledCell]:
     """The cells of the file, or those of them that `--node` names."""
-    file = read_array(arguments.file)
-    filed = placed_cells(file)
-    if not filed:
-        raise ArrayFileError(f"{arguments.file}: expected [[cell]] tables")
+    filed = placed_cells(read_array(arguments.file), getattr(arguments, "channel", None))
     wanted = nodes_of(arguments.nodes)
     if wanted is None:
         return filed

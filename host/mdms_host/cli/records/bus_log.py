@@ -8,7 +8,7 @@ from typing import TextIO
 import can
 
 from mdms_host.cli.exits import CommandError, Exit
-from mdms_model.run.folder import INTERFACE, START_S
+from mdms_model.run.folder import START_S, bus_number, interface_of
 from mdms_protocol import cob
 from mdms_protocol.frame import Frame
 
@@ -18,12 +18,23 @@ _TO_NODES = (*cob.RPDO_BASES, cob.SDO_REQUEST_BASE)
 
 
 def read_log(path: Path) -> Iterator[tuple[float, Frame]]:
-    """Times since the run's start [s] and frames of its log. Raises `CommandError` (bad input)."""
+    """Times since the run's start [s] and frames of its log. Raises `CommandError` (bad input).
+
+    A log of several buses is refused, for its frames go back to one.
+    """
     if not path.is_file():
         raise CommandError(f"{path}: no such bus log; runs of the firmware have one", Exit.USAGE)
     try:
         with can.CanutilsLogReader(path) as reader:
+            only = None
             for message in reader:
+                only = only or message.channel
+                if message.channel != only:
+                    raise CommandError(
+                        f"{path}: a log of several buses ({only}, {message.channel}), which cannot "
+                        "be replayed to one",
+                        Exit.USAGE,
+                    )
                 if not (message.is_extended_id or message.is_remote_frame):
                     time_s = message.timestamp
                     # Logs of older runs begin at 0.
@@ -36,19 +47,21 @@ def read_log(path: Path) -> Iterator[tuple[float, Frame]]:
 class LogWriter:
     """Writes frames of 11-bit identifiers as they come, in the form of `candump -L`.
 
-    Frames of both directions come by two clocks' readings; a line is never before the last.
+    Frames of both directions come by two clocks' readings; a line is never before the last. With
+    several `buses` a line names the frame's.
     """
 
-    def __init__(self, file: TextIO) -> None:
+    def __init__(self, file: TextIO, buses: int = 1) -> None:
         self._file = file
         self._last_s = 0.0
+        self._interfaces = [interface_of(bus, buses) for bus in range(buses)]
 
-    def on_frame(self, frame: Frame, time_s: float) -> None:
+    def on_frame(self, frame: Frame, time_s: float, bus: int = 0) -> None:
         """Append one line."""
         self._last_s = max(self._last_s, time_s)
         data = frame.data.hex().upper()
         time = f"{START_S + self._last_s:.6f}"
-        self._file.write(f"({time}) {INTERFACE} {frame.can_id:03X}#{data}\n")
+        self._file.write(f"({time}) {self._interfaces[bus]} {frame.can_id:03X}#{data}\n")
 
 
 def convert_log(log: Path, form: str) -> Path:
@@ -57,7 +70,7 @@ def convert_log(log: Path, form: str) -> Path:
     if target != log:
         with can.CanutilsLogReader(log) as messages, can.Logger(target) as writer:
             for message in messages:
-                message.channel = 0
+                message.channel = bus_number(message.channel)
                 writer(message)
     return target
 

@@ -9,7 +9,13 @@ from mdms_host.can_link.sdo_client import Setting
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.scenario.cells import Cells
 from mdms_host.cli.scenario.gain import motor_of
-from mdms_host.commissioning.array_file import ArrayFile, ArrayFileError, FiledCell, read_array
+from mdms_host.commissioning.array_file import (
+    ArrayFile,
+    ArrayFileError,
+    FiledCell,
+    channels_of,
+    read_array,
+)
 from mdms_host.commissioning.filed_places import without_places
 from mdms_host.commissioning.loop_margin import GainError, Observer, check_gain, observer_for
 from mdms_host.commissioning.parameters import WIRING
@@ -21,22 +27,30 @@ from mdms_protocol import cob
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """A scenario with the array as it is believed to be, and its cells."""
+    """A scenario with the array as it is believed to be, its cells, and the channel of each bus.
+
+    Without channels the options name the only one.
+    """
 
     scenario: Scenario
     cells: Cells
+    channels: tuple[str, ...] = ()
 
 
 def believe(scenario: Scenario, path: Path | None, bus: Namespace) -> Belief:
     """The scenario as its `[belief]` has it, on the array of a file, if there is one.
 
-    A bit rate of the file counts where `bus`, python-can's options, has none. Raises
-    ArrayFileError, `CommandError` and ScenarioError for what does not fit.
+    A bit rate of the file, and the channel of its only bus, count where `bus`, python-can's
+    options, has none; the channels of several buses are the file's, else as a served array has them
+    under the name that `bus` has. Raises ArrayFileError, `CommandError` and ScenarioError for what
+    does not fit.
     """
     # What a scenario lets go wrong is not what the host believes.
     scenario = replace(believed(scenario), fault=(), patch=())
+    channel = getattr(bus, "channel", None)
     if path is None:
-        return Belief(scenario, Cells())
+        buses = len(scenario.array.buses)
+        return Belief(scenario, Cells(), channels_of(channel, buses) if buses > 1 else ())
     file = read_array(path)
     scenario = _on_table(scenario, file)
     if file.table.bitrate is not None:
@@ -45,19 +59,35 @@ def believe(scenario: Scenario, path: Path | None, bus: Namespace) -> Belief:
     _refuse_host_id(file)
     node_ids = tuple(placed[number].node_id for number in sorted(placed))
     # Where a cell stands is the table's to say.
-    own = [without_places(cell) for cell in file.cells]
-    settings = {cell.node_id: _settings(cell, path) for cell in own if cell.values}
+    own = {number: without_places(cell) for number, cell in placed.items()}
+    settings = {number: _settings(cell, path) for number, cell in own.items() if cell.values}
     _check_margins(scenario, file)
-    return Belief(scenario, Cells(node_ids, settings))
+    channels = _channels(file, len(scenario.array.buses) or 1, bus)
+    return Belief(scenario, Cells(node_ids, settings), channels)
+
+
+def _channels(file: ArrayFile, buses: int, options: Namespace) -> tuple[str, ...]:
+    """The channel of each of several buses; that of one goes to the options, if they have none."""
+    listed = file.table.channels
+    if listed is not None and len(listed) != buses:
+        raise ArrayFileError(
+            f"{file.path}: array.channels has {len(listed)} items, but the array {buses} buses"
+        )
+    if buses == 1:
+        if listed is not None:
+            vars(options).setdefault("channel", listed[0])
+        return ()
+    return listed or channels_of(getattr(options, "channel", None), buses)
 
 
 def _on_table(scenario: Scenario, file: ArrayFile) -> Scenario:
     table = file.table
     grid = {"columns": table.columns, "rows": table.rows, "pitch_m": table.pitch_m}
+    buses = _buses(scenario, file) if file.cells else {}
     parts = {"wheel": table.wheel, "sensor_offset_m": table.sensor_offset_m}
     believed = replace(
         scenario,
-        array=replace(scenario.array, **_given(grid)),  # type: ignore[arg-type]
+        array=replace(scenario.array, **_given(grid), **buses),  # type: ignore[arg-type]
         cell=replace(scenario.cell, **_given(parts)),  # type: ignore[arg-type]
         wire=replace(scenario.wire, bitrate=table.bitrate or scenario.wire.bitrate),
     )
@@ -66,6 +96,20 @@ def _on_table(scenario: Scenario, file: ArrayFile) -> Scenario:
     except ScenarioError as error:
         raise ScenarioError(f"{scenario.title!r} on {file.path}: {error}") from None
     return believed
+
+
+def _buses(scenario: Scenario, file: ArrayFile) -> dict[str, object]:
+    """The lists of cells on several buses; a file of one has neither lists nor gateways."""
+    table = file.table
+    columns, rows = table.columns or scenario.array.columns, table.rows or scenario.array.rows
+    placed = file.by_number(columns, rows)
+    if file.bus_count == 1:
+        return {"buses": (), "forwarded": ()}
+    lists = (
+        tuple(number for number in sorted(placed) if placed[number].bus == bus)
+        for bus in range(file.bus_count)
+    )
+    return {"buses": tuple(lists)}
 
 
 def _given(values: dict[str, object]) -> dict[str, object]:

@@ -8,15 +8,16 @@ import numpy as np
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.commissioning.parameters import BY_NAME
 from mdms_model.arrays import Floats
+from mdms_model.buses import Addresses, address_cells
 from mdms_model.motor import drive_of
 from mdms_model.scenario.scenario import Scenario
 
 
 @dataclass(frozen=True, slots=True)
 class Cells:
-    """The cells one by one, as far as they differ: node ids by number, settings by node id.
+    """The cells one by one, as far as they differ: node ids and settings by number.
 
-    Without node ids they are the numbers.
+    Without node ids a cell has that of its place on its bus.
     """
 
     node_ids: tuple[int, ...] = ()
@@ -27,12 +28,12 @@ def gains_vs_per_m(scenario: Scenario, cells: Cells) -> Floats:
     """The gain that each wheel has by its cell's own settings, else the scenario's, shape (W,)."""
     axes, array = len(scenario.cell.wheel), scenario.array
     gains = np.full((array.columns * array.rows, axes), scenario.cell.gain_vs_per_m)
-    for number, node_id in enumerate(cells.node_ids):
-        own = {(each.index, each.sub): each.value for each in cells.settings.get(node_id, ())}
+    for number, settings in cells.settings.items():
+        own = {(each.index, each.sub): each.value for each in settings}
         for axis in range(axes):
             gain = BY_NAME[f"axis{axis + 1}.gain"]
             if gain.place in own:
-                gains[number, axis] = gain.si(own[gain.place])
+                gains[number - 1, axis] = gain.si(own[gain.place])
     return gains.ravel()
 
 
@@ -51,3 +52,10 @@ def trim(scenario: Scenario, cells: Cells) -> Floats | float:
     }
     # A wheel without gain follows no reference at all.
     return np.array([nominal / (droops[gain] or np.inf) for gain in gains.tolist()])
+
+
+def addresses_of(scenario: Scenario, cells: Cells) -> Addresses:
+    """Bus and node id of each cell, with node ids of their own where the cells have any."""
+    array = scenario.array
+    addresses = address_cells(array.columns * array.rows, array.buses)
+    return replace(addresses, node_ids=cells.node_ids) if cells.node_ids else addresses

@@ -7,7 +7,7 @@ import numpy as np
 
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.scenario.cells import Cells, trim
+from mdms_host.cli.scenario.cells import Cells, addresses_of, trim
 from mdms_host.cli.scenario.footing import goal_of
 from mdms_host.cli.scenario.gain import motor_of
 from mdms_host.cli.scenario.load import timing_of
@@ -41,7 +41,7 @@ def coordinator_of(scenario: Scenario, cells: Cells | None = None) -> Coordinato
     scenario = believed(scenario)
     cells = cells or Cells()
     check_speed(scenario)
-    layout, parcels = layout_of(scenario, cells.node_ids), parcels_of(scenario)
+    layout, parcels = layout_of(scenario, cells), parcels_of(scenario)
     program = _program(scenario, layout, parcels, cells)
     return Coordinator(
         layout,
@@ -83,16 +83,18 @@ def _wheel_share(scenario: Scenario) -> float:
     return max(hypot(1.0, 1.0 + AHEAD_M / reach_m) for reach_m in reaches_m)
 
 
-def layout_of(scenario: Scenario, node_ids: tuple[int, ...] = ()) -> Layout:
+def layout_of(scenario: Scenario, cells: Cells | None = None) -> Layout:
     """The array as the host believes it to be: here, as the scenario has it."""
     array, cell = scenario.array, scenario.cell
+    addresses = addresses_of(scenario, cells or Cells())
     return Layout(
         columns=array.columns,
         rows=array.rows,
         pitch_m=array.pitch_m,
         wheels=tuple(WheelPlace(wheel.direction_rad, wheel.offset_m) for wheel in cell.wheel),
         sensor_offsets_m=cell.sensor_offset_m,
-        node_ids=node_ids,
+        node_ids=addresses.node_ids,
+        buses=addresses.buses,
     )
 
 

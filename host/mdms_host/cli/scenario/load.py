@@ -1,16 +1,30 @@
 """The share of a bus that cells and their host need: refused, or said, before it hurts."""
 
 from argparse import Namespace
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.streams import say
 from mdms_host.coordination.schedule import Timing
 from mdms_model.bus_time import CROWDED, OVERLOADED, BusTraffic
+from mdms_model.buses import address_cells, foreign_nodes
 from mdms_model.scenario.scenario import Scenario, Wire
 
 #: The longest period that leaves a lost frame in time for the cells' setpoint time-out of 50 ms.
 SYNC_PERIOD_MOST_S = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class _Users:
+    """What is on one bus: its cells, and the frames that are forwarded to it at every SYNC."""
+
+    cells: int
+    forwarded: int = 0
+    name: str = ""
+
+    def load(self, wire: Wire) -> float:
+        return _traffic(wire).load(self.cells, self.forwarded)
 
 
 def timing_of(wire: Wire) -> Timing:
@@ -19,13 +33,12 @@ def timing_of(wire: Wire) -> Timing:
 
 
 def refuse_overload(scenario: Scenario) -> None:
-    """Raises `CommandError` (bad input) for more cells than the bus carries with their host."""
-    cells, wire = scenario.array.columns * scenario.array.rows, scenario.wire
-    load = _traffic(wire).load(cells)
-    if scenario.run.fidelity == "firmware" and load > OVERLOADED:
+    """Raises `CommandError` (bad input) for more cells than a bus carries with their host."""
+    users, wire = _busiest(scenario), scenario.wire
+    if scenario.run.fidelity == "firmware" and users.load(wire) > OVERLOADED:
         raise CommandError(
-            f"array: a run of {_needed(cells, load, wire)}, and above {OVERLOADED:.0%} cells fall "
-            f"silent; {_help(cells, wire)}",
+            f"array: a run of {_needed(users, wire)}, and above {OVERLOADED:.0%} cells fall "
+            f"silent; {_help(users, wire)}",
             Exit.USAGE,
         )
 
@@ -38,7 +51,7 @@ def check_load(scenario: Scenario, options: Namespace) -> None:
     bitrate = getattr(options, "bitrate", None) or scenario.wire.bitrate
     scenario = replace(scenario, wire=replace(scenario.wire, bitrate=bitrate))
     refuse_overload(scenario)
-    warn_of_load(scenario.array.columns * scenario.array.rows, scenario.wire)
+    _warn(_busiest(scenario), scenario.wire)
 
 
 def load_of(cells: int, wire: Wire, control: str = "host") -> float:
@@ -46,17 +59,39 @@ def load_of(cells: int, wire: Wire, control: str = "host") -> float:
     return replace(_traffic(wire), control=control).load(cells)
 
 
-def warn_of_load(cells: int, wire: Wire, control: str = "host") -> None:
+def warn_of_load(cells: int, wire: Wire) -> None:
     """Say what a run with so many cells needs of a bus where they are crowded."""
-    load = load_of(cells, wire, control)
+    _warn(_Users(cells), wire)
+
+
+def _busiest(scenario: Scenario) -> _Users:
+    return max(_users(scenario), key=lambda users: users.load(scenario.wire))
+
+
+def _users(scenario: Scenario) -> Iterator[_Users]:
+    array = scenario.array
+    addresses = address_cells(array.columns * array.rows, array.buses)
+    if addresses.bus_count == 1:
+        yield _Users(len(addresses.buses))
+        return
+    tpdos = len(set(array.forwarded))
+    foreign = foreign_nodes(array.columns, array.rows, addresses) if tpdos else None
+    for bus in range(addresses.bus_count):
+        cells = addresses.buses.count(bus)
+        forwarded = tpdos * len(foreign[bus]) if foreign else 0
+        yield _Users(cells, forwarded, f"bus {bus}")
+
+
+def _warn(users: _Users, wire: Wire) -> None:
+    load = users.load(wire)
     if load > OVERLOADED:
         limit, what = OVERLOADED, "cells fall silent, and a run is refused"
     elif load > CROWDED:
         limit, what = CROWDED, "answers queue"
     else:
         return
-    needed = _needed(cells, load, wire)
-    say(f"mdms: warning: a run of {needed}; above {limit:.0%} {what}: {_help(cells, wire)}")
+    needed = _needed(users, wire)
+    say(f"mdms: warning: a run of {needed}; above {limit:.0%} {what}: {_help(users, wire)}")
 
 
 def wire_of(options: Namespace) -> Wire:
@@ -71,15 +106,19 @@ def _traffic(wire: Wire) -> BusTraffic:
     )
 
 
-def _needed(cells: int, load: float, wire: Wire) -> str:
-    return f"{cells} cells needs {load:.0%} of a bus at {wire.bitrate / 1e3:g} kbit/s"
+def _needed(users: _Users, wire: Wire) -> str:
+    besides = f" and {users.forwarded} forwarded frames" if users.forwarded else ""
+    return (
+        f"{users.cells} cells{besides} needs {users.load(wire):.0%} of {users.name or 'a bus'} at "
+        f"{wire.bitrate / 1e3:g} kbit/s"
+    )
 
 
-def _help(cells: int, wire: Wire) -> str:
+def _help(users: _Users, wire: Wire) -> str:
     """What brings the load down, as far as it does."""
     ways = [f"{_traffic(wire).most_cells()} cells a bus"]
     slower = replace(wire, sync_period_s=SYNC_PERIOD_MOST_S)
-    if wire.sync_period_s < SYNC_PERIOD_MOST_S and _traffic(slower).load(cells) <= OVERLOADED:
+    if wire.sync_period_s < SYNC_PERIOD_MOST_S and users.load(slower) <= OVERLOADED:
         ways.append(f"a slower SYNC (wire.sync_period_s = {SYNC_PERIOD_MOST_S:g})")
     if wire.bitrate < Wire().bitrate:
         ways.append("a higher bit rate")

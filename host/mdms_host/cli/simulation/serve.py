@@ -19,7 +19,7 @@ from mdms_model.run.folder import BUS_LOG, fresh_folder
 from mdms_model.run.history import MOST_SAMPLES
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.serve.server import Server, ways_in
-from mdms_sim.simulation import Simulation, open_bank
+from mdms_sim.simulation import Simulation, addresses_of, open_bank
 
 #: The signals that end a service in order.
 ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -61,7 +61,7 @@ def _serve_and_keep(scenario: Scenario, arguments: Namespace) -> Simulation:
 def _serve(scenario: Scenario, arguments: Namespace, log: BinaryIO | None = None) -> Simulation:
     """Serve to the end; recorded where there is a log, in a bounded memory."""
     cells = scenario.array.columns * scenario.array.rows
-    with closing(open_bank(arguments.nodes, cells)) as bank:
+    with closing(open_bank(arguments.nodes, addresses_of(scenario).node_ids)) as bank:
         simulation = Simulation(
             scenario, bank, bus_log=log, recorded=log is not None, most_samples=MOST_SAMPLES
         )
@@ -70,8 +70,11 @@ def _serve(scenario: Scenario, arguments: Namespace, log: BinaryIO | None = None
             Server(simulation, name, arguments.tcp, arguments.speed, report=say) as server,
             _interrupted() as over,
         ):
-            print(f"{scenario.title}: {cells} cells on a virtual CAN bus; connect with")
-            print(*(f"  {line}" for line in ways_in(server.addresses)), sep="\n", flush=True)
+            buses = len(server.all_addresses)
+            where = "a virtual CAN bus" if buses == 1 else f"{buses} virtual CAN buses"
+            print(f"{scenario.title}: {cells} cells on {where}; connect with")
+            for addresses in server.all_addresses:
+                print(*(f"  {line}" for line in ways_in(addresses)), sep="\n", flush=True)
             server.run(over)
     return simulation
 

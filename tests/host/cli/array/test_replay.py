@@ -8,7 +8,15 @@ import cantools
 import pytest
 
 from mdms_host.cli import main
-from mdms_host.cli.records.bus_log import LogPlayer, chosen, is_from_host, read_log
+from mdms_host.cli.exits import CommandError
+from mdms_host.cli.records.bus_log import (
+    LogPlayer,
+    LogWriter,
+    chosen,
+    convert_log,
+    is_from_host,
+    read_log,
+)
 from mdms_protocol import cob, nmt, pdo
 from mdms_protocol.frame import Frame
 
@@ -153,3 +161,23 @@ def test_log_that_is_none_is_refused(tmp_path, capsys, text, told):
         (tmp_path / "bus.log").write_text(text)
     assert main(["replay", str(tmp_path), "-i", "virtual", "-c", "nobody"]) == 2
     assert told in capsys.readouterr().err
+
+
+def test_log_of_several_buses_is_not_sent_to_one(tmp_path):
+    path = tmp_path / "bus.log"
+    path.write_text("(1.0) can1 080#\n(2.0) can1 181#00\n")
+    assert len(list(read_log(path))) == 2
+    path.write_text("(1.0) can0 080#\n(1.0) can1 080#\n")
+    with pytest.raises(CommandError, match=r"a log of several buses \(can0, can1\)"):
+        list(read_log(path))
+
+
+def test_log_of_several_buses_keeps_them_as_channels_for_other_tools(tmp_path):
+    path = tmp_path / "bus.log"
+    with path.open("w") as file:
+        writer = LogWriter(file, 2)
+        for bus in (0, 1):
+            writer.on_frame(Frame(0x80, b""), 1.0, bus)
+    assert [line.split()[1] for line in path.read_text().splitlines()] == ["can0", "can1"]
+    with can.BLFReader(convert_log(path, "blf")) as reader:
+        assert [message.channel for message in reader] == [0, 1]

@@ -43,6 +43,20 @@ def served(tmp_path_factory):
         assert process.wait(timeout=20) == Exit.OK
 
 
+#: A run that a busy machine held up says so, and may be tried again.
+HELD_UP = ("held up", "too busy or too slow")
+CHANCES = 5
+
+
+def until_not_held_up(run):
+    """The exit code of the first run that does not fault by a delay of the machine."""
+    for _ in range(CHANCES):
+        code, told = run()
+        if not any(text in told for text in HELD_UP):
+            break
+    return code, told
+
+
 def test_scan_finds_all_cells(served, capsys):
     assert main(["scan", *served, "--json"]) == Exit.OK
     nodes = json.loads(capsys.readouterr().out)["nodes"]
@@ -75,15 +89,23 @@ def test_run_on_an_array_file_needs_no_simulator_and_keeps_what_it_saw(served, t
     array.write_text("[array]\ncolumns = 6\nrows = 3\n")
     command = ["run", "array18", *served, "--array", array, "--out", out, "--limit", "2", "--json"]
     at_rest = ["--set", "motion.field=uniform", "--set", "motion.speed_m_s=0"]
-    done = subprocess.run(
-        [sys.executable, "-c", BARE, *map(str, command), *at_rest],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == Exit.OK, done.stderr
-    assert json.loads(done.stdout)["ending"] == "done"
-    assert "no picture without matplotlib" in done.stderr
+    ran = []
+
+    def run():
+        ran.append(
+            subprocess.run(
+                [sys.executable, "-c", BARE, *map(str, command), *at_rest],
+                capture_output=True,
+                text=True,
+                check=False,
+            )
+        )
+        return ran[-1].returncode, ran[-1].stderr
+
+    code, told = until_not_held_up(run)
+    assert code == Exit.OK, told
+    assert json.loads(ran[-1].stdout)["ending"] == "done"
+    assert "no picture without matplotlib" in told
     names = sorted(path.name for path in out.iterdir())
     assert names == ["bus.log", "mdms-cell.dbc", "meta.json", "run.mcap"]
     stored = read_run(out)
@@ -116,8 +138,16 @@ def test_serve_keeps_the_truth_of_what_was_done_to_it(tmp_path):
 
 @pytest.mark.slow
 def test_run_carries_the_box_and_stop_finds_all_off(served, capsys):
-    assert main(["run", "array18", *served, "--limit", "60", "--json"]) == Exit.OK
-    figures = json.loads(capsys.readouterr().out)
+    printed = []
+
+    def run():
+        code = main(["run", "array18", *served, "--limit", "60", "--json"])
+        printed.append(capsys.readouterr())
+        return code, printed[-1].err
+
+    code, told = until_not_held_up(run)
+    assert code == Exit.OK, told
+    figures = json.loads(printed[-1].out)
     assert figures["ending"] == "done"
     (box,) = figures["parcels"]
     assert box["estimate"]["x_m"] == pytest.approx(0.10, abs=0.01)
@@ -138,3 +168,63 @@ def test_run_that_is_terminated_leaves_every_motor_off(served):
     assert told[-1] == "mdms: terminated"
     assert any(line.endswith("  stopped") for line in told)
     assert "Traceback" not in "".join(told)
+
+
+#: The lower row and a half of the array on one bus, the rest on another.
+HALVES = "array.buses=[[1,2,3,4,5,6,7,8,9],[10,11,12,13,14,15,16,17,18]]"
+AT_REST = ["--set", "motion.field=uniform", "--set", "motion.speed_m_s=0", "--limit", "1.5"]
+
+
+@pytest.fixture(scope="module")
+def halves(tmp_path_factory):
+    """The name of an array on two buses that `mdms serve` runs meanwhile."""
+    name = str(tmp_path_factory.mktemp("bus") / "halves")
+    command = [str(MDMS), "serve", "array18", "--set", HALVES, "--name", name]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        head = "".join(process.stdout.readline().decode() for _ in range(7))
+        assert "18 cells on 2 virtual CAN buses" in head, process.stderr.read()
+        assert all(f"mdms scan -i mdms -c {name}.{bus}\n" in head for bus in range(2))
+        yield name
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=20) == Exit.OK
+
+
+def test_run_drives_cells_on_several_buses(halves, tmp_path):
+    out = tmp_path / "run"
+    command = ["run", "array18", "--set", HALVES, "-i", "mdms", "-c", halves, "--out", str(out)]
+    assert main([*command, *AT_REST]) == Exit.OK
+    names = [line.split()[1] for line in (out / "bus.log").read_text().splitlines()]
+    assert {*names} == {"can0", "can1"}
+    assert min(names.count(name) for name in {*names}) > 1000
+    assert np.isfinite(read_run(out).record.speed_m_s[-1]).all()
+
+
+def test_run_takes_the_channels_of_several_buses_from_the_array_file(halves, tmp_path, capsys):
+    array = tmp_path / "array.toml"
+    # What the served array calls bus 1 is bus 0 here.
+    cells = "".join(
+        f'[[cell]]\nserial = "{number:08X}"\nnode = {(number - 1) % 9 + 1}\nnumber = {number}\n'
+        f"bus = {int(number < 10)}\n"
+        for number in range(1, 19)
+    )
+    array.write_text(f"[array]\nchannels = ['{halves}.1', '{halves}.0']\n{cells}")
+    command = ["run", "array18", "-i", "mdms", "--array", str(array), "--json"]
+    assert main([*command, *AT_REST]) == Exit.OK
+    ran = json.loads(capsys.readouterr().out)
+    assert ran["ending"] == "done"
+    # Taken for each other, the halves would show the box elsewhere.
+    assert ran["parcels"][0]["estimate"]["x_m"] == pytest.approx(-0.10, abs=0.02)
+    assert ran["parcels"][0]["estimate"]["y_m"] == pytest.approx(0.0, abs=0.02)
+
+
+def test_bus_that_is_not_there_is_named(halves, capsys):
+    command = ["run", "array18", "--set", HALVES, "-i", "mdms", "-c", f"{halves}x"]
+    assert main(command) == Exit.NO_DEVICE
+    assert f"no bus is served as '{halves}x.0'" in capsys.readouterr().err
+
+
+def test_other_verbs_are_for_one_bus(halves, capsys):
+    assert main(["scan", "-i", "mdms", "-c", f"{halves}.1", "--json"]) == Exit.OK
+    nodes = json.loads(capsys.readouterr().out)["nodes"]
+    assert [node["node_id"] for node in nodes] == list(range(1, 10))
+    assert nodes[0]["identity"]["serial"] == 10

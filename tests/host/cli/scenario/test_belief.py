@@ -8,6 +8,7 @@ import pytest
 
 from mdms_host.cli.exits import CommandError, exit_of
 from mdms_host.cli.scenario.belief import believe
+from mdms_host.cli.scenario.cells import gains_vs_per_m
 from mdms_host.cli.scenario.coordination import coordinator_of, layout_of
 from mdms_host.commissioning.array_file import ArrayFileError
 from mdms_host.coordination.phase import Phase
@@ -48,7 +49,7 @@ def test_file_says_where_wheels_and_sensors_are(believed):
         "pitch_m = 0.2\nsensor_offset_m = [[0.01, 0.0]]\n[[array.wheel]]\noffset_m = [0.0, 0.05]\n"
     )
     belief = believed(GRID + table + cell(1, 40, "number = 1") + cell(2, 2))
-    layout = layout_of(belief.scenario, belief.cells.node_ids)
+    layout = layout_of(belief.scenario, belief.cells)
     np.testing.assert_allclose(layout.wheel_positions_m, [(-0.1, 0.05), (0.1, 0.05)])
     np.testing.assert_allclose(layout.sensor_positions_m[:, 0], [(-0.09, 0.0), (0.11, 0.0)])
     assert layout.node_ids == (40, 2)
@@ -94,7 +95,7 @@ def test_cells_of_a_file_are_set_and_driven_by_their_own_node_ids(believed, roll
     own = "number = 1\nsettings.axis1.gain = 12.5\nsettings.axis2.stall_time = 0.2"
     belief = believed(GRID + cell(1, 40, own) + cell(2, 2), "motion.speed_m_s=0.05")
     coordinator = coordinator_of(belief.scenario, belief.cells)
-    layout = layout_of(belief.scenario, belief.cells.node_ids)
+    layout = layout_of(belief.scenario, belief.cells)
     array = rolling_array(layout, Rectangle(0.36, 0.3), (0.0, 0.0, 0.0))
     array.run(coordinator, 2.0, lambda: coordinator.phase == Phase.RUNNING and array.now_s > 1.0)
     assert coordinator.fault is None
@@ -117,3 +118,53 @@ def test_steered_wheel_with_a_gain_of_its_own_gets_the_reference_that_suits_it(b
     droops = [drive_of(replace(motor, gain_vs_per_m=gain)).droop for gain in (10.0, 20.0)]
     np.testing.assert_allclose(trimmed * [1, 1, droops[1] / droops[0], 1], plain)
     assert plain[2] != 0.0
+
+
+TWO_BUSES = cell(1, 7, "number = 2") + cell(2, 7, "number = 1\nbus = 1\nsettings.axis1.gain = 12.5")
+
+
+def test_file_says_which_bus_a_cell_is_on(believed):
+    belief = believed(GRID + "channels = ['can2', 'can5']\n" + TWO_BUSES)
+    layout = layout_of(belief.scenario, belief.cells)
+    assert belief.scenario.array.buses == ((2,), (1,))
+    assert (layout.buses, layout.node_ids) == ((1, 0), (7, 7))
+    assert belief.channels == ("can2", "can5")
+    coordinator = coordinator_of(belief.scenario, belief.cells)
+    assert [each.name for each in coordinator.cells] == [
+        "cell 1 (node 7 of bus 1)",
+        "cell 2 (node 7 of bus 0)",
+    ]
+    np.testing.assert_allclose(gains_vs_per_m(belief.scenario, belief.cells), [12.5, 10, 10, 10])
+
+
+def test_buses_without_channels_have_those_of_a_served_array(believed):
+    belief = believed(GRID + TWO_BUSES, bus=Namespace(channel="desk"))
+    assert belief.channels == ("desk.0", "desk.1")
+    with pytest.raises(ArrayFileError, match="2 buses need a channel each"):
+        believed(GRID + TWO_BUSES)
+
+
+def test_channel_of_the_only_bus_counts_where_none_is_named(believed):
+    bare, given = Namespace(), Namespace(channel="can3")
+    for bus in (bare, given):
+        assert believed(GRID + "channels = ['can9']\n", bus=bus).channels == ()
+    assert (bare.channel, given.channel) == ("can9", "can3")
+
+
+def test_file_of_one_bus_replaces_the_buses_of_the_scenario(believed):
+    belief = believed(
+        GRID + cell(1, 1) + cell(2, 2),
+        "array.buses=[[1], [2]]",
+        "array.columns=2",
+        "array.rows=1",
+        "array.forwarded=[1]",
+        bus=Namespace(channel="can0"),
+    )
+    assert (belief.scenario.array.buses, belief.scenario.array.forwarded) == ((), ())
+    assert belief.channels == ()
+
+
+def test_scenario_of_several_buses_runs_on_a_served_array_without_a_file():
+    scenario = load_scenario("array54", [])
+    belief = believe(scenario, None, Namespace(channel="array54"))
+    assert belief.channels == ("array54.0", "array54.1", "array54.2")

@@ -39,6 +39,21 @@ def test_too_many_cells_are_refused_and_a_slower_sync_carries_them():
     assert open_program("array18", ["array.columns=10", "wire.sync_period_s=0.02"])
 
 
+def test_each_of_several_buses_is_loaded_by_its_own_cells():
+    halves = [list(range(1, 16)), list(range(16, 31))]
+    assert open_program("array18", ["array.columns=10", f"array.buses={halves}"])
+    uneven = [list(range(1, 30)), [30]]
+    message = refusal("array.columns=10", f"array.buses={uneven}")
+    assert message.startswith("array: a run of 29 cells needs 82% of bus 0 at 1000 kbit/s")
+
+
+def test_frames_that_gateways_forward_count_on_the_bus_that_gets_them():
+    thirds = [f"array.forwarded={[1, 3]}"]
+    with pytest.raises(CommandError, match="18 cells and 24 forwarded frames needs 84% of bus 1"):
+        open_program("array54", thirds)
+    assert open_program("array54", ["array.forwarded=[1]"])
+
+
 def test_a_model_without_a_bus_has_as_many_cells_as_it_wants():
     overrides = ("array.columns=30", "run.fidelity='ideal'", "motion.field='uniform'")
     assert open_program("array18", overrides).array.columns == 30

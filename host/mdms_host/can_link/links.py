@@ -1,0 +1,131 @@
+"""Several buses as one link: the host of a table whose cells are on more than one."""
+
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack
+from queue import Empty, SimpleQueue
+from types import TracebackType
+from typing import Self
+
+import can
+
+from mdms_host.can_link.delays import Delays
+from mdms_host.can_link.incidents import Incidents, LinkCounts
+from mdms_host.can_link.link import QUEUE_WAIT_S, READ_TIMEOUT_S, DeviceGoneError, Link
+from mdms_host.clock import Clock
+from mdms_model.participant import BusesParticipant
+from mdms_protocol.frame import Frame
+
+BusFrame = tuple[int, Frame]
+#: Takes a frame, the time [s], and the bus.
+Handle = Callable[[Frame, float, int], object]
+
+
+class Links:
+    """A link for each of the buses, numbered from 0; messages call them by their `names`.
+
+    When one device is gone, all is over: a parcel over a border cannot be carried by half.
+    """
+
+    def __init__(self, buses: Sequence[can.BusABC], names: Sequence[str], clock: Clock) -> None:
+        self.incidents: list[tuple[float, str]] = []
+        self._clock = clock
+        self._names = names
+        self._arrived: SimpleQueue[tuple[Frame, float, int]] = SimpleQueue()
+        self._links = []
+        for number, (bus, name) in enumerate(zip(buses, names, strict=True)):
+            incidents = Incidents(clock, self.incidents, f"{name}: ")
+            self._links.append(Link(bus, clock, self._deliver_from(number), incidents))
+        self.delays = _JointDelays(names, [link.delays for link in self._links])
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @property
+    def counts(self) -> LinkCounts:
+        """The counts of all links together."""
+        counts = [link.counts for link in self._links]
+        return LinkCounts(
+            garbled=sum(each.garbled for each in counts),
+            error_frames=sum(each.error_frames for each in counts),
+            waited=sum(each.waited for each in counts),
+            unsent=sum(each.unsent for each in counts),
+        )
+
+    def send(self, frame: Frame) -> None:
+        """Send a frame on every bus. Raises DeviceGoneError."""
+        self.send_all((bus, frame) for bus in range(len(self._links)))
+
+    def send_polled(self, participant: BusesParticipant, now_s: float) -> None:
+        """Send what a participant wants to send now. Raises DeviceGoneError."""
+        self.send_all(participant.poll_buses(now_s))
+
+    def send_all(self, frames: Iterable[BusFrame]) -> None:
+        """Send the frames of one cycle, which wait for room as long as that together.
+
+        A device that is gone does not keep the others from theirs. Raises DeviceGoneError.
+        """
+        until_s = self._clock.now_s() + QUEUE_WAIT_S
+        gone: DeviceGoneError | None = None
+        for bus, frame in frames:
+            try:
+                self._links[bus].send(frame, until_s)
+            except DeviceGoneError as error:
+                gone = DeviceGoneError(f"{self._names[bus]}: {error}")
+        if gone is not None:
+            raise gone
+
+    def receive(self, timeout_s: float, handle: Handle) -> None:
+        """Hand over what has arrived, with its bus; wait for the first frame at most so long.
+
+        Raises DeviceGoneError.
+        """
+        self._check()
+        try:
+            handle(*self._arrived.get(timeout=max(0.0, min(timeout_s, READ_TIMEOUT_S))))
+        except Empty:
+            return
+        # Only what is here by now, so that a full bus cannot keep the caller from its own work.
+        for _ in range(self._arrived.qsize()):
+            handle(*self._arrived.get())
+
+    def close(self) -> None:
+        """Close all of them."""
+        with ExitStack() as stack:
+            for link in self._links:
+                stack.callback(link.close)
+
+    def _deliver_from(self, bus: int) -> Callable[[Frame, float], object]:
+        return lambda frame, now_s: self._arrived.put((frame, now_s, bus))
+
+    def _check(self) -> None:
+        for name, link in zip(self._names, self._links, strict=True):
+            try:
+                link.check()
+            except DeviceGoneError as error:
+                raise DeviceGoneError(f"{name}: {error}") from None
+
+
+class _JointDelays:
+    """What was held up: the one program's cycles, or what comes in from any of the buses."""
+
+    def __init__(self, names: Sequence[str], arrivals: Sequence[Delays]) -> None:
+        self._cycles = Delays()
+        self._arrivals = list(zip(names, arrivals, strict=True))
+
+    def on_cycle(self, due_s: float, now_s: float) -> None:
+        """Something that was due is done now."""
+        self._cycles.on_cycle(due_s, now_s)
+
+    def reason(self, now_s: float) -> str | None:
+        """What was held up in the last second, and where; None if nothing was."""
+        own = self._cycles.reason(now_s)
+        reasons = ((name, delays.reason(now_s)) for name, delays in self._arrivals)
+        return own or next((f"{name}: {reason}" for name, reason in reasons if reason), None)

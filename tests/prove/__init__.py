@@ -1,0 +1,1 @@
+"""Explores the decisions about right of way to closure: `python -m tests.prove [NAME ...]`."""

@@ -1,0 +1,242 @@
+"""The cells of a table, each decided by the very module, with what is on its way to it.
+
+What a cell does within a beat is a function of its own memory, of the estimates that reach it and
+of what stands on it, so each such step is run once and kept.
+"""
+
+from collections.abc import Iterable
+from itertools import product
+from typing import Any, NamedTuple
+
+from mdms_cell.neighbours import right_of_way
+
+SILENCE = (0, 0, 0, 0)
+Message = tuple[int, int, int, int]  # identity, state, whether the receiver is wanted, hold
+#: What a link may deliver within a beat, each alone: this beat's estimate first, silence at last.
+Arrivals = tuple[Message, ...]
+
+
+class Rules(NamedTuple):
+    """The times that the cells are set up with [beats]."""
+
+    lease: int = 3
+    late: int = 1
+    hold: int = 1
+    hops: int = 1
+    patience: int = 8
+    single: bool = False  # at most one link of the table is disturbed within a beat
+
+
+class Memory(NamedTuple):
+    """All that the decisions of a cell depend on; what it sends; what its wheels may do.
+
+    NEAR is kept as NONE, for no decision depends on it.
+    """
+
+    down: bool
+    identity: int
+    state: int
+    hold: int
+    drive: int
+    wants: int
+    promised: int
+    bound: int
+    waiting: int
+    said: tuple[tuple[int, int, int, int, int], ...]  # direction, identity, state, hold, left
+
+
+Estimate = tuple[int, int, int, int]  # identity, state, mask of neighbours wanted, hold
+
+
+class Local(NamedTuple):
+    """A cell's memory, and the estimates that it sent before and that may still arrive."""
+
+    memory: Memory
+    sent: tuple[Estimate, ...]
+
+    @property
+    def estimate(self) -> Estimate:
+        """What the cell sends next; what says nothing about right of way is silence."""
+        memory = self.memory
+        if memory.down or memory.state < right_of_way.PROMISED:
+            return SILENCE
+        return memory.identity, memory.state, memory.wants, memory.hold
+
+
+class Input(NamedTuple):
+    """What stands on a cell, and the neighbours it needs."""
+
+    over: int
+    wants: int
+
+
+DOWN = Memory(True, 0, 0, right_of_way.CLEAR, 0, 0, 0, 0, 0, ())
+
+
+class Cell:
+    """One cell of the table: numbers its local states, and returns the successors of each."""
+
+    def __init__(self, module: Any, rules: Rules, directions: Iterable[int]) -> None:
+        self._rules = rules
+        self._directions = tuple(sorted(directions))
+        self._module = module
+        self._decider = module.RightOfWay(
+            lease_beats=rules.lease,
+            late_beats=rules.late,
+            hold_beats=rules.hold,
+            hops=rules.hops,
+            patience_beats=rules.patience,
+            blocked_beats=1,
+        )
+        self.locals: list[Local] = []
+        self._numbers: dict[Local, int] = {}
+        self._steps: dict[tuple[int, tuple[Arrivals, ...], Input], tuple[int, ...]] = {}
+        self._decided: dict[Any, Memory] = {}
+        self.runs = 0
+        self._nothing = (SILENCE,) * rules.late
+        self.down = self._number(Local(DOWN, self._nothing))
+
+    def _number(self, local: Local) -> int:
+        number = self._numbers.setdefault(local, len(self.locals))
+        if number == len(self.locals):
+            self.locals.append(local)
+        return number
+
+    def turned(self, number: int, directions: tuple[int, ...], image: "Cell") -> int:
+        """The local state of another cell that is this one turned or mirrored."""
+        memory, sent = self.locals[number]
+        memory = memory._replace(
+            wants=_turned_mask(memory.wants, directions),
+            said=tuple(sorted((directions[said[0]], *said[1:]) for said in memory.said)),
+        )
+        return image._number(
+            Local(
+                memory,
+                tuple(
+                    (identity, state, _turned_mask(wants, directions), hold)
+                    for identity, state, wants, hold in sent
+                ),
+            )
+        )
+
+    def settled(self, given: Input) -> int:
+        """The local state long after a restart, with this parcel standing on the cell."""
+        local = Local(self._restarted(given), self._nothing)
+        for _ in range(50):
+            local = self._after(local, self._decide(local.memory, (), given, bool(given.over)))
+        return self._number(local)
+
+    def _after(self, local: Local, memory: Memory) -> Local:
+        return Local(memory, (local.estimate, *local.sent)[: self._rules.late])
+
+    def crashed(self, number: int, given: Input) -> tuple[int, ...]:
+        """The local states in which a crash leaves the cell: silent, or up again at once."""
+        local = self.locals[number]
+        return tuple(
+            self._number(self._after(local, memory)) for memory in (DOWN, self._restarted(given))
+        )
+
+    def _restarted(self, given: Input) -> Memory:
+        self._decider.restart()
+        self._decider.on_beat(0, 0, bool(given.over))
+        return self._snapshot(0)
+
+    def steps(self, number: int, inbox: tuple[Arrivals, ...], given: Input) -> tuple[int, ...]:
+        """The local states that may follow; first that in which every estimate arrives at once."""
+        key = (number, inbox, given)
+        found = self._steps.get(key)
+        if found is None:
+            found = self._steps[key] = tuple(dict.fromkeys(self._follow(number, inbox, given)))
+        return found
+
+    def _follow(self, number: int, inbox: tuple[Arrivals, ...], given: Input) -> Iterable[int]:
+        local = self.locals[number]
+        if local.memory.down:
+            yield self._number(self._after(local, DOWN))
+            return
+        lags = given.over and local.memory.promised != given.over
+        choices = _singly(inbox) if self._rules.single else product(*inbox)
+        for choice in choices:
+            delivered = tuple(
+                (direction, message)
+                for direction, message in zip(self._directions, choice, strict=True)
+                if message != SILENCE
+            )
+            memory = self._decide(local.memory, delivered, given, bool(given.over))
+            yield self._number(self._after(local, memory))
+            if lags:
+                memory = self._decide(local.memory, delivered, Input(0, 0), True)
+                yield self._number(self._after(local, memory))
+
+    def _decide(
+        self,
+        memory: Memory,
+        delivered: tuple[tuple[int, Message], ...],
+        given: Input,
+        occupied: bool,
+    ) -> Memory:
+        """Run the module for one beat."""
+        key = (memory, delivered, given, occupied)
+        found = self._decided.get(key)
+        if found is None:
+            self.runs += 1
+            self._restore(memory)
+            for direction, message in delivered:
+                self._decider.on_message(direction, *message)
+            self._decider.on_beat(given.over, given.wants, occupied)
+            found = self._decided[key] = self._snapshot(given.wants)
+        return found
+
+    def _restore(self, memory: Memory) -> None:
+        decider = self._decider
+        decider.restart()
+        decider.identity = memory.identity
+        decider.state = memory.state
+        decider.hold = memory.hold
+        decider._promised = memory.promised
+        decider._bound = memory.bound
+        decider._waiting = memory.waiting
+        for direction, identity, state, hold, left in memory.said:
+            decider._identities[direction] = identity
+            decider._states[direction] = state
+            decider._holds[direction] = hold
+            decider._left[direction] = left
+
+    def _snapshot(self, wants: int) -> Memory:
+        decider = self._decider
+        shown = decider.state >= right_of_way.PROMISED
+        return Memory(
+            down=False,
+            identity=decider.identity if shown else 0,
+            state=decider.state if shown else right_of_way.NONE,
+            hold=decider.hold,
+            drive=decider.drive_beats,
+            wants=wants if decider.state == right_of_way.UNDER else 0,
+            promised=decider._promised,
+            bound=decider._bound,
+            waiting=decider._waiting,
+            said=tuple(
+                (
+                    direction,
+                    decider._identities[direction],
+                    decider._states[direction],
+                    decider._holds[direction],
+                    decider._left[direction],
+                )
+                for direction in self._directions
+                if decider._left[direction]
+            ),
+        )
+
+
+def _turned_mask(mask: int, directions: tuple[int, ...]) -> int:
+    return sum(1 << directions[direction] for direction in range(8) if mask >> direction & 1)
+
+
+def _singly(inbox: tuple[Arrivals, ...]) -> Iterable[tuple[Message, ...]]:
+    """All that may arrive where at most one link does not deliver this beat's estimate at once."""
+    prompt = tuple(arrivals[0] for arrivals in inbox)
+    yield prompt
+    for place, arrivals in enumerate(inbox):
+        for message in arrivals[1:]:
+            yield (*prompt[:place], message, *prompt[place + 1 :])

@@ -1,0 +1,83 @@
+"""Two served buses have a door each, and nothing of one comes out at the other."""
+
+import threading
+from contextlib import contextmanager
+from types import SimpleNamespace
+
+import can
+import pytest
+
+from mdms_protocol.frame import Frame
+from mdms_sim.bus.bus import Bus
+from mdms_sim.kernel import Kernel
+from mdms_sim.serve.server import Server
+
+MS = 1_000_000
+PATIENCE_S = 20.0
+
+
+class Node:
+    """Answers every frame with one that has its own number."""
+
+    def __init__(self, bus, number):
+        self.number = number
+        self.controller = bus.attach(self)
+
+    def on_frame(self, frame, now_ns):
+        self.controller.send(Frame(0x700 + self.number, frame.data))
+
+
+@contextmanager
+def serving(path, **options):
+    kernel, over = Kernel(), threading.Event()
+    buses = [Bus(kernel), Bus(kernel)]
+    for number, bus in enumerate(buses):
+        Node(bus, number)
+    simulation = SimpleNamespace(kernel=kernel, bus=buses[0], buses=buses, tipped=False)
+
+    def tick():
+        kernel.at(kernel.now_ns + MS, 0, tick)
+
+    tick()
+    with Server(simulation, str(path), **options) as server:
+        thread = threading.Thread(target=server.run, args=(over.is_set,))
+        thread.start()
+        try:
+            yield server
+        finally:
+            over.set()
+            thread.join()
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "bus"
+
+
+def test_each_bus_has_its_name_and_is_reached_by_it(path):
+    with serving(path) as server:
+        names = [each.channel for each in server.all_addresses]
+        assert names == [f"{path}.0", f"{path}.1"]
+        for number, name in enumerate(names):
+            with can.Bus(name, interface="mdms") as client:
+                client.send(can.Message(arbitration_id=0x10, data=b"?", is_extended_id=False))
+                answer = client.recv(PATIENCE_S)
+                assert (answer.arbitration_id, bytes(answer.data)) == (0x700 + number, b"?")
+                # The other bus's node has not received it.
+                assert client.recv(0.05) is None
+
+
+def test_each_bus_has_its_terminal_and_its_port(path):
+    with serving(path, tcp_port=0) as server:
+        assert len({each.device for each in server.all_addresses}) == 2
+        for number, each in enumerate(server.all_addresses):
+            url = f"socket://127.0.0.1:{each.tcp_port}"
+            with can.Bus(url, interface="slcan", bitrate=1_000_000) as client:
+                client.send(can.Message(arbitration_id=0x10, data=b"?", is_extended_id=False))
+                assert client.recv(PATIENCE_S).arbitration_id == 0x700 + number
+
+
+def test_doors_are_shut_at_the_end(path):
+    with serving(path):
+        assert {each.name for each in path.parent.iterdir()} == {"bus.0", "bus.1"}
+    assert not list(path.parent.iterdir())
