@@ -1,0 +1,65 @@
+"""The tables that are explored, with their bounds."""
+
+from typing import Any, NamedTuple
+
+from mdms_cell.neighbours import right_of_way
+from tests.prove.cells import Rules
+from tests.prove.exploration import Exploration, Found
+from tests.prove.parcels import Grid
+from tests.prove.progress import Progress
+
+
+class Table(NamedTuple):
+    """A table of columns by rows, and the cells that each parcel stands on at first."""
+
+    columns: int
+    rows: int
+    parcels: tuple[tuple[int, ...], ...]
+    rules: Rules
+    crash: bool = True
+
+    def explore(self, module: Any = right_of_way, most_states: int = 30_000_000) -> Found:
+        """Explore to closure, then look for parcels that are stuck; raises CounterexampleError."""
+        exploration = Exploration(
+            Grid(self.columns, self.rows),
+            tuple(frozenset(parcel) for parcel in self.parcels),
+            rules=self.rules,
+            crash=self.crash,
+            module=module,
+            most_states=most_states,
+        )
+        found = exploration.run()
+        for identity in range(1, len(self.parcels) + 1):
+            Progress(exploration, identity).judge(exploration.parents)
+        return found
+
+
+_ANY = Rules(lease=3, late=1)
+_SINGLE = Rules(lease=3, late=1, single=True)
+_SHORT = Rules(lease=2, late=0, single=True)
+_SHORTEST = Rules(lease=1, late=0, single=True)
+
+#: Explored with the tests, within seconds.
+QUICK = {
+    "2 x 1, a parcel, any frames lost or late, a crash": Table(2, 1, ((0,),), _ANY),
+    "4 x 1, a parcel of two cells": Table(4, 1, ((0, 1),), _SINGLE, crash=False),
+    "2 x 2, a parcel, a crash": Table(2, 2, ((0,),), _SINGLE),
+    "3 x 1, two parcels, a crash": Table(3, 1, ((0,), (2,)), _SHORT),
+    "2 x 2, two parcels, lease of two beats, none late": Table(
+        2, 2, ((0,), (3,)), _SHORT, crash=False
+    ),
+}
+
+#: Explored by `python -m tests.prove`, within minutes to an hour.
+LONG = {
+    "3 x 1, two parcels, any frames lost, a crash": Table(
+        3, 1, ((0,), (2,)), Rules(lease=2, late=0)
+    ),
+    "3 x 1, two parcels, a crash": Table(3, 1, ((0,), (2,)), _SINGLE),
+    "4 x 1, a parcel of two cells, a crash": Table(4, 1, ((0, 1),), _SINGLE),
+    "2 x 2, two parcels": Table(2, 2, ((0,), (3,)), _SINGLE, crash=False),
+    "2 x 2, two parcels, lease of one beat, none late, a crash": Table(
+        2, 2, ((0,), (3,)), _SHORTEST
+    ),
+    "2 x 2, two parcels, lease of two beats, none late, a crash": Table(2, 2, ((0,), (3,)), _SHORT),
+}
