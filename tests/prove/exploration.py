@@ -221,7 +221,7 @@ class Exploration:
             yield from self._crashes(world, state, options)
 
     def _choices(self, options: list[tuple[int, ...]]) -> Iterator[tuple[int, ...]]:
-        if not self.rules.single:
+        if self.rules.disturbed is None:
             yield from product(*options)
             return
         prompt = tuple(option[0] for option in options)

@@ -12,8 +12,8 @@ from tests.prove.tables import QUICK, Table
 from mdms_cell.neighbours import right_of_way
 
 ALONE = Table(2, 1, ((0,),), Rules(lease=3, late=1))
-LONG_PARCEL = Table(4, 1, ((0, 1),), Rules(lease=3, late=1, single=True), crash=False)
-PAIR = Table(3, 1, ((0,), (2,)), Rules(lease=2, late=0, single=True))
+LONG_PARCEL = Table(4, 1, ((0, 1),), Rules(lease=3, late=1, disturbed=1), crash=False)
+PAIR = Table(3, 1, ((0,), (2,)), Rules(lease=2, late=0, disturbed=1))
 
 #: What is replaced, by what, the table on which that is missed, and what is then seen.
 MUTANTS = {

@@ -123,5 +123,5 @@ class Table(RuleBasedStateMachine):
         assert all(cell.hold == CLEAR for cell in self.cells)
 
 
-Table.TestCase.settings = settings(max_examples=40, stateful_step_count=25, deadline=None)
+Table.TestCase.settings = settings(max_examples=20, stateful_step_count=25, deadline=None)
 TestTable = Table.TestCase
