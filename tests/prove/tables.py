@@ -38,18 +38,6 @@ _ANY = Rules(lease=3, late=1)
 _SINGLE = Rules(lease=3, late=1, disturbed=1)
 _SHORTEST = Rules(lease=1, late=0, disturbed=1)
 
-#: Explored with the tests, within seconds.
-QUICK = {
-    "2 x 1, a parcel, any frames lost or late, a crash": Table(2, 1, ((0,),), _ANY),
-    "4 x 1, a parcel of two cells": Table(4, 1, ((0, 1),), _SINGLE, crash=False),
-    "2 x 2, a parcel, a crash": Table(2, 2, ((0,),), _SINGLE),
-    "3 x 1, two parcels, a crash": Table(3, 1, ((0,), (2,)), _SHORT),
-    "2 x 2, two parcels, lease of two beats, none late": Table(
-        2, 2, ((0,), (3,)), _SHORT, crash=False
-    ),
-}
-_UNDISTURBED = Rules(lease=3, late=0, disturbed=0)
-
 #: Explored with the tests, within seconds. Parcels are of one cell, a lease is of three beats, an
 #: estimate at most one beat late, and at most one link is disturbed within a beat, unless said.
 QUICK = {
