@@ -37,6 +37,7 @@ class Table(NamedTuple):
 _ANY = Rules(lease=3, late=1)
 _SINGLE = Rules(lease=3, late=1, disturbed=1)
 _SHORTEST = Rules(lease=1, late=0, disturbed=1)
+_UNDISTURBED = Rules(lease=3, late=0, disturbed=0)
 
 #: Explored with the tests, within seconds. Parcels are of one cell, a lease is of three beats, an
 #: estimate at most one beat late, and at most one link is disturbed within a beat, unless said.
