@@ -38,7 +38,7 @@ generate: $(VENV)/.dev
 bench: $(VENV)/.bench
 	$(BIN)/python -m tests.benchmarks
 
-# Right of way, explored to closure: minutes to an hour. Some of it: make prove PROVE="2 x 2".
+# Right of way, explored to closure: minutes to an hour. Some of it: make prove PROVE="'2 x 2'".
 prove: $(VENV)/.dev
 	$(BIN)/python -m tests.prove $(PROVE)
 

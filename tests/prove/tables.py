@@ -35,30 +35,39 @@ class Table(NamedTuple):
 
 
 _ANY = Rules(lease=3, late=1)
+_ANY_SHORT = Rules(lease=1, late=0)
 _SINGLE = Rules(lease=3, late=1, disturbed=1)
+_LATEST = Rules(lease=3, late=2, disturbed=1)
+_TWO_STEPS = Rules(lease=2, late=0, hops=2, disturbed=1)
+_SHORT = Rules(lease=2, late=0, disturbed=1)
 _SHORTEST = Rules(lease=1, late=0, disturbed=1)
 _UNDISTURBED = Rules(lease=3, late=0, disturbed=0)
 
 #: Explored with the tests, within seconds. Parcels are of one cell, a lease is of three beats, an
 #: estimate at most one beat late, and at most one link is disturbed within a beat, unless said.
 QUICK = {
-    "2 x 1, a parcel, any frames lost or late, a crash": Table(2, 1, ((0,),), _ANY),
-    "4 x 1, a parcel of two cells": Table(4, 1, ((0, 1),), _SINGLE, crash=False),
+    "2 x 1, a parcel, any lost or late, a crash": Table(2, 1, ((0,),), _ANY),
+    "5 x 1, a parcel of three cells, lease 2, none late": Table(
+        5, 1, ((0, 1, 2),), _TWO_STEPS, crash=False
+    ),
     "2 x 2, a parcel, a crash": Table(2, 2, ((0,),), _SINGLE),
-    "2 x 2, two parcels, lease of one beat, none late, a crash": Table(
-        2, 2, ((0,), (3,)), _SHORTEST
+    "2 x 2, two parcels, lease 1, any lost, none late, a crash": Table(
+        2, 2, ((0,), (3,)), _ANY_SHORT
     ),
 }
 
 #: Explored by `python -m tests.prove` as well, within minutes.
 LONG = {
     "4 x 1, a parcel of two cells, a crash": Table(4, 1, ((0, 1),), _SINGLE),
-    "3 x 1, two parcels, a crash": Table(3, 1, ((0,), (2,)), _SINGLE),
-    "2 x 2, two parcels": Table(2, 2, ((0,), (3,)), _SINGLE, crash=False),
-    "2 x 2, two parcels, none lost or late, a crash": Table(2, 2, ((0,), (3,)), _UNDISTURBED),
-    "3 x 2, two parcels, none lost or late": Table(3, 2, ((0,), (5,)), _UNDISTURBED, crash=False),
-    "3 x 2, two parcels, lease of one beat, none late": Table(
-        3, 2, ((0,), (5,)), _SHORTEST, crash=False
+    "4 x 1, parcels of two cells and one, lease 2, none late": Table(
+        4, 1, ((0, 1), (3,)), _SHORT, crash=False
     ),
+    "3 x 1, two parcels, any lost or late, a crash": Table(3, 1, ((0,), (2,)), _ANY),
+    "2 x 2, a parcel, two beats late, a crash": Table(2, 2, ((0,),), _LATEST),
+    "2 x 2, two parcels, none lost or late, a crash": Table(2, 2, ((0,), (3,)), _UNDISTURBED),
+    "2 x 2, two parcels, lease 2, none late, a crash": Table(2, 2, ((0,), (3,)), _SHORT),
+    "3 x 2, two parcels, none lost or late": Table(3, 2, ((0,), (5,)), _UNDISTURBED, crash=False),
+    "3 x 2, two parcels, lease 1, none late": Table(3, 2, ((0,), (5,)), _SHORTEST, crash=False),
+    "2 x 2, two parcels": Table(2, 2, ((0,), (3,)), _SINGLE, crash=False),
     "3 x 3, two parcels, none lost or late": Table(3, 3, ((0,), (8,)), _UNDISTURBED, crash=False),
 }
