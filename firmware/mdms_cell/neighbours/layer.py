@@ -1,7 +1,7 @@
 """The neighbour layer: in each beat what came is taken in, decided upon, and the wheels are led.
 
-At SYNC the cell sends its speeds and, if it is at a parcel, its estimate; `UPDATE_MS` later those of
-its neighbours have come, and `update` runs in the background. What it decides holds for a beat.
+At SYNC the cell sends its speeds and, if it is at a parcel, its estimate; `UPDATE_MS` later those
+of its neighbours have come, and `update` runs in the background. What it decides holds for a beat.
 """
 
 from array import array
@@ -280,9 +280,10 @@ class Layer:
         fields[wire.STATE] = rights.state
         fields[wire.WANTS] = asks
         fields[wire.HOLD] = rights.hold
-        complete = program is not None and program.complete
-        fields[wire.SEQUENCE] = program.sequence if complete else 0
-        flags = 0 if complete else wire.LACKING
+        if program is not None and program.complete:
+            fields[wire.SEQUENCE], flags = program.sequence, 0
+        else:
+            fields[wire.SEQUENCE], flags = 0, wire.LACKING
         if self._leading.arrived:
             flags |= wire.ARRIVED
         fields[wire.FLAGS] = flags

@@ -1,9 +1,14 @@
 """What a cell makes of what it and its neighbours have seen: where the parcel is, how it moves.
 
-A cell under the parcel keeps a belief of its own: it rolls it on by the wheels of its neighbourhood,
-corrects it where sensors see an edge, and agrees with the neighbours under the same parcel. A cell
-beside the parcel follows those that are under it.
+A cell under the parcel keeps a belief of its own: it rolls it on by the wheels of its
+neighbourhood, corrects it where sensors see an edge, and agrees with the neighbours under the same
+parcel. A cell beside the parcel follows those that are under it.
 """
+
+try:
+    import micropython
+except ImportError:
+    from mdms_cell.cpython import micropython
 
 from mdms_cell import ticks
 from mdms_cell.neighbours.angle import wrapped
@@ -19,7 +24,6 @@ from mdms_protocol import neighbours as wire
 #: A belief of one's own weighs as much as so many of others.
 _OWN_WEIGHT = 1280
 _PEER_WEIGHT = 16
-_ROUNDS = 2
 _FEW_WHEELS = 5
 #: A frame may be this late; the parcel has moved on meanwhile.
 _LATENCY_MS = 3
@@ -38,6 +42,10 @@ class Tracking:
         self._place = place
         self._footprint = footprint
         self._heard = heard
+        # By direction: whose speeds count, who is at another parcel; mask of who is at this one.
+        self._use = bytearray(DIRECTIONS + 1)
+        self._others = bytearray(DIRECTIONS + 1)
+        self._peers = 0
         self.belief = Belief()
         self.outline = self.belief.outline
         self.twist = TwistFit()
@@ -83,31 +91,44 @@ class Tracking:
         """Bring the belief to the last SYNC, `step_ms` after that of the last update."""
         if self.identity and self.shaped:
             before = self.twist.vx, self.twist.vy, self.twist.turn
-            self._fit(beat)
+            self._sort(beat)
+            self._fit()
             # A few wheels, all on one side, do not show how a parcel turns.
             self._follows = not self.under or self.twist.wheels < _FEW_WHEELS
-            if not self._follows or not self._follow(beat):
+            if not self._follows or not self._follow():
                 self._move(before, step_ms)
-                self._agree(beat)
+                self._agree()
             if self.under:
                 self._correct(sync_ms)
                 self._check_sensors()
             self._look()
         self._drop_edges(sync_ms)
 
-    def _fit(self, beat):
-        """Find the twist by the wheels under the parcel, where the belief was at the SYNC before."""
-        twist, belief = self.twist, self.belief
-        twist.wheels = 0
-        if belief.known:
-            for _ in range(_ROUNDS):
-                twist.begin(belief.x // STEP_UM, belief.y // STEP_UM)
-                for direction in range(DIRECTIONS + 1):
-                    if self._heard.speeds_beat[direction] == beat and not self._is_other(direction):
-                        self._give_wheels(direction)
-                twist.end()
-        if not twist.wheels:
-            twist.reset()
+    @micropython.native
+    def _sort(self, beat):
+        """Find out what each neighbour is at: the same parcel, another, or none."""
+        heard, use, peers = self._heard, self._use, 0
+        for direction in range(DIRECTIONS):
+            at = direction * wire.ESTIMATE_FIELDS
+            identity = heard.estimates[at + wire.IDENTITY]
+            same = identity == self.identity
+            state = heard.estimates[at + wire.STATE]
+            others = heard.estimate_beat[direction] >= 0 and state >= PROMISED and not same
+            self._others[direction] = others
+            use[direction] = heard.speeds_beat[direction] == beat and not others
+            sure = heard.estimates[at + wire.CERTAINTY] > 0
+            if same and sure and state == UNDER and heard.estimate_beat[direction] == beat:
+                peers |= 1 << direction
+        use[OWN] = heard.speeds_beat[OWN] == beat
+        self._peers = peers
+
+    def _fit(self):
+        """Find the twist by the wheels under the parcel, as believed at the SYNC before."""
+        if self.belief.known:
+            heard, wheels = self._heard, self._footprint.wheels
+            self.twist.fit(self.outline, wheels, heard.speeds, AXES, self._use)
+        else:
+            self.twist.reset()
 
     def _move(self, before, step_ms):
         """Roll on by the wheels, half by the twist before."""
@@ -120,23 +141,15 @@ class Tracking:
             _rounded(turn + twist.turn, half_ms),
         )
 
-    def _give_wheels(self, direction):
-        footprint, speeds = self._footprint, self._heard.speeds
-        shift_x, shift_y = footprint.shift_x[direction], footprint.shift_y[direction]
-        for axis in range(AXES):
-            x, y = shift_x + footprint.x[axis], shift_y + footprint.y[axis]
-            if self.outline.distance(x, y) < 0:
-                along_x, along_y = footprint.along_x[axis], footprint.along_y[axis]
-                self.twist.wheel(x, y, along_x, along_y, speeds[2 * direction + axis])
-
-    def _agree(self, beat):
+    @micropython.native
+    def _agree(self):
         """Move towards what the others under the parcel sent at the SYNC at which this cell did."""
         if not self.certainty:
             return
         heard = self._heard
         total = x = y = turn = variance = 0
         for direction in range(DIRECTIONS):
-            if heard.estimate_beat[direction] == beat and self._is_peer(direction):
+            if self._peers >> direction & 1:
                 certainty = heard.field(direction, wire.CERTAINTY)
                 weight = _weight(certainty - self.certainty)
                 total += weight
@@ -148,25 +161,7 @@ class Tracking:
         if total:
             mean = variance // total
             x, y, turn = x * 4 // total, y * 4 // total, turn * 4 // total
-            self.belief.agree(total, total + _OWN_WEIGHT, x, y, turn, mean)
-
-    def _is_peer(self, direction):
-        heard = self._heard
-        return (
-            heard.field(direction, wire.STATE) == UNDER
-            and heard.field(direction, wire.IDENTITY) == self.identity
-            and heard.field(direction, wire.CERTAINTY) > 0
-        )
-
-    def _is_other(self, direction):
-        """Whether that cell's wheels and sensors serve another parcel."""
-        heard = self._heard
-        return (
-            direction != OWN
-            and heard.estimate_beat[direction] >= 0
-            and heard.field(direction, wire.STATE) >= PROMISED
-            and heard.field(direction, wire.IDENTITY) != self.identity
-        )
+            self.belief.agree(total, total + _OWN_WEIGHT, (x, y, turn), mean)
 
     def _pose(self, direction):
         """A neighbour's pose as it sent it [um; from this cell's centre]."""
@@ -193,7 +188,7 @@ class Tracking:
             if ago_ms <= 0:
                 continue
             direction = heard.edge_direction[number]
-            if self._is_other(direction):
+            if self._others[direction]:
                 continue
             point = AXES + heard.edge_sensor[number]
             # The parcel has moved on since: so has, with it, the place where its edge was seen.
@@ -222,15 +217,16 @@ class Tracking:
         """Correct by sensors that contradict: the cell's own and, in turns, a neighbour's."""
         self._turn = (self._turn + 1) % (DIRECTIONS + 1)
         deep, free = self._contradictions(OWN, not self._turn & 3)
-        if self._turn != OWN:
+        if self._turn != OWN and self._footprint.present >> self._turn & 1:
             self._contradictions(self._turn, True)
         self.missing_beats = min(self.missing_beats + 1, LOST_BEATS) if deep and free == deep else 0
 
+    @micropython.native
     def _contradictions(self, direction, correcting):
         """How many sensors have to be covered, and how many of them are not."""
         heard, footprint = self._heard, self._footprint
         deep = free = 0
-        if not heard.seen[direction] or self._is_other(direction):
+        if not heard.seen[direction] or self._others[direction]:
             return deep, free
         bits = heard.presence[direction]
         shift_x, shift_y = footprint.shift_x[direction], footprint.shift_y[direction]
@@ -246,14 +242,15 @@ class Tracking:
                 self.belief.correct(x, y, CONTRADICTION, False)
         return deep, free
 
-    def _follow(self, beat):
+    def _follow(self):
         """Take the mean of those that are under the parcel; returns whether there are any."""
         total = x = y = turn = best = 0
-        first = None
+        first = 0
         for direction in range(DIRECTIONS):
-            if self._heard.estimate_beat[direction] == beat and self._is_peer(direction):
+            if self._peers >> direction & 1:
                 its_x, its_y, its_turn = self._pose(direction)
-                first = its_turn if first is None else first
+                if not total:
+                    first = its_turn
                 total += 1
                 x += its_x
                 y += its_y

@@ -38,9 +38,9 @@ class BringUpCell(RemoteCell):
         node_id: int,
         axes: int,
         settings: Iterable[Setting],
+        *,
         spare: Mapping[Place, int] = NOTHING,
         bus: int | None = None,
-        *,
         steers: bool = False,
     ) -> None:
         super().__init__(number, node_id, bus)

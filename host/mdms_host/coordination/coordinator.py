@@ -103,8 +103,8 @@ class Coordinator:
                     # Last, so that a cell steers with its place only.
                     *(steering_settings(host_node_id) if by_cells else ()),
                 ),
-                {} if by_cells else _spare(layout, number),
-                bus if several else None,
+                spare={} if by_cells else _spare(layout, number),
+                bus=bus if several else None,
                 steers=by_cells,
             )
             for number, (bus, node_id) in enumerate(addresses, 1)
