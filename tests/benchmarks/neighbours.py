@@ -5,9 +5,9 @@ differ by up to 30 %. A box has arrived that ends within 5 mm and 2 degrees of i
 is the lower end of a one-sided 95 % confidence interval of that share (Clopper and Pearson). A
 belief is what a cell under the box sends at SYNC, after sensors have changed three times; beside it
 stands the host's own estimate in the same runs, as long as there is a host. `MDMS_CASES` is the
-number of cases of each kind (default 20), `MDMS_SEED` the first seed (default 1), `MDMS_KIND` what the
-name of a kind begins with (default: all); a case takes some 2 s. A box that has not arrived stands
-where it was held, unless it is among those `fallen`.
+number of cases of each kind (default 20), `MDMS_SEED` the first seed (default 1), `MDMS_KIND` what
+the name of a kind begins with (default: all); a case takes some 2 s. A box that has not arrived
+stands where it was held, unless it is among those `fallen`.
 """
 
 import os
