@@ -87,9 +87,8 @@ class Layer:
         self._on_place()
 
     def goes_on(self):
-        """Whether the silence of the host does not end the motion of the parcel here."""
-        program = self._programs.find(self._tracking.identity)
-        return self.active and program is not None and program.complete and program.goes_on
+        """Whether the silence of the host ends no motion here: one that goes on may come by."""
+        return self.active and self._programs.go_on
 
     def _on_place(self, _index=0, _sub=0):
         self._footprint.load()

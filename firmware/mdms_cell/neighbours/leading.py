@@ -26,6 +26,7 @@ class Leading:
     def begin(self):
         """A new program has come."""
         self._alone_ms = 0
+        self._planned_ms = 0
         self._held_beats = 0
         self._steering.arrived = False
 
@@ -76,7 +77,8 @@ class Leading:
     def goes_on(self, program, step_ms):
         """Whether a parcel may go on without its host: if it is to, for twice its planned time."""
         self._alone_ms = min(self._alone_ms + step_ms, 1 << 20)
-        return program.goes_on and self._alone_ms < 2 * self._planned_ms
+        in_time = not self._planned_ms or self._alone_ms < 2 * self._planned_ms
+        return program.goes_on and in_time
 
     def step(self, tracking, program, may_go, step_ms):
         """Lead the wheels for a beat; without `may_go` bring the parcel to rest, and switch off."""
@@ -88,7 +90,8 @@ class Leading:
         dturn_um = wrapped(program.goal_turn_um - belief.turn)
         reach_um = tracking.outline.reach_um
         steering.step(program, reach_um, (dx_um, dy_um, dturn_um), may_go=may_go, step_ms=step_ms)
-        if not self._alone_ms:
+        # A cell that the parcel comes to when the host is gone counts from there.
+        if not self._alone_ms or not self._planned_ms:
             way_um = length(dx_um, dy_um, dturn_um * reach_um // ARM_UM)
             speed_mm_s = max(program.speed_um_s // 1000, 1)
             self._planned_ms = way_um // speed_mm_s + 2 * speed_mm_s * 1000 // max(

@@ -16,6 +16,7 @@ from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.allocation import AHEAD_M
+from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import Goal, Limits
 from mdms_host.motion.program import FieldProgram, GoalProgram, Program
 from mdms_model import fields
@@ -178,7 +179,7 @@ def goals_by_parcel(scenario: Scenario) -> list[Goal | None]:
 
 def _program(
     scenario: Scenario, layout: Layout, parcels: tuple[Parcel, ...], cells: Cells
-) -> Program:
+) -> Program | CellsProgram:
     if scenario.motion.field != "goal":
         return FieldProgram(references_m_s(scenario))
     steered = zip(scenario.parcel, goals_by_parcel(scenario), strict=True)
@@ -188,6 +189,8 @@ def _program(
         friction=scenario.cell.friction,
         gravity_m_s2=scenario.run.gravity_m_s2,
     )
+    if scenario.motion.control == "cells":
+        return CellsProgram(layout, parcels, goals, limits, go_on=scenario.motion.go_on)
     droop = drive_of(scenario.cell).droop
     return GoalProgram(layout, parcels, goals, droop, limits, trim=trim(scenario, cells))
 
