@@ -7,6 +7,7 @@ from math import inf
 import numpy as np
 
 from mdms_host.estimation.bottom import Bottom
+from mdms_host.estimation.confirmation import Standing
 from mdms_host.estimation.disc import Disc
 from mdms_host.estimation.estimator import ParcelEstimator
 from mdms_host.estimation.polygon import Polygon
@@ -14,6 +15,10 @@ from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats, Ints
 
+#: What a cell shows is valid for so many of the periods in which it repeats it.
+_PERIODS = 3.0
+#: A parcel that was lifted may be set down at such a distance from any other, or farther [m].
+_ELSEWHERE_M = 0.03
 #: A parcel must stand still this long before it is searched for.
 _STILL_S = 0.05
 
@@ -57,10 +62,13 @@ class Estimate:
 class Tracker:
     """Estimates of all parcels on the array, fed with presence bits and wheel speeds.
 
+    What a cell has not repeated for three of the periods in which it does shows nothing any more.
     Raises ValueError if there are several parcels and `near_m` of one is missing.
     """
 
-    def __init__(self, layout: Layout, parcels: tuple[Parcel, ...]) -> None:
+    def __init__(
+        self, layout: Layout, parcels: tuple[Parcel, ...], status_period_s: float = inf
+    ) -> None:
         unplaced = [parcel.name for parcel in parcels if parcel.near_m is None]
         if len(parcels) > 1 and unplaced:
             raise ValueError(
@@ -70,11 +78,14 @@ class Tracker:
         self._sensors_m = layout.sensor_positions_m.reshape(-1, 2)
         self._sensors_per_cell = len(layout.sensor_offsets_m)
         self._bits: list[int | None] = [None] * layout.cells
+        self._reported_s = np.full(layout.cells, -inf)
+        self._valid_s = _PERIODS * status_period_s
         self._covered = np.zeros(len(self._sensors_m), dtype=bool)
         self._changed_s = -inf
         self._expected_m = {
             parcel.name: _expected_distance_m(parcel, self._sensors_m) for parcel in parcels
         }
+        self._standings = dict.fromkeys(self._expected_m, Standing.LOST)
         self._estimators = {
             parcel.name: ParcelEstimator(layout, parcel.bottom, parcel.yaw_hint_rad)
             for parcel in parcels
@@ -83,6 +94,7 @@ class Tracker:
     def on_presence(self, now_s: float, cell: int, bits: int) -> None:
         """Cell `cell` (from 1) reports which of its sensors are covered: bit k sensor k."""
         before, bits = self._bits[cell - 1], bits & (1 << self._sensors_per_cell) - 1
+        self._reported_s[cell - 1] = now_s
         if bits == before:
             return
         self._bits[cell - 1], self._changed_s = bits, now_s
@@ -109,10 +121,23 @@ class Tracker:
         found = self._find_missing(now_s)
         distances_m = self._distances_m(now_s)
         owners = self._owners(distances_m)
-        for number, estimator in enumerate(self._estimators.values()):
+        valid = np.repeat(now_s - self._reported_s <= self._valid_s, self._sensors_per_cell)
+        for number, (name, estimator) in enumerate(self._estimators.items()):
             if estimator.pose is not None:
-                estimator.agree(now_s, self._covered, owners == number, distances_m[number])
+                mine = valid & (owners == number)
+                self._expected_m[name] = distances_m[number]
+                estimator.agree(now_s, self._covered, mine, distances_m[number])
         return found
+
+    def take_changes(self) -> list[tuple[str, Standing]]:
+        """Parcels that have been found, or become doubtful or lost, since the last call."""
+        changes = [
+            (name, one.standing)
+            for name, one in self._estimators.items()
+            if one.standing is not self._standings[name]
+        ]
+        self._standings.update(changes)
+        return changes
 
     def take_corrected(self) -> set[str]:
         """Parcels whose sensors have corrected or found them since the last call."""
@@ -131,6 +156,11 @@ class Tracker:
         found = ((name, one.pose_at(now_s)) for name, one in self._estimators.items())
         return {name: pose for name, pose in found if pose is not None}
 
+    @property
+    def doubtful(self) -> set[str]:
+        """Parcels that sensors do not show where they are believed to be."""
+        return {n for n, one in self._estimators.items() if one.standing is Standing.DOUBTFUL}
+
     def _on_edge(self, now_s: float, sensor: int) -> None:
         """The parcel whose edge is nearest to the sensor has crossed it."""
         if self._estimators:
@@ -138,9 +168,12 @@ class Tracker:
             min(estimators, key=lambda one: one.off_m(now_s, sensor)).edge(now_s, sensor)
 
     def _distances_m(self, now_s: float) -> list[Floats]:
-        """Distance of all sensors from each parcel, or from where it was put, shape (S,)."""
+        """Distance of all sensors from each parcel, or from where it was last, shape (S,).
+
+        Sensors farther away than `_ELSEWHERE_M` from those that are found may show any other.
+        """
         return [
-            self._expected_m[name] if one.pose is None else one.distance_m(now_s)
+            _beyond(self._expected_m[name]) if one.pose is None else one.distance_m(now_s)
             for name, one in self._estimators.items()
         ]
 
@@ -162,6 +195,11 @@ class Tracker:
                 owners = self._owners(self._distances_m(now_s))
                 return [name] if one.acquire(now_s, self._covered, owners == number) else []
         return []
+
+
+def _beyond(distance_m: Floats) -> Floats:
+    """Distances in their order, but those beyond `_ELSEWHERE_M` nearly alike."""
+    return np.minimum(distance_m, _ELSEWHERE_M + 1e-3 * (distance_m - _ELSEWHERE_M))
 
 
 def _expected_distance_m(parcel: Parcel, sensors_m: Floats) -> Floats:

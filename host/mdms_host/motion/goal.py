@@ -48,13 +48,15 @@ class GoalController:
 
     Translation and rotation are one motion: yaw counts by the way of the corners, `reach_m` from
     the centre, so that both end together. A parcel that has arrived is held until a sensor shows it
-    outside twice the tolerance; one that is `stopped` is not steered any more.
+    outside twice the tolerance; one that is `stopped` is not steered any more, and one that is `paused`
+    is brought to rest meanwhile.
     """
 
     def __init__(self, goal: Goal, limits: Limits, reach_m: float) -> None:
         self.goal = goal
         self.arrived = False
         self.stopped = False
+        self.paused = False
         self._limits = limits
         self._reach_m = reach_m
         self._extent_m = np.array([1.0, 1.0, reach_m])
@@ -95,7 +97,7 @@ class GoalController:
         self._left_m = hypot(*error_m.tolist())
         if contradicted or not self.arrived:
             self._check_arrival(error_m, step_s)
-        still = self.stopped or self.arrived
+        still = self.stopped or self.paused or self.arrived
         wanted_m_s = np.zeros(3) if still else self._approach(error_m)
         change_m_s = wanted_m_s - self._twist_m_s
         most_m_s = self._limits.acceleration_m_s2 * step_s

@@ -122,7 +122,7 @@ class GoalProgram:
     @property
     def finished(self) -> bool:
         """Whether all parcels have arrived."""
-        return all(controller.arrived for controller in self._controllers.values())
+        return all(one.arrived and not one.paused for one in self._controllers.values())
 
     @property
     def endless(self) -> bool:

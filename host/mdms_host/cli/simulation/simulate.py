@@ -90,4 +90,6 @@ def verdict(scenario: Scenario, finished: Finished) -> Exit:
         return Exit.FAILURE
     if finished.fault is not None:
         return Exit.NODE_FAULT
+    if finished.lost is not None:
+        return Exit.FAILURE
     return Exit.OK if missed is None else Exit.TIME_LIMIT
