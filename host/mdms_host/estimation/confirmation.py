@@ -31,14 +31,15 @@ class Confirmation:
         self.standing, self._shown_s = Standing.FOUND, now_s
 
     def step(self, now_s: float, shown: bool) -> Standing:
-        """Take in whether the sensors show it now. What is lost stays so until a search finds it."""
-        if self.standing is Standing.LOST:
-            return self.standing
-        if shown:
+        """Take in whether the sensors show it now.
+
+        What is doubtful or lost stays so until a search finds it: it may be back, but elsewhere.
+        """
+        if self.standing is Standing.FOUND and shown:
             self._shown_s = now_s
         missing_s = now_s - self._shown_s
         if missing_s >= _LOST_S:
             self.standing = Standing.LOST
-        else:
-            self.standing = Standing.DOUBTFUL if missing_s >= _DOUBTFUL_S else Standing.FOUND
+        elif missing_s >= _DOUBTFUL_S:
+            self.standing = Standing.DOUBTFUL
         return self.standing

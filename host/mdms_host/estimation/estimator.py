@@ -137,7 +137,7 @@ class ParcelEstimator:
     def edge(self, now_s: float, sensor: int) -> None:
         """A sensor has just changed: the parcel's edge was over it when the cell saw it."""
         pose = self.pose_at(now_s - _LATENCY_S)
-        if self._filter is None or pose is None:
+        if self._filter is None or pose is None or self.standing is not Standing.FOUND:
             return
         off_m, slope = self._off(pose, sensor)
         late_m = _LATENCY_S * float(slope[:3] @ self.twist)
@@ -147,18 +147,20 @@ class ParcelEstimator:
     def agree(self, now_s: float, covered: Bools, mine: Bools, distance_m: Floats) -> Standing:
         """Correct the estimate by every sensor that contradicts it; search again if many are off.
 
+        Nothing corrects an estimate that is not `FOUND`; what is lost has no pose any more.
         All arrays are of shape (S,); `distance_m` is that of now.
         """
+        if self._confirmation.step(now_s, self._shown(covered, mine, distance_m)) is Standing.LOST:
+            self._lose()
+        if self.standing is not Standing.FOUND:
+            return self.standing
         wrong = mine & ((distance_m < 0) != covered)
         unbelieved = [
             sensor for sensor in wrong.nonzero()[0].tolist() if not self._bound(now_s, sensor)
         ]
         if len(unbelieved) >= _UNBELIEVED:
             self._look_elsewhere(now_s, covered, mine, int(wrong.sum()))
-        standing = self._confirmation.step(now_s, self._shown(covered, mine, distance_m))
-        if standing is Standing.LOST:
-            self._lose()
-        return standing
+        return self.standing
 
     def _search(self, now_s: float, covered: Bools, mine: Bools) -> Location | None:
         if now_s < self.look_s:

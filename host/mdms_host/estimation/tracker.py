@@ -123,9 +123,10 @@ class Tracker:
         owners = self._owners(distances_m)
         valid = np.repeat(now_s - self._reported_s <= self._valid_s, self._sensors_per_cell)
         for number, (name, estimator) in enumerate(self._estimators.items()):
+            if estimator.standing is Standing.FOUND:
+                self._expected_m[name] = distances_m[number]
             if estimator.pose is not None:
                 mine = valid & (owners == number)
-                self._expected_m[name] = distances_m[number]
                 estimator.agree(now_s, self._covered, mine, distances_m[number])
         return found
 
@@ -173,7 +174,9 @@ class Tracker:
         Sensors farther away than `_ELSEWHERE_M` from those that are found may show any other.
         """
         return [
-            _beyond(self._expected_m[name]) if one.pose is None else one.distance_m(now_s)
+            one.distance_m(now_s)
+            if one.standing is Standing.FOUND
+            else _beyond(self._expected_m[name])
             for name, one in self._estimators.items()
         ]
 
@@ -191,7 +194,7 @@ class Tracker:
         if None in self._bits or now_s < self._changed_s + _STILL_S:
             return []
         for number, (name, one) in enumerate(self._estimators.items()):
-            if one.pose is None and now_s >= one.look_s:
+            if one.standing is not Standing.FOUND and now_s >= one.look_s:
                 owners = self._owners(self._distances_m(now_s))
                 return [name] if one.acquire(now_s, self._covered, owners == number) else []
         return []

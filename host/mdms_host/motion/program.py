@@ -188,7 +188,8 @@ class GoalProgram:
             self._stop(pair)
         for name, standstill in self._standstills.items():
             controller = self._controllers[name]
-            if name not in twists or controller.arrived or controller.stopped:
+            still = controller.arrived or controller.stopped or controller.paused
+            if name not in twists or still:
                 standstill.clear()
             elif standstill.step(controller.left_m, controller.speed_m_s, step_s):
                 self._stop((name, *self._near(name, bodies)))
