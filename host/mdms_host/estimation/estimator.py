@@ -16,7 +16,7 @@ from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats
 
 #: How well an edge is known at the instant a sensor changes.
-_EDGE_M = 0.0005
+_EDGE_M = 0.0002
 #: A frame comes so long after its edge, give or take as much; the parcel has moved on meanwhile.
 _LATENCY_S = 0.002
 #: What a sensor shows is judged from this far inside the outline on, or from so many standard

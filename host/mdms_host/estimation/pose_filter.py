@@ -11,8 +11,8 @@ import numpy as np
 from mdms_model.arrays import Floats
 
 #: Odometry errs by a random walk: this variance a metre of way, and this a second [m; m2/s].
-_SLIP_M = 1e-5
-_DRIFT_M2_S = 1e-9
+_SLIP_M = 1e-6
+_DRIFT_M2_S = 1e-10
 #: How much larger a parcel may be than its drawing, on either side [m].
 _GROWTH_M = 0.0005
 #: An error of more standard deviations is not believed; of fewer, but of so many, it shows that the
