@@ -9,6 +9,8 @@ from mdms_host.can_link.sdo_client import Read, SdoClient, Setting
 from mdms_host.coordination.configuration import SIGNATURE, Configuration
 from mdms_host.coordination.phase import STOPPED, Phase
 from mdms_protocol import cia402, cob, indices, nmt, pdo
+from mdms_protocol.dictionary import ENTRIES
+from mdms_protocol.entry import steps_per_unit
 from mdms_protocol.frame import Frame
 
 #: Where a cell reports the revision of its object table.
@@ -41,6 +43,12 @@ class BringUpCell(RemoteCell):
         """Whether all axes that are used are in 'operation enabled'."""
         states = self.drive_states
         return states is not None and states[: self._axes] == self._all_enabled
+
+    @property
+    def debounce_s(self) -> float:
+        """How late it reports a change of its presence sensors, by its settings [s]."""
+        entry = ENTRIES[indices.PRESENCE_DEBOUNCE, 0]
+        return self._configuration.values[entry.index, 0] / steps_per_unit(entry.unit)
 
     @property
     def other_protocol(self) -> str | None:

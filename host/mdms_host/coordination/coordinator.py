@@ -62,7 +62,6 @@ class Coordinator:
         self.fault: str | None = None
         self.events: list[tuple[float, str]] = []
         self.troubles: list[tuple[float, str]] = []
-        self.tracker = Tracker(layout, parcels, self._timing.status_period_s)
         # Cells report their state on change, and repeat it, which makes up for a lost frame.
         repeat_ms = round(self._timing.status_period_s * 1e3)
         repeat = Setting(indices.TPDO_PARAMETERS + 1, 5, repeat_ms)
@@ -70,6 +69,8 @@ class Coordinator:
             BringUpCell(number, node_id, axes, (repeat, *settings, *own_settings.get(node_id, ())))
             for number, node_id in enumerate(layout.node_ids, 1)
         )
+        debounce_s = tuple(cell.debounce_s for cell in self.cells)
+        self.tracker = Tracker(layout, parcels, self._timing.status_period_s, debounce_s)
         self.references_m_s: Floats = np.zeros(len(layout.wheel_cells))
         self._program = program
         self._odometry = Odometry(self.cells, axes, self._velocities, self._timing)
@@ -314,6 +315,10 @@ class Coordinator:
         poses = self.tracker.poses(time_s)
         for text, is_trouble in self._standings.step(time_s, self.tracker.take_changes(), poses):
             (self._warn if is_trouble else self._note)(text)
+        for cell, sensors in self.tracker.take_faulty():
+            which = ", ".join(map(str, sensors))
+            name = self.cells[cell - 1].name
+            self._warn(f"{name}: presence sensors {which} contradict all others: not believed")
 
     def _watch_parcels(self, found: Collection[str]) -> None:
         for text in self._watch.arrivals(self._now_s):
