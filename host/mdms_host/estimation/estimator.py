@@ -11,6 +11,7 @@ from mdms_host.estimation.bottom import Bottom
 from mdms_host.estimation.confirmation import Confirmation, Standing
 from mdms_host.estimation.locate import Location, locate
 from mdms_host.estimation.pose_filter import PoseFilter
+from mdms_host.estimation.search import Search
 from mdms_host.estimation.twist_fit import fit_twist
 from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats
@@ -26,8 +27,7 @@ _DEEP_DEVIATIONS = 3.0
 #: So many unbelievable sensors call for a search, which must explain so many more than the belief.
 _UNBELIEVED = 3
 _LOOK_AGAIN_S = 0.1
-#: A place that leaves more of the covered sensors unexplained is not believed.
-_DOUBTFUL_SHARE = 0.2
+_LOOK_ON_S = 0.02
 #: A parcel is not shown where more of the sensors deep under it are free.
 _FREE_SHARE = 0.5
 #: A pose is carried on without new speeds for so long.
@@ -42,7 +42,7 @@ class ParcelEstimator:
     `pose` is (x, y, yaw), or None until the sensors have shown it, and when it is lost; `covariance`
     is of shape (3, 3) and `twist` is (vx, vy, yaw rate). The yaw starts as the one nearest to the
     hint. `acquire` does nothing before `look_s` [s]. `corrected` is set by every sensor that is
-    believed. `bottom` is as large as edges have shown it to be.
+    believed, `disbelieved` is of the last search: sensors (S,) that contradict it. `bottom` is as large as edges have shown it to be.
     """
 
     def __init__(self, layout: Layout, bottom: Bottom, yaw_hint_rad: float = 0.0) -> None:
@@ -56,9 +56,11 @@ class ParcelEstimator:
         self._growth: Floats = np.zeros(2)
         self._filter: PoseFilter | None = None
         self._confirmation = Confirmation()
+        self._search: Search | None = None
         self.bottom = bottom
         self.twist: Floats = np.zeros(3)
         self.corrected = False
+        self.disbelieved: Bools | None = None
 
     @property
     def standing(self) -> Standing:
@@ -76,15 +78,24 @@ class ParcelEstimator:
         return np.zeros((3, 3)) if self._filter is None else self._filter.covariance[:3, :3]
 
     def acquire(self, now_s: float, covered: Bools, mine: Bools) -> bool:
-        """Search for the parcel with the sensors that are its own; True if it was found.
+        """Search on for the parcel with the sensors that are its own; True if it was found.
 
-        Both arrays are of shape (S,), S the sensors of all cells in a row. A search takes
-        some milliseconds, so it is not repeated at once.
+        Both arrays are of shape (S,), S the sensors of all cells in a row. A step of the search takes
+        some milliseconds, and does nothing before `look_s`.
         """
-        found = self._search(now_s, covered, mine)
-        if found is not None:
-            self.start(now_s, found)
-        return found is not None
+        if now_s < self.look_s:
+            return False
+        search = self._search
+        if search is None or (search.covered != covered).any():
+            search = Search(self._drawn, self._layout, covered.copy(), mine, self._yaw_hint_rad)
+        search.step()
+        self._search = None if search.over else search
+        self.look_s = now_s + (_LOOK_AGAIN_S if search.over else _LOOK_ON_S)
+        if not search.over or search.found is None:
+            return False
+        self.start(now_s, search.found)
+        self.disbelieved = search.wrong
+        return True
 
     def start(self, now_s: float, found: Location) -> None:
         """Begin from a place, at rest."""
@@ -162,20 +173,14 @@ class ParcelEstimator:
             self._look_elsewhere(now_s, covered, mine, int(wrong.sum()))
         return self.standing
 
-    def _search(self, now_s: float, covered: Bools, mine: Bools) -> Location | None:
-        if now_s < self.look_s:
-            return None
-        self.look_s = now_s + _LOOK_AGAIN_S
-        found = locate(self._drawn, self._sensors_m[mine], covered[mine], self._yaw_hint_rad)
-        if found is None or found.contradictions > _DOUBTFUL_SHARE * (covered & mine).sum():
-            return None
-        return found
-
     def _look_elsewhere(self, now_s: float, covered: Bools, mine: Bools, wrong: int) -> None:
         """Search again, and take what explains more."""
+        if now_s < self.look_s:
+            return
+        self.look_s = now_s + _LOOK_AGAIN_S
         assert self._filter is not None
         self._yaw_hint_rad = float(self._filter.mean[2])
-        found = self._search(now_s, covered, mine)
+        found = locate(self._drawn, self._sensors_m[mine], covered[mine], self._yaw_hint_rad)
         if found is not None and found.contradictions + _UNBELIEVED <= wrong:
             self.start(now_s, found)
 

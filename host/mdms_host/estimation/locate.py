@@ -14,8 +14,6 @@ _YAW_STEP_RAD = np.radians(3.0)
 #: error making a pose less likely by a factor exp(-cost).
 _SPARE_ERRORS = 2
 _ERROR_COST = 1.5
-#: So many of the covered sensors may lie beyond the parcel, on either side.
-_WRONG_SHARE = 0.1
 #: How far the true yaw is from the hint, as a rule.
 _HINT_RAD = 0.5
 
@@ -74,12 +72,8 @@ def _try_yaw(
 
 
 def _centres_m(covered_m: Floats, span_m: tuple[float, float]) -> Floats:
-    """Where the centre may be along one axis, given where sensors are covered.
-
-    Some on either side may read wrong, and lie where the parcel does not reach.
-    """
-    least_m, most_m = np.quantile(covered_m, (_WRONG_SHARE, 1 - _WRONG_SHARE))
-    return np.arange(most_m - span_m[1], least_m - span_m[0], _STEP_M)
+    """Where the centre may be along one axis, given where sensors are covered."""
+    return np.arange(covered_m.max() - span_m[1], covered_m.min() - span_m[0], _STEP_M)
 
 
 def _likeliest_group(

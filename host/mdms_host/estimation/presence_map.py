@@ -74,8 +74,15 @@ class PresenceMap:
         if (self.covered & inside).sum() < _AGREEING * inside.sum():
             return []
         wrong = deep & (inside != self.covered)
-        fallen: dict[int, list[int]] = {}
-        for sensor in self._worth.step(wrong, deep & ~wrong, step_s):
+        return self._by_cell(self._worth.step(wrong, deep & ~wrong, step_s))
+
+    def disbelieve(self, sensors: Bools) -> list[tuple[int, list[int]]]:
+        """Believe these sensors (S,) no more for now; returns as `judge` does."""
+        return self._by_cell(self._worth.disbelieve(sensors))
+
+    def _by_cell(self, sensors: list[int]) -> list[tuple[int, list[int]]]:
+        cells: dict[int, list[int]] = {}
+        for sensor in sensors:
             cell, place = divmod(sensor, self._sensors)
-            fallen.setdefault(cell + 1, []).append(place)
-        return list(fallen.items())
+            cells.setdefault(cell + 1, []).append(place)
+        return list(cells.items())

@@ -21,8 +21,15 @@ class SensorWorth:
     def step(self, wrong: Bools, right: Bools, step_s: float) -> list[int]:
         """Take in which sensors are beyond doubt wrong, and right; those not believed from now on."""
         change_s = step_s * (wrong.astype(np.float64) - right / _SLOWER)
-        self._wrong_s = np.clip(self._wrong_s + change_s, 0.0, _MOST_S)
-        believed = self._wrong_s < _WRONG_S
+        return self._settle(np.clip(self._wrong_s + change_s, 0.0, _MOST_S))
+
+    def disbelieve(self, sensors: Bools) -> list[int]:
+        """These have been found wrong; those of them that were believed until now."""
+        return self._settle(np.where(sensors, _MOST_S, self._wrong_s))
+
+    def _settle(self, wrong_s: Floats) -> list[int]:
+        self._wrong_s = wrong_s
+        believed = wrong_s < _WRONG_S
         fallen = self.believed & ~believed
         self.believed = believed
         return [int(sensor) for sensor in np.flatnonzero(fallen)]

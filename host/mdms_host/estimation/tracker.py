@@ -203,7 +203,11 @@ class Tracker:
         for number, (name, one) in enumerate(self._estimators.items()):
             if one.standing is not Standing.FOUND and now_s >= one.look_s:
                 mine = presence.valid(now_s) & (self._owners(self._distances_m(now_s)) == number)
-                return [name] if one.acquire(now_s, presence.covered, mine) else []
+                if not one.acquire(now_s, presence.covered, mine):
+                    return []
+                if one.disbelieved is not None:
+                    self._faulty += presence.disbelieve(one.disbelieved)
+                return [name]
         return []
 
 
