@@ -9,7 +9,7 @@ import numpy as np
 
 from mdms_host.estimation.bottom import Bottom
 from mdms_host.estimation.confirmation import Confirmation, Standing
-from mdms_host.estimation.locate import Location, locate
+from mdms_host.estimation.locate import Location
 from mdms_host.estimation.pose_filter import PoseFilter
 from mdms_host.estimation.search import Search
 from mdms_host.estimation.twist_fit import fit_twist
@@ -24,16 +24,17 @@ _LATENCY_S = 0.002
 #: deviations of the distance.
 _DEEP_M = 0.015
 _DEEP_DEVIATIONS = 3.0
-#: So many unbelievable sensors call for a search, which must explain so many more than the belief.
-_UNBELIEVED = 3
+#: A sensor that is covered farther beside a parcel shows something else.
+_BESIDE_M = 0.06
 _LOOK_AGAIN_S = 0.1
 _LOOK_ON_S = 0.02
-#: A parcel is not shown where more of the sensors deep under it are free.
-_FREE_SHARE = 0.5
+#: A parcel is shown where more of the sensors deep under it are covered.
+_COVERED_SHARE = 0.5
 #: A pose is carried on without new speeds for so long.
 _CARRIED_S = 0.1
 #: A larger outline is worked out again from this change on [m].
 _GROWN_M = 5e-5
+_KEPT_S = 0.5
 
 
 class ParcelEstimator:
@@ -54,13 +55,17 @@ class ParcelEstimator:
         self._extent_m = np.array([1.0, 1.0, 1.0 / bottom.reach_m])
         self._drawn = bottom
         self._growth: Floats = np.zeros(2)
+        # That of a while ago and, before it, of one more: what a parcel seems to grow by while it is
+        # lifted off is not to be kept.
+        self._kept_growths = (self._growth, self._growth)
+        self._kept_s = 0.0
         self._filter: PoseFilter | None = None
         self._confirmation = Confirmation()
         self._search: Search | None = None
         self.bottom = bottom
         self.twist: Floats = np.zeros(3)
         self.corrected = False
-        self.disbelieved: Bools | None = None
+        self.disbelieved: Bools = np.zeros(len(self._sensors_m), dtype=bool)
 
     @property
     def standing(self) -> Standing:
@@ -87,15 +92,28 @@ class ParcelEstimator:
             return False
         search = self._search
         if search is None or (search.covered != covered).any():
-            search = Search(self._drawn, self._layout, covered.copy(), mine, self._yaw_hint_rad)
+            search = Search(self.bottom, self._layout, covered.copy(), mine, self._yaw_hint_rad)
         search.step()
         self._search = None if search.over else search
         self.look_s = now_s + (_LOOK_AGAIN_S if search.over else _LOOK_ON_S)
         if not search.over or search.found is None:
             return False
         self.start(now_s, search.found)
-        self.disbelieved = search.wrong
+        self.disbelieved = self._contradicting(covered, mine) | search.left_out
         return True
+
+    def _contradicting(self, covered: Bools, mine: Bools) -> Bools:
+        """Sensors (S,) that contradict a place which has just been found by more than can be."""
+        assert self._filter is not None
+        distance_m = self.bottom.distance_m(self._sensors_m, self._filter.mean[:3])
+        unsure_m = max(_DEEP_M, _DEEP_DEVIATIONS * self._deviation_m)
+        wrong: Bools = mine & ((distance_m < 0) != covered) & (abs(distance_m) > unsure_m)
+        return wrong
+
+    @property
+    def _deviation_m(self) -> float:
+        assert self._filter is not None
+        return float(np.sqrt(self._filter.covariance[[0, 1], [0, 1]].max()))
 
     def start(self, now_s: float, found: Location) -> None:
         """Begin from a place, at rest."""
@@ -156,33 +174,28 @@ class ParcelEstimator:
             self._corrected()
 
     def agree(self, now_s: float, covered: Bools, mine: Bools, distance_m: Floats) -> Standing:
-        """Correct the estimate by every sensor that contradicts it; search again if many are off.
+        """Correct the estimate by every sensor that contradicts it, as far as that can be.
 
-        Nothing corrects an estimate that is not `FOUND`; what is lost has no pose any more.
-        All arrays are of shape (S,); `distance_m` is that of now.
+        All arrays are of shape (S,); `distance_m` is that of now. Nothing corrects an estimate that is
+        not `FOUND`; what is lost has no pose any more.
         """
-        if self._confirmation.step(now_s, self._shown(covered, mine, distance_m)) is Standing.LOST:
-            self._lose()
-        if self.standing is not Standing.FOUND:
-            return self.standing
-        wrong = mine & ((distance_m < 0) != covered)
-        unbelieved = [
-            sensor for sensor in wrong.nonzero()[0].tolist() if not self._bound(now_s, sensor)
-        ]
-        if len(unbelieved) >= _UNBELIEVED:
-            self._look_elsewhere(now_s, covered, mine, int(wrong.sum()))
+        shown = self._shown(covered, mine, distance_m)
+        if shown and self.standing is Standing.FOUND:
+            wrong = mine & ((distance_m < 0) != covered) & (distance_m < _BESIDE_M)
+            for sensor in wrong.nonzero()[0].tolist():
+                shown &= self._bound(now_s, sensor)
+        self._confirm(now_s, shown)
         return self.standing
 
-    def _look_elsewhere(self, now_s: float, covered: Bools, mine: Bools, wrong: int) -> None:
-        """Search again, and take what explains more."""
-        if now_s < self.look_s:
-            return
-        self.look_s = now_s + _LOOK_AGAIN_S
-        assert self._filter is not None
-        self._yaw_hint_rad = float(self._filter.mean[2])
-        found = locate(self._drawn, self._sensors_m[mine], covered[mine], self._yaw_hint_rad)
-        if found is not None and found.contradictions + _UNBELIEVED <= wrong:
-            self.start(now_s, found)
+    def _confirm(self, now_s: float, shown: bool) -> None:
+        """Take in whether the parcel is shown where it is believed to be."""
+        before = self.standing
+        if self._confirmation.step(now_s, shown) is Standing.LOST:
+            self._lose()
+        elif self.standing is not before:
+            self._grow(self._kept_growths[1])
+        elif self.standing is Standing.FOUND and now_s >= self._kept_s + _KEPT_S:
+            self._kept_growths, self._kept_s = (self._growth, self._kept_growths[0]), now_s
 
     def _lose(self) -> None:
         """Where the parcel is is not known any more."""
@@ -193,10 +206,12 @@ class ParcelEstimator:
 
     def _shown(self, covered: Bools, mine: Bools, distance_m: Floats) -> bool:
         """Whether most of the sensors that lie deep under the parcel are covered."""
-        assert self._filter is not None
-        spread_m = float(np.sqrt(self._filter.covariance[[0, 1], [0, 1]].max()))
-        deep = mine & (distance_m < -max(_DEEP_M, _DEEP_DEVIATIONS * spread_m))
-        return not (deep & ~covered).sum() > _FREE_SHARE * deep.sum()
+        if self._filter is None:
+            return False
+        deep = mine & (distance_m < -max(_DEEP_M, _DEEP_DEVIATIONS * self._deviation_m))
+        if not deep.any():
+            deep = mine & (distance_m < 0)
+        return bool((deep & covered).sum() > _COVERED_SHARE * deep.sum())
 
     def _fit_twist(
         self, pose: Floats, speed_m_s: Floats, known: Bools | None, standing: Bools | None
@@ -241,5 +256,8 @@ class ParcelEstimator:
         assert self._filter is not None
         growth = self._filter.mean[3:]
         if abs(growth - self._growth).max() > _GROWN_M:
-            self._growth = growth.copy()
-            self.bottom = self._drawn.grown(*growth.tolist())
+            self._grow(growth.copy())
+
+    def _grow(self, growth: Floats) -> None:
+        self._growth = growth
+        self.bottom = self._drawn.grown(*growth.tolist())

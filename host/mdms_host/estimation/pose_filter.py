@@ -19,6 +19,8 @@ _GROWTH_M = 0.0005
 #: filter has been too sure of itself.
 _GATE = 5.0
 _SURPRISE = 2.0
+#: An error of so little is believed however sure the filter is [m].
+_NEAR_M = 0.012
 #: Bounds do not make the filter surer of a distance than this: one that is met again a moment later
 #: is the same measurement [m].
 _BOUND_M = 0.003
@@ -51,17 +53,10 @@ class PoseFilter:
 
         `slope` is the derivative of that by the state, shape (5,).
         """
-        spread = self.covariance @ slope
-        believed_m2 = float(slope @ spread)
-        variance_m2 = believed_m2 + sigma_m**2
-        if off_m**2 > _GATE**2 * variance_m2:
+        variance_m2 = self._admit(off_m, slope, sigma_m)
+        if variance_m2 is None:
             return False
-        if off_m**2 > _SURPRISE**2 * variance_m2:
-            factor = (off_m**2 / _SURPRISE**2 - sigma_m**2) / believed_m2
-            self.covariance *= factor
-            spread = spread * factor
-            variance_m2 = off_m**2 / _SURPRISE**2
-        self._correct(spread / variance_m2, -off_m, variance_m2)
+        self._correct(self.covariance @ slope / variance_m2, -off_m, variance_m2)
         return True
 
     def on_bound(self, off_m: float, slope: Floats, sigma_m: float) -> bool:
@@ -69,19 +64,32 @@ class PoseFilter:
 
         The distance becomes what a normal distribution has left on the right side of zero.
         """
-        spread = self.covariance @ slope
-        variance_m2 = float(slope @ spread) + sigma_m**2
+        variance_m2 = self._admit(off_m, slope, sigma_m)
+        if variance_m2 is None:
+            return False
         deviation_m = sqrt(variance_m2)
         beyond = abs(off_m) / deviation_m
-        if beyond > _GATE:
-            return False
         # The mean of what is left, and how much narrower it is.
         shift = exp(-(beyond**2) / 2) / sqrt(2 * pi) / (0.5 * erfc(beyond / sqrt(2)))
         narrower = 1 - shift * (shift - beyond)
         narrower = max(narrower, min(1.0, _BOUND_M**2 / variance_m2))
         toward_m = -shift * deviation_m if off_m > 0 else shift * deviation_m
-        self._correct(spread / variance_m2, toward_m, variance_m2 * (1 - narrower))
+        self._correct(self.covariance @ slope / variance_m2, toward_m, variance_m2 * (1 - narrower))
         return True
+
+    def _admit(self, off_m: float, slope: Floats, sigma_m: float) -> float | None:
+        """The variance of a distance that is measured `off_m` away [m2]; None if unbelievable.
+
+        A surprise makes the filter as unsure as it should have been.
+        """
+        believed_m2 = float(slope @ self.covariance @ slope)
+        variance_m2 = believed_m2 + sigma_m**2
+        if off_m**2 > max(_GATE**2 * variance_m2, _NEAR_M**2):
+            return None
+        if off_m**2 > _SURPRISE**2 * variance_m2:
+            variance_m2 = off_m**2 / _SURPRISE**2
+            self.covariance *= (variance_m2 - sigma_m**2) / believed_m2
+        return variance_m2
 
     def _correct(self, gain: Floats, toward_m: float, less_m2: float) -> None:
         """Shift the distance by `toward_m`, and take `less_m2` from its variance."""

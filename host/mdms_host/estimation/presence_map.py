@@ -13,7 +13,7 @@ _PERIODS = 3.0
 #: A sensor is judged from this far inside or outside all parcels on [m].
 _DEEP_M = 0.02
 #: Sensors are judged where at least this share of those under parcels is covered.
-_AGREEING = 0.7
+_AGREEING = 0.8
 
 
 class PresenceMap:

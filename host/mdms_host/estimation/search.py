@@ -14,14 +14,14 @@ from mdms_model.arrays import Bools
 #: A place that leaves more of the covered sensors unexplained is not believed.
 _DOUBTFUL_SHARE = 0.2
 #: So many contradictions may be of one cell that is all wrong, if as many are gone without it.
-_SUSPICIOUS = 2
+_SUSPICIOUS = 3
 
 
 class Search:
     """A search for one parcel, from the sensors (S,) as they were when it began.
 
-    `over` once there is nothing left to try: then `found` has the place, or None, and `wrong` the
-    sensors (S,) that were left out because they contradict it.
+    `over` once there is nothing left to try: then `found` has the place, or None, and `left_out`
+    the sensors (S,) of a cell that contradicts it.
     """
 
     def __init__(
@@ -29,7 +29,7 @@ class Search:
     ) -> None:
         self.covered = covered
         self.found: Location | None = None
-        self.wrong: Bools | None = None
+        self.left_out: Bools = np.zeros(len(covered), dtype=bool)
         self.over = False
         self._bottom = bottom
         self._sensors_m = layout.sensor_positions_m.reshape(-1, 2)
@@ -66,14 +66,12 @@ class Search:
         found = self._locate(self._mine & ~cell)
         if found is None:
             return
-        gone = _SUSPICIOUS if self.wrong is None else 1
+        gone = 1 if self.left_out.any() else _SUSPICIOUS
         if self.found is None or found.contradictions + gone <= self.found.contradictions:
-            self.found, self.wrong = found, cell
+            self.found, self.left_out = found, cell
 
     def _conclude(self) -> None:
         self.over = True
-        shown = self.covered & self._mine
-        if self.wrong is not None:
-            shown &= ~self.wrong
+        shown = self.covered & self._mine & ~self.left_out
         if self.found and self.found.contradictions > _DOUBTFUL_SHARE * shown.sum():
             self.found = None

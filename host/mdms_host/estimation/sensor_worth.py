@@ -7,7 +7,7 @@ from mdms_model.arrays import Bools, Floats
 #: A sensor is not believed any more once it has been wrong for so long [s]; where it is right it
 #: makes up for that this many times slower, up to the limit.
 _WRONG_S = 0.3
-_SLOWER = 4.0
+_SLOWER = 10.0
 _MOST_S = 1.0
 
 

@@ -205,8 +205,7 @@ class Tracker:
                 mine = presence.valid(now_s) & (self._owners(self._distances_m(now_s)) == number)
                 if not one.acquire(now_s, presence.covered, mine):
                     return []
-                if one.disbelieved is not None:
-                    self._faulty += presence.disbelieve(one.disbelieved)
+                self._faulty += presence.disbelieve(one.disbelieved)
                 return [name]
         return []
 

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from mdms_host.estimation.confirmation import Standing
 from mdms_host.estimation.estimator import ParcelEstimator
 from mdms_host.estimation.locate import Location
 from mdms_host.estimation.rectangle import Rectangle
@@ -100,6 +101,8 @@ def test_a_parcel_that_was_pushed_away_is_found_again() -> None:
         now_s = step * 0.01
         estimator.predict(now_s, np.zeros(36))
         estimator.agree(now_s, covered_by(pushed), ALL, estimator.distance_m(now_s))
+    assert estimator.standing is Standing.DOUBTFUL
+    assert estimator.acquire(0.2, covered_by(pushed), ALL)
     assert np.hypot(*(estimator.pose - pushed)[:2]) < 0.03
 
 
