@@ -288,6 +288,8 @@ class Coordinator:
         poses, doubtful = self.tracker.poses(self._schedule.next_s("sync")), self.tracker.doubtful
         for name, controller in self._program.controllers.items():
             controller.paused = name in doubtful
+            if controller.near:
+                controller.feel_rad = self.tracker.turn_to_feel_rad(name, self._now_s)
         references_m_s = self._program.references_m_s(
             poses, self._timing.sync_period_s, self.tracker.take_corrected()
         )

@@ -9,6 +9,7 @@ import numpy as np
 
 from mdms_host.estimation.bottom import Bottom
 from mdms_host.estimation.confirmation import Confirmation, Standing
+from mdms_host.estimation.feeling import turn_to_feel_rad
 from mdms_host.estimation.locate import Location
 from mdms_host.estimation.pose_filter import PoseFilter
 from mdms_host.estimation.search import Search
@@ -142,6 +143,13 @@ class ParcelEstimator:
         """How far one sensor is from the parcel's edge, whichever side [m]; inf if unknown."""
         pose = self.pose_at(now_s)
         return inf if pose is None else abs(self.bottom.edge(self._sensors_m[sensor], pose)[0])
+
+    def turn_to_feel_rad(self, usable: Bools) -> float | None:
+        """The turn that would make the place sure enough [rad]; None where it is, or none does."""
+        if self._filter is None:
+            return None
+        pose, covariance = self._filter.mean[:3], self._filter.covariance[:3, :3]
+        return turn_to_feel_rad(self.bottom, self._sensors_m, usable, pose, covariance)
 
     def predict(
         self,

@@ -158,6 +158,11 @@ class Tracker:
         found = ((name, one.pose_at(now_s)) for name, one in self._estimators.items())
         return {name: pose for name, pose in found if pose is not None}
 
+    def turn_to_feel_rad(self, name: str, now_s: float) -> float | None:
+        """The turn of a parcel that would make its place sure enough; None where it is so, or
+        where none does [rad]."""
+        return self._estimators[name].turn_to_feel_rad(self._presence.valid(now_s))
+
     @property
     def doubtful(self) -> set[str]:
         """Parcels that sensors do not show where they are believed to be."""
