@@ -97,6 +97,11 @@ class Coordinator:
         return self._standings.lost
 
     @property
+    def stuck(self) -> str | None:
+        """Why the program cannot reach its goals any more; None while it may."""
+        return self._program.stuck
+
+    @property
     def finished(self) -> bool:
         """Whether the program has reached what it is for."""
         return self._program.finished
@@ -310,7 +315,9 @@ class Coordinator:
         expected_m_s = np.where(speeds.known, self.references_m_s, 0.0)
         for text in self._watch.wheels(expected_m_s, speeds.speed_m_s, self._timing.sync_period_s):
             self._warn(text)
-        self.tracker.on_speeds(speeds.time_s, speeds.speed_m_s, speeds.known, speeds.standing)
+        # What does not follow its reference shows nothing of the parcel on it.
+        known = speeds.known & ~self._watch.standing
+        self.tracker.on_speeds(speeds.time_s, speeds.speed_m_s, known, speeds.standing)
         self._report_standings(speeds.time_s)
 
     def _report_standings(self, time_s: float) -> None:

@@ -158,6 +158,10 @@ class Tracker:
         found = ((name, one.pose_at(now_s)) for name, one in self._estimators.items())
         return {name: pose for name, pose in found if pose is not None}
 
+    def covariance(self, name: str) -> Floats:
+        """What the pose of a parcel may be off, shape (3, 3); zero where it is not found."""
+        return self._estimators[name].covariance
+
     def turn_to_feel_rad(self, name: str, now_s: float) -> float | None:
         """The turn of a parcel that would make its place sure enough; None where it is so, or
         where none does [rad]."""

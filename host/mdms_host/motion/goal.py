@@ -56,7 +56,7 @@ class GoalController:
     the centre, so that both end together. A parcel that has arrived is held until a sensor shows it
     outside twice the tolerance; one that is `stopped` is not steered any more, and one that is `paused`
     is brought to rest meanwhile. A place is not sure enough while a turn by `feel_rad` would show it
-    better: a parcel there turns so first, three times at most, and back.
+    better: a parcel there turns so first, three times at most, and back; `leg` counts these ways.
     """
 
     def __init__(self, goal: Goal, limits: Limits, reach_m: float) -> None:
@@ -67,6 +67,7 @@ class GoalController:
         self.feel_rad: float | None = None
         self._turned_rad: float | None = None
         self._turns = 0
+        self.leg = 0
         self._limits = limits
         self._reach_m = reach_m
         self._extent_m = np.array([1.0, 1.0, reach_m])
@@ -156,6 +157,8 @@ class GoalController:
         if self.feel_rad is None or (settled and self._turns >= _TURNS):
             if self._turned_rad is not None:
                 self._turned_rad, self._within_s = None, 0.0
+                self.leg += 1
         elif settled and not self.arrived:
             self._turned_rad, self._within_s = yaw_rad + self.feel_rad, 0.0
             self._turns += 1
+            self.leg += 1

@@ -35,6 +35,7 @@ BRING_UP_S = 10.0
 EXITS = {
     Ending.DONE: Exit.OK,
     Ending.TIME_LIMIT: Exit.TIME_LIMIT,
+    Ending.STUCK: Exit.TIME_LIMIT,
     Ending.FAULT: Exit.NODE_FAULT,
     Ending.NO_CELLS: Exit.NO_DEVICE,
     Ending.DEVICE_GONE: Exit.NO_DEVICE,
@@ -136,7 +137,7 @@ def _figures(scenario: Scenario, coordinator: Coordinator, operation: Operation)
         "title": scenario.title,
         "ending": str(operation.ending),
         "duration_s": operation.duration_s,
-        "fault": operation.fault or coordinator.lost,
+        "fault": operation.fault or coordinator.lost or coordinator.stuck,
         "link": asdict(operation.link),
         "parcels": parcels,
         "goals": [asdict(outcome) for outcome in goals_of(scenario, coordinator)],

@@ -24,7 +24,7 @@ class Finished:
     """A run that has ended: what it recorded, how long it took, and what a coordinator met.
 
     `troubles` are what the coordinator found amiss, as (time [s], text), and `lost` the parcels that
-    it does not find any more at the end. `wall_s` leaves out
+    it does not find any more at the end; `stuck` is why it could not go on to its goals. `wall_s` leaves out
     `compile_s`, which passes once per installation.
     """
 
@@ -33,6 +33,7 @@ class Finished:
     bus: BusFigures | None = None
     fault: str | None = None
     lost: str | None = None
+    stuck: str | None = None
     troubles: tuple[tuple[float, str], ...] = ()
     wall_s: float = 0.0
     compile_s: float = 0.0
@@ -97,6 +98,7 @@ def _firmware(
             outcome.bus,
             fault=coordinator.fault,
             lost=coordinator.lost,
+            stuck=coordinator.stuck,
             troubles=troubles,
         )
 

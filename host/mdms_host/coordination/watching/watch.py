@@ -3,9 +3,10 @@
 from collections.abc import Collection, Iterator, Sequence
 
 from mdms_host.coordination.bring_up import BringUpCell
-from mdms_host.coordination.watching.following import Floats, Following
-from mdms_host.coordination.watching.progress import Progress
+from mdms_host.coordination.watching.following import Following
+from mdms_host.coordination.watching.missing import Missing
 from mdms_host.motion.program import Program
+from mdms_model.arrays import Bools, Floats
 
 
 class Watch:
@@ -20,7 +21,12 @@ class Watch:
         self._axes = axes
         self._program = program
         self._following = Following(axes * len(cells))
-        self._progress = Progress(program.controllers)
+        self._missing = Missing(program.controllers)
+
+    @property
+    def standing(self) -> Bools:
+        """Wheels that do not follow their references, shape (W,)."""
+        return self._following.standing
 
     def wheels(self, reference_m_s: Floats, speed_m_s: Floats, step_s: float) -> Iterator[str]:
         """Troubles of wheels, given the references of the last cycle and the speeds under them."""
@@ -43,5 +49,4 @@ class Watch:
 
     def parcels(self, found: Collection[str], step_s: float) -> Iterator[str]:
         """Troubles of parcels, given those that have been found."""
-        for name, trouble in self._progress.step(found, step_s):
-            yield f"{name} {trouble}"
+        yield from self._missing.step(found, step_s)
