@@ -41,10 +41,11 @@ _KEPT_S = 0.5
 class ParcelEstimator:
     """Estimate of one parcel's pose and twist [table frame; SI].
 
-    `pose` is (x, y, yaw), or None until the sensors have shown it, and when it is lost; `covariance`
-    is of shape (3, 3) and `twist` is (vx, vy, yaw rate). The yaw starts as the one nearest to the
-    hint. `acquire` does nothing before `look_s` [s]. `corrected` is set by every sensor that is
-    believed, `disbelieved` is of the last search: sensors (S,) that contradict it. `bottom` is as large as edges have shown it to be.
+    `pose` is (x, y, yaw), or None until the sensors have shown it, and when it is lost;
+    `covariance` is of shape (3, 3) and `twist` is (vx, vy, yaw rate). The yaw starts as the one
+    nearest to the hint. `acquire` does nothing before `look_s` [s]. `corrected` is set by every
+    sensor that is believed, `disbelieved` is of the last search: sensors (S,) that contradict it.
+    `bottom` is as large as edges have shown it to be.
     """
 
     def __init__(self, layout: Layout, bottom: Bottom, yaw_hint_rad: float = 0.0) -> None:
@@ -56,7 +57,7 @@ class ParcelEstimator:
         self._extent_m = np.array([1.0, 1.0, 1.0 / bottom.reach_m])
         self._drawn = bottom
         self._growth: Floats = np.zeros(2)
-        # That of a while ago and, before it, of one more: what a parcel seems to grow by while it is
+        # That of a while ago, and of one more before: what a parcel seems to grow by while it is
         # lifted off is not to be kept.
         self._kept_growths = (self._growth, self._growth)
         self._kept_s = 0.0
@@ -86,8 +87,8 @@ class ParcelEstimator:
     def acquire(self, now_s: float, covered: Bools, mine: Bools) -> bool:
         """Search on for the parcel with the sensors that are its own; True if it was found.
 
-        Both arrays are of shape (S,), S the sensors of all cells in a row. A step of the search takes
-        some milliseconds, and does nothing before `look_s`.
+        Both arrays are of shape (S,), S the sensors of all cells in a row. A step of the search
+        takes some milliseconds.
         """
         if now_s < self.look_s:
             return False
@@ -184,8 +185,8 @@ class ParcelEstimator:
     def agree(self, now_s: float, covered: Bools, mine: Bools, distance_m: Floats) -> Standing:
         """Correct the estimate by every sensor that contradicts it, as far as that can be.
 
-        All arrays are of shape (S,); `distance_m` is that of now. Nothing corrects an estimate that is
-        not `FOUND`; what is lost has no pose any more.
+        All arrays are of shape (S,); `distance_m` is that of now. Nothing corrects an estimate that
+        is not `FOUND`; what is lost has no pose any more.
         """
         shown = self._shown(covered, mine, distance_m)
         if shown and self.standing is Standing.FOUND:

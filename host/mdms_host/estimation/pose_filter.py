@@ -27,9 +27,10 @@ _BOUND_M = 0.003
 
 
 class PoseFilter:
-    """Pose (x, y, yaw) [m, m, rad], then growth along the parcel's own x and y [m], shape (5,).
+    """Pose (x, y, yaw) [m, m, rad], and growth along the parcel's own x and y [m].
 
-    `covariance` is of shape (5, 5). `extent_m` is the distance of the farthest point from the centre.
+    `mean` is of shape (5,), `covariance` of shape (5, 5); `extent_m` is how far the parcel reaches
+    from its centre.
     """
 
     def __init__(self, pose: Floats, covariance: Floats, extent_m: float, growth: Floats) -> None:

@@ -19,7 +19,7 @@ _AGREEING = 0.8
 class PresenceMap:
     """The presence sensors of so many cells, all in a row, shape (S,).
 
-    `covered` is what they show, `changed_s` when one changed last, `worth` what they have been worth.
+    `covered` is what they show, `changed_s` when one of them changed last.
     Cells repeat what they show every `status_period_s`, and report changes `debounce_s` late.
     """
 
@@ -66,7 +66,7 @@ class PresenceMap:
     def judge(self, now_s: float, distance_m: Floats) -> list[tuple[int, list[int]]]:
         """Compare with where all parcels are, all found: `distance_m` (S,) from the nearest edge.
 
-        Returns cells (from 1) with those of their sensors (from 0) that are not believed from now on.
+        Returns cells (from 1) with their sensors (from 0) that are not believed from now on.
         """
         step_s, self._judged_s = max(0.0, now_s - self._judged_s), now_s
         deep = abs(distance_m) > _DEEP_M

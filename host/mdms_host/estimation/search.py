@@ -1,4 +1,4 @@
-"""The search for a parcel that is not found: where it lies by its sensors, one cell of which may lie.
+"""The search for a parcel that is not found, by its sensors, one cell of which may be all wrong.
 
 A search takes some milliseconds, so each step makes one: first with all sensors, then, where some
 contradict, without one cell after another.
@@ -59,7 +59,7 @@ class Search:
             return []
         away_m = self._sensors_m - np.median(self._sensors_m[shown], axis=0)
         near = shown | (np.hypot(away_m[:, 0], away_m[:, 1]) < self._bottom.reach_m)
-        return np.unique(self._cell[near & self._mine]).tolist()
+        return [int(cell) for cell in np.unique(self._cell[near & self._mine])]
 
     def _leave_out(self, cell: Bools) -> None:
         """Take the place without a cell if it explains enough more."""

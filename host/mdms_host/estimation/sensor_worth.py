@@ -19,7 +19,7 @@ class SensorWorth:
         self._wrong_s: Floats = np.zeros(sensors)
 
     def step(self, wrong: Bools, right: Bools, step_s: float) -> list[int]:
-        """Take in which sensors are beyond doubt wrong, and right; those not believed from now on."""
+        """Take in which sensors are wrong, and right; those not believed from now on."""
         change_s = step_s * (wrong.astype(np.float64) - right / _SLOWER)
         return self._settle(np.clip(self._wrong_s + change_s, 0.0, _MOST_S))
 

@@ -7,7 +7,6 @@ import numpy as np
 
 from mdms_model.arrays import Floats
 
-
 #: A parcel is about to be at its goal within so many tolerances.
 _NEAR = 5.0
 #: So often a parcel turns to have its place made sure; a goal without a yaw is where it is then.
@@ -54,9 +53,10 @@ class GoalController:
 
     Translation and rotation are one motion: yaw counts by the way of the corners, `reach_m` from
     the centre, so that both end together. A parcel that has arrived is held until a sensor shows it
-    outside twice the tolerance; one that is `stopped` is not steered any more, and one that is `paused`
-    is brought to rest meanwhile. A place is not sure enough while a turn by `feel_rad` would show it
-    better: a parcel there turns so first, three times at most, and back; `leg` counts these ways.
+    outside twice the tolerance; one that is `stopped` is not steered any more, and one that is
+    `paused` is brought to rest meanwhile. A place is not sure enough while a turn by `feel_rad`
+    would show it better: a parcel there turns so first, three times at most, and back; `leg` counts
+    these ways.
     """
 
     def __init__(self, goal: Goal, limits: Limits, reach_m: float) -> None:

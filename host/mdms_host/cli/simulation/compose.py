@@ -23,9 +23,9 @@ SOLVERS = {"row": solve_row, "ideal": solve_ideal}
 class Finished:
     """A run that has ended: what it recorded, how long it took, and what a coordinator met.
 
-    `troubles` are what the coordinator found amiss, as (time [s], text), and `lost` the parcels that
-    it does not find any more at the end; `stuck` is why it could not go on to its goals. `wall_s` leaves out
-    `compile_s`, which passes once per installation.
+    `troubles` are what the coordinator found amiss, as (time [s], text), `lost` is which parcels it
+    does not find any more at the end, and `stuck` why it could not go on to its goals. `wall_s`
+    leaves out `compile_s`, which passes once per installation.
     """
 
     record: Record

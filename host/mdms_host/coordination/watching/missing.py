@@ -17,4 +17,5 @@ class Missing:
         for name, before_s in self._missing_s.items():
             self._missing_s[name] = before_s + step_s if name not in found else 0.0
             if before_s < _FOUND_WITHIN_S <= self._missing_s[name]:
-                yield f"{name} has not been found for {_FOUND_WITHIN_S:g} s: is it there, and as told?"
+                since = f"for {_FOUND_WITHIN_S:g} s"
+                yield f"{name} has not been found {since}: is it there, and as told?"
