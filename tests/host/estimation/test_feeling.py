@@ -20,7 +20,7 @@ def test_an_edge_passes_a_sensor_in_the_turn() -> None:
     turn_rad = turn_to_feel_rad(BOX, SENSORS_M, ALL, pose, UNSURE_ACROSS)
     assert turn_rad is not None
     before = BOX.distance_m(SENSORS_M, pose) < 0
-    assert (before != (BOX.distance_m(SENSORS_M, pose + (0.0, 0.0, turn_rad)) < 0)).any()
+    assert (before != (BOX.distance_m(SENSORS_M, pose + np.array([0.0, 0.0, turn_rad])) < 0)).any()
 
 
 def test_nothing_is_felt_for_with_no_sensors_or_round_parcels_or_those_that_might_tip() -> None:

@@ -31,7 +31,7 @@ def test_an_edge_too_far_away_is_not_believed() -> None:
 
 
 def test_a_bound_that_is_met_again_and_again_counts_once() -> None:
-    """As where the belief runs ahead of the truth: its edge is past the sensor, the truth's is not."""
+    """As where the belief runs ahead of the truth: its edge is past the sensor already."""
     one = believing(0.01)
     for _ in range(200):
         one.move(np.array([0.0005, 0.0, 0.0]), 0.005)
