@@ -9,6 +9,7 @@ FAULTS = (
     *("loss", "corruption", "overload", "delay", "babble", "cut"),
     *("off", "hang", "drift", "host", "supply", "bridge_fault"),
     *("sensor_stuck", "encoder_stuck", "wheel_jammed", "motor_reversed", "push", "lift"),
+    "wrong_place",
 )
 
 
@@ -39,6 +40,8 @@ class Fault:
     - push: `parcel` gets an impulse through its centre of mass, and one about it [table frame]
     - lift: `parcel` is off the table, and at rest where it was, or at `x_m`, `y_m` and `yaw_rad`
       as far as they are given, at the end
+    - wrong_place: the one of `cells` and `as_cell` are each where the other should be, and go on
+      under their own node ids
     - host: the coordinator neither receives nor sends
     """
 
@@ -61,6 +64,7 @@ class Fault:
     parcel: str = ""
     impulse_n_s: tuple[float, float] = field(default=(0.0, 0.0), metadata=IMPULSE)
     twist_nms: float = field(default=0.0, metadata=IMPULSE)
+    as_cell: int | None = field(default=None, metadata=Limit(at_least=1, at_most=1_000_000))
     x_m: float | None = field(default=None, metadata=PLACE)
     y_m: float | None = field(default=None, metadata=PLACE)
     yaw_rad: float | None = field(default=None, metadata=ANGLE)

@@ -18,4 +18,5 @@ class Missing:
             self._missing_s[name] = before_s + step_s if name not in found else 0.0
             if before_s < _FOUND_WITHIN_S <= self._missing_s[name]:
                 since = f"for {_FOUND_WITHIN_S:g} s"
-                yield f"{name} has not been found {since}: is it there, and as told?"
+                doubts = "is it there, as told, and every cell in its place?"
+                yield f"{name} has not been found {since}: {doubts}"
