@@ -62,3 +62,11 @@ def test_a_parcel_that_is_set_down_elsewhere_is_found_and_goes_on_to_its_goal(he
     (goal,) = figures_of(scenario, finished)["goals"]
     assert goal["reached"]
     assert figures_of(scenario, finished)["fault"] is None
+
+
+@pytest.mark.parametrize("side", ["length_m=0.38", "width_m=0.28"])
+def test_a_box_that_is_told_20_mm_wrong_arrives_where_it_is_to_be(side):
+    scenario, finished = run(f"belief.box.{side}", duration_s=6.0)
+    (goal,) = figures_of(scenario, finished)["goals"]
+    assert goal["reached"]
+    assert goal["position_error_m"] < 0.003

@@ -76,7 +76,7 @@ def test_cells_get_the_gain_that_the_host_believes_in():
 
 
 def test_a_box_that_is_longer_than_believed_is_carried_by_its_believed_edges():
-    """The truth stays: the host is off by about half of what its belief is off."""
+    """The host is off by about half of what its belief is off, until edges on both ends show it."""
     scenario = load_scenario(
         "array18", ["belief.box.length_m=0.30", "run.duration_s=2.0", "parcel.0.yaw_rad=0.0"]
     )
