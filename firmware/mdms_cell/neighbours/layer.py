@@ -70,6 +70,8 @@ class Layer:
         self.active = self.wanted
         self._rights = RightOfWay(lease_beats=self._objects.number(indices.LEASE, 1))
         self._heard.reset()
+        # A millisecond passes until the frame with the edge has come.
+        self._tracking.edge_late_ms = 1 + self._objects.number(indices.PRESENCE_DEBOUNCE)
         self._tracking.drop()
         self._programs = Programs()
         self._leading.stop()
@@ -186,6 +188,7 @@ class Layer:
         period_ms = self._objects.number(indices.LEASE, 2)
         if self._due or step_ms > 2 * period_ms:
             self._rights.on_gap()
+            self._heard.drop_estimates()
         self._step_ms = max(min(step_ms, _STEP_MAX_MS), 1)
         self._sync_ms = now_ms
         self._beat = (self._beat + 1) & 0xFFFFFF
@@ -278,7 +281,7 @@ class Layer:
         tracking.announce(fields, self._step_ms)
         fields[wire.IDENTITY] = rights.identity
         fields[wire.STATE] = rights.state
-        fields[wire.WANTS] = asks
+        fields[wire.WANTS] = asks if rights.state == UNDER else 0
         fields[wire.HOLD] = rights.hold
         if program is not None and program.complete:
             fields[wire.SEQUENCE], flags = program.sequence, 0

@@ -4,9 +4,10 @@ from mdms_cell.neighbours.angle import ARM_UM, wrapped
 from mdms_cell.neighbours.outline import STEP_UM
 from mdms_cell.neighbours.steering import Steering, length
 
-#: From the wish to brake until all cells under the parcel do, and how far ahead a cell asks [ms].
-_REACTION_MS = 80
-_ASK_MS = 400
+#: From the wish to brake until all cells under the parcel do: HOPS times the beats that `hold` may
+#: take and counts. And how far ahead a cell asks [ms].
+_REACTION_MS = 200
+_ASK_MS = 500
 #: At the goal, or where it is held, the wheels hold for so long before they are switched off.
 _HOLD_BEATS = 50
 _ARM = ARM_UM // STEP_UM
