@@ -368,7 +368,9 @@ class Coordinator:
         self._odometry.on_references(self.references_m_s)
         if self.phase == Phase.RUNNING and not self._odometry.silent:
             poses = self.tracker.poses(self._schedule.next_s("sync"))
-            for frame in by_cells.frames(poses, self._now_s, self._timing.sync_period_s):
+            # A doubtful place is neither sent nor compared with what cells report.
+            sure = {name: poses[name] for name in poses if name not in self.tracker.doubtful}
+            for frame in by_cells.frames(sure, self._now_s, self._timing.sync_period_s):
                 yield from self._on_every_bus(frame)
             self._report(poses)
 
