@@ -60,8 +60,9 @@ class Middle:
         assert self.board.take()[-1][1][0] == 0x60
 
     def _pages(self):
-        parcel = (IDENTITY, wire.PARCEL, 1, wire.RECTANGLE, LENGTH_UM // 250, WIDTH_UM // 250)
-        self._page((*parcel, 44, 20, 0))
+        size = (LENGTH_UM // wire.STEP_UM, WIDTH_UM // wire.STEP_UM)
+        shape = wire.RECTANGLE
+        self._page((IDENTITY, wire.PARCEL, 1, shape, size[0], size[1], 44, 20, 0))
         self._page((IDENTITY, wire.PLACE, 1, self.x_um // 250, 0, 0, 0, 0, 0))
         self._page((IDENTITY, wire.GOAL, 1, 400, 0, 0, 0, 0, 0))
 
