@@ -32,6 +32,9 @@ class Middle:
         self.now_ms = 0
         self.x_um = -60_000
         self.speed_um_s = speed_um_s
+        #: The node id of a neighbour that says nothing, and whether the parcel is off the table.
+        self.silent = None
+        self.lifted = False
         self._bits = [None] * 8
         self._boot()
 
@@ -57,8 +60,9 @@ class Middle:
         assert self.board.take()[-1][1][0] == 0x60
 
     def _pages(self):
-        parcel = (IDENTITY, wire.PARCEL, 1, wire.RECTANGLE, LENGTH_UM // 250, WIDTH_UM // 250)
-        self._page((*parcel, 44, 20, 0))
+        size = (LENGTH_UM // wire.STEP_UM, WIDTH_UM // wire.STEP_UM)
+        shape = wire.RECTANGLE
+        self._page((IDENTITY, wire.PARCEL, 1, shape, size[0], size[1], 44, 20, 0))
         self._page((IDENTITY, wire.PLACE, 1, self.x_um // 250, 0, 0, 0, 0, 0))
         self._page((IDENTITY, wire.GOAL, 1, 400, 0, 0, 0, 0, 0))
 
@@ -79,6 +83,8 @@ class Middle:
         self._pass(1)
         for direction in range(8):
             node_id = NEIGHBOURS[direction]
+            if node_id == self.silent:
+                continue
             speeds = _u32(speed_um_s) + _u32(0)
             cell.on_frame(cob.TPDO_BASES[0] + node_id, speeds, self.now_ms)
             cell.on_frame(cob.TPDO_BASES[2] + node_id, self._estimate(direction), self.now_ms)
@@ -105,6 +111,8 @@ class Middle:
 
     def _covered(self, x_um, y_um):
         bits = 0
+        if self.lifted:
+            return bits
         for sensor, (own_x, own_y) in enumerate(SENSORS_UM):
             along, across = abs(x_um + own_x - self.x_um), abs(y_um + own_y)
             if along < LENGTH_UM // 2 and across < WIDTH_UM // 2:

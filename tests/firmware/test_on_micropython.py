@@ -6,7 +6,7 @@ import pytest
 
 BOTH = Path(__file__).parents[1] / "both"
 MODULES = sorted(path.stem for path in BOTH.glob("test_*.py"))
-SHARED = ("run_on_micropython", "cell_bench", "refusal")
+SHARED = ("run_on_micropython", "cell_bench", "layer_bench", "refusal")
 CODE = "from run_on_micropython import run; run(%r)"
 
 

@@ -76,6 +76,8 @@ class Layer:
         self._programs = Programs()
         self._leading.stop()
         self._due = False
+        for place in range(wire.ESTIMATE_FIELDS):
+            self._fields[place] = 0
 
     def stop(self):
         """The cell is not 'operational' any more."""
