@@ -67,6 +67,10 @@ class Footprint:
                 return True
         return False
 
+    def reached(self, outline):
+        """Whether the parcel lies over the cell's own square, or nearly."""
+        return outline.overlaps(0, 0, self._half)
+
     def mask(self, outline):
         """The neighbours whose squares the parcel lies over, or nearly, by direction.
 

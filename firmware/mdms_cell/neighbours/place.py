@@ -62,6 +62,13 @@ class Place:
         """Whether the cell has been given its place."""
         return self.column != 0 and self.row != 0
 
+    def names(self, node_id):
+        """Whether that node is among the neighbours."""
+        for direction in range(DIRECTIONS):
+            if self.nodes[direction] == node_id:
+                return True
+        return False
+
     def load(self):
         """Take over everything from the dictionary."""
         number = self._objects.number

@@ -6,19 +6,17 @@ beside the parcel follows those that are under it.
 """
 
 from mdms_cell import ticks
+from mdms_cell.neighbours.agreement import Agreement
 from mdms_cell.neighbours.angle import wrapped
 from mdms_cell.neighbours.belief import CONTRADICTION, EDGE, Belief
 from mdms_cell.neighbours.heard import OWN
 from mdms_cell.neighbours.outline import STEP_UM
 from mdms_cell.neighbours.place import AXES, DIRECTIONS, SENSORS
-from mdms_cell.neighbours.program import turn_um, wire_yaw
-from mdms_cell.neighbours.right_of_way import PROMISED, UNDER
+from mdms_cell.neighbours.program import wire_yaw
+from mdms_cell.neighbours.suspicion import BEATS, PRESENCE, WHEELS
 from mdms_cell.neighbours.twist import TwistFit
 from mdms_protocol import neighbours as wire
 
-#: A belief of one's own weighs as much as so many of others.
-_OWN_WEIGHT = 1280
-_PEER_WEIGHT = 16
 _ROUNDS = 2
 _FEW_WHEELS = 5
 #: A frame may be this late; the parcel has moved on meanwhile.
@@ -27,6 +25,9 @@ _LATENCY_MS = 3
 _FOLLOW_BEATS = 5
 #: A sensor so far inside the outline has to be covered [steps].
 _DEEP = 12_000 // STEP_UM
+#: So many neighbours that have the parcel show that a cell's own sensors are wrong.
+_WITNESSES = 2
+#: A cell whose sensors miss the parcel for so long steers no more, and then has it no longer.
 DOUBT_BEATS = 20
 LOST_BEATS = 100
 
@@ -34,10 +35,12 @@ LOST_BEATS = 100
 class Tracking:
     """The belief of one parcel; `identity` is 0 without one, `missing_beats` since it was seen."""
 
-    def __init__(self, place, footprint, heard):
-        self._place = place
+    def __init__(self, place, footprint, heard, suspicion):
         self._footprint = footprint
         self._heard = heard
+        self._suspicion = suspicion
+        self._agreement = Agreement(place, heard, suspicion)
+        self.is_other = self._agreement.is_other
         self.belief = Belief()
         self.outline = self.belief.outline
         self.twist = TwistFit()
@@ -51,16 +54,18 @@ class Tracking:
         self.missing_beats = 0
         self._followed_beats = 0
         self._follows = False
-        self._sent = (0, 0, 0)
+        self._sent = None
         self._turn = 0
         self.certainty = 0
         self.belief.forget()
         self.twist.reset()
+        self._agreement.reset(0)
 
     def adopt(self, identity):
         """Follow this parcel from now on."""
         self.drop()
         self.identity = identity
+        self._agreement.reset(identity)
 
     def take_shape(self, program):
         """The parcel's outline is known now."""
@@ -86,9 +91,11 @@ class Tracking:
             self._fit(beat)
             # A few wheels, all on one side, do not show how a parcel turns.
             self._follows = not self.under or self.twist.wheels < _FEW_WHEELS
-            if not self._follows or not self._follow(beat):
+            self._agreement.gather(beat)
+            if not (self._follows or self._is_outvoted()) or not self._follow():
                 self._move(before, step_ms)
-                self._agree(beat)
+                if self._sent is not None:
+                    self._agreement.agree(self.belief, self._sent, self.certainty)
             if self.under:
                 self._correct(sync_ms)
                 self._check_sensors()
@@ -103,11 +110,15 @@ class Tracking:
             for _ in range(_ROUNDS):
                 twist.begin(belief.x // STEP_UM, belief.y // STEP_UM)
                 for direction in range(DIRECTIONS + 1):
-                    if self._heard.speeds_beat[direction] == beat and not self._is_other(direction):
+                    if self._heard.speeds_beat[direction] == beat and self._serves(direction):
                         self._give_wheels(direction)
                 twist.end()
         if not twist.wheels:
             twist.reset()
+
+    def _serves(self, direction):
+        """Whether that cell's wheels are this parcel's, and turn with it."""
+        return not (self.is_other(direction) or self._suspicion.has(direction, WHEELS))
 
     def _move(self, before, step_ms):
         """Roll on by the wheels, half by the twist before."""
@@ -129,60 +140,6 @@ class Tracking:
                 along_x, along_y = footprint.along_x[axis], footprint.along_y[axis]
                 self.twist.wheel(x, y, along_x, along_y, speeds[2 * direction + axis])
 
-    def _agree(self, beat):
-        """Move towards what the others under the parcel sent at the SYNC at which this cell did."""
-        if not self.certainty:
-            return
-        heard = self._heard
-        total = x = y = turn = variance = 0
-        for direction in range(DIRECTIONS):
-            if heard.estimate_beat[direction] == beat and self._is_peer(direction):
-                certainty = heard.field(direction, wire.CERTAINTY)
-                weight = _weight(certainty - self.certainty)
-                total += weight
-                dx, dy, dturn = self._difference(direction)
-                x += weight * (dx >> 2)
-                y += weight * (dy >> 2)
-                turn += weight * (dturn >> 2)
-                variance += weight * (1 << 16 - certainty)
-        if total:
-            mean = variance // total
-            x, y, turn = x * 4 // total, y * 4 // total, turn * 4 // total
-            self.belief.agree(total, total + _OWN_WEIGHT, x, y, turn, mean)
-
-    def _is_peer(self, direction):
-        heard = self._heard
-        return (
-            heard.field(direction, wire.STATE) == UNDER
-            and heard.field(direction, wire.IDENTITY) == self.identity
-            and heard.field(direction, wire.CERTAINTY) > 0
-        )
-
-    def _is_other(self, direction):
-        """Whether that cell's wheels and sensors serve another parcel."""
-        heard = self._heard
-        return (
-            direction != OWN
-            and heard.estimate_beat[direction] >= 0
-            and heard.field(direction, wire.STATE) >= PROMISED
-            and heard.field(direction, wire.IDENTITY) != self.identity
-        )
-
-    def _pose(self, direction):
-        """A neighbour's pose as it sent it [um; from this cell's centre]."""
-        heard, shifts = self._heard, self._place.shifts
-        return (
-            heard.field(direction, wire.X) * wire.STEP_UM + shifts[2 * direction],
-            heard.field(direction, wire.Y) * wire.STEP_UM + shifts[2 * direction + 1],
-            turn_um(heard.field(direction, wire.YAW)),
-        )
-
-    def _difference(self, direction):
-        """What a neighbour's pose differs from that sent here [um], within what sums bear."""
-        x, y, turn = self._pose(direction)
-        own_x, own_y, own_turn = self._sent
-        return _bounded(x - own_x), _bounded(y - own_y), _bounded(wrapped(turn - own_turn))
-
     def _correct(self, sync_ms):
         """Take in the edges that sensors have seen until the last SYNC."""
         heard, footprint, twist = self._heard, self._footprint, self.twist
@@ -193,7 +150,7 @@ class Tracking:
             if ago_ms <= 0:
                 continue
             direction = heard.edge_direction[number]
-            if self._is_other(direction):
+            if self.is_other(direction) or self._suspicion.has(direction, PRESENCE):
                 continue
             point = AXES + heard.edge_sensor[number]
             # The parcel has moved on since: so has, with it, the place where its edge was seen.
@@ -224,15 +181,24 @@ class Tracking:
         deep, free = self._contradictions(OWN, not self._turn & 3)
         if self._turn != OWN:
             self._contradictions(self._turn, True)
-        self.missing_beats = min(self.missing_beats + 1, LOST_BEATS) if deep and free == deep else 0
+        missing = deep and free == deep
+        if self.witnessed and self._suspicion.has(OWN, PRESENCE):
+            missing = False
+        self.missing_beats = min(self.missing_beats + 1, LOST_BEATS) if missing else 0
+
+    @property
+    def witnessed(self):
+        """Whether neighbours have the parcel where this cell believes it."""
+        return self._agreement.near >= _WITNESSES
 
     def _contradictions(self, direction, correcting):
         """How many sensors have to be covered, and how many of them are not."""
         heard, footprint = self._heard, self._footprint
         deep = free = 0
-        if not heard.seen[direction] or self._is_other(direction):
+        if not heard.seen[direction] or self.is_other(direction):
             return deep, free
         bits = heard.presence[direction]
+        believed = correcting and not self._suspicion.doubts(direction, PRESENCE)
         shift_x, shift_y = footprint.shift_x[direction], footprint.shift_y[direction]
         for sensor in range(SENSORS):
             x = shift_x + footprint.x[AXES + sensor]
@@ -242,27 +208,22 @@ class Tracking:
             if distance < -_DEEP:
                 deep += 1
                 free += 1 - covered
-            if correcting and (distance < 0) != bool(covered):
+            if believed and (distance < 0) != bool(covered):
                 self.belief.correct(x, y, CONTRADICTION, False)
         return deep, free
 
-    def _follow(self, beat):
-        """Take the mean of those that are under the parcel; returns whether there are any."""
-        total = x = y = turn = best = 0
-        first = None
-        for direction in range(DIRECTIONS):
-            if self._heard.estimate_beat[direction] == beat and self._is_peer(direction):
-                its_x, its_y, its_turn = self._pose(direction)
-                first = its_turn if first is None else first
-                total += 1
-                x += its_x
-                y += its_y
-                turn += wrapped(its_turn - first)
-                best = max(best, self._heard.field(direction, wire.CERTAINTY))
-        if total:
+    def _is_outvoted(self):
+        """Whether this cell is to take what the others believe for its own."""
+        agreement = self._agreement
+        if self._sent is None:
+            return False
+        agreement.judge(self._sent)
+        return agreement.outvoted_beats >= BEATS
+
+    def _follow(self):
+        """Take what those under the parcel believe; returns whether there are any."""
+        if self._agreement.follow(self.belief):
             self._followed_beats = 0
-            pose = x // total, y // total, wrapped(first + turn // total)
-            self.belief.start(*pose, variance=1 << 17 - best)
             return True
         if not self.under:
             self._followed_beats += 1
@@ -270,16 +231,38 @@ class Tracking:
                 self.belief.forget()
         return False
 
+    @property
+    def over(self):
+        """Whether the parcel lies over the cell's square; not only over its wheels and sensors."""
+        return self.under or (
+            self.shaped and self.belief.known and self._footprint.reached(self.outline)
+        )
+
+    @property
+    def sure(self):
+        """Whether this cell has a belief of its own that nothing is against."""
+        return (
+            self._sent is not None
+            and self.under
+            and not (self.missing_beats or self._agreement.outvoted_beats)
+        )
+
+    @property
+    def doubtful(self):
+        """Whether this cell is not to steer: its own sensors or its neighbours are against it."""
+        return max(self.missing_beats, self._agreement.outvoted_beats) >= DOUBT_BEATS
+
     def announce(self, fields, step_ms):
         """Write pose and certainty into an estimate, as they will be at the next SYNC."""
         belief, twist = self.belief, self.twist
         self.certainty = 0
+        self._sent = None
         if belief.known and self.under and not self._follows:
             x = (belief.x + _rounded(twist.vx, 1000 // step_ms) + wire.STEP_UM // 2) // wire.STEP_UM
             y = (belief.y + _rounded(twist.vy, 1000 // step_ms) + wire.STEP_UM // 2) // wire.STEP_UM
             yaw = wire_yaw(belief.turn + _rounded(twist.turn, 1000 // step_ms))
             fields[wire.X], fields[wire.Y], fields[wire.YAW] = x, y, yaw
-            self.certainty = _certainty(belief.variance)
+            self.certainty = 0 if self.doubtful else _certainty(belief.variance)
             exact = (
                 belief.x + _rounded(twist.vx, 1000 // step_ms),
                 belief.y + _rounded(twist.vy, 1000 // step_ms),
@@ -291,15 +274,6 @@ class Tracking:
 
 def _rounded(number, divisor):
     return (number + divisor // 2) // divisor
-
-
-def _bounded(length_um):
-    return max(min(length_um, 60_000), -60_000)
-
-
-def _weight(more):
-    """Of a belief that is so many steps more certain."""
-    return _PEER_WEIGHT << min(more, 3) if more >= 0 else _PEER_WEIGHT >> min(-more, 4)
 
 
 def _certainty(variance):

@@ -39,6 +39,11 @@ class TwistFit:
         self.wheels = 0
         self._slip_um_s = max(_SLIPPING_UM_S, self._mean_um_s * 3 // 2)
 
+    def at(self, x, y, along_x, along_y):
+        """The speed of the parcel above a wheel there, along its direction in 1/512 [um/s]."""
+        lever = (along_y * (x - self._x) - along_x * (y - self._y)) // _ARM
+        return along_x * self.vx + along_y * self.vy + lever * self.turn >> 9
+
     def wheel(self, x, y, along_x, along_y, speed_um_s):
         """A wheel there turns at that speed; its direction is in 1/512."""
         lever = (along_y * (x - self._x) - along_x * (y - self._y)) // _ARM

@@ -1,0 +1,154 @@
+"""Who contradicts what a cell believes, and for how long: the neighbours that are left out.
+
+A verdict turns when all evidence of half a second has been against it, either way: a suspect is
+taken in again when it has agreed for as long. A beat without evidence counts for nothing.
+"""
+
+try:
+    from micropython import const
+except ImportError:
+    from mdms_cell.cpython import const
+
+from mdms_cell.neighbours.outline import STEP_UM
+from mdms_cell.neighbours.place import AXES, DIRECTIONS, SENSORS
+
+# What a neighbour is suspected of; in an emergency, bits
+PRESENCE = const(0)  # its sensors do not show what lies there, or show what does not
+WHEELS = const(1)  # one of its wheels turns otherwise than the parcel moves
+POSE = const(2)  # it believes the parcel elsewhere than all others
+SILENCE = const(3)  # it believes and promises nothing, and the parcel needs it
+KINDS = const(4)
+
+#: In emergency messages: what they come from, and their code.
+SOURCE = const(9)
+CODE = const(0xFF01)
+
+#: How long all evidence has to be against a verdict until it turns.
+BEATS = const(50)
+#: After so long presence bits correct no belief any more.
+_DOUBT_BEATS = const(5)
+#: A sensor so far inside the outline has to be covered, one so far outside free [steps].
+_CLEAR = 8_000 // STEP_UM
+#: A wheel may be off the parcel's motion by this, and by a quarter of its own [um/s].
+_SLIP_UM_S = const(25_000)
+#: A wheel has to be so far inside the outline to be under it [steps].
+_INSIDE = 10_000 // STEP_UM
+#: Wheels that are to agree before one is found wrong.
+_ENOUGH_WHEELS = const(5)
+
+#: Who has been silent for less has lost a frame.
+_LATE_BEATS = const(3)
+
+#: The cell itself, in the place of a direction.
+_OWN = DIRECTIONS
+
+
+class Suspicion:
+    """Verdicts on the eight neighbours and, in the place of a ninth, on the cell's own sensors.
+
+    `out[d]` has a bit for each kind that is left out of direction d.
+    """
+
+    def __init__(self):
+        self.out = bytearray(DIRECTIONS + 1)
+        self._against = bytearray(KINDS * (DIRECTIONS + 1))
+
+    def reset(self):
+        """Nobody is suspected."""
+        for place in range(DIRECTIONS + 1):
+            self.out[place] = 0
+        for place in range(KINDS * (DIRECTIONS + 1)):
+            self._against[place] = 0
+
+    def has(self, direction, kind):
+        """Whether this is left out of that direction."""
+        return self.out[direction] >> kind & 1
+
+    def judge(self, direction, kind, contradicts):
+        """The evidence of one beat."""
+        at = KINDS * direction + kind
+        if bool(contradicts) == bool(self.has(direction, kind)):
+            self._against[at] = 0
+            return
+        self._against[at] += 1
+        if self._against[at] >= BEATS:
+            self._against[at] = 0
+            self.out[direction] ^= 1 << kind
+
+    def doubts(self, direction, kind):
+        """Whether this is left out, or all evidence of the last beats has been against it."""
+        return self.has(direction, kind) or self._against[KINDS * direction + kind] >= _DOUBT_BEATS
+
+    def first(self):
+        """The first direction that is suspected of anything; -1 for none."""
+        for direction in range(DIRECTIONS + 1):
+            if self.out[direction]:
+                return direction
+        return -1
+
+
+class Evidence:
+    """Compares what the neighbours sense and measure with the belief of a cell under a parcel."""
+
+    def __init__(self, footprint, heard, suspicion):
+        self._footprint = footprint
+        self._heard = heard
+        self._suspicion = suspicion
+
+    def judge_own(self, tracking):
+        """The cell's own sensors, while neighbours have the parcel where it believes it."""
+        self._judge_sensors(tracking.outline, _OWN)
+
+    def judge(self, tracking, beat, needs):
+        """One beat; `needs` is the mask of neighbours that have been asked for the parcel."""
+        suspicion, heard = self._suspicion, self._heard
+        for direction in range(DIRECTIONS):
+            silent = (beat - heard.estimate_beat[direction]) & 0xFFFFFF > _LATE_BEATS
+            if not silent or needs >> direction & 1:
+                suspicion.judge(direction, SILENCE, silent)
+            if heard.speeds_beat[direction] == beat and not tracking.is_other(direction):
+                self._judge_sensors(tracking.outline, direction)
+                self._judge_wheels(tracking, direction)
+        self._judge_wheels(tracking, _OWN)
+
+    def _judge_sensors(self, outline, direction):
+        """Sensors are wrong if all deep inside the outline are free, or any far outside is not."""
+        heard, footprint = self._heard, self._footprint
+        if not heard.seen[direction]:
+            return
+        bits = heard.presence[direction]
+        shift_x, shift_y = footprint.shift_x[direction], footprint.shift_y[direction]
+        deep = free = far = covered = 0
+        for sensor in range(SENSORS):
+            x = shift_x + footprint.x[AXES + sensor]
+            distance = outline.distance(x, shift_y + footprint.y[AXES + sensor])
+            bit = bits >> sensor & 1
+            if distance < -_CLEAR:
+                deep += 1
+                free += 1 - bit
+            elif distance > _CLEAR:
+                far += 1
+                covered += bit
+        if deep or far:
+            contradicts = bool(deep and free == deep) or covered
+            self._suspicion.judge(direction, PRESENCE, contradicts)
+
+    def _judge_wheels(self, tracking, direction):
+        """A wheel well under the parcel is wrong if it does not turn with it."""
+        footprint, twist = self._footprint, tracking.twist
+        if twist.wheels < _ENOUGH_WHEELS:
+            return
+        under = False
+        wrong = False
+        for axis in range(AXES):
+            x = footprint.shift_x[direction] + footprint.x[axis]
+            y = footprint.shift_y[direction] + footprint.y[axis]
+            if tracking.outline.distance(x, y) < -_INSIDE:
+                speed_um_s = self._heard.speeds[2 * direction + axis]
+                expected = twist.at(x, y, footprint.along_x[axis], footprint.along_y[axis])
+                slip = _SLIP_UM_S + abs(expected) // 4
+                # At rest a wheel that cannot turn agrees with everything.
+                under = under or abs(expected) > slip or abs(speed_um_s) > slip
+                wrong = wrong or abs(speed_um_s - expected) > slip
+        if under or wrong:
+            self._suspicion.judge(direction, WHEELS, wrong)
