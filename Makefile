@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 WORKERS ?= 2
 
-.PHONY: demo test quick check format generate bench soak requirements clean
+.PHONY: demo test quick check format generate bench prove soak requirements clean
 
 demo: $(VENV)/.run
 	$(BIN)/mdms demo
@@ -37,6 +37,10 @@ generate: $(VENV)/.dev
 
 bench: $(VENV)/.bench
 	$(BIN)/python -m tests.benchmarks
+
+# Right of way, explored to closure: minutes to an hour. Some of it: make prove PROVE="'2 x 2'".
+prove: $(VENV)/.dev
+	$(BIN)/python -m tests.prove $(PROVE)
 
 # A night: twelve simulated hours of a cell. On the others: make soak SOAK="--nodes cpython".
 soak: $(VENV)/.dev

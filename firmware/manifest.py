@@ -18,6 +18,7 @@ package(
         "frame.py",
         "indices.py",
         "lss.py",
+        "neighbours.py",
         "nmt.py",
         "packed.py",
         "record.py",

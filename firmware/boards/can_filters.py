@@ -5,6 +5,7 @@ from machine import CAN
 #: A filter that no frame of the bus passes.
 _NONE = (0x1FFFFFFF, 0x1FFFFFFF, CAN.FLAG_EXT_ID)
 _EXACT = 0x7FF
+_BITS = 11
 #: Half of the 14 banks of a bxCAN, and of the 28 and 64 standard filters of an STM32G4's and H7's
 #: FDCAN.
 _BXCAN_PLACES = 7
@@ -48,13 +49,18 @@ def shared(identifiers, places):
     drops what else comes through with them.
     """
     wanted = [(can_id, _EXACT) for can_id in sorted(identifiers)]
+    bits = _BITS
     while len(wanted) > places:
-        _join(wanted)
+        bits = _join(wanted, bits)
     return wanted
 
 
-def _join(wanted):
-    """Have the two that leave most bits of a mask share one place."""
+def _join(wanted, limit):
+    """Have the two that leave most bits of a mask share one place; return how many these are.
+
+    No two leave more than `limit`: those that the last two left, for what is joined has fewer bits
+    in common with all others. So the first two that leave as many will do.
+    """
     most = -1
     best = 0, 1, 0
     for place in range(1, len(wanted)):
@@ -64,9 +70,14 @@ def _join(wanted):
             if bits > most:
                 most = bits
                 best = other, place, mask
+                if most == limit:
+                    break
+        if most == limit:
+            break
     other, place, mask = best
     del wanted[place]
     wanted[other] = wanted[other][0] & mask, mask
+    return most
 
 
 def _common(one, two):

@@ -227,7 +227,7 @@ class Cell:
         if command == EVERYTHING:
             flags |= record.STORED_APPLICATION
             self._axes.reset()
-        self._axes.switch_off()
+        self._axes.cut()
         self._beat.stop()
         self._pdos.stop()
         self._layer.stop()

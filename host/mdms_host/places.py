@@ -43,7 +43,7 @@ def place_values(layout: Layout, number: int) -> dict[Place, int]:
         (indices.PLACE, 5): _steps(indices.PLACE, 5, layout.pitch_m),
         _RANK: rank + 1,
     }
-    for sub, node_id in enumerate(_neighbours(layout, column, row), 1):
+    for sub, node_id in enumerate(_neighbour_nodes(layout, number), 1):
         values[indices.NEIGHBOURS, sub] = node_id
     return _checked(values)
 
@@ -78,18 +78,22 @@ def all_values(layout: Layout, number: int) -> dict[Place, int]:
     return place_values(layout, number) | wheel_values(layout) | sensor_values(layout)
 
 
-def _neighbours(layout: Layout, column: int, row: int) -> Iterator[int]:
-    """Node ids by direction, on the cell's own bus; 0 beyond the array's edge."""
-    addresses = Addresses(layout.buses, layout.node_ids)
-    bus = layout.buses[row * layout.columns + column]
-    foreign = foreign_nodes(layout.columns, layout.rows, addresses)[bus]
+def neighbours_of(layout: Layout, number: int) -> Iterator[int]:
+    """The numbers of a cell's neighbours by direction, 0 beyond the array's edge."""
+    row, column = divmod(number - 1, layout.columns)
     for step_x, step_y in _STEPS:
         x, y = column + step_x, row + step_y
-        if not (0 <= x < layout.columns and 0 <= y < layout.rows):
-            yield 0
-            continue
-        number = y * layout.columns + x + 1
-        yield foreign.get(number, layout.node_ids[number - 1])
+        inside = 0 <= x < layout.columns and 0 <= y < layout.rows
+        yield y * layout.columns + x + 1 if inside else 0
+
+
+def _neighbour_nodes(layout: Layout, number: int) -> Iterator[int]:
+    """The neighbours' node ids on the cell's own bus, 0 beyond the array's edge."""
+    addresses = Addresses(layout.buses, layout.node_ids)
+    foreign = foreign_nodes(layout.columns, layout.rows, addresses)[layout.buses[number - 1]]
+    for neighbour in neighbours_of(layout, number):
+        own = layout.node_ids[neighbour - 1] if neighbour else 0
+        yield foreign.get(neighbour, own)
 
 
 def _steps(index: int, sub: int, value: float) -> int:

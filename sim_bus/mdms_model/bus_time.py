@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from math import floor
 
 from mdms_protocol import pdo
+from mdms_protocol.neighbours import LENGTH
 
 #: Start of frame to the data length, and the CRC: what is stuffed besides the data (11-bit ids).
 STUFFED_BITS = 34
@@ -27,21 +28,30 @@ def worst_bits(data_bytes: int) -> int:
     return stuffed + PLAIN_BITS + (stuffed - 1) // STUFF_EVERY
 
 
+#: Where cells steer, they miss the host after three of its heartbeats.
+WATCHED_HEARTBEAT_S = 0.025
+
+
 @dataclass(frozen=True, slots=True)
 class BusTraffic:
-    """What a host and its cells repeat on one bus: periods [s], bit rate [bit/s]."""
+    """What a host and its cells repeat on one bus: periods [s], bit rate [bit/s].
+
+    Whoever has the `control`, "host" or "cells", has a frame for each cell at every SYNC: the
+    host's setpoint, or what the cell believes of the parcel that it is at.
+    """
 
     bitrate: int
     sync_period_s: float
     heartbeat_period_s: float
     status_period_s: float
+    control: str = "host"
 
     def load(self, cells: int, forwarded: int = 0) -> float:
         """The share of the bus that so many cells and their host need at most.
 
-        Setpoints and speeds of each cell at every SYNC, its state as it repeats it, heartbeats; and
-        the frames that gateways forward at every SYNC.
-        Changes of state come besides: a frame for each edge of a parcel over a sensor.
+        Setpoints or estimates and speeds of each cell at every SYNC, its state as it repeats it,
+        heartbeats; and the frames that gateways forward at every SYNC. Changes of state come
+        besides: a frame for each edge of a parcel over a sensor; and the pages of motion programs.
         """
         own = self._host_bits_per_s() + cells * self._cell_bits_per_s()
         return (own + forwarded * worst_bits(8) / self.sync_period_s) / self.bitrate
@@ -52,10 +62,13 @@ class BusTraffic:
         return max(floor(room / self._cell_bits_per_s()), 0)
 
     def _host_bits_per_s(self) -> float:
-        return worst_bits(0) / self.sync_period_s + worst_bits(1) / self.heartbeat_period_s
+        watched = self.control == "cells"
+        heartbeat_s = WATCHED_HEARTBEAT_S if watched else self.heartbeat_period_s
+        return worst_bits(0) / self.sync_period_s + worst_bits(1) / heartbeat_s
 
     def _cell_bits_per_s(self) -> float:
-        exchanged = worst_bits(pdo.TARGET_VELOCITY.length) + worst_bits(pdo.ACTUAL_VELOCITY.length)
+        steering = LENGTH if self.control == "cells" else pdo.TARGET_VELOCITY.length
+        exchanged = worst_bits(steering) + worst_bits(pdo.ACTUAL_VELOCITY.length)
         return (
             exchanged / self.sync_period_s
             + worst_bits(pdo.STATUS.length) / self.status_period_s

@@ -1,6 +1,7 @@
 """Sampled history of a running world, gathered into a `Record`."""
 
 from mdms_model.arrays import Floats
+from mdms_model.run.cell_reports import without_reports
 from mdms_model.run.history import History
 from mdms_model.run.record import Event, Record
 from mdms_sim.physics.plane.world import World
@@ -14,9 +15,17 @@ class Sampler:
         self._history = History(most)
 
     def sample(
-        self, now_s: float, reference_m_s: Floats, voltage_v: Floats, estimate: Floats
+        self,
+        now_s: float,
+        reference_m_s: Floats,
+        voltage_v: Floats,
+        estimate: Floats,
+        reports: dict[str, Floats],
     ) -> None:
-        """Append the state at `now_s`; references and voltages of shape (W,), estimate (P, 3)."""
+        """Append the state at `now_s`; references and voltages of shape (W,), estimate (P, 3).
+
+        `reports` are what cells reported, by name, and belong to the sampler from now on.
+        """
         if not self._history.takes():
             return
         world = self._world
@@ -33,9 +42,16 @@ class Sampler:
             force_n=world.force_n,
             contact=world.contact,
             estimate=estimate.copy(),
+            **reports,
         )
 
-    def record(self, events: list[Event]) -> Record:
-        """Return what was sampled so far as one `Record` with these events, ordered by time."""
+    def record(self, events: list[Event], reported: bool) -> Record:
+        """Return what was sampled so far as one `Record` with these events, ordered by time.
+
+        What cells reported is in it if they have `reported` anything.
+        """
         ordered = sorted(events, key=lambda event: event.time_s)
-        return Record(time_s=self._history.time_s, events=ordered, **self._history.columns())
+        columns = self._history.columns()
+        if not reported:
+            columns = without_reports(columns)
+        return Record(time_s=self._history.time_s, events=ordered, **columns)

@@ -14,9 +14,11 @@ from typing import BinaryIO
 
 import numpy as np
 
+from mdms_model.array import cell_centres
 from mdms_model.arrays import Floats
 from mdms_model.buses import Addresses, address_cells, plan_gateways
 from mdms_model.participant import BusesParticipant, Participant
+from mdms_model.run.cell_reports import CellReports
 from mdms_model.run.folder import interface_of
 from mdms_model.run.record import Record
 from mdms_model.run.references import References
@@ -100,10 +102,12 @@ class Simulation:
         self.world = World(scenario)
         self.log = BusLog(bus_log)
         self._references = References(addresses, len(scenario.cell.wheel))
+        self._reports = CellReports(cell_centres(scenario.array), addresses)
         for number, bus in enumerate(self.buses):
             interface = interface_of(number, len(self.buses))
             bus.observe(partial(self.log.on_frame, interface=interface))
             bus.observe(partial(self._references.on_frame, number), self._references.cells[number])
+            bus.observe(partial(self._on_report, number), self._reports.cells[number])
         self._bank = bank
         self._estimates = estimates
         self._sampler = Sampler(self.world, most_samples)
@@ -171,7 +175,10 @@ class Simulation:
             log_sha256=self.log.log_sha256,
         )
         events = sorted([*self.world.events, *self._faults.events], key=lambda each: each.time_s)
-        return Outcome(self._sampler.record(events), figures)
+        return Outcome(self._sampler.record(events, self._reports.any), figures)
+
+    def _on_report(self, bus: int, frame: Frame, now_ns: int) -> None:
+        self._reports.on_frame(bus, frame, now_ns / NS_PER_S)
 
     def _deliver(self, cell: int, frame: Frame, now_ns: int) -> None:
         """A frame has reached a cell (from 0); its background loop deals with it soon."""
@@ -212,7 +219,9 @@ class Simulation:
         estimates = self._estimates() if self._estimates else self._unknown
         voltage_v = self._voltage_uv[:, : self._axes].ravel() / UV_PER_V
         references = self._references.reference_m_s
-        self._sampler.sample(now_ns / NS_PER_S, references, voltage_v, estimates)
+        now_s = now_ns / NS_PER_S
+        reports = self._reports.sample(now_s)
+        self._sampler.sample(now_s, references, voltage_v, estimates, reports)
         self.kernel.at(now_ns + SAMPLE_NS, PRIORITY_SAMPLE, self._sample)
 
 

@@ -121,6 +121,8 @@ def test_every_setting_reaches_the_loop_of_its_axis_alone():
         (0x6075, 4_000, s.CURRENT_LIMIT, 6_000),
         (0x6083, 2_500, s.ACCELERATION, 3),
         (0x6084, 4_000, s.DECELERATION, 4),
+        (0x200F, 50_000, s.BRAKE_GAIN, 800),
+        (0x605E, 0, s.REACTION, 0),
         (0x6085, 5_000, s.QUICK_STOP, 5),
         (0x607E, 0x40, s.INVERTED, 1),
     )

@@ -60,8 +60,11 @@ def test_controlword_leads_to_operation_enabled_and_status_follows():
     assert cia402.state(words[0]) == cia402.state(words[1]) == cia402.OPERATION_ENABLED
 
 
-def test_wheels_stop_when_no_setpoint_comes_for_50_ms():
+def driven_ms(*settings):
+    """For how long a wheel has a reference when one setpoint comes and no other."""
     cell, board = operational()
+    for setting in settings:
+        cell.on_frame(0x605, sdo.write_request(*setting), cell.now_ms)
     enable(cell)
     cell.on_frame(0x205, pdo.TARGET_VELOCITY.encode((63_500, 0)), cell.now_ms)
     cell.on_frame(0x080, b"", cell.now_ms)
@@ -69,8 +72,18 @@ def test_wheels_stop_when_no_setpoint_comes_for_50_ms():
     for now_ms in range(51, 250):
         cell.tick()
         cell.poll(now_ms)
-        running += board.registers[speed_loop.VOLTAGE] != 0
-    assert 50 <= running <= 52
+        running += board.registers[speed_loop.DEMAND] != 0
+    return running
+
+
+def test_wheels_ramp_down_when_no_setpoint_comes_for_50_ms():
+    # 63.5 mm/s at 8 m/s2, or at 1 m/s2
+    assert 50 + 7 <= driven_ms() <= 52 + 8
+    assert 50 + 63 <= driven_ms((0x6085, 0, (1_000_000).to_bytes(4, "little"))) <= 52 + 64
+
+
+def test_wheels_are_cut_when_no_setpoint_comes_for_50_ms_where_settings_say_so():
+    assert 50 <= driven_ms((0x605E, 0, b"\0\0")) <= 52
 
 
 def test_presence_is_sent_when_it_changes():

@@ -45,6 +45,7 @@ EXPECTED = {
         0,
     ),
     c.QUICK_STOP_ACTIVE: (0, 0, 0, c.SWITCH_ON_DISABLED, 0, 0),
+    c.FAULT_REACTION: (0, 0, 0, 0, 0, 0),
     c.FAULT: (0, 0, 0, 0, 0, c.SWITCH_ON_DISABLED),
 }
 
@@ -58,6 +59,9 @@ WAYS = {
 }
 
 
+HEARTBEAT_LOST = 0x8130
+
+
 class Axis:
     """A drive over its registers, with a wheel that stands still."""
 
@@ -69,6 +73,7 @@ class Axis:
         for base in (0, s.AXIS):
             tuning.set_encoder(self.registers, base, 37_596)
             tuning.set_law(self.registers, base, 10_000, 24_000)
+            tuning.set_brake(self.registers, base, 10_000, 24_000)
             self.registers[base + s.WINDOW] = 5_000
             self.registers[base + s.WINDOW_TICKS] = 10
         self.drive = d.Drive(self.registers, 0)
@@ -84,10 +89,22 @@ class Axis:
         return self.registers[s.VOLTAGE]
 
 
+def braking_axis(target_um_s=0):
+    """Enabled, and to brake at 1 m/s2 when it is commanded no more."""
+    axis = axis_in(c.OPERATION_ENABLED)
+    tuning.set_ramps(axis.registers, 0, 0, 0, 1_000_000)
+    axis.registers[s.REACTION] = 1
+    axis.drive.set_target(target_um_s)
+    return axis
+
+
 def axis_in(state):
     axis = Axis()
     if state == c.FAULT:
         axis.drive.fail(d.STALLED)
+    elif state == c.FAULT_REACTION:
+        axis = braking_axis(100_000)
+        axis.drive.fall_silent(HEARTBEAT_LOST)
     else:
         for controlword in WAYS[state]:
             axis.drive.control(controlword)
@@ -159,6 +176,86 @@ def test_target_older_than_the_switching_on_is_not_stale():
     axis.tick(1000)
     axis.drive.control(c.ENABLE_OPERATION)
     assert axis.tick(50) == 0
+
+
+def test_stale_target_has_the_wheel_braked_and_held_before_the_fault():
+    axis = braking_axis(100_000)
+    assert axis.tick(50) == 0
+    assert axis.tick() == d.STALE_SETPOINT
+    assert axis.drive.state == c.FAULT_REACTION
+    assert axis.registers[s.DEMAND] == 99_000
+    axis.drive.set_target(100_000)
+    axis.tick(50)
+    assert axis.registers[s.DEMAND] == 49_000
+    axis.tick(49 + s.STILL_TICKS - 5)
+    assert axis.drive.state == c.FAULT_REACTION
+    axis.tick(10)
+    assert axis.drive.state == c.FAULT
+    assert axis.drive.error_code == d.STALE_SETPOINT
+    assert axis.voltage_uv() == 0
+
+
+def test_stale_target_is_braked_by_the_tick_alone():
+    axis = braking_axis(100_000)
+    for tick in range(60 + 100 + s.STILL_TICKS):
+        s.step(axis.registers)
+        assert tick < 60 or axis.registers[s.DEMAND] < 95_000
+    assert axis.registers[s.FAULTS] == s.STALE
+    axis.registers[s.COUNT] += 400  # dragged on
+    s.step(axis.registers)
+    assert axis.voltage_uv() == 0
+
+
+def test_braking_of_a_wheel_that_is_pushed_ends_with_its_time():
+    for polled in (True, False):
+        axis = braking_axis(100_000)
+        for tick in range(50 + 1002):
+            axis.registers[s.COUNT] += 4  # 0.1 m/s, for ever
+            s.step(axis.registers)
+            if polled:
+                axis.drive.poll()
+            assert tick > 1048 or axis.voltage_uv() != 0
+        assert axis.voltage_uv() == 0
+        assert axis.drive.state == (c.FAULT if polled else c.OPERATION_ENABLED)
+
+
+def test_another_fault_ends_the_braking_at_once():
+    axis = braking_axis(100_000)
+    axis.tick(60)
+    tuning.set_over_current(axis.registers, 0, 3_000, 1)
+    axis.registers[s.CURRENT] = 4_000
+    assert axis.tick() == d.OVER_CURRENT
+    assert axis.voltage_uv() == 0
+    assert axis.drive.state == c.FAULT
+    for cut in ("fail", "cut", "register"):
+        axis = braking_axis(100_000)
+        axis.tick(60)
+        assert axis.voltage_uv() != 0
+        if cut == "fail":
+            axis.drive.fail(d.STALLED)
+        elif cut == "cut":
+            axis.drive.cut()
+        else:
+            axis.registers[s.CUT] = 1
+        axis.tick()
+        assert axis.voltage_uv() == 0, cut
+
+
+def test_second_silence_does_not_shorten_the_braking():
+    axis = braking_axis(100_000)
+    axis.tick(60)
+    axis.drive.fall_silent(HEARTBEAT_LOST)
+    assert axis.drive.state == c.FAULT_REACTION
+    assert axis.drive.error_code == d.STALE_SETPOINT
+
+
+def test_axis_that_is_off_has_nothing_to_brake():
+    for state in (c.SWITCH_ON_DISABLED, c.SWITCHED_ON):
+        axis = axis_in(state)
+        axis.registers[s.REACTION] = 1
+        axis.drive.fall_silent(HEARTBEAT_LOST)
+        assert axis.drive.state == c.FAULT
+        assert axis.drive.error_code == HEARTBEAT_LOST
 
 
 def test_quick_stop_ends_in_switch_on_disabled_after_its_ramp():

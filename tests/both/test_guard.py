@@ -48,7 +48,38 @@ def test_error_behaviour_chooses_the_state():
         for now_ms in range(51, 300):
             cell.poll(now_ms)
         assert cell.state == state
+        assert board.registers[speed_loop.MODE] == speed_loop.BRAKE
+        for now_ms in range(300, 700):
+            cell.tick()
+            cell.poll(now_ms)
         assert board.registers[speed_loop.MODE] == speed_loop.OFF
+
+
+def test_lost_heartbeat_cuts_the_motors_at_once_where_settings_say_so():
+    cell, board = watching()
+    for index in (0x605E, 0x685E):
+        cell.on_frame(0x605, sdo.write_request(index, 0, b"\0\0"), cell.now_ms)
+    cell.on_frame(0x77F, b"\x05", cell.now_ms)
+    for now_ms in range(51, 300):
+        cell.poll(now_ms)
+    assert board.registers[speed_loop.MODE] == speed_loop.OFF
+
+
+def test_commands_do_not_end_the_braking_but_a_reset_does():
+    for command, mode in (
+        (nmt.STOP, speed_loop.BRAKE),
+        (nmt.START, speed_loop.BRAKE),
+        (nmt.RESET_COMMUNICATION, speed_loop.OFF),
+        (nmt.RESET_NODE, speed_loop.OFF),
+    ):
+        cell, board = watching()
+        cell.on_frame(0x77F, b"\x05", cell.now_ms)
+        for now_ms in range(51, 300):
+            cell.poll(now_ms)
+        cell.on_frame(0x000, bytes((command, 5)), cell.now_ms)
+        assert board.registers[speed_loop.MODE] == mode
+        cell.on_frame(0x305, bytes(4), cell.now_ms)
+        assert board.registers[speed_loop.MODE] == mode
 
 
 def awaiting():

@@ -95,7 +95,7 @@ def test_cell_clips_what_does_not_fit_and_lets_yaw_wrap():
 
 def test_frame_that_no_sender_makes_is_dropped():
     fields = array("i", [7] * n.ESTIMATE_FIELDS)
-    for frame in (b"", bytes(7), bytes(9), bytes(7) + b"\x05", bytes(7) + b"\x07"):
+    for frame in (b"", bytes(7), bytes(9), bytes(7) + b"\x06", bytes(7) + b"\x07"):
         assert not n.unpack_estimate(frame, fields, 0)
     no_identity, no_sequence, no_shape = b"\x00\x01", b"\x01\x00", b"\x01\x09"
     for head in (no_identity, no_sequence, no_shape):

@@ -17,7 +17,7 @@ def made():
 
 
 def test_cell_has_no_place_until_it_is_given_one():
-    objects, place, changes = made()
+    objects, place, _ = made()
     assert not place.known
     assert sum(place.nodes) == 0
     write(objects, indices.PLACE, 1, 3)
@@ -25,6 +25,19 @@ def test_cell_has_no_place_until_it_is_given_one():
     write(objects, indices.PLACE, 2, 2)
     assert place.known
     assert (place.column, place.row) == (3, 2)
+
+
+def test_only_what_changes_the_neighbours_sets_filters_anew():
+    objects, _, changes = made()
+    write(objects, indices.PLACE, 1, 3)
+    assert not changes
+    write(objects, indices.PLACE, 2, 2)
+    assert len(changes) == 1
+    write(objects, indices.NEIGHBOURS, 4, 9)
+    assert len(changes) == 2
+    write(objects, indices.NEIGHBOURS, 4, 9)
+    write(objects, indices.PLACE, 3, 127_000)
+    write(objects, indices.SENSOR_OFFSETS, 1, 1)
     assert len(changes) == 2
 
 

@@ -31,6 +31,25 @@ def keep(bench, ms):
         assert not bench.off()
 
 
+def brakes(bench, ms, hold_ms=300):
+    """The wheels are ramped to rest within so many ticks, and stay there, whatever is commanded.
+
+    These stand from the beginning, so that the braking gain shows as more voltage at first.
+    """
+    world.advance()
+    before = bench.widths()
+    for _ in range(ms - 1):
+        world.advance()
+        assert all(now <= then for now, then in zip(bench.widths(), before))  # noqa: B905
+        before = bench.widths()
+    assert before == (0, 0)
+    assert world.levels[bench.wake]
+    for _ in range(hold_ms):
+        bench.target(TARGET)
+        bench.pass_ms()
+        assert bench.off()
+
+
 def falls(bench, ms, code):
     """Stream targets for so long; the first motor is off then, and the host is told why."""
     for _ in range(ms):
@@ -67,11 +86,32 @@ def comes_back(bench, *controlwords):
     keep(bench, 20)
 
 
+def set_reaction(bench, option):
+    """What a silent host makes the wheels do: 0x605E."""
+    for index in (0x605E, 0x685E):
+        write = b"\x2b" + index.to_bytes(2, "little") + bytes((0, option, 0, 0, 0))
+        bench.can.deliver(0x600 + NODE, write)
+        bench.pass_ms(2)
+
+
 RESET = (0x00, cia402.FAULT_RESET, cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION)
 UP = RESET[2:]
 
 
 def stale_setpoint(bench):
+    # 8 m/s2 from 0.1 m/s: 13 ms
+    keep(bench, 100)
+    bench.target(TARGET)
+    for _ in range(51):
+        bench.pass_ms()
+        assert not bench.off()
+    brakes(bench, 14)
+    assert emergencies() == [0x8250, 0x8250], emergencies()
+    comes_back(bench, *RESET)
+
+
+def stale_setpoint_cut(bench):
+    set_reaction(bench, 0)
     keep(bench, 100)
     bench.target(TARGET)
     bench.pass_ms()
@@ -81,11 +121,32 @@ def stale_setpoint(bench):
     comes_back(bench, *RESET)
 
 
+def fault_while_braking(bench):
+    # A ramp of 0.1 m/s2 would last for a second.
+    for index in (0x6085, 0x6885):
+        write = b"\x23" + index.to_bytes(2, "little") + b"\0" + (100_000).to_bytes(4, "little")
+        bench.can.deliver(0x600 + NODE, write)
+        bench.pass_ms(2)
+    bench.target(TARGET)
+    bench.pass_ms(60)
+    assert not bench.off()
+    world.levels[bench.fault] = 0
+    for _ in range(99):
+        bench.pass_ms()
+        assert not bench.off()
+    cut(bench)
+    bench.pass_ms(10)
+    assert 0x2310 in emergencies()
+    world.levels[bench.fault] = 1
+    comes_back(bench, *RESET)
+
+
 def no_sync(bench):
-    for _ in range(60):
+    for _ in range(80):
         bench.can.deliver(0x200 + NODE, TARGET.to_bytes(4, "little") * 2)
         bench.pass_ms()
     assert bench.off()
+    bench.pass_ms(320)
     comes_back(bench, *RESET)
 
 
@@ -96,12 +157,13 @@ def heartbeat_lost(bench):
         bench.can.deliver(0x764, b"\x05")
         keep(bench, 1)
     silent_ms = 0
-    while not bench.off():
+    full = bench.widths()
+    while bench.widths() == full:
         bench.target(TARGET)
         bench.pass_ms()
         silent_ms += 1
     assert 39 <= silent_ms <= 46, silent_ms
-    bench.pass_ms(10)
+    brakes(bench, 14)
     assert 0x8130 in emergencies()
     # It is missed no more, and the node is started again.
     bench.can.deliver(0x600 + NODE, b"\x23\x16\x10\x01\0\0\0\0")
@@ -253,11 +315,11 @@ def disable_voltage(bench):
 
 
 def quick_stop(bench):
-    # 2 m/s2 from 0.1 m/s: 50 ms
+    # 8 m/s2 from 0.1 m/s: 13 ms
     bench.can.deliver(0x300 + NODE, b"\x02\x00\x02\x00")
     bench.runner.turn(world.now_ms)
     before = bench.widths()[0]
-    for _ in range(48):
+    for _ in range(11):
         world.advance()
         assert 0 < bench.widths()[0] <= before
         before = bench.widths()[0]
@@ -373,9 +435,14 @@ def background_hangs(bench):
     bench.target(TARGET)
     bench.pass_ms()
     fed_ms = world.fed_ms
-    cut(bench, 51)
+    for _ in range(50):
+        world.advance()
+        assert not bench.off()
+    for _ in range(14):
+        world.advance()
+    assert bench.off()
     assert world.fed_ms == fed_ms
-    bench.pass_ms(10)
+    bench.pass_ms(320)
     comes_back(bench, *RESET)
 
 

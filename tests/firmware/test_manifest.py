@@ -6,7 +6,13 @@ from mdms_host.flashing.firmware_sources import START, sources
 
 MANIFEST = Path(__file__).parents[2] / "firmware" / "manifest.py"
 #: Frozen with its package, and imported by nothing on a board.
-SPARE = {"mdms_cell/board.py", "mdms_cell/cpython.py"}
+SPARE = {
+    "mdms_cell/board.py",
+    "mdms_cell/cpython.py",
+    # Until the cell has a layer that asks for it
+    "mdms_cell/neighbours/__init__.py",
+    "mdms_cell/neighbours/right_of_way.py",
+}
 
 
 def frozen(manifest):

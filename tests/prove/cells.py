@@ -24,7 +24,7 @@ class Rules(NamedTuple):
     hold: int = 1
     hops: int = 1
     patience: int = 8
-    single: bool = False  # at most one link of the table is disturbed within a beat
+    disturbed: int | None = None  # links on which estimates may be lost or late within a beat
 
 
 class Memory(NamedTuple):
@@ -155,8 +155,7 @@ class Cell:
             yield self._number(self._after(local, DOWN))
             return
         lags = given.over and local.memory.promised != given.over
-        choices = _singly(inbox) if self._rules.single else product(*inbox)
-        for choice in choices:
+        for choice in self._choices(inbox):
             delivered = tuple(
                 (direction, message)
                 for direction, message in zip(self._directions, choice, strict=True)
@@ -167,6 +166,17 @@ class Cell:
             if lags:
                 memory = self._decide(local.memory, delivered, Input(0, 0), True)
                 yield self._number(self._after(local, memory))
+
+    def _choices(self, inbox: tuple[Arrivals, ...]) -> Iterable[tuple[Message, ...]]:
+        """What may arrive from all neighbours; first all of this beat's estimates, at once."""
+        if self._rules.disturbed is None:
+            yield from product(*inbox)
+            return
+        prompt = tuple(arrivals[0] for arrivals in inbox)
+        yield prompt
+        for place, arrivals in enumerate(inbox if self._rules.disturbed else ()):
+            for message in arrivals[1:]:
+                yield (*prompt[:place], message, *prompt[place + 1 :])
 
     def _decide(
         self,
@@ -231,12 +241,3 @@ class Cell:
 
 def _turned_mask(mask: int, directions: tuple[int, ...]) -> int:
     return sum(1 << directions[direction] for direction in range(8) if mask >> direction & 1)
-
-
-def _singly(inbox: tuple[Arrivals, ...]) -> Iterable[tuple[Message, ...]]:
-    """All that may arrive where at most one link does not deliver this beat's estimate at once."""
-    prompt = tuple(arrivals[0] for arrivals in inbox)
-    yield prompt
-    for place, arrivals in enumerate(inbox):
-        for message in arrivals[1:]:
-            yield (*prompt[:place], message, *prompt[place + 1 :])

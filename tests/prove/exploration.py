@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from mdms_cell.neighbours import right_of_way
 from tests.prove.cells import SILENCE, Arrivals, Cell, Input, Memory, Rules
 from tests.prove.parcels import Cells, Grid, Situation
+from tests.prove.rules import Judge
 
 #: Parcels by number and whether a cell may still crash.
 World = tuple[tuple[Situation, ...], bool]
@@ -45,12 +46,12 @@ class Exploration:
         most_states: int = 10_000_000,
     ) -> None:
         spans = max(len(place) for place in starts) > 1
-        self._reaction_beats = rules.hops * (rules.late + rules.hold) if spans else 0
-        self.grid = grid = replace(grid, reaction_beats=self._reaction_beats)
+        reaction_beats = rules.hops * (rules.late + rules.hold) if spans else 0
+        self.grid = grid = replace(grid, reaction_beats=reaction_beats)
         self.rules = rules
         self._most_states = most_states
-        self._keep_bound = rules.hops * (rules.late + rules.hold)
         self._links = grid.neighbours
+        self._judge = Judge(self._links, rules.hops * (rules.late + rules.hold), reaction_beats)
         self._places = range(len(self._links))
         self.cells = [Cell(module, rules, links) for links in self._links]
         self._said: list[dict[int, tuple[Arrivals, ...]]] = [{} for _ in self._places]
@@ -221,7 +222,7 @@ class Exploration:
             yield from self._crashes(world, state, options)
 
     def _choices(self, options: list[tuple[int, ...]]) -> Iterator[tuple[int, ...]]:
-        if not self.rules.single:
+        if self.rules.disturbed is None:
             yield from product(*options)
             return
         prompt = tuple(option[0] for option in options)
@@ -252,7 +253,7 @@ class Exploration:
                     self.transitions += 1
                     if after not in self.parents:
                         self.parents[after] = state
-                        self.judge(after)
+                        self._hold_against_the_rules(after)
                         found.append(after)
                 if len(self.parents) > self._most_states:
                     raise MemoryError(f"more than {self._most_states} states")
@@ -264,53 +265,11 @@ class Exploration:
             runs=sum(cell.runs for cell in self.cells),
         )
 
-    def judge(self, state: State) -> None:
-        """Hold a state against the rules."""
-        parcels, _ = self.world(state)
+    def _hold_against_the_rules(self, state: State) -> None:
         memories = [self.memory(state, cell) for cell in self._places]
-        covered: dict[int, int] = {}
-        for identity, parcel in enumerate(parcels, 1):
-            for cell in parcel.covers:
-                if covered.setdefault(cell, identity) != identity:
-                    raise self._broken("two parcels touch", state)
-        for cell, memory in enumerate(memories):
-            holders = {memory.identity} if memory.state >= right_of_way.PROMISED else set()
-            for there, direction in self._heard_by[cell]:
-                other = memories[there]
-                if other.state == right_of_way.UNDER and any(
-                    each[0] == direction for each in other.said
-                ):
-                    holders.add(other.identity)
-            if len(holders) > 1:
-                raise self._broken(f"cell {cell} is promised to two parcels", state)
-            if cell in covered and holders - {covered[cell]}:
-                raise self._broken(f"cell {cell} is promised while another stands there", state)
-        for cell, memory in enumerate(memories):
-            if memory.drive:
-                self._judge_wheels(state, memories, cell)
-
-    def _judge_wheels(self, state: State, memories: list[Memory], cell: int) -> None:
-        """Whether the wheels of a cell may turn for no longer than all leases last."""
-        turning = memories[cell]
-        for there in self._places:
-            other = memories[there]
-            if other.identity != turning.identity or other.state != right_of_way.UNDER:
-                continue
-            parcel = self.world(state)[0][turning.identity - 1]
-            if there != cell and parcel.waits and parcel.since < self._reaction_beats:
-                continue
-            for direction, wanted in self._links[there].items():
-                if not other.wants >> direction & 1:
-                    continue
-                left = memories[wanted].bound - (self._keep_bound if there == cell else 0)
-                if memories[wanted].down:
-                    continue
-                if memories[wanted].promised not in (0, turning.identity) or turning.drive > left:
-                    raise self._broken(
-                        f"wheels of {cell} turn for {turning.drive} beats, "
-                        f"the lease of {wanted} lasts {left}",
-                        state,
-                    )
+        rule = self._judge.broken_rule(self.world(state)[0], memories)
+        if rule:
+            raise self._broken(rule, state)
 
     def _broken(self, rule: str, state: State) -> CounterexampleError:
         trace: list[str] = []

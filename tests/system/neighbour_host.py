@@ -238,7 +238,11 @@ def scenario_of(
     several = []
     if columns * rows > 18:
         stripes = [
-            [row * columns + column + 1 for row in range(rows) for column in range(first, first + 3)]
+            [
+                row * columns + column + 1
+                for row in range(rows)
+                for column in range(first, first + 3)
+            ]
             for first in range(0, columns, 3)
         ]
         several = [f"array.buses={stripes}", "array.forwarded=[1, 2, 3, 4]"]

@@ -1,6 +1,7 @@
 """Watches over communication: who has fallen silent, what does not come, who takes the node id.
 
-An error of communication switches the motors off, whatever the error behaviour 0x1029 is.
+An error of communication switches the motors off, whatever the error behaviour 0x1029 is; where a
+heartbeat is lost, they may brake first (0x605E).
 """
 
 from mdms_protocol import indices, nmt
@@ -45,7 +46,8 @@ class Guard:
         if consumer.poll(now_ms):
             self._emcy.report(SOURCE_CONSUMER, HEARTBEAT_LOST)
             if not self._goes_on():
-                self._react(HEARTBEAT_LOST)
+                self._axes.fall_silent(HEARTBEAT_LOST)
+                self._enter()
         elif not consumer.lost:
             self._emcy.clear(SOURCE_CONSUMER)
         if self._pdos.overdue(now_ms):
@@ -69,6 +71,10 @@ class Guard:
 
     def _react(self, error_code):
         self._axes.fail(error_code)
+        self._enter()
+
+    def _enter(self):
+        """Take the NMT state that a communication error leads to; it ends no braking."""
         state = _STATES.get(self._objects.number(indices.ERROR_BEHAVIOUR, 1))
         if state is not None and self._node.state in (nmt.OPERATIONAL, nmt.PRE_OPERATIONAL):
             self._node.enter(state)

@@ -4,7 +4,8 @@ from mdms_cell.drive import speed_loop
 from mdms_cell.drive.axis import Axis
 from mdms_protocol import cia402
 
-_DRIVING = (cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE)
+_DRIVING = (cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE, cia402.FAULT_REACTION)
+_FAILED = (cia402.FAULT, cia402.FAULT_REACTION)
 
 
 class Axes:
@@ -52,7 +53,7 @@ class Axes:
             code = drive.poll()
             if code:
                 self._emcy.report(source, code)
-            elif drive.state != cia402.FAULT:
+            elif drive.state not in _FAILED:
                 self._emcy.clear(source)
 
     def driving(self):
@@ -66,8 +67,13 @@ class Axes:
             drive.on_enabled = on_enabled
 
     def switch_off(self):
-        """Switch the motors off in good order."""
+        """Switch the motors off; those that brake for a fault go on until they stand."""
         self._control(cia402.DISABLE_VOLTAGE)
+
+    def cut(self):
+        """Switch all motors off at once."""
+        for drive in self._drives:
+            drive.cut()
 
     def reset(self):
         """Switch the motors off, and drop faults and targets."""
@@ -78,6 +84,11 @@ class Axes:
         """Switch the motors off by a fault that comes from outside the speed loop."""
         for drive in self._drives:
             drive.fail(error_code)
+
+    def fall_silent(self, error_code):
+        """Brake, as far as settings say so, and go to 'fault': who commands is gone."""
+        for drive in self._drives:
+            drive.fall_silent(error_code)
 
     def _control(self, controlword):
         for drive in self._drives:

@@ -5,10 +5,13 @@ Indices are those of axis 1; axis 2 has them `indices.AXIS_OFFSET` higher.
 
 from mdms_cell.drive import speed_loop, tuning
 from mdms_cell.drive.state_machine import Drive
-from mdms_protocol import indices
+from mdms_protocol import indices, sdo
 
 _VELOCITY_REVERSED = 0x40
 
+# Fault reaction option code (CiA 402-2): 0 V at once, or the quick stop's ramp
+_DISABLE = 0
+_QUICK_STOP_RAMP = 2
 
 _SETTINGS = (
     indices.GAIN,
@@ -30,6 +33,8 @@ _SETTINGS = (
     indices.ACCELERATION,
     indices.DECELERATION,
     indices.QUICK_STOP,
+    indices.FAULT_REACTION,
+    indices.BRAKING_GAIN,
     indices.MAX_SLIPPAGE,
 )
 
@@ -60,10 +65,14 @@ class Axis:
         registers[base + speed_loop.INVERTED] = 1 if reversed_ else 0
         tuning.set_encoder(registers, base, resolution, setting(indices.OBSERVER_LAG))
         tuning.set_feed(registers, base, resolution, setting(indices.ACCELERATION_PER_VOLT))
-        tuning.set_law(registers, base, setting(indices.GAIN), setting(indices.VOLTAGE_LIMIT))
+        voltage_limit_mv = setting(indices.VOLTAGE_LIMIT)
+        tuning.set_law(registers, base, setting(indices.GAIN), voltage_limit_mv)
+        tuning.set_brake(registers, base, setting(indices.BRAKING_GAIN), voltage_limit_mv)
         acceleration, deceleration = setting(indices.ACCELERATION), setting(indices.DECELERATION)
         quick_stop = setting(indices.QUICK_STOP)
         tuning.set_ramps(registers, base, acceleration, deceleration, quick_stop)
+        ramped = setting(indices.FAULT_REACTION) == _QUICK_STOP_RAMP
+        registers[base + speed_loop.REACTION] = 1 if ramped else 0
         registers[base + speed_loop.WINDOW] = setting(indices.WINDOW)
         registers[base + speed_loop.WINDOW_TICKS] = setting(indices.WINDOW_TIME)
         self._load_watching(registers, base, setting, resolution)
@@ -80,6 +89,8 @@ class Axis:
         tuning.set_following(registers, base, limit_um_s, time_ms)
 
     def _on_setting(self, _index, _sub):
+        if self._setting(indices.FAULT_REACTION) not in (_DISABLE, _QUICK_STOP_RAMP):
+            raise sdo.AbortError(sdo.INVALID_VALUE)
         self.load()
 
     def _setting(self, index):

@@ -21,13 +21,13 @@ except ImportError:
 
 # Of each axis. Commands:
 TARGET = const(0)  # reference r [um/s], within +-SPEED_MAX_UM_S
-MODE = const(1)  # OFF, RUN or STOP
+MODE = const(1)  # OFF, RUN, STOP or BRAKE
 AGE = const(2)  # ticks since the last target, counted here, zeroed by whoever writes TARGET
 # Parameters; those marked * are written by `drive.tuning` only, for they depend on each other:
 INVERTED = const(3)  # 1: motor and encoder are mounted the other way round
 ACCELERATION = const(4)  # ramp of the reference away from 0 [um/s per tick]; 0: it jumps
 DECELERATION = const(5)  # ramp of the reference towards 0 [um/s per tick]; 0: it jumps
-QUICK_STOP = const(6)  # ramp in STOP [um/s per tick]; 0: it jumps
+QUICK_STOP = const(6)  # ramp in STOP and BRAKE [um/s per tick]; 0: it jumps
 GAIN = const(7)  # * G [V s/m / 16], 0..2**20
 ERROR_LIMIT = const(8)  # * speed error that takes the largest voltage [um/s]; times GAIN it fits
 ALPHA = const(9)  # * share of the innovation that corrects the position [1/4096], 0..4096
@@ -57,7 +57,8 @@ ACTUAL = const(30)  # tracked velocity [um/s]
 DEMAND = const(31)  # the ramped reference r that the law sees [um/s]
 VOLTAGE = const(32)  # what the board is to apply [uV], as wired
 MEAN_VOLTAGE = const(33)  # of the last 16 ticks or so, along the wheel's own direction [uV]
-FAULTS = const(34)  # bits below; kept until cleared from outside, and the voltage is 0 while set
+FAULTS = const(34)  # bits below; kept until cleared from outside, and the voltage is 0 while set,
+# but for STALE alone while the wheel is braked
 CURRENT_COUNT = const(35)  # ticks of over-current so far
 STALL_COUNT = const(36)  # ticks of stall so far
 STALL_FROM = const(37)  # the lowest count of the span in which a stalled wheel stays
@@ -66,32 +67,38 @@ REVERSAL_PEAK = const(39)  # largest speed in these [um/s]
 FOLLOWING_COUNT = const(40)  # ticks of following error so far
 NEAR_COUNT = const(41)  # ticks near the target so far, up to WINDOW_TICKS
 SLOW_COUNT = const(42)  # ticks of standstill so far, up to WINDOW_TICKS
-STOP_COUNT = const(43)  # ticks in STOP so far, up to BRAKE_TICKS
+STOP_COUNT = const(43)  # ticks in STOP or BRAKE so far, up to BRAKE_TICKS
 BRAKE_COUNT = const(44)  # ticks of braking since the axis went off, up to BRAKE_TICKS
 LAST_COUNT = const(45)  # the low 16 bits of COUNT in the last tick
 TURNS = const(46)  # how often COUNT has passed over its 16 bits, modulo 2**16
 SIGNS = const(47)  # bits below
+# Parameters again:
+REACTION = const(48)  # 1: a stale target has the wheel braked as in BRAKE; 0: voltage 0 at once
+BRAKE_GAIN = const(49)  # * G in BRAKE [V s/m / 16], 0..2**20
+BRAKE_LIMIT = const(50)  # * ERROR_LIMIT in BRAKE [um/s]
 
-AXIS = const(48)  # registers of an axis
+AXIS = const(51)  # registers of an axis
 AXES = const(2)
 
 # Of the cell:
-TICKS = const(96)  # ticks since the start, modulo 2**30
-AGE_LIMIT = const(97)  # a target of this age is stale [ticks]
-SUPPLY = const(98)  # supply voltage as the board measures it [uV], 0..VOLTAGE_MAX_UV
-SUPPLY_MIN = const(99)  # a supply below this drives no motor [uV]
-LOW_COUNT = const(100)  # ticks of too low a supply so far, up to LOW_TICKS
-CUT = const(101)  # not 0: voltage 0 on both axes, for interrupts, which see no state machine
-BRAKE_TICKS = const(102)  # ticks after which braking ends, standstill or not
-AWAKE = const(103)  # 1: the bridges are to be awake, for an axis is on or brakes; 0: they sleep
-ATTENTION = const(104)  # set to 1 when FAULTS or SIGNS change; zeroed by who looks after that
-WIDEN = const(105)  # what sign-extends a loaded register, see `reset`
-REGISTERS = const(106)
+TICKS = const(102)  # ticks since the start, modulo 2**30
+AGE_LIMIT = const(103)  # a target of this age is stale [ticks]
+SUPPLY = const(104)  # supply voltage as the board measures it [uV], 0..VOLTAGE_MAX_UV
+SUPPLY_MIN = const(105)  # a supply below this drives no motor [uV]
+LOW_COUNT = const(106)  # ticks of too low a supply so far, up to LOW_TICKS
+CUT = const(107)  # not 0: voltage 0 on both axes, for interrupts, which see no state machine
+BRAKE_TICKS = const(108)  # ticks after which braking ends, standstill or not
+AWAKE = const(109)  # 1: the bridges are to be awake, for an axis is on or brakes; 0: they sleep
+ATTENTION = const(110)  # set to 1 when FAULTS or SIGNS change; zeroed by who looks after that
+WIDEN = const(111)  # what sign-extends a loaded register, see `reset`
+REGISTERS = const(112)
 
-# Values of MODE.
+# Values of MODE; those from STOP on ramp down.
 OFF = const(0)  # voltage 0: brake until the wheel has stood for HOLD_TICKS, then sleep
 RUN = const(1)  # follow TARGET
 STOP = const(2)  # ramp to standstill, whatever TARGET is; over after BRAKE_TICKS at the latest
+#: As STOP, with a gain of its own, and hold the wheel for STILL_TICKS: what it carries may slide.
+BRAKE = const(3)
 
 # Bits of FAULTS.
 STALE = const(1)
@@ -104,7 +111,7 @@ UNDERVOLTAGE = const(32)
 # Bits of SIGNS.
 AT_TARGET = const(1)
 STANDING = const(2)
-STOPPED = const(4)  # at standstill in STOP, or its time is over
+STOPPED = const(4)  # at standstill in STOP, or the time of STOP or BRAKE is over
 LOW_SUPPLY = const(8)  # too low a supply for LOW_TICKS
 
 TICK_HZ = const(1000)
@@ -119,6 +126,8 @@ REVERSAL_UM_S = const(100_000)
 REVERSAL_DROP_UM_S = const(20_000)
 #: Ticks for which a wheel that stands is still braked.
 HOLD_TICKS = const(800)
+#: Ticks for which a wheel that stands is held in BRAKE.
+STILL_TICKS = const(300)
 #: Ticks of too low a supply that are a fault; the voltage is 0 from the first.
 LOW_TICKS = const(5)
 
@@ -192,15 +201,26 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         actual = ((rate >> shift) * gain + (low * gain >> shift)) >> 6
         registers[base + ACTUAL] = actual
 
+        # Targets that have stopped coming are a fault, of which the wheel may be braked first.
+        mode = registers[base + MODE]
+        faults = registers[base + FAULTS]
+        known = faults
+        age = registers[base + AGE]
+        if age < registers[AGE_LIMIT]:
+            registers[base + AGE] = age + 1
+        elif mode == RUN:
+            faults |= STALE
+        if mode == RUN and faults == STALE and registers[base + REACTION] != 0:
+            mode = BRAKE
+
         # Ramp the reference.
         target = registers[base + TARGET] << widen >> widen
         remaining = target - actual
-        mode = registers[base + MODE]
         if mode != RUN:
             target = 0
         demand = registers[base + DEMAND] << widen >> widen
         ramp = registers[base + ACCELERATION]
-        if mode == STOP:
+        if mode >= STOP:
             ramp = registers[base + QUICK_STOP]
         elif (demand > 0 and target < demand) or (demand < 0 and target > demand):
             ramp = registers[base + DECELERATION]
@@ -217,20 +237,17 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         error = demand - actual
         distance = error
         limit = registers[base + ERROR_LIMIT]
+        gain = registers[base + GAIN]
+        if mode == BRAKE:
+            limit = registers[base + BRAKE_LIMIT]
+            gain = registers[base + BRAKE_GAIN]
         if error > limit:
             error = limit
         elif error < 0 - limit:
             error = 0 - limit
-        voltage = error * registers[base + GAIN] >> 4
+        voltage = error * gain >> 4
 
         # Watch over the axis. A count of ticks stands still at its limit.
-        faults = registers[base + FAULTS]
-        known = faults
-        age = registers[base + AGE]
-        if age < registers[AGE_LIMIT]:
-            registers[base + AGE] = age + 1
-        elif mode == RUN:
-            faults |= STALE
         if low_supply == LOW_TICKS and mode != OFF:
             faults |= UNDERVOLTAGE
 
@@ -295,6 +312,8 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
 
         mean = registers[base + MEAN_VOLTAGE] << widen >> widen
         off = mode == OFF or faults != 0 or registers[CUT] != 0
+        if mode == BRAKE and faults | STALE == STALE and registers[CUT] == 0:
+            off = registers[base + STOP_COUNT] >= registers[BRAKE_TICKS]
         if off:
             demand = 0
         if off or low_supply != 0:
@@ -335,8 +354,10 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         registers[base + SLOW_COUNT] = ticks
         limit = registers[BRAKE_TICKS]
         ticks = 0
-        if mode == STOP:
+        if mode >= STOP:
             ticks = registers[base + STOP_COUNT]
+            if mode == BRAKE and demand == 0 and speed < SLOW_UM_S and ticks < limit - STILL_TICKS:
+                ticks = limit - STILL_TICKS
             if ticks >= limit:
                 signs |= STOPPED
             else:

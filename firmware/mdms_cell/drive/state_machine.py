@@ -1,10 +1,10 @@
 """One axis of the drive: the state machine of CiA 402-2 around the registers of the speed loop.
 
-The motor is driven in 'operation enabled', and in 'quick stop active' until it stands or its time
-is over; in every other state the speed loop's mode is OFF: it brakes at 0 V, then the bridges
-sleep. A fault that the speed loop finds has cut the voltage in that very tick; `poll` then takes
-the state after it. Who changes the state calls the background's attention to it, as the speed loop
-does.
+The motor is driven in 'operation enabled', and in 'quick stop active' and 'fault reaction active'
+until it stands or their time is over; in every other state the speed loop's mode is OFF: it brakes
+at 0 V, then the bridges sleep. A fault that the speed loop finds has cut the voltage in that very
+tick, or begun to brake; `poll` then takes the state after it. Who changes the state calls the
+background's attention to it, as the speed loop does.
 
 A target is valid in the 'operation enabled' in which it came: every way into and out of that state
 sets it to 0.
@@ -16,10 +16,12 @@ from mdms_protocol import cia402
 # Events besides the controlword's commands, which stand for themselves
 FAILURE = 0x100
 STANDSTILL = 0x101
+SILENCE = 0x102
 
 #: All transitions, by state and event in one number, which takes less memory than a pair; with
 #: their numbers in CiA 402-2. What is not here changes nothing.
-#: The reaction to a failure, voltage off, is complete at once, so 13 and 14 are one.
+#: The reaction to a failure, voltage off, is complete at once, so 13 and 14 are one. Only where the
+#: wheel can still be trusted, and nobody commands it any more, is it braked in between.
 TRANSITIONS = {
     cia402.SWITCH_ON_DISABLED | cia402.SHUTDOWN << 8: cia402.READY_TO_SWITCH_ON,  # 2
     cia402.READY_TO_SWITCH_ON | cia402.SWITCH_ON << 8: cia402.SWITCHED_ON,  # 3
@@ -41,13 +43,20 @@ TRANSITIONS = {
     cia402.SWITCHED_ON | FAILURE << 8: cia402.FAULT,  # 13, 14
     cia402.OPERATION_ENABLED | FAILURE << 8: cia402.FAULT,  # 13, 14
     cia402.QUICK_STOP_ACTIVE | FAILURE << 8: cia402.FAULT,  # 13, 14
+    cia402.OPERATION_ENABLED | SILENCE << 8: cia402.FAULT_REACTION,  # 13
+    cia402.QUICK_STOP_ACTIVE | SILENCE << 8: cia402.FAULT_REACTION,  # 13
+    cia402.FAULT_REACTION | STANDSTILL << 8: cia402.FAULT,  # 14
+    cia402.FAULT_REACTION | FAILURE << 8: cia402.FAULT,  # 14
     cia402.FAULT | cia402.FAULT_RESET << 8: cia402.SWITCH_ON_DISABLED,  # 15
 }
 
 MODES = {
     cia402.OPERATION_ENABLED: speed_loop.RUN,
     cia402.QUICK_STOP_ACTIVE: speed_loop.STOP,
+    cia402.FAULT_REACTION: speed_loop.BRAKE,
 }
+_RAMPED = (speed_loop.STOP, speed_loop.BRAKE)
+_FAILED = (cia402.FAULT, cia402.FAULT_REACTION)
 
 # Error codes of CiA 301 and CiA 402-2, as in 0x603F and in the emergency message
 STALE_SETPOINT = 0x8250
@@ -63,7 +72,6 @@ _ERROR_CODES = (
     (speed_loop.REVERSED, REVERSED),
     (speed_loop.STALLED, STALLED),
     (speed_loop.FOLLOWING, FOLLOWING_ERROR),
-    (speed_loop.STALE, STALE_SETPOINT),
 )
 
 
@@ -129,11 +137,17 @@ class Drive:
 
     def reset(self):
         """Switch off, and drop the fault, the controlword and the target."""
-        self.control(cia402.DISABLE_VOLTAGE)
+        self.cut()
         self.control(cia402.FAULT_RESET)
         self.control(cia402.DISABLE_VOLTAGE)
         self.target_um_s = 0
         self._aim()
+
+    def cut(self):
+        """Switch off at once, from 'fault reaction active' too, which no controlword ends."""
+        if self.state == cia402.FAULT_REACTION:
+            self._happen(FAILURE)
+        self.control(cia402.DISABLE_VOLTAGE)
 
     def fail(self, error_code):
         """Cut the motor and go to 'fault', for a reason from outside the speed loop."""
@@ -141,12 +155,24 @@ class Drive:
         if self._happen(FAILURE):
             self.error_code = error_code
 
+    def fall_silent(self, error_code):
+        """Go to 'fault', for who commands is gone; a motor that is on brakes first, if it may."""
+        if self.state == cia402.FAULT_REACTION:
+            return
+        if self.registers[self.base + speed_loop.REACTION] and self._happen(SILENCE):
+            self.error_code = error_code
+        else:
+            self.fail(error_code)
+
     def poll(self):
         """Follow what the speed loop did; return the error code of a new fault, or 0."""
         registers = self.registers
         base = self.base
         faults = registers[base + speed_loop.FAULTS]
-        if faults and self.state != cia402.FAULT:
+        if faults == speed_loop.STALE and self.state not in _FAILED:
+            self.fall_silent(STALE_SETPOINT)
+            return STALE_SETPOINT
+        if faults & ~speed_loop.STALE and self.state != cia402.FAULT:
             for bit, code in _ERROR_CODES:
                 if faults & bit:
                     self.fail(code)
@@ -186,7 +212,9 @@ class Drive:
     def _enter(self, state):
         registers = self.registers
         base = self.base
-        registers[base + speed_loop.MODE] = speed_loop.OFF
+        mode = MODES.get(state, speed_loop.OFF)
+        # Not OFF on the way to a ramp: a tick in between would have it begin at 0.
+        registers[base + speed_loop.MODE] = mode if mode in _RAMPED else speed_loop.OFF
         if self.state == cia402.FAULT:
             registers[base + speed_loop.FAULTS] = 0
             self.error_code = 0
@@ -197,7 +225,7 @@ class Drive:
             self.on_enabled()
         self._aim()
         registers[base + speed_loop.AGE] = 0
-        registers[base + speed_loop.MODE] = MODES.get(state, speed_loop.OFF)
+        registers[base + speed_loop.MODE] = mode
         registers[speed_loop.ATTENTION] = 1
 
     def _aim(self):

@@ -76,6 +76,18 @@ def set_law(registers, base, gain_mv_s_m, voltage_limit_mv):
     registers[base + speed_loop.ERROR_LIMIT] = voltage_limit_mv * 16_000 // gain if gain else 0
 
 
+def set_brake(registers, base, gain_mv_s_m, voltage_limit_mv):
+    """Set the gain of the law in BRAKE, as `set_law`; a smaller one than the law's means the law's.
+
+    To be called after `set_law`. A reference of 0 brakes with b u only, u the speed, and friction
+    would allow more for a heavy parcel at a low speed.
+    """
+    _check("braking gain [mV s/m]", gain_mv_s_m, 0, GAIN_MAX_MV_S_M)
+    gain = max((gain_mv_s_m * 16 + 500) // 1000, registers[base + speed_loop.GAIN])
+    registers[base + speed_loop.BRAKE_GAIN] = gain
+    registers[base + speed_loop.BRAKE_LIMIT] = voltage_limit_mv * 16_000 // gain if gain else 0
+
+
 def set_ramps(registers, base, acceleration, deceleration, quick_stop):
     """Set how fast the reference may change [um/s2]; 0 lets it jump."""
     registers[base + speed_loop.ACCELERATION] = _per_tick(acceleration)

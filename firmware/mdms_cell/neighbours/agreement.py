@@ -10,8 +10,7 @@ from array import array
 from mdms_cell.neighbours.angle import wrapped
 from mdms_cell.neighbours.place import DIRECTIONS
 from mdms_cell.neighbours.program import turn_um
-from mdms_cell.neighbours.right_of_way import PROMISED, UNDER
-from mdms_cell.neighbours.suspicion import BEATS, POSE
+from mdms_cell.neighbours.suspicion import POSE, POSE_BEATS
 from mdms_protocol import neighbours as wire
 
 #: A belief of one's own weighs as much as so many of others.
@@ -22,7 +21,7 @@ FAR_UM = 25_000
 
 
 class Agreement:
-    """The poses of the neighbours under the parcel with this `identity`, as they came in a beat.
+    """The poses of the neighbours under the same parcel, as they came in a beat.
 
     `near` of them agree with this cell, and `outvoted_beats` counts how long more have agreed with
     one another.
@@ -32,29 +31,25 @@ class Agreement:
         self._place = place
         self._heard = heard
         self._suspicion = suspicion
-        self.identity = 0
-        self.outvoted_beats = 0
-        self.near = 0
-        self._peers = 0
+        self.reset()
         self._direction = bytearray(DIRECTIONS)
         self._x = array("i", [0] * DIRECTIONS)
         self._y = array("i", [0] * DIRECTIONS)
         self._turn = array("i", [0] * DIRECTIONS)
 
-    def reset(self, identity):
+    def reset(self):
         """Another parcel, or none."""
-        self.identity = identity
         self.outvoted_beats = 0
         self.near = 0
         self._peers = 0
 
-    def gather(self, beat):
-        """Take the poses that came in this beat [um; from this cell's centre]."""
-        self.near = 0
+    def gather(self, mask):
+        """Take the poses that these neighbours sent [um; from this cell's centre]."""
         heard, shifts = self._heard, self._place.shifts
+        self.near = 0
         peers = 0
         for direction in range(DIRECTIONS):
-            if heard.estimate_beat[direction] == beat and self._is_peer(direction):
+            if mask >> direction & 1:
                 x_um = heard.field(direction, wire.X) * wire.STEP_UM
                 y_um = heard.field(direction, wire.Y) * wire.STEP_UM
                 self._direction[peers] = direction
@@ -63,24 +58,6 @@ class Agreement:
                 self._turn[peers] = turn_um(heard.field(direction, wire.YAW))
                 peers += 1
         self._peers = peers
-
-    def _is_peer(self, direction):
-        heard = self._heard
-        return (
-            heard.field(direction, wire.STATE) == UNDER
-            and heard.field(direction, wire.IDENTITY) == self.identity
-            and heard.field(direction, wire.CERTAINTY) > 0
-        )
-
-    def is_other(self, direction):
-        """Whether that cell's wheels and sensors serve another parcel."""
-        heard = self._heard
-        return (
-            direction != DIRECTIONS
-            and heard.estimate_beat[direction] >= 0
-            and heard.field(direction, wire.STATE) >= PROMISED
-            and heard.field(direction, wire.IDENTITY) != self.identity
-        )
 
     def _is_near(self, peer, x_um, y_um, turn):
         return (
@@ -117,7 +94,7 @@ class Agreement:
         else:
             middle, most = self._middle()
             outvoted = most > near + 1 and not self._is_near(middle, *sent)
-            self.outvoted_beats = min(self.outvoted_beats + 1, BEATS) if outvoted else 0
+            self.outvoted_beats = min(self.outvoted_beats + 1, POSE_BEATS) if outvoted else 0
         if near and 2 * near >= self._peers:
             for peer in range(self._peers):
                 far = not self._is_near(peer, *sent)
@@ -141,7 +118,7 @@ class Agreement:
         if total:
             mean = variance // total
             x, y, turn = x * 4 // total, y * 4 // total, turn * 4 // total
-            belief.agree(total, total + _OWN_WEIGHT, x, y, turn, mean)
+            belief.agree(total, total + _OWN_WEIGHT, (x, y, turn), mean)
 
     def follow(self, belief):
         """Take the mean of those that most are near to; returns whether there are any."""

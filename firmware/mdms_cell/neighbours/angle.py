@@ -1,8 +1,13 @@
 """Turns of a parcel, in whole numbers.
 
-An angle is the way of a point at `ARM_UM` from the centre [um], so that a pose is three lengths and a
-twist three speeds. Sine and cosine are in 1/8192.
+An angle is the way of a point at `ARM_UM` from the centre [um], so that a pose is three lengths and
+a twist three speeds. Sine and cosine are in 1/8192.
 """
+
+try:
+    import micropython
+except ImportError:
+    from mdms_cell.cpython import micropython
 
 try:
     from micropython import const
@@ -21,6 +26,7 @@ def wrapped(turn_um):
     return (turn_um + TURN_UM // 2) % TURN_UM - TURN_UM // 2
 
 
+@micropython.native
 def sine(turn_um):
     """Sine of an angle [um at the arm], in 1/8192, within 2 of it."""
     quarter = (turn_um + QUARTER_UM // 2) // QUARTER_UM
@@ -41,6 +47,7 @@ def cosine(turn_um):
     return sine(turn_um + QUARTER_UM)
 
 
+@micropython.native
 def root(number):
     """The square root of a number from 0 on, rounded down."""
     if number < 2:

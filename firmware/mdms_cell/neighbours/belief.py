@@ -5,6 +5,11 @@ A Kalman filter over the pose (x, y, turn) [um; from the cell's own centre, turn
 """
 
 try:
+    import micropython
+except ImportError:
+    from mdms_cell.cpython import micropython
+
+try:
     from micropython import const
 except ImportError:
     from mdms_cell.cpython import const
@@ -71,6 +76,7 @@ class Belief:
         self._doubt(more)
         self._place()
 
+    @micropython.native
     def correct(self, x, y, error, exact=True):
         """The parcel's edge is over a point [steps]; returns False if that is not believed.
 
@@ -111,13 +117,14 @@ class Belief:
         self.yy = min(self.yy + more, _MOST)
         self.tt = min(self.tt + more, _MOST)
 
-    def agree(self, weight, total, x_um, y_um, turn_um, variance):
-        """Move by a share weight/total of what the neighbours' beliefs differ on the average [um].
+    def agree(self, weight, total, difference_um, variance):
+        """Move by a share weight/total of what the neighbours' beliefs differ on the average.
 
-        `variance` is their mean. The mean of two beliefs is at least as good as the mean of their
-        variances, however much they have in common.
+        `difference_um` is that of x, y and turn, `variance` their mean. The mean of two beliefs is
+        at least as good as the mean of their variances, however much they have in common.
         """
         own = total - weight
+        x_um, y_um, turn_um = difference_um
         self.x += x_um * weight // total
         self.y += y_um * weight // total
         self.turn = wrapped(self.turn + turn_um * weight // total)

@@ -4,10 +4,16 @@ It belongs to those whose wheels or sensors are under it, and what lies between 
 needs those whose squares it lies over, which are what it may move within.
 """
 
+try:
+    import micropython
+except ImportError:
+    from mdms_cell.cpython import micropython
+
 from array import array
 
 from mdms_cell.neighbours.outline import STEP_UM
 from mdms_cell.neighbours.place import AXES, DIRECTIONS, SENSORS
+from mdms_cell.neighbours.twist import WHEEL
 
 #: A parcel's cells are those under its outline and this much around it [steps].
 MARGIN = 10_000 // STEP_UM
@@ -19,7 +25,8 @@ POINTS = AXES + SENSORS
 class Footprint:
     """The points of a cell and its neighbours [steps of 16 um; from the cell's own centre].
 
-    Wheels come before sensors; `x` and `y` are of POINTS points. Neighbours are cells alike, at
+    Wheels come before sensors; `x` and `y` are of POINTS points. `present` is the mask of the
+    neighbours that there are. Neighbours are cells alike, at
     `shift_x` and `shift_y` by direction.
     """
 
@@ -31,6 +38,8 @@ class Footprint:
         self.shift_y = array("i", [0] * (DIRECTIONS + 1))
         self.along_x = array("i", [0] * AXES)
         self.along_y = array("i", [0] * AXES)
+        #: All wheels that may be heard of, the cell's own last, as `TwistFit` wants them.
+        self.wheels = array("i", [0] * (WHEEL * AXES * (DIRECTIONS + 1)))
         self.load()
 
     def load(self):
@@ -46,18 +55,33 @@ class Footprint:
         for direction in range(DIRECTIONS):
             self.shift_x[direction] = place.shifts[2 * direction] // STEP_UM
             self.shift_y[direction] = place.shifts[2 * direction + 1] // STEP_UM
+        self._load_wheels()
+        self.present = 0
+        for direction in range(DIRECTIONS):
+            if place.nodes[direction]:
+                self.present |= 1 << direction
         self._half = self._place.pitch_um // (2 * STEP_UM) + CLEARANCE
         self._radius = 0
         for point in range(POINTS):
             # Not the distance itself, but never less.
             self._radius = max(self._radius, abs(self.x[point]) + abs(self.y[point]))
 
+    def _load_wheels(self):
+        wheels = self.wheels
+        for direction in range(DIRECTIONS + 1):
+            for axis in range(AXES):
+                at = WHEEL * (AXES * direction + axis)
+                wheels[at] = self.shift_x[direction] + self.x[axis]
+                wheels[at + 1] = self.shift_y[direction] + self.y[axis]
+                wheels[at + 2] = self.along_x[axis]
+                wheels[at + 3] = self.along_y[axis]
+
     def _put(self, point, lengths_um, number):
         self.x[point] = lengths_um[2 * number] // STEP_UM
         self.y[point] = lengths_um[2 * number + 1] // STEP_UM
 
     def covered(self, outline, direction):
-        """Whether the parcel covers a wheel or a sensor of the cell in that direction, or nearly."""
+        """Whether the parcel covers a wheel or a sensor of the cell there, or nearly."""
         x, y = self.shift_x[direction], self.shift_y[direction]
         distance = outline.distance(x, y)
         if distance > self._radius + MARGIN:
@@ -71,14 +95,17 @@ class Footprint:
         """Whether the parcel lies over the cell's own square, or nearly."""
         return outline.overlaps(0, 0, self._half)
 
-    def mask(self, outline):
-        """The neighbours whose squares the parcel lies over, or nearly, by direction.
+    @micropython.native
+    def mask(self, outline, mask=0):
+        """The neighbours whose squares the parcel lies over, or nearly, besides those of a mask.
 
         Squares, not points: two parcels may not meet between the sensors of two cells either.
         """
-        mask = 0
+        shift_x, shift_y, half = self.shift_x, self.shift_y, self._half
         for direction in range(DIRECTIONS):
-            x, y = self.shift_x[direction], self.shift_y[direction]
-            if self._place.nodes[direction] and outline.overlaps(x, y, self._half):
-                mask |= 1 << direction
+            bit = 1 << direction
+            if mask & bit or not self.present & bit:
+                continue
+            if outline.overlaps(shift_x[direction], shift_y[direction], half):
+                mask |= bit
         return mask

@@ -1,5 +1,10 @@
 """What a cell has last received from its neighbours, by direction, and since when."""
 
+try:
+    import micropython
+except ImportError:
+    from mdms_cell.cpython import micropython
+
 from array import array
 
 from mdms_cell.neighbours.place import DIRECTIONS
@@ -19,9 +24,9 @@ class Heard:
     """Speeds, presence, edges and estimates, the cell's own under `OWN`.
 
     `speeds[2 * d]` and the next are those of direction d [um/s], valid where `speeds_beat[d]` is
-    the present beat. `presence[d]` are its sensors' bits, valid where `seen[d]`. `estimates` has the
-    fields of `mdms_protocol.neighbours`, `estimate_beat[d]` the beat in which they came; they are to
-    be passed on once, while `fresh[d]`. An edge is a direction, a sensor and a time [ms].
+    the present beat. `presence[d]` are its sensors' bits, valid where `seen[d]`. `estimates` has
+    the fields of `mdms_protocol.neighbours`, `estimate_beat[d]` the beat in which they came; they
+    are to be passed on once, while `fresh[d]`. An edge is a direction, a sensor and a time [ms].
     """
 
     def __init__(self):
@@ -47,12 +52,16 @@ class Heard:
             self.fresh[direction] = 0
         self.edges = 0
 
+    @micropython.native
     def on_speeds(self, direction, data, beat):
         """A neighbour's TPDO 1; returns False if it has another length."""
         if len(data) != _SPEEDS_LENGTH:
             return False
-        self.take_speed(direction, 0, _signed(data, 0), beat)
-        self.take_speed(direction, 1, _signed(data, 4), beat)
+        speeds = self.speeds
+        at = 2 * direction
+        speeds[at] = data[0] | data[1] << 8 | data[2] << 16 | ((data[3] ^ 0x80) - 0x80) << 24
+        speeds[at + 1] = data[4] | data[5] << 8 | data[6] << 16 | ((data[7] ^ 0x80) - 0x80) << 24
+        self.speeds_beat[direction] = beat
         return True
 
     def take_speed(self, direction, axis, speed_um_s, beat):
@@ -83,6 +92,7 @@ class Heard:
         self.presence[direction] = bits
         self.seen[direction] = 1
 
+    @micropython.native
     def on_estimate(self, direction, data, beat):
         """A neighbour's TPDO 3; returns False if it is none."""
         at = direction * wire.ESTIMATE_FIELDS
@@ -95,8 +105,3 @@ class Heard:
     def field(self, direction, field):
         """A field of a neighbour's last estimate."""
         return self.estimates[direction * wire.ESTIMATE_FIELDS + field]
-
-
-def _signed(data, at):
-    low = data[at] | data[at + 1] << 8 | data[at + 2] << 16
-    return low | (data[at + 3] ^ 0x80) - 0x80 << 24

@@ -1,7 +1,7 @@
 """The neighbour layer: in each beat what came is taken in, decided upon, and the wheels are led.
 
-At SYNC the cell sends its speeds and, if it is at a parcel, its estimate; `UPDATE_MS` later those of
-its neighbours have come, and `update` runs in the background. What it decides holds for a beat.
+At SYNC the cell sends its speeds and, if it is at a parcel, its estimate; `UPDATE_MS` later those
+of its neighbours have come, and `update` runs in the background. What it decides holds for a beat.
 """
 
 from array import array
@@ -95,9 +95,8 @@ class Layer:
         self._on_place()
 
     def goes_on(self):
-        """Whether the silence of the host does not end the motion of the parcel here."""
-        program = self._programs.find(self._tracking.identity)
-        return self.active and program is not None and program.complete and program.goes_on
+        """Whether the silence of the host ends no motion here: one that goes on may come by."""
+        return self.active and self._programs.go_on
 
     def _on_place(self, _index=0, _sub=0):
         self._footprint.load()
@@ -231,10 +230,8 @@ class Layer:
         leading = self._leading
         needs, asks = leading.look_ahead(tracking, program) if tracking.under else (0, 0)
         self._rights.on_beat(over, needs, presence != 0)
-        if tracking.under and tracking.witnessed:
-            self._evidence.judge_own(tracking)
-        if tracking.sure:
-            self._evidence.judge(tracking, self._beat, needs if self._rights.state == UNDER else 0)
+        asked = needs if self._rights.state == UNDER else 0
+        self._evidence.judge(tracking, self._beat, asked)
         self._report()
         self._lead(program)
         self._announce(program, asks)
@@ -314,9 +311,10 @@ class Layer:
         fields[wire.STATE] = rights.state
         fields[wire.WANTS] = asks
         fields[wire.HOLD] = rights.hold
-        complete = program is not None and program.complete
-        fields[wire.SEQUENCE] = program.sequence if complete else 0
-        flags = 0 if complete else wire.LACKING
+        if program is not None and program.complete:
+            fields[wire.SEQUENCE], flags = program.sequence, 0
+        else:
+            fields[wire.SEQUENCE], flags = 0, wire.LACKING
         if self._leading.arrived:
             flags |= wire.ARRIVED
         if self._suspect >= 0:

@@ -26,6 +26,7 @@ class Leading:
     def begin(self):
         """A new program has come."""
         self._alone_ms = 0
+        self._planned_ms = 0
         self._held_beats = 0
         self._steering.arrived = False
 
@@ -51,16 +52,20 @@ class Leading:
             return here, here
         twist, steering, belief = tracking.twist, self._steering, tracking.belief
         acceleration = program.acceleration_mm_s2
-        self._move_on(tracking, twist.vx, twist.vy, twist.turn, _REACTION_MS, acceleration)
-        needs = here | self._footprint.mask(tracking.outline)
-        vx, vy, turn = steering.wish
-        self._move_on(tracking, vx, vy, turn, _ASK_MS, acceleration)
-        asks = needs | self._footprint.mask(tracking.outline)
+        moving = twist.vx, twist.vy, twist.turn
+        self._move_on(tracking, moving, _REACTION_MS, acceleration)
+        needs = self._footprint.mask(tracking.outline, here)
+        if steering.wish == (0, 0, 0):
+            tracking.outline.place(belief.x, belief.y, belief.turn)
+            return needs, needs
+        self._move_on(tracking, steering.wish, _ASK_MS, acceleration)
+        asks = self._footprint.mask(tracking.outline, needs)
         tracking.outline.place(belief.x, belief.y, belief.turn)
         return needs, asks
 
-    def _move_on(self, tracking, vx, vy, turn, ahead_ms, acceleration_mm_s2):
+    def _move_on(self, tracking, twist_um_s, ahead_ms, acceleration_mm_s2):
         """Place the outline where the parcel will be, having braked after a time ahead."""
+        vx, vy, turn = twist_um_s
         ahead_ms += length(vx, vy, turn) // (2 * max(acceleration_mm_s2, 1))
         belief = tracking.belief
         tracking.outline.place(
@@ -72,10 +77,11 @@ class Leading:
     def goes_on(self, program, step_ms):
         """Whether a parcel may go on without its host: if it is to, for twice its planned time."""
         self._alone_ms = min(self._alone_ms + step_ms, 1 << 20)
-        return program.goes_on and self._alone_ms < 2 * self._planned_ms
+        in_time = not self._planned_ms or self._alone_ms < 2 * self._planned_ms
+        return program.goes_on and in_time
 
     def step(self, tracking, program, may_go, step_ms):
-        """Lead the wheels for a beat; without `may_go` bring the parcel to rest, then switch off."""
+        """Lead the wheels for a beat; without `may_go` bring the parcel to rest, and switch off."""
         steering, belief, twist = self._steering, tracking.belief, tracking.twist
         if not self._driving:
             steering.join(twist.vx, twist.vy, twist.turn)
@@ -83,8 +89,9 @@ class Leading:
         dy_um = program.goal_y_um - self._place.y_um - belief.y
         dturn_um = wrapped(program.goal_turn_um - belief.turn)
         reach_um = tracking.outline.reach_um
-        steering.step(program, reach_um, dx_um, dy_um, dturn_um, may_go, step_ms)
-        if not self._alone_ms:
+        steering.step(program, reach_um, (dx_um, dy_um, dturn_um), may_go=may_go, step_ms=step_ms)
+        # A cell that the parcel comes to when the host is gone counts from there.
+        if not self._alone_ms or not self._planned_ms:
             way_um = length(dx_um, dy_um, dturn_um * reach_um // ARM_UM)
             speed_mm_s = max(program.speed_um_s // 1000, 1)
             self._planned_ms = way_um // speed_mm_s + 2 * speed_mm_s * 1000 // max(

@@ -4,6 +4,11 @@ Lengths are whole steps of 16 um, so that a product with a cosine fits 30 bits w
 """
 
 try:
+    import micropython
+except ImportError:
+    from mdms_cell.cpython import micropython
+
+try:
     from micropython import const
 except ImportError:
     from mdms_cell.cpython import const
@@ -21,6 +26,9 @@ DISC = const(1)
 class Outline:
     """A rectangle about its centre, or a disc; `place` sets its pose [um; any frame].
 
+    `x`, `y`, `half_length` and `half_width` are in steps, `cosine` and `sine` of its turn in
+    1/8192.
+
     `edge` leaves where the nearest edge lies in `normal_x`, `normal_y` and `lever`: the derivative
     of the distance by the pose, its sign changed, in 1/1024.
     """
@@ -33,66 +41,68 @@ class Outline:
     def set(self, shape, length_um, width_um):
         """Take a shape: length and width of a rectangle, or the diameter of a disc [um]."""
         self.shape = shape
-        self._half_length = length_um // (2 * STEP_UM)
-        self._half_width = width_um // (2 * STEP_UM)
+        self.half_length = length_um // (2 * STEP_UM)
+        self.half_width = width_um // (2 * STEP_UM)
         self.reach_um = length_um // 2
         if shape == RECTANGLE:
             self.reach_um = root((length_um >> 10) ** 2 + (width_um >> 10) ** 2) << 9
 
     def place(self, x_um, y_um, turn_um):
         """Take a pose."""
-        self._x = x_um // STEP_UM
-        self._y = y_um // STEP_UM
-        self._cosine = cosine(turn_um)
-        self._sine = sine(turn_um)
+        self.x = x_um // STEP_UM
+        self.y = y_um // STEP_UM
+        self.cosine = cosine(turn_um)
+        self.sine = sine(turn_um)
 
+    @micropython.native
     def distance(self, x, y):
         """How far a point is outside, negative inside [steps]; outside a corner a little less."""
-        x -= self._x
-        y -= self._y
+        x -= self.x
+        y -= self.y
         if self.shape == DISC:
-            return root((x >> 2) ** 2 + (y >> 2) ** 2) * 4 - self._half_length
-        along = abs(self._cosine * x + self._sine * y >> 13) - self._half_length
-        across = abs(self._cosine * y - self._sine * x >> 13) - self._half_width
+            return root((x >> 2) ** 2 + (y >> 2) ** 2) * 4 - self.half_length
+        along = abs(self.cosine * x + self.sine * y >> 13) - self.half_length
+        across = abs(self.cosine * y - self.sine * x >> 13) - self.half_width
         return along if along > across else across
 
+    @micropython.native
     def overlaps(self, x, y, half):
         """Whether the bottom lies over a square about a point [steps; half its side].
 
         Two rectangles lie apart where one of their four axes shows a gap.
         """
-        x -= self._x
-        y -= self._y
+        x -= self.x
+        y -= self.y
         if self.shape == DISC:
             x, y = max(abs(x) - half, 0), max(abs(y) - half, 0)
-            return root((x >> 2) ** 2 + (y >> 2) ** 2) * 4 < self._half_length
-        cosine, sine = abs(self._cosine), abs(self._sine)
-        length, width = self._half_length, self._half_width
+            return root((x >> 2) ** 2 + (y >> 2) ** 2) * 4 < self.half_length
+        cosine, sine = abs(self.cosine), abs(self.sine)
+        length, width = self.half_length, self.half_width
         if abs(x) > half + (cosine * length + sine * width >> 13):
             return False
         if abs(y) > half + (sine * length + cosine * width >> 13):
             return False
         shadow = half * (cosine + sine) >> 13
-        if abs(self._cosine * x + self._sine * y >> 13) > length + shadow:
+        if abs(self.cosine * x + self.sine * y >> 13) > length + shadow:
             return False
-        return abs(self._cosine * y - self._sine * x >> 13) <= width + shadow
+        return abs(self.cosine * y - self.sine * x >> 13) <= width + shadow
 
     def edge(self, x, y):
         """The distance of a point, with the direction of the edge that is nearest to it."""
-        x -= self._x
-        y -= self._y
+        x -= self.x
+        y -= self.y
         if self.shape == DISC:
             return self._rim(x, y)
-        along = self._cosine * x + self._sine * y >> 13
-        across = self._cosine * y - self._sine * x >> 13
-        before_length = abs(along) - self._half_length
-        before_width = abs(across) - self._half_width
+        along = self.cosine * x + self.sine * y >> 13
+        across = self.cosine * y - self.sine * x >> 13
+        before_length = abs(along) - self.half_length
+        before_width = abs(across) - self.half_width
         if before_length > before_width:
             sign = 1 if along > 0 else -1
-            self._face(sign * self._cosine, sign * self._sine, -sign * across)
+            self._face(sign * self.cosine, sign * self.sine, -sign * across)
             return before_length
         sign = 1 if across > 0 else -1
-        self._face(-sign * self._sine, sign * self._cosine, sign * along)
+        self._face(-sign * self.sine, sign * self.cosine, sign * along)
         return before_width
 
     def _face(self, normal_x, normal_y, lever):
@@ -104,4 +114,4 @@ class Outline:
         from_centre = root((x >> 2) ** 2 + (y >> 2) ** 2) * 4
         most = max(from_centre, 1)
         self._face(x * ONE // most, y * ONE // most, 0)
-        return from_centre - self._half_length
+        return from_centre - self.half_length

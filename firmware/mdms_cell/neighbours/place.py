@@ -32,7 +32,7 @@ _MICRO = 1_000_000
 
 
 class Place:
-    """Integer tables, in small ints; `changed()` is called when a setting has changed them.
+    """Integer tables, in small ints; `changed()` is called when other nodes are neighbours.
 
     `column` and `row` count from 1; where one is 0 the place is unknown. `x_um` and `y_um` are the
     cell's centre [table frame]. Of direction d, `nodes[d]` is the node id, 0 for none, and
@@ -107,5 +107,7 @@ class Place:
             yield cob_id & cob.IDENTIFIER, PROGRAM, HOST
 
     def _on_setting(self, _index, _sub):
+        before = bytes(self.nodes), self.known
         self.load()
-        self._changed()
+        if before != (bytes(self.nodes), self.known):
+            self._changed()

@@ -92,6 +92,14 @@ class Programs:
             found.used = self._uses
         return found
 
+    @property
+    def go_on(self):
+        """Whether a parcel is on its way that goes on without the host."""
+        for slot in self._slots:
+            if slot.identity and slot.complete and slot.goes_on:
+                return True
+        return False
+
     def drop(self, identity):
         """Keep nothing of an identity."""
         found = self.find(identity)

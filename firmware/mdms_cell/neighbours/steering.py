@@ -38,11 +38,12 @@ class Steering:
         """Whether nothing is commanded."""
         return not (self.vx or self.vy or self.turn)
 
-    def step(self, program, reach_um, dx_um, dy_um, dturn_um, may_go, step_ms):
-        """The next twist; what is left to go are the three lengths [um].
+    def step(self, program, reach_um, left_um, *, may_go, step_ms):
+        """The next twist; `left_um` are x, y and turn that are left to go.
 
         Without `may_go` the parcel is brought to rest.
         """
+        dx_um, dy_um, dturn_um = left_um
         if program.any_yaw:
             dturn_um = 0
         self._settle(dx_um, dy_um, dturn_um)

@@ -23,10 +23,10 @@ KINDS = const(4)
 SOURCE = const(9)
 CODE = const(0xFF01)
 
-#: How long all evidence has to be against a verdict until it turns.
-BEATS = const(50)
-#: After so long presence bits correct no belief any more.
-_DOUBT_BEATS = const(5)
+#: Poses are compared in each beat, all else of one cell a beat: so many times all evidence has to
+#: be against a verdict until it turns, which is half a second.
+POSE_BEATS = const(50)
+_TIMES = bytes((6, 6, POSE_BEATS, 6))
 #: A sensor so far inside the outline has to be covered, one so far outside free [steps].
 _CLEAR = 8_000 // STEP_UM
 #: A wheel may be off the parcel's motion by this, and by a quarter of its own [um/s].
@@ -71,13 +71,13 @@ class Suspicion:
             self._against[at] = 0
             return
         self._against[at] += 1
-        if self._against[at] >= BEATS:
+        if self._against[at] >= _TIMES[kind]:
             self._against[at] = 0
             self.out[direction] ^= 1 << kind
 
     def doubts(self, direction, kind):
-        """Whether this is left out, or all evidence of the last beats has been against it."""
-        return self.has(direction, kind) or self._against[KINDS * direction + kind] >= _DOUBT_BEATS
+        """Whether this is left out, or may soon be."""
+        return self.has(direction, kind) or self._against[KINDS * direction + kind] > 0
 
     def first(self):
         """The first direction that is suspected of anything; -1 for none."""
@@ -94,22 +94,27 @@ class Evidence:
         self._footprint = footprint
         self._heard = heard
         self._suspicion = suspicion
+        self._turn = 0
 
-    def judge_own(self, tracking):
-        """The cell's own sensors, while neighbours have the parcel where it believes it."""
-        self._judge_sensors(tracking.outline, _OWN)
+    def judge(self, tracking, beat, asked):
+        """One cell, by what it sent; `asked` is the mask of those asked for the parcel."""
+        direction = self._turn = (self._turn + 1) % (DIRECTIONS + 1)
+        if direction == _OWN:
+            if tracking.under and tracking.witnessed:
+                self._judge_sensors(tracking.outline, _OWN)
+            if tracking.sure:
+                self._judge_wheels(tracking, _OWN)
+        elif tracking.sure and self._footprint.present >> direction & 1:
+            self._judge_neighbour(tracking, direction, beat, asked >> direction & 1)
 
-    def judge(self, tracking, beat, needs):
-        """One beat; `needs` is the mask of neighbours that have been asked for the parcel."""
+    def _judge_neighbour(self, tracking, direction, beat, asked):
         suspicion, heard = self._suspicion, self._heard
-        for direction in range(DIRECTIONS):
-            silent = (beat - heard.estimate_beat[direction]) & 0xFFFFFF > _LATE_BEATS
-            if not silent or needs >> direction & 1:
-                suspicion.judge(direction, SILENCE, silent)
-            if heard.speeds_beat[direction] == beat and not tracking.is_other(direction):
-                self._judge_sensors(tracking.outline, direction)
-                self._judge_wheels(tracking, direction)
-        self._judge_wheels(tracking, _OWN)
+        silent = (beat - heard.estimate_beat[direction]) & 0xFFFFFF > _LATE_BEATS
+        if asked or not silent:
+            suspicion.judge(direction, SILENCE, silent)
+        if heard.speeds_beat[direction] == beat and not tracking.is_other(direction):
+            self._judge_sensors(tracking.outline, direction)
+            self._judge_wheels(tracking, direction)
 
     def _judge_sensors(self, outline, direction):
         """Sensors are wrong if all deep inside the outline are free, or any far outside is not."""
@@ -145,7 +150,9 @@ class Evidence:
             y = footprint.shift_y[direction] + footprint.y[axis]
             if tracking.outline.distance(x, y) < -_INSIDE:
                 speed_um_s = self._heard.speeds[2 * direction + axis]
-                expected = twist.at(x, y, footprint.along_x[axis], footprint.along_y[axis])
+                expected = twist.at(
+                    tracking.outline, x, y, footprint.along_x[axis], footprint.along_y[axis]
+                )
                 slip = _SLIP_UM_S + abs(expected) // 4
                 # At rest a wheel that cannot turn agrees with everything.
                 under = under or abs(expected) > slip or abs(speed_um_s) > slip

@@ -1,9 +1,14 @@
 """What a cell makes of what it and its neighbours have seen: where the parcel is, how it moves.
 
-A cell under the parcel keeps a belief of its own: it rolls it on by the wheels of its neighbourhood,
-corrects it where sensors see an edge, and agrees with the neighbours under the same parcel. A cell
-beside the parcel follows those that are under it.
+A cell under the parcel keeps a belief of its own: it rolls it on by the wheels of its
+neighbourhood, corrects it where sensors see an edge, and agrees with the neighbours under the same
+parcel. A cell beside the parcel follows those that are under it.
 """
+
+try:
+    import micropython
+except ImportError:
+    from mdms_cell.cpython import micropython
 
 from mdms_cell import ticks
 from mdms_cell.neighbours.agreement import Agreement
@@ -13,11 +18,11 @@ from mdms_cell.neighbours.heard import OWN
 from mdms_cell.neighbours.outline import STEP_UM
 from mdms_cell.neighbours.place import AXES, DIRECTIONS, SENSORS
 from mdms_cell.neighbours.program import wire_yaw
-from mdms_cell.neighbours.suspicion import BEATS, PRESENCE, WHEELS
+from mdms_cell.neighbours.right_of_way import PROMISED, UNDER
+from mdms_cell.neighbours.suspicion import POSE_BEATS, PRESENCE, WHEELS
 from mdms_cell.neighbours.twist import TwistFit
 from mdms_protocol import neighbours as wire
 
-_ROUNDS = 2
 _FEW_WHEELS = 5
 #: A frame may be this late; the parcel has moved on meanwhile.
 _LATENCY_MS = 3
@@ -40,7 +45,10 @@ class Tracking:
         self._heard = heard
         self._suspicion = suspicion
         self._agreement = Agreement(place, heard, suspicion)
-        self.is_other = self._agreement.is_other
+        # By direction: whose speeds count, who is at another parcel; mask of who is at this one.
+        self._use = bytearray(DIRECTIONS + 1)
+        self._others = bytearray(DIRECTIONS + 1)
+        self._peers = 0
         self.belief = Belief()
         self.outline = self.belief.outline
         self.twist = TwistFit()
@@ -59,13 +67,12 @@ class Tracking:
         self.certainty = 0
         self.belief.forget()
         self.twist.reset()
-        self._agreement.reset(0)
+        self._agreement.reset()
 
     def adopt(self, identity):
         """Follow this parcel from now on."""
         self.drop()
         self.identity = identity
-        self._agreement.reset(identity)
 
     def take_shape(self, program):
         """The parcel's outline is known now."""
@@ -88,10 +95,11 @@ class Tracking:
         """Bring the belief to the last SYNC, `step_ms` after that of the last update."""
         if self.identity and self.shaped:
             before = self.twist.vx, self.twist.vy, self.twist.turn
-            self._fit(beat)
+            self._sort(beat)
+            self._fit()
             # A few wheels, all on one side, do not show how a parcel turns.
             self._follows = not self.under or self.twist.wheels < _FEW_WHEELS
-            self._agreement.gather(beat)
+            self._agreement.gather(self._peers)
             if not (self._follows or self._is_outvoted()) or not self._follow():
                 self._move(before, step_ms)
                 if self._sent is not None:
@@ -102,23 +110,32 @@ class Tracking:
             self._look()
         self._drop_edges(sync_ms)
 
-    def _fit(self, beat):
-        """Find the twist by the wheels under the parcel, where the belief was at the SYNC before."""
-        twist, belief = self.twist, self.belief
-        twist.wheels = 0
-        if belief.known:
-            for _ in range(_ROUNDS):
-                twist.begin(belief.x // STEP_UM, belief.y // STEP_UM)
-                for direction in range(DIRECTIONS + 1):
-                    if self._heard.speeds_beat[direction] == beat and self._serves(direction):
-                        self._give_wheels(direction)
-                twist.end()
-        if not twist.wheels:
-            twist.reset()
+    @micropython.native
+    def _sort(self, beat):
+        """Find out what each neighbour is at: the same parcel, another, or none."""
+        heard, use, peers = self._heard, self._use, 0
+        for direction in range(DIRECTIONS):
+            at = direction * wire.ESTIMATE_FIELDS
+            identity = heard.estimates[at + wire.IDENTITY]
+            same = identity == self.identity
+            state = heard.estimates[at + wire.STATE]
+            others = heard.estimate_beat[direction] >= 0 and state >= PROMISED and not same
+            self._others[direction] = others
+            turning = heard.speeds_beat[direction] == beat
+            use[direction] = turning and not (others or self._suspicion.has(direction, WHEELS))
+            sure = heard.estimates[at + wire.CERTAINTY] > 0
+            if same and sure and state == UNDER and heard.estimate_beat[direction] == beat:
+                peers |= 1 << direction
+        use[OWN] = heard.speeds_beat[OWN] == beat and not self._suspicion.has(OWN, WHEELS)
+        self._peers = peers
 
-    def _serves(self, direction):
-        """Whether that cell's wheels are this parcel's, and turn with it."""
-        return not (self.is_other(direction) or self._suspicion.has(direction, WHEELS))
+    def _fit(self):
+        """Find the twist by the wheels under the parcel, as believed at the SYNC before."""
+        if self.belief.known:
+            heard, wheels = self._heard, self._footprint.wheels
+            self.twist.fit(self.outline, wheels, heard.speeds, AXES, self._use)
+        else:
+            self.twist.reset()
 
     def _move(self, before, step_ms):
         """Roll on by the wheels, half by the twist before."""
@@ -131,15 +148,6 @@ class Tracking:
             _rounded(turn + twist.turn, half_ms),
         )
 
-    def _give_wheels(self, direction):
-        footprint, speeds = self._footprint, self._heard.speeds
-        shift_x, shift_y = footprint.shift_x[direction], footprint.shift_y[direction]
-        for axis in range(AXES):
-            x, y = shift_x + footprint.x[axis], shift_y + footprint.y[axis]
-            if self.outline.distance(x, y) < 0:
-                along_x, along_y = footprint.along_x[axis], footprint.along_y[axis]
-                self.twist.wheel(x, y, along_x, along_y, speeds[2 * direction + axis])
-
     def _correct(self, sync_ms):
         """Take in the edges that sensors have seen until the last SYNC."""
         heard, footprint, twist = self._heard, self._footprint, self.twist
@@ -150,7 +158,7 @@ class Tracking:
             if ago_ms <= 0:
                 continue
             direction = heard.edge_direction[number]
-            if self.is_other(direction) or self._suspicion.has(direction, PRESENCE):
+            if self._others[direction] or self._suspicion.has(direction, PRESENCE):
                 continue
             point = AXES + heard.edge_sensor[number]
             # The parcel has moved on since: so has, with it, the place where its edge was seen.
@@ -179,7 +187,7 @@ class Tracking:
         """Correct by sensors that contradict: the cell's own and, in turns, a neighbour's."""
         self._turn = (self._turn + 1) % (DIRECTIONS + 1)
         deep, free = self._contradictions(OWN, not self._turn & 3)
-        if self._turn != OWN:
+        if self._turn != OWN and self._footprint.present >> self._turn & 1:
             self._contradictions(self._turn, True)
         missing = deep and free == deep
         if self.witnessed and self._suspicion.has(OWN, PRESENCE):
@@ -191,11 +199,12 @@ class Tracking:
         """Whether neighbours have the parcel where this cell believes it."""
         return self._agreement.near >= _WITNESSES
 
+    @micropython.native
     def _contradictions(self, direction, correcting):
         """How many sensors have to be covered, and how many of them are not."""
         heard, footprint = self._heard, self._footprint
         deep = free = 0
-        if not heard.seen[direction] or self.is_other(direction):
+        if not heard.seen[direction] or self._others[direction]:
             return deep, free
         bits = heard.presence[direction]
         believed = correcting and not self._suspicion.doubts(direction, PRESENCE)
@@ -212,13 +221,17 @@ class Tracking:
                 self.belief.correct(x, y, CONTRADICTION, False)
         return deep, free
 
+    def is_other(self, direction):
+        """Whether that cell's wheels and sensors serve another parcel."""
+        return self._others[direction]
+
     def _is_outvoted(self):
         """Whether this cell is to take what the others believe for its own."""
         agreement = self._agreement
         if self._sent is None:
             return False
         agreement.judge(self._sent)
-        return agreement.outvoted_beats >= BEATS
+        return agreement.outvoted_beats >= POSE_BEATS
 
     def _follow(self):
         """Take what those under the parcel believe; returns whether there are any."""

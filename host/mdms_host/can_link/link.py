@@ -284,6 +284,9 @@ class AnyDelays(Protocol):
     def reason(self, now_s: float) -> str | None:
         """What was held up in the last second, and where; None if nothing was."""
 
+    def slow_reason(self, now_s: float) -> str | None:
+        """What heartbeats alone show, with or without SYNC; None if they come in time."""
+
 
 class AnyLink(Protocol):
     """A link to one bus, or to several at once, as a run asks for it."""

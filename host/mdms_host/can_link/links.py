@@ -129,3 +129,8 @@ class _JointDelays:
         own = self._cycles.reason(now_s)
         reasons = ((name, delays.reason(now_s)) for name, delays in self._arrivals)
         return own or next((f"{name}: {reason}" for name, reason in reasons if reason), None)
+
+    def slow_reason(self, now_s: float) -> str | None:
+        """What heartbeats alone show on the first bus where they come late."""
+        reasons = ((name, delays.slow_reason(now_s)) for name, delays in self._arrivals)
+        return next((f"{name}: {reason}" for name, reason in reasons if reason), None)

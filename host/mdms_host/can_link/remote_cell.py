@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 
 from mdms_protocol import cia402, cob, nmt, pdo
 
-_DRIVING = frozenset((cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE))
+_DRIVING = frozenset((cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE, cia402.FAULT_REACTION))
 _NAMES: Mapping[int | None, str] = dict(cia402.NAMES.items())
 
 #: Takes the data of a frame, and the time [s].

@@ -47,7 +47,7 @@ def ended_by_signals() -> Iterator[None]:
 
 
 def ending_behind(error: BaseException | None) -> KeyboardInterrupt | None:
-    """What ended the command, if it is what led to this error: a compiler may wrap it in its own."""
+    """What ended the command, if that led to this error: a compiler may wrap it in its own."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error

@@ -16,7 +16,7 @@ def without_places(cell: FiledCell) -> FiledCell:
 
 
 def placed_cells(file: ArrayFile, channel: str | None = None) -> tuple[FiledCell, ...]:
-    """The cells on the bus of that channel with settings of where they stand, who is next to them, and what is on them.
+    """The cells on the bus of that channel, with where they stand, who is next and what is on them.
 
     Places, neighbours and turns to take over SYNC are the table's, whatever a cell's own settings
     say; where wheels and sensors are comes from the table, unless a cell has its own. A file whose

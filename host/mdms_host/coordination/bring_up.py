@@ -8,6 +8,7 @@ from mdms_host.can_link.remote_cell import RemoteCell
 from mdms_host.can_link.sdo_client import Read, SdoClient, Setting
 from mdms_host.coordination.configuration import NOTHING, SIGNATURE, Configuration
 from mdms_host.coordination.phase import STOPPED, Phase
+from mdms_host.coordination.steering_settings import PLACES, taken_back
 from mdms_host.places import Place
 from mdms_protocol import cia402, cob, indices, nmt, pdo
 from mdms_protocol.frame import Frame
@@ -15,6 +16,10 @@ from mdms_protocol.frame import Frame
 #: Where a cell reports the revision of its object table.
 REVISION = Read(indices.IDENTITY, 3)
 _TOWARDS_ENABLED: Mapping[int | None, int] = dict(cia402.TOWARDS_ENABLED.items())
+#: The neighbour layer of a cell takes its drives on from 'switched on', and back.
+_TOWARDS_SWITCHED_ON = {**_TOWARDS_ENABLED, cia402.SWITCHED_ON: cia402.SWITCH_ON}
+_ENABLED = frozenset((cia402.OPERATION_ENABLED,))
+_LED = frozenset((cia402.SWITCHED_ON, cia402.OPERATION_ENABLED))
 
 
 class BringUpCell(RemoteCell):
@@ -22,7 +27,9 @@ class BringUpCell(RemoteCell):
 
     Then all of its stored settings must be what the run expects: the table's defaults, and these.
     One that differs is a trouble, whatever it is: a stored polarity turns a wheel the wrong way, a
-    stored time-out lets it drive on alone. Only those of `spare` do not matter (`Configuration`).
+    stored time-out lets it drive on alone. Only those of `spare` do not matter (`Configuration`),
+    and those of `steering_settings` are set back where a run has left them behind. With `steers`
+    the cell leads its drives by itself, and these settings are taken back at the end.
     """
 
     def __init__(
@@ -31,25 +38,44 @@ class BringUpCell(RemoteCell):
         node_id: int,
         axes: int,
         settings: Iterable[Setting],
+        *,
         spare: Mapping[Place, int] = NOTHING,
         bus: int | None = None,
+        *,
+        steers: bool = False,
     ) -> None:
         super().__init__(number, node_id, bus)
         self._axes = axes
-        self._all_enabled = (cia402.OPERATION_ENABLED,) * axes
+        self._ready = _LED if steers else _ENABLED
+        self._towards_ready = _TOWARDS_SWITCHED_ON if steers else _TOWARDS_ENABLED
+        self._set_back = SdoClient(node_id, taken_back() if steers else ())
         settings = tuple(settings)
         self._configuration = Configuration(node_id, settings, spare)
         self._identity = SdoClient(node_id, (REVISION,))
         self._sdo = SdoClient(node_id, (*settings, SIGNATURE))
         self._verified = False
+        self._corrected = False
+        self._written = False
+        self._ending = False
         self._mismatch: str | None = None
         self.handlers[cob.SDO_RESPONSE_BASE + node_id] = self.on_answer
 
     @property
     def enabled(self) -> bool:
-        """Whether all axes that are used are in 'operation enabled'."""
+        """Whether all axes that are used are enabled, or the cell's own to enable."""
         states = self.drive_states
-        return states is not None and states[: self._axes] == self._all_enabled
+        return states is not None and self._ready.issuperset(states[: self._axes])
+
+    @property
+    def driven(self) -> tuple[bool, ...]:
+        """Whether each axis that is used may be driven now."""
+        states = self.drive_states or (None,) * self._axes
+        return tuple(state != cia402.SWITCHED_ON for state in states[: self._axes])
+
+    @property
+    def _setting_back(self) -> bool:
+        """Whether settings are still to be taken back; none are where none were written."""
+        return self._written and not (self._set_back.done or self._set_back.failure)
 
     @property
     def other_protocol(self) -> str | None:
@@ -60,6 +86,10 @@ class BringUpCell(RemoteCell):
     def on_answer(self, data: bytes, now_s: float) -> None:
         """An answer to a setting, or to the question who it is."""
         self._identity.on_response(data)
+        if self._ending:
+            # What the bring-up was still waiting for is of no interest any more.
+            self._set_back.on_response(data)
+            return
         self._sdo.on_response(data)
         if self._sdo.done and not self._verified:
             self._verify()
@@ -78,7 +108,7 @@ class BringUpCell(RemoteCell):
             case Phase.ENABLING:
                 return self.enabled
             case _:
-                return not self.moving
+                return not self.moving and not self._setting_back
 
     def fault(self, phase: Phase) -> str | None:
         """The cell's fault in a phase; None if it has none."""
@@ -103,6 +133,7 @@ class BringUpCell(RemoteCell):
         elif phase == Phase.IDENTIFYING:
             yield from self._identity.poll(now_s)
         elif phase == Phase.CONFIGURING:
+            self._written = True
             yield from self._sdo.poll(now_s)
         elif phase == Phase.STARTING and self.nmt_state != nmt.OPERATIONAL:
             yield nmt.command(nmt.START, self.node_id)
@@ -110,6 +141,9 @@ class BringUpCell(RemoteCell):
             yield from self._enable()
         elif phase in (Phase.STOPPING, Phase.FAILING):
             yield self._control(cia402.QUICK_STOP)
+            self._ending = True
+            if self._setting_back:
+                yield from self._set_back.poll(now_s)
         elif phase in STOPPED:
             yield self._control(cia402.DISABLE_VOLTAGE)
 
@@ -119,16 +153,27 @@ class BringUpCell(RemoteCell):
         values = self._configuration.values
         if self._configuration.accepts(answers[SIGNATURE.index, SIGNATURE.sub]):
             self._verified = True
-        elif answers.keys() >= values.keys():
+        elif not answers.keys() >= values.keys():
+            self._sdo.append(Read(*place) for place in values)
+        elif not self._corrected and (left := self._left_by_cells()):
+            self._corrected = True
+            reads = (Read(each.index, each.sub) for each in left)
+            self._sdo.append((*left, *reads, SIGNATURE))
+        else:
             self._mismatch = self._configuration.differences(answers) or None
             self._verified = self._mismatch is None
-        else:
-            self._sdo.append(Read(*place) for place in values)
+
+    def _left_by_cells(self) -> list[Setting]:
+        """What sets back the settings of a run in which cells steered, and which came to no end."""
+        answers, values = self._sdo.answers, self._configuration.values
+        return [
+            Setting(*place, values[place]) for place in PLACES if answers[place] != values[place]
+        ]
 
     def _enable(self) -> Iterator[Frame]:
         """The controlwords that take the drives one step nearer to 'operation enabled'."""
         states = self.drive_states or (None,) * len(pdo.CONTROLWORD.entries)
-        words = tuple(_TOWARDS_ENABLED.get(state, cia402.SHUTDOWN) for state in states)
+        words = tuple(self._towards_ready.get(state, cia402.SHUTDOWN) for state in states)
         if cia402.FAULT_RESET in words:
             # The reset is an edge of its bit, so the bit must have been low.
             yield self._control(cia402.DISABLE_VOLTAGE)

@@ -14,15 +14,18 @@ from mdms_host.can_link.emergencies import error_text
 from mdms_host.can_link.remote_cell import Handler
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.coordination.bring_up import BringUpCell
+from mdms_host.coordination.cells_control import CellsControl
 from mdms_host.coordination.odometry import Odometry
 from mdms_host.coordination.phase import BRING_UP, STOPPED, TRANSITIONS, Phase, Signal
 from mdms_host.coordination.schedule import Schedule, Timing
 from mdms_host.coordination.speed_reports import MISSED_SYNCS
+from mdms_host.coordination.steering_settings import HEARTBEAT_PERIOD_S, steering_settings
 from mdms_host.coordination.supervision import OTHER_HOST, Supervision, names
 from mdms_host.coordination.velocity_frames import VelocityFrames
 from mdms_host.coordination.watching.watch import Watch
 from mdms_host.estimation.tracker import Estimate, Parcel, Tracker
 from mdms_host.layout import Layout
+from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.program import Program
 from mdms_host.places import Place, all_values
 from mdms_model.arrays import Floats
@@ -32,10 +35,7 @@ from mdms_protocol.frame import Frame
 _SYNC = Frame(cob.SYNC, b"")
 _OVER = (Phase.FAILING, *STOPPED)
 _SETTLED = (Phase.RUNNING, *STOPPED)
-
-
-#: Cells drive parcels themselves, and give the beat when the host is gone.
-_STEERED_BY_CELLS = (Setting(indices.LEASE, 3, 1), Setting(indices.CONTROL, 0, 1))
+_ENDING = (Phase.STOPPING, Phase.FAILING)
 
 
 def _told(layout: Layout, number: int) -> Iterator[Setting]:
@@ -58,24 +58,24 @@ class Coordinator:
     `fault` is the first fault, None without one; `events` is what happened, as (time [s], text);
     `troubles` are those of the events that a person should look after, though the run goes on.
     `settings` are written to every cell, `own_settings` to the cell of that number besides; all
-    other stored settings must be at their defaults. Where the cells steer (`control` is "cells"),
-    each is told its place, too; else they may have been told any. Raises ValueError for cells of
-    more wheels than the wire has axes.
+    other stored settings must be at their defaults. Cells that steer (the program is a
+    `CellsProgram`) are written their places, too; others may have any. Raises ValueError for cells
+    of more wheels than the wire has axes.
     """
 
     def __init__(
         self,
         layout: Layout,
-        program: Program,
+        program: Program | CellsProgram,
         *,
         parcels: tuple[Parcel, ...] = (),
         settings: tuple[Setting, ...] = (),
         own_settings: Mapping[int, tuple[Setting, ...]] = MappingProxyType({}),
         timing: Timing | None = None,
         host_node_id: int = cob.NODE_MAX,
-        control: str = "host",
     ) -> None:
         axes = len(layout.wheels)
+        self.layout = layout
         self._timing = timing or Timing()
         self._velocities = VelocityFrames(layout.node_ids, axes)
         self.phase = Phase.WAITING
@@ -86,7 +86,7 @@ class Coordinator:
         # Cells report their state on change, and repeat it, which makes up for a lost frame.
         repeat_ms = round(self._timing.status_period_s * 1e3)
         repeat = Setting(indices.TPDO_PARAMETERS + 1, 5, repeat_ms)
-        by_cells = control == "cells"
+        by_cells = isinstance(program, CellsProgram)
         self._buses = range(layout.bus_count)
         several = len(self._buses) > 1
         addresses = zip(layout.buses, layout.node_ids, strict=True)
@@ -101,17 +101,24 @@ class Coordinator:
                     *(_told(layout, number) if by_cells else ()),
                     *own_settings.get(number, ()),
                     # Last, so that a cell steers with its place only.
-                    *(_STEERED_BY_CELLS if by_cells else ()),
+                    *(steering_settings(host_node_id) if by_cells else ()),
                 ),
-                {} if by_cells else _spare(layout, number),
-                bus if several else None,
+                spare={} if by_cells else _spare(layout, number),
+                bus=bus if several else None,
+                steers=by_cells,
             )
             for number, (bus, node_id) in enumerate(addresses, 1)
         )
         self.references_m_s: Floats = np.zeros(len(layout.wheel_cells))
         self._program = program
         self._odometry = Odometry(self.cells, axes, self._velocities, self._timing)
-        self._watch = Watch(self.cells, axes, program)
+        self._watch = Watch(self.cells, axes, program.controllers)
+        self._by_cells = (
+            CellsControl(self.cells, program) if isinstance(program, CellsProgram) else None
+        )
+        self._heartbeat_period_s = (
+            HEARTBEAT_PERIOD_S if by_cells else self._timing.heartbeat_period_s
+        )
         self._supervision = Supervision(self.cells, self._timing)
         self._answered: set[BringUpCell] = set()
         # What each bus brings, by its identifiers.
@@ -201,6 +208,9 @@ class Coordinator:
         handlers[pdo.ACTUAL_VELOCITY.can_id(node_id)] = partial(self._odometry.on_speeds, cell)
         handlers[cob.EMCY_BASE + node_id] = partial(self._on_emergency, cell)
         handlers[cob.SDO_RESPONSE_BASE + node_id] = partial(self._on_answer, cell)
+        if self._by_cells is not None:
+            on_estimate = partial(self._by_cells.on_estimate, cell)
+            handlers[cob.ESTIMATE_BASE + node_id] = on_estimate
 
     def _on_heartbeat(self, cell: BringUpCell, data: bytes, now_s: float) -> None:
         before = cell.nmt_state
@@ -232,13 +242,17 @@ class Coordinator:
 
     def _on_answer(self, cell: BringUpCell, data: bytes, now_s: float) -> None:
         cell.on_answer(data, now_s)
-        self._schedule_commands(cell, now_s)
+        if self.phase in BRING_UP or self.phase in _ENDING:
+            self._answer(cell, now_s)
 
     def _schedule_commands(self, cell: BringUpCell, now_s: float) -> None:
         """A cell that has answered may be ready for its next command."""
         if self.phase in BRING_UP:
-            self._answered.add(cell)
-            self._schedule.set("answer", now_s)
+            self._answer(cell, now_s)
+
+    def _answer(self, cell: BringUpCell, now_s: float) -> None:
+        self._answered.add(cell)
+        self._schedule.set("answer", now_s)
 
     def _check(self) -> None:
         """Act on the first fault of a cell, or on a request to stop."""
@@ -282,7 +296,7 @@ class Coordinator:
         return lost or cell.has_reached(self.phase)
 
     def _host_heartbeat(self) -> Iterator[tuple[int, Frame]]:
-        if self._schedule.take("heartbeat", self._now_s, self._timing.heartbeat_period_s):
+        if self._schedule.take("heartbeat", self._now_s, self._heartbeat_period_s):
             yield from self._on_every_bus(self._alive)
 
     def _on_every_bus(self, frame: Frame) -> Iterator[tuple[int, Frame]]:
@@ -302,6 +316,10 @@ class Coordinator:
                 for frame in cell.commands(self.phase, self._now_s):
                     yield cell.bus, frame
         self._answered.clear()
+        if everyone and self._by_cells is not None and self.phase in _ENDING:
+            # Behind the quick stop: wheels are to be braked, and not just switched off.
+            for frame in self._by_cells.ends():
+                yield from self._on_every_bus(frame)
         if self.phase in _SETTLED:
             self._schedule.cancel("command")
 
@@ -311,30 +329,50 @@ class Coordinator:
             yield from self._on_every_bus(_SYNC)
 
     def _setpoints(self) -> Iterator[tuple[int, Frame]]:
-        """Take in the speeds of the last SYNC, and send the setpoints for the next one."""
+        """Take in the speeds of the last SYNC, and send the setpoints for the next one.
+
+        Cells that steer get no setpoints, but their programs.
+        """
         if not self._schedule.take("setpoint", self._now_s, self._timing.sync_period_s):
             return
         self._track()
+        if self._by_cells is not None:
+            yield from self._pages(self._by_cells)
+            return
         self.references_m_s = np.zeros(self.references_m_s.shape)
-        if self.phase == Phase.RUNNING:
-            self.references_m_s = self._program_references_m_s()
+        if self.phase == Phase.RUNNING and not isinstance(self._program, CellsProgram):
+            self.references_m_s = self._program_references_m_s(self._program)
         self._odometry.on_references(self.references_m_s)
         for cell, frame in zip(
             self.cells, self._velocities.targets(self.references_m_s), strict=True
         ):
             yield cell.bus, frame
 
-    def _program_references_m_s(self) -> Floats:
+    def _pages(self, by_cells: CellsControl) -> Iterator[tuple[int, Frame]]:
+        """Send what cells that steer still need, and follow what they do."""
+        self.references_m_s = by_cells.references_m_s
+        self._odometry.on_references(self.references_m_s)
+        if self.phase == Phase.RUNNING and not self._odometry.silent:
+            poses = self.tracker.poses(self._schedule.next_s("sync"))
+            for frame in by_cells.frames(poses, self._now_s, self._timing.sync_period_s):
+                yield from self._on_every_bus(frame)
+            self._report(poses)
+
+    def _report(self, poses: Collection[str]) -> None:
+        """Report what the program has noticed, and what becomes of the parcels that are found."""
+        for text in self._program.take_notices():
+            self._warn(text)
+        self._watch_parcels(poses)
+
+    def _program_references_m_s(self, program: Program) -> Floats:
         """The program's references for the next SYNC; zero while no cell reports its speeds."""
         if self._odometry.silent:
             return np.zeros(self.references_m_s.shape)
         poses = self.tracker.poses(self._schedule.next_s("sync"))
-        references_m_s = self._program.references_m_s(
+        references_m_s = program.references_m_s(
             poses, self._timing.sync_period_s, self.tracker.take_corrected()
         )
-        for text in self._program.take_notices():
-            self._warn(text)
-        self._watch_parcels(poses)
+        self._report(poses)
         return references_m_s
 
     def _track(self) -> None:

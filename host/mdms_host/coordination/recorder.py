@@ -6,6 +6,8 @@ import numpy as np
 
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_model.arrays import Floats
+from mdms_model.buses import Addresses
+from mdms_model.run.cell_reports import CellReports, without_reports
 from mdms_model.run.history import MOST_SAMPLES, History
 from mdms_model.run.record import Contact, Event, Record
 from mdms_protocol.frame import Frame
@@ -32,6 +34,9 @@ class Recorder:
         self._estimates = estimates
         self._log_frame = log_frame
         self._history = History(most_samples)
+        layout = coordinator.layout
+        addresses = Addresses(layout.buses, layout.node_ids)
+        self._reports = CellReports(layout.cell_positions_m, addresses)
         self._due_s = -np.inf
 
     @property
@@ -42,6 +47,8 @@ class Recorder:
     def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
         """A frame was on a bus."""
         self._log_frame(frame, now_s, bus)
+        if frame.can_id in self._reports.cells[bus]:
+            self._reports.on_frame(bus, frame, now_s)
         self._coordinator.on_frame(frame, now_s, bus)
 
     def poll(self, now_s: float) -> Iterable[Frame]:
@@ -64,6 +71,8 @@ class Recorder:
         events = [Event(time_s, "coordinator", text) for time_s, text in self._coordinator.events]
         events += [Event(time_s, "link", text) for time_s, text in incidents]
         columns = self._history.columns()
+        if not self._reports.any:
+            columns = without_reports(columns)
         poses, wheels = columns["estimate"], columns["reference_m_s"]
         nowhere, nothing = np.full_like(poses, np.nan), np.full_like(wheels, np.nan)
         return Record(
@@ -85,4 +94,5 @@ class Recorder:
                 reference_m_s=self._coordinator.references_m_s.copy(),
                 speed_m_s=self._coordinator.speeds_m_s,
                 estimate=self._estimates(),
+                **self._reports.sample(now_s),
             )

@@ -1,9 +1,10 @@
 """A `Record` as an MCAP file with JSON messages, which Foxglove, Lichtblick and PlotJuggler read.
 
-Topics: `/parcel/NAME` and `/wheels` at every sample, `/events` where something happened, `/scene`
-for the eyes. All but the scene also carry their time in seconds to the last bit; MCAP's own is in
-whole nanoseconds. JSON has no NaN: what is no number is left out of a parcel's message, and is null
-in an array of the wheels, whose schema allows it then. An array without any number is left out.
+Topics: `/parcel/NAME` and `/wheels` at every sample, `/cells` too where cells steered, `/events`
+where something happened, `/scene` for the eyes. All but the scene also carry their time in seconds
+to the last bit; MCAP's own is in whole nanoseconds. JSON has no NaN: what is no number is left out
+of a parcel's message, and is null in an array of the wheels, whose schema allows it then, or of the
+cells. An array without any number is left out.
 """
 
 import heapq
@@ -20,6 +21,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from mdms_model.arrays import Floats
+from mdms_model.run.cell_reports import REPORTED
 from mdms_model.run.record import Event, Record, RecordFileError
 from mdms_model.run.scene_3d import SCENE_SCHEMA, scene_messages
 from mdms_model.scenario.scenario import Parcel, Scenario
@@ -31,19 +33,25 @@ TWIST = ("vx_m_s", "vy_m_s", "yaw_rate_rad_s")
 WHEELS = tuple(
     item.name
     for item in fields(Record)
-    if item.name not in {"time_s", "pose", "twist", "estimate", "events"}
+    if item.name not in {"time_s", "pose", "twist", "estimate", "events", *REPORTED}
 )
 #: Those that every record has, of numbers or of NaN.
 ARRAYS = tuple(name for name in WHEELS if name not in {"contact", "slip_m_s"})
 
 _TEXT, _INTEGER, _NUMBER = {"type": "string"}, {"type": "integer"}, {"type": "number"}
 _NUMBERS = {"type": "array", "items": _NUMBER}
+_INTEGERS = {"type": "array", "items": _INTEGER}
 #: Only where a record needs it: not every reader of schemas takes two types.
 _NUMBERS_OR_NULL = {"type": "array", "items": {"type": ["number", "null"]}}
 _POSE_SCHEMA = {"type": "object", "properties": dict.fromkeys(POSE, _NUMBER)}
 SCHEMAS: dict[str, dict[str, Any]] = {
     "mdms.Parcel": dict.fromkeys(("time_s", *POSE, *TWIST), _NUMBER) | {"estimate": _POSE_SCHEMA},
     "mdms.Wheels": {"time_s": _NUMBER} | dict.fromkeys(WHEELS, _NUMBERS),
+    "mdms.Cells": {
+        "time_s": _NUMBER,
+        **dict.fromkeys(("identity", "state"), _INTEGERS),
+        **dict.fromkeys(POSE, _NUMBERS_OR_NULL),
+    },
     "mdms.Event": {
         "time_s": _NUMBER,
         **dict.fromkeys(("kind", "detail", "parcel"), _TEXT),
@@ -51,6 +59,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
     },
     "foxglove.SceneUpdate": SCENE_SCHEMA,
 }
+_CELLS = "/cells"
 #: A message and when it belongs [s].
 Timed: TypeAlias = tuple[float, dict[str, Any]]
 
@@ -62,6 +71,8 @@ def write_record(path: Path, scenario: Scenario, record: Record) -> None:
         ("/wheels", "mdms.Wheels", _wheel_messages(record)),
         ("/events", "mdms.Event", _event_messages(record)),
     ]
+    if record.identity is not None:
+        sources.append((_CELLS, "mdms.Cells", _cell_messages(record)))
     for number, parcel in enumerate(scenario.parcel):
         sources.append((_topic(parcel), "mdms.Parcel", _parcel_messages(record, number)))
     with path.open("wb") as stream:
@@ -79,7 +90,8 @@ def write_record(path: Path, scenario: Scenario, record: Record) -> None:
 def read_record(path: Path, scenario: Scenario) -> Record:
     """Read what `write_record` wrote. Raises `RecordFileError` or OSError."""
     parcels = [_topic(parcel) for parcel in scenario.parcel]
-    found: dict[str, list[dict[str, Any]]] = {name: [] for name in ("/wheels", "/events", *parcels)}
+    topics = ("/wheels", _CELLS, "/events", *parcels)
+    found: dict[str, list[dict[str, Any]]] = {name: [] for name in topics}
     try:
         with path.open("rb") as stream:
             for _, channel, message in make_reader(stream).iter_messages(topics=list(found)):
@@ -149,6 +161,15 @@ def _wheel_messages(record: Record) -> Iterator[Timed]:
         yield time_s, {"time_s": time_s, **dict(zip(present, rows, strict=True))}
 
 
+def _cell_messages(record: Record) -> Iterator[Timed]:
+    """What the cells reported, by cell: with whom, in which state, where they believe it to be."""
+    beliefs = _plain(record.belief)
+    rows = zip(record.time_s.tolist(), record.identity, record.state, beliefs, strict=True)  # type: ignore[arg-type]
+    for time_s, identity, state, belief in rows:
+        message = {"time_s": time_s, "identity": identity.tolist(), "state": state.tolist()}
+        yield time_s, message | dict(zip(POSE, zip(*belief, strict=True), strict=True))
+
+
 def _event_messages(record: Record) -> Iterator[Timed]:
     for event in sorted(record.events, key=lambda event: event.time_s):
         yield event.time_s, {k: v for k, v in asdict(event).items() if v is not None}
@@ -166,6 +187,7 @@ def _record(topics: dict[str, list[dict[str, Any]]], parcels: list[list[dict[str
     present = [name for name in WHEELS if wheels and name in wheels[0]]
     columns = {name: np.array([row[name] for row in wheels], dtype=float) for name in present}
     contact = columns.pop("contact").astype(np.int8)
+    columns |= _reports(topics[_CELLS])
     for name in ARRAYS:
         columns.setdefault(name, np.full(contact.shape, np.nan))
     return Record(
@@ -177,6 +199,18 @@ def _record(topics: dict[str, list[dict[str, Any]]], parcels: list[list[dict[str
         events=[Event(**row) for row in topics["/events"]],
         **columns,
     )
+
+
+def _reports(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """What the cells reported, if they have."""
+    if not rows:
+        return {}
+    belief = np.array([[row[name] for name in POSE] for row in rows], dtype=float)
+    return {
+        "identity": np.array([row["identity"] for row in rows], np.int8),
+        "state": np.array([row["state"] for row in rows], np.int8),
+        "belief": belief.transpose(0, 2, 1),
+    }
 
 
 def _stack(parcels: list[list[dict[str, Any]]], names: tuple[str, ...]) -> Floats:

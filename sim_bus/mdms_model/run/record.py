@@ -56,6 +56,11 @@ class Record:
     `contact` holds `Contact` codes. `slip_m_s` is the surface's speed over the parcel on the wheel,
     positive ahead, 0 without contact; None where nobody has worked it out. What is unknown, as
     the truth on hardware, is NaN.
+
+    Where C cells steered, their estimates on the bus: `identity` of the parcel that a cell is at, 0
+    for none, `state` as in `mdms_protocol.neighbours` (near, promised, under), both of shape
+    (T, C), and `belief` of that parcel's pose, shape (T, C, 3), NaN where the cell has none; else
+    None.
     """
 
     time_s: Floats
@@ -70,6 +75,9 @@ class Record:
     estimate: Floats | None = None
     events: list[Event] = field(default_factory=list)
     slip_m_s: Floats | None = None
+    identity: NDArray[np.int8] | None = None
+    state: NDArray[np.int8] | None = None
+    belief: Floats | None = None
 
     @property
     def is_belief(self) -> bool:

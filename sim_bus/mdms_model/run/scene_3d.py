@@ -13,6 +13,7 @@ from mdms_model.array import build_wheels
 from mdms_model.arrays import Floats
 from mdms_model.outline import own_outline_m
 from mdms_model.run.record import Record
+from mdms_model.run.scene_cells import SceneCells
 from mdms_model.scenario.scenario import Parcel, Scenario
 
 FRAME = "table"
@@ -40,8 +41,12 @@ SCENE_SCHEMA = {"deletions": _OBJECTS, "entities": _OBJECTS}
 
 
 def scene_messages(scenario: Scenario, record: Record) -> Iterator[tuple[float, dict[str, Any]]]:
-    """Times [s] and messages: the table with the first, the parcels with all."""
+    """Times [s] and messages: the table with the first, the parcels with all.
+
+    Cells that steer are shown by whom they have, when that has changed.
+    """
     due_s = -np.inf
+    cells = SceneCells(scenario, record)
     for instant, time_s in enumerate(record.time_s.tolist()):
         if time_s < due_s:
             continue
@@ -53,6 +58,7 @@ def scene_messages(scenario: Scenario, record: Record) -> Iterator[tuple[float, 
         if not instant:
             cubes = [_table_cube(scenario), *_wheel_cubes(scenario)]
             entities.append(_entity(time_s, "the table", {"cubes": cubes}))
+        entities += [_entity(time_s, name, parts) for name, parts in cells.changed(instant)]
         due_s = time_s + 1 / FRAMES_PER_S - 1e-9
         yield time_s, {"deletions": [], "entities": entities}
 

@@ -5,6 +5,7 @@ from math import cos, sin
 from mdms_model.outline import outline_of
 from mdms_model.scenario.belief import believed
 from mdms_model.scenario.bus_rules import check_buses
+from mdms_model.scenario.control_rules import check_control
 from mdms_model.scenario.fault_rules import check_faults
 from mdms_model.scenario.on_table import check_over, half_table_m
 from mdms_model.scenario.scenario import Parcel, Scenario, ScenarioError
@@ -29,6 +30,7 @@ def check_rules(scenario: Scenario) -> None:
     for number, parcel in enumerate(scenario.parcel):
         _check_parcel(scenario, parcel, f"parcel.{number}")
     _check_goals(scenario)
+    check_control(scenario)
     check_faults(scenario)
     _check_belief(scenario)
 

@@ -29,6 +29,7 @@ class ScenarioError(ValueError):
 FIELDS = ("inward", "uniform", "rotate", "elliptic", "twist", "squeeze", "table", "goal")
 FIDELITIES = ("row", "ideal", "firmware")
 SHAPES = ("rectangle", "disc", "polygon")
+CONTROLS = ("host", "cells")
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +147,9 @@ class Motion:
     """What the wheels do: a field of references, or goals to steer parcels to.
 
     Of the rest each field uses what it needs: `heading_rad` uniform, elliptic and squeeze,
-    `velocity_m_s` and `yaw_rate_rad_s` twist, `ratio` elliptic, `table_m_s` table.
+    `velocity_m_s` and `yaw_rate_rad_s` twist, `ratio` elliptic, `table_m_s` table. Goals are
+    steered to under the `control` of the host, or of the cells by themselves; these `go_on` without
+    the host, or stop.
     """
 
     # This class has a field called `field`, so the function needs another name here.
@@ -158,6 +161,8 @@ class Motion:
     yaw_rate_rad_s: float = member(default=0.0, metadata=SPEED)
     ratio: float = member(default=0.5, metadata=Limit(at_least=0.0, at_most=1.0))
     table_m_s: tuple[float, ...] = member(default=(), metadata=SPEED)
+    control: str = member(default="host", metadata=Limit(choices=CONTROLS))
+    go_on: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -87,7 +87,8 @@ def test_of_two_that_ask_in_one_beat_the_lower_identity_is_promised_to():
 
 def test_parcel_that_had_the_cell_goes_last():
     cell = ready()
-    beat(cell, over=4, wants=0)
+    beat(cell, over=4)
+    beat(cell)
     for _ in range(BOUND + 1):
         beat(cell, asks(4), asks(9, NORTH))
     assert (cell.identity, cell.state) == (9, PROMISED)

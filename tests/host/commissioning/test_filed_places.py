@@ -3,6 +3,9 @@ import pytest
 from mdms_host.commissioning.array_file import ArrayFileError, read_array
 from mdms_host.commissioning.filed_places import placed_cells
 from mdms_host.commissioning.parameters import BY_NAME
+from mdms_host.layout import Layout
+from mdms_host.places import place_values
+from mdms_protocol import indices
 
 TABLE = "[array]\ncolumns = 3\nrows = 2\npitch_m = 0.1\n"
 WHEELS = """
@@ -96,3 +99,9 @@ def test_table_that_does_not_fit_the_cells_is_refused(placed, text, told):
 
 def test_names_of_places_are_those_of_the_object_table():
     assert {f"neighbour_{direction}" for direction in DIRECTIONS} <= BY_NAME.keys()
+
+
+def test_turns_to_take_over_sync_are_counted_on_each_bus():
+    layout = Layout(4, 1, node_ids=(5, 6, 1, 2), buses=(0, 0, 1, 1))
+    ranks = [place_values(layout, number)[indices.LEASE, 4] for number in range(1, 5)]
+    assert ranks == [1, 2, 1, 2]

@@ -11,10 +11,11 @@ from mdms_host.coordination.schedule import Timing
 from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
+from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import FieldProgram, GoalProgram
 from mdms_host.places import all_values
-from mdms_protocol import cia402, cob, indices, nmt, pdo, record, signature
+from mdms_protocol import cia402, cob, indices, messages, nmt, pdo, record, signature
 from mdms_protocol.frame import Frame
 
 LAYOUT = Layout(6, 3, wheels=(WheelPlace(0.0, (0.0, 0.03)), WheelPlace(np.pi / 2, (0.03, 0.0))))
@@ -431,7 +432,7 @@ def test_right_places_cost_no_reading_of_all_settings(rolling_array) -> None:
 
 
 def test_cells_that_steer_are_told_their_places_whatever_they_had(rolling_array) -> None:
-    coordinator = Coordinator(LAYOUT, still(), control="cells")
+    coordinator = Coordinator(LAYOUT, CellsProgram(LAYOUT, (), {}))
     array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
     tell_place(array, row=7)
     array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
@@ -444,9 +445,63 @@ def test_cells_that_steer_are_told_their_places_whatever_they_had(rolling_array)
         assert written[-1] == indices.CONTROL
 
 
-def test_cell_that_steers_by_itself_is_not_taken_for_one_that_obeys(rolling_array) -> None:
+def test_cell_that_was_left_to_steer_by_itself_is_made_to_obey(rolling_array) -> None:
     coordinator = Coordinator(LAYOUT, still())
     array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
-    array.cells[2].objects.put(indices.CONTROL, 0, 1)
-    array.run(coordinator, 3.0, lambda: coordinator.stopped)
-    assert "Control (0x3013:0) is 1, not 0" in coordinator.fault
+    left = array.cells[2].objects
+    left.put(indices.CONTROL, 0, 1)
+    left.put(indices.LEASE, 3, 1)
+    left.put(indices.CONSUMER_TIMES, 1, 127 << 16 | 75)
+    array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
+    assert coordinator.phase == Phase.RUNNING
+    for place in ((indices.CONTROL, 0), (indices.LEASE, 3), (indices.CONSUMER_TIMES, 1)):
+        assert left.number(*place) == 0
+
+
+def test_settings_of_a_run_that_cells_steer_are_taken_back_at_its_end(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, CellsProgram(LAYOUT, (), {}))
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
+    coordinator.stop()
+    array.run(coordinator, array.now_s + 1.0, lambda: coordinator.stopped)
+    assert coordinator.stopped
+    for cell in array.cells:
+        for place in ((indices.CONTROL, 0), (indices.LEASE, 3), (indices.CONSUMER_TIMES, 1)):
+            assert cell.objects.number(*place) == 0
+
+
+def test_programs_end_behind_the_quick_stop(rolling_array) -> None:
+    box = Parcel("box", 0.36, 0.30)
+    coordinator = Coordinator(LAYOUT, CellsProgram(LAYOUT, (box,), {"box": Goal(0.1, 0.0)}))
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
+    coordinator.stop()
+    frames = coordinator.poll(array.now_s)
+    end = frames.index(Frame(cob.PROGRAM, messages.encode_page(messages.End(1, 1))))
+    stops = [place for place, frame in enumerate(frames) if is_quick_stop(frame)]
+    assert len(stops) == LAYOUT.cells
+    assert max(stops) < end
+
+
+def is_quick_stop(frame: Frame) -> bool:
+    words = (cia402.QUICK_STOP,) * len(pdo.CONTROLWORD.entries)
+    return frame.data == pdo.CONTROLWORD.encode(words)
+
+
+def test_host_sends_heartbeats_often_enough_for_cells_that_steer(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, CellsProgram(LAYOUT, (), {}))
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
+    sent = [frame for step in range(300) for frame in coordinator.poll(array.now_s + 0.001 * step)]
+    assert sum(frame.can_id == cob.HEARTBEAT_BASE + 127 for frame in sent) == 12
+    limits = {cell.objects.number(indices.CONSUMER_TIMES, 1) for cell in array.cells}
+    assert limits == {127 << 16 | 75}
+
+
+def test_cells_that_steer_are_left_to_enable_their_drives(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, CellsProgram(LAYOUT, (), {}))
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
+    array.run(coordinator, array.now_s + 0.5)
+    assert coordinator.fault is None
+    assert all(cell.states == [cia402.SWITCHED_ON] * 2 for cell in array.cells)

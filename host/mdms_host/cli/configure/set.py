@@ -19,10 +19,11 @@ from mdms_host.commissioning.loop_margin import GainError, Observer, check_gain
 from mdms_host.commissioning.parameters import BY_NAME, Parameter, parse_assignments
 from mdms_model.scenario.file import load_scenario
 
-#: What the speed loop's margin depends on, by axis.
+#: What the speed loop's margin depends on, by axis; while it brakes it has another gain.
 LOOPS = tuple(
-    (f"axis{axis}.gain", f"axis{axis}.observer_lag", f"axis{axis}.acceleration_per_volt")
+    (f"axis{axis}.{gain}", f"axis{axis}.observer_lag", f"axis{axis}.acceleration_per_volt")
     for axis in (1, 2)
+    for gain in ("gain", "braking_gain")
 )
 
 

@@ -156,4 +156,7 @@ def _loops(scenario: Scenario, file: ArrayFile) -> Iterator[tuple[tuple[float, O
             gain = own.get(f"axis{axis}.gain", scenario.cell.gain_vs_per_m)
             lag_s = own.get(f"axis{axis}.observer_lag", usual.lag_s)
             feed = own.get(f"axis{axis}.acceleration_per_volt", usual.acceleration_m_s2_per_v)
-            yield (gain, Observer(lag_s, feed)), f"cell.{item}.settings.axis{axis}"
+            key = f"cell.{item}.settings.axis{axis}"
+            yield (gain, Observer(lag_s, feed)), key
+            if (braking := own.get(f"axis{axis}.braking_gain")) is not None:
+                yield (braking, Observer(lag_s, feed)), f"{key}.braking_gain"

@@ -1,5 +1,6 @@
 """From a scenario to the host's own objects: array, parcels, program, settings of the cells."""
 
+from collections.abc import Iterator
 from math import hypot, pi
 
 import numpy as np
@@ -10,11 +11,12 @@ from mdms_host.cli.scenario.cells import Cells, addresses_of, trim
 from mdms_host.cli.scenario.footing import goal_of
 from mdms_host.cli.scenario.gain import motor_of
 from mdms_host.cli.scenario.load import timing_of
-from mdms_host.commissioning.loop_margin import observer_for
+from mdms_host.commissioning.loop_margin import largest_gain, observer_for
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.allocation import AHEAD_M
+from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import Goal, Limits
 from mdms_host.motion.program import FieldProgram, GoalProgram, Program
 from mdms_model import fields
@@ -115,7 +117,23 @@ def settings_of(cell: Cell) -> tuple[Setting, ...]:
         for index, meaning in wanted.items()
     )
     undervoltage_v = min(UNDERVOLTAGE_V, cell.supply_v / 2)
-    return (*axes, _setting(indices.UNDERVOLTAGE_LIMIT, "half of cell.supply_v", undervoltage_v))
+    return (
+        *axes,
+        *_braking(cell),
+        _setting(indices.UNDERVOLTAGE_LIMIT, "half of cell.supply_v", undervoltage_v),
+    )
+
+
+def _braking(cell: Cell) -> Iterator[Setting]:
+    """A smaller braking gain than cells come with, where their motors need it."""
+    motor = motor_of(cell)
+    entry = ENTRIES[indices.BRAKING_GAIN, 0]
+    if motor.mass_kg > 0.0:
+        largest_vs_per_m = largest_gain(motor, observer_for(motor))
+        if largest_vs_per_m < entry.default / steps_per_unit(entry.unit):
+            for axis in range(len(cell.wheel)):
+                index = indices.BRAKING_GAIN + axis * indices.AXIS_OFFSET
+                yield _setting(index, "the largest gain", largest_vs_per_m)
 
 
 def estimates_of(coordinator: Coordinator, scenario: Scenario) -> Floats:
@@ -161,7 +179,7 @@ def goals_by_parcel(scenario: Scenario) -> list[Goal | None]:
 
 def _program(
     scenario: Scenario, layout: Layout, parcels: tuple[Parcel, ...], cells: Cells
-) -> Program:
+) -> Program | CellsProgram:
     if scenario.motion.field != "goal":
         return FieldProgram(references_m_s(scenario))
     steered = zip(scenario.parcel, goals_by_parcel(scenario), strict=True)
@@ -171,6 +189,8 @@ def _program(
         friction=scenario.cell.friction,
         gravity_m_s2=scenario.run.gravity_m_s2,
     )
+    if scenario.motion.control == "cells":
+        return CellsProgram(layout, parcels, goals, limits, go_on=scenario.motion.go_on)
     droop = drive_of(scenario.cell).droop
     return GoalProgram(layout, parcels, goals, droop, limits, trim=trim(scenario, cells))
 

@@ -54,6 +54,11 @@ def check_load(scenario: Scenario, options: Namespace) -> None:
     _warn(_busiest(scenario), scenario.wire)
 
 
+def load_of(cells: int, wire: Wire, control: str = "host") -> float:
+    """The share of a bus that so many cells need at most, steered by the host or by themselves."""
+    return replace(_traffic(wire), control=control).load(cells)
+
+
 def warn_of_load(cells: int, wire: Wire) -> None:
     """Say what a run with so many cells needs of a bus where they are crowded."""
     _warn(_Users(cells), wire)

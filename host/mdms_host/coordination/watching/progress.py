@@ -2,8 +2,7 @@
 
 from collections import deque
 from collections.abc import Collection, Iterator, Mapping
-
-from mdms_host.motion.goal import GoalController
+from typing import Protocol
 
 #: A parcel is looked for so long before that is reported [s].
 _FOUND_WITHIN_S = 1.5
@@ -12,6 +11,25 @@ _FOUND_WITHIN_S = 1.5
 _WINDOW_S = 1.0
 _SHARE = 0.1
 _LEAST_M = 0.0005
+
+
+class Steered(Protocol):
+    """A parcel that is steered to a goal, by whomever."""
+
+    @property
+    def arrived(self) -> bool:
+        """Whether it is there."""
+        ...
+
+    @property
+    def left_m(self) -> float:
+        """What is left to go, a corner's way included [m]."""
+        ...
+
+    @property
+    def speed_m_s(self) -> float:
+        """How fast it is commanded to go there [m/s]."""
+        ...
 
 
 class _Way:
@@ -40,7 +58,7 @@ class _Way:
 class Progress:
     """Watches the parcels that have goals; reports each trouble once, until the parcel gets on."""
 
-    def __init__(self, controllers: Mapping[str, GoalController]) -> None:
+    def __init__(self, controllers: Mapping[str, Steered]) -> None:
         self._controllers = controllers
         self._ways = {name: _Way() for name in controllers}
         self._missing_s = dict.fromkeys(controllers, 0.0)
@@ -60,7 +78,7 @@ class Progress:
         if before_s < _FOUND_WITHIN_S <= self._missing_s[name]:
             yield name, f"has not been found for {_FOUND_WITHIN_S:g} s: is it there, and as told?"
 
-    def _stands(self, name: str, controller: GoalController, step_s: float) -> bool:
+    def _stands(self, name: str, controller: Steered, step_s: float) -> bool:
         if controller.arrived:
             self._ways[name] = _Way()
             return False

@@ -1,26 +1,27 @@
 """What a person should know of a run: arrivals, and what does not move as it is to."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from mdms_host.coordination.bring_up import BringUpCell
 from mdms_host.coordination.watching.following import Floats, Following
-from mdms_host.coordination.watching.progress import Progress
-from mdms_host.motion.program import Program
+from mdms_host.coordination.watching.progress import Progress, Steered
 
 
 class Watch:
-    """Watches the wheels of `axes` axes a cell, and the parcels of a program.
+    """Watches the wheels of `axes` axes a cell, and the parcels that are steered, by name.
 
     `arrived_s` is when each parcel came to its goal, of those that are there [s].
     """
 
-    def __init__(self, cells: Sequence[BringUpCell], axes: int, program: Program) -> None:
+    def __init__(
+        self, cells: Sequence[BringUpCell], axes: int, controllers: Mapping[str, Steered]
+    ) -> None:
         self.arrived_s: dict[str, float] = {}
         self._cells = cells
         self._axes = axes
-        self._program = program
+        self._controllers = controllers
         self._following = Following(axes * len(cells))
-        self._progress = Progress(program.controllers)
+        self._progress = Progress(controllers)
 
     def wheels(self, reference_m_s: Floats, speed_m_s: Floats, step_s: float) -> Iterator[str]:
         """Troubles of wheels, given the references of the last cycle and the speeds under them."""
@@ -34,7 +35,7 @@ class Watch:
 
     def arrivals(self, now_s: float) -> Iterator[str]:
         """Parcels that have come to their goals since the last call."""
-        for name, controller in self._program.controllers.items():
+        for name, controller in self._controllers.items():
             if not controller.arrived:
                 self.arrived_s.pop(name, None)
             elif name not in self.arrived_s:

@@ -7,7 +7,7 @@ import pytest
 from mdms_host.cli import main
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.scenario.gain import open_program
-from mdms_host.cli.scenario.load import warn_of_load, wire_of
+from mdms_host.cli.scenario.load import load_of, warn_of_load, wire_of
 from mdms_host.cli.simulation.compose import run_scenario
 from mdms_model.scenario.scenario import Wire
 
@@ -100,3 +100,12 @@ def test_the_host_sends_sync_as_often_as_the_scenario_says():
     fast = run_scenario(open_program("array18", overrides[:1]))
     assert slow.fault is None
     assert slow.bus.frames == pytest.approx(fast.bus.frames / 2, rel=0.25)
+
+
+def test_cells_that_steer_leave_the_bus_four_tenths():
+    # States and estimates 24.3 % each, SYNC, heartbeats, and what each repeats of its state
+    load = load_of(18, Wire(), "cells")
+    assert load == pytest.approx(2 * 0.243 + 0.0055 + 18 * 0.00065 + 0.0026 + 18 * 0.0005, abs=0.01)
+    assert load < 0.60
+    assert load_of(18, Wire(), "host") == pytest.approx(load, abs=0.005)
+    assert load_of(21, Wire(), "cells") < 0.60 < load_of(22, Wire(), "cells")

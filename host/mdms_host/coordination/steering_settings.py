@@ -1,0 +1,36 @@
+"""What cells are set to for a run in which they steer, and what takes it back.
+
+They are to steer by themselves, to give the beat where SYNC is missing, and to end the motion when
+the host's heartbeat is. At the end all of that is taken back: else they would go on giving the
+beat, and report the host's silence.
+"""
+
+from collections.abc import Iterator
+
+from mdms_host.can_link.sdo_client import Setting
+from mdms_protocol import indices
+from mdms_protocol.dictionary import ENTRIES
+
+#: Of the host, which the cells consume: every third may get lost or be late.
+HEARTBEAT_PERIOD_S = 0.025
+HEARTBEAT_LIMIT_MS = 75
+
+_CONSUMED = (indices.CONSUMER_TIMES, 1)
+_TAKEOVER = (indices.LEASE, 3)
+_CONTROL = (indices.CONTROL, 0)
+#: In the order in which they are taken back: the host's silence must not count by then.
+PLACES = (_CONSUMED, _CONTROL, _TAKEOVER)
+
+
+def steering_settings(host_node_id: int) -> tuple[Setting, ...]:
+    """What a cell is set to when it has its place; with the last one it steers."""
+    return (
+        Setting(*_CONSUMED, host_node_id << 16 | HEARTBEAT_LIMIT_MS),
+        Setting(*_TAKEOVER, 1),
+        Setting(*_CONTROL, 1),
+    )
+
+
+def taken_back() -> Iterator[Setting]:
+    """What takes these settings back."""
+    return (Setting(*place, ENTRIES[place].default) for place in PLACES)

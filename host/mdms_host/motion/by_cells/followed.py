@@ -1,0 +1,54 @@
+"""A parcel that its cells steer, as the host follows it: its way, and whether it gets on."""
+
+from math import hypot, inf, sqrt
+
+from mdms_host.motion.goal import Goal, Limits
+from mdms_host.motion.outcome import REACHED_M, REACHED_RAD, miss_of
+from mdms_host.motion.standstill import Standstill
+from mdms_model.arrays import Floats
+
+
+class Followed:
+    """Compares what is seen of a parcel with what its program asks of the cells.
+
+    `left_m` is what is left to go, a corner's way included, inf before it is known; `speed_m_s` is
+    how fast the program has the parcel go from there, 0 while it is not to move. `arrived` is
+    whether the cells report it at its goal and the host's own estimate does not contradict.
+    """
+
+    def __init__(self, goal: Goal, limits: Limits, reach_m: float) -> None:
+        self.goal = goal
+        self.left_m = inf
+        self.speed_m_s = 0.0
+        self.arrived = False
+        self.stopped = False
+        self.miss: tuple[float, float] | None = None
+        self._limits = limits
+        self._reach_m = reach_m
+        self._standstill = Standstill()
+
+    def lose(self) -> None:
+        """Where the parcel is is not known."""
+        self.left_m, self.speed_m_s, self.arrived, self.miss = inf, 0.0, False, None
+        self._standstill.clear()
+
+    def see(self, pose: Floats, arrived: bool, may_move: bool, step_s: float) -> bool:
+        """Take in where the parcel is believed to be; returns whether it stands against the plan.
+
+        `arrived` is what the cells report, `may_move` whether nothing holds them.
+        """
+        self.miss = miss_of(self.goal, *pose.tolist())
+        off_m, off_rad = self.miss
+        self.left_m = hypot(off_m, off_rad * self._reach_m)
+        self.arrived = arrived and off_m <= REACHED_M and abs(off_rad) <= REACHED_RAD
+        steered = may_move and not arrived and not self.stopped
+        self.speed_m_s = self._planned_m_s() if steered else 0.0
+        if not steered:
+            self._standstill.clear()
+            return False
+        return self._standstill.step(self.left_m, self.speed_m_s, step_s)
+
+    def _planned_m_s(self) -> float:
+        limits = self._limits
+        braking_m_s = sqrt(limits.acceleration_m_s2 * self.left_m)
+        return min(limits.speed_m_s, limits.stiffness_per_s * self.left_m, braking_m_s)

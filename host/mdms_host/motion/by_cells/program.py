@@ -1,0 +1,229 @@
+"""Has the cells steer parcels: sends each parcel's program until they have it, then only listens.
+
+Without any IO: poses and estimates in; pages, notices and the outcome out.
+"""
+
+from collections.abc import Iterator, Mapping
+from math import degrees, inf
+
+import numpy as np
+
+from mdms_host.estimation.bottom import Bottom
+from mdms_host.estimation.tracker import Parcel
+from mdms_host.layout import Layout
+from mdms_host.motion.by_cells.followed import Followed
+from mdms_host.motion.by_cells.pages import flags_of, goal_page, parcel_page, place_page
+from mdms_host.motion.by_cells.reports import Reports
+from mdms_host.motion.goal import Goal, Limits
+from mdms_model.arrays import Floats
+from mdms_protocol import neighbours as wire
+from mdms_protocol.messages import End, Estimate, Page
+
+#: Pages are repeated so often [s] until the cells have acknowledged them.
+REPEAT_S = 0.05
+#: Once most have, for so long for the sake of the rest; they are handed on by the others.
+_REST_S = 0.5
+#: No cell has the parcel any more when none has reported its identity for so long [s].
+_GONE_S = 0.3
+#: What lasts so long [s] is reported.
+_REPORTED_S = 1.0
+#: A cell has a parcel when one of its sensors lies so deep under it by the host's estimate [m].
+_DEEP_M = 0.01
+#: There is one program a parcel.
+_SEQUENCE = 1
+
+
+class _Sending:
+    """How far the cells have got one parcel's program."""
+
+    def __init__(self) -> None:
+        self.due_s = -inf
+        self.mostly_s: float | None = None
+        self.done = False
+        self.gone_s: float | None = None
+
+
+class CellsProgram:
+    """The goals of parcels for cells that steer; identities count from 1 in the parcels' order.
+
+    A parcel without a goal gets an identity too, so that its cells keep others away. One that does
+    not get on although nothing holds it is stopped for good: its identity is dropped.
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        parcels: tuple[Parcel, ...],
+        goals: Mapping[str, Goal],
+        limits: Limits | None = None,
+        *,
+        go_on: bool = False,
+    ) -> None:
+        self._limits = limits or Limits()
+        self._go_on = go_on
+        self._goals = goals
+        self._parcels = {parcel.name: parcel for parcel in parcels}
+        self._identities = {parcel.name: number for number, parcel in enumerate(parcels, 1)}
+        self._bottoms: dict[str, Bottom] = {parcel.name: parcel.bottom for parcel in parcels}
+        self._sensors_m = layout.sensor_positions_m
+        self._reports = Reports(layout)
+        self._sendings = {name: _Sending() for name in self._parcels}
+        self._followed = {
+            name: Followed(goals[name], self._limits, bottom.reach_m)
+            for name, bottom in self._bottoms.items()
+            if name in goals
+        }
+        self._since_s: dict[tuple[str, str], float | None] = {}
+        self._notices: list[str] = []
+
+    @property
+    def controllers(self) -> Mapping[str, Followed]:
+        """What follows each parcel that has a goal, by the parcel's name."""
+        return self._followed
+
+    @property
+    def finished(self) -> bool:
+        """Whether all parcels have arrived."""
+        return all(followed.arrived for followed in self._followed.values())
+
+    @property
+    def endless(self) -> bool:
+        """Goals are reached at some time."""
+        return False
+
+    def take_notices(self) -> list[str]:
+        """What has happened to parcels since the last call."""
+        notices, self._notices = self._notices, []
+        return notices
+
+    def on_estimate(self, cell: int, estimate: Estimate, now_s: float) -> None:
+        """A cell (from 1) has sent its estimate."""
+        self._reports.take(cell, estimate, now_s)
+
+    def step(self, poses: Mapping[str, Floats], now_s: float, step_s: float) -> list[Page]:
+        """The pages to send now, given the poses (x, y, yaw) believed now; once a cycle."""
+        self._reports.age(now_s)
+        pages: list[Page] = []
+        for name in self._parcels:
+            if name in self._followed:
+                pages += self._follow(name, poses.get(name), now_s, step_s)
+            if name in poses and not self._is_stopped(name):
+                pages += self._send(name, poses[name], now_s)
+        return pages
+
+    def ends(self) -> list[Page]:
+        """The pages that end all programs."""
+        return [End(identity, _SEQUENCE) for identity in self._identities.values()]
+
+    # What is sent
+
+    def _is_stopped(self, name: str) -> bool:
+        return name in self._followed and self._followed[name].stopped
+
+    def _send(self, name: str, pose: Floats, now_s: float) -> Iterator[Page]:
+        """The pages of one parcel, as long as its cells do not have them."""
+        sending = self._sendings[name]
+        self._check_acknowledged(name, sending, pose, now_s)
+        if sending.done or now_s < sending.due_s:
+            return
+        sending.due_s = now_s + REPEAT_S
+        identity, goal = self._identities[name], self._goals.get(name)
+        parcel, flags = self._parcels[name], flags_of(goal, self._go_on)
+        yield parcel_page(identity, _SEQUENCE, parcel, self._limits, flags)
+        yield place_page(identity, _SEQUENCE, pose)
+        if goal is not None:
+            yield goal_page(identity, _SEQUENCE, goal)
+
+    def _check_acknowledged(self, name: str, sending: _Sending, pose: Floats, now_s: float) -> None:
+        """Send no more when all cells of a parcel have its program; again when none has it."""
+        having = self._cells_having(name)
+        if sending.done:
+            self._check_gone(name, sending, now_s)
+            return
+        cells = self._cells_of(name, pose)
+        lacking = cells - having
+        if 2 * len(having & cells) > len(cells):
+            sending.mostly_s = now_s if sending.mostly_s is None else sending.mostly_s
+            sending.done = not lacking or now_s - sending.mostly_s >= _REST_S
+            if sending.done and lacking:
+                self._notices.append(f"{_cells(lacking)} under {name}: no answer to its program")
+        else:
+            sending.mostly_s = None
+            if self._lasts(name, "unanswered", bool(cells), now_s):
+                self._notices.append(f"{_cells(lacking)} under {name}: no answer to its program")
+            return
+        self._lasts(name, "unanswered", False, now_s)
+
+    def _check_gone(self, name: str, sending: _Sending, now_s: float) -> None:
+        if self._reports.of(self._identities[name]):
+            sending.gone_s = None
+            return
+        sending.gone_s = now_s if sending.gone_s is None else sending.gone_s
+        if now_s - sending.gone_s >= _GONE_S:
+            self._notices.append(f"no cell has {name} any more: its program is sent again")
+            self._sendings[name] = _Sending()
+
+    def _cells_having(self, name: str) -> set[int]:
+        """The cells that have acknowledged a parcel's program by their estimates."""
+        sequence = _SEQUENCE if name in self._goals else 0
+        return {
+            cell
+            for cell, estimate in self._reports.of(self._identities[name]).items()
+            if estimate.sequence == sequence
+        }
+
+    def _cells_of(self, name: str, pose: Floats) -> set[int]:
+        """The cells (from 1) that lie under a parcel, by the host's own estimate."""
+        away_m = self._bottoms[name].distance_m(self._sensors_m.reshape(-1, 2), pose)
+        deep = (away_m.reshape(self._sensors_m.shape[:2]) < -_DEEP_M).any(axis=1)
+        return {int(cell) + 1 for cell in np.flatnonzero(deep)}
+
+    # What is seen
+
+    def _follow(
+        self, name: str, pose: Floats | None, now_s: float, step_s: float
+    ) -> Iterator[Page]:
+        """Compare a parcel's way with its program; the page that stops it, if it has to be."""
+        followed, identity = self._followed[name], self._identities[name]
+        if pose is None:
+            followed.lose()
+            return
+        held = self._reports.held(identity)
+        if self._lasts(name, "blocked", bool(held), now_s):
+            lacked = set().union(*held.values())
+            lacks = f" and lack {_cells(lacked)}" if lacked else ""
+            self._notices.append(
+                f"{name} is blocked: {_cells(set(held))} want the way ahead{lacks}"
+            )
+        arrived = self._reports.have_arrived(identity)
+        under = self._reports.under(identity).values()
+        clear = bool(under) and all(each.hold == wire.HOLD_NONE for each in under)
+        may_move = self._sendings[name].done and clear
+        if followed.see(pose, arrived, may_move, step_s):
+            followed.stopped = True
+            self._notices.append(f"{name} does not move as its cells command: stopped")
+            yield from [End(identity, _SEQUENCE)] * 3
+        if self._lasts(name, "apart", arrived and not followed.arrived, now_s) and followed.miss:
+            off_m, off_rad = followed.miss
+            self._notices.append(
+                f"the cells report {name} at its goal, but it is believed {1e3 * off_m:.1f} mm and "
+                f"{degrees(abs(off_rad)):.1f} degrees from it"
+            )
+
+    def _lasts(self, name: str, what: str, holds: bool, now_s: float) -> bool:
+        """Whether something has held for so long that it is to be reported, once each time."""
+        since_s = self._since_s.setdefault((name, what), None)
+        if not holds:
+            self._since_s[name, what] = None
+        elif since_s is None:
+            self._since_s[name, what] = now_s
+        elif now_s - since_s >= _REPORTED_S:
+            self._since_s[name, what] = inf
+            return True
+        return False
+
+
+def _cells(numbers: set[int]) -> str:
+    """How notices call these cells."""
+    listed = ", ".join(map(str, sorted(numbers)))
+    return f"cell {listed}" if len(numbers) == 1 else f"cells {listed}"

@@ -1,0 +1,76 @@
+"""What the cells report of the parcels that they steer: who has which, how it is, what it lacks."""
+
+from collections.abc import Iterator
+
+from mdms_host.layout import Layout
+from mdms_host.places import neighbours_of
+from mdms_protocol import neighbours as wire
+from mdms_protocol.messages import Estimate
+
+#: A cell at a parcel reports at every SYNC; what it reported so long ago [s] counts for nothing.
+FRESH_S = 0.05
+
+
+class Reports:
+    """The estimates that came last from the cells (numbers from 1) of a layout.
+
+    All that is returned is as of `now_s`, the time of the last call of `age`.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self._neighbours = {
+            number: tuple(neighbours_of(layout, number)) for number in range(1, layout.cells + 1)
+        }
+        self._last: dict[int, tuple[float, Estimate]] = {}
+
+    def take(self, cell: int, estimate: Estimate, now_s: float) -> None:
+        """A cell has sent an estimate."""
+        self._last[cell] = now_s, estimate
+
+    def age(self, now_s: float) -> None:
+        """Drop what is too old."""
+        self._last = {
+            cell: (time_s, estimate)
+            for cell, (time_s, estimate) in self._last.items()
+            if now_s - time_s <= FRESH_S
+        }
+
+    def of(self, identity: int) -> dict[int, Estimate]:
+        """The estimates of all cells that are at the parcel of this identity, by cell."""
+        return {
+            cell: estimate
+            for cell, (_, estimate) in self._last.items()
+            if estimate.identity == identity
+        }
+
+    def under(self, identity: int) -> dict[int, Estimate]:
+        """The estimates of those of them that are under it."""
+        return {
+            cell: estimate
+            for cell, estimate in self.of(identity).items()
+            if estimate.state == wire.UNDER
+        }
+
+    def have_arrived(self, identity: int) -> bool:
+        """Whether most of the cells under a parcel report that it stands at its goal."""
+        under = self.under(identity).values()
+        arrived = sum(bool(estimate.flags & wire.ARRIVED) for estimate in under)
+        return 2 * arrived > len(under)
+
+    def held(self, identity: int) -> dict[int, set[int]]:
+        """The cells that hold a parcel for want of promises, each with the cells it lacks."""
+        under = self.under(identity)
+        return {
+            cell: set(self._lacked(cell, estimate))
+            for cell, estimate in under.items()
+            if estimate.hold == 0
+        }
+
+    def _lacked(self, cell: int, estimate: Estimate) -> Iterator[int]:
+        """The neighbours that a cell wants, and that are not promised to its parcel."""
+        for direction, neighbour in enumerate(self._neighbours[cell]):
+            if not neighbour or not estimate.wants >> direction & 1:
+                continue
+            its = self.of(estimate.identity).get(neighbour)
+            if its is None or its.state < wire.PROMISED:
+                yield neighbour

@@ -1,0 +1,64 @@
+"""What cells report of the parcels that they steer, read off the bus for the record."""
+
+from array import array
+from math import pi
+
+import numpy as np
+
+from mdms_model.arrays import Floats
+from mdms_model.buses import Addresses
+from mdms_protocol import cob
+from mdms_protocol import neighbours as wire
+from mdms_protocol.frame import Frame
+
+#: A cell at a parcel reports at every beat; one that has been silent for so long [s] is at none.
+SILENT_S = 0.05
+_NEVER_S = -np.inf
+#: What `CellReports.sample` returns, by the names that it has in a `Record`.
+REPORTED = ("identity", "state", "belief")
+
+
+class CellReports:
+    """Estimates of cells at these centres (C, 2) and addresses.
+
+    `cells[bus]` has the cells of a bus (from 0) by the identifiers of their estimates.
+    """
+
+    def __init__(self, centres_m: Floats, addresses: Addresses) -> None:
+        self.cells: list[dict[int, int]] = [{} for _ in range(addresses.bus_count)]
+        places = zip(addresses.buses, addresses.node_ids, strict=True)
+        for cell, (bus, node_id) in enumerate(places):
+            self.cells[bus][cob.ESTIMATE_BASE + node_id] = cell
+        #: Whether any cell has reported yet.
+        self.any = False
+        self._centres_m = centres_m
+        self._reported_s = np.full(len(centres_m), _NEVER_S)
+        self._fields = array("i", bytes(4 * wire.ESTIMATE_FIELDS))
+        self._last = np.zeros((len(centres_m), wire.ESTIMATE_FIELDS), np.int64)
+
+    def on_frame(self, bus: int, frame: Frame, now_s: float) -> None:
+        """A frame whose `can_id` is in `cells[bus]` was there; one that is none changes nothing."""
+        cell = self.cells[bus][frame.can_id]
+        if wire.unpack_estimate(frame.data, self._fields, 0):
+            self.any = True
+            self._reported_s[cell] = now_s
+            self._last[cell] = self._fields
+
+    def sample(self, now_s: float) -> dict[str, Floats]:
+        """`identity` and `state` (C,), 0 where none, and `belief` (C, 3), NaN where none."""
+        silent = now_s - self._reported_s > SILENT_S
+        last = np.where(silent[:, None], 0, self._last)
+        unknown = last[:, wire.CERTAINTY] == 0
+        place_m = self._centres_m + last[:, [wire.X, wire.Y]] * (wire.STEP_UM * 1e-6)
+        yaw_rad = last[:, [wire.YAW]] * (2 * pi / wire.TURN)
+        belief = np.where(unknown[:, None], np.nan, np.hstack((place_m, yaw_rad)))
+        return {
+            "identity": last[:, wire.IDENTITY].astype(np.int8),
+            "state": last[:, wire.STATE].astype(np.int8),
+            "belief": belief,
+        }
+
+
+def without_reports(columns: dict[str, Floats]) -> dict[str, Floats]:
+    """The columns of a record in which no cell has reported anything."""
+    return {name: column for name, column in columns.items() if name not in REPORTED}

@@ -1,0 +1,133 @@
+"""The very module is explored to closure, and every rule of it is missed when it is gone."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from tests.prove.cells import Rules
+from tests.prove.exploration import CounterexampleError
+from tests.prove.tables import QUICK, Table
+
+from mdms_cell.neighbours import right_of_way
+
+ALONE = Table(2, 1, ((0,),), Rules(lease=3, late=1))
+LONG_PARCEL = Table(4, 1, ((0, 1),), Rules(lease=3, late=1, disturbed=1), crash=False)
+PAIR = Table(3, 1, ((0,), (2,)), Rules(lease=2, late=0, disturbed=1))
+
+#: What is replaced, by what, the table on which that is missed, and what is then seen.
+MUTANTS = {
+    "late estimates count for the whole lease": (
+        "_valid_beats = lease_beats - late_beats",
+        "_valid_beats = lease_beats",
+        ALONE,
+        "lease",
+    ),
+    "another is promised to at once": (
+        "not (self._bound or occupied)",
+        "not occupied",
+        PAIR,
+        "promised",
+    ),
+    "a reset ends all promises": (
+        "self._bound = self._bound_beats + 1  # beats",
+        "self._bound = 0  # beats",
+        PAIR,
+        "the lease of",
+    ),
+    "a covered sensor keeps nobody away": (
+        "not (self._bound or occupied)",
+        "not self._bound",
+        PAIR,
+        "while another stands",
+    ),
+    "the wait begins before the last announcement": (
+        "if self.state >= PROMISED:\n            self._bound = self._bound_beats",
+        "if False:\n            self._bound = self._bound_beats",
+        ALONE,
+        "the lease of",
+    ),
+    "the wait ends before the last wheel stands": (
+        "self._bound_beats = lease_beats + hops",
+        "self._bound_beats = lease_beats + 0 * hops",
+        ALONE,
+        "lease",
+    ),
+    "a promise to another parcel counts": (
+        "identity == self.identity and state >= PROMISED",
+        "state >= PROMISED",
+        PAIR,
+        "two parcels",
+    ),
+    "a promise that is lacked is not missed": (
+        "self.lacking |= wanted",
+        "self.lacking |= 0",
+        ALONE,
+        "the lease of",
+    ),
+    "wheels turn beyond the lease": (
+        "drive_beats = min(drive_beats, left)",
+        "pass",
+        ALONE,
+        "lease",
+    ),
+    "what was said to the cell before counts for the parcel on it": (
+        "            self._drop_others()\n        self._clear",
+        "            pass\n        self._clear",
+        PAIR,
+        "promised to two",
+    ),
+    "hold is not passed on": (
+        "steps = min(steps, 1 + self._holds[direction] if left else 1)",
+        "pass",
+        LONG_PARCEL,
+        "lease",
+    ),
+    "a promise outlives the wish": (
+        "if not self._asks(promised):\n            return False",
+        "if not self._asks(promised):\n            return True",
+        PAIR,
+        "stuck",
+    ),
+    "the parcel that had the cell goes first": (
+        "self._asker(previous) or self._asker(0)",
+        "self._asker(0)",
+        PAIR,
+        "stuck",
+    ),
+    "a cell under a parcel does not announce it": (
+        "            self._promise(identity)\n            self.state = UNDER",
+        "            self._promise(identity)",
+        ALONE,
+        "stuck",
+    ),
+}
+
+
+@pytest.fixture
+def mutant(request) -> Iterator[ModuleType]:
+    """The module with one rule changed."""
+    old, new = request.param
+    source = Path(right_of_way.__file__).read_text()
+    assert source.count(old) == 1
+    module = ModuleType("mutant")
+    exec(compile(source.replace(old, new), "mutant", "exec"), module.__dict__)
+    return module
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("table", QUICK.values(), ids=QUICK)
+def test_table_is_explored_to_closure(table):
+    found = table.explore()
+    print(f"{found.states:,} states, {found.transitions:,} transitions")
+
+
+@pytest.mark.parametrize(
+    ("mutant", "table", "seen"),
+    [((old, new), table, seen) for old, new, table, seen in MUTANTS.values()],
+    ids=MUTANTS,
+    indirect=["mutant"],
+)
+def test_rule_is_missed_when_it_is_gone(mutant, table, seen):
+    with pytest.raises(CounterexampleError, match=seen):
+        table.explore(mutant)
