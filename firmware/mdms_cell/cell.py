@@ -33,11 +33,19 @@ from mdms_cell.drive import speed_loop, tuning
 from mdms_cell.drive.axes import Axes
 from mdms_cell.neighbours.beat import Beat
 from mdms_cell.neighbours.layer import Layer
+from mdms_cell.presence import Presence
 from mdms_protocol import cob, indices, nmt, record, signature
 
 #: What `fail` is reported to come from; axes count from 1, and then come those of `guard`.
 SOURCE_SYSTEM = 6
 
+#: Settings that are the cell's own.
+_WATCHED = (
+    indices.SETPOINT_TIMEOUT,
+    indices.UNDERVOLTAGE_LIMIT,
+    indices.BRAKING_TIME,
+    indices.PRESENCE_DEBOUNCE,
+)
 _DEFAULT_SUPPLY_UV = 24_000_000
 
 
@@ -56,7 +64,8 @@ class Cell:
         self.received = 0
         self.dropped = 0
         self.not_sent = 0
-        self._presence = 0
+        self._reading = 0
+        self._presence = Presence()
         self.now_ms = 0
         self.wake_ms = 0
         speed_loop.reset(self._registers)
@@ -104,20 +113,17 @@ class Cell:
 
     def _tie_cell(self):
         objects = self._objects
-        objects.tie(indices.PRESENCE, 0, self._read_presence)
+        objects.tie(indices.PRESENCE, 0, self._presence.read)
         objects.tie(indices.TRAFFIC, 1, self._read_received)
         objects.tie(indices.TRAFFIC, 2, self._read_dropped)
         objects.tie(indices.TRAFFIC, 3, self._read_not_sent)
         objects.tie(indices.TRAFFIC, 4, self._read_overruns)
         objects.tie(indices.SIGNATURE, 0, self._read_signature)
-        for index in (indices.SETPOINT_TIMEOUT, indices.UNDERVOLTAGE_LIMIT, indices.BRAKING_TIME):
+        for index in _WATCHED:
             objects.watch(index, self._on_setting)
         self._axes.guard(self._may_enable, self._pdos.discard_held)
         objects.watch(indices.SYNC_COB_ID, self._on_sync_cob_id)
         objects.watch(indices.LEASE, self._on_lease)
-
-    def _read_presence(self):
-        return self._presence
 
     def _read_received(self):
         return self.received
@@ -174,15 +180,16 @@ class Cell:
         """Look after timers and events; `now_ms` wraps at 2**30."""
         self.now_ms = now_ms
         registers = self._registers
-        presence = self._board.presence()
-        quiet = presence == self._presence and not registers[speed_loop.ATTENTION]
+        reading = self._board.presence()
+        quiet = reading == self._reading and not registers[speed_loop.ATTENTION]
         if quiet and ticks.diff(now_ms, self.wake_ms) < 0:
             return
         # What calls for attention from here on has another poll follow.
         registers[speed_loop.ATTENTION] = 0
-        self._presence = presence
+        self._reading = reading
+        settled_ms = self._presence.step(reading, now_ms)
         wait_ms = self._initialise() if self.state == nmt.INITIALISING else self._look_after()
-        self.wake_ms = ticks.after(now_ms, wait_ms)
+        self.wake_ms = ticks.after(now_ms, min(wait_ms, settled_ms))
 
     def fail(self, error_code):
         """Switch the motors off for a reason from outside, and report it."""
@@ -296,6 +303,7 @@ class Cell:
         registers, number = self._registers, self._objects.number
         tuning.set_times(registers, number(indices.SETPOINT_TIMEOUT), number(indices.BRAKING_TIME))
         registers[speed_loop.SUPPLY_MIN] = number(indices.UNDERVOLTAGE_LIMIT) * 1000
+        self._presence.debounce_ms = number(indices.PRESENCE_DEBOUNCE)
 
     def _on_sync_cob_id(self, index, _sub):
         check_plain(self._objects.number(index))
@@ -326,7 +334,7 @@ class Cell:
         now_ms = self.now_ms
         self._axes.poll()
         wait_ms = min(self._guard.poll(now_ms), self._pdos.poll(now_ms))
-        wait_ms = min(wait_ms, self._layer.poll(now_ms, self._presence))
+        wait_ms = min(wait_ms, self._layer.poll(now_ms, self._presence.bits))
         if self.state != nmt.STOPPED:
             wait_ms = min(wait_ms, self._emcy.poll(now_ms))
         wait_ms = min(wait_ms, self._heartbeat.poll(now_ms, self.node_id, self.state))

@@ -155,6 +155,7 @@ _CELL: dict[int, Field | e.Group] = {
     0x3003: setting("Undervoltage limit", U16, 10_000, e.MILLIVOLTS, high=60_000),
     0x3004: setting("Braking time limit", U16, 2_000, e.MILLISECONDS, low=100, high=10_000),
     0x3005: field("Configuration signature", U32, READ),
+    0x3006: setting("Presence debounce", U16, 4, e.MILLISECONDS, high=100),
 }
 
 _SPEED = e.MICROMETRES_PER_SECOND

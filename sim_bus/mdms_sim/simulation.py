@@ -130,6 +130,8 @@ class Simulation:
             )
             for plan in plan_gateways(array.columns, array.rows, addresses, array.forwarded)
         ]
+        #: The place of each node; they differ while cells have changed places.
+        self._places = np.arange(self._cells)
         self._drivers = [Driver(self.kernel, self.buses, one) for one in participants]
         self._faults = Faults(
             scenario.fault,
@@ -139,6 +141,7 @@ class Simulation:
             controllers=self._mailboxes,
             bank=bank,
             world=self.world,
+            places=self._places,
             drivers=self._drivers,
         )
         for cell, supply_v in enumerate(self.world.bridges.supply_v):
@@ -195,8 +198,12 @@ class Simulation:
         if now_ns:
             self._move()
         _, counts, current_ma = self.world.sampled
-        self._voltage_uv = self._bank.tick(counts, current_ma, self.world.presence())
-        self.world.bridges.awake[:] = self._bank.awake
+        places = self._places
+        sensed = counts[places], current_ma[places], self.world.presence()[places]
+        driven_uv = self._bank.tick(*sensed)
+        self._voltage_uv = np.empty_like(driven_uv)
+        self._voltage_uv[places] = driven_uv
+        self.world.bridges.awake[places] = self._bank.awake
         self.kernel.at(now_ns + PROCESSING_NS, PRIORITY_COLLECT, self._collect_all)
         self.kernel.at(now_ns + TICK_NS, PRIORITY_TICK, self._tick)
 

@@ -86,13 +86,33 @@ def test_wheels_are_cut_when_no_setpoint_comes_for_50_ms_where_settings_say_so()
     assert 50 <= driven_ms((0x605E, 0, b"\0\0")) <= 52
 
 
-def test_presence_is_sent_when_it_changes():
+def test_presence_is_sent_when_it_has_changed_for_4_ms():
     cell, board = operational()
     board.bits = 0b10001
     cell.poll(51)
-    assert board.take() == [(0x285, b"\x50\x02\x50\x02\x11")]
-    cell.poll(52)
     assert board.take() == []
+    assert cell.wake_ms == 55
+    cell.poll(55)
+    assert board.take() == [(0x285, b"\x50\x02\x50\x02\x11")]
+    cell.poll(56)
+    assert board.take() == []
+
+
+def test_presence_that_flickers_is_not_sent():
+    cell, board = operational()
+    for now_ms in range(51, 90):
+        board.bits = 0b00100 if now_ms % 4 else 0
+        cell.poll(now_ms)
+    assert board.take() == []
+
+
+def test_presence_is_sent_at_once_when_its_debounce_is_set_to_0():
+    cell, board = operational()
+    cell.on_frame(0x605, sdo.write_request(0x3006, 0, b"\0\0"), cell.now_ms)
+    board.take()
+    board.bits = 0b00001
+    cell.poll(51)
+    assert board.take() == [(0x285, b"\x50\x02\x50\x02\x01")]
 
 
 def test_leaving_operational_switches_the_motors_off():

@@ -34,6 +34,7 @@ def test_change_after_days_of_nothing_is_sent_at_once():
             cell, board, now_ms = slept(days, *settings)
             board.bits = 0b101
             cell.poll(now_ms)
+            cell.poll(ticks.after(now_ms, 4))
             assert [data[4] for can_id, data in board.take() if can_id == 0x285] == [0b101]
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from mdms_cell.canopen.objects import Objects, key
 from mdms_cell.canopen.sdo.server import SdoServer
+from mdms_cell.presence import Presence
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning
 from mdms_host.coordination.coordinator import Coordinator
@@ -45,7 +46,9 @@ class KinematicCell:
     waiting_um_s: tuple[int, ...] = (0, 0)
     target_um_s: tuple[int, ...] = (0, 0)
     status: tuple[int, ...] | None = None
+    status_s: float = 0.0
     heartbeat_s: float = 0.0
+    sensors: Presence = field(default_factory=Presence)
     writes: list[bytes] = field(default_factory=list)
     objects: Objects = field(default_factory=Objects)
 
@@ -86,9 +89,13 @@ class KinematicCell:
             if self.nmt_state == nmt.INITIALISING:
                 self.nmt_state = nmt.PRE_OPERATIONAL
             self.heartbeat_s = now_s + 0.1
-        status = (*self.states, presence)
-        if self.nmt_state == nmt.OPERATIONAL and status != self.status:
-            self.status = status
+        self.sensors.debounce_ms = self.objects.number(indices.PRESENCE_DEBOUNCE)
+        self.sensors.step(presence, round(now_s * 1e3))
+        status = (*self.states, self.sensors.bits)
+        period_s = self.objects.number(indices.TPDO_PARAMETERS + 1, 5) * 1e-3
+        due = status != self.status or (period_s and now_s >= self.status_s + period_s)
+        if self.nmt_state == nmt.OPERATIONAL and due:
+            self.status, self.status_s = status, now_s
             frames.append(Frame(pdo.STATUS.can_id(self.node_id), pdo.STATUS.encode(status)))
         return frames
 

@@ -77,7 +77,7 @@ def test_cells_get_the_gain_that_the_host_believes_in():
 
 
 def test_a_box_that_is_longer_than_believed_is_carried_by_its_believed_edges():
-    """The truth stays: the host is off by about half of what its belief is off."""
+    """The host is off by about half of what its belief is off, until edges on both ends show it."""
     scenario = load_scenario(
         "array18", ["belief.box.length_m=0.30", "run.duration_s=2.0", "parcel.0.yaw_rad=0.0"]
     )
@@ -101,3 +101,28 @@ def test_a_wheel_that_stands_at_a_reference_is_named_within_half_a_second(kind):
     named_s = [time_s for time_s, text in coordinator.troubles if "cell 9 (node 9) axis 1" in text]
     assert named_s
     assert 1.0 < named_s[0] <= 1.5
+
+
+def wrong_place(cell, as_cell):
+    fault = f"fault=[{{kind='wrong_place', cells=[{cell}], as_cell={as_cell}}}]"
+    scenario = load_scenario("array18", ["run.duration_s=5", fault])
+    coordinator = coordinator_of(scenario)
+    return simulate(scenario, [coordinator]).record, coordinator
+
+
+def test_a_parcel_is_not_steered_by_cells_in_each_others_places_whose_sensors_make_no_sense():
+    """Cell 8 is under the box, and should be 11, which should be there."""
+    record, coordinator = wrong_place(8, 11)
+    ((time_s, text),) = coordinator.troubles
+    assert time_s < 2.0
+    assert text.startswith("box has not been found for 1.5 s")
+    assert np.abs(record.pose[-1] - record.pose[0]).max() < 1e-3
+
+
+def test_a_parcel_arrives_past_cells_in_each_others_places_and_they_are_named():
+    record, coordinator = wrong_place(2, 17)
+    named = [text for _, text in coordinator.troubles]
+    assert any("cell 17 (node 17): presence sensors" in text for text in named)
+    assert any("cell 2 (node 2): presence sensors" in text for text in named)
+    assert coordinator.finished
+    assert np.hypot(*(record.pose[-1, 0, :2] - (0.10, 0.0))) < 0.005

@@ -77,6 +77,8 @@ class Layer:
         self._acquit()
         self._rights = RightOfWay(lease_beats=self._objects.number(indices.LEASE, 1))
         self._heard.reset()
+        # A millisecond passes until the frame with the edge has come.
+        self._tracking.edge_late_ms = 1 + self._objects.number(indices.PRESENCE_DEBOUNCE)
         self._tracking.drop()
         self._programs = Programs()
         self._leading.stop()

@@ -95,10 +95,7 @@ class Programs:
     @property
     def go_on(self):
         """Whether a parcel is on its way that goes on without the host."""
-        for slot in self._slots:
-            if slot.identity and slot.complete and slot.goes_on:
-                return True
-        return False
+        return any(slot.identity and slot.complete and slot.goes_on for slot in self._slots)
 
     def drop(self, identity):
         """Keep nothing of an identity."""

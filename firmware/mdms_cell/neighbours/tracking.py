@@ -38,7 +38,10 @@ LOST_BEATS = 100
 
 
 class Tracking:
-    """The belief of one parcel; `identity` is 0 without one, `missing_beats` since it was seen."""
+    """The belief of one parcel; `identity` is 0 without one, `missing_beats` since it was seen.
+
+    An edge is reported `edge_late_ms` after it has passed the sensor.
+    """
 
     def __init__(self, place, footprint, heard, suspicion):
         self._footprint = footprint
@@ -49,6 +52,7 @@ class Tracking:
         self._use = bytearray(DIRECTIONS + 1)
         self._others = bytearray(DIRECTIONS + 1)
         self._peers = 0
+        self.edge_late_ms = 1
         self.belief = Belief()
         self.outline = self.belief.outline
         self.twist = TwistFit()
@@ -154,7 +158,7 @@ class Tracking:
         speed = abs(twist.vx) + abs(twist.vy) + abs(twist.turn)
         late = speed * _LATENCY_MS // 62_500
         for number in range(heard.edges):
-            ago_ms = ticks.diff(sync_ms, heard.edge_ms[number]) + 1
+            ago_ms = ticks.diff(sync_ms, heard.edge_ms[number]) + self.edge_late_ms
             if ago_ms <= 0:
                 continue
             direction = heard.edge_direction[number]
@@ -176,7 +180,7 @@ class Tracking:
         heard = self._heard
         kept = 0
         for number in range(heard.edges):
-            if ticks.diff(sync_ms, heard.edge_ms[number]) + 1 <= 0:
+            if ticks.diff(sync_ms, heard.edge_ms[number]) + self.edge_late_ms <= 0:
                 heard.edge_direction[kept] = heard.edge_direction[number]
                 heard.edge_sensor[kept] = heard.edge_sensor[number]
                 heard.edge_ms[kept] = heard.edge_ms[number]

@@ -11,6 +11,8 @@ from mdms_host.coordination.phase import STOPPED, Phase
 from mdms_host.coordination.steering_settings import PLACES, taken_back
 from mdms_host.places import Place
 from mdms_protocol import cia402, cob, indices, nmt, pdo
+from mdms_protocol.dictionary import ENTRIES
+from mdms_protocol.entry import steps_per_unit
 from mdms_protocol.frame import Frame
 
 #: Where a cell reports the revision of its object table.
@@ -41,7 +43,6 @@ class BringUpCell(RemoteCell):
         *,
         spare: Mapping[Place, int] = NOTHING,
         bus: int | None = None,
-        *,
         steers: bool = False,
     ) -> None:
         super().__init__(number, node_id, bus)
@@ -76,6 +77,12 @@ class BringUpCell(RemoteCell):
     def _setting_back(self) -> bool:
         """Whether settings are still to be taken back; none are where none were written."""
         return self._written and not (self._set_back.done or self._set_back.failure)
+
+    @property
+    def debounce_s(self) -> float:
+        """How late it reports a change of its presence sensors, by its settings [s]."""
+        entry = ENTRIES[indices.PRESENCE_DEBOUNCE, 0]
+        return self._configuration.values[entry.index, 0] / steps_per_unit(entry.unit)
 
     @property
     def other_protocol(self) -> str | None:

@@ -22,6 +22,7 @@ from mdms_host.coordination.speed_reports import MISSED_SYNCS
 from mdms_host.coordination.steering_settings import HEARTBEAT_PERIOD_S, steering_settings
 from mdms_host.coordination.supervision import OTHER_HOST, Supervision, names
 from mdms_host.coordination.velocity_frames import VelocityFrames
+from mdms_host.coordination.watching.standings import Standings
 from mdms_host.coordination.watching.watch import Watch
 from mdms_host.estimation.tracker import Estimate, Parcel, Tracker
 from mdms_host.layout import Layout
@@ -82,7 +83,6 @@ class Coordinator:
         self.fault: str | None = None
         self.events: list[tuple[float, str]] = []
         self.troubles: list[tuple[float, str]] = []
-        self.tracker = Tracker(layout, parcels)
         # Cells report their state on change, and repeat it, which makes up for a lost frame.
         repeat_ms = round(self._timing.status_period_s * 1e3)
         repeat = Setting(indices.TPDO_PARAMETERS + 1, 5, repeat_ms)
@@ -109,6 +109,8 @@ class Coordinator:
             )
             for number, (bus, node_id) in enumerate(addresses, 1)
         )
+        debounce_s = tuple(cell.debounce_s for cell in self.cells)
+        self.tracker = Tracker(layout, parcels, self._timing.status_period_s, debounce_s)
         self.references_m_s: Floats = np.zeros(len(layout.wheel_cells))
         self._program = program
         self._odometry = Odometry(self.cells, axes, self._velocities, self._timing)
@@ -135,6 +137,17 @@ class Coordinator:
         self._schedule = Schedule()
         self._schedule.set("heartbeat", 0.0)
         self._stop_requested = False
+        self._standings = Standings()
+
+    @property
+    def lost(self) -> str | None:
+        """Which parcels are lost now, and since when; None without one. Who never was is not."""
+        return self._standings.lost
+
+    @property
+    def stuck(self) -> str | None:
+        """Why the program cannot reach its goals any more; None while it may."""
+        return self._program.stuck
 
     @property
     def finished(self) -> bool:
@@ -368,7 +381,11 @@ class Coordinator:
         """The program's references for the next SYNC; zero while no cell reports its speeds."""
         if self._odometry.silent:
             return np.zeros(self.references_m_s.shape)
-        poses = self.tracker.poses(self._schedule.next_s("sync"))
+        poses, doubtful = self.tracker.poses(self._schedule.next_s("sync")), self.tracker.doubtful
+        for name, controller in program.controllers.items():
+            controller.paused = name in doubtful
+            if controller.near:
+                controller.feel_rad = self.tracker.turn_to_feel_rad(name, self._now_s)
         references_m_s = program.references_m_s(
             poses, self._timing.sync_period_s, self.tracker.take_corrected()
         )
@@ -387,12 +404,19 @@ class Coordinator:
         expected_m_s = np.where(speeds.known, self.references_m_s, 0.0)
         for text in self._watch.wheels(expected_m_s, speeds.speed_m_s, self._timing.sync_period_s):
             self._warn(text)
-        found = self.tracker.on_speeds(
-            speeds.time_s, speeds.speed_m_s, speeds.known, speeds.standing
-        )
-        for name in found:
-            x_m, y_m, yaw_rad = self.tracker.poses(speeds.time_s)[name]
-            self._note(f"{name} found at x = {x_m:.3f} m, y = {y_m:.3f} m, yaw = {yaw_rad:.2f} rad")
+        # What does not follow its reference shows nothing of the parcel on it.
+        known = speeds.known & ~self._watch.standing
+        self.tracker.on_speeds(speeds.time_s, speeds.speed_m_s, known, speeds.standing)
+        self._report_standings(speeds.time_s)
+
+    def _report_standings(self, time_s: float) -> None:
+        poses = self.tracker.poses(time_s)
+        for text, is_trouble in self._standings.step(time_s, self.tracker.take_changes(), poses):
+            (self._warn if is_trouble else self._note)(text)
+        for cell, sensors in self.tracker.take_faulty():
+            which = ", ".join(map(str, sensors))
+            name = self.cells[cell - 1].name
+            self._warn(f"{name}: presence sensors {which} contradict all others: not believed")
 
     def _watch_parcels(self, found: Collection[str]) -> None:
         for text in self._watch.arrivals(self._now_s):

@@ -20,6 +20,7 @@ class Ending(StrEnum):
 
     DONE = "done"
     TIME_LIMIT = "time limit"
+    STUCK = "stuck"
     FAULT = "fault"
     NO_CELLS = "no cells"
     INTERRUPTED = "interrupted"
@@ -64,7 +65,8 @@ def operate(
     def running() -> bool:
         watch.look()
         late = limit_s is not None and clock.now_s() - start_s > limit_s
-        return not (coordinator.stopped or coordinator.finished or late)
+        over = coordinator.stopped or coordinator.finished or coordinator.stuck is not None
+        return not (over or late)
 
     interrupt: KeyboardInterrupt | None = None
     try:
@@ -140,4 +142,6 @@ def _ending(
         return Ending.FAULT if present else Ending.NO_CELLS
     if interrupted:
         return Ending.INTERRUPTED
-    return Ending.DONE if finished or coordinator.endless else Ending.TIME_LIMIT
+    if finished or coordinator.endless:
+        return Ending.DONE
+    return Ending.TIME_LIMIT if coordinator.stuck is None else Ending.STUCK

@@ -29,6 +29,10 @@ class Bottom(Protocol):
         """Turn after which the bottom looks the same [rad]."""
         ...
 
+    def grown(self, along_m: float, across_m: float) -> "Bottom":
+        """The same, but larger by so much on either side, along its own x and y [m]."""
+        ...
+
     def outline_m(self, pose: Floats) -> Floats:
         """Corners of a polygon around it at a pose [m; table frame], anticlockwise, (N, 2)."""
         ...

@@ -34,6 +34,13 @@ class Disc:
         """A whole turn, although any other looks the same as well [rad]."""
         return 2 * pi
 
+    def grown(self, along_m: float, across_m: float) -> "Disc":
+        """The same, but larger by so much on either side, along its own x and y [m].
+
+        It stays round: what it grows by is the mean of both.
+        """
+        return Disc(self.diameter_m + along_m + across_m)
+
     def outline_m(self, pose: Floats) -> Floats:
         """Corners of a polygon around it at a pose [m; table frame], anticlockwise, (32, 2)."""
         return turned_m(_AROUND * self.reach_m, pose)

@@ -46,6 +46,12 @@ class Polygon:
                 return 2 * pi / parts
         return 2 * pi
 
+    def grown(self, along_m: float, across_m: float) -> "Polygon":
+        """The same, but larger by so much on either side, along its own x and y [m]."""
+        half_m = np.ptp(self.corners_m, axis=0) / 2
+        larger_m = np.array(self.corners_m) * (half_m + np.array([along_m, across_m])) / half_m
+        return Polygon(tuple((x, y) for x, y in larger_m.tolist()))
+
     def outline_m(self, pose: Floats) -> Floats:
         """Its corners at a pose [m; table frame], anticlockwise, shape (N, 2)."""
         return turned_m(np.array(self.corners_m), pose)

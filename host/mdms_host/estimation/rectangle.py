@@ -37,6 +37,10 @@ class Rectangle:
         """Turn after which the bottom looks the same [rad]."""
         return pi / 2 if self.length_m == self.width_m else pi
 
+    def grown(self, along_m: float, across_m: float) -> "Rectangle":
+        """The same, but larger by so much on either side, along its own x and y [m]."""
+        return Rectangle(self.length_m + 2 * along_m, self.width_m + 2 * across_m)
+
     def outline_m(self, pose: Floats) -> Floats:
         """The corners of one pose [m; table frame], anticlockwise, shape (4, 2)."""
         return turned_m(_CORNERS * self._half_m, pose)

@@ -7,13 +7,17 @@ from math import inf
 import numpy as np
 
 from mdms_host.estimation.bottom import Bottom
+from mdms_host.estimation.confirmation import Standing
 from mdms_host.estimation.disc import Disc
 from mdms_host.estimation.estimator import ParcelEstimator
 from mdms_host.estimation.polygon import Polygon
+from mdms_host.estimation.presence_map import PresenceMap
 from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats, Ints
 
+#: A parcel that was lifted may be set down at such a distance from any other, or farther [m].
+_ELSEWHERE_M = 0.03
 #: A parcel must stand still this long before it is searched for.
 _STILL_S = 0.05
 
@@ -57,10 +61,18 @@ class Estimate:
 class Tracker:
     """Estimates of all parcels on the array, fed with presence bits and wheel speeds.
 
+    What a cell has not repeated for three of the periods in which it does shows nothing any more.
+    `debounce_s` is how long each cell waits before it reports a change (none: not at all).
     Raises ValueError if there are several parcels and `near_m` of one is missing.
     """
 
-    def __init__(self, layout: Layout, parcels: tuple[Parcel, ...]) -> None:
+    def __init__(
+        self,
+        layout: Layout,
+        parcels: tuple[Parcel, ...],
+        status_period_s: float = inf,
+        debounce_s: tuple[float, ...] = (),
+    ) -> None:
         unplaced = [parcel.name for parcel in parcels if parcel.near_m is None]
         if len(parcels) > 1 and unplaced:
             raise ValueError(
@@ -68,13 +80,14 @@ class Tracker:
                 f"near_m is missing for {', '.join(unplaced)}"
             )
         self._sensors_m = layout.sensor_positions_m.reshape(-1, 2)
-        self._sensors_per_cell = len(layout.sensor_offsets_m)
-        self._bits: list[int | None] = [None] * layout.cells
-        self._covered = np.zeros(len(self._sensors_m), dtype=bool)
-        self._changed_s = -inf
+        self._presence = PresenceMap(
+            layout.cells, len(layout.sensor_offsets_m), status_period_s, debounce_s
+        )
+        self._faulty: list[tuple[int, list[int]]] = []
         self._expected_m = {
             parcel.name: _expected_distance_m(parcel, self._sensors_m) for parcel in parcels
         }
+        self._standings = dict.fromkeys(self._expected_m, Standing.LOST)
         self._estimators = {
             parcel.name: ParcelEstimator(layout, parcel.bottom, parcel.yaw_hint_rad)
             for parcel in parcels
@@ -82,15 +95,8 @@ class Tracker:
 
     def on_presence(self, now_s: float, cell: int, bits: int) -> None:
         """Cell `cell` (from 1) reports which of its sensors are covered: bit k sensor k."""
-        before, bits = self._bits[cell - 1], bits & (1 << self._sensors_per_cell) - 1
-        if bits == before:
-            return
-        self._bits[cell - 1], self._changed_s = bits, now_s
-        first = (cell - 1) * self._sensors_per_cell
-        for place in range(self._sensors_per_cell):
-            self._covered[first + place] = bits >> place & 1
-            if before is not None and (bits ^ before) >> place & 1:
-                self._on_edge(now_s, first + place)
+        for time_s, sensor in self._presence.on_report(now_s, cell, bits):
+            self._on_edge(time_s, sensor)
 
     def on_speeds(
         self,
@@ -109,10 +115,31 @@ class Tracker:
         found = self._find_missing(now_s)
         distances_m = self._distances_m(now_s)
         owners = self._owners(distances_m)
-        for number, estimator in enumerate(self._estimators.values()):
+        covered, valid = self._presence.covered, self._presence.valid(now_s)
+        for number, (name, estimator) in enumerate(self._estimators.items()):
+            if estimator.standing is Standing.FOUND:
+                self._expected_m[name] = distances_m[number]
             if estimator.pose is not None:
-                estimator.agree(now_s, self._covered, owners == number, distances_m[number])
+                mine = valid & (owners == number)
+                estimator.agree(now_s, covered, mine, distances_m[number])
+        if distances_m and not self.unconfirmed:
+            self._faulty += self._presence.judge(now_s, np.min(distances_m, axis=0))
         return found
+
+    def take_faulty(self) -> list[tuple[int, list[int]]]:
+        """Cells (from 1) with sensors (from 0) that contradict all others, since the last call."""
+        faulty, self._faulty = self._faulty, []
+        return faulty
+
+    def take_changes(self) -> list[tuple[str, Standing]]:
+        """Parcels that have been found, or become doubtful or lost, since the last call."""
+        changes = [
+            (name, one.standing)
+            for name, one in self._estimators.items()
+            if one.standing is not self._standings[name]
+        ]
+        self._standings.update(changes)
+        return changes
 
     def take_corrected(self) -> set[str]:
         """Parcels whose sensors have corrected or found them since the last call."""
@@ -131,6 +158,25 @@ class Tracker:
         found = ((name, one.pose_at(now_s)) for name, one in self._estimators.items())
         return {name: pose for name, pose in found if pose is not None}
 
+    def covariance(self, name: str) -> Floats:
+        """What the pose of a parcel may be off, shape (3, 3); zero where it is not found."""
+        return self._estimators[name].covariance
+
+    def turn_to_feel_rad(self, name: str, now_s: float) -> float | None:
+        """The turn of a parcel that would make its place sure enough; None where it is so, or
+        where none does [rad]."""
+        return self._estimators[name].turn_to_feel_rad(self._presence.valid(now_s))
+
+    @property
+    def doubtful(self) -> set[str]:
+        """Parcels that sensors do not show where they are believed to be."""
+        return {n for n, one in self._estimators.items() if one.standing is Standing.DOUBTFUL}
+
+    @property
+    def unconfirmed(self) -> bool:
+        """Whether any parcel is not found."""
+        return any(one.standing is not Standing.FOUND for one in self._estimators.values())
+
     def _on_edge(self, now_s: float, sensor: int) -> None:
         """The parcel whose edge is nearest to the sensor has crossed it."""
         if self._estimators:
@@ -138,9 +184,14 @@ class Tracker:
             min(estimators, key=lambda one: one.off_m(now_s, sensor)).edge(now_s, sensor)
 
     def _distances_m(self, now_s: float) -> list[Floats]:
-        """Distance of all sensors from each parcel, or from where it was put, shape (S,)."""
+        """Distance of all sensors from each parcel, or from where it was last, shape (S,).
+
+        Sensors farther away than `_ELSEWHERE_M` from those that are found may show any other.
+        """
         return [
-            self._expected_m[name] if one.pose is None else one.distance_m(now_s)
+            one.distance_m(now_s)
+            if one.standing is Standing.FOUND
+            else _beyond(self._expected_m[name])
             for name, one in self._estimators.items()
         ]
 
@@ -155,13 +206,22 @@ class Tracker:
 
         Only for one, since a search takes milliseconds and setpoints wait meanwhile.
         """
-        if None in self._bits or now_s < self._changed_s + _STILL_S:
+        presence = self._presence
+        if not presence.complete or now_s < presence.changed_s + _STILL_S:
             return []
         for number, (name, one) in enumerate(self._estimators.items()):
-            if one.pose is None and now_s >= one.look_s:
-                owners = self._owners(self._distances_m(now_s))
-                return [name] if one.acquire(now_s, self._covered, owners == number) else []
+            if one.standing is not Standing.FOUND and now_s >= one.look_s:
+                mine = presence.valid(now_s) & (self._owners(self._distances_m(now_s)) == number)
+                if not one.acquire(now_s, presence.covered, mine):
+                    return []
+                self._faulty += presence.disbelieve(one.disbelieved)
+                return [name]
         return []
+
+
+def _beyond(distance_m: Floats) -> Floats:
+    """Distances in their order, but those beyond `_ELSEWHERE_M` nearly alike."""
+    return np.minimum(distance_m, _ELSEWHERE_M + 1e-3 * (distance_m - _ELSEWHERE_M))
 
 
 def _expected_distance_m(parcel: Parcel, sensors_m: Floats) -> Floats:

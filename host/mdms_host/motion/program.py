@@ -1,6 +1,7 @@
 """What the array is to do: from the parcels' estimated poses to every wheel's reference."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from math import hypot
 from typing import Protocol
 
 import numpy as np
@@ -34,6 +35,11 @@ class Program(Protocol):
         ...
 
     @property
+    def stuck(self) -> str | None:
+        """Why no parcel is steered any more though some have not arrived; None while one is."""
+        ...
+
+    @property
     def finished(self) -> bool:
         """Whether what the program is for has been reached."""
         ...
@@ -54,6 +60,11 @@ class FieldProgram:
 
     def __init__(self, references_m_s: Floats) -> None:
         self._references_m_s = np.asarray(references_m_s, dtype=np.float64)
+
+    @property
+    def stuck(self) -> str | None:
+        """A field goes on."""
+        return None
 
     @property
     def finished(self) -> bool:
@@ -118,11 +129,20 @@ class GoalProgram:
         self._contacts = Contacts()
         self._standstills = {name: Standstill() for name in self._controllers}
         self._notices: list[str] = []
+        self._reasons: list[str] = []
+
+    @property
+    def stuck(self) -> str | None:
+        """See `Program`: all that have not arrived are stopped, and have come to rest."""
+        left = [one for one in self._controllers.values() if not one.arrived]
+        if not left or any(not one.stopped or one.speed_m_s > 0.0 for one in left):
+            return None
+        return "; ".join(self._reasons)
 
     @property
     def finished(self) -> bool:
         """Whether all parcels have arrived."""
-        return all(controller.arrived for controller in self._controllers.values())
+        return all(one.arrived and not one.paused for one in self._controllers.values())
 
     @property
     def endless(self) -> bool:
@@ -156,9 +176,20 @@ class GoalProgram:
         for name, controller in self._controllers.items():
             if name in poses:
                 contradicted = corrected is None or name in corrected
+                if controller.feel_rad is not None and not self._room_to_turn(name):
+                    controller.feel_rad = None
                 yield name, controller.step(poses[name], step_s, contradicted)
             else:
                 controller.lose()
+
+    def _room_to_turn(self, name: str) -> bool:
+        """Whether a parcel may turn where it is without coming near any other."""
+        mine = self._places[name]
+        for other, place in self._places.items():
+            way_m = self._bottoms[name].reach_m + self._bottoms[other].reach_m + _NEAR_M
+            if other != name and hypot(*(place - mine)[:2].tolist()) < way_m:
+                return False
+        return True
 
     def _carry(self, twists: Mapping[str, Floats]) -> Floats:
         """References of the wheels that serve each parcel with a twist; zero for all others."""
@@ -190,7 +221,10 @@ class GoalProgram:
             controller = self._controllers[name]
             if name not in twists or controller.arrived or controller.stopped:
                 standstill.clear()
-            elif standstill.step(controller.left_m, controller.speed_m_s, step_s):
+            elif controller.paused:
+                # One that is doubtful time and again gets on no better for it.
+                continue
+            elif standstill.step(controller.left_m, controller.speed_m_s, step_s, controller.leg):
                 self._stop((name, *self._near(name, bodies)))
 
     def _body(self, name: str, twists: Mapping[str, Floats]) -> Body:
@@ -218,6 +252,9 @@ class GoalProgram:
         for controller in steered:
             controller.stop()
         if len(names) == 1:
-            self._notices.append(f"{names[0]} does not move as commanded: stopped")
+            left_mm = 1e3 * self._controllers[names[0]].left_m
+            reason = f"{names[0]} does not get on, {left_mm:.0f} mm from its goal: stopped"
         else:
-            self._notices.append(f"{' and '.join(names)} press each other: stopped")
+            reason = f"{' and '.join(names)} press each other: stopped"
+        self._notices.append(reason)
+        self._reasons.append(reason)

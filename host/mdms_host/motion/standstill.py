@@ -8,6 +8,9 @@ _HALF_S = 0.4
 _SHARE = 0.2
 #: A commanded way too short to judge by [m].
 _LEAST_M = 0.0015
+#: However slowly it is to go, it stands when it has made less than this way in so long.
+_LONG_S = 1.6
+_CREEP_M = 0.0005
 
 
 class Standstill:
@@ -16,18 +19,26 @@ class Standstill:
     def __init__(self) -> None:
         self._lately: deque[tuple[float, float]] = deque()
         self._commanded_m = 0.0
+        self._leg = 0
 
-    def step(self, left_m: float, speed_m_s: float, step_s: float) -> bool:
-        """Take in what is left to go and the commanded speed; whether the parcel stands."""
-        half = round(_HALF_S / step_s)
+    def step(self, left_m: float, speed_m_s: float, step_s: float, leg: int = 0) -> bool:
+        """Take in what is left to go and the commanded speed; whether the parcel stands.
+
+        Where it is on another `leg` of its way, which leads elsewhere, that begins anew.
+        """
+        if leg != self._leg:
+            self._leg = leg
+            self.clear()
+        half, long = round(_HALF_S / step_s), round(_LONG_S / step_s)
         self._commanded_m += speed_m_s * step_s
         self._lately.append((left_m, self._commanded_m))
+        if len(self._lately) > long + 1:
+            self._lately.popleft()
         if len(self._lately) <= 2 * half:
             return False
-        if len(self._lately) > 2 * half + 1:
-            self._lately.popleft()
-        first, middle, last = (self._lately[place] for place in (0, half, 2 * half))
-        return _stands(first, middle) and _stands(middle, last)
+        first, middle, last = (self._lately[-1 - before] for before in (2 * half, half, 0))
+        creeps = len(self._lately) > long and _creeps(self._lately[0], last)
+        return creeps or (_stands(first, middle) and _stands(middle, last))
 
     def clear(self) -> None:
         """Begin anew: the parcel has been still, or out of sight."""
@@ -37,3 +48,8 @@ class Standstill:
 def _stands(before: tuple[float, float], after: tuple[float, float]) -> bool:
     commanded_m, made_m = after[1] - before[1], before[0] - after[0]
     return commanded_m >= _LEAST_M and made_m < _SHARE * commanded_m
+
+
+def _creeps(before: tuple[float, float], after: tuple[float, float]) -> bool:
+    """Whether it has made hardly any way, though it was commanded to go."""
+    return after[1] > before[1] and before[0] - after[0] < _CREEP_M

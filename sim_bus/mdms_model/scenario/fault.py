@@ -9,6 +9,7 @@ FAULTS = (
     *("loss", "corruption", "overload", "delay", "babble", "cut"),
     *("off", "hang", "drift", "host", "supply", "bridge_fault"),
     *("sensor_stuck", "encoder_stuck", "wheel_jammed", "motor_reversed", "push", "lift"),
+    "wrong_place",
 )
 
 
@@ -42,6 +43,8 @@ class Fault:
     - lift: `parcel` is off the table, and at rest where it was, or at `x_m`, `y_m` and `yaw_rad`
       as far as they are given, at the end
     - host: the coordinator neither receives nor sends, on its `bus` if that is given
+    - wrong_place: the one of `cells` and `as_cell` are each where the other should be, and go on
+      under their own node ids
     """
 
     kind: str = field(metadata=Limit(choices=FAULTS))
@@ -64,6 +67,7 @@ class Fault:
     parcel: str = ""
     impulse_n_s: tuple[float, float] = field(default=(0.0, 0.0), metadata=IMPULSE)
     twist_nms: float = field(default=0.0, metadata=IMPULSE)
+    as_cell: int | None = field(default=None, metadata=Limit(at_least=1, at_most=1_000_000))
     x_m: float | None = field(default=None, metadata=PLACE)
     y_m: float | None = field(default=None, metadata=PLACE)
     yaw_rad: float | None = field(default=None, metadata=ANGLE)

@@ -32,6 +32,8 @@ def check_faults(scenario: Scenario) -> None:
                 f"{key}.cells has {fault.cells[0]}, but {fault.kind!r} is of no cell; leave it out"
             )
         _check_bus(scenario, fault, key)
+        if fault.kind == "wrong_place":
+            _check_place(scenario, fault, key)
         if fault.kind in _OF_PARCELS:
             _check_parcel(scenario, fault, key)
 
@@ -60,6 +62,17 @@ def _check_bus(scenario: Scenario, fault: Fault, key: str) -> None:
         )
     buses = len(scenario.array.buses) or 1
     _check_most(f"{key}.bus", [fault.bus], buses - 1, f"buses are numbered 0 to {buses - 1}")
+
+
+def _check_place(scenario: Scenario, fault: Fault, key: str) -> None:
+    cells = scenario.array.columns * scenario.array.rows
+    if len(fault.cells) != 1:
+        raise ScenarioError(f"{key}.cells is {list(fault.cells)}, but must be one cell")
+    if fault.as_cell is None or fault.as_cell == fault.cells[0]:
+        raise ScenarioError(
+            f"{key}.as_cell is {fault.as_cell}, but must be another cell than {fault.cells[0]}"
+        )
+    _check_most(f"{key}.as_cell", (fault.as_cell,), cells, f"the array has {cells} cells")
 
 
 def _check_most(key: str, numbers: Iterable[int], most: int, there: str) -> None:

@@ -7,6 +7,9 @@ own, so that one more fault does not change what the others do.
 from collections.abc import Sequence
 from random import Random
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mdms_model.run.record import Event
 from mdms_model.scenario.fault import Fault
 from mdms_sim.bus.bus import Bus
@@ -23,8 +26,8 @@ from mdms_sim.physics.plane.world import World
 class Faults:
     """The faults of a scenario, at work on buses, the cells on them, their world and the host.
 
-    `controllers` are the cells' in their order, `drivers` those of the participants; `events` fills
-    up as the run goes on.
+    `controllers` are the cells' in their order, `drivers` those of the participants; `places` has
+    the place of each node, both from 0. `events` fills up as the run goes on.
     """
 
     def __init__(
@@ -37,6 +40,7 @@ class Faults:
         controllers: Sequence[Controller],
         bank: CellBank,
         world: World,
+        places: NDArray[np.intp],
         drivers: Sequence[Driver],
     ) -> None:
         self.events: list[Event] = []
@@ -44,7 +48,7 @@ class Faults:
         self._kinds = {
             **WireFaults(buses, controllers).kinds,
             **NodeFaults(kernel, controllers, bank, drivers).kinds,
-            **WorldFaults(world, bank).kinds,
+            **WorldFaults(world, bank, places).kinds,
         }
         for number, fault in enumerate(faults):
             self._schedule(fault, Random(f"{seed}/{number}"))

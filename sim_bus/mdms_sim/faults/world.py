@@ -4,6 +4,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from random import Random
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mdms_model.scenario.fault import Fault
 from mdms_sim.faults.course import Course, Kind, cells_with
 from mdms_sim.nodes.bank import CellBank
@@ -22,12 +25,14 @@ _OF_WHEELS = {
 class WorldFaults:
     """Faults of a world, and of what its cells measure of it; `kinds` by name.
 
+    `places` has the place of each node, both from 0.
     Where two faults of wheels, sensors or parcels overlap, the last to end sets things right.
     """
 
-    def __init__(self, world: World, bank: CellBank) -> None:
+    def __init__(self, world: World, bank: CellBank, places: NDArray[np.intp]) -> None:
         self._world = world
         self._bank = bank
+        self._places = places
         self._bridges = world.bridges
         self._nominal_supply_v = world.bridges.supply_v.copy()
         self.kinds: Mapping[str, Kind] = {
@@ -37,6 +42,7 @@ class WorldFaults:
             **dict.fromkeys(_OF_WHEELS, self._wheel_fault),
             "push": self._push,
             "lift": self._lift,
+            "wrong_place": self._wrong_place,
         }
 
     def _cells(self, fault: Fault) -> Sequence[int]:
@@ -122,6 +128,16 @@ class WorldFaults:
             return f"set down at x {x_m:.4f} m, y {y_m:.4f} m, yaw {yaw_rad:.4f} rad"
 
         return Course(begin, end)
+
+    def _wrong_place(self, fault: Fault, random: Random) -> Course:
+        assert fault.as_cell is not None
+        pair = [fault.cells[0] - 1, fault.as_cell - 1]
+
+        def exchange() -> str:
+            self._places[pair] = self._places[pair[::-1]]
+            return f"it and cell {fault.as_cell} have changed places"
+
+        return Course(exchange, exchange)
 
     def _parcel(self, fault: Fault) -> int:
         return [parcel.name for parcel in self._world.scenario.parcel].index(fault.parcel)

@@ -6,11 +6,10 @@ import pytest
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.phase import Phase
 from mdms_host.coordination.watching.following import Following
-from mdms_host.coordination.watching.progress import Progress
 from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
-from mdms_host.motion.goal import Goal, GoalController, Limits
+from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import FieldProgram, GoalProgram
 
 LAYOUT = Layout(6, 3, wheels=(WheelPlace(0.0, (0.0, 0.03)), WheelPlace(np.pi / 2, (0.03, 0.0))))
@@ -94,22 +93,3 @@ def test_wheel_with_no_or_a_small_reference_may_stand() -> None:
     following = Following(2)
     for _ in range(200):
         assert following.step(np.array([0.0, 0.005]), np.zeros(2), STEP_S) == []
-
-
-@pytest.mark.parametrize("speed_m_s", [0.002, 0.1, 0.3])
-def test_slow_and_fast_parcels_alike_get_on(speed_m_s: float) -> None:
-    controller = GoalController(Goal(0.3, 0.0, 0.0), Limits(speed_m_s=speed_m_s), 0.2)
-    progress, pose = Progress({"box": controller}), np.zeros(3)
-    for _ in range(600):
-        pose = pose + controller.step(pose, STEP_S) * STEP_S
-        assert list(progress.step({"box"}, STEP_S)) == []
-
-
-def test_belief_that_is_pulled_back_again_and_again_stands() -> None:
-    controller = GoalController(Goal(0.3, 0.0, 0.0), Limits(), 0.2)
-    progress, pose, reports = Progress({"box": controller}), np.zeros(3), 0
-    for step in range(300):
-        twist = controller.step(pose, STEP_S)
-        pose = np.zeros(3) if step % 10 == 0 else pose + twist * STEP_S
-        reports += len(list(progress.step({"box"}, STEP_S)))
-    assert reports == 1

@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
+from mdms_host.estimation.confirmation import Standing
 from mdms_host.estimation.estimator import ParcelEstimator
+from mdms_host.estimation.locate import Location
 from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.layout import Layout, WheelPlace
 
@@ -67,7 +69,7 @@ def test_a_row_of_wheels_leaves_what_it_cannot_tell_alone() -> None:
     estimator = ParcelEstimator(row, bottom)
     covered = bottom.distance_m(sensors_m, np.array([-0.2, 0.0, 0.0])) < 0
     assert estimator.acquire(0.0, covered, np.ones(len(sensors_m), dtype=bool))
-    estimator.pose = np.array([-0.2, 0.0, 0.0])
+    estimator.start(0.0, Location(np.array([-0.2, 0.0, 0.0]), np.diag([1e-4, 1e-4, 1e-4]), 0))
     estimator.predict(0.01, np.full(10, 0.04))
     np.testing.assert_allclose(estimator.twist, [0.04, 0.0, 0.0], atol=1e-12)
 
@@ -84,7 +86,7 @@ def test_edges_keep_the_error_small_though_wheels_tell_wrong_speeds(scale: float
 
 def test_an_edge_makes_the_estimate_surer_across_it_only() -> None:
     estimator = resting_at(0.0, 0.0, 0.0)
-    estimator.pose, estimator.covariance = np.zeros(3), np.diag([1e-4, 1e-4, 1e-6])
+    estimator.start(0.0, Location(np.zeros(3), np.diag([1e-4, 1e-4, 1e-6]), 0))
     sensor = int(np.argmin(np.hypot(*(SENSORS_M - (0.1905, 0.0)).T)))
     estimator.edge(0.0, sensor)
     assert estimator.pose[0] == pytest.approx(0.0105, rel=0.05)
@@ -99,6 +101,8 @@ def test_a_parcel_that_was_pushed_away_is_found_again() -> None:
         now_s = step * 0.01
         estimator.predict(now_s, np.zeros(36))
         estimator.agree(now_s, covered_by(pushed), ALL, estimator.distance_m(now_s))
+    assert estimator.standing is Standing.DOUBTFUL
+    assert estimator.acquire(0.2, covered_by(pushed), ALL)
     assert np.hypot(*(estimator.pose - pushed)[:2]) < 0.03
 
 

@@ -87,3 +87,39 @@ def test_a_goal_without_a_yaw_turns_nothing_and_is_reached_however_the_parcel_is
     twists, _ = drive(controller, np.array([0.05, 0.02, 1.3]), 5.0)
     assert controller.arrived
     assert not np.array(twists)[:, 2].any()
+
+
+def test_a_parcel_whose_place_is_not_sure_turns_before_it_has_arrived_and_turns_back() -> None:
+    controller = GoalController(Goal(0.0, 0.0, 0.0), LIMITS, REACH_M)
+    pose, most_rad = np.zeros(3), 0.0
+    controller.feel_rad = 0.1
+    for _ in range(600):
+        pose = pose + controller.step(pose, 0.01) * 0.01
+        most_rad = max(most_rad, float(pose[2]))
+        if pose[2] > 0.08:
+            controller.feel_rad = None
+    assert most_rad > 0.08
+    assert controller.arrived
+    assert abs(pose[2]) < 0.01
+    assert controller.leg == 2
+
+
+def test_a_parcel_whose_place_no_turn_makes_sure_arrives_after_three() -> None:
+    controller, pose = GoalController(Goal(0.0, 0.0, 0.0), LIMITS, REACH_M), np.zeros(3)
+    controller.feel_rad = 0.05
+    for _ in range(2000):
+        pose = pose + controller.step(pose, 0.01) * 0.01
+    assert controller.arrived
+    assert controller.leg == 4
+
+
+def test_a_parcel_that_is_paused_comes_to_rest_and_goes_on() -> None:
+    controller, pose = GoalController(Goal(1.0, 0.0), LIMITS, REACH_M), np.zeros(3)
+    for _ in range(100):
+        controller.step(pose, 0.01)
+    controller.paused = True
+    for _ in range(100):
+        twist = controller.step(pose, 0.01)
+    assert not twist.any()
+    controller.paused = False
+    assert controller.step(pose, 0.01)[0] > 0

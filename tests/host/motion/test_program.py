@@ -72,12 +72,13 @@ def test_a_parcel_that_does_not_get_on_is_stopped_within_a_second_and_reported()
     steered = program(left=Goal(0.4, 0.0))
     for _ in range(100):
         steered.references_m_s(POSES, 0.01)
-    assert steered.take_notices() == ["left does not move as commanded: stopped"]
+    assert steered.take_notices() == ["left does not get on, 800 mm from its goal: stopped"]
     for _ in range(30):
         references_m_s = steered.references_m_s(POSES, 0.01)
     assert steered.take_notices() == []
     assert not references_m_s.any()
     assert not steered.finished
+    assert steered.stuck == "left does not get on, 800 mm from its goal: stopped"
 
 
 def test_two_on_their_way_into_each_other_are_stopped_once_both_have_been_found() -> None:

@@ -1,3 +1,7 @@
+import numpy as np
+import pytest
+
+from mdms_host.motion.goal import Goal, GoalController, Limits
 from mdms_host.motion.standstill import Standstill
 
 STEP_S = 0.01
@@ -31,3 +35,38 @@ def test_a_belief_that_an_edge_sets_back_does_not_stand() -> None:
 
 def test_a_parcel_that_is_to_stand_is_not_reported() -> None:
     assert reported_s(0.0, speed_m_s=0.0) is None
+
+
+@pytest.mark.parametrize("speed_m_s", [0.002, 0.1, 0.3])
+def test_slow_and_fast_parcels_alike_get_on(speed_m_s: float) -> None:
+    controller = GoalController(Goal(0.3, 0.0, 0.0), Limits(speed_m_s=speed_m_s), 0.2)
+    standstill, pose = Standstill(), np.zeros(3)
+    for _ in range(600):
+        pose = pose + controller.step(pose, STEP_S) * STEP_S
+        if controller.arrived:
+            break
+        assert not standstill.step(controller.left_m, controller.speed_m_s, STEP_S)
+
+
+def test_a_belief_that_is_pulled_back_again_and_again_stands() -> None:
+    controller = GoalController(Goal(0.3, 0.0, 0.0), Limits(), 0.2)
+    standstill, pose, stood = Standstill(), np.zeros(3), False
+    for step in range(100):
+        twist = controller.step(pose, STEP_S)
+        pose = np.zeros(3) if step % 10 == 0 else pose + twist * STEP_S
+        stood |= standstill.step(controller.left_m, controller.speed_m_s, STEP_S)
+    assert stood
+
+
+def test_a_parcel_that_creeps_does_not_get_on_however_slow_it_is_to_be() -> None:
+    time_s = reported_s(0.9, speed_m_s=0.0002)
+    assert time_s is not None
+    assert time_s < 2.0
+
+
+def test_a_parcel_that_is_sent_elsewhere_has_not_stood() -> None:
+    standstill = Standstill()
+    for step in range(60):
+        assert not standstill.step(0.1 - 0.001 * step, 0.1, STEP_S)
+    for step in range(60):
+        assert not standstill.step(0.3 - 0.001 * step, 0.1, STEP_S, leg=1)

@@ -35,6 +35,7 @@ BRING_UP_S = 10.0
 EXITS = {
     Ending.DONE: Exit.OK,
     Ending.TIME_LIMIT: Exit.TIME_LIMIT,
+    Ending.STUCK: Exit.TIME_LIMIT,
     Ending.FAULT: Exit.NODE_FAULT,
     Ending.NO_CELLS: Exit.NO_DEVICE,
     Ending.DEVICE_GONE: Exit.NO_DEVICE,
@@ -65,7 +66,8 @@ def run(arguments: Namespace) -> int:
         if counts := str(operation.link):
             say(f"frames: {counts}")
         print(f"{scenario.title}: {operation.ending} after {operation.duration_s:.1f} s")
-    return _verdict(operation, missed_text(goals_of(belief.scenario, coordinator)))
+    missed = missed_text(goals_of(belief.scenario, coordinator))
+    return _verdict(operation, coordinator.lost, missed)
 
 
 @contextmanager
@@ -138,7 +140,7 @@ def _figures(scenario: Scenario, coordinator: Coordinator, operation: Operation)
         "title": scenario.title,
         "ending": str(operation.ending),
         "duration_s": operation.duration_s,
-        "fault": operation.fault,
+        "fault": operation.fault or coordinator.lost or coordinator.stuck,
         "link": asdict(operation.link),
         "parcels": parcels,
         "goals": [asdict(outcome) for outcome in goals_of(scenario, coordinator)],
@@ -157,9 +159,11 @@ def _outcome(coordinator: Coordinator, name: str, goal: Goal) -> GoalOutcome:
     return outcome_of(name, goal, pose, coordinator.arrived_s.get(name))
 
 
-def _verdict(operation: Operation, missed: str | None) -> int:
+def _verdict(operation: Operation, lost: str | None, missed: str | None) -> int:
     if operation.interrupt is not None:
         raise operation.interrupt
+    if operation.fault is None and lost is not None:
+        raise CommandError(lost, Exit.FAILURE)
     code = EXITS[operation.ending]
     if code is not Exit.OK:
         raise CommandError(operation.fault or missed or "the time limit has passed", code)

@@ -23,14 +23,17 @@ SOLVERS = {"row": solve_row, "ideal": solve_ideal}
 class Finished:
     """A run that has ended: what it recorded, how long it took, and what a coordinator met.
 
-    `troubles` are what the coordinator found amiss, as (time [s], text). `wall_s` leaves out
-    `compile_s`, which passes once per installation.
+    `troubles` are what the coordinator found amiss, as (time [s], text), `lost` is which parcels it
+    does not find any more at the end, and `stuck` why it could not go on to its goals. `wall_s`
+    leaves out `compile_s`, which passes once per installation.
     """
 
     record: Record
     nodes: str | None = None
     bus: BusFigures | None = None
     fault: str | None = None
+    lost: str | None = None
+    stuck: str | None = None
     troubles: tuple[tuple[float, str], ...] = ()
     wall_s: float = 0.0
     compile_s: float = 0.0
@@ -89,7 +92,15 @@ def _firmware(
         )
         _add_events(outcome.record, coordinator)
         troubles = tuple(coordinator.troubles)
-        return Finished(outcome.record, nodes, outcome.bus, coordinator.fault, troubles)
+        return Finished(
+            outcome.record,
+            nodes,
+            outcome.bus,
+            fault=coordinator.fault,
+            lost=coordinator.lost,
+            stuck=coordinator.stuck,
+            troubles=troubles,
+        )
 
     return work
 

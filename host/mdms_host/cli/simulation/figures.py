@@ -60,11 +60,11 @@ def goals_of(scenario: Scenario, record: Record) -> list[GoalOutcome]:
 
 
 def fault_of(finished: Finished) -> str | None:
-    """What ended the run before its time: a parcel that tips, or a fault of the nodes."""
+    """Why the run has failed: a parcel that tips, a fault of the nodes, a parcel lost or stuck."""
     tips = (event for event in finished.record.events if event.kind == "tip")
     for tip in tips:
         return f"{tip.parcel} tips at {tip.time_s:.3f} s: {tip.detail}"
-    return finished.fault
+    return finished.fault or finished.lost or finished.stuck
 
 
 def slipping_share(record: Record) -> float:

@@ -84,10 +84,14 @@ def verdict(scenario: Scenario, finished: Finished) -> Exit:
     for time_s, text in finished.troubles:
         say(f"{time_s:8.3f} s  {text}")
     missed = missed_text(goals_of(scenario, finished.record))
-    for text in filter(None, (fault_of(finished), missed)):
+    fault = fault_of(finished)
+    # That a parcel is stuck is among the troubles.
+    for text in filter(None, (None if fault == finished.stuck else fault, missed)):
         say(f"mdms: {text}")
     if any(event.kind == "tip" for event in finished.record.events):
         return Exit.FAILURE
     if finished.fault is not None:
         return Exit.NODE_FAULT
+    if finished.lost is not None:
+        return Exit.FAILURE
     return Exit.OK if missed is None else Exit.TIME_LIMIT

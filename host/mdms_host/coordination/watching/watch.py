@@ -1,10 +1,21 @@
 """What a person should know of a run: arrivals, and what does not move as it is to."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import Protocol
 
 from mdms_host.coordination.bring_up import BringUpCell
-from mdms_host.coordination.watching.following import Floats, Following
-from mdms_host.coordination.watching.progress import Progress, Steered
+from mdms_host.coordination.watching.following import Following
+from mdms_host.coordination.watching.missing import Missing
+from mdms_model.arrays import Bools, Floats
+
+
+class Steered(Protocol):
+    """A parcel that is steered to a goal, by whomever."""
+
+    @property
+    def arrived(self) -> bool:
+        """Whether it is there."""
+        ...
 
 
 class Watch:
@@ -21,7 +32,12 @@ class Watch:
         self._axes = axes
         self._controllers = controllers
         self._following = Following(axes * len(cells))
-        self._progress = Progress(controllers)
+        self._missing = Missing(controllers)
+
+    @property
+    def standing(self) -> Bools:
+        """Wheels that do not follow their references, shape (W,)."""
+        return self._following.standing
 
     def wheels(self, reference_m_s: Floats, speed_m_s: Floats, step_s: float) -> Iterator[str]:
         """Troubles of wheels, given the references of the last cycle and the speeds under them."""
@@ -44,5 +60,4 @@ class Watch:
 
     def parcels(self, found: Collection[str], step_s: float) -> Iterator[str]:
         """Troubles of parcels, given those that have been found."""
-        for name, trouble in self._progress.step(found, step_s):
-            yield f"{name} {trouble}"
+        yield from self._missing.step(found, step_s)

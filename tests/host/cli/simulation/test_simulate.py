@@ -92,18 +92,20 @@ def test_same_seed_same_figures(capsys):
 
 def test_goal_that_is_not_reached_is_told_with_the_way_left_and_by_the_exit_code(capsys):
     """A box that no friction moves stands where it was put, though its wheels turn."""
-    assert main(["simulate", "array18", "--set", "cell.friction=0.0001", "--json"]) == 3
+    slippery = ("--set", "cell.friction=0.0001", "--set", "belief.friction=0.3")
+    assert main(["simulate", "array18", *slippery, "--json"]) == 3
     told = capsys.readouterr()
     figures = json.loads(told.out)
     (goal,) = figures["goals"]
     assert goal["parcel"] == "box"
-    assert (goal["reached"], goal["time_s"], figures["fault"]) == (False, None, None)
+    assert (goal["reached"], goal["time_s"]) == (False, None)
+    assert re.match(r"box does not get on, \d+ mm from its goal: stopped", figures["fault"])
     assert goal["position_error_m"] == pytest.approx(0.2, abs=0.01)
     assert abs(goal["yaw_error_rad"]) == pytest.approx(0.52, abs=0.03)
     assert figures["slipping_share"] > 0.9
     warning, verdict = told.err.splitlines()
     assert "box does not get on" in warning
-    assert float(warning.split()[0]) < 2.5
+    assert float(warning.split()[0]) < 1.5
     assert re.match(r"mdms: goal not reached: box is 19\d\.\d mm and 29\.\d degrees from", verdict)
 
 

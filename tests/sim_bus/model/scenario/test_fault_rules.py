@@ -33,6 +33,12 @@ def refusal(**keys):
         ({"kind": "wheel_jammed", "axes": [3]}, "fault.0.axes.0 is 3, but must be at least 1"),
         ({"kind": "push", "impulse_n_s": [1, 0]}, "fault.0.parcel is '', but must be one of box"),
         ({"kind": "lift", "parcel": "bax"}, "fault.0.parcel is 'bax', but must be one of box"),
+        ({"kind": "wrong_place"}, "fault.0.cells is [], but must be one cell"),
+        ({"kind": "wrong_place", "cells": [2]}, "fault.0.as_cell is None, but must be another"),
+        (
+            {"kind": "wrong_place", "cells": [2], "as_cell": 19},
+            "fault.0.as_cell has 19, but the array has 18 cells",
+        ),
         ({"kind": "push", "parcel": "box"}, "fault.0.impulse_n_s is [0, 0], and"),
         (
             {"kind": "push", "parcel": "box", "twist_nms": 0.1, "duration_s": 1.0},

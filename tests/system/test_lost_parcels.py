@@ -1,0 +1,72 @@
+"""A parcel that is taken off the table is not steered any more, and is taken on when it is back."""
+
+import numpy as np
+import pytest
+
+from mdms_host.cli.simulation.compose import run_scenario
+from mdms_host.cli.simulation.figures import figures_of
+from mdms_host.cli.simulation.simulate import verdict
+from mdms_model.scenario.file import load_scenario
+
+LIFTED_S = 1.5
+
+
+def run(*overrides: str, duration_s: float = 12.0):
+    scenario = load_scenario("array18", [f"run.duration_s={duration_s}", *overrides])
+    return scenario, run_scenario(scenario)
+
+
+def lifted(**keys: float) -> str:
+    more = "".join(f", {key}={value}" for key, value in keys.items())
+    return f"fault=[{{kind='lift', parcel='box', start_s={LIFTED_S}{more}}}]"
+
+
+def times_of(finished, text: str) -> list[float]:
+    return [event.time_s for event in finished.record.events if text in event.detail]
+
+
+@pytest.fixture(scope="module")
+def gone():
+    return run(lifted(), duration_s=4.0)
+
+
+def test_a_parcel_that_is_lifted_away_is_doubtful_within_a_fifth_of_a_second_then_lost(gone):
+    _, finished = gone
+    (doubtful_s,) = times_of(finished, "box is doubtful")
+    (lost_s,) = times_of(finished, "box is lost")
+    assert LIFTED_S < doubtful_s <= LIFTED_S + 0.2
+    assert LIFTED_S < lost_s <= LIFTED_S + 1.0
+
+
+def test_wheels_stop_under_a_parcel_that_is_not_there(gone):
+    _, finished = gone
+    record = finished.record
+    assert np.abs(record.speed_m_s[record.time_s < LIFTED_S][-1]).max() > 0.05
+    assert np.abs(record.speed_m_s[record.time_s > LIFTED_S + 1.0]).max() < 2e-3
+
+
+def test_a_run_that_ends_with_a_lost_parcel_reports_it_and_has_no_pose_of_it(gone):
+    scenario, finished = gone
+    figures = figures_of(scenario, finished)
+    assert figures["fault"].startswith("lost: box since 2.")
+    assert "estimate" not in figures["parcels"][0]
+    assert verdict(scenario, finished) == 1
+
+
+@pytest.mark.parametrize("held_s", [0.5, 2.0])
+def test_a_parcel_that_is_set_down_elsewhere_is_found_and_goes_on_to_its_goal(held_s):
+    back = lifted(duration_s=held_s, x_m=-0.02, y_m=0.02, yaw_rad=0.2)
+    scenario, finished = run(back, duration_s=10.0)
+    found_s = times_of(finished, "box found")
+    assert LIFTED_S + held_s < found_s[-1] < LIFTED_S + held_s + 0.5
+    (goal,) = figures_of(scenario, finished)["goals"]
+    assert goal["reached"]
+    assert figures_of(scenario, finished)["fault"] is None
+
+
+@pytest.mark.parametrize("side", ["length_m=0.38", "width_m=0.28"])
+def test_a_box_that_is_told_20_mm_wrong_arrives_where_it_is_to_be(side):
+    scenario, finished = run(f"belief.box.{side}", duration_s=6.0)
+    (goal,) = figures_of(scenario, finished)["goals"]
+    assert goal["reached"]
+    assert goal["position_error_m"] < 0.003
