@@ -26,7 +26,11 @@ from mdms_sim.simulation import Simulation, addresses_of, open_bank
 
 BEAT_S = 0.01
 HOST_NODE = 127
+#: The code of an emergency about a neighbour.
+SUSPICION = 0xFF01
 _BEGIN_S = 0.3
+_STEP_S = 0.05
+_STILL_S = 1.5
 _HEARTBEAT_BEATS = 2
 _CONSUMER_MS = 75
 _PAGES_BEATS = (20, 24, 28)
@@ -182,7 +186,6 @@ def _write(node_id: int, index: int, sub: int, value: int) -> Frame:
 class Run:
     """A finished run: what the bus showed and what the parcels did."""
 
-    scenario: Scenario
     host: NeighbourHost
     record: Record
     tipped: bool
@@ -193,41 +196,55 @@ class Run:
         return sum(event.kind == "touch" for event in self.record.events)
 
     def error(self, parcel: int = 0) -> tuple[float, float]:
-        """How far a parcel lies from its goal in the end [m, rad]; a square one may lie turned."""
-        box = self.host.boxes[parcel]
+        """How far a parcel lies from its goal in the end [m, rad]; one turned by pi is the same."""
+        goal_x_m, goal_y_m, goal_yaw_rad = self.host.boxes[parcel].goal
         x_m, y_m, yaw_rad = self.record.pose[-1, parcel]
-        turn_rad = math.remainder(yaw_rad - box.goal[2], math.pi)
-        return math.hypot(x_m - box.goal[0], y_m - box.goal[1]), abs(turn_rad)
+        turn_rad = math.remainder(yaw_rad - goal_yaw_rad, math.pi)
+        return math.hypot(x_m - goal_x_m, y_m - goal_y_m), abs(turn_rad)
 
     def arrived(self, parcel: int = 0) -> bool:
         """Whether a parcel lies at its goal within 5 mm and 2 degrees."""
         off_m, off_rad = self.error(parcel)
-        return off_m < 0.005 and off_rad < math.radians(2)
+        return off_m < 0.005 and off_rad < math.radians(2) and not self.tipped
 
-    @property
-    def stands(self) -> bool:
-        """Whether nothing moves in the last half second."""
-        return bool(abs(self.record.twist[-50:]).max() < 5e-3)
+    def stands(self, parcel: int = 0) -> bool:
+        """Whether a parcel has not moved in the last half second."""
+        return bool(abs(self.record.twist[-50:, parcel]).max() < 5e-3)
+
+    def last(self, parcel: int = 0) -> list[Heard]:
+        """The last estimates of the cells under a parcel, as of the last beats."""
+        late_s = self.host.estimates[-1].time_s - 5 * BEAT_S if self.host.estimates else 0.0
+        newest = {each.cell: each for each in self.host.estimates if each.time_s > late_s}
+        return [
+            each
+            for each in newest.values()
+            if each.fields[wire.STATE] == wire.UNDER and each.fields[wire.IDENTITY] == parcel + 1
+        ]
+
+    def is_held(self, parcel: int = 0) -> bool:
+        """Whether a cell under a parcel reports that it lacks a promise."""
+        return any(each.fields[wire.HOLD] == 0 for each in self.last(parcel))
+
+    def claims_arrival(self, parcel: int = 0) -> bool:
+        """Whether more of the cells under a parcel report that it is at its goal than not."""
+        arrived = [bool(each.fields[wire.FLAGS] & wire.ARRIVED) for each in self.last(parcel)]
+        return sum(arrived) * 2 > len(arrived)
 
     @cached_property
     def suspected(self) -> dict[int, set[int]]:
-        """Who reported whom, by numbers of cells on one bus."""
+        """The node ids that were suspected at any time, with the numbers of cells that did."""
         found: dict[int, set[int]] = {}
         for _, cell, data in self.host.emergencies:
-            if data[0] | data[1] << 8 == indices_of_suspicion():
+            if int.from_bytes(data[:2], "little") == SUSPICION:
                 found.setdefault(data[4], set()).add(cell)
         return found
-
-
-def indices_of_suspicion() -> int:
-    """The error code of a neighbour that contradicts."""
-    return 0xFF01
 
 
 def scenario_of(
     boxes: Sequence[Box],
     columns: int = 6,
     rows: int = 3,
+    *,
     seed: int = 1,
     faults: Sequence[str] = (),
     overrides: Sequence[str] = (),
@@ -273,12 +290,21 @@ def _parcel(number: int, box: Box) -> str:
 def run(
     scenario: Scenario,
     boxes: Sequence[Box],
-    duration_s: float,
+    until_s: float,
     places: Mapping[int, int] | None = None,
+    still_after_s: float = math.inf,
 ) -> Run:
-    """Run a scenario with cells that steer by themselves."""
+    """Run a scenario with cells that steer by themselves.
+
+    It ends before `until_s` if nothing has moved for a while after `still_after_s`.
+    """
     host = NeighbourHost(layout_of(scenario), boxes, places or {})
     with closing(open_bank("cpython", addresses_of(scenario).node_ids)) as bank:
         simulation = Simulation(scenario, bank, [host])
-        simulation.run_until(duration_s)
-        return Run(scenario, host, simulation.outcome().record, simulation.tipped)
+        time_s = still_s = 0.0
+        while time_s < until_s and still_s < _STILL_S and not simulation.tipped:
+            time_s += _STEP_S
+            simulation.run_until(min(time_s, until_s))
+            still = abs(simulation.world.motion[1]).max() < 1e-3 and time_s > still_after_s
+            still_s = still_s + _STEP_S if still else 0.0
+        return Run(host, simulation.outcome().record, simulation.tipped)

@@ -64,10 +64,7 @@ class Place:
 
     def names(self, node_id):
         """Whether that node is among the neighbours."""
-        for direction in range(DIRECTIONS):
-            if self.nodes[direction] == node_id:
-                return True
-        return False
+        return any(each == node_id for each in self.nodes)
 
     def load(self):
         """Take over everything from the dictionary."""
