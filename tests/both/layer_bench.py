@@ -26,6 +26,10 @@ def _u32(number):
 class Middle:
     """The cell, and what its neighbours would send while the parcel goes along x at a speed."""
 
+    #: What the cell is told of its neighbours, and where along y the parcel is said to be.
+    neighbours = NEIGHBOURS
+    placed_y_um = 0
+
     def __init__(self, speed_um_s=100_000):
         self.board = Board()
         self.cell = Cell(self.board, NODE)
@@ -41,7 +45,7 @@ class Middle:
             self._pass(1)
         self._write(indices.PLACE, 1, 1, 2)
         self._write(indices.PLACE, 2, 1, 2)
-        for sub, node_id in enumerate(NEIGHBOURS, 1):
+        for sub, node_id in enumerate(self.neighbours, 1):
             self._write(indices.NEIGHBOURS, sub, 1, node_id)
         self._write(indices.CONTROL, 0, 1, 1)
         cell.on_frame(cob.NMT, bytes((1, NODE)), self.now_ms)
@@ -59,7 +63,8 @@ class Middle:
     def _pages(self):
         parcel = (IDENTITY, wire.PARCEL, 1, wire.RECTANGLE, LENGTH_UM // 250, WIDTH_UM // 250)
         self._page((*parcel, 44, 20, 0))
-        self._page((IDENTITY, wire.PLACE, 1, self.x_um // 250, 0, 0, 0, 0, 0))
+        y = self.placed_y_um // 250
+        self._page((IDENTITY, wire.PLACE, 1, self.x_um // 250, y, 0, 0, 0, 0))
         self._page((IDENTITY, wire.GOAL, 1, 400, 0, 0, 0, 0, 0))
 
     def _page(self, fields):
@@ -79,15 +84,20 @@ class Middle:
         self._pass(1)
         for direction in range(8):
             node_id = NEIGHBOURS[direction]
-            speeds = _u32(speed_um_s) + _u32(0)
+            speeds = self._speeds(direction, speed_um_s)
             cell.on_frame(cob.TPDO_BASES[0] + node_id, speeds, self.now_ms)
-            cell.on_frame(cob.TPDO_BASES[2] + node_id, self._estimate(direction), self.now_ms)
+            estimate = self._estimate(direction)
+            if estimate:
+                cell.on_frame(cob.TPDO_BASES[2] + node_id, estimate, self.now_ms)
             self._presence(direction)
         self.board.bits = self._covered(0, 0)
         self._pass(3)
         self._pass(4)
         self._pass(BEAT_MS - 8)
         self.x_um += speed_um_s * BEAT_MS // 1000
+
+    def _speeds(self, _direction, speed_um_s):
+        return _u32(speed_um_s) + _u32(0)
 
     def _estimate(self, direction):
         dx, dy = STEPS[direction]

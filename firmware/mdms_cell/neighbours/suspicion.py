@@ -10,7 +10,7 @@ except ImportError:
     from mdms_cell.cpython import const
 
 from mdms_cell.neighbours.outline import STEP_UM
-from mdms_cell.neighbours.place import AXES, DIRECTIONS, SENSORS
+from mdms_cell.neighbours.place import AXES, DIRECTIONS
 
 # What a neighbour is suspected of; in an emergency, bits
 PRESENCE = const(0)  # its sensors do not show what lies there, or show what does not
@@ -27,10 +27,10 @@ CODE = const(0xFF01)
 #: be against a verdict until it turns, which is half a second.
 POSE_BEATS = const(50)
 _TIMES = bytes((6, 6, POSE_BEATS, 6))
-#: A sensor so far inside the outline has to be covered, one so far outside free [steps].
-_CLEAR = 8_000 // STEP_UM
+#: So many cells whose sensors contradict at once are right.
+_CROWD = const(3)
 #: A wheel may be off the parcel's motion by this, and by a quarter of its own [um/s].
-_SLIP_UM_S = const(25_000)
+_SLIP_UM_S = const(12_000)
 #: A wheel has to be so far inside the outline to be under it [steps].
 _INSIDE = 10_000 // STEP_UM
 #: Wheels that are to agree before one is found wrong.
@@ -75,9 +75,22 @@ class Suspicion:
             self._against[at] = 0
             self.out[direction] ^= 1 << kind
 
-    def doubts(self, direction, kind):
-        """Whether this is left out, or may soon be."""
-        return self.has(direction, kind) or self._against[KINDS * direction + kind] > 0
+    def trusts(self, direction):
+        """Whether presence bits of that direction may correct a belief.
+
+        One that contradicts it may not, for it may be wrong; several at once are right.
+        """
+        if self.has(direction, PRESENCE):
+            return False
+        return not self._against[KINDS * direction + PRESENCE] or self.crowd()
+
+    def crowd(self):
+        """Whether so many contradict by their presence bits that it is not they who are wrong."""
+        count = 0
+        for direction in range(DIRECTIONS + 1):
+            if self._against[KINDS * direction + PRESENCE] and not self.has(direction, PRESENCE):
+                count += 1
+        return count >= _CROWD
 
     def first(self):
         """The first direction that is suspected of anything; -1 for none."""
@@ -88,7 +101,7 @@ class Suspicion:
 
 
 class Evidence:
-    """Compares what the neighbours sense and measure with the belief of a cell under a parcel."""
+    """Compares what neighbours send and measure with the belief of a cell under a parcel."""
 
     def __init__(self, footprint, heard, suspicion):
         self._footprint = footprint
@@ -100,8 +113,6 @@ class Evidence:
         """One cell, by what it sent; `asked` is the mask of those asked for the parcel."""
         direction = self._turn = (self._turn + 1) % (DIRECTIONS + 1)
         if direction == _OWN:
-            if tracking.under and tracking.witnessed:
-                self._judge_sensors(tracking.outline, _OWN)
             if tracking.sure:
                 self._judge_wheels(tracking, _OWN)
         elif tracking.sure and self._footprint.present >> direction & 1:
@@ -113,30 +124,7 @@ class Evidence:
         if asked or not silent:
             suspicion.judge(direction, SILENCE, silent)
         if heard.speeds_beat[direction] == beat and not tracking.is_other(direction):
-            self._judge_sensors(tracking.outline, direction)
             self._judge_wheels(tracking, direction)
-
-    def _judge_sensors(self, outline, direction):
-        """Sensors are wrong if all deep inside the outline are free, or any far outside is not."""
-        heard, footprint = self._heard, self._footprint
-        if not heard.seen[direction]:
-            return
-        bits = heard.presence[direction]
-        shift_x, shift_y = footprint.shift_x[direction], footprint.shift_y[direction]
-        deep = free = far = covered = 0
-        for sensor in range(SENSORS):
-            x = shift_x + footprint.x[AXES + sensor]
-            distance = outline.distance(x, shift_y + footprint.y[AXES + sensor])
-            bit = bits >> sensor & 1
-            if distance < -_CLEAR:
-                deep += 1
-                free += 1 - bit
-            elif distance > _CLEAR:
-                far += 1
-                covered += bit
-        if deep or far:
-            contradicts = bool(deep and free == deep) or covered
-            self._suspicion.judge(direction, PRESENCE, contradicts)
 
     def _judge_wheels(self, tracking, direction):
         """A wheel well under the parcel is wrong if it does not turn with it."""

@@ -10,6 +10,8 @@ try:
 except ImportError:
     from mdms_cell.cpython import micropython
 
+from array import array
+
 from mdms_cell import ticks
 from mdms_cell.neighbours.agreement import Agreement
 from mdms_cell.neighbours.angle import wrapped
@@ -28,8 +30,10 @@ _FEW_WHEELS = 5
 _LATENCY_MS = 3
 #: A cell beside a parcel follows its neighbours for so long after the last of them.
 _FOLLOW_BEATS = 5
-#: A sensor so far inside the outline has to be covered [steps].
-_DEEP = 12_000 // STEP_UM
+#: An edge passes over a sensor no slower.
+_PASSING_UM_S = 1_000
+#: A sensor so far inside the outline has to be covered, one so far outside free [steps].
+_CLEAR = 10_000 // STEP_UM
 #: So many neighbours that have the parcel show that a cell's own sensors are wrong.
 _WITNESSES = 2
 #: A cell whose sensors miss the parcel for so long steers no more, and then has it no longer.
@@ -53,6 +57,7 @@ class Tracking:
         self._others = bytearray(DIRECTIONS + 1)
         self._peers = 0
         self.edge_late_ms = 1
+        self._distances = array("i", [0] * SENSORS)
         self.belief = Belief()
         self.outline = self.belief.outline
         self.twist = TwistFit()
@@ -173,7 +178,19 @@ class Tracking:
                 x + twist.vx * ago_ms // 16_000 - (y - self.belief.y // STEP_UM) * turned // 1000,
                 y + twist.vy * ago_ms // 16_000 + (x - self.belief.x // STEP_UM) * turned // 1000,
             )
-            self.belief.correct(x, y, EDGE + late * late)
+            if self._passes(x, y, heard.edge_covered[number]):
+                self.belief.correct(x, y, EDGE + late * late)
+
+    def _passes(self, x, y, covered):
+        """Whether the parcel's edge passes over a point in the sense in which its sensor changed.
+
+        An edge at rest, or against the motion, comes from the sensor, not from the parcel.
+        """
+        outline, twist = self.outline, self.twist
+        outline.edge(x, y)
+        outwards = outline.normal_x * twist.vx + outline.normal_y * twist.vy >> 10
+        outwards += outline.lever * twist.turn >> 10
+        return outwards > _PASSING_UM_S if covered else outwards < -_PASSING_UM_S
 
     def _drop_edges(self, sync_ms):
         """Keep the edges that came after the last SYNC for the next update."""
@@ -183,6 +200,7 @@ class Tracking:
             if ticks.diff(sync_ms, heard.edge_ms[number]) + self.edge_late_ms <= 0:
                 heard.edge_direction[kept] = heard.edge_direction[number]
                 heard.edge_sensor[kept] = heard.edge_sensor[number]
+                heard.edge_covered[kept] = heard.edge_covered[number]
                 heard.edge_ms[kept] = heard.edge_ms[number]
                 kept += 1
         heard.edges = kept
@@ -190,10 +208,9 @@ class Tracking:
     def _check_sensors(self):
         """Correct by sensors that contradict: the cell's own and, in turns, a neighbour's."""
         self._turn = (self._turn + 1) % (DIRECTIONS + 1)
-        deep, free = self._contradictions(OWN, not self._turn & 3)
+        missing = self._compare(OWN, not self._turn & 3)
         if self._turn != OWN and self._footprint.present >> self._turn & 1:
-            self._contradictions(self._turn, True)
-        missing = deep and free == deep
+            self._compare(self._turn, True)
         if self.witnessed and self._suspicion.has(OWN, PRESENCE):
             missing = False
         self.missing_beats = min(self.missing_beats + 1, LOST_BEATS) if missing else 0
@@ -204,26 +221,50 @@ class Tracking:
         return self._agreement.near >= _WITNESSES
 
     @micropython.native
-    def _contradictions(self, direction, correcting):
-        """How many sensors have to be covered, and how many of them are not."""
+    def _compare(self, direction, correcting):
+        """Compare a cell's sensors with the belief; returns whether all deep under it are free."""
         heard, footprint = self._heard, self._footprint
-        deep = free = 0
         if not heard.seen[direction] or self._others[direction]:
-            return deep, free
+            return False
         bits = heard.presence[direction]
-        believed = correcting and not self._suspicion.doubts(direction, PRESENCE)
+        distances = self._distances
         shift_x, shift_y = footprint.shift_x[direction], footprint.shift_y[direction]
+        deep = free = far = covered = 0
         for sensor in range(SENSORS):
             x = shift_x + footprint.x[AXES + sensor]
             y = shift_y + footprint.y[AXES + sensor]
-            distance = self.outline.distance(x, y)
-            covered = bits >> sensor & 1
-            if distance < -_DEEP:
+            distance = distances[sensor] = self.outline.distance(x, y)
+            if distance < -_CLEAR:
                 deep += 1
-                free += 1 - covered
-            if believed and (distance < 0) != bool(covered):
+                free += 1 - (bits >> sensor & 1)
+            elif distance > _CLEAR:
+                far += 1
+                covered += bits >> sensor & 1
+        missing = deep > 0 and free == deep
+        if correcting:
+            if (deep or far) and (direction != OWN or self._turn == OWN):
+                self._judge_sensors(direction, missing or covered > 0)
+            if self._suspicion.trusts(direction):
+                self._pull(direction, bits)
+        return missing
+
+    def _judge_sensors(self, direction, contradict):
+        """A cell's sensors do or do not contradict by far what others than that cell believe, too.
+
+        Where several do at once, the belief is wrong, and no sensor.
+        """
+        judges = self.witnessed if direction == OWN else self.sure
+        if judges and not (contradict and self._suspicion.crowd()):
+            self._suspicion.judge(direction, PRESENCE, contradict)
+
+    def _pull(self, direction, bits):
+        """Correct the belief by sensors that are on the wrong side of its edge."""
+        footprint = self._footprint
+        for sensor in range(SENSORS):
+            if (self._distances[sensor] < 0) != bool(bits >> sensor & 1):
+                x = footprint.shift_x[direction] + footprint.x[AXES + sensor]
+                y = footprint.shift_y[direction] + footprint.y[AXES + sensor]
                 self.belief.correct(x, y, CONTRADICTION, False)
-        return deep, free
 
     def is_other(self, direction):
         """Whether that cell's wheels and sensors serve another parcel."""
