@@ -62,7 +62,7 @@ class Middle:
 
     def _pages(self):
         parcel = (IDENTITY, wire.PARCEL, 1, wire.RECTANGLE, LENGTH_UM // 250, WIDTH_UM // 250)
-        self._page((*parcel, 44, 20, 0))
+        self._page(parcel + (44, 20, 0))  # noqa: RUF005 - not in MicroPython
         y = self.placed_y_um // 250
         self._page((IDENTITY, wire.PLACE, 1, self.x_um // 250, y, 0, 0, 0, 0))
         self._page((IDENTITY, wire.GOAL, 1, 400, 0, 0, 0, 0, 0))

@@ -156,7 +156,7 @@ def test_neighbour_that_the_parcel_needs_and_that_is_silent_is_suspected():
 
 def test_cell_that_finds_itself_among_its_neighbours_takes_no_part():
     class Elsewhere(Broken):
-        neighbours = (NODE, *NEIGHBOURS[1:])
+        neighbours = (NODE,) + NEIGHBOURS[1:]  # noqa: RUF005 - not in MicroPython
 
     cell = Elsewhere()
     assert cell.beats(60) == []

@@ -68,6 +68,9 @@ LONG = {
     "2 x 2, two parcels, lease 2, none late, a crash": Table(2, 2, ((0,), (3,)), _SHORT),
     "3 x 2, two parcels, none lost or late": Table(3, 2, ((0,), (5,)), _UNDISTURBED, crash=False),
     "3 x 2, two parcels, lease 1, none late": Table(3, 2, ((0,), (5,)), _SHORTEST, crash=False),
+    "3 x 2, parcels of two cells and one, lease 1, none lost or late": Table(
+        3, 2, ((0, 1), (5,)), Rules(lease=1, late=0, disturbed=0), crash=False
+    ),
     "2 x 2, two parcels": Table(2, 2, ((0,), (3,)), _SINGLE, crash=False),
     "3 x 3, two parcels, none lost or late": Table(3, 3, ((0,), (8,)), _UNDISTURBED, crash=False),
 }

@@ -16,8 +16,7 @@ from mdms_protocol.frame import Frame
 _STATUSWORDS = (indices.STATUSWORD, indices.STATUSWORD + indices.AXIS_OFFSET)
 _ERROR_CODES = (indices.ERROR_CODE, indices.ERROR_CODE + indices.AXIS_OFFSET)
 _READS = tuple(
-    Read(index, 0)
-    for index in (*_STATUSWORDS, indices.PRESENCE, *_ERROR_CODES, indices.SUSPECT)
+    Read(index, 0) for index in (*_STATUSWORDS, indices.PRESENCE, *_ERROR_CODES, indices.SUSPECT)
 )
 #: A cell that is silent for longer is shown as such: three heartbeats at their default period.
 _SILENT_S = 0.35
@@ -52,8 +51,8 @@ class CellStatus:
 class StatusModel:
     """A participant that keeps the last state of every node on the bus.
 
-    It sends little: the statuswords, presence bits and suspect of a node are read once, since a node
-    reports changes by itself, and one that is being flashed must not be disturbed.
+    It sends little: the statuswords, presence bits and suspect of a node are read once, since a
+    node reports changes by itself, and one that is being flashed must not be disturbed.
     """
 
     def __init__(self) -> None:
