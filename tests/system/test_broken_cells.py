@@ -1,7 +1,7 @@
 """One cell is broken while a box is on its way: what the box does, and who is named."""
 
 import numpy as np
-from neighbour_host import Box, run, scenario_of
+from tests.system.neighbour_host import Box, run, scenario_of
 
 BOX = Box((-0.10, 0.0, 0.0), (0.03, 0.01, 0.2), 0.36, 0.30)
 START_S = 1.3
