@@ -36,6 +36,9 @@ class Middle:
         self.now_ms = 0
         self.x_um = -60_000
         self.speed_um_s = speed_um_s
+        #: The node id of a neighbour that says nothing, and whether the parcel is off the table.
+        self.silent = None
+        self.lifted = False
         self._bits = [None] * 8
         self._boot()
 
@@ -84,6 +87,8 @@ class Middle:
         self._pass(1)
         for direction in range(8):
             node_id = NEIGHBOURS[direction]
+            if node_id == self.silent:
+                continue
             speeds = self._speeds(direction, speed_um_s)
             cell.on_frame(cob.TPDO_BASES[0] + node_id, speeds, self.now_ms)
             estimate = self._estimate(direction)
@@ -115,6 +120,8 @@ class Middle:
 
     def _covered(self, x_um, y_um):
         bits = 0
+        if self.lifted:
+            return bits
         for sensor, (own_x, own_y) in enumerate(SENSORS_UM):
             along, across = abs(x_um + own_x - self.x_um), abs(y_um + own_y)
             if along < LENGTH_UM // 2 and across < WIDTH_UM // 2:

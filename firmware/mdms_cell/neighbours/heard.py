@@ -105,6 +105,11 @@ class Heard:
         self.fresh[direction] = 1
         return True
 
+    def drop_estimates(self):
+        """What has come may be of any age: it is not passed on."""
+        for direction in range(DIRECTIONS):
+            self.fresh[direction] = 0
+
     def field(self, direction, field):
         """A field of a neighbour's last estimate."""
         return self.estimates[direction * wire.ESTIMATE_FIELDS + field]

@@ -83,6 +83,8 @@ class Layer:
         self._programs = Programs()
         self._leading.stop()
         self._due = False
+        for place in range(wire.ESTIMATE_FIELDS):
+            self._fields[place] = 0
 
     def stop(self):
         """The cell is not 'operational' any more."""
@@ -196,6 +198,7 @@ class Layer:
         period_ms = self._objects.number(indices.LEASE, 2)
         if self._due or step_ms > 2 * period_ms:
             self._rights.on_gap()
+            self._heard.drop_estimates()
         self._step_ms = max(min(step_ms, _STEP_MAX_MS), 1)
         self._sync_ms = now_ms
         self._beat = (self._beat + 1) & 0xFFFFFF
@@ -311,7 +314,7 @@ class Layer:
         tracking.announce(fields, self._step_ms)
         fields[wire.IDENTITY] = rights.identity
         fields[wire.STATE] = rights.state
-        fields[wire.WANTS] = asks
+        fields[wire.WANTS] = asks if rights.state == UNDER else 0
         fields[wire.HOLD] = rights.hold
         if program is not None and program.complete:
             fields[wire.SEQUENCE], flags = program.sequence, 0

@@ -4,9 +4,10 @@ from mdms_cell.neighbours.angle import ARM_UM, wrapped
 from mdms_cell.neighbours.outline import STEP_UM
 from mdms_cell.neighbours.steering import Steering, length
 
-#: From the wish to brake until all cells under the parcel do, and how far ahead a cell asks [ms].
-_REACTION_MS = 80
-_ASK_MS = 400
+#: From the wish to brake until all cells under the parcel do: HOPS times the beats that `hold` may
+#: take and counts. And how far ahead a cell asks [ms].
+_REACTION_MS = 200
+_ASK_MS = 500
 #: At the goal, or where it is held, the wheels hold for so long before they are switched off.
 _HOLD_BEATS = 50
 _ARM = ARM_UM // STEP_UM
@@ -84,7 +85,9 @@ class Leading:
         """Lead the wheels for a beat; without `may_go` bring the parcel to rest, and switch off."""
         steering, belief, twist = self._steering, tracking.belief, tracking.twist
         if not self._driving:
-            steering.join(twist.vx, twist.vy, twist.turn)
+            # A wheel that is off stays so while there is nowhere to go.
+            going = may_go and not steering.arrived
+            steering.join(*((twist.vx, twist.vy, twist.turn) if going else (0, 0, 0)))
         dx_um = program.goal_x_um - self._place.x_um - belief.x
         dy_um = program.goal_y_um - self._place.y_um - belief.y
         dturn_um = wrapped(program.goal_turn_um - belief.turn)

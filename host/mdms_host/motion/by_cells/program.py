@@ -82,6 +82,14 @@ class CellsProgram:
         return self._followed
 
     @property
+    def stuck(self) -> str | None:
+        """Why no parcel is steered any more though some have not arrived; None while one is."""
+        left = [name for name, followed in self._followed.items() if not followed.arrived]
+        if not left or not all(self._followed[name].stopped for name in left):
+            return None
+        return "; ".join(f"{name} does not move as its cells command: stopped" for name in left)
+
+    @property
     def finished(self) -> bool:
         """Whether all parcels have arrived."""
         return all(followed.arrived for followed in self._followed.values())
