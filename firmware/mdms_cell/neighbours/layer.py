@@ -61,7 +61,7 @@ class Layer:
         self._rights = RightOfWay()
         self._beat = 0
         self._sync_ms = 0
-        self._step_ms = 10
+        self._step_ms = self._period_ms = 10
         self._due = False
         self._second = False
         self._node_id = 0
@@ -76,6 +76,7 @@ class Layer:
         self.active = self.wanted and not self._place.names(node_id)
         self._acquit()
         self._rights = RightOfWay(lease_beats=self._objects.number(indices.LEASE, 1))
+        self._period_ms = self._objects.number(indices.LEASE, 2)
         self._heard.reset()
         # A millisecond passes until the frame with the edge has come.
         self._tracking.edge_late_ms = 1 + self._objects.number(indices.PRESENCE_DEBOUNCE)
@@ -195,8 +196,7 @@ class Layer:
         if self._fields[wire.IDENTITY]:
             self._pdos.trigger(_ESTIMATE_PDO)
         step_ms = ticks.diff(now_ms, self._sync_ms)
-        period_ms = self._objects.number(indices.LEASE, 2)
-        if self._due or step_ms > 2 * period_ms:
+        if self._due or step_ms > 2 * self._period_ms:
             self._rights.on_gap()
             self._heard.drop_estimates()
         self._step_ms = max(min(step_ms, _STEP_MAX_MS), 1)
