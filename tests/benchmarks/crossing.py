@@ -16,6 +16,7 @@ from tests.system.neighbour_host import run as run_cells
 
 COLUMNS, ROWS = 9, 6
 LIMIT_S = 16.0
+SPEED_M_S = 0.2
 LOSSES = (0.0, 0.02, 0.10)
 
 
@@ -31,12 +32,13 @@ class Crossing(NamedTuple):
 def boxes_of(seed: int) -> tuple[Box, Box]:
     """One box along x, one along y, either first."""
     random = Random(f"crossing {seed}")
-    x_m, y_m = random.uniform(0.2, 0.35), random.uniform(0.19, 0.22)
-    lane_x_m, lane_y_m = random.uniform(-0.05, 0.05), random.uniform(-0.05, 0.05)
+    # At their start and at their goal they need no cell in common.
+    x_m, y_m = random.uniform(0.36, 0.42), random.uniform(0.19, 0.22)
+    lane_x_m, lane_y_m = random.uniform(-0.04, 0.04), random.uniform(-0.05, 0.05)
     way = random.choice((1, -1)), random.choice((1, -1))
     along = Box((-way[0] * x_m, lane_y_m, 0.0), (way[0] * x_m, lane_y_m, 0.0))
     across = Box((lane_x_m, -way[1] * y_m, 0.0), (lane_x_m, way[1] * y_m, 0.0))
-    return along, across
+    return along._replace(speed_m_s=SPEED_M_S), across._replace(speed_m_s=SPEED_M_S)
 
 
 def case(seed: int, loss: float) -> Crossing:
