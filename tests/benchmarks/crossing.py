@@ -1,7 +1,7 @@
 """Two boxes whose ways cross on 9 x 6 cells over three buses, while frames get lost: do they touch?
 
-One goes along x, the other along y. A box that has not arrived within 5 mm and 2 degrees is to
-stand, and a cell under it to report that it lacks a promise. `bound` is the upper end of a
+Each goes from a corner to the opposite one. A box that has not arrived within 5 mm and 2
+degrees is to stand, and a cell under it to report that it lacks a promise. `bound` is the upper end of a
 one-sided confidence interval of the share of cases in which the boxes touch. `MDMS_CASES` is the
 number of cases for each share of loss (default 3), `MDMS_SEED` the first seed (default 1).
 """
@@ -16,6 +16,7 @@ from tests.system.neighbour_host import run as run_cells
 
 COLUMNS, ROWS = 9, 6
 LIMIT_S = 16.0
+SPEED_M_S = 0.2
 LOSSES = (0.0, 0.02, 0.10)
 
 
@@ -29,14 +30,14 @@ class Crossing(NamedTuple):
 
 
 def boxes_of(seed: int) -> tuple[Box, Box]:
-    """One box along x, one along y, either first."""
+    """Two boxes, each from a corner to the opposite one: their ways cross, their ends lie apart."""
     random = Random(f"crossing {seed}")
-    x_m, y_m = random.uniform(0.2, 0.35), random.uniform(0.19, 0.22)
-    lane_x_m, lane_y_m = random.uniform(-0.05, 0.05), random.uniform(-0.05, 0.05)
-    way = random.choice((1, -1)), random.choice((1, -1))
-    along = Box((-way[0] * x_m, lane_y_m, 0.0), (way[0] * x_m, lane_y_m, 0.0))
-    across = Box((lane_x_m, -way[1] * y_m, 0.0), (lane_x_m, way[1] * y_m, 0.0))
-    return along, across
+    along = [random.uniform(0.20, 0.40) for _ in range(4)]
+    across = [random.uniform(0.19, 0.22) for _ in range(4)]
+    way = random.choice((1, -1))
+    first = Box((-along[0], -across[0], 0.0), (along[1], across[1], 0.0))
+    second = Box((-way * along[2], across[2], 0.0), (way * along[3], -across[3], 0.0))
+    return first._replace(speed_m_s=SPEED_M_S), second._replace(speed_m_s=SPEED_M_S)
 
 
 def case(seed: int, loss: float) -> Crossing:
