@@ -13,6 +13,10 @@ PLAIN_BITS = 13
 #: A stuff bit may follow every four bits, as it counts itself to the next five.
 STUFF_EVERY = 4
 
+#: TPDOs of a cell that go out at every SYNC: speeds, and estimates at worst. States and pages of a
+#: program do when they change, and come besides.
+SENT_AT_SYNC = frozenset((1, 3))
+
 #: Above this share answers queue: a cell's speeds come after the setpoints that need them.
 CROWDED = 0.6
 #: Above this one a retry or an emergency is late for its limit: cells seem silent.

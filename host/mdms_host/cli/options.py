@@ -126,7 +126,8 @@ def add_plot(parser: ArgumentParser) -> None:
         "--out",
         metavar="FILE",
         type=Path,
-        help="the picture, .png, .svg or .pdf (default: a PNG in the run folder)",
+        help="the picture, .png, .svg or .pdf, or of a run that cells steered, an animation, .gif "
+        "(default: a PNG in the run folder)",
     )
     add_force(parser)
     add_json(parser)

@@ -1,5 +1,5 @@
 """The folder that a run leaves behind: `meta.json`, `run.mcap`, `picture.png`, and of a run with a
-bus, `bus.log` and the database that explains its frames."""
+bus, `bus.log` and the database that explains its frames; `animation.gif` where cells steered."""
 
 import errno
 import json
@@ -21,7 +21,8 @@ from mdms_model.scenario.tree import plain
 
 FORMAT = "mdms-run"
 FORMAT_VERSION = 1
-META, RECORD, PICTURE = "meta.json", "run.mcap", "picture.png"
+META, RECORD = "meta.json", "run.mcap"
+PICTURE, ANIMATION = "picture.png", "animation.gif"
 DATABASE = "mdms-cell.dbc"
 BUS_LOG = "bus.log"
 #: When a run begins, as far as its bus log is concerned: 2000-01-01 00:00 UTC [s since 1970]. Tools
@@ -43,7 +44,7 @@ def bus_number(interface: object) -> int:
 
 
 #: Everything that a run may leave; those that a new run lacks are taken away.
-FILES = (META, RECORD, PICTURE, "wheels.png", BUS_LOG, "bus.blf", "bus.asc", DATABASE)
+FILES = (META, RECORD, PICTURE, ANIMATION, "wheels.png", BUS_LOG, "bus.blf", "bus.asc", DATABASE)
 
 
 #: What is wrong with a device, and not with a path.
@@ -108,13 +109,19 @@ def write_run(
     figures: dict[str, Any],
     save_picture: SavePicture | None = None,
 ) -> None:
-    """Fill a folder with the record, the picture if one can be drawn and, last, `meta.json`."""
+    """Fill a folder with the record, what can be drawn of it and, last, `meta.json`.
+
+    A picture is drawn of any run, an animation where cells reported; `save_picture` goes by the
+    name of its file.
+    """
     # A record file needs an extra; who only names the files of a run folder does without it.
     from mdms_model.run.mcap_file import write_record
 
     write_record(folder / RECORD, scenario, record)
     if save_picture is not None:
         save_picture(folder / PICTURE, scenario, record)
+        if record.identity is not None:
+            save_picture(folder / ANIMATION, scenario, record)
     meta = {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,

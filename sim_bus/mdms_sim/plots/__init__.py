@@ -1,4 +1,5 @@
-"""Pictures of a run: position over time for rows, a top view for the plane.
+"""Pictures of a run: position over time for rows, a top view for the plane; and an animation of one
+that cells steered.
 
 Where the true poses are unknown, they show the coordinator's belief, and say so.
 """
@@ -10,14 +11,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mdms_sim.plots.canvas import MARK, save
+from mdms_sim.plots.animation import SUFFIX, write_animation
+from mdms_sim.plots.canvas import MARK, PictureFormatError, save
 from mdms_sim.plots.plane import draw_plane
 from mdms_sim.plots.row import draw_row
+from mdms_sim.plots.shared_belief import has_layer
 from mdms_sim.plots.wheels import draw_wheels
 
-__all__ = ["MARK", "is_row", "save_picture", "save_wheels"]
+__all__ = ["MARK", "has_layer", "is_row", "save_animation", "save_picture", "save_wheels"]
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from mdms_model.run.record import Record
     from mdms_model.scenario.scenario import Scenario
 
@@ -30,9 +35,28 @@ def is_row(scenario: "Scenario") -> bool:
 
 
 def save_picture(path: Path, scenario: "Scenario", record: "Record") -> None:
-    """Draw a run into a file, in the way that suits its array; see `save`."""
+    """Draw a run into a file, in the way that suits its array; see `save`.
+
+    An animation if the file's name says so; see `save_animation`.
+    """
+    if path.suffix.lower() == SUFFIX:
+        save_animation(path, scenario, record)
+        return
     draw = draw_row if is_row(scenario) else draw_plane
     save(draw(*drawable(scenario, record)), path)
+
+
+def save_animation(path: Path, scenario: "Scenario", record: "Record") -> None:
+    """Write a GIF of a run in which cells reported what they are to parcels.
+
+    Raises OSError, and PictureFormatError for a run in which none did.
+    """
+    if not has_layer(record):
+        raise PictureFormatError(
+            "a GIF shows what cells report, and in this run they reported nothing; give a "
+            "picture's name, or run with motion.control = 'cells'"
+        )
+    write_animation(path, *drawable(scenario, record))
 
 
 def save_wheels(path: Path, scenario: "Scenario", record: "Record") -> None:
@@ -57,4 +81,14 @@ def drawable(scenario: "Scenario", record: "Record") -> "tuple[Scenario, Record]
     parcels = tuple(scenario.parcel[number] for number in found)
     title = f"{scenario.title} (as the coordinator believes)"
     shown = replace(record, pose=pose[:, found], estimate=record.estimate[:, found])
+    if shown.identity is not None:
+        shown.identity = _renumbered(shown.identity, found)
     return replace(scenario, title=title, parcel=parcels), shown
+
+
+def _renumbered(identity: "NDArray[np.int8]", found: "NDArray[np.intp]") -> "NDArray[np.int8]":
+    """Identities of the parcels found from 1 on, as they are counted now; the others after them."""
+    others = np.setdiff1d(np.arange(np.iinfo(np.int8).max), found)
+    number = np.zeros(np.iinfo(np.int8).max + 1, np.int8)
+    number[np.concatenate((found, others)) + 1] = np.arange(1, len(number), dtype=np.int8)
+    return number[identity]

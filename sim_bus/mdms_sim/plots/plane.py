@@ -1,4 +1,8 @@
-"""A run in the plane at one glance: the table from above, and x, y and yaw over time."""
+"""A run in the plane at one glance: the table from above, and x, y and yaw over time.
+
+Of a run that cells steered, with what they reported: at its end on the table, and over time how far
+what they believed was off.
+"""
 
 from math import degrees, hypot, pi
 
@@ -10,11 +14,14 @@ from matplotlib.patches import Patch
 
 from mdms_model.run.record import Contact, Record
 from mdms_model.scenario.scenario import Scenario, goal_of
+from mdms_sim.plots.belief_panels import draw_belief_panels
 from mdms_sim.plots.canvas import FAINT, INK, new_figure, parcel_colour
+from mdms_sim.plots.held_cells import held_legend
 from mdms_sim.plots.pose_panels import draw_pose_panels
-from mdms_sim.plots.top_view import draw_slip_scale, draw_top_view, extent_m
+from mdms_sim.plots.shared_belief import has_layer
+from mdms_sim.plots.top_view import DASHED, draw_slip_scale, draw_top_view, extent_m
 
-WIDTH_IN, TOP_IN, BOTTOM_IN = 13.0, 0.95, 1.0
+WIDTH_IN, TOP_IN, BOTTOM_IN, ROW_IN = 13.0, 0.95, 1.0, 0.22
 LEFT, MIDDLE, PANELS, RIGHT = 0.06, 0.60, 0.68, 0.985
 
 
@@ -23,14 +30,16 @@ def draw_plane(scenario: Scenario, record: Record) -> Figure:
     low_m, high_m = extent_m(scenario, record)
     width_m, depth_m = high_m - low_m
     view_in = (MIDDLE - LEFT) * WIDTH_IN * depth_m / width_m
-    height_in = TOP_IN + BOTTOM_IN + min(max(view_in, 4.0), 8.0)
+    bottom_in = BOTTOM_IN + (ROW_IN if has_layer(record) else 0.0)
+    height_in = TOP_IN + bottom_in + min(max(view_in, 4.0), 8.0)
     figure = new_figure(WIDTH_IN, height_in)
-    bottom, top = BOTTOM_IN / height_in, 1 - TOP_IN / height_in
+    bottom, top = bottom_in / height_in, 1 - TOP_IN / height_in
     axes = figure.add_axes((LEFT, bottom, MIDDLE - LEFT, top - bottom))
     draw_top_view(axes, scenario, record)
     if (record.contact != Contact.UNKNOWN).any():
         draw_slip_scale(figure, (LEFT + 0.07, 0.2 / height_in, 0.11, 0.12 / height_in))
-    draw_pose_panels(figure, (PANELS, bottom, RIGHT - PANELS, top - bottom), scenario, record)
+    draw_panels = draw_belief_panels if has_layer(record) else draw_pose_panels
+    draw_panels(figure, (PANELS, bottom, RIGHT - PANELS, top - bottom), scenario, record)
     _add_legend(figure, scenario, record)
     _add_titles(figure, height_in, scenario, record)
     return figure
@@ -44,12 +53,20 @@ def _add_legend(figure: Figure, scenario: Scenario, record: Record) -> None:
     handles.append(Line2D([], [], color=FAINT, linestyle=(0, (1, 1.5)), lw=1.6, label="start"))
     if any(goal_of(scenario, parcel) for parcel in scenario.parcel):
         handles.append(Line2D([], [], color=INK, linestyle=(0, (4, 2)), label="goal"))
-    if record.estimate is not None and np.isfinite(record.estimate).any():
+    if has_layer(record):
+        label = "parcel as its cells believe"
+        believed = Line2D([], [], color=INK, linestyle=DASHED, lw=1.3, label=label)
+        _add_row(figure, [*held_legend(), believed], ROW_IN / figure.get_figheight())
+    elif record.estimate is not None and np.isfinite(record.estimate).any():
         handles.append(Line2D([], [], color=INK, linewidth=1, label="as the coordinator believes"))
+    _add_row(figure, handles, 0.0)
+
+
+def _add_row(figure: Figure, handles: list[Artist], above: float) -> None:
     figure.legend(
         handles=handles,
         loc="lower right",
-        bbox_to_anchor=(RIGHT, 0.01),
+        bbox_to_anchor=(RIGHT, 0.01 + above),
         ncols=len(handles),
         frameon=False,
         fontsize=9,

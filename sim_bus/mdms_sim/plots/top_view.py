@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon, Rectangle
+from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
 from mdms_model.array import build_wheels, cell_centres
@@ -15,9 +15,14 @@ from mdms_model.arrays import Floats
 from mdms_model.outline import outline_m
 from mdms_model.run.record import Contact, Record
 from mdms_model.scenario.scenario import Goal, Parcel, Scenario, goal_of
-from mdms_sim.plots.canvas import FAINT, INK, draw_as_map, parcel_colour
+from mdms_sim.plots.canvas import INK, draw_as_map, parcel_colour
+from mdms_sim.plots.held_cells import HeldCells
+from mdms_sim.plots.shared_belief import shared_belief
 
 SLIP_COLOURS = LinearSegmentedColormap.from_list("slip", ["#2f6db5", "#9a5bb0", "#d6124a"])
+#: Of what cells believe.
+DASHED = (0, (2.5, 2))
+NUMBER = "#6b7782"
 UNTOUCHED = "#cfd5da"
 FOOTPRINTS = 6
 MARGIN_M = 0.01
@@ -26,9 +31,15 @@ WHEEL_SHARE = 0.26
 
 def draw_top_view(axes: Axes, scenario: Scenario, record: Record) -> None:
     """Fill the axes; one metre is as long along x as along y."""
-    _draw_cells(axes, scenario)
+    cells = HeldCells(axes, scenario.array)
+    if record.identity is not None and record.state is not None:
+        cells.show(record.identity[-1], record.state[-1])
+    _number_cells(axes, scenario)
     for number, parcel in enumerate(scenario.parcel):
         _draw_way(axes, parcel, record.pose[:, number], parcel_colour(number))
+        believed = shared_belief(record, number)[-1]
+        if np.isfinite(believed).all():
+            _draw_outline(axes, parcel, believed, edgecolor=INK, linestyle=DASHED, lw=1.3, zorder=8)
         if goal := goal_of(scenario, parcel):
             _draw_goal(axes, parcel, goal)
     _draw_wheels(axes, scenario, record)
@@ -52,6 +63,25 @@ def extent_m(scenario: Scenario, record: Record) -> tuple[Floats, Floats]:
     return np.min(seen_m, axis=0) - MARGIN_M, np.max(seen_m, axis=0) + MARGIN_M
 
 
+def add_wheels(axes: Axes, scenario: Scenario, width: float) -> LineCollection:
+    """Each wheel as a short bar at its contact point, along the direction that it pushes."""
+    wheels = build_wheels(scenario)
+    reach_m = wheels.direction * scenario.array.pitch_m * WHEEL_SHARE / 2
+    bars = np.stack((wheels.position_m - reach_m, wheels.position_m + reach_m), axis=1)
+    collection = LineCollection(list(bars), linewidths=width, capstyle="round", zorder=4)
+    axes.add_collection(collection)
+    return collection
+
+
+def nose_m(pose: Floats, parcel: Parcel) -> Floats:
+    """Corners of a small triangle at the parcel's +x side, so that its turn can be seen."""
+    tip, depth = parcel.length_m / 2, 0.09 * parcel.length_m
+    turned = np.array([[np.cos(pose[2]), np.sin(pose[2])], [-np.sin(pose[2]), np.cos(pose[2])]])
+    corners = np.array([(tip, 0.0), (tip - depth, depth / 2), (tip - depth, -depth / 2)])
+    placed: Floats = corners @ turned + pose[:2]
+    return placed
+
+
 def draw_slip_scale(figure: Figure, box: tuple[float, float, float, float]) -> None:
     """What the wheels' colours mean, in a box (left, bottom, width, height) of the figure."""
     axes = figure.add_axes(box)
@@ -72,27 +102,16 @@ def slip_share(contact: NDArray[np.int8]) -> Floats:
     return np.where(touched > 0, slipped / np.maximum(touched, 1), np.nan)
 
 
-def _draw_cells(axes: Axes, scenario: Scenario) -> None:
-    pitch_m = scenario.array.pitch_m
-    side_m = 0.94 * pitch_m
-    for number, (x_m, y_m) in enumerate(cell_centres(scenario.array), start=1):
-        corner = (x_m - side_m / 2, y_m - side_m / 2)
-        axes.add_patch(Rectangle(corner, side_m, side_m, facecolor="#f3f5f7", edgecolor="#dde2e6"))
-        axes.annotate(
-            f"{number}", (x_m - 0.40 * pitch_m, y_m - 0.40 * pitch_m), color=FAINT, fontsize=7
-        )
+def _number_cells(axes: Axes, scenario: Scenario) -> None:
+    aside_m = 0.40 * scenario.array.pitch_m
+    for number, place_m in enumerate(cell_centres(scenario.array), start=1):
+        axes.annotate(f"{number}", tuple(place_m - aside_m), color=NUMBER, fontsize=7)
 
 
 def _draw_wheels(axes: Axes, scenario: Scenario, record: Record) -> None:
-    """Each wheel as a short bar at its contact point, along the direction that it pushes."""
-    wheels = build_wheels(scenario)
-    reach_m = wheels.direction * scenario.array.pitch_m * WHEEL_SHARE / 2
     share = slip_share(record.contact)
     colours = [UNTOUCHED if np.isnan(value) else SLIP_COLOURS(value) for value in share]
-    bars = np.stack((wheels.position_m - reach_m, wheels.position_m + reach_m), axis=1)
-    axes.add_collection(
-        LineCollection(list(bars), colors=colours, linewidths=3.0, capstyle="round", zorder=4)
-    )
+    add_wheels(axes, scenario, 3.0).set_color(colours)
 
 
 def _draw_way(axes: Axes, parcel: Parcel, pose: Floats, colour: str) -> None:
@@ -118,11 +137,7 @@ def _draw_outline(axes: Axes, parcel: Parcel, pose: Floats, **style: Any) -> Non
 
 
 def _draw_nose(axes: Axes, pose: Floats, parcel: Parcel, colour: str) -> None:
-    """A small triangle at the parcel's +x side, so that its turn can be seen."""
-    tip, depth = parcel.length_m / 2, 0.09 * parcel.length_m
-    turned = np.array([[np.cos(pose[2]), np.sin(pose[2])], [-np.sin(pose[2]), np.cos(pose[2])]])
-    corners = np.array([(tip, 0.0), (tip - depth, depth / 2), (tip - depth, -depth / 2)])
-    axes.add_patch(Polygon(corners @ turned + pose[:2], facecolor=colour, lw=0, zorder=6))
+    axes.add_patch(Polygon(nose_m(pose, parcel), facecolor=colour, lw=0, zorder=6))
 
 
 def _draw_goal(axes: Axes, parcel: Parcel, goal: Goal) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.streams import say
 from mdms_host.coordination.schedule import Timing
-from mdms_model.bus_time import CROWDED, OVERLOADED, BusTraffic
+from mdms_model.bus_time import CROWDED, OVERLOADED, SENT_AT_SYNC, BusTraffic
 from mdms_model.buses import address_cells, foreign_nodes
 from mdms_model.scenario.scenario import Scenario, Wire
 
@@ -75,7 +75,7 @@ def _users(scenario: Scenario) -> Iterator[_Users]:
     if addresses.bus_count == 1:
         yield _Users(len(addresses.buses), control)
         return
-    tpdos = len(set(array.forwarded))
+    tpdos = len(SENT_AT_SYNC.intersection(array.forwarded))
     foreign = foreign_nodes(array.columns, array.rows, addresses) if tpdos else None
     for bus in range(addresses.bus_count):
         cells = addresses.buses.count(bus)

@@ -1,0 +1,65 @@
+"""A run that cells steered, as an animation: who has which parcel, and where they believe it."""
+
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+from PIL import Image  # What matplotlib writes its own pictures with.
+
+from mdms_model.run.record import Record
+from mdms_model.scenario.scenario import Scenario
+from mdms_sim.plots.canvas import MARK
+from mdms_sim.plots.moving_view import MovingView
+
+SUFFIX = ".gif"
+#: Frames in a second of the run, of which so many are drawn at most: a longer run is shown faster.
+RATE_HZ = 10
+MOST_FRAMES = 200
+FRAME_MS = 1000 // RATE_HZ
+#: The end stays for so long.
+LAST_MS = 2000
+COLOURS = 64
+MOST_BYTES = 2_000_000
+
+
+def write_animation(path: Path, scenario: Scenario, record: Record) -> None:
+    """Write a GIF of at most `MOST_BYTES`: the same bytes for the same run.
+
+    The record has what cells reported. Raises OSError.
+    """
+    duration_s = float(record.time_s[-1] - record.time_s[0])
+    count = min(max(round(duration_s * RATE_HZ), 1), MOST_FRAMES - 1) + 1
+    instants_s = np.linspace(record.time_s[0], record.time_s[-1], count)
+    instants = np.searchsorted(record.time_s, instants_s - 1e-9).clip(0, len(record.time_s) - 1)
+    view = MovingView(scenario, record, times=duration_s * RATE_HZ / (count - 1))
+    frames = _in_palette([Image.fromarray(view.pixels(instant)) for instant in instants.tolist()])
+    frame_ms = FRAME_MS
+    while len(data := _encoded(frames, frame_ms)) > MOST_BYTES and len(frames) > 1:
+        # Coarser in time, never in what a frame shows; the end stays.
+        frames, frame_ms = frames[::-2][::-1], 2 * frame_ms
+    path.write_bytes(data)
+
+
+def _in_palette(pictures: list[Image.Image]) -> list[Image.Image]:
+    """The pictures in one palette, so that what does not move is the same in each."""
+    width, height = pictures[0].size
+    chosen = [pictures[0], pictures[len(pictures) // 2], pictures[-1]]
+    together = Image.new("RGB", (width, height * len(chosen)))
+    for place, picture in enumerate(chosen):
+        together.paste(picture, (0, place * height))
+    palette = together.quantize(COLOURS, dither=Image.Dither.NONE)
+    return [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+
+
+def _encoded(frames: list[Image.Image], frame_ms: int) -> bytes:
+    file = BytesIO()
+    frames[0].save(
+        file,
+        format="GIF",
+        save_all=True,
+        append_images=frames[1:],
+        duration=[*[frame_ms] * (len(frames) - 1), LAST_MS],
+        loop=0,
+        comment=MARK.encode(),
+    )
+    return file.getvalue()
