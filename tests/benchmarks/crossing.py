@@ -1,7 +1,7 @@
 """Two boxes whose ways cross on 9 x 6 cells over three buses, while frames get lost: do they touch?
 
-Each goes from a corner to the opposite one. A box that has not arrived within 5 mm and 2
-degrees is to stand, and a cell under it to report that it lacks a promise. `bound` is the upper end of a
+Each goes from a corner to the opposite one. A box that has not arrived within 5 mm and 2 degrees is
+to stand, and a cell under it to report that it lacks a promise. `bound` is the upper end of a
 one-sided confidence interval of the share of cases in which the boxes touch. `MDMS_CASES` is the
 number of cases for each share of loss (default 3), `MDMS_SEED` the first seed (default 1).
 """
