@@ -77,7 +77,7 @@ class Agreement:
         """The number of the peer that most others are near to, and how many, itself included."""
         middle = most = 0
         for peer in range(self._peers):
-            if not self._suspicion.has(self._direction[peer], POSE):
+            if not self._suspicion.misleads(self._direction[peer]):
                 near = self._near(self._x[peer], self._y[peer], self._turn[peer])
                 if near > most:
                     middle, most = peer, near
@@ -106,7 +106,7 @@ class Agreement:
         total = x = y = turn = variance = 0
         for peer in range(self._peers):
             direction = self._direction[peer]
-            if self._suspicion.has(direction, POSE) or not self._is_near(peer, *sent):
+            if self._suspicion.misleads(direction) or not self._is_near(peer, *sent):
                 continue
             its = self._heard.field(direction, wire.CERTAINTY)
             weight = _weight(its - certainty)

@@ -75,6 +75,10 @@ class Suspicion:
             self._against[at] = 0
             self.out[direction] ^= 1 << kind
 
+    def misleads(self, direction):
+        """Whether a pose is left out: it is wrong, or made by sensors that are."""
+        return self.out[direction] & (1 << POSE | 1 << PRESENCE)
+
     def trusts(self, direction):
         """Whether presence bits of that direction may correct a belief.
 
