@@ -89,7 +89,7 @@ class MovingView:
         figure.text(left, 1 - 0.26 / height_in, title, color=INK, fontsize=11, fontweight="bold")
         line = 1 - 0.50 / height_in
         time = figure.text(left, line, "", color=INK, fontsize=9, fontweight="bold")
-        return time, figure.text(left + 0.09, line, "", color=INK, fontsize=9)
+        return time, figure.text(left + 0.10, line, "", color=INK, fontsize=9)
 
     def _add_legend(self) -> None:
         lines: dict[str, dict[str, Any]] = {
