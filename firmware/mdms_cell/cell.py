@@ -94,6 +94,7 @@ class Cell:
             axes=self._axes,
             pdos=self._pdos,
             consumer=self._consumer,
+            emcy=self._emcy,
             attend=self._attend,
             changed=self._listen,
         )

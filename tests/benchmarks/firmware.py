@@ -7,6 +7,7 @@ code counted on an emulated Cortex-M4, calibrated with published scores of board
 in 6 us). It leaves out the calls around it and the peripherals.
 """
 
+import os
 import subprocess
 import sys
 import tempfile
@@ -23,6 +24,8 @@ from mdms_host.flashing.firmware_build import compile_module, compiled_firmware
 
 HERE = Path(__file__).parent
 MEASURE = HERE / "_firmware_measure.py"
+LAYER = HERE / "_layer_measure.py"
+STAGE = tuple(ROOT / "tests" / "both" / name for name in ("layer_bench.py", "cell_bench.py"))
 EMITTERS = ("viper", "native", "bytecode")
 CYCLES = 2.1
 ARCHITECTURE = "armv7emsp"
@@ -58,7 +61,7 @@ def run() -> list[Row]:
         here = Path(folder)
         figures = {each: _measured(_unix(here / each, each)) for each in EMITTERS}
         figures["CPython"] = _measured(_cpython())
-        return [*_times(figures), *_heap(here), *_sizes(), _estimate()]
+        return [*_times(figures), *_layer(here), *_heap(here), *_sizes(), _estimate()]
 
 
 def _measured(printed: str) -> dict[str, float]:
@@ -101,6 +104,27 @@ def _times(figures: dict[str, dict[str, float]]) -> list[Row]:
     rows.append(_row("allocated a tick", best["tick_bytes"], "bytes", bound=0))
     rows.append(_row("allocated a SYNC period of 10 ms", best["cycle_bytes"], "bytes"))
     return rows
+
+
+def _layer(folder: Path) -> list[Row]:
+    """A beat of the neighbour layer: 21 frames and the update, in the middle of a parcel."""
+    stage(folder / "layer", [LAYER, *STAGE])
+    done = unix(folder / "layer", LAYER.name)
+    assert done.returncode == 0, done.stdout + done.stderr
+    ours = _measured(done.stdout)
+    search = os.pathsep.join([str(STAGE[0].parent), os.environ.get("PYTHONPATH", "")])
+    peer = subprocess.run(
+        [sys.executable, str(LAYER)],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "PYTHONPATH": search},
+    ).stdout
+    beat = "a beat of the neighbour layer, MicroPython"
+    return [
+        _row(beat, ours["beat_us"], "us", peer=_measured(peer)["beat_us"]),
+        _row("data of the neighbour layer, 64 bits", ours["layer_bytes"] / 1024, "KB"),
+    ]
 
 
 def _row(name: str, ours: float, unit: str, peer: float | None = None, **more: object) -> Row:

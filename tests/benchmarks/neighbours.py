@@ -5,8 +5,9 @@ differ by up to 30 %. A box has arrived that ends within 5 mm and 2 degrees of i
 is the lower end of a one-sided 95 % confidence interval of that share (Clopper and Pearson). A
 belief is what a cell under the box sends at SYNC, after sensors have changed three times; beside it
 stands the host's own estimate in the same runs, as long as there is a host. `MDMS_CASES` is the
-number of cases of each kind (default 20), `MDMS_SEED` the first seed (default 1); a case takes some
-2 s.
+number of cases of each kind (default 20), `MDMS_SEED` the first seed (default 1), `MDMS_KIND` what
+the name of a kind begins with (default: all); a case takes some 2 s. A box that has not arrived
+stands where it was held, unless it is among those `fallen`.
 """
 
 import os
@@ -153,14 +154,25 @@ def scenario_of(seed: int, *overrides: str) -> Scenario:
             continue
 
 
-def case(scenario: Scenario, cells: Errors, host: Errors) -> bool:
-    """Whether the box arrives."""
+@dataclass
+class Tally:
+    """How the cases of a kind, by their seeds, have ended, and how far beliefs were off in them."""
+
+    arrived: list[int] = field(default_factory=list)
+    missed: list[int] = field(default_factory=list)
+    fallen: list[int] = field(default_factory=list)
+    cells: Errors = field(default_factory=Errors)
+    host: Errors = field(default_factory=Errors)
+
+
+def case(scenario: Scenario, tally: Tally) -> None:
+    """One box on its way until it has been at rest for a while, or fallen off."""
     goal = scenario.parcel[0].goal
     assert goal is not None
     coordinator = coordinator_of(scenario)
     with closing(PythonBank(range(1, CELLS + 1))) as bank:
         simulation = Simulation(scenario, bank, [coordinator], recorded=False)
-        Watching(simulation, coordinator, cells, host)
+        Watching(simulation, coordinator, tally.cells, tally.host)
         time_s, still_s = RUNNING_S, 0.0
         while time_s < LIMIT_S and still_s < REST_S and not simulation.tipped:
             time_s += 0.05
@@ -171,7 +183,10 @@ def case(scenario: Scenario, cells: Errors, host: Errors) -> bool:
         off_m, off_rad = off(
             np.array([goal.x_m, goal.y_m, goal.yaw_rad]), simulation.world.motion[0][0]
         )
-    return off_m <= WITHIN_M and off_rad <= WITHIN_RAD and not simulation.tipped
+    arrived = off_m <= WITHIN_M and off_rad <= WITHIN_RAD and not simulation.tipped
+    (tally.arrived if arrived else tally.missed).append(scenario.run.seed)
+    if simulation.tipped:
+        tally.fallen.append(scenario.run.seed)
 
 
 def kinds(seed: int) -> dict[str, tuple[str, ...]]:
@@ -205,23 +220,22 @@ def at_least(successes: int, cases: int) -> float:
     return low
 
 
-def rows(
-    kind: str, arrived: list[int], missed: list[int], cells: Errors, host: Errors
-) -> Iterator[dict[str, Any]]:
+def rows(kind: str, tally: Tally) -> Iterator[dict[str, Any]]:
     """The share that arrives, and the beliefs of cells beside the host's estimate."""
-    cases = len(arrived) + len(missed)
+    arrived, cases = len(tally.arrived), len(tally.arrived) + len(tally.missed)
     yield {
         "name": f"{kind}: arrived",
-        "ours": 100 * len(arrived) / cases,
+        "ours": 100 * arrived / cases,
         "peer": None,
         "ratio": None,
         "unit": "%",
-        "bound": 100 * at_least(len(arrived), cases),
+        "bound": 100 * at_least(arrived, cases),
         "cases": cases,
-        "missed": " ".join(map(str, missed)) or None,
+        "missed": " ".join(map(str, tally.missed)) or None,
+        "fallen": " ".join(map(str, tally.fallen)) or None,
     }
     for what in ("moving", "resting"):
-        ours, hosts = cells.percentile_95(what), host.percentile_95(what)
+        ours, hosts = tally.cells.percentile_95(what), tally.host.percentile_95(what)
         for unit, number, name in (("mm", 0, "place"), ("degrees", 1, "turn")):
             yield {
                 "name": f"{kind}: {name} {what}, 95 %",
@@ -229,7 +243,7 @@ def rows(
                 "peer": hosts[number],
                 "ratio": ours[number] / hosts[number],
                 "unit": unit,
-                "beliefs": len(getattr(cells, what)),
+                "beliefs": len(getattr(tally.cells, what)),
             }
 
 
@@ -237,18 +251,19 @@ def run() -> list[dict[str, Any]]:
     """A share and four percentiles for each kind of case; `peer` is the host's own estimate."""
     cases = int(os.environ.get("MDMS_CASES", "20"))
     first = int(os.environ.get("MDMS_SEED", "1"))
+    chosen = os.environ.get("MDMS_KIND", "")
     seeds = range(first, first + cases)
     print(
-        f"MDMS_CASES={cases} MDMS_SEED={first} python -m tests.benchmarks neighbours: seeds "
+        f"MDMS_CASES={cases} MDMS_SEED={first} MDMS_KIND='{chosen}' "
+        "python -m tests.benchmarks neighbours: seeds "
         f"{seeds[0]} to {seeds[-1]}; bounds one-sided, {CONFIDENCE:.0%}",
         flush=True,
     )
     table: list[dict[str, Any]] = []
-    for kind in kinds(first):
-        cells, host = Errors(), Errors()
-        ended: dict[bool, list[int]] = {True: [], False: []}
+    for kind in (name for name in kinds(first) if name.startswith(chosen)):
+        tally = Tally()
         for seed in seeds:
-            ended[case(scenario_of(seed, *kinds(seed)[kind]), cells, host)].append(seed)
-        table += rows(kind, ended[True], ended[False], cells, host)
-        print(f"  {kind}: missed {ended[False]}", flush=True)
+            case(scenario_of(seed, *kinds(seed)[kind]), tally)
+        table += rows(kind, tally)
+        print(f"  {kind}: missed {tally.missed}, fallen {tally.fallen}", flush=True)
     return table

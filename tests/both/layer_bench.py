@@ -26,12 +26,19 @@ def _u32(number):
 class Middle:
     """The cell, and what its neighbours would send while the parcel goes along x at a speed."""
 
+    #: What the cell is told of its neighbours, and where along y the parcel is said to be.
+    neighbours = NEIGHBOURS
+    placed_y_um = 0
+
     def __init__(self, speed_um_s=100_000):
         self.board = Board()
         self.cell = Cell(self.board, NODE)
         self.now_ms = 0
         self.x_um = -60_000
         self.speed_um_s = speed_um_s
+        #: The node id of a neighbour that says nothing, and whether the parcel is off the table.
+        self.silent = None
+        self.lifted = False
         self._bits = [None] * 8
         self._boot()
 
@@ -41,7 +48,7 @@ class Middle:
             self._pass(1)
         self._write(indices.PLACE, 1, 1, 2)
         self._write(indices.PLACE, 2, 1, 2)
-        for sub, node_id in enumerate(NEIGHBOURS, 1):
+        for sub, node_id in enumerate(self.neighbours, 1):
             self._write(indices.NEIGHBOURS, sub, 1, node_id)
         self._write(indices.CONTROL, 0, 1, 1)
         cell.on_frame(cob.NMT, bytes((1, NODE)), self.now_ms)
@@ -57,9 +64,11 @@ class Middle:
         assert self.board.take()[-1][1][0] == 0x60
 
     def _pages(self):
-        parcel = (IDENTITY, wire.PARCEL, 1, wire.RECTANGLE, LENGTH_UM // 250, WIDTH_UM // 250)
-        self._page((*parcel, 44, 20, 0))
-        self._page((IDENTITY, wire.PLACE, 1, self.x_um // 250, 0, 0, 0, 0, 0))
+        size = (LENGTH_UM // wire.STEP_UM, WIDTH_UM // wire.STEP_UM)
+        shape = wire.RECTANGLE
+        self._page((IDENTITY, wire.PARCEL, 1, shape, size[0], size[1], 44, 20, 0))
+        y = self.placed_y_um // wire.STEP_UM
+        self._page((IDENTITY, wire.PLACE, 1, self.x_um // wire.STEP_UM, y, 0, 0, 0, 0))
         self._page((IDENTITY, wire.GOAL, 1, 400, 0, 0, 0, 0, 0))
 
     def _page(self, fields):
@@ -79,15 +88,22 @@ class Middle:
         self._pass(1)
         for direction in range(8):
             node_id = NEIGHBOURS[direction]
-            speeds = _u32(speed_um_s) + _u32(0)
+            if node_id == self.silent:
+                continue
+            speeds = self._speeds(direction, speed_um_s)
             cell.on_frame(cob.TPDO_BASES[0] + node_id, speeds, self.now_ms)
-            cell.on_frame(cob.TPDO_BASES[2] + node_id, self._estimate(direction), self.now_ms)
+            estimate = self._estimate(direction)
+            if estimate:
+                cell.on_frame(cob.TPDO_BASES[2] + node_id, estimate, self.now_ms)
             self._presence(direction)
         self.board.bits = self._covered(0, 0)
         self._pass(3)
         self._pass(4)
         self._pass(BEAT_MS - 8)
         self.x_um += speed_um_s * BEAT_MS // 1000
+
+    def _speeds(self, _direction, speed_um_s):
+        return _u32(speed_um_s) + _u32(0)
 
     def _estimate(self, direction):
         dx, dy = STEPS[direction]
@@ -105,6 +121,8 @@ class Middle:
 
     def _covered(self, x_um, y_um):
         bits = 0
+        if self.lifted:
+            return bits
         for sensor, (own_x, own_y) in enumerate(SENSORS_UM):
             along, across = abs(x_um + own_x - self.x_um), abs(y_um + own_y)
             if along < LENGTH_UM // 2 and across < WIDTH_UM // 2:

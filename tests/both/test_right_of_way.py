@@ -25,7 +25,7 @@ def test_same_estimates_lead_to_the_same_decisions():
         cell.on_beat(over, seed % 256 & seed // 256, beat % 7 == 0)
         states[cell.state] += 1
         numbers = (cell.identity, cell.state, cell.hold, cell.drive_beats, cell.lacking)
-        for number in (*numbers, cell.blocked + 0):
+        for number in numbers + (cell.blocked + 0,):  # noqa: RUF005 - not in MicroPython
             digest = (digest * 257 + number) % 1048573
     assert min(states) > 10, states
     assert digest == 423818, digest

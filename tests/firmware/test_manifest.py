@@ -9,9 +9,6 @@ MANIFEST = Path(__file__).parents[2] / "firmware" / "manifest.py"
 SPARE = {
     "mdms_cell/board.py",
     "mdms_cell/cpython.py",
-    # Until the cell has a layer that asks for it
-    "mdms_cell/neighbours/__init__.py",
-    "mdms_cell/neighbours/right_of_way.py",
 }
 
 

@@ -6,7 +6,9 @@ import pytest
 
 BOTH = Path(__file__).parents[1] / "both"
 MODULES = sorted(path.stem for path in BOTH.glob("test_*.py"))
-SHARED = ("run_on_micropython", "cell_bench", "refusal")
+#: Hundreds of beats fill the heap of the 32-bit build, which collects nothing within a call.
+TOO_LONG = {"test_suspicion"}
+SHARED = ("run_on_micropython", "cell_bench", "layer_bench", "refusal")
 CODE = "from run_on_micropython import run; run(%r)"
 
 
@@ -20,7 +22,7 @@ def test_passes_on_64_bit_micropython(micropython, name):
     assert printed.splitlines()[-1].startswith("passed "), printed
 
 
-@pytest.mark.parametrize("name", MODULES)
+@pytest.mark.parametrize("name", sorted({*MODULES} - TOO_LONG))
 def test_passes_on_32_bit_micropython(micropython32, name):
     last = "next 0"
     while last.startswith("next "):

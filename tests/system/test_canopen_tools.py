@@ -117,7 +117,8 @@ def test_setpoints_and_states_stream_by_sync_and_a_stale_setpoint_is_an_emergenc
     wait_until(turning)
     wait_until(lambda: all(node.emcy.log for node in nodes))
     assert {node.emcy.log[0].code for node in nodes} == {0x8250}
-    assert all(cia402.state(node.sdo[0x6041].raw) == cia402.FAULT for node in nodes)
+    # Wheels are brought to rest, and held for a while, before the drives are in 'fault'.
+    wait_until(lambda: all(cia402.state(node.sdo[0x6041].raw) == cia402.FAULT for node in nodes))
     assert all(node.sdo[0x603F].raw == 0x8250 for node in nodes)
     network.nmt.send_command(0x81)
     wait_until(lambda: nodes[-1].nmt.state == "PRE-OPERATIONAL")

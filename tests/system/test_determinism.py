@@ -13,9 +13,10 @@ from mdms_host.cli.exits import Exit
 MDMS = Path(sys.executable).with_name("mdms")
 
 
-def bus_of(*arguments, hash_seed="0"):
+def bus_of(*arguments, hash_seed="0", scenario="array18", duration_s=1.2):
+    short = ("--set", f"run.duration_s={duration_s}")
     done = subprocess.run(
-        [str(MDMS), "simulate", "array18", "--set", "run.duration_s=1.2", "--json", *arguments],
+        [str(MDMS), "simulate", scenario, *short, "--json", *arguments],
         capture_output=True,
         text=True,
         check=False,
@@ -38,6 +39,12 @@ def test_order_of_sets_and_dicts_has_no_say(first, hash_seed):
 
 def test_kind_of_cells_has_no_say(first):
     assert bus_of("--nodes", "micropython") == first
+
+
+def test_kind_of_cells_that_steer_has_no_say():
+    """The box is under way after 1.6 s, led by cells that have found and agreed where it is."""
+    by_cells = {"scenario": "neighbours", "duration_s": 1.8}
+    assert bus_of("--nodes", "micropython", **by_cells) == bus_of(**by_cells)
 
 
 def test_runs_at_the_same_time_do_not_touch_each_other(first):

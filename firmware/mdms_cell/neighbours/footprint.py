@@ -91,6 +91,10 @@ class Footprint:
                 return True
         return False
 
+    def reached(self, outline):
+        """Whether the parcel lies over the cell's own square, or nearly."""
+        return outline.overlaps(0, 0, self._half)
+
     @micropython.native
     def mask(self, outline, mask=0):
         """The neighbours whose squares the parcel lies over, or nearly, besides those of a mask.

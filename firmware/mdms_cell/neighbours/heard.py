@@ -26,7 +26,8 @@ class Heard:
     `speeds[2 * d]` and the next are those of direction d [um/s], valid where `speeds_beat[d]` is
     the present beat. `presence[d]` are its sensors' bits, valid where `seen[d]`. `estimates` has
     the fields of `mdms_protocol.neighbours`, `estimate_beat[d]` the beat in which they came; they
-    are to be passed on once, while `fresh[d]`. An edge is a direction, a sensor and a time [ms].
+    are to be passed on once, while `fresh[d]`. An edge is a direction, a sensor, what it shows now
+    and a time [ms].
     """
 
     def __init__(self):
@@ -40,6 +41,7 @@ class Heard:
         self.edges = 0
         self.edge_direction = bytearray(EDGES)
         self.edge_sensor = bytearray(EDGES)
+        self.edge_covered = bytearray(EDGES)
         self.edge_ms = array("i", [0] * EDGES)
 
     def reset(self):
@@ -85,6 +87,7 @@ class Heard:
                 if changed & 1 and self.edges < EDGES:
                     self.edge_direction[self.edges] = direction
                     self.edge_sensor[self.edges] = sensor
+                    self.edge_covered[self.edges] = bits >> sensor & 1
                     self.edge_ms[self.edges] = now_ms
                     self.edges += 1
                 changed >>= 1

@@ -15,7 +15,8 @@ from mdms_cell.neighbours.leading import Leading
 from mdms_cell.neighbours.place import DIRECTIONS, ESTIMATE, HOST, SPEEDS, STATE, Place
 from mdms_cell.neighbours.program import Programs, turn_um
 from mdms_cell.neighbours.right_of_way import NONE, UNDER, RightOfWay
-from mdms_cell.neighbours.tracking import DOUBT_BEATS, LOST_BEATS, Tracking
+from mdms_cell.neighbours.suspicion import CODE, SOURCE, Evidence, Suspicion
+from mdms_cell.neighbours.tracking import LOST_BEATS, Tracking
 from mdms_protocol import indices
 from mdms_protocol import neighbours as wire
 
@@ -36,12 +37,13 @@ class Layer:
     identifiers have changed.
     """
 
-    def __init__(self, objects, registers, *, axes, pdos, consumer, attend, changed):
+    def __init__(self, objects, registers, *, axes, pdos, consumer, emcy, attend, changed):
         self._objects = objects
         self._registers = registers
         self._axes = axes
         self._pdos = pdos
         self._consumer = consumer
+        self._emcy = emcy
         self._attend = attend
         self._changed = changed
         self.active = False
@@ -50,13 +52,16 @@ class Layer:
         self._place = Place(objects, self._on_place)
         self._heard = Heard()
         self._footprint = Footprint(self._place)
-        self._tracking = Tracking(self._place, self._footprint, self._heard)
+        self._suspicion = Suspicion()
+        self._suspect = -1
+        self._evidence = Evidence(self._footprint, self._heard, self._suspicion)
+        self._tracking = Tracking(self._place, self._footprint, self._heard, self._suspicion)
         self._programs = Programs()
         self._leading = Leading(self._place, self._footprint, axes)
         self._rights = RightOfWay()
         self._beat = 0
         self._sync_ms = 0
-        self._step_ms = 10
+        self._step_ms = self._period_ms = 10
         self._due = False
         self._second = False
         self._node_id = 0
@@ -67,8 +72,11 @@ class Layer:
     def start(self, node_id):
         """The cell is 'operational'; what it knew before is gone."""
         self._node_id = node_id
-        self.active = self.wanted
+        # A cell that finds itself among its neighbours has been given another's place.
+        self.active = self.wanted and not self._place.names(node_id)
+        self._acquit()
         self._rights = RightOfWay(lease_beats=self._objects.number(indices.LEASE, 1))
+        self._period_ms = self._objects.number(indices.LEASE, 2)
         self._heard.reset()
         # A millisecond passes until the frame with the edge has come.
         self._tracking.edge_late_ms = 1 + self._objects.number(indices.PRESENCE_DEBOUNCE)
@@ -76,10 +84,13 @@ class Layer:
         self._programs = Programs()
         self._leading.stop()
         self._due = False
+        for place in range(wire.ESTIMATE_FIELDS):
+            self._fields[place] = 0
 
     def stop(self):
         """The cell is not 'operational' any more."""
         self.active = False
+        self._acquit()
         self._tracking.drop()
         self._leading.stop()
 
@@ -185,8 +196,7 @@ class Layer:
         if self._fields[wire.IDENTITY]:
             self._pdos.trigger(_ESTIMATE_PDO)
         step_ms = ticks.diff(now_ms, self._sync_ms)
-        period_ms = self._objects.number(indices.LEASE, 2)
-        if self._due or step_ms > 2 * period_ms:
+        if self._due or step_ms > 2 * self._period_ms:
             self._rights.on_gap()
             self._heard.drop_estimates()
         self._step_ms = max(min(step_ms, _STEP_MAX_MS), 1)
@@ -221,13 +231,16 @@ class Layer:
         if tracking.missing_beats >= LOST_BEATS:
             tracking.drop()
         program = self._programs.find(tracking.identity)
-        over = tracking.identity if tracking.under else 0
+        over = tracking.identity if tracking.over else 0
         leading = self._leading
-        needs, asks = leading.look_ahead(tracking, program) if over else (0, 0)
+        needs, asks = leading.look_ahead(tracking, program) if tracking.under else (0, 0)
         self._rights.on_beat(over, needs, presence != 0)
+        asked = needs if self._rights.state == UNDER else 0
+        self._evidence.judge(tracking, self._beat, asked)
+        self._report()
         self._lead(program)
         self._announce(program, asks)
-        if lacking and over and program is not None and program.complete:
+        if lacking and tracking.under and program is not None and program.complete:
             self._hand_on(program)
 
     def _listen(self):
@@ -268,11 +281,31 @@ class Layer:
         """Lead the wheels towards the goal while all is clear; else bring them to rest."""
         tracking, rights, leading = self._tracking, self._rights, self._leading
         known = rights.state == UNDER and program is not None and program.complete
-        if not known or not tracking.under or tracking.missing_beats >= DOUBT_BEATS:
+        if not known or not tracking.under or tracking.doubtful:
             leading.stop()
             return
         allowed = not self._consumer.lost or leading.goes_on(program, self._step_ms)
         leading.step(tracking, program, allowed and rights.drive_beats > 0, self._step_ms)
+
+    # Who is suspected
+
+    def _report(self):
+        """Report the suspect in an emergency and in its object, if it is another than before."""
+        direction = self._suspicion.first()
+        if direction == self._suspect:
+            return
+        self._suspect = direction
+        self._emcy.clear(SOURCE)
+        node_id = 0
+        if direction >= 0:
+            node_id = self._node_id if direction == OWN else self._place.nodes[direction]
+            self._emcy.report(SOURCE, CODE, bytes((node_id, self._suspicion.out[direction], 0, 0)))
+        self._objects.put(indices.SUSPECT, 0, node_id)
+
+    def _acquit(self):
+        """Suspect nobody."""
+        self._suspicion.reset()
+        self._report()
 
     # What is sent
 
@@ -289,6 +322,8 @@ class Layer:
             fields[wire.SEQUENCE], flags = 0, wire.LACKING
         if self._leading.arrived:
             flags |= wire.ARRIVED
+        if self._suspect >= 0:
+            flags |= wire.CONTRADICTED
         fields[wire.FLAGS] = flags
         wire.pack_estimate(fields, 0, self._objects.data, self._estimate_at)
 

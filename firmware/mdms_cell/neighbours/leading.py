@@ -85,7 +85,9 @@ class Leading:
         """Lead the wheels for a beat; without `may_go` bring the parcel to rest, and switch off."""
         steering, belief, twist = self._steering, tracking.belief, tracking.twist
         if not self._driving:
-            steering.join(twist.vx, twist.vy, twist.turn)
+            # A wheel that is off stays so while there is nowhere to go.
+            going = may_go and not steering.arrived
+            steering.join(*((twist.vx, twist.vy, twist.turn) if going else (0, 0, 0)))
         dx_um = program.goal_x_um - self._place.x_um - belief.x
         dy_um = program.goal_y_um - self._place.y_um - belief.y
         dturn_um = wrapped(program.goal_turn_um - belief.turn)

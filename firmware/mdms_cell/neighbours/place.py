@@ -62,6 +62,10 @@ class Place:
         """Whether the cell has been given its place."""
         return self.column != 0 and self.row != 0
 
+    def names(self, node_id):
+        """Whether that node is among the neighbours."""
+        return any(each == node_id for each in self.nodes)
+
     def load(self):
         """Take over everything from the dictionary."""
         number = self._objects.number

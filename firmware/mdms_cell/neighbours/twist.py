@@ -36,6 +36,11 @@ class TwistFit:
         self.wheels = 0
         self._mean_um_s = 0
 
+    def at(self, outline, x, y, along_x, along_y):
+        """The speed of the parcel above a wheel there, along its direction in 1/512 [um/s]."""
+        lever = (along_y * (x - outline.x) - along_x * (y - outline.y)) // _ARM
+        return along_x * self.vx + along_y * self.vy + lever * self.turn >> 9
+
     @micropython.native
     def fit(self, outline, wheels, speeds, axes, use):
         """Move the twist towards what the wheels under the outline say.

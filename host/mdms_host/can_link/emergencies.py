@@ -10,6 +10,9 @@ from mdms_protocol.dictionary import ENTRIES
 
 _TIMEOUT_MS = ENTRIES[indices.SETPOINT_TIMEOUT, 0].default
 
+#: The code of an emergency about a neighbour, whose node id is in the first byte of details.
+SUSPICION = 0xFF01
+
 #: What each code means.
 CODES: Mapping[int, str] = {
     0x2310: "over-current, or the bridge has shut off",
@@ -24,6 +27,7 @@ CODES: Mapping[int, str] = {
     0x8210: "a receive PDO is too short",
     0x8250: f"no setpoint for {_TIMEOUT_MS} ms",
     0x8611: "speed off its reference for too long",
+    SUSPICION: "a neighbour contradicts, and is left out",
 }
 #: What an emergency comes from, by its source byte, where the code does not say it.
 _SOURCES: Mapping[int, str] = {1: "axis 1", 2: "axis 2"}

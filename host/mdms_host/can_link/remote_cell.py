@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 
+from mdms_host.can_link.emergencies import SUSPICION
 from mdms_protocol import cia402, cob, nmt, pdo
 
 _DRIVING = frozenset((cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE, cia402.FAULT_REACTION))
@@ -15,7 +16,8 @@ class RemoteCell:
     """The last known state of the cell with this number (from 1), node id and bus (None: the only).
 
     Everything is None until the cell has reported it; `garbage` counts its frames that could not
-    be decoded and were dropped. `errors` has the code of each error that stands, by its source.
+    be decoded and were dropped. `errors` has the code of each error that stands, by its source;
+    `suspect` is the node id of the neighbour that it suspects, 0 for none.
     `handlers` has the function for each identifier. Speeds come often and are read seldom, so they
     are kept as they came (`speeds_data`) and decoded when read.
     """
@@ -32,6 +34,7 @@ class RemoteCell:
         self.presence: int | None = None
         self.speeds_data: bytes | None = None
         self.errors: dict[int, int] = {}
+        self.suspect = 0
         self.garbage = 0
         self.handlers: dict[int, Handler] = {
             cob.HEARTBEAT_BASE + node_id: self.on_heartbeat,
@@ -80,6 +83,7 @@ class RemoteCell:
         if state == nmt.INITIALISING:
             # It has restarted, and reports anew what is wrong.
             self.errors.clear()
+            self.suspect = 0
         self.last_heartbeat_s, self.nmt_state = now_s, state
 
     def on_status(self, data: bytes, now_s: float) -> None:
@@ -105,6 +109,7 @@ class RemoteCell:
             return
         code, source = int.from_bytes(data[:2], "little"), data[3]
         # One that changes becomes the last.
-        self.errors.pop(source, None)
+        if SUSPICION in (self.errors.pop(source, None), code):
+            self.suspect = data[4] if code == SUSPICION else 0
         if code:
             self.errors[source] = code

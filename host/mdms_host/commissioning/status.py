@@ -1,6 +1,6 @@
 """The state of all cells as a live table: it listens, and reads each cell once when it appears."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from rich import box
@@ -15,7 +15,9 @@ from mdms_protocol.frame import Frame
 
 _STATUSWORDS = (indices.STATUSWORD, indices.STATUSWORD + indices.AXIS_OFFSET)
 _ERROR_CODES = (indices.ERROR_CODE, indices.ERROR_CODE + indices.AXIS_OFFSET)
-_READS = tuple(Read(index, 0) for index in (*_STATUSWORDS, indices.PRESENCE, *_ERROR_CODES))
+_READS = tuple(
+    Read(index, 0) for index in (*_STATUSWORDS, indices.PRESENCE, *_ERROR_CODES, indices.SUSPECT)
+)
 #: A cell that is silent for longer is shown as such: three heartbeats at their default period.
 _SILENT_S = 0.35
 _POLL_S = 0.1
@@ -27,6 +29,7 @@ class CellStatus:
     """One row: what the cell reported last; None where it has not.
 
     `emergency` is the code of its last error that stands, `errors` are all that stand, in words.
+    `suspected_by` are the node ids of neighbours whom it contradicts.
     """
 
     node_id: int
@@ -37,6 +40,7 @@ class CellStatus:
     speeds_m_s: tuple[float, ...] | None
     emergency: int | None
     errors: tuple[str, ...] = ()
+    suspected_by: tuple[int, ...] = ()
 
     @property
     def silent(self) -> bool:
@@ -47,8 +51,8 @@ class CellStatus:
 class StatusModel:
     """A participant that keeps the last state of every node on the bus.
 
-    It sends little: the statuswords and presence bits of a node are read once, since a node reports
-    changes by itself, and one that is being flashed must not be disturbed.
+    It sends little: the statuswords, presence bits and suspect of a node are read once, since a
+    node reports changes by itself, and one that is being flashed must not be disturbed.
     """
 
     def __init__(self) -> None:
@@ -85,7 +89,7 @@ class StatusModel:
 
     def rows(self, now_s: float) -> list[CellStatus]:
         """All nodes that have appeared so far, by node id."""
-        return [_row(self._cells[node_id], now_s) for node_id in sorted(self._cells)]
+        return [_row(self._cells[node_id], now_s, self._cells) for node_id in sorted(self._cells)]
 
     def _on_answer(self, node_id: int, data: bytes) -> None:
         client, cell = self._reading[node_id], self._cells[node_id]
@@ -97,6 +101,7 @@ class StatusModel:
             words = (client.answers[index, 0] for index in _STATUSWORDS)
             cell.drive_states = tuple(cia402.state(word) for word in words)
             cell.presence = client.answers[indices.PRESENCE, 0]
+            cell.suspect = cell.suspect or client.answers[indices.SUSPECT, 0]
             for source, index in enumerate(_ERROR_CODES, 1):
                 self._on_error_code(cell, source, client.answers[index, 0])
 
@@ -124,12 +129,13 @@ def status_table(rows: list[CellStatus], dots: tuple[str, str] = ("●", "○"))
             _dots(row.presence, dots),
             " ".join(f"{speed * 1e3:5.1f}" for speed in row.speeds_m_s or ()),
             _remark(row),
-            style="red" if row.silent or row.emergency else None,
+            style="red" if row.silent or row.emergency or row.suspected_by else None,
         )
     return table
 
 
-def _row(cell: RemoteCell, now_s: float) -> CellStatus:
+def _row(cell: RemoteCell, now_s: float, cells: Mapping[int, RemoteCell]) -> CellStatus:
+    suspected_by = (node for node in sorted(cells) if cells[node].suspect == cell.node_id)
     states, speeds_um_s = cell.drive_states, cell.speeds_um_s
     return CellStatus(
         node_id=cell.node_id,
@@ -140,6 +146,7 @@ def _row(cell: RemoteCell, now_s: float) -> CellStatus:
         speeds_m_s=None if speeds_um_s is None else tuple(um * _M_PER_UM for um in speeds_um_s),
         emergency=cell.emergency,
         errors=tuple(error_text(*error) for error in cell.errors.items()),
+        suspected_by=tuple(suspected_by),
     )
 
 
@@ -167,4 +174,6 @@ def _remark(row: CellStatus) -> str:
     remarks = []
     if row.silent:
         remarks.append("never heard" if row.silent_s is None else f"silent {row.silent_s:.1f} s")
+    if row.suspected_by:
+        remarks.append(f"suspected by node {', '.join(map(str, row.suspected_by))}")
     return "\n".join((*remarks, *row.errors))

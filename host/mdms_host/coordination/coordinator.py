@@ -19,7 +19,7 @@ from mdms_host.coordination.odometry import Odometry
 from mdms_host.coordination.phase import BRING_UP, STOPPED, TRANSITIONS, Phase, Signal
 from mdms_host.coordination.schedule import Schedule, Timing
 from mdms_host.coordination.speed_reports import MISSED_SYNCS
-from mdms_host.coordination.steering_settings import HEARTBEAT_PERIOD_S, steering_settings
+from mdms_host.coordination.steering_settings import steering_settings
 from mdms_host.coordination.supervision import OTHER_HOST, Supervision, names
 from mdms_host.coordination.velocity_frames import VelocityFrames
 from mdms_host.coordination.watching.standings import Standings
@@ -30,6 +30,7 @@ from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.program import Program
 from mdms_host.places import Place, all_values
 from mdms_model.arrays import Floats
+from mdms_model.bus_time import WATCHED_HEARTBEAT_S
 from mdms_protocol import cob, indices, nmt, pdo
 from mdms_protocol.frame import Frame
 
@@ -119,7 +120,7 @@ class Coordinator:
             CellsControl(self.cells, program) if isinstance(program, CellsProgram) else None
         )
         self._heartbeat_period_s = (
-            HEARTBEAT_PERIOD_S if by_cells else self._timing.heartbeat_period_s
+            WATCHED_HEARTBEAT_S if by_cells else self._timing.heartbeat_period_s
         )
         self._supervision = Supervision(self.cells, self._timing)
         self._answered: set[BringUpCell] = set()
@@ -367,7 +368,9 @@ class Coordinator:
         self._odometry.on_references(self.references_m_s)
         if self.phase == Phase.RUNNING and not self._odometry.silent:
             poses = self.tracker.poses(self._schedule.next_s("sync"))
-            for frame in by_cells.frames(poses, self._now_s, self._timing.sync_period_s):
+            # A doubtful place is neither sent nor compared with what cells report.
+            sure = {name: poses[name] for name in poses if name not in self.tracker.doubtful}
+            for frame in by_cells.frames(sure, self._now_s, self._timing.sync_period_s):
                 yield from self._on_every_bus(frame)
             self._report(poses)
 

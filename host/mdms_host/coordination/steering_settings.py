@@ -8,12 +8,12 @@ beat, and report the host's silence.
 from collections.abc import Iterator
 
 from mdms_host.can_link.sdo_client import Setting
+from mdms_model.bus_time import WATCHED_HEARTBEAT_S
 from mdms_protocol import indices
 from mdms_protocol.dictionary import ENTRIES
 
-#: Of the host, which the cells consume: every third may get lost or be late.
-HEARTBEAT_PERIOD_S = 0.025
-HEARTBEAT_LIMIT_MS = 75
+#: How long the host may be silent: one heartbeat may get lost, and the next be late.
+HEARTBEAT_LIMIT_MS = round(3e3 * WATCHED_HEARTBEAT_S)
 
 _CONSUMED = (indices.CONSUMER_TIMES, 1)
 _TAKEOVER = (indices.LEASE, 3)

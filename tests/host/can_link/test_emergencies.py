@@ -8,6 +8,7 @@ from mdms_cell import runner
 from mdms_cell.canopen import guard
 from mdms_cell.canopen.storage import store
 from mdms_cell.drive import state_machine
+from mdms_cell.neighbours import suspicion
 from mdms_host.can_link.emergencies import CODES, code_text, error_text
 
 #: What a cell sends, by the modules that send it.
@@ -15,6 +16,7 @@ SENT = {
     *(code for _bit, code in state_machine._ERROR_CODES),
     *(runner.BUS_OFF, runner.INTERNAL_ERROR, store.SETTINGS_LOST),
     *(guard.HEARTBEAT_LOST, guard.NODE_ID_TAKEN, guard.RPDO_TOO_SHORT, guard.RPDO_OVERDUE),
+    suspicion.CODE,
 }
 
 

@@ -76,15 +76,23 @@ LONG = ("simulate", "array18", "--set", "run.duration_s=1e4")
 
 
 def ended_by(number, folder):
-    """The exit code and stderr of a long run that gets a signal once it has written frames."""
-    command = [MDMS, *LONG, "--out", folder / "run"]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-        while not any(path.stat().st_size for path in folder.glob(".run.*/bus.log")):
-            assert process.poll() is None, process.stderr.read()
-            time.sleep(0.01)
-        process.send_signal(number)
+    """The exit code and stderr of a long run that gets a signal once it has written frames.
+
+    Who runs the tests may ignore the signal (nohup does), and a child inherits that.
+    """
+    before = signal.signal(number, signal.SIG_DFL)
+    try:
+        command = [MDMS, *LONG, "--out", folder / "run"]
+        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    finally:
+        signal.signal(number, before)
+    with process:
         try:
-            said = process.stderr.read()
+            while not any(path.stat().st_size for path in folder.glob(".run.*/bus.log")):
+                assert process.poll() is None, process.stderr.read()
+                time.sleep(0.01)
+            process.send_signal(number)
+            _, said = process.communicate(timeout=120)
         finally:
             process.kill()
     return process.returncode, said

@@ -6,7 +6,7 @@ from rich.console import Console
 from mdms_host.commissioning.status import StatusModel, status_table
 from mdms_protocol.frame import Frame
 
-WORD, PRESENCE = 0x6041, 0x3001
+WORD, PRESENCE, SUSPECT = 0x6041, 0x3001, 0x3015
 
 
 def answer(index: int, value: int) -> Frame:
@@ -31,14 +31,14 @@ def text(model: StatusModel, now_s: float) -> str:
 def test_a_cell_that_appears_is_asked_once() -> None:
     model, asked = StatusModel(), []
     model.on_frame(Frame(0x705, b"\x7f"), 0.0)
-    replies = {WORD: 0x40, 0x6841: 0x27, PRESENCE: 0b10001, 0x603F: 0, 0x683F: 0}
+    replies = {WORD: 0x40, 0x6841: 0x27, PRESENCE: 0b10001, 0x603F: 0, 0x683F: 0, SUSPECT: 0}
     for step in range(20):
         for frame in model.poll(step / 100):
             asked.append(frame)
             index = frame.data[1] | frame.data[2] << 8
             model.on_frame(answer(index, replies[index]), step / 100)
     model.on_frame(Frame(0x705, b"\x7f"), 0.2)
-    assert [frame.can_id for frame in asked] == [0x605] * 5
+    assert [frame.can_id for frame in asked] == [0x605] * 6
     (row,) = model.rows(0.2)
     assert row.drives == ("switch on disabled", "operation enabled")
     assert row.presence == 0b10001
@@ -87,7 +87,7 @@ def test_a_fault_from_before_is_named_with_its_words() -> None:
     """The emergency went out before anybody listened."""
     model = StatusModel()
     model.on_frame(Frame(0x705, b"\x05"), 0.0)
-    replies = {WORD: 0x27, 0x6841: 0x08, PRESENCE: 0, 0x603F: 0x8250, 0x683F: 0x7121}
+    replies = {WORD: 0x27, 0x6841: 0x08, PRESENCE: 0, 0x603F: 0x8250, 0x683F: 0x7121, SUSPECT: 0}
     for step in range(20):
         for frame in model.poll(step / 100):
             index = frame.data[1] | frame.data[2] << 8
@@ -108,6 +108,34 @@ def test_an_error_that_is_gone_is_no_longer_shown_and_others_stay() -> None:
     assert row.errors == ("0x8250: no setpoint for 50 ms (axis 1)",)
     model.on_frame(Frame(0x705, b"\x00"), 0.1)
     assert model.rows(0.1)[0].errors == ()
+
+
+def test_a_suspect_is_shown_with_those_whom_it_contradicts_until_it_agrees() -> None:
+    model = after(
+        *(Frame(0x700 + node, b"\x05") for node in (5, 6, 7)),
+        Frame(0x085, bytes.fromhex("01ff810907010000")),
+        Frame(0x086, bytes.fromhex("01ff810907010000")),
+    )
+    assert [row.suspected_by for row in model.rows(0.1)] == [(), (), (5, 6)]
+    shown = " ".join(text(model, 0.1).split())
+    assert "suspected by node 5, 6" in shown
+    assert "0xFF01: a neighbour contradicts, and is left out" in shown
+    model.on_frame(Frame(0x085, bytes.fromhex("0000000900000000")), 0.1)
+    model.on_frame(Frame(0x706, b"\x00"), 0.1)
+    assert [row.suspected_by for row in model.rows(0.1)] == [(), (), ()]
+
+
+def test_a_suspect_from_before_is_read() -> None:
+    model = StatusModel()
+    for node in (5, 7):
+        model.on_frame(Frame(0x700 + node, b"\x05"), 0.0)
+    replies = {WORD: 0x27, 0x6841: 0x27, PRESENCE: 0, 0x603F: 0, 0x683F: 0, SUSPECT: 7}
+    for step in range(20):
+        for frame in model.poll(step / 100):
+            if frame.can_id == 0x605:
+                index = frame.data[1] | frame.data[2] << 8
+                model.on_frame(answer(index, replies[index]), step / 100)
+    assert [row.suspected_by for row in model.rows(0.1)] == [(), (5,)]
 
 
 def test_table_names_the_unit_and_fits_80_columns() -> None:

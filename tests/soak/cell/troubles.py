@@ -8,10 +8,12 @@ from boards.pybv11 import PINS
 from mdms_protocol import cob, nmt
 
 _SETPOINT_TIMEOUT_MS = 50
+#: Wheels that stand are held for 0.3 s.
+_BRAKED_MS = 500
 
 
 def lose_targets(story):
-    """No targets; the motors are off exactly at the setpoint timeout."""
+    """No targets; the motors follow none from the setpoint timeout on, brake, and are off."""
     story.life.traffic.targets = False
     for _ in range(_SETPOINT_TIMEOUT_MS + 20):
         yield None
@@ -20,7 +22,9 @@ def lose_targets(story):
             on = story.turning() == 2
             story.watch.expect(on, f"motors off {silent_ms} ms after a target")
         else:
-            story.watch.expect(story.still(), "motors on without targets")
+            story.watch.expect(not story.turning(), "motors on without targets")
+    yield from story.pause(_BRAKED_MS)
+    story.watch.expect(story.still(), "motors braked for too long")
     story.expect_emergency(0x8250)
     story.life.traffic.targets = True
     yield from story.pause(20)

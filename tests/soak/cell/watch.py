@@ -16,6 +16,8 @@ HEARTBEAT_MS = 100
 EVENT_MS = 70
 INHIBIT_MS = 20
 EVENT_AT_REST_MS = 200
+#: The braking time limit, 0x3004, and a tick.
+BRAKING_MS = 2_001
 
 _STATES = (nmt.INITIALISING, nmt.STOPPED, nmt.OPERATIONAL, nmt.PRE_OPERATIONAL)
 _FINDINGS_MAX = 50
@@ -118,7 +120,8 @@ class Watch:
             mode = self.registers[place * speed_loop.AXIS + speed_loop.MODE]
             if mode == speed_loop.OFF:
                 self.expect(not world.pulses[WHEELS[place][1]], "voltage while off")
-            elif now_ms - self._operational_ms > 1:
+            elif now_ms - self._operational_ms > (BRAKING_MS if mode == speed_loop.BRAKE else 1):
+                # A lost heartbeat leads out of 'operational' at once, and the wheel brakes on.
                 self.find(f"motor on, NMT state {state}")
 
     def _leave(self):

@@ -17,14 +17,15 @@ SYNC_PERIOD_MOST_S = 0.02
 
 @dataclass(frozen=True, slots=True)
 class _Users:
-    """What is on one bus: its cells, and the frames that are forwarded to it at every SYNC."""
+    """What is on one bus: its cells, who steers, and what is forwarded to it at every SYNC."""
 
     cells: int
+    control: str = "host"
     forwarded: int = 0
     name: str = ""
 
     def load(self, wire: Wire) -> float:
-        return _traffic(wire).load(self.cells, self.forwarded)
+        return _traffic(wire, self.control).load(self.cells, self.forwarded)
 
 
 def timing_of(wire: Wire) -> Timing:
@@ -56,7 +57,7 @@ def check_load(scenario: Scenario, options: Namespace) -> None:
 
 def load_of(cells: int, wire: Wire, control: str = "host") -> float:
     """The share of a bus that so many cells need at most, steered by the host or by themselves."""
-    return replace(_traffic(wire), control=control).load(cells)
+    return _Users(cells, control).load(wire)
 
 
 def warn_of_load(cells: int, wire: Wire) -> None:
@@ -69,17 +70,17 @@ def _busiest(scenario: Scenario) -> _Users:
 
 
 def _users(scenario: Scenario) -> Iterator[_Users]:
-    array = scenario.array
+    array, control = scenario.array, scenario.motion.control
     addresses = address_cells(array.columns * array.rows, array.buses)
     if addresses.bus_count == 1:
-        yield _Users(len(addresses.buses))
+        yield _Users(len(addresses.buses), control)
         return
     tpdos = len(SENT_AT_SYNC.intersection(array.forwarded))
     foreign = foreign_nodes(array.columns, array.rows, addresses) if tpdos else None
     for bus in range(addresses.bus_count):
         cells = addresses.buses.count(bus)
         forwarded = tpdos * len(foreign[bus]) if foreign else 0
-        yield _Users(cells, forwarded, f"bus {bus}")
+        yield _Users(cells, control, forwarded, f"bus {bus}")
 
 
 def _warn(users: _Users, wire: Wire) -> None:
@@ -99,10 +100,14 @@ def wire_of(options: Namespace) -> Wire:
     return Wire(getattr(options, "bitrate", None) or Wire().bitrate)
 
 
-def _traffic(wire: Wire) -> BusTraffic:
+def _traffic(wire: Wire, control: str) -> BusTraffic:
     timing = timing_of(wire)
     return BusTraffic(
-        wire.bitrate, timing.sync_period_s, timing.heartbeat_period_s, timing.status_period_s
+        wire.bitrate,
+        timing.sync_period_s,
+        timing.heartbeat_period_s,
+        timing.status_period_s,
+        control,
     )
 
 
@@ -116,9 +121,10 @@ def _needed(users: _Users, wire: Wire) -> str:
 
 def _help(users: _Users, wire: Wire) -> str:
     """What brings the load down, as far as it does."""
-    ways = [f"{_traffic(wire).most_cells()} cells a bus"]
+    ways = [f"{_traffic(wire, users.control).most_cells()} cells a bus"]
     slower = replace(wire, sync_period_s=SYNC_PERIOD_MOST_S)
-    if wire.sync_period_s < SYNC_PERIOD_MOST_S and users.load(slower) <= OVERLOADED:
+    may_be_slower = users.control == "host" and wire.sync_period_s < SYNC_PERIOD_MOST_S
+    if may_be_slower and users.load(slower) <= OVERLOADED:
         ways.append(f"a slower SYNC (wire.sync_period_s = {SYNC_PERIOD_MOST_S:g})")
     if wire.bitrate < Wire().bitrate:
         ways.append("a higher bit rate")

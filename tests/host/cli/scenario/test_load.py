@@ -12,9 +12,9 @@ from mdms_host.cli.simulation.compose import run_scenario
 from mdms_model.scenario.scenario import Wire
 
 
-def refusal(*overrides):
+def refusal(*overrides, scenario="array18"):
     with pytest.raises(CommandError) as caught:
-        open_program("array18", overrides)
+        open_program(scenario, overrides)
     assert caught.value.code is Exit.USAGE
     return str(caught.value)
 
@@ -105,6 +105,12 @@ def test_the_host_sends_sync_as_often_as_the_scenario_says():
     fast = run_scenario(open_program("array18", overrides[:1]))
     assert slow.fault is None
     assert slow.bus.frames == pytest.approx(fast.bus.frames / 2, rel=0.25)
+
+
+def test_cells_that_steer_are_not_advised_to_slow_their_beat():
+    wide = ["array.columns=10"]
+    assert "a slower SYNC" in refusal(*wide)
+    assert "a slower SYNC" not in refusal(*wide, scenario="neighbours")
 
 
 def test_cells_that_steer_leave_the_bus_four_tenths():

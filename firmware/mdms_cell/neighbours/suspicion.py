@@ -1,0 +1,149 @@
+"""Who contradicts what a cell believes, and for how long: the neighbours that are left out.
+
+A verdict turns when all evidence of half a second has been against it, either way: a suspect is
+taken in again when it has agreed for as long. A beat without evidence counts for nothing.
+"""
+
+try:
+    from micropython import const
+except ImportError:
+    from mdms_cell.cpython import const
+
+from mdms_cell.neighbours.outline import STEP_UM
+from mdms_cell.neighbours.place import AXES, DIRECTIONS
+
+# What a neighbour is suspected of; in an emergency, bits
+PRESENCE = const(0)  # its sensors do not show what lies there, or show what does not
+WHEELS = const(1)  # one of its wheels turns otherwise than the parcel moves
+POSE = const(2)  # it believes the parcel elsewhere than all others
+SILENCE = const(3)  # it believes and promises nothing, and the parcel needs it
+KINDS = const(4)
+
+#: In emergency messages: what they come from, and their code.
+SOURCE = const(9)
+CODE = const(0xFF01)
+
+#: Poses are compared in each beat, all else of one cell a beat: so many times all evidence has to
+#: be against a verdict until it turns, which is half a second.
+POSE_BEATS = const(50)
+_TIMES = bytes((6, 6, POSE_BEATS, 6))
+#: So many cells whose sensors contradict at once are right.
+_CROWD = const(3)
+#: A wheel may be off the parcel's motion by this, and by a quarter of its own [um/s].
+_SLIP_UM_S = const(12_000)
+#: A wheel has to be so far inside the outline to be under it [steps].
+_INSIDE = 10_000 // STEP_UM
+#: Wheels that are to agree before one is found wrong.
+_ENOUGH_WHEELS = const(5)
+
+#: Who has been silent for less has lost a frame.
+_LATE_BEATS = const(3)
+
+#: The cell itself, in the place of a direction.
+_OWN = DIRECTIONS
+
+
+class Suspicion:
+    """Verdicts on the eight neighbours and, in the place of a ninth, on the cell's own sensors.
+
+    `out[d]` has a bit for each kind that is left out of direction d.
+    """
+
+    def __init__(self):
+        self.out = bytearray(DIRECTIONS + 1)
+        self._against = bytearray(KINDS * (DIRECTIONS + 1))
+
+    def reset(self):
+        """Nobody is suspected."""
+        for place in range(DIRECTIONS + 1):
+            self.out[place] = 0
+        for place in range(KINDS * (DIRECTIONS + 1)):
+            self._against[place] = 0
+
+    def has(self, direction, kind):
+        """Whether this is left out of that direction."""
+        return self.out[direction] >> kind & 1
+
+    def judge(self, direction, kind, contradicts):
+        """The evidence of one beat."""
+        at = KINDS * direction + kind
+        if bool(contradicts) == bool(self.has(direction, kind)):
+            self._against[at] = 0
+            return
+        self._against[at] += 1
+        if self._against[at] >= _TIMES[kind]:
+            self._against[at] = 0
+            self.out[direction] ^= 1 << kind
+
+    def trusts(self, direction):
+        """Whether presence bits of that direction may correct a belief.
+
+        One that contradicts it may not, for it may be wrong; several at once are right.
+        """
+        if self.has(direction, PRESENCE):
+            return False
+        return not self._against[KINDS * direction + PRESENCE] or self.crowd()
+
+    def crowd(self):
+        """Whether so many contradict by their presence bits that it is not they who are wrong."""
+        count = 0
+        for direction in range(DIRECTIONS + 1):
+            if self._against[KINDS * direction + PRESENCE] and not self.has(direction, PRESENCE):
+                count += 1
+        return count >= _CROWD
+
+    def first(self):
+        """The first direction that is suspected of anything; -1 for none."""
+        for direction in range(DIRECTIONS + 1):
+            if self.out[direction]:
+                return direction
+        return -1
+
+
+class Evidence:
+    """Compares what neighbours send and measure with the belief of a cell under a parcel."""
+
+    def __init__(self, footprint, heard, suspicion):
+        self._footprint = footprint
+        self._heard = heard
+        self._suspicion = suspicion
+        self._turn = 0
+
+    def judge(self, tracking, beat, asked):
+        """One cell, by what it sent; `asked` is the mask of those asked for the parcel."""
+        direction = self._turn = (self._turn + 1) % (DIRECTIONS + 1)
+        if direction == _OWN:
+            if tracking.sure:
+                self._judge_wheels(tracking, _OWN)
+        elif tracking.sure and self._footprint.present >> direction & 1:
+            self._judge_neighbour(tracking, direction, beat, asked >> direction & 1)
+
+    def _judge_neighbour(self, tracking, direction, beat, asked):
+        suspicion, heard = self._suspicion, self._heard
+        silent = (beat - heard.estimate_beat[direction]) & 0xFFFFFF > _LATE_BEATS
+        if asked or not silent:
+            suspicion.judge(direction, SILENCE, silent)
+        if heard.speeds_beat[direction] == beat and not tracking.is_other(direction):
+            self._judge_wheels(tracking, direction)
+
+    def _judge_wheels(self, tracking, direction):
+        """A wheel well under the parcel is wrong if it does not turn with it."""
+        footprint, twist = self._footprint, tracking.twist
+        if twist.wheels < _ENOUGH_WHEELS:
+            return
+        under = False
+        wrong = False
+        for axis in range(AXES):
+            x = footprint.shift_x[direction] + footprint.x[axis]
+            y = footprint.shift_y[direction] + footprint.y[axis]
+            if tracking.outline.distance(x, y) < -_INSIDE:
+                speed_um_s = self._heard.speeds[2 * direction + axis]
+                expected = twist.at(
+                    tracking.outline, x, y, footprint.along_x[axis], footprint.along_y[axis]
+                )
+                slip = _SLIP_UM_S + abs(expected) // 4
+                # At rest a wheel that cannot turn agrees with everything.
+                under = under or abs(expected) > slip or abs(speed_um_s) > slip
+                wrong = wrong or abs(speed_um_s - expected) > slip
+        if under or wrong:
+            self._suspicion.judge(direction, WHEELS, wrong)

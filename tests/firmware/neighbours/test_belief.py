@@ -1,0 +1,152 @@
+"""Where a cell believes its parcel to be, in whole numbers, against closed forms."""
+
+from math import cos, degrees, hypot, pi, sin
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mdms_cell.neighbours.angle import ARM_UM, ONE, TURN_UM, cosine, root, sine, wrapped
+from mdms_cell.neighbours.belief import CONTRADICTION, EDGE, Belief
+from mdms_cell.neighbours.outline import DISC, RECTANGLE, STEP_UM, Outline
+
+SMALL_INT = 1 << 30
+LENGTH_UM, WIDTH_UM = 360_000, 300_000
+places = st.integers(-500_000, 500_000)
+turns = st.integers(-TURN_UM // 2, TURN_UM // 2)
+
+
+@given(turns)
+def test_sine_and_cosine_are_those_of_the_angle(turn_um):
+    angle_rad = turn_um / ARM_UM
+    assert abs(sine(turn_um) - ONE * sin(angle_rad)) < 3
+    assert abs(cosine(turn_um) - ONE * cos(angle_rad)) < 3
+
+
+@given(st.integers(0, SMALL_INT - 1))
+def test_root_is_the_largest_whole_number_below(number):
+    assert root(number) ** 2 <= number < (root(number) + 1) ** 2
+
+
+@given(st.integers(-SMALL_INT + 1, SMALL_INT - 1))
+def test_wrapped_angle_looks_the_same(turn_um):
+    assert -TURN_UM // 2 <= wrapped(turn_um) <= TURN_UM // 2
+    assert (wrapped(turn_um) - turn_um) % TURN_UM == 0
+
+
+def outline(shape=RECTANGLE, *, x_um=0, y_um=0, turn_um=0):
+    one = Outline()
+    one.set(shape, LENGTH_UM, WIDTH_UM)
+    one.place(x_um, y_um, turn_um)
+    return one
+
+
+@given(places, places, turns, places, places)
+def test_distance_is_that_to_the_nearest_side(x_um, y_um, turn_um, at_x, at_y):
+    found = outline(x_um=x_um // 8, y_um=y_um // 8, turn_um=turn_um)
+    dx, dy, angle_rad = at_x - x_um // 8, at_y - y_um // 8, turn_um / ARM_UM
+    along = abs(dx * cos(angle_rad) + dy * sin(angle_rad)) - LENGTH_UM / 2
+    across = abs(dy * cos(angle_rad) - dx * sin(angle_rad)) - WIDTH_UM / 2
+    wanted_um = max(along, across)
+    got_um = found.distance(at_x // STEP_UM, at_y // STEP_UM) * STEP_UM
+    assert got_um == pytest.approx(wanted_um, abs=400)
+
+
+@given(places, places, turns)
+def test_square_that_a_point_of_the_bottom_lies_in_is_overlapped(along, across, turn_um):
+    """Wherever a point of the bottom is, a square about it is overlapped."""
+    found = outline(turn_um=turn_um)
+    along, across = along * LENGTH_UM // 1_000_100, across * WIDTH_UM // 1_000_100
+    angle_rad = turn_um / ARM_UM
+    x = along * cos(angle_rad) - across * sin(angle_rad)
+    y = along * sin(angle_rad) + across * cos(angle_rad)
+    assert found.overlaps(int(x) // STEP_UM, int(y) // STEP_UM, 100)
+
+
+@pytest.mark.parametrize("shape", [RECTANGLE, DISC])
+@pytest.mark.parametrize("away", [(1, 0), (0, 1), (1, 1), (-1, 1)])
+def test_square_beyond_a_gap_is_not_overlapped(shape, away):
+    reach = outline(shape).reach_um // STEP_UM
+    half = 4000
+    x, y = (each * (reach + half + 100) for each in away)
+    assert not outline(shape).overlaps(x, y, half)
+
+
+def crossing(belief, truth, sensor_um):
+    """The sensor reports an edge of the parcel that is truly there."""
+    return belief.correct(sensor_um[0] // STEP_UM, sensor_um[1] // STEP_UM, EDGE)
+
+
+def believing(x_um, y_um, turn_um):
+    belief = Belief()
+    belief.outline.set(RECTANGLE, LENGTH_UM, WIDTH_UM)
+    belief.start(x_um, y_um, turn_um)
+    return belief
+
+
+@given(st.integers(-8000, 8000), st.integers(-8000, 8000), st.integers(-4000, 4000))
+def test_three_edges_show_where_a_parcel_is(x_um, y_um, turn_um):
+    """Two on one side and one on the next, seen twice, of a parcel that truly is at 0."""
+    belief = believing(x_um, y_um, turn_um)
+    sides = ((180_000, -90_000), (180_000, 100_000), (60_000, 150_000))
+    for sensor_um in sides + sides:
+        crossing(belief, (0, 0, 0), sensor_um)
+    assert hypot(belief.x, belief.y) < 1_500
+    assert degrees(abs(belief.turn) / ARM_UM) < 0.8
+
+
+def test_edge_far_away_is_not_believed_but_makes_unsure():
+    belief = believing(0, 0, 0)
+    for sensor_um in ((180_000, -90_000), (180_000, 100_000), (60_000, 150_000)):
+        crossing(belief, (0, 0, 0), sensor_um)
+    before = belief.variance
+    assert not crossing(belief, (0, 0, 0), (150_000, 0))
+    assert (belief.x, belief.turn) == pytest.approx((0, 0), abs=50)
+    assert belief.variance > before
+
+
+def test_contradiction_moves_the_belief_and_makes_it_no_surer():
+    belief = believing(5_000, 0, 0)
+    before = belief.variance
+    belief.correct(182_000 // STEP_UM, 0, CONTRADICTION, False)
+    assert belief.x < 3_500
+    assert belief.variance == before
+
+
+def test_way_makes_unsure_and_standing_does_not():
+    belief = believing(0, 0, 0)
+    for sensor_um in ((180_000, -90_000), (180_000, 100_000), (60_000, 150_000)):
+        crossing(belief, (0, 0, 0), sensor_um)
+    before = belief.variance
+    for _ in range(100):
+        belief.roll(0, 0, 0)
+    assert belief.variance == before
+    for _ in range(100):
+        belief.roll(1_000, 0, 0)
+    assert belief.x == pytest.approx(100_000, abs=100)
+    assert belief.variance > before
+
+
+def test_agreement_meets_between_beliefs_and_is_no_surer_than_both():
+    belief = believing(0, 0, 0)
+    before = belief.variance
+    belief.agree(100, 200, (2_000, -1_000, 500), before // 4)
+    assert (belief.x, belief.y, belief.turn) == (1_000, -500, 250)
+    assert before // 4 < belief.variance < before
+
+
+@given(st.lists(st.tuples(places, places), max_size=40), places, places, turns)
+def test_numbers_stay_small_whatever_sensors_say(sensors_um, x_um, y_um, turn_um):
+    """On a board a number above 2^30 allocates."""
+    belief = believing(x_um, y_um, turn_um)
+    for at_um in sensors_um:
+        belief.correct(at_um[0] // STEP_UM, at_um[1] // STEP_UM, EDGE)
+        belief.roll(4_000, -4_000, 2_000)
+        numbers = (belief.xx, belief.yy, belief.tt, belief.xy, belief.xt, belief.yt)
+        assert max(map(abs, numbers)) < 1 << 19
+        assert min(belief.xx, belief.yy, belief.tt) > 0
+        assert max(abs(belief.x), abs(belief.y)) < 2_000_000
+
+
+def test_full_turn_is_a_full_turn():
+    assert abs(TURN_UM - 2 * pi * ARM_UM) < 1
