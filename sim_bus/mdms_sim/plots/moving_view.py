@@ -24,6 +24,8 @@ WIDTH_IN, WIDTH_PX = 6.4, 640
 LEFT_IN, RIGHT_IN, TOP_IN, BOTTOM_IN = 0.55, 0.12, 0.62, 0.92
 #: How many parcels the caption has room for.
 MOST_TOLD = 2
+#: A longer title is smaller.
+MOST_LETTERS = 56
 #: A wheel whose surface is faster turns [m/s].
 TURNS_M_S = 0.004
 TURNING, STILL = "#39434d", "#c3cad0"
@@ -74,6 +76,8 @@ class MovingView:
         for parcel in self._parcels:
             parcel.show(instant)
         told = [parcel.story(instant) for parcel in self._parcels[:MOST_TOLD]]
+        if len(self._parcels) > MOST_TOLD:
+            told.append(f"{len(self._parcels) - MOST_TOLD} more")
         self._time.set_text(f"{record.time_s[instant]:.1f} s")
         self._caption.set_text("     ".join(told))
         raw = BytesIO()
@@ -86,7 +90,8 @@ class MovingView:
         speed = "" if times < 1.05 else f"   ({times:.1f} times as fast)"
         title = f"{self._scenario.title}{speed}"
         figure = self._figure
-        figure.text(left, 1 - 0.26 / height_in, title, color=INK, fontsize=11, fontweight="bold")
+        size = min(11.0, 11.0 * MOST_LETTERS / max(len(title), 1))
+        figure.text(left, 1 - 0.26 / height_in, title, color=INK, fontsize=size, fontweight="bold")
         line = 1 - 0.50 / height_in
         time = figure.text(left, line, "", color=INK, fontsize=9, fontweight="bold")
         return time, figure.text(left + 0.10, line, "", color=INK, fontsize=9)
