@@ -149,7 +149,7 @@ class _MovingParcel:
         """How far the cells' belief is off, in one clause."""
         away_m, turn_rad = self._error[instant].tolist()
         if not np.isfinite(away_m):
-            return f"{self._parcel.name}: no cell reports it"
+            return f"{self._parcel.name}: no cell has it"
         turn = "" if np.isnan(turn_rad) else f", {degrees(turn_rad):.1f}°"
         return f"{self._parcel.name}: believed {1000 * away_m:.1f} mm{turn} off"
 
