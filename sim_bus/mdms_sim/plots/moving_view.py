@@ -24,6 +24,8 @@ WIDTH_IN, WIDTH_PX = 6.4, 640
 LEFT_IN, RIGHT_IN, TOP_IN, BOTTOM_IN = 0.55, 0.12, 0.62, 0.92
 #: How many parcels the caption has room for.
 MOST_TOLD = 2
+#: A longer title is smaller.
+MOST_LETTERS = 56
 #: A wheel whose surface is faster turns [m/s].
 TURNS_M_S = 0.004
 TURNING, STILL = "#39434d", "#c3cad0"
@@ -74,6 +76,8 @@ class MovingView:
         for parcel in self._parcels:
             parcel.show(instant)
         told = [parcel.story(instant) for parcel in self._parcels[:MOST_TOLD]]
+        if len(self._parcels) > MOST_TOLD:
+            told.append(f"{len(self._parcels) - MOST_TOLD} more")
         self._time.set_text(f"{record.time_s[instant]:.1f} s")
         self._caption.set_text("     ".join(told))
         raw = BytesIO()
@@ -86,10 +90,11 @@ class MovingView:
         speed = "" if times < 1.05 else f"   ({times:.1f} times as fast)"
         title = f"{self._scenario.title}{speed}"
         figure = self._figure
-        figure.text(left, 1 - 0.26 / height_in, title, color=INK, fontsize=11, fontweight="bold")
+        size = min(11.0, 11.0 * MOST_LETTERS / max(len(title), 1))
+        figure.text(left, 1 - 0.26 / height_in, title, color=INK, fontsize=size, fontweight="bold")
         line = 1 - 0.50 / height_in
         time = figure.text(left, line, "", color=INK, fontsize=9, fontweight="bold")
-        return time, figure.text(left + 0.09, line, "", color=INK, fontsize=9)
+        return time, figure.text(left + 0.10, line, "", color=INK, fontsize=9)
 
     def _add_legend(self) -> None:
         lines: dict[str, dict[str, Any]] = {
@@ -144,7 +149,7 @@ class _MovingParcel:
         """How far the cells' belief is off, in one clause."""
         away_m, turn_rad = self._error[instant].tolist()
         if not np.isfinite(away_m):
-            return f"{self._parcel.name}: no cell reports it"
+            return f"{self._parcel.name}: no cell has it"
         turn = "" if np.isnan(turn_rad) else f", {degrees(turn_rad):.1f}°"
         return f"{self._parcel.name}: believed {1000 * away_m:.1f} mm{turn} off"
 

@@ -30,14 +30,15 @@ def draw_plane(scenario: Scenario, record: Record) -> Figure:
     low_m, high_m = extent_m(scenario, record)
     width_m, depth_m = high_m - low_m
     view_in = (MIDDLE - LEFT) * WIDTH_IN * depth_m / width_m
-    bottom_in = BOTTOM_IN + (ROW_IN if has_layer(record) else 0.0)
+    above_in = ROW_IN if has_layer(record) else 0.0
+    bottom_in = BOTTOM_IN + above_in
     height_in = TOP_IN + bottom_in + min(max(view_in, 4.0), 8.0)
     figure = new_figure(WIDTH_IN, height_in)
     bottom, top = bottom_in / height_in, 1 - TOP_IN / height_in
     axes = figure.add_axes((LEFT, bottom, MIDDLE - LEFT, top - bottom))
     draw_top_view(axes, scenario, record)
     if (record.contact != Contact.UNKNOWN).any():
-        draw_slip_scale(figure, (LEFT + 0.07, 0.2 / height_in, 0.11, 0.12 / height_in))
+        draw_slip_scale(figure, (LEFT + 0.07, (0.2 + above_in) / height_in, 0.11, 0.12 / height_in))
     draw_panels = draw_belief_panels if has_layer(record) else draw_pose_panels
     draw_panels(figure, (PANELS, bottom, RIGHT - PANELS, top - bottom), scenario, record)
     _add_legend(figure, scenario, record)

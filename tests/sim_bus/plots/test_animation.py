@@ -120,6 +120,12 @@ def test_picture_shows_how_far_the_cells_belief_was_off(plane, held_record):
     np.testing.assert_allclose(turn.lines[0].get_ydata()[5:], np.degrees(0.01))
 
 
+def test_run_on_hardware_is_animated_as_the_coordinator_believes(tmp_path, plane, short):
+    nowhere = np.full_like(short.pose, np.nan)
+    save_animation(tmp_path / "run.gif", plane, replace(short, pose=nowhere))
+    assert frames(tmp_path / "run.gif") > 1
+
+
 def test_parcels_keep_their_cells_where_one_before_was_never_found(plane, believed_record):
     box = plane.parcel[0]
     scenario = replace(plane, parcel=(replace(box, name="lost"), box))

@@ -54,6 +54,11 @@ def test_frames_that_gateways_forward_count_on_the_bus_that_gets_them():
     assert open_program("array54", ["array.forwarded=[1]"])
 
 
+def test_forwarded_frames_that_are_rare_do_not_count():
+    assert open_program("array54", ["array.forwarded=[1, 2, 4]"])
+    assert open_program("passing2", []).array.forwarded == (1, 2, 3, 4)
+
+
 def test_a_model_without_a_bus_has_as_many_cells_as_it_wants():
     overrides = ("array.columns=30", "run.fidelity='ideal'", "motion.field='uniform'")
     assert open_program("array18", overrides).array.columns == 30
