@@ -33,28 +33,15 @@ def on_micropython(micropython, frames):
     return tuple(map(int, replies.split())), list(map(int, used.split()))
 
 
-def test_same_frames_give_the_same_replies_on_micropython(micropython):
-    replies, _ = on_micropython(micropython, 10_000)
-    assert replies == fuzz(10_000)
-    assert replies[1] > 5_000
+def test_same_frames_give_the_same_replies_on_micropython_and_leave_its_heap(micropython):
+    replies, used = on_micropython(micropython, 30_000)
+    assert replies == fuzz(30_000)
+    assert replies[1] > 15_000
+    assert max(used[3:]) <= max(used[:3]) + 1024
 
 
-@pytest.fixture(scope="module")
-def long_fuzz():
-    """The replies of 100,000 frames on CPython, and the memory in use on the way [blocks]."""
+@pytest.mark.slow
+def test_100_000_frames_raise_nothing_and_leave_the_memory_as_it_was():
     used = []
-    replies = fuzz(100_000, lambda: used.append(sys.getallocatedblocks()))
-    return replies, used
-
-
-@pytest.mark.slow
-def test_100_000_frames_raise_nothing_and_leave_the_memory_as_it_was(long_fuzz):
-    _, used = long_fuzz
+    fuzz(100_000, lambda: used.append(sys.getallocatedblocks()))
     assert max(used[5:]) <= max(used[:5]) + 100
-
-
-@pytest.mark.slow
-def test_100_000_frames_on_micropython_leave_the_heap_as_it_was(micropython, long_fuzz):
-    replies, used = on_micropython(micropython, 100_000)
-    assert replies == long_fuzz[0]
-    assert max(used[5:]) <= max(used[:5]) + 1024

@@ -37,10 +37,6 @@ def test_order_of_sets_and_dicts_has_no_say(first, hash_seed):
     assert bus_of(hash_seed=hash_seed) == first
 
 
-def test_kind_of_cells_has_no_say(first):
-    assert bus_of("--nodes", "micropython") == first
-
-
 def test_kind_of_cells_that_steer_has_no_say():
     """The box is under way after 1.6 s, led by cells that have found and agreed where it is."""
     by_cells = {"scenario": "neighbours", "duration_s": 1.8}
