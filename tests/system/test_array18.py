@@ -74,7 +74,7 @@ def test_same_seed_gives_the_same_bytes_in_another_process(simulate):
 
 
 def test_micropython_processes_give_the_same_bytes_as_python_objects(simulate):
-    arguments = ("--set", "run.duration_s=3")
+    arguments = ("--set", "run.duration_s=1.6")
     python, micropython = (
         simulate(*arguments, "--nodes", kind) for kind in ("cpython", "micropython")
     )

@@ -48,8 +48,14 @@ def run(fault: str, host: Insistent, nodes: str = "cpython"):
     return simulate(load_scenario("array18", overrides), [host], nodes).record
 
 
-@pytest.mark.parametrize("nodes", ["cpython", "micropython"])
-@pytest.mark.parametrize(("fault", "code"), [("supply", 0x3220), ("bridge_fault", 0x2310)])
+@pytest.mark.parametrize(
+    ("fault", "code", "nodes"),
+    [
+        ("supply", 0x3220, "cpython"),
+        ("supply", 0x3220, "micropython"),
+        ("bridge_fault", 0x2310, "cpython"),
+    ],
+)
 def test_nothing_moves_when_power_comes_back_until_somebody_asks(fault, code, nodes) -> None:
     host = Insistent()
     with skipping_without_micropython():
