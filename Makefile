@@ -3,7 +3,8 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
-WORKERS ?= 2
+# One more than cores, since some tests wait for other programs.
+WORKERS ?= 3
 
 .PHONY: demo test quick check format generate bench prove soak requirements clean
 
