@@ -38,6 +38,8 @@ class Middle:
         self.speed_um_s = speed_um_s
         #: The node id of a neighbour that says nothing, and whether the parcel is off the table.
         self.silent = None
+        self.sequence = 1
+        self.program_flags = 0
         self.lifted = False
         self._bits = [None] * 8
         self._boot()
@@ -66,10 +68,11 @@ class Middle:
     def _pages(self):
         size = (LENGTH_UM // wire.STEP_UM, WIDTH_UM // wire.STEP_UM)
         shape = wire.RECTANGLE
-        self._page((IDENTITY, wire.PARCEL, 1, shape, size[0], size[1], 44, 20, 0))
+        number, flags = self.sequence, self.program_flags
+        self._page((IDENTITY, wire.PARCEL, number, shape, size[0], size[1], 44, 20, flags))
         y = self.placed_y_um // wire.STEP_UM
         self._page((IDENTITY, wire.PLACE, 1, self.x_um // wire.STEP_UM, y, 0, 0, 0, 0))
-        self._page((IDENTITY, wire.GOAL, 1, 400, 0, 0, 0, 0, 0))
+        self._page((IDENTITY, wire.GOAL, self.sequence, 400, 0, 0, 0, 0, 0))
 
     def _page(self, fields):
         frame = bytearray(8)

@@ -117,3 +117,54 @@ def test_cell_that_leaves_operational_forgets_the_parcel():
     middle.cell.on_frame(cob.SYNC, b"", middle.now_ms)
     assert not estimates(middle)
     assert targets_um_s(middle) == (0, 0)
+
+
+def heartbeat(middle):
+    middle.cell.on_frame(cob.HEARTBEAT_BASE + cob.HOST_NODE, b"\x05", middle.now_ms)
+
+
+def watched(middle, flags=0):
+    """The host is watched from now on, and its program has these flags."""
+    limit = (cob.HOST_NODE << 16) | 75
+    middle._write(indices.CONSUMER_TIMES, 1, 4, limit)
+    middle.program_flags = flags
+    middle.sequence = 2
+    middle._pages()
+    for _ in range(30):
+        heartbeat(middle)
+        middle.beat()
+    assert targets_um_s(middle)[0] > 90_000
+    return middle
+
+
+def test_host_that_is_back_after_the_time_to_go_on_is_over_moves_nothing():
+    middle = watched(Middle(SPEED_UM_S), wire.GO_ON)
+    middle.speed_um_s = 0
+    run(middle, 20)
+    assert targets_um_s(middle)[0] > 90_000
+    for _ in range(60):
+        run(middle, 10)
+        middle.board.take()
+    assert targets_um_s(middle) == (0, 0)
+    for _ in range(30):
+        heartbeat(middle)
+        middle.beat()
+    assert targets_um_s(middle) == (0, 0)
+    assert state(middle) != cia402.OPERATION_ENABLED
+
+
+def test_parcel_that_is_not_to_go_on_is_stopped_though_another_is():
+    middle = watched(Middle(SPEED_UM_S))
+    middle._page((9, wire.PARCEL, 1, wire.RECTANGLE, 1200, 1200, 44, 20, wire.GO_ON))
+    middle._page((9, wire.GOAL, 1, 400, 0, 0, 0, 0, 0))
+    run(middle, 12)
+    assert targets_um_s(middle) == (0, 0)
+    assert state(middle) in (cia402.FAULT_REACTION, cia402.FAULT)
+
+
+def test_halt_of_the_host_outlives_a_rest():
+    middle = Middle(SPEED_UM_S)
+    halted = (cia402.SWITCH_ON | cia402.CONTROL_HALT).to_bytes(2, "little") * 2
+    middle.cell.on_frame(cob.RPDO_BASES[1] + NODE, halted, middle.now_ms)
+    run(middle, 30)
+    assert targets_um_s(middle) == (0, 0)

@@ -33,14 +33,14 @@ class Axes:
         """Set the targets of axes that the host has switched on, and enable them."""
         for drive, target_um_s in zip(self._drives, targets_um_s):  # noqa: B905
             if drive.state == cia402.SWITCHED_ON:
-                drive.control(cia402.ENABLE_OPERATION)
+                drive.control(cia402.ENABLE_OPERATION | _halt(drive))
             drive.set_target(target_um_s)
 
     def rest(self):
         """Take axes back to 'switched on': 0 V, and braked."""
         for drive in self._drives:
             if drive.state == cia402.OPERATION_ENABLED:
-                drive.control(cia402.SWITCH_ON)
+                drive.control(cia402.SWITCH_ON | _halt(drive))
 
     def load(self):
         """Take over the settings from the dictionary."""
@@ -93,3 +93,8 @@ class Axes:
     def _control(self, controlword):
         for drive in self._drives:
             drive.control(controlword)
+
+
+def _halt(drive):
+    """The halt bit as the host has set it: it stays its own."""
+    return drive.controlword & cia402.CONTROL_HALT

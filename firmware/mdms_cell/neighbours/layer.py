@@ -100,7 +100,13 @@ class Layer:
         self._on_place()
 
     def goes_on(self):
-        """Whether the silence of the host ends no motion here: one that goes on may come by."""
+        """Whether the silence of the host ends no motion here.
+
+        Where no parcel lies, one that goes on may come by; one that does not go on is stopped.
+        """
+        program = self._programs.find(self._tracking.identity if self._tracking.over else 0)
+        if program is not None and program.complete and not program.goes_on:
+            return False
         return self.active and self._programs.go_on
 
     def _on_place(self, _index=0, _sub=0):
@@ -284,7 +290,7 @@ class Layer:
         if not known or not tracking.under or tracking.doubtful:
             leading.stop()
             return
-        allowed = not self._consumer.lost or leading.goes_on(program, self._step_ms)
+        allowed = leading.may_go_on(program, self._step_ms, alone=bool(self._consumer.lost))
         leading.step(tracking, program, allowed and rights.drive_beats > 0, self._step_ms)
 
     # Who is suspected

@@ -28,6 +28,7 @@ class Leading:
         """A new program has come."""
         self._alone_ms = 0
         self._planned_ms = 0
+        self._ended = False
         self._held_beats = 0
         self._steering.arrived = False
 
@@ -75,11 +76,19 @@ class Leading:
             belief.turn + turn * ahead_ms // 1000,
         )
 
-    def goes_on(self, program, step_ms):
-        """Whether a parcel may go on without its host: if it is to, for twice its planned time."""
-        self._alone_ms = min(self._alone_ms + step_ms, 1 << 20)
-        in_time = not self._planned_ms or self._alone_ms < 2 * self._planned_ms
-        return program.goes_on and in_time
+    def may_go_on(self, program, step_ms, *, alone):
+        """Whether a parcel may go on; without its host for twice its planned time, if it is to.
+
+        Once that is over, or the host of one that is not to go on was gone, a new program has to
+        come: that the host is back moves nothing.
+        """
+        if not alone:
+            self._alone_ms = 0
+        else:
+            self._alone_ms = min(self._alone_ms + step_ms, 1 << 20)
+            in_time = not self._planned_ms or self._alone_ms < 2 * self._planned_ms
+            self._ended = self._ended or not (program.goes_on and in_time)
+        return not self._ended
 
     def step(self, tracking, program, may_go, step_ms):
         """Lead the wheels for a beat; without `may_go` bring the parcel to rest, and switch off."""
