@@ -11,7 +11,7 @@ from contextlib import suppress
 from queue import Empty, SimpleQueue
 from threading import Thread
 from types import TracebackType
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVarTuple
 
 import can
 from can.cli import create_bus_from_namespace
@@ -26,6 +26,8 @@ from mdms_host.clock import Clock
 from mdms_model.participant import Participant
 from mdms_protocol import cob
 from mdms_protocol.frame import Frame
+
+Parts = TypeVarTuple("Parts")
 
 _DEVICE_ERRORS = (can.CanOperationError, OSError)
 #: What python-can and its plug-ins raise where a bus cannot be opened; some fail of a library that
@@ -175,13 +177,7 @@ class Link:
         Raises DeviceGoneError.
         """
         self.check()
-        try:
-            handle(*self._arrived.get(timeout=max(0.0, min(timeout_s, READ_TIMEOUT_S))))
-        except Empty:
-            return
-        # Only what is here by now, so that a full bus cannot keep the caller from its own work.
-        for _ in range(self._arrived.qsize()):
-            handle(*self._arrived.get())
+        hand_over(self._arrived, timeout_s, handle)
 
     def check(self) -> None:
         """Start a reader that has died anew. Raises DeviceGoneError when there is no device."""
@@ -273,6 +269,21 @@ def _port_of(bus: can.BusABC) -> can.BusABC | SlcanPort:
             bus.fileno()
             return SlcanPort(bus)
     return bus
+
+
+def hand_over(
+    arrived: SimpleQueue[tuple[*Parts]], timeout_s: float, handle: Callable[[*Parts], object]
+) -> None:
+    """Pass on what has arrived; wait for the first at most so long.
+
+    Only what is here by then, so that a full bus cannot keep the caller from its own work.
+    """
+    try:
+        handle(*arrived.get(timeout=max(0.0, min(timeout_s, READ_TIMEOUT_S))))
+    except Empty:
+        return
+    for _ in range(arrived.qsize()):
+        handle(*arrived.get())
 
 
 class AnyDelays(Protocol):

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 from types import TracebackType
 from typing import Self
 
@@ -10,7 +10,7 @@ import can
 
 from mdms_host.can_link.delays import Delays
 from mdms_host.can_link.incidents import Incidents, LinkCounts
-from mdms_host.can_link.link import QUEUE_WAIT_S, READ_TIMEOUT_S, DeviceGoneError, Link
+from mdms_host.can_link.link import QUEUE_WAIT_S, DeviceGoneError, Link, hand_over
 from mdms_host.clock import Clock
 from mdms_model.participant import BusesParticipant
 from mdms_protocol.frame import Frame
@@ -88,13 +88,7 @@ class Links:
         Raises DeviceGoneError.
         """
         self._check()
-        try:
-            handle(*self._arrived.get(timeout=max(0.0, min(timeout_s, READ_TIMEOUT_S))))
-        except Empty:
-            return
-        # Only what is here by now, so that a full bus cannot keep the caller from its own work.
-        for _ in range(self._arrived.qsize()):
-            handle(*self._arrived.get())
+        hand_over(self._arrived, timeout_s, handle)
 
     def close(self) -> None:
         """Close all of them."""

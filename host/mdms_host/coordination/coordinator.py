@@ -14,12 +14,12 @@ from mdms_host.can_link.emergencies import error_text
 from mdms_host.can_link.remote_cell import Handler
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.coordination.bring_up import BringUpCell
+from mdms_host.coordination.cells import cells_of
 from mdms_host.coordination.cells_control import CellsControl
 from mdms_host.coordination.odometry import Odometry
 from mdms_host.coordination.phase import BRING_UP, STOPPED, TRANSITIONS, Phase, Signal
 from mdms_host.coordination.schedule import Schedule, Timing
 from mdms_host.coordination.speed_reports import MISSED_SYNCS
-from mdms_host.coordination.steering_settings import steering_settings
 from mdms_host.coordination.supervision import OTHER_HOST, Supervision, names
 from mdms_host.coordination.velocity_frames import VelocityFrames
 from mdms_host.coordination.watching.standings import Standings
@@ -28,30 +28,15 @@ from mdms_host.estimation.tracker import Estimate, Parcel, Tracker
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.program import Program
-from mdms_host.places import Place, all_values
 from mdms_model.arrays import Floats
 from mdms_model.bus_time import WATCHED_HEARTBEAT_S
-from mdms_protocol import cob, indices, nmt, pdo
+from mdms_protocol import cob, nmt, pdo
 from mdms_protocol.frame import Frame
 
 _SYNC = Frame(cob.SYNC, b"")
 _OVER = (Phase.FAILING, *STOPPED)
 _SETTLED = (Phase.RUNNING, *STOPPED)
 _ENDING = (Phase.STOPPING, Phase.FAILING)
-
-
-def _told(layout: Layout, number: int) -> Iterator[Setting]:
-    """What a cell that steers is told of its place. Raises `pdo.OutOfRangeError`."""
-    for place, value in all_values(layout, number).items():
-        yield Setting(*place, value)
-
-
-def _spare(layout: Layout, number: int) -> dict[Place, int]:
-    """What a cell may have been told of its place; nothing where it does not fit the wire."""
-    try:
-        return all_values(layout, number)
-    except pdo.OutOfRangeError:
-        return {}
 
 
 class Coordinator:
@@ -84,31 +69,14 @@ class Coordinator:
         self.fault: str | None = None
         self.events: list[tuple[float, str]] = []
         self.troubles: list[tuple[float, str]] = []
-        # Cells report their state on change, and repeat it, which makes up for a lost frame.
-        repeat_ms = round(self._timing.status_period_s * 1e3)
-        repeat = Setting(indices.TPDO_PARAMETERS + 1, 5, repeat_ms)
         by_cells = isinstance(program, CellsProgram)
         self._buses = range(layout.bus_count)
-        several = len(self._buses) > 1
-        addresses = zip(layout.buses, layout.node_ids, strict=True)
-        self.cells = tuple(
-            BringUpCell(
-                number,
-                node_id,
-                axes,
-                (
-                    repeat,
-                    *settings,
-                    *(_told(layout, number) if by_cells else ()),
-                    *own_settings.get(number, ()),
-                    # Last, so that a cell steers with its place only.
-                    *(steering_settings(host_node_id) if by_cells else ()),
-                ),
-                spare={} if by_cells else _spare(layout, number),
-                bus=bus if several else None,
-                steers=by_cells,
-            )
-            for number, (bus, node_id) in enumerate(addresses, 1)
+        self.cells = cells_of(
+            layout,
+            settings,
+            own_settings,
+            status_period_s=self._timing.status_period_s,
+            steered_beside=host_node_id if by_cells else None,
         )
         debounce_s = tuple(cell.debounce_s for cell in self.cells)
         self.tracker = Tracker(layout, parcels, self._timing.status_period_s, debounce_s)
