@@ -4,8 +4,10 @@ The cells are processes in lock step with the virtual bus; the library is a clie
 in real time. A blank cell has nothing but its serial number.
 """
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import chain, repeat
 from pathlib import Path
 
 import canopen
@@ -58,9 +60,11 @@ def commission(network: canopen.Network, node_id: int) -> None:
 
 
 def scan(network: canopen.Network) -> list[int]:
-    """The identity of a cell; an answer that is late on a busy machine fails a scan."""
-    for timeout_s in SCAN_TIMEOUTS_S:
-        network.lss.RESPONSE_TIMEOUT = timeout_s
+    """The identity of a cell; on a busy machine answers are late, and a late one fails a scan."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    patience_s = chain(SCAN_TIMEOUTS_S, repeat(SCAN_TIMEOUTS_S[-1]))
+    while time.monotonic() < deadline_s:
+        network.lss.RESPONSE_TIMEOUT = next(patience_s)
         found, identity = network.lss.fast_scan()
         if found:
             return identity
