@@ -26,8 +26,8 @@ KEPT_EVENTS = 300
 class LiveTable:
     """Composed of what is on the buses (`watch`) and of whoever has the host's `seat`.
 
-    `now_s` returns the time. `parcels` are those that the host is told of. `report(time_s, text)` is
-    called for events.
+    `now_s` returns the time. `parcels` are those that the host is told of. `report(time_s, text)`
+    is called for events.
     """
 
     offers: tuple[str, ...] = ("goal", "start", "stop", "stop_all", "read_objects")

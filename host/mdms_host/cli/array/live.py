@@ -13,6 +13,7 @@ from mdms_host.cli.scenario.coordination import coordinator_of, parcels_of
 from mdms_host.cli.scenario.load import timing_of
 from mdms_host.cli.streams import say
 from mdms_host.clock import Clock
+from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.other_host import refuse_other_host
 from mdms_host.page.bus_watch import BusWatch
 from mdms_host.page.live import LiveTable
@@ -54,7 +55,10 @@ def show(belief: Belief, arguments: Namespace) -> Exit:
 
 def _seated(belief: Belief, clock: Clock) -> tuple[Seat, LiveTable]:
     """The host's place, and what a page shows of it."""
-    make = lambda: coordinator_of(belief.scenario, belief.cells)  # noqa: E731
+
+    def make() -> Coordinator:
+        return coordinator_of(belief.scenario, belief.cells)
+
     layout = make().layout
     timing = timing_of(belief.scenario.wire)
     watch = BusWatch(layout, timing.silence_s)
