@@ -352,15 +352,10 @@ class Coordinator:
         """The program's references for the next SYNC; zero while no cell reports its speeds."""
         if self._odometry.silent:
             return np.zeros(self.references_m_s.shape)
-        poses, doubtful = self.tracker.poses(self._schedule.next_s("sync")), self.tracker.doubtful
-        for name, controller in program.controllers.items():
-            controller.paused = name in doubtful
-            if controller.near:
-                controller.feel_rad = self.tracker.turn_to_feel_rad(name, self._now_s)
-        references_m_s = program.references_m_s(
-            poses, self._timing.sync_period_s, self.tracker.take_corrected()
-        )
-        self._report(poses)
+        at_s = self._schedule.next_s("sync")
+        beliefs = self.tracker.beliefs(at_s, self._now_s, program.near)
+        references_m_s = program.references_m_s(beliefs, self._timing.sync_period_s)
+        self._report(beliefs)
         return references_m_s
 
     def _track(self) -> None:
