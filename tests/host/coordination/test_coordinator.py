@@ -15,8 +15,10 @@ from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import FieldProgram, GoalProgram
 from mdms_host.places import all_values
-from mdms_protocol import cia402, cob, indices, messages, nmt, pdo, record, signature
+from mdms_protocol import cia402, cob, indices, nmt, pdo, record, signature
+from mdms_protocol.entry import OutOfRangeError
 from mdms_protocol.frame import Frame
+from mdms_protocol.neighbours import messages
 
 LAYOUT = Layout(6, 3, wheels=(WheelPlace(0.0, (0.0, 0.03)), WheelPlace(np.pi / 2, (0.03, 0.0))))
 BOX = Parcel("box", 0.36, 0.30)
@@ -200,7 +202,7 @@ def test_setpoints_follow_sync_by_half_a_period(rolling_array) -> None:
 def test_a_reference_that_no_drive_takes_is_refused_before_it_is_sent(rolling_array) -> None:
     coordinator = Coordinator(LAYOUT, FieldProgram(np.full(36, 11.0)))
     array = running(rolling_array, coordinator)
-    with pytest.raises(pdo.OutOfRangeError, match=r"0x60FF.*11000000"):
+    with pytest.raises(OutOfRangeError, match=r"0x60FF.*11000000"):
         array.run(coordinator, array.now_s + 0.1)
 
 

@@ -27,7 +27,7 @@ from mdms_model.scenario.belief import believed
 from mdms_model.scenario.scenario import Cell, Scenario
 from mdms_protocol import indices, pdo
 from mdms_protocol.dictionary import ENTRIES
-from mdms_protocol.entry import steps_per_unit
+from mdms_protocol.entry import OutOfRangeError, steps_per_unit
 
 #: As much as a cell comes with, but never more than half the supply.
 UNDERVOLTAGE_V = 10.0
@@ -148,7 +148,7 @@ def _setting(index: int, meaning: str, value: float) -> Setting:
     number = round(value * steps_per_unit(entry.unit))
     try:
         pdo.check(entry, number)
-    except pdo.OutOfRangeError as error:
+    except OutOfRangeError as error:
         raise CommandError(f"{meaning} does not fit the firmware: {error}", Exit.USAGE) from None
     return Setting(index, 0, number)
 

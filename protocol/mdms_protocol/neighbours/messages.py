@@ -3,8 +3,8 @@
 from array import array
 from collections import namedtuple
 
-from mdms_protocol import neighbours as n
-from mdms_protocol.pdo import OutOfRangeError
+from mdms_protocol.entry import OutOfRangeError
+from mdms_protocol.neighbours import frames as n
 
 #: What a cell believes and promises; fields as in `neighbours`.
 Estimate = namedtuple(
