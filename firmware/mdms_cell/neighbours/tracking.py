@@ -74,7 +74,7 @@ class Tracking:
         self._sent = None
         self._turn = 0
         self.certainty = 0
-        self.belief.forget()
+        self.belief.drop()
         self.twist.reset()
         self._agreement.reset()
 
@@ -286,7 +286,7 @@ class Tracking:
         if not self.under:
             self._followed_beats += 1
             if self._followed_beats > _FOLLOW_BEATS:
-                self.belief.forget()
+                self.belief.drop()
         return False
 
     @property

@@ -11,7 +11,7 @@ Estimate = namedtuple(
     "Estimate",
     "x y yaw identity state wants certainty hold sequence flags",
 )
-#: Pages of a program; `page` is what tells them apart on the wire.
+#: Pages of a program; `page` is what distinguishes them on the wire.
 Parcel = namedtuple(
     "Parcel",
     "identity sequence shape length width acceleration speed flags",

@@ -88,7 +88,7 @@ def _check_names(scenario: Scenario) -> None:
     for number, parcel in enumerate(scenario.parcel):
         key = f"parcel.{number}.name"
         if not parcel.name.strip() or not parcel.name.isprintable():
-            raise ScenarioError(f"{key} is {parcel.name!r}, but must be a word to tell it by")
+            raise ScenarioError(f"{key} is {parcel.name!r}, but must be a word to name it by")
         if parcel.name in seen:
             raise ScenarioError(
                 f"{key} is {parcel.name!r}, but parcel.{seen[parcel.name]} has that name already; "
