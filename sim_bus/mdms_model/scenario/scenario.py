@@ -30,6 +30,7 @@ FIELDS = ("inward", "uniform", "rotate", "elliptic", "twist", "squeeze", "table"
 FIDELITIES = ("row", "ideal", "firmware")
 SHAPES = ("rectangle", "disc", "polygon")
 CONTROLS = ("host", "cells")
+ON_LOST_CELL = ("go_on", "hold", "stop")
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,13 +168,23 @@ class Motion:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """How, how long and with which chance the scenario is simulated."""
+    """How, how long and with which chance the scenario is run, and what trouble it puts up with.
+
+    Where cells are out of action the coordinator holds all parcels, for `pause_s` at most and
+    `pauses` times in a minute (0: never), until they are back. `on_lost_cell` is what it does about
+    one that does not come back: it stops; it holds all parcels for it, for `hold_s` at most and
+    however often; or it goes on without the cell, from the start.
+    """
 
     fidelity: str = field(default="row", metadata=Limit(choices=FIDELITIES))
     duration_s: float = field(default=20.0, metadata=Limit(above=0.0, at_most=1e5))
     step_s: float = field(default=0.001, metadata=Limit(above=0.0, at_most=1.0))
     seed: int = field(default=1, metadata=Limit(at_least=0, at_most=2**63 - 1))
     gravity_m_s2: float = field(default=9.81, metadata=Limit(above=0.0, at_most=1000.0))
+    on_lost_cell: str = field(default="stop", metadata=Limit(choices=ON_LOST_CELL))
+    pauses: int = field(default=3, metadata=Limit(at_least=0, at_most=1000))
+    pause_s: float = field(default=5.0, metadata=Limit(above=0.0, at_most=1000.0))
+    hold_s: float = field(default=60.0, metadata=Limit(above=0.0, at_most=1e5))
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ from mdms_host.cli.scenario.gain import motor_of
 from mdms_host.cli.scenario.load import timing_of
 from mdms_host.commissioning.loop_margin import largest_gain, observer_for
 from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.coordination.policy import OnLostCell, Policy
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.allocation import AHEAD_M
@@ -24,7 +25,7 @@ from mdms_model.array import build_wheels
 from mdms_model.arrays import Floats
 from mdms_model.motor import drive_of
 from mdms_model.scenario.belief import believed
-from mdms_model.scenario.scenario import Cell, Scenario
+from mdms_model.scenario.scenario import Cell, Run, Scenario
 from mdms_protocol import indices, pdo
 from mdms_protocol.dictionary import ENTRIES
 from mdms_protocol.entry import OutOfRangeError, steps_per_unit
@@ -51,7 +52,13 @@ def coordinator_of(scenario: Scenario, cells: Cells | None = None) -> Coordinato
         settings=settings_of(scenario.cell),
         own_settings=cells.settings,
         timing=timing_of(scenario.wire),
+        policy=policy_of(scenario.run),
     )
+
+
+def policy_of(run: Run) -> Policy:
+    """What is done about cells that fall out of action."""
+    return Policy(OnLostCell(run.on_lost_cell), run.pauses, run.pause_s, run.hold_s)
 
 
 def check_speed(scenario: Scenario) -> None:
