@@ -156,6 +156,14 @@ _CELL: dict[int, Field | e.Group] = {
     0x3004: setting("Braking time limit", U16, 2_000, e.MILLISECONDS, low=100, high=10_000),
     0x3005: field("Configuration signature", U32, READ),
     0x3006: setting("Presence debounce", U16, 4, e.MILLISECONDS, high=100),
+    0x3007: field("Identify", U16, unit=e.MILLISECONDS),
+    0x3008: record(
+        "Memory",
+        {
+            1: field("Heap free", U32, READ),
+            2: field("Flash free", U32, READ),
+        },
+    ),
 }
 
 _SPEED = e.MICROMETRES_PER_SECOND
