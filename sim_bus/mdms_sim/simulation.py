@@ -77,7 +77,8 @@ class Outcome:
 class Simulation:
     """A scenario with its cells, its buses and its participants, ready to run.
 
-    `bus` is the only one of `buses`, or their first.
+    `bus` is the only one of `buses`, or their first. `faults` are those of the scenario; others may
+    begin while it runs.
 
     `estimates` returns the poses that somebody believes the parcels to have, shape (P, 3), NaN
     where unknown; they are only recorded. A run without end is better not `recorded`, or thinned
@@ -133,7 +134,7 @@ class Simulation:
         #: The place of each node; they differ while cells have changed places.
         self._places = np.arange(self._cells)
         self._drivers = [Driver(self.kernel, self.buses, one) for one in participants]
-        self._faults = Faults(
+        self.faults = Faults(
             scenario.fault,
             scenario.run.seed,
             kernel=self.kernel,
@@ -182,7 +183,7 @@ class Simulation:
             errors=sum(bus.errors for bus in self.buses),
             log_sha256=self.log.log_sha256,
         )
-        events = sorted([*self.world.events, *self._faults.events], key=lambda each: each.time_s)
+        events = sorted([*self.world.events, *self.faults.events], key=lambda each: each.time_s)
         return Outcome(self._sampler.record(events, self._reports.any), figures)
 
     def _on_report(self, bus: int, frame: Frame, now_ns: int) -> None:

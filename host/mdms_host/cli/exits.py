@@ -33,6 +33,7 @@ EXITS = {
     "mdms_sim.nodes.bank.NodeError": Exit.NODE_FAULT,
     "mdms_model.fields.kinds.FieldError": Exit.USAGE,
     "mdms_model.fields.policy.PolicyError": Exit.USAGE,
+    "mdms_host.page.page.PageError": Exit.FAILURE,
     "mdms_model.run.folder.RunFolderError": Exit.USAGE,
     "mdms_model.scenario.scenario.ScenarioError": Exit.USAGE,
     "mdms_sim.plots.canvas.PictureFormatError": Exit.USAGE,

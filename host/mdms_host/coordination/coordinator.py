@@ -27,6 +27,7 @@ from mdms_host.coordination.velocity_frames import VelocityFrames
 from mdms_host.estimation.tracker import Estimate, Parcel, Tracker
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.program import CellsProgram
+from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import Program
 from mdms_model.arrays import Floats
 from mdms_model.bus_time import WATCHED_HEARTBEAT_S
@@ -199,6 +200,18 @@ class Coordinator:
     def estimate(self, parcel: str) -> Estimate | None:
         """Where the parcel of that name is believed to be now; None if it has not been found."""
         return self.tracker.estimate(parcel, self._now_s)
+
+    @property
+    def goals(self) -> Mapping[str, Goal]:
+        """The goal of each parcel that is steered to one."""
+        return {name: one.goal for name, one in self._program.controllers.items()}
+
+    def set_goal(self, parcel: str, goal: Goal) -> None:
+        """Steer a parcel to another goal from the next setpoints on.
+
+        Raises ValueError where the program steers no parcels, and KeyError for one it has not.
+        """
+        self._program.set_goal(parcel, goal)
 
     # What drives it
 
