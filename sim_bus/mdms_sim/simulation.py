@@ -170,6 +170,11 @@ class Simulation:
         """Whether a parcel has tipped off its supports."""
         return any(event.kind == "tip" for event in self.world.events)
 
+    @property
+    def blinking(self) -> list[int]:
+        """Where cells stand whose LEDs show that they are meant, as numbers of places from 1."""
+        return sorted((self._places[self._bank.blinking] + 1).tolist())
+
     def outcome(self) -> Outcome:
         """Everything recorded so far."""
         figures = BusFigures(

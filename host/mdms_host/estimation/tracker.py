@@ -1,11 +1,12 @@
 """Which sensors belong to which parcel, and the estimates of all parcels."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from math import inf
 
 import numpy as np
 
+from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.bottom import Bottom
 from mdms_host.estimation.confirmation import Standing
 from mdms_host.estimation.disc import Disc
@@ -141,12 +142,28 @@ class Tracker:
         self._standings.update(changes)
         return changes
 
-    def take_corrected(self) -> set[str]:
-        """Parcels whose sensors have corrected or found them since the last call."""
-        corrected = {name for name, one in self._estimators.items() if one.corrected}
-        for name in corrected:
-            self._estimators[name].corrected = False
-        return corrected
+    def beliefs(self, at_s: float, now_s: float, near: Collection[str] = ()) -> dict[str, Belief]:
+        """What is believed, at a time near now, of every parcel that has a pose, by name.
+
+        `near` are parcels about to arrive: theirs say by which turn they would be known better.
+        """
+        believed = {}
+        valid = self._presence.valid(now_s)
+        for name, one in self._estimators.items():
+            pose = one.pose_at(at_s)
+            if pose is not None:
+                believed[name] = Belief(
+                    name,
+                    one.bottom,
+                    pose,
+                    one.twist,
+                    one.covariance,
+                    one.standing,
+                    one.corrected,
+                    one.turn_to_feel_rad(valid) if name in near else None,
+                )
+            one.corrected = False
+        return believed
 
     def estimate(self, name: str, now_s: float) -> Estimate | None:
         """Where the parcel is believed to be; None as long as it has not been found."""
@@ -161,11 +178,6 @@ class Tracker:
     def covariance(self, name: str) -> Floats:
         """What the pose of a parcel may be off, shape (3, 3); zero where it is not found."""
         return self._estimators[name].covariance
-
-    def turn_to_feel_rad(self, name: str, now_s: float) -> float | None:
-        """The turn of a parcel that would make its place sure enough; None where it is so, or
-        where none does [rad]."""
-        return self._estimators[name].turn_to_feel_rad(self._presence.valid(now_s))
 
     @property
     def doubtful(self) -> set[str]:

@@ -6,6 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
+from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.allocation import Claim, allocate
@@ -21,13 +22,8 @@ _NEAR_M = 0.015
 class Program(Protocol):
     """Sets all wheels' references [m/s] (the paper's r), step by step."""
 
-    def references_m_s(
-        self, poses: Mapping[str, Floats], step_s: float, corrected: Collection[str] | None = None
-    ) -> Floats:
-        """References of shape (W,) for the next step, given the poses (x, y, yaw) known now.
-
-        `corrected` are parcels whose poses a sensor has corrected since the last step; None: all.
-        """
+    def references_m_s(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
+        """References of shape (W,) for the next step, given what is believed at its beginning."""
         ...
 
     def take_notices(self) -> list[str]:
@@ -47,6 +43,11 @@ class Program(Protocol):
     @property
     def endless(self) -> bool:
         """Whether the program has no end of its own."""
+        ...
+
+    @property
+    def near(self) -> Collection[str]:
+        """Parcels about to arrive, of which it matters how well their places are known."""
         ...
 
     @property
@@ -85,13 +86,16 @@ class FieldProgram:
         return True
 
     @property
+    def near(self) -> Collection[str]:
+        """None: a field has no goals."""
+        return ()
+
+    @property
     def controllers(self) -> Mapping[str, GoalController]:
         """A field steers no parcel to a goal."""
         return {}
 
-    def references_m_s(
-        self, poses: Mapping[str, Floats], step_s: float, corrected: Collection[str] | None = None
-    ) -> Floats:
+    def references_m_s(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
         """The field's references, shape (W,)."""
         return self._references_m_s
 
@@ -176,6 +180,11 @@ class GoalProgram:
         return False
 
     @property
+    def near(self) -> Collection[str]:
+        """See `Program`."""
+        return [name for name, one in self._controllers.items() if one.near]
+
+    @property
     def controllers(self) -> Mapping[str, GoalController]:
         """See `Program`."""
         return self._controllers
@@ -185,28 +194,27 @@ class GoalProgram:
         notices, self._notices = self._notices, []
         return notices
 
-    def references_m_s(
-        self, poses: Mapping[str, Floats], step_s: float, corrected: Collection[str] | None = None
-    ) -> Floats:
+    def references_m_s(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
         """References that move every parcel as one rigid body, r = (b/a) J xi, shape (W,)."""
-        self._places.update((name, poses[name]) for name in poses if name in self._bottoms)
-        self._found.update(poses)
-        twists = dict(self._steer(poses, step_s, corrected))
+        self._places.update(
+            (name, belief.pose) for name, belief in beliefs.items() if name in self._bottoms
+        )
+        self._found.update(beliefs)
+        twists = dict(self._steer(beliefs, step_s))
         self._stop_blocked(twists, step_s)
         return self._carry(twists)
 
-    def _steer(
-        self, poses: Mapping[str, Floats], step_s: float, corrected: Collection[str] | None
-    ) -> Iterator[tuple[str, Floats]]:
+    def _steer(self, beliefs: Mapping[str, Belief], step_s: float) -> Iterator[tuple[str, Floats]]:
         """The commanded twist of each parcel that has a goal and is found."""
         for name, controller in self._controllers.items():
-            if name in poses:
-                contradicted = corrected is None or name in corrected
-                if controller.feel_rad is not None and not self._room_to_turn(name):
-                    controller.feel_rad = None
-                yield name, controller.step(poses[name], step_s, contradicted)
-            else:
+            belief = beliefs.get(name)
+            if belief is None:
                 controller.lose()
+                continue
+            controller.paused = belief.doubtful
+            felt = belief.feel_rad is not None and self._room_to_turn(name)
+            controller.feel_rad = belief.feel_rad if felt else None
+            yield name, controller.step(belief.pose, step_s, belief.corrected)
 
     def _room_to_turn(self, name: str) -> bool:
         """Whether a parcel may turn where it is without coming near any other."""

@@ -32,6 +32,8 @@ from mdms_sim.simulation import Simulation
 
 #: The simulation is not run further than this without looking after the clients.
 SLICE_NS = 1_000_000
+#: How often somebody looks whether cells blink.
+LOOK_NS = 50_000_000
 #: Every connection costs time at each frame; more are refused.
 CONNECTIONS_MAX = 16
 
@@ -54,7 +56,8 @@ class Server:
     Of several buses each has the channel's name with its number, from 0: `array54.0` and so on.
     `addresses` are those of the first bus, `all_addresses` of all. SLCAN over TCP is open with a
     `tcp_port` only, for the first bus, and on the ports after it for the others; 0 takes free ones.
-    `report(text)` gets a line for each client that comes or goes. Raises `ServeError`.
+    `report(text)` gets a line for each client that comes or goes, and each cell that begins to
+    blink. Raises `ServeError`.
     """
 
     def __init__(
@@ -72,6 +75,8 @@ class Server:
         self._connections: dict[int, socket.socket] = {}
         self._leaving: list[Client] = []
         self._refusing = False
+        self._blinking: list[int] = []
+        self._look_ns = 0
         # Whatever is compiled at its first use is so before anybody can come in and time counts.
         simulation.kernel.run_until(SLICE_NS)
         self.time = RealTime(speed)
@@ -129,6 +134,7 @@ class Server:
         while not over() and not self.simulation.tipped:
             self._simulate()
             self._serve_clients()
+            self._look_at_lights()
             self._lateness.look(self.simulation.kernel.now_ns)
 
     def close(self) -> None:
@@ -144,6 +150,16 @@ class Server:
         due_ns = self.time.sim_ns(kernel.now_ns)
         if due_ns > kernel.now_ns:
             kernel.run_until(min(due_ns, kernel.now_ns + SLICE_NS))
+
+    def _look_at_lights(self) -> None:
+        """Report which cells begin to blink, at the places where a person would see it."""
+        if self.simulation.kernel.now_ns < self._look_ns:
+            return
+        self._look_ns = self.simulation.kernel.now_ns + LOOK_NS
+        blinking = self.simulation.blinking
+        for place in sorted({*blinking} - {*self._blinking}):
+            self._report(f"the cell at place {place} blinks")
+        self._blinking = blinking
 
     def _serve_clients(self) -> None:
         kernel = self.simulation.kernel

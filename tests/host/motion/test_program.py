@@ -1,11 +1,16 @@
+from collections.abc import Mapping
+
 import numpy as np
 import pytest
+from tests.host.motion.believing import beliefs
 
+from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import GoalProgram
+from mdms_model.arrays import Floats
 
 LAYOUT = Layout(12, 3)
 LEFT, RIGHT = Parcel("left", 0.36, 0.30), Parcel("right", 0.30, 0.30)
@@ -16,9 +21,13 @@ def program(**goals: Goal) -> GoalProgram:
     return GoalProgram(LAYOUT, (LEFT, RIGHT), goals, droop=0.775)
 
 
+def known(poses: Mapping[str, Floats] = POSES) -> dict[str, Belief]:
+    return beliefs(poses, (LEFT, RIGHT))
+
+
 def test_each_parcel_is_moved_as_a_rigid_body_of_its_own() -> None:
     references_m_s = program(left=Goal(-0.2, 0.1), right=Goal(0.2, 0.0, 0.0)).references_m_s(
-        POSES, 0.01
+        known(), 0.01
     )
     for parcel, sign in ((LEFT, 1), (RIGHT, -1)):
         pose = POSES[parcel.name]
@@ -31,7 +40,7 @@ def test_each_parcel_is_moved_as_a_rigid_body_of_its_own() -> None:
 
 
 def test_wheels_near_no_steered_parcel_stand_still() -> None:
-    references_m_s = program(left=Goal(-0.2, 0.0)).references_m_s(POSES, 0.01)
+    references_m_s = program(left=Goal(-0.2, 0.0)).references_m_s(known(), 0.01)
     right_half = LAYOUT.wheel_positions_m[:, 0] > 0
     assert not references_m_s[right_half].any()
     assert references_m_s[~right_half].any()
@@ -44,16 +53,16 @@ def test_nothing_moves_before_its_parcel_has_been_found() -> None:
 def test_a_program_is_finished_when_all_parcels_have_arrived() -> None:
     steered = program(left=Goal(-0.4, 0.0), right=Goal(0.2, 0.0))
     for _ in range(50):
-        steered.references_m_s(POSES, 0.01)
+        steered.references_m_s(known(), 0.01)
     assert not steered.finished
     for _ in range(50):
-        steered.references_m_s({**POSES, "right": np.array([0.2, 0.0, 0.0])}, 0.01)
+        steered.references_m_s(known({**POSES, "right": np.array([0.2, 0.0, 0.0])}), 0.01)
     assert steered.finished
 
 
 def test_wheels_under_a_parcel_without_a_goal_stand_still_whoever_passes_it() -> None:
     poses = {"left": np.array([-0.25, 0.0, 0.0]), "right": np.array([0.09, 0.0, 0.0])}
-    references_m_s = program(left=Goal(-0.25, 0.5)).references_m_s(poses, 0.01)
+    references_m_s = program(left=Goal(-0.25, 0.5)).references_m_s(known(poses), 0.01)
     under = Rectangle(0.30, 0.30).distance_m(LAYOUT.wheel_positions_m, poses["right"]) < 0
     assert not references_m_s[under].any()
     assert references_m_s[LAYOUT.wheel_positions_m[:, 0] < -0.1].any()
@@ -62,7 +71,7 @@ def test_wheels_under_a_parcel_without_a_goal_stand_still_whoever_passes_it() ->
 def test_wheels_stand_still_where_a_parcel_was_put_that_is_not_found_yet() -> None:
     parcels = (LEFT, Parcel("right", 0.30, 0.30, near_m=(0.09, 0.0)))
     steered = GoalProgram(LAYOUT, parcels, {"left": Goal(0.5, 0.0)}, droop=0.775)
-    references_m_s = steered.references_m_s({"left": np.array([-0.25, 0.0, 0.0])}, 0.01)
+    references_m_s = steered.references_m_s(known({"left": np.array([-0.25, 0.0, 0.0])}), 0.01)
     under = Rectangle(0.30, 0.30).distance_m(LAYOUT.wheel_positions_m, np.array([0.09, 0, 0])) < 0
     assert not references_m_s[under].any()
     assert references_m_s.any()
@@ -71,10 +80,10 @@ def test_wheels_stand_still_where_a_parcel_was_put_that_is_not_found_yet() -> No
 def test_a_parcel_that_does_not_get_on_is_stopped_within_a_second_and_reported() -> None:
     steered = program(left=Goal(0.4, 0.0))
     for _ in range(100):
-        steered.references_m_s(POSES, 0.01)
+        steered.references_m_s(known(), 0.01)
     assert steered.take_notices() == ["left does not get on, 800 mm from its goal: stopped"]
     for _ in range(30):
-        references_m_s = steered.references_m_s(POSES, 0.01)
+        references_m_s = steered.references_m_s(known(), 0.01)
     assert steered.take_notices() == []
     assert not references_m_s.any()
     assert not steered.finished
@@ -87,8 +96,8 @@ def test_two_on_their_way_into_each_other_are_stopped_once_both_have_been_found(
     pose = {"left": np.array([-0.25, 0.0, 0.0])}
     for step in range(30):
         pose["left"] = pose["left"] + (0.001 if step > 20 else 0.0, 0.0, 0.0)
-        assert steered.references_m_s(pose, 0.01).any()
+        assert steered.references_m_s(known(pose), 0.01).any()
     assert steered.take_notices() == []
     for _ in range(10):
-        steered.references_m_s({**pose, "right": np.array([0.08, 0.0, 0.0])}, 0.01)
+        steered.references_m_s(known({**pose, "right": np.array([0.08, 0.0, 0.0])}), 0.01)
     assert steered.take_notices() == ["left and right press each other: stopped"]

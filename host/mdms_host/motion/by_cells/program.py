@@ -16,8 +16,8 @@ from mdms_host.motion.by_cells.pages import flags_of, goal_page, parcel_page, pl
 from mdms_host.motion.by_cells.reports import Reports
 from mdms_host.motion.goal import Goal, Limits
 from mdms_model.arrays import Floats
-from mdms_protocol import neighbours as wire
-from mdms_protocol.messages import End, Estimate, Page
+from mdms_protocol.neighbours import frames as wire
+from mdms_protocol.neighbours.messages import End, Estimate, Page
 
 #: Pages are repeated so often [s] until the cells have acknowledged them.
 REPEAT_S = 0.05

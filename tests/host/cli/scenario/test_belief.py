@@ -5,11 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.host.motion.believing import beliefs
 
 from mdms_host.cli.exits import CommandError, exit_of
 from mdms_host.cli.scenario.belief import believe
 from mdms_host.cli.scenario.cells import gains_vs_per_m
-from mdms_host.cli.scenario.coordination import coordinator_of, layout_of
+from mdms_host.cli.scenario.coordination import coordinator_of, layout_of, parcels_of
 from mdms_host.commissioning.array_file import ArrayFileError
 from mdms_host.coordination.phase import Phase
 from mdms_host.estimation.rectangle import Rectangle
@@ -110,7 +111,7 @@ def test_steered_wheel_with_a_gain_of_its_own_gets_the_reference_that_suits_it(b
     strong = believed(GRID + cell(1, 1) + cell(2, 2, "settings.axis1.gain = 20"), *goal)
     plain, trimmed = (
         coordinator_of(each.scenario, each.cells)._program.references_m_s(
-            {"box": np.array([0.0, 0.0, 0.3])}, 0.01
+            beliefs({"box": np.array([0.0, 0.0, 0.3])}, parcels_of(each.scenario)), 0.01
         )
         for each in (usual, strong)
     )
