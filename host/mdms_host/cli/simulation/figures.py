@@ -43,6 +43,8 @@ def figures_of(scenario: Scenario, finished: Finished) -> dict[str, Any]:
     }
     if finished.bus is not None:
         figures["bus"] = asdict(finished.bus)
+        figures["lost_cells"] = list(finished.lost_cells)
+        figures["pauses"] = finished.pauses
     return figures
 
 
