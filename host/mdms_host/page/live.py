@@ -1,28 +1,24 @@
 """A table with a host that steers it, as the page sees it: what is believed of it, and is to be."""
 
 from collections.abc import Callable
-from math import cos, sin
 from typing import Any
 
 import numpy as np
 
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.coordination.phase import BRING_UP, Phase
+from mdms_host.coordination.phase import BRING_UP
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion import goal as motion
 from mdms_host.page import commands
 from mdms_host.page.advice import advice_for
-from mdms_host.page.bus_watch import KINDS, BusWatch, CellState
+from mdms_host.page.bus_watch import KINDS, BusWatch
 from mdms_host.page.commands import Command, RefusedError
+from mdms_host.page.description import PHASES, describe, outlines_of
 from mdms_host.page.objects import ObjectReader
 from mdms_host.page.seat import Seat
 from mdms_host.page.signals import Signals
 
-#: The phases by the numbers that snapshots have; 0 is no program.
-PHASES = ("no program", *(phase.value for phase in Phase))
-#: What is known of a parcel, by the numbers that snapshots have.
-PARCEL_STATES = ("not found", "found", "doubtful", "arrived", "stopped")
 #: A client that comes late gets so many of the last events.
 KEPT_EVENTS = 300
 
@@ -30,7 +26,8 @@ KEPT_EVENTS = 300
 class LiveTable:
     """Composed of what is on the buses (`watch`) and of whoever has the host's `seat`.
 
-    `now_s` returns the time. `parcels` are those that the host is told of.
+    `now_s` returns the time. `parcels` are those that the host is told of. `report(time_s, text)`
+    is called for events.
     """
 
     offers: tuple[str, ...] = ("goal", "start", "stop", "stop_all", "read_objects")
@@ -44,14 +41,16 @@ class LiveTable:
         seat: Seat,
         watch: BusWatch,
         now_s: Callable[[], float],
+        report: Callable[[float, str], object] = lambda _time_s, _text: None,
     ) -> None:
         self.version = 1
         self._title = title
         self._layout = layout
-        self._parcels = {parcel.name: parcel for parcel in parcels}
+        self._outlines_m = outlines_of(parcels)
         self._seat = seat
         self._watch = watch
         self._now_s = now_s
+        self._report = report
         self._signals = Signals(
             cells=layout.cells,
             wheels=len(layout.wheel_cells),
@@ -73,34 +72,8 @@ class LiveTable:
 
     def description(self) -> dict[str, Any]:
         """See `Table`."""
-        layout = self._layout
-        return {
-            "kind": "table",
-            "version": self.version,
-            "title": self._title,
-            "simulated": False,
-            "recorded": False,
-            "offers": list(self.offers),
-            "pitch_m": layout.pitch_m,
-            "columns": layout.columns,
-            "rows": layout.rows,
-            "axes": len(layout.wheels),
-            "node_ids": list(layout.node_ids),
-            "buses": list(layout.buses),
-            "bus_count": layout.bus_count,
-            "cells_m": layout.cell_positions_m.round(6).tolist(),
-            "wheels_m": layout.wheel_positions_m.round(6).tolist(),
-            "wheel_directions": layout.wheel_directions.round(6).tolist(),
-            "sensors_m": np.round(layout.sensor_offsets_m, 6).tolist(),
-            "parcels": [
-                {"name": name, "outline_m": outline_m(parcel)}
-                for name, parcel in self._parcels.items()
-            ],
-            "cell_states": [state.name.lower() for state in CellState],
-            "parcel_states": PARCEL_STATES,
-            "phases": PHASES,
-            "frame_kinds": KINDS,
-            "signals": self._signals.describe(),
+        return describe(self._title, self._layout, self._outlines_m, self._signals, self.offers) | {
+            "version": self.version
         }
 
     def snapshot(self, sequence: int) -> bytes:
@@ -133,11 +106,11 @@ class LiveTable:
 
     def _of(self, coordinator: Coordinator) -> dict[str, Any]:
         """What a coordinator believes and wants."""
-        count, goals = len(self._parcels), coordinator.goals
+        count, goals = len(self._outlines_m), coordinator.goals
         believed, goal = np.full((2, count, 3), np.nan)
         spread, state = np.full((count, 4), np.nan), np.zeros(count, np.uint8)
         doubtful, arrived = coordinator.tracker.doubtful, coordinator.arrived_s
-        for number, name in enumerate(self._parcels):
+        for number, name in enumerate(self._outlines_m):
             estimate = coordinator.estimate(name)
             if estimate is not None:
                 believed[number] = estimate.x_m, estimate.y_m, estimate.yaw_rad
@@ -176,11 +149,17 @@ class LiveTable:
         """How long each bus has been busy; here as if every frame had the most stuff bits."""
         return np.array(self._watch.bits) / 1e6
 
+    def history(self) -> bytes:
+        """See `Table`: what has been is with those who have looked."""
+        return b""
+
     # What has happened
 
     def note(self, kind: str, text: str, time_s: float | None = None, **more: Any) -> None:
         """Something has happened."""
-        event = {"time_s": self._now_s() if time_s is None else time_s, "what": kind, "text": text}
+        time_s = self._now_s() if time_s is None else time_s
+        event = {"time_s": time_s, "what": kind, "text": text}
+        self._report(time_s, text)
         advice = advice_for(text)
         event |= more | ({"advice": advice} if advice else {})
         self._events = [*self._events[1 - KEPT_EVENTS :], event]
@@ -271,15 +250,3 @@ class LiveTable:
             raise RefusedError("the cells are being brought up; ask again when they run")
         places = self._layout
         self._seat.reader = ObjectReader(cell, places.node_ids[cell - 1], places.buses[cell - 1])
-
-
-def outline_m(parcel: Parcel) -> list[list[float]]:
-    """The corners of a parcel's outline in its own frame; a disc has many."""
-    if parcel.shape == "polygon":
-        return [list(corner) for corner in parcel.corners_m]
-    if parcel.shape == "disc":
-        turns = np.linspace(0.0, 2 * np.pi, 48, endpoint=False)
-        radius_m = parcel.length_m / 2
-        return [[radius_m * cos(turn), radius_m * sin(turn)] for turn in turns.tolist()]
-    half_m = parcel.length_m / 2, parcel.width_m / 2
-    return [[x * half_m[0], y * half_m[1]] for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1))]

@@ -55,7 +55,14 @@ class Page:
         hosts = (host, socket.gethostname()) if host != LOOPBACK else (host,)
         self.gate = Gate(self._socket.getsockname()[1], hosts)
         self._hub = Hub(self._on_vacant)
-        app = PageApp(self.gate, self._hub, table.offers, self._story, self._ask)
+        app = PageApp(
+            self.gate,
+            self._hub,
+            table.offers,
+            story=self._story,
+            history=self._history,
+            ask=self._ask,
+        )
         self._server = uvicorn.Server(
             uvicorn.Config(
                 app.app,
@@ -157,6 +164,9 @@ class Page:
     async def _story(self) -> list[dict[str, Any]]:
         table = self._table
         return await self._asked(lambda: [table.description(), *table.story()])  # type: ignore[no-any-return]
+
+    async def _history(self) -> bytes:
+        return await self._asked(self._table.history)  # type: ignore[no-any-return]
 
     async def _ask(self, command: Command) -> str | None:
         return await self._asked(lambda: self._table.do(command))  # type: ignore[no-any-return]

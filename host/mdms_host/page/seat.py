@@ -19,7 +19,7 @@ class Seat:
     """A participant of the buses whose coordinator comes and goes, made anew for every start.
 
     `watch` is given every frame of the buses, received or sent, where nobody else does that.
-    `on_cycle(late_s)` gets how late each poll was.
+    `on_cycle(late_s)` is called with how late each poll was.
     """
 
     def __init__(
@@ -27,14 +27,13 @@ class Seat:
         make: Callable[[], Coordinator],
         buses: int,
         watch: BusWatch | None = None,
-        on_cycle: Callable[[float], object] = lambda _late_s: None,
     ) -> None:
+        self.on_cycle: Callable[[float], object] = lambda _late_s: None
         self.coordinator: Coordinator | None = None
         self.reader: ObjectReader | None = None
         self._make = make
         self._buses = buses
         self._watch = watch
-        self._on_cycle = on_cycle
         self._looked_s = -IDLE_S
         self._all_off = 0
 
@@ -95,7 +94,7 @@ class Seat:
         if self.coordinator is not None:
             due_s = self.coordinator.wake_s
             if due_s <= now_s:
-                self._on_cycle(now_s - due_s)
+                self.on_cycle(now_s - due_s)
                 frames += self.coordinator.poll_buses(now_s)
         if self.reader is not None:
             frames += [(self.reader.bus, frame) for frame in self.reader.poll(now_s)]

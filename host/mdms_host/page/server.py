@@ -48,7 +48,7 @@ HELLO_LIMIT_S = 5.0
 
 #: Has a command carried out by whoever drives the table; returns its answer.
 Ask = Callable[[Command], Awaitable[str | None]]
-Describe = Callable[[], dict[str, Any]]
+History = Callable[[], Awaitable[bytes]]
 Story = Callable[[], Awaitable[list[dict[str, Any]]]]
 
 
@@ -56,17 +56,26 @@ class PageApp:
     """The ASGI application; `story` returns what a new client needs, its description first."""
 
     def __init__(
-        self, gate: Gate, hub: Hub, offers: tuple[str, ...], story: Story, ask: Ask
+        self,
+        gate: Gate,
+        hub: Hub,
+        offers: tuple[str, ...],
+        *,
+        story: Story,
+        history: History,
+        ask: Ask,
     ) -> None:
         self._gate = gate
         self._hub = hub
         self._offers = (*offers, *commands.OF_THE_SERVER)
         self._story = story
+        self._past = history
         self._ask = ask
         routes = [
             Route("/", self._index),
             Route("/static/{name}", self._file),
             Route("/api/commands", self._commands),
+            Route("/api/history", self._history),
             WebSocketRoute("/api/live", self._live),
         ]
         self.app: ASGIApp = _Guarded(Starlette(routes=routes), gate)
@@ -79,6 +88,9 @@ class PageApp:
 
     async def _commands(self, _request: Request) -> Response:
         return JSONResponse(commands.schema(self._offers))
+
+    async def _history(self, _request: Request) -> Response:
+        return Response(await self._past(), media_type="application/octet-stream", headers=_HEADERS)
 
     async def _live(self, socket: WebSocket) -> None:
         await socket.accept()

@@ -99,7 +99,7 @@ class SimulatedTable(LiveTable):
         pose = self._simulation.world.pose
         lifted = self._simulation.world.scene.state.parcels["lifted"] > 0
         pose[lifted] = np.nan
-        return pose[: len(self._parcels)]
+        return pose[: len(self._outlines_m)]
 
     def busy_s(self) -> Any:
         """How long each bus has been busy."""

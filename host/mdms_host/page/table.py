@@ -23,6 +23,10 @@ class Table(Protocol):
         """How all is now, packed as `signals` are."""
         ...
 
+    def history(self) -> bytes:
+        """Snapshots of a whole recorded run, one behind the other; nothing of one that goes on."""
+        ...
+
     def news(self) -> list[dict[str, Any]]:
         """Messages since the last call: events, faults, objects."""
         ...

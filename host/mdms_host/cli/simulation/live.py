@@ -6,9 +6,9 @@ from contextlib import closing, contextmanager
 from time import sleep
 
 from mdms_host.cli.exits import Exit
+from mdms_host.cli.interrupted import interrupted
 from mdms_host.cli.paging import opened_page
 from mdms_host.cli.scenario.coordination import coordinator_of, layout_of, parcels_of
-from mdms_host.cli.simulation.interrupted import interrupted
 from mdms_host.page.seat import Seat
 from mdms_host.page.simulated import SLICE_NS, SimulatedTable
 from mdms_model.scenario.belief import believed

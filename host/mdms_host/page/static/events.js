@@ -5,7 +5,9 @@ import { make } from "./details.js";
 const MOST = 500;
 
 export class Events {
-  constructor() {
+  /** `seek(time_s)` is called for an event that is clicked on, where there is such a thing. */
+  constructor(seek) {
+    this.seek = seek;
     this.list = document.getElementById("event-list");
     this.filter = document.getElementById("filter");
     this.only = document.getElementById("only-troubles");
@@ -38,9 +40,15 @@ export class Events {
   line(event) {
     const where = event.cell ? ` · cell ${event.cell}` : "";
     return make("li", {},
-      make("time", {}, `${event.time_s.toFixed(3)} s`),
+      this.time(event.time_s),
       make("span", { class: event.trouble ? "trouble" : "" }, event.text, " ", make("span", { class: "kind" }, `${event.what}${where}`)),
       ...(event.advice ? [make("span", { class: "advice" }, event.advice)] : []));
+  }
+
+  time(time_s) {
+    const text = `${time_s.toFixed(3)} s`;
+    if (!this.seeks) return make("time", {}, text);
+    return make("time", {}, make("button", { type: "button", class: "link", "aria-label": `Go to ${text}`, onclick: () => this.seek(time_s) }, text));
   }
 
   show() {

@@ -21,7 +21,7 @@ class Page {
     this.view = new View();
     this.picture = new TablePicture($("table"), this.view);
     this.history = new History();
-    this.events = new Events();
+    this.events = new Events((time_s) => this.order("seek", { time_s }));
     this.faults = new Faults(this);
     this.details = new Details(this);
     this.hands = new Hands(this.picture, this);
@@ -58,6 +58,7 @@ class Page {
   setTable(table) {
     this.table = table;
     this.unpacker = new Unpacker(table);
+    this.events.seeks = table.offers.includes("seek");
     table.true_known = table.simulated || table.recorded;
     $("title").textContent = document.title = table.title;
     this.history.clear();
@@ -170,7 +171,7 @@ class Page {
     text("time", `${s.time[0].toFixed(1)} s`);
     text("load", Number.isFinite(s.bus_load[0]) ? `bus ${(100 * Math.max(...s.bus_load)).toFixed(0)} %` : "no bus");
     text("pace", `${s.real_time_factor[0].toFixed(2)}×`);
-    text("pause", s.paused[0] ? "Go on" : "Pause");
+    text("pause", s.paused[0] ? (this.table.recorded ? "Play" : "Go on") : "Pause");
     if (!$("details").hidden) this.details.update(s);
     if (this.table.recorded && document.activeElement !== $("scrub")) $("scrub").value = s.time[0];
     text("scrub-time", `${s.time[0].toFixed(2)} / ${(this.table.duration_s ?? 0).toFixed(2)} s`);
