@@ -9,6 +9,7 @@ from mdms_model.scenario.control_rules import check_control
 from mdms_model.scenario.fault_rules import check_faults
 from mdms_model.scenario.on_table import check_over, half_table_m
 from mdms_model.scenario.scenario import Parcel, Scenario, ScenarioError
+from mdms_model.scenario.stream_rules import check_streams
 
 MOST_STEPS = 100_000_000
 #: A sample of a wheel takes about 50 bytes.
@@ -32,6 +33,7 @@ def check_rules(scenario: Scenario) -> None:
     _check_goals(scenario)
     check_control(scenario)
     check_faults(scenario)
+    check_streams(scenario)
     _check_belief(scenario)
 
 
