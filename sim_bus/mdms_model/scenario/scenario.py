@@ -21,13 +21,14 @@ from mdms_model.scenario.limit import (
     Limit,
 )
 from mdms_model.scenario.stream import Exit, Stream
+from mdms_model.scenario.task import Task
 
 
 class ScenarioError(ValueError):
     """A scenario that cannot be run; the message is one line with key, value, limit and way out."""
 
 
-FIELDS = ("inward", "uniform", "rotate", "elliptic", "twist", "squeeze", "table", "goal")
+FIELDS = ("inward", "uniform", "rotate", "elliptic", "twist", "squeeze", "table", "goal", "program")
 FIDELITIES = ("row", "ideal", "firmware")
 SHAPES = ("rectangle", "disc", "polygon")
 CONTROLS = ("host", "cells")
@@ -147,7 +148,7 @@ class Parcel:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What the wheels do: a field of references, or goals to steer parcels to.
+    """What the wheels do: a field of references, goals to steer parcels to, or a program's tasks.
 
     Of the rest each field uses what it needs: `heading_rad` uniform, elliptic and squeeze,
     `velocity_m_s` and `yaw_rate_rad_s` twist, `ratio` elliptic, `table_m_s` table. Goals are
@@ -205,6 +206,7 @@ class Scenario:
     fault: tuple[Fault, ...] = ()
     stream: tuple[Stream, ...] = ()
     exit: tuple[Exit, ...] = ()
+    task: tuple[Task, ...] = ()
     #: What the host takes for true where it is not; see `belief`.
     belief: dict[str, Any] = field(default_factory=dict, hash=False)
 
