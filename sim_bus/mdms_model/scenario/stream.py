@@ -1,7 +1,9 @@
 """Parcels that come and go: where they are set down, and over which edge they leave."""
 
 from dataclasses import dataclass, field
+from math import inf
 
+from mdms_model.arrays import Floats
 from mdms_model.scenario.limit import ANGLE, PLACE, Limit
 
 SIDES = ("east", "north", "west", "south")
@@ -45,11 +47,18 @@ class Exit:
     to_m: float = field(default=1000.0, metadata=PLACE)
     kinds: tuple[str, ...] = ()
 
-    def takes(self, x_m: float, y_m: float) -> bool:
-        """Whether a centre of mass is beyond the middle of the table on this side, in its stretch.
+    def out_m(self, x_m: float, y_m: float, last_m: float) -> float:
+        """How far a centre of mass is beyond the last support, at `last_m` to this side [m].
 
-        Only one that no support holds any more is asked about, and it is at an edge.
+        -inf where it is not within the stretch.
         """
-        along_m, out_m = (y_m, x_m) if self.side in ("east", "west") else (x_m, y_m)
-        outward = out_m if self.side in ("east", "north") else -out_m
-        return outward > 0.0 and self.from_m <= along_m <= self.to_m
+        along_m, across_m = (y_m, x_m) if self.side in ("east", "west") else (x_m, y_m)
+        if not self.from_m <= along_m <= self.to_m:
+            return -inf
+        return (across_m if self.side in ("east", "north") else -across_m) - last_m
+
+
+def last_support_m(wheels_m: Floats, side: str) -> float:
+    """How far the outermost of the wheels (W, 2) is from the table's middle, to a side [m]."""
+    across_m = wheels_m[:, 0 if side in ("east", "west") else 1]
+    return float((across_m if side in ("east", "north") else -across_m).max())

@@ -8,17 +8,20 @@ from typing import Any
 
 import numpy as np
 
+from mdms_model.array import build_wheels
 from mdms_model.arrays import Floats, Ints
 from mdms_model.outline import outline_m, outline_of
 from mdms_model.run.record import Event
 from mdms_model.scenario.scenario import Parcel, Scenario
-from mdms_model.scenario.stream import Stream
+from mdms_model.scenario.stream import Stream, last_support_m
 from mdms_sim.physics.plane.handling import bring, take_away
 from mdms_sim.physics.plane.records import Scene
 
 #: Whether a place is free is looked at so often [s].
 _LOOK_S = 0.01
 _ROUNDING_S = 1e-9
+#: What no support holds at an edge is so near to the last of them, or beyond it [m].
+_EDGE_M = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +36,8 @@ class Streams:
 
     def __init__(self, scenario: Scenario) -> None:
         self._parcels = scenario.parcel
-        self._exits = scenario.exit
+        wheels_m = build_wheels(scenario).position_m
+        self._exits = [(each, last_support_m(wheels_m, each.side)) for each in scenario.exit]
         numbers = {parcel.name: number for number, parcel in enumerate(scenario.parcel)}
         self._streams = [
             _Stream(stream, [numbers[name] for name in stream.parcels], f"{scenario.run.seed}/{i}")
@@ -78,13 +82,14 @@ class Streams:
     def take(self, scene: Scene, number: int, now_s: float) -> Event | None:
         """The event of a parcel that no support holds, if an exit takes it; it is away then."""
         now, parcel = scene.state.parcels[number], self._parcels[number]
-        for each in self._exits:
-            if each.takes(now.x_m, now.y_m):
-                take_away(scene, number)
-                wrong = bool(each.kinds) and parcel.kind not in each.kinds
-                detail = f"leaves by {each.name}" + (", which is not for its kind" * wrong)
-                return Event(now_s, "exit", detail, parcel=parcel.name)
-        return None
+        outs = ((each.out_m(now.x_m, now.y_m, last_m), each) for each, last_m in self._exits)
+        out_m, taker = max(outs, key=lambda pair: pair[0], default=(-inf, None))
+        if taker is None or out_m < -_EDGE_M:
+            return None
+        take_away(scene, number)
+        wrong = bool(taker.kinds) and parcel.kind not in taker.kinds
+        detail = f"leaves by {taker.name}" + (", which is not for its kind" * wrong)
+        return Event(now_s, "exit", detail, parcel=parcel.name)
 
     def _is_free(self, plan: Stream, number: int, poses: Floats) -> bool:
         """Whether a parcel can be set down, wherever about its place it turns out to be put."""

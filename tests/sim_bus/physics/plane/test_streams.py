@@ -127,3 +127,12 @@ def test_a_restored_world_brings_the_same_parcels_again():
     world.restore(state)
     flow(world, 3.0)
     assert (repr(world.events), world.pose.tobytes()) == (went_on, pose)
+
+
+def test_at_a_corner_of_two_exits_that_edge_counts_which_is_passed():
+    for east_first in (True, False):
+        exits = (EAST, Exit("side", "north", kinds=("box",)))
+        stream = replace(STREAM, y_m=0.001, most=1)
+        world = streaming(*(exits if east_first else exits[::-1]), stream=stream)
+        flow(world, 3.0)
+        assert [event.detail for event in world.events if event.kind == "exit"] == ["leaves by out"]
