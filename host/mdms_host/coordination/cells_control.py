@@ -9,7 +9,7 @@ from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_model.arrays import Floats
 from mdms_protocol import cob
 from mdms_protocol.frame import Frame
-from mdms_protocol.messages import Page, decode_estimate, encode_page
+from mdms_protocol.neighbours.messages import Page, decode_estimate, encode_page
 
 
 class CellsControl:

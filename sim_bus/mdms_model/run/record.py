@@ -58,7 +58,7 @@ class Record:
     the truth on hardware, is NaN, and so are pose and twist of a parcel that is away.
 
     Where C cells steered, their estimates on the bus: `identity` of the parcel that a cell is at, 0
-    for none, `state` as in `mdms_protocol.neighbours` (near, promised, under), both of shape
+    for none, `state` as in `mdms_protocol.neighbours.frames` (near, promised, under), both of shape
     (T, C), and `belief` of that parcel's pose, shape (T, C, 3), NaN where the cell has none; else
     None.
     """

@@ -7,6 +7,7 @@ from mdms_model.scenario.belief import believed
 from mdms_model.scenario.bus_rules import check_buses
 from mdms_model.scenario.control_rules import check_control
 from mdms_model.scenario.fault_rules import check_faults
+from mdms_model.scenario.field_rules import check_field
 from mdms_model.scenario.on_table import check_over, half_table_m
 from mdms_model.scenario.scenario import Parcel, Scenario, ScenarioError
 from mdms_model.scenario.stream_rules import check_streams
@@ -33,6 +34,7 @@ def check_rules(scenario: Scenario) -> None:
         _check_parcel(scenario, parcel, f"parcel.{number}")
     _check_goals(scenario)
     check_control(scenario)
+    check_field(scenario)
     check_faults(scenario)
     check_streams(scenario)
     check_tasks(scenario)
@@ -92,7 +94,7 @@ def _check_names(scenario: Scenario) -> None:
     for number, parcel in enumerate(scenario.parcel):
         key = f"parcel.{number}.name"
         if not parcel.name.strip() or not parcel.name.isprintable():
-            raise ScenarioError(f"{key} is {parcel.name!r}, but must be a word to tell it by")
+            raise ScenarioError(f"{key} is {parcel.name!r}, but must be a word to name it by")
         if parcel.name in seen:
             raise ScenarioError(
                 f"{key} is {parcel.name!r}, but parcel.{seen[parcel.name]} has that name already; "

@@ -6,7 +6,6 @@ by their types and by the `Limit` beside each field.
 """
 
 from dataclasses import dataclass, field
-from dataclasses import field as member
 from typing import Any
 
 from mdms_model.scenario.fault import Fault
@@ -17,9 +16,9 @@ from mdms_model.scenario.limit import (
     PLACE,
     POSITIVE,
     SHARE,
-    SPEED,
     Limit,
 )
+from mdms_model.scenario.motion import Motion
 from mdms_model.scenario.stream import Exit, Stream
 from mdms_model.scenario.task import Task
 
@@ -28,10 +27,9 @@ class ScenarioError(ValueError):
     """A scenario that cannot be run; the message is one line with key, value, limit and way out."""
 
 
-FIELDS = ("inward", "uniform", "rotate", "elliptic", "twist", "squeeze", "table", "goal", "program")
 FIDELITIES = ("row", "ideal", "firmware")
 SHAPES = ("rectangle", "disc", "polygon")
-CONTROLS = ("host", "cells")
+ON_LOST_CELL = ("go_on", "hold", "stop")
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,37 +145,24 @@ class Parcel:
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
-    """What the wheels do: a field of references, goals to steer parcels to, or a program's tasks.
-
-    Of the rest each field uses what it needs: `heading_rad` uniform, elliptic and squeeze,
-    `velocity_m_s` and `yaw_rate_rad_s` twist, `ratio` elliptic, `table_m_s` table. Goals are
-    steered to under the `control` of the host, or of the cells by themselves; these `go_on` without
-    the host, or stop.
-    """
-
-    # This class has a field called `field`, so the function needs another name here.
-    field: str = member(default="inward", metadata=Limit(choices=FIELDS))
-    speed_m_s: float = member(default=0.0, metadata=SPEED)
-    heading_rad: float = member(default=0.0, metadata=ANGLE)
-    centre_m: tuple[float, float] = member(default=(0.0, 0.0), metadata=PLACE)
-    velocity_m_s: tuple[float, float] = member(default=(0.0, 0.0), metadata=SPEED)
-    yaw_rate_rad_s: float = member(default=0.0, metadata=SPEED)
-    ratio: float = member(default=0.5, metadata=Limit(at_least=0.0, at_most=1.0))
-    table_m_s: tuple[float, ...] = member(default=(), metadata=SPEED)
-    control: str = member(default="host", metadata=Limit(choices=CONTROLS))
-    go_on: bool = False
-
-
-@dataclass(frozen=True, slots=True)
 class Run:
-    """How, how long and with which chance the scenario is simulated."""
+    """How, how long and with which chance the scenario is run, and what trouble it puts up with.
+
+    Where cells are out of action the coordinator holds all parcels, for `pause_s` at most and
+    `pauses` times in a minute (0: never), until they are back. `on_lost_cell` is what it does about
+    one that does not come back: it stops; it holds all parcels for it, for `hold_s` at most and
+    however often; or it goes on without the cell, from the start.
+    """
 
     fidelity: str = field(default="row", metadata=Limit(choices=FIDELITIES))
     duration_s: float = field(default=20.0, metadata=Limit(above=0.0, at_most=1e5))
     step_s: float = field(default=0.001, metadata=Limit(above=0.0, at_most=1.0))
     seed: int = field(default=1, metadata=Limit(at_least=0, at_most=2**63 - 1))
     gravity_m_s2: float = field(default=9.81, metadata=Limit(above=0.0, at_most=1000.0))
+    on_lost_cell: str = field(default="stop", metadata=Limit(choices=ON_LOST_CELL))
+    pauses: int = field(default=3, metadata=Limit(at_least=0, at_most=1000))
+    pause_s: float = field(default=5.0, metadata=Limit(above=0.0, at_most=1000.0))
+    hold_s: float = field(default=60.0, metadata=Limit(above=0.0, at_most=1e5))
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mdms_host.cli.compiling import compiling_watched
-from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of, references_m_s
+from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
+from mdms_host.cli.scenario.field import references_m_s
 from mdms_host.clock import MonotonicClock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_model.run.record import Event, Record
