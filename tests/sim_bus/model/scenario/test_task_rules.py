@@ -67,9 +67,9 @@ def test_sorting_needs_an_exit_for_each_kind_that_comes():
 
 
 def test_tasks_need_a_program_and_a_program_needs_cells():
-    with pytest.raises(ScenarioError, match="task is given, but motion.field is 'inward'"):
+    with pytest.raises(ScenarioError, match=r"task is given, but motion\.field is 'inward'"):
         scenario_from(program({"do": "wait", "period_s": 1.0}, motion={}))
-    with pytest.raises(ScenarioError, match="motion.field is 'program', but run.fidelity is"):
+    with pytest.raises(ScenarioError, match=r"motion\.field is 'program', but run\.fidelity is"):
         scenario_from(
             program(run={"fidelity": "ideal"}, stream=[], exit=[]),
         )
