@@ -127,7 +127,7 @@ class BringUpCell(RemoteCell):
             case Phase.IDENTIFYING:
                 return self._identification.done
             case Phase.CONFIGURING:
-                return self._set_up.verified
+                return self._set_up.verified or self.mismatch is not None
             case Phase.STARTING:
                 return self.nmt_state == nmt.OPERATIONAL
             case Phase.ENABLING:
@@ -141,8 +141,6 @@ class BringUpCell(RemoteCell):
             return f"{self.name} cannot be identified: {self._identification.failure}"
         if self._set_up.failure:
             return f"{self.name} cannot be set up: {self._set_up.failure}"
-        if self.mismatch:
-            return f"{self.name} is {self.mismatch}"
         if phase in (Phase.ENABLING, Phase.RUNNING) and self.nmt_state != nmt.OPERATIONAL:
             return f"{self.name} is no longer operational: it has restarted or was stopped"
         if phase == Phase.RUNNING and not self.enabled:

@@ -74,7 +74,7 @@ class Care:
         troubles = self._troubles(now_s)
         for trouble in troubles:
             self._roster.lose(trouble.cell, trouble.text, now_s)
-        self._bring_back(now_s)
+        self.bring_back(now_s)
         if any(each.nature is Nature.DELIBERATE for each in troubles):
             return Decision(Signal.FAULT, _told(each.text for each in troubles))
         decision = None
@@ -92,9 +92,18 @@ class Care:
             return None
         return f"this host was held up for {away_s:.1f} s, longer than a pause may last"
 
+    def bring_back(self, now_s: float) -> None:
+        """Take the cells that are out further on their way back."""
+        silent = self._supervision.silent
+        back = self._roster.step(now_s, lambda cell: silent(cell, now_s), self._odometry.answers)
+        for cell in back:
+            self._supervision.recheck()
+            self._journal.note(now_s, f"{cell.name} is back")
+        self._report_lost()
+
     def do_without(self, late: Sequence[BringUpCell], text: str, now_s: float) -> bool:
-        """Begin without cells that have not come up in time, if the policy has it so."""
-        if not self._may_lose(len(late)):
+        """Whether the run goes on without cells that have not come up in time."""
+        if not self._may_lose(len(self._roster.out) + len(late)):
             return False
         for cell in late:
             self._roster.lose(cell, text, now_s)
@@ -112,13 +121,6 @@ class Care:
             if cell in late and cell not in found:
                 found[cell] = Trouble(cell, f"{cell.name} {silence}")
         return list(found.values())
-
-    def _bring_back(self, now_s: float) -> None:
-        silent = self._supervision.silent
-        back = self._roster.step(now_s, lambda cell: silent(cell, now_s), self._odometry.answers)
-        for cell in back:
-            self._supervision.recheck()
-            self._journal.note(now_s, f"{cell.name} is back")
 
     # While parcels move
 
@@ -155,9 +157,10 @@ class Care:
         goes_on = self._policy.on_lost_cell is OnLostCell.GO_ON
         return goes_on and 2 * cells <= len(self._roster.cells)
 
-    def _go_without(self, cells: Iterable[BringUpCell], text: str, now_s: float) -> None:
+    def _go_without(self, cells: Sequence[BringUpCell], text: str, now_s: float) -> None:
         self._roster.give_up(cells)
-        self._journal.warn(now_s, f"{text}; the run goes on without")
+        them = "it" if len(cells) == 1 else "them"
+        self._journal.warn(now_s, f"{text}; the run goes on without {them}")
 
     # While they are held
 

@@ -37,6 +37,10 @@ class CellsControl:
         """What to send in this cycle, given the poses believed now."""
         return map(_frame, self._program.step(poses, now_s, step_s))
 
+    def begin_again(self) -> None:
+        """All programs have ended, and the parcels lie still: each gets its program anew."""
+        self._program.begin_again()
+
     def ends(self) -> Iterator[Frame]:
         """What ends all programs."""
         return map(_frame, self._program.ends())

@@ -5,7 +5,7 @@ from math import inf
 
 from mdms_host.coordination.bring_up import BringUpCell
 from mdms_host.coordination.cells_control import CellsControl
-from mdms_host.coordination.phase import BRING_UP, STOPPED, UP, Phase
+from mdms_host.coordination.phase import BRING_UP, HELD, STOPPED, UP, Phase
 from mdms_host.coordination.roster import Roster
 from mdms_host.coordination.schedule import Schedule
 from mdms_protocol.frame import Frame
@@ -54,8 +54,8 @@ class Commands:
                 for frame in cell.commands(self._phase_of(cell), now_s):
                     yield cell.bus, frame
         self._answered.clear()
-        if everyone and self._by_cells is not None and self._phase in _ENDING:
-            # Behind the quick stop: wheels are to be braked, and not just switched off.
+        if everyone and self._by_cells is not None and self._phase in (*_ENDING, *HELD):
+            # Behind a quick stop: wheels are to be braked, and not just switched off.
             for frame in self._by_cells.ends():
                 yield None, frame
 
@@ -65,7 +65,8 @@ class Commands:
 
     def _repeat_as_needed(self, now_s: float) -> None:
         """While all cells run, and when all are off, none needs anything again."""
-        settled = self._phase in STOPPED or (self._phase in UP and not self._roster.out)
+        running = self._phase is Phase.RUNNING and not self._roster.out
+        settled = running or self._phase in STOPPED
         due_s = self._schedule.next_s("command")
         if settled and due_s > now_s:
             self._schedule.cancel("command")

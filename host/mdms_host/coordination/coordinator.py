@@ -17,7 +17,7 @@ from mdms_host.coordination.commands import Commands
 from mdms_host.coordination.control_cycle import ControlCycle
 from mdms_host.coordination.journal import Journal
 from mdms_host.coordination.odometry import Odometry
-from mdms_host.coordination.phase import BRING_UP, STOPPED, TRANSITIONS, UP, Phase, Signal
+from mdms_host.coordination.phase import BRING_UP, HELD, STOPPED, TRANSITIONS, UP, Phase, Signal
 from mdms_host.coordination.policy import Policy
 from mdms_host.coordination.reception import Reception
 from mdms_host.coordination.roster import Roster
@@ -28,6 +28,7 @@ from mdms_host.estimation.tracker import Estimate, Parcel, Tracker
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import Goal
+from mdms_host.motion.lost_cells import MindsLostCells
 from mdms_host.motion.program import Program
 from mdms_model.arrays import Floats
 from mdms_model.bus_time import WATCHED_HEARTBEAT_S
@@ -93,6 +94,7 @@ class Coordinator:
         )
         self._schedule = Schedule()
         steering = CellsControl(self.cells, program) if isinstance(program, CellsProgram) else None
+        self._steering = steering
         self._commands = Commands(self._roster, self._schedule, timing.command_period_s, steering)
         self._reception = Reception(
             self.cells,
@@ -271,8 +273,10 @@ class Coordinator:
             self._signal(Signal.STOP)
         elif self.phase in UP:
             self._look_after_cells()
-        elif fault := self._supervision.fault(self.phase, self._now_s):
+        elif fault := self._supervision.fault(self.phase, self._roster.taking_part, self._now_s):
             self._fail(fault)
+        elif self._roster.out:
+            self._care.bring_back(self._now_s)
 
     def _look_after_cells(self) -> None:
         decision = self._care.step(self.phase, self._now_s, bool(self.tracker.doubtful))
@@ -287,21 +291,23 @@ class Coordinator:
         """End the phase when all cells have reached its end, or when its time limit has passed."""
         if self.phase in (*UP, *STOPPED):
             return
-        late = [cell for cell in self.cells if not self._done(cell)]
+        late = [cell for cell in self._roster.taking_part if not self._done(cell)]
         waited_s = self._now_s - (self._phase_since_s or 0.0)
         if not late:
             self._conclude()
         elif self.phase in BRING_UP and waited_s >= self._timing.phase_limit_s:
-            self._fail(self._supervision.late_text(self.phase, late))
+            text = self._supervision.late_text(self.phase, late)
+            if not self._care.do_without(late, text, self._now_s):
+                self._fail(text)
         elif self.phase not in BRING_UP and waited_s >= self._timing.stop_limit_s:
             self._journal.note(self._now_s, f"not confirmed to be off: {names(late)}")
             self._signal(Signal.DONE)
 
     def _conclude(self) -> None:
-        """End a phase that all cells have reached; nothing is written to cells of other tables."""
-        strangers = self._supervision.strangers_text()
-        if self.phase == Phase.IDENTIFYING and strangers:
-            self._fail(strangers)
+        """End a phase that all cells have reached, if none of them is other than it should be."""
+        misfits = self._supervision.misfits_text(self.phase, self._roster.taking_part)
+        if misfits:
+            self._fail(misfits)
         else:
             self._signal(Signal.DONE)
 
@@ -314,6 +320,8 @@ class Coordinator:
         self._enter(TRANSITIONS[self.phase, signal])
 
     def _enter(self, phase: Phase) -> None:
+        if phase is Phase.RUNNING and self.phase in HELD and self._steering is not None:
+            self._steering.begin_again()
         self.phase, self._phase_since_s = phase, self._now_s
         self._supervision.recheck()
         self._journal.note(self._now_s, phase.value)
@@ -331,4 +339,7 @@ class Coordinator:
         self._signal(Signal.FAULT)
 
     def _on_lost_cells(self, numbers: frozenset[int]) -> None:
-        """The run does without these cells (from 1), or has them back."""
+        """The run does without these cells (from 1), and without no others."""
+        self.tracker.ignore_cells(numbers)
+        if isinstance(self._program, MindsLostCells):
+            self._program.on_lost_cells(numbers)

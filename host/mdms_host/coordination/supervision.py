@@ -28,7 +28,7 @@ class Supervision:
     """
 
     def __init__(self, cells: Sequence[BringUpCell], timing: Timing) -> None:
-        self._cells = cells
+        self._count = len(cells)
         self._timing = timing
         self._valid_until_s = -inf
 
@@ -36,9 +36,9 @@ class Supervision:
         """The phase, the cells that take part, or a state that a cell reports, has changed."""
         self._valid_until_s = -inf
 
-    def fault(self, phase: Phase, now_s: float) -> str | None:
+    def fault(self, phase: Phase, taking_part: Collection[BringUpCell], now_s: float) -> str | None:
         """The fault of the first cell that has one while all come up, or end; None without any."""
-        texts = (self._silence_of(cell, now_s) or cell.fault(phase) for cell in self._cells)
+        texts = (self._silence_of(cell, now_s) or cell.fault(phase) for cell in taking_part)
         return next(filter(None, texts), None)
 
     def troubles(self, taking_part: Collection[BringUpCell], now_s: float) -> list[Trouble]:
@@ -62,7 +62,7 @@ class Supervision:
         """Which cells exceeded the phase's time limit, and with what."""
         limit = f"within {self._timing.phase_limit_s:g} s"
         match phase:
-            case Phase.WAITING if len(late) == len(self._cells):
+            case Phase.WAITING if len(late) == self._count:
                 return f"no cell was heard {limit}; is the bus connected and are the cells powered?"
             case Phase.WAITING:
                 absent = [cell for cell in late if cell.last_heartbeat_s is None]
@@ -77,12 +77,20 @@ class Supervision:
             case _:
                 return f"drives not enabled {limit}: {names(late)} ({late[0].drive_text})"
 
-    def strangers_text(self) -> str | None:
-        """All cells that speak another protocol than the host, None without any."""
-        found = {cell.name: cell.other_protocol for cell in self._cells}
-        texts = {text for text in found.values() if text}
+    def misfits_text(self, phase: Phase, taking_part: Collection[BringUpCell]) -> str | None:
+        """All cells that are not as a run expects them at the end of a phase, None without any.
+
+        They speak another protocol than the host, or have other settings stored.
+        """
+        if phase is Phase.CONFIGURING:
+            found = (f"{cell.name} is {cell.mismatch}" for cell in taking_part if cell.mismatch)
+            return "; ".join(found) or None
+        if phase is not Phase.IDENTIFYING:
+            return None
+        others = {cell.name: cell.other_protocol for cell in taking_part}
+        texts = {text for text in others.values() if text}
         listed = (
-            f"{', '.join(name for name, text in found.items() if text == each)}: each {each}"
+            f"{', '.join(name for name, text in others.items() if text == each)}: each {each}"
             for each in sorted(texts)
         )
         return "; ".join(listed) or None

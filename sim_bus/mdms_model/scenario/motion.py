@@ -1,4 +1,4 @@
-"""What a scenario says of its motion: a field of references, sums and regions of them, or goals."""
+"""What a scenario says of its motion: a field of references, sums and regions, goals, a program."""
 
 from dataclasses import dataclass
 from dataclasses import field as member
@@ -64,7 +64,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Motion(Part):
-    """What the wheels do: a field of references, or goals to steer parcels to.
+    """What the wheels do: a field of references, goals to steer parcels to, or a program's tasks.
 
     Goals are steered to under the `control` of the host, or of the cells by themselves; these
     `go_on` without the host, or stop.
@@ -76,7 +76,7 @@ class Motion(Part):
     always are poses in which one wheel carries next to nothing.
     """
 
-    field: str = member(default="inward", metadata=Limit(choices=(*FIELDS, "goal")))
+    field: str = member(default="inward", metadata=Limit(choices=(*FIELDS, "goal", "program")))
     control: str = member(default="host", metadata=Limit(choices=CONTROLS))
     go_on: bool = False
     policy: str | None = member(default=None, metadata=Limit(choices=POLICIES))

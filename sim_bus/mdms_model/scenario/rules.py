@@ -10,6 +10,8 @@ from mdms_model.scenario.fault_rules import check_faults
 from mdms_model.scenario.field_rules import check_field
 from mdms_model.scenario.on_table import check_over, half_table_m
 from mdms_model.scenario.scenario import Parcel, Scenario, ScenarioError
+from mdms_model.scenario.stream_rules import check_streams
+from mdms_model.scenario.task_rules import check_tasks
 
 MOST_STEPS = 100_000_000
 #: A sample of a wheel takes about 50 bytes.
@@ -34,6 +36,8 @@ def check_rules(scenario: Scenario) -> None:
     check_control(scenario)
     check_field(scenario)
     check_faults(scenario)
+    check_streams(scenario)
+    check_tasks(scenario)
     _check_belief(scenario)
 
 

@@ -19,6 +19,8 @@ from mdms_model.scenario.limit import (
     Limit,
 )
 from mdms_model.scenario.motion import Motion
+from mdms_model.scenario.stream import Exit, Stream
+from mdms_model.scenario.task import Task
 
 
 class ScenarioError(ValueError):
@@ -123,7 +125,8 @@ class Parcel:
 
     Its own frame has the origin in the middle of `length_m` x `width_m`, which a rectangle fills, a
     disc touches (both are its diameter) and a polygon's `corners_m` stay within: convex, counter-
-    clockwise. `inertia_kg_m2` is about the centre of mass; None: that of a uniform plate.
+    clockwise. `inertia_kg_m2` is about the centre of mass; None: that of a uniform plate. Parcels
+    of one `kind` are alike, and exits go by it; none: it is of a kind of its own.
     """
 
     name: str
@@ -138,6 +141,7 @@ class Parcel:
     corners_m: tuple[tuple[float, float], ...] = field(default=(), metadata=PLACE)
     inertia_kg_m2: float | None = field(default=None, metadata=POSITIVE)
     goal: Goal | None = None
+    kind: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,8 +189,16 @@ class Scenario:
     patch: tuple[Patch, ...] = ()
     wire: Wire = field(default_factory=Wire)
     fault: tuple[Fault, ...] = ()
+    stream: tuple[Stream, ...] = ()
+    exit: tuple[Exit, ...] = ()
+    task: tuple[Task, ...] = ()
     #: What the host takes for true where it is not; see `belief`.
     belief: dict[str, Any] = field(default_factory=dict, hash=False)
+
+
+def in_stock(scenario: Scenario) -> set[str]:
+    """The names of the parcels that are not on the table at the start."""
+    return {name for stream in scenario.stream for name in stream.parcels}
 
 
 def goal_of(scenario: Scenario, parcel: Parcel) -> Goal | None:

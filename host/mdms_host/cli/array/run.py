@@ -154,6 +154,8 @@ def _figures(scenario: Scenario, coordinator: Coordinator, operation: Operation)
         "ending": str(operation.ending),
         "duration_s": operation.duration_s,
         "fault": operation.fault or coordinator.lost or coordinator.stuck,
+        "lost_cells": sorted(coordinator.lost_cells),
+        "pauses": coordinator.pauses,
         "link": asdict(operation.link),
         "parcels": parcels,
         "goals": [asdict(outcome) for outcome in goals_of(scenario, coordinator)],

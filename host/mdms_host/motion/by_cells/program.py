@@ -75,6 +75,7 @@ class CellsProgram:
             if name in goals
         }
         self._since_s: dict[tuple[str, str], float | None] = {}
+        self._lost: frozenset[int] = frozenset()
         self._notices: list[str] = []
 
     @property
@@ -130,6 +131,17 @@ class CellsProgram:
             if name in poses and not self._is_stopped(name):
                 pages += self._send(name, poses[name], now_s)
         return pages
+
+    def begin_again(self) -> None:
+        """Send every parcel's program anew, from where the parcel is; it was at rest meanwhile."""
+        self._sendings = {name: _Sending() for name in self._parcels}
+        self._since_s.clear()
+        for followed in self._followed.values():
+            followed.lose()
+
+    def on_lost_cells(self, cells: frozenset[int]) -> None:
+        """No answer is expected from these cells (from 1); their neighbours go around them."""
+        self._lost = cells
 
     def ends(self) -> list[Page]:
         """The pages that end all programs."""
@@ -197,7 +209,7 @@ class CellsProgram:
         """The cells (from 1) that lie under a parcel, by the host's own estimate."""
         away_m = self._bottoms[name].distance_m(self._sensors_m.reshape(-1, 2), pose)
         deep = (away_m.reshape(self._sensors_m.shape[:2]) < -_DEEP_M).any(axis=1)
-        return {int(cell) + 1 for cell in np.flatnonzero(deep)}
+        return {int(cell) + 1 for cell in np.flatnonzero(deep)} - self._lost
 
     # What is seen
 
