@@ -75,6 +75,11 @@ class GoalController:
         self._left_m = inf
         self._within_s = 0.0
 
+    def go_over_from(self, other: "GoalController") -> None:
+        """Begin with the motion that another controller has commanded last."""
+        self._twist_m_s = other._twist_m_s
+        self.paused = other.paused
+
     @property
     def left_m(self) -> float:
         """What was left to go at the last step, a corner's way included [m]; inf before it."""

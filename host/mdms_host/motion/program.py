@@ -55,6 +55,14 @@ class Program(Protocol):
         """What steers each parcel that has a goal, by the parcel's name."""
         ...
 
+    def set_goal(self, name: str, goal: Goal) -> None:
+        """Steer a parcel to this goal from now on.
+
+        Raises ValueError where none are steered, and KeyError for a parcel that is not the
+        program's.
+        """
+        ...
+
 
 class FieldProgram:
     """An open-loop field: the same references for as long as it runs."""
@@ -91,6 +99,10 @@ class FieldProgram:
         """The field's references, shape (W,)."""
         return self._references_m_s
 
+    def set_goal(self, name: str, goal: Goal) -> None:
+        """Raises ValueError: a field has no goals."""
+        raise ValueError("the program drives all wheels by a field, and steers no parcel")
+
     def take_notices(self) -> list[str]:
         """Nothing: a field does not look at parcels."""
         return []
@@ -118,6 +130,7 @@ class GoalProgram:
         self._layout = layout
         self._trim = trim
         self._droop = droop
+        self._limits = limits or Limits()
         self._bottoms = {parcel.name: parcel.bottom for parcel in parcels}
         self._places: dict[str, Floats] = {
             parcel.name: np.array([*parcel.near_m, parcel.yaw_hint_rad])
@@ -125,7 +138,7 @@ class GoalProgram:
             if parcel.near_m is not None
         }
         self._controllers = {
-            name: GoalController(goals[name], limits or Limits(), bottom.reach_m)
+            name: GoalController(goals[name], self._limits, bottom.reach_m)
             for name, bottom in self._bottoms.items()
             if name in goals
         }
@@ -133,7 +146,20 @@ class GoalProgram:
         self._contacts = Contacts()
         self._standstills = {name: Standstill() for name in self._controllers}
         self._notices: list[str] = []
-        self._reasons: list[str] = []
+        self._reasons: dict[str, str] = {}
+
+    def set_goal(self, name: str, goal: Goal) -> None:
+        """Steer a parcel to this goal from now on, stopped or not. KeyError for one of no program.
+
+        One that moves goes over to it at the acceleration it is allowed.
+        """
+        before = self._controllers.get(name)
+        after = GoalController(goal, self._limits, self._bottoms[name].reach_m)
+        if before is not None:
+            after.go_over_from(before)
+        self._controllers[name] = after
+        self._standstills[name] = Standstill()
+        self._reasons.pop(name, None)
 
     @property
     def stuck(self) -> str | None:
@@ -141,7 +167,7 @@ class GoalProgram:
         left = [one for one in self._controllers.values() if not one.arrived]
         if not left or any(not one.stopped or one.speed_m_s > 0.0 for one in left):
             return None
-        return "; ".join(self._reasons)
+        return "; ".join(dict.fromkeys(self._reasons.values()))
 
     @property
     def finished(self) -> bool:
@@ -265,4 +291,4 @@ class GoalProgram:
         else:
             reason = f"{' and '.join(names)} press each other: stopped"
         self._notices.append(reason)
-        self._reasons.append(reason)
+        self._reasons.update(dict.fromkeys(names, reason))
