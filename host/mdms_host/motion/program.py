@@ -12,6 +12,7 @@ from mdms_host.layout import Layout
 from mdms_host.motion.allocation import Claim, allocate
 from mdms_host.motion.contact import Body, Contacts, gap_m
 from mdms_host.motion.goal import Goal, GoalController, Limits
+from mdms_host.motion.obstacles import Obstacles
 from mdms_host.motion.standstill import Standstill
 from mdms_model.arrays import Floats
 
@@ -111,6 +112,8 @@ class FieldProgram:
 class GoalProgram:
     """Steers each parcel that has a goal to it; wheels under any other, or near none, stand still.
 
+    What is believed to be there and is none of the parcels is an obstacle: those wait before it.
+
     A parcel that is not found holds the wheels where it was last, or where it was put. Two that
     press each other, and one that does not get on, are stopped for good. `droop` is the nominal
     speed of a free wheel per reference, a/b of the paper's eq (9): the reference is the wanted
@@ -142,6 +145,8 @@ class GoalProgram:
             for name, bottom in self._bottoms.items()
             if name in goals
         }
+        self._given = dict(self._bottoms)
+        self._obstacles = Obstacles()
         self._found: set[str] = set()
         self._contacts = Contacts()
         self._standstills = {name: Standstill() for name in self._controllers}
@@ -192,17 +197,33 @@ class GoalProgram:
     def take_notices(self) -> list[str]:
         """Which parcels were stopped, and why, since the last call."""
         notices, self._notices = self._notices, []
-        return notices
+        return notices + self._obstacles.take_notices()
 
     def references_m_s(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
         """References that move every parcel as one rigid body, r = (b/a) J xi, shape (W,)."""
         self._places.update(
-            (name, belief.pose) for name, belief in beliefs.items() if name in self._bottoms
+            (name, belief.pose) for name, belief in beliefs.items() if name in self._given
         )
-        self._found.update(beliefs)
+        self._found.update(beliefs.keys() & self._given.keys())
+        self._see_obstacles(beliefs)
         twists = dict(self._steer(beliefs, step_s))
         self._stop_blocked(twists, step_s)
         return self._carry(twists)
+
+    def _see_obstacles(self, beliefs: Mapping[str, Belief]) -> None:
+        """What is no parcel of this program is parked where it lies, as long as it is there."""
+        for name in self._obstacles.all:
+            del self._bottoms[name], self._places[name]
+        self._obstacles.see(beliefs, self._given)
+        for name, belief in self._obstacles.all.items():
+            self._bottoms[name], self._places[name] = belief.outline, belief.pose
+
+    def _must_wait(self, belief: Belief, controller: GoalController) -> bool:
+        """Whether something that is no parcel of this program is in a parcel's way."""
+        if controller.arrived or controller.stopped:
+            return False
+        stopping_m = controller.speed_m_s * controller.stopping_s / 2
+        return self._obstacles.hold(belief, controller.goal, stopping_m)
 
     def _steer(self, beliefs: Mapping[str, Belief], step_s: float) -> Iterator[tuple[str, Floats]]:
         """The commanded twist of each parcel that has a goal and is found."""
@@ -211,7 +232,7 @@ class GoalProgram:
             if belief is None:
                 controller.lose()
                 continue
-            controller.paused = belief.doubtful
+            controller.paused = belief.doubtful or self._must_wait(belief, controller)
             felt = belief.feel_rad is not None and self._room_to_turn(name)
             controller.feel_rad = belief.feel_rad if felt else None
             yield name, controller.step(belief.pose, step_s, belief.corrected)

@@ -12,14 +12,14 @@ _TEXTS = {
     Event.DEPARTED: "{name} has departed",
     Event.APPEARED: "{name} appeared at {where}, {size}: wheels under it stand",
     Event.HEAPED: (
-        "{name} is a heap at {where}, {size}: parcels that touch and cannot be told apart; "
+        "{name} is a heap at {where}, {size}: more than one parcel, which cannot be told apart; "
         "wheels under it stand"
     ),
     Event.CLEARED: "{name} is not there any more",
     Event.EXPLAINED: "{name} is {other}",
     Event.MISFIT: "{name} is not {other}: sensors contradict its outline",
 }
-_TROUBLES = (Event.LOST, Event.HEAPED, Event.MISFIT)
+_TROUBLES = (Event.LOST, Event.MISFIT)
 
 
 class Standings:
