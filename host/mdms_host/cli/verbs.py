@@ -54,6 +54,13 @@ VERBS = (
         extra=SIMULATION,
     ),
     Verb(
+        "plan-squeeze",
+        "turn a polygon to one angle from any, without sensors",
+        f"{_SIMULATION}.plan_squeeze:run",
+        options.add_plan_squeeze,
+        extra=SIMULATION,
+    ),
+    Verb(
         "plot",
         "draw a run",
         f"{_RECORDS}.stored_run:plot",
