@@ -1,34 +1,35 @@
 """A plan of squeezes: the squeeze function, what each step leaves open, what trials came to."""
 
-from math import cos, degrees, isfinite, pi, sin
+from math import degrees, isfinite, pi
 from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch, Polygon
+from matplotlib.patches import Patch
 
-from mdms_model.array import cell_centres
-from mdms_model.arrays import Floats
-from mdms_model.outline import area_and_moment, outline_m, own_outline_m
 from mdms_model.scenario.scenario import Parcel, Scenario
 from mdms_model.squeeze.plan import Squeeze, SqueezePlan
 from mdms_sim.physics.analysis.squeeze_outcome import (
-    AS_PREDICTED_RAD,
-    StepOutcome,
     final_error_rad,
     share_within,
     step_outcomes,
 )
 from mdms_sim.physics.analysis.squeeze_trials import Trials
-from mdms_sim.plots.canvas import FAINT, INK, draw_as_map, new_figure, parcel_colour, tidy
+from mdms_sim.plots.canvas import FAINT, INK, new_figure, parcel_colour, tidy
+from mdms_sim.plots.squeeze_views import (
+    LINE,
+    NEAR,
+    PLANNED,
+    PUSH,
+    draw_array,
+    draw_planned,
+    draw_tried,
+)
 
 WIDTH_IN, MOST_VIEWS = 15.0, 5
-STABLE, UNSTABLE, LINE, PUSH, OPEN = "#009e73", "#c1272d", "#0b4a82", "#5a8fc0", "#dbe7f3"
-PREDICTED = "#d55e00"
-ARROWS = 7
+UNSTABLE, OPEN = "#c1272d", "#dbe7f3"
 
 
 class Frame(NamedTuple):
@@ -63,11 +64,11 @@ def draw_squeeze_plan(
     )
     outcomes = [] if trials is None else step_outcomes(plan, trials)
     for column, step in enumerate(shown):
-        _draw_planned(figure.add_subplot(grid[0, column]), parcel, step, column + 1)
+        draw_planned(figure.add_subplot(grid[0, column]), parcel, step, column + 1)
         if trials is not None:
             tried = figure.add_subplot(grid[1, column])
-            _draw_array(tried, scenario, step)
-            _draw_tried(tried, parcel, trials.pose[:, column + 1], outcomes[column])
+            draw_array(tried, scenario, step)
+            draw_tried(tried, parcel, trials.pose[:, column + 1], outcomes[column])
     _add_legend(figure, trials)
     return figure
 
@@ -121,7 +122,7 @@ def _draw_function(axes: Axes, plan: SqueezePlan) -> None:
     ):
         rest_deg = degrees(rest)
         axes.plot([low_deg, high_deg], [rest_deg, rest_deg], color=LINE, lw=2.4)
-        axes.plot(rest_deg, rest_deg, "o", mfc=STABLE, mec=STABLE, ms=8, zorder=5)
+        axes.plot(rest_deg, rest_deg, "o", mfc=NEAR, mec=NEAR, ms=8, zorder=5)
         axes.plot(low_deg, low_deg, "o", mfc="white", mec=UNSTABLE, mew=1.8, ms=8, zorder=5)
     axes.plot(ends_deg[-1], ends_deg[-1], "o", mfc="white", mec=UNSTABLE, mew=1.8, ms=8, zorder=5)
     axes.set_xlim(base_deg - 0.03 * period_deg, ends_deg[-1] + 0.03 * period_deg)
@@ -199,102 +200,9 @@ def _draw_shares(axes: Axes, plan: SqueezePlan, trials: Trials) -> None:
     tidy(axes)
 
 
-# Top views ----------------------------------------------------------------------------------------
-
-
-def _draw_planned(axes: Axes, parcel: Parcel, step: Squeeze, number: int) -> None:
-    """The line, the push to it, and every yaw that is left, up to the period."""
-    reach_m = 1.25 * float(np.hypot(*own_outline_m(parcel).T).max())
-    along = np.array([cos(step.heading_rad), sin(step.heading_rad)])
-    across = np.array([-along[1], along[0]])
-    axes.plot(*np.array([-reach_m * along, reach_m * along]).T, color=LINE, lw=1.6)
-    for place in np.linspace(-0.9, 0.9, ARROWS) * reach_m:
-        for side in (1.0, -1.0):
-            tail = place * along + side * reach_m * across
-            axes.annotate(
-                "",
-                tail - side * 0.3 * reach_m * across,
-                tail,
-                arrowprops={"arrowstyle": "-|>", "color": PUSH, "lw": 1.2},
-            )
-    many = len(step.yaws_rad) > 1
-    for yaw_rad in step.yaws_rad:
-        corners_m = _halved(parcel, yaw_rad, across)
-        axes.add_patch(
-            Polygon(corners_m, fc=f"{PREDICTED}{'18' if many else '30'}", ec=PREDICTED, lw=1.8)
-        )
-    _frame(axes, reach_m * 1.4, reach_m * 1.4)
-    heading = f"{number}. line along {degrees(step.heading_rad):.1f}°"
-    axes.set_title(heading, color=INK, fontsize=11, pad=4)
-
-
-def _halved(parcel: Parcel, yaw_rad: float, across: Floats) -> Floats:
-    """The parcel's corners where the line along x through 0, seen from `across`, halves it."""
-    own_m = outline_m(np.array([0.0, 0.0, yaw_rad]), parcel)
-    area_m2, moment_m3 = area_and_moment(own_m)
-    # The bisector is near the centroid; halving its distance in area steps finds it.
-    heights_m = own_m @ across
-    low_m, high_m = float(heights_m.min()), float(heights_m.max())
-    for _ in range(40):
-        middle_m = (low_m + high_m) / 2
-        if _area_below(own_m, across, middle_m) < area_m2 / 2:
-            low_m = middle_m
-        else:
-            high_m = middle_m
-    along = np.array([across[1], -across[0]])
-    centre_m = (moment_m3 / area_m2 @ along) * along
-    return np.asarray(own_m - low_m * across - centre_m)
-
-
-def _area_below(corners_m: Floats, across: Floats, height_m: float) -> float:
-    """Area of what lies below a height, seen along `across`."""
-    kept: list[Floats] = []
-    for start, end in zip(corners_m, np.roll(corners_m, -1, axis=0), strict=True):
-        low, high = float(start @ across) - height_m, float(end @ across) - height_m
-        if low <= 0.0:
-            kept.append(start)
-        if low * high < 0.0:
-            kept.append(start + low / (low - high) * (end - start))
-    return area_and_moment(np.array(kept))[0] if len(kept) > 2 else 0.0
-
-
-def _draw_array(axes: Axes, scenario: Scenario, step: Squeeze) -> None:
-    """The cells, and the line of a step across them."""
-    array = scenario.array
-    pitch_m, half_m = array.pitch_m, np.array([array.columns, array.rows]) * array.pitch_m / 2
-    square_m = 0.47 * pitch_m * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    squares = [centre_m + square_m for centre_m in cell_centres(array)]
-    axes.add_collection(PolyCollection(squares, facecolors="none", edgecolors="#c9d1d8", lw=0.7))
-    along_m = np.array([cos(step.heading_rad), sin(step.heading_rad)]) * float(np.hypot(*half_m))
-    axes.plot(*np.array([-along_m, along_m]).T, color=LINE, lw=1.6)
-    spare_m = max(0.15 * float(half_m.max()), 0.5 * pitch_m)
-    _frame(axes, float(half_m[0]) + spare_m, float(half_m[1]) + spare_m)
-
-
-def _draw_tried(axes: Axes, parcel: Parcel, poses: Floats, outcome: StepOutcome) -> None:
-    """Where the trials are after a step, those as predicted in another colour."""
-    near = np.abs(outcome.error_rad) <= AS_PREDICTED_RAD
-    for colour, chosen in ((FAINT, ~near & ~np.isnan(outcome.error_rad)), (STABLE, near)):
-        rings = [outline_m(pose, parcel) for pose in poses[chosen]]
-        closed = [np.vstack([ring, ring[:1]]) for ring in rings]
-        axes.add_collection(LineCollection(closed, colors=colour, lw=0.8, alpha=0.6))
-    gone = int(np.count_nonzero(np.isnan(outcome.error_rad)))
-    share = share_within(outcome.error_rad, AS_PREDICTED_RAD)
-    text = f"{share:.0%} within {degrees(AS_PREDICTED_RAD):.0f}° of the prediction"
-    axes.set_title(f"{text}, {gone} have tipped" if gone else text, color=FAINT, fontsize=9)
-
-
-def _frame(axes: Axes, half_x_m: float, half_y_m: float) -> None:
-    draw_as_map(axes)
-    axes.set_xlim(-half_x_m, half_x_m)
-    axes.set_ylim(-half_y_m, half_y_m)
-    axes.set_xticks([])
-    axes.set_yticks([])
-
-
 def _add_legend(figure: Figure, trials: Trials | None) -> None:
     handles: list[Line2D | Patch] = [
-        Line2D([], [], ls="", marker="o", mfc=STABLE, mec=STABLE, ms=8, label="rests"),
+        Line2D([], [], ls="", marker="o", mfc=NEAR, mec=NEAR, ms=8, label="rests"),
         Line2D(
             *([], []),
             ls="",
@@ -307,10 +215,10 @@ def _add_legend(figure: Figure, trials: Trials | None) -> None:
         ),
         Patch(fc=OPEN, ec=PUSH, label="what the step makes one, or few enough"),
         Line2D([], [], ls="", marker="|", color=INK, ms=12, mew=2.2, label="what comes in"),
-        Patch(fc=f"{PREDICTED}30", ec=PREDICTED, label="as planned, every angle that is left"),
+        Patch(fc=f"{PLANNED}30", ec=PLANNED, label="as planned, every angle that is left"),
     ]
     if trials is not None:
-        handles.append(Line2D([], [], color=STABLE, label="trial within 5° of its prediction"))
+        handles.append(Line2D([], [], color=NEAR, label="trial within 5° of its prediction"))
         handles.append(Line2D([], [], color=FAINT, label="trial elsewhere"))
     figure.legend(
         handles=handles, loc="lower center", ncols=len(handles), frameon=False, fontsize=9
