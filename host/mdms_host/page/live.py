@@ -16,6 +16,7 @@ from mdms_host.page.bus_watch import KINDS, BusWatch
 from mdms_host.page.commands import Command, RefusedError
 from mdms_host.page.description import PHASES, describe, outlines_of
 from mdms_host.page.objects import ObjectReader
+from mdms_host.page.offered import Naming, plan_of
 from mdms_host.page.seat import Seat
 from mdms_host.page.signals import Signals
 
@@ -30,7 +31,7 @@ class LiveTable:
     is called for events.
     """
 
-    offers: tuple[str, ...] = ("goal", "start", "stop", "stop_all", "read_objects")
+    offers: tuple[str, ...] = ("goal", "name", "start", "stop", "stop_all", "read_objects")
 
     def __init__(
         self,
@@ -61,6 +62,7 @@ class LiveTable:
         self._news: list[dict[str, Any]] = []
         self._events: list[dict[str, Any]] = []
         self._reported: tuple[Coordinator | None, int] = (None, 0)
+        self._plan = plan_of(None)
         self._counted_s = -1.0
         self._counted = np.zeros((layout.bus_count, len(KINDS)))
         self._rates = np.zeros((layout.bus_count, len(KINDS)))
@@ -168,12 +170,16 @@ class LiveTable:
     def news(self) -> list[dict[str, Any]]:
         """See `Table`."""
         self._look()
+        plan = plan_of(self._seat.coordinator)
+        if plan != self._plan:
+            self._plan = plan
+            self._news.append(plan)
         news, self._news = self._news, []
         return news
 
     def story(self) -> list[dict[str, Any]]:
         """See `Table`."""
-        return [{"kind": "events", "events": list(self._events), "all": True}]
+        return [{"kind": "events", "events": list(self._events), "all": True}, self._plan]
 
     def _look(self) -> None:
         """Note what coordinator and reader have reported since the last call."""
@@ -201,6 +207,8 @@ class LiveTable:
         match command:
             case commands.Goal():
                 return self._set_goal(command)
+            case commands.Name():
+                self._name(command)
             case commands.Start():
                 self._seat.start()
                 self.note("page", "the program is started")
@@ -241,6 +249,18 @@ class LiveTable:
         except ValueError as error:
             raise RefusedError(str(error)) from None
         return None
+
+    def _name(self, command: commands.Name) -> None:
+        tracker = None if self._seat.coordinator is None else self._seat.coordinator.tracker
+        if not isinstance(tracker, Naming):
+            raise RefusedError("this program takes no parcels but those it was told of")
+        parcel = Parcel(command.name, command.length_m, command.width_m, shape=command.shape)
+        try:
+            tracker.name(command.parcel, parcel)
+        except KeyError:
+            raise RefusedError(f"nothing unknown is called {command.parcel!r:.60}") from None
+        except ValueError as error:
+            raise RefusedError(str(error)) from None
 
     def _read(self, cell: int) -> None:
         coordinator = self._seat.coordinator

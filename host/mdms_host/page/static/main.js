@@ -97,7 +97,7 @@ class Page {
       if (one) snapshots.push(one);
     }
     this.history.fill(snapshots);
-    this.plots_ms = 0;
+    if (!$("plots").hidden) this.buildPlots();
   }
 
   show(buffer) {
@@ -164,10 +164,14 @@ class Page {
   }
 
   showTexts(s) {
+    if (this.picture.heat === "normal" && this.picture.most.normal !== this.legendMost) {
+      this.legendMost = this.picture.most.normal;
+      this.showLegend();
+    }
     const text = (id, value) => { if ($(id).textContent !== value) $(id).textContent = value; };
     const phase = this.table.phases[s.phase[0]];
     text("phase", this.table.recorded ? "recording" : s.paused[0] ? `${phase}, paused` : phase);
-    $("phase").className = `chip ${phase === "running" ? "running" : phase.includes("fault") ? "failed" : ""}`;
+    $("phase").className = `chip ${phase === "running" ? "running" : phase.includes("fault") ? "failed" : phase.includes("holding") ? "held" : ""}`;
     text("time", `${s.time[0].toFixed(1)} s`);
     text("load", Number.isFinite(s.bus_load[0]) ? `bus ${(100 * Math.max(...s.bus_load)).toFixed(0)} %` : "no bus");
     text("pace", `${s.real_time_factor[0].toFixed(2)}×`);

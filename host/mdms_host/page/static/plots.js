@@ -80,12 +80,14 @@ export class Plots {
     this.drawn = [];
   }
 
-  /** Sets up the plots for what is chosen; colours are read again. */
+  /** Sets up the plots for what is chosen; colours are read again. Of what is not known there is none. */
   build(table, chosen) {
     this.clear();
+    const last = this.history.snapshots.at(-1);
+    const known = ({ lines }) => !this.history.whole || lines.some(([, value]) => Number.isFinite(value(last)));
     const style = getComputedStyle(document.documentElement);
     const text = style.getPropertyValue("--faint").trim(), line = style.getPropertyValue("--line").trim();
-    for (const plot of plotsOf(table, chosen)) {
+    for (const plot of plotsOf(table, chosen).filter(known)) {
       const box = document.createElement("section");
       box.className = "plot";
       const head = document.createElement("h2");
