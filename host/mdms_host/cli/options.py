@@ -208,7 +208,7 @@ def add_run(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--limit",
         metavar="SECONDS",
-        type=_limit,
+        type=time_limit_s,
         help="give up after so long (default: run.duration_s, and 10 s for the bring-up; with "
         "--page: never)",
     )
@@ -249,7 +249,8 @@ def _speed(text: str) -> float:
     return speed
 
 
-def _limit(text: str) -> float:
+def time_limit_s(text: str) -> float:
+    """A time [s] above 0."""
     limit_s = float(text)
     if not 0 < limit_s < math.inf:
         raise ArgumentTypeError(f"{text} is no time above 0")

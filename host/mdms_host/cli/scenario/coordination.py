@@ -7,7 +7,7 @@ import numpy as np
 
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.scenario.cells import Cells, addresses_of, trim
+from mdms_host.cli.scenario.cells import Cells, addresses_of, gains_vs_per_m
 from mdms_host.cli.scenario.field import references_m_s
 from mdms_host.cli.scenario.footing import goal_of
 from mdms_host.cli.scenario.gain import motor_of
@@ -20,9 +20,13 @@ from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.allocation import AHEAD_M
 from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import Goal, Limits
+from mdms_host.motion.mass import Mass
 from mdms_host.motion.program import FieldProgram, GoalProgram, Program
+from mdms_host.motion.traction import Traction
+from mdms_host.motion.wheel_drives import wheel_drives_of
 from mdms_model.arrays import Floats
 from mdms_model.motor import drive_of
+from mdms_model.parcel import parcel_records
 from mdms_model.scenario.belief import believed
 from mdms_model.scenario.scenario import Cell, Run, Scenario
 from mdms_protocol import indices, pdo
@@ -195,4 +199,30 @@ def _program(
     )
     if scenario.motion.control == "cells":
         return CellsProgram(layout, parcels, goals, limits, go_on=scenario.motion.go_on)
-    return GoalProgram(layout, parcels, goals, droop, limits, trim=trim(scenario, cells))
+    return GoalProgram(traction_of(scenario, layout, cells), parcels, goals, masses_of(scenario))
+
+
+def traction_of(scenario: Scenario, layout: Layout, cells: Cells | None = None) -> Traction:
+    """What friction and motors let the wheels do, as it is believed."""
+    entry = pdo.TARGET_VELOCITY.entries[0]
+    drives = wheel_drives_of(
+        scenario.cell,
+        gains_vs_per_m(scenario, cells or Cells()),
+        entry.high / steps_per_unit(entry.unit),
+    )
+    return Traction(
+        layout,
+        drives,
+        friction=scenario.cell.friction,
+        speed_m_s=scenario.motion.speed_m_s,
+        gravity_m_s2=scenario.run.gravity_m_s2,
+    )
+
+
+def masses_of(scenario: Scenario) -> dict[str, Mass]:
+    """The parcels' masses, as they are believed."""
+    records, _ = parcel_records(scenario.parcel)
+    return {
+        parcel.name: Mass(parcel.mass_kg, float(record.inertia_kg_m2), parcel.centre_of_mass_m)
+        for parcel, record in zip(scenario.parcel, records, strict=True)
+    }
