@@ -1,7 +1,7 @@
 """The table of all verbs; each is a function of a module that is imported when the verb is used."""
 
 from mdms_host.cli import options
-from mdms_host.cli.commission.options import COMMISSION, IDENTIFY, JOG
+from mdms_host.cli.commission.options import COMMISSION, DOCTOR, IDENTIFY, JOG
 from mdms_host.cli.configure.options import CONFIGURE
 from mdms_host.cli.extras import BOARDS, PICTURES, RECORDING, SIMULATION
 from mdms_host.cli.parser import Parser, ShowVersion, Verb, add_verbs
@@ -111,6 +111,7 @@ VERBS = (
     ),
     CONFIGURE,
     COMMISSION,
+    DOCTOR,
     IDENTIFY,
     JOG,
     Verb(
