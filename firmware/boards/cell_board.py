@@ -4,6 +4,8 @@ A chip family's module has what its port of MicroPython has of its own (`stm32`,
 board's own module its pins.
 """
 
+import gc
+import os
 from array import array
 from binascii import crc32
 
@@ -54,6 +56,7 @@ class CellBoard:
         self._sensors = [Pin(name, Pin.IN, Pin.PULL_UP) for name in pins.sensors]
         self._run_led = Pin(pins.run_led, Pin.OUT, value=0)
         self._error_led = Pin(pins.error_led, Pin.OUT, value=0)
+        self._blinking = False
         self.settings = memory(self.asleep)
         self._watchdog = None
         self._watchdog_ms = 0
@@ -147,8 +150,30 @@ class CellBoard:
         for wheel in self._wheels:
             wheel.off()
 
+    def blink(self, on):
+        """Have both LEDs blink together, quickly, until it is ended: this is the board meant."""
+        self._blinking = on
+
+    def heap_free(self):
+        """Bytes that are free in the heap, once garbage is collected."""
+        gc.collect()
+        return gc.mem_free()
+
+    def flash_free(self):
+        """Bytes that are free in the file system, 0 without one."""
+        try:
+            sizes = os.statvfs("/flash")
+        except OSError:
+            return 0
+        return sizes[0] * sizes[3]
+
     def show(self, now_ms, state, faulty):
         """Run LED on in operational, else blinking; error LED on at bus-off, blinking at faults."""
+        if self._blinking:
+            blink = now_ms // 80 & 1
+            self._run_led.value(blink)
+            self._error_led.value(blink)
+            return
         blink = now_ms // 200 & 1
         self._run_led.value(1 if state == 5 else blink)
         self._error_led.value(1 if self.bus.off else blink if faulty else 0)

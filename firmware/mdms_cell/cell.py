@@ -31,6 +31,7 @@ from mdms_cell.canopen.sdo.server import SdoServer
 from mdms_cell.canopen.storage.store import Parameters, Store
 from mdms_cell.drive import speed_loop, tuning
 from mdms_cell.drive.axes import Axes
+from mdms_cell.identification import Identification
 from mdms_cell.neighbours.beat import Beat
 from mdms_cell.neighbours.layer import Layer
 from mdms_cell.presence import Presence
@@ -47,6 +48,8 @@ _WATCHED = (
     indices.PRESENCE_DEBOUNCE,
 )
 _DEFAULT_SUPPLY_UV = 24_000_000
+#: In place of a size that is not known.
+_UNKNOWN = 0xFFFFFFFF
 
 
 class Cell:
@@ -108,6 +111,8 @@ class Cell:
             goes_on=self._layer.goes_on,
         )
         self._beat = Beat()
+        blink = getattr(self._board, "blink", _no_leds)
+        self._identification = Identification(objects, blink, self._attend)
         self._parameters = Parameters(objects, self._store, self._axes.driving, self._emcy)
         self._tie_cell()
 
@@ -119,6 +124,8 @@ class Cell:
         objects.tie(indices.TRAFFIC, 3, self._read_not_sent)
         objects.tie(indices.TRAFFIC, 4, self._read_overruns)
         objects.tie(indices.SIGNATURE, 0, self._read_signature)
+        objects.tie(indices.MEMORY, 1, getattr(self._board, "heap_free", _unknown))
+        objects.tie(indices.MEMORY, 2, getattr(self._board, "flash_free", _unknown))
         for index in _WATCHED:
             objects.watch(index, self._on_setting)
         self._axes.guard(self._may_enable, self._pdos.discard_held)
@@ -234,6 +241,7 @@ class Cell:
         if command == EVERYTHING:
             flags |= record.STORED_APPLICATION
             self._axes.reset()
+            self._identification.start(0)
         self._axes.cut()
         self._beat.stop()
         self._pdos.stop()
@@ -338,7 +346,7 @@ class Cell:
         if self.state != nmt.STOPPED:
             wait_ms = min(wait_ms, self._emcy.poll(now_ms))
         wait_ms = min(wait_ms, self._heartbeat.poll(now_ms, self.node_id, self.state))
-        wait_ms = min(wait_ms, self._give_beat(now_ms))
+        wait_ms = min(wait_ms, self._give_beat(now_ms), self._identification.poll(now_ms))
         self._sdo.poll(now_ms)
         return 1 if self._sdo.busy else wait_ms
 
@@ -364,6 +372,14 @@ class Cell:
         if not sent:
             self.not_sent += 1
         return sent
+
+
+def _no_leds(_on):
+    """What a board without LEDs does."""
+
+
+def _unknown():
+    return _UNKNOWN
 
 
 def _ticking(sample, drive, registers):

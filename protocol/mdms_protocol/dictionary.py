@@ -24,7 +24,7 @@ from mdms_protocol.entry import (
     record,
     setting,
 )
-from mdms_protocol.neighbour_table import ESTIMATE, NEIGHBOUR_OBJECTS, PROGRAM, REACH_UM
+from mdms_protocol.neighbours.objects import ESTIMATE, NEIGHBOUR_OBJECTS, PROGRAM, REACH_UM
 from mdms_protocol.version import VERSION
 
 VENDOR_ID = 0
@@ -156,6 +156,14 @@ _CELL: dict[int, Field | e.Group] = {
     0x3004: setting("Braking time limit", U16, 2_000, e.MILLISECONDS, low=100, high=10_000),
     0x3005: field("Configuration signature", U32, READ),
     0x3006: setting("Presence debounce", U16, 4, e.MILLISECONDS, high=100),
+    0x3007: field("Identify", U16, unit=e.MILLISECONDS),
+    0x3008: record(
+        "Memory",
+        {
+            1: field("Heap free", U32, READ),
+            2: field("Flash free", U32, READ),
+        },
+    ),
 }
 
 _SPEED = e.MICROMETRES_PER_SECOND

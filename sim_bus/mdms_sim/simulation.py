@@ -77,7 +77,8 @@ class Outcome:
 class Simulation:
     """A scenario with its cells, its buses and its participants, ready to run.
 
-    `bus` is the only one of `buses`, or their first.
+    `bus` is the only one of `buses`, or their first. `faults` are those of the scenario; others may
+    begin while it runs.
 
     `estimates` returns the poses that somebody believes the parcels to have, shape (P, 3), NaN
     where unknown; they are only recorded. A run without end is better not `recorded`, or thinned
@@ -133,7 +134,7 @@ class Simulation:
         #: The place of each node; they differ while cells have changed places.
         self._places = np.arange(self._cells)
         self._drivers = [Driver(self.kernel, self.buses, one) for one in participants]
-        self._faults = Faults(
+        self.faults = Faults(
             scenario.fault,
             scenario.run.seed,
             kernel=self.kernel,
@@ -169,6 +170,11 @@ class Simulation:
         """Whether a parcel has tipped off its supports."""
         return any(event.kind == "tip" for event in self.world.events)
 
+    @property
+    def blinking(self) -> list[int]:
+        """Where cells stand whose LEDs show that they are meant, as numbers of places from 1."""
+        return sorted((self._places[self._bank.blinking] + 1).tolist())
+
     def outcome(self) -> Outcome:
         """Everything recorded so far."""
         figures = BusFigures(
@@ -177,7 +183,7 @@ class Simulation:
             errors=sum(bus.errors for bus in self.buses),
             log_sha256=self.log.log_sha256,
         )
-        events = sorted([*self.world.events, *self._faults.events], key=lambda each: each.time_s)
+        events = sorted([*self.world.events, *self.faults.events], key=lambda each: each.time_s)
         return Outcome(self._sampler.record(events, self._reports.any), figures)
 
     def _on_report(self, bus: int, frame: Frame, now_ns: int) -> None:

@@ -52,6 +52,24 @@ def test_boots_and_drives_both_wheels(bench):
     assert (world.levels[bench.phases[0]], world.levels[bench.phases[1]]) == (1, 0)
 
 
+def test_both_leds_blink_together_while_the_board_is_the_one_meant(bench):
+    bench.boot()
+    leds = (bench.module.PINS.run_led, bench.module.PINS.error_led)
+    bench.can.deliver(0x600 + NODE, b"\x2b\x07\x30\x00\xf4\x01\x00\x00")
+    seen = set()
+    for _ in range(400):
+        bench.pass_ms()
+        seen.add((world.levels[leds[0]], world.levels[leds[1]]))
+    assert seen == {(0, 0), (1, 1)}, seen
+    bench.pass_ms(200)
+    assert not world.levels[leds[1]]
+
+
+def test_reports_what_is_free_of_its_heap_and_flash(bench):
+    assert 0 < bench.board.heap_free() < 1 << 31
+    assert 0 <= bench.board.flash_free() < 1 << 31
+
+
 def test_full_voltage_is_a_full_pulse(bench):
     bench.boot()
     bench.drive(10_000_000)

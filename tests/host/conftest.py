@@ -53,6 +53,7 @@ class KinematicCell:
     heartbeat_s: float = 0.0
     sensors: Presence = field(default_factory=Presence)
     writes: list[bytes] = field(default_factory=list)
+    reads: list[bytes] = field(default_factory=list)
     objects: Objects = field(default_factory=Objects)
 
     def __post_init__(self) -> None:
@@ -78,8 +79,8 @@ class KinematicCell:
             words = pdo.CONTROLWORD.decode(frame.data)
             self.states = [NEXT.get(pair, pair[0]) for pair in zip(self.states, words, strict=True)]
         if frame.can_id == cob.SDO_REQUEST_BASE + self.node_id:
-            if frame.data[0] & sdo.SPECIFIER == sdo.DOWNLOAD:
-                self.writes.append(frame.data)
+            writes = frame.data[0] & sdo.SPECIFIER == sdo.DOWNLOAD
+            (self.writes if writes else self.reads).append(frame.data)
             answers: list[bytes] = []
             SdoServer(self.objects, answers.append).on_request(frame.data)
             return [Frame(cob.SDO_RESPONSE_BASE + self.node_id, answer) for answer in answers]

@@ -11,16 +11,18 @@ from mdms_sim.simulation import Simulation
 
 
 @contextmanager
-def serving(bank: CellBank, channel: str) -> Iterator[None]:
-    """Serves a bank of 18 cells in real time, and closes it at the end."""
+def serving(
+    bank: CellBank, channel: str, scenario: str = "array18", *overrides: str
+) -> Iterator[Simulation]:
+    """Serves the bank of a scenario's cells in real time, and closes it at the end."""
     over = threading.Event()
     with closing(bank):
-        simulation = Simulation(load_scenario("array18", []), bank, recorded=False)
+        simulation = Simulation(load_scenario(scenario, overrides), bank, recorded=False)
         with Server(simulation, channel) as server:
             thread = threading.Thread(target=server.run, args=(over.is_set,))
             thread.start()
             try:
-                yield
+                yield simulation
             finally:
                 over.set()
                 thread.join()

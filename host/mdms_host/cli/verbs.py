@@ -1,6 +1,7 @@
 """The table of all verbs; each is a function of a module that is imported when the verb is used."""
 
 from mdms_host.cli import options
+from mdms_host.cli.commission.options import IDENTIFY, JOG
 from mdms_host.cli.configure.options import CONFIGURE
 from mdms_host.cli.extras import BOARDS, PICTURES, RECORDING, SIMULATION
 from mdms_host.cli.parser import Parser, ShowVersion, Verb, add_verbs
@@ -109,6 +110,8 @@ VERBS = (
         extra=BOARDS,
     ),
     CONFIGURE,
+    IDENTIFY,
+    JOG,
     Verb(
         "replay",
         "send a run's bus log again",

@@ -7,14 +7,16 @@ import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from queue import SimpleQueue
 
 import can
 import canopen
 
-from mdms_host.can_link.link import Link
+from mdms_host.can_link.link import Link, hand_over
 from mdms_host.can_link.protocol_revision import other_protocol
 from mdms_host.clock import Clock
 from mdms_host.commissioning.lss_master import LssMaster
+from mdms_model.participant import Participant
 from mdms_protocol import cob, indices, nmt, pdo
 from mdms_protocol.dictionary import DEVICE_NAME, ENTRIES, PRODUCT_CODE, VENDOR_ID
 from mdms_protocol.entry import Entry
@@ -76,6 +78,7 @@ class Commissioning:
         self.states: dict[int, int] = {}
         self._booted: set[int] = set()
         self._host_node_answers = False
+        self._arrivals: SimpleQueue[tuple[Frame, float]] | None = None
         self._clock = clock
         self._nodes: dict[int, canopen.RemoteNode] = {}
         # The link delivers frames from its first moment on.
@@ -102,6 +105,29 @@ class Commissioning:
             # Another host has a heartbeat there, and answers nothing.
             found.discard(cob.HOST_NODE)
         return sorted(found)
+
+    @property
+    def other_host(self) -> bool:
+        """Whether a host other than this one has sent its heartbeat, and no cell answers there."""
+        return cob.HOST_NODE in self.states and not self._host_node_answers
+
+    def drive(self, participant: Participant, over: Callable[[], bool]) -> None:
+        """Bring a participant onto the same bus until it is over, about which is asked often.
+
+        Raises DeviceGoneError.
+        """
+        arrivals: SimpleQueue[tuple[Frame, float]] = SimpleQueue()
+        self._arrivals = arrivals
+        try:
+            while not over():
+                self.link.check()
+                now_s = self._clock.now_s()
+                if participant.wake_s <= now_s:
+                    self.link.send_polled(participant, now_s)
+                wait_s = participant.wake_s - self._clock.now_s()
+                hand_over(arrivals, wait_s, participant.on_frame)
+        finally:
+            self._arrivals = None
 
     def identity(self, node_id: int) -> Identity:
         """The identity of a node. Raises SilentError, or RefusedError if it has no such objects."""
@@ -187,7 +213,9 @@ class Commissioning:
         self.link.send(frame)
 
     def _on_frame(self, frame: Frame, now_s: float) -> None:
-        """In the reader's thread: record heartbeats, pass all to `canopen`."""
+        """In the reader's thread: record heartbeats, pass all to participants and `canopen`."""
+        if (arrivals := self._arrivals) is not None:
+            arrivals.put((frame, now_s))
         node = frame.can_id - cob.HEARTBEAT_BASE
         state = nmt.decode_heartbeat(frame.data) if 0 < node <= cob.NODE_MAX else None
         if state is not None:

@@ -1,6 +1,6 @@
 """What all presence sensors show: covered or free, how old that is, and what it has been worth."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from math import inf
 
 import numpy as np
@@ -35,11 +35,21 @@ class PresenceMap:
         self._debounce_s = tuple(debounce_s) or (0.0,) * cells
         self._worth = SensorWorth(cells * sensors)
         self._judged_s = inf
+        self._ignored: Collection[int] = ()
+        self._counted: Bools = np.ones(cells * sensors, dtype=bool)
 
     @property
     def complete(self) -> bool:
-        """Whether every cell has reported."""
-        return None not in self._bits
+        """Whether every cell has reported, but for those that are ignored."""
+        silent = (cell for cell, bits in enumerate(self._bits, 1) if bits is None)
+        return all(cell in self._ignored for cell in silent)
+
+    def ignore(self, cells: Collection[int]) -> None:
+        """These cells (from 1) show nothing, whatever they report or have reported; others do."""
+        self._ignored = cells
+        self._counted[:] = True
+        for cell in cells:
+            self._counted[(cell - 1) * self._sensors : cell * self._sensors] = False
 
     def on_report(self, now_s: float, cell: int, bits: int) -> Iterator[tuple[float, int]]:
         """Cell `cell` (from 1) reports bit k for its sensor k; when each sensor changed [s].
@@ -61,7 +71,7 @@ class PresenceMap:
     def valid(self, now_s: float) -> Bools:
         """Sensors that are believed, and whose cells have reported of late, shape (S,)."""
         lately = now_s - self._reported_s <= self._valid_s
-        return np.repeat(lately, self._sensors) & self._worth.believed
+        return np.repeat(lately, self._sensors) & self._worth.believed & self._counted
 
     def judge(self, now_s: float, distance_m: Floats) -> list[tuple[int, list[int]]]:
         """Compare with where all parcels are, all found: `distance_m` (S,) from the nearest edge.
@@ -69,7 +79,7 @@ class PresenceMap:
         Returns cells (from 1) with their sensors (from 0) that are not believed from now on.
         """
         step_s, self._judged_s = max(0.0, now_s - self._judged_s), now_s
-        deep = abs(distance_m) > _DEEP_M
+        deep = (abs(distance_m) > _DEEP_M) & self._counted
         inside = deep & (distance_m < 0)
         if (self.covered & inside).sum() < _AGREEING * inside.sum():
             return []

@@ -99,6 +99,10 @@ class Tracker:
         for time_s, sensor in self._presence.on_report(now_s, cell, bits):
             self._on_edge(time_s, sensor)
 
+    def ignore_cells(self, cells: Collection[int]) -> None:
+        """The sensors of these cells (from 1) show nothing from now on, those of all others do."""
+        self._presence.ignore(cells)
+
     def on_speeds(
         self,
         now_s: float,

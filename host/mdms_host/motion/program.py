@@ -58,6 +58,14 @@ class Program(Protocol):
         """What steers each parcel that has a goal, by the parcel's name."""
         ...
 
+    def set_goal(self, name: str, goal: Goal) -> None:
+        """Steer a parcel to this goal from now on.
+
+        Raises ValueError where none are steered, and KeyError for a parcel that is not the
+        program's.
+        """
+        ...
+
 
 class FieldProgram:
     """An open-loop field: the same references for as long as it runs."""
@@ -94,6 +102,10 @@ class FieldProgram:
         """The field's references, shape (W,)."""
         return self._references_m_s
 
+    def set_goal(self, name: str, goal: Goal) -> None:
+        """Raises ValueError: a field has no goals."""
+        raise ValueError("the program drives all wheels by a field, and steers no parcel")
+
     def take_notices(self) -> list[str]:
         """Nothing: a field does not look at parcels."""
         return []
@@ -114,6 +126,8 @@ class GoalProgram:
         goals: Mapping[str, Goal],
         masses: Mapping[str, Mass] = MappingProxyType({}),
     ) -> None:
+        self._traction = traction
+        self._masses = masses
         self._carrying = Carrying(traction.layout, traction.drives)
         self._bottoms = {parcel.name: parcel.bottom for parcel in parcels}
         self._places: dict[str, Floats] = {
@@ -122,15 +136,30 @@ class GoalProgram:
             if parcel.near_m is not None
         }
         self._controllers = {
-            name: GoalController(goals[name], traction, masses.get(name) or uniform_mass(bottom))
-            for name, bottom in self._bottoms.items()
-            if name in goals
+            name: self._controller_of(name, goals[name]) for name in self._bottoms if name in goals
         }
         self._found: set[str] = set()
         self._contacts = Contacts()
         self._standstills = {name: Standstill() for name in self._controllers}
         self._notices: list[str] = []
-        self._reasons: list[str] = []
+        self._reasons: dict[str, str] = {}
+
+    def set_goal(self, name: str, goal: Goal) -> None:
+        """Steer a parcel to this goal from now on, stopped or not. KeyError for one of no program.
+
+        One that moves is brought to rest on its way first.
+        """
+        before = self._controllers.get(name)
+        after = self._controller_of(name, goal)
+        if before is not None:
+            after.go_over_from(before)
+        self._controllers[name] = after
+        self._standstills[name] = Standstill()
+        self._reasons.pop(name, None)
+
+    def _controller_of(self, name: str, goal: Goal) -> GoalController:
+        mass = self._masses.get(name) or uniform_mass(self._bottoms[name])
+        return GoalController(goal, self._traction, mass)
 
     @property
     def stuck(self) -> str | None:
@@ -138,7 +167,7 @@ class GoalProgram:
         left = [one for one in self._controllers.values() if not one.arrived]
         if not left or any(not one.stopped or one.speed_m_s > 0.0 for one in left):
             return None
-        return "; ".join(self._reasons)
+        return "; ".join(dict.fromkeys(self._reasons.values()))
 
     @property
     def finished(self) -> bool:
@@ -250,4 +279,4 @@ class GoalProgram:
         else:
             reason = f"{' and '.join(names)} press each other: stopped"
         self._notices.append(reason)
-        self._reasons.append(reason)
+        self._reasons.update(dict.fromkeys(names, reason))

@@ -37,7 +37,10 @@ def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Sc
 
 def scenario_from(tree: Any) -> Scenario:
     """The checked scenario that plain tables describe. Raises `ScenarioError`."""
-    scenario: Scenario = build(Scenario, tree)
+    try:
+        scenario: Scenario = build(Scenario, tree)
+    except RecursionError:
+        raise ScenarioError("motion.part is nested too deeply; take fewer parts in parts") from None
     check_rules(scenario)
     return scenario
 

@@ -70,6 +70,10 @@ class CellBank(Protocol):
     def awake(self) -> NDArray[np.int32]:
         """Whether the bridges of each cell are awake (1) or sleep (0) since the last tick, (n,)."""
 
+    @property
+    def blinking(self) -> NDArray[np.bool_]:
+        """Whether the LEDs of each cell show that this is the one meant, shape (n,)."""
+
     def set_supply(self, cell: int, supply_uv: int) -> None:
         """The motors' supply is so much from now on, as the cell measures it."""
 

@@ -40,6 +40,7 @@ class Blocks:
         words = np.frombuffer(self._memory, np.int32).reshape(cells, _BLOCK_WORDS)
         self.presence = words[:, lockstep.PRESENCE]
         self.times_ms = words[:, lockstep.NOW_MS]
+        self.blinking = words[:, lockstep.BLINKING]
         self.voltages_uv = words[:, lockstep.VOLTAGES_UV : lockstep.VOLTAGES_UV + speed_loop.AXES]
         registers = words[:, lockstep.REGISTERS // lockstep.WORD :]
         end = speed_loop.AXES * speed_loop.AXIS
@@ -89,6 +90,6 @@ class Blocks:
         """Gives the memory back; nothing else may be asked afterwards."""
         self._words.release()
         del self.counts, self.currents_ma, self.voltages_uv
-        del self.presence, self.times_ms, self.supply_uv, self.awake
+        del self.presence, self.times_ms, self.supply_uv, self.awake, self.blinking
         self._memory.close()
         self._file.close()

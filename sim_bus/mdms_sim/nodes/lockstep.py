@@ -29,6 +29,7 @@ VOLTAGES_UV = 2  # both axes
 INBOX_SIZE = 4  # bytes
 OUTBOX_SIZE = 5  # bytes
 NODE_ID = 6  # from RESTART on
+BLINKING = 7  # whether the LEDs show that this is the cell meant
 WORDS = 16
 
 # Where the parts of a block are, in bytes

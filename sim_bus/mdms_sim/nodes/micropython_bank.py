@@ -144,6 +144,12 @@ class MicropythonBank:
         """See `CellBank`."""
         return self._blocks.awake.copy()
 
+    @property
+    def blinking(self) -> NDArray[np.bool_]:
+        """See `CellBank`."""
+        lit: NDArray[np.bool_] = self._blocks.blinking != 0
+        return lit
+
     def set_supply(self, cell: int, supply_uv: int) -> None:
         """See `CellBank`."""
         self._settle()
@@ -153,7 +159,7 @@ class MicropythonBank:
     def power_off(self, cell: int) -> None:
         """See `CellBank`."""
         self._settle()
-        self._blocks.awake[cell] = 0
+        self._blocks.awake[cell] = self._blocks.blinking[cell] = 0
         self._forget(cell)
         self._blocks.voltages_uv[cell] = 0
         self._conditions.halt(cell, (0, 0))

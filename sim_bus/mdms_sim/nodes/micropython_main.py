@@ -31,6 +31,10 @@ class Board(VirtualBoard):
     def sample(self, registers):
         """Nothing is left to do."""
 
+    def blink(self, on):
+        """Have the LEDs blink where the simulation sees it."""
+        self.words[lockstep.BLINKING] = on
+
 
 class Node:
     """A cell and its board, over the block at `address`."""
@@ -50,6 +54,7 @@ class Node:
     def _start(self):
         self.board = Board(self._registers, self._serial, self._flash)
         self.board.voltages_uv = self._voltages_uv
+        self.board.words = self.words
         self.board.motors_off()
         self.cell = Cell(self.board, self._node_id)
 
@@ -79,7 +84,7 @@ class Node:
         elif request == lockstep.REJOIN_BUS:
             rejoin_bus(self.cell, self.board)
 
-    def tell(self):
+    def report(self):
         """Write what is queued into the outbox; returns its size."""
         board = self.board
         at = 0
@@ -133,7 +138,7 @@ def serve(node, read, write):
         turn[0] = 0
         if board.frames or board.identifiers is not None:
             turn[0] = 1
-            words[lockstep.OUTBOX_SIZE] = node.tell()
+            words[lockstep.OUTBOX_SIZE] = node.report()
         write(turn)
 
 

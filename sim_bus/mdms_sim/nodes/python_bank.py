@@ -175,6 +175,11 @@ class PythonBank:
         """See `CellBank`."""
         return self._awake
 
+    @property
+    def blinking(self) -> NDArray[np.bool_]:
+        """See `CellBank`."""
+        return np.array([board.blinking for board in self._boards])
+
     def set_supply(self, cell: int, supply_uv: int) -> None:
         """See `CellBank`."""
         self._supply_uv[cell] = supply_uv
@@ -183,6 +188,7 @@ class PythonBank:
     def power_off(self, cell: int) -> None:
         """See `CellBank`."""
         self._boards[cell].frames.clear()
+        self._boards[cell].blinking = False
         self._awake[cell] = 0
         self._conditions.halt(cell, (0, 0))
 

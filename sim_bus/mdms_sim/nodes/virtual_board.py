@@ -14,7 +14,7 @@ class VirtualBoard:
     """Peripherals as plain attributes: the simulation writes the inputs and takes the outputs.
 
     `identifiers` are the frames that the cell wants to receive; who takes the list sets it to None.
-    `settings` outlives the cell.
+    `settings` outlives the cell. `blinking` is whether its LEDs show that this is the cell meant.
     """
 
     def __init__(self, registers: memoryview, serial: int, settings: "VirtualFlash") -> None:
@@ -24,6 +24,7 @@ class VirtualBoard:
         self.counts = [0, 0]
         self.currents_ma = [0, 0]
         self.presence_bits = 0
+        self.blinking = False
         self.voltages_uv = [0, 0]
         self.frames: list[Frame] = []
         self.identifiers: list[int] | None = None
@@ -43,6 +44,10 @@ class VirtualBoard:
     def presence(self) -> int:
         """Return the five presence bits."""
         return self.presence_bits
+
+    def blink(self, on: bool) -> None:
+        """Have the LEDs blink until it is ended."""
+        self.blinking = on
 
     def send(self, can_id: int, data: bytes) -> bool:
         """Queue a frame; False when there is no room."""

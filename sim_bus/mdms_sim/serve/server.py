@@ -32,6 +32,8 @@ from mdms_sim.simulation import Simulation
 
 #: The simulation is not run further than this without looking after the clients.
 SLICE_NS = 1_000_000
+#: How often somebody looks whether cells blink.
+LOOK_NS = 50_000_000
 #: Every connection costs time at each frame; more are refused.
 CONNECTIONS_MAX = 16
 
@@ -54,7 +56,8 @@ class Server:
     Of several buses each has the channel's name with its number, from 0: `array54.0` and so on.
     `addresses` are those of the first bus, `all_addresses` of all. SLCAN over TCP is open with a
     `tcp_port` only, for the first bus, and on the ports after it for the others; 0 takes free ones.
-    `report(text)` gets a line for each client that comes or goes. Raises `ServeError`.
+    `report(text)` gets a line for each client that comes or goes, and each cell that begins to
+    blink. Raises `ServeError`.
     """
 
     def __init__(
@@ -65,13 +68,15 @@ class Server:
         speed: float = 1.0,
         report: Report = lambda _text: None,
     ) -> None:
-        self._simulation = simulation
+        self.simulation = simulation
         self._report = report
         self._clients: dict[int, Client] = {}
         self._ready: dict[int, Callable[[int], None]] = {}
         self._connections: dict[int, socket.socket] = {}
         self._leaving: list[Client] = []
         self._refusing = False
+        self._blinking: list[int] = []
+        self._look_ns = 0
         # Whatever is compiled at its first use is so before anybody can come in and time counts.
         simulation.kernel.run_until(SLICE_NS)
         self.time = RealTime(speed)
@@ -88,7 +93,7 @@ class Server:
         self._acceptor = Acceptor()
         opened.callback(self._acceptor.close)
         self._terminals: list[Terminal] = []
-        buses = self._simulation.buses
+        buses = self.simulation.buses
         self.all_addresses = tuple(
             self._open_bus(
                 opened,
@@ -126,10 +131,11 @@ class Server:
 
     def run(self, over: Callable[[], bool] = lambda: False) -> None:
         """Serve until it is over, which is asked about a thousand times a second."""
-        while not over() and not self._simulation.tipped:
+        while not over() and not self.simulation.tipped:
             self._simulate()
             self._serve_clients()
-            self._lateness.look(self._simulation.kernel.now_ns)
+            self._look_at_lights()
+            self._lateness.look(self.simulation.kernel.now_ns)
 
     def close(self) -> None:
         """Shut all addresses and take the clients off the bus."""
@@ -140,13 +146,23 @@ class Server:
         self._opened.close()
 
     def _simulate(self) -> None:
-        kernel = self._simulation.kernel
+        kernel = self.simulation.kernel
         due_ns = self.time.sim_ns(kernel.now_ns)
         if due_ns > kernel.now_ns:
             kernel.run_until(min(due_ns, kernel.now_ns + SLICE_NS))
 
+    def _look_at_lights(self) -> None:
+        """Report which cells begin to blink, at the places where a person would see it."""
+        if self.simulation.kernel.now_ns < self._look_ns:
+            return
+        self._look_ns = self.simulation.kernel.now_ns + LOOK_NS
+        blinking = self.simulation.blinking
+        for place in sorted({*blinking} - {*self._blinking}):
+            self._report(f"the cell at place {place} blinks")
+        self._blinking = blinking
+
     def _serve_clients(self) -> None:
-        kernel = self._simulation.kernel
+        kernel = self.simulation.kernel
         for descriptor, client in list(self._clients.items()):
             if client.wants_to_write:
                 client.write()
@@ -221,7 +237,7 @@ class Server:
         """Listen only for what can be served: a bus that is full does not read on."""
         if descriptor not in self._clients:
             return
-        wanted = selectors.EVENT_READ if client.may_read(self._simulation.kernel.now_ns) else 0
+        wanted = selectors.EVENT_READ if client.may_read(self.simulation.kernel.now_ns) else 0
         wanted |= selectors.EVENT_WRITE if client.wants_to_write else 0
         key = self._selector.get_map().get(descriptor)
         if wanted and key is None:
@@ -233,7 +249,7 @@ class Server:
 
     def _read(self, descriptor: int, client: Client) -> None:
         try:
-            client.read(self._simulation.kernel.now_ns)
+            client.read(self.simulation.kernel.now_ns)
         except GoneError as error:
             self._dismiss(descriptor, str(error))
 

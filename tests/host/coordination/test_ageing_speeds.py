@@ -5,6 +5,7 @@ import pytest
 
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.phase import Phase
+from mdms_host.coordination.policy import Policy
 from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
@@ -37,7 +38,7 @@ def resting(rolling_array):
 
     def start(growth_m_s: float = 0.1, most_m_s: float = 0.1):
         program = Starting(growth_m_s, most_m_s)
-        coordinator = Coordinator(LAYOUT, program, parcels=(BOX,))
+        coordinator = Coordinator(LAYOUT, program, parcels=(BOX,), policy=Policy(pauses=0))
         array = rolling_array(LAYOUT, BOTTOM, (-0.05, 0.0, 0.0))
         array.run(coordinator, 1.0)
         assert coordinator.phase == Phase.RUNNING

@@ -112,6 +112,15 @@ def test_a_fast_clock_sends_more_heartbeats(bench):
     assert 1.05 < counts[1] / counts[0] < 1.15
 
 
+def test_the_cell_that_is_meant_blinks_until_its_power_is_gone(bench):
+    bench.tick(BOOT_TICKS)
+    bench.tell(cob.SDO_REQUEST_BASE + 2, bytes.fromhex("2b073000e8030000"), 1)
+    bench.tick(2)
+    assert bench.bank.blinking.tolist() == [cell == 1 for cell in range(CELLS)]
+    bench.bank.power_off(1)
+    assert not bench.bank.blinking.any()
+
+
 def test_the_filter_follows_what_the_cell_listens_to(bench):
     accepted = bench.bank.accepts(0)
     assert cob.SYNC not in accepted

@@ -11,7 +11,7 @@ from typing import Any
 from mdms_host.can_link.link import DeviceGoneError
 from mdms_host.cli.array.bus import open_links
 from mdms_host.cli.exits import CommandError, Exit, exit_of
-from mdms_host.cli.extras import RECORDING, require
+from mdms_host.cli.extras import PAGE, RECORDING, require
 from mdms_host.cli.files import writing
 from mdms_host.cli.records.bus_log import LogWriter
 from mdms_host.cli.records.keep import keep_run, lasting
@@ -44,6 +44,14 @@ EXITS = {
 
 def run(arguments: Namespace) -> int:
     """Bring the array up, run the program, turn everything off, and report how it went."""
+    if arguments.page is not None:
+        require(PAGE, "mdms run --page")
+        if arguments.out is not None or arguments.json:
+            raise CommandError(
+                "--page: a run that a person starts and stops is not kept; leave --out and --json "
+                "out",
+                Exit.USAGE,
+            )
     if arguments.out is not None:
         require(RECORDING, "mdms run --out")
     overrides = [*arguments.overrides, "run.fidelity=firmware"]
@@ -52,6 +60,11 @@ def run(arguments: Namespace) -> int:
     scenario = open_program(arguments.program, overrides)
     belief = believe(scenario, arguments.array, arguments)
     check_load(belief.scenario, arguments)
+    if arguments.page is not None:
+        # The page is an extra.
+        from mdms_host.cli.array.live import show  # noqa: PLC0415
+
+        return show(belief, arguments)
     coordinator = coordinator_of(belief.scenario, belief.cells)
     if arguments.limit is None:
         arguments.limit = scenario.run.duration_s + BRING_UP_S
@@ -141,6 +154,8 @@ def _figures(scenario: Scenario, coordinator: Coordinator, operation: Operation)
         "ending": str(operation.ending),
         "duration_s": operation.duration_s,
         "fault": operation.fault or coordinator.lost or coordinator.stuck,
+        "lost_cells": sorted(coordinator.lost_cells),
+        "pauses": coordinator.pauses,
         "link": asdict(operation.link),
         "parcels": parcels,
         "goals": [asdict(outcome) for outcome in goals_of(scenario, coordinator)],

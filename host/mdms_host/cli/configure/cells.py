@@ -37,7 +37,7 @@ def read_cells(
     Without `--node`, nodes that are no cells are left alone.
     """
     wanted = nodes_of(arguments.nodes)
-    node_ids = _present(commissioning, wanted)
+    node_ids = present_nodes(commissioning, wanted)
     cells = []
     with progress("reading") as share:
         for done, node_id in enumerate(node_ids, 1):
@@ -112,7 +112,8 @@ def ranges(numbers: Iterable[int]) -> str:
     return ", ".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)
 
 
-def _present(commissioning: Commissioning, wanted: list[int] | None) -> list[int]:
+def present_nodes(commissioning: Commissioning, wanted: list[int] | None) -> list[int]:
+    """Those wanted, None for all that answer. Raises `CommandError` for absent ones, or none."""
     found = commissioning.find()
     if wanted is None:
         if not found:

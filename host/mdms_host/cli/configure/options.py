@@ -26,7 +26,7 @@ def nodes_of(texts: list[list[int] | str]) -> list[int] | None:
 
 def _add_show(parser: ArgumentParser) -> None:
     parser.add_argument("names", metavar="KEY", nargs="*", help="only these settings")
-    _add_nodes(parser)
+    add_nodes(parser)
     parser.add_argument(
         "--wiring", action="store_true", help="also which frames carry what (PDOs, identifiers)"
     )
@@ -35,7 +35,7 @@ def _add_show(parser: ArgumentParser) -> None:
 
 def _add_set(parser: ArgumentParser) -> None:
     parser.add_argument("assignments", metavar="KEY=VALUE", nargs="+", help="as in gain=10")
-    _add_nodes(parser)
+    add_nodes(parser)
     _add_save(parser)
     _add_motors(parser)
     add_json(parser)
@@ -46,7 +46,7 @@ def _add_assign(parser: ArgumentParser) -> None:
     which.add_argument(
         "--first",
         metavar="N",
-        type=_cell_node,
+        type=cell_node,
         default=NODE_MIN,
         help="blank cells by serial number get free node ids from here (default 1)",
     )
@@ -63,25 +63,26 @@ def _add_assign(parser: ArgumentParser) -> None:
 
 def _add_dump(parser: ArgumentParser) -> None:
     parser.add_argument("file", metavar="FILE", type=Path, help="a TOML file, or - for stdout")
-    _add_nodes(parser)
+    add_nodes(parser)
     add_force(parser)
     add_json(parser)
 
 
 def _add_load(parser: ArgumentParser) -> None:
     parser.add_argument("file", metavar="FILE", type=Path, help="a file that `dump` has written")
-    _add_nodes(parser)
+    add_nodes(parser)
     _add_save(parser)
     _add_motors(parser)
     _add_consent(parser)
 
 
 def _add_restore(parser: ArgumentParser) -> None:
-    _add_nodes(parser)
+    add_nodes(parser)
     _add_consent(parser)
 
 
-def _add_nodes(parser: ArgumentParser) -> None:
+def add_nodes(parser: ArgumentParser) -> None:
+    """`--node`."""
     parser.add_argument(
         "--node",
         metavar="N",
@@ -123,7 +124,8 @@ def _nodes(text: str) -> list[int] | str:
     return list(range(low, high + 1))
 
 
-def _cell_node(text: str) -> int:
+def cell_node(text: str) -> int:
+    """A node id that a cell may have; raises ArgumentTypeError."""
     if _node(text) == HOST_NODE:
         raise ArgumentTypeError(f"{text} is the host's own node id, a cell's {_CELL_NODES}")
     return _node(text)

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mdms_host.cli.compiling import compiling_watched
-from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of, references_m_s
+from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
+from mdms_host.cli.scenario.field import references_m_s
 from mdms_host.clock import MonotonicClock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_model.run.record import Event, Record
@@ -24,8 +25,9 @@ class Finished:
     """A run that has ended: what it recorded, how long it took, and what a coordinator met.
 
     `troubles` are what the coordinator found amiss, as (time [s], text), `lost` is which parcels it
-    does not find any more at the end, and `stuck` why it could not go on to its goals. `wall_s`
-    leaves out `compile_s`, which passes once per installation.
+    does not find any more at the end, and `stuck` why it could not go on to its goals; `lost_cells`
+    are those that it does without by then, and `pauses` is how often it has held all parcels.
+    `wall_s` leaves out `compile_s`, which passes once per installation.
     """
 
     record: Record
@@ -35,6 +37,8 @@ class Finished:
     lost: str | None = None
     stuck: str | None = None
     troubles: tuple[tuple[float, str], ...] = ()
+    lost_cells: tuple[int, ...] = ()
+    pauses: int = 0
     wall_s: float = 0.0
     compile_s: float = 0.0
 
@@ -100,6 +104,8 @@ def _firmware(
             lost=coordinator.lost,
             stuck=coordinator.stuck,
             troubles=troubles,
+            lost_cells=tuple(sorted(coordinator.lost_cells)),
+            pauses=coordinator.pauses,
         )
 
     return work

@@ -36,13 +36,20 @@ def figures_of(scenario: Scenario, finished: Finished) -> dict[str, Any]:
         "wall_s": finished.wall_s,
         "compile_s": finished.compile_s,
         "real_time_factor": duration_s / finished.wall_s,
-        "parcels": [_parcel(scenario, record, number) for number in range(len(scenario.parcel))],
+        "parcels": [
+            _parcel(scenario, record, number)
+            for number in range(len(scenario.parcel))
+            # One that is away is nowhere.
+            if np.isfinite(record.pose[-1, number]).all()
+        ],
         "goals": [asdict(outcome) for outcome in goals_of(scenario, record)],
         "fault": fault_of(finished),
         "slipping_share": slipping_share(record),
     }
     if finished.bus is not None:
         figures["bus"] = asdict(finished.bus)
+        figures["lost_cells"] = list(finished.lost_cells)
+        figures["pauses"] = finished.pauses
     return figures
 
 

@@ -7,8 +7,8 @@ from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import Goal
-from mdms_protocol import messages
-from mdms_protocol import neighbours as wire
+from mdms_protocol.neighbours import frames as wire
+from mdms_protocol.neighbours import messages
 
 LAYOUT = Layout(6, 3)
 BOX = Parcel("box", 0.36, 0.30)

@@ -3,15 +3,15 @@
 from array import array
 from collections import namedtuple
 
-from mdms_protocol import neighbours as n
-from mdms_protocol.pdo import OutOfRangeError
+from mdms_protocol.entry import OutOfRangeError
+from mdms_protocol.neighbours import frames as n
 
 #: What a cell believes and promises; fields as in `neighbours`.
 Estimate = namedtuple(
     "Estimate",
     "x y yaw identity state wants certainty hold sequence flags",
 )
-#: Pages of a program; `page` is what tells them apart on the wire.
+#: Pages of a program; `page` is what distinguishes them on the wire.
 Parcel = namedtuple(
     "Parcel",
     "identity sequence shape length width acceleration speed flags",

@@ -69,7 +69,7 @@ def _halves(name: str, access: str, mappable: int) -> e.Group:
     return record(name, fields)
 
 
-#: By index; what a frame of `ESTIMATE` or `PROGRAM` says is in `mdms_protocol.neighbours`.
+#: By index; what a frame of `ESTIMATE` or `PROGRAM` says is in `mdms_protocol.neighbours.frames`.
 NEIGHBOUR_OBJECTS: dict[int, Field | e.Group] = {
     0x3010: record(
         "Place",

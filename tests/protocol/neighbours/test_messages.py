@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdms_protocol import messages
-from mdms_protocol.pdo import OutOfRangeError
+from mdms_protocol.entry import OutOfRangeError
+from mdms_protocol.neighbours import messages
 
 
 @st.composite

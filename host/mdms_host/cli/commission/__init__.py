@@ -1,0 +1,1 @@
+"""Verbs that bring an array into being, one board after another."""

@@ -1,0 +1,107 @@
+"""`mdms jog`: one wheel turns for a time, or while a key is held down."""
+
+import json
+import os
+import select
+import sys
+from argparse import Namespace
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from mdms_host.cli.configure.cells import open_commissioning, present_nodes
+from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.streams import say
+from mdms_host.clock import Clock, MonotonicClock
+from mdms_host.commissioning.cell_settings import check_identity
+from mdms_host.commissioning.jog import Jog
+from mdms_host.commissioning.wheel_turn import Turn, refuse_busy, refuse_steering, turn_wheel
+
+#: Keyboards repeat a key that is held down after half a second at the latest.
+KEY_S = 0.6
+#: How long a jog by keys goes on that nobody ends.
+_KEYS_S = 600.0
+_KEYS = {"+": 1, "f": 1, "-": -1, "b": -1}
+_LEAVE = ("q", "\x1b", "\x04")
+
+
+def run(arguments: Namespace) -> Exit:
+    """Turn the wheel, and say how far it went."""
+    node_id, axis = arguments.node, arguments.axis
+    with open_commissioning(arguments) as commissioning:
+        present_nodes(commissioning, [node_id])
+        check_identity(node_id, commissioning.identity(node_id))
+        refuse_busy(commissioning, [node_id])
+        refuse_steering(commissioning, node_id)
+        if arguments.keys:
+            with _keys() as pressed:
+                say("hold + or - to turn the wheel, q to end")
+                jog = Jog(node_id, axis, 0.0, _KEYS_S)
+                by_keys = ByKeys(jog, arguments.speed, MonotonicClock(), pressed)
+                turn = turn_wheel(commissioning, node_id, axis, jog, by_keys.look)
+        else:
+            jog = Jog(node_id, axis, arguments.speed, arguments.seconds)
+            turn = turn_wheel(commissioning, node_id, axis, jog)
+    _report(arguments, turn)
+    return Exit.OK
+
+
+class ByKeys:
+    """Turns a wheel while a key is pressed again and again, as one that is held down is.
+
+    `pressed()` returns the keys since it was called last.
+    """
+
+    def __init__(
+        self, jog: Jog, speed_m_s: float, clock: Clock, pressed: Callable[[], str]
+    ) -> None:
+        self._jog = jog
+        self._speed_m_s = speed_m_s
+        self._clock = clock
+        self._pressed = pressed
+        self._until_s = 0.0
+
+    def look(self) -> None:
+        """Do what the keys say; any other key, and none for a while, stops the wheel."""
+        now_s = self._clock.now_s()
+        for key in self._pressed():
+            if key in _LEAVE:
+                self._jog.end()
+            self._jog.steer(_KEYS.get(key, 0) * self._speed_m_s)
+            self._until_s = now_s + KEY_S
+        if now_s >= self._until_s:
+            self._jog.steer(0.0)
+
+
+def _report(arguments: Namespace, turn: Turn) -> None:
+    if arguments.json:
+        figures = {"distance_m": turn.distance_m, "peak_m_s": turn.peak_m_s}
+        print(json.dumps({"node": arguments.node, "axis": arguments.axis, **figures}))
+        return
+    print(
+        f"node {arguments.node}, axis {arguments.axis}: {turn.distance_m * 1e3:.1f} mm by its "
+        f"encoder, {turn.peak_m_s:.3f} m/s at most; off again"
+    )
+
+
+@contextmanager
+def _keys() -> Iterator[Callable[[], str]]:
+    """Single keys of the terminal, without waiting. Raises `CommandError` where there is none."""
+    if not sys.stdin.isatty() or os.name != "posix":
+        raise CommandError("--keys needs a terminal; give --seconds", Exit.USAGE)
+    import termios  # noqa: PLC0415 - of POSIX alone
+    import tty  # noqa: PLC0415
+
+    descriptor = sys.stdin.fileno()
+    before = termios.tcgetattr(descriptor)
+
+    def pressed() -> str:
+        if not select.select([descriptor], [], [], 0)[0]:
+            return ""
+        # The end of the input ends the jog as q does.
+        return os.read(descriptor, 64).decode("ascii", "replace") or _LEAVE[0]
+
+    try:
+        tty.setcbreak(descriptor)
+        yield pressed
+    finally:
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)

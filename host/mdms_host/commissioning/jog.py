@@ -1,0 +1,158 @@
+"""One wheel of one cell turned slowly, for the first sign of life: a participant on the bus.
+
+The wheel turns while setpoints come. Should the host end in the middle, the cell misses them and
+brakes by itself within its setpoint timeout (0x3000, 50 ms).
+"""
+
+from collections.abc import Iterator
+from enum import Enum
+
+from mdms_host.can_link.emergencies import error_text
+from mdms_host.can_link.remote_cell import RemoteCell
+from mdms_protocol import cia402, cob, nmt, pdo
+from mdms_protocol.entry import MICROMETRES_PER_SECOND, steps_per_unit
+from mdms_protocol.frame import Frame
+
+#: A wheel that is to be looked at turns no faster.
+SPEED_MAX_M_S = 0.2
+_AXES = len(pdo.TARGET_VELOCITY.entries)
+_UM_PER_M = steps_per_unit(MICROMETRES_PER_SECOND)
+_SETPOINT_S = 0.01
+_COMMAND_S = 0.02
+_ENABLE_S = 1.0
+_STOP_S = 0.5
+#: A wheel that is to stop is taken to stand below this, and is switched off.
+_SLOW_UM_S = 5_000
+_TOWARDS_ENABLED: dict[int | None, int] = dict(cia402.TOWARDS_ENABLED.items())
+
+
+class Phase(Enum):
+    """What a jog is about."""
+
+    ENABLING = "enabling"
+    TURNING = "turning"
+    STOPPING = "stopping"
+    OVER = "over"
+
+
+class Jog:
+    """Turns a wheel with this speed for so long; `steer` changes both on the way.
+
+    Axes count from 1; the other axis stays off. `failure` is why it ended early, None if it did
+    not. When it is over the cell is 'pre-operational', where no motor runs.
+    """
+
+    def __init__(self, node_id: int, axis: int, speed_m_s: float, seconds: float) -> None:
+        self.cell = RemoteCell(node_id, node_id)
+        self.phase = Phase.ENABLING
+        self.failure: str | None = None
+        self.wake_s = 0.0
+        self._axis = axis
+        self._speed_um_s = 0
+        self._seconds = seconds
+        self._since_s: float | None = None
+        self.steer(speed_m_s)
+
+    @property
+    def over(self) -> bool:
+        """Whether the wheel has been switched off again."""
+        return self.phase is Phase.OVER
+
+    @property
+    def speed_m_s(self) -> float:
+        """The wheel's speed as the cell reported it last."""
+        return self._reported_um_s / _UM_PER_M
+
+    def steer(self, speed_m_s: float) -> None:
+        """Go on with this speed. Raises ValueError above `SPEED_MAX_M_S`."""
+        if not abs(speed_m_s) <= SPEED_MAX_M_S:
+            raise ValueError(f"{speed_m_s:g} m/s is more than {SPEED_MAX_M_S:g} m/s")
+        self._speed_um_s = round(speed_m_s * _UM_PER_M)
+
+    def end(self) -> None:
+        """Bring the wheel to rest now, and switch it off."""
+        if self.phase in (Phase.ENABLING, Phase.TURNING):
+            self._enter(Phase.STOPPING)
+
+    def on_frame(self, frame: Frame, now_s: float) -> None:
+        """Take in a frame of the cell."""
+        self.cell.on_frame(frame.can_id, frame.data, now_s)
+
+    def poll(self, now_s: float) -> Iterator[Frame]:
+        """The frames that are due."""
+        if self._since_s is None:
+            self._since_s = now_s
+        elapsed_s = now_s - self._since_s
+        match self.phase:
+            case Phase.ENABLING:
+                yield from self._enable(elapsed_s)
+            case Phase.TURNING:
+                yield from self._turn(elapsed_s)
+            case Phase.STOPPING:
+                yield from self._stop(elapsed_s)
+        self.wake_s = now_s + (_COMMAND_S if self.phase is Phase.ENABLING else _SETPOINT_S)
+
+    def _enter(self, phase: Phase) -> None:
+        self.phase, self._since_s = phase, None
+
+    def _fail(self, reason: str) -> None:
+        self.failure = self.failure or reason
+        self._enter(Phase.STOPPING)
+
+    def _enable(self, elapsed_s: float) -> Iterator[Frame]:
+        if self._state == cia402.OPERATION_ENABLED:
+            self._enter(Phase.TURNING)
+        elif elapsed_s > _ENABLE_S:
+            self._fail(f"the drive does not come on: {self.cell.drive_text}{self._errors}")
+        elif self.cell.nmt_state != nmt.OPERATIONAL:
+            yield nmt.command(nmt.START, self.cell.node_id)
+        else:
+            word = _TOWARDS_ENABLED.get(self._state, cia402.SHUTDOWN)
+            if word == cia402.FAULT_RESET:
+                # The reset is an edge of its bit, so the bit must have been low.
+                yield self._control(cia402.DISABLE_VOLTAGE)
+            yield self._control(word)
+
+    def _turn(self, elapsed_s: float) -> Iterator[Frame]:
+        if self._state != cia402.OPERATION_ENABLED or self.cell.nmt_state != nmt.OPERATIONAL:
+            self._fail(f"the drive went off: {self.cell.drive_text}{self._errors}")
+        elif elapsed_s >= self._seconds:
+            self._enter(Phase.STOPPING)
+        else:
+            yield from self._setpoint(self._speed_um_s)
+
+    def _stop(self, elapsed_s: float) -> Iterator[Frame]:
+        """Lead the wheel to 0; then, whatever came of that, take all away that may drive it."""
+        slow = elapsed_s >= 2 * _SETPOINT_S and abs(self._reported_um_s) < _SLOW_UM_S
+        if self.failure is None and elapsed_s < _STOP_S and not slow:
+            yield from self._setpoint(0)
+            return
+        yield self._control(cia402.DISABLE_VOLTAGE)
+        yield nmt.command(nmt.ENTER_PRE_OPERATIONAL, self.cell.node_id)
+        self.phase = Phase.OVER
+
+    def _setpoint(self, speed_um_s: int) -> Iterator[Frame]:
+        targets = tuple(speed_um_s if axis == self._axis else 0 for axis in range(1, _AXES + 1))
+        map_ = pdo.TARGET_VELOCITY
+        yield Frame(map_.can_id(self.cell.node_id), map_.encode(targets))
+        yield Frame(cob.SYNC, b"")
+
+    def _control(self, word: int) -> Frame:
+        """A controlword for the axis; the other stays off."""
+        off = cia402.DISABLE_VOLTAGE
+        words = tuple(word if axis == self._axis else off for axis in range(1, _AXES + 1))
+        return Frame(pdo.CONTROLWORD.can_id(self.cell.node_id), pdo.CONTROLWORD.encode(words))
+
+    @property
+    def _state(self) -> int | None:
+        states = self.cell.drive_states
+        return None if states is None else states[self._axis - 1]
+
+    @property
+    def _reported_um_s(self) -> int:
+        speeds = self.cell.speeds_um_s
+        return 0 if speeds is None else speeds[self._axis - 1]
+
+    @property
+    def _errors(self) -> str:
+        return "".join(f"; {error_text(*error)}" for error in self.cell.errors.items())

@@ -1,0 +1,42 @@
+// What the colours and lines of the picture mean.
+
+import { make } from "./details.js";
+import { heat } from "./table.js";
+
+const TITLES = { slip: ["0", "50 mm/s slip"], normal: ["0", "N, most so far"] };
+
+export function showLegend(place, picture, table) {
+  const parts = [];
+  const swatch = (text, fill, edge) => {
+    const box = make("i");
+    box.style.background = fill;
+    if (edge) box.style.borderColor = edge;
+    parts.push(make("span", {}, box, text));
+  };
+  const line = (text, colour, style = "solid") => {
+    const mark = make("i", { class: "line" });
+    mark.style.borderTopColor = colour;
+    mark.style.borderTopStyle = style;
+    parts.push(make("span", {}, mark, text));
+  };
+  const colours = picture.colours;
+  if (picture.heat === "state") {
+    swatch("ready", colours.cell, colours["cell-line"]);
+    swatch("running", colours.running, colours["running-line"]);
+    swatch("fault", colours.fault, colours["fault-line"]);
+    swatch("suspected", colours.suspected, colours["suspected-line"]);
+  } else {
+    const strip = make("canvas", { width: 60, height: 12 }), context = strip.getContext("2d");
+    for (let x = 0; x < 60; x++) {
+      context.fillStyle = heat(x / 59);
+      context.fillRect(x, 0, 1, 12);
+    }
+    const [from, to] = TITLES[picture.heat];
+    parts.push(make("span", {}, from, strip, to));
+  }
+  line("believed", colours.parcel);
+  if (table?.true_known) line("true", colours.true, "dashed");
+  line("goal", colours.goal, "dotted");
+  line("wheel slips", colours.slip);
+  place.replaceChildren(...parts);
+}
