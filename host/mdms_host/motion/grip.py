@@ -21,7 +21,7 @@ _MOST_MISSING = 0.6
 _BACKED_OFF = 0.75
 _LEAST_SHARE = 0.15
 #: The share comes back by so much in a second.
-_RESTORED_PER_S = 0.04
+_RESTORED_PER_S = 0.02
 
 
 @dataclass(frozen=True, slots=True)
