@@ -23,6 +23,20 @@ from mdms_model.arrays import Floats
 _NEAR_M = 0.015
 
 
+class Steered(Protocol):
+    """A parcel that is steered to a goal, by whomever."""
+
+    @property
+    def goal(self) -> Goal:
+        """Where to."""
+        ...
+
+    @property
+    def arrived(self) -> bool:
+        """Whether it is there."""
+        ...
+
+
 class Program(Protocol):
     """Sets all wheels' references [m/s] (the paper's r), step by step."""
 
@@ -55,7 +69,7 @@ class Program(Protocol):
         ...
 
     @property
-    def controllers(self) -> Mapping[str, GoalController]:
+    def controllers(self) -> Mapping[str, Steered]:
         """What steers each parcel that has a goal, by the parcel's name."""
         ...
 
