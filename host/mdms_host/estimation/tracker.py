@@ -18,7 +18,7 @@ from mdms_host.estimation.seeking import Seeking
 from mdms_host.estimation.size import Size
 from mdms_host.estimation.strangers import Strangers
 from mdms_host.estimation.surroundings import Surroundings
-from mdms_host.estimation.unknowns import Unknowns
+from mdms_host.estimation.unknowns import Unknown, Unknowns
 from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats, Ints
 
@@ -195,6 +195,16 @@ class Tracker:
                 )
             one.corrected = False
         return believed | {belief.name: belief for belief in self._unknowns.beliefs()}
+
+    @property
+    def parcels(self) -> Mapping[str, Parcel]:
+        """The parcels that there are, found or not, as they were given, by name."""
+        return {name: each.parcel for name, each in self._known.items()}
+
+    @property
+    def unknown(self) -> Mapping[str, Unknown]:
+        """What is there and was not given, by name."""
+        return self._unknowns.all
 
     def estimate(self, name: str, now_s: float) -> Estimate | None:
         """Where the parcel is believed to be; None as long as it has not been found."""
