@@ -77,9 +77,7 @@ def _folder(out: Path) -> Iterator[Path]:
         raise CommandError(f"{out}: cannot be written: {error.strerror}", Exit.FAILURE) from None
 
 
-def _run(
-    scenario: Scenario, nodes: str, bus_log: Path | None, main: Main | None
-) -> Finished:
+def _run(scenario: Scenario, nodes: str, bus_log: Path | None, main: Main | None) -> Finished:
     if not _has_bus(scenario):
         return run_scenario(scenario)
     with progress(scenario.title) as advance:
