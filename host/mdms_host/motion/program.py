@@ -184,7 +184,7 @@ class GoalProgram:
     def stuck(self) -> str | None:
         """See `Program`: all that have not arrived are stopped, and have come to rest."""
         left = [one for one in self._controllers.values() if not one.arrived]
-        if not left or any(not one.stopped or one.speed_m_s > 0.0 for one in left):
+        if not left or any(not one.stopped or one.stopping_s > 0.0 for one in left):
             return None
         return "; ".join(dict.fromkeys(self._reasons.values()))
 
