@@ -54,7 +54,8 @@ class PoseFilter:
         way_m = hypot(x_m, y_m) + abs(yaw_rad) * self._extent_m
         self.mean[:3] += moved
         variance_m2 = _SLIP_M * way_m + _DRIFT_M2_S * step_s
-        self.covariance[range(3), range(3)] += variance_m2 * self._walk
+        # The first three of the diagonal.
+        self.covariance.reshape(-1)[:18:6] += variance_m2 * self._walk
 
     def on_edge(self, off_m: float, slope: Floats, sigma_m: float) -> bool:
         """A point is on the outline, and was believed `off_m` outside; False if unbelievable.

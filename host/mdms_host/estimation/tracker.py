@@ -13,7 +13,9 @@ from mdms_host.estimation.gate import Gate
 from mdms_host.estimation.known import Known
 from mdms_host.estimation.parcel import Parcel, Region
 from mdms_host.estimation.presence_map import PresenceMap
+from mdms_host.estimation.rolling import Speeds, roll_on
 from mdms_host.estimation.seeking import Seeking
+from mdms_host.estimation.size import Size
 from mdms_host.estimation.strangers import Strangers
 from mdms_host.estimation.surroundings import Surroundings
 from mdms_host.estimation.unknowns import Unknown, Unknowns
@@ -93,6 +95,18 @@ class Tracker:
         region = Region((low_m[0], low_m[1]), (high_m[0], high_m[1]))
         self._add(Known(parcel, self._surroundings, region=region, unknown=unknown))
 
+    def size(self, name: str) -> Size | None:
+        """How large a rectangular parcel is as far as sensors show, or something unknown at rest.
+
+        None for what is no rectangle. Of a parcel that was given this size when it was named edges
+        show it better as it moves. Raises KeyError for a name that there is not.
+        """
+        if name in self._known:
+            return self._known[name].size
+        return self._unknowns.size(
+            name, self._presence.valid(self._now_s) & ~self._presence.covered
+        )
+
     def _add(self, known: Known) -> None:
         name = known.parcel.name
         if name in self._known or name in self._unknowns.all:
@@ -123,8 +137,8 @@ class Tracker:
         stand, and do but for the noise of their encoders.
         """
         self._now_s = now_s
-        for each in self._known.values():
-            each.estimator.predict(now_s, speed_m_s, known, standing)
+        estimators = (each.estimator for each in self._known.values())
+        roll_on(estimators, now_s, Speeds(speed_m_s, known, standing))
         valid = self._presence.valid(now_s)
         views = self._views(now_s)
         coverage = self._coverage(views)

@@ -104,6 +104,8 @@ class GoalController:
         """How fast the parcel is commanded to go there, a corner's way included [m/s]."""
         if self._follower is None:
             return 0.0
+        if self._follower.off_path:
+            return 0.0
         if self._still or not self._follower.finished:
             return self._follower.speed_m_s
         return STIFFNESS_PER_S * min(self._left_m, _CREEP_M)
@@ -149,6 +151,8 @@ class GoalController:
             self._follower = None
             return None
         if follower is None or follower.off_path or self._leads_elsewhere(follower, belief.pose):
+            if follower is not None and follower.off_path:
+                self.leg += 1
             target = self._target(belief.pose)
             path = straight(belief.pose, target, belief.outline.reach_m)
             profile = self._traction.profile(path, belief.outline, self._mass)

@@ -23,6 +23,20 @@ from mdms_model.arrays import Floats
 _NEAR_M = 0.015
 
 
+class Steered(Protocol):
+    """A parcel that is steered to a goal, by whomever."""
+
+    @property
+    def goal(self) -> Goal:
+        """Where to."""
+        ...
+
+    @property
+    def arrived(self) -> bool:
+        """Whether it is there."""
+        ...
+
+
 class Program(Protocol):
     """Sets all wheels' references [m/s] (the paper's r), step by step."""
 
@@ -55,7 +69,7 @@ class Program(Protocol):
         ...
 
     @property
-    def controllers(self) -> Mapping[str, GoalController]:
+    def controllers(self) -> Mapping[str, Steered]:
         """What steers each parcel that has a goal, by the parcel's name."""
         ...
 
@@ -170,7 +184,7 @@ class GoalProgram:
     def stuck(self) -> str | None:
         """See `Program`: all that have not arrived are stopped, and have come to rest."""
         left = [one for one in self._controllers.values() if not one.arrived]
-        if not left or any(not one.stopped or one.speed_m_s > 0.0 for one in left):
+        if not left or any(not one.stopped or one.stopping_s > 0.0 for one in left):
             return None
         return "; ".join(dict.fromkeys(self._reasons.values()))
 
