@@ -249,7 +249,7 @@ def test_ways_and_tiles_are_shown_where_a_program_has_them(running, monkeypatch)
     ways = {"box": np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.5]])}
     monkeypatch.setattr(type(program), "ways", ways, raising=False)
     monkeypatch.setattr(type(program), "reserved", [(0.1, 0.0, 0.06, ("box",))], raising=False)
-    running.run(0.05)
+    running.run(0.3)
     (plan,) = [message for message in running.messages if message["kind"] == "plan"]
     assert plan["paths"] == {"box": [[0.0, 0.0, 0.0], [0.1, 0.0, 0.5]]}
     assert plan["tiles"] == [{"x_m": 0.1, "y_m": 0.0, "size_m": 0.06, "parcels": ["box"]}]
