@@ -53,6 +53,7 @@ class ParcelEstimator:
         self._sensors_m = layout.sensor_positions_m.reshape(-1, 2)
         self._yaw_hint_rad = yaw_hint_rad
         self._at_s = 0.0
+        self._rolled_s = -inf
         self.look_s = -inf
         self._extent_m = np.array([1.0, 1.0, 1.0 / bottom.reach_m])
         self._drawn = bottom
@@ -94,7 +95,9 @@ class ParcelEstimator:
             return False
         search = self._search
         if search is None or (search.covered != covered).any():
-            search = Search(self.bottom, self._layout, covered.copy(), mine, self._yaw_hint_rad)
+            pose = self.pose
+            hint_rad = self._yaw_hint_rad if pose is None else float(pose[2])
+            search = Search(self.bottom, self._layout, covered.copy(), mine, hint_rad)
         search.step()
         self._search = None if search.over else search
         self.look_s = now_s + (_LOOK_AGAIN_S if search.over else _LOOK_ON_S)
@@ -125,6 +128,11 @@ class ParcelEstimator:
         self.twist = np.zeros(3)
         self._at_s = now_s
         self._corrected()
+
+    def blur(self, deviation_m: float) -> None:
+        """The parcel may have moved by so much unseen, as a standard deviation."""
+        if self._filter is not None:
+            self._filter.blur(deviation_m)
 
     def pose_at(self, now_s: float) -> Floats | None:
         """The pose carried on to a time near now by the present twist, for 0.1 s at most."""
@@ -162,13 +170,18 @@ class ParcelEstimator:
         """Roll on to the time at which the wheels had these speeds; all arrays of shape (W,).
 
         Wheels that are not `known` are left out (None: all are); without any under the parcel its
-        twist stays. Where all of them are `standing` so is the parcel, whatever their speeds.
+        twist stays for 0.1 s: by then cells that nobody commands have braked. Where all of them are
+        `standing` so is the parcel, whatever their speeds.
         """
         if self._filter is None:
             return
         before = self.twist
         step_s = max(0.0, now_s - self._at_s)
-        self.twist = self._fit_twist(self._filter.mean[:3], speed_m_s, known, standing)
+        twist = self._fit_twist(self._filter.mean[:3], speed_m_s, known, standing)
+        if twist is not None:
+            self.twist, self._rolled_s = twist, now_s
+        elif now_s > self._rolled_s + _CARRIED_S:
+            self.twist = np.zeros(3)
         self._filter.move((before + self.twist) * (step_s / 2), step_s)
         self._at_s = now_s
 
@@ -224,13 +237,16 @@ class ParcelEstimator:
 
     def _fit_twist(
         self, pose: Floats, speed_m_s: Floats, known: Bools | None, standing: Bools | None
-    ) -> Floats:
-        """Rigid twist that most wheels under the parcel agree on; zero without any, shape (3,)."""
+    ) -> Floats | None:
+        """Rigid twist that most wheels under the parcel agree on, shape (3,).
+
+        Zero without any under it, None where none of them is known.
+        """
         under = self.bottom.distance_m(self._layout.wheel_positions_m, pose) < 0
         if known is not None and under.any():
             under &= known
             if not under.any():
-                return self.twist
+                return None
         if not under.any() or (standing is not None and standing[under].all()):
             return np.zeros(3)
         # Columns in metres per second alike, so that what no wheel shows comes out as zero.

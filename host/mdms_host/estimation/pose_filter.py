@@ -49,6 +49,10 @@ class PoseFilter:
         variance_m2 = _SLIP_M * way_m + _DRIFT_M2_S * step_s
         self.covariance[range(3), range(3)] += variance_m2 * self._walk
 
+    def blur(self, deviation_m: float) -> None:
+        """The parcel may have moved by so much any way, a corner's way by turning included."""
+        self.covariance[range(3), range(3)] += deviation_m**2 * self._walk
+
     def on_edge(self, off_m: float, slope: Floats, sigma_m: float) -> bool:
         """A point is on the outline, and was believed `off_m` outside; False if unbelievable.
 
