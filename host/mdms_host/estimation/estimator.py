@@ -20,6 +20,8 @@ from mdms_model.arrays import Bools, Floats
 _EDGE_M = 0.0002
 #: A frame comes so long after its edge, give or take as much; the parcel has moved on meanwhile.
 _LATENCY_S = 0.002
+#: A parcel rests that moves no faster, its corners' turning included [m/s].
+_RESTING_M_S = 0.005
 #: What a sensor shows is judged from this far inside the outline on, or from so many standard
 #: deviations of the distance.
 _DEEP_M = 0.015
@@ -137,6 +139,11 @@ class ParcelEstimator:
             return None
         near = self.near(pose)
         return View(near, self.bottom.distance_m(near.sensors_m, pose))
+
+    @property
+    def rests(self) -> bool:
+        """Whether the parcel hardly moves, as far as that is known."""
+        return bool(np.abs(self.twist / self.corner_m).max() < _RESTING_M_S)
 
     @property
     def unsure_m(self) -> float:

@@ -101,7 +101,9 @@ class PoseFilter:
             return None
         if off_m**2 > _SURPRISE**2 * variance_m2:
             variance_m2 = off_m**2 / _SURPRISE**2
-            self.covariance *= (variance_m2 - sigma_m**2) / believed_m2
+            larger = (variance_m2 - sigma_m**2) / believed_m2
+            # What rounding has made unlike its mirror image would grow with every surprise.
+            self.covariance = (self.covariance + self.covariance.T) * (larger / 2)
         return variance_m2
 
     def _correct(self, gain: Floats, toward_m: float, less_m2: float) -> None:

@@ -150,6 +150,8 @@ class Tracker:
         groups = self._groups(now_s, valid, coverage)
         found = self._seeking.step(now_s, valid, self._known, groups)
         if found:
+            # What contradicts them is not believed any more.
+            valid = self._presence.valid(now_s)
             views = self._views(now_s)
             coverage = self._coverage(views)
             groups = self._groups(now_s, valid, coverage)
