@@ -9,7 +9,9 @@ from mdms_host.cli import main
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PROGRAMS = sorted(
-    path.name for path in EXAMPLES.iterdir() if path.suffix in (".py", ".toml") and "18" not in path.name
+    path.name
+    for path in EXAMPLES.iterdir()
+    if path.suffix in (".py", ".toml") and "18" not in path.name
 )
 
 

@@ -19,6 +19,7 @@ from mdms_host.cli.simulation.figures import fault_of, figures_of, goals_of, rep
 from mdms_host.cli.streams import say
 from mdms_host.motion.outcome import missed_text
 from mdms_host.programs.program import Main
+from mdms_model.run.comings import is_wrong
 from mdms_model.run.folder import BUS_LOG, fresh_folder
 from mdms_model.scenario.scenario import Scenario
 
@@ -77,9 +78,7 @@ def _folder(out: Path) -> Iterator[Path]:
         raise CommandError(f"{out}: cannot be written: {error.strerror}", Exit.FAILURE) from None
 
 
-def _run(
-    scenario: Scenario, nodes: str, bus_log: Path | None, main: Main | None
-) -> Finished:
+def _run(scenario: Scenario, nodes: str, bus_log: Path | None, main: Main | None) -> Finished:
     if not _has_bus(scenario):
         return run_scenario(scenario)
     with progress(scenario.title) as advance:
@@ -104,6 +103,10 @@ def verdict(scenario: Scenario, finished: Finished) -> Exit:
     if finished.fault is not None:
         return Exit.NODE_FAULT
     if finished.lost is not None:
+        return Exit.FAILURE
+    wrong = [event for event in finished.record.events if event.kind == "exit" and is_wrong(event)]
+    if wrong:
+        say(f"mdms: {wrong[0].parcel} {wrong[0].detail}, and {len(wrong) - 1} more after it")
         return Exit.FAILURE
     if finished.unfinished and missed is None:
         say("mdms: the program has not come to its end")
