@@ -101,6 +101,8 @@ def _firmware(
             bus_log=bus_log,
             estimates=lambda: estimates_of(coordinator, scenario),
             progress=progress,
+            # A program ends by itself; goals are held to the end.
+            over=lambda: scenario.motion.field == "program" and coordinator.finished,
         )
         _add_events(outcome.record, coordinator)
         troubles = tuple(coordinator.troubles)
