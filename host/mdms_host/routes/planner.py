@@ -6,7 +6,7 @@ Where each can go on its own past the starts of those after it and the goals of 
 a route is found for all: at worst it waits until those before it have come to their goals.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from random import Random
@@ -128,6 +128,9 @@ class Planner:
         go aside for the first that has no way, or only when nobody has one.
         """
         yield moving, True, False
+        if len(moving) == 1:
+            yield moving, False, False
+            return
         order = order_of(errands, closed, is_free)
         if order is not None:
             yield order, True, False
@@ -155,6 +158,26 @@ class Planner:
             )
             self._ways[key] = lattice_moves(lattice, standing, self._ground.pace)
         return Errand(task, self._ground, self._ways[key], standing, base_rad, now_s)
+
+    def replan(
+        self,
+        plan: Plan,
+        tasks: Sequence[Task],
+        names: Collection[str],
+        progress_m: Mapping[str, float],
+        now_s: float,
+        *,
+        closed: Bools | None = None,
+    ) -> Plan:
+        """Routes anew for the parcels of these names, while the others keep theirs if that does.
+
+        `tasks` are of all parcels as they are now; where one would have no route, all are planned.
+        """
+        others_m = {name: at_m for name, at_m in progress_m.items() if name not in names}
+        kept = self.kept(plan, others_m, now_s)
+        anew = [task for task in tasks if task.parcel not in kept]
+        again = self.plan(anew, now_s, closed=closed, kept=kept)
+        return self.plan(tasks, now_s, closed=closed) if again.blocked else again
 
     def kept(self, plan: Plan, progress_m: Mapping[str, float], now_s: float) -> dict[str, Route]:
         """The routes of a plan from where these parcels are now, for others to be planned around.
