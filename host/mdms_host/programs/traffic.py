@@ -6,6 +6,7 @@ the order over each tile that keeps parcels apart, and not the clock: how far ea
 from how far all have come.
 """
 
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -181,6 +182,34 @@ class TableTraffic:
     def plan(self) -> Plan | None:
         """The plan that is in effect, for records and pictures."""
         return self._plan
+
+    @property
+    def ways(self) -> dict[str, Floats]:
+        """The poses (K, 3) that are before each parcel under way, where it is now first."""
+        return {
+            name: ride.route.ahead(ride.progress_m, ride.route.length_m)
+            for name, ride in self._rides.items()
+            if not ride.has_come
+        }
+
+    @property
+    def reserved(self) -> list[tuple[float, float, float, tuple[str, ...]]]:
+        """Tiles that parcels under way have before them, and which do, in their order.
+
+        Middle and side of each [m; table frame].
+        """
+        visits: dict[int, list[tuple[float, str]]] = defaultdict(list)
+        for name, ride in self._rides.items():
+            left = ride.route.visits.leaves_m > ride.progress_m
+            if not ride.has_come:
+                columns = ride.route.visits.tile[left], ride.route.visits.enters_s[left]
+                for tile, enters_s in zip(*(each.tolist() for each in columns), strict=True):
+                    visits[tile].append((enters_s, name))
+        tiles = self._planner.tiles
+        return [
+            (*tiles.centre_m(tile), tiles.side_m, tuple(name for _, name in sorted(each)))
+            for tile, each in visits.items()
+        ]
 
     # The cycle -----------------------------------------------------------------------------------
 
