@@ -26,6 +26,10 @@ from mdms_model.arrays import Floats, Ints
 #: What the pose is off becomes a speed towards the path [1/s], so much at most [m/s].
 STIFFNESS_PER_S = 8.0
 _FED_BACK_M_S = 0.05
+#: What the speed is off is to vanish at this rate at least [1/s], if need be with so much more
+#: feedback than by the wheels' own law.
+_HURRY_PER_S = 25.0
+_MOST_HURRY = 6.0
 #: A parcel that is farther from its reference along the path takes it along [m].
 _REJOIN_M = 0.012
 #: How far back and ahead it may then be found again [m].
@@ -180,10 +184,19 @@ class Follower:
         wheels, push_n, most_n, inertia_kg = self._pushes(middle_m, rate, along)
         rows = self._traction.layout.surface_jacobian(*pose[:2].tolist())[wheels]
         b = self._traction.drives.b_n_s_per_m[wheels]
-        force_n = np.clip(push_n + b * (rows @ (twist - expected)), -most_n, most_n)
+        hurried = self._hurry(b) * b * (rows @ (twist - expected))
+        force_n = np.clip(push_n + hurried, -most_n, most_n)
         given = Given(rows, force_n, expected, b, along, inertia_kg) if along.any() else None
         self._ended, self._going = self._going, given
         return Carried(pose, reference, twist, expected, rate, wheels, force_n)
+
+    def _hurry(self, b_n_s_per_m: Floats) -> float:
+        """How much more a speed that is off is to be fed back than by the wheels' own law.
+
+        The law alone speeds a heavy parcel up slowly.
+        """
+        own_per_s = float(b_n_s_per_m.sum()) / 2 / self.profile.pushes[0][1].mass.mass_kg
+        return max(1.0, min(_HURRY_PER_S / max(own_per_s, 1e-9), _MOST_HURRY))
 
     def _pushes(
         self, s_m: float, rate: Floats, along: Floats
