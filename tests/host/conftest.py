@@ -229,8 +229,9 @@ class ServedCells:
         self._bus.shutdown()
 
     def _boot(self) -> None:
-        """Whoever opens the bus finds the cells ready."""
-        waiting = {cob.HEARTBEAT_BASE + node_id for node_id in self._node_ids}
+        """Whoever opens the bus finds the cells ready; blank ones are so at once."""
+        named = (node_id for node_id in self._node_ids if node_id != cob.NODE_NONE)
+        waiting = {cob.HEARTBEAT_BASE + node_id for node_id in named}
         while waiting:
             self.bank.tick(self._counts, np.zeros_like(self._counts), self._presence)
             for cell in range(len(self._node_ids)):

@@ -204,6 +204,11 @@ class Coordinator:
         return self.tracker.estimate(parcel, self._now_s)
 
     @property
+    def program(self) -> Program | CellsProgram:
+        """What it runs."""
+        return self._program
+
+    @property
     def goals(self) -> Mapping[str, Goal]:
         """The goal of each parcel that is steered to one."""
         return {name: one.goal for name, one in self._program.controllers.items()}

@@ -19,7 +19,7 @@ _AGREEING = 0.8
 class PresenceMap:
     """The presence sensors of so many cells, all in a row, shape (S,).
 
-    `covered` is what they show, `changed_s` when one of them changed last.
+    `covered` is what they show, `changed_s` (S,) when each of them changed last.
     Cells repeat what they show every `status_period_s`, and report changes `debounce_s` late.
     """
 
@@ -27,7 +27,7 @@ class PresenceMap:
         self, cells: int, sensors: int, status_period_s: float, debounce_s: Sequence[float]
     ) -> None:
         self.covered: Bools = np.zeros(cells * sensors, dtype=bool)
-        self.changed_s = -inf
+        self.changed_s: Floats = np.full(cells * sensors, -inf)
         self._sensors = sensors
         self._bits: list[int | None] = [None] * cells
         self._reported_s = np.full(cells, -inf)
@@ -60,12 +60,14 @@ class PresenceMap:
         self._reported_s[cell - 1] = now_s
         if bits == before:
             return
-        self._bits[cell - 1], self.changed_s = bits, now_s
+        self._bits[cell - 1] = bits
         first = (cell - 1) * self._sensors
         for place in range(self._sensors):
+            if before is not None and not (bits ^ before) >> place & 1:
+                continue
             self.covered[first + place] = bits >> place & 1
-            changed = before is not None and (bits ^ before) >> place & 1
-            if changed and self._worth.believed[first + place]:
+            self.changed_s[first + place] = now_s
+            if before is not None and self._worth.believed[first + place]:
                 yield now_s - self._debounce_s[cell - 1], first + place
 
     def valid(self, now_s: float) -> Bools:
@@ -73,13 +75,15 @@ class PresenceMap:
         lately = now_s - self._reported_s <= self._valid_s
         return np.repeat(lately, self._sensors) & self._worth.believed & self._counted
 
-    def judge(self, now_s: float, distance_m: Floats) -> list[tuple[int, list[int]]]:
+    def judge(self, now_s: float, distance_m: Floats, other: Bools) -> list[tuple[int, list[int]]]:
         """Compare with where all parcels are, all found: `distance_m` (S,) from the nearest edge.
+
+        Of those that show something `other` than parcels, (S,), nothing is expected.
 
         Returns cells (from 1) with their sensors (from 0) that are not believed from now on.
         """
         step_s, self._judged_s = max(0.0, now_s - self._judged_s), now_s
-        deep = (abs(distance_m) > _DEEP_M) & self._counted
+        deep = ~other & self._counted & (abs(distance_m) > _DEEP_M)
         inside = deep & (distance_m < 0)
         if (self.covered & inside).sum() < _AGREEING * inside.sum():
             return []

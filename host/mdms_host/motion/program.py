@@ -14,12 +14,27 @@ from mdms_host.motion.contact import Body, Contacts, gap_m
 from mdms_host.motion.follower import Carried
 from mdms_host.motion.goal import Goal, GoalController
 from mdms_host.motion.mass import Mass, uniform_mass
+from mdms_host.motion.obstacles import Obstacles
 from mdms_host.motion.standstill import Standstill
 from mdms_host.motion.traction import Traction
 from mdms_model.arrays import Floats
 
 #: A parcel that stands is pressed by one that is believed to be so near.
 _NEAR_M = 0.015
+
+
+class Steered(Protocol):
+    """A parcel that is steered to a goal, by whomever."""
+
+    @property
+    def goal(self) -> Goal:
+        """Where to."""
+        ...
+
+    @property
+    def arrived(self) -> bool:
+        """Whether it is there."""
+        ...
 
 
 class Program(Protocol):
@@ -54,7 +69,7 @@ class Program(Protocol):
         ...
 
     @property
-    def controllers(self) -> Mapping[str, GoalController]:
+    def controllers(self) -> Mapping[str, Steered]:
         """What steers each parcel that has a goal, by the parcel's name."""
         ...
 
@@ -114,6 +129,8 @@ class FieldProgram:
 class GoalProgram:
     """Steers each parcel that has a goal to it; wheels under any other, or near none, stand still.
 
+    What is believed to be there and is none of the parcels is an obstacle: those wait before it.
+
     A parcel that is not found holds the wheels where it was last, or where it was put. Two that
     press each other, and one that does not get on, are stopped for good. A parcel whose mass is not
     among `masses` is taken for an even plate.
@@ -138,6 +155,8 @@ class GoalProgram:
         self._controllers = {
             name: self._controller_of(name, goals[name]) for name in self._bottoms if name in goals
         }
+        self._given = dict(self._bottoms)
+        self._obstacles = Obstacles()
         self._found: set[str] = set()
         self._contacts = Contacts()
         self._standstills = {name: Standstill() for name in self._controllers}
@@ -192,18 +211,34 @@ class GoalProgram:
     def take_notices(self) -> list[str]:
         """Which parcels were stopped, and why, since the last call."""
         notices, self._notices = self._notices, []
-        return notices
+        return notices + self._obstacles.take_notices()
 
     def references_m_s(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
         """References that move every parcel as one rigid body, r = (b/a) J xi, shape (W,)."""
         self._places.update(
-            (name, belief.pose) for name, belief in beliefs.items() if name in self._bottoms
+            (name, belief.pose) for name, belief in beliefs.items() if name in self._given
         )
-        self._found.update(beliefs)
+        self._found.update(beliefs.keys() & self._given.keys())
+        self._see_obstacles(beliefs)
         carried = dict(self._steer(beliefs, step_s))
         self._stop_blocked(carried, step_s)
         moving = {name: one for name, one in carried.items() if one is not None}
         return self._carrying.references_m_s(moving, self._bottoms, self._places)
+
+    def _see_obstacles(self, beliefs: Mapping[str, Belief]) -> None:
+        """What is no parcel of this program is parked where it lies, as long as it is there."""
+        for name in self._obstacles.all:
+            del self._bottoms[name], self._places[name]
+        self._obstacles.see(beliefs, self._given)
+        for name, belief in self._obstacles.all.items():
+            self._bottoms[name], self._places[name] = belief.outline, belief.pose
+
+    def _must_wait(self, belief: Belief, controller: GoalController) -> bool:
+        """Whether something that is no parcel of this program is in a parcel's way."""
+        if controller.arrived or controller.stopped:
+            return False
+        stopping_m = controller.speed_m_s * controller.stopping_s / 2
+        return self._obstacles.hold(belief, controller.goal, stopping_m)
 
     def _steer(
         self, beliefs: Mapping[str, Belief], step_s: float
@@ -214,7 +249,7 @@ class GoalProgram:
             if belief is None:
                 controller.lose()
                 continue
-            controller.paused = belief.doubtful
+            controller.paused = belief.doubtful or self._must_wait(belief, controller)
             felt = belief.feel_rad is not None and self._room_to_turn(name)
             controller.feel_rad = belief.feel_rad if felt else None
             yield name, controller.step(belief, step_s)

@@ -23,8 +23,9 @@ def repeat(presence: PresenceMap, bits: list[int], now_s: float) -> list[tuple[f
 
 def judged(presence: PresenceMap, seconds: float) -> list[tuple[int, list[int]]]:
     fallen = []
+    other = np.zeros(CELLS * SENSORS, dtype=bool)
     for step in range(round(seconds * 100)):
-        fallen += presence.judge(1.0 + step / 100, UNDER_M)
+        fallen += presence.judge(1.0 + step / 100, UNDER_M, other)
     return fallen
 
 

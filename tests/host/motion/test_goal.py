@@ -147,3 +147,16 @@ def test_a_parcel_that_is_set_down_beside_its_way_stops_and_takes_another_from_t
     drive(controller, elsewhere, 5.0)
     assert controller.arrived
     np.testing.assert_allclose(elsewhere.pose, (0.15, 0.0, 0.0), atol=0.003)
+
+
+def test_a_goal_that_is_changed_on_the_way_is_gone_to_from_rest_without_slip() -> None:
+    controller = controller_of(Goal(0.15, 0.0), speed_m_s=0.5)
+    table = Table(np.array([-0.15, 0.0, 0.0]))
+    drive(controller, table, 0.4)
+    assert table.pose[0] < 0.1
+    before, controller = controller, controller_of(Goal(-0.1, 0.02, 0.2), speed_m_s=0.5)
+    controller.go_over_from(before)
+    drive(controller, table, 4.0)
+    assert controller.arrived
+    assert table.pose == pytest.approx((-0.1, 0.02, 0.2), abs=0.003)
+    assert table.most_slip_m_s < 0.005

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from mdms_host.cli.compiling import REPORTED_S
-from mdms_host.cli.scenario.coordination import goals_by_parcel
 from mdms_host.cli.simulation.compose import Finished
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.outcome import REACHED_M, REACHED_RAD, GoalOutcome, outcome_of
@@ -44,7 +43,7 @@ def figures_of(scenario: Scenario, finished: Finished) -> dict[str, Any]:
             # One that is away is nowhere.
             if np.isfinite(record.pose[-1, number]).all()
         ],
-        "goals": [asdict(outcome) for outcome in goals_of(scenario, record)],
+        "goals": [asdict(outcome) for outcome in goals_of(scenario, finished)],
         "fault": fault_of(finished),
         "slipping_share": slipping_share(record),
     }
@@ -55,17 +54,16 @@ def figures_of(scenario: Scenario, finished: Finished) -> dict[str, Any]:
     return figures
 
 
-def goals_of(scenario: Scenario, record: Record) -> list[GoalOutcome]:
-    """How far from its goal each parcel that is steered to one ends in truth."""
-    return [
-        outcome_of(
-            parcel.name, goal, _pose(record.pose[-1, number]), _there_s(record, number, goal)
-        )
-        for number, (parcel, goal) in enumerate(
-            zip(scenario.parcel, goals_by_parcel(scenario), strict=True)
-        )
-        if goal is not None
-    ]
+def goals_of(scenario: Scenario, finished: Finished) -> list[GoalOutcome]:
+    """How far from its goal each parcel that was steered to one ends in truth."""
+    record, outcomes = finished.record, []
+    for number, parcel in enumerate(scenario.parcel):
+        goal = finished.goals.get(parcel.name)
+        if goal is not None:
+            pose = record.pose[-1, number]
+            there = _pose(pose) if np.isfinite(pose).all() else None
+            outcomes.append(outcome_of(parcel.name, goal, there, _there_s(record, number, goal)))
+    return outcomes
 
 
 def fault_of(finished: Finished) -> str | None:
@@ -92,9 +90,10 @@ def slipping_share(record: Record) -> float:
 def _there_s(record: Record, number: int, goal: Goal) -> float | None:
     """Since when the parcel has been at its goal [s]; None if it is not there at the end."""
     x_m, y_m, yaw_rad = record.pose[:, number].T
-    turn_rad = (yaw_rad - goal.yaw_rad + pi) % (2 * pi) - pi
-    away = np.hypot(x_m - goal.x_m, y_m - goal.y_m) > REACHED_M
-    away |= abs(turn_rad) > REACHED_RAD
+    # What is nowhere is not there.
+    away = ~(np.hypot(x_m - goal.x_m, y_m - goal.y_m) <= REACHED_M)
+    if goal.yaw_rad is not None:
+        away |= ~(abs((yaw_rad - goal.yaw_rad + pi) % (2 * pi) - pi) <= REACHED_RAD)
     if away[-1]:
         return None
     outside = np.flatnonzero(away)
