@@ -73,6 +73,7 @@ class Follower:
         self.paused = False
         self.off_path = False
         self._traction = traction
+        self._made = traction.changes
         self._reference = Reference(profile)
         self._pose: Floats | None = None
         self._twist: Floats | None = None
@@ -85,6 +86,11 @@ class Follower:
     def path(self) -> Path:
         """What is followed."""
         return self.profile.path
+
+    @property
+    def out_of_date(self) -> bool:
+        """Whether other wheels push now than when the profile was made."""
+        return self._made != self._traction.changes
 
     @property
     def s_m(self) -> float:
@@ -203,8 +209,8 @@ class Follower:
     ) -> tuple[Ints, Floats, Floats, float]:
         """Wheels that carry (n,), their pushes for an acceleration, bounds, and the inertia."""
         pushes, sample = self.profile.part_at(s_m)
-        carrying = pushes.normal_n[sample] > 0.0
-        normal_n = pushes.normal_n[sample, carrying]
+        carrying = pushes.pushing_n[sample] > 0.0
+        normal_n = pushes.pushing_n[sample, carrying]
         shares = pushes.per_wrench[sample, carrying] @ pushes.wrench_at(sample, rate)
         # Braking may take more than the share of a grip that has been reduced.
         most = np.maximum(self.grip.share * self._traction.push_share, abs(shares))
