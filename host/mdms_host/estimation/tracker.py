@@ -124,6 +124,11 @@ class Tracker:
         """The sensors of these cells (from 1) show nothing from now on, those of all others do."""
         self._presence.ignore(cells)
 
+    def blur(self, deviation_m: float) -> None:
+        """Parcels may have moved by so much unseen: sensors that differ are to be believed."""
+        for known in self._known.values():
+            known.estimator.blur(deviation_m)
+
     def on_speeds(
         self,
         now_s: float,
@@ -145,6 +150,8 @@ class Tracker:
         groups = self._groups(now_s, valid, coverage)
         found = self._seeking.step(now_s, valid, self._known, groups)
         if found:
+            # What contradicts them is not believed any more.
+            valid = self._presence.valid(now_s)
             views = self._views(now_s)
             coverage = self._coverage(views)
             groups = self._groups(now_s, valid, coverage)

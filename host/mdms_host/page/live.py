@@ -24,6 +24,7 @@ from mdms_host.page.things import things_of
 _FOUND, _DOUBTFUL, _ARRIVED, _UNKNOWN = (
     PARCEL_STATES.index(state) for state in ("found", "doubtful", "arrived", "unknown")
 )
+_SDO = KINDS.index("SDO")
 #: A client that comes late gets so many of the last events.
 KEPT_EVENTS = 300
 
@@ -293,5 +294,7 @@ class LiveTable:
             raise RefusedError(f"there is no cell {cell}; the table has {self._layout.cells}")
         if coordinator is not None and coordinator.phase in BRING_UP:
             raise RefusedError("the cells are being brought up; ask again when they run")
+        if not self._seat.busy and self._seat.reader is None and self._rates[:, _SDO].any():
+            raise RefusedError("somebody else reads or writes settings just now; ask again later")
         places = self._layout
         self._seat.reader = ObjectReader(cell, places.node_ids[cell - 1], places.buses[cell - 1])

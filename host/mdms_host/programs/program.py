@@ -161,7 +161,6 @@ class TableProgram:
         for name in self._traffic.take_left():
             self.table.remove(name)
             self._left.add(name)
-            self._notices.append(f"{name} has left")
         self._left &= beliefs.keys()
 
     def _take_in(self, beliefs: Mapping[str, Belief]) -> None:

@@ -195,6 +195,14 @@ def test_objects_of_a_cell_are_read_by_name_and_unit_while_the_program_runs(runn
     assert PHASES[running.shown["phase"][0]] == "running"
 
 
+def test_cell_that_comes_back_is_set_up_though_its_objects_are_read_meanwhile(running):
+    running.run_until(lambda: "box has arrived" in running.texts, 6.0)
+    running.table.do(fault("off", cells=(18,), duration_s=0.5))
+    running.run(0.7)
+    running.table.do(commands.ReadObjects(18))
+    running.run_until(lambda: running.shown["cell_state"][17] == CellState.RUNNING, 6.0)
+
+
 def test_reading_a_cell_that_is_dead_ends(desk):
     desk.table.do(fault("off", cells=(5,)))
     desk.table.do(commands.ReadObjects(5))

@@ -1,9 +1,8 @@
 """Puts host and simulator together: a scenario is run in its fidelity."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import MappingProxyType
 
 from mdms_host.cli.compiling import compiling_watched
 from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
@@ -41,7 +40,7 @@ class Finished:
     fault: str | None = None
     lost: str | None = None
     stuck: str | None = None
-    goals: Mapping[str, Goal] = MappingProxyType({})
+    goals: Mapping[str, Goal] = field(default_factory=dict)
     unfinished: bool = False
     troubles: tuple[tuple[float, str], ...] = ()
     lost_cells: tuple[int, ...] = ()
@@ -102,6 +101,8 @@ def _firmware(
             bus_log=bus_log,
             estimates=lambda: estimates_of(coordinator, scenario),
             progress=progress,
+            # A program ends by itself; goals are held to the end.
+            over=lambda: scenario.motion.field == "program" and coordinator.finished,
         )
         _add_events(outcome.record, coordinator)
         troubles = tuple(coordinator.troubles)

@@ -11,6 +11,7 @@ from mdms_host.cli.simulation.compose import Finished
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.outcome import REACHED_M, REACHED_RAD, GoalOutcome, outcome_of
 from mdms_model.arrays import Floats
+from mdms_model.run.comings import exit_of, is_wrong
 from mdms_model.run.record import Contact, Record
 from mdms_model.scenario.scenario import Scenario
 
@@ -47,11 +48,30 @@ def figures_of(scenario: Scenario, finished: Finished) -> dict[str, Any]:
         "fault": fault_of(finished),
         "slipping_share": slipping_share(record),
     }
+    if scenario.stream:
+        figures["stream"] = stream_figures(scenario, record)
     if finished.bus is not None:
         figures["bus"] = asdict(finished.bus)
         figures["lost_cells"] = list(finished.lost_cells)
         figures["pauses"] = finished.pauses
     return figures
+
+
+def stream_figures(scenario: Scenario, record: Record) -> dict[str, Any]:
+    """What has come and left in truth, by which exit, and whether any touched another."""
+    left = [event for event in record.events if event.kind == "exit"]
+    by_exit = dict.fromkeys((each.name for each in scenario.exit), 0)
+    for event in left:
+        by_exit[exit_of(event)] += 1
+    lasts_s = float(record.time_s[-1]) - min(stream.start_s for stream in scenario.stream)
+    return {
+        "came": sum(event.kind == "arrival" for event in record.events),
+        "left": len(left),
+        "by_exit": by_exit,
+        "wrong": sum(map(is_wrong, left)),
+        "touches": sum(event.kind == "touch" for event in record.events),
+        "parcels_per_hour": 3600.0 * len(left) / max(lasts_s, 1e-9),
+    }
 
 
 def goals_of(scenario: Scenario, finished: Finished) -> list[GoalOutcome]:
@@ -138,6 +158,8 @@ def report(figures: dict[str, Any]) -> list[str]:
     if figures["compile_s"] >= REPORTED_S:
         lines.append(f"  after {figures['compile_s']:.1f} s of compiling")
     lines += [f"  {_sentence(parcel)}" for parcel in figures["parcels"]]
+    if "stream" in figures:
+        lines.append(f"  {_streamed(figures['stream'])}")
     if "bus" in figures:
         bus = figures["bus"]
         lines.append(
@@ -145,6 +167,15 @@ def report(figures: dict[str, Any]) -> list[str]:
             f"{bus['errors']} errors, log {bus['log_sha256'][:12]}"
         )
     return lines
+
+
+def _streamed(stream: dict[str, Any]) -> str:
+    exits = ", ".join(f"{count} by {name}" for name, count in stream["by_exit"].items())
+    return (
+        f"{stream['came']} parcels came, {stream['left']} left ({exits}), "
+        f"{stream['parcels_per_hour']:,.0f} an hour; {stream['wrong']} by a wrong exit, "
+        f"{stream['touches']} touches"
+    )
 
 
 def _sentence(parcel: dict[str, Any]) -> str:

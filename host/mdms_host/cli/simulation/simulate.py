@@ -19,6 +19,7 @@ from mdms_host.cli.simulation.figures import fault_of, figures_of, goals_of, rep
 from mdms_host.cli.streams import say
 from mdms_host.motion.outcome import missed_text
 from mdms_host.programs.program import Main
+from mdms_model.run.comings import is_wrong
 from mdms_model.run.folder import BUS_LOG, fresh_folder
 from mdms_model.scenario.scenario import Scenario
 
@@ -102,6 +103,10 @@ def verdict(scenario: Scenario, finished: Finished) -> Exit:
     if finished.fault is not None:
         return Exit.NODE_FAULT
     if finished.lost is not None:
+        return Exit.FAILURE
+    wrong = [event for event in finished.record.events if event.kind == "exit" and is_wrong(event)]
+    if wrong:
+        say(f"mdms: {wrong[0].parcel} {wrong[0].detail}, and {len(wrong) - 1} more after it")
         return Exit.FAILURE
     if finished.unfinished and missed is None:
         say("mdms: the program has not come to its end")

@@ -174,8 +174,9 @@ class Page {
   }
 
   showTexts(s) {
-    if (this.picture.heat === "normal" && this.picture.most.normal !== this.legendMost) {
-      this.legendMost = this.picture.most.normal;
+    const legend = `${this.picture.most.normal} ${this.picture.promised}`;
+    if (legend !== this.legend) {
+      this.legend = legend;
       this.showLegend();
     }
     const text = (id, value) => { if ($(id).textContent !== value) $(id).textContent = value; };

@@ -130,6 +130,7 @@ export class TablePicture {
   drawPromise(context, cell, px, py, half, snapshot) {
     const identity = snapshot.cell_promise[cell], state = snapshot.cell_promise_state[cell];
     if (!identity || !state) return;
+    this.promised = true;
     context.strokeStyle = colourOf(identity);
     context.lineWidth = state === 3 ? 3 : 1.5;
     context.setLineDash(state === 1 ? [2, 4] : []);
