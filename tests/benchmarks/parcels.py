@@ -104,9 +104,12 @@ def learned(seed: int) -> tuple[list[float], list[float], list[float]]:
     size = coordinator.tracker.size("box")
     assert size is not None
     assert program.rough is not None
-    rough = [abs(a - b) for a, b in zip(program.rough, sides_m, strict=True)]
-    after = [size.length_m - sides_m[0], size.width_m - sides_m[1]]
-    return rough, [abs(each) for each in after], list(size.deviation_m)
+    # Which side of a box that is nearly square is called its length is anybody's guess.
+    after = sorted(((size.length_m, size.deviation_m[0]), (size.width_m, size.deviation_m[1])))
+    longest_first = after[::-1]
+    rough = [abs(a - b) for a, b in zip(sorted(program.rough)[::-1], sides_m, strict=True)]
+    off = [abs(side_m - b) for (side_m, _), b in zip(longest_first, sides_m, strict=True)]
+    return rough, off, [deviation_m for _, deviation_m in longest_first]
 
 
 def sizes() -> list[Row]:
