@@ -20,6 +20,7 @@ from mdms_model.buses import Addresses, address_cells, plan_gateways
 from mdms_model.participant import BusesParticipant, Participant
 from mdms_model.run.cell_reports import CellReports
 from mdms_model.run.folder import interface_of
+from mdms_model.run.history import MOST_SAMPLES
 from mdms_model.run.record import Record
 from mdms_model.run.references import References
 from mdms_model.scenario.scenario import Scenario
@@ -154,13 +155,18 @@ class Simulation:
         if recorded:
             self.kernel.at(0, PRIORITY_SAMPLE, self._sample)
 
-    def run_until(self, time_s: float, progress: Progress | None = None) -> None:
-        """Let virtual time pass, up to and including `time_s`, or until a parcel tips.
+    def run_until(
+        self,
+        time_s: float,
+        progress: Progress | None = None,
+        over: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Let virtual time pass, up to and including `time_s`, or until a parcel tips, or `over`.
 
         `progress` gets the time reached [s] now and then.
         """
         end_ns = round(time_s * NS_PER_S)
-        while self.kernel.now_ns < end_ns and not self.tipped:
+        while self.kernel.now_ns < end_ns and not (self.tipped or over()):
             self.kernel.run_until(min(self.kernel.now_ns + SAMPLE_NS, end_ns))
             if progress is not None:
                 progress(self.kernel.now_ns / NS_PER_S)
@@ -252,18 +258,26 @@ def simulate(
     bus_log: Path | None = None,
     estimates: Callable[[], Floats] | None = None,
     progress: Progress | None = None,
+    over: Callable[[], bool] = lambda: False,
 ) -> Outcome:
     """Run a whole scenario with cells of the kind `nodes`: "cpython" or "micropython".
 
-    The bus is logged into the file `bus_log`, if named. Raises `NodeError` when the cells cannot
-    run.
+    The bus is logged into the file `bus_log`, if named. It ends before its time once it is `over`.
+    Raises `NodeError` when the cells cannot run.
     """
     with ExitStack() as stack:
         bank = open_bank(nodes, addresses_of(scenario).node_ids)
         stack.enter_context(closing(bank))
         log = stack.enter_context(bus_log.open("wb")) if bus_log else None
-        simulation = Simulation(scenario, bank, participants, bus_log=log, estimates=estimates)
-        simulation.run_until(scenario.run.duration_s, progress)
+        simulation = Simulation(
+            scenario,
+            bank,
+            participants,
+            bus_log=log,
+            estimates=estimates,
+            most_samples=MOST_SAMPLES,
+        )
+        simulation.run_until(scenario.run.duration_s, progress, over)
         return simulation.outcome()
 
 

@@ -23,6 +23,7 @@ EXITS = {
     "builtins.OSError": Exit.FAILURE,
     "mdms_host.can_link.link.LinkError": Exit.NO_DEVICE,
     "mdms_host.commissioning.array_file.ArrayFileError": Exit.USAGE,
+    "mdms_host.commissioning.commissioner.CommissionError": Exit.NODE_FAULT,
     "mdms_host.commissioning.lss_master.LssError": Exit.NODE_FAULT,
     "mdms_host.commissioning.network.CommissioningError": Exit.NODE_FAULT,
     "mdms_host.commissioning.network.SilentError": Exit.NO_DEVICE,
@@ -36,6 +37,7 @@ EXITS = {
     "mdms_host.page.page.PageError": Exit.FAILURE,
     "mdms_model.run.folder.RunFolderError": Exit.USAGE,
     "mdms_model.scenario.scenario.ScenarioError": Exit.USAGE,
+    "mdms_model.squeeze.turning.SqueezeError": Exit.USAGE,
     "mdms_sim.plots.canvas.PictureFormatError": Exit.USAGE,
     "mdms_sim.serve.endpoint.ServeError": Exit.FAILURE,
 }

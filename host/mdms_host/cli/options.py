@@ -14,6 +14,7 @@ NODES = ("cpython", "micropython")
 BUS_FORMATS = ("log", "blf", "asc")
 LAWS = ("sliding", "at_rest")
 SENDERS = ("host", "cells")
+SHELLS = ("bash", "zsh", "tcsh")
 #: No machine keeps up beyond this.
 SPEED_MAX = 100.0
 PORT_MAX = 65535
@@ -208,7 +209,7 @@ def add_run(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--limit",
         metavar="SECONDS",
-        type=_limit,
+        type=time_limit_s,
         help="give up after so long (default: run.duration_s, and 10 s for the bring-up; with "
         "--page: never)",
     )
@@ -242,6 +243,16 @@ def add_replay(parser: ArgumentParser) -> None:
     add_json(parser)
 
 
+def add_help(parser: ArgumentParser) -> None:
+    """Those of `help`."""
+    parser.add_argument("topic", metavar="TOPIC", nargs="?", help="a document (default: list them)")
+
+
+def add_completion(parser: ArgumentParser) -> None:
+    """Those of `completion`."""
+    parser.add_argument("shell", metavar="SHELL", choices=SHELLS, help=", ".join(SHELLS))
+
+
 def _speed(text: str) -> float:
     speed = float(text)
     if not math.isfinite(speed) or not 0 < speed <= SPEED_MAX:
@@ -249,7 +260,8 @@ def _speed(text: str) -> float:
     return speed
 
 
-def _limit(text: str) -> float:
+def time_limit_s(text: str) -> float:
+    """A time [s] above 0."""
     limit_s = float(text)
     if not 0 < limit_s < math.inf:
         raise ArgumentTypeError(f"{text} is no time above 0")

@@ -20,9 +20,8 @@ _UM_PER_M = steps_per_unit(MICROMETRES_PER_SECOND)
 _SETPOINT_S = 0.01
 _COMMAND_S = 0.02
 _ENABLE_S = 1.0
-_STOP_S = 0.5
-#: A wheel that is to stop is taken to stand below this, and is switched off.
-_SLOW_UM_S = 5_000
+#: The cell's error for a setpoint that did not come in time.
+_OVERDUE = 0x8250
 _TOWARDS_ENABLED: dict[int | None, int] = dict(cia402.TOWARDS_ENABLED.items())
 
 
@@ -39,14 +38,18 @@ class Jog:
     """Turns a wheel with this speed for so long; `steer` changes both on the way.
 
     Axes count from 1; the other axis stays off. `failure` is why it ended early, None if it did
-    not. When it is over the cell is 'pre-operational', where no motor runs.
+    not. When it is over the cell is 'pre-operational', where no motor runs. `reports` counts the
+    speeds that the cell has reported, one every `period_s` or so.
     """
+
+    period_s = _SETPOINT_S
 
     def __init__(self, node_id: int, axis: int, speed_m_s: float, seconds: float) -> None:
         self.cell = RemoteCell(node_id, node_id)
         self.phase = Phase.ENABLING
         self.failure: str | None = None
         self.wake_s = 0.0
+        self.reports = 0
         self._axis = axis
         self._speed_um_s = 0
         self._seconds = seconds
@@ -69,13 +72,19 @@ class Jog:
             raise ValueError(f"{speed_m_s:g} m/s is more than {SPEED_MAX_M_S:g} m/s")
         self._speed_um_s = round(speed_m_s * _UM_PER_M)
 
+    @property
+    def setpoint_missed(self) -> bool:
+        """Whether the cell braked since this host, or the bus, was too slow for it."""
+        return _OVERDUE in self.cell.errors.values()
+
     def end(self) -> None:
-        """Bring the wheel to rest now, and switch it off."""
+        """Switch the wheel off now."""
         if self.phase in (Phase.ENABLING, Phase.TURNING):
             self._enter(Phase.STOPPING)
 
     def on_frame(self, frame: Frame, now_s: float) -> None:
         """Take in a frame of the cell."""
+        self.reports += frame.can_id == pdo.ACTUAL_VELOCITY.can_id(self.cell.node_id)
         self.cell.on_frame(frame.can_id, frame.data, now_s)
 
     def poll(self, now_s: float) -> Iterator[Frame]:
@@ -89,7 +98,7 @@ class Jog:
             case Phase.TURNING:
                 yield from self._turn(elapsed_s)
             case Phase.STOPPING:
-                yield from self._stop(elapsed_s)
+                yield from self._stop()
         self.wake_s = now_s + (_COMMAND_S if self.phase is Phase.ENABLING else _SETPOINT_S)
 
     def _enter(self, phase: Phase) -> None:
@@ -121,12 +130,11 @@ class Jog:
         else:
             yield from self._setpoint(self._speed_um_s)
 
-    def _stop(self, elapsed_s: float) -> Iterator[Frame]:
-        """Lead the wheel to 0; then, whatever came of that, take all away that may drive it."""
-        slow = elapsed_s >= 2 * _SETPOINT_S and abs(self._reported_um_s) < _SLOW_UM_S
-        if self.failure is None and elapsed_s < _STOP_S and not slow:
-            yield from self._setpoint(0)
-            return
+    def _stop(self) -> Iterator[Frame]:
+        """Take away all that may drive the wheel: the cell brakes it with the motor shorted.
+
+        A loop that runs away could not lead it to rest.
+        """
         yield self._control(cia402.DISABLE_VOLTAGE)
         yield nmt.command(nmt.ENTER_PRE_OPERATIONAL, self.cell.node_id)
         self.phase = Phase.OVER

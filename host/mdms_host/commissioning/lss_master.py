@@ -4,8 +4,9 @@ Unlike the master of `canopen`, which halves all 128 bits of an identity with a 
 one first compares all but the serial number with ours, and then searches the serial number alone.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
+from itertools import pairwise
 from queue import Empty, SimpleQueue
 from typing import NamedTuple
 
@@ -19,6 +20,8 @@ _SERIAL = 3
 TIMEOUTS_S = (0.02, 0.05, 0.1, 0.2, 0.4)
 #: The share of it that has to pass without another answer before the next request.
 _SETTLING = 0.25
+#: How long to wait whether cells are there that are not expected [s].
+_BESIDE_S = 0.1
 #: For requests that are answered as a rule, and for those that write to flash.
 ANSWER_S = 0.5
 _STORE_S = 3.0
@@ -98,6 +101,55 @@ class LssMaster:
         if self._others_answer():
             self.leave()
             raise LssError(f"two cells have the serial number {address.serial:08X}")
+
+    def pending_node_id(self) -> int:
+        """The node id that the selected cell has, or takes next, `cob.NODE_NONE` for none.
+
+        Raises LssError.
+        """
+        answer = self._request(lss.INQUIRE_NODE_ID, b"", self._answer_s)
+        if answer is None or answer[0] != lss.INQUIRE_NODE_ID:
+            raise LssError("the selected cell does not answer")
+        return answer[1]
+
+    def find_beside(self, known: Iterable[int]) -> list[int]:
+        """Serial numbers of cells beside those known, whatever their node ids, in order.
+
+        Cells answer by their serial numbers though they have lost the fight for a node id, or
+        answer SDO at the same time as another.
+        """
+        self._timeout_s = _BESIDE_S
+        self.leave()
+        bounds = [-1, *sorted(set(known)), 1 << 32]
+        return [
+            serial
+            for below, above in pairwise(bounds)
+            for serial in self._serials(below + 1, above - 1)
+        ]
+
+    def _serials(self, low: int, high: int) -> Iterator[int]:
+        """The serial numbers in a range, both ends included, by halving it."""
+        if low > high or not self._any_in(low, high):
+            return
+        if low == high:
+            yield low
+            return
+        middle = (low + high) // 2
+        yield from self._serials(low, middle)
+        yield from self._serials(middle + 1, high)
+
+    def _any_in(self, low: int, high: int) -> bool:
+        """Whether a cell of our kind has a serial number in a range."""
+        *bounds, last = (VENDOR_ID, PRODUCT_CODE, 0, 0xFFFFFFFF, low, high)
+        for step, number in enumerate(bounds):
+            self._send(lss.IDENTIFY_VENDOR + step, number.to_bytes(4, "little"))
+        answer = self._request(
+            lss.IDENTIFY_SERIAL_HIGH, last.to_bytes(4, "little"), self._timeout_s
+        )
+        found = answer is not None and answer[0] == lss.IDENTIFIED
+        if found:
+            self._others_answer()
+        return found
 
     def set_node_id(self, node_id: int) -> None:
         """Give the selected cell a node id, or `cob.NODE_NONE`. Raises LssError."""

@@ -9,6 +9,8 @@ from mdms_protocol import indices, nmt
 
 #: Bit of 0x607E: motor and encoder are mounted the other way round.
 REVERSED = 0x40
+#: A wheel that is braked stands within a few of them; one with no bridge may roll on.
+_LOOKS = 50
 
 
 class BusyError(CommissioningError):
@@ -73,8 +75,18 @@ def turn_wheel(
             commissioning.command(nmt.ENTER_PRE_OPERATIONAL, node_id)
     if jog.failure:
         raise WheelError(f"node {node_id}, axis {axis}: {jog.failure}")
-    after = _position_m(commissioning, node_id, axis)
+    after = _rest_m(commissioning, node_id, axis)
     return Turn(after - before, peak_m_s)
+
+
+def _rest_m(commissioning: Commissioning, node_id: int, axis: int) -> float:
+    """Where the encoder is once it counts no more, or after a few looks."""
+    position_m = _position_m(commissioning, node_id, axis)
+    for _ in range(_LOOKS):
+        before_m, position_m = position_m, _position_m(commissioning, node_id, axis)
+        if position_m == before_m:
+            break
+    return position_m
 
 
 def _position_m(commissioning: Commissioning, node_id: int, axis: int) -> float:

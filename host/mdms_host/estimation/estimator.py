@@ -4,7 +4,7 @@ Wheels that roll give the twist; a sensor that changes shows that the parcel's e
 """
 
 from dataclasses import dataclass
-from math import cos, hypot, log, sin, sqrt
+from math import cos, hypot, inf, log, sin, sqrt
 
 import numpy as np
 
@@ -71,6 +71,7 @@ class ParcelEstimator:
         self._surroundings = surroundings
         self._spread_m = spread_m
         self._at_s = 0.0
+        self._rolled_s = -inf
         self.corner_m: Floats = np.array([1.0, 1.0, 1.0 / bottom.reach_m])
         self._drawn = bottom
         self._growth: Floats = np.zeros(2)
@@ -109,6 +110,11 @@ class ParcelEstimator:
         self.twist = np.zeros(3)
         self._at_s = now_s
         self._corrected()
+
+    def blur(self, deviation_m: float) -> None:
+        """The parcel may have moved by so much unseen, as a standard deviation."""
+        if self._filter is not None:
+            self._filter.blur(deviation_m)
 
     def pose_at(self, now_s: float) -> Floats | None:
         """The pose carried on to a time near now by the present twist, for 0.1 s at most."""
@@ -191,13 +197,20 @@ class ParcelEstimator:
         near = self.near(pose)
         return turn_to_feel_rad(self.bottom, near.sensors_m, usable[near.sensors], pose, covariance)
 
-    def roll(self, now_s: float, twist: Floats) -> None:
-        """Go on to a time at which this was the twist."""
+    def roll(self, now_s: float, twist: Floats | None) -> None:
+        """Go on to a time at which this was the twist; None where no wheel shows it.
+
+        Then it stays for 0.1 s: by then cells that nobody commands have braked.
+        """
         if self._filter is None:
             return
-        before, self.twist = self.twist, twist
+        before = self.twist
+        if twist is not None:
+            self.twist, self._rolled_s = twist, now_s
+        elif now_s > self._rolled_s + _CARRIED_S:
+            self.twist = np.zeros(3)
         step_s = max(0.0, now_s - self._at_s)
-        self._filter.move((before + twist) * (step_s / 2), step_s)
+        self._filter.move((before + self.twist) * (step_s / 2), step_s)
         self._at_s = now_s
 
     def edge(self, now_s: float, point_m: Floats) -> None:

@@ -57,6 +57,10 @@ class PoseFilter:
         # The first three of the diagonal.
         self.covariance.reshape(-1)[:18:6] += variance_m2 * self._walk
 
+    def blur(self, deviation_m: float) -> None:
+        """The parcel may have moved by so much any way, a corner's way by turning included."""
+        self.covariance[range(3), range(3)] += deviation_m**2 * self._walk
+
     def on_edge(self, off_m: float, slope: Floats, sigma_m: float) -> bool:
         """A point is on the outline, and was believed `off_m` outside; False if unbelievable.
 

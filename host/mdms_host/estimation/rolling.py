@@ -16,7 +16,7 @@ class Speeds:
     """The speeds of all wheels at one time, all of shape (W,).
 
     Wheels that are not `known` are left out (None: all are); without any under a parcel its twist
-    stays. Where all of them are `standing` so is the parcel, whatever their speeds.
+    stays for a while. Where all of them are `standing` so is the parcel, whatever their speeds.
     """
 
     speed_m_s: Floats
@@ -37,7 +37,7 @@ def roll_on(estimators: Iterable[ParcelEstimator], now_s: float, speeds: Speeds)
         if speeds.known is not None:
             under &= speeds.known[near.wheels]
         if count and not under.any():
-            one.roll(now_s, one.twist)
+            one.roll(now_s, None)
         elif not count or _all_stand(speeds, near, under):
             one.roll(now_s, np.zeros(3))
         else:

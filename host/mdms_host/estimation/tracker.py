@@ -18,7 +18,7 @@ from mdms_host.estimation.seeking import Seeking
 from mdms_host.estimation.size import Size
 from mdms_host.estimation.strangers import Strangers
 from mdms_host.estimation.surroundings import Surroundings
-from mdms_host.estimation.unknowns import Unknowns
+from mdms_host.estimation.unknowns import Unknown, Unknowns
 from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats, Ints
 
@@ -124,6 +124,11 @@ class Tracker:
         """The sensors of these cells (from 1) show nothing from now on, those of all others do."""
         self._presence.ignore(cells)
 
+    def blur(self, deviation_m: float) -> None:
+        """Parcels may have moved by so much unseen: sensors that differ are to be believed."""
+        for known in self._known.values():
+            known.estimator.blur(deviation_m)
+
     def on_speeds(
         self,
         now_s: float,
@@ -197,6 +202,16 @@ class Tracker:
                 )
             one.corrected = False
         return believed | {belief.name: belief for belief in self._unknowns.beliefs()}
+
+    @property
+    def parcels(self) -> Mapping[str, Parcel]:
+        """The parcels that there are, found or not, as they were given, by name."""
+        return {name: each.parcel for name, each in self._known.items()}
+
+    @property
+    def unknown(self) -> Mapping[str, Unknown]:
+        """What is there and was not given, by name."""
+        return self._unknowns.all
 
     def estimate(self, name: str, now_s: float) -> Estimate | None:
         """Where the parcel is believed to be; None as long as it has not been found."""

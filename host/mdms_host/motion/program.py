@@ -2,22 +2,39 @@
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from math import hypot
+from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.tracker import Parcel
-from mdms_host.layout import Layout
-from mdms_host.motion.allocation import Claim, allocate
+from mdms_host.motion.carrying import Carrying
 from mdms_host.motion.contact import Body, Contacts, gap_m
-from mdms_host.motion.goal import Goal, GoalController, Limits
+from mdms_host.motion.follower import Carried
+from mdms_host.motion.goal import Goal, GoalController
+from mdms_host.motion.mass import Mass, uniform_mass
 from mdms_host.motion.obstacles import Obstacles
 from mdms_host.motion.standstill import Standstill
+from mdms_host.motion.traction import Traction
 from mdms_model.arrays import Floats
 
 #: A parcel that stands is pressed by one that is believed to be so near.
 _NEAR_M = 0.015
+
+
+class Steered(Protocol):
+    """A parcel that is steered to a goal, by whomever."""
+
+    @property
+    def goal(self) -> Goal:
+        """Where to."""
+        ...
+
+    @property
+    def arrived(self) -> bool:
+        """Whether it is there."""
+        ...
 
 
 class Program(Protocol):
@@ -52,7 +69,7 @@ class Program(Protocol):
         ...
 
     @property
-    def controllers(self) -> Mapping[str, GoalController]:
+    def controllers(self) -> Mapping[str, Steered]:
         """What steers each parcel that has a goal, by the parcel's name."""
         ...
 
@@ -115,25 +132,20 @@ class GoalProgram:
     What is believed to be there and is none of the parcels is an obstacle: those wait before it.
 
     A parcel that is not found holds the wheels where it was last, or where it was put. Two that
-    press each other, and one that does not get on, are stopped for good. `droop` is the nominal
-    speed of a free wheel per reference, a/b of the paper's eq (9): the reference is the wanted
-    speed divided by it, times `trim` (W,) where wheels differ.
+    press each other, and one that does not get on, are stopped for good. A parcel whose mass is not
+    among `masses` is taken for an even plate.
     """
 
     def __init__(
         self,
-        layout: Layout,
+        traction: Traction,
         parcels: tuple[Parcel, ...],
         goals: Mapping[str, Goal],
-        droop: float,
-        limits: Limits | None = None,
-        *,
-        trim: Floats | float = 1.0,
+        masses: Mapping[str, Mass] = MappingProxyType({}),
     ) -> None:
-        self._layout = layout
-        self._trim = trim
-        self._droop = droop
-        self._limits = limits or Limits()
+        self._traction = traction
+        self._masses = masses
+        self._carrying = Carrying(traction.layout, traction.drives)
         self._bottoms = {parcel.name: parcel.bottom for parcel in parcels}
         self._places: dict[str, Floats] = {
             parcel.name: np.array([*parcel.near_m, parcel.yaw_hint_rad])
@@ -141,9 +153,7 @@ class GoalProgram:
             if parcel.near_m is not None
         }
         self._controllers = {
-            name: GoalController(goals[name], self._limits, bottom.reach_m)
-            for name, bottom in self._bottoms.items()
-            if name in goals
+            name: self._controller_of(name, goals[name]) for name in self._bottoms if name in goals
         }
         self._given = dict(self._bottoms)
         self._obstacles = Obstacles()
@@ -156,21 +166,25 @@ class GoalProgram:
     def set_goal(self, name: str, goal: Goal) -> None:
         """Steer a parcel to this goal from now on, stopped or not. KeyError for one of no program.
 
-        One that moves goes over to it at the acceleration it is allowed.
+        One that moves is brought to rest on its way first.
         """
         before = self._controllers.get(name)
-        after = GoalController(goal, self._limits, self._bottoms[name].reach_m)
+        after = self._controller_of(name, goal)
         if before is not None:
             after.go_over_from(before)
         self._controllers[name] = after
         self._standstills[name] = Standstill()
         self._reasons.pop(name, None)
 
+    def _controller_of(self, name: str, goal: Goal) -> GoalController:
+        mass = self._masses.get(name) or uniform_mass(self._bottoms[name])
+        return GoalController(goal, self._traction, mass)
+
     @property
     def stuck(self) -> str | None:
         """See `Program`: all that have not arrived are stopped, and have come to rest."""
         left = [one for one in self._controllers.values() if not one.arrived]
-        if not left or any(not one.stopped or one.speed_m_s > 0.0 for one in left):
+        if not left or any(not one.stopped or one.stopping_s > 0.0 for one in left):
             return None
         return "; ".join(dict.fromkeys(self._reasons.values()))
 
@@ -206,9 +220,10 @@ class GoalProgram:
         )
         self._found.update(beliefs.keys() & self._given.keys())
         self._see_obstacles(beliefs)
-        twists = dict(self._steer(beliefs, step_s))
-        self._stop_blocked(twists, step_s)
-        return self._carry(twists)
+        carried = dict(self._steer(beliefs, step_s))
+        self._stop_blocked(carried, step_s)
+        moving = {name: one for name, one in carried.items() if one is not None}
+        return self._carrying.references_m_s(moving, self._bottoms, self._places)
 
     def _see_obstacles(self, beliefs: Mapping[str, Belief]) -> None:
         """What is no parcel of this program is parked where it lies, as long as it is there."""
@@ -225,8 +240,10 @@ class GoalProgram:
         stopping_m = controller.speed_m_s * controller.stopping_s / 2
         return self._obstacles.hold(belief, controller.goal, stopping_m)
 
-    def _steer(self, beliefs: Mapping[str, Belief], step_s: float) -> Iterator[tuple[str, Floats]]:
-        """The commanded twist of each parcel that has a goal and is found."""
+    def _steer(
+        self, beliefs: Mapping[str, Belief], step_s: float
+    ) -> Iterator[tuple[str, Carried | None]]:
+        """How each parcel that has a goal and is found is to be carried; None: it stands."""
         for name, controller in self._controllers.items():
             belief = beliefs.get(name)
             if belief is None:
@@ -235,7 +252,7 @@ class GoalProgram:
             controller.paused = belief.doubtful or self._must_wait(belief, controller)
             felt = belief.feel_rad is not None and self._room_to_turn(name)
             controller.feel_rad = belief.feel_rad if felt else None
-            yield name, controller.step(belief.pose, step_s, belief.corrected)
+            yield name, controller.step(belief, step_s)
 
     def _room_to_turn(self, name: str) -> bool:
         """Whether a parcel may turn where it is without coming near any other."""
@@ -246,35 +263,21 @@ class GoalProgram:
                 return False
         return True
 
-    def _carry(self, twists: Mapping[str, Floats]) -> Floats:
-        """References of the wheels that serve each parcel with a twist; zero for all others."""
-        names = list(self._places)
-        parked = [not twists[name].any() if name in twists else True for name in names]
-        claims = [
-            Claim(self._bottoms[name], self._places[name], still)
-            for name, still in zip(names, parked, strict=True)
-        ]
-        serves = allocate(self._layout.wheel_positions_m, claims)
-        references_m_s = np.zeros(len(serves))
-        for number, name in enumerate(names):
-            if not parked[number]:
-                x_m, y_m, _ = self._places[name].tolist()
-                jacobian = self._layout.surface_jacobian(x_m, y_m)
-                speeds_m_s = jacobian @ (twists[name] / self._droop) * self._trim
-                np.copyto(references_m_s, speeds_m_s, where=serves == number)
-        return references_m_s
-
-    def _stop_blocked(self, twists: Mapping[str, Floats], step_s: float) -> None:
+    def _stop_blocked(self, carried: Mapping[str, Carried | None], step_s: float) -> None:
         """Stop parcels that press each other, and those that do not get on, and report them.
 
         Where a parcel was put is too rough to be judged by; where it was found last is not.
         """
-        bodies = {name: self._body(name, twists) for name in self._bottoms if name in self._found}
+        bodies = {
+            name: self._body(name, carried.get(name))
+            for name in self._bottoms
+            if name in self._found
+        }
         for pair in self._contacts.step(bodies, step_s):
             self._stop(pair)
         for name, standstill in self._standstills.items():
             controller = self._controllers[name]
-            if name not in twists or controller.arrived or controller.stopped:
+            if name not in carried or controller.arrived or controller.stopped:
                 standstill.clear()
             elif controller.paused:
                 # One that is doubtful time and again gets on no better for it.
@@ -282,12 +285,11 @@ class GoalProgram:
             elif standstill.step(controller.left_m, controller.speed_m_s, step_s, controller.leg):
                 self._stop((name, *self._near(name, bodies)))
 
-    def _body(self, name: str, twists: Mapping[str, Floats]) -> Body:
-        twist = twists.get(name)
-        if twist is None:
+    def _body(self, name: str, carried: Carried | None) -> Body:
+        if carried is None:
             return Body(self._bottoms[name], self._places[name], np.zeros(3), 0.0)
         stopping_s = self._controllers[name].stopping_s
-        return Body(self._bottoms[name], self._places[name], twist, stopping_s)
+        return Body(self._bottoms[name], self._places[name], carried.reference, stopping_s)
 
     @staticmethod
     def _near(name: str, bodies: Mapping[str, Body]) -> Iterable[str]:

@@ -3,7 +3,7 @@
 #: By what an event says, the first that fits.
 _ADVICE = (
     ("no cell was heard", "Check that the bus is connected and terminated and the cells powered."),
-    ("fallen silent", "Check the cell's power and bus plug, then start the program again."),
+    ("fallen silent", "Check the cell's power and its bus plug."),
     ("no longer operational", "The cell has restarted: check its supply, then start again."),
     ("disabled its drives", "Click on the cell for its errors; remove the cause and start again."),
     ("does not follow", "See whether the wheel is held or its encoder unplugged."),

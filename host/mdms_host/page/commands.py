@@ -9,7 +9,7 @@ from types import NoneType
 from typing import Any, TypeAlias, get_args, get_origin, get_type_hints
 
 from mdms_model.scenario.fault import Fault
-from mdms_model.scenario.limit import ANGLE, PLACE, Limit
+from mdms_model.scenario.limit import ANGLE, LENGTH, PLACE, Limit
 from mdms_model.scenario.scenario import ScenarioError
 from mdms_model.scenario.tree import build
 
@@ -35,10 +35,14 @@ class Goal:
 
 @dataclass(frozen=True, slots=True)
 class Name:
-    """A parcel that nobody has named gets a name."""
+    """What is unknown is taken for a parcel of this name and outline; a disc has its diameter as
+    length and width."""
 
     parcel: str
     name: str
+    length_m: float = field(metadata=LENGTH)
+    width_m: float = field(metadata=LENGTH)
+    shape: str = field(default="rectangle", metadata=Limit(choices=("rectangle", "disc")))
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,8 @@ from mdms_protocol.frame import Frame
 
 #: Between two requests [s]: some 6 % of a bus of 1 Mbit/s while a cell is read.
 PACE_S = 0.004
+#: An entry of a list that is not so long now is refused with this code (CiA 301, table 22).
+_NOTHING_THERE = "0x08000024"
 #: So many rows are given at once.
 _ROWS = 32
 
@@ -71,7 +73,8 @@ class ObjectReader:
         if not client.done and client.failure is None:
             self.wake_s = client.wake_s
             return
-        self._rows.append(_row(entry, value, client.failure))
+        if client.failure is None or _NOTHING_THERE not in client.failure:
+            self._rows.append(_row(entry, value, client.failure))
         if client.failure and "no answer" in client.failure:
             # One that does not answer once does not answer again.
             self._waiting.clear()

@@ -4,9 +4,11 @@ from collections.abc import Callable, Collection, Coroutine, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from mdms_host.coordination.watching.watch import Steered
 from mdms_host.estimation.belief import Belief
-from mdms_host.programs.order import Gate
+from mdms_host.motion.goal import Goal
+from mdms_host.motion.program import Steered
+from mdms_host.programs.comings import Comings, Register, tracker_gate
+from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.script import Task
 from mdms_host.programs.table import Orders, ProgramError, Table, TableParcel
 from mdms_model.arrays import Floats
@@ -24,6 +26,14 @@ class Traffic(Orders, Protocol):
 
     def take_left(self) -> list[str]:
         """Parcels that have left the table since the last call."""
+        ...
+
+    def on_lost_cells(self, cells: frozenset[int]) -> None:
+        """These cells (from 1) are lost, and no others."""
+        ...
+
+    def take_leaving(self) -> list[tuple[str, Gate]]:
+        """Parcels that have set out to leave since the last call, and through which gate."""
         ...
 
     def take_notices(self) -> list[str]:
@@ -46,8 +56,10 @@ class Member:
     """A parcel that may be on the table under this name; `lies` there at the beginning."""
 
     name: str
-    kind: str = ""
-    is_round: bool = False
+    kind: str
+    length_m: float
+    width_m: float
+    shape: str = "rectangle"
     lies: bool = True
 
 
@@ -59,17 +71,34 @@ class TableProgram:
     """
 
     def __init__(
-        self, main: Main, members: Sequence[Member], gates: Sequence[Gate], traffic: Traffic
+        self,
+        main: Main,
+        half_m: tuple[float, float],
+        members: Sequence[Member],
+        gates: Sequence[Gate],
+        traffic: Traffic,
+        *,
+        comings: Comings | None = None,
     ) -> None:
         self._main = main
+        self._comings = comings
+        self._register: Register | None = None
         self._members = {member.name: member for member in members}
         self._awaited = {member.name for member in members if member.lies}
         self._traffic = traffic
-        self.table = Table(gates, traffic)
+        self.table = Table(half_m, gates, traffic)
         self._left: set[str] = set()
         self._task: Task[None] | None = None
         self._failure: str | None = None
         self._notices: list[str] = []
+
+    def attend(self, register: Register) -> None:
+        """Announce what may come, and what leaves, from now on."""
+        self._register = register
+
+    def on_lost_cells(self, cells: frozenset[int]) -> None:
+        """These cells (from 1) are lost, and no others."""
+        self._traffic.on_lost_cells(cells)
 
     @property
     def finished(self) -> bool:
@@ -96,6 +125,15 @@ class TableProgram:
         """What follows each parcel that has been ordered to a place."""
         return self._traffic.steered
 
+    def set_goal(self, name: str, goal: Goal) -> None:
+        """Order a parcel to a place, whatever the program has ordered it to.
+
+        Raises KeyError for one that is not on the table.
+        """
+        if name not in {parcel.name for parcel in self.table.parcels}:
+            raise KeyError(name)
+        self._traffic.give(Order(name, goal))
+
     def take_notices(self) -> list[str]:
         """What has happened to parcels since the last call."""
         notices, self._notices = self._notices, []
@@ -109,14 +147,20 @@ class TableProgram:
             self._task = self.table.start(self._main(self.table))
         if self._task is not None and self._failure is None:
             self._go_on(step_s)
-        return self._traffic.step(beliefs, step_s)
+        references_m_s = self._traffic.step(beliefs, step_s)
+        if self._register is not None:
+            for name, gate in self._traffic.take_leaving():
+                self._register.depart(name, tracker_gate(gate))
+            if self._comings is not None:
+                there = {*beliefs, *(parcel.name for parcel in self.table.parcels)}
+                self._comings.step(self._register, there)
+        return references_m_s
 
     def _take_out(self, beliefs: Mapping[str, Belief]) -> None:
         """Parcels that have left are no more on the table, though they may still be believed."""
         for name in self._traffic.take_left():
             self.table.remove(name)
             self._left.add(name)
-            self._notices.append(f"{name} has left")
         self._left &= beliefs.keys()
 
     def _take_in(self, beliefs: Mapping[str, Belief]) -> None:
@@ -124,7 +168,8 @@ class TableProgram:
         for name in beliefs:
             member = self._members.get(name)
             if member is not None and name not in there:
-                parcel = TableParcel(name, member.kind, member.is_round)
+                size = member.length_m, member.width_m, member.shape
+                parcel = TableParcel(name, member.kind, *size)
                 self.table.put(parcel, arrives=not member.lies)
         self.table.see(beliefs)
 

@@ -37,12 +37,16 @@ class Task(Generic[Result]):
         self._is_awaited = False
 
     def __await__(self) -> Generator[Condition, None, Result]:
-        self._is_awaited = True
+        self.heed()
         while not self.done:
             yield lambda: self.done
         if self.error is not None:
             raise self.error
         return self._result  # type: ignore[return-value]
+
+    def heed(self) -> None:
+        """Somebody is going to await it: what it raises waits for that."""
+        self._is_awaited = True
 
     @property
     def unheeded(self) -> BaseException | None:

@@ -30,10 +30,12 @@ class Orders(Protocol):
 class TableParcel:
     """A parcel on the table, by the name that it is called by until it has left."""
 
-    def __init__(self, name: str, kind: str, is_round: bool = False) -> None:
+    def __init__(self, name: str, kind: str, length_m: float, width_m: float, shape: str) -> None:
         self.name = name
         self.kind = kind
-        self.is_round = is_round
+        self.length_m = length_m
+        self.width_m = width_m
+        self.is_round = shape == "disc"
         self._belief: Belief | None = None
         self.has_left = False
 
@@ -61,11 +63,13 @@ class TableParcel:
 class Table:
     """What a program has: parcels by name, gates by name, and what can be waited for.
 
-    Times are those of the array's own cycle, `now_s` from the program's beginning.
+    Times are those of the array's own cycle, `now_s` from the program's beginning. The table
+    reaches `half_m` from its middle, along x and along y.
     """
 
-    def __init__(self, gates: Sequence[Gate], orders: Orders) -> None:
+    def __init__(self, half_m: tuple[float, float], gates: Sequence[Gate], orders: Orders) -> None:
         self.now_s = 0.0
+        self.half_m = half_m
         self.gates: Mapping[str, Gate] = {gate.name: gate for gate in gates}
         self._orders = orders
         self._script = Script()
@@ -146,9 +150,21 @@ class Table:
         return self._script.start(routine)
 
     async def together(self, *routines: Coroutine[Any, Any, Any]) -> None:
-        """Have all of these go on beside each other; returns when the last is done."""
-        for task in [self.start(routine) for routine in routines]:
-            await task
+        """Have all of these go on beside each other; returns when the last is done.
+
+        Raises, then too, what the first of them that failed has raised.
+        """
+        tasks = [self.start(routine) for routine in routines]
+        for task in tasks:
+            task.heed()
+        errors = []
+        for task in tasks:
+            try:
+                await task
+            except ProgramError as error:
+                errors.append(error)
+        if errors:
+            raise errors[0]
 
     async def _order(self, parcel: TableParcel, goal: Goal | Gate) -> None:
         if self._parcels.get(parcel.name) is not parcel:

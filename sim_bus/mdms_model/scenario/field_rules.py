@@ -12,7 +12,7 @@ Point = tuple[float, float]
 def check_field(scenario: Scenario) -> None:
     """Refuse a field that its keys do not make. Raises `ScenarioError` with the key's full path."""
     motion = scenario.motion
-    if motion.field == "goal":
+    if motion.field in ("goal", "program"):
         _check_goal(motion)
     else:
         _check_part(motion, "motion")
@@ -30,7 +30,8 @@ def _check_goal(motion: Motion) -> None:
     for name, is_given in given.items():
         if is_given:
             raise ScenarioError(
-                f"motion.{name} is for open-loop fields, but motion.field is 'goal'; leave it out"
+                f"motion.{name} is for open-loop fields, but motion.field is {motion.field!r}; "
+                "leave it out"
             )
 
 

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.host.motion.driving import traction_of
 
 from mdms_cell.canopen.objects import Objects, key
 from mdms_host.can_link.sdo_client import Setting
@@ -24,7 +25,6 @@ from mdms_protocol.neighbours import messages
 LAYOUT = Layout(6, 3, wheels=(WheelPlace(0.0, (0.0, 0.03)), WheelPlace(np.pi / 2, (0.03, 0.0))))
 BOX = Parcel("box", 0.36, 0.30)
 BOTTOM = Rectangle(0.36, 0.30)
-DROOP = 0.775
 #: A cell's answer to the question for its revision: that of our object table.
 REVISION = bytes.fromhex("4318100300000100")
 #: And for its serial number.
@@ -40,7 +40,9 @@ def still(layout: Layout = LAYOUT) -> FieldProgram:
 
 
 def steering(goal: Goal) -> Coordinator:
-    return Coordinator(LAYOUT, GoalProgram(LAYOUT, (BOX,), {"box": goal}, DROOP), parcels=(BOX,))
+    return Coordinator(
+        LAYOUT, GoalProgram(traction_of(LAYOUT), (BOX,), {"box": goal}), parcels=(BOX,)
+    )
 
 
 def running(rolling_array, coordinator: Coordinator, layout: Layout = LAYOUT):

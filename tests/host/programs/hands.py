@@ -38,6 +38,12 @@ class Hands:
     def step(self, beliefs, step_s):
         return np.zeros(36)
 
+    def on_lost_cells(self, cells):
+        self.lost_cells = cells
+
+    def take_leaving(self):
+        return []
+
     def take_left(self):
         left, self._left = self._left, []
         return left
@@ -51,9 +57,9 @@ class Stage:
 
     def __init__(self, main, lying=(), coming=()):
         self.hands = Hands()
-        members = [Member(name, name.split()[0]) for name in lying]
-        members += [Member(name, name.split()[0], lies=False) for name in coming]
-        self.program = TableProgram(main, members, [EAST, NORTH], self.hands)
+        members = [Member(name, name.split()[0], 0.3, 0.3) for name in lying]
+        members += [Member(name, name.split()[0], 0.3, 0.3, lies=False) for name in coming]
+        self.program = TableProgram(main, (0.57, 0.38), members, [EAST, NORTH], self.hands)
         self.beliefs = {}
         for name in lying:
             self.put(name, round(0.2 * len(self.beliefs) - 0.3, 3))

@@ -16,9 +16,10 @@ from mdms_host.cli.files import writing
 from mdms_host.cli.records.bus_log import LogWriter
 from mdms_host.cli.records.keep import keep_run, lasting
 from mdms_host.cli.scenario.belief import Belief, believe
-from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of, goals_by_parcel
+from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.scenario.load import check_load
+from mdms_host.cli.scenario.python_file import main_of_file
 from mdms_host.cli.streams import say
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, Operation, operate
@@ -26,6 +27,7 @@ from mdms_host.coordination.other_host import refuse_other_host
 from mdms_host.coordination.recorder import Recorder
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.outcome import GoalOutcome, missed_text, outcome_of
+from mdms_host.programs.planning import ThreadDesk
 from mdms_model.run.folder import BUS_LOG, fresh_folder
 from mdms_model.scenario.scenario import Scenario
 
@@ -65,7 +67,9 @@ def run(arguments: Namespace) -> int:
         from mdms_host.cli.array.live import show  # noqa: PLC0415
 
         return show(belief, arguments)
-    coordinator = coordinator_of(belief.scenario, belief.cells)
+    coordinator = coordinator_of(
+        belief.scenario, belief.cells, main=main_of_file(arguments.program), desk=ThreadDesk()
+    )
     if arguments.limit is None:
         arguments.limit = scenario.run.duration_s + BRING_UP_S
     if arguments.out is None:
@@ -164,8 +168,9 @@ def _figures(scenario: Scenario, coordinator: Coordinator, operation: Operation)
 
 def goals_of(scenario: Scenario, coordinator: Coordinator) -> list[GoalOutcome]:
     """How far from its goal each parcel that is steered to one is believed to have ended."""
-    goals = zip(scenario.parcel, goals_by_parcel(scenario), strict=True)
-    return [_outcome(coordinator, parcel.name, goal) for parcel, goal in goals if goal is not None]
+    goals = coordinator.goals
+    names = [parcel.name for parcel in scenario.parcel if parcel.name in goals]
+    return [_outcome(coordinator, name, goals[name]) for name in names]
 
 
 def _outcome(coordinator: Coordinator, name: str, goal: Goal) -> GoalOutcome:

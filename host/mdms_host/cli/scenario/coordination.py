@@ -7,11 +7,12 @@ import numpy as np
 
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.scenario.cells import Cells, addresses_of, trim
+from mdms_host.cli.scenario.cells import Cells, addresses_of, gains_vs_per_m
 from mdms_host.cli.scenario.field import references_m_s
 from mdms_host.cli.scenario.footing import goal_of
 from mdms_host.cli.scenario.gain import motor_of
 from mdms_host.cli.scenario.load import timing_of
+from mdms_host.cli.scenario.programs import table_program
 from mdms_host.commissioning.loop_margin import largest_gain, observer_for
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.policy import OnLostCell, Policy
@@ -20,11 +21,17 @@ from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.allocation import AHEAD_M
 from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import Goal, Limits
+from mdms_host.motion.mass import Mass
 from mdms_host.motion.program import FieldProgram, GoalProgram, Program
+from mdms_host.motion.traction import Traction
+from mdms_host.motion.wheel_drives import wheel_drives_of
+from mdms_host.programs.planning import Desk
+from mdms_host.programs.program import Main, TableProgram
 from mdms_model.arrays import Floats
 from mdms_model.motor import drive_of
+from mdms_model.parcel import parcel_records
 from mdms_model.scenario.belief import believed
-from mdms_model.scenario.scenario import Cell, Run, Scenario
+from mdms_model.scenario.scenario import Cell, Run, Scenario, in_stock
 from mdms_protocol import indices, pdo
 from mdms_protocol.dictionary import ENTRIES
 from mdms_protocol.entry import OutOfRangeError, steps_per_unit
@@ -33,25 +40,43 @@ from mdms_protocol.entry import OutOfRangeError, steps_per_unit
 UNDERVOLTAGE_V = 10.0
 
 
-def coordinator_of(scenario: Scenario, cells: Cells | None = None) -> Coordinator:
+def coordinator_of(
+    scenario: Scenario,
+    cells: Cells | None = None,
+    *,
+    main: Main | None = None,
+    desk: Desk | None = None,
+) -> Coordinator:
     """A coordinator with the scenario's array, sizes of parcels, and motion, as it is to believe.
 
-    `cells` are node ids and settings of single cells, if they have any of their own. Raises
+    `cells` are node ids and settings of single cells, if they have any of their own; `main` is a
+    program in Python, in place of the scenario's tasks, and `desk` where its plans are made. Raises
     `CommandError` for what does not fit the firmware.
     """
     scenario = believed(scenario)
     cells = cells or Cells()
     layout, parcels = layout_of(scenario, cells), parcels_of(scenario)
-    program = _program(scenario, layout, parcels, cells)
-    return Coordinator(
+    stock = in_stock(scenario)
+    if scenario.motion.field == "program":
+        traction, masses = traction_of(scenario, layout, cells), masses_of(scenario)
+        program: Program | CellsProgram = table_program(
+            scenario, parcels, masses, traction, main=main, desk=desk
+        )
+    else:
+        program = _program(scenario, layout, parcels, cells)
+    coordinator = Coordinator(
         layout,
         program,
-        parcels=parcels,
+        # What is in stock is announced when it may come.
+        parcels=tuple(parcel for parcel in parcels if parcel.name not in stock),
         settings=settings_of(scenario.cell),
         own_settings=cells.settings,
         timing=timing_of(scenario.wire),
         policy=policy_of(scenario.run),
     )
+    if isinstance(program, TableProgram):
+        program.attend(coordinator.tracker)
+    return coordinator
 
 
 def policy_of(run: Run) -> Policy:
@@ -195,4 +220,30 @@ def _program(
     )
     if scenario.motion.control == "cells":
         return CellsProgram(layout, parcels, goals, limits, go_on=scenario.motion.go_on)
-    return GoalProgram(layout, parcels, goals, droop, limits, trim=trim(scenario, cells))
+    return GoalProgram(traction_of(scenario, layout, cells), parcels, goals, masses_of(scenario))
+
+
+def traction_of(scenario: Scenario, layout: Layout, cells: Cells | None = None) -> Traction:
+    """What friction and motors let the wheels do, as it is believed."""
+    entry = pdo.TARGET_VELOCITY.entries[0]
+    drives = wheel_drives_of(
+        scenario.cell,
+        gains_vs_per_m(scenario, cells or Cells()),
+        entry.high / steps_per_unit(entry.unit),
+    )
+    return Traction(
+        layout,
+        drives,
+        friction=scenario.cell.friction,
+        speed_m_s=scenario.motion.speed_m_s,
+        gravity_m_s2=scenario.run.gravity_m_s2,
+    )
+
+
+def masses_of(scenario: Scenario) -> dict[str, Mass]:
+    """The parcels' masses, as they are believed."""
+    records, _ = parcel_records(scenario.parcel)
+    return {
+        parcel.name: Mass(parcel.mass_kg, float(record.inertia_kg_m2), parcel.centre_of_mass_m)
+        for parcel, record in zip(scenario.parcel, records, strict=True)
+    }

@@ -59,7 +59,7 @@ def limits(arguments: Namespace) -> Exit:
 
 def _field(scenario: Scenario) -> dict[str, Any]:
     """The references of a field, under `motion`; nothing where parcels are steered to goals."""
-    if scenario.motion.field == "goal":
+    if scenario.motion.field in ("goal", "program"):
         return {}
     return {"motion": command_figures(scenario, command_of(scenario))}
 

@@ -3,10 +3,16 @@
 import { poseOf } from "./table.js";
 
 const NEAR = ["", "near", "promised", "under it"];
-const mm = (value) => Number.isFinite(value) ? `${(1e3 * value).toFixed(1)} mm` : "–";
-const deg = (value) => Number.isFinite(value) ? `${(value * 180 / Math.PI).toFixed(2)}°` : "–";
-const mm_s = (value) => Number.isFinite(value) ? `${(1e3 * value).toFixed(1)} mm/s` : "–";
-const newtons = (value) => Number.isFinite(value) ? `${value.toFixed(2)} N` : "–";
+/** A number with so many digits behind the point and its unit; none is a dash, and -0.0 is 0.0. */
+const shown = (value, digits, unit) => {
+  if (!Number.isFinite(value)) return "–";
+  const text = value.toFixed(digits);
+  return (Number(text) === 0 ? text.replace("-", "") : text) + unit;
+};
+const mm = (value) => shown(1e3 * value, 1, " mm");
+const deg = (value) => shown(value * 180 / Math.PI, 2, "°");
+const mm_s = (value) => shown(1e3 * value, 1, " mm/s");
+const newtons = (value) => shown(value, 2, " N");
 
 /** An element with attributes and children. */
 export function make(tag, attributes = {}, ...children) {
@@ -152,7 +158,7 @@ export class Details {
     return buttons;
   }
 
-  deedsOfParcel({ name }) {
+  deedsOfParcel({ name, unknown }) {
     const parts = [];
     if (this.offers("goal")) parts.push(this.poseForm("Set goal", name, (pose) => this.page.order("goal", { parcel: name, ...pose })));
     if (this.offers("fault")) {
@@ -163,15 +169,7 @@ export class Details {
         this.button("Push along y", "fault", () => ({ fault: { kind: "push", parcel: name, impulse_n_s: [0, 0.3] } })),
       );
     }
-    if (this.offers("name")) {
-      const input = make("input", { name: "name", required: true, "aria-label": "New name" });
-      parts.push(make("form", {
-        onsubmit: (event) => {
-          event.preventDefault();
-          this.page.order("name", { parcel: name, name: input.value });
-        },
-      }, make("label", {}, "name", input), make("button", { "data-moves": true }, "Name it")));
-    }
+    if (this.offers("name") && unknown) parts.push(this.nameForm(name));
     return parts;
   }
 
@@ -187,6 +185,20 @@ export class Details {
     }, ...[x, y, yaw].map((input) => make("label", {}, input.name, input)), make("button", { "data-moves": true }, text));
   }
 
+  /** What is unknown gets a name, and the size that it really has. */
+  nameForm(parcel) {
+    const name = make("input", { required: true, "aria-label": "Name of the parcel" });
+    const field = (label) => make("input", { name: label, type: "number", min: 1, required: true, "aria-label": label });
+    const [length, width] = [field("length [mm]"), field("width [mm]")];
+    return make("form", {
+      onsubmit: (event) => {
+        event.preventDefault();
+        this.page.order("name", { parcel, name: name.value, length_m: length.valueAsNumber / 1e3, width_m: width.valueAsNumber / 1e3 });
+      },
+    }, make("label", {}, "name", name), make("label", {}, "length [mm]", length), make("label", {}, "width [mm]", width),
+    make("button", { "data-moves": true }, "Name it"));
+  }
+
   // Objects ----------------------------------------------------------------------------------------
 
   async readObjects(cell) {
@@ -199,11 +211,11 @@ export class Details {
   takeObjects({ cell, rows, over }) {
     if (this.chosen?.kind !== "cell" || this.chosen.number !== cell - 1) return;
     this.rows.push(...rows);
-    const shown = ({ value, unit, raw, problem }) => problem ?? (unit === "" ? `${raw}` : `${+value.toPrecision(6)} ${unit}`);
+    const text = ({ value, unit, raw, problem }) => problem ?? (unit === "" ? `${raw}` : `${+value.toPrecision(6)} ${unit}`);
     this.objects.replaceChildren(
       make("h2", {}, over ? `Objects of cell ${cell}` : `Objects of cell ${cell}, reading …`),
       make("table", { "aria-label": `Objects of cell ${cell}` }, ...this.rows.map((row) => make("tr", {},
-        make("td", { class: "number" }, row.place), make("th", { scope: "row" }, row.name), make("td", { class: "value" }, shown(row))))),
+        make("td", { class: "number" }, row.place), make("th", { scope: "row" }, row.name), make("td", { class: "value" }, text(row))))),
     );
   }
 }

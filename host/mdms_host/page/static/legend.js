@@ -3,7 +3,7 @@
 import { make } from "./details.js";
 import { heat } from "./table.js";
 
-const TITLES = { slip: ["0", "50 mm/s slip"], normal: ["0", "N, most so far"] };
+const TITLES = { slip: (most) => `${1e3 * most} mm/s slip`, normal: (most) => `${most} N on a wheel` };
 
 export function showLegend(place, picture, table) {
   const parts = [];
@@ -21,6 +21,7 @@ export function showLegend(place, picture, table) {
   };
   const colours = picture.colours;
   if (picture.heat === "state") {
+    swatch("off or silent", colours.silent, colours["cell-line"]);
     swatch("ready", colours.cell, colours["cell-line"]);
     swatch("running", colours.running, colours["running-line"]);
     swatch("fault", colours.fault, colours["fault-line"]);
@@ -31,12 +32,12 @@ export function showLegend(place, picture, table) {
       context.fillStyle = heat(x / 59);
       context.fillRect(x, 0, 1, 12);
     }
-    const [from, to] = TITLES[picture.heat];
-    parts.push(make("span", {}, from, strip, to));
+    parts.push(make("span", {}, "0", strip, TITLES[picture.heat](picture.most[picture.heat])));
   }
   line("believed", colours.parcel);
   if (table?.true_known) line("true", colours.true, "dashed");
   line("goal", colours.goal, "dotted");
   line("wheel slips", colours.slip);
+  if (picture.promised) line("cell near a parcel, promised, under it", "#c44e8a", "dotted");
   place.replaceChildren(...parts);
 }

@@ -55,18 +55,28 @@ class Page {
     }
   }
 
+  /** A description; of the same table, when a parcel has come or gone, what is looked at stays. */
   setTable(table) {
+    const before = this.table, same = before && before.title === table.title && before.columns === table.columns;
+    const chosen = same ? this.picture.chosen : null;
     this.table = table;
     this.unpacker = new Unpacker(table);
+    if (!same) this.snapshot = null;
     this.events.seeks = table.offers.includes("seek");
     table.true_known = table.simulated || table.recorded;
     $("title").textContent = document.title = table.title;
-    this.history.clear();
-    this.picture.setTable(table);
+    if (!same) this.history.clear();
+    this.picture.setTable(table, !same);
     this.details.setTable(table);
-    this.choose(null);
+    this.choose(chosen?.kind === "parcel" ? this.sameParcel(before, chosen) : chosen);
+    if (same) return;
     this.arrange(table);
     if (table.recorded) this.fetchRun();
+  }
+
+  sameParcel(before, { kind, number }) {
+    const now = this.table.parcels.findIndex(({ name }) => name === before.parcels[number]?.name);
+    return now < 0 ? null : { kind, number: now };
   }
 
   /** Shows what this table offers, and nothing else. */
@@ -97,7 +107,7 @@ class Page {
       if (one) snapshots.push(one);
     }
     this.history.fill(snapshots);
-    this.plots_ms = 0;
+    if (!$("plots").hidden) this.buildPlots();
   }
 
   show(buffer) {
@@ -164,10 +174,15 @@ class Page {
   }
 
   showTexts(s) {
+    const legend = `${this.picture.most.normal} ${this.picture.promised}`;
+    if (legend !== this.legend) {
+      this.legend = legend;
+      this.showLegend();
+    }
     const text = (id, value) => { if ($(id).textContent !== value) $(id).textContent = value; };
     const phase = this.table.phases[s.phase[0]];
     text("phase", this.table.recorded ? "recording" : s.paused[0] ? `${phase}, paused` : phase);
-    $("phase").className = `chip ${phase === "running" ? "running" : phase.includes("fault") ? "failed" : ""}`;
+    $("phase").className = `chip ${phase === "running" ? "running" : phase.includes("fault") ? "failed" : phase.includes("holding") ? "held" : ""}`;
     text("time", `${s.time[0].toFixed(1)} s`);
     text("load", Number.isFinite(s.bus_load[0]) ? `bus ${(100 * Math.max(...s.bus_load)).toFixed(0)} %` : "no bus");
     text("pace", `${s.real_time_factor[0].toFixed(2)}×`);

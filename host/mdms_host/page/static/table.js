@@ -8,7 +8,7 @@ const ARROW_M_S = 0.1;
 /** Wheels that slip faster are drawn as slipping [m/s]. */
 const SLIPS_M_S = 0.005;
 /** Where the colours of the heatmaps end. */
-const MOST = { slip: 0.05, normal: 5 };
+const MOST = { slip: 0.05, normal: 1 };
 const IDENTITIES = ["#c44e8a", "#4c8f3c", "#3f6fd1", "#b8731d", "#7a52c7", "#1f8f8f", "#b23b3b", "#6d7a1e"];
 
 export const colourOf = (identity) => IDENTITIES[(identity - 1) % IDENTITIES.length];
@@ -55,9 +55,9 @@ export class TablePicture {
     this.kept = "";
   }
 
-  setTable(table) {
+  setTable(table, anew) {
     this.table = table;
-    this.view.fit(table);
+    if (anew) this.view.fit(table);
     this.kept = "";
   }
 
@@ -71,6 +71,7 @@ export class TablePicture {
     if (!snapshot) return;
     if (this.heat !== "state") this.drawHeat(snapshot);
     if (this.showPlan) this.drawPlan(plan);
+    this.drawCovered(snapshot);
     this.drawWheels(snapshot);
     this.drawParcels(snapshot, dragged);
     this.drawChosen(snapshot);
@@ -80,7 +81,7 @@ export class TablePicture {
 
   drawBase(snapshot) {
     const s = snapshot;
-    const state = s ? `${s.cell_state} ${s.cell_presence} ${s.cell_promise} ${s.cell_promise_state}` : "";
+    const state = s ? `${s.cell_state} ${s.cell_promise} ${s.cell_promise_state}` : "";
     const kept = `${this.view.signature} ${this.heat === "state"} ${state}`;
     if (kept === this.kept) return;
     this.kept = kept;
@@ -111,7 +112,7 @@ export class TablePicture {
     context.setLineDash([]);
     if (state === 1) this.drawCross(context, px, py, half);
     if (snapshot) this.drawPromise(context, cell, px, py, half, snapshot);
-    if (snapshot && size > 26) this.drawSensors(context, cell, px, py, snapshot);
+    if (size > 26) this.drawSensors(context, px, py);
     if (size > 22) this.drawNumber(context, cell, px, py, half, size, state);
   }
 
@@ -129,6 +130,7 @@ export class TablePicture {
   drawPromise(context, cell, px, py, half, snapshot) {
     const identity = snapshot.cell_promise[cell], state = snapshot.cell_promise_state[cell];
     if (!identity || !state) return;
+    this.promised = true;
     context.strokeStyle = colourOf(identity);
     context.lineWidth = state === 3 ? 3 : 1.5;
     context.setLineDash(state === 1 ? [2, 4] : []);
@@ -137,22 +139,36 @@ export class TablePicture {
     context.setLineDash([]);
   }
 
-  drawSensors(context, cell, px, py, snapshot) {
-    const bits = snapshot.cell_presence[cell], scale = this.view.scale;
-    const radius = Math.max(1.5, 0.0035 * scale);
-    this.table.sensors_m.forEach(([x, y], sensor) => {
-      const covered = bits >> sensor & 1;
-      context.beginPath();
+  /** Where sensors are; those that are covered are drawn over it every time. */
+  drawSensors(context, px, py) {
+    const { scale } = this.view, radius = this.sensorRadius;
+    context.beginPath();
+    for (const [x, y] of this.table.sensors_m) {
+      context.moveTo(px + x * scale + radius, py - y * scale);
       context.arc(px + x * scale, py - y * scale, radius, 0, 2 * Math.PI);
-      if (covered) {
-        context.fillStyle = this.colours.covered;
-        context.fill();
-      } else {
-        context.lineWidth = 1;
-        context.strokeStyle = this.colours.sensor;
-        context.stroke();
+    }
+    context.lineWidth = 1;
+    context.strokeStyle = this.colours.sensor;
+    context.stroke();
+  }
+
+  get sensorRadius() { return Math.max(1.5, 0.0035 * this.view.scale); }
+
+  drawCovered({ cell_presence }) {
+    const { cells_m, sensors_m, pitch_m } = this.table, { view, context } = this;
+    if (pitch_m * view.scale <= 26) return;
+    const radius = this.sensorRadius, covered = new Path2D();
+    cells_m.forEach(([x, y], cell) => {
+      const bits = cell_presence[cell];
+      for (let sensor = 0; bits >> sensor; sensor++) {
+        if (!(bits >> sensor & 1)) continue;
+        const px = view.px(x + sensors_m[sensor][0]), py = view.py(y + sensors_m[sensor][1]);
+        covered.moveTo(px + radius, py);
+        covered.arc(px, py, radius, 0, 2 * Math.PI);
       }
     });
+    context.fillStyle = this.colours.covered;
+    context.fill(covered);
   }
 
   drawNumber(context, cell, px, py, half, size, state) {
@@ -183,7 +199,7 @@ export class TablePicture {
       for (let axis = 0; axis < axes; axis++) {
         const value = Math.abs(values[cell * axes + axis]);
         if (!(value > 0.01 * most)) continue;
-        if (this.heat === "normal" && value > most) this.most.normal = value;
+        if (this.heat === "normal" && value > most) this.most.normal = Math.ceil(value);
         this.context.fillStyle = heat(value / most);
         const px = this.view.px(cells_m[cell][0]) - half, py = this.view.py(cells_m[cell][1]) - half;
         this.context.fillRect(px + axis * 2 * half / axes, py, 2 * half / axes - 1, 2 * half);
@@ -306,11 +322,11 @@ export class TablePicture {
     context.fillStyle = this.colours["parcel-fill"];
     context.fill();
     context.lineWidth = 2;
-    context.strokeStyle = this.colours.parcel;
-    context.setLineDash(doubtful ? [2, 5] : []);
+    context.strokeStyle = parcel.unknown ? this.colours.faint : this.colours.parcel;
+    context.setLineDash(doubtful ? [2, 5] : parcel.unknown ? [8, 4] : []);
     context.stroke();
     context.setLineDash([]);
-    this.drawSpread(pose, snapshot.parcel_spread, p);
+    if (!parcel.unknown) this.drawSpread(pose, snapshot.parcel_spread, p);
     context.fillStyle = this.colours.text;
     context.font = '600 13px system-ui, "DejaVu Sans", sans-serif';
     context.textAlign = "center";
@@ -394,15 +410,19 @@ export class TablePicture {
     const { kind, number } = this.chosen, context = this.context;
     context.strokeStyle = this.colours.text;
     context.lineWidth = 2.5;
+    context.globalAlpha = kind === "cell" ? 1 : 0.4;
     if (kind === "cell") {
       const [x, y] = this.table.cells_m[number], half = 0.49 * this.table.pitch_m * this.view.scale;
       context.strokeRect(this.view.px(x) - half, this.view.py(y) - half, 2 * half, 2 * half);
     } else if (this.table.parcels[number]) {
       const pose = poseOf(snapshot.parcel_believed, number) ?? poseOf(snapshot.parcel_true, number);
-      if (!pose) return;
-      this.trace(this.table.parcels[number].outline_m, pose);
-      context.stroke();
+      if (pose) {
+        this.trace(this.table.parcels[number].outline_m, pose);
+        context.lineWidth = 7;
+        context.stroke();
+      }
     }
+    context.globalAlpha = 1;
   }
 
   trace(outline, [x, y, yaw]) {
@@ -418,7 +438,7 @@ export class TablePicture {
 /** The pose of a parcel in an array of poses, null where it is not known. */
 export function poseOf(poses, parcel, yawMayLack = false) {
   const pose = poses.subarray(3 * parcel, 3 * parcel + 3);
-  if (Number.isNaN(pose[0]) || (Number.isNaN(pose[2]) && !yawMayLack)) return null;
+  if (!Number.isFinite(pose[0]) || (Number.isNaN(pose[2]) && !yawMayLack)) return null;
   return pose;
 }
 

@@ -14,7 +14,6 @@ from mdms_host.cli.scenario.coordination import coordinator_of, layout_of, parce
 from mdms_host.commissioning.array_file import ArrayFileError
 from mdms_host.coordination.phase import Phase
 from mdms_host.estimation.rectangle import Rectangle
-from mdms_model.motor import drive_of
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import ScenarioError
 from mdms_protocol import indices
@@ -115,10 +114,9 @@ def test_steered_wheel_with_a_gain_of_its_own_gets_the_reference_that_suits_it(b
         )
         for each in (usual, strong)
     )
-    motor = strong.scenario.cell
-    droops = [drive_of(replace(motor, gain_vs_per_m=gain)).droop for gain in (10.0, 20.0)]
-    np.testing.assert_allclose(trimmed * [1, 1, droops[1] / droops[0], 1], plain)
-    assert plain[2] != 0.0
+    np.testing.assert_allclose(np.delete(trimmed, 2), np.delete(plain, 2))
+    # At rest nearly all of the reference is a push, and twice the gain makes twice the push.
+    assert trimmed[2] == pytest.approx(plain[2] / 2, rel=0.2)
 
 
 TWO_BUSES = cell(1, 7, "number = 2") + cell(2, 7, "number = 1\nbus = 1\nsettings.axis1.gain = 12.5")

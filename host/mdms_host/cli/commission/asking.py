@@ -1,0 +1,117 @@
+"""Cells are placed by a person: one after the other blinks, and a key says where it is."""
+
+import re
+import sys
+from dataclasses import replace
+
+from mdms_host.cli.commission.identify import blink
+from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.streams import say
+from mdms_host.commissioning import commissioner as steps
+from mdms_host.commissioning.array_file import FiledCell
+from mdms_host.commissioning.network import Commissioning
+from mdms_host.commissioning.roll_call import RollCall
+from mdms_host.commissioning.sightings import Spot
+from mdms_host.commissioning.wheel_turn import REVERSED
+
+#: Longer than a person looks for a light; the answer ends it.
+_BLINK_S = 60.0
+_NUMBER = re.compile(r"(\d+)(?:\s*[, ]\s*(\d+))?")
+
+
+def ask_places(
+    commissioning: Commissioning, roll: RollCall, grid: Spot, *, again: bool
+) -> dict[int, Spot]:
+    """Column and row of each cell by its serial number; each is stored as soon as it is given.
+
+    A cell that has a place of its own already keeps it, unless `again`. Raises `CommandError`
+    when the person ends it; what has been answered is kept for the next time.
+    """
+    spots = {} if again else _stored(commissioning, roll, grid)
+    if spots:
+        say(f"{len(spots)} cells have their places already (--again asks for them too)")
+    waiting = sorted(serial for serial in roll.serials if serial not in spots)
+    for serial in waiting:
+        node_id = roll.node_ids[serial]
+        spot = _ask(commissioning, serial, node_id, grid, spots)
+        spots[serial] = spot
+        steps.tell_place(commissioning, node_id, spot)
+    return spots
+
+
+def ask_direction(commissioning: Commissioning, cell: FiledCell) -> FiledCell:
+    """The cell, with the other polarity of each wheel that a person saw push the wrong way."""
+    values = dict(cell.values)
+    for axis in (1, 2):
+        parameter = steps.polarity_of(axis)
+        before = values.get(parameter, commissioning.read(cell.node_id, *parameter.place))
+        question = (
+            f"node {cell.node_id}, axis {axis}: did the top of the wheel move towards "
+            f"+{'xy'[axis - 1]}? [Y/n] "
+        )
+        backwards = _line(question).lower() in ("n", "no")
+        values[parameter] = before ^ REVERSED if backwards else before
+    return replace(cell, values=values)
+
+
+def _stored(commissioning: Commissioning, roll: RollCall, grid: Spot) -> dict[int, Spot]:
+    """The places that cells have stored, but for those beside the grid or given twice."""
+    told: dict[int, Spot] = {}
+    for serial, node_id in roll.node_ids.items():
+        spot = steps.told_place(commissioning, node_id)
+        if spot is not None and spot[0] <= grid[0] and spot[1] <= grid[1]:
+            told[serial] = spot
+    spots = list(told.values())
+    return {serial: spot for serial, spot in told.items() if spots.count(spot) == 1}
+
+
+def _ask(
+    commissioning: Commissioning, serial: int, node_id: int, grid: Spot, spots: dict[int, Spot]
+) -> Spot:
+    columns, rows = grid
+    taken = {*spots.values()}
+    free = [(x + 1, y + 1) for y in range(rows) for x in range(columns)]
+    default = next(spot for spot in free if spot not in taken)
+    question = (
+        f"{serial:08X} blinks. Which place, 1 to {columns * rows} along x first, or column,row? "
+        f"(Enter: {_number(default, columns)}; q: end) "
+    )
+    while True:
+        blink(commissioning, node_id, _BLINK_S)
+        answer = _line(question)
+        blink(commissioning, node_id, 0.0)
+        if answer.lower() in ("q", "quit"):
+            raise CommandError(
+                f"{len(spots)} cells have their places; the same command goes on", Exit.FAILURE
+            )
+        spot = default if not answer else _spot(answer, columns)
+        if spot is None or spot not in free:
+            say(f"{answer!r} is no place of {columns} x {rows} cells")
+        elif spot in taken:
+            other = next(key for key, each in spots.items() if each == spot)
+            say(f"{other:08X} has that place; --again begins anew")
+        else:
+            return spot
+
+
+def _spot(answer: str, columns: int) -> Spot | None:
+    match = _NUMBER.fullmatch(answer)
+    if match is None:
+        return None
+    if match[2] is not None:
+        return int(match[1]), int(match[2])
+    number = int(match[1]) - 1
+    return number % columns + 1, number // columns + 1
+
+
+def _number(spot: Spot, columns: int) -> int:
+    return (spot[1] - 1) * columns + spot[0]
+
+
+def _line(question: str) -> str:
+    """An answer from the terminal; the end of the input ends all."""
+    print(question, end="", file=sys.stderr, flush=True)
+    line = sys.stdin.readline()
+    if not line:
+        raise CommandError("the input has ended; the same command goes on", Exit.FAILURE)
+    return line.strip()

@@ -1,0 +1,250 @@
+"""`mdms commission`: from a bag of boards to an array, and the file that describes it."""
+
+import json
+import sys
+from argparse import Namespace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from mdms_host.cli.array.bus import NO_NODES
+from mdms_host.cli.commission.asking import ask_direction, ask_places
+from mdms_host.cli.commission.plate import watch_plate
+from mdms_host.cli.configure.cells import agreed, open_commissioning
+from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.files import check_own, replacing
+from mdms_host.cli.streams import say
+from mdms_host.clock import MonotonicClock
+from mdms_host.commissioning import commissioner as steps
+from mdms_host.commissioning.array_file import (
+    ArrayFile,
+    FiledCell,
+    FiledTable,
+    cells_on,
+    read_array,
+)
+from mdms_host.commissioning.array_writing import MARK, array_document
+from mdms_host.commissioning.filed_places import placed_cells
+from mdms_host.commissioning.network import Commissioning, CommissioningError
+from mdms_host.commissioning.node_ids import Assignment, carry_out
+from mdms_host.commissioning.roll_call import RollCall, call_roll
+from mdms_host.commissioning.sightings import Spot
+from mdms_host.commissioning.wheel_turn import WheelError, refuse_busy, refuse_steering
+
+#: A cell that shares its node id is reset with the one that hides it, which needs so long to boot.
+_BOOT_S = 0.3
+
+
+@dataclass(slots=True)
+class _Job:
+    """What one run of the verb works on."""
+
+    commissioning: Commissioning
+    arguments: Namespace
+    failed: dict[str, str]
+
+    def report(self, text: str) -> None:
+        """A line about what has been done, unless the result is to be JSON."""
+        if not self.arguments.json:
+            print(text, flush=True)
+
+
+def run(arguments: Namespace) -> Exit:
+    """Find the cells, place them, give ids and settings, store, verify, and write the file."""
+    listed = None if arguments.file is None else read_array(arguments.file)
+    out: Path | None = arguments.out or (None if listed else Path("array.toml"))
+    if out is not None:
+        check_own(out, MARK.encode(), arguments.force)
+    with open_commissioning(arguments) as commissioning:
+        job = _Job(commissioning, arguments, {})
+        roll = _call_roll(commissioning)
+        file = _placed(job, roll) if listed is None else listed
+        cells = _checked(job, roll, file, whole=listed is not None)
+        count = len(cells)
+        if not agreed(arguments, f"Write ids, places and settings to {count} cells?"):
+            raise CommandError("nothing was written", Exit.FAILURE)
+        _give_ids(job, call_roll(commissioning), {cell.serial: cell.node_id for cell in cells})
+        cells = _nudged(job, cells, asking=_asks(arguments))
+        done = _write(job, cells)
+        if job.failed:
+            raise CommandError(_failure(job, count), Exit.NODE_FAULT)
+        if out is not None:
+            named = steps.settings_beside_defaults(commissioning, cells)
+            _write_file(out, replace(file, cells=_merged(file.cells, named)), arguments.force)
+    _conclude(job, done, out)
+    return Exit.OK
+
+
+def _call_roll(commissioning: Commissioning) -> RollCall:
+    roll = call_roll(commissioning)
+    if not roll.serials:
+        raise CommandError(NO_NODES, Exit.NO_DEVICE)
+    refuse_busy(commissioning, [*roll.present])
+    for serial, node_id in roll.hidden.items():
+        say(f"mdms: {serial:08X} has node id {node_id}, as another cell has; it gets its own")
+    return roll
+
+
+def _asks(arguments: Namespace) -> bool:
+    """Whether a person is to say where the cells are, one after the other."""
+    return not (arguments.file or arguments.list or arguments.plate)
+
+
+def _placed(job: _Job, roll: RollCall) -> ArrayFile:
+    """The array as a person, a list or a plate says it is."""
+    arguments = job.arguments
+    columns, rows = arguments.columns, arguments.rows
+    if (columns is None or rows is None) and not arguments.plate:
+        raise CommandError("name the grid: --columns and --rows", Exit.USAGE)
+    if columns and rows:
+        steps.refuse_wrong_count(roll, columns * rows)
+    if arguments.list is not None:
+        spots = _spots_listed(roll, arguments.list, columns)
+    else:
+        if _asks(arguments) and not sys.stdin.isatty():
+            raise CommandError(
+                "nobody can be asked here; give --from, --list or --plate", Exit.USAGE
+            )
+        roll = _give_ids(job, roll, steps.provisional_ids(roll))
+        if arguments.plate:
+            columns, rows, spots = watch_plate(job.commissioning, roll, arguments)
+        else:
+            spots = ask_places(job.commissioning, roll, (columns, rows), again=arguments.again)
+    return _array(arguments, (columns, rows), spots)
+
+
+def _spots_listed(roll: RollCall, path: Path, columns: int) -> dict[int, Spot]:
+    """Serial numbers in a text file, one a line, along x first."""
+    try:
+        words = path.read_text(encoding="ascii").split()
+        serials = [int(word, 16) for word in words]
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise CommandError(
+            f"{path}: expected a serial number a line: {reason}", Exit.USAGE
+        ) from None
+    if len({*serials}) != len(serials) or {*serials} != roll.serials:
+        differing = sorted({*serials} ^ roll.serials) or serials
+        raise CommandError(
+            f"{path}: lists {len(serials)} serial numbers, {len(roll.serials)} cells are on the "
+            f"bus, and these are not on both sides, or there twice: "
+            + ", ".join(f"{serial:08X}" for serial in differing),
+            Exit.USAGE,
+        )
+    return {
+        serial: (place % columns + 1, place // columns + 1) for place, serial in enumerate(serials)
+    }
+
+
+def _array(arguments: Namespace, grid: Spot, spots: Mapping[int, Spot]) -> ArrayFile:
+    columns, rows = grid
+    bitrate = getattr(arguments, "bitrate", None)
+    table = FiledTable(columns=columns, rows=rows, pitch_m=arguments.pitch, bitrate=bitrate)
+    cells = []
+    for serial, (column, row) in spots.items():
+        number = (row - 1) * columns + column
+        cells.append(FiledCell(serial, number, {}, number=number))
+    return ArrayFile(Path("array"), table, tuple(cells))
+
+
+def _checked(job: _Job, roll: RollCall, file: ArrayFile, *, whole: bool) -> list[FiledCell]:
+    """The cells with all that their places imply, and with `whole` the defaults of all else.
+
+    What a file says is the whole of it; a cell that was placed otherwise keeps what it has.
+    """
+    channel = getattr(job.arguments, "channel", None)
+    steps.refuse_unlisted(roll, file, cells_on(file, channel))
+    cells = placed_cells(file, channel)
+    return [steps.at_defaults(cell) if whole else cell for cell in cells]
+
+
+def _give_ids(job: _Job, roll: RollCall, wanted: Mapping[int, int]) -> RollCall:
+    """Cells get their node ids, and keep them; who is there then."""
+    moves = steps.plan_ids(roll, wanted)
+    if not moves:
+        return roll
+
+    def report(move: Assignment) -> None:
+        was = "blank" if move.before is None else f"node {move.before}"
+        job.report(f"{move.address.serial:08X}: {was} -> node {move.node_id}")
+
+    for move in carry_out(job.commissioning, moves, report):
+        say(f"mdms: {move.address.serial:08X} has no memory for settings, and is blank when off")
+    if roll.hidden:
+        MonotonicClock().sleep(_BOOT_S)
+    return call_roll(job.commissioning)
+
+
+def _nudged(job: _Job, cells: list[FiledCell], *, asking: bool) -> list[FiledCell]:
+    """The cells with the polarity of their wheels; those wired wrongly fail, and are left out."""
+    if not _may_nudge(job, asking):
+        say("mdms: wheels were not nudged, so motors and encoders are not checked (--nudge)")
+        return cells
+    going = []
+    for cell in cells:
+        try:
+            refuse_steering(job.commissioning, cell.node_id)
+            directions = steps.nudge_wheels(job.commissioning, cell.node_id)
+        except (CommissioningError, WheelError) as error:
+            job.failed[f"{cell.serial:08X}"] = str(error)
+            continue
+        faults = [steps.wiring_fault(axis, each) for axis, each in enumerate(directions, 1)]
+        if any(faults):
+            named = "; ".join(fault for fault in faults if fault)
+            job.failed[f"{cell.serial:08X}"] = f"node {cell.node_id}, {named}"
+            continue
+        going.append(ask_direction(job.commissioning, cell) if asking else cell)
+    return going
+
+
+def _may_nudge(job: _Job, asking: bool) -> bool:
+    """Only by `--nudge`, or a yes to the question."""
+    if job.arguments.nudge or not asking or job.arguments.yes:
+        return bool(job.arguments.nudge)
+    return agreed(job.arguments, "May each wheel turn by a few millimetres, to check its wiring?")
+
+
+def _write(job: _Job, cells: list[FiledCell]) -> list[steps.Done]:
+    """Write and store the settings of all cells; one that fails does not keep the others."""
+    done = []
+    for cell in cells:
+        try:
+            one = steps.write_settings(job.commissioning, cell)
+        except CommissioningError as error:
+            job.failed[f"{cell.serial:08X}"] = str(error)
+            continue
+        done.append(one)
+        kept = "stored" if one.stored else "not stored: its board has no memory for settings"
+        job.report(f"{cell.serial:08X}: node {cell.node_id}, {one.changed} settings, {kept}")
+    return done
+
+
+def _failure(job: _Job, count: int) -> str:
+    for serial, reason in job.failed.items():
+        say(f"mdms: {serial}: {reason}")
+    return (
+        f"{count - len(job.failed)} of {count} cells are done, and no file was written; mend the "
+        "others and run the same again"
+    )
+
+
+def _merged(cells: tuple[FiledCell, ...], named: tuple[FiledCell, ...]) -> tuple[FiledCell, ...]:
+    """The cells of the file, those on this bus with the settings that were read."""
+    settings = {cell.serial: cell.values for cell in named}
+    return tuple(replace(cell, values=settings.get(cell.serial, cell.values)) for cell in cells)
+
+
+def _write_file(out: Path, file: ArrayFile, force: bool) -> None:
+    with replacing(out, MARK.encode(), force) as partial:
+        partial.write_text(array_document(file), encoding="utf-8")
+
+
+def _conclude(job: _Job, done: list[steps.Done], out: Path | None) -> None:
+    if job.arguments.json:
+        rows = [
+            {"node": each.node_id, "changed": each.changed, "stored": each.stored} for each in done
+        ]
+        print(json.dumps({"cells": rows, "file": None if out is None else str(out)}))
+        return
+    where = "" if out is None else f"; array file: {out}"
+    print(f"{len(done)} cells are commissioned and verified{where}")

@@ -1,0 +1,200 @@
+"""The steps that make an array of a bag of boards; each may be done again at any time.
+
+Cells are told apart by their serial numbers alone, and what a step needs is read from them, not
+remembered: one that is broken off leaves cells that the next run takes as it finds them.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from mdms_host.commissioning.array_file import ArrayFile, FiledCell
+from mdms_host.commissioning.cell_settings import apply_changes, read_settings
+from mdms_host.commissioning.filed_places import without_places
+from mdms_host.commissioning.network import (
+    Commissioning,
+    CommissioningError,
+    RefusedError,
+)
+from mdms_host.commissioning.node_ids import Assignment, NodeIdError, address_of
+from mdms_host.commissioning.nudge import Direction, nudge
+from mdms_host.commissioning.parameters import BY_NAME, PARAMETERS, Parameter
+from mdms_host.commissioning.roll_call import RollCall, address
+from mdms_protocol import cob, indices
+from mdms_protocol.dictionary import AXES
+
+
+class CommissionError(Exception):
+    """An array cannot be commissioned as it is; the message has which cells, and the way out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """A cell with its settings: how many were changed, and whether they outlive a restart."""
+
+    node_id: int
+    changed: int
+    stored: bool
+
+
+def refuse_wrong_count(roll: RollCall, wanted: int) -> None:
+    """Raises CommissionError where there are fewer or more cells than places."""
+    count = len(roll.serials)
+    if count < wanted:
+        raise CommissionError(
+            f"{count} cells answer, and the table has {wanted} places: are all powered and "
+            "connected, and is the bus terminated at both ends? (mdms doctor)"
+        )
+    if count > wanted:
+        raise CommissionError(
+            f"{count} cells answer, and the table has {wanted} places only: take "
+            f"{count - wanted} off the bus, or name the grid with --columns and --rows"
+        )
+
+
+def refuse_unlisted(roll: RollCall, file: ArrayFile, listed: Sequence[FiledCell]) -> None:
+    """Raises CommissionError where cells of a file are not on the bus, or others are."""
+    serials = {cell.serial for cell in listed}
+    absent, more = sorted(serials - roll.serials), sorted(roll.serials - serials)
+    if absent:
+        raise CommissionError(
+            f"not on the bus: {_serials(absent)}, which {file.path} lists; nothing was written"
+            + (f". On the bus and not listed: {_serials(more)}" if more else "")
+        )
+    if more:
+        raise CommissionError(
+            f"on the bus, and not listed in {file.path}: {_serials(more)}; nothing was written"
+        )
+
+
+def plan_ids(roll: RollCall, wanted: Mapping[int, int]) -> list[Assignment]:
+    """Who gets another node id, by the serial numbers of all cells that are to have one.
+
+    Raises NodeIdError for an id that no cell may have, or that a stranger has.
+    """
+    for serial, node_id in wanted.items():
+        if not cob.NODE_MIN <= node_id <= cob.CELL_NODE_MAX:
+            raise NodeIdError(f"{serial:08X}: node id {node_id} is not 1 to {cob.CELL_NODE_MAX}")
+        if node_id in roll.strangers:
+            raise NodeIdError(f"node id {node_id} is of something that is no cell; give it another")
+    moves = [
+        Assignment(each, None, wanted[each.serial]) for each in roll.blank if each.serial in wanted
+    ]
+    moves += [
+        Assignment(address_of(identity), node_id, wanted[identity.serial])
+        for node_id, identity in roll.present.items()
+        if wanted.get(identity.serial, node_id) != node_id
+    ]
+    moves += [
+        Assignment(address(serial), _before(node_id), wanted[serial])
+        for serial, node_id in roll.hidden.items()
+        if serial in wanted
+    ]
+    return sorted(moves, key=lambda move: move.node_id)
+
+
+def provisional_ids(roll: RollCall) -> dict[int, int]:
+    """Free node ids, from the top, for cells that have none of their own, by serial number."""
+    without = sorted(roll.serials - roll.node_ids.keys())
+    taken = {*roll.present, *roll.strangers}
+    free = [node for node in range(cob.CELL_NODE_MAX, 0, -1) if node not in taken]
+    if len(free) < len(without):
+        raise NodeIdError(f"{len(without)} cells need a node id, and {len(free)} are free")
+    return dict(zip(without, free, strict=False))
+
+
+def told_place(commissioning: Commissioning, node_id: int) -> tuple[int, int] | None:
+    """Column and row that a cell has stored, None if it has none."""
+    column, row = (commissioning.read(node_id, indices.PLACE, sub) for sub in (1, 2))
+    return (column, row) if column and row else None
+
+
+def tell_place(commissioning: Commissioning, node_id: int, spot: tuple[int, int]) -> None:
+    """Have a cell keep its column and row; all else about its place follows at the end."""
+    for sub, number in enumerate(spot, 1):
+        commissioning.write(node_id, indices.PLACE, sub, number)
+    commissioning.store(node_id)
+
+
+def nudge_wheels(commissioning: Commissioning, node_id: int, axes: int = AXES) -> list[Direction]:
+    """What each wheel of a cell shows of its motor and encoder."""
+    return [nudge(commissioning, node_id, axis) for axis in range(1, axes + 1)]
+
+
+def wiring_fault(axis: int, direction: Direction) -> str | None:
+    """What is wrong with a wheel that was nudged, and what helps; None if nothing is."""
+    match direction:
+        case Direction.OPPOSED:
+            return (
+                f"axis {axis}: the encoder counts against the motor, which no setting can mend; "
+                "swap the motor's two wires, or the encoder's A and B"
+            )
+        case Direction.STANDS:
+            return (
+                f"axis {axis}: the encoder does not move; is the wheel free, the motor's supply "
+                "on, and is the encoder connected?"
+            )
+    return None
+
+
+def write_settings(commissioning: Commissioning, cell: FiledCell) -> Done:
+    """Write what a cell is to have, read it back, store it, and see that a restart keeps it.
+
+    Raises CommissioningError.
+    """
+    settings = read_settings(commissioning, cell.node_id, cell.values)
+    if settings.serial != cell.serial:
+        raise CommissioningError(
+            f"node {cell.node_id} is {settings.serial:08X} now, and was {cell.serial:08X}"
+        )
+    changes = settings.changes(cell.values)
+    apply_changes(commissioning, changes, lambda _share: None)
+    stored = _keep(commissioning, cell.node_id)
+    return Done(cell.node_id, len(changes), stored)
+
+
+def settings_beside_defaults(
+    commissioning: Commissioning, cells: Sequence[FiledCell]
+) -> tuple[FiledCell, ...]:
+    """The cells with all that each is set to that is not its default, but for its place."""
+
+    def filed(cell: FiledCell) -> FiledCell:
+        values = read_settings(commissioning, cell.node_id, PARAMETERS).values
+        differing = {
+            each: number for each, number in values.items() if number != each.default(cell.node_id)
+        }
+        return without_places(replace(cell, values=differing))
+
+    return tuple(filed(cell) for cell in cells)
+
+
+def at_defaults(cell: FiledCell) -> FiledCell:
+    """The cell with the defaults of all settings that it says nothing of."""
+    values = {each: each.default(cell.node_id) for each in PARAMETERS}
+    return replace(cell, values=values | dict(cell.values))
+
+
+def polarity_of(axis: int) -> Parameter:
+    """The setting for a wheel whose motor and encoder are mounted the other way round."""
+    return BY_NAME[f"axis{axis}.polarity"]
+
+
+def _keep(commissioning: Commissioning, node_id: int) -> bool:
+    """Store a cell's settings; whether they are the same after a restart.
+
+    A board without memory for settings refuses, and is left as it is.
+    """
+    try:
+        commissioning.store(node_id)
+    except RefusedError:
+        return False
+    before = commissioning.read(node_id, indices.SIGNATURE)
+    commissioning.restart(node_id)
+    return commissioning.read(node_id, indices.SIGNATURE) == before
+
+
+def _before(node_id: int) -> int | None:
+    return None if node_id == cob.NODE_NONE else node_id
+
+
+def _serials(serials: Sequence[int]) -> str:
+    return ", ".join(f"{serial:08X}" for serial in serials)

@@ -1,0 +1,322 @@
+"""`mdms commission` on a bus of firmware cells, whatever state it finds them in."""
+
+import io
+import itertools
+import json
+import threading
+import time
+import tomllib
+
+import numpy as np
+import pytest
+
+from mdms_host.cli import main
+from mdms_host.cli.exits import Exit
+from mdms_host.clock import MonotonicClock
+from mdms_host.commissioning.array_file import read_array
+from mdms_host.commissioning.array_writing import array_document
+from mdms_host.commissioning.network import Commissioning, SilentError
+from mdms_host.layout import Layout
+from mdms_protocol import cob, indices, nmt
+
+NONE = cob.NODE_NONE
+GRID = ("--columns", "3", "--rows", "1")
+#: Serial numbers of the bank's cells are 1 to 3, as their node ids; so they stand, along x first.
+ORDER = (2, 3, 1)
+#: In the table of two rows.
+ORDER_6 = (4, 2, 6, 1, 3, 5)
+
+#: Blank cells get ids from the top for as long as they are being placed.
+TOP = 126
+
+blank = pytest.mark.parametrize("served_cells", [(NONE,) * 6], indirect=True)
+
+
+@pytest.fixture
+def commission(served_cells, tmp_path):
+    """Runs the verb; the array file goes to `array.toml` in the test's folder."""
+
+    def run(*arguments, out=True):
+        files = ("--out", tmp_path / "array.toml") if out else ()
+        bus = ("-i", "virtual", "-c", served_cells.channel)
+        return main(["commission", *map(str, (*arguments, *files)), *bus])
+
+    return run
+
+
+@pytest.fixture
+def listed(tmp_path):
+    path = tmp_path / "list.txt"
+    path.write_text("".join(f"{serial:08X}\n" for serial in ORDER))
+    return path
+
+
+@pytest.fixture
+def bus(served_cells):
+    """The cells by another master."""
+    with Commissioning(served_cells.open(), MonotonicClock()) as ready:
+        yield ready
+
+
+def neighbours(bus, node_id):
+    return [bus.read(node_id, indices.NEIGHBOURS, sub) for sub in range(1, 9)]
+
+
+def serials(bus, cells=3):
+    return [bus.read(node_id, indices.IDENTITY, 4) for node_id in range(1, cells + 1)]
+
+
+@blank
+@pytest.mark.slow
+def test_blank_cells_get_ids_places_and_neighbours_and_keep_them(
+    commission, bus, served_cells, tmp_path, capsys
+):
+    path = tmp_path / "list.txt"
+    path.write_text("".join(f"{serial:08X}\n" for serial in ORDER_6))
+    assert commission("--list", path, "--columns", "3", "--rows", "2", "--yes") == Exit.OK
+    printed = capsys.readouterr()
+    assert printed.out.endswith(
+        f"6 cells are commissioned and verified; array file: {tmp_path}/array.toml\n"
+    )
+    assert "wheels were not nudged" in printed.err
+    assert not served_cells.bank.awake.any()
+    for node_id in range(1, 7):
+        bus.restart(node_id)
+    assert serials(bus, 6) == list(ORDER_6)
+    assert neighbours(bus, 1) == [2, 5, 4, 0, 0, 0, 0, 0]
+    assert [bus.read(6, indices.PLACE, sub) for sub in (1, 2)] == [3, 2]
+    file = read_array(tmp_path / "array.toml")
+    assert (file.table.columns, file.table.rows) == (3, 2)
+    assert [(cell.serial, cell.number) for cell in file.cells] == [
+        (serial, number) for number, serial in enumerate(ORDER_6, 1)
+    ]
+
+
+def test_the_file_makes_the_same_array_again_and_asks_nothing(
+    commission, listed, bus, tmp_path, capsys
+):
+    assert commission("--list", listed, *GRID, "--yes") == Exit.OK
+    text = (tmp_path / "array.toml").read_text()
+    bus.write(3, indices.GAIN, 0, 12_000)
+    bus.store(3)
+    bus.lss.select(bus_address(bus, 2))
+    bus.lss.set_node_id(NONE)
+    bus.lss.store()
+    bus.lss.leave()
+    bus.command(nmt.RESET_NODE, 2)
+    with pytest.raises(SilentError):
+        bus.read(2, indices.GAIN)
+    capsys.readouterr()
+    assert commission("--from", tmp_path / "array.toml", "--yes", out=False) == Exit.OK
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "00000003: blank -> node 2"
+    assert "00000001: node 3, 1 settings, stored" in lines
+    assert serials(bus) == list(ORDER)
+    assert bus.read(3, indices.GAIN) == 13_000
+    assert commission("--from", tmp_path / "array.toml", "--yes") == Exit.OK
+    assert (tmp_path / "array.toml").read_text() == text
+    assert array_document(read_array(tmp_path / "array.toml")) == text
+
+
+def bus_address(bus, node_id):
+    from mdms_host.commissioning.node_ids import address_of
+
+    return address_of(bus.identity(node_id))
+
+
+def answered(monkeypatch, *answers):
+    """A terminal at which somebody types these lines."""
+    terminal = io.StringIO("".join(f"{answer}\n" for answer in answers))
+    terminal.isatty = lambda: True
+    monkeypatch.setattr("sys.stdin", terminal)
+
+
+def test_each_cell_blinks_and_a_key_says_where_it_is(
+    commission, bus, served_cells, monkeypatch, capsys
+):
+    lit = []
+    told = served_cells.bank._boards
+
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+        def readline(self, *_):
+            lit.append([cell + 1 for cell, board in enumerate(told) if board.blinking])
+            return super().readline()
+
+    # Serial 1 is the third place, and so on; an answer that is none is asked for again.
+    answers = ["3", "zebra", "1,1", "", "n", "y"]
+    monkeypatch.setattr("sys.stdin", Terminal("".join(f"{each}\n" for each in answers)))
+    assert commission(*GRID) == Exit.FAILURE
+    assert "nothing was written" in capsys.readouterr().err
+    monkeypatch.setattr("sys.stdin", Terminal("y\nn\n"))
+    assert commission(*GRID) == Exit.OK
+    assert lit[:4] == [[1], [2], [2], [3]]
+    assert serials(bus) == list(ORDER)
+
+
+def test_what_was_answered_before_an_interruption_is_not_asked_again(
+    commission, bus, monkeypatch, capsys
+):
+    answered(monkeypatch, "3", "q")
+    assert commission(*GRID) == Exit.FAILURE
+    assert "1 cells have their places; the same command goes on" in capsys.readouterr().err
+    answered(monkeypatch, "3", "1", "2", "y", "n")
+    assert commission(*GRID) == Exit.OK
+    errors = capsys.readouterr().err
+    assert "1 cells have their places already" in errors
+    assert "00000001 has that place" in errors
+    assert serials(bus) == list(ORDER)
+
+
+@blank
+@pytest.mark.slow
+def test_a_plate_that_is_moved_over_the_table_places_all(
+    commission, bus, served_cells, tmp_path, capsys
+):
+    layout = Layout(3, 2)
+    place_of = {serial: place for place, serial in enumerate(ORDER_6)}
+    over = threading.Event()
+
+    def move():
+        """A hand over a table: along both rows and between them, again until it is over."""
+        x_m, y_m = layout.cell_positions_m.max(axis=0)
+        row = np.linspace(-x_m - 0.05, x_m + 0.05, 40)
+        rows = ((-y_m, row), (0.0, row[::-1]), (y_m, row))
+        way = [(x, y) for y, along in rows for x in along]
+        for centre_m in itertools.cycle([*way, *way[::-1]]):
+            away = np.abs(layout.sensor_positions_m - centre_m)
+            bits = (away < 0.075).all(axis=2) @ (1 << np.arange(5))
+            # No cell sees anything while it boots, as `served_cells` has it.
+            on = bus.states.get(TOP) == nmt.OPERATIONAL
+            for serial in ORDER_6:
+                served_cells._presence[serial - 1] = bits[place_of[serial]] if on else 0
+            if over.is_set():
+                break
+            time.sleep(0.02)
+        served_cells._presence[:] = 0
+
+    hand = threading.Thread(target=move)
+    hand.start()
+    try:
+        done = commission("--plate", "--corner", "00000004", "--yes", "--limit", "30")
+    finally:
+        over.set()
+        hand.join()
+    assert done == Exit.OK, capsys.readouterr().err
+    assert serials(bus, 6) == list(ORDER_6)
+    document = tomllib.loads((tmp_path / "array.toml").read_text())
+    assert (document["array"]["columns"], document["array"]["rows"]) == (3, 2)
+
+
+def test_a_table_that_is_not_empty_is_no_place_to_begin(commission, served_cells, capsys):
+    served_cells._presence[2] = 0b00010
+    time.sleep(0.05)
+    assert commission("--plate", "--yes") == Exit.FAILURE
+    assert "node 3 sees something already" in capsys.readouterr().err
+
+
+def test_fewer_and_more_cells_than_places_change_nothing(commission, listed, bus, capsys):
+    assert commission("--columns", "4", "--rows", "2", "--list", listed, "--yes") == 5
+    assert "3 cells answer, and the table has 8 places" in capsys.readouterr().err
+    assert commission("--columns", "2", "--rows", "1", "--list", listed, "--yes") == 5
+    assert "3 cells answer, and the table has 2 places only" in capsys.readouterr().err
+    assert serials(bus) == [1, 2, 3]
+
+
+def test_a_file_of_other_cells_names_both_sides(commission, bus, tmp_path, capsys):
+    path = tmp_path / "other.toml"
+    path.write_text('[[cell]]\nserial = "00000001"\nnode=1\n[[cell]]\nserial = "0A"\nnode=2\n')
+    assert commission("--from", path, "--yes", out=False) == Exit.NODE_FAULT
+    message = capsys.readouterr().err
+    assert "not on the bus: 0000000A" in message
+    assert "not listed: 00000002, 00000003" in message
+    assert serials(bus) == [1, 2, 3]
+
+
+def test_a_cell_that_dies_in_the_middle_is_named_and_the_next_run_mends_it(  # noqa: PLR0917
+    commission, listed, bus, served_cells, tmp_path, monkeypatch, capsys
+):
+    from mdms_host.commissioning import commissioner
+
+    usual = commissioner.write_settings
+
+    def dies(commissioning, cell):
+        if cell.node_id == 3:
+            served_cells.bank.power_off(0)
+        return usual(commissioning, cell)
+
+    monkeypatch.setattr(commissioner, "write_settings", dies)
+    assert commission("--list", listed, *GRID, "--yes") == Exit.NODE_FAULT
+    message = capsys.readouterr().err
+    assert "00000001: node 3" in message
+    assert "2 of 3 cells are done, and no file was written" in message
+    assert not (tmp_path / "array.toml").exists()
+    monkeypatch.undo()
+    served_cells.bank.restart(0)
+    assert commission("--list", listed, *GRID, "--yes") == Exit.OK
+    assert serials(bus) == list(ORDER)
+
+
+def test_two_cells_that_answer_under_one_node_id_both_get_their_own(
+    commission, listed, bus, served_cells, capsys
+):
+    assert commission("--list", listed, *GRID, "--yes") == Exit.OK
+    # On this bus cells do not receive what others send, so that none gives way.
+    bus.lss.select(bus_address(bus, 3))
+    bus.lss.set_node_id(2)
+    bus.lss.store()
+    bus.lss.leave()
+    served_cells.bank.restart(0)
+    time.sleep(0.2)
+    assert bus.find() == [1, 2]
+    capsys.readouterr()
+    assert commission("--list", listed, *GRID, "--yes") == Exit.OK
+    printed = capsys.readouterr()
+    assert " has node id 2, as another cell has" in printed.err
+    assert "00000001: node 2 -> node 3" in printed.out
+    assert serials(bus) == list(ORDER)
+
+
+def test_a_serial_number_that_is_there_twice_is_refused(
+    commission, listed, served_cells, monkeypatch, capsys
+):
+    bank = served_cells.bank
+    usual = bank._board
+
+    def of_the_same_lot(cell):
+        board = usual(cell)
+        board.serial = 1
+        return board
+
+    monkeypatch.setattr(bank, "_board", of_the_same_lot)
+    bank.restart(1)
+    time.sleep(0.2)
+    assert commission("--list", listed, *GRID, "--yes") == Exit.NODE_FAULT
+    assert "have the same serial number 00000001" in capsys.readouterr().err
+
+
+def test_cells_that_a_run_has_are_left_alone(commission, listed, bus, capsys):
+    assert commission("--list", listed, *GRID, "--yes") == Exit.OK
+    bus.command(nmt.START, 3)
+    time.sleep(0.2)
+    assert commission("--list", listed, *GRID, "--yes") == Exit.NODE_FAULT
+    assert "node 3 is operational; turn it off first: mdms stop" in capsys.readouterr().err
+
+
+def test_without_a_terminal_somebody_has_to_say_how(commission, listed, monkeypatch, capsys):
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    assert commission(*GRID) == Exit.USAGE
+    assert commission("--list", listed) == Exit.USAGE
+    assert "--columns and --rows" in capsys.readouterr().err
+    assert commission("--list", listed, *GRID) == Exit.USAGE
+    assert "say --yes" in capsys.readouterr().err
+
+
+def test_the_result_as_json(commission, listed, tmp_path, capsys):
+    assert commission("--list", listed, *GRID, "--yes", "--json") == Exit.OK
+    document = json.loads(capsys.readouterr().out)
+    assert document["file"] == str(tmp_path / "array.toml")
+    assert [cell["node"] for cell in document["cells"]] == [1, 2, 3]
+    assert all(cell["stored"] for cell in document["cells"])
