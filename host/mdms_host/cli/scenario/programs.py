@@ -17,7 +17,6 @@ from mdms_host.programs.task_list import main_of
 from mdms_host.programs.traffic import KeptFree, TableTraffic
 from mdms_host.routes.pace import TrapezoidPace
 from mdms_host.routes.shape import Shape
-from mdms_host.routes.tiles import Tiles
 from mdms_model.arrays import Floats
 from mdms_model.scenario.on_table import half_table_m
 from mdms_model.scenario.scenario import Scenario, in_stock
@@ -42,7 +41,6 @@ def table_program(
     pace = TrapezoidPace(scenario.motion.speed_m_s, _acceleration_m_s2(traction, loads))
     traffic = TableTraffic(
         traction,
-        Tiles(traction.layout),
         pace,
         desk or VirtualDesk(),
         loads,
