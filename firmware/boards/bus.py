@@ -121,5 +121,8 @@ class Bus:
         return True
 
     def listen(self, identifiers):
-        """Let frames with these identifiers through, and as few others as there are filters for."""
+        """Let frames with these identifiers through, and as few others as there are filters for.
+
+        None lets all through.
+        """
         self._can.set_filters(self.filters(identifiers))

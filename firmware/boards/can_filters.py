@@ -46,8 +46,10 @@ def shared(identifiers, places):
     """Identifiers and masks that fit into so many places.
 
     Where there are more identifiers than places, those that differ least share one, and the cell
-    drops what else comes through with them.
+    drops what else comes through with them. None instead of identifiers lets all through.
     """
+    if identifiers is None:
+        return [(0, 0)]
     wanted = [(can_id, _EXACT) for can_id in sorted(identifiers)]
     bits = _BITS
     while len(wanted) > places:

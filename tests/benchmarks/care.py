@@ -33,6 +33,7 @@ EAST = "cells=[4, 5, 6, 10, 11, 12, 16, 17, 18]"
 GO_ON = "run.on_lost_cell='go_on'"
 #: By name: the fault, with the number of a cell to fill in, and what else is set.
 KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "no trouble": ("kind='loss', probability=0.0", ()),
     "2 % of frames lost": ("kind='loss', probability=0.02", ()),
     "10 % lost for 1 s": ("kind='loss', probability=0.1, duration_s=1.0", ()),
     "30 % lost for 2 s": ("kind='loss', probability=0.3, duration_s=2.0", ()),

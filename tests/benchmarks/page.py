@@ -25,6 +25,7 @@ from mdms_host.page.commands import Start
 from mdms_host.page.description import describe
 from mdms_host.page.page import Page
 from mdms_host.page.signals import Signals
+from mdms_host.page.things import Thing
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol import cob
 from mdms_sim.serve.clock import RealTime
@@ -258,9 +259,9 @@ class Dancing:
 
     def description(self) -> dict[str, Any]:
         """See `Table`."""
-        corners = [[0.11, 0.08], [-0.11, 0.08], [-0.11, -0.08], [0.11, -0.08]]
-        outlines = {f"parcel {number}": corners for number in range(20)}
-        return describe("180 cells", self._layout, outlines, self._signals, self.offers) | {
+        box = Thing(((0.11, 0.08), (-0.11, 0.08), (-0.11, -0.08), (0.11, -0.08)))
+        things = {f"parcel {number}": box for number in range(20)}
+        return describe("180 cells", self._layout, things, self._signals, self.offers) | {
             "version": 1,
             "simulated": True,
         }

@@ -36,6 +36,15 @@ def test_frame_that_waits_at_the_start_leaves_the_cell_hearing(bench):
         assert received(bench) == [(0x7E5, INQUIRE_NODE_ID)]
 
 
+def test_an_adapter_receives_every_frame_of_11_bits_in_order(bench):
+    bench.board.bus.listen(None)
+    bench.board.bus.start()
+    frames = [(can_id, b"\x01") for can_id in (0, 0x7FF, 0x123, 0x080, 0x585)]
+    for frame in frames:
+        assert bench.can.deliver(*frame)
+    assert received(bench) == frames
+
+
 def test_frames_that_come_while_the_interrupt_runs_leave_the_cell_hearing(bench):
     bench.boot()
     inbox = bench.board.inbox

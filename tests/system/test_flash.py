@@ -2,6 +2,7 @@
 
 import json
 import time
+from binascii import crc32
 
 import pytest
 from tests.system.small_firmware import (
@@ -153,9 +154,21 @@ def test_list_shows_what_is_there(plug_in, capsys):
     (row,) = json.loads(capsys.readouterr().out)["boards"]
     assert row["port"] == board.port
     assert row["chip"] == bytes(range(12)).hex()
+    assert row["serial"] == f"{crc32(bytes(range(12))):08X}"
     assert row["micropython"].count(".") == 2
     assert row["firmware"] == "old"
     assert row["frozen"] is None
+
+
+def test_list_for_people_has_the_serial_number_of_the_bus_and_compares_versions(plug_in, capsys):
+    later = {**OLD.files, "mdms_protocol/version.py": b"VERSION = '99.0.0'\n"}
+    ports = [plug_in(files).port for files in (OLD.files, later, {})]
+    assert main(["flash", "--list", "--port", *ports]) == Exit.OK
+    printed = capsys.readouterr().out
+    assert printed.count(f"{crc32(bytes(range(12))):08X}") == 3
+    assert f"old (other than {VERSION} here)" in printed
+    assert f"99.0.0 (newer than {VERSION} here)" in printed
+    assert " none " in printed
 
 
 def test_one_board_that_fails_is_named_and_the_others_are_flashed(plug_in, capsys):

@@ -45,6 +45,15 @@ class LinkCounts:
     waited: int
     unsent: int
 
+    def since(self, before: "LinkCounts") -> "LinkCounts":
+        """What has been counted since then."""
+        return LinkCounts(
+            self.garbled - before.garbled,
+            self.error_frames - before.error_frames,
+            self.waited - before.waited,
+            self.unsent - before.unsent,
+        )
+
     def __str__(self) -> str:
         """What is not zero, as one line; empty if all is."""
         texts = (

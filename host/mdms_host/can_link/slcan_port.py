@@ -6,6 +6,7 @@ Its writer waits for the adapter after each frame, and after a time-out has writ
 """
 
 import os
+import re
 import select
 from collections import deque
 from threading import Lock
@@ -113,6 +114,9 @@ class SlcanPort:
         if line[:1] not in _HEADS:
             if line in _ANSWERS or line[:1] in _QUERIES:
                 return None
+            lost = _LOST.fullmatch(line)
+            if lost is not None:
+                raise GarbledError(f"the adapter has dropped {int(lost[1], 16)} frames of the bus")
             raise GarbledError(f"a line that is no frame: {line[:20]!r}")
         try:
             return _message(line)
@@ -121,6 +125,8 @@ class SlcanPort:
 
 
 _HEADS = (b"t", b"T", b"r", b"R")
+#: Our own adapter (`firmware/mdms_adapter`) reports what it had no room for.
+_LOST = re.compile(rb"x([0-9A-F]{4})")
 _ANSWERS = (b"", b"z", b"Z")
 #: Answers to questions after version, serial number and state.
 _QUERIES = (b"V", b"v", b"N", b"F")

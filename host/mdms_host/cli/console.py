@@ -1,7 +1,7 @@
 """What people see while a verb runs: messages and progress, on stderr and on a terminal only."""
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
@@ -23,6 +23,20 @@ def show(table: Table) -> None:
 def dots() -> tuple[str, str]:
     """How a sensor is shown on stdout that is covered, and one that is not."""
     return ("#", ".") if Console().options.ascii_only else ("●", "○")
+
+
+@contextmanager
+def bars(names: Iterable[str]) -> Iterator[Callable[[str, float], None]]:
+    """A bar for each name, which shows the share done, 0 to 1; nothing where there is no terminal.
+
+    They may be advanced from any thread.
+    """
+    if not sys.stderr.isatty():
+        yield lambda _name, _share: None
+        return
+    with Progress(console=Console(stderr=True), transient=True) as drawn:
+        tasks = {name: drawn.add_task(name, total=1.0) for name in names}
+        yield lambda name, share: drawn.update(tasks[name], completed=share)
 
 
 @contextmanager

@@ -14,6 +14,7 @@ NODES = ("cpython", "micropython")
 BUS_FORMATS = ("log", "blf", "asc")
 LAWS = ("sliding", "at_rest")
 SENDERS = ("host", "cells")
+SHELLS = ("bash", "zsh", "tcsh")
 #: No machine keeps up beyond this.
 SPEED_MAX = 100.0
 PORT_MAX = 65535
@@ -240,6 +241,16 @@ def add_replay(parser: ArgumentParser) -> None:
     )
     add_page(parser)
     add_json(parser)
+
+
+def add_help(parser: ArgumentParser) -> None:
+    """Those of `help`."""
+    parser.add_argument("topic", metavar="TOPIC", nargs="?", help="a document (default: list them)")
+
+
+def add_completion(parser: ArgumentParser) -> None:
+    """Those of `completion`."""
+    parser.add_argument("shell", metavar="SHELL", choices=SHELLS, help=", ".join(SHELLS))
 
 
 def _speed(text: str) -> float:

@@ -42,10 +42,14 @@ class Parser(ArgumentParser):
 
     def parse_known_args(self, *args: Any, **kwargs: Any) -> Any:
         """See `ArgumentParser`."""
+        self.add_late_options()
+        return super().parse_known_args(*args, **kwargs)
+
+    def add_late_options(self) -> None:
+        """Add the costly options, once."""
         late_options, self._late_options = self._late_options, None
         if late_options is not None:
             _imported(late_options)(self)
-        return super().parse_known_args(*args, **kwargs)
 
     def error(self, message: str) -> NoReturn:
         """End with the exit code for bad usage."""
@@ -53,11 +57,11 @@ class Parser(ArgumentParser):
 
 
 class ShowVersion(Action):
-    """Prints the version of the installed package."""
+    """Prints the versions of package and protocol, and the revision of git."""
 
     def __call__(self, parser: ArgumentParser, *_: Any) -> NoReturn:
         """Print it and end."""
-        print(_imported("importlib.metadata:version")("mdms-array"))
+        print(_imported("mdms_host.cli.version:version_text")())
         parser.exit()
 
 

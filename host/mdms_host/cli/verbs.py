@@ -1,7 +1,7 @@
 """The table of all verbs; each is a function of a module that is imported when the verb is used."""
 
 from mdms_host.cli import options
-from mdms_host.cli.commission.options import COMMISSION, IDENTIFY, JOG
+from mdms_host.cli.commission.options import COMMISSION, DOCTOR, IDENTIFY, JOG
 from mdms_host.cli.configure.options import CONFIGURE
 from mdms_host.cli.extras import BOARDS, PICTURES, RECORDING, SIMULATION
 from mdms_host.cli.parser import Parser, ShowVersion, Verb, add_verbs
@@ -119,6 +119,7 @@ VERBS = (
     ),
     CONFIGURE,
     COMMISSION,
+    DOCTOR,
     IDENTIFY,
     JOG,
     Verb(
@@ -128,12 +129,26 @@ VERBS = (
         options.add_replay,
         late_options=_BUS,
     ),
+    Verb(
+        "help",
+        "the documents, without a network",
+        "mdms_host.cli.topics:run",
+        options.add_help,
+    ),
+    Verb(
+        "completion",
+        "a script for a shell that completes verbs, options and files",
+        "mdms_host.cli.completion:run",
+        options.add_completion,
+    ),
 )
 
 
 def build_parser() -> Parser:
     """The parser of the command; what it returns has the verb's function under `run`."""
     parser = Parser(prog="mdms", description=DESCRIPTION, epilog=EPILOG)
-    parser.add_argument("--version", action=ShowVersion, nargs=0, help="print the version")
+    parser.add_argument(
+        "--version", action=ShowVersion, nargs=0, help="print versions and revision"
+    )
     add_verbs(parser, VERBS, "verbs", "VERB")
     return parser

@@ -98,7 +98,7 @@ class Commissioning:
         The host's own is among them if a node answers there: a cell that has it.
         """
         # Who has another id by now, or is gone, counts no more.
-        self._network.scanner.reset()
+        self._network.scanner.nodes.clear()
         self._network.scanner.search(cob.NODE_MAX)
         self._clock.sleep(listen_s)
         self.link.check()

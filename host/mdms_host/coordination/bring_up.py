@@ -109,6 +109,9 @@ class BringUpCell(RemoteCell):
         super().on_heartbeat(data, now_s)
         if self.nmt_state in (nmt.INITIALISING, nmt.OPERATIONAL):
             self.restarted = self.nmt_state == nmt.INITIALISING
+        if self.nmt_state != nmt.OPERATIONAL:
+            # All drives are off, and what was reported of them before counts for nothing.
+            self.drive_states = None
 
     def on_answer(self, data: bytes, now_s: float) -> None:
         """An answer to a setting, or to the question who it is."""

@@ -35,7 +35,7 @@ class Care:
     """Follows cells that are out of action until they are back, and decides by a policy.
 
     `pauses` is how often all parcels have been held. `on_lost` gets the numbers of the cells that
-    the run does without, whenever they change.
+    the run does without, whenever they change, and `on_back` is called when all cells are back.
     """
 
     def __init__(
@@ -47,6 +47,7 @@ class Care:
         odometry: Odometry,
         journal: Journal,
         on_lost: Callable[[frozenset[int]], None],
+        on_back: Callable[[], None],
     ) -> None:
         self.pauses = 0
         self._roster = roster
@@ -55,6 +56,7 @@ class Care:
         self._odometry = odometry
         self._journal = journal
         self._on_lost = on_lost
+        self._on_back = on_back
         self._lost: frozenset[int] = frozenset()
         self._begun_s: deque[float] = deque()
         self._since_s = 0.0
@@ -174,7 +176,7 @@ class Care:
         heard = all(way.heard for way in awaited)
         if heard is not (phase is Phase.RECOVERING):
             return Decision(Signal.DONE if heard else Signal.TROUBLE)
-        return self._settle(bool(awaited) or unsure, held_s, now_s) if heard else None
+        return self._settle(unsure, held_s, now_s) if heard else None
 
     def _refusal(self, now_s: float) -> str | None:
         """Why a run ends whose cells are refused; where it need not, it waits for them no more."""
@@ -187,9 +189,14 @@ class Care:
         self._go_without([way.cell for way in refused], text, now_s)
         return None
 
-    def _settle(self, moving: bool, held_s: float, now_s: float) -> Decision | None:
-        """Go on once all has been in order for a while."""
-        if moving or self._settled_s is None:
+    def _settle(self, unsure: bool, held_s: float, now_s: float) -> Decision | None:
+        """Go on once all cells are back, and all parcels have been found again."""
+        if self._roster.awaited:
+            self._settled_s = None
+            return None
+        if self._settled_s is None:
+            self._on_back()
+        if self._settled_s is None or unsure:
             self._settled_s = now_s
         if now_s - self._settled_s < _SETTLED_S:
             return None

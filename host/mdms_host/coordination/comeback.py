@@ -40,25 +40,26 @@ class Comeback:
             if self.cell.restarted or silent:
                 self._begin_again(now_s)
             return
-        if self.cell.mismatch is None and self._is_stuck(now_s, silent):
+        if self._is_stuck(now_s, silent):
             self._begin_again(now_s)
-        while not self.back and self.cell.has_reached(self.phase):
-            if self.phase is Phase.WAITING:
-                self.cell.restarted = False
-            self.phase, self._step_s = TRANSITIONS[self.phase, Signal.DONE], now_s
-            if self.phase is Phase.CONFIGURING:
-                self._refuse(self.cell.refusal)
-        self._refuse(self.cell.mismatch)
+        while self.refused is None and not self.back and self.cell.has_reached(self.phase):
+            self._advance(now_s)
+
+    def _advance(self, now_s: float) -> None:
+        """Take the cell into its next phase, unless it is not to be taken."""
+        cell, reached = self.cell, self.phase
+        self.phase, self._step_s = TRANSITIONS[reached, Signal.DONE], now_s
+        if reached is Phase.WAITING:
+            cell.restarted = False
+        reason = {Phase.IDENTIFYING: cell.refusal, Phase.CONFIGURING: cell.mismatch}.get(reached)
+        if reason is not None:
+            self.refused = f"{cell.name} is not taken back: {reason}"
+            self.phase = Phase.WAITING
 
     def _is_stuck(self, now_s: float, silent: bool) -> bool:
         """Whether the cell has fallen silent or restarted on its way, or takes too long."""
         fallen = silent or self.cell.restarted or self.cell.fault(self.phase) is not None
         return (self.heard and fallen) or now_s >= self._step_s + _STEP_LIMIT_S
-
-    def _refuse(self, reason: str | None) -> None:
-        if reason is not None:
-            self.refused = f"{self.cell.name} is not taken back: {reason}"
-            self.phase = Phase.WAITING
 
     def _begin_again(self, now_s: float) -> None:
         self.phase, self._step_s, self.refused = Phase.WAITING, now_s, None

@@ -4,7 +4,7 @@ Wheels that roll give the twist; a sensor that changes shows that the parcel's e
 """
 
 from dataclasses import dataclass
-from math import cos, hypot, log, sin, sqrt
+from math import cos, hypot, inf, log, sin, sqrt
 
 import numpy as np
 
@@ -14,13 +14,14 @@ from mdms_host.estimation.feeling import turn_to_feel_rad
 from mdms_host.estimation.locate import Location
 from mdms_host.estimation.pose_filter import DRAWN_M, PoseFilter
 from mdms_host.estimation.surroundings import Near, Surroundings
-from mdms_host.estimation.twist_fit import fit_twist
 from mdms_model.arrays import Bools, Floats
 
 #: How well an edge is known at the instant a sensor changes.
 _EDGE_M = 0.0002
 #: A frame comes so long after its edge, give or take as much; the parcel has moved on meanwhile.
 _LATENCY_S = 0.002
+#: A parcel rests that moves no faster, its corners' turning included [m/s].
+_RESTING_M_S = 0.005
 #: What a sensor shows is judged from this far inside the outline on, or from so many standard
 #: deviations of the distance.
 _DEEP_M = 0.015
@@ -61,7 +62,7 @@ class ParcelEstimator:
     `pose` is (x, y, yaw), or None until the parcel has been found, and when it is lost;
     `covariance` is of shape (3, 3) and `twist` is (vx, vy, yaw rate). `corrected` is set by every
     sensor that is believed. `bottom` is as large as edges have shown it to be, and `spread_m` how
-    exact its drawing is.
+    exact its drawing is. A twist divided by `corner_m` has a corner's speed instead of the rate.
     """
 
     def __init__(
@@ -70,7 +71,8 @@ class ParcelEstimator:
         self._surroundings = surroundings
         self._spread_m = spread_m
         self._at_s = 0.0
-        self._extent_m = np.array([1.0, 1.0, 1.0 / bottom.reach_m])
+        self._rolled_s = -inf
+        self.corner_m: Floats = np.array([1.0, 1.0, 1.0 / bottom.reach_m])
         self._drawn = bottom
         self._growth: Floats = np.zeros(2)
         # That of a while ago, and of one more before: what a parcel seems to grow by while it is
@@ -109,6 +111,11 @@ class ParcelEstimator:
         self._at_s = now_s
         self._corrected()
 
+    def blur(self, deviation_m: float) -> None:
+        """The parcel may have moved by so much unseen, as a standard deviation."""
+        if self._filter is not None:
+            self._filter.blur(deviation_m)
+
     def pose_at(self, now_s: float) -> Floats | None:
         """The pose carried on to a time near now by the present twist, for 0.1 s at most."""
         if self._filter is None:
@@ -132,6 +139,11 @@ class ParcelEstimator:
             return None
         near = self.near(pose)
         return View(near, self.bottom.distance_m(near.sensors_m, pose))
+
+    @property
+    def rests(self) -> bool:
+        """Whether the parcel hardly moves, as far as that is known."""
+        return bool(np.abs(self.twist / self.corner_m).max() < _RESTING_M_S)
 
     @property
     def unsure_m(self) -> float:
@@ -159,6 +171,14 @@ class ParcelEstimator:
             return False
         return self.bottom.edge(point_m, pose)[0] > _AT_REST_M
 
+    @property
+    def growth_deviation_m(self) -> tuple[float, float]:
+        """What the outline may be off on either side, along and across [m]."""
+        if self._filter is None:
+            return self._spread_m, self._spread_m
+        along_m2, across_m2 = self._filter.covariance.diagonal()[3:].tolist()
+        return sqrt(along_m2), sqrt(across_m2)
+
     def contradicting(self, covered: Bools, mine: Bools) -> Bools:
         """Sensors (S,) that contradict a place which has just been found by more than can be."""
         wrong = np.zeros(len(covered), dtype=bool)
@@ -177,23 +197,19 @@ class ParcelEstimator:
         near = self.near(pose)
         return turn_to_feel_rad(self.bottom, near.sensors_m, usable[near.sensors], pose, covariance)
 
-    def predict(
-        self,
-        now_s: float,
-        speed_m_s: Floats,
-        known: Bools | None = None,
-        standing: Bools | None = None,
-    ) -> None:
-        """Roll on to the time at which the wheels had these speeds; all arrays of shape (W,).
+    def roll(self, now_s: float, twist: Floats | None) -> None:
+        """Go on to a time at which this was the twist; None where no wheel shows it.
 
-        Wheels that are not `known` are left out (None: all are); without any under the parcel its
-        twist stays. Where all of them are `standing` so is the parcel, whatever their speeds.
+        Then it stays for 0.1 s: by then cells that nobody commands have braked.
         """
         if self._filter is None:
             return
         before = self.twist
+        if twist is not None:
+            self.twist, self._rolled_s = twist, now_s
+        elif now_s > self._rolled_s + _CARRIED_S:
+            self.twist = np.zeros(3)
         step_s = max(0.0, now_s - self._at_s)
-        self.twist = self._fit_twist(self._filter.mean[:3], speed_m_s, known, standing)
         self._filter.move((before + self.twist) * (step_s / 2), step_s)
         self._at_s = now_s
 
@@ -231,7 +247,8 @@ class ParcelEstimator:
     def _deviation_m(self) -> float:
         if self._filter is None:
             return 0.0
-        return sqrt(max(self._filter.covariance[0, 0], self._filter.covariance[1, 1]))
+        x_m2, y_m2, _, along_m2, across_m2 = self._filter.covariance.diagonal().tolist()
+        return sqrt(max(x_m2, y_m2) + max(along_m2, across_m2))
 
     @property
     def _deep_m(self) -> float:
@@ -261,26 +278,6 @@ class ParcelEstimator:
         if not deep.any():
             deep = mine & (distance_m < 0)
         return bool((deep & covered).sum() > _COVERED_SHARE * deep.sum())
-
-    def _fit_twist(
-        self, pose: Floats, speed_m_s: Floats, known: Bools | None, standing: Bools | None
-    ) -> Floats:
-        """Rigid twist that most wheels under the parcel agree on; zero without any, shape (3,)."""
-        near = self.near(pose)
-        under = self.bottom.distance_m(near.wheels_m, pose) < 0
-        if known is not None and under.any():
-            under &= known[near.wheels]
-            if not under.any():
-                return self.twist
-        wheels = near.wheels[under]
-        if not len(wheels) or (standing is not None and standing[wheels].all()):
-            return np.zeros(3)
-        # Columns in metres per second alike, so that what no wheel shows comes out as zero.
-        jacobian = near.surface_jacobian(*pose[:2].tolist()) * self._extent_m
-        vx, vy, corner_m_s = (self.twist / self._extent_m).tolist()
-        fit = fit_twist(jacobian[under], speed_m_s[wheels], (vx, vy, corner_m_s))
-        twist: Floats = np.array(fit) * self._extent_m
-        return twist
 
     def _bound(self, now_s: float, point_m: Floats) -> bool:
         """A sensor there is on the other side of the edge; False if that cannot be believed."""

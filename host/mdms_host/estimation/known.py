@@ -7,7 +7,9 @@ from mdms_host.estimation.confirmation import Standing
 from mdms_host.estimation.estimator import ParcelEstimator
 from mdms_host.estimation.gate import Gate
 from mdms_host.estimation.parcel import Parcel, Region
+from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.estimation.roll_call import Sought
+from mdms_host.estimation.size import Size
 from mdms_host.estimation.surroundings import Surroundings
 from mdms_model.arrays import Floats
 
@@ -49,6 +51,20 @@ class Known:
         place = self.place
         yaw_rad = self.parcel.yaw_hint_rad if place is None else float(place[2])
         return Sought(self.parcel.name, self.estimator.bottom, yaw_rad, place, self.region)
+
+    @property
+    def size(self) -> Size | None:
+        """How large it is, as far as edges have shown it by now; None where it is no rectangle."""
+        bottom = self.estimator.bottom
+        if not isinstance(bottom, Rectangle):
+            return None
+        sides_m = bottom.length_m, bottom.width_m
+        along_m, across_m = self.estimator.growth_deviation_m
+        deviation_m = 2 * along_m, 2 * across_m
+        least_m = sides_m[0] - 3 * deviation_m[0], sides_m[1] - 3 * deviation_m[1]
+        most_m = sides_m[0] + 3 * deviation_m[0], sides_m[1] + 3 * deviation_m[1]
+        yaw_rad = self.parcel.yaw_hint_rad if self.place is None else float(self.place[2])
+        return Size(*sides_m, deviation_m, least_m, most_m, yaw_rad)
 
     def keep_place(self) -> None:
         """Remember where it is, as long as that is sure; once found, it may be anywhere later."""

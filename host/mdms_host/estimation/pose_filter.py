@@ -54,7 +54,12 @@ class PoseFilter:
         way_m = hypot(x_m, y_m) + abs(yaw_rad) * self._extent_m
         self.mean[:3] += moved
         variance_m2 = _SLIP_M * way_m + _DRIFT_M2_S * step_s
-        self.covariance[range(3), range(3)] += variance_m2 * self._walk
+        # The first three of the diagonal.
+        self.covariance.reshape(-1)[:18:6] += variance_m2 * self._walk
+
+    def blur(self, deviation_m: float) -> None:
+        """The parcel may have moved by so much any way, a corner's way by turning included."""
+        self.covariance[range(3), range(3)] += deviation_m**2 * self._walk
 
     def on_edge(self, off_m: float, slope: Floats, sigma_m: float) -> bool:
         """A point is on the outline, and was believed `off_m` outside; False if unbelievable.
@@ -96,7 +101,9 @@ class PoseFilter:
             return None
         if off_m**2 > _SURPRISE**2 * variance_m2:
             variance_m2 = off_m**2 / _SURPRISE**2
-            self.covariance *= (variance_m2 - sigma_m**2) / believed_m2
+            larger = (variance_m2 - sigma_m**2) / believed_m2
+            # What rounding has made unlike its mirror image would grow with every surprise.
+            self.covariance = (self.covariance + self.covariance.T) * (larger / 2)
         return variance_m2
 
     def _correct(self, gain: Floats, toward_m: float, less_m2: float) -> None:

@@ -10,6 +10,8 @@ from mdms_model.arrays import Bools, Floats
 
 #: What a cell shows is valid for so many of the periods in which it repeats it.
 _PERIODS = 3.0
+#: A report that comes so long after it was due follows one that has got lost [s].
+_LATE_S = 0.02
 #: A sensor is judged from this far inside or outside all parcels on [m].
 _DEEP_M = 0.02
 #: Sensors are judged where at least this share of those under parcels is covered.
@@ -31,6 +33,7 @@ class PresenceMap:
         self._sensors = sensors
         self._bits: list[int | None] = [None] * cells
         self._reported_s = np.full(cells, -inf)
+        self._period_s = status_period_s
         self._valid_s = _PERIODS * status_period_s
         self._debounce_s = tuple(debounce_s) or (0.0,) * cells
         self._worth = SensorWorth(cells * sensors)
@@ -54,9 +57,11 @@ class PresenceMap:
     def on_report(self, now_s: float, cell: int, bits: int) -> Iterator[tuple[float, int]]:
         """Cell `cell` (from 1) reports bit k for its sensor k; when each sensor changed [s].
 
-        Sensors that are not believed are left out.
+        Sensors that are not believed are left out, and all where a report has got lost before: one
+        of them may have changed then, and not now.
         """
         before, bits = self._bits[cell - 1], bits & (1 << self._sensors) - 1
+        timely = now_s - self._reported_s[cell - 1] <= self._period_s + _LATE_S
         self._reported_s[cell - 1] = now_s
         if bits == before:
             return
@@ -67,7 +72,7 @@ class PresenceMap:
                 continue
             self.covered[first + place] = bits >> place & 1
             self.changed_s[first + place] = now_s
-            if before is not None and self._worth.believed[first + place]:
+            if before is not None and timely and self._worth.believed[first + place]:
                 yield now_s - self._debounce_s[cell - 1], first + place
 
     def valid(self, now_s: float) -> Bools:

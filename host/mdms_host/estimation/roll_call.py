@@ -230,8 +230,8 @@ class RollCall:
         for one, other in list(combinations(sought, 2))[:_PAIRS]:
             near = np.union1d(self._near(one, group), self._near(other, group))
             free_m = self._sensors_m[near[scene.valid[near] & ~scene.covered[near]]]
-            told = tell_apart(one.bottom, other.bottom, covered_m, free_m)
-            yield () if told is None else (group[told[0]], group[told[1]])
+            for told in tell_apart(one.bottom, other.bottom, covered_m, free_m):
+                yield () if told is None else (group[told[0]], group[told[1]])
 
 
 class _Division:

@@ -1,5 +1,7 @@
 """The search for parcels that are not found, wherever covered sensors stand still."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from mdms_host.estimation.change import Change, Event
@@ -56,10 +58,12 @@ class Seeking:
         self, now_s: float, valid: Bools, known: dict[str, Known], groups: tuple[Ints, ...]
     ) -> list[str]:
         """Search on for those that are not found, once all cells have reported; who is now."""
-        sought = [each.sought for each in known.values() if each.standing is not Standing.FOUND]
+        missing = [each for each in known.values() if each.standing is not Standing.FOUND]
+        sought = [each.sought for each in missing if each.estimator.rests]
         if not sought or not self._presence.complete:
-            self.settled = not sought
+            self.settled = not missing
             return []
+        groups = self._whole(now_s, missing, groups)
         still = self._strangers.still(now_s, groups, self._presence.changed_s)
         self.settled = not groups
         if not still:
@@ -72,6 +76,25 @@ class Seeking:
             self.settled = True
             self._settle(now_s, valid, known, still)
         return [one.name for one in found]
+
+    def _whole(
+        self, now_s: float, missing: Iterable[Known], groups: tuple[Ints, ...]
+    ) -> tuple[Ints, ...]:
+        """The groups, but those that lie where one doubtful parcel was are taken together.
+
+        A cell that shows nothing may cut off a piece of it.
+        """
+        for each in missing:
+            view = each.estimator.view(now_s)
+            if view is None or len(groups) < 2:
+                continue
+            inside = np.zeros(len(self._presence.covered), dtype=bool)
+            inside[view.near.sensors[view.distance_m < each.estimator.unsure_m]] = True
+            own = [group for group in groups if inside[group].any()]
+            if len(own) > 1:
+                rest = tuple(group for group in groups if not inside[group].any())
+                groups = (np.sort(np.concatenate(own)), *rest)
+        return groups
 
     def _start(self, now_s: float, valid: Bools, known: Known, found: Found) -> None:
         """A parcel has been found: sensors that contradict are not believed for now."""

@@ -25,8 +25,9 @@ class Near:
     wheels_m: Floats
     jacobian: Floats
 
-    def surface_jacobian(self, x_m: float, y_m: float) -> Floats:
-        """The same for a twist about a point [m; table frame]."""
+    def surface_jacobian(self, pose: Floats) -> Floats:
+        """The same for a twist about the place of a pose."""
+        x_m, y_m, _ = pose.tolist()
         about_point = np.array([[1.0, 0.0, y_m], [0.0, 1.0, -x_m], [0.0, 0.0, 1.0]])
         jacobian: Floats = self.jacobian @ about_point
         return jacobian

@@ -13,10 +13,12 @@ from mdms_host.estimation.gate import Gate
 from mdms_host.estimation.known import Known
 from mdms_host.estimation.parcel import Parcel, Region
 from mdms_host.estimation.presence_map import PresenceMap
+from mdms_host.estimation.rolling import Speeds, roll_on
 from mdms_host.estimation.seeking import Seeking
+from mdms_host.estimation.size import Size
 from mdms_host.estimation.strangers import Strangers
 from mdms_host.estimation.surroundings import Surroundings
-from mdms_host.estimation.unknowns import Unknowns
+from mdms_host.estimation.unknowns import Unknown, Unknowns
 from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats, Ints
 
@@ -93,6 +95,18 @@ class Tracker:
         region = Region((low_m[0], low_m[1]), (high_m[0], high_m[1]))
         self._add(Known(parcel, self._surroundings, region=region, unknown=unknown))
 
+    def size(self, name: str) -> Size | None:
+        """How large a rectangular parcel is as far as sensors show, or something unknown at rest.
+
+        None for what is no rectangle. Of a parcel that was given this size when it was named edges
+        show it better as it moves. Raises KeyError for a name that there is not.
+        """
+        if name in self._known:
+            return self._known[name].size
+        return self._unknowns.size(
+            name, self._presence.valid(self._now_s) & ~self._presence.covered
+        )
+
     def _add(self, known: Known) -> None:
         name = known.parcel.name
         if name in self._known or name in self._unknowns.all:
@@ -110,6 +124,11 @@ class Tracker:
         """The sensors of these cells (from 1) show nothing from now on, those of all others do."""
         self._presence.ignore(cells)
 
+    def blur(self, deviation_m: float) -> None:
+        """Parcels may have moved by so much unseen: sensors that differ are to be believed."""
+        for known in self._known.values():
+            known.estimator.blur(deviation_m)
+
     def on_speeds(
         self,
         now_s: float,
@@ -123,14 +142,16 @@ class Tracker:
         stand, and do but for the noise of their encoders.
         """
         self._now_s = now_s
-        for each in self._known.values():
-            each.estimator.predict(now_s, speed_m_s, known, standing)
+        estimators = (each.estimator for each in self._known.values())
+        roll_on(estimators, now_s, Speeds(speed_m_s, known, standing))
         valid = self._presence.valid(now_s)
         views = self._views(now_s)
         coverage = self._coverage(views)
         groups = self._groups(now_s, valid, coverage)
         found = self._seeking.step(now_s, valid, self._known, groups)
         if found:
+            # What contradicts them is not believed any more.
+            valid = self._presence.valid(now_s)
             views = self._views(now_s)
             coverage = self._coverage(views)
             groups = self._groups(now_s, valid, coverage)
@@ -181,6 +202,16 @@ class Tracker:
                 )
             one.corrected = False
         return believed | {belief.name: belief for belief in self._unknowns.beliefs()}
+
+    @property
+    def parcels(self) -> Mapping[str, Parcel]:
+        """The parcels that there are, found or not, as they were given, by name."""
+        return {name: each.parcel for name, each in self._known.items()}
+
+    @property
+    def unknown(self) -> Mapping[str, Unknown]:
+        """What is there and was not given, by name."""
+        return self._unknowns.all
 
     def estimate(self, name: str, now_s: float) -> Estimate | None:
         """Where the parcel is believed to be; None as long as it has not been found."""

@@ -10,6 +10,7 @@ from mdms_host.estimation.belief import Belief, Kind
 from mdms_host.estimation.change import Change, Event
 from mdms_host.estimation.containing import containing_outline_m, is_convex
 from mdms_host.estimation.polygon import Polygon
+from mdms_host.estimation.size import Size, size_of
 from mdms_host.estimation.surroundings import Surroundings
 from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats, Ints
@@ -129,6 +130,12 @@ class Unknowns:
                 one.kind = Kind.HEAP
             if settled or now_s >= one.since_s + _REPORTED_S:
                 self._report(one)
+
+    def size(self, name: str, free: Bools) -> Size | None:
+        """How large something is if it is a rectangle; None if it cannot be. Raises KeyError."""
+        one = self._all[name]
+        near = self._surroundings.of(one.pose[:2], one.outline.reach_m)
+        return size_of(self._sensors_m[one.sensors], near.sensors_m[free[near.sensors]])
 
     def explain(self, parcel: str, inside: Bools) -> None:
         """A parcel has been found over the sensors `inside` (S,): what covered them is that."""

@@ -1,6 +1,7 @@
 """What a board is, and which files of the firmware lie on it, with their hashes."""
 
 import hashlib
+from binascii import crc32
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
@@ -49,6 +50,11 @@ class BoardInfo:
     frozen: str | None = None
     rom_size: int = 0
     rom_names: tuple[str, ...] = ()
+
+    @property
+    def serial(self) -> str | None:
+        """The serial number that its cell has on the bus (0x1018:4), None without a chip's own."""
+        return f"{crc32(bytes.fromhex(self.chip)):08X}" if self.chip else None
 
     @property
     def release(self) -> str:

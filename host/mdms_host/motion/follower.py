@@ -32,6 +32,8 @@ _REJOIN_M = 0.012
 _SEARCH_M = 0.3
 #: A parcel that is farther beside its path has left it [m].
 _OFF_PATH_M = 0.02
+#: A belief that differs by more from what its twist leads to has been set right by a sensor [m].
+_SET_RIGHT_M = 0.001
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +70,7 @@ class Follower:
         self.off_path = False
         self._traction = traction
         self._reference = Reference(profile)
+        self._pose: Floats | None = None
         self._twist: Floats | None = None
         self._rate: Floats = np.zeros(3)
         # What was given for the step that has just ended, and for the one that goes on.
@@ -110,14 +113,14 @@ class Follower:
     @property
     def stopping_s(self) -> float:
         """How long it takes to come to rest from here [s]."""
-        return 0.0 if self.at_rest else self.speed_m_s / self._reference.bound_m_s2
+        return self._reference.stopping_s
 
     def step(self, belief: Belief, step_s: float, authority_s_m: float = inf) -> Carried:
         """What the wheels do in the step that begins at the belief's time.
 
         The parcel stops before the path coordinate of the authority, as far as it still can.
         """
-        self._check_grip(belief.twist, step_s)
+        self._check_grip(belief, step_s)
         self._rejoin(belief)
         reference = self._reference
         before_s_m, before_m_s = reference.s_m, reference.speed_m_s
@@ -127,10 +130,19 @@ class Follower:
             reference.advance(step_s, authority_s_m)
         return self._carry(belief, before_s_m, before_m_s, step_s)
 
-    def _check_grip(self, twist: Floats, step_s: float) -> None:
-        """Compare what the wheels have gained in the step that has just ended with their pushes."""
-        ended, before, self._twist = self._ended, self._twist, twist
-        if ended is None or before is None:
+    def _check_grip(self, belief: Belief, step_s: float) -> None:
+        """Compare what the wheels have gained in the step that has just ended with their pushes.
+
+        Not where the belief has just been set right: another place makes another twist of the same
+        speeds of wheels.
+        """
+        ended, before, last, twist = self._ended, self._twist, self._pose, belief.twist
+        self._twist, self._pose = twist, belief.pose
+        if ended is None or before is None or last is None:
+            return
+        jumped = belief.pose - last - twist * step_s
+        if self.path.distance_m(jumped) > _SET_RIGHT_M or self.paused:
+            self.grip.begin_again()
             return
         gained_m_s2 = self._along(ended, twist - before) / step_s
         pushed_m_s2 = ended.acceleration_m_s2((twist + before) / 2)
@@ -181,8 +193,10 @@ class Follower:
         carrying = pushes.normal_n[sample] > 0.0
         normal_n = pushes.normal_n[sample, carrying]
         shares = pushes.per_wrench[sample, carrying] @ pushes.wrench_at(sample, rate)
-        most_n = self.grip.share * self._traction.push_share * normal_n
-        return pushes.wheels[carrying], normal_n * shares, most_n, pushes.inertia_kg(sample, along)
+        # Braking may take more than the share of a grip that has been reduced.
+        most = np.maximum(self.grip.share * self._traction.push_share, abs(shares))
+        inertia_kg = pushes.inertia_kg(sample, along)
+        return pushes.wheels[carrying], normal_n * shares, normal_n * most, inertia_kg
 
     def _fed_back(self, pose: Floats, s_m: float) -> Floats:
         """Twist towards the reference, shape (3,); none while the parcel is only to stop."""

@@ -19,7 +19,6 @@ _NEAR = 5.0
 _TURNS = 3
 #: A target that differs by less is the same.
 _SAME_M = 1e-6
-_SAME_RAD = 1e-6
 #: At the end of its way a parcel is drawn to the goal by what is left, so much at most [m].
 _CREEP_M = 0.006
 
@@ -86,14 +85,9 @@ class GoalController:
         self._left_m = inf
         self._within_s = 0.0
 
-    def set_goal(self, goal: Goal) -> None:
-        """Take the parcel to another goal, stopped or not; one that moves is brought to rest first.
-
-        A turn by which its place was to be felt is given up.
-        """
-        self.goal, self.arrived, self.stopped = goal, False, False
-        self._turned_rad, self._turns, self._within_s = None, 0, 0.0
-        self.leg += 1
+    def go_over_from(self, other: "GoalController") -> None:
+        """Begin with the motion that another controller has commanded last."""
+        self._follower, self.grip, self.paused = other._follower, other.grip, other.paused
 
     @property
     def left_m(self) -> float:
@@ -109,6 +103,8 @@ class GoalController:
     def speed_m_s(self) -> float:
         """How fast the parcel is commanded to go there, a corner's way included [m/s]."""
         if self._follower is None:
+            return 0.0
+        if self._follower.off_path:
             return 0.0
         if self._still or not self._follower.finished:
             return self._follower.speed_m_s
@@ -143,7 +139,7 @@ class GoalController:
         follower = self._following(belief)
         if follower is None:
             return None
-        follower.paused = self._still or self._elsewhere(follower, self._target(belief.pose))
+        follower.paused = self._still or self._leads_elsewhere(follower, belief.pose)
         return follower.step(belief, step_s)
 
     def _following(self, belief: Belief) -> Follower | None:
@@ -154,19 +150,19 @@ class GoalController:
         if self._still:
             self._follower = None
             return None
-        target = self._target(belief.pose)
-        if follower is None or follower.off_path or self._elsewhere(follower, target):
+        if follower is None or follower.off_path or self._leads_elsewhere(follower, belief.pose):
+            if follower is not None and follower.off_path:
+                self.leg += 1
+            target = self._target(belief.pose)
             path = straight(belief.pose, target, belief.outline.reach_m)
             profile = self._traction.profile(path, belief.outline, self._mass)
             self._follower = Follower(self._traction, profile, self.grip)
         return self._follower
 
-    @staticmethod
-    def _elsewhere(follower: Follower, target: Floats) -> bool:
-        """Whether a way ends at another place than the parcel is to be at."""
-        x_m, y_m, turn_rad = (follower.profile.path.end - target).tolist()
-        turn_rad = (turn_rad + pi) % (2 * pi) - pi
-        return hypot(x_m, y_m) > _SAME_M or abs(turn_rad) > _SAME_RAD
+    def _leads_elsewhere(self, follower: Follower, pose: Floats) -> bool:
+        """Whether a way does not end where the parcel is to be now."""
+        off = follower.path.off(self._target(pose), follower.path.length_m)
+        return follower.path.distance_m(off) > _SAME_M
 
     def _target(self, pose: Floats) -> Floats:
         """The pose to be at, in the turn nearest to a pose, shape (3,)."""
@@ -175,7 +171,7 @@ class GoalController:
         if wanted_rad is None:
             # However the parcel is turned when it sets out.
             follower = self._follower
-            turned_rad = yaw_rad if follower is None else float(follower.profile.path.end[2])
+            turned_rad = yaw_rad if follower is None else float(follower.path.end[2])
         else:
             turned_rad = yaw_rad + (wanted_rad - yaw_rad + pi) % (2 * pi) - pi
         return np.array([self.goal.x_m, self.goal.y_m, turned_rad])

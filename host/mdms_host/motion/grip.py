@@ -21,7 +21,7 @@ _MOST_MISSING = 0.6
 _BACKED_OFF = 0.75
 _LEAST_SHARE = 0.15
 #: The share comes back by so much in a second.
-_RESTORED_PER_S = 0.04
+_RESTORED_PER_S = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +58,10 @@ class Grip:
         self._cycles = 0
         self._gained = self._pushed = 0.0
 
+    def begin_again(self) -> None:
+        """What has been taken in of late counts for nothing."""
+        self._cycles, self._gained, self._pushed = 0, 0.0, 0.0
+
     def step(
         self, gained_m_s2: float, pushed_m_s2: float, planned_m_s2: float, step_s: float
     ) -> None:
@@ -67,7 +71,7 @@ class Grip:
         """
         self.share = min(1.0, self.share + _RESTORED_PER_S * step_s)
         if gained_m_s2 * self._gained < 0.0:
-            self._cycles, self._gained, self._pushed = 0, 0.0, 0.0
+            self.begin_again()
         weight = 1.0 - exp(-step_s / _MEAN_S)
         self._gained += weight * (gained_m_s2 - self._gained)
         self._pushed += weight * (pushed_m_s2 - self._pushed)
@@ -79,4 +83,4 @@ class Grip:
         if self._cycles >= _CYCLES and missing > _MISSING_SHARE:
             self.share = max(_LEAST_SHARE, _BACKED_OFF * (1.0 - missing) * self.share)
             self.slips += 1
-            self._cycles, self._gained, self._pushed = 0, 0.0, 0.0
+            self.begin_again()

@@ -153,7 +153,7 @@ class GoalProgram:
             if parcel.near_m is not None
         }
         self._controllers = {
-            name: self._controller(name, goals[name]) for name in self._bottoms if name in goals
+            name: self._controller_of(name, goals[name]) for name in self._bottoms if name in goals
         }
         self._given = dict(self._bottoms)
         self._obstacles = Obstacles()
@@ -163,28 +163,28 @@ class GoalProgram:
         self._notices: list[str] = []
         self._reasons: dict[str, str] = {}
 
-    def _controller(self, name: str, goal: Goal) -> GoalController:
-        mass = self._masses.get(name) or uniform_mass(self._bottoms[name])
-        return GoalController(goal, self._traction, mass)
-
     def set_goal(self, name: str, goal: Goal) -> None:
         """Steer a parcel to this goal from now on, stopped or not. KeyError for one of no program.
 
-        One that moves is brought to rest first.
+        One that moves is brought to rest on its way first.
         """
-        controller = self._controllers.get(name)
-        if controller is None:
-            self._controllers[name] = self._controller(name, goal)
-        else:
-            controller.set_goal(goal)
+        before = self._controllers.get(name)
+        after = self._controller_of(name, goal)
+        if before is not None:
+            after.go_over_from(before)
+        self._controllers[name] = after
         self._standstills[name] = Standstill()
         self._reasons.pop(name, None)
+
+    def _controller_of(self, name: str, goal: Goal) -> GoalController:
+        mass = self._masses.get(name) or uniform_mass(self._bottoms[name])
+        return GoalController(goal, self._traction, mass)
 
     @property
     def stuck(self) -> str | None:
         """See `Program`: all that have not arrived are stopped, and have come to rest."""
         left = [one for one in self._controllers.values() if not one.arrived]
-        if not left or any(not one.stopped or one.speed_m_s > 0.0 for one in left):
+        if not left or any(not one.stopped or one.stopping_s > 0.0 for one in left):
             return None
         return "; ".join(dict.fromkeys(self._reasons.values()))
 

@@ -17,7 +17,8 @@ _ROUNDS = 12
 class Reference:
     """Path coordinate `s_m` and speed `speed_m_s` on a profile, from rest at its start.
 
-    `share` of the bounds of acceleration is made use of.
+    `share` of the bounds of acceleration is made use of; more only for braking, where it cannot be
+    helped: wheels that slip brake as well as friction can.
     """
 
     def __init__(self, profile: SpeedProfile) -> None:
@@ -37,26 +38,30 @@ class Reference:
         return self.at_rest and self.s_m >= self.profile.path.length_m
 
     @property
-    def bound_m_s2(self) -> float:
-        """The acceleration that is to be had here."""
-        return self.share * self.profile.acceleration_at(self.s_m)
+    def stopping_s(self) -> float:
+        """How long it takes to come to rest from here [s]."""
+        return 0.0 if self.at_rest else self.speed_m_s / self._bound_m_s2
+
+    @property
+    def _bound_m_s2(self) -> float:
+        return self.profile.acceleration_at(self.s_m)
 
     @property
     def committed_s_m(self) -> float:
         """The path coordinate before which it cannot stop any more."""
-        end_m = self.profile.stopping_end(self.s_m, self.speed_m_s, self.share)
+        end_m = self.profile.stopping_end(self.s_m, self.speed_m_s)
         return min(end_m, self.profile.stop_after(self.s_m))
 
     def brake(self, step_s: float) -> None:
         """Move on by a step, and towards rest."""
-        self._move(max(0.0, self.speed_m_s - self.bound_m_s2 * step_s), step_s)
+        self._move(max(0.0, self.speed_m_s - self._bound_m_s2 * step_s), step_s)
 
     def advance(self, step_s: float, authority_s_m: float = inf) -> None:
         """Move on by a step, as fast as it may.
 
         Where the authority is nearer than it can stop, it overruns that, braking.
         """
-        slowest_m_s = max(0.0, self.speed_m_s - self.bound_m_s2 * step_s)
+        slowest_m_s = max(0.0, self.speed_m_s - self._bound_m_s2 * step_s)
         stop_m = min(self.profile.stop_after(self.s_m + _THERE_M), authority_s_m)
         left_m = stop_m - self.s_m
         if slowest_m_s == 0.0 and 0.0 <= left_m <= self.speed_m_s * step_s / 2 + _THERE_M:
@@ -75,7 +80,8 @@ class Reference:
 
     def _next_m_s(self, slowest_m_s: float, step_s: float, stop_m: float) -> float:
         """The greatest speed after the step, of those that friction allows, that can be stopped."""
-        low_m_s, high_m_s = slowest_m_s, self.speed_m_s + self.bound_m_s2 * step_s
+        gained_m_s = self.share * self._bound_m_s2 * step_s
+        low_m_s, high_m_s = slowest_m_s, self.speed_m_s + gained_m_s
         if self._can_stop(high_m_s, step_s, stop_m):
             return high_m_s
         if not self._can_stop(low_m_s, step_s, stop_m):

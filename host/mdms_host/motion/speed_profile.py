@@ -69,12 +69,12 @@ class SpeedProfile:
         """The next path coordinate, beyond this one, at which the parcel rests anyway [m]."""
         return next((each for each in self.path.corners_m if each > s_m), self.path.length_m)
 
-    def stopping_end(self, s_m: float, speed_m_s: float, share: float = 1.0) -> float:
-        """Where a parcel of this speed comes to rest at the soonest [m], with a share of the bound.
+    def stopping_end(self, s_m: float, speed_m_s: float) -> float:
+        """Where a parcel of this speed comes to rest at the soonest [m].
 
         inf if that is beyond the path's end.
         """
-        climb = self.climb(s_m) + speed_m_s**2 / (2 * share)
+        climb = self.climb(s_m) + speed_m_s**2 / 2
         if climb > self._climbs[-1] + 1e-12:
             return inf
         return max(s_m, float(np.interp(climb, self._climbs, self.s_m)))

@@ -14,12 +14,17 @@ from mdms_host.page import commands
 from mdms_host.page.advice import advice_for
 from mdms_host.page.bus_watch import KINDS, BusWatch
 from mdms_host.page.commands import Command, RefusedError
-from mdms_host.page.description import PHASES, describe, outlines_of
+from mdms_host.page.description import PARCEL_STATES, PHASES, describe
 from mdms_host.page.objects import ObjectReader
-from mdms_host.page.offered import Naming, plan_of
+from mdms_host.page.offered import plan_of
 from mdms_host.page.seat import Seat
 from mdms_host.page.signals import Signals
+from mdms_host.page.things import things_of
 
+_FOUND, _DOUBTFUL, _ARRIVED, _UNKNOWN = (
+    PARCEL_STATES.index(state) for state in ("found", "doubtful", "arrived", "unknown")
+)
+_SDO = KINDS.index("SDO")
 #: A client that comes late gets so many of the last events.
 KEPT_EVENTS = 300
 
@@ -47,18 +52,13 @@ class LiveTable:
         self.version = 1
         self._title = title
         self._layout = layout
-        self._outlines_m = outlines_of(parcels)
+        self._told = parcels
+        self._things = things_of(parcels, None)
         self._seat = seat
         self._watch = watch
         self._now_s = now_s
         self._report = report
-        self._signals = Signals(
-            cells=layout.cells,
-            wheels=len(layout.wheel_cells),
-            parcels=len(parcels),
-            buses=layout.bus_count,
-            kinds=len(KINDS),
-        )
+        self._signals = self._signals_of(len(parcels))
         self._news: list[dict[str, Any]] = []
         self._events: list[dict[str, Any]] = []
         self._reported: tuple[Coordinator | None, int] = (None, 0)
@@ -74,9 +74,27 @@ class LiveTable:
 
     def description(self) -> dict[str, Any]:
         """See `Table`."""
-        return describe(self._title, self._layout, self._outlines_m, self._signals, self.offers) | {
+        return describe(self._title, self._layout, self._things, self._signals, self.offers) | {
             "version": self.version
         }
+
+    def _signals_of(self, parcels: int) -> Signals:
+        layout = self._layout
+        return Signals(
+            cells=layout.cells,
+            wheels=len(layout.wheel_cells),
+            parcels=parcels,
+            buses=layout.bus_count,
+            kinds=len(KINDS),
+        )
+
+    def _look_for_things(self) -> None:
+        """Parcels come and go, and with them the shape of a snapshot."""
+        things = things_of(self._told, self._seat.coordinator)
+        if things != self._things:
+            self._things = things
+            self._signals = self._signals_of(len(things))
+            self.version += 1
 
     def snapshot(self, sequence: int) -> bytes:
         """See `Table`."""
@@ -108,22 +126,22 @@ class LiveTable:
 
     def _of(self, coordinator: Coordinator) -> dict[str, Any]:
         """What a coordinator believes and wants."""
-        count, goals = len(self._outlines_m), coordinator.goals
+        count, goals = len(self._things), coordinator.goals
         believed, goal = np.full((2, count, 3), np.nan)
         spread, state = np.full((count, 4), np.nan), np.zeros(count, np.uint8)
-        doubtful, arrived = coordinator.tracker.doubtful, coordinator.arrived_s
-        for number, name in enumerate(self._outlines_m):
-            estimate = coordinator.estimate(name)
-            if estimate is not None:
+        for number, name in enumerate(self._things):
+            if name in goals:
+                wanted = goals[name]
+                yaw_rad = np.nan if wanted.yaw_rad is None else wanted.yaw_rad
+                goal[number] = wanted.x_m, wanted.y_m, yaw_rad
+            unknown = coordinator.tracker.unknown.get(name)
+            if unknown is not None:
+                believed[number], state[number] = unknown.pose, _UNKNOWN
+            elif (estimate := coordinator.estimate(name)) is not None:
                 believed[number] = estimate.x_m, estimate.y_m, estimate.yaw_rad
                 covariance = coordinator.tracker.covariance(name)
                 spread[number] = covariance[[0, 0, 1, 2], [0, 1, 1, 2]]
-                state[number] = 2 if name in doubtful else 3 if name in arrived else 1
-            if name in goals:
-                yaw_rad = goals[name].yaw_rad
-                goal[number] = goals[name].x_m, goals[name].y_m, np.nan
-                if yaw_rad is not None:
-                    goal[number, 2] = yaw_rad
+                state[number] = self._state_of(name, coordinator)
         return {
             "phase": [PHASES.index(coordinator.phase.value)],
             "parcel_believed": believed,
@@ -131,6 +149,13 @@ class LiveTable:
             "parcel_goal": goal,
             "parcel_state": state,
         }
+
+    @staticmethod
+    def _state_of(name: str, coordinator: Coordinator) -> int:
+        """The number of the state of a parcel that is believed somewhere."""
+        if name in coordinator.tracker.doubtful:
+            return _DOUBTFUL
+        return _ARRIVED if name in coordinator.arrived_s else _FOUND
 
     def on_cycle(self, late_s: float) -> None:
         """A cycle was so late."""
@@ -170,6 +195,7 @@ class LiveTable:
     def news(self) -> list[dict[str, Any]]:
         """See `Table`."""
         self._look()
+        self._look_for_things()
         plan = plan_of(self._seat.coordinator)
         if plan != self._plan:
             self._plan = plan
@@ -251,12 +277,12 @@ class LiveTable:
         return None
 
     def _name(self, command: commands.Name) -> None:
-        tracker = None if self._seat.coordinator is None else self._seat.coordinator.tracker
-        if not isinstance(tracker, Naming):
-            raise RefusedError("this program takes no parcels but those it was told of")
+        coordinator = self._seat.coordinator
+        if coordinator is None or not self._seat.busy:
+            raise RefusedError("no program runs; start one first")
         parcel = Parcel(command.name, command.length_m, command.width_m, shape=command.shape)
         try:
-            tracker.name(command.parcel, parcel)
+            coordinator.tracker.name(command.parcel, parcel)
         except KeyError:
             raise RefusedError(f"nothing unknown is called {command.parcel!r:.60}") from None
         except ValueError as error:
@@ -268,5 +294,7 @@ class LiveTable:
             raise RefusedError(f"there is no cell {cell}; the table has {self._layout.cells}")
         if coordinator is not None and coordinator.phase in BRING_UP:
             raise RefusedError("the cells are being brought up; ask again when they run")
+        if not self._seat.busy and self._seat.reader is None and self._rates[:, _SDO].any():
+            raise RefusedError("somebody else reads or writes settings just now; ask again later")
         places = self._layout
         self._seat.reader = ObjectReader(cell, places.node_ids[cell - 1], places.buses[cell - 1])

@@ -1,20 +1,13 @@
-"""What a page shows and does where the host's parts offer it, and leaves out where they do not."""
+"""What a page shows where programs offer it, and leaves out where they do not."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.estimation.tracker import Parcel
 from mdms_model.arrays import Floats
 
-
-class Reserved(NamedTuple):
-    """A square tile that parcels pass over in this order [m; table frame]."""
-
-    x_m: float
-    y_m: float
-    size_m: float
-    parcels: tuple[str, ...]
+#: A square tile, its middle and side [m; table frame], and the parcels that pass over it in turn.
+Reserved: TypeAlias = tuple[float, float, float, tuple[str, ...]]
 
 
 @runtime_checkable
@@ -32,15 +25,6 @@ class Planned(Protocol):
         ...
 
 
-@runtime_checkable
-class Naming(Protocol):
-    """A tracker that finds what nobody has announced, and takes a name for it."""
-
-    def name(self, unknown: str, parcel: Parcel) -> None:
-        """Raises KeyError where nothing of that name is there, ValueError for one that is taken."""
-        ...
-
-
 def plan_of(coordinator: Coordinator | None) -> dict[str, Any]:
     """The message `plan`: ways and tiles, none where the program has none."""
     program = None if coordinator is None else coordinator.program
@@ -50,8 +34,8 @@ def plan_of(coordinator: Coordinator | None) -> dict[str, Any]:
         "kind": "plan",
         "paths": {name: poses.round(4).tolist() for name, poses in program.ways.items()},
         "tiles": [
-            {**tile._asdict(), "parcels": list(tile.parcels)}
-            for tile in program.reserved
-            if tile.parcels
+            {"x_m": x_m, "y_m": y_m, "size_m": side_m, "parcels": list(parcels)}
+            for x_m, y_m, side_m, parcels in program.reserved
+            if parcels
         ],
     }

@@ -15,6 +15,7 @@ from mdms_host.page.bus_watch import KINDS, BusWatch, CellState
 from mdms_host.page.commands import Command, RefusedError
 from mdms_host.page.description import PHASES, describe
 from mdms_host.page.signals import Signals
+from mdms_host.page.things import Thing
 from mdms_model.arrays import Floats
 from mdms_model.run.folder import BUS_LOG, START_S, StoredRun, bus_number
 from mdms_model.run.record import Event
@@ -34,18 +35,18 @@ class RecordedTable:
     offers: tuple[str, ...] = ("pause", "resume", "step", "speed", "seek")
 
     def __init__(
-        self, run: StoredRun, layout: Layout, outlines_m: dict[str, Any], goals: Floats
+        self, run: StoredRun, layout: Layout, things: dict[str, Thing], goals: Floats
     ) -> None:
         self.version = 1
         record = run.record
         self._run = run
         self._layout = layout
-        self._outlines_m = outlines_m
+        self._things = things
         self._goals = goals
         self._signals = Signals(
             cells=layout.cells,
             wheels=len(layout.wheel_cells),
-            parcels=len(outlines_m),
+            parcels=len(things),
             buses=layout.bus_count,
             kinds=len(KINDS),
         )
@@ -55,7 +56,7 @@ class RecordedTable:
         slip = record.slip_m_s if record.slip_m_s is not None else slip_m_s(run.scenario, record)
         self._slip_m_s = slip
         self._phases = _phases(record.events, self._times_s)
-        self._arrived = _arrived(record.events, list(outlines_m), self._times_s)
+        self._arrived = _arrived(record.events, list(things), self._times_s)
         self.duration_s = float(self._times_s[-1])
         self._at_s = 0.0
         self._speed = 1.0
@@ -77,7 +78,7 @@ class RecordedTable:
     def description(self) -> dict[str, Any]:
         """See `Table`."""
         return describe(
-            self._run.scenario.title, self._layout, self._outlines_m, self._signals, self.offers
+            self._run.scenario.title, self._layout, self._things, self._signals, self.offers
         ) | {"version": self.version, "recorded": True, "duration_s": self.duration_s}
 
     def snapshot(self, sequence: int) -> bytes:

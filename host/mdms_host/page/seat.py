@@ -80,7 +80,8 @@ class Seat:
         reader = self.reader
         if reader is not None and bus == reader.bus and frame.can_id == reader.answers_id:
             reader.on_answer(frame.data, now_s)
-        elif self.coordinator is not None:
+        # A cell that comes back is set up meanwhile: each takes the answers to its own requests.
+        if self.coordinator is not None:
             self.coordinator.on_frame(frame, now_s, bus)
 
     def poll(self, now_s: float) -> Iterable[Frame]:

@@ -96,10 +96,13 @@ class SimulatedTable(LiveTable):
         }
 
     def _true_poses(self) -> Any:
-        pose = self._simulation.world.pose
-        lifted = self._simulation.world.scene.state.parcels["lifted"] > 0
-        pose[lifted] = np.nan
-        return pose[: len(self._outlines_m)]
+        """Of those that are on the table, by their names."""
+        world, parcels = self._simulation.world, self._scenario.parcel
+        states, poses = world.scene.state.parcels, world.pose
+        there = (states["lifted"] == 0) & (states["away"] == 0)
+        known = {one.name: poses[k] for k, one in enumerate(parcels) if there[k]}
+        unknown = np.full(3, np.nan)
+        return [known.get(name, unknown) for name in self._things]
 
     def busy_s(self) -> Any:
         """How long each bus has been busy."""

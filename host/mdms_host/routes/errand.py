@@ -1,6 +1,6 @@
 """What one parcel is to do, and what planning it takes: its way map, the tiles that it is on."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from math import hypot
@@ -72,6 +72,8 @@ class Errand:
     standing: Standing
     turned_rad: float
     now_s: float
+    so_far: Route | None = None
+    """What is planned of it already: a way aside, from the end of which it goes on."""
     stand: Ints = field(init=False)
     """Tiles it is on where its route begins to be planned."""
 
@@ -94,6 +96,8 @@ class Errand:
     @cached_property
     def prefix(self) -> Route:
         """What it does until it can be planned anew; it stays there."""
+        if self.so_far is not None:
+            return self.so_far
         return self._route(self.task.ahead, self.now_s, np.zeros(0), np.inf)
 
     @property
@@ -108,7 +112,9 @@ class Errand:
         ahead = np.concatenate([self.task.ahead, turned])
         end_s = float(found.arrives_s[-1]) if len(found.arrives_s) else self.ready_s
         gone_s = end_s + self.task.leaves_s if self.task.leaves else np.inf
-        return self._route(ahead, self.now_s, found.begins_s, gone_s)
+        before_s = np.zeros(0) if self.so_far is None else self.so_far.begins_s
+        begins_s = np.concatenate((before_s, found.begins_s))
+        return self._route(ahead, self.now_s, begins_s, gone_s)
 
     def _route(self, poses: Floats, now_s: float, planned_s: Floats, gone_s: float) -> Route:
         """A route along poses; its last moves begin as planned, those before them at once."""
@@ -158,6 +164,15 @@ class Errand:
             self.task.shape.body.bend_m,
             self.task.leaves and bool(len(planned_s)),
         )
+
+    def aside(self, pose: Floats) -> "Errand":
+        """The same parcel on its way to another place."""
+        task = replace(self.task, goal=pose, leaves=False)
+        return replace(self, task=task)
+
+    def onward(self, route: Route) -> "Errand":
+        """The same errand from the end of what is planned of it."""
+        return replace(self, task=replace(self.task, ahead=route.poses), so_far=route)
 
 
 def own_ends(task: Task, turned_rad: float) -> tuple[Floats, Floats]:

@@ -28,22 +28,22 @@ class Lattice:
     step: int
     clearance_m: float
 
-    @property
+    @cached_property
     def columns(self) -> int:
         """Places along x."""
         return self.tiles.layout.columns * self.tiles.per_pitch // self.step
 
-    @property
+    @cached_property
     def rows(self) -> int:
         """Places along y."""
         return self.tiles.layout.rows * self.tiles.per_pitch // self.step
 
-    @property
+    @cached_property
     def places(self) -> int:
         """Nodes of one yaw."""
         return self.columns * self.rows
 
-    @property
+    @cached_property
     def count(self) -> int:
         """How many nodes there are."""
         return self.places * len(self.yaws_rad)

@@ -79,7 +79,7 @@ class LatticeMoves:
 
 
 #: Steps of moves that are used anywhere; others only lead to where the goal is in line.
-_OFTEN = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
+_OFTEN = (1, 2, 4, 8, 16, 32, 64)
 
 
 def lattice_moves(lattice: Lattice, standing: Standing, pace: Pace) -> LatticeMoves:

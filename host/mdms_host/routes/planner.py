@@ -13,6 +13,7 @@ from random import Random
 
 import numpy as np
 
+from mdms_host.routes.aside import places_aside
 from mdms_host.routes.authority import Authority
 from mdms_host.routes.blocked import Blocked, Blocker, blockers
 from mdms_host.routes.cost_to_go import Guide, barred_joins, cost_to_go
@@ -21,6 +22,7 @@ from mdms_host.routes.lattice import Lattice
 from mdms_host.routes.moves import LatticeMoves, free_runs, lattice_moves
 from mdms_host.routes.pace import Pace, TrapezoidPace
 from mdms_host.routes.reservations import Reservations
+from mdms_host.routes.retiming import retimed
 from mdms_host.routes.route import Route
 from mdms_host.routes.safe_intervals import TakenTiles
 from mdms_host.routes.search import Errands, Found, search
@@ -76,8 +78,8 @@ class Planner:
 
     `clearance_m` is how much every outline is grown by, `gap_s` how long a tile is free between two
     parcels, `step` how many tiles lattice places are apart; `tries` is how many orders of the
-    parcels are tried where one does not do, and `weight` by how much a route may take longer than
-    the soonest for the sake of being found sooner.
+    parcels are tried where one does not do. `efforts` are by how much a route may take longer than
+    the soonest, and after how many states of the search the next effort is made.
     """
 
     def __init__(
@@ -89,7 +91,7 @@ class Planner:
         step: int = 1,
         gap_s: float = 0.2,
         tries: int = 6,
-        weight: float = 1.2,
+        efforts: tuple[tuple[float, int], ...] = ((1.5, 300), (8.0, 2**31)),
     ) -> None:
         if tiles.per_pitch % step:
             raise ValueError(
@@ -100,7 +102,7 @@ class Planner:
         self._step = step
         self._gap_s = gap_s
         self._tries = tries
-        self._weight = weight
+        self._efforts = efforts
         self._standings: dict[Shape, Standing] = {}
         self._ways: dict[tuple[Shape, tuple[float, ...]], LatticeMoves] = {}
 
@@ -132,8 +134,8 @@ class Planner:
         errands = {task.parcel: self._errand(task, now_s) for task in tasks}
         moving = [name for name, errand in errands.items() if errand.task.goal is not None]
         best: dict[str, Route] = {}
-        for order in self._orders(errands, moving, closed, seed):
-            found = self._attempt(errands, order, closed, kept)
+        for order, sure in self._orders(errands, moving, closed, seed):
+            found = self._attempt(errands, order, closed, kept, sure)
             if len(found) >= len(best):
                 best = found
             if len(best) == len(moving):
@@ -149,15 +151,18 @@ class Planner:
 
     def _orders(
         self, errands: Mapping[str, Errand], moving: Sequence[str], closed: Bools, seed: int
-    ) -> Iterator[Sequence[str]]:
-        """Orders of planning: as given, one that the layout is well-formed by, and by chance."""
-        yield moving
+    ) -> Iterator[tuple[Sequence[str], bool]]:
+        """Orders of planning: as given, one that the layout is well-formed by, and by chance.
+
+        With each whether to keep to ways that are sure, as `_planned` has it.
+        """
+        yield moving, True
         order = order_of(errands, closed, self._free)
         if order is not None:
-            yield order
+            yield order, True
         random = Random(f"orders {seed}")
-        for _ in range(self._tries):
-            yield random.sample(list(moving), len(moving))
+        for number in range(self._tries):
+            yield random.sample(list(moving), len(moving)), number % 2 == 0
 
     def well_formed(self, tasks: Sequence[Task], *, closed: Bools | None = None) -> bool:
         """Whether the parcels could go one after another, so that there is a plan for all."""
@@ -186,9 +191,11 @@ class Planner:
         order: Sequence[str],
         closed: Bools,
         kept: Mapping[str, Route],
+        sure: bool,
     ) -> dict[str, Route]:
         """Routes of as many as can be planned, each as soon as those before leave it a way."""
         table = _Table(self._ground.tiles.count, closed, self._gap_s)
+        errands = dict(errands)
         owners = {name: number for number, name in enumerate((*errands, *kept))}
         for name, route in kept.items():
             table.take(owners[name], route)
@@ -200,19 +207,63 @@ class Planner:
         for route in kept.values():
             parked[route.visits.tile[np.isinf(route.visits.leaves_s)]] = True
         found: dict[str, Route] = {}
-        for sure in (True, False):
-            waiting = [name for name in order if name not in found]
-            while waiting:
-                before = len(found)
-                for name in waiting:
-                    way = self._planned(errands[name], owners[name], table, parked, sure)
-                    if way is not None:
-                        found[name] = way
-                        parked[errands[name].goal_stand] = True
-                waiting = [name for name in waiting if name not in found]
-                if len(found) == before:
-                    break
+        waiting = list(order)
+        while waiting:
+            before = len(found)
+            for name in waiting:
+                way = self._planned(errands[name], owners[name], table, parked, sure)
+                if way is not None:
+                    found[name] = way
+                    parked[errands[name].goal_stand] = True
+            waiting = [name for name in waiting if name not in found]
+            if len(found) == before and not self._made_way(errands, waiting, owners, table, parked):
+                break
         return found
+
+    def _made_way(
+        self,
+        errands: dict[str, Errand],
+        waiting: Sequence[str],
+        owners: Mapping[str, int],
+        table: _Table,
+        parked: Bools,
+    ) -> bool:
+        """Whether one of those who all have no way goes aside so that another has one.
+
+        It goes on from there; each goes aside once.
+        """
+        wanted = self._nothing()
+        for name in waiting:
+            wanted[errands[name].goal_stand] = True
+        for name in waiting:
+            errand = errands[name]
+            if errand.so_far is not None:
+                continue
+            table.stand(errand, -1)
+            blocked = table.blocked() | parked
+            table.stand(errand)
+            for pose in places_aside(errand, blocked | wanted):
+                aside = errand.aside(pose)
+                others = [errands[other] for other in waiting if other != name]
+                if self._lets_go(others, table, blocked, aside.goal_stand):
+                    route = self._planned(aside, owners[name], table, parked, True)
+                    if route is not None:
+                        errands[name] = errand.onward(route)
+                        table.stand(errands[name])
+                        return True
+        return False
+
+    def _lets_go(
+        self, errands: Sequence[Errand], table: _Table, blocked: Bools, aside: Ints
+    ) -> bool:
+        """Whether one of these has a way when another, who is not in `blocked`, stands aside."""
+        for errand in errands:
+            others = blocked.copy()
+            others[errand.stand] = False
+            others[aside] = True
+            if self._free(errand, others):
+                return True
+        return False
 
     def _planned(
         self, errand: Errand, owner: int, table: _Table, parked: Bools, sure: bool
@@ -236,15 +287,12 @@ class Planner:
             guide = _guide(errand, blocked)
             if guide.cost_s[roadmap.start_node] == np.inf:
                 return None
-            ends = roadmap.start_node, roadmap.goal_node
             stay_s = errand.task.leaves_s + self._gap_s if errand.task.leaves else np.inf
-            found = search(
-                roadmap.graph,
-                guide,
-                table.taken.taken,
-                Errands(*ends, errand.ready_s, stay_s),
-                self._weight,
-            )
+            ends = Errands(roadmap.start_node, roadmap.goal_node, errand.ready_s, stay_s)
+            for weight, most in self._efforts:
+                found = search(roadmap.graph, guide, table.taken.taken, ends, (weight, most))
+                if found.reached or found.states < most:
+                    break
             unsafe = self._unsafe(errand, found)
             if not found.reached:
                 return None
@@ -257,6 +305,13 @@ class Planner:
         """A join of the way on which the parcel might tip."""
         joins = [-1 - move for move in found.moves.tolist() if move < 0]
         return next((join for join in joins if not errand.roadmap.stands(join)), None)
+
+    def kept(self, plan: Plan, progress_m: Mapping[str, float], now_s: float) -> dict[str, Route]:
+        """The routes of a plan from where these parcels are now, for others to be planned around.
+
+        `progress_m` is without those that are to be planned anew, and without those that are gone.
+        """
+        return retimed(plan.reservations, progress_m, now_s, self._ground.pace, self._gap_s)
 
     def ill_formed(
         self, tasks: Sequence[Task], *, closed: Bools | None = None

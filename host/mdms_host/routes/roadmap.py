@@ -13,7 +13,7 @@ from mdms_host.routes.sweep import Swept, swept
 from mdms_model.arrays import Bools, Floats, Ints
 
 #: Start and goal are joined to so many places of the lattice along x, and so many along y.
-_WINDOW = 4
+_WINDOW = 3
 #: The farthest turn on the way to the lattice: a quarter, and some.
 _TURN_RAD = np.deg2rad(100.0)
 #: A start that hangs over the table's edge may do so a hair more on its way [m].

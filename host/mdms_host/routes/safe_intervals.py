@@ -13,9 +13,11 @@ _ROOM = 8
 
 
 class Taken(NamedTuple):
-    """When each tile is taken and by whom: the first `number` of each row, in no order."""
+    """When each tile is taken and by whom: the first `number` of each row, by their begin."""
 
     number: Ints
+    last_s: Floats
+    """When each tile is taken for the last time, (tiles,)."""
     from_s: Floats
     to_s: Floats
     owner: Ints
@@ -32,8 +34,8 @@ class TakenTiles:
         while not enter(self.taken, owner, tiles, from_s, to_s):
             old = self.taken
             self.taken = _with_room(len(old.number), 2 * old.from_s.shape[1])
-            self.taken.number[:] = old.number
-            for new, former in zip(self.taken[1:], old[1:], strict=True):
+            self.taken.number[:], self.taken.last_s[:] = old.number, old.last_s
+            for new, former in zip(self.taken[2:], old[2:], strict=True):
                 new[:, : former.shape[1]] = former
 
     def release(self, owner: int) -> None:
@@ -43,8 +45,8 @@ class TakenTiles:
 
 def _with_room(tiles: int, room: int) -> Taken:
     shape = tiles, room
-    owners = np.zeros(shape, dtype=np.int64)
-    return Taken(np.zeros(tiles, dtype=np.int64), np.zeros(shape), np.zeros(shape), owners)
+    owners, numbers = np.zeros(shape, dtype=np.int64), np.zeros(tiles, dtype=np.int64)
+    return Taken(numbers, np.full(tiles, -np.inf), np.zeros(shape), np.zeros(shape), owners)
 
 
 @compiled
@@ -55,9 +57,13 @@ def enter(taken: Taken, owner: int, tiles: Ints, from_s: Floats, to_s: Floats) -
         if at == taken.from_s.shape[1]:
             remove(taken, owner)
             return False
+        while at > 0 and taken.from_s[tile, at - 1] > from_s[index]:
+            copy(taken, tile, at - 1, at)
+            at -= 1
         taken.from_s[tile, at], taken.to_s[tile, at] = from_s[index], to_s[index]
         taken.owner[tile, at] = owner
-        taken.number[tile] = at + 1
+        taken.number[tile] += 1
+        taken.last_s[tile] = max(taken.last_s[tile], to_s[index])
     return True
 
 
@@ -65,14 +71,19 @@ def enter(taken: Taken, owner: int, tiles: Ints, from_s: Floats, to_s: Floats) -
 def remove(taken: Taken, owner: int) -> None:
     """Remove all intervals of an owner."""
     for tile in range(taken.number.size):
-        kept = 0
+        kept, last_s = 0, -np.inf
         for at in range(taken.number[tile]):
             if taken.owner[tile, at] != owner:
-                taken.from_s[tile, kept] = taken.from_s[tile, at]
-                taken.to_s[tile, kept] = taken.to_s[tile, at]
-                taken.owner[tile, kept] = taken.owner[tile, at]
-                kept += 1
-        taken.number[tile] = kept
+                copy(taken, tile, at, kept)
+                kept, last_s = kept + 1, max(last_s, taken.to_s[tile, at])
+        taken.number[tile], taken.last_s[tile] = kept, last_s
+
+
+@compiled
+def copy(taken: Taken, tile: int, at: int, to: int) -> None:
+    """Copy one interval of a tile over another."""
+    taken.from_s[tile, to], taken.to_s[tile, to] = taken.from_s[tile, at], taken.to_s[tile, at]
+    taken.owner[tile, to] = taken.owner[tile, at]
 
 
 @compiled
@@ -93,11 +104,14 @@ def first_departure(
     while settled < len(tile):
         place = base + tile[visit]
         settled += 1
+        if begin_s + enters_s[visit] >= taken.last_s[place]:
+            visit = visit + 1 if visit + 1 < len(tile) else 0
+            continue
         for at in range(taken.number[place]):
+            if begin_s + leaves_s[visit] <= taken.from_s[place, at]:
+                break
             end_s = taken.to_s[place, at]
-            if begin_s + enters_s[visit] < end_s and (
-                begin_s + leaves_s[visit] > taken.from_s[place, at]
-            ):
+            if begin_s + enters_s[visit] < end_s:
                 begin_s = end_s - enters_s[visit] + INSTANT_S
                 if begin_s == np.inf:
                     return np.inf
@@ -112,6 +126,8 @@ def free_until(taken: Taken, base: int, tile: Ints, now_s: float) -> float:
     until_s = np.inf
     for each in tile:
         place = base + each
+        if taken.last_s[place] <= now_s + INSTANT_S:
+            continue
         for at in range(taken.number[place]):
             if taken.to_s[place, at] > now_s + INSTANT_S:
                 if taken.from_s[place, at] < now_s - INSTANT_S:

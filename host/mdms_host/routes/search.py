@@ -13,7 +13,7 @@ import numpy as np
 from mdms_host.routes.cost_to_go import Guide
 from mdms_host.routes.roadmap import Graph
 from mdms_host.routes.safe_intervals import INSTANT_S, Taken, first_departure, free_until
-from mdms_host.routes.states import State, States, doubled, entered, new_states
+from mdms_host.routes.states import State, States, doubled, entered, new_states, put_off
 from mdms_model.arrays import Floats, Ints
 from mdms_model.compiled import compiled
 
@@ -52,49 +52,61 @@ class Edge(NamedTuple):
 
 
 @compiled
-def search(graph: Graph, guide: Guide, taken: Taken, errand: Errands, weight: float) -> Found:
-    """The way from start to goal: with a `weight` of 1 no way arrives sooner.
+def search(
+    graph: Graph, guide: Guide, taken: Taken, errand: Errands, effort: tuple[float, int]
+) -> Found:
+    """The way from start to goal, given up after so many states, the second of `effort`.
 
-    With a greater weight it takes longer by this factor at most.
+    With a first of 1 no way arrives sooner, with a greater one by this factor at most.
     """
+    weight, most = effort
     head = np.full(graph.joins.first.size - 1, -1, np.int64)
-    states, count = new_states(), 0
-    heap = [(0.0, 0)]
+    states, count, last = new_states(), 0, -1
+    heap = [(0.0, 0.0, 0)]
     until_s = node_free_until(graph, taken, errand.start, errand.ready_s)
     if until_s > -np.inf and guide.cost_s[errand.start] < np.inf:
         first = State(errand.start, -1, 0, errand.ready_s, errand.ready_s, until_s)
         entered(states, head, 0, first)
         count = 1
-    last = -1
-    while count > 0 and len(heap) > 0:
-        _, state = heappop(heap)
-        if states.stale[state]:
+    # The goal is not come to for good before all others have passed it.
+    least_s = node_free_from(graph, taken, errand.goal, errand.stay_s)
+    while 0 < count < most and len(heap) > 0:
+        _, _, number = heappop(heap)
+        if states.stale[number]:
             continue
-        here = states.node[state]
-        if here == errand.goal and states.until_s[state] >= states.at_s[state] + errand.stay_s:
+        here, state, first_edge, begin_s = states.node[number], number, 0, states.at_s[number]
+        if here == errand.goal and states.until_s[state] >= begin_s + errand.stay_s:
             last = state
             break
-        states.stale[state] = True
-        for index in range(edges(graph, here)):
+        last_edge = edges(graph, here) if here >= 0 else 0
+        if here < 0:
+            # A move that was put off: once more, later.
+            state, first_edge = states.came[number], states.by[number]
+            here, last_edge = states.node[state], states.by[number] + 1
+        states.stale[number] = True
+        for index in range(first_edge, last_edge):
             edge = edge_of(graph, guide, here, index)
             if edge.there < 0:
                 continue
-            begin_s = states.at_s[state]
-            while begin_s < np.inf:
-                begin_s = departure(graph, taken, edge, begin_s, states.until_s[state])
-                arrive_s = begin_s + edge.lasts_s
-                if begin_s == np.inf:
-                    break
-                until_s = node_free_until(graph, taken, edge.there, arrive_s)
-                if sooner(states, head[edge.there], arrive_s, until_s):
-                    if count == states.node.size:
-                        states = doubled(states)
-                    found = State(edge.there, state, edge.move, begin_s, arrive_s, until_s)
-                    entered(states, head, count, found)
-                    heappush(heap, (arrive_s + weight * guide.cost_s[edge.there], count))
-                    count += 1
-                # Once more, for the next safe interval of its end.
-                begin_s = max(begin_s, until_s - edge.lasts_s) + INSTANT_S
+            leaves_s = departure(graph, taken, edge, begin_s, states.until_s[state])
+            if leaves_s == np.inf:
+                continue
+            if count + 2 > states.node.size:
+                states = doubled(states)
+            left_s, arrive_s = guide.cost_s[edge.there], leaves_s + edge.lasts_s
+            until_s = node_free_until(graph, taken, edge.there, arrive_s)
+            if sooner(states, head[edge.there], arrive_s, until_s):
+                found = State(edge.there, state, edge.move, leaves_s, arrive_s, until_s)
+                entered(states, head, count, found)
+                heappush(heap, (max(arrive_s + weight * left_s, least_s), left_s, count))
+                count += 1
+            # Once more, for the next safe interval of its end, but not before that is its turn.
+            again_s = max(leaves_s, until_s - edge.lasts_s) + INSTANT_S
+            if again_s <= states.until_s[state] and again_s < np.inf:
+                put_off(states, count, state, index, again_s)
+                total_s = again_s + edge.lasts_s + weight * left_s
+                heappush(heap, (max(total_s, least_s), left_s, count))
+                count += 1
     return way_to(states, last, errand.start, count)
 
 
@@ -167,6 +179,17 @@ def node_free_until(graph: Graph, taken: Taken, node: int, now_s: float) -> floa
     extra = node - graph.bases.size
     own = slice(graph.joins.stand[extra], graph.joins.stand[extra + 1])
     return free_until(taken, 0, graph.joins.stand_tile[own], now_s)
+
+
+@compiled
+def node_free_from(graph: Graph, taken: Taken, node: int, stay_s: float) -> float:
+    """From when on a node that is not of the lattice is free for good [s]; -inf to stay less."""
+    extra, from_s = node - graph.bases.size, -np.inf
+    if stay_s < np.inf:
+        return from_s
+    for index in range(graph.joins.stand[extra], graph.joins.stand[extra + 1]):
+        from_s = max(from_s, taken.last_s[graph.joins.stand_tile[index]])
+    return from_s
 
 
 @compiled

@@ -50,10 +50,9 @@ def swept(body: Body, start: Floats, end: Floats, grown_m: float, side_m: float)
     pieces = max(int(np.ceil(abs(turn_rad) / PIECE_RAD)), 1)
     grown_m = grown_m + body.bend_m * abs(turn_rad) / pieces / 2
     reach_m = np.sqrt((body.corners_m**2).sum(axis=1).max()) + grown_m
-    low_column = int(np.floor((min(start[0], end[0]) - reach_m) / side_m))
-    low_row = int(np.floor((min(start[1], end[1]) - reach_m) / side_m))
-    columns = int(np.floor((max(start[0], end[0]) + reach_m) / side_m)) - low_column + 1
-    rows = int(np.floor((max(start[1], end[1]) + reach_m) / side_m)) - low_row + 1
+    whole = piece_box(start, end, (0.0, 1.0), reach_m, side_m)
+    low_column, low_row = whole[0], whole[2]
+    columns, rows = whole[1] - low_column + 1, whole[3] - low_row + 1
     enters, leaves = np.full((columns, rows), 2.0), np.full((columns, rows), -1.0)
     way_x_m, way_y_m = end[0] - start[0], end[1] - start[1]
     planes = np.empty((len(body.distances_m) + _SIDES, 3))
@@ -62,9 +61,10 @@ def swept(body: Body, start: Floats, end: Floats, grown_m: float, side_m: float)
         yaw_rad = first_rad + turn_rad * (piece + 0.5) / pieces
         half_planes(body, yaw_rad, grown_m, side_m, planes)
         first, last = piece / pieces, (piece + 1) / pieces
-        for column in range(columns):
+        near = piece_box(start, end, (first, last), reach_m, side_m)
+        for column in range(near[0] - low_column, near[1] - low_column + 1):
             x_m = (low_column + column + 0.5) * side_m - start[0]
-            for row in range(rows):
+            for row in range(near[2] - low_row, near[3] - low_row + 1):
                 y_m = (low_row + row + 0.5) * side_m - start[1]
                 low, high = met(planes, (x_m, y_m), (way_x_m, way_y_m), (first, last))
                 if low <= high:
@@ -81,6 +81,23 @@ def swept(body: Body, start: Floats, end: Floats, grown_m: float, side_m: float)
                 found.leaves[index] = leaves[column, row]
                 index += 1
     return found
+
+
+@compiled
+def piece_box(
+    start: Floats, end: Floats, shares: tuple[float, float], reach_m: float, side_m: float
+) -> tuple[int, int, int, int]:
+    """First and last column, first and last row that a part of a way may meet."""
+    x_m, y_m = start[0], start[1]
+    way_x_m, way_y_m = end[0] - x_m, end[1] - y_m
+    from_x_m, to_x_m = x_m + shares[0] * way_x_m, x_m + shares[1] * way_x_m
+    from_y_m, to_y_m = y_m + shares[0] * way_y_m, y_m + shares[1] * way_y_m
+    return (
+        int(np.floor((min(from_x_m, to_x_m) - reach_m) / side_m)),
+        int(np.floor((max(from_x_m, to_x_m) + reach_m) / side_m)),
+        int(np.floor((min(from_y_m, to_y_m) - reach_m) / side_m)),
+        int(np.floor((max(from_y_m, to_y_m) + reach_m) / side_m)),
+    )
 
 
 @compiled
@@ -117,8 +134,8 @@ def half_planes(body: Body, yaw_rad: float, grown_m: float, side_m: float, plane
         own_x, own_y = body.normals[index]
         x, y = cosine * own_x - sine * own_y, sine * own_x + cosine * own_y
         tile_m = (abs(x) + abs(y)) * side_m / 2
-        planes[index, 0], planes[index, 1] = x, y
-        planes[index, 2] = body.distances_m[index] + grown_m + tile_m - TOUCH_M
+        planes[_SIDES + index, 0], planes[_SIDES + index, 1] = x, y
+        planes[_SIDES + index, 2] = body.distances_m[index] + grown_m + tile_m - TOUCH_M
     for index in range(_SIDES):
         x, y = (1.0, 0.0) if index < 2 else (0.0, 1.0)
         if index % 2:
@@ -128,8 +145,9 @@ def half_planes(body: Body, yaw_rad: float, grown_m: float, side_m: float, plane
             own_x = cosine * corner[0] - sine * corner[1]
             own_y = sine * corner[0] + cosine * corner[1]
             reach_m = max(reach_m, x * own_x + y * own_y)
-        planes[sides + index, 0], planes[sides + index, 1] = x, y
-        planes[sides + index, 2] = reach_m + grown_m + side_m / 2 - TOUCH_M
+        # These come first, for they leave out most tiles.
+        planes[index, 0], planes[index, 1] = x, y
+        planes[index, 2] = reach_m + grown_m + side_m / 2 - TOUCH_M
 
 
 @compiled

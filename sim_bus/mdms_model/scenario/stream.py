@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field
 from math import inf
 
-from mdms_model.arrays import Floats
 from mdms_model.scenario.limit import ANGLE, PLACE, Limit
 
 SIDES = ("east", "north", "west", "south")
@@ -56,9 +55,3 @@ class Exit:
         if not self.from_m <= along_m <= self.to_m:
             return -inf
         return (across_m if self.side in ("east", "north") else -across_m) - last_m
-
-
-def last_support_m(wheels_m: Floats, side: str) -> float:
-    """How far the outermost of the wheels (W, 2) is from the table's middle, to a side [m]."""
-    across_m = wheels_m[:, 0 if side in ("east", "west") else 1]
-    return float((across_m if side in ("east", "north") else -across_m).max())

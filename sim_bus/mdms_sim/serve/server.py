@@ -129,9 +129,14 @@ class Server:
     def __exit__(self, *_error: object) -> None:
         self.close()
 
-    def run(self, over: Callable[[], bool] = lambda: False) -> None:
-        """Serve until it is over, which is asked about a thousand times a second."""
-        while not over() and not self.simulation.tipped:
+    def run(
+        self, over: Callable[[], bool] = lambda: False, *, beyond_tipping: bool = False
+    ) -> None:
+        """Serve until it is over, which is asked about a thousand times a second.
+
+        A parcel that tips ends it, unless there is somebody to go on `beyond_tipping`.
+        """
+        while not over() and (beyond_tipping or not self.simulation.tipped):
             self._simulate()
             self._serve_clients()
             self._look_at_lights()

@@ -95,6 +95,14 @@ def test_noise_is_counted_and_costs_no_other_frame(adapter):
     assert "garbage was received" in link.incidents[0][1]
 
 
+def test_what_our_own_adapter_had_no_room_for_is_an_incident(adapter):
+    link, far = adapter
+    os.write(far, b"x0102\rt701105\r")
+    assert received(link, 1) == [Frame(0x701, b"\x05")]
+    assert link.garbled == 1
+    assert "the adapter has dropped 258 frames of the bus" in link.incidents[0][1]
+
+
 def test_frames_that_the_adapter_refuses_are_counted(adapter):
     link, far = adapter
     link.send(Frame(0x201, b"\x01"))

@@ -7,8 +7,9 @@ from contextlib import redirect_stderr
 import pytest
 
 from mdms_host.cli.compiling import NOTICE, compiling_watched
-from mdms_host.cli.console import progress
+from mdms_host.cli.console import bars, progress
 
+COLOURS = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 COLOUR = re.compile(r"\x1b\[[0-9;]*3[0-9]")
 
 
@@ -40,6 +41,22 @@ def test_progress_is_drawn_on_a_terminal(terminal):
     assert "carrying" in told
     assert "50%" in told
     assert COLOUR.search(told)
+
+
+def two_boards():
+    with bars(["/dev/ttyACM0", "/dev/ttyACM1"]) as advance:
+        advance("/dev/ttyACM1", 0.5)
+
+
+def test_each_of_several_has_a_bar_of_its_own(terminal):
+    told = shown(terminal, two_boards)
+    assert re.search(r"/dev/ttyACM0.* 0%", COLOURS.sub("", told))
+    assert re.search(r"/dev/ttyACM1.* 50%", COLOURS.sub("", told))
+
+
+def test_several_bars_are_not_drawn_off_a_terminal(capsys):
+    two_boards()
+    assert capsys.readouterr() == ("", "")
 
 
 def test_no_color_is_honoured(terminal, monkeypatch):

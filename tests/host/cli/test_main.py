@@ -78,11 +78,6 @@ def test_help_lists_the_verbs(capsys):
         assert f"\n    {verb} " in told or f"\n    {verb}\n" in told
 
 
-def test_version_is_that_of_the_package(capsys):
-    assert main(["--version"]) == 0
-    assert capsys.readouterr().out.count(".") == 2
-
-
 def test_exit_codes_are_the_promised_ones():
     assert {code.name: code.value for code in Exit} == {
         "OK": 0,

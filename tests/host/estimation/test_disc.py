@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from mdms_host.estimation.disc import Disc
 from mdms_host.estimation.estimator import ParcelEstimator
 from mdms_host.estimation.locate import locate
+from mdms_host.estimation.rolling import Speeds, roll_on
 from mdms_host.estimation.surroundings import Surroundings
 from mdms_host.layout import Layout, WheelPlace
 
@@ -58,7 +59,7 @@ def test_edges_correct_the_place_of_a_disc_and_never_its_yaw() -> None:
     estimator.start(0.0, found)
     for step in range(1, 300):
         pose = pose + twist * 0.01
-        estimator.predict(0.01 * step, LAYOUT.surface_jacobian(*pose[:2]) @ twist * 0.95)
+        roll_on([estimator], 0.01 * step, Speeds(LAYOUT.surface_jacobian(*pose[:2]) @ twist * 0.95))
         now = DISC.distance_m(SENSORS_M, pose) < 0
         for sensor in np.flatnonzero(now != covered):
             yaw_rad = estimator.pose[2]

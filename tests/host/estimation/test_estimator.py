@@ -5,6 +5,7 @@ from mdms_host.estimation.confirmation import Standing
 from mdms_host.estimation.estimator import ParcelEstimator
 from mdms_host.estimation.locate import Location, locate
 from mdms_host.estimation.rectangle import Rectangle
+from mdms_host.estimation.rolling import Speeds, roll_on
 from mdms_host.estimation.surroundings import Surroundings
 from mdms_host.layout import Layout, WheelPlace
 
@@ -42,7 +43,7 @@ def carry(
         pose = pose + twist * step_s
         now_s = step * step_s
         speeds_m_s = LAYOUT.surface_jacobian(*pose[:2]) @ twist * scale
-        estimator.predict(now_s, speeds_m_s)
+        roll_on([estimator], now_s, Speeds(speeds_m_s))
         for sensor in np.flatnonzero(covered_by(pose) != covered):
             estimator.edge(now_s, SENSORS_M[sensor])
         covered = covered_by(pose)
@@ -52,7 +53,7 @@ def carry(
 
 def test_wheels_that_roll_tell_the_twist_exactly() -> None:
     estimator, twist = resting_at(0.0, 0.0, 0.0), np.array([0.05, -0.02, 0.3])
-    estimator.predict(0.01, LAYOUT.surface_jacobian(*estimator.pose[:2]) @ twist)
+    roll_on([estimator], 0.01, Speeds(LAYOUT.surface_jacobian(*estimator.pose[:2]) @ twist))
     np.testing.assert_allclose(estimator.twist, twist, atol=1e-12)
 
 
@@ -61,14 +62,14 @@ def test_wheels_that_slip_hardly_change_the_twist() -> None:
     speeds_m_s = LAYOUT.surface_jacobian(*estimator.pose[:2]) @ twist
     under = np.flatnonzero(BOTTOM.distance_m(LAYOUT.wheel_positions_m, estimator.pose) < 0)
     speeds_m_s[under[:4]] += 0.2
-    estimator.predict(0.01, speeds_m_s)
+    roll_on([estimator], 0.01, Speeds(speeds_m_s))
     np.testing.assert_allclose(estimator.twist, twist, atol=0.004)
 
 
 def test_wheels_beside_the_parcel_tell_nothing() -> None:
     estimator = resting_at(0.0, 0.0, 0.0)
     beside = BOTTOM.distance_m(LAYOUT.wheel_positions_m, estimator.pose) > 0
-    estimator.predict(0.01, np.where(beside, 0.3, 0.0))
+    roll_on([estimator], 0.01, Speeds(np.where(beside, 0.3, 0.0)))
     np.testing.assert_array_equal(estimator.twist, np.zeros(3))
 
 
@@ -77,7 +78,7 @@ def test_a_row_of_wheels_leaves_what_it_cannot_tell_alone() -> None:
     bottom = Rectangle(0.4445, 0.10)
     estimator = ParcelEstimator(Surroundings(row), bottom)
     estimator.start(0.0, Location(np.array([-0.2, 0.0, 0.0]), np.diag([1e-4, 1e-4, 1e-4]), 0))
-    estimator.predict(0.01, np.full(10, 0.04))
+    roll_on([estimator], 0.01, Speeds(np.full(10, 0.04)))
     np.testing.assert_allclose(estimator.twist, [0.04, 0.0, 0.0], atol=1e-12)
 
 
@@ -106,7 +107,7 @@ def test_a_parcel_that_was_pushed_away_is_doubtful() -> None:
     pushed = np.array([0.05, 0.0, 0.1])
     for step in range(20):
         now_s = step * 0.01
-        estimator.predict(now_s, np.zeros(36))
+        roll_on([estimator], now_s, Speeds(np.zeros(36)))
         agree(estimator, now_s, covered_by(pushed))
     assert estimator.standing is Standing.DOUBTFUL
 
@@ -119,6 +120,6 @@ def test_one_stuck_sensor_does_not_pull_the_estimate_away() -> None:
     before = estimator.pose
     for step in range(50):
         now_s = step * 0.01
-        estimator.predict(now_s, np.zeros(36))
+        roll_on([estimator], now_s, Speeds(np.zeros(36)))
         agree(estimator, now_s, stuck)
     np.testing.assert_allclose(estimator.pose, before, atol=1e-3)

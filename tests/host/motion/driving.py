@@ -37,10 +37,10 @@ def mass_of(parcel: Parcel, mass_kg: float = BOX_KG) -> Mass:
 
 
 class Table:
-    """One parcel on the wheels of a layout, by the paper's model; the host believes the truth.
+    """One parcel on the wheels of a layout, by the paper's model.
 
     As from cells: what is commanded in a cycle drives the next one, and the twist that is believed
-    is one cycle old, as is the pose, carried on by it.
+    is that of the wheels, one cycle old, as is the true pose that it carries on.
     """
 
     def __init__(
@@ -53,6 +53,7 @@ class Table:
         mass_kg: float = BOX_KG,
     ) -> None:
         self.parcel = parcel
+        self._layout = layout
         self._carrying = Carrying(layout, traction_of(layout).drives)
         self._world = World(_scenario(layout, parcel, pose, friction, mass_kg))
         self._next_m_s: Floats = np.zeros(len(layout.wheel_cells))
@@ -64,8 +65,9 @@ class Table:
     def step(self, command: Callable[..., Carried | None], **belief: object) -> None:
         """One cycle; `command` returns what to do, given a belief."""
         name = self.parcel.name
-        ahead = self.pose + self.twist * STEP_S
-        believed = beliefs({name: ahead}, [self.parcel], twist=self.twist.copy(), **belief)[name]
+        rolling = self._rolling_twist()
+        ahead = self.pose + rolling * STEP_S
+        believed = beliefs({name: ahead}, [self.parcel], twist=rolling, **belief)[name]
         carried = command(believed, STEP_S)
         going_m_s, self._next_m_s = self._next_m_s, np.zeros(len(self._next_m_s))
         if carried is not None:
@@ -78,6 +80,13 @@ class Table:
         self.most_slip_m_s = max(self.most_slip_m_s, float(slips_m_s.max()))
         self.slipping += int((slips_m_s > 0.005).sum())
         self.carrying += int((self._world.normal_n > 0.0).sum())
+
+    def _rolling_twist(self) -> Floats:
+        """The twist that the speeds of the wheels under the parcel show."""
+        under = self._world.normal_n > 0.0
+        rows = self._layout.surface_jacobian(*self.pose[:2].tolist())[under]
+        twist: Floats = np.linalg.lstsq(rows, self._world.wheel_speed_m_s[under], rcond=None)[0]
+        return twist
 
 
 def _scenario(

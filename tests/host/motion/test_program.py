@@ -10,7 +10,7 @@ from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.goal import Goal
-from mdms_host.motion.program import GoalProgram
+from mdms_host.motion.program import FieldProgram, GoalProgram
 from mdms_model.arrays import Floats
 
 LAYOUT = Layout(12, 3)
@@ -104,3 +104,43 @@ def test_two_on_their_way_into_each_other_are_stopped_once_both_have_been_found(
     for _ in range(10):
         steered.references_m_s(known({**pose, "right": np.array([0.08, 0.0, 0.0])}), 0.01)
     assert steered.take_notices() == ["left and right press each other: stopped"]
+
+
+def test_a_parcel_gets_another_goal_on_its_way_and_is_taken_there() -> None:
+    steered = program(left=Goal(0.4, 0.0))
+    pose = POSES["left"].copy()
+    for _ in range(40):
+        before = steered.references_m_s(known({**POSES, "left": pose}), 0.01)
+        pose[0] += 0.001
+    along_x = np.abs(LAYOUT.wheel_directions[:, 0]) > 0.5
+    assert before[along_x].max() > 0.01
+    steered.set_goal("left", Goal(-0.8, 0.0))
+    assert steered.controllers["left"].goal == Goal(-0.8, 0.0)
+    for _ in range(60):
+        after = steered.references_m_s(known({**POSES, "left": pose}), 0.01)
+    assert after[along_x].min() < -0.01
+
+
+def test_a_parcel_that_was_stopped_is_steered_again_to_a_new_goal() -> None:
+    steered = program(left=Goal(0.4, 0.0))
+    for _ in range(130):
+        steered.references_m_s(known(), 0.01)
+    assert steered.stuck
+    steered.set_goal("left", Goal(-0.4, 0.2))
+    assert steered.stuck is None
+    assert steered.references_m_s(known(), 0.01).any()
+
+
+def test_a_parcel_without_a_goal_gets_one_and_one_that_is_not_there_none() -> None:
+    steered = program(left=Goal(-0.4, 0.0))
+    steered.set_goal("right", Goal(0.4, 0.2))
+    for _ in range(5):
+        references_m_s = steered.references_m_s(known(), 0.01)
+    assert references_m_s[LAYOUT.wheel_positions_m[:, 0] > 0].any()
+    with pytest.raises(KeyError):
+        steered.set_goal("crate", Goal(0.0, 0.0))
+
+
+def test_a_field_takes_no_goal() -> None:
+    with pytest.raises(ValueError, match="steers no parcel"):
+        FieldProgram(np.zeros(72)).set_goal("left", Goal(0.0, 0.0))

@@ -12,6 +12,7 @@ from mdms_host.page.commands import COMMANDS, RefusedError, StopAll
 from mdms_host.page.page import Page
 from mdms_host.page.signals import HEAD, Signals
 from mdms_model.scenario.file import load_scenario
+from mdms_model.scenario.scenario import Scenario
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.serve import clock
 from mdms_sim.serve.clock import RealTime
@@ -36,10 +37,10 @@ def unpacked(description: dict[str, Any], snapshot: bytes) -> dict[str, Any]:
 class Desk:
     """A scenario's table, whose clock is turned by hand: 1 ms of the machine's at a time."""
 
-    def __init__(self, monkeypatch, *overrides: str, name: str = "array18") -> None:
+    def __init__(self, monkeypatch, scenario: Scenario | None = None) -> None:
         self.wall_ns = 0
         monkeypatch.setattr(clock.time, "monotonic_ns", lambda: self.wall_ns)
-        self.scenario = load_scenario(name, overrides)
+        self.scenario = scenario or load_scenario("array18")
         self.seat = seat_of(self.scenario)
         bank = PythonBank(addresses_of(self.scenario).node_ids)
         self.simulation = Simulation(self.scenario, bank, [self.seat], recorded=False)

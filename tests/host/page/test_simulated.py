@@ -1,5 +1,7 @@
 """What a person does to a simulated table happens, and ends when nobody is there any more."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.host.page.bench import Desk
@@ -7,8 +9,9 @@ from tests.host.page.bench import Desk
 from mdms_host.page import commands
 from mdms_host.page.bus_watch import CellState
 from mdms_host.page.commands import RefusedError
-from mdms_host.page.description import PHASES
+from mdms_host.page.description import PARCEL_STATES, PHASES
 from mdms_model.scenario.fault import Fault
+from mdms_model.scenario.file import load_scenario
 
 
 @pytest.fixture
@@ -192,6 +195,14 @@ def test_objects_of_a_cell_are_read_by_name_and_unit_while_the_program_runs(runn
     assert PHASES[running.shown["phase"][0]] == "running"
 
 
+def test_cell_that_comes_back_is_set_up_though_its_objects_are_read_meanwhile(running):
+    running.run_until(lambda: "box has arrived" in running.texts, 6.0)
+    running.table.do(fault("off", cells=(18,), duration_s=0.5))
+    running.run(0.7)
+    running.table.do(commands.ReadObjects(18))
+    running.run_until(lambda: running.shown["cell_state"][17] == CellState.RUNNING, 6.0)
+
+
 def test_reading_a_cell_that_is_dead_ends(desk):
     desk.table.do(fault("off", cells=(5,)))
     desk.table.do(commands.ReadObjects(5))
@@ -203,9 +214,51 @@ def test_reading_a_cell_that_is_dead_ends(desk):
         desk.table.do(commands.ReadObjects(40))
 
 
+def test_what_nobody_has_announced_is_shown_as_unknown_and_gets_a_name(monkeypatch):
+    box = load_scenario("array18").parcel[0]
+    crate = replace(box, name="crate", length_m=0.28, width_m=0.26, x_m=0.32, goal=None)
+    scenario = replace(
+        load_scenario("array18", ["array.columns=9"]),
+        parcel=(replace(box, x_m=-0.3), crate),
+        belief={"crate": {"known": False}},
+    )
+    desk = Desk(monkeypatch, scenario)
+    assert [one["name"] for one in desk.table.description()["parcels"]] == ["box", "crate"]
+    desk.table.do(commands.Start())
+    desk.run_until(lambda: len(desk.table.description()["parcels"]) == 3, 4.0)
+    before = desk.table.version
+    unknown = desk.table.description()["parcels"][2]
+    assert unknown["unknown"]
+    assert np.ptp(np.array(unknown["outline_m"])[:, 0]) > 0.2
+    shown = desk.shown
+    assert PARCEL_STATES[shown["parcel_state"][2]] == "unknown"
+    assert shown["parcel_believed"][2, :2] == pytest.approx([0.32, 0.0], abs=0.1)
+    assert shown["parcel_true"][1, :2] == pytest.approx([0.32, 0.0], abs=0.01)
+    with pytest.raises(RefusedError, match="nothing unknown is called 'unknown-9'"):
+        desk.table.do(commands.Name("unknown-9", "crate", 0.28, 0.26))
+    desk.table.do(commands.Name(unknown["name"], "crate", 0.28, 0.26))
+    desk.run_until(lambda: desk.table.version > before, 4.0)
+    parcels = desk.table.description()["parcels"]
+    assert [(one["name"], one["unknown"]) for one in parcels] == [("box", False), ("crate", False)]
+    desk.run(0.2)
+    assert desk.shown["parcel_believed"][1, :2] == pytest.approx([0.32, 0.0], abs=0.05)
+
+
+def test_ways_and_tiles_are_shown_where_a_program_has_them(running, monkeypatch):
+    program = running.seat.coordinator.program
+    ways = {"box": np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.5]])}
+    monkeypatch.setattr(type(program), "ways", ways, raising=False)
+    monkeypatch.setattr(type(program), "reserved", [(0.1, 0.0, 0.06, ("box",))], raising=False)
+    running.run(0.05)
+    (plan,) = [message for message in running.messages if message["kind"] == "plan"]
+    assert plan["paths"] == {"box": [[0.0, 0.0, 0.0], [0.1, 0.0, 0.5]]}
+    assert plan["tiles"] == [{"x_m": 0.1, "y_m": 0.0, "size_m": 0.06, "parcels": ["box"]}]
+    assert plan in running.table.story()
+
+
 @pytest.mark.slow
 def test_cells_that_steer_get_a_new_goal_too(monkeypatch):
-    desk = Desk(monkeypatch, name="neighbours")
+    desk = Desk(monkeypatch, load_scenario("neighbours"))
     desk.table.do(commands.Start())
     desk.run_until(lambda: 1 in desk.shown["cell_promise"], 4.0)
     desk.run(0.5)

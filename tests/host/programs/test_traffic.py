@@ -57,10 +57,10 @@ def test_the_way_leads_around_what_is_unknown():
 def test_a_parcel_stops_before_what_appears_on_its_way_and_goes_around_it():
     table = two_boxes("parcel.1.x_m=0.40", main=go_east, unknown=["disc"])
     table.hidden.add("disc")
-    table.run(0.3)
+    table.run(0.15)
     assert abs(table.pose("box")[1]) < 0.001
     table.hidden.clear()
-    table.put("disc", 0.02, 0.22)
+    table.put("disc", -0.02, 0.22)
     table.run_until(8.0, lambda: table.program.finished)
     assert away_m(table.pose("box"), 0.36, 0.0) < 0.003
     assert not table.events("touch")

@@ -2,20 +2,11 @@
 
 import numpy as np
 import pytest
+from tests.host.routes.parcels import LONG, task
 
-from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.layout import Layout
-from mdms_host.routes.errand import Task
 from mdms_host.routes.planner import Planner
-from mdms_host.routes.shape import Shape
 from mdms_host.routes.tiles import Tiles
-
-BOX = Shape(Rectangle(0.28, 0.28))
-LONG = Shape(Rectangle(0.40, 0.30))
-
-
-def task(name: str, start: tuple, goal: tuple | None, shape: Shape = BOX, **more) -> Task:
-    return Task(name, shape, np.array([start]), None if goal is None else np.array(goal), **more)
 
 
 @pytest.fixture(scope="module")
@@ -63,3 +54,13 @@ def test_parcels_in_one_row_that_cannot_pass_are_refused_by_name() -> None:
 def test_a_goal_beyond_the_edge_is_refused(planner: Planner) -> None:
     plan = planner.plan([task("a", (0.0, 0.0, 0.0), (0.0, 0.6, 0.0))])
     assert "on this table" in str(plan.blocked["a"])
+
+
+def test_two_parcels_change_places_when_one_stands_aside(planner: Planner) -> None:
+    tasks = [
+        task("a", (-0.35, 0.2, 0.0), (0.35, 0.2, 0.0)),
+        task("b", (0.35, 0.2, 0.0), (-0.35, 0.2, 0.0)),
+    ]
+    plan = planner.plan(tasks)
+    assert not plan.blocked
+    assert all(np.allclose(plan.routes[t.parcel].poses[-1], t.goal) for t in tasks)

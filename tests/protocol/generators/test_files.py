@@ -6,6 +6,7 @@ import zipfile
 
 import pytest
 
+from mdms_host.cli.topics import TOPICS
 from mdms_protocol.generators.files import data_sheet
 
 NAMES = ("mdms-cell.dbc", "mdms-cell.eds")
@@ -21,7 +22,7 @@ def test_unknown_file_is_refused():
         data_sheet("none.eds")
 
 
-def test_wheel_has_them_within_the_package(pytestconfig, tmp_path):
+def test_wheel_has_them_and_the_documents_and_its_revision(pytestconfig, tmp_path):
     command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
     subprocess.run(command, cwd=pytestconfig.rootpath, capture_output=True, check=True)
     (wheel,) = tmp_path.glob("*.whl")
@@ -41,5 +42,18 @@ def test_wheel_has_them_within_the_package(pytestconfig, tmp_path):
     assert done.stdout.split() == [
         str(tmp_path / "site" / "mdms_protocol" / name) for name in NAMES
     ]
+    checked_out = (pytestconfig.rootpath / ".git").exists()
+    assert (tmp_path / "site" / "mdms_host" / "revision.txt").is_file() == checked_out
+    for name, _ in TOPICS.values():
+        text = (pytestconfig.rootpath / name).read_text()
+        assert (tmp_path / "site" / "mdms_docs" / name).read_text() == text
     packages = {path.name for path in (tmp_path / "site" / "mdms_host" / "cli").iterdir()}
-    assert {"array", "configure", "flash", "records", "scenario", "simulation"} <= packages
+    assert {
+        "array",
+        "commission",
+        "configure",
+        "flash",
+        "records",
+        "scenario",
+        "simulation",
+    } <= packages

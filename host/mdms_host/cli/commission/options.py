@@ -90,6 +90,28 @@ def _add_commission(parser: ArgumentParser) -> None:
     add_json(parser)
 
 
+def _add_doctor(parser: ArgumentParser) -> None:
+    parser.add_argument(
+        "--array", metavar="FILE", type=Path, help="compare cells and settings with an array file"
+    )
+    parser.add_argument(
+        "--empty", action="store_true", help="nothing lies on the table: no sensor may see anything"
+    )
+    parser.add_argument(
+        "--turn",
+        action="store_true",
+        help="wheels may turn, by some centimetres each: directions and scales are checked",
+    )
+    add_nodes(parser)
+    parser.add_argument(
+        "--scenario",
+        metavar="SCENARIO",
+        default="array18",
+        help="whose motors the wheels have (default: those of array18)",
+    )
+    add_json(parser)
+
+
 def _side(text: str) -> int:
     if not text.isdecimal() or not 1 <= int(text) <= _SIDE_MAX:
         raise ArgumentTypeError(f"{text!r} is not 1 to {_SIDE_MAX}")
@@ -138,6 +160,13 @@ COMMISSION = Verb(
     "from a bag of boards to an array, and its file",
     f"{_HERE}.commission:run",
     _add_commission,
+    late_options=_BUS,
+)
+DOCTOR = Verb(
+    "doctor",
+    "what is wrong with an array, why, and what helps",
+    f"{_HERE}.doctor:run",
+    _add_doctor,
     late_options=_BUS,
 )
 IDENTIFY = Verb(

@@ -8,7 +8,7 @@ from functools import partial
 from threading import Lock
 from typing import TYPE_CHECKING
 
-from mdms_host.cli.console import progress, show
+from mdms_host.cli.console import bars, show
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.options import add_json
 from mdms_host.cli.streams import say
@@ -106,16 +106,11 @@ def _flash(arguments: Namespace, ports: "Sequence[BoardPort]") -> "list[Outcome]
     if not arguments.list:
         # What is not installed is told before any board is touched.
         compiler()
-    shares = dict.fromkeys((port.device for port in ports), 0.0)
-    with progress("flashing") as share, ThreadPoolExecutor(arguments.jobs) as pool:
+    devices = [port.device for port in ports]
+    with bars(devices) as share, ThreadPoolExecutor(arguments.jobs) as pool:
         compiled = _Compiled()
-
-        def note(device: str, part: float) -> None:
-            shares[device] = part
-            share(sum(shares.values()) / len(shares))
-
         work = [
-            pool.submit(flash_board, Job(port, arguments, compiled, partial(note, port.device)))
+            pool.submit(flash_board, Job(port, arguments, compiled, partial(share, port.device)))
             for port in ports
         ]
         for done in as_completed(work):
@@ -150,15 +145,16 @@ def _tell(outcome: "Outcome", arguments: Namespace) -> None:
 def _show(outcomes: "Sequence[Outcome]") -> None:
     from rich.table import Table
 
-    table = Table("port", "board", "MicroPython", "firmware", "chip", "USB serial")
+    table = Table("port", "board", "serial", "firmware", "MicroPython", "chip", "USB serial")
     for outcome in outcomes:
         if outcome.info is not None:
             info = outcome.info
             table.add_row(
                 outcome.port.device,
                 info.board or info.machine,
+                info.serial or "",
+                outcome.standing,
                 info.release,
-                outcome.before or "none",
                 info.chip,
                 outcome.port.usb_serial or "",
             )

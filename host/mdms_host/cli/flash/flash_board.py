@@ -12,6 +12,7 @@ from mdms_host.flashing.board_survey import BoardInfo, identify, survey
 from mdms_host.flashing.board_way import VersionError, firmware_for
 from mdms_host.flashing.firmware_build import Firmware
 from mdms_host.flashing.flashing import Plan, carry_out, plan_flash
+from mdms_protocol.version import VERSION
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +28,13 @@ class Outcome:
     dry: bool = False
     problem: str | None = None
     code: Exit = Exit.OK
+
+    @property
+    def standing(self) -> str:
+        """The version of the firmware before, and how it compares with this host's."""
+        if self.before is None:
+            return "none"
+        return f"{self.before} ({_compared(self.before)})"
 
     def line(self) -> str:
         """What people are told of a board that went well."""
@@ -54,6 +62,7 @@ class Outcome:
             "machine": info and info.machine,
             "micropython": info and info.release,
             "chip": info and info.chip,
+            "serial": info and info.serial,
             "firmware": self.before,
             "wanted": self.after,
             "frozen": info and info.frozen,
@@ -113,6 +122,17 @@ def _check_known(info: BoardInfo, told: str | None) -> None:
         raise BoardError(f"it says that it is {info.machine}, not {told}")
     if info.board is None and told is None:
         raise BoardError(f"there is no firmware for {info.machine}; --board says what it is like")
+
+
+def _compared(version: str) -> str:
+    """A version beside this host's: as here, older, newer, or other where it is no number."""
+    if version == VERSION:
+        return "as here"
+    try:
+        theirs, ours = (tuple(map(int, each.split("."))) for each in (version, VERSION))
+    except ValueError:
+        return f"other than {VERSION} here"
+    return f"{'older' if theirs < ours else 'newer'} than {VERSION} here"
 
 
 def _code(error: BoardError) -> Exit:

@@ -10,8 +10,8 @@ from mdms_host.cli.interrupted import interrupted
 from mdms_host.cli.paging import opened_page
 from mdms_host.cli.scenario.coordination import goals_by_parcel, layout_of, parcels_of
 from mdms_host.clock import MonotonicClock
-from mdms_host.page.description import outlines_of
 from mdms_host.page.recorded import RecordedTable
+from mdms_host.page.things import things_of
 from mdms_model.arrays import Floats
 from mdms_model.run.folder import StoredRun, read_run
 from mdms_model.scenario.belief import believed
@@ -37,7 +37,7 @@ def table_of(run: StoredRun) -> RecordedTable:
     layout = layout_of(told)
     if node_ids := run.figures.get("node_ids"):
         layout = replace(layout, node_ids=tuple(node_ids))
-    return RecordedTable(run, layout, outlines_of(parcels_of(told)), _goals(told))
+    return RecordedTable(run, layout, things_of(parcels_of(told), None), _goals(told))
 
 
 def _goals(scenario: Scenario) -> Floats:

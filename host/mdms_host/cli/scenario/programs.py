@@ -17,10 +17,11 @@ from mdms_host.programs.task_list import main_of
 from mdms_host.programs.traffic import KeptFree, TableTraffic
 from mdms_host.routes.pace import TrapezoidPace
 from mdms_host.routes.shape import Shape
+from mdms_model.array import last_support_m
 from mdms_model.arrays import Floats
 from mdms_model.scenario.on_table import half_table_m
 from mdms_model.scenario.scenario import Scenario, in_stock
-from mdms_model.scenario.stream import Exit, Stream, last_support_m
+from mdms_model.scenario.stream import Exit, Stream
 
 #: Along which axis a side lies outward, and with which sign.
 _OUTWARD = {"east": (0, 1), "west": (0, -1), "north": (1, 1), "south": (1, -1)}

@@ -21,6 +21,8 @@ TWIST = ("vx_m_s", "vy_m_s", "yaw_rate_rad_s")
 REST_WHILE_S = 0.5
 REST_SPEED_M_S = 1e-3
 REST_YAW_RATE_RAD_S = 5e-3
+#: A contact slips from this speed of the wheel's surface over the parcel on.
+SLIPPING_M_S = 5e-3
 
 
 def figures_of(scenario: Scenario, finished: Finished) -> dict[str, Any]:
@@ -93,12 +95,15 @@ def fault_of(finished: Finished) -> str | None:
 
 
 def slipping_share(record: Record) -> float:
-    """Share of wheel contacts in motion, sample by sample, that slipped; 0 where nothing moved."""
-    slip_m_s = 0.0 if record.slip_m_s is None else record.slip_m_s
+    """Share of wheel contacts in motion, sample by sample, that slipped; see `SLIPPING_M_S`.
+
+    0 where nothing moved. Slower slip is the creep of wheels that are near to what friction gives.
+    """
+    slip_m_s = np.zeros(1) if record.slip_m_s is None else record.slip_m_s
     carried_m_s = record.speed_m_s - slip_m_s
     moving = np.maximum(abs(record.speed_m_s), abs(carried_m_s)) > REST_SPEED_M_S
     moving &= record.contact != Contact.NONE
-    slipping = moving & (record.contact != Contact.ROLLING)
+    slipping = moving & (abs(slip_m_s) > SLIPPING_M_S)
     return float(slipping.sum() / max(moving.sum(), 1))
 
 

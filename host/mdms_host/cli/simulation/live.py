@@ -30,10 +30,12 @@ def table_of(
 ) -> SimulatedTable:
     """What a page shows of a simulation, and does to it."""
     told = believed(scenario)
+    parcels = {parcel.name: parcel for parcel in (*parcels_of(scenario), *parcels_of(told))}
     return SimulatedTable(
         scenario,
         layout_of(told),
-        parcels_of(told),
+        # Those that the host is not told of lie there too.
+        tuple(parcels.values()),
         seat=seat,
         simulation=simulation,
         time=time,

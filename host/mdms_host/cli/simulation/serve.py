@@ -85,7 +85,7 @@ def _serve(scenario: Scenario, arguments: Namespace, log: BinaryIO | None = None
             print(f"{scenario.title}: {cells} cells on {where}; connect with")
             for addresses in server.all_addresses:
                 print(*(f"  {line}" for line in ways_in(addresses)), sep="\n", flush=True)
-            server.run(over)
+            server.run(over, beyond_tipping=seat is not None)
     return simulation
 
 

@@ -36,7 +36,8 @@ _FIRST = 1
 class _Sending:
     """How far the cells have got one parcel's program."""
 
-    def __init__(self) -> None:
+    def __init__(self, since_s: float = -inf) -> None:
+        self.since_s = since_s
         self.due_s = -inf
         self.mostly_s: float | None = None
         self.done = False
@@ -68,6 +69,7 @@ class CellsProgram:
         self._sensors_m = layout.sensor_positions_m
         self._reports = Reports(layout)
         self._sendings = {name: _Sending() for name in self._parcels}
+        self._wanted: dict[str, Goal] = {}
         self._sequences = dict.fromkeys(self._parcels, _FIRST)
         self._followed = {
             name: Followed(goals[name], self._limits, bottom.reach_m)
@@ -104,13 +106,20 @@ class CellsProgram:
     def set_goal(self, name: str, goal: Goal) -> None:
         """Have a parcel steered to this goal from now on, stopped or not. KeyError for no parcel.
 
-        Its cells get a program of the next sequence number, which takes the place of the old one.
+        Its cells get a program of the next sequence number, which takes the place of the old one;
+        but not before they have that, for they tell apart no more than three.
         """
-        bottom = self._bottoms[name]
-        self._goals[name] = goal
-        self._followed[name] = Followed(goal, self._limits, bottom.reach_m)
+        self._followed[name] = Followed(goal, self._limits, self._bottoms[name].reach_m)
+        self._wanted[name] = goal
+
+    def _change_goal(self, name: str, now_s: float) -> None:
+        """Begin to send the goal that is wanted, if the cells are ready for it."""
+        sending = self._sendings[name]
+        if name not in self._wanted or not (sending.done or now_s >= sending.since_s + _REST_S):
+            return
+        self._goals[name] = self._wanted.pop(name)
         self._sequences[name] = self._sequences[name] % wire.SEQUENCE_MAX + 1
-        self._sendings[name] = _Sending()
+        self._sendings[name] = _Sending(now_s)
 
     def take_notices(self) -> list[str]:
         """What has happened to parcels since the last call."""
@@ -126,6 +135,7 @@ class CellsProgram:
         self._reports.age(now_s)
         pages: list[Page] = []
         for name in self._parcels:
+            self._change_goal(name, now_s)
             if name in self._followed:
                 pages += self._follow(name, poses.get(name), now_s, step_s)
             if name in poses and not self._is_stopped(name):

@@ -38,5 +38,6 @@ export function showLegend(place, picture, table) {
   if (table?.true_known) line("true", colours.true, "dashed");
   line("goal", colours.goal, "dotted");
   line("wheel slips", colours.slip);
+  if (picture.promised) line("cell near a parcel, promised, under it", "#c44e8a", "dotted");
   place.replaceChildren(...parts);
 }

@@ -55,18 +55,28 @@ class Page {
     }
   }
 
+  /** A description; of the same table, when a parcel has come or gone, what is looked at stays. */
   setTable(table) {
+    const before = this.table, same = before && before.title === table.title && before.columns === table.columns;
+    const chosen = same ? this.picture.chosen : null;
     this.table = table;
     this.unpacker = new Unpacker(table);
+    if (!same) this.snapshot = null;
     this.events.seeks = table.offers.includes("seek");
     table.true_known = table.simulated || table.recorded;
     $("title").textContent = document.title = table.title;
-    this.history.clear();
-    this.picture.setTable(table);
+    if (!same) this.history.clear();
+    this.picture.setTable(table, !same);
     this.details.setTable(table);
-    this.choose(null);
+    this.choose(chosen?.kind === "parcel" ? this.sameParcel(before, chosen) : chosen);
+    if (same) return;
     this.arrange(table);
     if (table.recorded) this.fetchRun();
+  }
+
+  sameParcel(before, { kind, number }) {
+    const now = this.table.parcels.findIndex(({ name }) => name === before.parcels[number]?.name);
+    return now < 0 ? null : { kind, number: now };
   }
 
   /** Shows what this table offers, and nothing else. */
@@ -164,8 +174,9 @@ class Page {
   }
 
   showTexts(s) {
-    if (this.picture.heat === "normal" && this.picture.most.normal !== this.legendMost) {
-      this.legendMost = this.picture.most.normal;
+    const legend = `${this.picture.most.normal} ${this.picture.promised}`;
+    if (legend !== this.legend) {
+      this.legend = legend;
       this.showLegend();
     }
     const text = (id, value) => { if ($(id).textContent !== value) $(id).textContent = value; };

@@ -6,7 +6,7 @@ const HEIGHT = 118;
 const LINES = ["#2f7fd6", "#d9822b", "#3d9a5f", "#b0459a", "#8a6d3b", "#5b5fc7", "#c0392b", "#2a9d9d", "#777f8c", "#a3a30f"];
 const turned = (angle) => angle - 2 * Math.PI * Math.round(angle / (2 * Math.PI));
 
-/** The plots of a table: title, unit, and lines as [label, value of a snapshot]. */
+/** The plots of a table: title, unit, and lines as [label, value of a snapshot, colour if it is another's too]. */
 function plotsOf(table, chosen) {
   const buses = [...Array(table.bus_count).keys()];
   const named = (text, bus) => table.bus_count > 1 ? `${text} ${bus}` : text;
@@ -16,7 +16,7 @@ function plotsOf(table, chosen) {
     return total;
   };
   const kinds = table.frame_kinds.length;
-  const plots = [
+  const wheels = [], bus = [
     { title: "Bus load", unit: "%", low: [0, 20], lines: buses.map((b) => [named("bus", b), (s) => 100 * s.bus_load[b]]) },
     {
       title: "Error frames and counters", unit: "", low: [0, 4],
@@ -36,16 +36,16 @@ function plotsOf(table, chosen) {
     const lines = [];
     for (let axis = 0; axis < table.axes; axis++) {
       const w = cell * table.axes + axis;
-      lines.push([`axis ${axis + 1}`, (s) => 1e3 * s.wheel_speed[w]]);
-      lines.push([`axis ${axis + 1} wanted`, (s) => 1e3 * s.wheel_reference[w]]);
+      lines.push([`axis ${axis + 1}`, (s) => 1e3 * s.wheel_speed[w], axis]);
+      lines.push([`axis ${axis + 1} wanted`, (s) => 1e3 * s.wheel_reference[w], axis]);
     }
-    plots.push({ title: `Wheels of cell ${cell + 1}`, unit: "mm/s", lines });
+    wheels.push({ title: `Wheels of cell ${cell + 1}`, unit: "mm/s", lines });
   } else {
-    plots.push({
+    wheels.push({
       title: "Fastest wheel, and fastest wanted", unit: "mm/s", low: [0, 20],
       lines: [
-        ["speed", (s) => 1e3 * most(s.wheel_speed)],
-        ["wanted", (s) => 1e3 * most(s.wheel_reference)],
+        ["speed", (s) => 1e3 * most(s.wheel_speed), 0],
+        ["wanted", (s) => 1e3 * most(s.wheel_reference), 0],
       ],
     });
   }
@@ -55,15 +55,15 @@ function plotsOf(table, chosen) {
     const other = table.true_known ? "parcel_true" : "parcel_goal";
     const title = table.true_known ? `Belief less truth, ${name}` : `Belief less goal, ${name}`;
     const off = (k, scale) => (s) => scale * (s.parcel_believed[at + k] - s[other][at + k]);
-    plots.push({ title, unit: "mm", lines: [["x", off(0, 1e3)], ["y", off(1, 1e3)],
+    wheels.push({ title, unit: "mm", lines: [["x", off(0, 1e3)], ["y", off(1, 1e3)],
       ["deviation", (s) => 1e3 * Math.sqrt(Math.max(s.parcel_spread[4 * parcel], s.parcel_spread[4 * parcel + 2]))]] });
-    plots.push({ title: `${title}: yaw`, unit: "°", lines: [
+    wheels.push({ title: `${title}: yaw`, unit: "°", lines: [
       ["yaw", (s) => turned(s.parcel_believed[at + 2] - s[other][at + 2]) * 180 / Math.PI]] });
   }
   if (!table.recorded) {
-    plots.push({ title: "Cycle jitter", unit: "ms", low: [0, 1], lines: [["latest cycle", (s) => 1e3 * s.jitter[0]]] });
+    bus.push({ title: "Cycle jitter", unit: "ms", low: [0, 1], lines: [["latest cycle", (s) => 1e3 * s.jitter[0]]] });
   }
-  return plots;
+  return [...wheels, ...bus];
 }
 
 function most(values) {
@@ -113,8 +113,8 @@ export class Plots {
       legend: { live: true },
       series: [
         { label: "time", value: (_chart, time) => time == null ? "–" : `${time.toFixed(2)} s` },
-        ...plot.lines.map(([label], k) => ({
-          label, stroke: LINES[k % LINES.length], width: label.includes("wanted") ? 1 : 1.6,
+        ...plot.lines.map(([label, , colour], k) => ({
+          label, stroke: LINES[(colour ?? k) % LINES.length], width: label.includes("wanted") ? 1 : 1.6,
           dash: label.includes("wanted") ? [4, 3] : undefined, points: { show: false },
           value: (_chart, value) => value == null ? "–" : value.toPrecision(3),
         })),

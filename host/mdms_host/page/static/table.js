@@ -55,9 +55,9 @@ export class TablePicture {
     this.kept = "";
   }
 
-  setTable(table) {
+  setTable(table, anew) {
     this.table = table;
-    this.view.fit(table);
+    if (anew) this.view.fit(table);
     this.kept = "";
   }
 
@@ -130,6 +130,7 @@ export class TablePicture {
   drawPromise(context, cell, px, py, half, snapshot) {
     const identity = snapshot.cell_promise[cell], state = snapshot.cell_promise_state[cell];
     if (!identity || !state) return;
+    this.promised = true;
     context.strokeStyle = colourOf(identity);
     context.lineWidth = state === 3 ? 3 : 1.5;
     context.setLineDash(state === 1 ? [2, 4] : []);
@@ -321,11 +322,11 @@ export class TablePicture {
     context.fillStyle = this.colours["parcel-fill"];
     context.fill();
     context.lineWidth = 2;
-    context.strokeStyle = this.colours.parcel;
-    context.setLineDash(doubtful ? [2, 5] : []);
+    context.strokeStyle = parcel.unknown ? this.colours.faint : this.colours.parcel;
+    context.setLineDash(doubtful ? [2, 5] : parcel.unknown ? [8, 4] : []);
     context.stroke();
     context.setLineDash([]);
-    this.drawSpread(pose, snapshot.parcel_spread, p);
+    if (!parcel.unknown) this.drawSpread(pose, snapshot.parcel_spread, p);
     context.fillStyle = this.colours.text;
     context.font = '600 13px system-ui, "DejaVu Sans", sans-serif';
     context.textAlign = "center";
@@ -437,7 +438,7 @@ export class TablePicture {
 /** The pose of a parcel in an array of poses, null where it is not known. */
 export function poseOf(poses, parcel, yawMayLack = false) {
   const pose = poses.subarray(3 * parcel, 3 * parcel + 3);
-  if (Number.isNaN(pose[0]) || (Number.isNaN(pose[2]) && !yawMayLack)) return null;
+  if (!Number.isFinite(pose[0]) || (Number.isNaN(pose[2]) && !yawMayLack)) return null;
   return pose;
 }
 

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from mdms_model.array import build_wheels
+from mdms_model.array import build_wheels, last_support_m
 from mdms_model.arrays import Floats, Ints
 from mdms_model.outline import outline_m, outline_of
 from mdms_model.run.comings import leaving
 from mdms_model.run.record import Event
 from mdms_model.scenario.scenario import Parcel, Scenario
-from mdms_model.scenario.stream import Stream, last_support_m
+from mdms_model.scenario.stream import Stream
 from mdms_sim.physics.plane.handling import bring, take_away
 from mdms_sim.physics.plane.records import Scene
 

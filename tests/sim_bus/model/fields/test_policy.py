@@ -9,11 +9,12 @@ from hypothesis import strategies as st
 
 from mdms_model.array import build_wheels
 from mdms_model.fields.command import accepted, command_of
-from mdms_model.fields.policy import PolicyError
+from mdms_model.fields.policy import PolicyError, bound_of
+from mdms_model.fields.references import references_m_s
 from mdms_model.motor import drive_of
 from mdms_model.run.record import Contact
 from mdms_model.scenario.file import load_scenario
-from mdms_model.scenario.motion import Motion
+from mdms_model.scenario.motion import Part
 from mdms_model.scenario.scenario import Parcel, Patch
 from mdms_sim.physics.plane.ideal import solve_ideal
 from mdms_sim.physics.row.solver import solve_row
@@ -82,29 +83,25 @@ def test_no_contact_slides_on_the_row_where_the_policy_clamps_to_roll(speed_m_s,
     assert not slid(solve_row(scenario, accepted(scenario).set_m_s)).any()
 
 
+@pytest.fixture(scope="module")
+def rolling():
+    """The bound in the plane, which takes a search over all poses."""
+    return bound_of(moved(PLANE, policy="rolling", light_share=0.5))
+
+
 @pytest.mark.parametrize("field", ["inward", "uniform", "rotate", "squeeze", "elliptic", "twist"])
-def test_no_loaded_contact_slides_in_the_plane_where_the_policy_clamps_to_roll(field):
-    motion = Motion(
-        field,
-        speed_m_s=0.3,
-        heading_rad=0.5,
-        velocity_m_s=(0.2, -0.1),
-        yaw_rate_rad_s=1.0,
-        policy="rolling",
-        outside="clamp",
-        light_share=0.5,
-    )
-    parcel = replace(PLANE.parcel[0], x_m=0.07, yaw_rad=0.4)
-    scenario = replace(PLANE, motion=motion, parcel=(parcel,))
-    command = accepted(scenario)
-    assert command.outside
-    record = solve_ideal(scenario, command.set_m_s)
-    loaded = record.normal_n >= command.bound.normal_n
+def test_no_loaded_contact_slides_in_the_plane_where_the_policy_clamps_to_roll(rolling, field):
+    part = Part(field, speed_m_s=0.3, heading_rad=0.5, velocity_m_s=(0.2, -0.1), yaw_rate_rad_s=1.0)
+    scenario = replace(PLANE, parcel=(replace(PLANE.parcel[0], x_m=0.07, yaw_rad=0.4),))
+    wheels = build_wheels(scenario)
+    asked_m_s = references_m_s(part, wheels)
+    record = solve_ideal(scenario, rolling.clamp(asked_m_s, wheels.cell))
+    loaded = record.normal_n >= rolling.normal_n
     assert loaded.sum() > 1000
     assert not (slid(record) & loaded).any()
     # It is the clamp that does it.
-    fast = solve_ideal(scenario, command.asked_m_s)
-    assert (slid(fast) & (fast.normal_n >= command.bound.normal_n)).any()
+    fast = solve_ideal(scenario, asked_m_s)
+    assert (slid(fast) & (fast.normal_n >= rolling.normal_n)).any()
 
 
 @pytest.mark.parametrize(("scenario", "solve"), [(ROW, solve_row), (PLANE, solve_ideal)])
@@ -148,14 +145,14 @@ def test_the_slipperiest_cell_bounds_rolling_and_the_roughest_sliding():
     assert sliding.limit_m_s == pytest.approx(SLIDING_M_S * 2, rel=1e-4)
 
 
-def test_clamping_to_roll_keeps_the_direction_in_which_each_cell_pushes():
-    fast = moved(
-        PLANE, field="rotate", speed_m_s=0.3, policy="rolling", outside="clamp", light_share=0.5
-    )
-    command = command_of(fast)
-    asked, made = command.asked_m_s.reshape(-1, 2), command.set_m_s.reshape(-1, 2)
+def test_clamping_to_roll_keeps_the_direction_in_which_each_cell_pushes(rolling):
+    wheels = build_wheels(PLANE)
+    asked_m_s = references_m_s(Part("rotate", speed_m_s=0.3), wheels)
+    made_m_s = rolling.clamp(asked_m_s, wheels.cell)
+    asked, made = asked_m_s.reshape(-1, 2), made_m_s.reshape(-1, 2)
     np.testing.assert_allclose(asked[:, 0] * made[:, 1], asked[:, 1] * made[:, 0], atol=1e-15)
-    assert abs(made).max() == pytest.approx(command.bound.limit_m_s)
+    assert abs(made).max() == pytest.approx(rolling.limit_m_s)
+    assert not rolling.outside(made_m_s * (1 - 1e-12)).any()
 
 
 def test_clamping_to_slide_leaves_wheels_that_push_nowhere_alone():
@@ -165,10 +162,10 @@ def test_clamping_to_slide_leaves_wheels_that_push_nowhere_alone():
     assert not made[:, 1].any()
 
 
-def test_where_a_wheel_may_carry_nothing_rolling_is_refused_until_light_ones_may_slip():
+def test_where_a_wheel_may_carry_nothing_rolling_is_refused_until_light_ones_may_slip(rolling):
     with pytest.raises(PolicyError, match=r"'box' carries nothing .*motion.light_share=0.3"):
         command_of(moved(PLANE, policy="rolling"))
-    assert command_of(moved(PLANE, policy="rolling", light_share=0.3)).bound.limit_m_s > 0.0
+    assert rolling.limit_m_s > 0.0
 
 
 def test_where_the_parcel_tips_at_the_centre_sliding_is_refused():

@@ -1,0 +1,87 @@
+"""Joins a board's CAN bus and a serial line: turns of a loop, as a cell's runner has them."""
+
+from mdms_adapter import slcan
+
+#: Bytes that may wait for the host: 4 ms of a full bus.
+PENDING_MAX = 1024
+#: Frames taken from the bus in a turn, and bytes from the host: neither starves the other.
+FRAMES_PER_TURN = 16
+BYTES_PER_TURN = 256
+_OPERATIONAL = 5
+_CLOSED = 127
+
+
+class Adapter:
+    """A board as an adapter; its wheels stay off, for nobody starts them.
+
+    `bus` has `inbox`, `send(can_id, data)`, `service(now_ms)` and `off`, as `boards.bus.Bus`;
+    `port` has `read(most)`, bytes or b"", and `write(data)`, how many it took, and neither waits.
+    What the host does not read in time is dropped, counted, and reported in its place.
+    """
+
+    def __init__(self, bus, port, serial):
+        self._bus = bus
+        self._port = port
+        self._slcan = slcan.Slcan(bus.send, b"%04X" % (serial & 0xFFFF))
+        self._pending = bytearray()
+        self._dropped = 0
+        self._overrun = bus.inbox.lost
+        self.lost = 0
+
+    @property
+    def state(self):
+        """What the LEDs are to show, as an NMT state: operational while the channel is open."""
+        return _OPERATIONAL if self._slcan.is_open else _CLOSED
+
+    def turn(self, now_ms):
+        """One turn of the background loop."""
+        self._bus.service(now_ms)
+        if self._bus.off:
+            self._slcan.status |= slcan.BUS_OFF
+        self._receive(now_ms)
+        # A host that writes and does not read is left waiting.
+        if len(self._pending) <= PENDING_MAX:
+            self._pending += self._slcan.feed(self._port.read(BYTES_PER_TURN))
+        self._flush()
+
+    def _receive(self, now_ms):
+        """Frames of the bus become lines."""
+        inbox = self._bus.inbox
+        self._count_overrun(inbox)
+        for _ in range(FRAMES_PER_TURN):
+            frame = inbox.peek()
+            if frame is None:
+                break
+            inbox.pop()
+            # The inbox keeps 11 bits of an identifier.
+            if self._slcan.is_open and not frame[2] & slcan.EXTENDED:
+                self._put(self._slcan.line(frame[0], frame[1], frame[2], now_ms))
+        if self._dropped and len(self._pending) < PENDING_MAX // 2:
+            self._pending += self._slcan.lost(self._dropped)
+            self._dropped = 0
+
+    def _count_overrun(self, inbox):
+        """Frames that the controller or its interrupt lost are lost to the host too."""
+        if inbox.lost != self._overrun:
+            self._slcan.status |= slcan.RECEIVE_FULL
+            if self._slcan.is_open:
+                self._drop(inbox.lost - self._overrun)
+            self._overrun = inbox.lost
+
+    def _put(self, line):
+        # Once one is dropped, its loss is reported before the next goes out.
+        if self._dropped or len(self._pending) + len(line) > PENDING_MAX:
+            self._drop(1)
+        else:
+            self._pending += line
+
+    def _drop(self, count):
+        self._dropped += count
+        self.lost += count
+
+    def _flush(self):
+        """Give the host what it takes."""
+        if self._pending:
+            taken = self._port.write(self._pending)
+            if taken:
+                self._pending = self._pending[taken:]

@@ -1,0 +1,114 @@
+"""`mdms doctor`: what is wrong with an array, why, and what helps."""
+
+import json
+from argparse import Namespace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+
+from mdms_host.cli.configure.cells import open_commissioning, ranges
+from mdms_host.cli.configure.options import nodes_of
+from mdms_host.cli.console import progress
+from mdms_host.cli.exits import Exit
+from mdms_host.cli.scenario.gain import motor_of
+from mdms_host.cli.streams import say
+from mdms_host.clock import MonotonicClock
+from mdms_host.commissioning import commissioner as steps
+from mdms_host.commissioning.array_file import FiledCell, read_array
+from mdms_host.commissioning.cell_settings import read_settings
+from mdms_host.commissioning.diagnosis import diagnose
+from mdms_host.commissioning.examination import Examination, examine
+from mdms_host.commissioning.filed_places import placed_cells
+from mdms_host.commissioning.findings import KINDS, Finding
+from mdms_host.commissioning.network import Commissioning
+from mdms_host.commissioning.wheel_examination import examine_wheels
+from mdms_host.commissioning.wheel_turn import BusyError, refuse_busy
+from mdms_model.scenario.file import load_scenario
+
+
+def run(arguments: Namespace) -> Exit:
+    """Examine the bus and its cells, and print what was found; exit code 5 if any is serious."""
+    listed = None if arguments.array is None else _listed(arguments)
+    with open_commissioning(arguments) as commissioning:
+        examined = examine(commissioning, MonotonicClock())
+        findings = diagnose(examined, listed, empty=arguments.empty)
+        if listed is not None:
+            findings += _settings(commissioning, examined, listed)
+        if arguments.turn:
+            findings += _wheels(commissioning, examined, arguments)
+    findings.sort(key=lambda each: (not each.row.serious, list(KINDS).index(each.kind), each.nodes))
+    if arguments.json:
+        print(json.dumps({"cells": sorted(examined.cells), "findings": list(map(_row, findings))}))
+    else:
+        _print(examined, findings)
+        if not arguments.turn:
+            say("wheels were not turned, so motors and encoders are not checked (--turn)")
+    return Exit.NODE_FAULT if any(each.row.serious for each in findings) else Exit.OK
+
+
+def _listed(arguments: Namespace) -> dict[int, FiledCell]:
+    """The cells of the file on this bus, by serial number, whole. Raises ArrayFileError."""
+    file = read_array(arguments.array)
+    cells = placed_cells(file, getattr(arguments, "channel", None))
+    return {cell.serial: steps.at_defaults(cell) for cell in cells}
+
+
+def _settings(
+    commissioning: Commissioning, examined: Examination, listed: Mapping[int, FiledCell]
+) -> list[Finding]:
+    findings = []
+    with progress("settings") as share:
+        for done, (node_id, cell) in enumerate(examined.cells.items(), 1):
+            filed = listed.get(cell.identity.serial)
+            if filed is not None:
+                found = read_settings(commissioning, node_id, filed.values)
+                for change in found.changes(filed.values):
+                    parameter = change.parameter
+                    text = (
+                        f"{parameter.name} is {parameter.text(change.before)}, the file has "
+                        f"{parameter.text(change.after)}"
+                    )
+                    findings.append(Finding("settings", text, (node_id,)))
+            share(done / len(examined.cells))
+    return findings
+
+
+def _wheels(
+    commissioning: Commissioning, examined: Examination, arguments: Namespace
+) -> list[Finding]:
+    """Wheels of the cells that `--node` names are turned where nobody else drives."""
+    motor = motor_of(load_scenario(arguments.scenario).cell)
+    wanted = nodes_of(arguments.nodes)
+    node_ids = [node for node in examined.cells if wanted is None or node in wanted]
+    findings: list[Finding] = []
+    with progress("wheels") as share:
+        for done, node_id in enumerate(node_ids, 1):
+            try:
+                refuse_busy(commissioning, [node_id])
+            except BusyError as error:
+                findings.append(Finding("no-drive", str(error), (node_id,)))
+            else:
+                findings += examine_wheels(commissioning, node_id, motor)
+            share(done / len(node_ids))
+    return findings
+
+
+def _row(finding: Finding) -> dict[str, object]:
+    return {**asdict(finding), "nodes": list(finding.nodes), **asdict(finding.row)}
+
+
+def _print(examined: Examination, findings: Sequence[Finding]) -> None:
+    kinds: dict[str, list[Finding]] = {}
+    for finding in findings:
+        kinds.setdefault(finding.kind, []).append(finding)
+    for name, some in kinds.items():
+        kind = KINDS[name]
+        print(f"{'!!' if kind.serious else ' !'} {kind.symptom} [{name}]")
+        for finding in some:
+            where = f"node {ranges(finding.nodes)}: " if finding.nodes else ""
+            print(f"     {where}{finding.text}")
+        print(f"   cause: {kind.cause}\n   cure:  {kind.cure}\n")
+    serious = sum(finding.row.serious for finding in findings)
+    print(
+        f"{len(examined.cells)} cells: {serious} serious findings, "
+        f"{len(findings) - serious} warnings"
+    )

@@ -1,0 +1,166 @@
+"""What is measured of a bus and its cells, for `diagnosis` to judge: reads and listens only."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from itertools import pairwise
+from math import inf
+from statistics import median
+
+from mdms_host.can_link.incidents import LinkCounts
+from mdms_host.clock import Clock
+from mdms_host.commissioning.lss_master import LssError
+from mdms_host.commissioning.network import (
+    Commissioning,
+    CommissioningError,
+    Identity,
+    RefusedError,
+)
+from mdms_host.commissioning.roll_call import address
+from mdms_protocol import cob, indices, nmt
+from mdms_protocol.dictionary import AXES, AXIS_OFFSET, ERROR_HISTORY
+from mdms_protocol.frame import Frame
+
+#: Twenty heartbeats at their default period.
+LISTEN_S = 2.0
+#: Fewer tell nothing of a clock.
+_HEARTBEATS_MIN = 10
+_NEIGHBOURS = 8
+_PLACES = tuple(
+    [(indices.PLACE, sub) for sub in range(1, 6)]
+    + [(indices.NEIGHBOURS, sub) for sub in range(1, _NEIGHBOURS + 1)]
+)
+_OF_CELL = (
+    *((indices.PRODUCER_TIME, 0), (indices.SUPPLY, 0), (indices.UNDERVOLTAGE_LIMIT, 0)),
+    *((indices.PRESENCE, 0), (indices.SUSPECT, 0), (indices.MEMORY, 1), (indices.MEMORY, 2)),
+    *((indices.TRAFFIC, 3), (indices.TRAFFIC, 4)),
+    *((indices.ERROR_CODE + axis * AXIS_OFFSET, 0) for axis in range(AXES)),
+    *((indices.STATUSWORD + axis * AXIS_OFFSET, 0) for axis in range(AXES)),
+    *_PLACES,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Examined:
+    """A cell: who it is, its objects by index and sub-index, past errors, and its clock.
+
+    `period_s` is the median time from a heartbeat to the next, None if too few came.
+    """
+
+    node_id: int
+    identity: Identity
+    objects: Mapping[tuple[int, int], int]
+    history: Sequence[int]
+    period_s: float | None
+
+    def __getitem__(self, place: tuple[int, int]) -> int:
+        return self.objects[place]
+
+
+@dataclass(slots=True)
+class Examination:
+    """All that was measured; node ids where nothing else is known.
+
+    `serials` are those of all cells that have said who they are.
+    """
+
+    cells: dict[int, Examined] = field(default_factory=dict)
+    strangers: dict[int, str] = field(default_factory=dict)
+    silent: dict[int, str] = field(default_factory=dict)
+    other_protocol: dict[int, str] = field(default_factory=dict)
+    serials: list[int] = field(default_factory=list)
+    blank: list[int] = field(default_factory=list)
+    hidden: dict[int, int] = field(default_factory=dict)
+    twins: list[int] = field(default_factory=list)
+    other_host: bool = False
+    counts: LinkCounts = field(default_factory=lambda: LinkCounts(0, 0, 0, 0))
+
+
+class _Heartbeats:
+    """A participant that only listens: when each node's heartbeats came [s]."""
+
+    wake_s = inf
+
+    def __init__(self) -> None:
+        self._times_s: dict[int, list[float]] = {}
+
+    def on_frame(self, frame: Frame, now_s: float) -> None:
+        """Note a heartbeat."""
+        node_id = frame.can_id - cob.HEARTBEAT_BASE
+        if 0 < node_id <= cob.NODE_MAX and nmt.decode_heartbeat(frame.data) is not None:
+            self._times_s.setdefault(node_id, []).append(now_s)
+
+    def poll(self, now_s: float) -> list[Frame]:
+        """Nothing."""
+        return []
+
+    def period_s(self, node_id: int) -> float | None:
+        """From one to the next, by the median."""
+        times_s = self._times_s.get(node_id, [])
+        if len(times_s) < _HEARTBEATS_MIN:
+            return None
+        return median(later - sooner for sooner, later in pairwise(times_s))
+
+
+def examine(commissioning: Commissioning, clock: Clock, listen_s: float = LISTEN_S) -> Examination:
+    """Listen, ask who is there, and read what each cell says of itself. Raises DeviceGoneError."""
+    examined = Examination()
+    found = commissioning.find()
+    # Questions to all nodes at once may find the transmit queue full, which is no fault.
+    asked = commissioning.link.counts
+    heartbeats, end_s = _Heartbeats(), clock.now_s() + listen_s
+    commissioning.drive(heartbeats, lambda: clock.now_s() >= end_s)
+    for node_id in found:
+        _examine_node(commissioning, node_id, heartbeats.period_s(node_id), examined)
+    _examine_by_lss(commissioning, examined)
+    examined.other_host = commissioning.other_host
+    examined.counts = commissioning.link.counts.since(asked)
+    return examined
+
+
+def _examine_node(
+    commissioning: Commissioning, node_id: int, period_s: float | None, examined: Examination
+) -> None:
+    try:
+        identity = commissioning.identity(node_id)
+    except RefusedError as error:
+        examined.strangers[node_id] = str(error)
+        return
+    except CommissioningError as error:
+        examined.silent[node_id] = str(error)
+        return
+    if not identity.is_cell:
+        examined.strangers[node_id] = f"it is called {identity.name!r}"
+        return
+    examined.serials.append(identity.serial)
+    if identity.other_protocol:
+        examined.other_protocol[node_id] = identity.other_protocol
+        return
+    try:
+        objects = {place: commissioning.read(node_id, *place) for place in _OF_CELL}
+        count = commissioning.read(node_id, indices.ERROR_HISTORY)
+        history = [
+            commissioning.read(node_id, indices.ERROR_HISTORY, sub) & 0xFFFF
+            for sub in range(1, min(count, ERROR_HISTORY) + 1)
+        ]
+    except CommissioningError as error:
+        examined.silent[node_id] = str(error)
+        return
+    examined.cells[node_id] = Examined(node_id, identity, objects, history, period_s)
+
+
+def _examine_by_lss(commissioning: Commissioning, examined: Examination) -> None:
+    """Cells that answer by their serial numbers alone, and numbers that two answer to."""
+    lss = commissioning.lss
+    with suppress(LssError):
+        examined.blank = [each.serial for each in lss.find_blank()]
+    known = [*examined.serials, *examined.blank]
+    examined.twins = sorted({serial for serial in known if known.count(serial) > 1})
+    for serial in lss.find_beside(known):
+        try:
+            lss.select(address(serial))
+            examined.hidden[serial] = lss.pending_node_id()
+        except LssError:
+            examined.twins.append(serial)
+        finally:
+            lss.leave()

@@ -1,0 +1,62 @@
+"""`mdms help`, `mdms completion` and `mdms --version`."""
+
+import re
+import shutil
+import subprocess
+
+import pytest
+
+from mdms_host.cli import main
+from mdms_host.cli.exits import Exit
+from mdms_host.cli.topics import TOPICS
+from mdms_host.cli.verbs import VERBS
+
+
+def test_version_names_package_revision_and_protocol(capsys):
+    assert main(["--version"]) == Exit.OK
+    line = capsys.readouterr().out
+    pattern = r"mdms \d+\.\d+\.\d+ \((git [0-9a-f]{7,}(-dirty)?, )?protocol 1\.0\)\n"
+    assert re.fullmatch(pattern, line), line
+
+
+@pytest.mark.parametrize("topic", TOPICS)
+def test_each_topic_is_a_document(topic, pytestconfig, capsys):
+    assert main(["help", topic]) == Exit.OK
+    assert capsys.readouterr().out == (pytestconfig.rootpath / TOPICS[topic][0]).read_text()
+
+
+def test_topics_are_listed_and_others_refused(capsys):
+    assert main(["help"]) == Exit.OK
+    printed = capsys.readouterr().out
+    assert all(topic in printed for topic in TOPICS)
+    assert main(["help", "love"]) == Exit.USAGE
+    assert "no such topic; there are start, " in capsys.readouterr().err
+
+
+def completed(script, *words):
+    """What bash would offer for the last of these words."""
+    line = f"COMP_WORDS=({' '.join(words)}); COMP_CWORD={len(words) - 1}; COMP_TYPE=9; _shtab_mdms"
+    done = subprocess.run(
+        ["bash", "-c", f'source "$0"; {line}; echo "${{COMPREPLY[@]}}"', str(script)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.split()
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="there is no bash")
+def test_bash_completes_verbs_actions_and_late_options(tmp_path, capsys):
+    assert main(["completion", "bash"]) == Exit.OK
+    script = tmp_path / "mdms.bash"
+    script.write_text(capsys.readouterr().out)
+    assert completed(script, "mdms", "comm") == ["commission"]
+    assert {*completed(script, "mdms", "''")} >= {verb.name for verb in VERBS}
+    assert completed(script, "mdms", "configure", "du") == ["dump"]
+    assert "--bitrate" in completed(script, "mdms", "scan", "--b")
+
+
+@pytest.mark.parametrize("shell", ["zsh", "tcsh"])
+def test_other_shells_have_a_script_too(shell, capsys):
+    assert main(["completion", shell]) == Exit.OK
+    assert "commission" in capsys.readouterr().out

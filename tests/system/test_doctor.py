@@ -1,0 +1,203 @@
+"""`mdms doctor` on a served array in which everything is wrong, one thing a cell."""
+
+import json
+import threading
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import can
+import canopen
+import pytest
+from tests.system.serving import serving
+
+from mdms_cell.canopen.objects import find
+from mdms_host.cli import main
+from mdms_host.cli.exits import Exit
+from mdms_host.commissioning.findings import KINDS
+from mdms_host.commissioning.troubleshooting import troubleshooting_text
+from mdms_protocol import cob, indices
+from mdms_sim.nodes.python_bank import PythonBank
+
+NODE_IDS = (*range(1, 10), 9, cob.NODE_NONE, *range(12, 18), cob.HOST_NODE)
+FAULTS = (
+    "{kind='lift', parcel='box'}",
+    "{kind='supply', cells=[1], supply_v=5.0}",
+    "{kind='supply', cells=[2], supply_v=20.0}",
+    "{kind='drift', cells=[3], drift_ppm=100000}",
+    "{kind='sensor_stuck', cells=[4], sensors=[0]}",
+    "{kind='motor_reversed', cells=[5], axes=[1]}",
+    "{kind='wheel_jammed', cells=[6], axes=[2]}",
+    "{kind='corruption', cells=[14], seen_by=[13], probability=0.02}",
+)
+#: What each kind of finding is found at, without an array file and without a turn of a wheel.
+#: A cell that was off the bus is in fault for that, too.
+EXPECTED = {
+    "bus-errors": [()],
+    "adapter": [()],
+    "bus-off": [(14,)],
+    "overrun": [(14,)],
+    "not-sent": [(14,)],
+    "double-id": [(9,)],
+    "twin-serial": [(16, 17)],
+    "host-id": [(127,)],
+    "blank": [()],
+    "stranger": [(61,)],
+    "silent-node": [(60,)],
+    "other-protocol": [(12,)],
+    "versions": [(13,)],
+    "drive-fault": [(14,), (14,), (15,), (15,)],
+    "supply-low": [(1,)],
+    "supply-uneven": [(2,)],
+    "clock": [(3,)],
+    "sensor": [(4,)],
+    "heap": [(14,)],
+    "flash": [(14,)],
+    "neighbours": [(13,), (16,), (16,)],
+    "suspected": [(8,)],
+}
+OF_WHEELS = {"opposed": [(5,)], "stands": [(6,)], "scale": [(7,)], "no-drive": [(8,)]}
+OF_LIST = {"missing", "unlisted", "settings"}
+ELSEWHERE = {"silence", "other-host"}
+
+
+class Bank(PythonBank):
+    """Cells of which two have the same serial number."""
+
+    def _board(self, cell):
+        board = super()._board(cell)
+        board.serial = 16 if cell == 16 else board.serial
+        return board
+
+
+@pytest.fixture(scope="module")
+def array(tmp_path_factory):
+    """The served array, and the options that name its bus."""
+    channel = str(tmp_path_factory.mktemp("doctor") / "bus.sock")
+    bank = Bank(NODE_IDS)
+    with serving(bank, channel, "array18", f"fault=[{', '.join(FAULTS)}]"):
+        time.sleep(0.5)
+        spoil(bank)
+        over = threading.Event()
+        strange = threading.Thread(target=talk, args=(channel, over))
+        strange.start()
+        network = canopen.Network()
+        network.connect(interface="mdms", channel=channel)
+        network.create_node(61, canopen.ObjectDictionary())
+        yield bank, ("-i", "mdms", "-c", channel)
+        over.set()
+        strange.join()
+        network.disconnect()
+
+
+def talk(channel, over):
+    """A node that sends heartbeats and answers nothing, and frames of 29 bits."""
+    with can.Bus(channel, interface="mdms") as bus:
+        while not over.wait(0.1):
+            heartbeat = can.Message(arbitration_id=0x73C, data=b"\x7f", is_extended_id=False)
+            bus.send(heartbeat)
+            bus.send(can.Message(arbitration_id=0x12345678, is_extended_id=True))
+
+
+def spoil(bank):
+    """What no fault of a scenario does to a cell."""
+    cells = dict(enumerate(bank._cells, 1))
+    objects = {number: cell._objects for number, cell in cells.items()}
+    objects[7].put(indices.RESOLUTION, 0, 2 * objects[7].number(indices.RESOLUTION))
+    cells[7]._axes.load()
+    objects[8].put(indices.CONTROL, 0, 1)
+    objects[18].put(indices.SUSPECT, 0, 8)
+    objects[18].reads.pop(indices.SUSPECT << 8, None)
+    objects[12].put(indices.IDENTITY, 3, 0x00020000)
+    version = find(indices.SOFTWARE_VERSION, 0).place
+    objects[13].data[version : version + 1] = b"9"
+    bank.set_bus_off(13, True)
+    bank.set_bus_off(13, False)
+    cells[14].not_sent = 7
+    bank._boards[13].inbox = SimpleNamespace(lost=3)
+    objects[14].tie(indices.MEMORY, 1, lambda: 1000)
+    objects[14].tie(indices.MEMORY, 2, lambda: 2000)
+    cells[15]._axes.fail(0x2310)
+    for number, spot in ((13, (1, 1)), (16, (1, 1))):
+        for sub, value in enumerate(spot, 1):
+            objects[number].put(indices.PLACE, sub, value)
+    objects[16].put(indices.NEIGHBOURS, 1, 13)
+
+
+def found(capsys):
+    document = json.loads(capsys.readouterr().out)
+    kinds = {}
+    for finding in document["findings"]:
+        kinds.setdefault(finding["kind"], []).append(tuple(finding["nodes"]))
+    return kinds, document
+
+
+def test_each_fault_is_found_at_its_cell_and_nothing_else(array, capsys):
+    _, bus = array
+    assert main(["doctor", "--json", *bus]) == Exit.NODE_FAULT
+    kinds, document = found(capsys)
+    assert kinds == EXPECTED
+    (row,) = (each for each in document["findings"] if each["kind"] == "supply-low")
+    assert row["text"] == "5.0 V, 10 V are needed"
+    assert row["serious"]
+    assert row["cause"] == KINDS["supply-low"].cause
+
+
+def test_wheels_that_turn_show_their_faults(array, capsys):
+    _, bus = array
+    assert main(["doctor", "--json", "--turn", "--node", "5-8", *bus]) == Exit.NODE_FAULT
+    kinds, _ = found(capsys)
+    assert {kind: kinds.get(kind) for kind in OF_WHEELS} == OF_WHEELS
+
+
+def test_cells_and_settings_are_compared_with_a_file(array, tmp_path, capsys):
+    bank, bus = array
+    bank._cells[5]._objects.put(indices.GAIN, 0, 7_000)
+    path = tmp_path / "array.toml"
+    listed = [(1, 1), (2, 3), (6, 6), (77, 77)]
+    path.write_text(
+        "".join(f'[[cell]]\nserial = "{serial:08X}"\nnode = {node}\n' for serial, node in listed)
+    )
+    assert main(["doctor", "--array", str(path), *bus]) == Exit.NODE_FAULT
+    printed = capsys.readouterr()
+    assert "     node 77: 0000004D is to be node 77\n" in printed.out
+    assert "     node 5: 00000005 is in no place\n" in printed.out
+    assert "     node 2: 00000002 is to be node 3\n" in printed.out
+    assert "     node 6: axis1.gain is 7 V s/m, the file has 13 V s/m\n" in printed.out
+    assert "   cure:  Release the stop; measure 24 V at the cell's terminals.\n" in printed.out
+    assert "wheels were not turned" in printed.err
+
+
+def test_an_empty_bus_is_a_finding_and_so_is_another_host(request, capsys):
+    bus = ("-i", "virtual", "-c", request.node.nodeid)
+    assert main(["doctor", "--json", *bus]) == Exit.NODE_FAULT
+    assert found(capsys)[0] == {"silence": [()]}
+    over = threading.Event()
+
+    def run():
+        with can.Bus(request.node.nodeid, interface="virtual") as own:
+            while not over.wait(0.05):
+                own.send(can.Message(arbitration_id=0x77F, data=b"\x05", is_extended_id=False))
+
+    host = threading.Thread(target=run)
+    host.start()
+    assert main(["doctor", "--json", *bus]) == Exit.NODE_FAULT
+    over.set()
+    host.join()
+    assert found(capsys)[0] == {"silence": [()], "other-host": [()]}
+
+
+def test_a_healthy_array_has_no_findings(tmp_path, capsys):
+    channel = str(tmp_path / "bus.sock")
+    with serving(PythonBank(range(1, 19)), channel):
+        assert main(["doctor", "-i", "mdms", "-c", channel]) == Exit.OK
+        assert capsys.readouterr().out == "18 cells: 0 serious findings, 0 warnings\n"
+
+
+def test_every_kind_of_finding_is_provoked_here():
+    assert {*EXPECTED, *OF_WHEELS, *OF_LIST, *ELSEWHERE} == {*KINDS}
+
+
+def test_the_page_is_that_of_the_table():
+    page = Path(__file__).parents[2] / "docs" / "troubleshooting.md"
+    assert page.read_text() == troubleshooting_text(), "make generate"
