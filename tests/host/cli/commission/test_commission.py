@@ -10,8 +10,9 @@ import tomllib
 import numpy as np
 import pytest
 
+from mdms_host.can_link.link import Link
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import INTERRUPTED, Exit
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.array_file import read_array
 from mdms_host.commissioning.array_writing import array_document
@@ -257,6 +258,41 @@ def test_a_cell_that_dies_in_the_middle_is_named_and_the_next_run_mends_it(  # n
     served_cells.bank.restart(0)
     assert commission("--list", listed, *GRID, "--yes") == Exit.OK
     assert serials(bus) == list(ORDER)
+
+
+class Interruption:
+    """Ctrl-C as a link sends its frame of this number, counted from when it is set."""
+
+    def __init__(self, other):
+        self.frames = 0
+        self._other = other
+        self._send = Link.send
+
+    def send(self, link, frame, until_s=None):
+        if link is not self._other:
+            self.frames -= 1
+            if self.frames == 0:
+                raise KeyboardInterrupt
+        self._send(link, frame, until_s)
+
+
+@pytest.mark.slow
+def test_broken_off_anywhere_it_ends_well_the_next_time(commission, listed, bus, monkeypatch):
+    """Further each time: in the search, between id and store, amid settings, at a restart."""
+    interruption = Interruption(bus.link)
+
+    def send(link, frame, until_s=None):
+        interruption.send(link, frame, until_s)
+
+    monkeypatch.setattr(Link, "send", send)
+    for frames in (150, 320, 345, 365, 420, 700):
+        interruption.frames = frames
+        assert commission("--list", listed, *GRID, "--yes") == INTERRUPTED
+    assert commission("--list", listed, *GRID, "--yes") == Exit.OK
+    for node_id in range(1, 4):
+        bus.restart(node_id)
+    assert serials(bus) == list(ORDER)
+    assert [bus.read(node_id, indices.PLACE, 1) for node_id in range(1, 4)] == [1, 2, 3]
 
 
 def test_two_cells_that_answer_under_one_node_id_both_get_their_own(
