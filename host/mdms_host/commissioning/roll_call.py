@@ -13,8 +13,6 @@ from mdms_host.commissioning.lss_master import LssAddress
 from mdms_host.commissioning.network import Commissioning, Identity, RefusedError, SilentError
 from mdms_protocol.dictionary import PRODUCT_CODE, REVISION, VENDOR_ID
 
-_ATTEMPTS = 3
-
 
 @dataclass(frozen=True, slots=True)
 class RollCall:
@@ -47,7 +45,8 @@ def call_roll(commissioning: Commissioning) -> RollCall:
     Raises StrangerError for cells of another protocol, and for a serial number that is there twice:
     such cells cannot be told apart. Raises LssError.
     """
-    found, blank = _heard(commissioning)
+    found = commissioning.find()
+    blank = tuple(commissioning.lss.find_blank())
     present: dict[int, Identity] = {}
     unclear: list[int] = []
     for node_id in found:
@@ -70,16 +69,6 @@ def call_roll(commissioning: Commissioning) -> RollCall:
         commissioning.lss.leave()
     strangers = tuple(node_id for node_id in unclear if node_id not in hidden.values())
     return RollCall(present, blank, hidden, strangers)
-
-
-def _heard(commissioning: Commissioning) -> tuple[list[int], tuple[LssAddress, ...]]:
-    """Node ids that answer, and blank cells; where nobody does, a busy computer asks again."""
-    for _ in range(_ATTEMPTS):
-        found = commissioning.find()
-        blank = tuple(commissioning.lss.find_blank())
-        if found or blank:
-            break
-    return found, blank
 
 
 def address(serial: int) -> LssAddress:

@@ -12,7 +12,8 @@ import pytest
 
 from mdms_host.can_link.link import Link
 from mdms_host.cli import main
-from mdms_host.cli.exits import INTERRUPTED, Exit
+from mdms_host.cli.commission.plate import check_corner
+from mdms_host.cli.exits import INTERRUPTED, CommandError, Exit
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.array_file import read_array
 from mdms_host.commissioning.array_writing import array_document
@@ -209,6 +210,22 @@ def test_a_plate_that_is_moved_over_the_table_places_all(
     assert serials(bus, 6) == list(ORDER_6)
     document = tomllib.loads((tmp_path / "array.toml").read_text())
     assert (document["array"]["columns"], document["array"]["rows"]) == (3, 2)
+
+
+def test_a_corner_that_lies_elsewhere_shows_that_cells_are_mounted_turned():
+    spots = {10: (1, 1), 11: (2, 1)}
+    check_corner(None, spots, (2, 1))
+    check_corner(10, spots, (2, 1))
+    with pytest.raises(CommandError, match="lies at column 2, row 1 of 2 x 1: cells are mounted"):
+        check_corner(11, spots, (2, 1))
+    with pytest.raises(CommandError, match="0000000C is not on the bus"):
+        check_corner(12, spots, (2, 1))
+
+
+def test_a_plate_that_nobody_moves_ends_with_time(commission, served_cells, capsys):
+    assert commission("--plate", "--yes", "--limit", "0.5") == Exit.TIME_LIMIT
+    assert "0 of 3 cells were seen in time" in capsys.readouterr().err
+    assert all(board.blinking for board in served_cells.bank._boards)
 
 
 def test_a_table_that_is_not_empty_is_no_place_to_begin(commission, served_cells, capsys):
