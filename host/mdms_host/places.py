@@ -26,7 +26,7 @@ def is_place(place: Place) -> bool:
 def place_values(layout: Layout, number: int) -> dict[Place, int]:
     """Where a cell stands, who is next to it, and its turn to take over SYNC.
 
-    Raises `pdo.OutOfRangeError` for what does not fit the table.
+    Raises `OutOfRangeError` for what does not fit the table.
     """
     row, column = divmod(number - 1, layout.columns)
     x_m, y_m = layout.cell_positions_m[number - 1].tolist()
@@ -49,7 +49,7 @@ def place_values(layout: Layout, number: int) -> dict[Place, int]:
 
 
 def wheel_values(layout: Layout) -> dict[Place, int]:
-    """Where the wheels of a cell touch, and along what they push. Raises `pdo.OutOfRangeError`."""
+    """Where the wheels of a cell touch, and along what they push. Raises `OutOfRangeError`."""
     values: dict[Place, int] = {}
     for axis, wheel in enumerate(layout.wheels):
         x_m, y_m = wheel.offset_m
@@ -65,7 +65,7 @@ def wheel_values(layout: Layout) -> dict[Place, int]:
 
 
 def sensor_values(layout: Layout) -> dict[Place, int]:
-    """Where the presence sensors of a cell are. Raises `pdo.OutOfRangeError`."""
+    """Where the presence sensors of a cell are. Raises `OutOfRangeError`."""
     index = indices.SENSOR_OFFSETS
     lengths_m = [length_m for offset_m in layout.sensor_offsets_m for length_m in offset_m]
     return _checked(
@@ -74,7 +74,7 @@ def sensor_values(layout: Layout) -> dict[Place, int]:
 
 
 def all_values(layout: Layout, number: int) -> dict[Place, int]:
-    """All of the above for a cell. Raises `pdo.OutOfRangeError`."""
+    """All of the above for a cell. Raises `OutOfRangeError`."""
     return place_values(layout, number) | wheel_values(layout) | sensor_values(layout)
 
 

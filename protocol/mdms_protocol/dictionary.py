@@ -24,7 +24,7 @@ from mdms_protocol.entry import (
     record,
     setting,
 )
-from mdms_protocol.neighbour_table import ESTIMATE, NEIGHBOUR_OBJECTS, PROGRAM, REACH_UM
+from mdms_protocol.neighbours.objects import ESTIMATE, NEIGHBOUR_OBJECTS, PROGRAM, REACH_UM
 from mdms_protocol.version import VERSION
 
 VENDOR_ID = 0

@@ -2,6 +2,11 @@
 
 from collections import namedtuple
 
+
+class OutOfRangeError(ValueError):
+    """A value does not fit its object; the message names object, value and limits."""
+
+
 #: `code` is the data type's index in CiA 301 (table 44), `size` its bytes, 0 if the value has its
 #: own length; `low` and `high` bound the numbers that it holds.
 Type = namedtuple("Type", ("name", "code", "size", "low", "high"))

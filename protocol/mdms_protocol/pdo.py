@@ -4,14 +4,10 @@ import struct
 
 from mdms_protocol import cob
 from mdms_protocol.dictionary import ENTRIES, RPDO_MAPS, TPDO_MAPS
-from mdms_protocol.entry import Entry
+from mdms_protocol.entry import Entry, OutOfRangeError
 
 #: Letters of `struct` by a signed type's size; unsigned ones are the capitals.
 _LETTERS = {1: "b", 2: "h", 4: "i"}
-
-
-class OutOfRangeError(ValueError):
-    """A value does not fit its object; the message names object, value and limits."""
 
 
 class PdoMap:

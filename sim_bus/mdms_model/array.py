@@ -82,6 +82,12 @@ def reach_m(offsets_m: Sequence[tuple[float, float]]) -> float:
     return max((max(abs(x), abs(y)) for x, y in offsets_m), default=0.0)
 
 
+def last_support_m(wheels_m: Floats, side: str) -> float:
+    """How far the outermost of the wheels (W, 2) is from the table's middle, to a side [m]."""
+    across_m = wheels_m[:, 0 if side in ("east", "west") else 1]
+    return float((across_m if side in ("east", "north") else -across_m).max())
+
+
 def _exact_cos(angle_rad: Floats) -> Floats:
     """Cosine that is exactly zero at right angles, so that wheels along y do not push along x."""
     cosine = np.cos(angle_rad)

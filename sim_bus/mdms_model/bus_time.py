@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from math import floor
 
 from mdms_protocol import pdo
-from mdms_protocol.neighbours import LENGTH
+from mdms_protocol.neighbours.frames import LENGTH
 
 #: Start of frame to the data length, and the CRC: what is stuffed besides the data (11-bit ids).
 STUFFED_BITS = 34

@@ -33,12 +33,15 @@ KEPT_S = 7 * 24 * 3600.0
 
 
 def compiled(function: Function) -> Function:
-    """The function, compiled at its first call with arguments of new types; its type unchanged."""
+    """The function, compiled at its first call with arguments of new types; its type unchanged.
+
+    Other threads go on while it runs: what it works on is to be one thread's alone.
+    """
     if not COMPILING:
         return function
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(_folder(function.__module__))
     try:
-        return cast(Function, numba.njit(cache=True, error_model="numpy")(function))
+        return cast(Function, numba.njit(cache=True, error_model="numpy", nogil=True)(function))
     finally:
         numba.config.CACHE_DIR = before
 

@@ -78,13 +78,19 @@ def polygon_outline(corners: Floats) -> Outline:
     return Outline(np.column_stack([normals, distances, corners]), radius_m, _moment(corners, ends))
 
 
+def area_and_moment(corners: Floats) -> tuple[float, Floats]:
+    """Area and first moment (2,) of a polygon with corners (n, 2) (shoelace formulas)."""
+    ends = np.roll(corners, -1, axis=0)
+    cross = corners[:, 0] * ends[:, 1] - corners[:, 1] * ends[:, 0]
+    return float(cross.sum() / 2), np.asarray(((corners + ends) * cross[:, None]).sum(axis=0) / 6)
+
+
 def _moment(corners: Floats, ends: Floats) -> float:
     """Second moment of area of a polygon about its centroid over its area (shoelace formulas)."""
+    area, first_moment = area_and_moment(corners)
     cross = corners[:, 0] * ends[:, 1] - corners[:, 1] * ends[:, 0]
-    area = cross.sum() / 2
-    centroid = ((corners + ends) * cross[:, None]).sum(axis=0) / (6 * area)
     squares = (corners**2 + corners * ends + ends**2).sum(axis=1)
-    return float((cross * squares).sum() / (12 * area) - (centroid**2).sum())
+    return float((cross * squares).sum() / (12 * area) - ((first_moment / area) ** 2).sum())
 
 
 def chord_m(parcel: Parcel, y_m: float) -> tuple[float, float]:

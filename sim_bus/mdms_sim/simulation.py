@@ -20,6 +20,7 @@ from mdms_model.buses import Addresses, address_cells, plan_gateways
 from mdms_model.participant import BusesParticipant, Participant
 from mdms_model.run.cell_reports import CellReports
 from mdms_model.run.folder import interface_of
+from mdms_model.run.history import MOST_SAMPLES
 from mdms_model.run.record import Record
 from mdms_model.run.references import References
 from mdms_model.scenario.scenario import Scenario
@@ -77,7 +78,8 @@ class Outcome:
 class Simulation:
     """A scenario with its cells, its buses and its participants, ready to run.
 
-    `bus` is the only one of `buses`, or their first.
+    `bus` is the only one of `buses`, or their first. `faults` are those of the scenario; others may
+    begin while it runs.
 
     `estimates` returns the poses that somebody believes the parcels to have, shape (P, 3), NaN
     where unknown; they are only recorded. A run without end is better not `recorded`, or thinned
@@ -133,7 +135,7 @@ class Simulation:
         #: The place of each node; they differ while cells have changed places.
         self._places = np.arange(self._cells)
         self._drivers = [Driver(self.kernel, self.buses, one) for one in participants]
-        self._faults = Faults(
+        self.faults = Faults(
             scenario.fault,
             scenario.run.seed,
             kernel=self.kernel,
@@ -153,13 +155,18 @@ class Simulation:
         if recorded:
             self.kernel.at(0, PRIORITY_SAMPLE, self._sample)
 
-    def run_until(self, time_s: float, progress: Progress | None = None) -> None:
-        """Let virtual time pass, up to and including `time_s`, or until a parcel tips.
+    def run_until(
+        self,
+        time_s: float,
+        progress: Progress | None = None,
+        over: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Let virtual time pass, up to and including `time_s`, or until a parcel tips, or `over`.
 
         `progress` gets the time reached [s] now and then.
         """
         end_ns = round(time_s * NS_PER_S)
-        while self.kernel.now_ns < end_ns and not self.tipped:
+        while self.kernel.now_ns < end_ns and not (self.tipped or over()):
             self.kernel.run_until(min(self.kernel.now_ns + SAMPLE_NS, end_ns))
             if progress is not None:
                 progress(self.kernel.now_ns / NS_PER_S)
@@ -182,7 +189,7 @@ class Simulation:
             errors=sum(bus.errors for bus in self.buses),
             log_sha256=self.log.log_sha256,
         )
-        events = sorted([*self.world.events, *self._faults.events], key=lambda each: each.time_s)
+        events = sorted([*self.world.events, *self.faults.events], key=lambda each: each.time_s)
         return Outcome(self._sampler.record(events, self._reports.any), figures)
 
     def _on_report(self, bus: int, frame: Frame, now_ns: int) -> None:
@@ -251,18 +258,26 @@ def simulate(
     bus_log: Path | None = None,
     estimates: Callable[[], Floats] | None = None,
     progress: Progress | None = None,
+    over: Callable[[], bool] = lambda: False,
 ) -> Outcome:
     """Run a whole scenario with cells of the kind `nodes`: "cpython" or "micropython".
 
-    The bus is logged into the file `bus_log`, if named. Raises `NodeError` when the cells cannot
-    run.
+    The bus is logged into the file `bus_log`, if named. It ends before its time once it is `over`.
+    Raises `NodeError` when the cells cannot run.
     """
     with ExitStack() as stack:
         bank = open_bank(nodes, addresses_of(scenario).node_ids)
         stack.enter_context(closing(bank))
         log = stack.enter_context(bus_log.open("wb")) if bus_log else None
-        simulation = Simulation(scenario, bank, participants, bus_log=log, estimates=estimates)
-        simulation.run_until(scenario.run.duration_s, progress)
+        simulation = Simulation(
+            scenario,
+            bank,
+            participants,
+            bus_log=log,
+            estimates=estimates,
+            most_samples=MOST_SAMPLES,
+        )
+        simulation.run_until(scenario.run.duration_s, progress, over)
         return simulation.outcome()
 
 

@@ -16,7 +16,7 @@ from tests.benchmarks.neighbours import CONFIDENCE, at_least
 from tests.system.neighbour_host import Box, Run, scenario_of
 from tests.system.neighbour_host import run as run_cells
 
-from mdms_protocol import neighbours as wire
+from mdms_protocol.neighbours import frames as wire
 
 COLUMNS, ROWS = 9, 6
 SIZE_M = 0.28

@@ -1,4 +1,4 @@
-"""What a cell says to what it hears: transcripts of frames, the same on every interpreter."""
+"""What a cell answers to what it receives: transcripts of frames, the same on every interpreter."""
 
 from cell_bench import NODE, booted, emergencies, enable, operational
 

@@ -14,7 +14,7 @@ OPERATIONAL = b"\x05"
 
 
 class Bench:
-    """A consumer, and the time of the heartbeats that it hears."""
+    """A consumer, and the time of the heartbeats that it receives."""
 
     def __init__(self):
         self.objects = Objects()

@@ -4,7 +4,7 @@ from layer_bench import IDENTITY, NEIGHBOURS, NODE, Middle
 
 from mdms_cell.drive import speed_loop
 from mdms_protocol import cia402, cob, indices
-from mdms_protocol import neighbours as wire
+from mdms_protocol.neighbours import frames as wire
 
 SPEED_UM_S = 100_000
 

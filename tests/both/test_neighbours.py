@@ -13,7 +13,7 @@ except ImportError:
         """See `heap_lock`."""
 
 
-from mdms_protocol import neighbours as n
+from mdms_protocol.neighbours import frames as n
 
 ESTIMATE_BITS = (12, 12, 12, 6, 2, 8, 4, 3, 2, 3)
 ESTIMATES = (

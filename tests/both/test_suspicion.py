@@ -6,7 +6,7 @@ from cell_bench import NODE
 from layer_bench import IDENTITY, NEIGHBOURS, Middle
 
 from mdms_protocol import cob, indices
-from mdms_protocol import neighbours as wire
+from mdms_protocol.neighbours import frames as wire
 
 EAST, NORTH, WEST = 0, 2, 4
 PRESENCE, WHEELS, POSE, SILENCE = 1, 2, 4, 8

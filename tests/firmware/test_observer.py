@@ -15,7 +15,7 @@ TICK_S = 0.001
 
 
 def observe(position_m, ticks, lag_us=tuning.LAG_US, counts_per_metre=COUNTS_PER_METRE):
-    """Speeds [m/s] that the observer tells while the wheel follows `position_m(time_s)`."""
+    """Speeds [m/s] that the observer reports while the wheel follows `position_m(time_s)`."""
     registers = array("i", [0] * s.REGISTERS)
     s.reset(registers)
     tuning.set_encoder(registers, 0, counts_per_metre, lag_us)

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
+from math import expm1
 from threading import Event, Thread
 
 import can
@@ -23,6 +24,8 @@ from mdms_sim.nodes.python_bank import PythonBank
 
 STEP_S = 0.001
 DROOP = 0.775
+#: Wheels under 2 kg take it along with so much of the difference in a second.
+STIFFNESS_PER_S = 30.0
 
 #: What a controlword makes of a state (CiA 402-2, the transitions that matter here).
 NEXT = {
@@ -50,6 +53,7 @@ class KinematicCell:
     heartbeat_s: float = 0.0
     sensors: Presence = field(default_factory=Presence)
     writes: list[bytes] = field(default_factory=list)
+    reads: list[bytes] = field(default_factory=list)
     objects: Objects = field(default_factory=Objects)
 
     def __post_init__(self) -> None:
@@ -75,8 +79,8 @@ class KinematicCell:
             words = pdo.CONTROLWORD.decode(frame.data)
             self.states = [NEXT.get(pair, pair[0]) for pair in zip(self.states, words, strict=True)]
         if frame.can_id == cob.SDO_REQUEST_BASE + self.node_id:
-            if frame.data[0] & sdo.SPECIFIER == sdo.DOWNLOAD:
-                self.writes.append(frame.data)
+            writes = frame.data[0] & sdo.SPECIFIER == sdo.DOWNLOAD
+            (self.writes if writes else self.reads).append(frame.data)
             answers: list[bytes] = []
             SdoServer(self.objects, answers.append).on_request(frame.data)
             return [Frame(cob.SDO_RESPONSE_BASE + self.node_id, answer) for answer in answers]
@@ -101,7 +105,9 @@ class KinematicCell:
 
 
 class RollingArray:
-    """One parcel that follows the wheels under it as closely as a rigid body can.
+    """One parcel that the wheels under it take along, as far as a rigid body can follow them all.
+
+    It has the mass of a box of 2 kg, without the grip of its wheels having a limit.
 
     Frames to the host that are `lost` do not arrive; the host is not polled before `stalled_s`.
     """
@@ -129,6 +135,7 @@ class RollingArray:
         self._noise_m_s = noise_m_s
         self._random = np.random.default_rng(seed)
         self._speeds_m_s = np.zeros(len(layout.wheel_cells))
+        self._twist = np.zeros(3)
         self._on_wire: list[tuple[float, bool, Frame]] = []
 
     def inject(self, frame: Frame) -> None:
@@ -183,8 +190,9 @@ class RollingArray:
         under = self.bottom.distance_m(self.layout.wheel_positions_m, self.pose) < 0
         jacobian = self.layout.surface_jacobian(*self.pose[:2])[under]
         twist = np.linalg.lstsq(jacobian, self._speeds_m_s[under], rcond=None)[0]
-        self._speeds_m_s[under] = jacobian @ twist
-        self.pose = self.pose + twist * STEP_S
+        self._twist += (twist - self._twist) * -expm1(-STIFFNESS_PER_S * STEP_S)
+        self._speeds_m_s[under] = jacobian @ self._twist
+        self.pose = self.pose + self._twist * STEP_S
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ FORBIDDEN = {"mdms_sim", "mdms_cell", "numba", "matplotlib"}
 CORE = sorted(
     module.name
     for module in pkgutil.walk_packages(mdms_host.__path__, "mdms_host.")
-    if not module.name.startswith("mdms_host.cli")
+    if not module.name.startswith(("mdms_host.cli", "mdms_host.page.simulated"))
 )
 
 

@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdms_protocol import pdo
-from mdms_protocol.pdo import OutOfRangeError
+from mdms_protocol.entry import OutOfRangeError
 
 MAPS = (pdo.TARGET_VELOCITY, pdo.CONTROLWORD, pdo.ACTUAL_VELOCITY, pdo.STATUS)
 

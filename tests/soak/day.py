@@ -1,4 +1,4 @@
-"""A cell's simulated day on one interpreter: run it, and judge what it tells."""
+"""A cell's simulated day on one interpreter: run it, and judge what it reports."""
 
 import math
 import sys

@@ -90,7 +90,7 @@ def frames_per_s(log: Path) -> float:
 
 
 def main() -> int:
-    """Run and report; the exit code tells whether all arrived on a full bus."""
+    """Run and report; the exit code is whether all arrived on a full bus."""
     options = argparse.ArgumentParser(prog="python -m tests.soak.full_load", description=__doc__)
     options.add_argument("--frames", type=int, default=MINUTE_FRAMES)
     frames = options.parse_args().frames

@@ -47,7 +47,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main() -> int:
-    """Run and report; the exit code tells whether the cell bore it."""
+    """Run and report; the exit code is whether the cell withstood it."""
     told = parser().parse_args()
     if told.lines:
         tell_lines(told.seed, told.frames)

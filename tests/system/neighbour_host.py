@@ -19,9 +19,9 @@ from mdms_model.run.record import Record
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Scenario
 from mdms_protocol import cia402, cob, indices, nmt, pdo
-from mdms_protocol import neighbours as wire
 from mdms_protocol.dictionary import ENTRIES
 from mdms_protocol.frame import Frame
+from mdms_protocol.neighbours import frames as wire
 from mdms_sim.simulation import Simulation, addresses_of, open_bank
 
 BEAT_S = 0.01

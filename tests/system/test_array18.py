@@ -107,7 +107,7 @@ class Muted:
 
 
 def test_cell_that_falls_silent_stops_the_array_and_is_named():
-    scenario = array18()
+    scenario = array18("run.pauses=0")
     coordinator = coordinator_of(scenario)
     bank = Muted(open_bank("cpython", 18), cell=6, ticks=1500)
     simulation = Simulation(scenario, bank, [coordinator])

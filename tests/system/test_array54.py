@@ -65,7 +65,7 @@ def test_states_of_border_cells_are_heard_on_both_sides(carried):
 
 def test_loss_of_one_cell_stops_the_cells_of_all_buses():
     lost = 'fault=[{kind="off", cells=[23], start_s=1.0}]'
-    finished = run_scenario(array54("run.duration_s=2.2", lost))
+    finished = run_scenario(array54("run.duration_s=2.2", "run.pauses=0", lost))
     assert "cell 23 (node 8 of bus 1)" in finished.fault
     assert abs(finished.record.twist[-1, 0]).max() < 5e-3
     assert not finished.record.voltage_v[-1].any()

@@ -10,7 +10,7 @@ import pytest
 from mdms_host.cli.scenario.coordination import coordinator_of
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol import cob, nmt, pdo
-from mdms_protocol import neighbours as wire
+from mdms_protocol.neighbours import frames as wire
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.simulation import Simulation
 

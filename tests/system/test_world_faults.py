@@ -58,7 +58,7 @@ def test_a_reversed_motor_is_a_runaway_that_stops_the_array_and_names_the_cell()
 
 
 def test_wheels_stop_when_the_host_is_gone_and_stay_so_when_it_is_back(well):
-    finished = run("fault=[{kind='host', start_s=1.0, duration_s=0.4}]")
+    finished = run("fault=[{kind='host', start_s=1.0, duration_s=0.4}]", "run.pauses=0")
     record = finished.record
     # The setpoint's time-out is 50 ms; the wheels ramp down, and are held for 0.3 s.
     assert np.abs(record.speed_m_s[(record.time_s > 1.2) & (record.time_s < 1.4)]).max() < 0.01
@@ -66,7 +66,7 @@ def test_wheels_stop_when_the_host_is_gone_and_stay_so_when_it_is_back(well):
     assert np.abs(record.speed_m_s[record.time_s > 1.7]).max() < 2e-3
     assert np.abs(well.record.speed_m_s[well.record.time_s > 1.7]).max() > 0.1
     # It takes all cells for silent, since it has missed their heartbeats, and ends the run.
-    assert finished.fault == "cell 1 (node 1) has fallen silent: no heartbeat for 0.3 s"
+    assert finished.fault.startswith("cell 1 (node 1) has fallen silent: no heartbeat for 0.3 s")
 
 
 def test_cells_get_the_gain_that_the_host_believes_in():
@@ -95,7 +95,8 @@ def test_a_box_that_is_longer_than_believed_is_carried_by_its_believed_edges():
 @pytest.mark.parametrize("kind", ["encoder_stuck", "wheel_jammed"])
 def test_a_wheel_that_stands_at_a_reference_is_named_within_half_a_second(kind):
     fault = f'fault=[{{kind="{kind}", cells=[9], axes=[1], start_s=1.0}}]'
-    scenario = load_scenario("array18", ["run.duration_s=1.6", fault])
+    slow = "motion.speed_m_s=0.1"
+    scenario = load_scenario("array18", ["run.duration_s=1.6", slow, fault])
     coordinator = coordinator_of(scenario)
     simulate(scenario, [coordinator])
     named_s = [time_s for time_s, text in coordinator.troubles if "cell 9 (node 9) axis 1" in text]

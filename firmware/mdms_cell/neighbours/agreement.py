@@ -11,7 +11,7 @@ from mdms_cell.neighbours.angle import wrapped
 from mdms_cell.neighbours.place import DIRECTIONS
 from mdms_cell.neighbours.program import turn_um
 from mdms_cell.neighbours.suspicion import POSE, POSE_BEATS
-from mdms_protocol import neighbours as wire
+from mdms_protocol.neighbours import frames as wire
 
 #: A belief of one's own weighs as much as so many of others.
 _OWN_WEIGHT = 1280

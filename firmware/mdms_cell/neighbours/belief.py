@@ -36,9 +36,9 @@ class Belief:
 
     def __init__(self, outline=None):
         self.outline = outline or Outline()
-        self.forget()
+        self.drop()
 
-    def forget(self):
+    def drop(self):
         """There is no parcel."""
         self.known = False
         self.x = self.y = self.turn = 0

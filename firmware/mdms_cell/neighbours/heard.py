@@ -8,7 +8,7 @@ except ImportError:
 from array import array
 
 from mdms_cell.neighbours.place import DIRECTIONS
-from mdms_protocol import neighbours as wire
+from mdms_protocol.neighbours import frames as wire
 
 #: What neighbours' frames hold besides: statuswords before the presence bits, and two speeds.
 _PRESENCE_AT = 4
@@ -25,8 +25,8 @@ class Heard:
 
     `speeds[2 * d]` and the next are those of direction d [um/s], valid where `speeds_beat[d]` is
     the present beat. `presence[d]` are its sensors' bits, valid where `seen[d]`. `estimates` has
-    the fields of `mdms_protocol.neighbours`, `estimate_beat[d]` the beat in which they came; they
-    are to be passed on once, while `fresh[d]`. An edge is a direction, a sensor, what it shows now
+    the fields of `neighbours.frames`, `estimate_beat[d]` the beat in which they came; they are to
+    be passed on once, while `fresh[d]`. An edge is a direction, a sensor, what it shows now
     and a time [ms].
     """
 

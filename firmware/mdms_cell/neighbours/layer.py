@@ -18,7 +18,7 @@ from mdms_cell.neighbours.right_of_way import NONE, UNDER, RightOfWay
 from mdms_cell.neighbours.suspicion import CODE, SOURCE, Evidence, Suspicion
 from mdms_cell.neighbours.tracking import LOST_BEATS, Tracking
 from mdms_protocol import indices
-from mdms_protocol import neighbours as wire
+from mdms_protocol.neighbours import frames as wire
 
 #: From SYNC until speeds and estimates of all cells of a bus have come.
 UPDATE_MS = 7

@@ -3,7 +3,7 @@
 from array import array
 
 from mdms_cell.neighbours.angle import TURN_UM
-from mdms_protocol import neighbours as wire
+from mdms_protocol.neighbours import frames as wire
 
 #: A cell is near one parcel, and may be asked for by a few more.
 SLOTS = 4

@@ -9,7 +9,7 @@ whatever a neighbour said is taken as said at most `late_beats` SYNCs ago, so th
 its arrival for `lease_beats - late_beats` beats and never beyond `lease_beats` after it was sent.
 A cell that stopped announcing a promise makes none to another parcel before every wheel that may
 have turned by it stands: the lease, and the time that `hold` takes to the last cell under the
-parcel. After a reset it cannot tell whom it was promised to, and waits as long.
+parcel. After a reset it has no record of whom it was promised to, and waits as long.
 """
 
 NONE = 0

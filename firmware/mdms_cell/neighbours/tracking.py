@@ -23,7 +23,7 @@ from mdms_cell.neighbours.program import wire_yaw
 from mdms_cell.neighbours.right_of_way import PROMISED, UNDER
 from mdms_cell.neighbours.suspicion import POSE_BEATS, PRESENCE, WHEELS
 from mdms_cell.neighbours.twist import TwistFit
-from mdms_protocol import neighbours as wire
+from mdms_protocol.neighbours import frames as wire
 
 _FEW_WHEELS = 5
 #: A frame may be this late; the parcel has moved on meanwhile.
@@ -74,7 +74,7 @@ class Tracking:
         self._sent = None
         self._turn = 0
         self.certainty = 0
-        self.belief.forget()
+        self.belief.drop()
         self.twist.reset()
         self._agreement.reset()
 
@@ -286,7 +286,7 @@ class Tracking:
         if not self.under:
             self._followed_beats += 1
             if self._followed_beats > _FOLLOW_BEATS:
-                self.belief.forget()
+                self.belief.drop()
         return False
 
     @property

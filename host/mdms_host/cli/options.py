@@ -18,6 +18,8 @@ SHELLS = ("bash", "zsh", "tcsh")
 #: No machine keeps up beyond this.
 SPEED_MAX = 100.0
 PORT_MAX = 65535
+#: Where the page is if `--page` is given without a port.
+PAGE_PORT = 8642
 
 
 def add_scenario(parser: ArgumentParser) -> None:
@@ -67,8 +69,35 @@ def add_force(parser: ArgumentParser) -> None:
     )
 
 
+def add_page(parser: ArgumentParser) -> None:
+    """`--page`, `--open` and `--host`."""
+    parser.add_argument(
+        "--page",
+        metavar="PORT",
+        type=_port,
+        nargs="?",
+        const=PAGE_PORT,
+        help=f"show the table in a browser, live (default port {PAGE_PORT}; 0: a free one)",
+    )
+    parser.add_argument("--open", action="store_true", help="open the page in a browser")
+    parser.add_argument(
+        "--host",
+        metavar="ADDRESS",
+        help="where the page is open, instead of on this machine only: whoever reaches it may "
+        "watch, and nothing is encrypted",
+    )
+
+
 def add_demo(parser: ArgumentParser) -> None:
     """Those of `demo`."""
+    parser.add_argument(
+        "scenario",
+        metavar="SCENARIO",
+        nargs="?",
+        default="array18",
+        help="another than the prototype's array (a TOML file, or a name of `scenarios`)",
+    )
+    add_page(parser)
     parser.add_argument(
         "--out", metavar="DIR", type=Path, default=Path("runs/demo"), help="run folder"
     )
@@ -161,6 +190,7 @@ def add_serve(parser: ArgumentParser) -> None:
         type=_port,
         help="SLCAN on loopback as well, for every user of this machine (0: a free port)",
     )
+    add_page(parser)
 
 
 def add_run(parser: ArgumentParser) -> None:
@@ -179,9 +209,11 @@ def add_run(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--limit",
         metavar="SECONDS",
-        type=_limit,
-        help="give up after so long (default: run.duration_s, and 10 s for the bring-up)",
+        type=time_limit_s,
+        help="give up after so long (default: run.duration_s, and 10 s for the bring-up; with "
+        "--page: never)",
     )
+    add_page(parser)
     add_json(parser)
 
 
@@ -207,6 +239,7 @@ def add_replay(parser: ArgumentParser) -> None:
         choices=NODES,
         help="instead of to a bus: the host's frames to simulated cells, in virtual time",
     )
+    add_page(parser)
     add_json(parser)
 
 
@@ -227,7 +260,8 @@ def _speed(text: str) -> float:
     return speed
 
 
-def _limit(text: str) -> float:
+def time_limit_s(text: str) -> float:
+    """A time [s] above 0."""
     limit_s = float(text)
     if not 0 < limit_s < math.inf:
         raise ArgumentTypeError(f"{text} is no time above 0")

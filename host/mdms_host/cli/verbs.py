@@ -5,6 +5,7 @@ from mdms_host.cli.commission.options import COMMISSION, DOCTOR, IDENTIFY, JOG
 from mdms_host.cli.configure.options import CONFIGURE
 from mdms_host.cli.extras import BOARDS, PICTURES, RECORDING, SIMULATION
 from mdms_host.cli.parser import Parser, ShowVersion, Verb, add_verbs
+from mdms_host.cli.simulation import squeeze_options
 
 DESCRIPTION = "Modular distributed manipulator: simulate, run and look after an array of cells."
 EPILOG = """\
@@ -51,6 +52,13 @@ VERBS = (
         "draw a field's forces and equilibria for a parcel",
         f"{_SIMULATION}.map:run",
         options.add_map,
+        extra=SIMULATION,
+    ),
+    Verb(
+        "plan-squeeze",
+        "turn a polygon to one angle from any, without sensors",
+        f"{_SIMULATION}.plan_squeeze:run",
+        squeeze_options.add_options,
         extra=SIMULATION,
     ),
     Verb(

@@ -3,20 +3,19 @@
 from collections.abc import Iterable, Iterator, Mapping
 
 from mdms_host.can_link.emergencies import error_text
-from mdms_host.can_link.protocol_revision import other_protocol
 from mdms_host.can_link.remote_cell import RemoteCell
-from mdms_host.can_link.sdo_client import Read, SdoClient, Setting
-from mdms_host.coordination.configuration import NOTHING, SIGNATURE, Configuration
+from mdms_host.can_link.sdo_client import SdoClient, Setting
+from mdms_host.coordination.configuration import NOTHING, Configuration
+from mdms_host.coordination.identification import Identification
 from mdms_host.coordination.phase import STOPPED, Phase
-from mdms_host.coordination.steering_settings import PLACES, taken_back
+from mdms_host.coordination.set_up import SetUp
+from mdms_host.coordination.steering_settings import taken_back
 from mdms_host.places import Place
 from mdms_protocol import cia402, cob, indices, nmt, pdo
 from mdms_protocol.dictionary import ENTRIES
 from mdms_protocol.entry import steps_per_unit
 from mdms_protocol.frame import Frame
 
-#: Where a cell reports the revision of its object table.
-REVISION = Read(indices.IDENTITY, 3)
 _TOWARDS_ENABLED: Mapping[int | None, int] = dict(cia402.TOWARDS_ENABLED.items())
 #: The neighbour layer of a cell takes its drives on from 'switched on', and back.
 _TOWARDS_SWITCHED_ON = {**_TOWARDS_ENABLED, cia402.SWITCHED_ON: cia402.SWITCH_ON}
@@ -47,18 +46,17 @@ class BringUpCell(RemoteCell):
     ) -> None:
         super().__init__(number, node_id, bus)
         self._axes = axes
+        self.steers = steers
         self._ready = _LED if steers else _ENABLED
         self._towards_ready = _TOWARDS_SWITCHED_ON if steers else _TOWARDS_ENABLED
         self._set_back = SdoClient(node_id, taken_back() if steers else ())
-        settings = tuple(settings)
-        self._configuration = Configuration(node_id, settings, spare)
-        self._identity = SdoClient(node_id, (REVISION,))
-        self._sdo = SdoClient(node_id, (*settings, SIGNATURE))
-        self._verified = False
-        self._corrected = False
+        self._settings = tuple(settings)
+        self._configuration = Configuration(node_id, self._settings, spare)
+        self._identification = Identification(node_id, axes)
+        self._set_up = SetUp(node_id, self._settings, self._configuration)
+        self.restarted = False
         self._written = False
         self._ending = False
-        self._mismatch: str | None = None
         self.handlers[cob.SDO_RESPONSE_BASE + node_id] = self.on_answer
 
     @property
@@ -87,19 +85,42 @@ class BringUpCell(RemoteCell):
     @property
     def other_protocol(self) -> str | None:
         """What there is to say of a cell that speaks another revision of the protocol."""
-        revision = self._identity.answers.get((REVISION.index, REVISION.sub))
-        return None if revision is None else other_protocol(revision)
+        return self._identification.other_protocol
+
+    @property
+    def refusal(self) -> str | None:
+        """Why a cell that comes back is not to be taken, by who it is and its errors, or None."""
+        return self._identification.refusal
+
+    @property
+    def mismatch(self) -> str | None:
+        """How its stored settings are not what the run expects; None as long as they may be."""
+        mismatch = self._set_up.mismatch
+        return mismatch and f"not set up as this run expects: {mismatch}"
+
+    def begin_again(self) -> None:
+        """Come up anew, from nothing but what the cell reports from now on."""
+        self.nmt_state, self.drive_states, self.restarted = None, None, False
+        self._identification.begin_again()
+        self._set_up = SetUp(self.node_id, self._settings, self._configuration)
+
+    def on_heartbeat(self, data: bytes, now_s: float) -> None:
+        """A heartbeat; `restarted` is whether it has announced a start since it was operational."""
+        super().on_heartbeat(data, now_s)
+        if self.nmt_state in (nmt.INITIALISING, nmt.OPERATIONAL):
+            self.restarted = self.nmt_state == nmt.INITIALISING
+        if self.nmt_state != nmt.OPERATIONAL:
+            # All drives are off, and what was reported of them before counts for nothing.
+            self.drive_states = None
 
     def on_answer(self, data: bytes, now_s: float) -> None:
         """An answer to a setting, or to the question who it is."""
-        self._identity.on_response(data)
+        self._identification.on_response(data)
         if self._ending:
             # What the bring-up was still waiting for is of no interest any more.
             self._set_back.on_response(data)
-            return
-        self._sdo.on_response(data)
-        if self._sdo.done and not self._verified:
-            self._verify()
+        else:
+            self._set_up.on_response(data)
 
     def has_reached(self, phase: Phase) -> bool:
         """Whether the cell has reached what a phase is for."""
@@ -107,9 +128,9 @@ class BringUpCell(RemoteCell):
             case Phase.WAITING:
                 return self.nmt_state == nmt.PRE_OPERATIONAL
             case Phase.IDENTIFYING:
-                return self._identity.done
+                return self._identification.done
             case Phase.CONFIGURING:
-                return self._verified
+                return self._set_up.verified or self.mismatch is not None
             case Phase.STARTING:
                 return self.nmt_state == nmt.OPERATIONAL
             case Phase.ENABLING:
@@ -119,12 +140,10 @@ class BringUpCell(RemoteCell):
 
     def fault(self, phase: Phase) -> str | None:
         """The cell's fault in a phase; None if it has none."""
-        if self._identity.failure:
-            return f"{self.name} cannot be identified: {self._identity.failure}"
-        if self._sdo.failure:
-            return f"{self.name} cannot be set up: {self._sdo.failure}"
-        if self._mismatch:
-            return f"{self.name} is not set up as this run expects: {self._mismatch}"
+        if self._identification.failure:
+            return f"{self.name} cannot be identified: {self._identification.failure}"
+        if self._set_up.failure:
+            return f"{self.name} cannot be set up: {self._set_up.failure}"
         if phase in (Phase.ENABLING, Phase.RUNNING) and self.nmt_state != nmt.OPERATIONAL:
             return f"{self.name} is no longer operational: it has restarted or was stopped"
         if phase == Phase.RUNNING and not self.enabled:
@@ -138,10 +157,10 @@ class BringUpCell(RemoteCell):
             # Left over from an earlier run: it begins anew, and reports its state again.
             yield nmt.command(nmt.ENTER_PRE_OPERATIONAL, self.node_id)
         elif phase == Phase.IDENTIFYING:
-            yield from self._identity.poll(now_s)
+            yield from self._identification.poll(now_s)
         elif phase == Phase.CONFIGURING:
             self._written = True
-            yield from self._sdo.poll(now_s)
+            yield from self._set_up.poll(now_s)
         elif phase == Phase.STARTING and self.nmt_state != nmt.OPERATIONAL:
             yield nmt.command(nmt.START, self.node_id)
         elif phase == Phase.ENABLING and not self.enabled:
@@ -153,29 +172,6 @@ class BringUpCell(RemoteCell):
                 yield from self._set_back.poll(now_s)
         elif phase in STOPPED:
             yield self._control(cia402.DISABLE_VOLTAGE)
-
-    def _verify(self) -> None:
-        """Compare the signature; where it differs, read what does."""
-        answers = self._sdo.answers
-        values = self._configuration.values
-        if self._configuration.accepts(answers[SIGNATURE.index, SIGNATURE.sub]):
-            self._verified = True
-        elif not answers.keys() >= values.keys():
-            self._sdo.append(Read(*place) for place in values)
-        elif not self._corrected and (left := self._left_by_cells()):
-            self._corrected = True
-            reads = (Read(each.index, each.sub) for each in left)
-            self._sdo.append((*left, *reads, SIGNATURE))
-        else:
-            self._mismatch = self._configuration.differences(answers) or None
-            self._verified = self._mismatch is None
-
-    def _left_by_cells(self) -> list[Setting]:
-        """What sets back the settings of a run in which cells steered, and which came to no end."""
-        answers, values = self._sdo.answers, self._configuration.values
-        return [
-            Setting(*place, values[place]) for place in PLACES if answers[place] != values[place]
-        ]
 
     def _enable(self) -> Iterator[Frame]:
         """The controlwords that take the drives one step nearer to 'operation enabled'."""

@@ -7,7 +7,8 @@ from mdms_host.coordination.bring_up import BringUpCell
 from mdms_host.coordination.steering_settings import steering_settings
 from mdms_host.layout import Layout
 from mdms_host.places import Place, all_values
-from mdms_protocol import indices, pdo
+from mdms_protocol import indices
+from mdms_protocol.entry import OutOfRangeError
 
 
 def cells_of(
@@ -21,7 +22,7 @@ def cells_of(
     """All cells, cell 1 first; they steer beside the host of a node id, if that is given.
 
     `settings` are written to every cell, `own_settings` to the cell of that number besides. Raises
-    `pdo.OutOfRangeError` for a place that does not fit the wire, where cells steer.
+    `OutOfRangeError` for a place that does not fit the wire, where cells steer.
     """
     # Cells report their state on change, and repeat it, which makes up for a lost frame.
     repeat = Setting(indices.TPDO_PARAMETERS + 1, 5, round(status_period_s * 1e3))
@@ -50,7 +51,7 @@ def cells_of(
 
 
 def _placing(layout: Layout, number: int) -> Iterator[Setting]:
-    """Settings of a cell's place. Raises `pdo.OutOfRangeError`."""
+    """Settings of a cell's place. Raises `OutOfRangeError`."""
     for place, value in all_values(layout, number).items():
         yield Setting(*place, value)
 
@@ -59,5 +60,5 @@ def _spare(layout: Layout, number: int) -> dict[Place, int]:
     """What a cell may have of its place; nothing where it does not fit the wire."""
     try:
         return all_values(layout, number)
-    except pdo.OutOfRangeError:
+    except OutOfRangeError:
         return {}

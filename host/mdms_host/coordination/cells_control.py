@@ -9,7 +9,7 @@ from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_model.arrays import Floats
 from mdms_protocol import cob
 from mdms_protocol.frame import Frame
-from mdms_protocol.messages import Page, decode_estimate, encode_page
+from mdms_protocol.neighbours.messages import Page, decode_estimate, encode_page
 
 
 class CellsControl:
@@ -36,6 +36,10 @@ class CellsControl:
     def frames(self, poses: Mapping[str, Floats], now_s: float, step_s: float) -> Iterator[Frame]:
         """What to send in this cycle, given the poses believed now."""
         return map(_frame, self._program.step(poses, now_s, step_s))
+
+    def begin_again(self) -> None:
+        """All programs have ended, and the parcels lie still: each gets its program anew."""
+        self._program.begin_again()
 
     def ends(self) -> Iterator[Frame]:
         """What ends all programs."""

@@ -80,6 +80,10 @@ class Odometry:
         standing = (self._held_syncs >= _STANDSTILL_SYNCS) & (abs(speed_m_s) < _STANDSTILL_M_S)
         return Speeds(sync.time_s, speed_m_s, known, standing)
 
+    def answers(self, cell: RemoteCell) -> bool:
+        """Whether a cell answers SYNC."""
+        return self._reports.missed[cell.number - 1] < MISSED_SYNCS
+
     def fallen_mute(self) -> list[RemoteCell]:
         """Cells that have left three SYNCs in a row unanswered, each once until it answers."""
         missed = self._reports.missed
@@ -88,20 +92,13 @@ class Odometry:
         self._mute = frozenset(mute)
         return new
 
-    def fault(self) -> str | None:
-        """The fault of cells that have not answered SYNC for the time limit; None without one.
+    def late(self) -> tuple[float, list[RemoteCell]]:
+        """The time limit for an answer to SYNC [s], and the cells that exceed it.
 
         Where no cell answers it is the link that is silent, and has as long as for a heartbeat.
         """
-        if not self._mute:
-            return None
         limit_s = self._timing.silence_s if self.silent else self._timing.speeds_limit_s
-        late = self._missing(limit_s)
-        if not late:
-            return None
-        names = ", ".join(cell.name for cell in late)
-        verb = "has" if len(late) == 1 else "have"
-        return f"{names} {verb} fallen silent: no speeds for {limit_s:.3g} s"
+        return limit_s, self._missing(limit_s) if self._mute else []
 
     def _missing(self, limit_s: float) -> list[RemoteCell]:
         """Cells that have left as many SYNCs unanswered as fall into so long."""

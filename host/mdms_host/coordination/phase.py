@@ -4,7 +4,7 @@ from enum import StrEnum
 
 
 class Phase(StrEnum):
-    """What the coordinator is doing."""
+    """What the coordinator is doing; a cell that is brought back has a phase of its own."""
 
     WAITING = "waiting for the cells"
     IDENTIFYING = "identifying the cells"
@@ -12,6 +12,8 @@ class Phase(StrEnum):
     STARTING = "starting the cells"
     ENABLING = "enabling the drives"
     RUNNING = "running"
+    HOLDING = "holding all parcels"
+    RECOVERING = "bringing cells back"
     STOPPING = "stopping"
     FAILING = "stopping after a fault"
     STOPPED = "stopped"
@@ -22,6 +24,10 @@ class Signal(StrEnum):
     """What may end a phase."""
 
     DONE = "done"
+    #: Cells are out of action, but may come back.
+    TROUBLE = "trouble"
+    #: They have not come back in time, and the run goes on without them.
+    WITHOUT = "without"
     STOP = "stop"
     FAULT = "fault"
 
@@ -30,6 +36,10 @@ BRING_UP = (
     *(Phase.WAITING, Phase.IDENTIFYING, Phase.CONFIGURING),
     *(Phase.STARTING, Phase.ENABLING),
 )
+#: All references are 0, or on their way there.
+HELD = (Phase.HOLDING, Phase.RECOVERING)
+#: The cells are up, and cared for.
+UP = (Phase.RUNNING, *HELD)
 STOPPED = (Phase.STOPPED, Phase.FAILED)
 
 TRANSITIONS: dict[tuple[Phase, Signal], Phase] = {
@@ -38,10 +48,13 @@ TRANSITIONS: dict[tuple[Phase, Signal], Phase] = {
     (Phase.CONFIGURING, Signal.DONE): Phase.STARTING,
     (Phase.STARTING, Signal.DONE): Phase.ENABLING,
     (Phase.ENABLING, Signal.DONE): Phase.RUNNING,
+    (Phase.RUNNING, Signal.TROUBLE): Phase.HOLDING,
+    (Phase.HOLDING, Signal.DONE): Phase.RECOVERING,
+    (Phase.RECOVERING, Signal.TROUBLE): Phase.HOLDING,
+    (Phase.RECOVERING, Signal.DONE): Phase.RUNNING,
+    **{(phase, Signal.WITHOUT): Phase.RUNNING for phase in HELD},
     (Phase.STOPPING, Signal.DONE): Phase.STOPPED,
     (Phase.FAILING, Signal.DONE): Phase.FAILED,
-    **{(phase, Signal.STOP): Phase.STOPPING for phase in (*BRING_UP, Phase.RUNNING)},
-    **{
-        (phase, Signal.FAULT): Phase.FAILING for phase in (*BRING_UP, Phase.RUNNING, Phase.STOPPING)
-    },
+    **{(phase, Signal.STOP): Phase.STOPPING for phase in (*BRING_UP, *UP)},
+    **{(phase, Signal.FAULT): Phase.FAILING for phase in (*BRING_UP, *UP, Phase.STOPPING)},
 }

@@ -3,7 +3,8 @@
 Wheels that roll give the twist; a sensor that changes shows that the parcel's edge is over it.
 """
 
-from math import cos, inf, sin
+from dataclasses import dataclass
+from math import cos, hypot, inf, log, sin, sqrt
 
 import numpy as np
 
@@ -11,24 +12,33 @@ from mdms_host.estimation.bottom import Bottom
 from mdms_host.estimation.confirmation import Confirmation, Standing
 from mdms_host.estimation.feeling import turn_to_feel_rad
 from mdms_host.estimation.locate import Location
-from mdms_host.estimation.pose_filter import PoseFilter
-from mdms_host.estimation.search import Search
-from mdms_host.estimation.twist_fit import fit_twist
-from mdms_host.layout import Layout
+from mdms_host.estimation.pose_filter import DRAWN_M, PoseFilter
+from mdms_host.estimation.surroundings import Near, Surroundings
 from mdms_model.arrays import Bools, Floats
 
 #: How well an edge is known at the instant a sensor changes.
 _EDGE_M = 0.0002
 #: A frame comes so long after its edge, give or take as much; the parcel has moved on meanwhile.
 _LATENCY_S = 0.002
+#: A parcel rests that moves no faster, its corners' turning included [m/s].
+_RESTING_M_S = 0.005
 #: What a sensor shows is judged from this far inside the outline on, or from so many standard
 #: deviations of the distance.
 _DEEP_M = 0.015
 _DEEP_DEVIATIONS = 3.0
 #: A sensor that is covered farther beside a parcel shows something else.
-_BESIDE_M = 0.06
-_LOOK_AGAIN_S = 0.1
-_LOOK_ON_S = 0.02
+BESIDE_M = 0.06
+#: Cells so far beyond a parcel are looked at, and so many times farther than it reaches.
+_AROUND_M = 0.1
+_AROUND = 1.35
+#: What an edge may be off, however well a parcel's place is known [m].
+_NEAR_M = 0.012
+#: An edge that is farther off, in standard deviations, is none of this parcel's.
+_GATE = 5.0
+#: Nor is one at which a sensor becomes covered farther beside a parcel that rests [m].
+_AT_REST_M = 0.005
+#: How well an edge is known where it is asked whose it is [m].
+_LIKELY_M = 0.001
 #: A parcel is shown where more of the sensors deep under it are covered.
 _COVERED_SHARE = 0.5
 #: A pose is carried on without new speeds for so long.
@@ -38,23 +48,31 @@ _GROWN_M = 5e-5
 _KEPT_S = 0.5
 
 
+@dataclass(frozen=True, slots=True)
+class View:
+    """The sensors around a parcel, and their distances from its edge [m], negative inside, (N,)."""
+
+    near: Near
+    distance_m: Floats
+
+
 class ParcelEstimator:
     """Estimate of one parcel's pose and twist [table frame; SI].
 
-    `pose` is (x, y, yaw), or None until the sensors have shown it, and when it is lost;
-    `covariance` is of shape (3, 3) and `twist` is (vx, vy, yaw rate). The yaw starts as the one
-    nearest to the hint. `acquire` does nothing before `look_s` [s]. `corrected` is set by every
-    sensor that is believed, `disbelieved` is of the last search: sensors (S,) that contradict it.
-    `bottom` is as large as edges have shown it to be.
+    `pose` is (x, y, yaw), or None until the parcel has been found, and when it is lost;
+    `covariance` is of shape (3, 3) and `twist` is (vx, vy, yaw rate). `corrected` is set by every
+    sensor that is believed. `bottom` is as large as edges have shown it to be, and `spread_m` how
+    exact its drawing is. A twist divided by `corner_m` has a corner's speed instead of the rate.
     """
 
-    def __init__(self, layout: Layout, bottom: Bottom, yaw_hint_rad: float = 0.0) -> None:
-        self._layout = layout
-        self._sensors_m = layout.sensor_positions_m.reshape(-1, 2)
-        self._yaw_hint_rad = yaw_hint_rad
+    def __init__(
+        self, surroundings: Surroundings, bottom: Bottom, spread_m: float = DRAWN_M
+    ) -> None:
+        self._surroundings = surroundings
+        self._spread_m = spread_m
         self._at_s = 0.0
-        self.look_s = -inf
-        self._extent_m = np.array([1.0, 1.0, 1.0 / bottom.reach_m])
+        self._rolled_s = -inf
+        self.corner_m: Floats = np.array([1.0, 1.0, 1.0 / bottom.reach_m])
         self._drawn = bottom
         self._growth: Floats = np.zeros(2)
         # That of a while ago, and of one more before: what a parcel seems to grow by while it is
@@ -63,11 +81,9 @@ class ParcelEstimator:
         self._kept_s = 0.0
         self._filter: PoseFilter | None = None
         self._confirmation = Confirmation()
-        self._search: Search | None = None
         self.bottom = bottom
         self.twist: Floats = np.zeros(3)
         self.corrected = False
-        self.disbelieved: Bools = np.zeros(len(self._sensors_m), dtype=bool)
 
     @property
     def standing(self) -> Standing:
@@ -84,47 +100,21 @@ class ParcelEstimator:
         """Of the pose, shape (3, 3); zero without one."""
         return np.zeros((3, 3)) if self._filter is None else self._filter.covariance[:3, :3]
 
-    def acquire(self, now_s: float, covered: Bools, mine: Bools) -> bool:
-        """Search on for the parcel with the sensors that are its own; True if it was found.
-
-        Both arrays are of shape (S,), S the sensors of all cells in a row. A step of the search
-        takes some milliseconds.
-        """
-        if now_s < self.look_s:
-            return False
-        search = self._search
-        if search is None or (search.covered != covered).any():
-            search = Search(self.bottom, self._layout, covered.copy(), mine, self._yaw_hint_rad)
-        search.step()
-        self._search = None if search.over else search
-        self.look_s = now_s + (_LOOK_AGAIN_S if search.over else _LOOK_ON_S)
-        if not search.over or search.found is None:
-            return False
-        self.start(now_s, search.found)
-        self.disbelieved = self._contradicting(covered, mine) | search.left_out
-        return True
-
-    def _contradicting(self, covered: Bools, mine: Bools) -> Bools:
-        """Sensors (S,) that contradict a place which has just been found by more than can be."""
-        assert self._filter is not None
-        distance_m = self.bottom.distance_m(self._sensors_m, self._filter.mean[:3])
-        unsure_m = max(_DEEP_M, _DEEP_DEVIATIONS * self._deviation_m)
-        wrong: Bools = mine & ((distance_m < 0) != covered) & (abs(distance_m) > unsure_m)
-        return wrong
-
-    @property
-    def _deviation_m(self) -> float:
-        assert self._filter is not None
-        return float(np.sqrt(self._filter.covariance[[0, 1], [0, 1]].max()))
-
     def start(self, now_s: float, found: Location) -> None:
         """Begin from a place, at rest."""
         reach_m = self._drawn.reach_m
-        self._filter = PoseFilter(found.pose, found.covariance, reach_m, self._growth)
+        self._filter = PoseFilter(
+            found.pose, found.covariance, reach_m, self._growth, self._spread_m
+        )
         self._confirmation.find(now_s)
         self.twist = np.zeros(3)
         self._at_s = now_s
         self._corrected()
+
+    def blur(self, deviation_m: float) -> None:
+        """The parcel may have moved by so much unseen, as a standard deviation."""
+        if self._filter is not None:
+            self._filter.blur(deviation_m)
 
     def pose_at(self, now_s: float) -> Floats | None:
         """The pose carried on to a time near now by the present twist, for 0.1 s at most."""
@@ -133,68 +123,137 @@ class ParcelEstimator:
         pose: Floats = self._filter.mean[:3] + self.twist * min(now_s - self._at_s, _CARRIED_S)
         return pose
 
-    def distance_m(self, now_s: float) -> Floats:
-        """Distance of all sensors from the parcel's edge [m], negative inside; inf if unknown."""
+    def resume(self, now_s: float) -> None:
+        """What is doubtful is where it was after all: what contradicts is something else."""
+        if self._filter is not None:
+            self._confirmation.find(now_s)
+
+    def near(self, pose: Floats) -> Near:
+        """Sensors and wheels that may have to do with the parcel at a pose."""
+        return self._surroundings.of(pose[:2], _AROUND * self.bottom.reach_m + _AROUND_M)
+
+    def view(self, now_s: float) -> View | None:
+        """The sensors around the parcel, and how far they are from it; None without a pose."""
         pose = self.pose_at(now_s)
         if pose is None:
-            return np.full(len(self._sensors_m), np.inf)
-        return self.bottom.distance_m(self._sensors_m, pose)
+            return None
+        near = self.near(pose)
+        return View(near, self.bottom.distance_m(near.sensors_m, pose))
 
-    def off_m(self, now_s: float, sensor: int) -> float:
-        """How far one sensor is from the parcel's edge, whichever side [m]; inf if unknown."""
+    @property
+    def rests(self) -> bool:
+        """Whether the parcel hardly moves, as far as that is known."""
+        return bool(np.abs(self.twist / self.corner_m).max() < _RESTING_M_S)
+
+    @property
+    def unsure_m(self) -> float:
+        """What a sensor shows within this distance of the edge may be the parcel's or not [m]."""
+        return max(_NEAR_M, _DEEP_DEVIATIONS * self._deviation_m)
+
+    def edge_misfit(self, now_s: float, point_m: Floats) -> float | None:
+        """How badly an edge fits that is over a point now, in variances; None if it cannot be."""
+        pose = self.pose_at(now_s - _LATENCY_S)
+        if self._filter is None or pose is None or self.standing is not Standing.FOUND:
+            return None
+        away_m = hypot(*(point_m - pose[:2]).tolist())
+        if away_m > self.bottom.reach_m + BESIDE_M:
+            return None
+        off_m, slope = self._off(pose, point_m)
+        variance_m2 = float(slope @ self._filter.covariance @ slope) + _LIKELY_M**2
+        if off_m > BESIDE_M or off_m**2 > max(_GATE**2 * variance_m2, BESIDE_M**2):
+            return None
+        return off_m**2 / variance_m2 + log(variance_m2)
+
+    def comes_up(self, now_s: float, point_m: Floats) -> bool:
+        """Whether what has just covered a sensor must be something else: the parcel rests."""
         pose = self.pose_at(now_s)
-        return inf if pose is None else abs(self.bottom.edge(self._sensors_m[sensor], pose)[0])
+        if pose is None or self.twist.any():
+            return False
+        return self.bottom.edge(point_m, pose)[0] > _AT_REST_M
+
+    @property
+    def growth_deviation_m(self) -> tuple[float, float]:
+        """What the outline may be off on either side, along and across [m]."""
+        if self._filter is None:
+            return self._spread_m, self._spread_m
+        along_m2, across_m2 = self._filter.covariance.diagonal()[3:].tolist()
+        return sqrt(along_m2), sqrt(across_m2)
+
+    def contradicting(self, covered: Bools, mine: Bools) -> Bools:
+        """Sensors (S,) that contradict a place which has just been found by more than can be."""
+        wrong = np.zeros(len(covered), dtype=bool)
+        view = self.view(self._at_s)
+        if view is not None:
+            numbers, distance_m = view.near.sensors, view.distance_m
+            shows = mine[numbers] & ((distance_m < 0) != covered[numbers])
+            wrong[numbers] = shows & (abs(distance_m) > self._deep_m)
+        return wrong
 
     def turn_to_feel_rad(self, usable: Bools) -> float | None:
         """The turn that would make the place sure enough [rad]; None where it is, or none does."""
         if self._filter is None:
             return None
         pose, covariance = self._filter.mean[:3], self._filter.covariance[:3, :3]
-        return turn_to_feel_rad(self.bottom, self._sensors_m, usable, pose, covariance)
+        near = self.near(pose)
+        return turn_to_feel_rad(self.bottom, near.sensors_m, usable[near.sensors], pose, covariance)
 
-    def predict(
-        self,
-        now_s: float,
-        speed_m_s: Floats,
-        known: Bools | None = None,
-        standing: Bools | None = None,
-    ) -> None:
-        """Roll on to the time at which the wheels had these speeds; all arrays of shape (W,).
+    def roll(self, now_s: float, twist: Floats | None) -> None:
+        """Go on to a time at which this was the twist; None where no wheel shows it.
 
-        Wheels that are not `known` are left out (None: all are); without any under the parcel its
-        twist stays. Where all of them are `standing` so is the parcel, whatever their speeds.
+        Then it stays for 0.1 s: by then cells that nobody commands have braked.
         """
         if self._filter is None:
             return
         before = self.twist
+        if twist is not None:
+            self.twist, self._rolled_s = twist, now_s
+        elif now_s > self._rolled_s + _CARRIED_S:
+            self.twist = np.zeros(3)
         step_s = max(0.0, now_s - self._at_s)
-        self.twist = self._fit_twist(self._filter.mean[:3], speed_m_s, known, standing)
         self._filter.move((before + self.twist) * (step_s / 2), step_s)
         self._at_s = now_s
 
-    def edge(self, now_s: float, sensor: int) -> None:
-        """A sensor has just changed: the parcel's edge was over it when the cell saw it."""
+    def edge(self, now_s: float, point_m: Floats) -> None:
+        """A sensor there has just changed: the edge was over it when the cell saw it."""
         pose = self.pose_at(now_s - _LATENCY_S)
         if self._filter is None or pose is None or self.standing is not Standing.FOUND:
             return
-        off_m, slope = self._off(pose, sensor)
+        off_m, slope = self._off(pose, point_m)
         late_m = _LATENCY_S * float(slope[:3] @ self.twist)
         if self._filter.on_edge(off_m, slope, (_EDGE_M**2 + late_m**2) ** 0.5):
             self._corrected()
 
-    def agree(self, now_s: float, covered: Bools, mine: Bools, distance_m: Floats) -> Standing:
+    def agree(self, now_s: float, view: View, covered: Bools, mine: Bools) -> Standing:
         """Correct the estimate by every sensor that contradicts it, as far as that can be.
 
-        All arrays are of shape (S,); `distance_m` is that of now. Nothing corrects an estimate that
-        is not `FOUND`; what is lost has no pose any more.
+        `covered` and `mine` are of the sensors of the view, (N,), which is that of now. Nothing
+        corrects an estimate that is not `FOUND`; what is lost has no pose any more.
         """
-        shown = self._shown(covered, mine, distance_m)
+        shown = self._shown(covered, mine, view.distance_m)
         if shown and self.standing is Standing.FOUND:
-            wrong = mine & ((distance_m < 0) != covered) & (distance_m < _BESIDE_M)
+            distance_m = view.distance_m
+            wrong = mine & ((distance_m < 0) != covered) & (distance_m < BESIDE_M)
             for sensor in wrong.nonzero()[0].tolist():
-                shown &= self._bound(now_s, sensor)
+                shown &= self._bound(now_s, view.near.sensors_m[sensor])
         self._confirm(now_s, shown)
         return self.standing
+
+    def covers(self, view: View, covered: Bools, mine: Bools) -> bool:
+        """Whether all of its sensors deep inside are covered, (N,): it may be where it was."""
+        deep = mine & (view.distance_m < -self._deep_m)
+        return bool(deep.any() and covered[deep].all())
+
+    @property
+    def _deviation_m(self) -> float:
+        if self._filter is None:
+            return 0.0
+        x_m2, y_m2, _, along_m2, across_m2 = self._filter.covariance.diagonal().tolist()
+        return sqrt(max(x_m2, y_m2) + max(along_m2, across_m2))
+
+    @property
+    def _deep_m(self) -> float:
+        """What a sensor shows from so far inside the edge on is no question of the edge [m]."""
+        return max(_DEEP_M, _DEEP_DEVIATIONS * self._deviation_m)
 
     def _confirm(self, now_s: float, shown: bool) -> None:
         """Take in whether the parcel is shown where it is believed to be."""
@@ -208,8 +267,6 @@ class ParcelEstimator:
 
     def _lose(self) -> None:
         """Where the parcel is is not known any more."""
-        if self._filter is not None:
-            self._yaw_hint_rad = float(self._filter.mean[2])
         self._filter = None
         self.twist = np.zeros(3)
 
@@ -217,44 +274,26 @@ class ParcelEstimator:
         """Whether most of the sensors that lie deep under the parcel are covered."""
         if self._filter is None:
             return False
-        deep = mine & (distance_m < -max(_DEEP_M, _DEEP_DEVIATIONS * self._deviation_m))
+        deep = mine & (distance_m < -self._deep_m)
         if not deep.any():
             deep = mine & (distance_m < 0)
         return bool((deep & covered).sum() > _COVERED_SHARE * deep.sum())
 
-    def _fit_twist(
-        self, pose: Floats, speed_m_s: Floats, known: Bools | None, standing: Bools | None
-    ) -> Floats:
-        """Rigid twist that most wheels under the parcel agree on; zero without any, shape (3,)."""
-        under = self.bottom.distance_m(self._layout.wheel_positions_m, pose) < 0
-        if known is not None and under.any():
-            under &= known
-            if not under.any():
-                return self.twist
-        if not under.any() or (standing is not None and standing[under].all()):
-            return np.zeros(3)
-        # Columns in metres per second alike, so that what no wheel shows comes out as zero.
-        jacobian = self._layout.surface_jacobian(*pose[:2].tolist()) * self._extent_m
-        vx, vy, corner_m_s = (self.twist / self._extent_m).tolist()
-        fit = fit_twist(jacobian[under], speed_m_s[under], (vx, vy, corner_m_s))
-        twist: Floats = np.array(fit) * self._extent_m
-        return twist
-
-    def _bound(self, now_s: float, sensor: int) -> bool:
-        """A sensor is on the other side of the edge; False if that cannot be believed."""
+    def _bound(self, now_s: float, point_m: Floats) -> bool:
+        """A sensor there is on the other side of the edge; False if that cannot be believed."""
         pose = self.pose_at(now_s)
         if self._filter is None or pose is None:
             return True
-        off_m, slope = self._off(pose, sensor)
+        off_m, slope = self._off(pose, point_m)
         late_m = 2 * _LATENCY_S * float(slope[:3] @ self.twist)
         believed = self._filter.on_bound(off_m, slope, (_EDGE_M**2 + late_m**2) ** 0.5)
         if believed:
             self._corrected()
         return believed
 
-    def _off(self, pose: Floats, sensor: int) -> tuple[float, Floats]:
+    def _off(self, pose: Floats, point_m: Floats) -> tuple[float, Floats]:
         """Distance of a sensor from the edge [m], and its derivative by pose and growth, (5,)."""
-        off_m, slope = self.bottom.edge(self._sensors_m[sensor], pose)
+        off_m, slope = self.bottom.edge(point_m, pose)
         x, y, _ = slope.tolist()
         cosine, sine = cos(pose[2]), sin(pose[2])
         along, across = cosine * x + sine * y, cosine * y - sine * x

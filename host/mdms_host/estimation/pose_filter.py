@@ -13,8 +13,8 @@ from mdms_model.arrays import Floats
 #: Odometry errs by a random walk: this variance a metre of way, and this a second [m; m2/s].
 _SLIP_M = 1e-6
 _DRIFT_M2_S = 1e-10
-#: How much larger a parcel may be than its drawing, on either side [m].
-_GROWTH_M = 0.0005
+#: How much larger a parcel may be than its drawing, on either side (one standard deviation) [m].
+DRAWN_M = 0.0005
 #: An error of more standard deviations is not believed; of fewer, but of so many, it shows that the
 #: filter has been too sure of itself.
 _GATE = 5.0
@@ -30,14 +30,21 @@ class PoseFilter:
     """Pose (x, y, yaw) [m, m, rad], and growth along the parcel's own x and y [m].
 
     `mean` is of shape (5,), `covariance` of shape (5, 5); `extent_m` is how far the parcel reaches
-    from its centre.
+    from its centre, `spread_m` how exact its drawing is on either side (one standard deviation).
     """
 
-    def __init__(self, pose: Floats, covariance: Floats, extent_m: float, growth: Floats) -> None:
+    def __init__(
+        self,
+        pose: Floats,
+        covariance: Floats,
+        extent_m: float,
+        growth: Floats,
+        spread_m: float = DRAWN_M,
+    ) -> None:
         self.mean: Floats = np.concatenate((pose, growth))
         self.covariance: Floats = np.zeros((5, 5))
         self.covariance[:3, :3] = covariance
-        self.covariance[3, 3] = self.covariance[4, 4] = _GROWTH_M**2
+        self.covariance[3, 3] = self.covariance[4, 4] = spread_m**2
         self._extent_m = extent_m
         self._walk = np.array([1.0, 1.0, 1.0 / extent_m**2])
 
@@ -47,7 +54,12 @@ class PoseFilter:
         way_m = hypot(x_m, y_m) + abs(yaw_rad) * self._extent_m
         self.mean[:3] += moved
         variance_m2 = _SLIP_M * way_m + _DRIFT_M2_S * step_s
-        self.covariance[range(3), range(3)] += variance_m2 * self._walk
+        # The first three of the diagonal.
+        self.covariance.reshape(-1)[:18:6] += variance_m2 * self._walk
+
+    def blur(self, deviation_m: float) -> None:
+        """The parcel may have moved by so much any way, a corner's way by turning included."""
+        self.covariance[range(3), range(3)] += deviation_m**2 * self._walk
 
     def on_edge(self, off_m: float, slope: Floats, sigma_m: float) -> bool:
         """A point is on the outline, and was believed `off_m` outside; False if unbelievable.
@@ -89,7 +101,9 @@ class PoseFilter:
             return None
         if off_m**2 > _SURPRISE**2 * variance_m2:
             variance_m2 = off_m**2 / _SURPRISE**2
-            self.covariance *= (variance_m2 - sigma_m**2) / believed_m2
+            larger = (variance_m2 - sigma_m**2) / believed_m2
+            # What rounding has made unlike its mirror image would grow with every surprise.
+            self.covariance = (self.covariance + self.covariance.T) * (larger / 2)
         return variance_m2
 
     def _correct(self, gain: Floats, toward_m: float, less_m2: float) -> None:

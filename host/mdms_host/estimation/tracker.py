@@ -1,52 +1,28 @@
 """Which sensors belong to which parcel, and the estimates of all parcels."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from math import inf
 
-import numpy as np
-
-from mdms_host.estimation.bottom import Bottom
+from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.change import Change, Event
 from mdms_host.estimation.confirmation import Standing
-from mdms_host.estimation.disc import Disc
-from mdms_host.estimation.estimator import ParcelEstimator
-from mdms_host.estimation.polygon import Polygon
+from mdms_host.estimation.coverage import Coverage
+from mdms_host.estimation.estimator import BESIDE_M, View
+from mdms_host.estimation.gate import Gate
+from mdms_host.estimation.known import Known
+from mdms_host.estimation.parcel import Parcel, Region
 from mdms_host.estimation.presence_map import PresenceMap
-from mdms_host.estimation.rectangle import Rectangle
+from mdms_host.estimation.rolling import Speeds, roll_on
+from mdms_host.estimation.seeking import Seeking
+from mdms_host.estimation.size import Size
+from mdms_host.estimation.strangers import Strangers
+from mdms_host.estimation.surroundings import Surroundings
+from mdms_host.estimation.unknowns import Unknown, Unknowns
 from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats, Ints
 
-#: A parcel that was lifted may be set down at such a distance from any other, or farther [m].
-_ELSEWHERE_M = 0.03
-#: A parcel must stand still this long before it is searched for.
-_STILL_S = 0.05
-
-
-@dataclass(frozen=True, slots=True)
-class Parcel:
-    """A parcel as given to the host: its outline, and roughly where it was put.
-
-    `near_m` distinguishes parcels when there are several; the yaw starts as the one that looks the
-    same and is nearest to `yaw_hint_rad`. `corners_m` are those of the shape 'polygon', in its own
-    frame, and `length_m` is the diameter of a 'disc'.
-    """
-
-    name: str
-    length_m: float
-    width_m: float
-    near_m: tuple[float, float] | None = None
-    yaw_hint_rad: float = 0.0
-    shape: str = "rectangle"
-    corners_m: tuple[tuple[float, float], ...] = ()
-
-    @property
-    def bottom(self) -> Bottom:
-        """The outline that the wheels and sensors are under."""
-        if self.shape == "disc":
-            return Disc(self.length_m)
-        if self.shape == "polygon":
-            return Polygon(self.corners_m)
-        return Rectangle(self.length_m, self.width_m)
+__all__ = ["Estimate", "Gate", "Parcel", "Region", "Tracker"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,40 +39,95 @@ class Tracker:
 
     What a cell has not repeated for three of the periods in which it does shows nothing any more.
     `debounce_s` is how long each cell waits before it reports a change (none: not at all).
-    Raises ValueError if there are several parcels and `near_m` of one is missing.
     """
 
     def __init__(
         self,
         layout: Layout,
-        parcels: tuple[Parcel, ...],
+        parcels: tuple[Parcel, ...] = (),
         status_period_s: float = inf,
         debounce_s: tuple[float, ...] = (),
     ) -> None:
-        unplaced = [parcel.name for parcel in parcels if parcel.near_m is None]
-        if len(parcels) > 1 and unplaced:
-            raise ValueError(
-                f"{len(parcels)} parcels can be told apart only by where they were put; "
-                f"near_m is missing for {', '.join(unplaced)}"
-            )
+        self._layout = layout
         self._sensors_m = layout.sensor_positions_m.reshape(-1, 2)
+        self._surroundings = Surroundings(layout)
         self._presence = PresenceMap(
             layout.cells, len(layout.sensor_offsets_m), status_period_s, debounce_s
         )
+        self._strangers = Strangers(layout, self._surroundings)
+        self._unknowns = Unknowns(layout, self._surroundings, self._strangers.link_m)
+        self._seeking = Seeking(
+            layout, self._surroundings, self._presence, self._strangers, self._unknowns
+        )
+        self._known = {parcel.name: Known(parcel, self._surroundings) for parcel in parcels}
+        self._now_s = 0.0
         self._faulty: list[tuple[int, list[int]]] = []
-        self._expected_m = {
-            parcel.name: _expected_distance_m(parcel, self._sensors_m) for parcel in parcels
-        }
-        self._standings = dict.fromkeys(self._expected_m, Standing.LOST)
-        self._estimators = {
-            parcel.name: ParcelEstimator(layout, parcel.bottom, parcel.yaw_hint_rad)
-            for parcel in parcels
-        }
+        self._changes: list[Change] = []
+
+    # Parcels come and go
+
+    def announce(self, parcel: Parcel, region: Region | None = None) -> None:
+        """Expect a parcel: it is found once sensors show it, in `region` only if there is one.
+
+        Those that look the same are found in the order in which they were announced. Raises
+        ValueError for a name that is taken.
+        """
+        self._add(Known(parcel, self._surroundings, region=region))
+
+    def depart(self, name: str, gate: Gate | None = None) -> None:
+        """Have a parcel leave through `gate`; without one it is gone already.
+
+        Once it is through it is no parcel of this tracker any more. Raises KeyError for a name that
+        there is not.
+        """
+        if gate is None:
+            self._leave(name)
+        else:
+            self._known[name].gate = gate
+
+    def name(self, unknown: str, parcel: Parcel) -> None:
+        """Take what is unknown for a parcel, which is then found there, if it has that outline.
+
+        Raises KeyError where nothing of that name is there, ValueError for a name that is taken.
+        """
+        corners_m = self._unknowns.all[unknown].corners_m
+        low_m, high_m = corners_m.min(axis=0).tolist(), corners_m.max(axis=0).tolist()
+        region = Region((low_m[0], low_m[1]), (high_m[0], high_m[1]))
+        self._add(Known(parcel, self._surroundings, region=region, unknown=unknown))
+
+    def size(self, name: str) -> Size | None:
+        """How large a rectangular parcel is as far as sensors show, or something unknown at rest.
+
+        None for what is no rectangle. Of a parcel that was given this size when it was named edges
+        show it better as it moves. Raises KeyError for a name that there is not.
+        """
+        if name in self._known:
+            return self._known[name].size
+        return self._unknowns.size(
+            name, self._presence.valid(self._now_s) & ~self._presence.covered
+        )
+
+    def _add(self, known: Known) -> None:
+        name = known.parcel.name
+        if name in self._known or name in self._unknowns.all:
+            raise ValueError(f"there is a parcel {name!r} already; give each a name of its own")
+        self._known[name] = known
+
+    # What comes in
 
     def on_presence(self, now_s: float, cell: int, bits: int) -> None:
         """Cell `cell` (from 1) reports which of its sensors are covered: bit k sensor k."""
         for time_s, sensor in self._presence.on_report(now_s, cell, bits):
             self._on_edge(time_s, sensor)
+
+    def ignore_cells(self, cells: Collection[int]) -> None:
+        """The sensors of these cells (from 1) show nothing from now on, those of all others do."""
+        self._presence.ignore(cells)
+
+    def blur(self, deviation_m: float) -> None:
+        """Parcels may have moved by so much unseen: sensors that differ are to be believed."""
+        for known in self._known.values():
+            known.estimator.blur(deviation_m)
 
     def on_speeds(
         self,
@@ -110,122 +141,170 @@ class Tracker:
         The speeds of all wheels are `known` if that is None; `standing` are wheels that are to
         stand, and do but for the noise of their encoders.
         """
-        for estimator in self._estimators.values():
-            estimator.predict(now_s, speed_m_s, known, standing)
-        found = self._find_missing(now_s)
-        distances_m = self._distances_m(now_s)
-        owners = self._owners(distances_m)
-        covered, valid = self._presence.covered, self._presence.valid(now_s)
-        for number, (name, estimator) in enumerate(self._estimators.items()):
-            if estimator.standing is Standing.FOUND:
-                self._expected_m[name] = distances_m[number]
-            if estimator.pose is not None:
-                mine = valid & (owners == number)
-                estimator.agree(now_s, covered, mine, distances_m[number])
-        if distances_m and not self.unconfirmed:
-            self._faulty += self._presence.judge(now_s, np.min(distances_m, axis=0))
+        self._now_s = now_s
+        estimators = (each.estimator for each in self._known.values())
+        roll_on(estimators, now_s, Speeds(speed_m_s, known, standing))
+        valid = self._presence.valid(now_s)
+        views = self._views(now_s)
+        coverage = self._coverage(views)
+        groups = self._groups(now_s, valid, coverage)
+        found = self._seeking.step(now_s, valid, self._known, groups)
+        if found:
+            # What contradicts them is not believed any more.
+            valid = self._presence.valid(now_s)
+            views = self._views(now_s)
+            coverage = self._coverage(views)
+            groups = self._groups(now_s, valid, coverage)
+        self._agree(now_s, valid, views, coverage)
+        self._watch_unknown(now_s, valid, coverage, groups)
+        self._judge(now_s, coverage, groups)
+        for name in [name for name, each in self._known.items() if each.has_left()]:
+            self._leave(name)
+        misfits = self._seeking.take_misfits()
+        self._changes += misfits
         return found
+
+    # What goes out
 
     def take_faulty(self) -> list[tuple[int, list[int]]]:
         """Cells (from 1) with sensors (from 0) that contradict all others, since the last call."""
-        faulty, self._faulty = self._faulty, []
+        faulty = self._faulty + self._seeking.take_faulty()
+        self._faulty = []
         return faulty
 
-    def take_changes(self) -> list[tuple[str, Standing]]:
-        """Parcels that have been found, or become doubtful or lost, since the last call."""
-        changes = [
-            (name, one.standing)
-            for name, one in self._estimators.items()
-            if one.standing is not self._standings[name]
-        ]
-        self._standings.update(changes)
-        return changes
+    def take_changes(self) -> list[Change]:
+        """What has become of parcels, and of what is unknown, since the last call."""
+        standings = (each.take_change() for each in self._known.values())
+        changes = [*self._changes, *(each for each in standings if each)]
+        self._changes = []
+        return changes + self._unknowns.take_changes()
 
-    def take_corrected(self) -> set[str]:
-        """Parcels whose sensors have corrected or found them since the last call."""
-        corrected = {name for name, one in self._estimators.items() if one.corrected}
-        for name in corrected:
-            self._estimators[name].corrected = False
-        return corrected
+    def beliefs(self, at_s: float, now_s: float, near: Collection[str] = ()) -> dict[str, Belief]:
+        """What is believed, at a time near now, of all that is there, by name, unknown or not.
+
+        `near` are parcels about to arrive: theirs say by which turn they would be known better.
+        """
+        believed = {}
+        valid = self._presence.valid(now_s)
+        for name, each in self._known.items():
+            one = each.estimator
+            pose = one.pose_at(at_s)
+            if pose is not None:
+                believed[name] = Belief(
+                    name,
+                    one.bottom,
+                    pose,
+                    one.twist,
+                    one.covariance,
+                    one.standing,
+                    one.corrected,
+                    one.turn_to_feel_rad(valid) if name in near else None,
+                )
+            one.corrected = False
+        return believed | {belief.name: belief for belief in self._unknowns.beliefs()}
+
+    @property
+    def parcels(self) -> Mapping[str, Parcel]:
+        """The parcels that there are, found or not, as they were given, by name."""
+        return {name: each.parcel for name, each in self._known.items()}
+
+    @property
+    def unknown(self) -> Mapping[str, Unknown]:
+        """What is there and was not given, by name."""
+        return self._unknowns.all
 
     def estimate(self, name: str, now_s: float) -> Estimate | None:
         """Where the parcel is believed to be; None as long as it has not been found."""
-        pose = self._estimators[name].pose_at(now_s)
+        pose = self._known[name].estimator.pose_at(now_s) if name in self._known else None
         return None if pose is None else Estimate(*map(float, pose))
 
     def poses(self, now_s: float) -> Mapping[str, Floats]:
         """Pose (x, y, yaw) of every parcel that has been found."""
-        found = ((name, one.pose_at(now_s)) for name, one in self._estimators.items())
+        found = ((name, each.estimator.pose_at(now_s)) for name, each in self._known.items())
         return {name: pose for name, pose in found if pose is not None}
 
     def covariance(self, name: str) -> Floats:
         """What the pose of a parcel may be off, shape (3, 3); zero where it is not found."""
-        return self._estimators[name].covariance
-
-    def turn_to_feel_rad(self, name: str, now_s: float) -> float | None:
-        """The turn of a parcel that would make its place sure enough; None where it is so, or
-        where none does [rad]."""
-        return self._estimators[name].turn_to_feel_rad(self._presence.valid(now_s))
+        return self._known[name].estimator.covariance
 
     @property
     def doubtful(self) -> set[str]:
         """Parcels that sensors do not show where they are believed to be."""
-        return {n for n, one in self._estimators.items() if one.standing is Standing.DOUBTFUL}
+        return {n for n, each in self._known.items() if each.standing is Standing.DOUBTFUL}
 
-    @property
-    def unconfirmed(self) -> bool:
-        """Whether any parcel is not found."""
-        return any(one.standing is not Standing.FOUND for one in self._estimators.values())
+    # The cycle
 
     def _on_edge(self, now_s: float, sensor: int) -> None:
-        """The parcel whose edge is nearest to the sensor has crossed it."""
-        if self._estimators:
-            estimators = self._estimators.values()
-            min(estimators, key=lambda one: one.off_m(now_s, sensor)).edge(now_s, sensor)
-
-    def _distances_m(self, now_s: float) -> list[Floats]:
-        """Distance of all sensors from each parcel, or from where it was last, shape (S,).
-
-        Sensors farther away than `_ELSEWHERE_M` from those that are found may show any other.
-        """
-        return [
-            one.distance_m(now_s)
-            if one.standing is Standing.FOUND
-            else _beyond(self._expected_m[name])
-            for name, one in self._estimators.items()
+        """The edge that is likeliest to have crossed a sensor has; none, where none may have."""
+        if self._strangers.foreign[sensor]:
+            return
+        point_m = self._sensors_m[sensor]
+        near = [
+            (misfit, each)
+            for each in self._known.values()
+            if (misfit := each.estimator.edge_misfit(now_s, point_m)) is not None
         ]
+        if not near:
+            return
+        _, nearest = min(near, key=lambda pair: pair[0])
+        if self._presence.covered[sensor] and nearest.estimator.comes_up(now_s, point_m):
+            self._strangers.foreign[sensor] = True
+        else:
+            nearest.estimator.edge(now_s, point_m)
 
-    def _owners(self, distances_m: list[Floats]) -> Ints:
-        """Number of the parcel that each sensor is nearest to, shape (S,)."""
-        if len(distances_m) < 2:
-            return np.zeros(len(self._sensors_m), dtype=np.intp)
-        return np.asarray(np.argmin(distances_m, axis=0))
+    def _views(self, now_s: float) -> dict[str, View]:
+        """The sensors around each parcel that has a pose, by its name."""
+        seen = ((name, each.estimator.view(now_s)) for name, each in self._known.items())
+        return {name: view for name, view in seen if view is not None}
 
-    def _find_missing(self, now_s: float) -> list[str]:
-        """Search for a parcel not found yet, once all cells have reported and nothing moves.
+    def _coverage(self, views: Mapping[str, View]) -> Coverage:
+        return Coverage(len(self._sensors_m), self._known, views)
 
-        Only for one, since a search takes milliseconds and setpoints wait meanwhile.
-        """
-        presence = self._presence
-        if not presence.complete or now_s < presence.changed_s + _STILL_S:
-            return []
-        for number, (name, one) in enumerate(self._estimators.items()):
-            if one.standing is not Standing.FOUND and now_s >= one.look_s:
-                mine = presence.valid(now_s) & (self._owners(self._distances_m(now_s)) == number)
-                if not one.acquire(now_s, presence.covered, mine):
-                    return []
-                self._faulty += presence.disbelieve(one.disbelieved)
-                return [name]
-        return []
+    def _groups(self, now_s: float, valid: Bools, coverage: Coverage) -> tuple[Ints, ...]:
+        return self._strangers.groups(now_s, self._presence.covered, valid, coverage)
 
+    def _agree(
+        self, now_s: float, valid: Bools, views: Mapping[str, View], coverage: Coverage
+    ) -> None:
+        """Correct every parcel by its own sensors, and take in whether they show it."""
+        covered = self._presence.covered
+        usable = valid & ~self._strangers.foreign & ~self._unknowns.sensors
+        for number, (name, each) in enumerate(self._known.items()):
+            if name in views:
+                sensors = views[name].near.sensors
+                mine = usable[sensors] & (coverage.owner[sensors] == number)
+                each.estimator.agree(now_s, views[name], covered[sensors], mine)
+                each.keep_place()
 
-def _beyond(distance_m: Floats) -> Floats:
-    """Distances in their order, but those beyond `_ELSEWHERE_M` nearly alike."""
-    return np.minimum(distance_m, _ELSEWHERE_M + 1e-3 * (distance_m - _ELSEWHERE_M))
+    def _watch_unknown(
+        self, now_s: float, valid: Bools, coverage: Coverage, groups: tuple[Ints, ...]
+    ) -> None:
+        """Take in what no parcel explains, but what may be a parcel that is in doubt."""
+        if not self._presence.complete:
+            return
+        claimed = coverage.disputed & ~self._strangers.foreign & ~self._unknowns.sensors
+        parts = [part for group in groups if len(part := group[~claimed[group]])]
+        free = valid & ~self._presence.covered
+        self._unknowns.step(
+            now_s, parts, free, heaps=self._seeking.heaps, settled=self._seeking.settled
+        )
 
+    def _judge(self, now_s: float, coverage: Coverage, groups: tuple[Ints, ...]) -> None:
+        """Judge what each sensor is worth where all parcels are found that have ever been."""
+        waiting = [each for each in self._known.values() if each.standing is not Standing.FOUND]
+        if not self._known or not all(each.expected for each in waiting):
+            return
+        other = self._strangers.large(groups) | self._strangers.foreign
+        for each in waiting:
+            if each.region is not None:
+                other |= each.region.holds(self._sensors_m)
+        self._faulty += self._presence.judge(now_s, coverage.distance_m, other)
 
-def _expected_distance_m(parcel: Parcel, sensors_m: Floats) -> Floats:
-    """Distance of the sensors from the parcel where it was put [m]; zero if that is not given."""
-    if parcel.near_m is None:
-        return np.zeros(len(sensors_m))
-    return parcel.bottom.distance_m(sensors_m, np.array([*parcel.near_m, parcel.yaw_hint_rad]))
+    def _leave(self, name: str) -> None:
+        """A parcel is none of this table any more, nor are sensors that still show it."""
+        gone = self._known.pop(name)
+        view = gone.estimator.view(self._now_s)
+        if view is not None:
+            left = view.near.sensors[view.distance_m < BESIDE_M]
+            self._strangers.leave(self._now_s, left)
+        self._changes.append(Change(name, Event.DEPARTED, gone.place))

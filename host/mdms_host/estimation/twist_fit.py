@@ -1,10 +1,10 @@
-"""The rigid twist that most wheels under a parcel agree on; wheels that slip count little."""
+"""The rigid twists that most wheels under each parcel agree on; wheels that slip count little."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from mdms_model.arrays import Floats
-
-Twist = tuple[float, float, float]
 
 #: Wheels this far from the fit are taken to slip.
 _SLIPPING_M_S = 0.003
@@ -16,30 +16,37 @@ _LEFT = [0, 0, 0, 1, 1, 2, 3, 3, 3]
 _RIGHT = [0, 1, 2, 1, 2, 2, 0, 1, 2]
 
 
-def fit_twist(jacobian: Floats, speed_m_s: Floats, start: Twist) -> Twist:
-    """Twist that explains the speeds of at least one wheel: least squares, reweighted in rounds.
+def fit_twists(jacobians: Sequence[Floats], speeds_m_s: Sequence[Floats], starts: Floats) -> Floats:
+    """Twists that explain the speeds of the wheels of each of P parcels, shape (P, 3).
 
-    `jacobian`, of shape (W, 3), maps the twist to speeds, of shape (W,); its columns should be of
-    one unit. An error e counts as 1 / (1 + (e / s)^2), s being one and a half of their median.
+    Least squares, reweighted in rounds: an error e counts as 1 / (1 + (e / s)^2), s being one and a
+    half of their median. A jacobian, of shape (W, 3), maps a twist to speeds, of shape (W,), of at
+    least one wheel; its columns should be of one unit. `starts` are of shape (P, 3).
     """
-    columns = np.vstack((jacobian.T, speed_m_s))
-    u, v, w, speed = columns
-    left, right = columns[_LEFT], columns[_RIGHT]
-    middle = len(speed_m_s) // 2
-    x, y, z = start
+    counts = np.array([len(speeds) for speeds in speeds_m_s])
+    columns = np.zeros((len(counts), 4, counts.max()))
+    for number, (jacobian, speeds) in enumerate(zip(jacobians, speeds_m_s, strict=True)):
+        columns[number, :3, : len(speeds)] = jacobian.T
+        columns[number, 3, : len(speeds)] = speeds
+    is_wheel = np.arange(counts.max()) < counts[:, None]
+    nothing = np.where(is_wheel, 0.0, np.inf)
+    products = columns[:, _LEFT] * columns[:, _RIGHT]
+    # The middle one, or the upper of the two.
+    middle = np.arange(len(counts)), counts // 2
+    twists = starts
     for _ in range(_ROUNDS):
-        squares = (speed - u * x - v * y - w * z) ** 2
-        # The middle one, or the upper of the two.
-        median = sorted(squares.tolist())[middle]
-        weight = 1.0 / (max(_SLIPPING_M_S**2, 2.25 * median) + squares)
+        x, y, z = twists.T[:, :, None]
+        squares = (columns[:, 3] - columns[:, 0] * x - columns[:, 1] * y - columns[:, 2] * z) ** 2
+        median = np.sort(squares + nothing, axis=1)[middle]
+        weight = is_wheel / (np.maximum(_SLIPPING_M_S**2, 2.25 * median)[:, None] + squares)
         # Summed one after the other, so that the result is the same on every machine.
-        x, y, z = _solve((weight * left * right).cumsum(axis=1)[:, -1].tolist())
-    return x, y, z
+        twists = _solve((weight[:, None] * products).cumsum(axis=2)[:, :, -1])
+    return twists
 
 
-def _solve(sums: list[float]) -> Twist:
-    """Solution of [[a b c] [b d e] [c e f]] (x y z) = (p q r), by L D L^T, with a ridge."""
-    a, b, c, d, e, f, p, q, r = sums
+def _solve(sums: Floats) -> Floats:
+    """Solutions of [[a b c] [b d e] [c e f]] (x y z) = (p q r), by L D L^T, with a ridge."""
+    a, b, c, d, e, f, p, q, r = sums.T
     ridge = _RIDGE * (a + d + f)
     a, d, f = a + ridge, d + ridge, f + ridge
     low_b, low_c = b / a, c / a
@@ -47,4 +54,4 @@ def _solve(sums: list[float]) -> Twist:
     low_e = e / d
     z = (r - low_e * q) / (f - low_e * e)
     y = (q - e * z) / d
-    return (p - b * y - c * z) / a, y, z
+    return np.column_stack(((p - b * y - c * z) / a, y, z))

@@ -1,16 +1,26 @@
-"""Closed-loop steering of one parcel to a goal pose, gently enough that its wheels roll."""
+"""Closed-loop steering of one parcel to a goal pose, as fast as its wheels still roll."""
 
 from dataclasses import dataclass
-from math import hypot, inf, pi, sqrt
+from math import hypot, inf, pi
 
 import numpy as np
 
+from mdms_host.estimation.belief import Belief
+from mdms_host.motion.follower import STIFFNESS_PER_S, Carried, Follower
+from mdms_host.motion.grip import Grip
+from mdms_host.motion.mass import Mass
+from mdms_host.motion.path import straight
+from mdms_host.motion.traction import Traction
 from mdms_model.arrays import Floats
 
 #: A parcel is about to be at its goal within so many tolerances.
 _NEAR = 5.0
 #: So often a parcel turns to have its place made sure; a goal without a yaw is where it is then.
 _TURNS = 3
+#: A target that differs by less is the same.
+_SAME_M = 1e-6
+#: At the end of its way a parcel is drawn to the goal by what is left, so much at most [m].
+_CREEP_M = 0.006
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +40,7 @@ class Goal:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """How fast a parcel may be moved.
+    """How fast cells that steer may move a parcel.
 
     `speed_m_s` bounds the speed of its centre and of its corners' turning together; the
     acceleration takes at most `friction_share` of what friction can give (mu g).
@@ -49,31 +59,35 @@ class Limits:
 
 
 class GoalController:
-    """From a pose to the twist that takes it to the goal; `arrived` once it is there.
+    """Takes one parcel to a goal on the straight way; `arrived` once it is there.
 
-    Translation and rotation are one motion: yaw counts by the way of the corners, `reach_m` from
-    the centre, so that both end together. A parcel that has arrived is held until a sensor shows it
-    outside twice the tolerance; one that is `stopped` is not steered any more, and one that is
-    `paused` is brought to rest meanwhile. A place is not sure enough while a turn by `feel_rad`
-    would show it better: a parcel there turns so first, three times at most, and back; `leg` counts
-    these ways.
+    Translation and rotation are one motion, so that both end together. A parcel that has arrived is
+    held until a sensor shows it outside twice the tolerance; one that is `stopped` is brought to
+    rest and not steered any more, and one that is `paused` is brought to rest meanwhile. One that
+    has left its way comes to rest, and takes another from there. A place is not sure enough while a
+    turn by `feel_rad` would show it better: a parcel there turns so first, three times at most, and
+    back; `leg` counts these ways.
     """
 
-    def __init__(self, goal: Goal, limits: Limits, reach_m: float) -> None:
+    def __init__(self, goal: Goal, traction: Traction, mass: Mass) -> None:
         self.goal = goal
         self.arrived = False
         self.stopped = False
         self.paused = False
         self.feel_rad: float | None = None
+        self.grip = Grip()
+        self._traction = traction
+        self._mass = mass
         self._turned_rad: float | None = None
         self._turns = 0
         self.leg = 0
-        self._limits = limits
-        self._reach_m = reach_m
-        self._extent_m = np.array([1.0, 1.0, reach_m])
-        self._twist_m_s: Floats = np.zeros(3)
+        self._follower: Follower | None = None
         self._left_m = inf
         self._within_s = 0.0
+
+    def go_over_from(self, other: "GoalController") -> None:
+        """Begin with the motion that another controller has commanded last."""
+        self._follower, self.grip, self.paused = other._follower, other.grip, other.paused
 
     @property
     def left_m(self) -> float:
@@ -88,12 +102,22 @@ class GoalController:
     @property
     def speed_m_s(self) -> float:
         """How fast the parcel is commanded to go there, a corner's way included [m/s]."""
-        return hypot(*self._twist_m_s.tolist())
+        if self._follower is None:
+            return 0.0
+        if self._follower.off_path:
+            return 0.0
+        if self._still or not self._follower.finished:
+            return self._follower.speed_m_s
+        return STIFFNESS_PER_S * min(self._left_m, _CREEP_M)
 
     @property
     def stopping_s(self) -> float:
         """How long it takes to come to rest from the commanded speed [s]."""
-        return self.speed_m_s / self._limits.acceleration_m_s2
+        return 0.0 if self._follower is None else self._follower.stopping_s
+
+    @property
+    def _still(self) -> bool:
+        return self.stopped or self.paused or self.arrived
 
     def stop(self) -> None:
         """Bring the parcel to rest, and do not steer it any more."""
@@ -102,50 +126,67 @@ class GoalController:
     def lose(self) -> None:
         """Where the parcel is is not known: it is not steered, and begins anew from rest."""
         self.arrived, self._within_s, self._left_m = False, 0.0, inf
-        self._twist_m_s = np.zeros(3)
+        self._follower = None
         self._turned_rad, self._turns = None, 0
 
-    def step(self, pose: Floats, step_s: float, contradicted: bool = True) -> Floats:
-        """Twist (vx, vy, yaw rate) to command for the next step, shape (3,), about the centre.
+    def step(self, belief: Belief, step_s: float) -> Carried | None:
+        """What the parcel's wheels are to do in the next step; None: stand still."""
+        reach_m = belief.outline.reach_m
+        off = self._target(belief.pose) - belief.pose
+        self._left_m = hypot(off[0], off[1], off[2] * reach_m)
+        if belief.corrected or not self.arrived:
+            self._check_arrival(off, float(belief.pose[2]), step_s)
+        follower = self._following(belief)
+        if follower is None:
+            return None
+        follower.paused = self._still or self._leads_elsewhere(follower, belief.pose)
+        return follower.step(belief, step_s)
 
-        `contradicted` is whether a sensor has corrected the pose since the last step.
-        """
-        error_m = self._error_m(pose)
-        self._left_m = hypot(*error_m.tolist())
-        if contradicted or not self.arrived:
-            self._check_arrival(error_m, float(pose[2]), step_s)
-        still = self.stopped or self.paused or self.arrived
-        wanted_m_s = np.zeros(3) if still else self._approach(error_m)
-        change_m_s = wanted_m_s - self._twist_m_s
-        most_m_s = self._limits.acceleration_m_s2 * step_s
-        size_m_s = hypot(*change_m_s.tolist())
-        self._twist_m_s = self._twist_m_s + change_m_s * min(1.0, most_m_s / max(size_m_s, 1e-12))
-        twist: Floats = self._twist_m_s / self._extent_m
-        return twist
+    def _following(self, belief: Belief) -> Follower | None:
+        """What follows the way to where the parcel is to be now; None where it is to stand."""
+        follower = self._follower
+        if follower is not None and not follower.at_rest:
+            return follower
+        if self._still:
+            self._follower = None
+            return None
+        if follower is None or follower.off_path or self._leads_elsewhere(follower, belief.pose):
+            if follower is not None and follower.off_path:
+                self.leg += 1
+            target = self._target(belief.pose)
+            path = straight(belief.pose, target, belief.outline.reach_m)
+            profile = self._traction.profile(path, belief.outline, self._mass)
+            self._follower = Follower(self._traction, profile, self.grip)
+        return self._follower
 
-    def _error_m(self, pose: Floats) -> Floats:
-        """What is left to go, shape (3,); yaw as the way of a corner [m]."""
-        x_m, y_m, yaw_rad = pose.tolist()
-        left_rad = 0.0
+    def _leads_elsewhere(self, follower: Follower, pose: Floats) -> bool:
+        """Whether a way does not end where the parcel is to be now, or with the wheels of now."""
+        if follower.out_of_date:
+            return True
+        off = follower.path.off(self._target(pose), follower.path.length_m)
+        return follower.path.distance_m(off) > _SAME_M
+
+    def _target(self, pose: Floats) -> Floats:
+        """The pose to be at, in the turn nearest to a pose, shape (3,)."""
         wanted_rad = self.goal.yaw_rad if self._turned_rad is None else self._turned_rad
-        if wanted_rad is not None:
-            left_rad = (wanted_rad - yaw_rad + pi) % (2 * pi) - pi
-        return np.array([self.goal.x_m - x_m, self.goal.y_m - y_m, left_rad * self._reach_m])
+        yaw_rad = float(pose[2])
+        if wanted_rad is None:
+            # However the parcel is turned when it sets out.
+            follower = self._follower
+            turned_rad = yaw_rad if follower is None else float(follower.path.end[2])
+        else:
+            turned_rad = yaw_rad + (wanted_rad - yaw_rad + pi) % (2 * pi) - pi
+        return np.array([self.goal.x_m, self.goal.y_m, turned_rad])
 
-    def _approach(self, error_m: Floats) -> Floats:
-        """Straight to the goal, slowing down as braking demands [m/s], shape (3,)."""
-        way_m = max(hypot(*error_m.tolist()), 1e-12)
-        braking_m_s = sqrt(self._limits.acceleration_m_s2 * way_m)
-        speed_m_s = min(self._limits.speed_m_s, self._limits.stiffness_per_s * way_m, braking_m_s)
-        return error_m * (speed_m_s / way_m)
-
-    def _check_arrival(self, error_m: Floats, yaw_rad: float, step_s: float) -> None:
+    def _check_arrival(self, off: Floats, yaw_rad: float, step_s: float) -> None:
         """Arrived after a while within the tolerance; gone again outside twice of it."""
         slack = 2.0 if self.arrived else 1.0
-        x_m, y_m, corner_m = error_m.tolist()
+        x_m, y_m, turn_rad = off.tolist()
+        if self.goal.yaw_rad is None and self._turned_rad is None:
+            turn_rad = 0.0
         within = (
             hypot(x_m, y_m) <= slack * self.goal.tolerance_m
-            and abs(corner_m) <= slack * self.goal.tolerance_rad * self._reach_m
+            and abs(turn_rad) <= slack * self.goal.tolerance_rad
         )
         self._within_s = self._within_s + step_s if within else 0.0
         self._feel(yaw_rad, settled=self._within_s >= self.goal.settle_s)

@@ -2,32 +2,47 @@
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from math import hypot
+from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
 
+from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.tracker import Parcel
-from mdms_host.layout import Layout
-from mdms_host.motion.allocation import Claim, allocate
+from mdms_host.motion.carrying import Carrying
 from mdms_host.motion.contact import Body, Contacts, gap_m
-from mdms_host.motion.goal import Goal, GoalController, Limits
+from mdms_host.motion.follower import Carried
+from mdms_host.motion.goal import Goal, GoalController
+from mdms_host.motion.grip import Grip
+from mdms_host.motion.mass import Mass, uniform_mass
+from mdms_host.motion.obstacles import Obstacles
 from mdms_host.motion.standstill import Standstill
+from mdms_host.motion.traction import Traction
 from mdms_model.arrays import Floats
 
 #: A parcel that stands is pressed by one that is believed to be so near.
 _NEAR_M = 0.015
 
 
+class Steered(Protocol):
+    """A parcel that is steered to a goal, by whomever."""
+
+    @property
+    def goal(self) -> Goal:
+        """Where to."""
+        ...
+
+    @property
+    def arrived(self) -> bool:
+        """Whether it is there."""
+        ...
+
+
 class Program(Protocol):
     """Sets all wheels' references [m/s] (the paper's r), step by step."""
 
-    def references_m_s(
-        self, poses: Mapping[str, Floats], step_s: float, corrected: Collection[str] | None = None
-    ) -> Floats:
-        """References of shape (W,) for the next step, given the poses (x, y, yaw) known now.
-
-        `corrected` are parcels whose poses a sensor has corrected since the last step; None: all.
-        """
+    def references_m_s(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
+        """References of shape (W,) for the next step, given what is believed at its beginning."""
         ...
 
     def take_notices(self) -> list[str]:
@@ -50,8 +65,21 @@ class Program(Protocol):
         ...
 
     @property
-    def controllers(self) -> Mapping[str, GoalController]:
+    def near(self) -> Collection[str]:
+        """Parcels about to arrive, of which it matters how well their places are known."""
+        ...
+
+    @property
+    def controllers(self) -> Mapping[str, Steered]:
         """What steers each parcel that has a goal, by the parcel's name."""
+        ...
+
+    def set_goal(self, name: str, goal: Goal) -> None:
+        """Steer a parcel to this goal from now on.
+
+        Raises ValueError where none are steered, and KeyError for a parcel that is not the
+        program's.
+        """
         ...
 
 
@@ -77,15 +105,22 @@ class FieldProgram:
         return True
 
     @property
+    def near(self) -> Collection[str]:
+        """None: a field has no goals."""
+        return ()
+
+    @property
     def controllers(self) -> Mapping[str, GoalController]:
         """A field steers no parcel to a goal."""
         return {}
 
-    def references_m_s(
-        self, poses: Mapping[str, Floats], step_s: float, corrected: Collection[str] | None = None
-    ) -> Floats:
+    def references_m_s(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
         """The field's references, shape (W,)."""
         return self._references_m_s
+
+    def set_goal(self, name: str, goal: Goal) -> None:
+        """Raises ValueError: a field has no goals."""
+        raise ValueError("the program drives all wheels by a field, and steers no parcel")
 
     def take_notices(self) -> list[str]:
         """Nothing: a field does not look at parcels."""
@@ -95,25 +130,23 @@ class FieldProgram:
 class GoalProgram:
     """Steers each parcel that has a goal to it; wheels under any other, or near none, stand still.
 
+    What is believed to be there and is none of the parcels is an obstacle: those wait before it.
+
     A parcel that is not found holds the wheels where it was last, or where it was put. Two that
-    press each other, and one that does not get on, are stopped for good. `droop` is the nominal
-    speed of a free wheel per reference, a/b of the paper's eq (9): the reference is the wanted
-    speed divided by it, times `trim` (W,) where wheels differ.
+    press each other, and one that does not get on, are stopped for good. A parcel whose mass is not
+    among `masses` is taken for an even plate.
     """
 
     def __init__(
         self,
-        layout: Layout,
+        traction: Traction,
         parcels: tuple[Parcel, ...],
         goals: Mapping[str, Goal],
-        droop: float,
-        limits: Limits | None = None,
-        *,
-        trim: Floats | float = 1.0,
+        masses: Mapping[str, Mass] = MappingProxyType({}),
     ) -> None:
-        self._layout = layout
-        self._trim = trim
-        self._droop = droop
+        self._traction = traction
+        self._masses = masses
+        self._carrying = Carrying(traction.layout, traction.drives)
         self._bottoms = {parcel.name: parcel.bottom for parcel in parcels}
         self._places: dict[str, Floats] = {
             parcel.name: np.array([*parcel.near_m, parcel.yaw_hint_rad])
@@ -121,23 +154,45 @@ class GoalProgram:
             if parcel.near_m is not None
         }
         self._controllers = {
-            name: GoalController(goals[name], limits or Limits(), bottom.reach_m)
-            for name, bottom in self._bottoms.items()
-            if name in goals
+            name: self._controller_of(name, goals[name]) for name in self._bottoms if name in goals
         }
+        self._given = dict(self._bottoms)
+        self._obstacles = Obstacles()
         self._found: set[str] = set()
         self._contacts = Contacts()
         self._standstills = {name: Standstill() for name in self._controllers}
         self._notices: list[str] = []
-        self._reasons: list[str] = []
+        self._reasons: dict[str, str] = {}
+        self._slips = dict.fromkeys(self._controllers, 0)
+
+    def set_goal(self, name: str, goal: Goal) -> None:
+        """Steer a parcel to this goal from now on, stopped or not. KeyError for one of no program.
+
+        One that moves is brought to rest on its way first.
+        """
+        before = self._controllers.get(name)
+        after = self._controller_of(name, goal)
+        if before is not None:
+            after.go_over_from(before)
+        self._controllers[name] = after
+        self._standstills[name] = Standstill()
+        self._reasons.pop(name, None)
+
+    def on_lost_cells(self, cells: frozenset[int]) -> None:
+        """The wheels of these cells (from 1) do not push any more; ways are planned anew."""
+        self._traction.lose(cells)
+
+    def _controller_of(self, name: str, goal: Goal) -> GoalController:
+        mass = self._masses.get(name) or uniform_mass(self._bottoms[name])
+        return GoalController(goal, self._traction, mass)
 
     @property
     def stuck(self) -> str | None:
         """See `Program`: all that have not arrived are stopped, and have come to rest."""
         left = [one for one in self._controllers.values() if not one.arrived]
-        if not left or any(not one.stopped or one.speed_m_s > 0.0 for one in left):
+        if not left or any(not one.stopped or one.stopping_s > 0.0 for one in left):
             return None
-        return "; ".join(self._reasons)
+        return "; ".join(dict.fromkeys(self._reasons.values()))
 
     @property
     def finished(self) -> bool:
@@ -150,6 +205,11 @@ class GoalProgram:
         return False
 
     @property
+    def near(self) -> Collection[str]:
+        """See `Program`."""
+        return [name for name, one in self._controllers.items() if one.near]
+
+    @property
     def controllers(self) -> Mapping[str, GoalController]:
         """See `Program`."""
         return self._controllers
@@ -157,30 +217,58 @@ class GoalProgram:
     def take_notices(self) -> list[str]:
         """Which parcels were stopped, and why, since the last call."""
         notices, self._notices = self._notices, []
-        return notices
+        return notices + self._obstacles.take_notices()
 
-    def references_m_s(
-        self, poses: Mapping[str, Floats], step_s: float, corrected: Collection[str] | None = None
-    ) -> Floats:
+    def references_m_s(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
         """References that move every parcel as one rigid body, r = (b/a) J xi, shape (W,)."""
-        self._places.update((name, poses[name]) for name in poses if name in self._bottoms)
-        self._found.update(poses)
-        twists = dict(self._steer(poses, step_s, corrected))
-        self._stop_blocked(twists, step_s)
-        return self._carry(twists)
+        self._places.update(
+            (name, belief.pose) for name, belief in beliefs.items() if name in self._given
+        )
+        self._found.update(beliefs.keys() & self._given.keys())
+        self._see_obstacles(beliefs)
+        carried = dict(self._steer(beliefs, step_s))
+        self._stop_blocked(carried, step_s)
+        moving = {name: one for name, one in carried.items() if one is not None}
+        return self._carrying.references_m_s(moving, self._bottoms, self._places)
+
+    def _see_obstacles(self, beliefs: Mapping[str, Belief]) -> None:
+        """What is no parcel of this program is parked where it lies, as long as it is there."""
+        for name in self._obstacles.all:
+            del self._bottoms[name], self._places[name]
+        self._obstacles.see(beliefs, self._given)
+        for name, belief in self._obstacles.all.items():
+            self._bottoms[name], self._places[name] = belief.outline, belief.pose
+
+    def _must_wait(self, belief: Belief, controller: GoalController) -> bool:
+        """Whether something that is no parcel of this program is in a parcel's way."""
+        if controller.arrived or controller.stopped:
+            return False
+        stopping_m = controller.speed_m_s * controller.stopping_s / 2
+        return self._obstacles.hold(belief, controller.goal, stopping_m)
 
     def _steer(
-        self, poses: Mapping[str, Floats], step_s: float, corrected: Collection[str] | None
-    ) -> Iterator[tuple[str, Floats]]:
-        """The commanded twist of each parcel that has a goal and is found."""
+        self, beliefs: Mapping[str, Belief], step_s: float
+    ) -> Iterator[tuple[str, Carried | None]]:
+        """How each parcel that has a goal and is found is to be carried; None: it stands."""
         for name, controller in self._controllers.items():
-            if name in poses:
-                contradicted = corrected is None or name in corrected
-                if controller.feel_rad is not None and not self._room_to_turn(name):
-                    controller.feel_rad = None
-                yield name, controller.step(poses[name], step_s, contradicted)
-            else:
+            belief = beliefs.get(name)
+            if belief is None:
                 controller.lose()
+                continue
+            controller.paused = belief.doubtful or self._must_wait(belief, controller)
+            felt = belief.feel_rad is not None and self._room_to_turn(name)
+            controller.feel_rad = belief.feel_rad if felt else None
+            yield name, controller.step(belief, step_s)
+            self._report_slip(name, controller.grip)
+
+    def _report_slip(self, name: str, grip: Grip) -> None:
+        """Report the first time that a parcel's wheels slip; what follows is more of the same."""
+        if grip.slips and not self._slips.get(name):
+            self._notices.append(
+                f"wheels slip under {name}: they push with {100 * grip.share:.0f} % of what was "
+                "planned, and slowly with more again"
+            )
+        self._slips[name] = grip.slips
 
     def _room_to_turn(self, name: str) -> bool:
         """Whether a parcel may turn where it is without coming near any other."""
@@ -191,35 +279,21 @@ class GoalProgram:
                 return False
         return True
 
-    def _carry(self, twists: Mapping[str, Floats]) -> Floats:
-        """References of the wheels that serve each parcel with a twist; zero for all others."""
-        names = list(self._places)
-        parked = [not twists[name].any() if name in twists else True for name in names]
-        claims = [
-            Claim(self._bottoms[name], self._places[name], still)
-            for name, still in zip(names, parked, strict=True)
-        ]
-        serves = allocate(self._layout.wheel_positions_m, claims)
-        references_m_s = np.zeros(len(serves))
-        for number, name in enumerate(names):
-            if not parked[number]:
-                x_m, y_m, _ = self._places[name].tolist()
-                jacobian = self._layout.surface_jacobian(x_m, y_m)
-                speeds_m_s = jacobian @ (twists[name] / self._droop) * self._trim
-                np.copyto(references_m_s, speeds_m_s, where=serves == number)
-        return references_m_s
-
-    def _stop_blocked(self, twists: Mapping[str, Floats], step_s: float) -> None:
+    def _stop_blocked(self, carried: Mapping[str, Carried | None], step_s: float) -> None:
         """Stop parcels that press each other, and those that do not get on, and report them.
 
         Where a parcel was put is too rough to be judged by; where it was found last is not.
         """
-        bodies = {name: self._body(name, twists) for name in self._bottoms if name in self._found}
+        bodies = {
+            name: self._body(name, carried.get(name))
+            for name in self._bottoms
+            if name in self._found
+        }
         for pair in self._contacts.step(bodies, step_s):
             self._stop(pair)
         for name, standstill in self._standstills.items():
             controller = self._controllers[name]
-            if name not in twists or controller.arrived or controller.stopped:
+            if name not in carried or controller.arrived or controller.stopped:
                 standstill.clear()
             elif controller.paused:
                 # One that is doubtful time and again gets on no better for it.
@@ -227,12 +301,11 @@ class GoalProgram:
             elif standstill.step(controller.left_m, controller.speed_m_s, step_s, controller.leg):
                 self._stop((name, *self._near(name, bodies)))
 
-    def _body(self, name: str, twists: Mapping[str, Floats]) -> Body:
-        twist = twists.get(name)
-        if twist is None:
+    def _body(self, name: str, carried: Carried | None) -> Body:
+        if carried is None:
             return Body(self._bottoms[name], self._places[name], np.zeros(3), 0.0)
         stopping_s = self._controllers[name].stopping_s
-        return Body(self._bottoms[name], self._places[name], twist, stopping_s)
+        return Body(self._bottoms[name], self._places[name], carried.reference, stopping_s)
 
     @staticmethod
     def _near(name: str, bodies: Mapping[str, Body]) -> Iterable[str]:
@@ -257,4 +330,4 @@ class GoalProgram:
         else:
             reason = f"{' and '.join(names)} press each other: stopped"
         self._notices.append(reason)
-        self._reasons.append(reason)
+        self._reasons.update(dict.fromkeys(names, reason))

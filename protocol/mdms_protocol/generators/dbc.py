@@ -1,8 +1,9 @@
 """What is on the bus of an array by default as a CAN database (DBC), for bus monitors."""
 
-from mdms_protocol import cia402, cob, neighbours, nmt, pdo
+from mdms_protocol import cia402, cob, nmt, pdo
 from mdms_protocol.generators import dbc_neighbours, dbc_services
 from mdms_protocol.generators.dbc_lines import Database
+from mdms_protocol.neighbours import frames
 
 #: The array of the prototype: node ids 1 to 18.
 NODES = range(1, 19)
@@ -50,7 +51,7 @@ def _network(database: Database) -> None:
     dbc_services.add_choices(database, cob.LSS_REQUEST, dbc_services.LSS_REQUEST)
     database.message(cob.LSS_RESPONSE, "LSS_response", 8)
     dbc_services.add_choices(database, cob.LSS_RESPONSE, dbc_services.LSS_RESPONSE)
-    database.message(cob.PROGRAM, "Program", neighbours.LENGTH, _HOST)
+    database.message(cob.PROGRAM, "Program", frames.LENGTH, _HOST)
     dbc_neighbours.add_program(database, cob.PROGRAM)
     _heartbeat(database, cob.NODE_MAX, _HOST)
 
@@ -65,9 +66,9 @@ def _node(database: Database, node: int) -> None:
     _pdo(database, node, pdo.ACTUAL_VELOCITY, "actual_velocity", sender=cell)
     _pdo(database, node, pdo.STATUS, "status", sender=cell)
     estimate, program = cob.ESTIMATE_BASE + node, cob.PROGRAM_BASE + node
-    database.message(estimate, f"{cell}_estimate", neighbours.LENGTH, cell)
+    database.message(estimate, f"{cell}_estimate", frames.LENGTH, cell)
     dbc_neighbours.add_estimate(database, estimate)
-    database.message(program, f"{cell}_program", neighbours.LENGTH, cell)
+    database.message(program, f"{cell}_program", frames.LENGTH, cell)
     dbc_neighbours.add_program(database, program)
     database.message(cob.EMCY_BASE + node, f"{cell}_emergency", 8, cell)
     database.signal("error_code", 0, 16)

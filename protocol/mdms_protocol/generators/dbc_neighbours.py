@@ -2,8 +2,8 @@
 
 from collections import namedtuple
 
-from mdms_protocol import neighbours as n
 from mdms_protocol.generators.dbc_lines import Database
+from mdms_protocol.neighbours import frames as n
 
 #: A field of so many bits, signed or not, whose number times `factor` is in the unit.
 Part = namedtuple("Part", ("name", "bits", "signed", "factor", "unit"), defaults=(False, 1, ""))

@@ -34,8 +34,8 @@ class RecordFileError(ValueError):
 class Event:
     """Something that happened at one instant.
 
-    `kind` is one of 'support', 'contact', 'reversal', 'tip', 'touch', 'solver', 'fault',
-    'coordinator', 'link'.
+    `kind` is one of 'support', 'contact', 'reversal', 'tip', 'touch', 'arrival', 'exit', 'solver',
+    'fault', 'coordinator', 'link'.
     """
 
     time_s: float
@@ -55,10 +55,10 @@ class Record:
     NaN where it had none. The wheels' arrays are of shape (T, W), speeds those of the surface;
     `contact` holds `Contact` codes. `slip_m_s` is the surface's speed over the parcel on the wheel,
     positive ahead, 0 without contact; None where nobody has worked it out. What is unknown, as
-    the truth on hardware, is NaN.
+    the truth on hardware, is NaN, and so are pose and twist of a parcel that is away.
 
     Where C cells steered, their estimates on the bus: `identity` of the parcel that a cell is at, 0
-    for none, `state` as in `mdms_protocol.neighbours` (near, promised, under), both of shape
+    for none, `state` as in `mdms_protocol.neighbours.frames` (near, promised, under), both of shape
     (T, C), and `belief` of that parcel's pose, shape (T, C, 3), NaN where the cell has none; else
     None.
     """

@@ -47,27 +47,36 @@ def scene_messages(scenario: Scenario, record: Record) -> Iterator[tuple[float, 
     """
     due_s = -np.inf
     cells = SceneCells(scenario, record)
+    shown: set[str] = set()
     for instant, time_s in enumerate(record.time_s.tolist()):
         if time_s < due_s:
             continue
-        entities = [
-            _entity(time_s, parcel.name, _parcel_body(parcel, pose))
-            for parcel, pose in zip(scenario.parcel, record.pose[instant], strict=True)
-            if np.isfinite(pose).all()
-        ]
+        poses = zip(scenario.parcel, record.pose[instant], strict=True)
+        there = [(parcel, pose) for parcel, pose in poses if np.isfinite(pose).all()]
+        entities = [_entity(time_s, each.name, _parcel_body(each, pose)) for each, pose in there]
+        gone, shown = shown - {each.name for each, _ in there}, {each.name for each, _ in there}
         if not instant:
             cubes = [_table_cube(scenario), *_wheel_cubes(scenario)]
             entities.append(_entity(time_s, "the table", {"cubes": cubes}))
         entities += [_entity(time_s, name, parts) for name, parts in cells.changed(instant)]
         due_s = time_s + 1 / FRAMES_PER_S - 1e-9
-        yield time_s, {"deletions": [], "entities": entities}
+        yield time_s, {"deletions": _deletions(time_s, gone), "entities": entities}
+
+
+def _deletions(time_s: float, names: set[str]) -> list[dict[str, Any]]:
+    """What is to be seen no more: parcels that have left."""
+    return [{"timestamp": _stamp(time_s), "type": 0, "id": name} for name in sorted(names)]
+
+
+def _stamp(time_s: float) -> dict[str, int]:
+    time_ns = round(time_s * 1e9)
+    return {"sec": time_ns // 10**9, "nsec": time_ns % 10**9}
 
 
 def _entity(time_s: float, name: str, parts: dict[str, list[Any]]) -> dict[str, Any]:
     """A named thing; `parts` are lists of primitives by kind, those left out are empty."""
-    time_ns = round(time_s * 1e9)
     return {
-        "timestamp": {"sec": time_ns // 10**9, "nsec": time_ns % 10**9},
+        "timestamp": _stamp(time_s),
         "frame_id": FRAME,
         "id": name,
         "lifetime": {"sec": 0, "nsec": 0},

@@ -10,7 +10,7 @@ from typing import Any
 from mdms_model.array import cell_centres
 from mdms_model.run.record import Record
 from mdms_model.scenario.scenario import Scenario
-from mdms_protocol import neighbours as wire
+from mdms_protocol.neighbours import frames as wire
 
 Colour = tuple[float, float, float, float]
 #: By identity, over and over; Okabe and Ito's, which most eyes tell apart.

@@ -3,11 +3,14 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from mdms_model.array import build_wheels
+from mdms_model.array import Wheels, build_wheels
 from mdms_model.arrays import Floats
 from mdms_model.outline import outline_of
 from mdms_model.run.record import Contact, Record
 from mdms_model.scenario.scenario import Parcel, Scenario
+
+#: So many samples are worked out at once, for the sake of memory.
+_SAMPLES = 1000
 
 
 def slip_m_s(scenario: Scenario, record: Record) -> Floats:
@@ -16,23 +19,33 @@ def slip_m_s(scenario: Scenario, record: Record) -> Floats:
     Positive ahead, 0 where there is no contact; shape (T, W).
     """
     wheels = build_wheels(scenario)
-    samples = np.arange(len(record.time_s))[:, None]
-    carried = _parcel_on(scenario, record, wheels.position_m)
-    pose, twist = record.pose[samples, carried], record.twist[samples, carried]
+    parts = (
+        slice(start, start + _SAMPLES) for start in range(0, max(len(record.time_s), 1), _SAMPLES)
+    )
+    return np.concatenate([_slip_m_s(scenario, wheels, record, part) for part in parts])
+
+
+def _slip_m_s(scenario: Scenario, wheels: Wheels, record: Record, part: slice) -> Floats:
+    """The same for some of the samples."""
+    poses, twists = record.pose[part], record.twist[part]
+    samples = np.arange(len(poses))[:, None]
+    carried = _parcel_on(scenario, poses, wheels.position_m)
+    pose, twist = poses[samples, carried], twists[samples, carried]
     arm_m = wheels.position_m - pose[..., :2]
     along_x, along_y = wheels.direction.T
     moved_m_s = along_x * (twist[..., 0] - twist[..., 2] * arm_m[..., 1])
     moved_m_s += along_y * (twist[..., 1] + twist[..., 2] * arm_m[..., 0])
-    return np.where(record.contact != Contact.NONE, record.speed_m_s - moved_m_s, 0.0)
+    slip_m_s = record.speed_m_s[part] - moved_m_s
+    return np.where(record.contact[part] != Contact.NONE, slip_m_s, 0.0)
 
 
-def _parcel_on(scenario: Scenario, record: Record, place_m: Floats) -> NDArray[np.int64]:
-    """The parcel whose outline lies nearest around each wheel; (T, W)."""
+def _parcel_on(scenario: Scenario, poses: Floats, place_m: Floats) -> NDArray[np.int64]:
+    """The parcel whose outline lies nearest around each wheel, of those that are there; (T, W)."""
     outside_m = [
-        _outside_m(parcel, record.pose[:, number, None], place_m)
+        _outside_m(parcel, poses[:, number, None], place_m)
         for number, parcel in enumerate(scenario.parcel)
     ]
-    nearest: NDArray[np.int64] = np.argmin(outside_m, axis=0)
+    nearest: NDArray[np.int64] = np.argmin(np.nan_to_num(outside_m, nan=np.inf), axis=0)
     return nearest
 
 

@@ -1,6 +1,6 @@
 """What the host takes for true of a scenario where it is not: its `[belief]` table."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from mdms_model.scenario.scenario import Cell, Parcel, Scenario, ScenarioError
@@ -10,17 +10,30 @@ from mdms_model.scenario.tree import build_values
 _GIVEN = ("name", "goal")
 
 
+@dataclass(frozen=True, slots=True)
+class _Given:
+    """What the host is told of a parcel besides what it is: whether it is told of it at all."""
+
+    known: bool = True
+
+
 def believed(scenario: Scenario) -> Scenario:
     """The scenario as the host takes it to be: the keys of `[belief]` in place of the truth's.
 
-    Tables in it are parcels by name, all else are keys of `[cell]`. Raises `ScenarioError`.
+    Tables in it are parcels by name, all else are keys of `[cell]`. A parcel that is not `known` is
+    left out: it lies there, and nobody has said so. Raises `ScenarioError`.
     """
     named = {parcel.name: parcel for parcel in scenario.parcel}
     own = {key: value for key, value in scenario.belief.items() if not isinstance(value, dict)}
     cell = replace(scenario.cell, **build_values(Cell, own, "belief"))
     for name, keys in scenario.belief.items():
-        if name not in own:
-            named[name] = _parcel(named, name, keys)
+        if name in own:
+            continue
+        parcel = _parcel(named, name, keys)
+        if _is_known(parcel, keys):
+            named[name] = parcel
+        else:
+            del named[name]
     return replace(scenario, cell=cell, parcel=tuple(named.values()), belief={})
 
 
@@ -31,4 +44,21 @@ def _parcel(named: dict[str, Parcel], name: str, keys: dict[str, Any]) -> Parcel
     for key in _GIVEN:
         if key in keys:
             raise ScenarioError(f"{path}.{key} cannot differ from the parcel's own; leave it out")
-    return replace(named[name], **build_values(Parcel, keys, path))
+    told = {key: value for key, value in keys.items() if key != "known"}
+    return replace(named[name], **build_values(Parcel, told, path))
+
+
+def _is_known(parcel: Parcel, keys: dict[str, Any]) -> bool:
+    """Whether the host is told of a parcel; of one that it is not, nothing else can be said."""
+    path = f"belief.{parcel.name}"
+    told = {key: value for key, value in keys.items() if key == "known"}
+    if _Given(**build_values(_Given, told, path)).known:
+        return True
+    if len(keys) > 1:
+        other = next(key for key in keys if key != "known")
+        raise ScenarioError(f"{path}.known is false, so that {path}.{other} means nothing")
+    if parcel.goal is not None:
+        raise ScenarioError(
+            f"{path}.known is false, but the parcel has a goal, and the host is to steer it there"
+        )
+    return False

@@ -11,6 +11,8 @@ from mdms_model.scenario.scenario import Scenario, ScenarioError
 from mdms_model.scenario.tree import build, spell_out
 
 SCENARIOS = Path(__file__).parent / "builtin"
+#: A scenario may be based on another, and that on a third, but not without end.
+_MOST_BASES = 3
 
 
 def builtin_names() -> list[str]:
@@ -37,14 +39,45 @@ def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Sc
 
 def scenario_from(tree: Any) -> Scenario:
     """The checked scenario that plain tables describe. Raises `ScenarioError`."""
-    scenario: Scenario = build(Scenario, tree)
+    try:
+        scenario: Scenario = build(Scenario, tree)
+    except RecursionError:
+        raise ScenarioError("motion.part is nested too deeply; take fewer parts in parts") from None
     check_rules(scenario)
     return scenario
 
 
 def read_tree(name_or_path: str | Path) -> Any:
-    """The unchecked tables of a scenario. Raises `ScenarioError` when they cannot be read."""
-    path = _locate(name_or_path)
+    """The unchecked tables of a scenario. Raises `ScenarioError` when they cannot be read.
+
+    A file may name another `scenario`, built in or beside it, and has only what differs then: its
+    tables add to those of the other, and its lists take their place.
+    """
+    return _read_tree(name_or_path, _MOST_BASES)
+
+
+def _read_tree(name_or_path: str | Path, bases: int) -> Any:
+    tree, path = _tables(_locate(name_or_path)), _locate(name_or_path)
+    if not isinstance(tree, dict) or "scenario" not in tree:
+        return tree
+    base = tree.pop("scenario")
+    if not isinstance(base, str) or not bases:
+        raise ScenarioError(
+            f"{path}: scenario is {base!r}, but must be the name of a scenario, or of a file "
+            f"beside this one, that is based on {_MOST_BASES} others at most"
+        )
+    beside = path.parent / base
+    return _merged(_read_tree(beside if beside.is_file() else base, bases - 1), tree)
+
+
+def _merged(base: Any, own: Any) -> Any:
+    """Tables of both, key by key; of everything else the own."""
+    if not (isinstance(base, dict) and isinstance(own, dict)):
+        return own
+    return base | {key: _merged(base.get(key), value) for key, value in own.items()}
+
+
+def _tables(path: Path) -> Any:
     try:
         text = path.read_text("utf-8")
         return json.loads(text)["scenario"] if path.suffix == ".json" else tomllib.loads(text)

@@ -7,8 +7,11 @@ from mdms_model.scenario.belief import believed
 from mdms_model.scenario.bus_rules import check_buses
 from mdms_model.scenario.control_rules import check_control
 from mdms_model.scenario.fault_rules import check_faults
+from mdms_model.scenario.field_rules import check_field
 from mdms_model.scenario.on_table import check_over, half_table_m
 from mdms_model.scenario.scenario import Parcel, Scenario, ScenarioError
+from mdms_model.scenario.stream_rules import check_streams
+from mdms_model.scenario.task_rules import check_tasks
 
 MOST_STEPS = 100_000_000
 #: A sample of a wheel takes about 50 bytes.
@@ -31,7 +34,10 @@ def check_rules(scenario: Scenario) -> None:
         _check_parcel(scenario, parcel, f"parcel.{number}")
     _check_goals(scenario)
     check_control(scenario)
+    check_field(scenario)
     check_faults(scenario)
+    check_streams(scenario)
+    check_tasks(scenario)
     _check_belief(scenario)
 
 
@@ -88,7 +94,7 @@ def _check_names(scenario: Scenario) -> None:
     for number, parcel in enumerate(scenario.parcel):
         key = f"parcel.{number}.name"
         if not parcel.name.strip() or not parcel.name.isprintable():
-            raise ScenarioError(f"{key} is {parcel.name!r}, but must be a word to tell it by")
+            raise ScenarioError(f"{key} is {parcel.name!r}, but must be a word to name it by")
         if parcel.name in seen:
             raise ScenarioError(
                 f"{key} is {parcel.name!r}, but parcel.{seen[parcel.name]} has that name already; "

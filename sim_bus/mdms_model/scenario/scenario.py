@@ -6,7 +6,6 @@ by their types and by the `Limit` beside each field.
 """
 
 from dataclasses import dataclass, field
-from dataclasses import field as member
 from typing import Any
 
 from mdms_model.scenario.fault import Fault
@@ -17,19 +16,20 @@ from mdms_model.scenario.limit import (
     PLACE,
     POSITIVE,
     SHARE,
-    SPEED,
     Limit,
 )
+from mdms_model.scenario.motion import Motion
+from mdms_model.scenario.stream import Exit, Stream
+from mdms_model.scenario.task import Task
 
 
 class ScenarioError(ValueError):
     """A scenario that cannot be run; the message is one line with key, value, limit and way out."""
 
 
-FIELDS = ("inward", "uniform", "rotate", "elliptic", "twist", "squeeze", "table", "goal")
 FIDELITIES = ("row", "ideal", "firmware")
 SHAPES = ("rectangle", "disc", "polygon")
-CONTROLS = ("host", "cells")
+ON_LOST_CELL = ("go_on", "hold", "stop")
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +125,8 @@ class Parcel:
 
     Its own frame has the origin in the middle of `length_m` x `width_m`, which a rectangle fills, a
     disc touches (both are its diameter) and a polygon's `corners_m` stay within: convex, counter-
-    clockwise. `inertia_kg_m2` is about the centre of mass; None: that of a uniform plate.
+    clockwise. `inertia_kg_m2` is about the centre of mass; None: that of a uniform plate. Parcels
+    of one `kind` are alike, and exits go by it; none: it is of a kind of its own.
     """
 
     name: str
@@ -140,40 +141,28 @@ class Parcel:
     corners_m: tuple[tuple[float, float], ...] = field(default=(), metadata=PLACE)
     inertia_kg_m2: float | None = field(default=None, metadata=POSITIVE)
     goal: Goal | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Motion:
-    """What the wheels do: a field of references, or goals to steer parcels to.
-
-    Of the rest each field uses what it needs: `heading_rad` uniform, elliptic and squeeze,
-    `velocity_m_s` and `yaw_rate_rad_s` twist, `ratio` elliptic, `table_m_s` table. Goals are
-    steered to under the `control` of the host, or of the cells by themselves; these `go_on` without
-    the host, or stop.
-    """
-
-    # This class has a field called `field`, so the function needs another name here.
-    field: str = member(default="inward", metadata=Limit(choices=FIELDS))
-    speed_m_s: float = member(default=0.0, metadata=SPEED)
-    heading_rad: float = member(default=0.0, metadata=ANGLE)
-    centre_m: tuple[float, float] = member(default=(0.0, 0.0), metadata=PLACE)
-    velocity_m_s: tuple[float, float] = member(default=(0.0, 0.0), metadata=SPEED)
-    yaw_rate_rad_s: float = member(default=0.0, metadata=SPEED)
-    ratio: float = member(default=0.5, metadata=Limit(at_least=0.0, at_most=1.0))
-    table_m_s: tuple[float, ...] = member(default=(), metadata=SPEED)
-    control: str = member(default="host", metadata=Limit(choices=CONTROLS))
-    go_on: bool = False
+    kind: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """How, how long and with which chance the scenario is simulated."""
+    """How, how long and with which chance the scenario is run, and what trouble it puts up with.
+
+    Where cells are out of action the coordinator holds all parcels, for `pause_s` at most and
+    `pauses` times in a minute (0: never), until they are back. `on_lost_cell` is what it does about
+    one that does not come back: it stops; it holds all parcels for it, for `hold_s` at most and
+    however often; or it goes on without the cell, from the start.
+    """
 
     fidelity: str = field(default="row", metadata=Limit(choices=FIDELITIES))
     duration_s: float = field(default=20.0, metadata=Limit(above=0.0, at_most=1e5))
     step_s: float = field(default=0.001, metadata=Limit(above=0.0, at_most=1.0))
     seed: int = field(default=1, metadata=Limit(at_least=0, at_most=2**63 - 1))
     gravity_m_s2: float = field(default=9.81, metadata=Limit(above=0.0, at_most=1000.0))
+    on_lost_cell: str = field(default="stop", metadata=Limit(choices=ON_LOST_CELL))
+    pauses: int = field(default=3, metadata=Limit(at_least=0, at_most=1000))
+    pause_s: float = field(default=5.0, metadata=Limit(above=0.0, at_most=1000.0))
+    hold_s: float = field(default=60.0, metadata=Limit(above=0.0, at_most=1e5))
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,8 +189,16 @@ class Scenario:
     patch: tuple[Patch, ...] = ()
     wire: Wire = field(default_factory=Wire)
     fault: tuple[Fault, ...] = ()
+    stream: tuple[Stream, ...] = ()
+    exit: tuple[Exit, ...] = ()
+    task: tuple[Task, ...] = ()
     #: What the host takes for true where it is not; see `belief`.
     belief: dict[str, Any] = field(default_factory=dict, hash=False)
+
+
+def in_stock(scenario: Scenario) -> set[str]:
+    """The names of the parcels that are not on the table at the start."""
+    return {name for stream in scenario.stream for name in stream.parcels}
 
 
 def goal_of(scenario: Scenario, parcel: Parcel) -> Goal | None:

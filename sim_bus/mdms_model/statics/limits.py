@@ -36,9 +36,10 @@ def parcel_limits(scenario: Scenario, parcel: Parcel) -> ParcelLimits:
     """The bounds of one parcel. Raises `ScenarioError` where it tips in every pose."""
     drive, friction = drive_of(scenario.cell), scenario.cell.friction
     if is_paper_row(scenario, parcel):
-        bounds, centred_n = paper_bounds(scenario, parcel)
+        bounds = paper_bounds(scenario, parcel)
     else:
-        bounds, centred_n = search_normals(scenario, parcel), centred_normal_n(scenario, parcel)
+        bounds = search_normals(scenario, parcel)
+    centred_n = equilibrium_n(scenario, parcel)
     return ParcelLimits(
         name=parcel.name,
         supports_min=bounds.supports_min,
@@ -54,6 +55,14 @@ def parcel_limits(scenario: Scenario, parcel: Parcel) -> ParcelLimits:
     )
 
 
+def equilibrium_n(scenario: Scenario, parcel: Parcel) -> float:
+    """Greatest normal force under the centred parcel, as in eq (15); inf: it tips [N]."""
+    if is_paper_row(scenario, parcel):
+        weight_n = parcel.mass_kg * scenario.run.gravity_m_s2
+        return equilibrium_normal_n(parcel.length_m / scenario.array.pitch_m, weight_n)
+    return centred_normal_n(scenario, parcel)
+
+
 def is_paper_row(scenario: Scenario, parcel: Parcel) -> bool:
     """Whether the paper's assumptions hold: one row, the origin between cells, L > 2 d, centred."""
     array, wheels = scenario.array, scenario.cell.wheel
@@ -62,15 +71,14 @@ def is_paper_row(scenario: Scenario, parcel: Parcel) -> bool:
     return middle and parcel.centre_of_mass_m[0] == 0.0 and parcel.length_m >= 2 * array.pitch_m
 
 
-def paper_bounds(scenario: Scenario, parcel: Parcel) -> tuple[NormalBounds, float]:
-    """Eqs (2) and (3), and the normal force at the centre of the row as in eq (15) [N]."""
+def paper_bounds(scenario: Scenario, parcel: Parcel) -> NormalBounds:
+    """Eqs (2) and (3) [N]."""
     pitches = parcel.length_m / scenario.array.pitch_m
     weight_n = parcel.mass_kg * scenario.run.gravity_m_s2
     supports, _ = whole_pitches(pitches)
-    bounds = NormalBounds(
+    return NormalBounds(
         supports, supports + 1, normal_min_n(pitches, weight_n), normal_max_n(pitches, weight_n)
     )
-    return bounds, equilibrium_normal_n(pitches, weight_n)
 
 
 def whole_pitches(pitches: float) -> tuple[int, float]:

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mdms_model.arrays import Floats
+from mdms_model.hull import LINE_M, convex_hull
 from mdms_model.outline import EDGE_M, Outline
 
-#: Places that are this close to one line count as on it.
-LINE_M = 1e-9
 #: A centre of mass that is this close above a row of wheels stands on it, as in the physics.
 TIP_M = 1e-6
 
@@ -105,7 +104,7 @@ def _inside_hull_m(supports_m: Floats, centres_m: Floats) -> Floats:
 
     Supports in one line hold nothing beside it: the margin is then minus the distance from them.
     """
-    corners_m = _hull(supports_m)
+    corners_m = convex_hull(supports_m)
     if len(corners_m) < 3:
         return -_beside_m(corners_m[0], corners_m[-1], centres_m)
     sides_m = np.roll(corners_m, -1, axis=0) - corners_m
@@ -123,24 +122,3 @@ def _beside_m(start_m: Floats, end_m: Floats, places_m: Floats) -> Floats:
     away_m = places_m - start_m - share[:, None] * along_m
     distance_m: Floats = np.hypot(away_m[:, 0], away_m[:, 1])
     return distance_m
-
-
-def _hull(points_m: Floats) -> Floats:
-    """Corners of the convex hull, counter-clockwise (Andrew's monotone chain), shape (n, 2)."""
-    ordered = sorted(map(tuple, points_m.tolist()))
-    lower, upper = _chain(ordered), _chain(ordered[::-1])
-    return np.array([*lower[:-1], *upper[:-1]] or ordered[:1])
-
-
-def _chain(ordered: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
-    """The half of a hull that only turns left."""
-    chain: list[tuple[float, ...]] = []
-    for x_m, y_m in ordered:
-        while len(chain) >= 2:
-            (x0_m, y0_m), (x1_m, y1_m) = chain[-2], chain[-1]
-            turn_m2 = (x1_m - x0_m) * (y_m - y0_m) - (y1_m - y0_m) * (x_m - x0_m)
-            if turn_m2 > LINE_M**2:
-                break
-            chain.pop()
-        chain.append((x_m, y_m))
-    return chain

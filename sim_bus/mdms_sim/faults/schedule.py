@@ -5,6 +5,7 @@ own, so that one more fault does not change what the others do.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from random import Random
 
 import numpy as np
@@ -15,12 +16,22 @@ from mdms_model.scenario.fault import Fault
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.controller import Controller
 from mdms_sim.driver import Driver
+from mdms_sim.faults.course import Course
 from mdms_sim.faults.node import NS_PER_S, PRIORITY, NodeFaults
 from mdms_sim.faults.wire import WireFaults
 from mdms_sim.faults.world import WorldFaults
 from mdms_sim.kernel import Kernel
 from mdms_sim.nodes.bank import CellBank
 from mdms_sim.physics.plane.world import World
+
+
+@dataclass(frozen=True, slots=True)
+class Ongoing:
+    """A fault that somebody has had begin, and what draws from its sequence."""
+
+    fault: Fault
+    course: Course
+    random: Random
 
 
 class Faults:
@@ -50,8 +61,32 @@ class Faults:
             **NodeFaults(kernel, controllers, bank, drivers).kinds,
             **WorldFaults(world, bank, places).kinds,
         }
+        self._seed = seed
+        self._begun = len(faults)
         for number, fault in enumerate(faults):
             self._schedule(fault, Random(f"{seed}/{number}"))
+
+    def begin(self, fault: Fault) -> Ongoing:
+        """Have a fault begin now, whatever its times say; `end` ends it.
+
+        The fault must be one that the scenario could have (see `check_faults`).
+        """
+        random = Random(f"{self._seed}/{self._begun}")
+        self._begun += 1
+        ongoing = Ongoing(fault, self._kinds[fault.kind](fault, random), random)
+        self._note(fault, "begins", ongoing.course.begin())
+        return ongoing
+
+    def end(self, ongoing: Ongoing, **values: float | None) -> None:
+        """Have it end now, once; `values` take the place of the fault's own where it ends.
+
+        So a parcel is set down where it was not known yet when it was lifted.
+        """
+        fault, course = ongoing.fault, ongoing.course
+        if values:
+            fault = replace(fault, **values)  # type: ignore[arg-type]
+            course = self._kinds[fault.kind](fault, ongoing.random)
+        self._note(fault, "ends", course.end())
 
     def _schedule(self, fault: Fault, random: Random) -> None:
         course = self._kinds[fault.kind](fault, random)

@@ -84,7 +84,7 @@ class Node:
         elif request == lockstep.REJOIN_BUS:
             rejoin_bus(self.cell, self.board)
 
-    def tell(self):
+    def report(self):
         """Write what is queued into the outbox; returns its size."""
         board = self.board
         at = 0
@@ -138,7 +138,7 @@ def serve(node, read, write):
         turn[0] = 0
         if board.frames or board.identifiers is not None:
             turn[0] = 1
-            words[lockstep.OUTBOX_SIZE] = node.tell()
+            words[lockstep.OUTBOX_SIZE] = node.report()
         write(turn)
 
 

@@ -7,7 +7,7 @@ from matplotlib.ticker import MaxNLocator
 
 from mdms_model.run.record import Record
 from mdms_model.scenario.scenario import Scenario
-from mdms_protocol import neighbours as wire
+from mdms_protocol.neighbours import frames as wire
 from mdms_sim.plots.canvas import FAINT, INK, parcel_colour, tidy
 from mdms_sim.plots.held_cells import tint
 from mdms_sim.plots.shared_belief import belief_error, cell_counts

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mdms_model.array import cell_centres
 from mdms_model.scenario.scenario import Array
-from mdms_protocol import neighbours as wire
+from mdms_protocol.neighbours import frames as wire
 from mdms_sim.plots.canvas import FAINT, parcel_colour
 
 FREE, FREE_EDGE = "#f3f5f7", "#dde2e6"

@@ -5,7 +5,7 @@ import numpy as np
 from mdms_model.arrays import Floats
 from mdms_model.run.record import Record
 from mdms_model.scenario.scenario import Parcel
-from mdms_protocol import neighbours as wire
+from mdms_protocol.neighbours import frames as wire
 
 
 def has_layer(record: Record) -> bool:

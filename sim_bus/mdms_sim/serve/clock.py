@@ -7,6 +7,8 @@ NS_PER_S = 1_000_000_000
 #: Well below the 50 ms after which a cell gives up waiting for setpoints: while the simulation
 #: catches up, its time runs fast, and what clients send by the machine's clock comes late.
 PATIENCE_NS = 20_000_000
+#: How often somebody looks whether time that stands still passes again [s].
+STANDING_S = 0.01
 
 
 def epoch_now_s() -> float:
@@ -15,7 +17,7 @@ def epoch_now_s() -> float:
 
 
 class RealTime:
-    """Simulated time that passes with the machine's, `speed` times as fast.
+    """Simulated time that passes with the machine's, `speed` times as fast; at 0 it stands still.
 
     What a slow machine cannot catch up with is given up after `patience_ns`; `late_ns` adds it up.
     `settling_ns` adds up how long the machine took to carry what is on a terminal's line.
@@ -24,14 +26,26 @@ class RealTime:
     def __init__(self, speed: float = 1.0, patience_ns: int = PATIENCE_NS) -> None:
         self.late_ns = 0
         self.settling_ns = 0
-        self._speed = speed
+        self.speed = speed
         self._patience_ns = patience_ns
-        self._started_ns = time.monotonic_ns()
+        self._began_ns = self._started_ns = time.monotonic_ns()
+        self._base_ns = 0
         self._epoch_s = time.time()
+
+    def change_speed(self, speed: float, reached_ns: int) -> None:
+        """Pass so many times as fast from now on, when the simulation has reached `reached_ns`."""
+        self.speed = speed
+        self._base_ns = reached_ns + self.late_ns
+        self._started_ns = time.monotonic_ns()
+
+    def wall_ns(self) -> int:
+        """How much of the machine's time has passed since the start."""
+        return time.monotonic_ns() - self._began_ns
 
     def sim_ns(self, reached_ns: int) -> int:
         """What time it should be in the simulation, which has reached `reached_ns`."""
-        due_ns = round((time.monotonic_ns() - self._started_ns) * self._speed) - self.late_ns
+        passed_ns = round((time.monotonic_ns() - self._started_ns) * self.speed)
+        due_ns = self._base_ns + passed_ns - self.late_ns
         behind_ns = due_ns - reached_ns - self._patience_ns
         if behind_ns > 0:
             self.late_ns += behind_ns
@@ -45,8 +59,13 @@ class RealTime:
         self.settling_ns += time.monotonic_ns() - started_ns
 
     def wait_s(self, sim_ns: int, reached_ns: int) -> float:
-        """How long until it should be `sim_ns` in the simulation [s of the machine's time]."""
-        return max(0.0, (sim_ns - self.sim_ns(reached_ns)) / NS_PER_S / self._speed)
+        """How long until it should be `sim_ns` in the simulation [s of the machine's time].
+
+        While time stands still that is not known: a hundredth of a second, to look again.
+        """
+        if not self.speed:
+            return STANDING_S
+        return max(0.0, (sim_ns - self.sim_ns(reached_ns)) / NS_PER_S / self.speed)
 
     def epoch_s(self, sim_ns: int) -> float:
         """A simulated instant as seconds since 1970, as tools want their timestamps."""

@@ -68,7 +68,7 @@ class Server:
         speed: float = 1.0,
         report: Report = lambda _text: None,
     ) -> None:
-        self._simulation = simulation
+        self.simulation = simulation
         self._report = report
         self._clients: dict[int, Client] = {}
         self._ready: dict[int, Callable[[int], None]] = {}
@@ -93,7 +93,7 @@ class Server:
         self._acceptor = Acceptor()
         opened.callback(self._acceptor.close)
         self._terminals: list[Terminal] = []
-        buses = self._simulation.buses
+        buses = self.simulation.buses
         self.all_addresses = tuple(
             self._open_bus(
                 opened,
@@ -129,13 +129,18 @@ class Server:
     def __exit__(self, *_error: object) -> None:
         self.close()
 
-    def run(self, over: Callable[[], bool] = lambda: False) -> None:
-        """Serve until it is over, which is asked about a thousand times a second."""
-        while not over() and not self._simulation.tipped:
+    def run(
+        self, over: Callable[[], bool] = lambda: False, *, beyond_tipping: bool = False
+    ) -> None:
+        """Serve until it is over, which is asked about a thousand times a second.
+
+        A parcel that tips ends it, unless there is somebody to go on `beyond_tipping`.
+        """
+        while not over() and (beyond_tipping or not self.simulation.tipped):
             self._simulate()
             self._serve_clients()
             self._look_at_lights()
-            self._lateness.look(self._simulation.kernel.now_ns)
+            self._lateness.look(self.simulation.kernel.now_ns)
 
     def close(self) -> None:
         """Shut all addresses and take the clients off the bus."""
@@ -146,23 +151,23 @@ class Server:
         self._opened.close()
 
     def _simulate(self) -> None:
-        kernel = self._simulation.kernel
+        kernel = self.simulation.kernel
         due_ns = self.time.sim_ns(kernel.now_ns)
         if due_ns > kernel.now_ns:
             kernel.run_until(min(due_ns, kernel.now_ns + SLICE_NS))
 
     def _look_at_lights(self) -> None:
         """Report which cells begin to blink, at the places where a person would see it."""
-        if self._simulation.kernel.now_ns < self._look_ns:
+        if self.simulation.kernel.now_ns < self._look_ns:
             return
-        self._look_ns = self._simulation.kernel.now_ns + LOOK_NS
-        blinking = self._simulation.blinking
+        self._look_ns = self.simulation.kernel.now_ns + LOOK_NS
+        blinking = self.simulation.blinking
         for place in sorted({*blinking} - {*self._blinking}):
             self._report(f"the cell at place {place} blinks")
         self._blinking = blinking
 
     def _serve_clients(self) -> None:
-        kernel = self._simulation.kernel
+        kernel = self.simulation.kernel
         for descriptor, client in list(self._clients.items()):
             if client.wants_to_write:
                 client.write()
@@ -237,7 +242,7 @@ class Server:
         """Listen only for what can be served: a bus that is full does not read on."""
         if descriptor not in self._clients:
             return
-        wanted = selectors.EVENT_READ if client.may_read(self._simulation.kernel.now_ns) else 0
+        wanted = selectors.EVENT_READ if client.may_read(self.simulation.kernel.now_ns) else 0
         wanted |= selectors.EVENT_WRITE if client.wants_to_write else 0
         key = self._selector.get_map().get(descriptor)
         if wanted and key is None:
@@ -249,7 +254,7 @@ class Server:
 
     def _read(self, descriptor: int, client: Client) -> None:
         try:
-            client.read(self._simulation.kernel.now_ns)
+            client.read(self.simulation.kernel.now_ns)
         except GoneError as error:
             self._dismiss(descriptor, str(error))
 

@@ -17,7 +17,7 @@ class FlexCan(Controller):
     and identifier 0 passes as long as there are filters unused. Setting a handler drops the frame
     that waits first. Frames that find the FIFO full are lost, which the counters say and `recv`
     does not. Bus-off ends by itself, and what waits goes out then unless `restart` drops it; the
-    interrupt tells of it once until another interrupt has found the bus back.
+    interrupt reports it once until another interrupt has found the bus back.
     """
 
     FILTERS = 32

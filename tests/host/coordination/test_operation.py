@@ -88,11 +88,11 @@ def test_an_error_in_the_cycle_leaves_the_array_off_and_is_raised(link) -> None:
     class Failing(FieldProgram):
         steps = 0
 
-        def references_m_s(self, poses, step_s, corrected=None):
+        def references_m_s(self, beliefs, step_s):
             self.steps += 1
             if self.steps == 20:
                 raise ZeroDivisionError
-            return super().references_m_s(poses, step_s)
+            return super().references_m_s(beliefs, step_s)
 
     one = Coordinator(LAYOUT, Failing(np.full(6, 0.05)), timing=Timing())
     with pytest.raises(ZeroDivisionError):

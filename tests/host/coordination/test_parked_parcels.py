@@ -86,7 +86,8 @@ def test_a_parked_parcel_stays_where_a_neighbour_passes_close_by(carried, gap_m,
         goal=(0.16, y_m),
     )
     assert way_m(record, 0) < 0.0005
-    assert np.degrees(np.abs(record.pose[:, 0, 2]).max()) < 0.1
+    # The neighbour may brush against it while it is turned to where it was found to be.
+    assert np.degrees(np.abs(record.pose[:, 0, 2]).max()) < 0.2
     assert coordinator.finished
     assert np.hypot(*(record.pose[-1, 1, :2] - (0.16, y_m))) < 0.01
 

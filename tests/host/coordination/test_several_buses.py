@@ -4,6 +4,7 @@ import numpy as np
 
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.phase import Phase
+from mdms_host.coordination.policy import Policy
 from mdms_host.layout import Layout
 from mdms_host.motion.program import FieldProgram
 from mdms_protocol import cia402, cob, nmt, pdo
@@ -46,7 +47,7 @@ class Table:
 
 
 def moving(speeds_m_s=(0.01, 0.02, 0.03, 0.04)):
-    return Coordinator(LAYOUT, FieldProgram(np.repeat(speeds_m_s, 2)))
+    return Coordinator(LAYOUT, FieldProgram(np.repeat(speeds_m_s, 2)), policy=Policy(pauses=0))
 
 
 def test_each_cell_gets_its_setpoint_on_its_own_bus(kinematic_cell):
@@ -89,7 +90,8 @@ def test_bus_that_falls_silent_stops_the_cells_of_all(kinematic_cell):
     table.run(coordinator, 1.0)
     table.cut.add(1)
     table.run(coordinator, 2.0)
-    assert "cell 2 (node 2 of bus 1), cell 4 (node 1 of bus 1)" in coordinator.fault
+    assert "cell 2 (node 2 of bus 1) has fallen silent" in coordinator.fault
+    assert "cell 4 (node 1 of bus 1) has fallen silent" in coordinator.fault
     assert [cell.states for cell in table.cells[::2]] == [[cia402.SWITCH_ON_DISABLED] * 2] * 2
     # It goes on sending to the cells that it does not hear, for they may hear it.
     stops = [frame for at_s, bus, frame in table.sent if at_s > 1.0 and bus == 1]

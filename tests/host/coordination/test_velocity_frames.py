@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from mdms_host.coordination.velocity_frames import VelocityFrames
 from mdms_protocol import pdo
+from mdms_protocol.entry import OutOfRangeError
 
 LIMIT_UM_S = pdo.TARGET_VELOCITY.entries[0].high
 UM_S = st.integers(-LIMIT_UM_S, LIMIT_UM_S)
@@ -36,5 +37,5 @@ def test_an_axis_that_is_not_used_is_told_zero_and_not_listened_to() -> None:
 @pytest.mark.parametrize("wrong_m_s", [10.1, -10.1])
 def test_a_velocity_that_no_drive_takes_is_refused_with_its_object(wrong_m_s: float) -> None:
     frames = VelocityFrames((1, 2), 2)
-    with pytest.raises(pdo.OutOfRangeError, match=r"0x68FF.*10100000"):
+    with pytest.raises(OutOfRangeError, match=r"0x68FF.*10100000"):
         frames.targets(np.array([0.0, 10.0, 0.0, wrong_m_s]))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.host.motion.driving import traction_of
 
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.phase import Phase
@@ -24,7 +25,7 @@ def array(rolling_array):
 
 
 def carrying() -> Coordinator:
-    program = GoalProgram(LAYOUT, (BOX,), {"box": Goal(0.1, 0.0, 0.3)}, 0.775)
+    program = GoalProgram(traction_of(LAYOUT), (BOX,), {"box": Goal(0.1, 0.0, 0.3)})
     return Coordinator(LAYOUT, program, parcels=(BOX,))
 
 

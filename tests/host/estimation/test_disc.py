@@ -5,6 +5,8 @@ from hypothesis import strategies as st
 from mdms_host.estimation.disc import Disc
 from mdms_host.estimation.estimator import ParcelEstimator
 from mdms_host.estimation.locate import locate
+from mdms_host.estimation.rolling import Speeds, roll_on
+from mdms_host.estimation.surroundings import Surroundings
 from mdms_host.layout import Layout, WheelPlace
 
 LAYOUT = Layout(6, 3, wheels=(WheelPlace(0.0, (-0.03, 0.0)), WheelPlace(np.pi / 2, (0.03, 0.0))))
@@ -49,17 +51,19 @@ def test_a_disc_is_found_with_the_yaw_of_the_hint(x: float, y: float, hint: floa
 
 
 def test_edges_correct_the_place_of_a_disc_and_never_its_yaw() -> None:
-    estimator, twist = ParcelEstimator(LAYOUT, DISC), np.array([0.08, 0.01, 0.3])
+    estimator, twist = ParcelEstimator(Surroundings(LAYOUT), DISC), np.array([0.08, 0.01, 0.3])
     pose = np.array([-0.15, 0.0, 0.0])
     covered = DISC.distance_m(SENSORS_M, pose) < 0
-    assert estimator.acquire(0.0, covered, np.ones(len(SENSORS_M), dtype=bool))
+    found = locate(DISC, SENSORS_M, covered)
+    assert found is not None
+    estimator.start(0.0, found)
     for step in range(1, 300):
         pose = pose + twist * 0.01
-        estimator.predict(0.01 * step, LAYOUT.surface_jacobian(*pose[:2]) @ twist * 0.95)
+        roll_on([estimator], 0.01 * step, Speeds(LAYOUT.surface_jacobian(*pose[:2]) @ twist * 0.95))
         now = DISC.distance_m(SENSORS_M, pose) < 0
         for sensor in np.flatnonzero(now != covered):
             yaw_rad = estimator.pose[2]
-            estimator.edge(0.01 * step, int(sensor))
+            estimator.edge(0.01 * step, SENSORS_M[sensor])
             assert estimator.pose[2] == yaw_rad
         covered = now
     assert np.hypot(*(estimator.pose - pose)[:2]) < 0.005

@@ -23,8 +23,9 @@ def repeat(presence: PresenceMap, bits: list[int], now_s: float) -> list[tuple[f
 
 def judged(presence: PresenceMap, seconds: float) -> list[tuple[int, list[int]]]:
     fallen = []
+    other = np.zeros(CELLS * SENSORS, dtype=bool)
     for step in range(round(seconds * 100)):
-        fallen += presence.judge(1.0 + step / 100, UNDER_M)
+        fallen += presence.judge(1.0 + step / 100, UNDER_M, other)
     return fallen
 
 
@@ -33,7 +34,25 @@ RIGHT = [0b11111] * 4 + [0] * 2
 
 def test_a_change_has_happened_before_it_was_reported_by_the_debounce() -> None:
     presence = reporting(RIGHT)
-    assert repeat(presence, [0b11011, *RIGHT[1:]], 1.0) == [(pytest.approx(0.996), 2)]
+    assert repeat(presence, [0b11011, *RIGHT[1:]], 0.1) == [(pytest.approx(0.096), 2)]
+
+
+def test_a_change_after_a_report_that_got_lost_has_no_time() -> None:
+    """It may be the lost one, which its cell has repeated."""
+    presence = reporting(RIGHT)
+    assert repeat(presence, [0b11011, *RIGHT[1:]], 0.3) == []
+    assert presence.covered[:5].tolist() == [True, True, False, True, True]
+
+
+def test_cells_that_are_ignored_are_not_waited_for_and_show_nothing() -> None:
+    presence = PresenceMap(2, 5, 0.2, (0.004,) * 2)
+    list(presence.on_report(0.0, 2, 0b11111))
+    assert not presence.complete
+    presence.ignore({1})
+    assert presence.complete
+    assert presence.valid(0.1).nonzero()[0].tolist() == [5, 6, 7, 8, 9]
+    presence.ignore(())
+    assert not presence.complete
 
 
 def test_what_a_cell_has_not_repeated_is_not_valid_any_more() -> None:

@@ -3,10 +3,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdms_host.estimation.twist_fit import fit_twist
+from mdms_host.estimation.twist_fit import fit_twists
 
 START = (0.0, 0.0, 0.0)
 SEEDS = st.integers(0, 2**32 - 1)
+
+
+def fit_twist(jacobian: np.ndarray, speeds: np.ndarray, start: tuple[float, ...]) -> np.ndarray:
+    return fit_twists([jacobian], [speeds], np.array([start]))[0]
 
 
 def wheels(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -61,3 +65,14 @@ def test_two_wheels_of_seven_that_slip_hardly_count() -> None:
     jacobian, twist, speeds = (part[:7] for part in wheels(3))
     speeds[[1, 4]] += 0.5
     np.testing.assert_allclose(fit_twist(jacobian, speeds, START), twist, atol=1e-3)
+
+
+@given(st.lists(SEEDS, min_size=2, max_size=5))
+def test_parcels_beside_each_other_change_nothing_for_any(seeds: list[int]) -> None:
+    random = np.random.default_rng(seeds[0])
+    all_wheels = [wheels(seed) for seed in seeds]
+    jacobians = [jacobian for jacobian, _, _ in all_wheels]
+    speeds = [speed + random.normal(0, 0.005, len(speed)) for _, _, speed in all_wheels]
+    together = fit_twists(jacobians, speeds, np.zeros((len(seeds), 3)))
+    for number, (jacobian, speed) in enumerate(zip(jacobians, speeds, strict=True)):
+        assert (fit_twist(jacobian, speed, START) == together[number]).all()

@@ -1,14 +1,17 @@
 import numpy as np
 import pytest
+from tests.host.motion.driving import Table, mass_of, traction_of
 
+from mdms_host.estimation.tracker import Parcel as Told
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.footing import MARGIN_M, Load, least_footing, straight_way
-from mdms_host.motion.goal import Goal, GoalController, Limits
+from mdms_host.motion.goal import Goal, GoalController
 from mdms_model.outline import outline_of
 from mdms_model.scenario.scenario import Parcel
 
 WHEELS = (WheelPlace(0.0, (-0.03, 0.0)), WheelPlace(np.pi / 2, (0.03, 0.0)))
 WHEEL_M = Layout(6, 3, wheels=WHEELS).wheel_positions_m
+BOTTOM = Told("box", 0.25, 0.20)
 BOX = Load(outline_of(Parcel("box", 2.0, 0.25, 0.20)), (0.0, 0.0))
 
 
@@ -18,9 +21,11 @@ BOX = Load(outline_of(Parcel("box", 2.0, 0.25, 0.20)), (0.0, 0.0))
 def test_the_way_is_the_one_that_the_controller_takes(goal: Goal) -> None:
     start = np.array([-0.1, 0.0, -1.0])
     way = straight_way(start, goal, 0.2)
-    controller, pose, step_s = GoalController(goal, Limits(), 0.2), start, 0.01
-    for _ in range(2000):
-        pose = pose + controller.step(pose, step_s) * step_s
+    controller = GoalController(goal, traction_of(), mass_of(BOTTOM))
+    table = Table(start, BOTTOM)
+    for _ in range(1500):
+        table.step(controller.step)
+        pose = table.pose
         assert np.abs((way - pose) * (1.0, 1.0, 0.2)).max(axis=1).min() < 0.003
     assert controller.arrived
 

@@ -1,10 +1,17 @@
 import numpy as np
 import pytest
+from tests.host.motion.driving import BOX, Table, mass_of, traction_of
 
-from mdms_host.motion.goal import Goal, GoalController, Limits
+from mdms_host.motion.goal import Goal, GoalController
 from mdms_host.motion.standstill import Standstill
 
 STEP_S = 0.01
+
+
+def controller_of(speed_m_s: float) -> GoalController:
+    """Of a parcel that is to go 0.3 m."""
+    traction = traction_of(speed_m_s=speed_m_s)
+    return GoalController(Goal(0.15, 0.0, 0.0), traction, mass_of(BOX))
 
 
 def reported_s(made_share: float, speed_m_s: float = 0.1, jump_m: float = 0.0) -> float | None:
@@ -39,22 +46,23 @@ def test_a_parcel_that_is_to_stand_is_not_reported() -> None:
 
 @pytest.mark.parametrize("speed_m_s", [0.002, 0.1, 0.3])
 def test_slow_and_fast_parcels_alike_get_on(speed_m_s: float) -> None:
-    controller = GoalController(Goal(0.3, 0.0, 0.0), Limits(speed_m_s=speed_m_s), 0.2)
-    standstill, pose = Standstill(), np.zeros(3)
+    controller, standstill = controller_of(speed_m_s), Standstill()
+    table = Table(np.array([-0.15, 0.0, 0.0]))
     for _ in range(600):
-        pose = pose + controller.step(pose, STEP_S) * STEP_S
+        table.step(controller.step)
         if controller.arrived:
             break
         assert not standstill.step(controller.left_m, controller.speed_m_s, STEP_S)
 
 
 def test_a_belief_that_is_pulled_back_again_and_again_stands() -> None:
-    controller = GoalController(Goal(0.3, 0.0, 0.0), Limits(), 0.2)
-    standstill, pose, stood = Standstill(), np.zeros(3), False
-    for step in range(100):
-        twist = controller.step(pose, STEP_S)
-        pose = np.zeros(3) if step % 10 == 0 else pose + twist * STEP_S
-        stood |= standstill.step(controller.left_m, controller.speed_m_s, STEP_S)
+    controller, standstill, stood = controller_of(0.1), Standstill(), False
+    for _ in range(10):
+        # Each time it has made some way it is found to be where it was.
+        table = Table(np.array([-0.15, 0.0, 0.0]))
+        for _ in range(10):
+            table.step(controller.step)
+            stood |= standstill.step(controller.left_m, controller.speed_m_s, STEP_S)
     assert stood
 
 

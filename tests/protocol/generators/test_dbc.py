@@ -5,8 +5,9 @@ import logging
 import cantools
 import pytest
 
-from mdms_protocol import cob, lss, messages, nmt, sdo
+from mdms_protocol import cob, lss, nmt, sdo
 from mdms_protocol.generators import dbc
+from mdms_protocol.neighbours import messages
 
 
 @pytest.fixture(scope="module")

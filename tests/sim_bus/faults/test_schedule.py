@@ -175,3 +175,20 @@ def test_slower_buses_carry_the_same_with_more_load(bitrate):
     assert [life.speeds(cell, 1.0, 2.0) for cell in (1, 2, 3)] == [100, 100, 100]
     fast = Life().outcome.bus.load
     assert life.outcome.bus.load == pytest.approx(fast * 1_000_000 / bitrate, rel=0.01)
+
+
+def test_fault_that_somebody_begins_does_what_one_of_the_schedule_does():
+    scheduled = Life(Fault("off", start_s=1.0, duration_s=0.5, cells=(2,)))
+    by_hand = Life(until_s=1.0)
+    simulation = by_hand.simulation
+    ongoing = simulation.faults.begin(Fault("off", cells=(2,)))
+    simulation.run_until(1.5)
+    simulation.faults.end(ongoing)
+    simulation.run_until(2.0)
+    assert by_hand.speeds(2, 1.0, 1.5) == scheduled.speeds(2, 1.0, 1.5) == 0
+    assert by_hand.speeds(2, 1.5, 2.0) == scheduled.speeds(2, 1.5, 2.0)
+    events = simulation.outcome().record.events
+    assert [(each.time_s, each.detail) for each in events if each.kind == "fault"] == [
+        (1.0, "off begins"),
+        (1.5, "off ends"),
+    ]

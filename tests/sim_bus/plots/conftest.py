@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mdms_model.run.record import Record
-from mdms_protocol import neighbours as wire
+from mdms_protocol.neighbours import frames as wire
 
 #: Cells, from 0, at the box.
 UNDER, PROMISED, NEAR = [7, 8], [9], [10]

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mdms_protocol import neighbours as wire
+from mdms_protocol.neighbours import frames as wire
 from mdms_sim.plots.shared_belief import belief_error, cell_counts, shared_belief
 
 

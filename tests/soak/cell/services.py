@@ -67,7 +67,7 @@ def restore_defaults(story):
 
 
 def change_state(story):
-    """A stopped cell tells its heartbeat only."""
+    """A stopped cell sends its heartbeat only."""
     yield from story.command(nmt.STOP)
     frames = story.watch.frames
     yield from story.pause(90)

@@ -1,4 +1,4 @@
-"""What a cell hears of the array: SYNC, targets, neighbours' speeds, heartbeats."""
+"""What a cell receives of the array: SYNC, targets, neighbours' speeds, heartbeats."""
 
 import world
 from watch import NODE

@@ -6,7 +6,7 @@ from argparse import Namespace
 from mdms_host.can_link.link import drive
 from mdms_host.cli.array.bus import open_link
 from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.extras import SIMULATION, require
+from mdms_host.cli.extras import PAGE, SIMULATION, require
 from mdms_host.cli.records.bus_log import LogPlayer, chosen, read_log
 from mdms_host.commissioning.stop import not_off_text, stop_all
 from mdms_host.coordination.other_host import refuse_other_host
@@ -14,7 +14,9 @@ from mdms_model.run.folder import BUS_LOG
 
 
 def run(arguments: Namespace) -> Exit:
-    """Send the log again, and report what came of it."""
+    """Send the log again, and report what came of it; or show the run."""
+    if arguments.page is not None:
+        return _show(arguments)
     if arguments.nodes is None:
         return _send(arguments)
     if (
@@ -32,6 +34,20 @@ def run(arguments: Namespace) -> Exit:
     from mdms_host.cli.simulation.replay_nodes import run_cells  # noqa: PLC0415
 
     return run_cells(arguments)
+
+
+def _show(arguments: Namespace) -> Exit:
+    """Show the run in a page; nothing is sent to any bus."""
+    if arguments.all or vars(arguments).keys() & {"interface", "channel"} or arguments.nodes:
+        raise CommandError(
+            "--page: a run is shown, and sent to nobody; leave --all, --nodes, -i and -c out",
+            Exit.USAGE,
+        )
+    require(PAGE, "mdms replay --page")
+    # A log is sent to a bus without what a page needs.
+    from mdms_host.cli.records.player import show  # noqa: PLC0415
+
+    return show(arguments)
 
 
 def _send(arguments: Namespace) -> Exit:

@@ -11,14 +11,15 @@ from typing import Any
 from mdms_host.can_link.link import DeviceGoneError
 from mdms_host.cli.array.bus import open_links
 from mdms_host.cli.exits import CommandError, Exit, exit_of
-from mdms_host.cli.extras import RECORDING, require
+from mdms_host.cli.extras import PAGE, RECORDING, require
 from mdms_host.cli.files import writing
 from mdms_host.cli.records.bus_log import LogWriter
 from mdms_host.cli.records.keep import keep_run, lasting
 from mdms_host.cli.scenario.belief import Belief, believe
-from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of, goals_by_parcel
+from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.scenario.load import check_load
+from mdms_host.cli.scenario.python_file import main_of_file
 from mdms_host.cli.streams import say
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, Operation, operate
@@ -26,6 +27,7 @@ from mdms_host.coordination.other_host import refuse_other_host
 from mdms_host.coordination.recorder import Recorder
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.outcome import GoalOutcome, missed_text, outcome_of
+from mdms_host.programs.planning import ThreadDesk
 from mdms_model.run.folder import BUS_LOG, fresh_folder
 from mdms_model.scenario.scenario import Scenario
 
@@ -44,15 +46,29 @@ EXITS = {
 
 def run(arguments: Namespace) -> int:
     """Bring the array up, run the program, turn everything off, and report how it went."""
+    if arguments.page is not None:
+        require(PAGE, "mdms run --page")
+        if arguments.out is not None or arguments.json:
+            raise CommandError(
+                "--page: a run that a person starts and stops is not kept; leave --out and --json "
+                "out",
+                Exit.USAGE,
+            )
     if arguments.out is not None:
         require(RECORDING, "mdms run --out")
     overrides = [*arguments.overrides, "run.fidelity=firmware"]
     if getattr(arguments, "bitrate", None):
         overrides.append(f"wire.bitrate={arguments.bitrate}")
     scenario = open_program(arguments.program, overrides)
+    main = main_of_file(arguments.program)
     belief = believe(scenario, arguments.array, arguments)
     check_load(belief.scenario, arguments)
-    coordinator = coordinator_of(belief.scenario, belief.cells)
+    if arguments.page is not None:
+        # The page is an extra.
+        from mdms_host.cli.array.live import show  # noqa: PLC0415
+
+        return show(belief, arguments, main)
+    coordinator = coordinator_of(belief.scenario, belief.cells, main=main, desk=ThreadDesk())
     if arguments.limit is None:
         arguments.limit = scenario.run.duration_s + BRING_UP_S
     if arguments.out is None:
@@ -141,6 +157,8 @@ def _figures(scenario: Scenario, coordinator: Coordinator, operation: Operation)
         "ending": str(operation.ending),
         "duration_s": operation.duration_s,
         "fault": operation.fault or coordinator.lost or coordinator.stuck,
+        "lost_cells": sorted(coordinator.lost_cells),
+        "pauses": coordinator.pauses,
         "link": asdict(operation.link),
         "parcels": parcels,
         "goals": [asdict(outcome) for outcome in goals_of(scenario, coordinator)],
@@ -149,8 +167,9 @@ def _figures(scenario: Scenario, coordinator: Coordinator, operation: Operation)
 
 def goals_of(scenario: Scenario, coordinator: Coordinator) -> list[GoalOutcome]:
     """How far from its goal each parcel that is steered to one is believed to have ended."""
-    goals = zip(scenario.parcel, goals_by_parcel(scenario), strict=True)
-    return [_outcome(coordinator, parcel.name, goal) for parcel, goal in goals if goal is not None]
+    goals = coordinator.goals
+    names = [parcel.name for parcel in scenario.parcel if parcel.name in goals]
+    return [_outcome(coordinator, name, goals[name]) for name in names]
 
 
 def _outcome(coordinator: Coordinator, name: str, goal: Goal) -> GoalOutcome:

@@ -7,54 +7,84 @@ import numpy as np
 
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.scenario.cells import Cells, addresses_of, trim
+from mdms_host.cli.scenario.cells import Cells, addresses_of, gains_vs_per_m
+from mdms_host.cli.scenario.field import references_m_s
 from mdms_host.cli.scenario.footing import goal_of
 from mdms_host.cli.scenario.gain import motor_of
 from mdms_host.cli.scenario.load import timing_of
+from mdms_host.cli.scenario.programs import table_program
 from mdms_host.commissioning.loop_margin import largest_gain, observer_for
 from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.coordination.policy import OnLostCell, Policy
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.allocation import AHEAD_M
 from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import Goal, Limits
+from mdms_host.motion.mass import Mass
 from mdms_host.motion.program import FieldProgram, GoalProgram, Program
-from mdms_model import fields
-from mdms_model.array import build_wheels
+from mdms_host.motion.traction import Traction
+from mdms_host.motion.wheel_drives import wheel_drives_of
+from mdms_host.programs.planning import Desk
+from mdms_host.programs.program import Main, TableProgram
 from mdms_model.arrays import Floats
 from mdms_model.motor import drive_of
+from mdms_model.parcel import parcel_records
 from mdms_model.scenario.belief import believed
-from mdms_model.scenario.scenario import Cell, Scenario
+from mdms_model.scenario.scenario import Cell, Run, Scenario, in_stock
 from mdms_protocol import indices, pdo
 from mdms_protocol.dictionary import ENTRIES
-from mdms_protocol.entry import steps_per_unit
+from mdms_protocol.entry import OutOfRangeError, steps_per_unit
 
 #: As much as a cell comes with, but never more than half the supply.
 UNDERVOLTAGE_V = 10.0
 
 
-def coordinator_of(scenario: Scenario, cells: Cells | None = None) -> Coordinator:
+def coordinator_of(
+    scenario: Scenario,
+    cells: Cells | None = None,
+    *,
+    main: Main | None = None,
+    desk: Desk | None = None,
+) -> Coordinator:
     """A coordinator with the scenario's array, sizes of parcels, and motion, as it is to believe.
 
-    `cells` are node ids and settings of single cells, if they have any of their own. Raises
+    `cells` are node ids and settings of single cells, if they have any of their own; `main` is a
+    program in Python, in place of the scenario's tasks, and `desk` where its plans are made. Raises
     `CommandError` for what does not fit the firmware.
     """
     scenario = believed(scenario)
     cells = cells or Cells()
-    check_speed(scenario)
     layout, parcels = layout_of(scenario, cells), parcels_of(scenario)
-    program = _program(scenario, layout, parcels, cells)
-    return Coordinator(
+    stock = in_stock(scenario)
+    if scenario.motion.field == "program":
+        traction, masses = traction_of(scenario, layout, cells), masses_of(scenario)
+        program: Program | CellsProgram = table_program(
+            scenario, parcels, masses, traction, main=main, desk=desk
+        )
+    else:
+        program = _program(scenario, layout, parcels, cells)
+    coordinator = Coordinator(
         layout,
         program,
-        parcels=parcels,
+        # What is in stock is announced when it may come.
+        parcels=tuple(parcel for parcel in parcels if parcel.name not in stock),
         settings=settings_of(scenario.cell),
         own_settings=cells.settings,
         timing=timing_of(scenario.wire),
+        policy=policy_of(scenario.run),
     )
+    if isinstance(program, TableProgram):
+        program.attend(coordinator.tracker)
+    return coordinator
 
 
-def check_speed(scenario: Scenario) -> None:
+def policy_of(run: Run) -> Policy:
+    """What is done about cells that fall out of action."""
+    return Policy(OnLostCell(run.on_lost_cell), run.pauses, run.pause_s, run.hold_s)
+
+
+def _check_speed(scenario: Scenario, fastest_m_s: float) -> None:
     """Raise `CommandError` for a motion that may ask for references which the wire does not carry.
 
     A wheel under a parcel that moves and turns goes faster than its centre and its corners, which
@@ -62,11 +92,6 @@ def check_speed(scenario: Scenario) -> None:
     """
     entry = pdo.TARGET_VELOCITY.entries[0]
     limit_m_s = entry.high / steps_per_unit(entry.unit)
-    if scenario.motion.field == "goal":
-        droop = drive_of(scenario.cell).droop
-        fastest_m_s = scenario.motion.speed_m_s * _wheel_share(scenario) / droop
-    else:
-        fastest_m_s = float(abs(references_m_s(scenario)).max())
     if fastest_m_s > limit_m_s:
         raise CommandError(
             f"motion.speed_m_s is {scenario.motion.speed_m_s:g}: wheels would be set to "
@@ -148,7 +173,7 @@ def _setting(index: int, meaning: str, value: float) -> Setting:
     number = round(value * steps_per_unit(entry.unit))
     try:
         pdo.check(entry, number)
-    except pdo.OutOfRangeError as error:
+    except OutOfRangeError as error:
         raise CommandError(f"{meaning} does not fit the firmware: {error}", Exit.USAGE) from None
     return Setting(index, 0, number)
 
@@ -181,7 +206,11 @@ def _program(
     scenario: Scenario, layout: Layout, parcels: tuple[Parcel, ...], cells: Cells
 ) -> Program | CellsProgram:
     if scenario.motion.field != "goal":
-        return FieldProgram(references_m_s(scenario))
+        field_m_s = references_m_s(scenario)
+        _check_speed(scenario, float(abs(field_m_s).max()))
+        return FieldProgram(field_m_s)
+    droop = drive_of(scenario.cell).droop
+    _check_speed(scenario, scenario.motion.speed_m_s * _wheel_share(scenario) / droop)
     steered = zip(scenario.parcel, goals_by_parcel(scenario), strict=True)
     goals = {parcel.name: goal for parcel, goal in steered if goal is not None}
     limits = Limits(
@@ -191,24 +220,30 @@ def _program(
     )
     if scenario.motion.control == "cells":
         return CellsProgram(layout, parcels, goals, limits, go_on=scenario.motion.go_on)
-    droop = drive_of(scenario.cell).droop
-    return GoalProgram(layout, parcels, goals, droop, limits, trim=trim(scenario, cells))
+    return GoalProgram(traction_of(scenario, layout, cells), parcels, goals, masses_of(scenario))
 
 
-def references_m_s(scenario: Scenario) -> Floats:
-    """References of all wheels [m/s], shape (W,). Raises `CommandError` for a field's bad table."""
-    motion = scenario.motion
-    shape = fields.FieldShape(
-        speed_m_s=motion.speed_m_s,
-        heading_rad=motion.heading_rad,
-        centre_m=motion.centre_m,
-        velocity_m_s=motion.velocity_m_s,
-        yaw_rate_rad_s=motion.yaw_rate_rad_s,
-        ratio=motion.ratio,
-        table_m_s=motion.table_m_s,
+def traction_of(scenario: Scenario, layout: Layout, cells: Cells | None = None) -> Traction:
+    """What friction and motors let the wheels do, as it is believed."""
+    entry = pdo.TARGET_VELOCITY.entries[0]
+    drives = wheel_drives_of(
+        scenario.cell,
+        gains_vs_per_m(scenario, cells or Cells()),
+        entry.high / steps_per_unit(entry.unit),
     )
-    wheels = build_wheels(scenario)
-    try:
-        return fields.references_m_s(motion.field, wheels.position_m, wheels.direction, shape)
-    except fields.FieldError as error:
-        raise CommandError(f"motion.field: {error}", Exit.USAGE) from None
+    return Traction(
+        layout,
+        drives,
+        friction=scenario.cell.friction,
+        speed_m_s=scenario.motion.speed_m_s,
+        gravity_m_s2=scenario.run.gravity_m_s2,
+    )
+
+
+def masses_of(scenario: Scenario) -> dict[str, Mass]:
+    """The parcels' masses, as they are believed."""
+    records, _ = parcel_records(scenario.parcel)
+    return {
+        parcel.name: Mass(parcel.mass_kg, float(record.inertia_kg_m2), parcel.centre_of_mass_m)
+        for parcel, record in zip(scenario.parcel, records, strict=True)
+    }

@@ -9,7 +9,7 @@ from mdms_host.motion.footing import MARGIN_M, Footing, Load, least_footing
 from mdms_host.motion.goal import Goal
 from mdms_model.array import build_wheels
 from mdms_model.outline import outline_of
-from mdms_model.scenario.scenario import Parcel, Scenario
+from mdms_model.scenario.scenario import Parcel, Scenario, in_stock
 
 
 def refuse_tipping(scenario: Scenario) -> None:
@@ -21,7 +21,10 @@ def refuse_tipping(scenario: Scenario) -> None:
     if scenario.run.fidelity != "firmware":
         return
     wheel_m = build_wheels(scenario).position_m
+    stock = in_stock(scenario)
     for number, parcel in enumerate(scenario.parcel):
+        if parcel.name in stock:
+            continue
         load = Load(outline_of(parcel), parcel.centre_of_mass_m)
         goal = goal_of(parcel) if scenario.motion.field == "goal" else None
         start = np.array([parcel.x_m, parcel.y_m, parcel.yaw_rad])

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.scenario.footing import refuse_tipping
 from mdms_host.cli.scenario.load import refuse_overload
+from mdms_host.cli.scenario.python_file import is_python, scenario_of_file
 from mdms_host.commissioning.loop_margin import (
     GainError,
     WheelMotor,
@@ -23,7 +24,13 @@ MASSLESS = "none, for the wheels have no inertia: the paper's law is continuous"
 
 
 def open_program(name_or_path: str, overrides: Sequence[str]) -> Scenario:
-    """A checked scenario that cells and bus can follow. Raises ScenarioError, `CommandError`."""
+    """A checked scenario that cells and bus can follow; that of a program, for a file of Python.
+
+    Raises ScenarioError, `CommandError`.
+    """
+    if is_python(name_or_path):
+        name_or_path = scenario_of_file(name_or_path)
+        overrides = [*overrides, "motion.field=program"]
     scenario = load_scenario(name_or_path, overrides)
     refuse_overload(scenario)
     refuse_large_gain(scenario)

@@ -7,9 +7,12 @@ from typing import Any
 
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.extras import COMPILER
+from mdms_host.cli.scenario.field import command_figures
 from mdms_host.cli.scenario.gain import MASSLESS, gain_limits
 from mdms_host.cli.streams import say
+from mdms_model.fields.command import command_of
 from mdms_model.scenario.file import builtin_names, load_scenario
+from mdms_model.scenario.scenario import Scenario
 from mdms_model.statics.limits import is_paper_row, parcel_limits
 
 #: Name in JSON, in words, unit.
@@ -40,18 +43,41 @@ def scenarios(arguments: Namespace) -> Exit:
 
 
 def limits(arguments: Namespace) -> Exit:
-    """Print the paper's bounds on reference speeds for each parcel, and the largest gain."""
+    """Print the paper's bounds for each parcel, the field's references, and the largest gain."""
     scenario = load_scenario(arguments.scenario, arguments.overrides)
     if COMPILER.missing and not all(is_paper_row(scenario, each) for each in scenario.parcel):
         say(f"mdms: without numba this takes minutes; pip install {COMPILER.requirement}")
     bounds = [asdict(parcel_limits(scenario, parcel)) for parcel in scenario.parcel]
-    gain = gain_limits(scenario.cell)
+    gain, field = gain_limits(scenario.cell), _field(scenario)
     if arguments.json:
-        print(json.dumps({"parcels": bounds} | gain))
+        print(json.dumps({"parcels": bounds} | gain | field))
     else:
         tables = [_table(scenario.title, parcel) for parcel in bounds]
-        print(*tables, _gain_row(gain), sep="\n\n")
+        print(*tables, *map(_field_rows, field.values()), _gain_row(gain), sep="\n\n")
     return Exit.OK
+
+
+def _field(scenario: Scenario) -> dict[str, Any]:
+    """The references of a field, under `motion`; nothing where parcels are steered to goals."""
+    if scenario.motion.field in ("goal", "program"):
+        return {}
+    return {"motion": command_figures(scenario, command_of(scenario))}
+
+
+def _field_rows(field: dict[str, Any]) -> str:
+    text = f"references of the field {field['field']!r}"
+    rows = [f"  {text:{WIDTH}}  {field['fastest_m_s']:>9.4g} m/s"]
+    if field["slowest_m_s"] != field["fastest_m_s"]:
+        rows.append(f"  {'the least that is not 0':{WIDTH}}  {field['slowest_m_s']:>9.4g} m/s")
+    if field["policy"]:
+        rolling = field["policy"] == "rolling"
+        text = f"policy {field['policy']!r}, at {'most' if rolling else 'least'} (parcel "
+        text += f"{field['limited_by']!r})"
+        rows.append(f"  {text:{WIDTH}}  {field['limit_m_s']:>9.4g} m/s")
+        made = {"clamp": ", clamped", "refuse": ", refused", None: ""}[field["outside"]]
+        text = f"wheels outside it{made}"
+        rows.append(f"  {text:{WIDTH}}  {field['wheels_outside']:>9} of {field['wheels']}")
+    return "\n".join(rows)
 
 
 def _table(title: str, parcel: dict[str, Any]) -> str:

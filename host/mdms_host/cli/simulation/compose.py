@@ -1,13 +1,16 @@
 """Puts host and simulator together: a scenario is run in its fidelity."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from mdms_host.cli.compiling import compiling_watched
-from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of, references_m_s
+from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
+from mdms_host.cli.scenario.field import references_m_s
 from mdms_host.clock import MonotonicClock
 from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.motion.goal import Goal
+from mdms_host.programs.program import Main
 from mdms_model.run.record import Event, Record
 from mdms_model.run.slip import slip_m_s
 from mdms_model.scenario.scenario import Scenario
@@ -24,8 +27,11 @@ class Finished:
     """A run that has ended: what it recorded, how long it took, and what a coordinator met.
 
     `troubles` are what the coordinator found amiss, as (time [s], text), `lost` is which parcels it
-    does not find any more at the end, and `stuck` why it could not go on to its goals. `wall_s`
-    leaves out `compile_s`, which passes once per installation.
+    does not find any more at the end, and `stuck` why it could not go on to its goals; `goals` are
+    where it steered parcels last, and `unfinished` is whether its program was to end, and has not;
+    `lost_cells` are those that it does without by then, and `pauses` is how often it has held all
+    parcels.
+    `wall_s` leaves out `compile_s`, which passes once per installation.
     """
 
     record: Record
@@ -34,7 +40,11 @@ class Finished:
     fault: str | None = None
     lost: str | None = None
     stuck: str | None = None
+    goals: Mapping[str, Goal] = field(default_factory=dict)
+    unfinished: bool = False
     troubles: tuple[tuple[float, str], ...] = ()
+    lost_cells: tuple[int, ...] = ()
+    pauses: int = 0
     wall_s: float = 0.0
     compile_s: float = 0.0
 
@@ -44,13 +54,14 @@ def run_scenario(
     nodes: str = "cpython",
     progress: Callable[[float], None] | None = None,
     bus_log: Path | None = None,
+    main: Main | None = None,
 ) -> Finished:
-    """Run a scenario in its fidelity.
+    """Run a scenario in its fidelity; `main` is a program in place of its tasks.
 
     Raises ScenarioError, MicropythonMissing, NodeError, and `CommandError` for what does not fit.
     """
     if scenario.run.fidelity == "firmware":
-        return timed(scenario, lambda: _firmware(scenario, nodes, progress, bus_log))
+        return timed(scenario, lambda: _firmware(scenario, nodes, progress, bus_log, main))
     return timed(scenario, lambda: _model(scenario))
 
 
@@ -77,9 +88,10 @@ def _firmware(
     nodes: str,
     progress: Callable[[float], None] | None,
     bus_log: Path | None,
+    main: Main | None,
 ) -> Callable[[], Finished]:
     """Cells, bus and coordinator, ready to run."""
-    coordinator = coordinator_of(scenario)
+    coordinator = coordinator_of(scenario, main=main)
 
     def work() -> Finished:
         outcome = simulate(
@@ -89,6 +101,8 @@ def _firmware(
             bus_log=bus_log,
             estimates=lambda: estimates_of(coordinator, scenario),
             progress=progress,
+            # A program ends by itself; goals are held to the end.
+            over=lambda: scenario.motion.field == "program" and coordinator.finished,
         )
         _add_events(outcome.record, coordinator)
         troubles = tuple(coordinator.troubles)
@@ -99,7 +113,11 @@ def _firmware(
             fault=coordinator.fault,
             lost=coordinator.lost,
             stuck=coordinator.stuck,
+            goals=dict(coordinator.goals),
+            unfinished=not (coordinator.finished or coordinator.endless),
             troubles=troubles,
+            lost_cells=tuple(sorted(coordinator.lost_cells)),
+            pauses=coordinator.pauses,
         )
 
     return work

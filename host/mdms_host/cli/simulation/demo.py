@@ -8,16 +8,21 @@ from typing import Any
 
 from mdms_host.cli.compiling import REPORTED_S
 from mdms_host.cli.exits import Exit
+from mdms_host.cli.extras import PAGE, require
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.simulation.simulate import simulate, verdict
 from mdms_model.scenario.scenario import Parcel, Scenario
 
-SCENARIO = "array18"
-
 
 def run(arguments: Namespace) -> Exit:
-    """Run the prototype's array with its real firmware and report how it went."""
-    scenario = open_program(SCENARIO, ())
+    """Run the prototype's array with its real firmware and report how it went; or with its page."""
+    scenario = open_program(arguments.scenario, ["run.fidelity=firmware"])
+    if arguments.page is not None:
+        require(PAGE, "mdms demo --page")
+        # The page is an extra.
+        from mdms_host.cli.simulation.live import show  # noqa: PLC0415
+
+        return show(scenario, arguments)
     columns, rows = scenario.array.columns, scenario.array.rows
     if not arguments.json:
         print(f"{columns} x {rows} cells with the real firmware on a virtual CAN bus:")

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from mdms_host.cli.compiling import REPORTED_S
-from mdms_host.cli.scenario.coordination import goals_by_parcel
 from mdms_host.cli.simulation.compose import Finished
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.outcome import REACHED_M, REACHED_RAD, GoalOutcome, outcome_of
 from mdms_model.arrays import Floats
+from mdms_model.run.comings import exit_of, is_wrong
 from mdms_model.run.record import Contact, Record
 from mdms_model.scenario.scenario import Scenario
 
@@ -21,6 +21,8 @@ TWIST = ("vx_m_s", "vy_m_s", "yaw_rate_rad_s")
 REST_WHILE_S = 0.5
 REST_SPEED_M_S = 1e-3
 REST_YAW_RATE_RAD_S = 5e-3
+#: A contact slips from this speed of the wheel's surface over the parcel on.
+SLIPPING_M_S = 5e-3
 
 
 def figures_of(scenario: Scenario, finished: Finished) -> dict[str, Any]:
@@ -36,27 +38,52 @@ def figures_of(scenario: Scenario, finished: Finished) -> dict[str, Any]:
         "wall_s": finished.wall_s,
         "compile_s": finished.compile_s,
         "real_time_factor": duration_s / finished.wall_s,
-        "parcels": [_parcel(scenario, record, number) for number in range(len(scenario.parcel))],
-        "goals": [asdict(outcome) for outcome in goals_of(scenario, record)],
+        "parcels": [
+            _parcel(scenario, record, number)
+            for number in range(len(scenario.parcel))
+            # One that is away is nowhere.
+            if np.isfinite(record.pose[-1, number]).all()
+        ],
+        "goals": [asdict(outcome) for outcome in goals_of(scenario, finished)],
         "fault": fault_of(finished),
         "slipping_share": slipping_share(record),
     }
+    if scenario.stream:
+        figures["stream"] = stream_figures(scenario, record)
     if finished.bus is not None:
         figures["bus"] = asdict(finished.bus)
+        figures["lost_cells"] = list(finished.lost_cells)
+        figures["pauses"] = finished.pauses
     return figures
 
 
-def goals_of(scenario: Scenario, record: Record) -> list[GoalOutcome]:
-    """How far from its goal each parcel that is steered to one ends in truth."""
-    return [
-        outcome_of(
-            parcel.name, goal, _pose(record.pose[-1, number]), _there_s(record, number, goal)
-        )
-        for number, (parcel, goal) in enumerate(
-            zip(scenario.parcel, goals_by_parcel(scenario), strict=True)
-        )
-        if goal is not None
-    ]
+def stream_figures(scenario: Scenario, record: Record) -> dict[str, Any]:
+    """What has come and left in truth, by which exit, and whether any touched another."""
+    left = [event for event in record.events if event.kind == "exit"]
+    by_exit = dict.fromkeys((each.name for each in scenario.exit), 0)
+    for event in left:
+        by_exit[exit_of(event)] += 1
+    lasts_s = float(record.time_s[-1]) - min(stream.start_s for stream in scenario.stream)
+    return {
+        "came": sum(event.kind == "arrival" for event in record.events),
+        "left": len(left),
+        "by_exit": by_exit,
+        "wrong": sum(map(is_wrong, left)),
+        "touches": sum(event.kind == "touch" for event in record.events),
+        "parcels_per_hour": 3600.0 * len(left) / max(lasts_s, 1e-9),
+    }
+
+
+def goals_of(scenario: Scenario, finished: Finished) -> list[GoalOutcome]:
+    """How far from its goal each parcel that was steered to one ends in truth."""
+    record, outcomes = finished.record, []
+    for number, parcel in enumerate(scenario.parcel):
+        goal = finished.goals.get(parcel.name)
+        if goal is not None:
+            pose = record.pose[-1, number]
+            there = _pose(pose) if np.isfinite(pose).all() else None
+            outcomes.append(outcome_of(parcel.name, goal, there, _there_s(record, number, goal)))
+    return outcomes
 
 
 def fault_of(finished: Finished) -> str | None:
@@ -68,21 +95,25 @@ def fault_of(finished: Finished) -> str | None:
 
 
 def slipping_share(record: Record) -> float:
-    """Share of wheel contacts in motion, sample by sample, that slipped; 0 where nothing moved."""
-    slip_m_s = 0.0 if record.slip_m_s is None else record.slip_m_s
+    """Share of wheel contacts in motion, sample by sample, that slipped; see `SLIPPING_M_S`.
+
+    0 where nothing moved. Slower slip is the creep of wheels that are near to what friction gives.
+    """
+    slip_m_s = np.zeros(1) if record.slip_m_s is None else record.slip_m_s
     carried_m_s = record.speed_m_s - slip_m_s
     moving = np.maximum(abs(record.speed_m_s), abs(carried_m_s)) > REST_SPEED_M_S
     moving &= record.contact != Contact.NONE
-    slipping = moving & (record.contact != Contact.ROLLING)
+    slipping = moving & (abs(slip_m_s) > SLIPPING_M_S)
     return float(slipping.sum() / max(moving.sum(), 1))
 
 
 def _there_s(record: Record, number: int, goal: Goal) -> float | None:
     """Since when the parcel has been at its goal [s]; None if it is not there at the end."""
     x_m, y_m, yaw_rad = record.pose[:, number].T
-    turn_rad = (yaw_rad - goal.yaw_rad + pi) % (2 * pi) - pi
-    away = np.hypot(x_m - goal.x_m, y_m - goal.y_m) > REACHED_M
-    away |= abs(turn_rad) > REACHED_RAD
+    # What is nowhere is not there.
+    away = ~(np.hypot(x_m - goal.x_m, y_m - goal.y_m) <= REACHED_M)
+    if goal.yaw_rad is not None:
+        away |= ~(abs((yaw_rad - goal.yaw_rad + pi) % (2 * pi) - pi) <= REACHED_RAD)
     if away[-1]:
         return None
     outside = np.flatnonzero(away)
@@ -127,6 +158,8 @@ def report(figures: dict[str, Any]) -> list[str]:
     if figures["compile_s"] >= REPORTED_S:
         lines.append(f"  after {figures['compile_s']:.1f} s of compiling")
     lines += [f"  {_sentence(parcel)}" for parcel in figures["parcels"]]
+    if "stream" in figures:
+        lines.append(f"  {_streamed(figures['stream'])}")
     if "bus" in figures:
         bus = figures["bus"]
         lines.append(
@@ -134,6 +167,15 @@ def report(figures: dict[str, Any]) -> list[str]:
             f"{bus['errors']} errors, log {bus['log_sha256'][:12]}"
         )
     return lines
+
+
+def _streamed(stream: dict[str, Any]) -> str:
+    exits = ", ".join(f"{count} by {name}" for name, count in stream["by_exit"].items())
+    return (
+        f"{stream['came']} parcels came, {stream['left']} left ({exits}), "
+        f"{stream['parcels_per_hour']:,.0f} an hour; {stream['wrong']} by a wrong exit, "
+        f"{stream['touches']} touches"
+    )
 
 
 def _sentence(parcel: dict[str, Any]) -> str:

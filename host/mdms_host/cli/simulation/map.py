@@ -8,7 +8,7 @@ from typing import Any
 from mdms_host.cli.compiling import compiling_watched
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.files import replacing
-from mdms_host.cli.scenario.coordination import references_m_s
+from mdms_host.cli.scenario.field import references_m_s
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Parcel, Scenario
 from mdms_sim.physics.analysis.field_map import FieldMap, map_field

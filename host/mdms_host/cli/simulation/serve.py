@@ -2,13 +2,13 @@
 
 import signal
 from argparse import Namespace
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
-from threading import Event
-from typing import BinaryIO
+from contextlib import ExitStack, closing
+from typing import TYPE_CHECKING, BinaryIO
 
 from mdms_host.cli.exits import Exit
+from mdms_host.cli.extras import PAGE, require
 from mdms_host.cli.files import writing
+from mdms_host.cli.interrupted import ENDS, interrupted
 from mdms_host.cli.records.keep import keep_run, lasting
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.simulation.compose import Finished
@@ -21,12 +21,14 @@ from mdms_model.scenario.scenario import Scenario
 from mdms_sim.serve.server import Server, ways_in
 from mdms_sim.simulation import Simulation, addresses_of, open_bank
 
-#: The signals that end a service in order.
-ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+if TYPE_CHECKING:
+    from mdms_host.page.seat import Seat
 
 
 def run(arguments: Namespace) -> Exit:
     """Serve until Ctrl-C or SIGTERM, or until a parcel tips; keep a run folder if asked to."""
+    if arguments.page is not None:
+        require(PAGE, "mdms serve --page")
     scenario = open_program(arguments.scenario, [*arguments.overrides, "run.fidelity=firmware"])
     # Both end a service as Ctrl-C does, so that its sockets go.
     for number in ENDS:
@@ -62,42 +64,35 @@ def _serve(scenario: Scenario, arguments: Namespace, log: BinaryIO | None = None
     """Serve to the end; recorded where there is a log, in a bounded memory."""
     cells = scenario.array.columns * scenario.array.rows
     with closing(open_bank(arguments.nodes, addresses_of(scenario).node_ids)) as bank:
+        seat = _seat(scenario) if arguments.page is not None else None
+        seats = [seat] if seat else []
         simulation = Simulation(
-            scenario, bank, bus_log=log, recorded=log is not None, most_samples=MOST_SAMPLES
+            scenario, bank, seats, bus_log=log, recorded=log is not None, most_samples=MOST_SAMPLES
         )
         name = arguments.name or _name_of(arguments.scenario)
-        with (
-            Server(simulation, name, arguments.tcp, arguments.speed, report=say) as server,
-            _interrupted() as over,
-        ):
+        with ExitStack() as opened:
+            server = opened.enter_context(
+                Server(simulation, name, arguments.tcp, arguments.speed, report=say)
+            )
+            over = opened.enter_context(interrupted())
+            if seat:
+                # The page is an extra.
+                from mdms_host.cli.simulation.live import attended  # noqa: PLC0415
+
+                over = opened.enter_context(attended(scenario, seat, server, arguments, over))
             buses = len(server.all_addresses)
             where = "a virtual CAN bus" if buses == 1 else f"{buses} virtual CAN buses"
             print(f"{scenario.title}: {cells} cells on {where}; connect with")
             for addresses in server.all_addresses:
                 print(*(f"  {line}" for line in ways_in(addresses)), sep="\n", flush=True)
-            server.run(over)
+            server.run(over, beyond_tipping=seat is not None)
     return simulation
 
 
-@contextmanager
-def _interrupted() -> Iterator[Callable[[], bool]]:
-    """Whether the end was asked for by a signal: no step of the simulation is broken off.
+def _seat(scenario: Scenario) -> "Seat":
+    from mdms_host.cli.simulation.live import seat_of  # noqa: PLC0415
 
-    A second signal breaks it off.
-    """
-    pressed = Event()
-
-    def on_signal(*_: object) -> None:
-        if pressed.is_set():
-            raise KeyboardInterrupt
-        pressed.set()
-
-    before = {number: signal.signal(number, on_signal) for number in ENDS}
-    try:
-        yield pressed.is_set
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    return seat_of(scenario)
 
 
 def _name_of(scenario: str) -> str:

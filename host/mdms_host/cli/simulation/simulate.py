@@ -13,10 +13,13 @@ from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.files import writing
 from mdms_host.cli.records.keep import keep_run
 from mdms_host.cli.scenario.gain import open_program
+from mdms_host.cli.scenario.python_file import main_of_file
 from mdms_host.cli.simulation.compose import Finished, run_scenario
 from mdms_host.cli.simulation.figures import fault_of, figures_of, goals_of, report
 from mdms_host.cli.streams import say
 from mdms_host.motion.outcome import missed_text
+from mdms_host.programs.program import Main
+from mdms_model.run.comings import is_wrong
 from mdms_model.run.folder import BUS_LOG, fresh_folder
 from mdms_model.scenario.scenario import Scenario
 
@@ -28,11 +31,14 @@ def run(arguments: Namespace) -> Exit:
         if getattr(arguments, name) is not None:
             overrides.append(f"run.{name}={getattr(arguments, name)}")
     scenario = open_program(arguments.scenario, overrides)
+    main = main_of_file(arguments.scenario)
     if arguments.bus_format != "log" and not (arguments.out and _has_bus(scenario)):
         raise CommandError(
             "--bus-format: only a run of the firmware with --out has a bus log", Exit.USAGE
         )
-    finished, figures = simulate(scenario, arguments.nodes, arguments.out, arguments.bus_format)
+    finished, figures = simulate(
+        scenario, arguments.nodes, arguments.out, arguments.bus_format, main
+    )
     if arguments.json:
         print(json.dumps(figures))
     else:
@@ -41,13 +47,17 @@ def run(arguments: Namespace) -> Exit:
 
 
 def simulate(
-    scenario: Scenario, nodes: str, out: Path | None, bus_format: str = "log"
+    scenario: Scenario,
+    nodes: str,
+    out: Path | None,
+    bus_format: str = "log",
+    main: Main | None = None,
 ) -> tuple[Finished, dict[str, Any]]:
     """Run a scenario and keep it in a folder, if any; the run and its figures."""
     with ExitStack() as stack:
         folder = stack.enter_context(_folder(out)) if out else None
         bus_log = folder / BUS_LOG if folder else None
-        finished = _run(scenario, nodes, bus_log)
+        finished = _run(scenario, nodes, bus_log, main)
         figures = figures_of(scenario, finished)
         if folder and out:
             figures["run"] = str(out)
@@ -68,11 +78,11 @@ def _folder(out: Path) -> Iterator[Path]:
         raise CommandError(f"{out}: cannot be written: {error.strerror}", Exit.FAILURE) from None
 
 
-def _run(scenario: Scenario, nodes: str, bus_log: Path | None) -> Finished:
+def _run(scenario: Scenario, nodes: str, bus_log: Path | None, main: Main | None) -> Finished:
     if not _has_bus(scenario):
         return run_scenario(scenario)
     with progress(scenario.title) as advance:
-        return run_scenario(scenario, nodes, advance, bus_log)
+        return run_scenario(scenario, nodes, advance, bus_log, main)
 
 
 def _has_bus(scenario: Scenario) -> bool:
@@ -83,7 +93,7 @@ def verdict(scenario: Scenario, finished: Finished) -> Exit:
     """Report what went wrong, if anything did; how the command ends."""
     for time_s, text in finished.troubles:
         say(f"{time_s:8.3f} s  {text}")
-    missed = missed_text(goals_of(scenario, finished.record))
+    missed = missed_text(goals_of(scenario, finished))
     fault = fault_of(finished)
     # That a parcel is stuck is among the troubles.
     for text in filter(None, (None if fault == finished.stuck else fault, missed)):
@@ -94,4 +104,11 @@ def verdict(scenario: Scenario, finished: Finished) -> Exit:
         return Exit.NODE_FAULT
     if finished.lost is not None:
         return Exit.FAILURE
+    wrong = [event for event in finished.record.events if event.kind == "exit" and is_wrong(event)]
+    if wrong:
+        say(f"mdms: {wrong[0].parcel} {wrong[0].detail}, and {len(wrong) - 1} more after it")
+        return Exit.FAILURE
+    if finished.unfinished and missed is None:
+        say("mdms: the program has not come to its end")
+        return Exit.TIME_LIMIT
     return Exit.OK if missed is None else Exit.TIME_LIMIT

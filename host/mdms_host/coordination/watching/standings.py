@@ -2,8 +2,24 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 
-from mdms_host.estimation.confirmation import Standing
+from mdms_host.estimation.change import Change, Event
 from mdms_model.arrays import Floats
+
+_TEXTS = {
+    Event.FOUND: "{name} found at {where}",
+    Event.DOUBTFUL: "{name} is doubtful: sensors do not show it where it was",
+    Event.LOST: "{name} is lost: no sensor shows it where it was; it is not steered",
+    Event.DEPARTED: "{name} has departed",
+    Event.APPEARED: "{name} appeared at {where}, {size}: wheels under it stand",
+    Event.HEAPED: (
+        "{name} is a heap at {where}, {size}: more than one parcel, which cannot be told apart; "
+        "wheels under it stand"
+    ),
+    Event.CLEARED: "{name} is not there any more",
+    Event.EXPLAINED: "{name} is {other}",
+    Event.MISFIT: "{name} is not {other}: sensors contradict its outline",
+}
+_TROUBLES = (Event.LOST, Event.MISFIT)
 
 
 class Standings:
@@ -19,17 +35,32 @@ class Standings:
         return f"lost: {lost}; no sensor shows it" if lost else None
 
     def step(
-        self, time_s: float, changes: Iterable[tuple[str, Standing]], poses: Mapping[str, Floats]
+        self, time_s: float, changes: Iterable[Change], poses: Mapping[str, Floats]
     ) -> Iterator[tuple[str, bool]]:
         """What changes of the standings are to a person, each with whether it is a trouble."""
-        for name, standing in changes:
-            if standing is Standing.LOST:
+        for change in changes:
+            name = change.name
+            if change.event is Event.LOST:
                 self._lost_s[name] = time_s
-                yield f"{name} is lost: no sensor shows it where it was; it is not steered", True
-            elif standing is Standing.DOUBTFUL:
-                yield f"{name} is doubtful: sensors do not show it where it was", False
-            else:
+            elif change.event in (Event.FOUND, Event.DEPARTED):
                 self._lost_s.pop(name, None)
-                x_m, y_m, yaw_rad = poses[name].tolist()
-                where = f"x = {x_m:.3f} m, y = {y_m:.3f} m, yaw = {yaw_rad:.2f} rad"
-                yield f"{name} found at {where}", False
+            pose = poses.get(name, change.pose)
+            where = "" if pose is None else _where(pose)
+            yield (
+                _TEXTS[change.event].format(
+                    name=name, where=where, size=_size(change), other=change.other
+                ),
+                change.event in _TROUBLES,
+            )
+
+
+def _where(pose: Floats) -> str:
+    x_m, y_m, yaw_rad = pose.tolist()
+    return f"x = {x_m:.3f} m, y = {y_m:.3f} m, yaw = {yaw_rad:.2f} rad"
+
+
+def _size(change: Change) -> str:
+    if change.size_m is None:
+        return ""
+    along_m, across_m = change.size_m
+    return f"{along_m:.2f} m x {across_m:.2f} m at most"

@@ -5,8 +5,8 @@ from math import pi
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.motion.goal import Goal, Limits
 from mdms_model.arrays import Floats
-from mdms_protocol import messages
-from mdms_protocol import neighbours as wire
+from mdms_protocol.neighbours import frames as wire
+from mdms_protocol.neighbours import messages
 
 _STEP_M = wire.STEP_UM * 1e-6
 _SHAPES = {"rectangle": wire.RECTANGLE, "disc": wire.DISC}

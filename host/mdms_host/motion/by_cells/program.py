@@ -16,8 +16,8 @@ from mdms_host.motion.by_cells.pages import flags_of, goal_page, parcel_page, pl
 from mdms_host.motion.by_cells.reports import Reports
 from mdms_host.motion.goal import Goal, Limits
 from mdms_model.arrays import Floats
-from mdms_protocol import neighbours as wire
-from mdms_protocol.messages import End, Estimate, Page
+from mdms_protocol.neighbours import frames as wire
+from mdms_protocol.neighbours.messages import End, Estimate, Page
 
 #: Pages are repeated so often [s] until the cells have acknowledged them.
 REPEAT_S = 0.05
@@ -29,14 +29,15 @@ _GONE_S = 0.3
 _REPORTED_S = 1.0
 #: A cell has a parcel when one of its sensors lies so deep under it by the host's estimate [m].
 _DEEP_M = 0.01
-#: There is one program a parcel.
-_SEQUENCE = 1
+#: A parcel's first program; each change of its goal counts on, round and round.
+_FIRST = 1
 
 
 class _Sending:
     """How far the cells have got one parcel's program."""
 
-    def __init__(self) -> None:
+    def __init__(self, since_s: float = -inf) -> None:
+        self.since_s = since_s
         self.due_s = -inf
         self.mostly_s: float | None = None
         self.done = False
@@ -61,19 +62,22 @@ class CellsProgram:
     ) -> None:
         self._limits = limits or Limits()
         self._go_on = go_on
-        self._goals = goals
+        self._goals = dict(goals)
         self._parcels = {parcel.name: parcel for parcel in parcels}
         self._identities = {parcel.name: number for number, parcel in enumerate(parcels, 1)}
         self._bottoms: dict[str, Bottom] = {parcel.name: parcel.bottom for parcel in parcels}
         self._sensors_m = layout.sensor_positions_m
         self._reports = Reports(layout)
         self._sendings = {name: _Sending() for name in self._parcels}
+        self._wanted: dict[str, Goal] = {}
+        self._sequences = dict.fromkeys(self._parcels, _FIRST)
         self._followed = {
             name: Followed(goals[name], self._limits, bottom.reach_m)
             for name, bottom in self._bottoms.items()
             if name in goals
         }
         self._since_s: dict[tuple[str, str], float | None] = {}
+        self._lost: frozenset[int] = frozenset()
         self._notices: list[str] = []
 
     @property
@@ -99,6 +103,24 @@ class CellsProgram:
         """Goals are reached at some time."""
         return False
 
+    def set_goal(self, name: str, goal: Goal) -> None:
+        """Have a parcel steered to this goal from now on, stopped or not. KeyError for no parcel.
+
+        Its cells get a program of the next sequence number, which takes the place of the old one;
+        but not before they have that, for they tell apart no more than three.
+        """
+        self._followed[name] = Followed(goal, self._limits, self._bottoms[name].reach_m)
+        self._wanted[name] = goal
+
+    def _change_goal(self, name: str, now_s: float) -> None:
+        """Begin to send the goal that is wanted, if the cells are ready for it."""
+        sending = self._sendings[name]
+        if name not in self._wanted or not (sending.done or now_s >= sending.since_s + _REST_S):
+            return
+        self._goals[name] = self._wanted.pop(name)
+        self._sequences[name] = self._sequences[name] % wire.SEQUENCE_MAX + 1
+        self._sendings[name] = _Sending(now_s)
+
     def take_notices(self) -> list[str]:
         """What has happened to parcels since the last call."""
         notices, self._notices = self._notices, []
@@ -113,15 +135,27 @@ class CellsProgram:
         self._reports.age(now_s)
         pages: list[Page] = []
         for name in self._parcels:
+            self._change_goal(name, now_s)
             if name in self._followed:
                 pages += self._follow(name, poses.get(name), now_s, step_s)
             if name in poses and not self._is_stopped(name):
                 pages += self._send(name, poses[name], now_s)
         return pages
 
+    def begin_again(self) -> None:
+        """Send every parcel's program anew, from where the parcel is; it was at rest meanwhile."""
+        self._sendings = {name: _Sending() for name in self._parcels}
+        self._since_s.clear()
+        for followed in self._followed.values():
+            followed.lose()
+
+    def on_lost_cells(self, cells: frozenset[int]) -> None:
+        """No answer is expected from these cells (from 1); their neighbours go around them."""
+        self._lost = cells
+
     def ends(self) -> list[Page]:
         """The pages that end all programs."""
-        return [End(identity, _SEQUENCE) for identity in self._identities.values()]
+        return [End(identity, self._sequences[name]) for name, identity in self._identities.items()]
 
     # What is sent
 
@@ -136,11 +170,12 @@ class CellsProgram:
             return
         sending.due_s = now_s + REPEAT_S
         identity, goal = self._identities[name], self._goals.get(name)
+        sequence = self._sequences[name]
         parcel, flags = self._parcels[name], flags_of(goal, self._go_on)
-        yield parcel_page(identity, _SEQUENCE, parcel, self._limits, flags)
-        yield place_page(identity, _SEQUENCE, pose)
+        yield parcel_page(identity, sequence, parcel, self._limits, flags)
+        yield place_page(identity, sequence, pose)
         if goal is not None:
-            yield goal_page(identity, _SEQUENCE, goal)
+            yield goal_page(identity, sequence, goal)
 
     def _check_acknowledged(self, name: str, sending: _Sending, pose: Floats, now_s: float) -> None:
         """Send no more when all cells of a parcel have its program; again when none has it."""
@@ -173,7 +208,7 @@ class CellsProgram:
 
     def _cells_having(self, name: str) -> set[int]:
         """The cells that have acknowledged a parcel's program by their estimates."""
-        sequence = _SEQUENCE if name in self._goals else 0
+        sequence = self._sequences[name] if name in self._goals else 0
         return {
             cell
             for cell, estimate in self._reports.of(self._identities[name]).items()
@@ -184,7 +219,7 @@ class CellsProgram:
         """The cells (from 1) that lie under a parcel, by the host's own estimate."""
         away_m = self._bottoms[name].distance_m(self._sensors_m.reshape(-1, 2), pose)
         deep = (away_m.reshape(self._sensors_m.shape[:2]) < -_DEEP_M).any(axis=1)
-        return {int(cell) + 1 for cell in np.flatnonzero(deep)}
+        return {int(cell) + 1 for cell in np.flatnonzero(deep)} - self._lost
 
     # What is seen
 
@@ -210,7 +245,7 @@ class CellsProgram:
         if followed.see(pose, arrived, may_move, step_s):
             followed.stopped = True
             self._notices.append(f"{name} does not move as its cells command: stopped")
-            yield from [End(identity, _SEQUENCE)] * 3
+            yield from [End(identity, self._sequences[name])] * 3
         if self._lasts(name, "apart", arrived and not followed.arrived, now_s) and followed.miss:
             off_m, off_rad = followed.miss
             self._notices.append(

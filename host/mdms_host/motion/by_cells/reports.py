@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 from mdms_host.layout import Layout
 from mdms_host.places import neighbours_of
-from mdms_protocol import neighbours as wire
-from mdms_protocol.messages import Estimate
+from mdms_protocol.neighbours import frames as wire
+from mdms_protocol.neighbours.messages import Estimate
 
 #: A cell at a parcel reports at every SYNC; what it reported so long ago [s] counts for nothing.
 FRESH_S = 0.05

@@ -1,4 +1,4 @@
-"""What hands do to parcels: push them, lift them off the table, set them down again."""
+"""What is done to parcels from outside: pushed, lifted, set down again; brought and taken away."""
 
 from mdms_model.parcel import turned
 from mdms_sim.physics.plane.records import Scene
@@ -41,3 +41,19 @@ def set_down(
     now.x_m, now.y_m = x_m + arm_x, y_m + arm_y
     now.lifted -= 1
     return bool(now.lifted == 0)
+
+
+def take_away(scene: Scene, p: int) -> None:
+    """Parcel p leaves: what carries on behind an exit has it, and it does not tip."""
+    lift(scene, p)
+    now = scene.state.parcels[p]
+    now.away, now.tipped = 1, 0
+    carried = scene.scratch.wheels["parcel"] == p
+    for name in ("contact", "normal_n", "force_n", "slip_m_s"):
+        scene.state.wheels[name][carried] = 0
+
+
+def bring(scene: Scene, p: int, pose: tuple[float, float, float]) -> None:
+    """Parcel p, which is away, comes: at rest where its origin is to be [table frame]."""
+    set_down(scene, p, *pose)
+    scene.state.parcels[p].away = 0

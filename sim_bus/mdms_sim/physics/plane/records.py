@@ -13,7 +13,7 @@ from mdms_model.array import Grid, build_wheels, reach_m
 from mdms_model.arrays import Floats, Ints, Records
 from mdms_model.motor import drive_of, rim_mass_kg
 from mdms_model.parcel import parcel_records, turned
-from mdms_model.scenario.scenario import Cell, Parcel, Scenario
+from mdms_model.scenario.scenario import Cell, Parcel, Scenario, in_stock
 from mdms_sim.physics.motor import true_cells
 
 #: Convex parcels in the plane have at most six neighbours on average, and two points with each.
@@ -89,6 +89,7 @@ PARCEL_STATE = np.dtype(
         ("yaw_rate_rad_s", "f8"),
         ("tipped", "i8"),
         ("lifted", "i8"),  # off the table, by so many hands
+        ("away", "i8"),  # 1: it is in stock, or has left by an exit; then it is lifted, too
     ],
     align=True,
 )
@@ -190,7 +191,7 @@ def build_scene(scenario: Scenario) -> Scene:
     wheels, parcels = len(model.wheels), len(model.parcels)
     state = State(
         wheels=_records(wheels, WHEEL_STATE),
-        parcels=_at_start(scenario.parcel),
+        parcels=_at_start(scenario.parcel, in_stock(scenario)),
         order=np.arange(parcels),
         partners=np.zeros((TOUCHES_PER_PARCEL * parcels, 2), dtype=np.int64),
         pairs=np.zeros(1, dtype=np.int64),
@@ -235,13 +236,14 @@ def _records(count: int, kind: "np.dtype[np.void]") -> Records:
     return np.zeros(count, dtype=kind).view(np.recarray)
 
 
-def _at_start(parcels: tuple[Parcel, ...]) -> Records:
-    """Parcels at rest where the scenario puts them."""
+def _at_start(parcels: tuple[Parcel, ...], stock: set[str]) -> Records:
+    """Parcels at rest where the scenario puts them, but for those in stock."""
     records = _records(len(parcels), PARCEL_STATE)
     for record, parcel in zip(records, parcels, strict=True):
         arm_x, arm_y = turned(*parcel.centre_of_mass_m, parcel.yaw_rad)
         record["x_m"], record["y_m"] = parcel.x_m + arm_x, parcel.y_m + arm_y
         record["yaw_rad"] = parcel.yaw_rad
+        record["away"] = record["lifted"] = int(parcel.name in stock)
     return records
 
 

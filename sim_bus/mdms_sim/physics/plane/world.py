@@ -25,6 +25,7 @@ from mdms_sim.physics.plane.records import (
     build_scene,
 )
 from mdms_sim.physics.plane.sensors import LoadCells, PresenceSensors, SenseState, counts_per_m
+from mdms_sim.physics.plane.streams import Streams, StreamsState
 
 #: What the solver could not do, by what is counted of it.
 SOLVER_LIMITS = {
@@ -43,6 +44,7 @@ class WorldState:
     limits: frozenset[int]
     arrays: tuple[Any, ...]
     senses: tuple[SenseState, ...]
+    streams: StreamsState
 
 
 class World:
@@ -65,6 +67,7 @@ class World:
         self._limits: frozenset[int] = frozenset()
         self._presence = PresenceSensors(scenario)
         self.stuck_sensors = self._presence.stuck
+        self.streams = Streams(scenario)
         noise_n = scenario.cell.load_cell_noise_n
         self._load_cells = None if noise_n is None else LoadCells(scenario, noise_n)
         counts, current_ma = np.zeros((2, len(self.scene.model.first) - 1, 2), np.int32)
@@ -83,6 +86,7 @@ class World:
             self._limits,
             tuple(array.copy() for array in self._arrays()),
             tuple(sense.state() for sense in self._senses()),
+            self.streams.state(),
         )
 
     def restore(self, state: WorldState) -> None:
@@ -96,6 +100,7 @@ class World:
             array[...] = kept
         for sense, kept in zip(self._senses(), state.senses, strict=True):
             sense.restore(kept)
+        self.streams.restore(state.streams)
 
     def _arrays(self) -> tuple[Any, ...]:
         sampled = self.sampled.counts, self.sampled.current_ma
@@ -138,13 +143,17 @@ class World:
             self._note_touches()
         if step_s and (self._limits or report & step.LIMITED):
             self._note_limits(report)
+        if step_s and self.streams.due(self.time_s):
+            self.events += self.streams.bring(self.scene, self.time_s, self.pose)
 
     def _note_tips(self) -> None:
         noted = {event.parcel for event in self.events if event.kind == "tip"}
-        for parcel, tipped, pose in zip(
-            self.scenario.parcel, self.scene.state.parcels["tipped"], self.pose, strict=True
+        for number, (parcel, tipped, pose) in enumerate(
+            zip(self.scenario.parcel, self.scene.state.parcels["tipped"], self.pose, strict=True)
         ):
-            if tipped and parcel.name not in noted:
+            if tipped and (leaves := self.streams.take(self.scene, number, self.time_s)):
+                self.events.append(leaves)
+            elif tipped and parcel.name not in noted:
                 where = f"at x {pose[0]:.4f} m, y {pose[1]:.4f} m, yaw {pose[2]:.4f} rad"
                 detail = f"the supports no longer hold its centre of mass, {where}"
                 self.events.append(Event(self.time_s, "tip", detail, parcel=parcel.name))
@@ -188,6 +197,8 @@ class World:
         """Poses and twists at once."""
         pose, twist = np.empty((2, len(self.scene.model.parcels), 3))
         read_poses(self.scene.model.parcels, self.scene.state.parcels, pose, twist)
+        away = self.scene.state.parcels["away"] != 0
+        pose[away] = twist[away] = np.nan
         return pose, twist
 
     # Wheels --------------------------------------------------------------------------------------

@@ -12,13 +12,14 @@ from mdms_host.cli.scenario.coordination import (
     estimates_of,
     layout_of,
     parcels_of,
-    references_m_s,
     settings_of,
 )
+from mdms_host.cli.scenario.field import references_m_s
 from mdms_host.cli.scenario.footing import goal_of
 from mdms_host.estimation.disc import Disc
 from mdms_host.estimation.polygon import Polygon
 from mdms_model.array import build_wheels
+from mdms_model.fields.kinds import FieldError
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.dictionary import ENTRIES
 
@@ -104,8 +105,9 @@ def test_field_is_played_on_every_wheel():
 
 
 def test_every_field_of_a_scenario_gives_a_reference_per_wheel(plane):
-    for field in ("inward", "uniform", "rotate", "elliptic", "twist", "squeeze"):
-        motion = replace(plane.motion, field=field, velocity_m_s=(0.1, 0.0), ratio=0.3)
+    kinds = ("inward", "uniform", "rotate", "elliptic", "twist", "squeeze")
+    for field in (*kinds, "linear", "lane", "diverter"):
+        motion = replace(plane.motion, field=field, velocity_m_s=(0.1, 0.0), ratio=0.3, width_m=0.2)
         references = references_m_s(replace(plane, motion=motion))
         assert references.shape == (36,)
         assert np.abs(references).max() == pytest.approx(0.1, rel=0.35)
@@ -113,7 +115,7 @@ def test_every_field_of_a_scenario_gives_a_reference_per_wheel(plane):
 
 def test_bad_table_is_refused_by_its_key(plane):
     motion = replace(plane.motion, field="table", table_m_s=(0.1,))
-    with pytest.raises(CommandError, match=r"motion.field: the table"):
+    with pytest.raises(FieldError, match=r"motion.field: the table"):
         references_m_s(replace(plane, motion=motion))
 
 

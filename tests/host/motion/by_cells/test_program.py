@@ -7,8 +7,8 @@ from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import Goal
-from mdms_protocol import messages
-from mdms_protocol import neighbours as wire
+from mdms_protocol.neighbours import frames as wire
+from mdms_protocol.neighbours import messages
 
 LAYOUT = Layout(6, 3)
 BOX = Parcel("box", 0.36, 0.30)
@@ -162,3 +162,37 @@ def test_what_a_cell_reported_long_ago_counts_for_nothing(age_s):
     assert table.program.finished
     table.run(age_s, poses=THERE)
     assert table.program.finished == (age_s < 0.05)
+
+
+def test_new_goal_is_a_program_of_the_next_sequence_number():
+    table = Table()
+    table.run(0.2, reports=reports())
+    table.program.set_goal("box", Goal(0.0, 0.0, 0.0))
+    sent = table.run(STEP_S, reports=reports())
+    assert [page.sequence for _, page in sent] == [2, 2, 2]
+    assert sent[-1][1] == messages.Goal(1, 2, 0, 0, 0)
+    table.run(0.1, reports=reports(sequence=2))
+    assert table.run(0.1, reports=reports(sequence=2)) == []
+    assert [page.sequence for page in table.program.ends()] == [2]
+
+
+def test_goals_that_follow_each_other_faster_than_cells_take_them_are_left_out():
+    table = Table()
+    table.run(0.2, reports=reports())
+    sent = []
+    for number in range(8):
+        table.program.set_goal("box", Goal(0.01 * number, 0.0, 0.0))
+        sent += table.run(2 * STEP_S, reports=reports())
+    assert {page.sequence for _, page in sent} == {2}
+    sent = table.run(0.3, reports=reports(sequence=2))
+    assert {page.sequence for _, page in sent} == {3}
+    assert sent[-1][1] == messages.Goal(1, 3, 280, 0, 0)
+
+
+def test_parcel_that_was_stopped_for_good_goes_on_with_a_new_goal():
+    table = Table()
+    table.run(3.0, reports=reports(hold=wire.HOLD_NONE))
+    assert table.program.stuck
+    table.program.set_goal("box", Goal(0.0, 0.0, 0.0))
+    assert table.program.stuck is None
+    assert table.run(STEP_S, reports=reports(cells=()))[-1][1] == messages.Goal(1, 2, 0, 0, 0)

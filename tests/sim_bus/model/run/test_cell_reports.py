@@ -12,9 +12,9 @@ from mdms_model.run.mcap_file import read_record, write_record
 from mdms_model.run.record import Contact, Record
 from mdms_model.run.scene_3d import scene_messages
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol import messages
-from mdms_protocol import neighbours as wire
 from mdms_protocol.frame import Frame
+from mdms_protocol.neighbours import frames as wire
+from mdms_protocol.neighbours import messages
 
 SCENARIO = load_scenario("neighbours")
 CENTRES_M = cell_centres(SCENARIO.array)

@@ -25,6 +25,14 @@ def test_a_belief_differs_from_the_truth_in_what_it_names():
     assert taken.parcel == (replace(truth.parcel[0], length_m=0.38, mass_kg=3.0),)
 
 
+def test_a_parcel_that_the_host_is_not_told_of_is_left_out():
+    scenario = load_scenario("passing2")
+    lying = replace(scenario.parcel[1], goal=None)
+    unknown = {lying.name: {"known": False}}
+    taken = believed(replace(scenario, parcel=(scenario.parcel[0], lying), belief=unknown))
+    assert taken.parcel == scenario.parcel[:1]
+
+
 def test_beliefs_survive_a_round_trip():
     scenario = load_scenario("array18", ["belief.box.x_m=0.1", "belief.wheel_radius_m=0.026"])
     assert scenario_from(plain(scenario)) == scenario
@@ -44,6 +52,9 @@ def test_beliefs_survive_a_round_trip():
         ("belief.wheel=[{}]", "belief.wheel has 1 items, but must have 2, as cell.wheel has"),
         ("belief.sensor_offset_m=[[0.0, 0.0]]", "belief.sensor_offset_m has 1 items, but must"),
         ("belief.box.shape='disc'", "belief.box:"),
+        ("belief.box.known=0", "belief.box.known is 0, but must be true or false"),
+        ("belief.box.known=false", "belief.box.known is false, but the parcel has a goal"),
+        ("belief.box={known=false, x_m=0.1}", "belief.box.known is false, so that belief.box.x_m"),
     ],
 )
 def test_a_belief_that_cannot_be_is_refused_by_its_key(override, expected):

@@ -5,10 +5,15 @@ from typing import get_type_hints
 
 import pytest
 
-from mdms_model.scenario import scenario
+from mdms_model.scenario import motion, scenario
 from mdms_model.scenario.tree import build, plain
 
-TABLES = [kind for kind in vars(scenario).values() if dataclasses.is_dataclass(kind)]
+TABLES = [
+    kind
+    for module in (scenario, motion)
+    for kind in vars(module).values()
+    if dataclasses.is_dataclass(kind)
+]
 NUMBERS = [
     (kind, item)
     for kind in TABLES
@@ -25,7 +30,7 @@ def test_number_has_a_limit(kind, item):
     assert item.metadata, f"{kind.__name__}.{item.name} can be anything"
 
 
-@pytest.mark.parametrize("kind", [scenario.Wheel, scenario.Cell, scenario.Motion, scenario.Run])
+@pytest.mark.parametrize("kind", [scenario.Wheel, scenario.Cell, motion.Motion, scenario.Run])
 def test_defaults_pass_their_own_limits(kind):
     assert build(kind, plain(kind())) == kind()
 

@@ -9,10 +9,10 @@ from mdms_model.array import build_wheels
 from mdms_model.motor import drive_of
 from mdms_model.run.record import Contact
 from mdms_model.scenario.file import load_scenario
+from mdms_model.scenario.motion import Motion
 from mdms_model.scenario.scenario import (
     Array,
     Cell,
-    Motion,
     Parcel,
     Patch,
     Run,

@@ -1,0 +1,103 @@
+"""`mdms run --page`: the coordinator on a real or served array, with its page."""
+
+from argparse import Namespace
+from collections.abc import Callable
+
+from mdms_host.can_link.link import AnyLink, DeviceGoneError, drive
+from mdms_host.cli.array.bus import open_links
+from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.interrupted import interrupted
+from mdms_host.cli.paging import opened_page
+from mdms_host.cli.scenario.belief import Belief
+from mdms_host.cli.scenario.coordination import coordinator_of, parcels_of
+from mdms_host.cli.scenario.load import timing_of
+from mdms_host.cli.streams import say
+from mdms_host.clock import Clock
+from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.coordination.other_host import refuse_other_host
+from mdms_host.page.bus_watch import BusWatch
+from mdms_host.page.live import LiveTable
+from mdms_host.page.seat import Seat
+from mdms_host.programs.planning import ThreadDesk
+from mdms_host.programs.program import Main
+from mdms_model.scenario.belief import believed
+from mdms_protocol import nmt
+
+
+def show(belief: Belief, arguments: Namespace, main: Main | None = None) -> Exit:
+    """Run the program, and again whenever that is asked for, until Ctrl-C or the time limit.
+
+    Raises NoBusError, DeviceGoneError, PageError, OtherHostError, and `CommandError` for a program
+    that has ended with a fault.
+    """
+    with open_links(arguments, belief.channels) as (link, clock):
+        refuse_other_host(link, clock)
+        seat, table = _seated(belief, clock, main)
+        with opened_page(table, arguments) as page, interrupted() as pressed:
+            seat.start()
+            incidents = 0
+
+            def attended() -> None:
+                nonlocal incidents
+                for time_s, text in link.incidents[incidents:]:
+                    table.note("link", text, time_s, trouble=True)
+                incidents = len(link.incidents)
+                page.attend()
+
+            def over() -> bool:
+                attended()
+                late = arguments.limit is not None and clock.now_s() > arguments.limit
+                return late or pressed()
+
+            _drive_and_end(seat, link, clock, over, attended)
+    if seat.coordinator is not None and seat.coordinator.fault is not None:
+        raise CommandError(seat.coordinator.fault, Exit.NODE_FAULT)
+    return Exit.OK
+
+
+def _seated(belief: Belief, clock: Clock, main: Main | None) -> tuple[Seat, LiveTable]:
+    """The host's place, and what a page shows of it."""
+
+    def make() -> Coordinator:
+        return coordinator_of(belief.scenario, belief.cells, main=main, desk=ThreadDesk())
+
+    layout = make().layout
+    timing = timing_of(belief.scenario.wire)
+    watch = BusWatch(layout, timing.silence_s)
+    seat = Seat(make, layout.bus_count, watch)
+    table = LiveTable(
+        belief.scenario.title,
+        layout,
+        parcels_of(believed(belief.scenario)),
+        seat=seat,
+        watch=watch,
+        now_s=clock.now_s,
+        report=lambda time_s, text: say(f"{time_s:8.3f} s  {text}"),
+    )
+    seat.on_cycle = table.on_cycle
+    return seat, table
+
+
+def _drive_and_end(
+    seat: Seat,
+    link: AnyLink,
+    clock: Clock,
+    over: Callable[[], bool],
+    attended: Callable[[], None],
+) -> None:
+    """Drive the array until it is over, then turn it off in order, whatever ended it."""
+
+    def ended() -> bool:
+        attended()
+        return not seat.busy
+
+    try:
+        drive(seat, link, clock, over)
+        if seat.busy:
+            seat.stop()
+            drive(seat, link, clock, ended)
+    except DeviceGoneError:
+        raise
+    except BaseException:
+        link.send(nmt.command(nmt.ENTER_PRE_OPERATIONAL))
+        raise

@@ -1,0 +1,46 @@
+"""`mdms replay --page`: a run folder in a page, played at any speed and from any time."""
+
+from argparse import Namespace
+from dataclasses import replace
+
+import numpy as np
+
+from mdms_host.cli.exits import Exit
+from mdms_host.cli.interrupted import interrupted
+from mdms_host.cli.paging import opened_page
+from mdms_host.cli.scenario.coordination import goals_by_parcel, layout_of, parcels_of
+from mdms_host.clock import MonotonicClock
+from mdms_host.page.recorded import RecordedTable
+from mdms_host.page.things import things_of
+from mdms_model.arrays import Floats
+from mdms_model.run.folder import StoredRun, read_run
+from mdms_model.scenario.belief import believed
+from mdms_model.scenario.scenario import Scenario
+
+_WAIT_S = 0.004
+
+
+def show(arguments: Namespace) -> Exit:
+    """Play a run in its page until Ctrl-C. Raises RunFolderError, PageError."""
+    table, clock = table_of(read_run(arguments.folder)), MonotonicClock()
+    with opened_page(table, arguments) as page, interrupted() as over:
+        while not over():
+            table.advance(clock.now_s())
+            page.attend()
+            clock.sleep(_WAIT_S)
+    return Exit.OK
+
+
+def table_of(run: StoredRun) -> RecordedTable:
+    """The run as a page shows it."""
+    told = believed(run.scenario)
+    layout = layout_of(told)
+    if node_ids := run.figures.get("node_ids"):
+        layout = replace(layout, node_ids=tuple(node_ids))
+    return RecordedTable(run, layout, things_of(parcels_of(told), None), _goals(told))
+
+
+def _goals(scenario: Scenario) -> Floats:
+    goals = [(one.x_m, one.y_m, one.yaw_rad) if one else None for one in goals_by_parcel(scenario)]
+    unknown = (np.nan, np.nan, np.nan)
+    return np.array([goal or unknown for goal in goals], dtype=np.float64).reshape(-1, 3)

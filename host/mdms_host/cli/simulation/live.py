@@ -1,0 +1,86 @@
+"""A simulated table with its page: in the machine's time, with a program that a person starts."""
+
+from argparse import Namespace
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from time import sleep
+
+from mdms_host.cli.exits import Exit
+from mdms_host.cli.interrupted import interrupted
+from mdms_host.cli.paging import opened_page
+from mdms_host.cli.scenario.coordination import coordinator_of, layout_of, parcels_of
+from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.page.seat import Seat
+from mdms_host.page.simulated import SLICE_NS, SimulatedTable
+from mdms_host.programs.planning import ThreadDesk
+from mdms_model.scenario.belief import believed
+from mdms_model.scenario.scenario import Scenario
+from mdms_sim.serve.clock import RealTime
+from mdms_sim.serve.server import Server
+from mdms_sim.simulation import Simulation, addresses_of, open_bank
+
+
+def seat_of(scenario: Scenario) -> Seat:
+    """The host's place at a simulated table, where nobody sits yet. Raises `CommandError`."""
+    # What does not fit the firmware is refused now, and not when somebody presses a button; and
+    # what has to be worked out before plans can be made is so while nobody waits.
+    first = [coordinator_of(scenario, desk=ThreadDesk())]
+
+    def make() -> Coordinator:
+        return first.pop() if first else coordinator_of(scenario, desk=ThreadDesk())
+
+    return Seat(make, addresses_of(scenario).bus_count)
+
+
+def table_of(
+    scenario: Scenario, seat: Seat, simulation: Simulation, time: RealTime
+) -> SimulatedTable:
+    """What a page shows of a simulation, and does to it."""
+    told = believed(scenario)
+    parcels = {parcel.name: parcel for parcel in (*parcels_of(scenario), *parcels_of(told))}
+    return SimulatedTable(
+        scenario,
+        layout_of(told),
+        # Those that the host is not told of lie there too.
+        tuple(parcels.values()),
+        seat=seat,
+        simulation=simulation,
+        time=time,
+    )
+
+
+@contextmanager
+def attended(
+    scenario: Scenario,
+    seat: Seat,
+    server: Server,
+    arguments: Namespace,
+    over: Callable[[], bool],
+) -> Iterator[Callable[[], bool]]:
+    """The page of a served table; what is to be asked instead of `over` looks after it."""
+    table = table_of(scenario, seat, server.simulation, server.time)
+    with opened_page(table, arguments) as page:
+
+        def over_or_attended() -> bool:
+            page.attend()
+            table.look()
+            return over()
+
+        yield over_or_attended
+
+
+def show(scenario: Scenario, arguments: Namespace) -> Exit:
+    """Run a scenario's program in real time with its page, until Ctrl-C."""
+    seat = seat_of(scenario)
+    with closing(open_bank("cpython", addresses_of(scenario).node_ids)) as bank:
+        simulation = Simulation(scenario, bank, [seat], recorded=False)
+        # Whatever is compiled at its first use is so before anybody looks and time counts.
+        simulation.kernel.run_until(SLICE_NS)
+        table = table_of(scenario, seat, simulation, RealTime())
+        seat.start()
+        with opened_page(table, arguments) as page, interrupted() as over:
+            while not over():
+                page.attend()
+                table.advance()
+                sleep(table.wait_s())
+    return Exit.OK

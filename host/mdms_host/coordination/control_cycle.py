@@ -1,0 +1,172 @@
+"""What joins belief, plan, allocation and encoding once a SYNC: speeds in, setpoints out."""
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from mdms_host.coordination.bring_up import BringUpCell
+from mdms_host.coordination.cells_control import CellsControl
+from mdms_host.coordination.journal import Journal
+from mdms_host.coordination.odometry import Odometry
+from mdms_host.coordination.phase import HELD, UP, Phase
+from mdms_host.coordination.roster import Roster
+from mdms_host.coordination.schedule import Timing
+from mdms_host.coordination.speed_reports import MISSED_SYNCS
+from mdms_host.coordination.supervision import names
+from mdms_host.coordination.velocity_frames import VelocityFrames
+from mdms_host.coordination.watching.standings import Standings
+from mdms_host.coordination.watching.watch import Watch
+from mdms_host.estimation.confirmation import Standing
+from mdms_host.estimation.tracker import Tracker
+from mdms_host.motion.by_cells.program import CellsProgram
+from mdms_host.motion.program import Program
+from mdms_model.arrays import Floats
+from mdms_protocol.frame import Frame
+
+#: References shrink to 0 in so long when parcels are to be held [s]: in proportion, so that each
+#: keeps its line; from 0.5 m/s at 2.5 m/s2, which friction still gives.
+_BRAKED_S = 0.2
+
+
+class ControlCycle:
+    """The cycle of a run: the tracker's beliefs to the program, its references to the cells.
+
+    Cells that steer (`by_cells`) get no setpoints, but their programs.
+    """
+
+    def __init__(
+        self,
+        cells: Sequence[BringUpCell],
+        program: Program | CellsProgram,
+        *,
+        roster: Roster,
+        tracker: Tracker,
+        odometry: Odometry,
+        velocities: VelocityFrames,
+        by_cells: CellsControl | None,
+        journal: Journal,
+        timing: Timing,
+    ) -> None:
+        wheels = len(roster.wheels_out)
+        self.references_m_s: Floats = np.zeros(wheels)
+        self.standings = Standings()
+        self.watch = Watch(cells, wheels // len(cells), program.controllers)
+        self._cells = cells
+        self._program = program
+        self._roster = roster
+        self._tracker = tracker
+        self._odometry = odometry
+        self._velocities = velocities
+        self._by_cells = by_cells
+        self._journal = journal
+        self._step_s = timing.sync_period_s
+        self._braking: tuple[float, Floats] | None = None
+
+    def frames(
+        self, phase: Phase, now_s: float, sync_s: float
+    ) -> Iterator[tuple[int | None, Frame]]:
+        """What to send for the SYNC at `sync_s`, each frame with its bus, None for all buses."""
+        self._track(phase, now_s)
+        if self._by_cells is not None:
+            yield from self._pages(self._by_cells, phase, now_s, sync_s)
+            return
+        self.references_m_s = self._references_m_s(phase, now_s, sync_s)
+        self._odometry.on_references(self.references_m_s)
+        targets = self._velocities.targets(self.references_m_s)
+        for cell, frame in zip(self._cells, targets, strict=True):
+            yield cell.bus, frame
+
+    # Plan and allocation
+
+    def _references_m_s(self, phase: Phase, now_s: float, sync_s: float) -> Floats:
+        """The references for a SYNC, shape (W,); 0 but while parcels are steered, or braked."""
+        if phase not in UP or isinstance(self._program, CellsProgram):
+            return np.zeros(self.references_m_s.shape)
+        if phase in HELD:
+            self._rest(self._program, now_s, sync_s)
+            references_m_s = self._braked_m_s(now_s)
+        else:
+            self._braking = None
+            references_m_s = self._steered_m_s(self._program, now_s, sync_s)
+        return np.where(self._roster.wheels_out, 0.0, references_m_s)
+
+    def _steered_m_s(self, program: Program, now_s: float, sync_s: float) -> Floats:
+        """The program's references; zero while no cell reports its speeds."""
+        if self._odometry.silent:
+            return np.zeros(self.references_m_s.shape)
+        beliefs = self._tracker.beliefs(sync_s, now_s, program.near)
+        references_m_s = program.references_m_s(beliefs, self._step_s)
+        self._report(beliefs, now_s)
+        return references_m_s
+
+    def _rest(self, program: Program, now_s: float, sync_s: float) -> None:
+        """Bring to rest what the program commands: it gets no belief that it may steer by."""
+        beliefs = self._tracker.beliefs(sync_s, now_s)
+        doubtful = {
+            name: replace(belief, standing=Standing.DOUBTFUL) for name, belief in beliefs.items()
+        }
+        program.references_m_s(doubtful, self._step_s)
+        self._report(beliefs, now_s)
+
+    def _braked_m_s(self, now_s: float) -> Floats:
+        """The references at which parcels were to be held, as far as they have shrunk by now."""
+        if self._braking is None:
+            self._braking = now_s, self.references_m_s
+        since_s, references_m_s = self._braking
+        left: Floats = references_m_s * max(0.0, 1.0 - (now_s - since_s) / _BRAKED_S)
+        return left
+
+    def _pages(
+        self, by_cells: CellsControl, phase: Phase, now_s: float, sync_s: float
+    ) -> Iterator[tuple[None, Frame]]:
+        """Send what cells that steer still need, and follow what they do."""
+        self.references_m_s = by_cells.references_m_s
+        self._odometry.on_references(self.references_m_s)
+        if phase == Phase.RUNNING and not self._odometry.silent:
+            poses = self._tracker.poses(sync_s)
+            # A doubtful place is neither sent nor compared with what cells report.
+            sure = {name: poses[name] for name in poses if name not in self._tracker.doubtful}
+            for frame in by_cells.frames(sure, now_s, self._step_s):
+                yield None, frame
+            self._report(poses, now_s)
+
+    # Belief
+
+    def _track(self, phase: Phase, now_s: float) -> None:
+        """Pass the speeds of a SYNC to the tracker, at the SYNC's time, and each once only."""
+        mute = [cell for cell in self._odometry.fallen_mute() if cell not in self._roster.out]
+        if mute and phase == Phase.RUNNING:
+            self._journal.note(now_s, f"no speeds for {MISSED_SYNCS} SYNCs: {names(mute)}")
+        speeds = self._odometry.take()
+        if speeds is None:
+            return
+        # Of a wheel that is not known nothing is expected.
+        expected_m_s = np.where(speeds.known, self.references_m_s, 0.0)
+        for text in self.watch.wheels(expected_m_s, speeds.speed_m_s, self._step_s):
+            self._journal.warn(now_s, text)
+        # What does not follow its reference, or has none, shows nothing of the parcel on it.
+        known = speeds.known & ~self.watch.standing & ~self._roster.wheels_out
+        self._tracker.on_speeds(speeds.time_s, speeds.speed_m_s, known, speeds.standing)
+        self._report_standings(speeds.time_s, now_s)
+
+    # What a person is to know
+
+    def _report(self, found: Collection[str], now_s: float) -> None:
+        """Report what the program has noticed, and what becomes of the parcels that are found."""
+        for text in self._program.take_notices():
+            self._journal.warn(now_s, text)
+        for text in self.watch.arrivals(now_s):
+            self._journal.note(now_s, text)
+        for text in self.watch.parcels(found, self._step_s):
+            self._journal.warn(now_s, text)
+
+    def _report_standings(self, time_s: float, now_s: float) -> None:
+        poses = self._tracker.poses(time_s)
+        for text, is_trouble in self.standings.step(time_s, self._tracker.take_changes(), poses):
+            (self._journal.warn if is_trouble else self._journal.note)(now_s, text)
+        for cell, sensors in self._tracker.take_faulty():
+            which = ", ".join(map(str, sensors))
+            name = self._cells[cell - 1].name
+            text = f"{name}: presence sensors {which} contradict all others: not believed"
+            self._journal.warn(now_s, text)

@@ -1,0 +1,81 @@
+"""Who a cell is: asked when it comes up, and whether it still is that when it comes back."""
+
+from collections.abc import Iterator, Mapping
+
+from mdms_host.can_link.emergencies import error_text
+from mdms_host.can_link.protocol_revision import other_protocol
+from mdms_host.can_link.sdo_client import Read, SdoClient
+from mdms_host.places import Place
+from mdms_protocol import indices
+from mdms_protocol.frame import Frame
+
+#: Where a cell reports the revision of its object table, and its serial number.
+REVISION = Read(indices.IDENTITY, 3)
+SERIAL = Read(indices.IDENTITY, 4)
+_IDENTITY = (REVISION, SERIAL)
+
+#: Errors of communication, which are over when communication is: the host's heartbeat lost, bus
+#: off, no setpoint. With all others drives shut off for a reason that a person has to look after.
+PASSING_CODES = frozenset((0, 0x8130, 0x8140, 0x8250))
+
+
+class Identification:
+    """Reads a cell's revision and serial number; after `begin_again` its errors besides.
+
+    `done` is whether all answers are there, `failure` why they do not come, None as long as they
+    may. `refusal` is why a cell that comes back is not to be taken, None for one that is.
+    """
+
+    def __init__(self, node_id: int, axes: int) -> None:
+        self._node_id = node_id
+        self._errors = tuple(
+            Read(indices.ERROR_CODE + axis * indices.AXIS_OFFSET, 0) for axis in range(axes)
+        )
+        self._first: Mapping[Place, int] = {}
+        self._client = SdoClient(node_id, _IDENTITY)
+
+    @property
+    def done(self) -> bool:
+        """See above."""
+        return self._client.done
+
+    @property
+    def failure(self) -> str | None:
+        """See above."""
+        return self._client.failure
+
+    @property
+    def other_protocol(self) -> str | None:
+        """What there is to say of a cell that speaks another revision of the protocol."""
+        revision = self._client.answers.get((REVISION.index, REVISION.sub))
+        return None if revision is None else other_protocol(revision)
+
+    @property
+    def refusal(self) -> str | None:
+        """See above; an error stays in a cell's drive until it is reset, or the cell restarts."""
+        if self.other_protocol:
+            return f"it {self.other_protocol}"
+        answers = self._client.answers
+        for read, meaning in ((SERIAL, "serial number"), (REVISION, "firmware revision")):
+            before, now = (each.get((read.index, read.sub)) for each in (self._first, answers))
+            if None not in (before, now) and before != now:
+                return f"its {meaning} is 0x{now:08X}, and was 0x{before:08X}: another cell"
+        for axis, read in enumerate(self._errors, 1):
+            code = answers.get((read.index, read.sub), 0)
+            if code not in PASSING_CODES:
+                return error_text(axis, code)
+        return None
+
+    def begin_again(self) -> None:
+        """Ask anew; who the cell was when it was asked first is kept."""
+        if self._client.done and not self._first:
+            self._first = dict(self._client.answers)
+        self._client = SdoClient(self._node_id, (*_IDENTITY, *self._errors))
+
+    def poll(self, now_s: float) -> Iterator[Frame]:
+        """The request to send now, if any."""
+        return self._client.poll(now_s)
+
+    def on_response(self, data: bytes) -> None:
+        """Take in an answer of the cell; one to another request is ignored."""
+        self._client.on_response(data)

@@ -1,0 +1,18 @@
+"""What has happened in a run, in words and with its times."""
+
+
+class Journal:
+    """`events` has everything, `troubles` what a person should look after, as (time [s], text)."""
+
+    def __init__(self) -> None:
+        self.events: list[tuple[float, str]] = []
+        self.troubles: list[tuple[float, str]] = []
+
+    def note(self, time_s: float, text: str) -> None:
+        """Something has happened."""
+        self.events.append((time_s, text))
+
+    def warn(self, time_s: float, text: str) -> None:
+        """Something has happened that a person should look after, though the run goes on."""
+        self.troubles.append((time_s, text))
+        self.note(time_s, text)

@@ -1,0 +1,41 @@
+"""What has become of a parcel, or of something unknown, as a person should learn it."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from mdms_model.arrays import Floats
+
+
+class Event(StrEnum):
+    """What has happened; the first three are standings of a parcel's belief."""
+
+    FOUND = "found"
+    DOUBTFUL = "doubtful"
+    LOST = "lost"
+    #: A parcel has left over its exit, or was taken off as announced.
+    DEPARTED = "departed"
+    #: Sensors are covered by nothing that is known.
+    APPEARED = "appeared"
+    #: The same, and it is more than one parcel, which cannot be told apart.
+    HEAPED = "heaped"
+    #: What was unknown is there no more.
+    CLEARED = "cleared"
+    #: What was unknown is a parcel that has been found.
+    EXPLAINED = "explained"
+    #: What was to be a parcel does not have its outline.
+    MISFIT = "misfit"
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One event of one name; `pose` (x, y, yaw) where there is one [table frame].
+
+    `size_m` is how far something unknown reaches at most, along x and y. `other` is the parcel that
+    something unknown has turned out to be, or is not.
+    """
+
+    name: str
+    event: Event
+    pose: Floats | None = None
+    size_m: tuple[float, float] | None = None
+    other: str = ""

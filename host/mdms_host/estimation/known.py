@@ -1,0 +1,87 @@
+"""A parcel that the tracker was given, with its estimate: found, sought, or about to leave."""
+
+import numpy as np
+
+from mdms_host.estimation.change import Change, Event
+from mdms_host.estimation.confirmation import Standing
+from mdms_host.estimation.estimator import ParcelEstimator
+from mdms_host.estimation.gate import Gate
+from mdms_host.estimation.parcel import Parcel, Region
+from mdms_host.estimation.rectangle import Rectangle
+from mdms_host.estimation.roll_call import Sought
+from mdms_host.estimation.size import Size
+from mdms_host.estimation.surroundings import Surroundings
+from mdms_model.arrays import Floats
+
+
+class Known:
+    """One parcel. `region` is where alone it may be found, `gate` the exit that it is to leave by.
+
+    `place` is the pose it was found at last, or that it is expected at; None where it may be
+    anywhere. `unknown` is the name of what it was before it was given an outline.
+    """
+
+    def __init__(
+        self,
+        parcel: Parcel,
+        surroundings: Surroundings,
+        *,
+        region: Region | None = None,
+        unknown: str | None = None,
+    ) -> None:
+        self.parcel = parcel
+        self.estimator = ParcelEstimator(surroundings, parcel.bottom, parcel.spread_m)
+        self.region = region
+        self.unknown = unknown
+        self.gate: Gate | None = None
+        self.expected = region is not None
+        self.place: Floats | None = None
+        if parcel.near_m is not None:
+            self.place = np.array([*parcel.near_m, parcel.yaw_hint_rad])
+        self._reported = Standing.LOST
+
+    @property
+    def standing(self) -> Standing:
+        """What the belief of it is worth."""
+        return self.estimator.standing
+
+    @property
+    def sought(self) -> Sought:
+        """What to look for, where it is not found."""
+        place = self.place
+        yaw_rad = self.parcel.yaw_hint_rad if place is None else float(place[2])
+        return Sought(self.parcel.name, self.estimator.bottom, yaw_rad, place, self.region)
+
+    @property
+    def size(self) -> Size | None:
+        """How large it is, as far as edges have shown it by now; None where it is no rectangle."""
+        bottom = self.estimator.bottom
+        if not isinstance(bottom, Rectangle):
+            return None
+        sides_m = bottom.length_m, bottom.width_m
+        along_m, across_m = self.estimator.growth_deviation_m
+        deviation_m = 2 * along_m, 2 * across_m
+        least_m = sides_m[0] - 3 * deviation_m[0], sides_m[1] - 3 * deviation_m[1]
+        most_m = sides_m[0] + 3 * deviation_m[0], sides_m[1] + 3 * deviation_m[1]
+        yaw_rad = self.parcel.yaw_hint_rad if self.place is None else float(self.place[2])
+        return Size(*sides_m, deviation_m, least_m, most_m, yaw_rad)
+
+    def keep_place(self) -> None:
+        """Remember where it is, as long as that is sure; once found, it may be anywhere later."""
+        if self.standing is Standing.FOUND and self.estimator.pose is not None:
+            self.place, self.region, self.expected = self.estimator.pose.copy(), None, False
+
+    def has_left(self) -> bool:
+        """Whether it is past its gate, or was on its way through when sensors lost it."""
+        if self.gate is None or self.place is None or self.expected:
+            return False
+        if self.standing is Standing.FOUND:
+            return self.gate.left_by(self.place)
+        return self.gate.reached_by(self.estimator.bottom, self.place)
+
+    def take_change(self) -> Change | None:
+        """That its standing is another than at the last call."""
+        if self.standing is self._reported:
+            return None
+        self._reported = self.standing
+        return Change(self.parcel.name, Event(self.standing.value), self.estimator.pose)

@@ -1,0 +1,59 @@
+"""A parcel as given to the host, and a region of the table where one is expected."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdms_host.estimation.bottom import Bottom
+from mdms_host.estimation.disc import Disc
+from mdms_host.estimation.polygon import Polygon
+from mdms_host.estimation.pose_filter import DRAWN_M
+from mdms_host.estimation.rectangle import Rectangle
+from mdms_model.arrays import Bools, Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Parcel:
+    """A parcel as given to the host: its outline, and roughly where it was put.
+
+    Of several that have not been found each is sought first where it is nearest to `near_m`; the
+    yaw starts as the one that looks the same and is nearest to `yaw_hint_rad`. `corners_m` are
+    those of the shape 'polygon', in its own frame, and `length_m` is the diameter of a 'disc'.
+    `spread_m` is how exact the outline is, on either side (one standard deviation): of a size that
+    is to be learned it is some millimetres, and edges show the rest.
+    """
+
+    name: str
+    length_m: float
+    width_m: float
+    near_m: tuple[float, float] | None = None
+    yaw_hint_rad: float = 0.0
+    shape: str = "rectangle"
+    corners_m: tuple[tuple[float, float], ...] = ()
+    spread_m: float = DRAWN_M
+
+    @property
+    def bottom(self) -> Bottom:
+        """The outline that the wheels and sensors are under."""
+        if self.shape == "disc":
+            return Disc(self.length_m)
+        if self.shape == "polygon":
+            return Polygon(self.corners_m)
+        return Rectangle(self.length_m, self.width_m)
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """An upright rectangle of the table, from its least to its greatest x and y [m; table frame].
+
+    An infeed is one: a parcel that is announced there is found nowhere else.
+    """
+
+    low_m: tuple[float, float]
+    high_m: tuple[float, float]
+
+    def holds(self, points_m: Floats) -> Bools:
+        """Which of the points (N, 2) lie in it, shape (N,)."""
+        beyond = (points_m < self.low_m) | (points_m > self.high_m)
+        inside: Bools = np.logical_not(beyond.any(axis=1))
+        return inside

@@ -1,0 +1,53 @@
+"""From what each parcel's wheels are to do to the references of all wheels."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from mdms_host.estimation.bottom import Bottom
+from mdms_host.layout import Layout
+from mdms_host.motion.allocation import Claim, allocate
+from mdms_host.motion.follower import Carried
+from mdms_host.motion.wheel_drives import WheelDrives
+from mdms_model.arrays import Floats
+
+
+class Carrying:
+    """The wheels of a layout with their drives, as they carry parcels, by name."""
+
+    def __init__(self, layout: Layout, drives: WheelDrives) -> None:
+        self._layout = layout
+        self._drives = drives
+
+    def references_m_s(
+        self,
+        carried: Mapping[str, Carried],
+        outlines: Mapping[str, Bottom],
+        places: Mapping[str, Floats],
+    ) -> Floats:
+        """References (W,) that carry these parcels; wheels under any other, or near none, stand.
+
+        `places` are the believed poses of all parcels that may lie on wheels.
+        """
+        claims = [
+            Claim(outlines[name], place, name not in carried) for name, place in places.items()
+        ]
+        serves = allocate(self._layout.wheel_positions_m, claims)
+        references_m_s = np.zeros(len(serves))
+        for number, name in enumerate(places):
+            one = carried.get(name)
+            if one is not None:
+                mine = serves == number
+                np.copyto(references_m_s, self._of_one(one), where=mine)
+        return references_m_s
+
+    def _of_one(self, carried: Carried) -> Floats:
+        """The references of all wheels, (W,), as if all of them served one parcel."""
+        jacobian = self._layout.surface_jacobian(*carried.pose[:2].tolist())
+        wanted_m_s, expected_m_s, rate_m_s2 = (
+            jacobian @ np.column_stack((carried.twist, carried.expected, carried.acceleration))
+        ).T
+        # Wheels that carry nothing push nothing: they are to run as the parcel is to move.
+        force_n = self._drives.b_n_s_per_m * (wanted_m_s - expected_m_s)
+        force_n[carried.wheels] = carried.force_n
+        return self._drives.references_m_s(expected_m_s, rate_m_s2, force_n)

@@ -1,0 +1,86 @@
+"""How much of the friction that is believed there seems to be: less where wheels slip.
+
+What a wheel pushes with follows from its reference and its speed (eq 9), whether it slips or not.
+Wheels that roll gain what they push the parcel to. Wheels that all slip gain more than that: the
+parcel lags behind. One that is much lighter than believed looks the same, and is pushed less then.
+"""
+
+from dataclasses import dataclass
+from math import exp
+
+from mdms_model.arrays import Floats
+
+#: Means are over so long [s]; slip is judged after so many cycles of pushing with at least this
+#: share of what is planned, for motors that differ make for a tenth.
+_MEAN_S = 0.04
+_CYCLES = 6
+_PUSHING_SHARE = 0.4
+_MISSING_SHARE = 0.15
+_MOST_MISSING = 0.6
+#: Wheels that slip are to push with so much of what they still did, but never less than the least.
+_BACKED_OFF = 0.75
+_LEAST_SHARE = 0.15
+#: The share comes back by so much in a second.
+_RESTORED_PER_S = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Given:
+    """What the wheels (n,) under a parcel were to do over a step.
+
+    Their `rows` (n, 3) map a twist to speeds, and at the twist `expected` (3,) they push with
+    `force_n` (n,), less by b (n,) times what they are faster. `along` (3,) is the direction of the
+    path, and `inertia_kg` what is to be sped up along it.
+    """
+
+    rows: Floats
+    force_n: Floats
+    expected: Floats
+    b_n_s_per_m: Floats
+    along: Floats
+    inertia_kg: float
+
+    def acceleration_m_s2(self, twist: Floats) -> float:
+        """What the wheels have sped the parcel up by along its path, at this mean twist."""
+        force_n = self.force_n + self.b_n_s_per_m * (self.rows @ (self.expected - twist))
+        return float((self.rows @ self.along) @ force_n) / self.inertia_kg
+
+
+class Grip:
+    """`share` is what is left of the pushes that were planned with: 1 until wheels slip.
+
+    `slips` counts how often it has been reduced.
+    """
+
+    def __init__(self) -> None:
+        self.share = 1.0
+        self.slips = 0
+        self._cycles = 0
+        self._gained = self._pushed = 0.0
+
+    def begin_again(self) -> None:
+        """What has been taken in of late counts for nothing."""
+        self._cycles, self._gained, self._pushed = 0, 0.0, 0.0
+
+    def step(
+        self, gained_m_s2: float, pushed_m_s2: float, planned_m_s2: float, step_s: float
+    ) -> None:
+        """Take in what the wheels gained in a step, and what they pushed the parcel to.
+
+        `planned_m_s2` is what they can be asked for at most, the share left out.
+        """
+        self.share = min(1.0, self.share + _RESTORED_PER_S * step_s)
+        if gained_m_s2 * self._gained < 0.0:
+            self.begin_again()
+        weight = 1.0 - exp(-step_s / _MEAN_S)
+        self._gained += weight * (gained_m_s2 - self._gained)
+        self._pushed += weight * (pushed_m_s2 - self._pushed)
+        if abs(self._gained) < _PUSHING_SHARE * self.share * planned_m_s2:
+            self._cycles = 0
+            return
+        self._cycles += 1
+        missing = min(1.0 - self._pushed / self._gained, _MOST_MISSING)
+        if self._cycles >= _CYCLES and missing > _MISSING_SHARE:
+            self.share = max(_LEAST_SHARE, _BACKED_OFF * (1.0 - missing) * self.share)
+            self.slips += 1
+            self.begin_again()

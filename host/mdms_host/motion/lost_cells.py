@@ -1,0 +1,16 @@
+"""Cells that a run does without: what plans ways and carries parcels may want to go around them."""
+
+from typing import Protocol, runtime_checkable
+
+
+@runtime_checkable
+class MindsLostCells(Protocol):
+    """A program that is to know which cells are lost.
+
+    Their wheels get no reference whatever a program commands: a parcel on them drags them along,
+    against the friction of motors without power. Their sensors show nothing.
+    """
+
+    def on_lost_cells(self, cells: frozenset[int]) -> None:
+        """These cells (from 1) are lost, and no others; called whenever that changes."""
+        ...

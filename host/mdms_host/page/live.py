@@ -1,0 +1,311 @@
+"""A table with a host that steers it, as the page sees it: what is believed of it, and is to be."""
+
+from collections.abc import Callable
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.coordination.phase import BRING_UP
+from mdms_host.estimation.tracker import Parcel
+from mdms_host.layout import Layout
+from mdms_host.motion import goal as motion
+from mdms_host.page import commands
+from mdms_host.page.advice import advice_for
+from mdms_host.page.bus_watch import KINDS, BusWatch
+from mdms_host.page.commands import Command, RefusedError
+from mdms_host.page.description import PARCEL_STATES, PHASES, describe
+from mdms_host.page.objects import ObjectReader
+from mdms_host.page.offered import plan_of
+from mdms_host.page.seat import Seat
+from mdms_host.page.signals import Signals
+from mdms_host.page.things import things_of
+
+_FOUND, _DOUBTFUL, _ARRIVED, _UNKNOWN = (
+    PARCEL_STATES.index(state) for state in ("found", "doubtful", "arrived", "unknown")
+)
+#: Ways and tiles are looked at so often [s].
+_PLAN_S = 0.25
+_SDO = KINDS.index("SDO")
+#: A client that comes late gets so many of the last events.
+KEPT_EVENTS = 300
+
+
+class LiveTable:
+    """Composed of what is on the buses (`watch`) and of whoever has the host's `seat`.
+
+    `now_s` returns the time. `parcels` are those that the host is told of. `report(time_s, text)`
+    is called for events.
+    """
+
+    offers: tuple[str, ...] = ("goal", "name", "start", "stop", "stop_all", "read_objects")
+
+    def __init__(
+        self,
+        title: str,
+        layout: Layout,
+        parcels: tuple[Parcel, ...],
+        *,
+        seat: Seat,
+        watch: BusWatch,
+        now_s: Callable[[], float],
+        report: Callable[[float, str], object] = lambda _time_s, _text: None,
+    ) -> None:
+        self.version = 1
+        self._title = title
+        self._layout = layout
+        self._told = parcels
+        self._things = things_of(parcels, None)
+        self._seat = seat
+        self._watch = watch
+        self._now_s = now_s
+        self._report = report
+        self._signals = self._signals_of(len(parcels))
+        self._news: list[dict[str, Any]] = []
+        self._events: list[dict[str, Any]] = []
+        self._reported: tuple[Coordinator | None, int] = (None, 0)
+        self._plan = plan_of(None)
+        self._planned_s = -inf
+        self._counted_s = -1.0
+        self._counted = np.zeros((layout.bus_count, len(KINDS)))
+        self._rates = np.zeros((layout.bus_count, len(KINDS)))
+        self._loads: Any = np.zeros(layout.bus_count)
+        self._carried: Any = np.zeros(layout.bus_count)
+        self._jitter_s = 0.0
+
+    # What is shown
+
+    def description(self) -> dict[str, Any]:
+        """See `Table`."""
+        return describe(self._title, self._layout, self._things, self._signals, self.offers) | {
+            "version": self.version
+        }
+
+    def _signals_of(self, parcels: int) -> Signals:
+        layout = self._layout
+        return Signals(
+            cells=layout.cells,
+            wheels=len(layout.wheel_cells),
+            parcels=parcels,
+            buses=layout.bus_count,
+            kinds=len(KINDS),
+        )
+
+    def _look_for_plans(self) -> None:
+        """Ways and tiles, some times a second: they are many, and change as parcels move."""
+        now_s = self._now_s()
+        if not 0.0 <= now_s - self._planned_s < _PLAN_S:
+            self._planned_s = now_s
+            plan = plan_of(self._seat.coordinator)
+            if plan != self._plan:
+                self._plan = plan
+                self._news.append(plan)
+
+    def _look_for_things(self) -> None:
+        """Parcels come and go, and with them the shape of a snapshot."""
+        things = things_of(self._told, self._seat.coordinator)
+        if things != self._things:
+            self._things = things
+            self._signals = self._signals_of(len(things))
+            self.version += 1
+
+    def snapshot(self, sequence: int) -> bytes:
+        """See `Table`."""
+        return self._signals.pack(self.version, sequence, self.values())
+
+    def values(self) -> dict[str, Any]:
+        """The signals by name, as far as they are known."""
+        now_s, coordinator, watch = self._now_s(), self._seat.coordinator, self._watch
+        self._count(now_s)
+        identity, promise = watch.promises(now_s)
+        jitter_s, self._jitter_s = self._jitter_s, 0.0
+        values = {
+            "time": now_s,
+            "speed": 1.0,
+            "real_time_factor": 1.0,
+            "jitter": jitter_s,
+            "bus_load": self._loads,
+            "bus_frames": self._rates,
+            "wheel_speed": watch.speeds_m_s,
+            "wheel_reference": watch.references_m_s,
+            "cell_state": np.frombuffer(watch.states(now_s), np.uint8),
+            "cell_presence": np.frombuffer(watch.presence, np.uint8),
+            "cell_promise": identity,
+            "cell_promise_state": promise,
+        }
+        if coordinator is not None:
+            values |= self._of(coordinator)
+        return values
+
+    def _of(self, coordinator: Coordinator) -> dict[str, Any]:
+        """What a coordinator believes and wants."""
+        count, goals = len(self._things), coordinator.goals
+        believed, goal = np.full((2, count, 3), np.nan)
+        spread, state = np.full((count, 4), np.nan), np.zeros(count, np.uint8)
+        for number, name in enumerate(self._things):
+            if name in goals:
+                wanted = goals[name]
+                yaw_rad = np.nan if wanted.yaw_rad is None else wanted.yaw_rad
+                goal[number] = wanted.x_m, wanted.y_m, yaw_rad
+            unknown = coordinator.tracker.unknown.get(name)
+            if unknown is not None:
+                believed[number], state[number] = unknown.pose, _UNKNOWN
+            elif (estimate := coordinator.estimate(name)) is not None:
+                believed[number] = estimate.x_m, estimate.y_m, estimate.yaw_rad
+                covariance = coordinator.tracker.covariance(name)
+                spread[number] = covariance[[0, 0, 1, 2], [0, 1, 1, 2]]
+                state[number] = self._state_of(name, coordinator)
+        return {
+            "phase": [PHASES.index(coordinator.phase.value)],
+            "parcel_believed": believed,
+            "parcel_spread": spread,
+            "parcel_goal": goal,
+            "parcel_state": state,
+        }
+
+    @staticmethod
+    def _state_of(name: str, coordinator: Coordinator) -> int:
+        """The number of the state of a parcel that is believed somewhere."""
+        if name in coordinator.tracker.doubtful:
+            return _DOUBTFUL
+        return _ARRIVED if name in coordinator.arrived_s else _FOUND
+
+    def on_cycle(self, late_s: float) -> None:
+        """A cycle was so late."""
+        self._jitter_s = max(self._jitter_s, late_s)
+
+    def _count(self, now_s: float) -> None:
+        """Rates of frames and loads, over at least a tenth of a second."""
+        step_s = now_s - self._counted_s
+        if 0.0 <= step_s < 0.1:
+            return
+        frames, busy_s = np.array(self._watch.frames, float), self.busy_s()
+        if step_s > 0.0 and self._counted_s >= 0.0:
+            self._rates = (frames - self._counted) / step_s
+            self._loads = (busy_s - self._carried) / step_s
+        self._counted, self._carried, self._counted_s = frames, busy_s, now_s
+
+    def busy_s(self) -> Any:
+        """How long each bus has been busy; here as if every frame had the most stuff bits."""
+        return np.array(self._watch.bits) / 1e6
+
+    def history(self) -> bytes:
+        """See `Table`: what has been is with those who have looked."""
+        return b""
+
+    # What has happened
+
+    def note(self, kind: str, text: str, time_s: float | None = None, **more: Any) -> None:
+        """Something has happened."""
+        time_s = self._now_s() if time_s is None else time_s
+        event = {"time_s": time_s, "what": kind, "text": text}
+        self._report(time_s, text)
+        advice = advice_for(text)
+        event |= more | ({"advice": advice} if advice else {})
+        self._events = [*self._events[1 - KEPT_EVENTS :], event]
+        self._news.append({"kind": "events", "events": [event]})
+
+    def news(self) -> list[dict[str, Any]]:
+        """See `Table`."""
+        self._look()
+        self._look_for_things()
+        self._look_for_plans()
+        news, self._news = self._news, []
+        return news
+
+    def story(self) -> list[dict[str, Any]]:
+        """See `Table`."""
+        return [{"kind": "events", "events": list(self._events), "all": True}, self._plan]
+
+    def _look(self) -> None:
+        """Note what coordinator and reader have reported since the last call."""
+        coordinator, reader = self._seat.coordinator, self._seat.reader
+        if coordinator is not None:
+            last, reported = self._reported
+            reported = reported if last is coordinator else 0
+            troubles = {text for _, text in coordinator.troubles}
+            for time_s, text in coordinator.events[reported:]:
+                trouble = text in troubles or text.startswith("fault")
+                self.note("coordinator", text, time_s, trouble=trouble)
+            self._reported = coordinator, len(coordinator.events)
+        if reader is not None:
+            rows = reader.take_rows()
+            if rows or reader.over:
+                message = {"kind": "objects", "cell": reader.cell, "rows": rows}
+                self._news.append(message | {"over": reader.over})
+            if reader.over:
+                self._seat.reader = None
+
+    # What is done
+
+    def do(self, command: Command) -> str | None:
+        """See `Table`."""
+        match command:
+            case commands.Goal():
+                return self._set_goal(command)
+            case commands.Name():
+                self._name(command)
+            case commands.Start():
+                self._seat.start()
+                self.note("page", "the program is started")
+            case commands.Stop():
+                self._seat.stop()
+                self.note("page", "the program is stopped")
+            case commands.StopAll():
+                self._seat.stop_all()
+                self.note("page", "stop all")
+            case commands.ReadObjects():
+                self._read(command.cell)
+            case _:
+                raise RefusedError("this table has no such command")
+        return None
+
+    def abandon(self) -> None:
+        """See `Table`: a program is watched by whoever started the command, and goes on."""
+
+    def _set_goal(self, command: commands.Goal) -> str | None:
+        coordinator = self._seat.coordinator
+        if coordinator is None or not self._seat.busy:
+            raise RefusedError("no program runs; start one first")
+        before = coordinator.goals.get(command.parcel)
+        tolerances = (
+            {}
+            if before is None
+            else {
+                "tolerance_m": before.tolerance_m,
+                "tolerance_rad": before.tolerance_rad,
+                "settle_s": before.settle_s,
+            }
+        )
+        wanted = motion.Goal(command.x_m, command.y_m, command.yaw_rad, **tolerances)
+        try:
+            coordinator.set_goal(command.parcel, wanted)
+        except KeyError:
+            raise RefusedError(f"there is no parcel {command.parcel!r:.60}") from None
+        except ValueError as error:
+            raise RefusedError(str(error)) from None
+        return None
+
+    def _name(self, command: commands.Name) -> None:
+        coordinator = self._seat.coordinator
+        if coordinator is None or not self._seat.busy:
+            raise RefusedError("no program runs; start one first")
+        parcel = Parcel(command.name, command.length_m, command.width_m, shape=command.shape)
+        try:
+            coordinator.tracker.name(command.parcel, parcel)
+        except KeyError:
+            raise RefusedError(f"nothing unknown is called {command.parcel!r:.60}") from None
+        except ValueError as error:
+            raise RefusedError(str(error)) from None
+
+    def _read(self, cell: int) -> None:
+        coordinator = self._seat.coordinator
+        if not 1 <= cell <= self._layout.cells:
+            raise RefusedError(f"there is no cell {cell}; the table has {self._layout.cells}")
+        if coordinator is not None and coordinator.phase in BRING_UP:
+            raise RefusedError("the cells are being brought up; ask again when they run")
+        if not self._seat.busy and self._seat.reader is None and self._rates[:, _SDO].any():
+            raise RefusedError("somebody else reads or writes settings just now; ask again later")
+        places = self._layout
+        self._seat.reader = ObjectReader(cell, places.node_ids[cell - 1], places.buses[cell - 1])

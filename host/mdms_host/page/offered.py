@@ -1,0 +1,41 @@
+"""What a page shows where programs offer it, and leaves out where they do not."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol, TypeAlias, cast
+
+from mdms_host.coordination.coordinator import Coordinator
+from mdms_model.arrays import Floats
+
+#: A square tile, its middle and side [m; table frame], and the parcels that pass over it in turn.
+Reserved: TypeAlias = tuple[float, float, float, tuple[str, ...]]
+
+
+class Planned(Protocol):
+    """A program whose parcels have ways and tiles of their own."""
+
+    @property
+    def ways(self) -> Mapping[str, Floats]:
+        """The poses (K, 3) that are still before each parcel, by its name."""
+        ...
+
+    @property
+    def reserved(self) -> Sequence[Reserved]:
+        """The tiles that are reserved."""
+        ...
+
+
+def plan_of(coordinator: Coordinator | None) -> dict[str, Any]:
+    """The message `plan`: ways and tiles, none where the program has none."""
+    program = None if coordinator is None else coordinator.program
+    if not hasattr(type(program), "ways"):
+        return {"kind": "plan", "paths": {}, "tiles": []}
+    planned = cast(Planned, program)
+    return {
+        "kind": "plan",
+        "paths": {name: poses.round(4).tolist() for name, poses in planned.ways.items()},
+        "tiles": [
+            {"x_m": x_m, "y_m": y_m, "size_m": side_m, "parcels": list(parcels)}
+            for x_m, y_m, side_m, parcels in planned.reserved
+            if parcels
+        ],
+    }

@@ -1,0 +1,198 @@
+"""A page that is open: its server in a thread of its own, beside whoever drives the table."""
+
+import asyncio
+import socket
+from collections.abc import Callable
+from concurrent.futures import Future
+from queue import Empty, Full, Queue
+from threading import Event, Thread
+from typing import Any, Self
+
+import uvicorn
+
+from mdms_host.clock import Clock
+from mdms_host.page.commands import Command, RefusedError
+from mdms_host.page.gate import LOOPBACK, Gate
+from mdms_host.page.hub import GRACE_S, Hub
+from mdms_host.page.server import PageApp
+from mdms_host.page.table import Table
+
+FRAMES_PER_S = 60.0
+#: Events and the like are passed on this often where nobody looks [s].
+_NEWS_S = 0.1
+#: Commands that may wait for the table; of more, the sender is told so.
+MOST_COMMANDS = 64
+#: A table that does not answer within this has more to do than it can [s].
+ANSWER_LIMIT_S = 5.0
+#: A message of a client is no longer than this [bytes].
+_LONGEST = 16_384
+_PING_S = 5.0
+
+Work = tuple[Callable[[], Any], "Future[Any]"]
+
+
+class PageError(OSError):
+    """The page cannot be opened."""
+
+
+class Page:
+    """Serves a table to browsers; close it when done.
+
+    Whoever drives the table calls `attend` as often as it can: everything is asked of the table
+    there, in that thread. `port` 0 takes a free one. Raises `PageError`.
+    """
+
+    def __init__(self, table: Table, clock: Clock, port: int = 0, host: str = LOOPBACK) -> None:
+        self._table = table
+        self._clock = clock
+        self._work: Queue[Work] = Queue(MOST_COMMANDS)
+        self._vacant_s: float | None = None
+        self._vacated = False
+        self._sequence = 0
+        self._version = table.version
+        self._due_s = self._news_s = 0.0
+        self._socket = _listen(host, port)
+        hosts = (host, socket.gethostname()) if host != LOOPBACK else (host,)
+        self.gate = Gate(self._socket.getsockname()[1], hosts)
+        self._hub = Hub(self._on_vacant)
+        app = PageApp(
+            self.gate,
+            self._hub,
+            table.offers,
+            story=self._story,
+            history=self._history,
+            ask=self._ask,
+        )
+        self._server = uvicorn.Server(
+            uvicorn.Config(
+                app.app,
+                lifespan="off",
+                log_config=None,
+                access_log=False,
+                server_header=False,
+                ws="websockets-sansio",
+                ws_max_size=_LONGEST,
+                ws_per_message_deflate=False,
+                ws_ping_interval=_PING_S,
+                ws_ping_timeout=2 * _PING_S,
+                timeout_graceful_shutdown=1,
+            )
+        )
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._ready = Event()
+        self._thread = Thread(target=self._serve, name="page", daemon=True)
+        self._thread.start()
+        self._ready.wait()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    @property
+    def address(self) -> str:
+        """What to open, with the token."""
+        return self.gate.address
+
+    def close(self) -> None:
+        """End the server; its clients see that it is gone."""
+        self._server.should_exit = True
+        self._thread.join(timeout=5.0)
+        self._socket.close()
+
+    # In the thread that drives the table ---------------------------------------------------------
+
+    def attend(self) -> None:
+        """Carry out what has been asked for, and show what is due; takes no time else."""
+        while self._do_one():
+            pass
+        now_s = self._clock.now_s()
+        if now_s >= self._news_s:
+            self._news_s = now_s + _NEWS_S
+            self._pass_on(now_s)
+        if now_s >= self._due_s and self._hub.watching:
+            # A frame that was missed is not made up for.
+            self._due_s = max(self._due_s + 1.0 / FRAMES_PER_S, now_s - 1.0 / FRAMES_PER_S)
+            self._sequence += 1
+            self._call(self._hub.show, self._table.snapshot(self._sequence))
+
+    def _do_one(self) -> bool:
+        try:
+            ask, answer = self._work.get_nowait()
+        except Empty:
+            return False
+        if answer.set_running_or_notify_cancel():
+            try:
+                answer.set_result(ask())
+            except Exception as error:
+                answer.set_exception(error)
+        return True
+
+    def _pass_on(self, now_s: float) -> None:
+        if self._vacated:
+            self._vacated, self._vacant_s = False, now_s
+        if self._hub.controller is not None:
+            self._vacant_s = None
+        elif self._vacant_s is not None and now_s >= self._vacant_s + GRACE_S:
+            self._vacant_s = None
+            self._table.abandon()
+        news = self._table.news()
+        if self._table.version != self._version:
+            self._version = self._table.version
+            news = [self._table.description(), *news]
+        if news:
+            self._call(self._hub.send, news)
+
+    def _call(self, function: Callable[[Any], object], value: Any) -> None:
+        if self._loop is not None and not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(function, value)
+
+    # In the server's thread ----------------------------------------------------------------------
+
+    def _serve(self) -> None:
+        async def serve() -> None:
+            self._loop = asyncio.get_running_loop()
+            self._ready.set()
+            await self._server.serve(sockets=[self._socket])
+
+        asyncio.run(serve())
+
+    def _on_vacant(self) -> None:
+        self._vacated = True
+
+    async def _story(self) -> list[dict[str, Any]]:
+        table = self._table
+        return await self._asked(lambda: [table.description(), *table.story()])  # type: ignore[no-any-return]
+
+    async def _history(self) -> bytes:
+        return await self._asked(self._table.history)  # type: ignore[no-any-return]
+
+    async def _ask(self, command: Command) -> str | None:
+        return await self._asked(lambda: self._table.do(command))  # type: ignore[no-any-return]
+
+    async def _asked(self, ask: Callable[[], Any]) -> Any:
+        """Have the thread of the table do something. Raises `RefusedError` where it cannot."""
+        answer: Future[Any] = Future()
+        try:
+            self._work.put_nowait((ask, answer))
+        except Full:
+            raise RefusedError("too many commands at once; this one is dropped") from None
+        try:
+            return await asyncio.wait_for(asyncio.wrap_future(answer), ANSWER_LIMIT_S)
+        except TimeoutError:
+            raise RefusedError("the table does not answer: it is busy") from None
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    """Raises `PageError`."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((host, port))
+        listener.listen(16)
+    except OSError as error:
+        listener.close()
+        raise PageError(f"the page cannot be opened at {host}:{port}: {error.strerror}") from None
+    return listener

@@ -1,0 +1,238 @@
+"""A recorded run as the page sees it: the same signals, at a time that a person chooses."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+from numpy.typing import NDArray
+
+from mdms_host.layout import Layout
+from mdms_host.page import commands
+from mdms_host.page.advice import advice_for
+from mdms_host.page.bus_watch import KINDS, BusWatch, CellState
+from mdms_host.page.commands import Command, RefusedError
+from mdms_host.page.description import PHASES, describe
+from mdms_host.page.signals import Signals
+from mdms_host.page.things import Thing
+from mdms_model.arrays import Floats
+from mdms_model.run.folder import BUS_LOG, START_S, StoredRun, bus_number
+from mdms_model.run.record import Event
+from mdms_model.run.slip import slip_m_s
+from mdms_protocol.frame import Frame
+
+#: Instants of a run that are shown, and of these as many that the plots have.
+SHOWN_PER_S = 60.0
+MOST_PLOTTED = 600
+#: Rates of frames are over so long [s].
+_RATES_S = 0.1
+
+
+class RecordedTable:
+    """A run folder, played at any speed, from any time; `goals` (P, 3) has NaN where none is."""
+
+    offers: tuple[str, ...] = ("pause", "resume", "step", "speed", "seek")
+
+    def __init__(
+        self, run: StoredRun, layout: Layout, things: dict[str, Thing], goals: Floats
+    ) -> None:
+        self.version = 1
+        record = run.record
+        self._run = run
+        self._layout = layout
+        self._things = things
+        self._goals = goals
+        self._signals = Signals(
+            cells=layout.cells,
+            wheels=len(layout.wheel_cells),
+            parcels=len(things),
+            buses=layout.bus_count,
+            kinds=len(KINDS),
+        )
+        self._instants = _shown(record.time_s)
+        self._times_s: Floats = record.time_s[self._instants]
+        self._bus = _BusHistory(run.folder / BUS_LOG, layout, self._times_s)
+        slip = record.slip_m_s if record.slip_m_s is not None else slip_m_s(run.scenario, record)
+        self._slip_m_s = slip
+        self._phases = _phases(record.events, self._times_s)
+        self._arrived = _arrived(record.events, list(things), self._times_s)
+        self.duration_s = float(self._times_s[-1])
+        self._at_s = 0.0
+        self._speed = 1.0
+        self._paused = False
+        self._last_s: float | None = None
+
+    # Time ----------------------------------------------------------------------------------------
+
+    def advance(self, wall_s: float) -> None:
+        """It is `wall_s` by the machine's clock."""
+        if self._last_s is not None and not self._paused:
+            self._at_s += (wall_s - self._last_s) * self._speed
+        self._last_s = wall_s
+        if self._at_s >= self.duration_s:
+            self._at_s, self._paused = self.duration_s, True
+
+    # What is shown -------------------------------------------------------------------------------
+
+    def description(self) -> dict[str, Any]:
+        """See `Table`."""
+        return describe(
+            self._run.scenario.title, self._layout, self._things, self._signals, self.offers
+        ) | {"version": self.version, "recorded": True, "duration_s": self.duration_s}
+
+    def snapshot(self, sequence: int) -> bytes:
+        """See `Table`."""
+        index = int(np.searchsorted(self._times_s, self._at_s, side="right")) - 1
+        now = {"time": self._at_s, "speed": self._speed, "paused": [int(self._paused)]}
+        return self._signals.pack(self.version, sequence, self._values(max(index, 0)) | now)
+
+    def history(self) -> bytes:
+        """See `Table`."""
+        count = len(self._times_s)
+        chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_PLOTTED)).round().astype(int))
+        return b"".join(
+            self._signals.pack(self.version, 0, self._values(index)) for index in chosen.tolist()
+        )
+
+    def _values(self, index: int) -> dict[str, Any]:
+        record, instant = self._run.record, self._instants[index]
+        believed = record.estimate
+        shown: dict[str, Any] = {
+            "time": self._times_s[index],
+            "speed": self._speed,
+            "real_time_factor": self._speed,
+            "wheel_speed": record.speed_m_s[instant],
+            "wheel_reference": record.reference_m_s[instant],
+            "wheel_slip": self._slip_m_s[instant],
+            "wheel_normal": record.normal_n[instant],
+            "parcel_true": record.pose[instant],
+            "parcel_goal": self._goals,
+            "phase": [self._phases[index]],
+        }
+        if believed is not None:
+            shown["parcel_believed"] = believed[instant]
+            found = np.isfinite(believed[instant, :, 0])
+            shown["parcel_state"] = np.where(found, 1 + 2 * self._arrived[index], 0)
+        if record.identity is not None and record.state is not None:
+            shown["cell_promise"] = record.identity[instant]
+            shown["cell_promise_state"] = record.state[instant]
+        return shown | self._bus.values(index)
+
+    def news(self) -> list[dict[str, Any]]:
+        """See `Table`: all of it is known from the start."""
+        return []
+
+    def story(self) -> list[dict[str, Any]]:
+        """See `Table`."""
+        events = [_event(event) for event in self._run.record.events]
+        return [{"kind": "events", "events": events[-5000:], "all": True}]
+
+    # What is done --------------------------------------------------------------------------------
+
+    def do(self, command: Command) -> str | None:
+        """See `Table`."""
+        match command:
+            case commands.Pause():
+                self._paused = True
+            case commands.Resume():
+                self._at_s = 0.0 if self._at_s >= self.duration_s else self._at_s
+                self._paused = False
+            case commands.Step():
+                self._paused = True
+                self._at_s = min(self._at_s + command.duration_s, self.duration_s)
+            case commands.Speed():
+                self._speed = command.factor
+            case commands.Seek():
+                self._at_s = min(command.time_s, self.duration_s)
+            case _:
+                raise RefusedError("a recording has no such command")
+        return None
+
+    def abandon(self) -> None:
+        """See `Table`: nothing moves in a recording."""
+
+
+class _BusHistory:
+    """What a bus log shows at given times; nothing where there is none."""
+
+    def __init__(self, log: Path, layout: Layout, times_s: Floats) -> None:
+        instants, cells = len(times_s), layout.cells
+        self._logged = log.is_file()
+        self._states = np.full((instants, cells), CellState.RUNNING, np.uint8)
+        self._presence = np.zeros((instants, cells), np.uint8)
+        self._rates = np.full((instants, layout.bus_count, len(KINDS)), np.nan)
+        self._loads = np.full((instants, layout.bus_count), np.nan)
+        if self._logged:
+            self._read(log, layout, times_s)
+
+    def values(self, index: int) -> dict[str, Any]:
+        """Signals by name."""
+        return {
+            "cell_state": self._states[index],
+            "cell_presence": self._presence[index],
+            "bus_frames": self._rates[index],
+            "bus_load": self._loads[index],
+        }
+
+    def _read(self, log: Path, layout: Layout, times_s: Floats) -> None:
+        """Follow the log through once, and note how all is at each of the times."""
+        watch, frames = BusWatch(layout), _frames(log, layout.bus_count)
+        counts = np.zeros((len(times_s), *self._rates.shape[1:]))
+        bits = np.zeros(self._loads.shape)
+        ahead = next(frames, None)
+        for index, time_s in enumerate(times_s.tolist()):
+            while ahead is not None and ahead[0] <= time_s:
+                watch.on_frame(ahead[1], ahead[0], ahead[2])
+                ahead = next(frames, None)
+            self._states[index] = np.frombuffer(watch.states(time_s), np.uint8)
+            self._presence[index] = np.frombuffer(watch.presence, np.uint8)
+            counts[index], bits[index] = watch.frames, watch.bits
+        before = np.searchsorted(times_s, times_s - _RATES_S).clip(0, len(times_s) - 1)
+        passed_s = np.maximum(times_s - times_s[before], 1e-3)
+        self._rates = (counts - counts[before]) / passed_s[:, None, None]
+        self._loads = (bits - bits[before]) / passed_s[:, None] / 1e6
+
+
+def _frames(log: Path, buses: int) -> Iterator[tuple[float, Frame, int]]:
+    """Times since the run's start [s], frames and buses of a log."""
+    with can.CanutilsLogReader(log) as reader:
+        for message in reader:
+            bus = bus_number(message.channel)
+            if not message.is_extended_id and bus < buses:
+                time_s = message.timestamp - (START_S if message.timestamp >= START_S else 0.0)
+                yield time_s, Frame(message.arbitration_id, bytes(message.data)), bus
+
+
+def _shown(time_s: Floats) -> NDArray[np.intp]:
+    """The instants of a record that are shown: no more than are needed."""
+    numbers = np.floor(time_s * SHOWN_PER_S + 1e-6)
+    return np.flatnonzero(np.diff(numbers, prepend=-1.0) > 0)
+
+
+def _phases(events: list[Event], times_s: Floats) -> NDArray[np.uint8]:
+    """The number of the coordinator's phase at each time."""
+    phases = np.zeros(len(times_s), np.uint8)
+    for event in events:
+        if event.kind == "coordinator" and event.detail in PHASES:
+            phases[times_s >= event.time_s] = PHASES.index(event.detail)
+    return phases
+
+
+def _arrived(events: list[Event], names: list[str], times_s: Floats) -> NDArray[np.uint8]:
+    """Whether each parcel has been reported as arrived by each time, shape (T, P)."""
+    arrived = np.zeros((len(times_s), len(names)), np.uint8)
+    for event in events:
+        for number, name in enumerate(names):
+            if event.detail == f"{name} has arrived":
+                arrived[times_s >= event.time_s, number] = 1
+    return arrived
+
+
+def _event(event: Event) -> dict[str, Any]:
+    detail = event.detail if event.parcel is None else f"{event.parcel}: {event.detail}"
+    advice = advice_for(detail)
+    shown: dict[str, Any] = {"time_s": event.time_s, "what": event.kind, "text": detail}
+    if event.cell is not None:
+        shown["cell"] = event.cell
+    return shown | ({"advice": advice, "trouble": True} if advice else {})

@@ -1,0 +1,221 @@
+// Everything about the cell or parcel that is chosen, and what can be done to it.
+
+import { poseOf } from "./table.js";
+
+const NEAR = ["", "near", "promised", "under it"];
+/** A number with so many digits behind the point and its unit; none is a dash, and -0.0 is 0.0. */
+const shown = (value, digits, unit) => {
+  if (!Number.isFinite(value)) return "–";
+  const text = value.toFixed(digits);
+  return (Number(text) === 0 ? text.replace("-", "") : text) + unit;
+};
+const mm = (value) => shown(1e3 * value, 1, " mm");
+const deg = (value) => shown(value * 180 / Math.PI, 2, "°");
+const mm_s = (value) => shown(1e3 * value, 1, " mm/s");
+const newtons = (value) => shown(value, 2, " N");
+
+/** An element with attributes and children. */
+export function make(tag, attributes = {}, ...children) {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
+    else if (value !== false) element.setAttribute(name, value === true ? "" : value);
+  }
+  element.append(...children);
+  return element;
+}
+
+export class Details {
+  constructor(page) {
+    this.page = page;
+    this.facts = document.getElementById("facts");
+    this.deeds = document.getElementById("deeds");
+    this.objects = document.getElementById("objects");
+    this.select = document.getElementById("chosen");
+    this.select.addEventListener("change", () => {
+      const [kind, number] = this.select.value.split(" ");
+      page.choose(kind ? { kind, number: Number(number) } : null);
+    });
+    this.rows = [];
+  }
+
+  setTable(table) {
+    this.table = table;
+    const option = (value, text) => make("option", { value }, text);
+    this.select.replaceChildren(
+      option("", "the table"),
+      ...table.parcels.map(({ name }, p) => option(`parcel ${p}`, `parcel ${name}`)),
+      ...table.node_ids.map((node, cell) => option(`cell ${cell}`, this.cellName(cell))),
+    );
+  }
+
+  cellName(cell) {
+    const bus = this.table.bus_count > 1 ? `, bus ${this.table.buses[cell]}` : "";
+    return `cell ${cell + 1} (node ${this.table.node_ids[cell]}${bus})`;
+  }
+
+  choose(chosen) {
+    this.chosen = chosen;
+    this.rows = [];
+    this.objects.replaceChildren();
+    this.select.value = chosen ? `${chosen.kind} ${chosen.number}` : "";
+    this.showDeeds();
+  }
+
+  /** Facts of what is chosen, as [name, value]. */
+  factsOf(snapshot) {
+    if (!this.chosen) return this.factsOfTable(snapshot);
+    const { kind, number } = this.chosen;
+    return kind === "cell" ? this.factsOfCell(snapshot, number) : this.factsOfParcel(snapshot, number);
+  }
+
+  factsOfTable(s) {
+    const states = this.table.cell_states.map((name, k) => [name, s.cell_state.filter((state) => state === k).length]);
+    return [
+      ["program", this.table.phases[s.phase[0]]],
+      ["cells", states.filter(([, count]) => count).map(([name, count]) => `${count} ${name}`).join(", ")],
+      ["grid", `${this.table.columns} × ${this.table.rows}, pitch ${mm(this.table.pitch_m)}`],
+      ...[...s.bus_load].map((load, b) => [this.table.bus_count > 1 ? `load of bus ${b}` : "load of the bus", `${(100 * load).toFixed(0)} %`]),
+      ...this.table.parcels.map(({ name }, p) => [name, this.table.parcel_states[s.parcel_state[p]]]),
+      ["fastest wheel", mm_s(s.wheel_speed.reduce((a, b) => Math.max(a, Math.abs(b) || 0), 0))],
+    ];
+  }
+
+  factsOfCell(s, cell) {
+    const facts = [
+      ["state", this.table.cell_states[s.cell_state[cell]]],
+      ["place", this.table.cells_m[cell].map(mm).join(", ")],
+      ["sensors covered", this.table.sensors_m.map((_at, k) => s.cell_presence[cell] >> k & 1 ? k : null).filter((k) => k !== null).join(", ") || "none"],
+    ];
+    if (s.cell_promise[cell]) facts.push(["parcel", `${s.cell_promise[cell]}, ${NEAR[s.cell_promise_state[cell]]}`]);
+    for (let axis = 0; axis < this.table.axes; axis++) {
+      const w = cell * this.table.axes + axis, label = `axis ${axis + 1}`;
+      facts.push([`${label} speed`, mm_s(s.wheel_speed[w])], [`${label} wanted`, mm_s(s.wheel_reference[w])]);
+      if (Number.isFinite(s.wheel_normal[w])) facts.push([`${label} normal force`, newtons(s.wheel_normal[w])]);
+      if (Number.isFinite(s.wheel_slip[w])) facts.push([`${label} slip`, mm_s(s.wheel_slip[w])]);
+    }
+    return facts;
+  }
+
+  factsOfParcel(s, p) {
+    const believed = poseOf(s.parcel_believed, p), truth = poseOf(s.parcel_true, p), goal = poseOf(s.parcel_goal, p, true);
+    const pose = (at) => at ? `${mm(at[0])}, ${mm(at[1])}, ${deg(at[2])}` : "–";
+    const [xx, , yy, yaw] = s.parcel_spread.subarray(4 * p, 4 * p + 4);
+    const facts = [["state", this.table.parcel_states[s.parcel_state[p]]], ["believed", pose(believed)]];
+    if (believed) facts.push(["deviation", `${mm(Math.sqrt(xx))}, ${mm(Math.sqrt(yy))}, ${deg(Math.sqrt(yaw))}`]);
+    if (this.table.true_known) facts.push(["true", truth ? pose(truth) : "in the hand"]);
+    if (believed && truth) facts.push(["off by", `${mm(Math.hypot(believed[0] - truth[0], believed[1] - truth[1]))}, ${deg(believed[2] - truth[2])}`]);
+    facts.push(["goal", pose(goal)]);
+    if (believed && goal) facts.push(["to go", mm(Math.hypot(believed[0] - goal[0], believed[1] - goal[1]))]);
+    return facts;
+  }
+
+  update(snapshot) {
+    const facts = this.factsOf(snapshot);
+    const names = facts.map(([name]) => name).join();
+    if (names !== this.names) {
+      this.names = names;
+      this.cells = facts.map(() => make("td", { class: "value" }));
+      this.facts.replaceChildren(make("table", {}, ...facts.map(([name], k) => make("tr", {}, make("th", { scope: "row" }, name), this.cells[k]))));
+    }
+    facts.forEach(([, value], k) => {
+      if (this.cells[k].textContent !== value) this.cells[k].textContent = value;
+    });
+  }
+
+  // Deeds ------------------------------------------------------------------------------------------
+
+  showDeeds() {
+    this.deeds.replaceChildren();
+    if (!this.table) return;
+    if (this.chosen?.kind === "cell") this.deeds.append(...this.deedsOfCell(this.chosen.number + 1));
+    if (this.chosen?.kind === "parcel" && this.table.parcels[this.chosen.number]) {
+      this.deeds.append(...this.deedsOfParcel(this.table.parcels[this.chosen.number]));
+    }
+    this.page.allow();
+  }
+
+  button(text, command, values) {
+    return make("button", { type: "button", "data-moves": true, onclick: () => this.page.order(command, values()) }, text);
+  }
+
+  offers(command) { return this.table.offers.includes(command); }
+
+  deedsOfCell(cell) {
+    const buttons = [];
+    if (this.offers("read_objects")) {
+      buttons.push(make("button", { type: "button", "data-moves": true, onclick: () => this.readObjects(cell) }, "Read objects"));
+    }
+    if (!this.offers("fault")) return buttons;
+    const fault = (text, values) => buttons.push(this.button(text, "fault", () => ({ fault: { cells: [cell], ...values } })));
+    fault("Kill", { kind: "off" });
+    fault("Hang", { kind: "hang" });
+    buttons.push(make("button", { type: "button", "data-moves": true, onclick: () => this.page.revive(cell) }, "Revive"));
+    fault("Sensors stuck covered", { kind: "sensor_stuck", covered: true });
+    fault("Sensors stuck free", { kind: "sensor_stuck", covered: false });
+    fault("Wheels jammed", { kind: "wheel_jammed" });
+    fault("Cut off the bus", { kind: "cut" });
+    return buttons;
+  }
+
+  deedsOfParcel({ name, unknown }) {
+    const parts = [];
+    if (this.offers("goal")) parts.push(this.poseForm("Set goal", name, (pose) => this.page.order("goal", { parcel: name, ...pose })));
+    if (this.offers("fault")) {
+      parts.push(
+        this.button("Lift", "fault", () => ({ fault: { kind: "lift", parcel: name } })),
+        make("button", { type: "button", "data-moves": true, onclick: () => this.page.setDown(name) }, "Set down"),
+        this.button("Push along x", "fault", () => ({ fault: { kind: "push", parcel: name, impulse_n_s: [0.3, 0] } })),
+        this.button("Push along y", "fault", () => ({ fault: { kind: "push", parcel: name, impulse_n_s: [0, 0.3] } })),
+      );
+    }
+    if (this.offers("name") && unknown) parts.push(this.nameForm(name));
+    return parts;
+  }
+
+  poseForm(text, name, send) {
+    const field = (label, step) => make("input", { name: label, type: "number", step, required: label !== "yaw [°]", "aria-label": `${label} of the goal of ${name}` });
+    const [x, y, yaw] = [field("x [mm]", 1), field("y [mm]", 1), field("yaw [°]", 1)];
+    return make("form", {
+      onsubmit: (event) => {
+        event.preventDefault();
+        const turn = yaw.value === "" ? {} : { yaw_rad: yaw.valueAsNumber * Math.PI / 180 };
+        send({ x_m: x.valueAsNumber / 1e3, y_m: y.valueAsNumber / 1e3, ...turn });
+      },
+    }, ...[x, y, yaw].map((input) => make("label", {}, input.name, input)), make("button", { "data-moves": true }, text));
+  }
+
+  /** What is unknown gets a name, and the size that it really has. */
+  nameForm(parcel) {
+    const name = make("input", { required: true, "aria-label": "Name of the parcel" });
+    const field = (label) => make("input", { name: label, type: "number", min: 1, required: true, "aria-label": label });
+    const [length, width] = [field("length [mm]"), field("width [mm]")];
+    return make("form", {
+      onsubmit: (event) => {
+        event.preventDefault();
+        this.page.order("name", { parcel, name: name.value, length_m: length.valueAsNumber / 1e3, width_m: width.valueAsNumber / 1e3 });
+      },
+    }, make("label", {}, "name", name), make("label", {}, "length [mm]", length), make("label", {}, "width [mm]", width),
+    make("button", { "data-moves": true }, "Name it"));
+  }
+
+  // Objects ----------------------------------------------------------------------------------------
+
+  async readObjects(cell) {
+    this.rows = [];
+    this.objects.replaceChildren(make("p", { class: "help" }, "reading …"));
+    const answer = await this.page.order("read_objects", { cell });
+    if (!answer.ok) this.objects.replaceChildren();
+  }
+
+  takeObjects({ cell, rows, over }) {
+    if (this.chosen?.kind !== "cell" || this.chosen.number !== cell - 1) return;
+    this.rows.push(...rows);
+    const text = ({ value, unit, raw, problem }) => problem ?? (unit === "" ? `${raw}` : `${+value.toPrecision(6)} ${unit}`);
+    this.objects.replaceChildren(
+      make("h2", {}, over ? `Objects of cell ${cell}` : `Objects of cell ${cell}, reading …`),
+      make("table", { "aria-label": `Objects of cell ${cell}` }, ...this.rows.map((row) => make("tr", {},
+        make("td", { class: "number" }, row.place), make("th", { scope: "row" }, row.name), make("td", { class: "value" }, text(row))))),
+    );
+  }
+}

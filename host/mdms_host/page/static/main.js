@@ -1,0 +1,305 @@
+// The page: joins the wire to the picture, the panels and the buttons.
+
+import { Details } from "./details.js";
+import { Events } from "./events.js";
+import { Faults } from "./faults.js";
+import { Hands } from "./hands.js";
+import { History } from "./history.js";
+import { Plots } from "./plots.js";
+import { TablePicture } from "./table.js";
+import { View } from "./view.js";
+import { Unpacker, Wire } from "./wire.js";
+import { showLegend } from "./legend.js";
+
+const $ = (id) => document.getElementById(id);
+const PANELS = ["details", "plots", "events", "faults"];
+/** Text changes no more often than can be read [ms]. */
+const TEXT_MS = 100, PLOTS_MS = 250;
+
+class Page {
+  constructor() {
+    this.view = new View();
+    this.picture = new TablePicture($("table"), this.view);
+    this.history = new History();
+    this.events = new Events((time_s) => this.order("seek", { time_s }));
+    this.faults = new Faults(this);
+    this.details = new Details(this);
+    this.hands = new Hands(this.picture, this);
+    this.plots = new Plots($("plots"), this.history, (time_s) => this.order("seek", { time_s }));
+    this.table = this.snapshot = this.plan = this.control = null;
+    this.dirty = false;
+    this.text_ms = this.plots_ms = 0;
+    this.listen();
+    this.setTheme(localStorage.getItem("theme") ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
+    this.wire = new Wire({
+      message: (message) => this.take(message),
+      snapshot: (buffer) => this.show(buffer),
+      state: (connected) => this.connected(connected),
+    });
+    requestAnimationFrame((now) => this.frame(now));
+  }
+
+  get mayMove() { return Boolean(this.control?.yours); }
+
+  // What comes in ----------------------------------------------------------------------------------
+
+  take(message) {
+    switch (message.kind) {
+      case "table": this.setTable(message); break;
+      case "events": this.events.take(message); break;
+      case "faults": this.faults.take(message); break;
+      case "objects": this.details.takeObjects(message); break;
+      case "plan": this.plan = message; this.redraw(); break;
+      case "control": this.control = message; this.showControl(); break;
+      case "answer": if (!message.ok) this.say(message.text); break;
+    }
+  }
+
+  /** A description; of the same table, when a parcel has come or gone, what is looked at stays. */
+  setTable(table) {
+    const before = this.table, same = before && before.title === table.title && before.columns === table.columns;
+    const chosen = same ? this.picture.chosen : null;
+    this.table = table;
+    this.unpacker = new Unpacker(table);
+    if (!same) this.snapshot = null;
+    this.events.seeks = table.offers.includes("seek");
+    table.true_known = table.simulated || table.recorded;
+    $("title").textContent = document.title = table.title;
+    if (!same) this.history.clear();
+    this.picture.setTable(table, !same);
+    this.details.setTable(table);
+    this.choose(chosen?.kind === "parcel" ? this.sameParcel(before, chosen) : chosen);
+    if (same) return;
+    this.arrange(table);
+    if (table.recorded) this.fetchRun();
+  }
+
+  sameParcel(before, { kind, number }) {
+    const now = this.table.parcels.findIndex(({ name }) => name === before.parcels[number]?.name);
+    return now < 0 ? null : { kind, number: now };
+  }
+
+  /** Shows what this table offers, and nothing else. */
+  arrange(table) {
+    const offers = (command) => table.offers.includes(command);
+    $("program-buttons").hidden = !offers("start");
+    $("time-buttons").hidden = !offers("pause");
+    $("step").hidden = !offers("step");
+    $("scrub-label").hidden = !offers("seek");
+    $("tab-faults").hidden = !offers("fault");
+    $("show-true-label").hidden = !table.true_known;
+    $("pace").hidden = !table.simulated;
+    $("stop-all").hidden = !offers("stop_all");
+    document.querySelectorAll("[data-tool=push], [data-tool=lift]").forEach((tool) => { tool.hidden = !offers("fault"); });
+    document.querySelector(".tools").hidden = !offers("goal");
+    $("heat").querySelector("[value=normal]").disabled = !table.true_known;
+    $("scrub").max = table.duration_s ?? 1;
+    this.showLegend();
+    if (!$("plots").hidden) this.plots.build(table, this.picture.chosen);
+  }
+
+  async fetchRun() {
+    const response = await fetch("api/history");
+    if (!response.ok) return;
+    const all = await response.arrayBuffer(), { size } = this.unpacker, snapshots = [];
+    for (let start = 0; start + size <= all.byteLength; start += size) {
+      const one = this.unpacker.unpack(all.slice(start, start + size));
+      if (one) snapshots.push(one);
+    }
+    this.history.fill(snapshots);
+    if (!$("plots").hidden) this.buildPlots();
+  }
+
+  show(buffer) {
+    const snapshot = this.unpacker?.unpack(buffer);
+    if (snapshot) {
+      this.snapshot = snapshot;
+      this.history.add(snapshot);
+      this.dirty = true;
+    }
+    this.wire.seen();
+  }
+
+  connected(connected) {
+    if (connected) return;
+    this.control = null;
+    $("phase").textContent = "the table is gone";
+    $("phase").className = "chip gone";
+    this.showControl();
+  }
+
+  // What goes out ----------------------------------------------------------------------------------
+
+  order(command, values = {}) { return this.wire.ask(command, values); }
+
+  stopAll() {
+    this.order("stop_all").then(({ ok }) => { if (ok) this.say("Stop all: sent"); });
+  }
+
+  async revive(cell) {
+    const numbers = this.faults.of(cell);
+    if (!numbers.length) this.say(`nothing is wrong with cell ${cell}`);
+    for (const number of numbers) await this.order("end_fault", { number });
+  }
+
+  async setDown(parcel) {
+    const numbers = this.faults.ofParcel(parcel);
+    if (!numbers.length) this.say(`${parcel} is not lifted`);
+    for (const number of numbers) await this.order("end_fault", { number });
+  }
+
+  // What is shown ----------------------------------------------------------------------------------
+
+  redraw() { this.dirty = true; }
+
+  frame(now) {
+    if (this.dirty) {
+      this.dirty = false;
+      this.picture.draw(this.snapshot, this.plan, this.hands.dragged);
+      this.frames = (this.frames ?? 0) + 1;
+    }
+    if (this.snapshot && now - this.text_ms >= TEXT_MS) {
+      this.text_ms = now;
+      this.showTexts(this.snapshot);
+    }
+    if (this.snapshot && !$("plots").hidden && now - this.plots_ms >= PLOTS_MS) this.showPlots(now);
+    requestAnimationFrame((next) => this.frame(next));
+  }
+
+  showPlots(now) {
+    const whole = this.history.whole && this.plots_ms;
+    this.plots_ms = now;
+    if (whole) this.plots.mark(this.snapshot.time[0]);
+    else this.plots.update(this.snapshot.time[0]);
+  }
+
+  showTexts(s) {
+    const legend = `${this.picture.most.normal} ${this.picture.promised} ${this.picture.arrow_m_s}`;
+    if (legend !== this.legend) {
+      this.legend = legend;
+      this.showLegend();
+    }
+    const text = (id, value) => { if ($(id).textContent !== value) $(id).textContent = value; };
+    const phase = this.table.phases[s.phase[0]];
+    text("phase", this.table.recorded ? "recording" : s.paused[0] ? `${phase}, paused` : phase);
+    $("phase").className = `chip ${phase === "running" ? "running" : phase.includes("fault") ? "failed" : phase.includes("holding") ? "held" : ""}`;
+    text("time", `${s.time[0].toFixed(1)} s`);
+    text("load", Number.isFinite(s.bus_load[0]) ? `bus ${(100 * Math.max(...s.bus_load)).toFixed(0)} %` : "no bus");
+    text("pace", `${s.real_time_factor[0].toFixed(2)}×`);
+    text("pause", s.paused[0] ? (this.table.recorded ? "Play" : "Go on") : "Pause");
+    if (!$("details").hidden) this.details.update(s);
+    if (this.table.recorded && document.activeElement !== $("scrub")) $("scrub").value = s.time[0];
+    text("scrub-time", `${s.time[0].toFixed(2)} / ${(this.table.duration_s ?? 0).toFixed(2)} s`);
+  }
+
+  showControl() {
+    const control = this.control, others = (control?.clients ?? 1) - 1;
+    const who = !control ? "not connected" : control.yours ? "in control" : "watching";
+    $("who").textContent = others > 0 ? `${who} · ${others} more` : who;
+    $("take").hidden = !control?.may || control.yours;
+    this.allow();
+  }
+
+  /** Buttons that move something work for who is in control only; stop all works for all. */
+  allow() {
+    const may = this.mayMove;
+    for (const id of ["start", "stop", "pause", "step", "speed", "scrub"]) $(id).disabled = !may;
+    document.querySelectorAll("[data-moves]").forEach((button) => { button.disabled = !may; });
+    document.querySelectorAll("[data-tool]").forEach((button) => { button.disabled = !may; });
+    $("stop-all").disabled = !this.control?.may;
+  }
+
+  say(text) {
+    $("notice").textContent = text;
+    clearTimeout(this.silence);
+    this.silence = setTimeout(() => { $("notice").textContent = ""; }, 5000);
+  }
+
+  choose(chosen) {
+    this.picture.chosen = chosen;
+    this.details.choose(chosen);
+    if (this.table && !$("plots").hidden) this.buildPlots();
+    this.redraw();
+  }
+
+  buildPlots() {
+    this.plots.build(this.table, this.picture.chosen);
+    this.plots_ms = 0;
+  }
+
+  turnTo(panel) {
+    for (const name of PANELS) {
+      $(name).hidden = name !== panel;
+      $(`tab-${name}`).setAttribute("aria-selected", name === panel);
+      $(`tab-${name}`).tabIndex = name === panel ? 0 : -1;
+    }
+    if (panel === "plots" && this.table) this.buildPlots();
+    else this.plots.clear();
+    if (panel === "events") this.events.seen();
+  }
+
+  setTheme(theme) {
+    document.documentElement.dataset.theme = theme;
+    this.picture.readTheme();
+    this.showLegend();
+    if (this.table && !$("plots").hidden) this.buildPlots();
+    this.redraw();
+  }
+
+  showLegend() { showLegend($("legend"), this.picture, this.table); }
+
+  // Buttons and keys -------------------------------------------------------------------------------
+
+  listen() {
+    $("stop-all").addEventListener("click", () => this.stopAll());
+    for (const id of ["start", "stop", "step"]) $(id).addEventListener("click", () => this.order(id));
+    $("pause").addEventListener("click", () => this.order(this.snapshot?.paused[0] ? "resume" : "pause"));
+    $("speed").addEventListener("change", () => this.order("speed", { factor: Number($("speed").value) }));
+    $("scrub").addEventListener("input", () => this.order("seek", { time_s: Number($("scrub").value) }));
+    $("take").addEventListener("click", () => this.order("take_control"));
+    $("theme").addEventListener("click", () => this.changeTheme());
+    $("heat").addEventListener("change", () => { this.picture.heat = $("heat").value; this.showLegend(); this.redraw(); });
+    $("show-true").addEventListener("change", () => { this.picture.showTrue = $("show-true").checked; this.redraw(); });
+    $("show-plan").addEventListener("change", () => { this.picture.showPlan = $("show-plan").checked; this.redraw(); });
+    $("zoom-in").addEventListener("click", () => { this.view.zoom(1.25); this.redraw(); });
+    $("zoom-out").addEventListener("click", () => { this.view.zoom(0.8); this.redraw(); });
+    $("zoom-fit").addEventListener("click", () => { this.view.fit(this.table); this.redraw(); });
+    document.querySelectorAll("[data-tool]").forEach((button) => button.addEventListener("click", () => this.setTool(button.dataset.tool)));
+    PANELS.forEach((name) => $(`tab-${name}`).addEventListener("click", () => this.turnTo(name)));
+    document.querySelector("[role=tablist]").addEventListener("keydown", (event) => this.walkTabs(event));
+    window.addEventListener("keydown", (event) => this.key(event), true);
+    new ResizeObserver(() => { this.picture.resize(); this.redraw(); }).observe($("table"));
+    new ResizeObserver(() => this.plots.resize()).observe($("side"));
+  }
+
+  changeTheme() {
+    const theme = document.documentElement.dataset.theme === "dark" ? "light" : "dark";
+    localStorage.setItem("theme", theme);
+    this.setTheme(theme);
+  }
+
+  setTool(tool) {
+    this.hands.tool = tool;
+    document.querySelectorAll("[data-tool]").forEach((button) => button.setAttribute("aria-pressed", button.dataset.tool === tool));
+  }
+
+  walkTabs(event) {
+    const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+    if (!step) return;
+    const shown = PANELS.filter((name) => !$(`tab-${name}`).hidden);
+    const next = shown[(shown.findIndex((name) => !$(name).hidden) + step + shown.length) % shown.length];
+    this.turnTo(next);
+    $(`tab-${next}`).focus();
+  }
+
+  /** Space stops everything, wherever the page is looked at but where a space is written. */
+  key(event) {
+    const writes = event.target.matches?.("input:not([type=checkbox]):not([type=range]), select, textarea");
+    if (event.code !== "Space" || writes || !this.table?.offers.includes("stop_all")) return;
+    event.preventDefault();
+    event.stopPropagation();
+    if (!event.repeat) this.stopAll();
+  }
+}
+
+window.page = new Page();

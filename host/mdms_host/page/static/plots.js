@@ -1,0 +1,177 @@
+// The plots: each a list of lines over the history, drawn by uPlot.
+
+/* global uPlot */
+
+const HEIGHT = 118;
+const LINES = ["#2f7fd6", "#d9822b", "#3d9a5f", "#b0459a", "#8a6d3b", "#5b5fc7", "#c0392b", "#2a9d9d", "#777f8c", "#a3a30f"];
+const turned = (angle) => angle - 2 * Math.PI * Math.round(angle / (2 * Math.PI));
+
+/** The plots of a table: title, unit, and lines as [label, value of a snapshot, colour if it is another's too]. */
+function plotsOf(table, chosen) {
+  const buses = [...Array(table.bus_count).keys()];
+  const named = (text, bus) => table.bus_count > 1 ? `${text} ${bus}` : text;
+  const sum = (array, from, step) => {
+    let total = 0;
+    for (let k = from; k < array.length; k += step) total += array[k];
+    return total;
+  };
+  const kinds = table.frame_kinds.length;
+  const wheels = [], bus = [
+    { title: "Bus load", unit: "%", low: [0, 20], lines: buses.map((b) => [named("bus", b), (s) => 100 * s.bus_load[b]]) },
+    {
+      title: "Error frames and counters", unit: "", low: [0, 4],
+      lines: buses.flatMap((b) => [
+        [named("error frames", b), (s) => s.bus_errors[b]],
+        [named("worst transmit counter", b), (s) => s.bus_counters[2 * b]],
+        [named("worst receive counter", b), (s) => s.bus_counters[2 * b + 1]],
+      ]),
+    },
+    {
+      title: "Frames by kind", unit: "1/s", low: [0, 100],
+      lines: table.frame_kinds.map((kind, k) => [kind, (s) => sum(s.bus_frames, k, kinds)]),
+    },
+  ];
+  const cell = chosen?.kind === "cell" ? chosen.number : null;
+  if (cell !== null) {
+    const lines = [];
+    for (let axis = 0; axis < table.axes; axis++) {
+      const w = cell * table.axes + axis;
+      lines.push([`axis ${axis + 1}`, (s) => 1e3 * s.wheel_speed[w], axis]);
+      lines.push([`axis ${axis + 1} wanted`, (s) => 1e3 * s.wheel_reference[w], axis]);
+    }
+    wheels.push({ title: `Wheels of cell ${cell + 1}`, unit: "mm/s", lines });
+  } else {
+    wheels.push({
+      title: "Fastest wheel, and fastest wanted", unit: "mm/s", low: [0, 20],
+      lines: [
+        ["speed", (s) => 1e3 * most(s.wheel_speed), 0],
+        ["wanted", (s) => 1e3 * most(s.wheel_reference), 0],
+      ],
+    });
+  }
+  const parcel = chosen?.kind === "parcel" ? chosen.number : 0;
+  if (table.parcels[parcel]) {
+    const { name } = table.parcels[parcel], at = 3 * parcel;
+    const other = table.true_known ? "parcel_true" : "parcel_goal";
+    const title = table.true_known ? `Belief less truth, ${name}` : `Belief less goal, ${name}`;
+    const off = (k, scale) => (s) => scale * (s.parcel_believed[at + k] - s[other][at + k]);
+    wheels.push({ title, unit: "mm", lines: [["x", off(0, 1e3)], ["y", off(1, 1e3)],
+      ["deviation", (s) => 1e3 * Math.sqrt(Math.max(s.parcel_spread[4 * parcel], s.parcel_spread[4 * parcel + 2]))]] });
+    wheels.push({ title: `${title}: yaw`, unit: "°", lines: [
+      ["yaw", (s) => turned(s.parcel_believed[at + 2] - s[other][at + 2]) * 180 / Math.PI]] });
+  }
+  if (!table.recorded) {
+    bus.push({ title: "Cycle jitter", unit: "ms", low: [0, 1], lines: [["latest cycle", (s) => 1e3 * s.jitter[0]]] });
+  }
+  return [...wheels, ...bus];
+}
+
+function most(values) {
+  let found = 0;
+  for (const value of values) if (Math.abs(value) > found) found = Math.abs(value);
+  return found;
+}
+
+export class Plots {
+  constructor(place, history, onSeek) {
+    this.place = place;
+    this.history = history;
+    this.onSeek = onSeek;
+    this.drawn = [];
+  }
+
+  /** Sets up the plots for what is chosen; colours are read again. Of what is not known there is none. */
+  build(table, chosen) {
+    this.clear();
+    const last = this.history.snapshots.at(-1);
+    const known = ({ lines }) => !this.history.whole || lines.some(([, value]) => Number.isFinite(value(last)));
+    const style = getComputedStyle(document.documentElement);
+    const text = style.getPropertyValue("--faint").trim(), line = style.getPropertyValue("--line").trim();
+    for (const plot of plotsOf(table, chosen).filter(known)) {
+      const box = document.createElement("section");
+      box.className = "plot";
+      const head = document.createElement("h2");
+      head.textContent = plot.unit ? `${plot.title} [${plot.unit}]` : plot.title;
+      box.append(head);
+      box.setAttribute("aria-label", head.textContent);
+      this.place.append(box);
+      this.drawn.push({ plot, chart: this.chart(box, plot, text, line) });
+    }
+  }
+
+  chart(box, plot, text, line) {
+    const axis = { stroke: text, grid: { stroke: line, width: 1 }, ticks: { stroke: line, width: 1 }, font: "11px system-ui" };
+    const low = plot.low ?? [-1, 1];
+    return new uPlot({
+      width: this.width, height: HEIGHT,
+      scales: {
+        x: { time: false },
+        y: { range: (_chart, least, largest) => spanOf(least, largest, low) },
+      },
+      axes: [{ ...axis, size: 26, values: (_chart, splits) => splits.map((t) => `${+t.toFixed(2)} s`) }, { ...axis, size: 46, space: 18 }],
+      cursor: { drag: { x: false, y: false }, points: { show: false } },
+      legend: { live: true },
+      series: [
+        { label: "time", value: (_chart, time) => time == null ? "–" : `${time.toFixed(2)} s` },
+        ...plot.lines.map(([label, , colour], k) => ({
+          label, stroke: LINES[(colour ?? k) % LINES.length], width: label.includes("wanted") ? 1 : 1.6,
+          dash: label.includes("wanted") ? [4, 3] : undefined, points: { show: false },
+          value: (_chart, value) => value == null ? "–" : value.toPrecision(3),
+        })),
+      ],
+      hooks: { draw: [(chart) => this.drawNow(chart, text)], ready: [(chart) => this.listen(chart)] },
+    }, [[], ...plot.lines.map(() => [])], box);
+  }
+
+  /** A line at the time that is shown, in a recorded run. */
+  drawNow(chart, colour) {
+    if (!this.history.whole || this.now === undefined) return;
+    const x = chart.valToPos(this.now, "x", true), { top, height } = chart.bbox;
+    chart.ctx.strokeStyle = colour;
+    chart.ctx.lineWidth = 2;
+    chart.ctx.beginPath();
+    chart.ctx.moveTo(x, top);
+    chart.ctx.lineTo(x, top + height);
+    chart.ctx.stroke();
+  }
+
+  listen(chart) {
+    chart.over.addEventListener("click", (event) => {
+      if (this.history.whole) this.onSeek(chart.posToVal(event.offsetX, "x"));
+    });
+  }
+
+  get width() { return Math.max(240, this.place.clientWidth - 26); }
+
+  resize() {
+    for (const { chart } of this.drawn) chart.setSize({ width: this.width, height: HEIGHT });
+  }
+
+  update(now) {
+    this.now = now;
+    const times = this.history.times;
+    for (const { plot, chart } of this.drawn) {
+      chart.setData([times, ...plot.lines.map(([, value]) => this.history.series(value))]);
+    }
+  }
+
+  /** Moves the line of a recorded run without drawing its lines anew. */
+  mark(now) {
+    this.now = now;
+    for (const { chart } of this.drawn) chart.redraw(false);
+  }
+
+  clear() {
+    for (const { chart } of this.drawn) chart.destroy();
+    this.drawn = [];
+    this.place.replaceChildren();
+  }
+}
+
+/** The range of an axis: at least `low`, with some air, and never of no height. */
+function spanOf(least, largest, low) {
+  if (least == null) return low;
+  const from = Math.min(least, low[0]), to = Math.max(largest, low[1]);
+  const air = 0.05 * (to - from);
+  return [from < 0 ? from - air : from, to + air];
+}

@@ -1,0 +1,48 @@
+// Which part of the table the canvas shows: metres of the table frame to pixels and back.
+
+export class View {
+  constructor() {
+    this.scale = 500;
+    this.x = 0;
+    this.y = 0;
+    this.width = this.height = 1;
+    this.fitted = true;
+  }
+
+  resize(width, height) {
+    this.width = width;
+    this.height = height;
+    if (this.fitted && this.table) this.fit(this.table);
+  }
+
+  /** Shows a whole table, with room for tools and legend. */
+  fit(table) {
+    this.table = table;
+    const wide = (table.columns + 0.5) * table.pitch_m, high = (table.rows + 0.5) * table.pitch_m;
+    const room = this.width > 700 ? 60 : 88;
+    this.scale = Math.max(20, Math.min((this.width - 24) / wide, (this.height - 2 * room) / high));
+    this.x = this.y = 0;
+    this.fitted = true;
+  }
+
+  px(x) { return this.width / 2 + (x - this.x) * this.scale; }
+  py(y) { return this.height / 2 - (y - this.y) * this.scale; }
+  at(px, py) {
+    return [(px - this.width / 2) / this.scale + this.x, (this.height / 2 - py) / this.scale + this.y];
+  }
+
+  zoom(factor, px = this.width / 2, py = this.height / 2) {
+    const [x, y] = this.at(px, py);
+    this.scale = Math.max(20, Math.min(20000, this.scale * factor));
+    const [after_x, after_y] = this.at(px, py);
+    this.pan(x - after_x, y - after_y);
+  }
+
+  pan(x, y) {
+    this.x += x;
+    this.y += y;
+    this.fitted = false;
+  }
+
+  get signature() { return `${this.scale} ${this.x} ${this.y} ${this.width} ${this.height}`; }
+}

@@ -1,0 +1,207 @@
+"""A program that people write, as the coordinator runs it: cycle by cycle, in any kind of time."""
+
+from collections.abc import Callable, Collection, Coroutine, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from mdms_host.estimation.belief import Belief
+from mdms_host.motion.goal import Goal
+from mdms_host.motion.program import Steered
+from mdms_host.programs.comings import Comings, Register, tracker_gate
+from mdms_host.programs.order import Gate, Order
+from mdms_host.programs.script import Task
+from mdms_host.programs.table import Orders, ProgramError, Table, TableParcel
+from mdms_model.arrays import Floats
+
+#: What a program does, from beginning to end.
+Main = Callable[[Table], Coroutine[Any, Any, None]]
+
+
+class Traffic(Orders, Protocol):
+    """Has parcels do what they are ordered to, without any getting into another's way."""
+
+    def step(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
+        """References of all wheels (W,) [m/s] for the next cycle."""
+        ...
+
+    def take_left(self) -> list[str]:
+        """Parcels that have left the table since the last call."""
+        ...
+
+    def on_lost_cells(self, cells: frozenset[int]) -> None:
+        """These cells (from 1) are lost, and no others."""
+        ...
+
+    def take_leaving(self) -> list[tuple[str, Gate]]:
+        """Parcels that have set out to leave since the last call, and through which gate."""
+        ...
+
+    def take_notices(self) -> list[str]:
+        """What a person should learn, since the last call."""
+        ...
+
+    @property
+    def near(self) -> Collection[str]:
+        """Parcels about to arrive."""
+        ...
+
+    @property
+    def steered(self) -> Mapping[str, Steered]:
+        """What follows each parcel that has been ordered to a place; the same mapping always."""
+        ...
+
+    @property
+    def ways(self) -> Mapping[str, Floats]:
+        """See `TableProgram`."""
+        ...
+
+    @property
+    def reserved(self) -> Sequence[tuple[float, float, float, tuple[str, ...]]]:
+        """See `TableProgram`."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """A parcel that may be on the table under this name; `lies` there at the beginning."""
+
+    name: str
+    kind: str
+    length_m: float
+    width_m: float
+    shape: str = "rectangle"
+    lies: bool = True
+
+
+class TableProgram:
+    """Runs `main` on a table; see `motion.program.Program`.
+
+    It begins when all parcels that are to lie on the table have been found. A parcel of the members
+    that comes to be believed on it has arrived.
+    """
+
+    def __init__(
+        self,
+        main: Main,
+        half_m: tuple[float, float],
+        members: Sequence[Member],
+        gates: Sequence[Gate],
+        traffic: Traffic,
+        *,
+        comings: Comings | None = None,
+    ) -> None:
+        self._main = main
+        self._comings = comings
+        self._register: Register | None = None
+        self._members = {member.name: member for member in members}
+        self._awaited = {member.name for member in members if member.lies}
+        self._traffic = traffic
+        self.table = Table(half_m, gates, traffic)
+        self._left: set[str] = set()
+        self._task: Task[None] | None = None
+        self._failure: str | None = None
+        self._notices: list[str] = []
+
+    def attend(self, register: Register) -> None:
+        """Announce what may come, and what leaves, from now on."""
+        self._register = register
+
+    def on_lost_cells(self, cells: frozenset[int]) -> None:
+        """These cells (from 1) are lost, and no others."""
+        self._traffic.on_lost_cells(cells)
+
+    @property
+    def finished(self) -> bool:
+        """Whether the program has come to its end."""
+        return self._task is not None and self._task.done and self._failure is None
+
+    @property
+    def stuck(self) -> str | None:
+        """Why the program was broken off; None while it goes on."""
+        return self._failure
+
+    @property
+    def endless(self) -> bool:
+        """Whether it waits for what comes, and would do so for ever."""
+        return self._failure is None and self.table.waits_for_arrivals
+
+    @property
+    def near(self) -> Collection[str]:
+        """Parcels about to arrive."""
+        return self._traffic.near
+
+    @property
+    def controllers(self) -> Mapping[str, Steered]:
+        """What follows each parcel that has been ordered to a place."""
+        return self._traffic.steered
+
+    @property
+    def ways(self) -> Mapping[str, Floats]:
+        """The poses (K, 3) that are before each parcel under way, where it is now first."""
+        return self._traffic.ways
+
+    @property
+    def reserved(self) -> Sequence[tuple[float, float, float, tuple[str, ...]]]:
+        """Tiles that parcels have before them: middle and side [m], and which parcels, in order."""
+        return self._traffic.reserved
+
+    def set_goal(self, name: str, goal: Goal) -> None:
+        """Order a parcel to a place, whatever the program has ordered it to.
+
+        Raises KeyError for one that is not on the table.
+        """
+        if name not in {parcel.name for parcel in self.table.parcels}:
+            raise KeyError(name)
+        self._traffic.give(Order(name, goal))
+
+    def take_notices(self) -> list[str]:
+        """What has happened to parcels since the last call."""
+        notices, self._notices = self._notices, []
+        return notices + self._traffic.take_notices()
+
+    def references_m_s(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
+        """References of shape (W,) for the next step, given what is believed at its beginning."""
+        self._take_out(beliefs)
+        self._take_in(beliefs)
+        if self._task is None and self._awaited <= beliefs.keys():
+            self._task = self.table.start(self._main(self.table))
+        if self._task is not None and self._failure is None:
+            self._go_on(step_s)
+        references_m_s = self._traffic.step(beliefs, step_s)
+        if self._register is not None:
+            for name, gate in self._traffic.take_leaving():
+                self._register.depart(name, tracker_gate(gate))
+            if self._comings is not None:
+                there = {*beliefs, *(parcel.name for parcel in self.table.parcels)}
+                self._comings.step(self._register, there)
+        return references_m_s
+
+    def _take_out(self, beliefs: Mapping[str, Belief]) -> None:
+        """Parcels that have left are no more on the table, though they may still be believed."""
+        for name in self._traffic.take_left():
+            self.table.remove(name)
+            self._left.add(name)
+        self._left &= beliefs.keys()
+
+    def _take_in(self, beliefs: Mapping[str, Belief]) -> None:
+        there = self._left.union(parcel.name for parcel in self.table.parcels)
+        for name in beliefs:
+            member = self._members.get(name)
+            if member is not None and name not in there:
+                size = member.length_m, member.width_m, member.shape
+                parcel = TableParcel(name, member.kind, *size)
+                self.table.put(parcel, arrives=not member.lies)
+        self.table.see(beliefs)
+
+    def _go_on(self, step_s: float) -> None:
+        try:
+            error = self.table.step(step_s)
+        except RuntimeError as raised:
+            error = raised
+        if error is None:
+            return
+        if not isinstance(error, ProgramError):
+            raise error
+        self._failure = f"the program was broken off: {error}"
+        self._notices.append(self._failure)
+        self.table.stop()

@@ -1,0 +1,161 @@
+"""One parcel under way: along its route as far as that is free, then held at its goal, or gone."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.bottom import Bottom
+from mdms_host.motion.follower import Carried, Follower
+from mdms_host.motion.goal import Goal, GoalController
+from mdms_host.motion.grip import Grip
+from mdms_host.motion.mass import Mass
+from mdms_host.motion.path import Path
+from mdms_host.motion.speed_profile import SpeedProfile
+from mdms_host.motion.standstill import Standstill
+from mdms_host.motion.traction import Traction
+from mdms_host.programs.order import Gate, Order
+from mdms_host.routes.route import Route
+from mdms_model.arrays import Floats
+
+#: A parcel that leaves is driven as if its way went on so far beyond its end [m].
+_ONWARD_M = 0.4
+#: Less than this share of the usual acceleration is for want of wheels at the edge.
+_WEAK_SHARE = 0.5
+#: One that is believed so far beyond the last support has left, and one that is believed nowhere
+#: any more from so far before it on [m].
+_OUT_M = 0.02
+_NEARLY_OUT_M = -0.08
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """What is known of a parcel beforehand."""
+
+    bottom: Bottom
+    mass: Mass
+
+
+class Ride:
+    """Follows a route with one parcel for an order; `step` once a cycle while it is believed.
+
+    `stopping` brings it to rest on its way for good. `obstructed` is whether something unknown
+    keeps it from going on.
+    """
+
+    def __init__(
+        self, order: Order, route: Route, load: Load, traction: Traction, grip: Grip | None = None
+    ) -> None:
+        self.order = order
+        self.route = route
+        self.stopping = False
+        self.obstructed = False
+        self.stands = False
+        self._load = load
+        self._traction = traction
+        self._standstill = Standstill()
+        path = Path(route.poses, load.bottom.reach_m)
+        profile = traction.profile(path, load.bottom, load.mass)
+        if self.leaves:
+            profile = _driven_on(profile)
+        self.follower = Follower(traction, profile, grip)
+        self._behind_m = 0.0
+        self.controller: GoalController | None = None
+
+    @property
+    def leaves(self) -> bool:
+        """Whether the parcel is to leave the table."""
+        return isinstance(self.order.goal, Gate)
+
+    @property
+    def progress_m(self) -> float:
+        """The path coordinate that the parcel has come to, as is believed [m]."""
+        return self.follower.s_m - self._behind_m
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether it is commanded to stand."""
+        return self.follower.at_rest
+
+    @property
+    def has_come(self) -> bool:
+        """Whether the way is done, and the parcel is brought to the goal itself, or held there."""
+        return self.controller is not None
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the parcel is at its goal and has settled."""
+        return self.controller is not None and self.controller.arrived
+
+    def has_left(self, belief: Belief | None, last: Floats) -> bool:
+        """Whether it has left, given what is believed now, and where it was believed last."""
+        gate = self.order.goal
+        if not isinstance(gate, Gate):
+            return False
+        out_m = gate.out_m(*last[:2].tolist())
+        return out_m > (_NEARLY_OUT_M if belief is None else _OUT_M)
+
+    def step(self, belief: Belief, step_s: float, limit_m: float, room: bool) -> Carried | None:
+        """What its wheels are to do, with the way free up to `limit_m`; None: they stand.
+
+        `room` is whether it may turn on the spot to be felt.
+        """
+        if self.controller is not None:
+            self.controller.paused = belief.doubtful
+            self.controller.feel_rad = belief.feel_rad if room else None
+            return self.controller.step(belief, step_s)
+        follower = self.follower
+        follower.paused = belief.doubtful or self.stopping
+        if self.leaves and limit_m >= self.route.length_m:
+            limit_m = follower.profile.path.length_m
+        carried = follower.step(belief, step_s, limit_m)
+        path = follower.path
+        self._behind_m = path.distance_m(path.off(belief.pose, follower.s_m))
+        if follower.at_rest:
+            # It waits until the way is free.
+            self._standstill.clear()
+        elif not follower.paused:
+            left_m = follower.profile.path.length_m - self.progress_m
+            self.stands |= self._standstill.step(left_m, follower.speed_m_s, step_s)
+        if follower.finished and not self.stopping:
+            self._come()
+        return carried
+
+    def _come(self) -> None:
+        goal = self.order.goal
+        if isinstance(goal, Goal):
+            mass, grip = self._load.mass, self.follower.grip
+            self.controller = GoalController(goal, self._traction, mass)
+            self.controller.grip = grip
+
+
+def _driven_on(profile: SpeedProfile) -> SpeedProfile:
+    """The profile of a way that ends at the table's edge, as if it went on beyond.
+
+    The parcel is taken before it lacks wheels, and what is planned there only keeps it going. At
+    the edge itself it rests on wheels that may all push across its way: it coasts.
+    """
+    path = profile.path
+    if not path.pieces:
+        return profile
+    onward = path.pieces[-1].direction * _ONWARD_M
+    longer = Path(np.vstack(([*_corners(path)], [path.end + onward])), path.reach_m)
+    bounds = profile.acceleration_m_s2.copy()
+    weak = bounds < _WEAK_SHARE * np.median(bounds)
+    last = len(bounds) - 1 - int(np.argmin(weak[::-1]))
+    bounds[last + 1 :] = bounds[last]
+    caps = profile.cap_m_s
+    return replace(
+        profile,
+        path=longer,
+        s_m=np.append(profile.s_m, longer.length_m),
+        acceleration_m_s2=np.append(bounds, bounds[last]),
+        cap_m_s=np.append(caps, caps[last]),
+    )
+
+
+def _corners(path: Path) -> Iterator[Floats]:
+    yield path.start
+    for piece in path.pieces:
+        yield piece.pose_at(piece.end_s_m)

@@ -1,0 +1,118 @@
+"""Coroutines that go on from cycle to cycle, each when what it waits for has come.
+
+No clock and no thread: who drives the script says when a cycle is, in virtual time as in real time,
+and the order in which coroutines go on is that in which they were started.
+"""
+
+from collections.abc import Callable, Coroutine, Generator
+from types import coroutine
+from typing import Any, Generic, TypeVar
+
+Result = TypeVar("Result")
+Condition = Callable[[], bool]
+#: A coroutine that goes on more often within one cycle does not wait for anything.
+_MOST_ROUNDS = 1000
+
+
+class ScriptError(RuntimeError):
+    """A program that does not keep to what a table can wait for."""
+
+
+@coroutine
+def until(condition: Condition) -> Generator[Condition, None, None]:
+    """Wait until a condition holds; it is looked at once a cycle, or oftener."""
+    while not condition():
+        yield condition
+
+
+class Task(Generic[Result]):
+    """A coroutine that goes on by itself; to await it is to wait for what it returns or raises."""
+
+    def __init__(self, routine: Coroutine[Any, Any, Result]) -> None:
+        self._routine = routine
+        self._condition: Condition = lambda: True
+        self._result: Result | None = None
+        self.error: BaseException | None = None
+        self.done = False
+        self._is_awaited = False
+
+    def __await__(self) -> Generator[Condition, None, Result]:
+        self.heed()
+        while not self.done:
+            yield lambda: self.done
+        if self.error is not None:
+            raise self.error
+        return self._result  # type: ignore[return-value]
+
+    def heed(self) -> None:
+        """Somebody is going to await it: what it raises waits for that."""
+        self._is_awaited = True
+
+    @property
+    def unheeded(self) -> BaseException | None:
+        """What it has raised, if nobody awaits it."""
+        return None if self._is_awaited else self.error
+
+    def cancel(self) -> None:
+        """Break it off where it waits, if it is not done; `finally` in it still runs."""
+        if not self.done:
+            self._routine.close()
+            self.done = True
+
+    def go_on(self) -> bool:
+        """Go on to where it waits next; returns False if what it waits for has not come."""
+        if self.done or not self._condition():
+            return False
+        try:
+            condition = self._routine.send(None)
+        except StopIteration as end:
+            self._result, self.done = end.value, True
+        except Exception as error:
+            self.error, self.done = error, True
+        else:
+            if not callable(condition):
+                self.cancel()
+                self.error = ScriptError(
+                    f"awaits {type(condition).__name__}, but a program waits only for what its "
+                    "table offers: sleep, move, leave, arrival, and tasks"
+                )
+            else:
+                self._condition = condition
+        return True
+
+
+class Script:
+    """All tasks of a program."""
+
+    def __init__(self) -> None:
+        self._tasks: list[Task[Any]] = []
+
+    def start(self, routine: Coroutine[Any, Any, Result]) -> Task[Result]:
+        """Have a coroutine go on by itself, from this cycle on."""
+        task = Task(routine)
+        self._tasks.append(task)
+        return task
+
+    def step(self) -> BaseException | None:
+        """Have all tasks go on as far as they can now; an error that nobody awaits, if any.
+
+        Raises `ScriptError` for a task that never waits.
+        """
+        for _ in range(_MOST_ROUNDS):
+            # Tasks that are started meanwhile go on within the same cycle.
+            progress = [task.go_on() for task in list(self._tasks)]
+            if not any(progress) and len(progress) == len(self._tasks):
+                break
+        else:
+            self.cancel()
+            raise ScriptError("a task of the program goes round without waiting for anything")
+        errors = (task.unheeded for task in self._tasks if task.done)
+        unheeded = next((error for error in errors if error is not None), None)
+        self._tasks = [task for task in self._tasks if not task.done]
+        return unheeded
+
+    def cancel(self) -> None:
+        """Break off all tasks."""
+        for task in self._tasks:
+            task.cancel()
+        self._tasks.clear()

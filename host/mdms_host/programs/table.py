@@ -1,0 +1,212 @@
+"""The table as a program sees it: parcels that come, are moved, and leave."""
+
+from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
+from typing import Any, Protocol, TypeVar
+
+from mdms_host.estimation.belief import Belief
+from mdms_host.motion.goal import Goal
+from mdms_host.programs.order import Gate, Order
+from mdms_host.programs.script import Script, Task, until
+
+Result = TypeVar("Result")
+
+
+class ProgramError(RuntimeError):
+    """What a program asks for cannot be, or has not come to be: one line for a person."""
+
+
+class Orders(Protocol):
+    """Whoever has parcels do what they are ordered to."""
+
+    def give(self, order: Order) -> None:
+        """Take an order in place of any other for its parcel."""
+        ...
+
+    def stop(self) -> None:
+        """Bring all parcels to rest, and hold them there."""
+        ...
+
+
+class TableParcel:
+    """A parcel on the table, by the name that it is called by until it has left."""
+
+    def __init__(self, name: str, kind: str, length_m: float, width_m: float, shape: str) -> None:
+        self.name = name
+        self.kind = kind
+        self.length_m = length_m
+        self.width_m = width_m
+        self.is_round = shape == "disc"
+        self._belief: Belief | None = None
+        self.has_left = False
+
+    def __repr__(self) -> str:
+        return f"<parcel {self.name}>"
+
+    @property
+    def found(self) -> bool:
+        """Whether it is known where it is."""
+        return self._belief is not None
+
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        """Where it is believed to be: x, y, yaw [m, m, rad; table frame]. Raises ProgramError."""
+        if self._belief is None:
+            raise ProgramError(f"{self.name} is not on the table, or has not been found")
+        x_m, y_m, yaw_rad = self._belief.pose.tolist()
+        return x_m, y_m, yaw_rad
+
+    def see(self, belief: Belief | None) -> None:
+        """Take in what is believed of it now."""
+        self._belief = belief
+
+
+class Table:
+    """What a program has: parcels by name, gates by name, and what can be waited for.
+
+    Times are those of the array's own cycle, `now_s` from the program's beginning. The table
+    reaches `half_m` from its middle, along x and along y.
+    """
+
+    def __init__(self, half_m: tuple[float, float], gates: Sequence[Gate], orders: Orders) -> None:
+        self.now_s = 0.0
+        self.half_m = half_m
+        self.gates: Mapping[str, Gate] = {gate.name: gate for gate in gates}
+        self._orders = orders
+        self._script = Script()
+        self._parcels: dict[str, TableParcel] = {}
+        self._arrived: list[TableParcel] = []
+        self._waiting = 0
+
+    # What there is -------------------------------------------------------------------------------
+
+    @property
+    def parcels(self) -> tuple[TableParcel, ...]:
+        """All parcels on the table, the one that came first first."""
+        return tuple(self._parcels.values())
+
+    def __getitem__(self, name: str) -> TableParcel:
+        """The parcel of that name on the table. Raises ProgramError without one."""
+        if name not in self._parcels:
+            there = ", ".join(self._parcels) or "none"
+            raise ProgramError(f"no parcel {name!r} is on the table; there are: {there}")
+        return self._parcels[name]
+
+    def exit_for(self, parcel: TableParcel) -> str:
+        """The exit that a parcel's kind is to leave by. Raises ProgramError without one."""
+        for gate in self.gates.values():
+            if parcel.kind in gate.kinds:
+                return gate.name
+        raise ProgramError(f"no exit is for parcels of the kind {parcel.kind!r}, as {parcel.name}")
+
+    # What a program asks for ---------------------------------------------------------------------
+
+    async def move(
+        self, parcel: TableParcel, x_m: float, y_m: float, yaw_rad: float | None = None
+    ) -> None:
+        """Have a parcel be at a place, turned so if that is given; returns when it is there.
+
+        Returns too when the same parcel has been ordered elsewhere meanwhile. Raises ProgramError
+        when it cannot come there.
+        """
+        if parcel.is_round and yaw_rad:
+            raise ProgramError(f"{parcel.name} is round: no sensor shows how it is turned")
+        await self._order(parcel, Goal(x_m, y_m, None if parcel.is_round else yaw_rad))
+
+    async def leave(self, parcel: TableParcel, exit: str | None = None) -> None:
+        """Have a parcel leave by an exit, or the one for its kind; returns when it has left."""
+        name = self.exit_for(parcel) if exit is None else exit
+        if name not in self.gates:
+            there = ", ".join(self.gates) or "none"
+            raise ProgramError(f"no exit {name!r}; there are: {there}")
+        await self._order(parcel, self.gates[name])
+
+    async def arrival(self) -> TableParcel:
+        """The next parcel that comes onto the table; each is returned once."""
+        self._waiting += 1
+        try:
+            await until(lambda: bool(self._arrived))
+        finally:
+            self._waiting -= 1
+        return self._arrived.pop(0)
+
+    async def arrivals(self, count: int | None = None) -> AsyncIterator[TableParcel]:
+        """Parcels as they come, so many of them, or without end."""
+        came = 0
+        while count is None or came < count:
+            yield await self.arrival()
+            came += 1
+
+    async def sleep(self, seconds: float) -> None:
+        """Let so much time of the array pass."""
+        end_s = self.now_s + seconds
+        # Cycles add up to a time by rounding only.
+        await until(lambda: self.now_s >= end_s - 1e-9)
+
+    def start(self, routine: Coroutine[Any, Any, Result]) -> Task[Result]:
+        """Have something go on beside all else; what it returns is awaited, or not at all.
+
+        An error in it ends the program if nobody awaits it.
+        """
+        return self._script.start(routine)
+
+    async def together(self, *routines: Coroutine[Any, Any, Any]) -> None:
+        """Have all of these go on beside each other; returns when the last is done.
+
+        Raises, then too, what the first of them that failed has raised.
+        """
+        tasks = [self.start(routine) for routine in routines]
+        for task in tasks:
+            task.heed()
+        errors = []
+        for task in tasks:
+            try:
+                await task
+            except ProgramError as error:
+                errors.append(error)
+        if errors:
+            raise errors[0]
+
+    async def _order(self, parcel: TableParcel, goal: Goal | Gate) -> None:
+        if self._parcels.get(parcel.name) is not parcel:
+            raise ProgramError(f"{parcel.name} has left the table")
+        order = Order(parcel.name, goal)
+        self._orders.give(order)
+        await until(lambda: order.over)
+        if order.refused is not None:
+            raise ProgramError(order.refused)
+
+    # What drives it ------------------------------------------------------------------------------
+
+    @property
+    def waits_for_arrivals(self) -> bool:
+        """Whether anything in the program waits for a parcel to come."""
+        return self._waiting > 0
+
+    def put(self, parcel: TableParcel, arrives: bool = True) -> None:
+        """A parcel is on the table from now on; one that `arrives` is returned by `arrival`."""
+        self._parcels[parcel.name] = parcel
+        if arrives:
+            self._arrived.append(parcel)
+
+    def remove(self, name: str) -> None:
+        """A parcel has left."""
+        parcel = self._parcels.pop(name)
+        parcel.has_left = True
+        parcel.see(None)
+        if parcel in self._arrived:
+            self._arrived.remove(parcel)
+
+    def see(self, beliefs: Mapping[str, Belief]) -> None:
+        """Take in what is believed of all parcels now."""
+        for name, parcel in self._parcels.items():
+            parcel.see(beliefs.get(name))
+
+    def step(self, step_s: float) -> BaseException | None:
+        """Let a cycle pass, and the program go on; an error that ends it, if any."""
+        self.now_s += step_s
+        return self._script.step()
+
+    def stop(self) -> None:
+        """Break off the program, and bring all parcels to rest."""
+        self._script.cancel()
+        self._orders.stop()

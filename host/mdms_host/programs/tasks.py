@@ -1,0 +1,178 @@
+"""What people have such tables do: one coroutine a task, for programs and for program files."""
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from itertools import product
+from math import hypot
+
+from mdms_host.programs.script import Task, until
+from mdms_host.programs.table import ProgramError, Table, TableParcel
+
+Place = tuple[float, float]
+
+
+async def transport(
+    table: Table, parcel: TableParcel, x_m: float, y_m: float, yaw_rad: float | None = None
+) -> None:
+    """Carry a parcel to a place; turned so there, if a yaw is given: position and orient."""
+    await table.move(parcel, x_m, y_m, yaw_rad)
+
+
+async def swap(table: Table, one: TableParcel, other: TableParcel) -> None:
+    """Two parcels change places; each is turned there as the other was, if both can be turned.
+
+    One waits beside the way of the other meanwhile. Raises ProgramError where there is no room.
+    """
+    (x_m, y_m, yaw_rad), (other_x_m, other_y_m, other_yaw_rad) = one.pose, other.pose
+    turns = not (one.is_round or other.is_round)
+    for aside_m in _asides(table, one, other):
+        try:
+            await table.together(
+                table.move(one, *aside_m),
+                table.move(other, x_m, y_m, yaw_rad if turns else None),
+            )
+            break
+        except ProgramError as error:
+            refused = error
+    else:
+        raise ProgramError(f"no room for {one.name} to let {other.name} pass: {refused}")
+    await table.move(one, other_x_m, other_y_m, other_yaw_rad if turns else None)
+
+
+def _asides(table: Table, one: TableParcel, other: TableParcel) -> Iterator[Place]:
+    """Places for one parcel beside the straight way of another to it, the farthest first."""
+    (x_m, y_m, _), (other_x_m, other_y_m, _) = one.pose, other.pose
+    way_m = hypot(other_x_m - x_m, other_y_m - y_m)
+    across = (y_m - other_y_m) / way_m, (other_x_m - x_m) / way_m
+    half_x_m, half_y_m = (half_m - one.width_m / 2 for half_m in table.half_m)
+    for out_m, along, side in product((0.25, 0.2, 0.3), (0.5, 0.35, 0.65), (1, -1)):
+        place_x_m = x_m + along * (other_x_m - x_m) + side * out_m * across[0]
+        place_y_m = y_m + along * (other_y_m - y_m) + side * out_m * across[1]
+        yield (
+            max(-half_x_m, min(place_x_m, half_x_m)),
+            max(-half_y_m, min(place_y_m, half_y_m)),
+        )
+
+
+async def sort(table: Table, count: int | None = None) -> None:
+    """Each parcel that comes leaves by the exit for its kind; so many, or without end."""
+    await _all_leave(table, None, count)
+
+
+async def merge(table: Table, exit: str, count: int | None = None) -> None:
+    """Parcels that come, wherever that is, leave by one exit; so many, or without end.
+
+    Who goes first where their ways meet is settled as for all parcels, by the plan.
+    """
+    await _all_leave(table, exit, count)
+
+
+async def _all_leave(table: Table, exit: str | None, count: int | None) -> None:
+    leaving: list[Task[None]] = []
+    async for parcel in table.arrivals(count):
+        leaving = [task for task in leaving if not task.done]
+        leaving.append(table.start(table.leave(parcel, exit)))
+    for task in leaving:
+        await task
+
+
+async def singulate(
+    table: Table, exit: str, period_s: float = 0.0, count: int | None = None
+) -> None:
+    """Parcels leave by an exit one at a time, each when the one before has left.
+
+    Those that lie on the table go first, the nearest to the exit before all others, then those that
+    come. `count` counts both; a parcel sets out `period_s` after the one before or later.
+    """
+    gate = table.gates[exit]
+    lying = sorted(
+        (parcel for parcel in table.parcels if parcel.found),
+        key=lambda parcel: -gate.out_m(*parcel.pose[:2]),
+    )
+    left = 0
+    while count is None or left < count:
+        parcel = lying.pop(0) if lying else await table.arrival()
+        due_s = table.now_s + period_s
+        await table.leave(parcel, exit)
+        await table.sleep(due_s - table.now_s)
+        left += 1
+
+
+class Buffer:
+    """Places at which parcels wait until they are asked for; the one that came first is first.
+
+    Raises ProgramError for no places.
+    """
+
+    def __init__(self, table: Table, places: Sequence[Place]) -> None:
+        if not places:
+            raise ProgramError("a buffer needs places for parcels to wait at")
+        self._table = table
+        self._free: deque[Place] = deque(places)
+        self._waiting: dict[str, tuple[TableParcel, Place]] = {}
+
+    @property
+    def parcels(self) -> tuple[TableParcel, ...]:
+        """Those in it or on their way into it, the first first."""
+        return tuple(parcel for parcel, _ in self._waiting.values())
+
+    @property
+    def is_full(self) -> bool:
+        """Whether every place is taken."""
+        return not self._free
+
+    async def put(self, parcel: TableParcel) -> None:
+        """Bring a parcel to a free place, as soon as there is one; returns when it is there."""
+        await until(lambda: bool(self._free))
+        place = self._free.popleft()
+        self._waiting[parcel.name] = parcel, place
+        await self._table.move(parcel, *place)
+
+    async def take(self, exit: str | None = None, name: str | None = None) -> TableParcel:
+        """Have the first parcel leave, or that of a name or kind, once it is in the buffer.
+
+        Returns it when it has left; its place is free as soon as it sets out.
+        """
+        await until(lambda: self._wanted(name) is not None)
+        wanted = self._wanted(name)
+        assert wanted is not None
+        _, place = self._waiting.pop(wanted.name)
+        self._free.append(place)
+        await self._table.leave(wanted, exit)
+        return wanted
+
+    def _wanted(self, name: str | None) -> TableParcel | None:
+        fits = (one for one in self.parcels if name is None or name in (one.name, one.kind))
+        return next(fits, None)
+
+
+async def buffer(
+    table: Table,
+    places: Sequence[Place],
+    exit: str,
+    order: Sequence[str] = (),
+    count: int | None = None,
+) -> None:
+    """Parcels that come wait at places, and leave by an exit.
+
+    First in, first out: the first leaves when all places are taken, and at the end all that are
+    left. With an `order` they leave in that order of names or kinds instead, and it ends with it.
+    """
+    store = Buffer(table, places)
+    if order:
+        filling = table.start(_fill(table, store, count))
+        for name in order:
+            await store.take(exit, name)
+        filling.cancel()
+        return
+    async for parcel in table.arrivals(count):
+        if store.is_full:
+            await store.take(exit)
+        table.start(store.put(parcel))
+    while store.parcels:
+        await store.take(exit)
+
+
+async def _fill(table: Table, store: Buffer, count: int | None) -> None:
+    async for parcel in table.arrivals(count):
+        table.start(store.put(parcel))

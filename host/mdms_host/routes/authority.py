@@ -1,0 +1,47 @@
+"""How far each parcel may go now, from how far all have really come."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import inf
+
+from mdms_host.routes.reservations import Reservations
+
+
+@dataclass(frozen=True)
+class Authority:
+    """Movement authorities by the order over tiles: no parcel enters one before those ahead left.
+
+    Whoever follows this is expected to come to rest before the path coordinate that it is given,
+    but by no more than the way that the plan's `gap_s` takes from rest, and at poses of its route
+    within `reservations.REST_M`.
+    """
+
+    reservations: Reservations
+
+    def limits_m(self, progress_m: Mapping[str, float]) -> dict[str, float]:
+        """The path coordinate up to which each way is free [m]; the route's end for all of it.
+
+        `progress_m` is the path coordinate at which each parcel is believed to be; one that is left
+        out is no longer on the table.
+        """
+        limits_m: dict[str, float] = {}
+        for name in progress_m.keys() & self.reservations.routes.keys():
+            limit_m = self.reservations.routes[name].length_m
+            for before_m, other, leaves_m in self.reservations.waits[name]:
+                if before_m >= limit_m:
+                    break
+                if progress_m.get(other, inf) < leaves_m:
+                    limit_m = before_m
+            limits_m[name] = limit_m
+        return limits_m
+
+    def waits_for(self, name: str, progress_m: Mapping[str, float]) -> tuple[str, ...]:
+        """The parcels that keep one from going on beyond its authority, none if it is free."""
+        limit_m = self.limits_m(progress_m).get(name, inf)
+        return tuple(
+            {
+                other: None
+                for before_m, other, leaves_m in self.reservations.waits.get(name, ())
+                if before_m <= limit_m and progress_m.get(other, inf) < leaves_m
+            }
+        )

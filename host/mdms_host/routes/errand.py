@@ -1,0 +1,194 @@
+"""What one parcel is to do, and what planning it takes: its way map, the tiles that it is on."""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+from math import hypot
+
+import numpy as np
+
+from mdms_host.routes.moves import LatticeMoves
+from mdms_host.routes.pace import Pace
+from mdms_host.routes.roadmap import Roadmap
+from mdms_host.routes.route import Route, Visits, merged
+from mdms_host.routes.search import Found
+from mdms_host.routes.shape import Shape, straight_turn_rad
+from mdms_host.routes.standing import Standing
+from mdms_host.routes.sweep import swept
+from mdms_host.routes.tiles import Tiles
+from mdms_model.arrays import Floats, Ints
+
+#: Poses that are this near are one [m, m, rad].
+_SAME = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A parcel on the table, and where it is to go; without a goal it stays where it is.
+
+    `ahead` (K, 3) are poses that it goes along whatever is planned, from where it is now to where
+    it can stop: of one at rest its pose alone. Goals are (x, y, yaw); a disc's yaw does not
+    matter. One that `leaves` is taken off the table at its goal, `leaves_s` after it has come.
+    """
+
+    parcel: str
+    shape: Shape
+    ahead: Floats
+    goal: Floats | None = None
+    leaves: bool = False
+    leaves_s: float = 0.5
+
+    @property
+    def start(self) -> Floats:
+        """The pose from which it can be planned anew, shape (3,)."""
+        pose: Floats = self.ahead[-1]
+        return pose
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """What all errands of a table have in common."""
+
+    tiles: Tiles
+    pace: Pace
+    clearance_m: float
+
+    def stand(self, shape: Shape, pose: Floats) -> Ints:
+        """The tiles under a parcel at a pose, those beyond the rim left out."""
+        at = self.tiles.moved(pose)
+        places = swept(shape.body, at, at, self.clearance_m, self.tiles.side_m).places
+        column, row = places[self.tiles.inside(places)].T
+        tiles: Ints = row * self.tiles.columns + column
+        return tiles
+
+
+@dataclass(eq=False)
+class Errand:
+    """A task with its way map, in yaws that lie about 0: turned by `turned_rad` they are true."""
+
+    task: Task
+    ground: Ground
+    ways: LatticeMoves
+    standing: Standing
+    turned_rad: float
+    now_s: float
+    so_far: Route | None = None
+    """What is planned of it already: a way aside, from the end of which it goes on."""
+    stand: Ints = field(init=False)
+    """Tiles it is on where its route begins to be planned."""
+
+    def __post_init__(self) -> None:
+        self.stand = self.ground.stand(self.task.shape, self.task.start)
+
+    @cached_property
+    def roadmap(self) -> Roadmap:
+        """Start and goal joined to the lattice."""
+        start, goal = own_ends(self.task, self.turned_rad)
+        return Roadmap(self.ways, self.standing, self.ground.pace, start, goal, self.task.leaves)
+
+    @cached_property
+    def goal_stand(self) -> Ints:
+        """Tiles it is on at its goal; none if it leaves the table there or has no goal."""
+        if self.task.goal is None or self.task.leaves:
+            return np.zeros(0, dtype=np.int64)
+        return self.ground.stand(self.task.shape, self.task.goal)
+
+    @cached_property
+    def prefix(self) -> Route:
+        """What it does until it can be planned anew; it stays there."""
+        if self.so_far is not None:
+            return self.so_far
+        return self._route(self.task.ahead, self.now_s, np.zeros(0), np.inf)
+
+    @property
+    def ready_s(self) -> float:
+        """When it is where it can be planned anew [s]."""
+        return max(self.prefix.end_s, self.now_s)
+
+    def route(self, found: Found) -> Route:
+        """The route along what a search has found."""
+        poses = [self.roadmap.pose(node) for node in found.nodes[1:].tolist()]
+        turned = np.array(poses).reshape(-1, 3) + np.array([0.0, 0.0, self.turned_rad])
+        ahead = np.concatenate([self.task.ahead, turned])
+        end_s = float(found.arrives_s[-1]) if len(found.arrives_s) else self.ready_s
+        gone_s = end_s + self.task.leaves_s if self.task.leaves else np.inf
+        before_s = np.zeros(0) if self.so_far is None else self.so_far.begins_s
+        begins_s = np.concatenate((before_s, found.begins_s))
+        return self._route(ahead, self.now_s, begins_s, gone_s)
+
+    def _route(self, poses: Floats, now_s: float, planned_s: Floats, gone_s: float) -> Route:
+        """A route along poses; its last moves begin as planned, those before them at once."""
+        kept = np.ones(len(poses), dtype=bool)
+        kept[1:] = (np.abs(np.diff(poses, axis=0)) > _SAME).any(axis=1)
+        begins_s = np.full(len(poses) - 1, -np.inf)
+        begins_s[len(begins_s) - len(planned_s) :] = planned_s
+        poses, begins_s = poses[kept], begins_s[kept[1:]]
+        body, side_m = self.task.shape.body, self.ground.tiles.side_m
+        along_m, now, arrives = [0.0], now_s, []
+        columns: list[tuple[Ints, Floats, Floats, Floats, Floats]] = []
+        for index, (start, end) in enumerate(pairwise(poses)):
+            moved = self.ground.tiles.moved
+            met = swept(body, moved(start), moved(end), self.ground.clearance_m, side_m)
+            inside = self.ground.tiles.inside(met.places)
+            column, row = met.places[inside].T
+            shares = np.column_stack((met.enters[inside], met.leaves[inside]))
+            length_m = hypot(*(end - start)[:2].tolist())
+            turn_m = abs(float(end[2] - start[2])) * body.bend_m
+            way_m = hypot(length_m, turn_m)
+            like = np.ones((len(shares) + 1, 2))
+            times_s = self.ground.pace.times_s(
+                like * length_m, like * turn_m, np.vstack((shares, [[1.0, 1.0]]))
+            )
+            begins_s[index] = max(begins_s[index], now)
+            now = float(begins_s[index] + times_s[-1, 0])
+            met_m, met_s = along_m[-1] + shares * way_m, begins_s[index] + times_s[:-1]
+            tile = row * self.ground.tiles.columns + column
+            columns.append((tile, met_m[:, 0], met_m[:, 1], met_s[:, 0], met_s[:, 1]))
+            along_m.append(along_m[-1] + way_m)
+            arrives.append(now)
+        stand = self.ground.stand(self.task.shape, poses[-1])
+        if not columns:
+            zeros = np.zeros(len(stand))
+            columns.append((stand, zeros, zeros, zeros + now_s, zeros + now_s))
+        visits = Visits(*(np.concatenate(column) for column in zip(*columns, strict=True)))
+        visits = merged(visits, stand, along_m[-1], gone_s)
+        # Where it stands at the start it has been before; a turn sweeps more as it begins.
+        begin = self.ground.stand(self.task.shape, poses[0])
+        visits.enters_s[(visits.enters_m <= 0.0) & np.isin(visits.tile, begin)] = -np.inf
+        return Route(
+            self.task.parcel,
+            poses,
+            np.array(along_m),
+            begins_s,
+            np.array(arrives),
+            visits,
+            self.task.shape.body.bend_m,
+            self.task.leaves and bool(len(planned_s)),
+        )
+
+    def aside(self, pose: Floats) -> "Errand":
+        """The same parcel on its way to another place."""
+        task = replace(self.task, goal=pose, leaves=False)
+        return replace(self, task=task)
+
+    def onward(self, route: Route) -> "Errand":
+        """The same errand from the end of what is planned of it."""
+        return replace(self, task=replace(self.task, ahead=route.poses), so_far=route)
+
+
+def own_ends(task: Task, turned_rad: float) -> tuple[Floats, Floats]:
+    """Start and goal with yaws about 0, the goal's by the shorter turn from the start's."""
+    start = task.start - [0.0, 0.0, turned_rad]
+    goal = start if task.goal is None else np.array(task.goal, dtype=np.float64)
+    turn_rad = 0.0 if task.shape.round else straight_turn_rad(task.start[2], goal[2])
+    if task.goal is None:
+        return start, start
+    return start, np.array([goal[0], goal[1], start[2] + turn_rad])
+
+
+def turned_rad(task: Task) -> float:
+    """The yaw that planning takes for 0: of a disc its own, else turns that look the same."""
+    if task.shape.round:
+        return float(task.start[2])
+    period_rad = task.shape.bottom.period_rad
+    return float(round(task.start[2] / period_rad) * period_rad)

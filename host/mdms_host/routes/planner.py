@@ -1,0 +1,228 @@
+"""Routes for all parcels of a table: one after another, each around those before it.
+
+Prioritised planning with safe intervals (M. Cap, P. Novak, A. Kleiner, M. Selecky, 2015): a parcel
+that is yet to be planned stands where it is for all time, and one that is planned keeps its route.
+Where each can go on its own past the starts of those after it and the goals of those before it,
+a route is found for all: at worst it waits until those before it have come to their goals.
+"""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from random import Random
+
+import numpy as np
+
+from mdms_host.routes.attempt import MANY, Attempt, Terms, is_free
+from mdms_host.routes.authority import Authority
+from mdms_host.routes.blocked import Blocked, Blocker, blockers
+from mdms_host.routes.errand import Errand, Ground, Task, own_ends, turned_rad
+from mdms_host.routes.lattice import Lattice
+from mdms_host.routes.moves import LatticeMoves, lattice_moves
+from mdms_host.routes.pace import Pace, TrapezoidPace
+from mdms_host.routes.reservations import Reservations
+from mdms_host.routes.retiming import retimed
+from mdms_host.routes.route import Route
+from mdms_host.routes.shape import Shape
+from mdms_host.routes.standing import Standing
+from mdms_host.routes.tiles import Tiles
+from mdms_host.routes.well_formed import ill_formed, order_of
+from mdms_model.arrays import Bools, Floats, Ints
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A route for each parcel, of one pose where it stays, and why those with a goal stay."""
+
+    routes: Mapping[str, Route]
+    blocked: Mapping[str, Blocked]
+    order: tuple[str, ...]
+    """The parcels with routes, in the order in which they were planned."""
+    reservations: Reservations
+    authority: Authority
+
+
+class Planner:
+    """Plans for one table. It keeps what it works out of a shape, so that the second plan is quick.
+
+    `clearance_m` is how much every outline is grown by, `gap_s` how long a tile is free between two
+    parcels, `step` how many tiles lattice places are apart; `tries` is how many orders of the
+    parcels are tried where one does not do. `efforts` are by how much a route may take longer than
+    the soonest, and after how many states of the search the next effort is made.
+    """
+
+    def __init__(
+        self,
+        tiles: Tiles,
+        pace: Pace | None = None,
+        *,
+        clearance_m: float = 0.01,
+        step: int = 1,
+        gap_s: float = 0.2,
+        tries: int = 6,
+        efforts: tuple[tuple[float, int], ...] = ((1.5, 300), (8.0, MANY)),
+    ) -> None:
+        if tiles.per_pitch % step:
+            raise ValueError(
+                f"places must come alike in every cell: a step of {step} tiles does not divide the "
+                f"{tiles.per_pitch} of a cell"
+            )
+        self._ground = Ground(tiles, pace or TrapezoidPace(), clearance_m)
+        self._step = step
+        self._gap_s = gap_s
+        self._tries = tries
+        self._terms = Terms(self._ground, gap_s, efforts)
+        self._standings: dict[Shape, Standing] = {}
+        self._ways: dict[tuple[Shape, tuple[float, ...]], LatticeMoves] = {}
+
+    @property
+    def tiles(self) -> Tiles:
+        """The tiles of the table."""
+        return self._ground.tiles
+
+    def stand(self, shape: Shape, pose: Floats) -> Ints:
+        """The tiles that a parcel takes where it stands."""
+        return self._ground.stand(shape, pose)
+
+    def plan(
+        self,
+        tasks: Sequence[Task],
+        now_s: float = 0.0,
+        *,
+        closed: Bools | None = None,
+        kept: Mapping[str, Route] | None = None,
+        seed: int = 1,
+    ) -> Plan:
+        """Routes for all these parcels, first ones first where that does.
+
+        Tiles that are `closed` are not crossed. Routes that are `kept` are those of other parcels,
+        with their times from now on (`retiming`); they are planned around, and part of the plan.
+        """
+        closed = self._nothing() if closed is None else closed
+        kept = kept or {}
+        errands = {task.parcel: self._errand(task, now_s) for task in tasks}
+        moving = [name for name, errand in errands.items() if errand.task.goal is not None]
+        best: dict[str, Route] = {}
+        for order, sure, early in self._orders(errands, moving, closed, seed):
+            attempt = Attempt(self._terms, errands, closed, kept, sure)
+            found = attempt.run(order, early)
+            if len(found) >= len(best):
+                best = found
+            if len(best) == len(moving):
+                break
+        routes = {**kept, **{name: errand.prefix for name, errand in errands.items()}, **best}
+        blocked = {
+            name: self._blocked(errands, name, best, closed, kept)
+            for name in moving
+            if name not in best
+        }
+        reservations = Reservations(routes)
+        return Plan(routes, blocked, (*kept, *best), reservations, Authority(reservations))
+
+    def _orders(
+        self, errands: Mapping[str, Errand], moving: Sequence[str], closed: Bools, seed: int
+    ) -> Iterator[tuple[Sequence[str], bool, bool]]:
+        """Orders of planning: as given, one that the layout is well-formed by, and by chance.
+
+        With each whether to keep to ways that are sure, as `_planned` has it, and whether others
+        go aside for the first that has no way, or only when nobody has one.
+        """
+        yield moving, True, False
+        if len(moving) == 1:
+            yield moving, False, False
+            return
+        order = order_of(errands, closed, is_free)
+        if order is not None:
+            yield order, True, False
+        random = Random(f"orders {seed}")
+        for number in range(self._tries):
+            yield random.sample(list(moving), len(moving)), number % 3 < 2, number % 3 == 0
+
+    def well_formed(self, tasks: Sequence[Task], *, closed: Bools | None = None) -> bool:
+        """Whether the parcels could go one after another, so that there is a plan for all."""
+        closed = self._nothing() if closed is None else closed
+        errands = {task.parcel: self._errand(task, 0.0) for task in tasks}
+        return order_of(errands, closed, is_free) is not None
+
+    def _errand(self, task: Task, now_s: float) -> Errand:
+        base_rad = turned_rad(task)
+        start, goal = own_ends(task, base_rad)
+        yaws_rad = tuple(task.shape.yaws_rad(float(start[2]), float(goal[2])))
+        standing = self._standings.setdefault(
+            task.shape, Standing(self._ground.tiles.layout, task.shape)
+        )
+        key = task.shape, yaws_rad
+        if key not in self._ways:
+            lattice = Lattice(
+                self._ground.tiles, task.shape, yaws_rad, self._step, self._ground.clearance_m
+            )
+            self._ways[key] = lattice_moves(lattice, standing, self._ground.pace)
+        return Errand(task, self._ground, self._ways[key], standing, base_rad, now_s)
+
+    def replan(
+        self,
+        plan: Plan,
+        tasks: Sequence[Task],
+        names: Collection[str],
+        progress_m: Mapping[str, float],
+        now_s: float,
+        *,
+        closed: Bools | None = None,
+    ) -> Plan:
+        """Routes anew for the parcels of these names, while the others keep theirs if that does.
+
+        `tasks` are of all parcels as they are now; where one would have no route, all are planned.
+        """
+        others_m = {name: at_m for name, at_m in progress_m.items() if name not in names}
+        kept = self.kept(plan, others_m, now_s)
+        anew = [task for task in tasks if task.parcel not in kept]
+        again = self.plan(anew, now_s, closed=closed, kept=kept)
+        return self.plan(tasks, now_s, closed=closed) if again.blocked else again
+
+    def kept(self, plan: Plan, progress_m: Mapping[str, float], now_s: float) -> dict[str, Route]:
+        """The routes of a plan from where these parcels are now, for others to be planned around.
+
+        `progress_m` is without those that are to be planned anew, and without those that are gone.
+        """
+        return retimed(plan.reservations, progress_m, now_s, self._ground.pace, self._gap_s)
+
+    def ill_formed(
+        self, tasks: Sequence[Task], *, closed: Bools | None = None
+    ) -> tuple[Blocked, ...]:
+        """Parcels that others would be in the way of, stood they all at their starts and goals.
+
+        None: the layout is well-formed, and there is a plan for it, whatever is planned first.
+        """
+        closed = self._nothing() if closed is None else closed
+        errands = {task.parcel: self._errand(task, 0.0) for task in tasks}
+        return ill_formed(errands, closed, is_free)
+
+    def _nothing(self) -> Bools:
+        return np.zeros(self._ground.tiles.count, dtype=bool)
+
+    def _blocked(
+        self,
+        errands: Mapping[str, Errand],
+        name: str,
+        routes: Mapping[str, Route],
+        closed: Bools,
+        kept: Mapping[str, Route],
+    ) -> Blocked:
+        """Why a parcel has no route: the fewest places that would have to be given up."""
+        places: list[tuple[Blocker, Ints]] = []
+        for other, its in errands.items():
+            if other in routes:
+                places.append((Blocker(other, "goal", _end(routes[other])), its.goal_stand))
+            elif other != name:
+                places.append((Blocker(other, "place", its.task.start), its.stand))
+        for other, route in kept.items():
+            stays = route.visits.tile[np.isinf(route.visits.leaves_s)]
+            places.append((Blocker(other, "goal", _end(route)), stays))
+        own = errands[name]
+        by = blockers(places, closed, partial(is_free, own))
+        return Blocked(name, own.task.start, own.task.goal, *by)
+
+
+def _end(route: Route) -> Floats:
+    end: Floats = route.poses[-1]
+    return end

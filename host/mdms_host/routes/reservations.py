@@ -1,0 +1,114 @@
+"""The order in which parcels are on each tile: what a plan promises, whatever the clock says."""
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from mdms_host.routes.route import Route
+from mdms_model.arrays import Floats
+
+#: A parcel that is this near to a pose of its route may have come to rest there [m].
+REST_M = 0.005
+
+
+class Visit(NamedTuple):
+    """A parcel on a tile, from one path coordinate of its route to another [m]; inf: it stays."""
+
+    parcel: str
+    enters_m: float
+    leaves_m: float
+    enters_s: float
+    leaves_s: float
+
+
+class Wait(NamedTuple):
+    """A parcel stays before `before_m` of its route until another has passed `leaves_m` of its."""
+
+    before_m: float
+    other: str
+    leaves_m: float
+
+
+@dataclass(frozen=True)
+class Reservations:
+    """The visits of all routes, by tile, in the order in which they were planned.
+
+    The order is acyclic: of two visits of a tile the former ends before the latter begins, by the
+    plan's times, and along each route times rise too. So among the moves that are not yet made the
+    one planned first never waits for another of them, whoever is late.
+    """
+
+    routes: Mapping[str, Route]
+
+    @cached_property
+    def order(self) -> dict[int, tuple[Visit, ...]]:
+        """The visits of each tile that any parcel is on, first ones first."""
+        order: dict[int, list[Visit]] = defaultdict(list)
+        for name, route in self.routes.items():
+            columns = (column.tolist() for column in route.visits[1:])
+            rows = zip(*columns, strict=True)
+            for tile, row in zip(route.visits.tile.tolist(), rows, strict=True):
+                order[tile].append(Visit(name, *row))
+        return {
+            tile: tuple(sorted(visits, key=lambda visit: (visit.enters_s, visit.leaves_s)))
+            for tile, visits in order.items()
+        }
+
+    @cached_property
+    def waits(self) -> dict[str, tuple[Wait, ...]]:
+        """What each parcel waits for, by path coordinate; what follows from another is left out."""
+        names = list(self.routes)
+        waits: dict[str, list[Wait]] = {name: [] for name in names}
+        if not names:
+            return {}
+        columns = zip(*(route.visits for route in self.routes.values()), strict=True)
+        tile, enters_m, _, enters_s, leaves_s = map(np.concatenate, columns)
+        leaves_m = np.concatenate([_left_m(route) for route in self.routes.values()])
+        owner = np.repeat(
+            np.arange(len(names)), [len(route.visits.tile) for route in self.routes.values()]
+        )
+        order = np.lexsort((leaves_s, enters_s, tile))
+        tile, owner = tile[order], owner[order]
+        enters_m, leaves_m = enters_m[order], leaves_m[order]
+        found: dict[tuple[int, int], list[tuple[float, float]]] = defaultdict(list)
+        for apart in range(1, int(np.bincount(tile).max(initial=0))):
+            pairs = np.flatnonzero(
+                (tile[apart:] == tile[:-apart]) & (owner[apart:] != owner[:-apart])
+            )
+            rows = owner[apart:][pairs], owner[pairs], enters_m[apart:][pairs], leaves_m[pairs]
+            for later, former, before, leaves in zip(*(row.tolist() for row in rows), strict=True):
+                found[later, former].append((before, leaves))
+        for (parcel, other), stairs in found.items():
+            waits[names[parcel]] += [
+                Wait(before, names[other], leaves) for before, leaves in _stairs(stairs)
+            ]
+        return {name: tuple(sorted(own)) for name, own in waits.items()}
+
+    def tiles_of(self, names: Iterable[str]) -> set[int]:
+        """All tiles that these parcels are on at any time."""
+        return set().union(*(self.routes[name].visits.tile.tolist() for name in names))
+
+
+def _left_m(route: Route) -> Floats:
+    """Where tiles are left, at the latest by `REST_M` before a pose where the parcel may rest."""
+    leaves_m = route.visits.leaves_m
+    rests_m = np.append(route.along_m, np.inf)[np.searchsorted(route.along_m, leaves_m - 1e-9)]
+    left_m: Floats = np.where(
+        np.isinf(leaves_m), np.inf, np.minimum(leaves_m, np.maximum(rests_m - REST_M, 0.0))
+    )
+    return left_m
+
+
+def _stairs(pairs: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Of (before, leaves) those that none with an earlier `before` and later `leaves` implies."""
+    stairs: list[tuple[float, float]] = []
+    highest = -np.inf
+    for before_m, leaves_m in sorted(pairs, key=lambda pair: (pair[0], -pair[1])):
+        if leaves_m > highest:
+            stairs.append((before_m, leaves_m))
+            highest = leaves_m
+    return stairs

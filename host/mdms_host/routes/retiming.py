@@ -1,0 +1,107 @@
+"""Routes that are under way, with the times that follow from where all really are."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from mdms_host.routes.pace import Pace
+from mdms_host.routes.reservations import Reservations
+from mdms_host.routes.route import Route, Visits
+from mdms_model.arrays import Floats, Ints
+
+
+def retimed(
+    reservations: Reservations,
+    progress_m: Mapping[str, float],
+    now_s: float,
+    pace: Pace,
+    gap_s: float,
+) -> dict[str, Route]:
+    """What is left of the routes of parcels at these path coordinates, each as soon as it can be.
+
+    The order over every tile stays, and so do poses and path coordinates; tiles that are left are
+    left out. Parcels without progress are no longer on the table. The soonest times are the least
+    that no order contradicts: the plan's own, so much later, are among those.
+    """
+    routes = {name: route for name, route in reservations.routes.items() if name in progress_m}
+    begins_s = {
+        name: _begins_s(route, progress_m[name], now_s, pace) for name, route in routes.items()
+    }
+    # A parcel's move comes so long after another's begin, at the least.
+    after: list[tuple[str, int, str, int, float]] = []
+    for name, route in routes.items():
+        for before_m, other, leaves_m in reservations.waits[name]:
+            if not progress_m.get(other, np.inf) < leaves_m < np.inf:
+                continue
+            enters, enters_after_s = _within(route, np.array([before_m]), pace, "right")
+            leaves, leaves_after_s = _within(routes[other], np.array([leaves_m]), pace, "left")
+            apart_s = float(leaves_after_s[0] - enters_after_s[0]) + gap_s
+            after.append((name, int(enters[0]), other, int(leaves[0]), apart_s))
+    lasts_s = {name: route.arrives_s - route.begins_s for name, route in routes.items()}
+    # Each pass settles the next move in the order at least, and the order has no circle.
+    for _ in range(sum(map(len, begins_s.values())) + 1):
+        changed = False
+        for name, own_s in begins_s.items():
+            for move in range(1, len(own_s)):
+                least_s = own_s[move - 1] + lasts_s[name][move - 1]
+                changed |= bool(own_s[move] < least_s)
+                own_s[move] = max(own_s[move], least_s)
+        for name, move, other, others, apart_s in after:
+            least_s = begins_s[other][others] + apart_s
+            changed |= bool(begins_s[name][move] < least_s)
+            begins_s[name][move] = max(begins_s[name][move], least_s)
+        if not changed:
+            break
+    return {
+        name: _with_times(route, begins_s[name], lasts_s[name], progress_m[name], pace)
+        for name, route in routes.items()
+    }
+
+
+def _begins_s(route: Route, progress_m: float, now_s: float, pace: Pace) -> Floats:
+    """When each move begins at the soonest; one under way began as if it had kept its pace."""
+    begins_s = np.full(len(route.begins_s), now_s)
+    if len(begins_s):
+        move, since_s = _within(route, np.array([progress_m]), pace, "right")
+        begins_s[: move[0]] = -np.inf
+        begins_s[move[0]] -= since_s[0]
+    return begins_s
+
+
+def _within(
+    route: Route, at_m: Floats, pace: Pace, side: Literal["left", "right"]
+) -> tuple[Ints, Floats]:
+    """The moves that these path coordinates are on, and how long after their begin [s].
+
+    `side` is of the two moves at a pose the one that ends there, or the one that begins.
+    """
+    moves = len(route.begins_s)
+    if not moves:
+        return np.zeros(len(at_m), dtype=np.int64), np.zeros(len(at_m))
+    move = np.clip(np.searchsorted(route.along_m, at_m, side=side) - 1, 0, moves - 1)
+    ways = np.diff(route.poses, axis=0)[move]
+    spans_m = np.diff(route.along_m)[move]
+    shares = np.clip((at_m - route.along_m[move]) / np.maximum(spans_m, 1e-12), 0.0, 1.0)
+    lengths_m, turns_m = np.hypot(ways[:, 0], ways[:, 1]), np.abs(ways[:, 2]) * route.reach_m
+    return move, pace.times_s(lengths_m, turns_m, shares)
+
+
+def _with_times(
+    route: Route, begins_s: Floats, lasts_s: Floats, progress_m: float, pace: Pace
+) -> Route:
+    """The route with moves at these times, and without the tiles that are left."""
+    kept = route.visits.leaves_m > progress_m
+    visits = route.visits
+    enters_m, leaves_m = visits.enters_m[kept], visits.leaves_m[kept]
+    enters_s, leaves_s = visits.enters_s[kept], visits.leaves_s[kept]
+    arrives_s = begins_s + lasts_s
+    if len(begins_s):
+        move, after_s = _within(route, np.where(np.isinf(leaves_m), 0.0, leaves_m), pace, "left")
+        stays_s = leaves_s + arrives_s[-1] - route.arrives_s[-1]
+        leaves_s = np.where(np.isinf(leaves_m), stays_s, begins_s[move] + after_s)
+        move, after_s = _within(route, enters_m, pace, "right")
+        enters_s = np.where(np.isinf(enters_s), -np.inf, begins_s[move] + after_s)
+    visits = Visits(visits.tile[kept], enters_m, leaves_m, enters_s, leaves_s)
+    return replace(route, begins_s=begins_s, arrives_s=arrives_s, visits=visits)

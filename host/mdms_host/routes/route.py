@@ -1,0 +1,91 @@
+"""One parcel's route: poses with straight moves between, and when each tile on it is met."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from mdms_model.arrays import Floats, Ints
+
+#: A tile left and met again within this is met all the while [m].
+_SAME_M = 1e-9
+
+
+class Visits(NamedTuple):
+    """Tiles of a route (V,), from one path coordinate [m] and planned time [s] to another.
+
+    A tile on which the parcel is at the end has inf as path coordinate: it is left by being gone.
+    """
+
+    tile: Ints
+    enters_m: Floats
+    leaves_m: Floats
+    enters_s: Floats
+    leaves_s: Floats
+
+
+@dataclass(frozen=True)
+class Route:
+    """Where a parcel goes: `poses` (K, 3) [m, m, rad; table frame], x, y and yaw linear between.
+
+    Move k leads from pose k to pose k + 1, at rest at both, and is planned from `begins_s[k]` to
+    `arrives_s[k]`. Path coordinates `along_m` (K,) count from the first pose: the way of the centre
+    and that of the farthest corner's turning, hypot of both, `reach_m` from the centre. `gone` is
+    whether the parcel leaves the table at the end.
+    """
+
+    parcel: str
+    poses: Floats
+    along_m: Floats
+    begins_s: Floats
+    arrives_s: Floats
+    visits: Visits
+    reach_m: float
+    gone: bool = False
+
+    @property
+    def length_m(self) -> float:
+        """The path coordinate of the end [m]."""
+        return float(self.along_m[-1])
+
+    @property
+    def end_s(self) -> float:
+        """When the parcel is planned to be at the end [s]; -inf when it is there already."""
+        return float(self.arrives_s[-1]) if len(self.arrives_s) else -np.inf
+
+    def pose_at(self, along_m: float) -> Floats:
+        """The pose at a path coordinate, shape (3,)."""
+        columns = [np.interp(along_m, self.along_m, column) for column in self.poses.T]
+        return np.array(columns)
+
+    def ahead(self, along_m: float, until_m: float) -> Floats:
+        """The poses from one path coordinate to another, both ends' too, shape (K, 3)."""
+        between = (self.along_m > along_m + _SAME_M) & (self.along_m < until_m - _SAME_M)
+        ends = [self.pose_at(along_m)], [self.pose_at(until_m)]
+        return np.concatenate([ends[0], self.poses[between], ends[1]])
+
+
+def merged(visits: Visits, stand: Ints, end_m: float, gone_s: float) -> Visits:
+    """Visits of the moves of a route, in any order, with one for each time a tile is met.
+
+    The tiles `stand` under the parcel at the end are left at `gone_s`, when it is taken off the
+    table; inf: never.
+    """
+    order = np.lexsort((visits.enters_m, visits.tile))
+    tile, enters_m, leaves_m = visits.tile[order], visits.enters_m[order], visits.leaves_m[order]
+    enters_s, leaves_s = visits.enters_s[order], visits.leaves_s[order]
+    # A turn is taken to sweep a little more than stays under the parcel when it ends.
+    stays = (leaves_m >= end_m - _SAME_M) & np.isin(tile, stand)
+    leaves_m, leaves_s = np.where(stays, np.inf, leaves_m), np.where(stays, gone_s, leaves_s)
+    new = np.ones(len(tile), dtype=bool)
+    new[1:] = (tile[1:] != tile[:-1]) | (enters_m[1:] > leaves_m[:-1] + _SAME_M)
+    first = np.flatnonzero(new)
+    if not len(first):
+        return Visits(tile, enters_m, leaves_m, enters_s, leaves_s)
+    return Visits(
+        tile[first],
+        enters_m[first],
+        np.maximum.reduceat(leaves_m, first),
+        enters_s[first],
+        np.maximum.reduceat(leaves_s, first),
+    )

@@ -1,0 +1,1 @@
+"""What cells say to each other: objects, frames, and frames as values."""

@@ -1,0 +1,101 @@
+"""Estimates and pages of motion programs as values, for the host: checked before they are sent."""
+
+from array import array
+from collections import namedtuple
+
+from mdms_protocol.entry import OutOfRangeError
+from mdms_protocol.neighbours import frames as n
+
+#: What a cell believes and promises; fields as in `neighbours`.
+Estimate = namedtuple(
+    "Estimate",
+    "x y yaw identity state wants certainty hold sequence flags",
+)
+#: Pages of a program; `page` is what distinguishes them on the wire.
+Parcel = namedtuple(
+    "Parcel",
+    "identity sequence shape length width acceleration speed flags",
+)
+Place = namedtuple("Place", "identity sequence x y yaw")
+Goal = namedtuple("Goal", "identity sequence x y yaw")
+End = namedtuple("End", "identity sequence")
+
+#: Any page of a program.
+Page = Parcel | Place | Goal | End
+
+_PAGES = (Parcel, Place, Goal, End)
+_COORDINATE = (-131_072, 131_071)
+_YAW = (-2048, 2047)
+_HEAD = {"identity": (1, n.IDENTITY_MAX), "sequence": (1, n.SEQUENCE_MAX)}
+_POSE = {**_HEAD, "x": _COORDINATE, "y": _COORDINATE, "yaw": _YAW}
+_LIMITS: dict[type, dict[str, tuple[int, int]]] = {
+    Estimate: {
+        "x": (-2048, 2047),
+        "y": (-2048, 2047),
+        "yaw": _YAW,
+        "identity": (0, n.IDENTITY_MAX),
+        "state": (0, n.UNDER),
+        "wants": (0, 255),
+        "certainty": (0, 15),
+        "hold": (0, n.HOLD_NONE),
+        "sequence": (0, n.SEQUENCE_MAX),
+        "flags": (0, 7),
+    },
+    Parcel: {
+        **_HEAD,
+        "shape": (0, n.DISC),
+        "length": (0, 4095),
+        "width": (0, 4095),
+        "acceleration": (0, 255),
+        "speed": (0, 255),
+        "flags": (0, 63),
+    },
+    Place: _POSE,
+    Goal: _POSE,
+    End: _HEAD,
+}
+
+
+def encode_estimate(estimate: Estimate) -> bytes:
+    """The data of an estimate's frame; raises OutOfRangeError."""
+    _check(estimate)
+    frame = bytearray(n.LENGTH)
+    n.pack_estimate(tuple(estimate), 0, frame)
+    return bytes(frame)
+
+
+def decode_estimate(data: bytes) -> Estimate | None:
+    """The estimate that a frame carries, None if it carries none."""
+    fields = array("i", bytes(4 * n.ESTIMATE_FIELDS))
+    return Estimate(*fields) if n.unpack_estimate(data, fields, 0) else None
+
+
+def encode_page(page: Page) -> bytes:
+    """The data of a page's frame; raises OutOfRangeError."""
+    _check(page)
+    fields = [0] * n.PROGRAM_FIELDS
+    number = _PAGES.index(type(page))
+    head = (page.identity, number, page.sequence)
+    values = (*head, *page[2:])
+    fields[: len(values)] = values
+    frame = bytearray(n.LENGTH)
+    n.pack_program(fields, 0, frame)
+    return bytes(frame)
+
+
+def decode_page(data: bytes) -> Page | None:
+    """The page of a program that a frame carries, None if it carries none."""
+    fields = array("i", bytes(4 * n.PROGRAM_FIELDS))
+    if not n.unpack_program(data, fields, 0):
+        return None
+    kind = _PAGES[fields[n.PAGE]]
+    behind = len(kind._fields) - 2
+    return kind(fields[0], fields[2], *fields[3 : 3 + behind])
+
+
+def _check(message: Estimate | Page) -> None:
+    for name, (low, high) in _LIMITS[type(message)].items():
+        value = getattr(message, name)
+        if not low <= value <= high:
+            kind = type(message).__name__
+            raise OutOfRangeError(f"{kind}.{name}: {value!r} is not in {low}..{high}")

@@ -1,0 +1,85 @@
+"""What a scenario says of its motion: a field of references, sums and regions, goals, a program."""
+
+from dataclasses import dataclass
+from dataclasses import field as member
+
+from mdms_model.scenario.limit import ANGLE, LENGTH, PLACE, SPEED, Limit
+
+#: Fields that stand alone, and those that are made of parts.
+KINDS = (
+    *("inward", "uniform", "rotate", "elliptic", "twist", "squeeze"),
+    *("linear", "lane", "diverter", "table"),
+)
+COMPOSED = ("sum", "regions")
+FIELDS = (*KINDS, *COMPOSED)
+CONTROLS = ("host", "cells")
+POLICIES = ("rolling", "sliding")
+REGIONS = ("rectangle", "polygon", "disc")
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """Some of the table [m; table frame]: what a rectangle, a polygon or a disc covers.
+
+    `corners_m` are two opposite ones of a rectangle along x and y, or all of a simple polygon in
+    turn. A wheel on the border of two that touch is in one of them: a border at the left or below
+    belongs to a region.
+    """
+
+    shape: str = member(metadata=Limit(choices=REGIONS))
+    corners_m: tuple[tuple[float, float], ...] = member(
+        default=(), metadata=Limit(at_least=-1000.0, at_most=1000.0, items=(0, 100))
+    )
+    centre_m: tuple[float, float] = member(default=(0.0, 0.0), metadata=PLACE)
+    radius_m: float | None = member(default=None, metadata=LENGTH)
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One field of references, in a region of the table or, without one, all over it.
+
+    Of the rest each field uses what it needs: `heading_rad` uniform, elliptic, squeeze, lane and
+    diverter, `velocity_m_s` twist and linear, `yaw_rate_rad_s` twist, `ratio` elliptic and lane,
+    `table_m_s` table, `gradient_per_s` linear, `width_m` lane, `exit_rad` diverter; `part` sum,
+    which adds its parts, and regions, of which the first one that has a wheel in its region holds.
+    """
+
+    # This class has a field called `field`, so the function needs another name here.
+    field: str = member(metadata=Limit(choices=FIELDS))
+    speed_m_s: float = member(default=0.0, metadata=SPEED)
+    heading_rad: float = member(default=0.0, metadata=ANGLE)
+    centre_m: tuple[float, float] = member(default=(0.0, 0.0), metadata=PLACE)
+    velocity_m_s: tuple[float, float] = member(default=(0.0, 0.0), metadata=SPEED)
+    yaw_rate_rad_s: float = member(default=0.0, metadata=SPEED)
+    ratio: float = member(default=0.5, metadata=Limit(at_least=0.0, at_most=1.0))
+    table_m_s: tuple[float, ...] = member(default=(), metadata=SPEED)
+    gradient_per_s: tuple[tuple[float, float], tuple[float, float]] = member(
+        default=((0.0, 0.0), (0.0, 0.0)), metadata=SPEED
+    )
+    width_m: float | None = member(default=None, metadata=LENGTH)
+    exit_rad: float = member(default=0.0, metadata=ANGLE)
+    region: Region | None = None
+    part: tuple["Part", ...] = member(default=(), metadata=Limit(items=(0, 100)))
+
+
+@dataclass(frozen=True, slots=True)
+class Motion(Part):
+    """What the wheels do: a field of references, goals to steer parcels to, or a program's tasks.
+
+    Goals are steered to under the `control` of the host, or of the cells by themselves; these
+    `go_on` without the host, or stop.
+
+    A field's references are the paper's r, unless `compensate_droop` makes them the speeds of the
+    wheels' surfaces. `policy` keeps them where, by the paper's limits, all wheels roll (eq 14) or
+    slide at equilibrium (eq 15); what is `outside` is refused or clamped. Wheels with less than
+    `light_share` of an even share of the weight are left out of rolling: in the plane there nearly
+    always are poses in which one wheel carries next to nothing.
+    """
+
+    field: str = member(default="inward", metadata=Limit(choices=(*FIELDS, "goal", "program")))
+    control: str = member(default="host", metadata=Limit(choices=CONTROLS))
+    go_on: bool = False
+    policy: str | None = member(default=None, metadata=Limit(choices=POLICIES))
+    outside: str = member(default="refuse", metadata=Limit(choices=("refuse", "clamp")))
+    light_share: float = member(default=0.0, metadata=Limit(at_least=0.0, at_most=1.0))
+    compensate_droop: bool = False

@@ -1,0 +1,83 @@
+"""Things that lie on a table or move over it, and what its sensors and wheels report of them."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from mdms_host.estimation.bottom import Bottom
+from mdms_host.estimation.change import Change, Event
+from mdms_host.estimation.tracker import Parcel, Tracker
+from mdms_host.layout import Layout, WheelPlace
+from mdms_model.arrays import Bools, Floats
+
+STEP_S = 0.01
+WHEELS = (WheelPlace(0.0, (-0.03, 0.0)), WheelPlace(np.pi / 2, (0.03, 0.0)))
+
+
+class Lying:
+    """A tracker over a table with some outlines on it, by name; wheels roll as they do."""
+
+    def __init__(
+        self, layout: Layout, parcels: tuple[Parcel, ...] = (), stuck: tuple[int, ...] = ()
+    ) -> None:
+        self.layout = layout
+        self.tracker = Tracker(layout, parcels, 0.2)
+        self.things: dict[str, tuple[Bottom, Floats]] = {}
+        self.now_s = 0.0
+        self.changes: list[tuple[float, Change]] = []
+        self._stuck = list(stuck)
+        self._sensors_m = layout.sensor_positions_m.reshape(-1, 2)
+
+    def put(self, name: str, bottom: Bottom, *pose: float) -> None:
+        self.things[name] = bottom, np.array(pose)
+
+    def take(self, name: str) -> None:
+        del self.things[name]
+
+    @property
+    def covered(self) -> Bools:
+        under = np.zeros(len(self._sensors_m), dtype=bool)
+        for bottom, pose in self.things.values():
+            under |= bottom.distance_m(self._sensors_m, pose) < 0
+        under[self._stuck] = True
+        return under
+
+    def run(
+        self,
+        seconds: float,
+        twists: dict[str, tuple[float, float, float]] | None = None,
+        each: Callable[[], object] = lambda: None,
+    ) -> None:
+        """Time goes by, in which things move with these twists, and the wheels under them."""
+        moving = {name: np.array(twist) for name, twist in (twists or {}).items()}
+        wheels_m = self.layout.wheel_positions_m
+        for _ in range(round(seconds / STEP_S)):
+            self.now_s += STEP_S
+            speed_m_s = np.zeros(len(wheels_m))
+            for name, twist in moving.items():
+                bottom, pose = self.things[name]
+                self.things[name] = bottom, pose + twist * STEP_S
+                under = bottom.distance_m(wheels_m, pose) < 0.05
+                rolling = self.layout.surface_jacobian(*pose[:2].tolist()) @ twist
+                speed_m_s[under] = rolling[under]
+            bits = self.covered.reshape(self.layout.cells, -1) @ (1 << np.arange(5))
+            for cell, each_bits in enumerate(bits.tolist(), 1):
+                self.tracker.on_presence(self.now_s, cell, each_bits)
+            self.tracker.on_speeds(self.now_s, speed_m_s, standing=speed_m_s == 0.0)
+            self.changes += [(self.now_s, change) for change in self.tracker.take_changes()]
+            each()
+
+    def events(self, *names: str) -> list[tuple[str, Event]]:
+        """What has happened, in order, to these or to all."""
+        return [
+            (change.name, change.event)
+            for _, change in self.changes
+            if not names or change.name in names
+        ]
+
+    def off_m(self, name: str) -> float:
+        """How far the belief of a parcel is from where it is."""
+        estimate = self.tracker.estimate(name, self.now_s)
+        assert estimate is not None, f"{name} has not been found"
+        _, pose = self.things[name]
+        return float(np.hypot(estimate.x_m - pose[0], estimate.y_m - pose[1]))

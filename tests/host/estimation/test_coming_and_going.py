@@ -1,0 +1,254 @@
+"""Parcels are announced, found, named, and leave; what nobody announced is found as unknown."""
+
+import numpy as np
+import pytest
+from shapely import Polygon as Shape
+from tests.host.estimation.lying import WHEELS, Lying
+
+from mdms_host.estimation.belief import Kind
+from mdms_host.estimation.change import Event
+from mdms_host.estimation.rectangle import Rectangle
+from mdms_host.estimation.tracker import Gate, Parcel, Region
+from mdms_host.layout import Layout
+
+LAYOUT = Layout(9, 6, wheels=WHEELS)
+BOX = Parcel("box", 0.36, 0.30)
+BOTTOM, SMALL = BOX.bottom, Rectangle(0.26, 0.22)
+INFEED = Region((-0.6, -0.4), (-0.2, 0.4))
+
+
+@pytest.fixture
+def table() -> Lying:
+    return Lying(LAYOUT)
+
+
+def boxed() -> Lying:
+    table = Lying(LAYOUT, (BOX,))
+    table.put("box", BOTTOM, -0.2, 0.0, 0.1)
+    table.run(0.2)
+    assert table.events() == [("box", Event.FOUND)]
+    return table
+
+
+def test_an_announced_parcel_is_found_once_it_is_set_down(table) -> None:
+    table.tracker.announce(BOX, INFEED)
+    table.run(0.3)
+    assert table.events() == []
+    table.put("box", BOTTOM, -0.35, 0.05, 0.2)
+    table.run(0.3)
+    assert table.events() == [("box", Event.FOUND)]
+    assert table.off_m("box") < 0.02
+    assert list(table.tracker.beliefs(0.6, 0.6)) == ["box"]
+
+
+def test_an_announced_parcel_is_not_found_beside_its_region(table) -> None:
+    table.tracker.announce(BOX, INFEED)
+    table.put("other", BOTTOM, 0.3, 0.0, 0.0)
+    table.run(0.5)
+    assert table.events() == [("unknown-1", Event.APPEARED)]
+
+
+def test_parcels_that_look_alike_are_found_in_the_order_of_their_announcement(table) -> None:
+    for name in ("first", "second"):
+        table.tracker.announce(Parcel(name, 0.36, 0.30), INFEED)
+    table.put("first", BOTTOM, -0.35, 0.0, 0.0)
+    table.run(0.3)
+    table.run(3.0, {"first": (0.15, 0.0, 0.0)})
+    table.put("second", BOTTOM, -0.35, 0.0, 0.0)
+    table.run(0.3)
+    assert table.events() == [("first", Event.FOUND), ("second", Event.FOUND)]
+    assert max(table.off_m("first"), table.off_m("second")) < 0.02
+
+
+def test_two_announced_at_once_are_told_apart_by_their_sizes(table) -> None:
+    table.tracker.announce(Parcel("large", 0.36, 0.30))
+    table.tracker.announce(Parcel("small", 0.26, 0.22))
+    table.put("small", SMALL, -0.35, 0.1, 0.4)
+    table.put("large", BOTTOM, 0.25, -0.1, -0.3)
+    table.run(0.4)
+    assert sorted(table.events()) == [("large", Event.FOUND), ("small", Event.FOUND)]
+    assert max(table.off_m("large"), table.off_m("small")) < 0.025
+
+
+def test_a_name_is_given_once(table) -> None:
+    table.tracker.announce(BOX)
+    with pytest.raises(ValueError, match="there is a parcel 'box' already"):
+        table.tracker.announce(BOX)
+
+
+def test_what_nobody_announced_is_an_obstacle_that_contains_it_within_a_fifth_of_a_second(
+    table,
+) -> None:
+    table.run(0.2)
+    table.put("thing", SMALL, 0.21, 0.13, 0.7)
+    table.run(0.2)
+    (name,) = table.tracker.beliefs(table.now_s, table.now_s)
+    belief = table.tracker.beliefs(table.now_s, table.now_s)[name]
+    assert (name, belief.kind, belief.named) == ("unknown-1", Kind.UNKNOWN, False)
+    assert not belief.twist.any()
+    outline = Shape(belief.outline.outline_m(belief.pose))
+    thing = Shape(SMALL.outline_m(table.things["thing"][1]))
+    assert outline.contains(thing)
+    assert outline.area < 3.5 * thing.area
+    assert table.events() == [("unknown-1", Event.APPEARED)]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_outline_of_an_unknown_contains_it_wherever_it_lies(table, seed) -> None:
+    random = np.random.default_rng(seed)
+    bottom = Rectangle(random.uniform(0.2, 0.45), random.uniform(0.16, 0.35))
+    pose = random.uniform(-0.25, 0.25), random.uniform(-0.12, 0.12), random.uniform(-3, 3)
+    table.put("thing", bottom, *pose)
+    table.run(0.2)
+    (belief,) = table.tracker.beliefs(table.now_s, table.now_s).values()
+    outline = Shape(belief.outline.outline_m(belief.pose))
+    assert outline.contains(Shape(bottom.outline_m(np.array(pose))))
+
+
+def test_an_unknown_that_is_lifted_is_dropped(table) -> None:
+    table.put("thing", SMALL, 0.2, 0.1, 0.7)
+    table.run(0.3)
+    table.take("thing")
+    table.run(0.2)
+    assert table.tracker.beliefs(table.now_s, table.now_s) == {}
+    assert table.events("unknown-1")[1:] == [("unknown-1", Event.CLEARED)]
+
+
+def test_an_unknown_that_is_put_elsewhere_keeps_its_name_only_where_it_stays_covered(
+    table,
+) -> None:
+    table.put("thing", BOTTOM, 0.2, 0.1, 0.0)
+    table.run(0.3)
+    table.put("thing", BOTTOM, 0.25, 0.1, 0.0)
+    table.run(0.3)
+    assert list(table.tracker.beliefs(table.now_s, table.now_s)) == ["unknown-1"]
+    table.put("thing", BOTTOM, -0.3, -0.1, 0.0)
+    table.run(0.3)
+    assert list(table.tracker.beliefs(table.now_s, table.now_s)) == ["unknown-2"]
+
+
+def test_a_cell_with_all_sensors_stuck_is_no_unknown() -> None:
+    table = Lying(LAYOUT, (BOX,), stuck=tuple(range(40, 45)))
+    table.put("box", BOTTOM, -0.2, -0.2, 0.1)
+    table.run(1.0)
+    assert table.events() == [("box", Event.FOUND)]
+    assert table.tracker.take_faulty() == [(9, [0, 1, 2, 3, 4])]
+
+
+def test_an_unknown_that_is_given_a_name_is_a_parcel_from_then_on(table) -> None:
+    table.put("box", BOTTOM, 0.2, 0.1, 0.3)
+    table.run(0.3)
+    table.tracker.name("unknown-1", BOX)
+    table.run(0.2)
+    belief = table.tracker.beliefs(table.now_s, table.now_s)
+    assert list(belief) == ["box"]
+    assert belief["box"].named
+    assert table.events()[1:] == [("box", Event.FOUND), ("unknown-1", Event.EXPLAINED)]
+    table.run(1.0, {"box": (-0.2, 0.0, 0.1)})
+    assert table.off_m("box") < 0.006
+
+
+def test_an_unknown_of_another_outline_keeps_being_unknown(table) -> None:
+    table.put("thing", SMALL, 0.2, 0.1, 0.3)
+    table.run(0.3)
+    table.tracker.name("unknown-1", Parcel("plank", 0.9, 0.1))
+    table.run(0.5)
+    assert table.events()[1:] == [("unknown-1", Event.MISFIT)]
+    assert list(table.tracker.beliefs(table.now_s, table.now_s)) == ["unknown-1"]
+    table.tracker.name("unknown-1", Parcel("plank", 0.26, 0.22))
+    table.run(0.3)
+    assert table.events("plank") == [("plank", Event.FOUND)]
+
+
+@pytest.mark.parametrize("gap_m", [0.002, 0.03])
+def test_an_unknown_that_is_put_beside_a_parcel_leaves_its_place_alone(gap_m) -> None:
+    table = boxed()
+    before_m = table.off_m("box")
+    table.put("thing", BOTTOM, -0.2 + 0.36 + gap_m, 0.03, 0.1)
+    table.run(1.5)
+    assert table.events("box")[-1] == ("box", Event.FOUND)
+    assert table.off_m("box") < before_m + 0.01
+    beliefs = table.tracker.beliefs(table.now_s, table.now_s)
+    assert [belief.kind for belief in beliefs.values()] == [Kind.PARCEL, Kind.UNKNOWN]
+
+
+def test_a_parcel_moves_away_from_an_unknown_beside_it() -> None:
+    table = boxed()
+    table.put("thing", BOTTOM, 0.19, 0.03, 0.1)
+    table.run(1.0)
+    table.run(1.0, {"box": (-0.1, 0.0, 0.0)})
+    assert table.off_m("box") < 0.006
+    assert table.events()[-1] != ("box", Event.DOUBTFUL)
+
+
+def test_a_parcel_that_leaves_over_its_exit_departs_and_is_not_lost() -> None:
+    table = boxed()
+    table.tracker.depart("box", Gate(LAYOUT.columns / 2 * 0.127 - 0.03, 0.0, 0.0))
+    table.run(3.9, {"box": (0.2, 0.0, 0.0)})
+    assert table.events() == [("box", Event.FOUND), ("box", Event.DEPARTED)]
+    table.take("box")
+    table.run(1.5)
+    assert table.events() == [("box", Event.FOUND), ("box", Event.DEPARTED)]
+    assert table.tracker.beliefs(table.now_s, table.now_s) == {}
+
+
+def test_a_parcel_that_is_taken_as_it_leaves_departs_too() -> None:
+    table = boxed()
+    table.tracker.depart("box", Gate(0.55, 0.0, 0.0))
+    table.run(3.6, {"box": (0.2, 0.0, 0.0)})
+    table.take("box")
+    table.run(1.5)
+    assert table.events()[-1] == ("box", Event.DEPARTED)
+    assert ("box", Event.LOST) not in table.events()
+
+
+def test_what_stays_at_an_exit_is_unknown_from_then_on() -> None:
+    table = boxed()
+    table.tracker.depart("box")
+    table.run(1.5)
+    assert table.events()[1:] == [("box", Event.DEPARTED), ("unknown-1", Event.APPEARED)]
+
+
+def test_two_that_touch_are_told_apart_where_one_way_explains_them(table) -> None:
+    one, two = Parcel("one", 0.36, 0.30), Parcel("two", 0.34, 0.31)
+    for parcel in (one, two):
+        table.tracker.announce(parcel)
+    table.put("one", one.bottom, -0.181, 0.02, 0.0)
+    table.put("two", two.bottom, 0.172, 0.02, 0.0)
+    table.run(1.0)
+    assert sorted(table.events()) == [("one", Event.FOUND), ("two", Event.FOUND)]
+    assert max(table.off_m("one"), table.off_m("two")) < 0.035
+
+
+def heaped(table: Lying) -> None:
+    for name in ("one", "two"):
+        table.tracker.announce(Parcel(name, 0.30, 0.24))
+    table.put("one", Rectangle(0.30, 0.24), -0.301, 0.02, 0.0)
+    table.put("two", Rectangle(0.30, 0.24), 0.301, 0.02, 0.0)
+    table.put("stranger", Rectangle(0.30, 0.24), 0.0, 0.02, 0.0)
+    table.run(1.5)
+
+
+def test_those_that_cannot_be_told_apart_are_one_heap(table) -> None:
+    heaped(table)
+    assert table.events() == [("unknown-1", Event.HEAPED)]
+    (belief,) = table.tracker.beliefs(table.now_s, table.now_s).values()
+    assert belief.kind is Kind.HEAP
+    outline = Shape(belief.outline.outline_m(belief.pose))
+    for bottom, pose in table.things.values():
+        assert outline.contains(Shape(bottom.outline_m(pose)))
+
+
+def test_a_heap_that_is_parted_is_parcels_again(table) -> None:
+    heaped(table)
+    table.take("stranger")
+    table.run(0.6)
+    assert {name for name, event in table.events() if event is Event.FOUND} == {"one", "two"}
+    assert ("unknown-1", Event.EXPLAINED) in table.events()
+
+
+def test_what_no_convex_parcel_covers_is_a_heap(table) -> None:
+    table.put("one", Rectangle(0.5, 0.2), 0.0, 0.0, 0.0)
+    table.put("two", Rectangle(0.2, 0.3), -0.15, 0.2, 0.0)
+    table.run(0.3)
+    assert table.events() == [("unknown-1", Event.HEAPED)]

@@ -1,0 +1,53 @@
+import numpy as np
+import pytest
+from tests.host.estimation.lying import WHEELS, Lying
+
+from mdms_host.estimation.change import Event
+from mdms_host.estimation.rectangle import Rectangle
+from mdms_host.estimation.size import size_of
+from mdms_host.layout import Layout
+
+LAYOUT = Layout(9, 6, wheels=WHEELS)
+SENSORS_M = LAYOUT.sensor_positions_m.reshape(-1, 2)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_bounds_hold_however_a_box_lies(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    length_m = random.uniform(0.24, 0.45)
+    width_m = random.uniform(0.2, length_m)
+    pose = random.uniform((-0.1, -0.08, -1.5), (0.1, 0.08, 1.5))
+    covered = Rectangle(length_m, width_m).distance_m(SENSORS_M, pose) < 0
+    size = size_of(SENSORS_M[covered], SENSORS_M[~covered])
+    assert size is not None
+    for number, side_m in enumerate((length_m, width_m)):
+        assert size.least_m[number] - 1e-3 <= side_m <= size.most_m[number] + 1e-3
+    assert abs(size.length_m - length_m) < 4 * size.deviation_m[0]
+    assert abs(size.width_m - width_m) < 4 * size.deviation_m[1]
+
+
+def test_what_no_rectangle_covers_has_no_size() -> None:
+    corner = (SENSORS_M > -0.02).all(axis=1) & (SENSORS_M < 0.3).all(axis=1)
+    covered = corner & ~(SENSORS_M > 0.14).all(axis=1)
+    assert size_of(SENSORS_M[covered], SENSORS_M[~covered]) is None
+
+
+def test_a_size_that_is_not_told_is_learned_within_a_millimetre_as_edges_pass() -> None:
+    box = Rectangle(0.334, 0.257)
+    table = Lying(LAYOUT)
+    table.put("box", box, 0.03, -0.02, 0.4)
+    table.run(0.25)
+    rough = table.tracker.size("unknown-1")
+    assert rough is not None
+    assert max(rough.deviation_m) > 0.004
+    table.tracker.name("unknown-1", rough.parcel("box"))
+    table.run(0.15)
+    for twist in ((0.04, 0.0, 0.0), (0.0, 0.04, 0.0), (-0.04, -0.04, 0.0), (0.0, 0.0, 0.15)):
+        table.run(2.0, {"box": twist})
+    size = table.tracker.size("box")
+    assert size is not None
+    assert abs(size.length_m - 0.334) < 0.001
+    assert abs(size.width_m - 0.257) < 0.001
+    assert max(size.deviation_m) < 0.001
+    assert table.off_m("box") < 0.002
+    assert ("box", Event.DOUBTFUL) not in table.events()

@@ -1,0 +1,141 @@
+"""A simulated table as a page has it, in virtual time; and one that only writes down what it is
+asked."""
+
+import threading
+from typing import Any
+
+import numpy as np
+
+from mdms_host.cli.simulation.live import seat_of, table_of
+from mdms_host.clock import MonotonicClock
+from mdms_host.page.commands import COMMANDS, RefusedError, StopAll
+from mdms_host.page.page import Page
+from mdms_host.page.signals import HEAD, Signals
+from mdms_model.scenario.file import load_scenario
+from mdms_model.scenario.scenario import Scenario
+from mdms_sim.nodes.python_bank import PythonBank
+from mdms_sim.serve import clock
+from mdms_sim.serve.clock import RealTime
+from mdms_sim.simulation import NS_PER_S, Simulation, addresses_of
+
+
+def unpacked(description: dict[str, Any], snapshot: bytes) -> dict[str, Any]:
+    """The arrays of a snapshot by name, read as the description says, by nothing of ours."""
+    version, _ = HEAD.unpack_from(snapshot)
+    assert version == description["version"]
+    offset, arrays = HEAD.size, {}
+    for signal in description["signals"]:
+        kind = np.dtype(f"<{signal['type']}")
+        count = int(np.prod(signal["shape"]))
+        array = np.frombuffer(snapshot, kind, count, offset)
+        arrays[signal["name"]] = array.reshape(signal["shape"])
+        offset += array.nbytes
+    assert offset == len(snapshot)
+    return arrays
+
+
+class Desk:
+    """A scenario's table, whose clock is turned by hand: 1 ms of the machine's at a time."""
+
+    def __init__(self, monkeypatch, scenario: Scenario | None = None) -> None:
+        self.wall_ns = 0
+        monkeypatch.setattr(clock.time, "monotonic_ns", lambda: self.wall_ns)
+        self.scenario = scenario or load_scenario("array18")
+        self.seat = seat_of(self.scenario)
+        bank = PythonBank(addresses_of(self.scenario).node_ids)
+        self.simulation = Simulation(self.scenario, bank, [self.seat], recorded=False)
+        self.table = table_of(self.scenario, self.seat, self.simulation, RealTime())
+        self.messages: list[dict[str, Any]] = []
+
+    def run(self, seconds: float) -> None:
+        """Let so much of the machine's time pass."""
+        for _ in range(round(seconds * 1000)):
+            self.wall_ns += 1_000_000
+            self.table.advance()
+        self.messages += self.table.news()
+
+    def run_until(self, holds, limit_s: float) -> None:
+        """Until it holds, looked at every 20 ms."""
+        for _ in range(round(limit_s / 0.02)):
+            if holds():
+                return
+            self.run(0.02)
+        raise AssertionError(f"not within {limit_s} s: {self.texts}")
+
+    @property
+    def now_s(self) -> float:
+        return self.simulation.kernel.now_ns / NS_PER_S
+
+    @property
+    def shown(self) -> dict[str, Any]:
+        return unpacked(self.table.description(), self.table.snapshot(1))
+
+    @property
+    def texts(self) -> list[str]:
+        return [
+            event["text"]
+            for message in self.messages
+            if message["kind"] == "events"
+            for event in message["events"]
+        ]
+
+    @property
+    def faults(self) -> list[dict[str, Any]]:
+        (faults,) = [each for each in self.table.story() if each["kind"] == "faults"]
+        return faults["faults"]
+
+
+class Recorder:
+    """A table that carries nothing out, but writes it down."""
+
+    offers = tuple(name for name in COMMANDS if not name.endswith("control"))
+    version = 1
+
+    def __init__(self) -> None:
+        self.done: list[Any] = []
+        self.abandoned = 0
+        self.stuck = threading.Event()
+        self._signals = Signals(18, 36, 1, 1, 10)
+
+    def description(self) -> dict[str, Any]:
+        return {"kind": "table", "version": 1, "signals": self._signals.describe()}
+
+    def snapshot(self, sequence: int) -> bytes:
+        return self._signals.pack(1, sequence, {"time": 0.0})
+
+    def history(self) -> bytes:
+        return b""
+
+    def news(self) -> list[dict[str, Any]]:
+        return []
+
+    def story(self) -> list[dict[str, Any]]:
+        return []
+
+    def do(self, command: Any) -> str | None:
+        if isinstance(command, StopAll) and self.stuck.is_set():
+            raise RefusedError("it is stuck")
+        self.done.append(command)
+        return "done"
+
+    def abandon(self) -> None:
+        self.abandoned += 1
+
+
+class OpenPage:
+    """A page whose table is attended in a thread of its own."""
+
+    def __init__(self, table: Any) -> None:
+        self.page = Page(table, MonotonicClock())
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._attend)
+        self._thread.start()
+
+    def _attend(self) -> None:
+        while not self._over.wait(0.001):
+            self.page.attend()
+
+    def close(self) -> None:
+        self._over.set()
+        self._thread.join()
+        self.page.close()

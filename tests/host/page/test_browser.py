@@ -1,0 +1,301 @@
+"""The page in a real browser, beside the command that serves it."""
+
+import json
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from mdms_host.cli.simulation.compose import run_scenario
+from mdms_model.run.folder import BUS_LOG, write_run
+from mdms_model.scenario.file import load_scenario
+
+CHROMIUM = shutil.which("chromium") or "/usr/bin/chromium"
+#: No sandbox where root runs the tests, no graphics, and nothing of its own to the network.
+FLAGS = (
+    *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+)
+WITHIN_S = 20.0
+MDMS = Path(sys.executable).with_name("mdms")
+
+pytestmark = [
+    pytest.mark.real_time,
+    pytest.mark.skipif(
+        not Path(CHROMIUM).exists(),
+        reason="no browser: install chromium (as .ci/run does) to have the page tested",
+    ),
+]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[object]:
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=[*FLAGS])
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="module")
+def serve() -> Iterator[Callable[..., str]]:
+    """Starts `mdms` with a page; returns its address."""
+    processes = []
+
+    def start(*arguments: str) -> str:
+        command = [str(MDMS), *arguments, "--page", "0"]
+        process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        processes.append(process)
+        address = process.stdout.readline().strip()
+        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/#token=[\w-]+", address), (
+            address or process.stderr.read()
+        )
+        return address
+
+    yield start
+    for process in processes:
+        process.send_signal(signal.SIGINT)
+    for process in processes:
+        _, errors = process.communicate(timeout=20)
+        assert process.returncode == 0, errors
+
+
+@pytest.fixture(scope="module")
+def demo(serve) -> str:
+    return serve("demo")
+
+
+@pytest.fixture(scope="module")
+def recorded(serve, tmp_path_factory) -> str:
+    folder = tmp_path_factory.mktemp("run")
+    scenario = load_scenario("array18", ["run.duration_s=4"])
+    record = run_scenario(scenario, bus_log=folder / BUS_LOG).record
+    write_run(folder, scenario, record, {})
+    return serve("replay", str(folder))
+
+
+@pytest.fixture
+def open_page(browser) -> Iterator[Callable[..., object]]:
+    """Opens an address in a window of its own, and fails for any error or foreign request."""
+    contexts, wrong = [], []
+
+    def open_one(address: str, **options: object) -> object:
+        context = browser.new_context(viewport={"width": 1280, "height": 760}, **options)
+        contexts.append(context)
+        page = context.new_page()
+        origin = address.split("/#", maxsplit=1)[0]
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on(
+            "console",
+            lambda message: wrong.append(message.text) if message.type == "error" else None,
+        )
+        page.on(
+            "request",
+            lambda request: (
+                wrong.append(request.url) if not request.url.startswith((origin, "data:")) else None
+            ),
+        )
+        page.on(
+            "websocket",
+            lambda socket: (
+                wrong.append(socket.url)
+                if not socket.url.startswith(origin.replace("http", "ws"))
+                else None
+            ),
+        )
+        page.goto(address)
+        wait_until(page, "Boolean(window.page?.snapshot && window.page.control)")
+        return page
+
+    yield open_one
+    for context in contexts:
+        context.close()
+    assert wrong == []
+
+
+def wait_until(page, expression: str, argument: object = None) -> None:
+    """Until an expression holds; asked from outside, since the page's own rules forbid `eval`."""
+    end_s = time.monotonic() + WITHIN_S
+    while not page.evaluate(expression, argument):
+        assert time.monotonic() < end_s, (expression, page.inner_text("body"))
+        page.wait_for_timeout(20)
+
+
+def wait_for_text(page, selector: str, text: str) -> None:
+    wait_until(
+        page,
+        "([selector, text]) => document.querySelector(selector).textContent.includes(text)",
+        [selector, text],
+    )
+
+
+def place_of(page, x_m: float, y_m: float) -> tuple[float, float]:
+    """Where a point of the table is in the window."""
+    box = page.locator("#table").bounding_box()
+    x, y = page.evaluate("([x, y]) => [page.view.px(x), page.view.py(y)]", [x_m, y_m])
+    return box["x"] + x, box["y"] + y
+
+
+def drag(page, start: tuple[float, float], end: tuple[float, float]) -> None:
+    page.mouse.move(*start)
+    page.mouse.down()
+    page.mouse.move(*end, steps=8)
+    page.mouse.up()
+
+
+def until_running(page) -> None:
+    if "no program" in page.inner_text("#phase") or "stopped" in page.inner_text("#phase"):
+        page.click("#start")
+    wait_for_text(page, "#phase", "running")
+
+
+def test_goal_is_dragged_and_the_parcel_arrives(demo, open_page):
+    page = open_page(demo)
+    until_running(page)
+    page.select_option("#speed", "2")
+    wait_until(page, "page.snapshot.parcel_state[0] === 3")
+    believed = page.evaluate("[...page.snapshot.parcel_believed]")
+    # Taken beside its goal's cross, the parcel itself is dragged: its goal goes with it.
+    start = place_of(page, believed[0] + 0.06, believed[1] - 0.05)
+    end = place_of(page, believed[0] - 0.04, believed[1] - 0.02)
+    drag(page, start, end)
+    wait_until(page, "page.snapshot.parcel_state[0] === 1")
+    wanted = [believed[0] - 0.1, believed[1] + 0.03]
+    wait_until(
+        page,
+        "([x, y]) => Math.hypot(page.snapshot.parcel_goal[0] - x, page.snapshot.parcel_goal[1] - y)"
+        " < 0.005",
+        wanted,
+    )
+    wait_until(page, "page.snapshot.parcel_state[0] === 3")
+    true = page.evaluate("[...page.snapshot.parcel_true]")
+    assert true[:2] == pytest.approx(wanted, abs=0.012)
+
+
+def test_stop_all_by_button_and_by_space_bar(demo, open_page):
+    page = open_page(demo)
+    for stop in (lambda: page.click("#stop-all"), lambda: page.keyboard.press("Space")):
+        until_running(page)
+        stop()
+        wait_for_text(page, "#phase", "stopped")
+        assert not page.evaluate("page.snapshot.cell_state.includes(3)")
+    page.click("#tab-events")
+    page.fill("#filter", "stop")
+    lines = page.locator("#event-list li").all_inner_texts()
+    assert lines
+    assert all("stop" in line.lower() for line in lines)
+    # A space that is written stops nothing.
+    page.click("#start")
+    wait_for_text(page, "#phase", "running")
+    page.click("#filter")
+    page.keyboard.press("Space")
+    page.wait_for_timeout(300)
+    assert page.inner_text("#phase") == "running"
+
+
+def test_killed_cell_is_shown_and_revived(demo, open_page):
+    page = open_page(demo)
+    page.mouse.click(*place_of(page, -0.3175, 0.127))
+    wait_for_text(page, "#facts", "state")
+    assert page.input_value("#chosen") == "cell 12"
+    page.click("text=Kill")
+    wait_for_text(page, "#facts", "silent")
+    assert page.evaluate("page.snapshot.cell_state[12]") == 1
+    page.click("#tab-faults")
+    wait_for_text(page, "#fault-list", "cell 13: cells lose power")
+    page.click("#tab-details")
+    page.click("text=Revive")
+    wait_until(page, "page.snapshot.cell_state[12] >= 2")
+    page.click("text=Read objects")
+    wait_for_text(page, "#objects", "Axis 1")
+
+
+def test_second_client_watches_until_it_takes_control(demo, open_page):
+    first = open_page(demo)
+    wait_for_text(first, "#who", "in control")
+    second = open_page(demo)
+    wait_for_text(second, "#who", "watching · 1 more")
+    assert second.is_disabled("#start")
+    assert second.is_enabled("#stop-all")
+    stranger = open_page(demo.split("#")[0])
+    assert stranger.is_disabled("#stop-all")
+    assert not stranger.is_visible("#take")
+    second.click("#take")
+    wait_for_text(second, "#who", "in control")
+    wait_for_text(first, "#who", "watching")
+
+
+def test_recording_is_scrubbed(recorded, open_page):
+    page = open_page(recorded)
+    page.click("#pause")
+    wait_until(page, "page.snapshot.paused[0] === 1")
+    page.fill("#scrub", "3")
+    wait_until(page, "page.snapshot.time[0] === 3")
+    later = page.evaluate("[...page.snapshot.parcel_true]")
+    page.fill("#scrub", "1")
+    wait_until(page, "page.snapshot.time[0] === 1")
+    sooner = page.evaluate("[...page.snapshot.parcel_true]")
+    assert later[0] > sooner[0] + 0.1
+    assert page.evaluate("page.snapshot.cell_state.every((state) => state === 3)")
+    page.click("#tab-plots")
+    wait_until(page, "page.history.snapshots.length > 100")
+    assert page.locator("#plots canvas").count() >= 4
+
+
+@pytest.mark.parametrize("where", ["demo", "recorded"])
+def test_every_control_has_a_name(where, open_page, request):
+    page = open_page(request.getfixturevalue(where))
+    if where == "demo":
+        page.mouse.click(*place_of(page, 0.3, 0.12))
+    session = page.context.new_cdp_session(page)
+    for tab in ("details", "plots", "events", "faults"):
+        if page.is_visible(f"#tab-{tab}"):
+            page.click(f"#tab-{tab}")
+            nodes = session.send("Accessibility.getFullAXTree")["nodes"]
+            nameless = [node for node in nodes if is_control(node) and not name_of(node)]
+            assert nameless == []
+
+
+def is_control(node: dict) -> bool:
+    """Whether a node of the accessibility tree is something to work with."""
+    roles = (
+        "button",
+        "checkbox",
+        "combobox",
+        "slider",
+        "spinbutton",
+        "searchbox",
+        "textbox",
+        "tab",
+    )
+    return not node.get("ignored") and node.get("role", {}).get("value") in (*roles, "image", "img")
+
+
+def name_of(node: dict) -> str:
+    return node.get("name", {}).get("value", "").strip()
+
+
+def test_page_fits_a_phone_and_both_themes(demo, open_page):
+    page = open_page(demo, color_scheme="dark")
+    assert page.evaluate("document.documentElement.dataset.theme") == "dark"
+    page.click("#theme")
+    assert page.evaluate("document.documentElement.dataset.theme") == "light"
+    page.set_viewport_size({"width": 390, "height": 800})
+    page.wait_for_timeout(200)
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    assert page.is_visible("#stop-all")
+
+
+def test_files_of_the_page_are_small():
+    static = Path(__file__).parents[3] / "host/mdms_host/page/static"
+    assert sum(path.stat().st_size for path in static.iterdir()) <= 150_000
+    assert json.dumps([path.name for path in static.iterdir()]).count("license") == 1

@@ -1,0 +1,242 @@
+"""What a client meets at the door: pages, commands, control, and limits."""
+
+import json
+import socket
+import time
+import urllib.error
+import urllib.request
+
+import jsonschema
+import pytest
+from tests.host.page.bench import OpenPage, Recorder
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+
+from mdms_host.clock import MonotonicClock
+from mdms_host.page import commands
+from mdms_host.page.gate import LOOPBACK
+from mdms_host.page.hub import MOST_CLIENTS
+from mdms_host.page.page import Page, PageError
+from mdms_host.page.server import MOST_BAD
+
+WITHIN_S = 10.0
+
+
+class Visitor:
+    """A client of a page; with the token, or without."""
+
+    def __init__(self, page: Page, token: str | None = None, **options) -> None:
+        self.socket: ClientConnection = connect(
+            f"ws://{LOOPBACK}:{page.gate.port}/api/live",
+            legacy=True,
+            close_timeout=0.2,
+            **options,
+        )
+        self.say({"token": token})
+
+    def say(self, message: object) -> None:
+        self.socket.send(message if isinstance(message, str) else json.dumps(message))
+
+    def await_message(self, kind: str, **values: object) -> dict:
+        """The next message of a kind with these values; what else comes is confirmed or dropped."""
+        end_s = time.monotonic() + WITHIN_S
+        while time.monotonic() < end_s:
+            message = self.socket.recv(timeout=WITHIN_S)
+            if isinstance(message, bytes):
+                self.say('"seen"')
+                continue
+            message = json.loads(message)
+            if message["kind"] == kind and values.items() <= message.items():
+                return message
+        raise AssertionError(f"no message {kind} {values}")
+
+    def listen_for_ever(self) -> None:
+        while True:
+            self.socket.recv(timeout=WITHIN_S)
+
+    def ask(self, command: str, **values: object) -> dict:
+        self.say({"id": 5, "command": command, **values})
+        return self.await_message("answer", id=5)
+
+
+@pytest.fixture
+def table():
+    return Recorder()
+
+
+@pytest.fixture
+def page(table):
+    opened = OpenPage(table)
+    yield opened.page
+    opened.close()
+
+
+@pytest.fixture
+def visit(page):
+    visitors = []
+
+    def come(token=True, **options) -> Visitor:
+        visitors.append(Visitor(page, page.gate.token if token is True else token, **options))
+        return visitors[-1]
+
+    yield come
+    for visitor in visitors:
+        visitor.socket.close()
+
+
+def fetched(page: Page, path: str, **headers: str) -> tuple[int, bytes, dict[str, str]]:
+    request = urllib.request.Request(f"http://{LOOPBACK}:{page.gate.port}{path}", headers=headers)
+    try:
+        with urllib.request.urlopen(request, timeout=WITHIN_S) as answer:
+            return answer.status, answer.read(), dict(answer.headers)
+    except urllib.error.HTTPError as error:
+        return error.code, error.read(), dict(error.headers)
+
+
+def test_page_and_schema_of_commands_are_served_to_anybody_here(page):
+    status, body, headers = fetched(page, "/")
+    assert (status, b"<canvas" in body) == (200, True)
+    assert "default-src 'none'" in headers["content-security-policy"]
+    status, body, _ = fetched(page, "/api/commands")
+    jsonschema.validate({"command": "take_control"}, json.loads(body))
+    assert fetched(page, "/static/uplot-license.txt")[0] == 200
+
+
+@pytest.mark.parametrize(
+    "path", ["/static/nothing.js", "/static/..%2fpage.py", "/static/../page.py"]
+)
+def test_nothing_but_the_page_s_own_files_is_served(page, path):
+    assert fetched(page, path)[0] == 404
+
+
+def test_request_under_a_foreign_name_is_refused(page):
+    assert fetched(page, "/", Host="evil.example")[0] == 421
+    assert fetched(page, "/api/commands", Origin="http://evil.example")[0] == 421
+    with pytest.raises(InvalidStatus):
+        Visitor(page, page.gate.token, additional_headers={"Origin": "http://evil.example"})
+
+
+def test_client_gets_the_table_then_snapshots(visit):
+    visitor = visit()
+    assert visitor.await_message("table")["version"] == 1
+    assert visitor.await_message("control")["yours"]
+    snapshots = [visitor.socket.recv(timeout=WITHIN_S) for _ in range(3)]
+    assert all(isinstance(one, bytes) for one in snapshots)
+
+
+def test_command_is_carried_out_and_answered(table, visit):
+    answer = visit().ask("goal", parcel="box", x_m=0.1, y_m=0.0)
+    assert answer == {"kind": "answer", "id": 5, "ok": True, "text": "done"}
+    assert table.done == [commands.Goal("box", 0.1, 0.0)]
+
+
+@pytest.mark.parametrize("token", [None, "guessed", 3])
+def test_without_the_token_nothing_moves_and_nothing_stops(table, visit, token):
+    visitor = visit(token=token)
+    assert not visitor.await_message("control")["may"]
+    for command in ("start", "stop_all", "take_control"):
+        assert not visitor.ask(command)["ok"]
+    assert table.done == []
+
+
+def test_one_is_in_control_and_another_watches_until_it_takes_it(table, visit):
+    first = visit()
+    first.await_message("control", yours=True)
+    second = visit()
+    second.await_message("control", yours=False)
+    assert "another page is in control" in second.ask("start")["text"]
+    assert second.ask("stop_all")["ok"]
+    assert second.ask("take_control")["ok"]
+    first.await_message("control", yours=False)
+    assert not first.ask("start")["ok"]
+    assert second.ask("start")["ok"]
+    assert [type(one).__name__ for one in table.done] == ["StopAll", "Start"]
+
+
+def test_refusal_of_the_table_is_passed_on(table, visit):
+    table.stuck.set()
+    assert visit().ask("stop_all") == {
+        "kind": "answer",
+        "id": 5,
+        "ok": False,
+        "text": "it is stuck",
+    }
+
+
+def test_when_the_one_in_control_stays_away_the_table_is_told_once(table, visit):
+    visitor = visit()
+    visitor.await_message("control")
+    visitor.socket.close()
+    end_s = time.monotonic() + WITHIN_S
+    while not table.abandoned and time.monotonic() < end_s:
+        time.sleep(0.05)
+    time.sleep(0.3)
+    assert table.abandoned == 1
+
+
+def test_page_that_is_loaded_again_keeps_what_it_has_begun(table, visit):
+    visit().socket.close()
+    again = visit()
+    again.await_message("control", yours=True)
+    time.sleep(2.5)
+    assert table.abandoned == 0
+
+
+def test_garbage_is_answered_and_then_shown_the_door(visit):
+    visitor, other = visit(), visit()
+    visitor.say("{no json")
+    assert not visitor.await_message("answer")["ok"]
+    for _ in range(MOST_BAD):
+        visitor.say("[1, 2]")
+    with pytest.raises(ConnectionClosed):
+        visitor.listen_for_ever()
+    assert other.ask("take_control")["ok"]
+
+
+def test_message_that_is_too_long_ends_the_connection(visit):
+    visitor, other = visit(), visit()
+    visitor.say("x" * 100_000)
+    with pytest.raises(ConnectionClosed):
+        visitor.listen_for_ever()
+    assert other.ask("take_control")["ok"]
+
+
+def test_client_that_reads_nothing_holds_nobody_up(page, visit):
+    deaf = socket.create_connection((LOOPBACK, page.gate.port))
+    deaf.sendall(
+        b"GET /api/live HTTP/1.1\r\nHost: 127.0.0.1:%d\r\nUpgrade: websocket\r\n"
+        b"Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+        b"Sec-WebSocket-Version: 13\r\n\r\n" % page.gate.port
+    )
+    visitor = visit()
+    visitor.await_message("control")
+    seen = 0
+    end_s = time.monotonic() + WITHIN_S
+    while seen < 30 and time.monotonic() < end_s:
+        if isinstance(visitor.socket.recv(timeout=WITHIN_S), bytes):
+            visitor.say('"seen"')
+            seen += 1
+    deaf.close()
+    assert seen == 30
+
+
+def test_no_more_clients_than_can_be_served(visit):
+    for _ in range(MOST_CLIENTS):
+        visit().await_message("control")
+    with pytest.raises(ConnectionClosed, match="too many"):
+        visit().await_message("control")
+
+
+def test_table_that_does_not_answer_keeps_its_page_and_says_so(monkeypatch, table):
+    monkeypatch.setattr("mdms_host.page.page.ANSWER_LIMIT_S", 0.2)
+    with Page(table, MonotonicClock()) as page:
+        # Nobody attends to it.
+        with pytest.raises(ConnectionClosed, match="busy"):
+            Visitor(page, page.gate.token).await_message("control")
+        assert fetched(page, "/api/history")[0] == 503
+        assert fetched(page, "/")[0] == 200
+
+
+def test_port_that_is_taken_is_named(page, table):
+    with pytest.raises(PageError, match=f"127.0.0.1:{page.gate.port}"):
+        Page(table, MonotonicClock(), page.gate.port)

@@ -1,0 +1,108 @@
+"""A recorded run shows, at any time, what was so then."""
+
+import numpy as np
+import pytest
+from tests.host.page.bench import unpacked
+
+from mdms_host.cli.records.player import table_of
+from mdms_host.cli.simulation.compose import run_scenario
+from mdms_host.page import commands
+from mdms_host.page.bus_watch import CellState
+from mdms_host.page.commands import RefusedError
+from mdms_host.page.description import PHASES
+from mdms_model.run.folder import BUS_LOG, read_run, write_run
+from mdms_model.scenario.file import load_scenario
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A run of the prototype in which cell 3 dies and comes back."""
+    folder = tmp_path_factory.mktemp("run")
+    fault = "fault=[{kind='off', start_s=1.5, duration_s=0.8, cells=[3]}]"
+    scenario = load_scenario("array18", ["run.duration_s=3", fault])
+    record = run_scenario(scenario, bus_log=folder / BUS_LOG).record
+    write_run(folder, scenario, record, {})
+    return read_run(folder)
+
+
+@pytest.fixture
+def table(run):
+    table = table_of(run)
+    table.advance(0.0)
+    table.do(commands.Pause())
+    return table
+
+
+def shown(table, time_s=None):
+    if time_s is not None:
+        table.do(commands.Seek(time_s))
+    return unpacked(table.description(), table.snapshot(1))
+
+
+def test_every_time_shows_what_was_recorded_then(table, run):
+    for time_s in (2.5, 1.0, 2.0):
+        now = shown(table, time_s)
+        sample = int(np.searchsorted(run.record.time_s, time_s))
+        assert now["time"] == time_s
+        assert now["parcel_true"][0] == pytest.approx(run.record.pose[sample, 0], abs=2e-3)
+        assert now["parcel_believed"][0] == pytest.approx(run.record.estimate[sample, 0], abs=2e-3)
+        assert PHASES[now["phase"][0]] in PHASES
+
+
+def test_cells_are_shown_as_their_frames_showed_them(table):
+    assert shown(table, 0.0)["cell_state"][0] == CellState.OFF
+    assert set(shown(table, 1.2)["cell_state"]) == {CellState.RUNNING}
+    assert shown(table, 2.2)["cell_state"][2] == CellState.SILENT
+    assert shown(table, 1.2)["cell_presence"].any()
+    assert 0.3 < shown(table, 1.2)["bus_load"][0] < 0.8
+
+
+def test_time_passes_at_the_speed_wanted_up_to_the_end_and_begins_again(table):
+    table.do(commands.Seek(1.0))
+    table.do(commands.Speed(2.0))
+    table.do(commands.Resume())
+    table.advance(0.5)
+    assert shown(table)["time"] == pytest.approx(2.0)
+    table.advance(5.0)
+    now = shown(table)
+    assert (now["time"], now["paused"]) == (table.duration_s, 1)
+    table.do(commands.Resume())
+    table.advance(5.1)
+    assert shown(table)["time"] == pytest.approx(0.2)
+    table.do(commands.Step(0.01))
+    table.advance(9.0)
+    assert shown(table)["time"] == pytest.approx(0.21)
+
+
+def test_whole_run_is_there_for_plots(table):
+    description = table.description()
+    size = len(table.snapshot(1))
+    history = table.history()
+    assert len(history) % size == 0
+    times = [
+        unpacked(description, history[start : start + size])["time"][0]
+        for start in range(0, len(history), size)
+    ]
+    assert times == sorted(times)
+    assert (times[0], times[-1]) == (0.0, table.duration_s)
+
+
+def test_events_are_those_of_the_run(table):
+    (story,) = table.story()
+    texts = [event["text"] for event in story["events"]]
+    assert "off begins" in texts
+    assert any("fallen silent" in text for text in texts)
+
+
+def test_nothing_can_be_done_to_what_has_been(table):
+    with pytest.raises(RefusedError):
+        table.do(commands.Goal("box", 0.0, 0.0))
+
+
+def test_run_of_the_paper_s_model_is_shown_too(tmp_path):
+    scenario = load_scenario("paper-fig7", ["run.duration_s=1"])
+    write_run(tmp_path, scenario, run_scenario(scenario).record, {})
+    table = table_of(read_run(tmp_path))
+    now = shown(table, 0.5)
+    assert np.isnan(now["bus_load"]).all()
+    assert np.isfinite(now["parcel_true"]).all()

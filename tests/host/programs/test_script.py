@@ -1,0 +1,99 @@
+"""Coroutines go on when what they wait for has come, in the order in which they were started."""
+
+import asyncio
+
+import pytest
+
+from mdms_host.programs.script import Script, ScriptError, until
+
+
+def test_tasks_go_on_in_the_order_of_their_start_and_within_one_cycle():
+    script, log, gate = Script(), [], []
+
+    async def child(name):
+        await until(lambda: bool(gate))
+        log.append(name)
+        return name
+
+    async def parent():
+        first, second = script.start(child("a")), script.start(child("b"))
+        log.append(await second)
+        log.append(await first)
+
+    script.start(parent())
+    script.step()
+    assert log == []
+    gate.append(True)
+    script.step()
+    assert log == ["a", "b", "b", "a"]
+
+
+def test_an_error_reaches_who_awaits_it_and_else_whoever_steps():
+    script, caught = Script(), []
+
+    async def failing():
+        await until(lambda: True)
+        raise RuntimeError("no way")
+
+    async def careful():
+        try:
+            await script.start(failing())
+        except RuntimeError as error:
+            caught.append(str(error))
+
+    script.start(careful())
+    assert script.step() is None
+    assert caught == ["no way"]
+    script.start(failing())
+    assert str(script.step()) == "no way"
+
+
+def test_a_task_that_is_cancelled_tidies_up_and_goes_no_further():
+    script, log = Script(), []
+
+    async def working():
+        try:
+            await until(lambda: False)
+        finally:
+            log.append("tidy")
+        log.append("never")
+
+    task = script.start(working())
+    script.step()
+    task.cancel()
+    script.step()
+    assert task.done
+    assert log == ["tidy"]
+
+
+def test_what_another_loop_would_wait_for_is_refused():
+    script = Script()
+
+    async def sleeping():
+        await asyncio.sleep(1.0)
+
+    async def foreign():
+        await asyncio.Future(loop=loop)
+
+    loop = asyncio.new_event_loop()
+    try:
+        script.start(foreign())
+        assert isinstance(script.step(), ScriptError)
+    finally:
+        loop.close()
+
+
+def test_a_task_that_waits_for_nothing_is_found():
+    script = Script()
+
+    async def spinning():
+        while True:
+            script.start(nothing())
+            await until(lambda: True)
+
+    async def nothing():
+        script.start(nothing())
+
+    script.start(nothing())
+    with pytest.raises(ScriptError, match="without waiting"):
+        script.step()

@@ -1,0 +1,115 @@
+"""What programs can ask of a table, and when they go on."""
+
+import pytest
+from tests.host.programs.hands import Stage
+
+from mdms_host.programs.table import ProgramError
+
+
+def test_a_program_begins_when_its_parcels_are_found_and_ends_when_they_are_there():
+    async def main(table):
+        await table.move(table["box 1"], 0.1, 0.0)
+
+    stage = Stage(main, lying=["box 1"])
+    lying = stage.beliefs.pop("box 1")
+    stage.run(1.0)
+    assert stage.log == []
+    stage.beliefs["box 1"] = lying
+    stage.run()
+    assert stage.log == [("box 1", 0.1)]
+    assert not stage.program.finished
+    stage.arrive("box 1")
+    assert stage.program.finished
+    assert stage.program.stuck is None
+
+
+def test_a_parcel_that_comes_is_returned_once_and_one_that_leaves_is_gone():
+    seen = []
+
+    async def main(table):
+        async for parcel in table.arrivals():
+            seen.append((parcel.name, parcel.kind, parcel.pose[0]))
+            await table.leave(parcel)
+            seen.append((parcel.name, parcel.has_left, len(table.parcels)))
+
+    stage = Stage(main, coming=["box 1", "disc 1"])
+    stage.run()
+    assert stage.program.endless
+    stage.come("disc 1")
+    assert stage.log == [("disc 1", "north")]
+    stage.leave("disc 1")
+    stage.come("disc 1")
+    stage.leave("disc 1")
+    assert seen == [("disc 1", "disc", -0.3), ("disc 1", True, 0)] * 2
+    assert not stage.program.finished
+
+
+def test_time_is_the_cycles_own():
+    times = []
+
+    async def main(table):
+        await table.sleep(0.5)
+        times.append(table.now_s)
+
+    stage = Stage(main)
+    stage.run(2.0)
+    assert times == [pytest.approx(0.51)]
+
+
+def test_a_new_order_takes_the_place_of_the_last():
+    async def main(table):
+        one = table.start(table.move(table["box 1"], 0.1, 0.0))
+        await table.sleep(0.1)
+        await table.move(table["box 1"], 0.2, 0.0)
+        assert one.done
+
+    stage = Stage(main, lying=["box 1"])
+    stage.run(0.2)
+    assert stage.log == [("box 1", 0.1), ("box 1", 0.2)]
+    stage.arrive("box 1")
+    assert stage.program.finished
+
+
+def test_what_is_refused_can_be_caught_or_ends_the_program_in_order():
+    async def careful(table):
+        with pytest.raises(ProgramError, match="is lost"):
+            await table.move(table["box 1"], 0.1, 0.0)
+
+    async def careless(table):
+        await table.move(table["box 1"], 0.1, 0.0)
+
+    stages = [Stage(main, lying=["box 1"]) for main in (careful, careless)]
+    for stage in stages:
+        stage.run()
+        stage.refuse("box 1", "box 1 is lost")
+    assert stages[0].program.finished
+    assert stages[1].program.stuck == "the program was broken off: box 1 is lost"
+    assert stages[1].hands.stopped
+    assert stages[1].program.take_notices() == ["the program was broken off: box 1 is lost"]
+
+
+@pytest.mark.parametrize(
+    ("wish", "text"),
+    [
+        (lambda table: table.move(table["box 9"], 0.0, 0.0), "no parcel 'box 9'.* are: box 1"),
+        (lambda table: table.leave(table["box 1"], "west"), "no exit 'west'; there are: east, no"),
+        (lambda table: table.leave(table["can 1"]), "no exit is for parcels of the kind 'can'"),
+    ],
+)
+def test_what_is_not_there_is_named(wish, text):
+    async def main(table):
+        await wish(table)
+
+    stage = Stage(main, lying=["box 1", "can 1"])
+    stage.run()
+    with pytest.raises(AssertionError, match=text):
+        raise AssertionError(stage.program.stuck)
+
+
+def test_an_error_of_the_programs_own_is_raised_as_it_is():
+    async def main(table):
+        table.parcels[7]
+
+    stage = Stage(main)
+    with pytest.raises(IndexError):
+        stage.run()

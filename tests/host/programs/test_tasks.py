@@ -1,0 +1,151 @@
+"""Tasks give the orders that they are for, in their order."""
+
+from tests.host.programs.hands import Stage
+
+from mdms_host.programs import tasks
+from mdms_host.programs.task_list import main_of
+from mdms_model.scenario.task import Task
+
+
+def swapping():
+    stage = Stage(main_of([Task("swap", parcels=("box 1", "box 2"))]), lying=["box 1", "box 2"])
+    stage.run()
+    return stage
+
+
+def test_two_parcels_change_places_and_one_lets_the_other_pass():
+    stage = swapping()
+    assert stage.log == [("box 1", -0.2), ("box 2", -0.3)]
+    aside = stage.hands.orders["box 1"].goal
+    assert abs(aside.y_m) > 0.2
+    stage.arrive("box 2")
+    stage.arrive("box 1")
+    assert stage.log == [("box 1", -0.1)]
+    stage.arrive("box 1")
+    assert stage.program.finished
+
+
+def test_where_it_cannot_stand_aside_another_place_is_tried():
+    stage = swapping()
+    first = stage.hands.orders["box 1"].goal
+    stage.refuse("box 1", "box 1 has no way")
+    stage.refuse("box 2", "box 2 has no way")
+    second = stage.hands.orders["box 1"].goal
+    assert first != second
+    for _ in range(17):
+        stage.refuse("box 1", "box 1 has no way")
+        stage.refuse("box 2", "box 2 has no way")
+    assert stage.program.stuck == (
+        "the program was broken off: no room for box 1 to let box 2 pass: box 1 has no way"
+    )
+
+
+def test_each_parcel_that_comes_leaves_by_the_exit_for_its_kind_before_others_have():
+    stage = Stage(main_of([Task("sort", count=3)]), coming=["box 1", "disc 1", "box 2"])
+    stage.come("box 1")
+    stage.come("disc 1")
+    stage.leave("disc 1")
+    stage.come("box 2")
+    assert stage.log == [("box 1", "east"), ("disc 1", "north"), ("box 2", "east")]
+    stage.leave("box 1")
+    assert not stage.program.finished
+    stage.leave("box 2")
+    assert stage.program.finished
+
+
+def test_merging_sends_whatever_comes_to_one_exit():
+    stage = Stage(main_of([Task("merge", exit="east", count=2)]), coming=["box 1", "disc 1"])
+    stage.come("box 1", "disc 1")
+    assert stage.log == [("box 1", "east"), ("disc 1", "east")]
+
+
+def test_singulating_sends_the_nearest_first_and_one_at_a_time():
+    task = Task("singulate", exit="east", period_s=1.0, count=3)
+    stage = Stage(main_of([task]), lying=["box 1", "box 2"], coming=["box 3"])
+    stage.run(0.1)
+    stage.come("box 3")
+    assert stage.log == [("box 2", "east")]
+    stage.leave("box 2")
+    assert stage.log == []
+    stage.run(1.0)
+    assert stage.log == [("box 1", "east")]
+    stage.run(2.0)
+    stage.leave("box 1")
+    assert stage.log == [("box 3", "east")]
+    stage.leave("box 3")
+    stage.run(1.0)
+    assert stage.program.finished
+
+
+PLACES = ((0.0, 0.1), (0.2, 0.1))
+
+
+def test_a_buffer_lets_the_first_out_first_once_it_is_full():
+    task = Task("buffer", exit="east", places=PLACES, count=3)
+    stage = Stage(main_of([task]), coming=["box 1", "box 2", "box 3"])
+    stage.come("box 1")
+    stage.come("box 2")
+    assert stage.log == [("box 1", 0.0), ("box 2", 0.2)]
+    stage.arrive("box 1")
+    stage.come("box 3")
+    assert stage.log == [("box 1", "east")]
+    stage.leave("box 1")
+    assert stage.log == [("box 2", "east"), ("box 3", 0.0)]
+    stage.leave("box 2")
+    assert stage.log == [("box 3", "east")]
+    stage.leave("box 3")
+    assert stage.program.finished
+
+
+def test_a_buffer_lets_out_by_name_or_kind():
+    task = Task("buffer", exit="east", places=PLACES, order=("disc", "box 1"))
+    stage = Stage(main_of([task]), coming=["box 1", "disc 1", "box 2"])
+    stage.come("box 1")
+    stage.run(1.0)
+    assert stage.log == [("box 1", 0.0)]
+    stage.come("disc 1")
+    assert stage.log == [("disc 1", 0.2), ("disc 1", "east")]
+    stage.leave("disc 1")
+    assert stage.log == [("box 1", "east")]
+    stage.leave("box 1")
+    assert stage.program.finished
+
+
+def test_a_parcel_waits_where_it_came_until_a_place_in_the_buffer_is_free():
+    async def main(table):
+        store = tasks.Buffer(table, PLACES[:1])
+        await table.together(*(fill(table, store) for _ in range(2)), empty(table, store))
+
+    async def fill(table, store):
+        await store.put(await table.arrival())
+
+    async def empty(table, store):
+        await table.sleep(1.0)
+        await store.take("east")
+
+    stage = Stage(main, coming=["box 1", "box 2"])
+    stage.come("box 1", "box 2")
+    stage.run(0.5)
+    assert stage.log == [("box 1", 0.0)]
+    stage.run(0.6)
+    assert stage.log == [("box 1", "east"), ("box 2", 0.0)]
+
+
+def test_tasks_follow_one_another_unless_they_are_beside():
+    listed = [
+        Task("transport", parcel="box 1", x_m=0.1, y_m=0.0, yaw_rad=0.5),
+        Task("transport", parcel="box 2", x_m=0.2, y_m=0.0, beside=True),
+        Task("wait", period_s=0.5),
+        Task("transport", parcel="box 1", x_m=0.3, y_m=0.0),
+    ]
+    stage = Stage(main_of(listed), lying=["box 1", "box 2"])
+    stage.run()
+    assert stage.log == [("box 1", 0.1), ("box 2", 0.2)]
+    stage.arrive("box 2")
+    stage.run(1.0)
+    assert stage.log == []
+    stage.arrive("box 1")
+    stage.run(0.4)
+    assert stage.log == []
+    stage.run(0.2)
+    assert stage.log == [("box 1", 0.3)]

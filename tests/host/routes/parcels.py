@@ -1,0 +1,17 @@
+"""Parcels for the planner's tests."""
+
+import numpy as np
+
+from mdms_host.estimation.rectangle import Rectangle
+from mdms_host.routes.errand import Task
+from mdms_host.routes.shape import Shape
+
+BOX = Shape(Rectangle(0.28, 0.28))
+LONG = Shape(Rectangle(0.40, 0.30))
+
+Pose = tuple[float, ...]
+
+
+def task(name: str, start: Pose, goal: Pose | None, shape: Shape = BOX, **more: bool) -> Task:
+    """A parcel at rest."""
+    return Task(name, shape, np.array([start]), None if goal is None else np.array(goal), **more)

@@ -1,0 +1,66 @@
+"""What routes come of which parcels, and why some have none."""
+
+import numpy as np
+import pytest
+from tests.host.routes.parcels import LONG, task
+
+from mdms_host.layout import Layout
+from mdms_host.routes.planner import Planner
+from mdms_host.routes.tiles import Tiles
+
+
+@pytest.fixture(scope="module")
+def planner() -> Planner:
+    return Planner(Tiles(Layout(9, 6)))
+
+
+def test_a_parcel_alone_goes_straight_and_turns_on_its_way(planner: Planner) -> None:
+    plan = planner.plan([task("a", (-0.35, -0.15, 0.0), (0.3, 0.1, 1.5), LONG)], now_s=5.0)
+    route = plan.routes["a"]
+    assert np.allclose(route.poses, [[-0.35, -0.15, 0.0], [0.3, 0.1, 1.5]])
+    assert route.begins_s[0] == 5.0
+    assert plan.authority.limits_m({"a": 0.0}) == {"a": route.length_m}
+
+
+def test_two_parcels_that_change_sides_wait_for_each_other(planner: Planner) -> None:
+    tasks = [
+        task("a", (-0.4, 0.2, 0.0), (0.4, 0.2, 0.0)),
+        task("b", (0.4, 0.15, 0.0), (-0.4, -0.2, 0.0)),
+    ]
+    plan = planner.plan(tasks)
+    assert not plan.blocked
+    assert all(np.allclose(plan.routes[t.parcel].poses[-1], t.goal) for t in tasks)
+    first, second = plan.order
+    limits_m = plan.authority.limits_m({"a": 0.0, "b": 0.0})
+    assert limits_m[first] > 0.0
+    assert limits_m[second] < plan.routes[second].length_m
+    done_m = {first: plan.routes[first].length_m, second: 0.0}
+    assert plan.authority.limits_m(done_m)[second] == plan.routes[second].length_m
+
+
+def test_parcels_in_one_row_that_cannot_pass_are_refused_by_name() -> None:
+    planner = Planner(Tiles(Layout(9, 3)))
+    tasks = [
+        task("a", (-0.4, 0.0, 0.0), (0.4, 0.0, 0.0)),
+        task("b", (0.4, 0.0, 0.0), (-0.4, 0.0, 0.0)),
+    ]
+    plan = planner.plan(tasks)
+    assert set(plan.blocked) == {"a", "b"}
+    assert "'a' has no way" in str(plan.blocked["a"])
+    assert "blocked by 'b' at its place" in str(plan.blocked["a"])
+    assert len(plan.routes["a"].poses) == 1
+
+
+def test_a_goal_beyond_the_edge_is_refused(planner: Planner) -> None:
+    plan = planner.plan([task("a", (0.0, 0.0, 0.0), (0.0, 0.6, 0.0))])
+    assert "on this table" in str(plan.blocked["a"])
+
+
+def test_two_parcels_change_places_when_one_stands_aside(planner: Planner) -> None:
+    tasks = [
+        task("a", (-0.35, 0.2, 0.0), (0.35, 0.2, 0.0)),
+        task("b", (0.35, 0.2, 0.0), (-0.35, 0.2, 0.0)),
+    ]
+    plan = planner.plan(tasks)
+    assert not plan.blocked
+    assert all(np.allclose(plan.routes[t.parcel].poses[-1], t.goal) for t in tasks)

@@ -1,0 +1,53 @@
+"""One parcel is planned anew among the others, which keep their routes and their order."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from tests.host.routes.parcels import task
+
+from mdms_host.layout import Layout
+from mdms_host.routes.planner import Planner
+from mdms_host.routes.tiles import Tiles
+
+
+@pytest.fixture(scope="module")
+def planner() -> Planner:
+    return Planner(Tiles(Layout(9, 6)))
+
+
+def test_a_route_that_keeps_to_its_times_is_left_as_it_was(planner: Planner) -> None:
+    plan = planner.plan(crossing())
+    kept = planner.kept(plan, {"a": 0.0, "b": 0.0}, 0.0)
+    for name, route in kept.items():
+        assert np.allclose(route.arrives_s, plan.routes[name].arrives_s, atol=0.01)
+
+
+def test_who_waits_for_one_that_is_late_is_late_as_well(planner: Planner) -> None:
+    plan = planner.plan(crossing())
+    first, second = plan.order
+    kept = planner.kept(plan, {first: 0.0, second: 0.0}, 3.0)
+    late_s = kept[second].end_s - plan.routes[second].end_s
+    assert late_s == pytest.approx(3.0, abs=0.05)
+
+
+def test_a_goal_that_changes_is_planned_around_the_others(planner: Planner) -> None:
+    plan = planner.plan(crossing())
+    first, second = plan.order
+    progress_m = {first: 0.3}
+    kept = planner.kept(plan, progress_m, 1.5)
+    at = plan.routes[second].poses[0]
+    again = planner.plan([task(second, tuple(at), (0.0, -0.2, 0.0))], 1.5, kept=kept)
+    assert not again.blocked
+    assert again.routes[first].length_m == plan.routes[first].length_m
+    taken = {tile: visits for tile, visits in again.reservations.order.items() if len(visits) > 1}
+    for visits in taken.values():
+        for former, later in pairwise(visits):
+            assert former.leaves_s <= later.enters_s
+
+
+def crossing() -> list:
+    return [
+        task("a", (-0.4, 0.2, 0.0), (0.4, 0.2, 0.0)),
+        task("b", (0.4, 0.15, 0.0), (-0.4, -0.2, 0.0)),
+    ]

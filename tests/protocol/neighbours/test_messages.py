@@ -1,0 +1,56 @@
+"""Estimates and pages as values: there and back, and refused before they are sent."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mdms_protocol.entry import OutOfRangeError
+from mdms_protocol.neighbours import messages
+
+
+@st.composite
+def made(draw, kinds):
+    kind = draw(st.sampled_from(kinds))
+    limits = messages._LIMITS[kind]
+    return kind(**{name: draw(st.integers(*limits[name])) for name in kind._fields})
+
+
+@given(made((messages.Estimate,)))
+def test_estimate_is_what_was_encoded(estimate):
+    assert messages.decode_estimate(messages.encode_estimate(estimate)) == estimate
+
+
+@given(made((messages.Parcel, messages.Place, messages.Goal, messages.End)))
+def test_page_is_what_was_encoded(page):
+    assert messages.decode_page(messages.encode_page(page)) == page
+    assert type(messages.decode_page(messages.encode_page(page))) is type(page)
+
+
+@given(st.binary(max_size=12))
+def test_garbage_decodes_to_nothing_or_to_what_gives_its_fields_again(data):
+    estimate = messages.decode_estimate(data)
+    if estimate is not None:
+        assert messages.encode_estimate(estimate) == data
+    page = messages.decode_page(data)
+    if page is not None:
+        assert messages.decode_page(messages.encode_page(page)) == page
+
+
+@pytest.mark.parametrize(
+    ("page", "says"),
+    [
+        (messages.Goal(1, 1, 131_072, 0, 0), r"Goal\.x: 131072 is not in -131072\.\.131071"),
+        (messages.Place(64, 1, 0, 0, 0), r"Place\.identity: 64 is not in 1\.\.63"),
+        (messages.Parcel(1, 1, 2, 0, 0, 0, 0, 0), r"Parcel\.shape: 2 is not in 0\.\.1"),
+        (messages.End(1, 0), r"End\.sequence: 0 is not in 1\.\.3"),
+    ],
+)
+def test_page_that_does_not_fit_is_refused(page, says):
+    with pytest.raises(OutOfRangeError, match=says):
+        messages.encode_page(page)
+
+
+def test_estimate_that_does_not_fit_is_refused():
+    estimate = messages.Estimate(0, 0, 2048, 1, 1, 0, 1, 4, 1, 0)
+    with pytest.raises(OutOfRangeError, match=r"Estimate\.yaw: 2048 is not in -2048\.\.2047"):
+        messages.encode_estimate(estimate)
