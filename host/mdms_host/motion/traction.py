@@ -149,14 +149,14 @@ class Traction:
         )
 
     def agility(self, outline: Bottom, mass: Mass) -> Agility:
-        """How fast a kind of parcel can be sped up, about the middle of the table."""
+        """How fast a kind of parcel can be sped up, about the middle of the table, no cell lost."""
         pitch_m = self.layout.pitch_m
         inside_m = (np.arange(_PLACES) / _PLACES - 0.5) * pitch_m
         yaws_rad = np.arange(_YAWS) / _YAWS * 2 * np.pi
         # Off the round numbers, where wheels lie exactly under an edge.
         x_m, y_m, yaw_rad = np.meshgrid(inside_m + 0.003, inside_m + 0.003, yaws_rad + 0.01)
         poses = np.column_stack((x_m.ravel(), y_m.ravel(), yaw_rad.ravel()))
-        pushes = self.pushes(outline, mass, poses)
+        pushes = pushes_at(self.layout, outline, mass, poses, mass.mass_kg * self._gravity_m_s2)
         columns = [pushes.shares(pushes.wrench(unit)) for unit in np.eye(3)]
         table = np.stack(columns, axis=-1)[pushes.pushing_n > 0.0] / self._planned
         return Agility(table, self.speed_m_s)
