@@ -38,6 +38,8 @@ FEEDBACK_SHARE = 0.85
 _STEP_M = 0.005
 #: At most this share of friction is to hold a centre of mass on its circle.
 _TURNING_SHARE = 0.3
+#: At most this share is kept for wheels that only drag: slow, they drag with less than friction.
+_DRAGGED_SHARE = 0.5
 #: Fastest wheel, as a share of what the motor could at no load.
 _FASTEST_SHARE = 0.8
 #: Acceleration that is planned with where no wheel can do anything [m/s2]; too little to matter.
@@ -171,6 +173,7 @@ class Traction:
             np.sqrt(_TURNING_SHARE * self._planned / worst_turning),
         )
         dragged = abs(pushes.shares(pushes.dragging_wrench(direction, self.friction)))
+        dragged = np.minimum(dragged, _DRAGGED_SHARE * self._planned)
         left = self._planned - dragged - turning * (cap_m_s**2)[:, None]
         bound_m_s2 = (left / np.maximum(used, 1e-9)).min(axis=1, initial=np.inf)
         bound_m_s2 = np.minimum(bound_m_s2, self._motor_bound(pushes, direction, used, cap_m_s))
