@@ -220,7 +220,7 @@ class GoalProgram:
         return notices + self._obstacles.take_notices()
 
     def references_m_s(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
-        """References that move every parcel as one rigid body, r = (b/a) J xi, shape (W,)."""
+        """References that take every parcel on its way as one rigid body, shape (W,)."""
         self._places.update(
             (name, belief.pose) for name, belief in beliefs.items() if name in self._given
         )

@@ -38,6 +38,8 @@ FEEDBACK_SHARE = 0.85
 _STEP_M = 0.005
 #: At most this share of friction is to hold a centre of mass on its circle.
 _TURNING_SHARE = 0.3
+#: At most this share is kept for wheels that only drag: slow, they drag with less than friction.
+_DRAGGED_SHARE = 0.5
 #: Fastest wheel, as a share of what the motor could at no load.
 _FASTEST_SHARE = 0.8
 #: Acceleration that is planned with where no wheel can do anything [m/s2]; too little to matter.
@@ -149,14 +151,14 @@ class Traction:
         )
 
     def agility(self, outline: Bottom, mass: Mass) -> Agility:
-        """How fast a kind of parcel can be sped up, about the middle of the table."""
+        """How fast a kind of parcel can be sped up, about the middle of the table, no cell lost."""
         pitch_m = self.layout.pitch_m
         inside_m = (np.arange(_PLACES) / _PLACES - 0.5) * pitch_m
         yaws_rad = np.arange(_YAWS) / _YAWS * 2 * np.pi
         # Off the round numbers, where wheels lie exactly under an edge.
         x_m, y_m, yaw_rad = np.meshgrid(inside_m + 0.003, inside_m + 0.003, yaws_rad + 0.01)
         poses = np.column_stack((x_m.ravel(), y_m.ravel(), yaw_rad.ravel()))
-        pushes = self.pushes(outline, mass, poses)
+        pushes = pushes_at(self.layout, outline, mass, poses, mass.mass_kg * self._gravity_m_s2)
         columns = [pushes.shares(pushes.wrench(unit)) for unit in np.eye(3)]
         table = np.stack(columns, axis=-1)[pushes.pushing_n > 0.0] / self._planned
         return Agility(table, self.speed_m_s)
@@ -171,6 +173,7 @@ class Traction:
             np.sqrt(_TURNING_SHARE * self._planned / worst_turning),
         )
         dragged = abs(pushes.shares(pushes.dragging_wrench(direction, self.friction)))
+        dragged = np.minimum(dragged, _DRAGGED_SHARE * self._planned)
         left = self._planned - dragged - turning * (cap_m_s**2)[:, None]
         bound_m_s2 = (left / np.maximum(used, 1e-9)).min(axis=1, initial=np.inf)
         bound_m_s2 = np.minimum(bound_m_s2, self._motor_bound(pushes, direction, used, cap_m_s))

@@ -25,7 +25,7 @@ BOX = Parcel("box", 0.36, 0.30)
 BOX_KG = 2.0
 STEP_S = 0.01
 #: The world moves in steps of this.
-FINE_S = 0.001
+FINE_S = 0.002
 
 
 def traction_of(layout: Layout = LAYOUT, speed_m_s: float = 0.1, friction: float = 0.3) -> Traction:

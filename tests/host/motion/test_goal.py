@@ -36,12 +36,12 @@ def drive(controller: GoalController, table: Table, seconds: float) -> np.ndarra
 @settings(max_examples=4, deadline=None)
 @given(POSE)
 def test_the_goal_is_reached_and_the_speed_is_never_above_the_cap(start: np.ndarray) -> None:
-    controller, table = controller_of(Goal(0.0, 0.0, 0.0)), Table(start)
-    twists = drive(controller, table, 10.0)
+    controller, table = controller_of(Goal(0.0, 0.0, 0.0), speed_m_s=0.2), Table(start)
+    twists = drive(controller, table, 5.0)
     assert controller.arrived
     assert np.hypot(*table.pose[:2]) < 0.002
     assert abs(table.pose[2]) < 0.01
-    assert np.linalg.norm(twists * (1, 1, REACH_M), axis=1).max() <= 0.1 * 1.05
+    assert np.linalg.norm(twists * (1, 1, REACH_M), axis=1).max() <= 0.2 * 1.05
     assert table.most_slip_m_s < 0.005
 
 

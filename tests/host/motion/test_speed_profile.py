@@ -32,7 +32,7 @@ def rates(profile: SpeedProfile) -> tuple[np.ndarray, np.ndarray]:
     return speeds_m_s, np.diff(speeds_m_s**2) / 2 / np.diff(profile.s_m)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(PATHS, MASSES)
 def test_no_wheel_is_ever_asked_for_more_than_friction_gives(path: Path, mass: Mass) -> None:
     profile = profile_of(path, mass)
