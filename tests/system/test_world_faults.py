@@ -95,7 +95,8 @@ def test_a_box_that_is_longer_than_believed_is_carried_by_its_believed_edges():
 @pytest.mark.parametrize("kind", ["encoder_stuck", "wheel_jammed"])
 def test_a_wheel_that_stands_at_a_reference_is_named_within_half_a_second(kind):
     fault = f'fault=[{{kind="{kind}", cells=[9], axes=[1], start_s=1.0}}]'
-    scenario = load_scenario("array18", ["run.duration_s=1.6", fault])
+    slow = "motion.speed_m_s=0.1"
+    scenario = load_scenario("array18", ["run.duration_s=1.6", slow, fault])
     coordinator = coordinator_of(scenario)
     simulate(scenario, [coordinator])
     named_s = [time_s for time_s, text in coordinator.troubles if "cell 9 (node 9) axis 1" in text]

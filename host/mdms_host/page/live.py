@@ -1,6 +1,7 @@
 """A table with a host that steers it, as the page sees it: what is believed of it, and is to be."""
 
 from collections.abc import Callable
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,8 @@ from mdms_host.page.things import things_of
 _FOUND, _DOUBTFUL, _ARRIVED, _UNKNOWN = (
     PARCEL_STATES.index(state) for state in ("found", "doubtful", "arrived", "unknown")
 )
+#: Ways and tiles are looked at so often [s].
+_PLAN_S = 0.25
 _SDO = KINDS.index("SDO")
 #: A client that comes late gets so many of the last events.
 KEPT_EVENTS = 300
@@ -63,6 +66,7 @@ class LiveTable:
         self._events: list[dict[str, Any]] = []
         self._reported: tuple[Coordinator | None, int] = (None, 0)
         self._plan = plan_of(None)
+        self._planned_s = -inf
         self._counted_s = -1.0
         self._counted = np.zeros((layout.bus_count, len(KINDS)))
         self._rates = np.zeros((layout.bus_count, len(KINDS)))
@@ -87,6 +91,16 @@ class LiveTable:
             buses=layout.bus_count,
             kinds=len(KINDS),
         )
+
+    def _look_for_plans(self) -> None:
+        """Ways and tiles, some times a second: they are many, and change as parcels move."""
+        now_s = self._now_s()
+        if not 0.0 <= now_s - self._planned_s < _PLAN_S:
+            self._planned_s = now_s
+            plan = plan_of(self._seat.coordinator)
+            if plan != self._plan:
+                self._plan = plan
+                self._news.append(plan)
 
     def _look_for_things(self) -> None:
         """Parcels come and go, and with them the shape of a snapshot."""
@@ -196,10 +210,7 @@ class LiveTable:
         """See `Table`."""
         self._look()
         self._look_for_things()
-        plan = plan_of(self._seat.coordinator)
-        if plan != self._plan:
-            self._plan = plan
-            self._news.append(plan)
+        self._look_for_plans()
         news, self._news = self._news, []
         return news
 

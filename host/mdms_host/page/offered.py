@@ -1,7 +1,7 @@
 """What a page shows where programs offer it, and leaves out where they do not."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol, TypeAlias, runtime_checkable
+from typing import Any, Protocol, TypeAlias, cast
 
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_model.arrays import Floats
@@ -10,7 +10,6 @@ from mdms_model.arrays import Floats
 Reserved: TypeAlias = tuple[float, float, float, tuple[str, ...]]
 
 
-@runtime_checkable
 class Planned(Protocol):
     """A program whose parcels have ways and tiles of their own."""
 
@@ -28,14 +27,15 @@ class Planned(Protocol):
 def plan_of(coordinator: Coordinator | None) -> dict[str, Any]:
     """The message `plan`: ways and tiles, none where the program has none."""
     program = None if coordinator is None else coordinator.program
-    if not isinstance(program, Planned):
+    if not hasattr(type(program), "ways"):
         return {"kind": "plan", "paths": {}, "tiles": []}
+    planned = cast(Planned, program)
     return {
         "kind": "plan",
-        "paths": {name: poses.round(4).tolist() for name, poses in program.ways.items()},
+        "paths": {name: poses.round(4).tolist() for name, poses in planned.ways.items()},
         "tiles": [
             {"x_m": x_m, "y_m": y_m, "size_m": side_m, "parcels": list(parcels)}
-            for x_m, y_m, side_m, parcels in program.reserved
+            for x_m, y_m, side_m, parcels in planned.reserved
             if parcels
         ],
     }

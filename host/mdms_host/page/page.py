@@ -23,7 +23,7 @@ _NEWS_S = 0.1
 #: Commands that may wait for the table; of more, the sender is told so.
 MOST_COMMANDS = 64
 #: A table that does not answer within this has more to do than it can [s].
-_ANSWER_LIMIT_S = 5.0
+ANSWER_LIMIT_S = 5.0
 #: A message of a client is no longer than this [bytes].
 _LONGEST = 16_384
 _PING_S = 5.0
@@ -179,7 +179,7 @@ class Page:
         except Full:
             raise RefusedError("too many commands at once; this one is dropped") from None
         try:
-            return await asyncio.wait_for(asyncio.wrap_future(answer), _ANSWER_LIMIT_S)
+            return await asyncio.wait_for(asyncio.wrap_future(answer), ANSWER_LIMIT_S)
         except TimeoutError:
             raise RefusedError("the table does not answer: it is busy") from None
 

@@ -90,7 +90,11 @@ class PageApp:
         return JSONResponse(commands.schema(self._offers))
 
     async def _history(self, _request: Request) -> Response:
-        return Response(await self._past(), media_type="application/octet-stream", headers=_HEADERS)
+        try:
+            past = await self._past()
+        except RefusedError as refusal:
+            return PlainTextResponse(str(refusal), 503, headers=_HEADERS)
+        return Response(past, media_type="application/octet-stream", headers=_HEADERS)
 
     async def _live(self, socket: WebSocket) -> None:
         await socket.accept()
@@ -99,7 +103,11 @@ class PageApp:
             return
         client = Client(str(socket.client))
         with suppress(WebSocketDisconnect, TimeoutError, ConnectionError, RuntimeError):
-            await self._welcome(client, socket)
+            try:
+                await self._welcome(client, socket)
+            except RefusedError as refusal:
+                await socket.close(1013, str(refusal))
+                return
             sending = asyncio.create_task(self._send(client, socket))
             try:
                 await self._receive(client, socket)

@@ -50,6 +50,16 @@ class Traffic(Orders, Protocol):
         """What follows each parcel that has been ordered to a place; the same mapping always."""
         ...
 
+    @property
+    def ways(self) -> Mapping[str, Floats]:
+        """See `TableProgram`."""
+        ...
+
+    @property
+    def reserved(self) -> Sequence[tuple[float, float, float, tuple[str, ...]]]:
+        """See `TableProgram`."""
+        ...
+
 
 @dataclass(frozen=True, slots=True)
 class Member:
@@ -124,6 +134,16 @@ class TableProgram:
     def controllers(self) -> Mapping[str, Steered]:
         """What follows each parcel that has been ordered to a place."""
         return self._traffic.steered
+
+    @property
+    def ways(self) -> Mapping[str, Floats]:
+        """The poses (K, 3) that are before each parcel under way, where it is now first."""
+        return self._traffic.ways
+
+    @property
+    def reserved(self) -> Sequence[tuple[float, float, float, tuple[str, ...]]]:
+        """Tiles that parcels have before them: middle and side [m], and which parcels, in order."""
+        return self._traffic.reserved
 
     def set_goal(self, name: str, goal: Goal) -> None:
         """Order a parcel to a place, whatever the program has ordered it to.

@@ -6,6 +6,7 @@ the order over each tile that keeps parcels apart, and not the clock: how far ea
 from how far all have come.
 """
 
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -42,13 +43,18 @@ _LOST_S = 3.0
 _IDLE_S = 1.0
 #: Blocked ways are looked at again so often [s].
 _AGAIN_S = 0.25
+#: Tiles along a cell's side: the finer, the nearer parcels may pass each other. Places that ways
+#: lead over are so many tiles apart.
+_TILES, _STEP = 4, 2
 #: Outlines are planned so much larger on all sides [m], and so much apart in time [s].
-_CLEARANCE_M = 0.01
+_CLEARANCE_M = 0.008
 _GAP_S = 0.1
 #: What stands farther from where the plan has it is in the way of others [m].
 _ASTRAY_M = 0.03
 #: An obstacle that has moved by less is where it was [m, m, rad].
 _SAME = 2e-3
+#: A move that is planned for practice [m], with so little of a turn [rad].
+_LITTLE_M, _LITTLE_RAD = 0.1, 0.01
 #: Room that a parcel needs around it to turn on the spot [m].
 _NEAR_M = 0.015
 
@@ -89,7 +95,6 @@ class TableTraffic:
     def __init__(
         self,
         traction: Traction,
-        tiles: Tiles,
         pace: Pace,
         desk: Desk,
         loads: Mapping[str, Load],
@@ -98,7 +103,10 @@ class TableTraffic:
     ) -> None:
         self.steered: dict[str, Steered] = {}
         self._traction = traction
-        self._planner = Planner(tiles, pace, clearance_m=_CLEARANCE_M, gap_s=_GAP_S)
+        self._planner = Planner(
+            Tiles(traction.layout, _TILES), pace, clearance_m=_CLEARANCE_M, step=_STEP, gap_s=_GAP_S
+        )
+        tiles = self._planner.tiles
         self._closed: Bools = np.zeros(tiles.count, dtype=bool)
         self._obstacles: dict[str, Obstacle] = {}
         self._pace = pace
@@ -128,6 +136,15 @@ class TableTraffic:
         self._left: list[str] = []
         self._leaving: list[tuple[str, Gate]] = []
         self._notices: list[str] = []
+        if desk.real_time:
+            self._prepare()
+
+    def _prepare(self) -> None:
+        """Have the planner work out once what it needs for every kind of parcel."""
+        for shape in set(self._shapes.values()):
+            for yaw_rad in (_LITTLE_RAD, -_LITTLE_RAD):
+                start, goal = np.array([0.0, 0.0, yaw_rad]), np.array([_LITTLE_M, 0.0, yaw_rad])
+                self._planner.plan([Task("any", shape, start[None, :], goal)])
 
     # Orders --------------------------------------------------------------------------------------
 
@@ -181,6 +198,34 @@ class TableTraffic:
     def plan(self) -> Plan | None:
         """The plan that is in effect, for records and pictures."""
         return self._plan
+
+    @property
+    def ways(self) -> dict[str, Floats]:
+        """The poses (K, 3) that are before each parcel under way, where it is now first."""
+        return {
+            name: ride.route.ahead(ride.progress_m, ride.route.length_m)
+            for name, ride in self._rides.items()
+            if not ride.has_come
+        }
+
+    @property
+    def reserved(self) -> list[tuple[float, float, float, tuple[str, ...]]]:
+        """Tiles that parcels under way have before them, and which do, in their order.
+
+        Middle and side of each [m; table frame].
+        """
+        visits: dict[int, list[tuple[float, str]]] = defaultdict(list)
+        for name, ride in self._rides.items():
+            left = ride.route.visits.leaves_m > ride.progress_m
+            if not ride.has_come:
+                columns = ride.route.visits.tile[left], ride.route.visits.enters_s[left]
+                for tile, enters_s in zip(*(each.tolist() for each in columns), strict=True):
+                    visits[tile].append((enters_s, name))
+        tiles = self._planner.tiles
+        return [
+            (*tiles.centre_m(tile), tiles.side_m, tuple(name for _, name in sorted(each)))
+            for tile, each in visits.items()
+        ]
 
     # The cycle -----------------------------------------------------------------------------------
 

@@ -138,6 +138,18 @@ def test_a_parcel_that_is_paused_comes_to_rest_and_goes_on() -> None:
     assert table.twist[0] > 0.05
 
 
+@pytest.mark.parametrize("cell", [8, 9])
+def test_a_parcel_arrives_over_a_cell_that_is_lost_on_its_way(cell: int) -> None:
+    traction = traction_of(speed_m_s=0.6)
+    controller = GoalController(Goal(0.15, 0.02, 0.4), traction, mass_of(BOX))
+    table = Table(np.array([-0.15, -0.02, 0.0]), lost=(cell,))
+    drive(controller, table, 0.3)
+    traction.lose({cell})
+    drive(controller, table, 4.0)
+    assert controller.arrived
+    np.testing.assert_allclose(table.pose, (0.15, 0.02, 0.4), atol=0.004)
+
+
 def test_a_parcel_that_is_set_down_beside_its_way_stops_and_takes_another_from_there() -> None:
     controller, table = controller_of(Goal(0.15, 0.0, 0.0)), Table(np.array([-0.15, 0.0, 0.0]))
     drive(controller, table, 1.0)

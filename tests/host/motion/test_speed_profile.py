@@ -90,6 +90,19 @@ def test_little_voltage_makes_it_slower_than_friction_does() -> None:
         assert needed.max() + weak.slope_n_s_per_m * speed_m_s <= weak.stall_n * 1.3
 
 
+def test_wheels_of_lost_cells_push_nothing_and_drag() -> None:
+    path = straight(np.array([-0.15, 0.0, 0.0]), np.array([0.15, 0.0, 0.2]), REACH_M)
+    traction = traction_of(speed_m_s=2.0)
+    whole = traction.profile(path, BOX.bottom, mass_of(BOX))
+    traction.lose({8, 9})
+    profile = traction.profile(path, BOX.bottom, mass_of(BOX))
+    assert profile.duration_s > 1.15 * whole.duration_s
+    lost = np.isin(LAYOUT.wheel_cells, [8, 9])
+    for _, pushes in profile.pushes:
+        assert not pushes.pushing_n[:, lost[pushes.wheels]].any()
+        np.testing.assert_allclose(pushes.normal_n.sum(axis=1), WEIGHT_N)
+
+
 @pytest.mark.parametrize(
     ("start", "end"),
     [

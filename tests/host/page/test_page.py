@@ -227,6 +227,16 @@ def test_no_more_clients_than_can_be_served(visit):
         visit().await_message("control")
 
 
+def test_table_that_does_not_answer_keeps_its_page_and_says_so(monkeypatch, table):
+    monkeypatch.setattr("mdms_host.page.page.ANSWER_LIMIT_S", 0.2)
+    with Page(table, MonotonicClock()) as page:
+        # Nobody attends to it.
+        with pytest.raises(ConnectionClosed, match="busy"):
+            Visitor(page, page.gate.token).await_message("control")
+        assert fetched(page, "/api/history")[0] == 503
+        assert fetched(page, "/")[0] == 200
+
+
 def test_port_that_is_taken_is_named(page, table):
     with pytest.raises(PageError, match=f"127.0.0.1:{page.gate.port}"):
         Page(table, MonotonicClock(), page.gate.port)

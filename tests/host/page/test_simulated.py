@@ -1,5 +1,6 @@
 """What a person does to a simulated table happens, and ends when nobody is there any more."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -249,11 +250,32 @@ def test_ways_and_tiles_are_shown_where_a_program_has_them(running, monkeypatch)
     ways = {"box": np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.5]])}
     monkeypatch.setattr(type(program), "ways", ways, raising=False)
     monkeypatch.setattr(type(program), "reserved", [(0.1, 0.0, 0.06, ("box",))], raising=False)
-    running.run(0.05)
+    running.run(0.3)
     (plan,) = [message for message in running.messages if message["kind"] == "plan"]
     assert plan["paths"] == {"box": [[0.0, 0.0, 0.0], [0.1, 0.0, 0.5]]}
     assert plan["tiles"] == [{"x_m": 0.1, "y_m": 0.0, "size_m": 0.06, "parcels": ["box"]}]
     assert plan in running.table.story()
+
+
+@pytest.mark.slow
+def test_ways_of_a_program_lead_from_where_its_parcels_are_to_their_goals(monkeypatch):
+    desk = Desk(monkeypatch, load_scenario("swap2"))
+    desk.table.do(commands.Start())
+    plan = {"paths": {}, "tiles": []}
+    end_s = time.perf_counter() + 60.0
+    # Plans are made beside the table, by a thread of their own.
+    while not plan["paths"] and time.perf_counter() < end_s:
+        desk.run(0.02)
+        (plan,) = [message for message in desk.table.story() if message["kind"] == "plan"]
+    names = [one["name"] for one in desk.table.description()["parcels"]]
+    shown = desk.shown
+    for name, poses in plan["paths"].items():
+        number = names.index(name)
+        assert poses[0][:2] == pytest.approx(shown["parcel_believed"][number, :2], abs=0.05)
+        assert poses[-1][:2] == pytest.approx(shown["parcel_goal"][number, :2], abs=0.02)
+    assert plan["tiles"]
+    assert {each for tile in plan["tiles"] for each in tile["parcels"]} == plan["paths"].keys()
+    assert {tile["size_m"] for tile in plan["tiles"]} == {0.0635}
 
 
 @pytest.mark.slow

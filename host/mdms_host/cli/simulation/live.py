@@ -9,8 +9,10 @@ from mdms_host.cli.exits import Exit
 from mdms_host.cli.interrupted import interrupted
 from mdms_host.cli.paging import opened_page
 from mdms_host.cli.scenario.coordination import coordinator_of, layout_of, parcels_of
+from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.page.seat import Seat
 from mdms_host.page.simulated import SLICE_NS, SimulatedTable
+from mdms_host.programs.planning import ThreadDesk
 from mdms_model.scenario.belief import believed
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.serve.clock import RealTime
@@ -20,9 +22,14 @@ from mdms_sim.simulation import Simulation, addresses_of, open_bank
 
 def seat_of(scenario: Scenario) -> Seat:
     """The host's place at a simulated table, where nobody sits yet. Raises `CommandError`."""
-    # What does not fit the firmware is refused now, and not when somebody presses a button.
-    coordinator_of(scenario)
-    return Seat(lambda: coordinator_of(scenario), addresses_of(scenario).bus_count)
+    # What does not fit the firmware is refused now, and not when somebody presses a button; and
+    # what has to be worked out before plans can be made is so while nobody waits.
+    first = [coordinator_of(scenario, desk=ThreadDesk())]
+
+    def make() -> Coordinator:
+        return first.pop() if first else coordinator_of(scenario, desk=ThreadDesk())
+
+    return Seat(make, addresses_of(scenario).bus_count)
 
 
 def table_of(

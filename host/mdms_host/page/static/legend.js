@@ -37,6 +37,7 @@ export function showLegend(place, picture, table) {
   line("believed", colours.parcel);
   if (table?.true_known) line("true", colours.true, "dashed");
   line("goal", colours.goal, "dotted");
+  line(`wheel, half a cell: ${picture.arrow_m_s} m/s`, colours.wheel);
   line("wheel slips", colours.slip);
   if (picture.promised) line("cell near a parcel, promised, under it", "#c44e8a", "dotted");
   place.replaceChildren(...parts);

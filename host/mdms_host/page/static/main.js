@@ -174,7 +174,7 @@ class Page {
   }
 
   showTexts(s) {
-    const legend = `${this.picture.most.normal} ${this.picture.promised}`;
+    const legend = `${this.picture.most.normal} ${this.picture.promised} ${this.picture.arrow_m_s}`;
     if (legend !== this.legend) {
       this.legend = legend;
       this.showLegend();

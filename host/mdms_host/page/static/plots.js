@@ -108,7 +108,7 @@ export class Plots {
         x: { time: false },
         y: { range: (_chart, least, largest) => spanOf(least, largest, low) },
       },
-      axes: [{ ...axis, size: 26, values: (_chart, splits) => splits.map((t) => `${+t.toFixed(2)} s`) }, { ...axis, size: 46 }],
+      axes: [{ ...axis, size: 26, values: (_chart, splits) => splits.map((t) => `${+t.toFixed(2)} s`) }, { ...axis, size: 46, space: 18 }],
       cursor: { drag: { x: false, y: false }, points: { show: false } },
       legend: { live: true },
       series: [

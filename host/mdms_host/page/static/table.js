@@ -3,8 +3,8 @@
 const STATES = ["off", "silent", "ready", "running", "fault", "suspected"];
 const BACKS = ["back", "silent", "cell", "running", "fault", "suspected"];
 const LINES = ["cell-line", "cell-line", "cell-line", "running-line", "fault-line", "suspected-line"];
-/** An arrow as long as half a pitch stands for this speed [m/s]. */
-const ARROW_M_S = 0.1;
+/** An arrow as long as half a pitch stands for one of these speeds [m/s], as the wheels need it. */
+const ARROWS_M_S = [0.1, 0.2, 0.5, 1, 2, 5, 10];
 /** Wheels that slip faster are drawn as slipping [m/s]. */
 const SLIPS_M_S = 0.005;
 /** Where the colours of the heatmaps end. */
@@ -31,6 +31,7 @@ export class TablePicture {
     this.showTrue = this.showPlan = true;
     this.chosen = null;
     this.most = { ...MOST };
+    this.arrow_m_s = ARROWS_M_S[0];
   }
 
   /** Colours from the style sheet, after a change of theme. */
@@ -213,7 +214,8 @@ export class TablePicture {
     const { wheels_m, wheel_directions, pitch_m } = this.table, { scale } = this.view;
     const long = 0.13 * pitch_m * scale, context = this.context;
     const rolling = new Path2D(), slipping = new Path2D(), wanted = new Path2D(), wheels = new Path2D();
-    const arrow = 0.5 * pitch_m * scale / ARROW_M_S;
+    const arrow = 0.5 * pitch_m * scale / this.arrow_m_s;
+    let fastest = 0;
     for (let w = 0; w < wheels_m.length; w++) {
       const px = this.view.px(wheels_m[w][0]), py = this.view.py(wheels_m[w][1]);
       const dx = wheel_directions[w][0], dy = -wheel_directions[w][1];
@@ -225,10 +227,12 @@ export class TablePicture {
         wanted.lineTo(px + dx * reference * arrow, py + dy * reference * arrow);
       }
       if (Math.abs(speed) > 0.002) {
+        fastest = Math.max(fastest, Math.abs(speed));
         const path = Math.abs(snapshot.wheel_slip[w]) > SLIPS_M_S ? slipping : rolling;
         this.addArrow(path, px, py, dx * speed * arrow, dy * speed * arrow);
       }
     }
+    if (fastest > 1.2 * this.arrow_m_s) this.arrow_m_s = ARROWS_M_S.find((step) => step >= fastest / 1.2) ?? 10;
     context.lineCap = "butt";
     context.lineWidth = Math.max(2, 0.055 * pitch_m * scale);
     context.globalAlpha = 0.35;
