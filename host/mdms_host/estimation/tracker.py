@@ -197,20 +197,9 @@ class Tracker:
         believed = {}
         valid = self._presence.valid(now_s)
         for name, each in self._known.items():
-            one = each.estimator
-            pose = one.pose_at(at_s)
-            if pose is not None:
-                believed[name] = Belief(
-                    name,
-                    one.bottom,
-                    pose,
-                    one.twist,
-                    one.covariance,
-                    one.standing,
-                    one.corrected,
-                    one.turn_to_feel_rad(valid) if name in near else None,
-                )
-            one.corrected = False
+            belief = each.belief(at_s, valid if name in near else None)
+            if belief is not None:
+                believed[name] = belief
         return believed | {belief.name: belief for belief in self._unknowns.beliefs()}
 
     @property
