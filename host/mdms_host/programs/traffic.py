@@ -22,7 +22,6 @@ from mdms_host.motion.grip import Grip
 from mdms_host.motion.traction import Traction
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.planning import Desk
-from mdms_host.programs.remaining import remaining
 from mdms_host.programs.ride import Load, Ride
 from mdms_host.routes.errand import Task
 from mdms_host.routes.pace import Pace
@@ -108,7 +107,6 @@ class TableTraffic:
         tiles = self._planner.tiles
         self._closed: Bools = np.zeros(tiles.count, dtype=bool)
         self._obstacles: dict[str, Obstacle] = {}
-        self._pace = pace
         self._desk = desk
         self._loads = loads
         self._kept_free_places = kept_free
@@ -398,10 +396,10 @@ class TableTraffic:
         """The routes of those that are under way, as far as they are left."""
         if self._plan is None:
             return {}
-        routes = {name: ride.route for name, ride in self._rides.items() if not ride.has_come}
-        waits = self._plan.reservations.waits
-        progress_m = {name: self._rides[name].progress_m for name in routes}
-        return remaining(routes, progress_m, waits, self._pace, now_s=self._now_s, gone_s=_LEAVES_S)
+        progress_m = {
+            name: ride.progress_m for name, ride in self._rides.items() if not ride.has_come
+        }
+        return self._planner.kept(self._plan, progress_m, self._now_s)
 
     # Motion
 
