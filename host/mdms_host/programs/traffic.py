@@ -49,6 +49,8 @@ _CLEARANCE_M = 0.008
 _GAP_S = 0.1
 #: What stands farther from where the plan has it is in the way of others [m].
 _ASTRAY_M = 0.03
+#: A parcel stops so far before an obstacle's tiles, for it is to find a way from there [m].
+_SHORT_M = 0.01
 #: An obstacle that has moved by less is where it was [m, m, rad].
 _SAME = 2e-3
 #: A move that is planned for practice [m], with so little of a turn [rad].
@@ -425,7 +427,7 @@ class TableTraffic:
         for other, obstacle in self._obstacles.items():
             if other != name:
                 met = np.isin(visits.tile, obstacle.tiles) & (visits.leaves_m > ride.progress_m)
-                free_m = min(free_m, float(visits.enters_m[met].min(initial=inf)))
+                free_m = min(free_m, float(visits.enters_m[met].min(initial=inf)) - _SHORT_M)
         return free_m
 
     def _limits_m(self) -> dict[str, float]:

@@ -60,9 +60,9 @@ def test_a_parcel_stops_before_what_appears_on_its_way_and_goes_around_it():
 
     table = two_boxes("parcel.1.x_m=0.40", main=main, unknown=["disc"])
     table.hidden.add("disc")
-    table.run(0.4)
+    table.run(0.25)
     table.hidden.clear()
-    table.put("disc", 0.05, 0.22)
+    table.put("disc", 0.05, 0.23)
     table.run_until(8.0, lambda: table.program.finished)
     assert away_m(table.pose("box"), 0.36, -0.1) < 0.003
     assert not table.events("touch")
