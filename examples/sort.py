@@ -1,4 +1,4 @@
-"""Parcels leave by the exit for their kind; every third one is taken out for inspection.
+"""Parcels leave by the exit for their kind; every second one is taken out for inspection.
 
 mdms simulate examples/sort.py          in virtual time, with no hardware
 mdms run examples/sort.py -i socketcan -c can0
@@ -8,10 +8,10 @@ SCENARIO = "infeed18.toml"
 
 
 async def main(table):
-    """Three parcels, as they come."""
+    """Two parcels, as they come."""
     number = 0
-    async for parcel in table.arrivals(3):
+    async for parcel in table.arrivals(2):
         number += 1
         # Each goes its way beside the others: the next may set out before it has left.
-        leaving = table.start(table.leave(parcel, "north" if number == 3 else None))
+        leaving = table.start(table.leave(parcel, "north" if number == 2 else None))
     await leaving

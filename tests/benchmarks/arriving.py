@@ -41,7 +41,7 @@ from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.simulation import Simulation
 
 WITHIN_M, WITHIN_RAD = 0.003, radians(1.0)
-LIMIT_S, FIELD_S = 12.0, 20.0
+LIMIT_S, FIELD_S = 12.0, 8.0
 REST_S = 0.5
 STEP_S = 0.01
 EVERY_STEPS = 5

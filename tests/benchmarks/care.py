@@ -26,8 +26,8 @@ from mdms_sim.simulation import Simulation
 
 LIMIT_S = 20.0
 WITHIN_M, WITHIN_RAD = 0.005, 2.0 * pi / 180
-#: A box begins to move at about 0.5 s, and needs one or two.
-FIRST_S, LAST_S = 0.6, 1.6
+#: A box begins to move at about 0.5 s, and needs about one.
+FIRST_S, LAST_S = 0.6, 1.2
 REST_S = 0.5
 EAST = "cells=[4, 5, 6, 10, 11, 12, 16, 17, 18]"
 GO_ON = "run.on_lost_cell='go_on'"

@@ -12,7 +12,8 @@ LIFTED_S = 1.5
 
 
 def run(*overrides: str, duration_s: float = 12.0):
-    scenario = load_scenario("array18", [f"run.duration_s={duration_s}", *overrides])
+    slow = "motion.speed_m_s=0.1"
+    scenario = load_scenario("array18", [f"run.duration_s={duration_s}", slow, *overrides])
     return scenario, run_scenario(scenario)
 
 

@@ -9,20 +9,20 @@ from types import MappingProxyType
 import numpy as np
 
 from mdms_host.can_link.sdo_client import Setting
-from mdms_host.coordination.bring_up import BringUpCell
 from mdms_host.coordination.care import Care
 from mdms_host.coordination.cells import cells_of
 from mdms_host.coordination.cells_control import CellsControl
 from mdms_host.coordination.commands import Commands
 from mdms_host.coordination.control_cycle import ControlCycle
+from mdms_host.coordination.course import Course
 from mdms_host.coordination.journal import Journal
 from mdms_host.coordination.odometry import Odometry
-from mdms_host.coordination.phase import BRING_UP, HELD, STOPPED, TRANSITIONS, UP, Phase, Signal
+from mdms_host.coordination.phase import HELD, STOPPED, Phase
 from mdms_host.coordination.policy import Policy
 from mdms_host.coordination.reception import Reception
 from mdms_host.coordination.roster import Roster
 from mdms_host.coordination.schedule import Schedule, Timing
-from mdms_host.coordination.supervision import OTHER_HOST, SWITCHED_OFF, Supervision, names
+from mdms_host.coordination.supervision import Supervision
 from mdms_host.coordination.velocity_frames import VelocityFrames
 from mdms_host.estimation.tracker import Estimate, Parcel, Tracker
 from mdms_host.layout import Layout
@@ -39,7 +39,6 @@ _SYNC = Frame(cob.SYNC, b"")
 #: A parcel may have moved by so much while cells were out, as a standard deviation: braked within
 #: 0.1 s from 0.1 m/s, and as far as reports of its edges have got lost.
 _UNSEEN_M = 0.008
-_OVER = (Phase.FAILING, *STOPPED)
 
 
 class Coordinator:
@@ -68,8 +67,6 @@ class Coordinator:
     ) -> None:
         axes = len(layout.wheels)
         self.layout = layout
-        self.phase = Phase.WAITING
-        self.fault: str | None = None
         self._timing = timing = timing or Timing()
         self._program = program
         self._journal = journal = Journal()
@@ -85,16 +82,16 @@ class Coordinator:
         debounce_s = tuple(cell.debounce_s for cell in self.cells)
         self.tracker = Tracker(layout, parcels, timing.status_period_s, debounce_s)
         self._odometry = Odometry(self.cells, axes, self._velocities, timing)
-        self._supervision = Supervision(self.cells, timing)
+        supervision = Supervision(self.cells, timing)
         self._roster = Roster(self.cells, axes)
         self._care = Care(
             self._roster,
             policy or Policy(),
-            supervision=self._supervision,
+            supervision=supervision,
             odometry=self._odometry,
             journal=journal,
             on_lost=self._on_lost_cells,
-            on_back=lambda: self.tracker.blur(_UNSEEN_M),
+            on_back=lambda: self.tracker.look_again(_UNSEEN_M),
         )
         self._schedule = Schedule()
         steering = CellsControl(self.cells, program) if isinstance(program, CellsProgram) else None
@@ -104,12 +101,22 @@ class Coordinator:
             self.cells,
             layout.bus_count,
             host_node_id,
-            supervision=self._supervision,
+            supervision=supervision,
             tracker=self.tracker,
             odometry=self._odometry,
             commands=self._commands,
             by_cells=steering,
             journal=journal,
+        )
+        self._course = Course(
+            self._roster,
+            timing,
+            supervision=supervision,
+            care=self._care,
+            reception=self._reception,
+            journal=journal,
+            on_phase=self._on_phase,
+            unsure=lambda: bool(self.tracker.doubtful),
         )
         self._cycle = ControlCycle(
             self.cells,
@@ -126,11 +133,19 @@ class Coordinator:
         self._alive = nmt.heartbeat(host_node_id, nmt.OPERATIONAL)
         self._heartbeat_period_s = WATCHED_HEARTBEAT_S if by_cells else timing.heartbeat_period_s
         self._now_s = 0.0
-        self._phase_since_s: float | None = None
         self._schedule.set("heartbeat", 0.0)
-        self._stop_requested = False
 
     # What has become of the run
+
+    @property
+    def phase(self) -> Phase:
+        """What the run is at."""
+        return self._course.phase
+
+    @property
+    def fault(self) -> str | None:
+        """See above."""
+        return self._course.fault
 
     @property
     def events(self) -> list[tuple[float, str]]:
@@ -228,7 +243,7 @@ class Coordinator:
 
     def stop(self) -> None:
         """Request an orderly end; the next poll begins it."""
-        self._stop_requested = True
+        self._course.stop()
 
     def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
         """Take in a frame from a bus; what is no cell's, or cannot be decoded, does nothing."""
@@ -241,10 +256,7 @@ class Coordinator:
     def poll_buses(self, now_s: float) -> list[tuple[int, Frame]]:
         """What to send now, each frame with its bus."""
         self._now_s = now_s
-        if self._phase_since_s is None:
-            self._enter(Phase.WAITING)
-        self._check()
-        self._advance()
+        self._course.step(now_s)
         return [
             (each, frame)
             for bus, frame in self._frames(now_s)
@@ -261,86 +273,25 @@ class Coordinator:
             self._odometry.on_sync(now_s)
             yield None, _SYNC
         if self._schedule.take("setpoint", now_s, sync_period_s):
-            yield from self._cycle.frames(self.phase, now_s, self._schedule.next_s("sync"))
+            yield from self._cycle.frames(self._course.phase, now_s, self._schedule.next_s("sync"))
 
-    # Its phases
+    # What follows from it
 
-    def _check(self) -> None:
-        """Act on what is wrong with cells, on another host, or on a request to stop."""
-        if self.phase in _OVER:
-            return
-        if self._reception.other_host:
-            self._fail(OTHER_HOST)
-        elif self._reception.switched_off:
-            self._fail(SWITCHED_OFF)
-        elif self._stop_requested and (self.phase, Signal.STOP) in TRANSITIONS:
-            self._signal(Signal.STOP)
-        elif self.phase in UP:
-            self._look_after_cells()
-        elif fault := self._supervision.fault(self.phase, self._roster.taking_part, self._now_s):
-            self._fail(fault)
-        elif self._roster.out:
-            self._care.bring_back(self._now_s)
-
-    def _look_after_cells(self) -> None:
-        decision = self._care.step(self.phase, self._now_s, bool(self.tracker.doubtful))
-        if decision is None:
-            return
-        if decision.signal is Signal.FAULT:
-            self._fail(decision.text)
-        else:
-            self._signal(decision.signal)
-
-    def _advance(self) -> None:
-        """End the phase when all cells have reached its end, or when its time limit has passed."""
-        if self.phase in (*UP, *STOPPED):
-            return
-        late = [cell for cell in self._roster.taking_part if not self._done(cell)]
-        waited_s = self._now_s - (self._phase_since_s or 0.0)
-        if not late:
-            self._conclude()
-        elif self.phase in BRING_UP and waited_s >= self._timing.phase_limit_s:
-            text = self._supervision.late_text(self.phase, late)
-            if not self._care.do_without(late, text, self._now_s):
-                self._fail(text)
-        elif self.phase not in BRING_UP and waited_s >= self._timing.stop_limit_s:
-            self._journal.note(self._now_s, f"not confirmed to be off: {names(late)}")
-            self._signal(Signal.DONE)
-
-    def _conclude(self) -> None:
-        """End a phase that all cells have reached, if none of them is other than it should be."""
-        misfits = self._supervision.misfits_text(self.phase, self._roster.taking_part)
-        if misfits:
-            self._fail(misfits)
-        else:
-            self._signal(Signal.DONE)
-
-    def _done(self, cell: BringUpCell) -> bool:
-        """Whether the phase need not wait for a cell; when stopping, nor for a silent one."""
-        lost = self.phase not in BRING_UP and self._supervision.silent(cell, self._now_s)
-        return lost or cell.has_reached(self.phase)
-
-    def _signal(self, signal: Signal) -> None:
-        self._enter(TRANSITIONS[self.phase, signal])
-
-    def _enter(self, phase: Phase) -> None:
-        if phase is Phase.RUNNING and self.phase in HELD and self._steering is not None:
-            self._steering.begin_again()
-        self.phase, self._phase_since_s = phase, self._now_s
-        self._supervision.recheck()
-        self._journal.note(self._now_s, phase.value)
-        self._commands.on_phase(phase, self._now_s)
+    def _on_phase(self, before: Phase, phase: Phase, now_s: float) -> None:
+        """A phase of the run begins."""
+        self._commands.on_phase(phase, now_s)
+        if phase in HELD:
+            self.tracker.look_away()
+        elif before in HELD:
+            self.tracker.look_again(_UNSEEN_M)
         if phase == Phase.ENABLING:
-            self._schedule.set("sync", self._now_s)
-            self._schedule.set("setpoint", self._now_s + self._timing.sync_period_s / 2)
+            self._schedule.set("sync", now_s)
+            self._schedule.set("setpoint", now_s + self._timing.sync_period_s / 2)
         elif phase in STOPPED:
             self._schedule.cancel("sync")
             self._schedule.cancel("setpoint")
-
-    def _fail(self, text: str) -> None:
-        self.fault = text
-        self._journal.note(self._now_s, f"fault: {text}")
-        self._signal(Signal.FAULT)
+        elif phase is Phase.RUNNING and before in HELD and self._steering is not None:
+            self._steering.begin_again()
 
     def _on_lost_cells(self, numbers: frozenset[int]) -> None:
         """The run does without these cells (from 1), and without no others."""

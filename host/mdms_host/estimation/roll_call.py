@@ -89,6 +89,7 @@ class RollCall:
         self._sensors_m = layout.sensor_positions_m.reshape(-1, 2)
         self._searches: dict[Key, Search] = {}
         self._divisions: dict[bytes, _Division] = {}
+        self._spreads: dict[bytes, tuple[Floats, float]] = {}
 
     @property
     def heaps(self) -> set[bytes]:
@@ -116,6 +117,7 @@ class RollCall:
             part.tobytes() for division in self._divisions.values() for part in division.parts
         )
         self._searches = {key: each for key, each in self._searches.items() if key[2] in parts}
+        self._spreads = {key: each for key, each in self._spreads.items() if key in parts}
 
     def _parts(self, group: Ints) -> tuple[Ints, ...]:
         division = self._divisions.get(group.tobytes())
@@ -142,11 +144,10 @@ class RollCall:
 
     def _cost(self, one: Sought, group: Ints) -> float:
         """What contradicts that a parcel covers a group, at least, counted in sensors."""
-        covered_m = self._sensors_m[group]
-        middle_m = (covered_m.min(axis=0) + covered_m.max(axis=0)) / 2
+        middle_m, extent_m = self._spread(group)
         # One cell may be left out.
         most_m = 2 * one.bottom.reach_m + 1.5 * self._layout.pitch_m
-        if not one.may_be_at(middle_m) or _extent_m(covered_m) > most_m:
+        if extent_m > most_m or not one.may_be_at(middle_m):
             return _IMPOSSIBLE
         cost = -_EXPLAINED * len(group)
         if one.place is not None:
@@ -157,6 +158,15 @@ class RollCall:
         if search.found is None:
             return _IMPOSSIBLE if search.over else cost + len(group)
         return cost + search.found.contradictions
+
+    def _spread(self, group: Ints) -> tuple[Floats, float]:
+        """The middle of a group, and the greatest distance between any two of its sensors [m]."""
+        key = group.tobytes()
+        if key not in self._spreads:
+            covered_m = self._sensors_m[group]
+            middle_m = (covered_m.min(axis=0) + covered_m.max(axis=0)) / 2
+            self._spreads[key] = middle_m, _extent_m(covered_m)
+        return self._spreads[key]
 
     def _search(self, one: Sought, group: Ints, scene: Scene) -> Search:
         key = _key(one, group)
@@ -172,10 +182,8 @@ class RollCall:
 
     def _near(self, one: Sought, group: Ints) -> Ints:
         """All sensors that may show whether a parcel covers a group."""
-        covered_m = self._sensors_m[group]
-        middle_m = (covered_m.min(axis=0) + covered_m.max(axis=0)) / 2
-        reach_m = 2 * one.bottom.reach_m + _extent_m(covered_m) / 2
-        return self._surroundings.of(middle_m, reach_m).sensors
+        middle_m, _ = self._spread(group)
+        return self._surroundings.of(middle_m, 2 * one.bottom.reach_m).sensors
 
     def _conclude(
         self, sought: Sequence[Sought], scene: Scene, pairs: Sequence[tuple[Sought, Ints]]
@@ -209,7 +217,7 @@ class RollCall:
         if len(there) < 2:
             return self._divisions.pop(group.tobytes(), None) is not None
         if division is None or division.names != names:
-            extent_m = _extent_m(self._sensors_m[group])
+            _, extent_m = self._spread(group)
             large = all(extent_m > 2 * one.bottom.reach_m for one in there)
             division = _Division(group, names, self._ways(group, there, scene), large)
             self._divisions[group.tobytes()] = division

@@ -26,6 +26,10 @@ from mdms_model.arrays import Floats, Ints
 #: What the pose is off becomes a speed towards the path [1/s], so much at most [m/s].
 STIFFNESS_PER_S = 8.0
 _FED_BACK_M_S = 0.05
+#: What the speed is off is to vanish at this rate at least [1/s], if need be with so much more
+#: feedback than by the wheels' own law.
+_HURRY_PER_S = 25.0
+_MOST_HURRY = 6.0
 #: A parcel that is farther from its reference along the path takes it along [m].
 _REJOIN_M = 0.012
 #: How far back and ahead it may then be found again [m].
@@ -69,6 +73,7 @@ class Follower:
         self.paused = False
         self.off_path = False
         self._traction = traction
+        self._made = traction.changes
         self._reference = Reference(profile)
         self._pose: Floats | None = None
         self._twist: Floats | None = None
@@ -81,6 +86,11 @@ class Follower:
     def path(self) -> Path:
         """What is followed."""
         return self.profile.path
+
+    @property
+    def out_of_date(self) -> bool:
+        """Whether other wheels push now than when the profile was made."""
+        return self._made != self._traction.changes
 
     @property
     def s_m(self) -> float:
@@ -180,18 +190,27 @@ class Follower:
         wheels, push_n, most_n, inertia_kg = self._pushes(middle_m, rate, along)
         rows = self._traction.layout.surface_jacobian(*pose[:2].tolist())[wheels]
         b = self._traction.drives.b_n_s_per_m[wheels]
-        force_n = np.clip(push_n + b * (rows @ (twist - expected)), -most_n, most_n)
+        hurried = self._hurry(b) * b * (rows @ (twist - expected))
+        force_n = np.clip(push_n + hurried, -most_n, most_n)
         given = Given(rows, force_n, expected, b, along, inertia_kg) if along.any() else None
         self._ended, self._going = self._going, given
         return Carried(pose, reference, twist, expected, rate, wheels, force_n)
+
+    def _hurry(self, b_n_s_per_m: Floats) -> float:
+        """How much more a speed that is off is to be fed back than by the wheels' own law.
+
+        The law alone speeds a heavy parcel up slowly.
+        """
+        own_per_s = float(b_n_s_per_m.sum()) / 2 / self.profile.pushes[0][1].mass.mass_kg
+        return max(1.0, min(_HURRY_PER_S / max(own_per_s, 1e-9), _MOST_HURRY))
 
     def _pushes(
         self, s_m: float, rate: Floats, along: Floats
     ) -> tuple[Ints, Floats, Floats, float]:
         """Wheels that carry (n,), their pushes for an acceleration, bounds, and the inertia."""
         pushes, sample = self.profile.part_at(s_m)
-        carrying = pushes.normal_n[sample] > 0.0
-        normal_n = pushes.normal_n[sample, carrying]
+        carrying = pushes.pushing_n[sample] > 0.0
+        normal_n = pushes.pushing_n[sample, carrying]
         shares = pushes.per_wrench[sample, carrying] @ pushes.wrench_at(sample, rate)
         # Braking may take more than the share of a grip that has been reduced.
         most = np.maximum(self.grip.share * self._traction.push_share, abs(shares))

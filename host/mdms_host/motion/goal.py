@@ -160,7 +160,9 @@ class GoalController:
         return self._follower
 
     def _leads_elsewhere(self, follower: Follower, pose: Floats) -> bool:
-        """Whether a way does not end where the parcel is to be now."""
+        """Whether a way does not end where the parcel is to be now, or with the wheels of now."""
+        if follower.out_of_date:
+            return True
         off = follower.path.off(self._target(pose), follower.path.length_m)
         return follower.path.distance_m(off) > _SAME_M
 

@@ -13,6 +13,7 @@ from mdms_host.motion.carrying import Carrying
 from mdms_host.motion.contact import Body, Contacts, gap_m
 from mdms_host.motion.follower import Carried
 from mdms_host.motion.goal import Goal, GoalController
+from mdms_host.motion.grip import Grip
 from mdms_host.motion.mass import Mass, uniform_mass
 from mdms_host.motion.obstacles import Obstacles
 from mdms_host.motion.standstill import Standstill
@@ -162,6 +163,7 @@ class GoalProgram:
         self._standstills = {name: Standstill() for name in self._controllers}
         self._notices: list[str] = []
         self._reasons: dict[str, str] = {}
+        self._slips = dict.fromkeys(self._controllers, 0)
 
     def set_goal(self, name: str, goal: Goal) -> None:
         """Steer a parcel to this goal from now on, stopped or not. KeyError for one of no program.
@@ -175,6 +177,10 @@ class GoalProgram:
         self._controllers[name] = after
         self._standstills[name] = Standstill()
         self._reasons.pop(name, None)
+
+    def on_lost_cells(self, cells: frozenset[int]) -> None:
+        """The wheels of these cells (from 1) do not push any more; ways are planned anew."""
+        self._traction.lose(cells)
 
     def _controller_of(self, name: str, goal: Goal) -> GoalController:
         mass = self._masses.get(name) or uniform_mass(self._bottoms[name])
@@ -214,7 +220,7 @@ class GoalProgram:
         return notices + self._obstacles.take_notices()
 
     def references_m_s(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
-        """References that move every parcel as one rigid body, r = (b/a) J xi, shape (W,)."""
+        """References that take every parcel on its way as one rigid body, shape (W,)."""
         self._places.update(
             (name, belief.pose) for name, belief in beliefs.items() if name in self._given
         )
@@ -253,6 +259,16 @@ class GoalProgram:
             felt = belief.feel_rad is not None and self._room_to_turn(name)
             controller.feel_rad = belief.feel_rad if felt else None
             yield name, controller.step(belief, step_s)
+            self._report_slip(name, controller.grip)
+
+    def _report_slip(self, name: str, grip: Grip) -> None:
+        """Report the first time that a parcel's wheels slip; what follows is more of the same."""
+        if grip.slips and not self._slips.get(name):
+            self._notices.append(
+                f"wheels slip under {name}: they push with {100 * grip.share:.0f} % of what was "
+                "planned, and slowly with more again"
+            )
+        self._slips[name] = grip.slips
 
     def _room_to_turn(self, name: str) -> bool:
         """Whether a parcel may turn where it is without coming near any other."""

@@ -14,7 +14,7 @@ from mdms_host.estimation.bottom import Bottom
 from mdms_host.layout import Layout
 from mdms_host.motion.mass import Mass, centre_at
 from mdms_host.motion.normal_forces import Spots, normal_forces_n
-from mdms_model.arrays import Floats, Ints
+from mdms_model.arrays import Bools, Floats, Ints
 
 #: Keeps the shares solvable along what no wheel pushes (a row pushes neither along y nor round).
 _RIDGE = 1e-9
@@ -26,14 +26,17 @@ _AT_ONCE = 40
 class Pushes:
     """Shares of wheels (n,) at poses (K, 3): what they carry, and how they push.
 
-    `wheels` are their numbers, `normal_n` is of shape (K, n). `per_wrench` (K, n, 3) maps a wrench
-    (Fx, Fy, Mz about the centre of mass) [N, N, N m] to f_i / N_i, and `arm_m` (K, 2) is from the
-    parcel's origin to its centre of mass [m; table frame].
+    `wheels` are their numbers, `rows` (K, n, 3) their j_i [1, 1, m] and `normal_n` (K, n) what they
+    carry, of which `pushing_n` is carried by wheels that push. `per_wrench` (K, n, 3) maps a wrench
+    (Fx, Fy, Mz about the centre of mass) [N, N, N m] to f_i / N_i of these, and `arm_m` (K, 2) is
+    from the parcel's origin to its centre of mass [m; table frame].
     """
 
     poses: Floats
     wheels: Ints
+    rows: Floats
     normal_n: Floats
+    pushing_n: Floats
     per_wrench: Floats
     arm_m: Floats
     mass: Mass
@@ -75,15 +78,34 @@ class Pushes:
         return np.column_stack((-self.mass.mass_kg * self.arm_m, np.zeros(len(self.arm_m))))
 
     def shares(self, wrench: Floats) -> Floats:
-        """f_i / N_i of the wheels that carry, for a wrench (K, 3) at each pose, (K, n)."""
+        """f_i / N_i of the wheels that carry and push, for a wrench (K, 3) at each pose, (K, n)."""
         shares: Floats = np.einsum("knc,kc->kn", self.per_wrench, wrench)
-        return np.where(self.normal_n > 0.0, shares, 0.0)
+        return np.where(self.pushing_n > 0.0, shares, 0.0)
+
+    def dragging_wrench(self, direction: Floats, friction: float) -> Floats:
+        """What overcomes the friction of wheels that carry and do not push, (K, 3)."""
+        x, y, turn = direction.tolist()
+        arm_x, arm_y = self.arm_m.T
+        moving = np.column_stack((x - turn * arm_y, y + turn * arm_x, np.full(len(arm_x), turn)))
+        passive_n = self.normal_n - self.pushing_n
+        against_n = friction * passive_n * np.sign(np.einsum("knc,kc->kn", self.rows, moving))
+        wrench: Floats = np.einsum("kn,knc->kc", against_n, self.rows)
+        return wrench
 
 
 def pushes_at(
-    layout: Layout, outline: Bottom, mass: Mass, poses: Floats, weight_n: float
+    layout: Layout,
+    outline: Bottom,
+    mass: Mass,
+    poses: Floats,
+    weight_n: float,
+    *,
+    passive: Bools | None = None,
 ) -> Pushes:
-    """The shares of all wheels that are under the parcel at any of the poses (K, 3)."""
+    """The shares of all wheels that are under the parcel at any of the poses (K, 3).
+
+    Wheels that are `passive` (W,) carry, but do not push (None: all do).
+    """
     low_m = poses[:, :2].min(axis=0) - outline.reach_m
     high_m = poses[:, :2].max(axis=0) + outline.reach_m
     places_m = layout.wheel_positions_m
@@ -104,13 +126,16 @@ def pushes_at(
     normal_n = normal_forces_n(spots, weight_n)
     directions = np.broadcast_to(layout.wheel_directions[near], levers_m.shape)
     turning_m = directions[..., 1] * levers_m[..., 0] - directions[..., 0] * levers_m[..., 1]
-    rows = np.concatenate((directions, turning_m[..., None] / outline.reach_m), axis=-1)
-    return Pushes(poses, near, normal_n, _per_wrench(rows, normal_n, outline.reach_m), arm_m, mass)
+    rows = np.concatenate((directions, turning_m[..., None]), axis=-1)
+    pushing_n = normal_n if passive is None else np.where(passive[near], 0.0, normal_n)
+    per_wrench = _per_wrench(rows, pushing_n, outline.reach_m)
+    return Pushes(poses, near, rows, normal_n, pushing_n, per_wrench, arm_m, mass)
 
 
-def _per_wrench(rows: Floats, normal_n: Floats, reach_m: float) -> Floats:
-    """(K, n, 3), of rows (K, n, 3) whose levers are in reaches."""
-    grip = np.einsum("kn,kni,knj->kij", normal_n, rows, rows)
+def _per_wrench(rows: Floats, pushing_n: Floats, reach_m: float) -> Floats:
+    """(K, n, 3). Levers are counted in reaches meanwhile, so that all columns are of one size."""
+    rows = rows / (1.0, 1.0, reach_m)
+    grip = np.einsum("kn,kni,knj->kij", pushing_n, rows, rows)
     trace = np.trace(grip, axis1=1, axis2=2)
     ridge = np.where(trace > 0.0, _RIDGE * trace, 1.0)
     inverse = np.linalg.inv(grip + ridge[:, None, None] * np.eye(3))

@@ -14,7 +14,7 @@ Planners ask for times of moves that they only think of: `traction.agility(outli
 each kind of parcel, then `travel_time_s(path, agility)`, some microseconds a piece.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from math import ceil, sqrt
 
@@ -27,7 +27,7 @@ from mdms_host.motion.path import Path, Piece
 from mdms_host.motion.pushes import Pushes, by_parts, pushes_at
 from mdms_host.motion.speed_profile import SpeedProfile
 from mdms_host.motion.wheel_drives import WheelDrives
-from mdms_model.arrays import Floats
+from mdms_model.arrays import Bools, Floats
 
 #: Share of the friction that is believed which trajectories are planned with; feedback may take
 #: `FEEDBACK_SHARE` in all. Wheels and friction differ by a tenth, and references are held for a
@@ -38,6 +38,8 @@ FEEDBACK_SHARE = 0.85
 _STEP_M = 0.005
 #: At most this share of friction is to hold a centre of mass on its circle.
 _TURNING_SHARE = 0.3
+#: At most this share is kept for wheels that only drag: slow, they drag with less than friction.
+_DRAGGED_SHARE = 0.5
 #: Fastest wheel, as a share of what the motor could at no load.
 _FASTEST_SHARE = 0.8
 #: Acceleration that is planned with where no wheel can do anything [m/s2]; too little to matter.
@@ -104,6 +106,16 @@ class Traction:
         self.speed_m_s = speed_m_s
         self._gravity_m_s2 = gravity_m_s2
         self._planned = planned_share * friction
+        self._passive: Bools = np.zeros(len(layout.wheel_cells), dtype=bool)
+        self.changes = 0
+
+    def lose(self, cells: Collection[int]) -> None:
+        """The wheels of these cells (from 1) do not push, and drag; those of all others push.
+
+        `changes` counts such changes: what was worked out before the last is out of date.
+        """
+        self._passive = np.isin(self.layout.wheel_cells, [*cells])
+        self.changes += 1
 
     @property
     def push_share(self) -> float:
@@ -113,7 +125,7 @@ class Traction:
     def pushes(self, outline: Bottom, mass: Mass, poses: Floats) -> Pushes:
         """How the wheels share pushes at poses (K, 3)."""
         weight_n = mass.mass_kg * self._gravity_m_s2
-        return pushes_at(self.layout, outline, mass, poses, weight_n)
+        return pushes_at(self.layout, outline, mass, poses, weight_n, passive=self._passive)
 
     def profile(self, path: Path, outline: Bottom, mass: Mass) -> SpeedProfile:
         """The bounds of speed and acceleration along a path."""
@@ -139,16 +151,16 @@ class Traction:
         )
 
     def agility(self, outline: Bottom, mass: Mass) -> Agility:
-        """How fast a kind of parcel can be sped up, about the middle of the table."""
+        """How fast a kind of parcel can be sped up, about the middle of the table, no cell lost."""
         pitch_m = self.layout.pitch_m
         inside_m = (np.arange(_PLACES) / _PLACES - 0.5) * pitch_m
         yaws_rad = np.arange(_YAWS) / _YAWS * 2 * np.pi
         # Off the round numbers, where wheels lie exactly under an edge.
         x_m, y_m, yaw_rad = np.meshgrid(inside_m + 0.003, inside_m + 0.003, yaws_rad + 0.01)
         poses = np.column_stack((x_m.ravel(), y_m.ravel(), yaw_rad.ravel()))
-        pushes = self.pushes(outline, mass, poses)
+        pushes = pushes_at(self.layout, outline, mass, poses, mass.mass_kg * self._gravity_m_s2)
         columns = [pushes.shares(pushes.wrench(unit)) for unit in np.eye(3)]
-        table = np.stack(columns, axis=-1)[pushes.normal_n > 0.0] / self._planned
+        table = np.stack(columns, axis=-1)[pushes.pushing_n > 0.0] / self._planned
         return Agility(table, self.speed_m_s)
 
     def _bounds(self, pushes: Pushes, direction: Floats) -> tuple[Floats, Floats]:
@@ -160,10 +172,12 @@ class Traction:
             self._fastest_m_s(pushes, direction),
             np.sqrt(_TURNING_SHARE * self._planned / worst_turning),
         )
-        left = self._planned - turning * (cap_m_s**2)[:, None]
+        dragged = abs(pushes.shares(pushes.dragging_wrench(direction, self.friction)))
+        dragged = np.minimum(dragged, _DRAGGED_SHARE * self._planned)
+        left = self._planned - dragged - turning * (cap_m_s**2)[:, None]
         bound_m_s2 = (left / np.maximum(used, 1e-9)).min(axis=1, initial=np.inf)
         bound_m_s2 = np.minimum(bound_m_s2, self._motor_bound(pushes, direction, used, cap_m_s))
-        carried = (pushes.normal_n > 0.0).any(axis=1)
+        carried = (pushes.pushing_n > 0.0).any(axis=1)
         return np.maximum(np.where(carried, bound_m_s2, 0.0), _LEAST_M_S2), cap_m_s
 
     def _fastest_m_s(self, pushes: Pushes, direction: Floats) -> Floats:
@@ -183,7 +197,7 @@ class Traction:
     ) -> Floats:
         """The bound of s'' by what motors give at the greatest speed, rims included, (K,)."""
         per_speed = abs(self._speeds(pushes, direction))
-        needed_n = used * pushes.normal_n + self.drives.rim_mass_kg * per_speed
+        needed_n = used * pushes.pushing_n + self.drives.rim_mass_kg * per_speed
         given_n = self.drives.motor_limit_n(per_speed * cap_m_s[:, None])
         bound: Floats = (given_n / np.maximum(needed_n, 1e-9)).min(axis=1, initial=np.inf)
         return bound

@@ -11,7 +11,12 @@ DELAY_CYCLES = 3
 
 
 class Desk(Protocol):
-    """Where plans are made, one at a time."""
+    """Where plans are made, one at a time; `real_time` is whether time passes meanwhile."""
+
+    @property
+    def real_time(self) -> bool:
+        """Whether the cycle goes on while a plan is made."""
+        ...
 
     @property
     def is_busy(self) -> bool:
@@ -29,6 +34,8 @@ class Desk(Protocol):
 
 class VirtualDesk:
     """Makes plans at once and holds them back: virtual time does not pass by computing."""
+
+    real_time = False
 
     def __init__(self) -> None:
         self._plan: Plan | None = None
@@ -56,6 +63,8 @@ class VirtualDesk:
 
 class ThreadDesk:
     """Makes plans in a thread of its own, beside the cycle in real time."""
+
+    real_time = True
 
     def __init__(self) -> None:
         self._executor = ThreadPoolExecutor(1, "planning")

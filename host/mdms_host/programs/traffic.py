@@ -23,7 +23,6 @@ from mdms_host.motion.grip import Grip
 from mdms_host.motion.traction import Traction
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.planning import Desk
-from mdms_host.programs.remaining import remaining
 from mdms_host.programs.ride import Load, Ride
 from mdms_host.routes.errand import Task
 from mdms_host.routes.pace import Pace
@@ -43,13 +42,20 @@ _LOST_S = 3.0
 _IDLE_S = 1.0
 #: Blocked ways are looked at again so often [s].
 _AGAIN_S = 0.25
+#: Tiles along a cell's side: the finer, the nearer parcels may pass each other. Places that ways
+#: lead over are so many tiles apart.
+_TILES, _STEP = 4, 2
 #: Outlines are planned so much larger on all sides [m], and so much apart in time [s].
-_CLEARANCE_M = 0.01
+_CLEARANCE_M = 0.008
 _GAP_S = 0.1
 #: What stands farther from where the plan has it is in the way of others [m].
 _ASTRAY_M = 0.03
+#: A parcel stops so far before an obstacle's tiles, for it is to find a way from there [m].
+_SHORT_M = 0.01
 #: An obstacle that has moved by less is where it was [m, m, rad].
 _SAME = 2e-3
+#: A move that is planned for practice [m], with so little of a turn [rad].
+_LITTLE_M, _LITTLE_RAD = 0.1, 0.01
 #: Room that a parcel needs around it to turn on the spot [m].
 _NEAR_M = 0.015
 
@@ -90,7 +96,6 @@ class TableTraffic:
     def __init__(
         self,
         traction: Traction,
-        tiles: Tiles,
         pace: Pace,
         desk: Desk,
         loads: Mapping[str, Load],
@@ -99,10 +104,12 @@ class TableTraffic:
     ) -> None:
         self.steered: dict[str, Steered] = {}
         self._traction = traction
-        self._planner = Planner(tiles, pace, clearance_m=_CLEARANCE_M, gap_s=_GAP_S)
+        self._planner = Planner(
+            Tiles(traction.layout, _TILES), pace, clearance_m=_CLEARANCE_M, step=_STEP, gap_s=_GAP_S
+        )
+        tiles = self._planner.tiles
         self._closed: Bools = np.zeros(tiles.count, dtype=bool)
         self._obstacles: dict[str, Obstacle] = {}
-        self._pace = pace
         self._desk = desk
         self._loads = loads
         self._kept_free_places = kept_free
@@ -129,6 +136,15 @@ class TableTraffic:
         self._left: list[str] = []
         self._leaving: list[tuple[str, Gate]] = []
         self._notices: list[str] = []
+        if desk.real_time:
+            self._prepare()
+
+    def _prepare(self) -> None:
+        """Have the planner work out once what it needs for every kind of parcel."""
+        for shape in set(self._shapes.values()):
+            for yaw_rad in (_LITTLE_RAD, -_LITTLE_RAD):
+                start, goal = np.array([0.0, 0.0, yaw_rad]), np.array([_LITTLE_M, 0.0, yaw_rad])
+                self._planner.plan([Task("any", shape, start[None, :], goal)])
 
     # Orders --------------------------------------------------------------------------------------
 
@@ -411,10 +427,10 @@ class TableTraffic:
         """The routes of those that are under way, as far as they are left."""
         if self._plan is None:
             return {}
-        routes = {name: ride.route for name, ride in self._rides.items() if not ride.has_come}
-        waits = self._plan.reservations.waits
-        progress_m = {name: self._rides[name].progress_m for name in routes}
-        return remaining(routes, progress_m, waits, self._pace, now_s=self._now_s, gone_s=_LEAVES_S)
+        progress_m = {
+            name: ride.progress_m for name, ride in self._rides.items() if not ride.has_come
+        }
+        return self._planner.kept(self._plan, progress_m, self._now_s)
 
     # Motion
 
@@ -440,7 +456,7 @@ class TableTraffic:
         for other, obstacle in self._obstacles.items():
             if other != name:
                 met = np.isin(visits.tile, obstacle.tiles) & (visits.leaves_m > ride.progress_m)
-                free_m = min(free_m, float(visits.enters_m[met].min(initial=inf)))
+                free_m = min(free_m, float(visits.enters_m[met].min(initial=inf)) - _SHORT_M)
         return free_m
 
     def _limits_m(self) -> dict[str, float]:

@@ -152,8 +152,9 @@ class Errand:
             columns.append((stand, zeros, zeros, zeros + now_s, zeros + now_s))
         visits = Visits(*(np.concatenate(column) for column in zip(*columns, strict=True)))
         visits = merged(visits, stand, along_m[-1], gone_s)
-        # Where it is at the start it has been before.
-        visits.enters_s[visits.enters_m <= 0.0] = -np.inf
+        # Where it stands at the start it has been before; a turn sweeps more as it begins.
+        begin = self.ground.stand(self.task.shape, poses[0])
+        visits.enters_s[(visits.enters_m <= 0.0) & np.isin(visits.tile, begin)] = -np.inf
         return Route(
             self.task.parcel,
             poses,

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from mdms_host.routes.pace import Pace
-from mdms_host.routes.reservations import REST_M, Reservations
+from mdms_host.routes.reservations import Reservations
 from mdms_host.routes.route import Route, Visits
 from mdms_model.arrays import Floats, Ints
 
@@ -102,7 +102,6 @@ def _with_times(
         stays_s = leaves_s + arrives_s[-1] - route.arrives_s[-1]
         leaves_s = np.where(np.isinf(leaves_m), stays_s, begins_s[move] + after_s)
         move, after_s = _within(route, enters_m, pace, "right")
-        under = enters_m <= progress_m + REST_M
-        enters_s = np.where(under, -np.inf, begins_s[move] + after_s)
+        enters_s = np.where(np.isinf(enters_s), -np.inf, begins_s[move] + after_s)
     visits = Visits(visits.tile[kept], enters_m, leaves_m, enters_s, leaves_s)
     return replace(route, begins_s=begins_s, arrives_s=arrives_s, visits=visits)

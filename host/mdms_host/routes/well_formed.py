@@ -9,6 +9,7 @@ goal keeps another from going, and goals may be given one by one.
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from random import Random
 
 from mdms_host.routes.blocked import Blocked, Blocker, blockers
 from mdms_host.routes.errand import Errand
@@ -17,38 +18,48 @@ from mdms_model.arrays import Bools, Ints
 Free = Callable[[Errand, Bools], bool]
 
 
-#: So many ways are looked for before the search for an order is given up, by parcel.
+#: So many orders are built before the search for one is given up.
 _TRIES = 12
 
 
 def order_of(errands: Mapping[str, Errand], closed: Bools, free: Free) -> tuple[str, ...] | None:
     """An order in which the parcels with goals could go one after another; None: none was found.
 
-    Depth first: whoever has a way goes, and where nobody has one the last to go is another.
+    Orders are built by turns from the last to the first and from the first to the last, each time
+    of the parcels in another sequence.
     """
     moving = [name for name, errand in errands.items() if errand.task.goal is not None]
     standing = [errand.stand for errand in errands.values() if errand.task.goal is None]
     closed = _with(closed, standing)
-    left = _TRIES * len(moving)
+    random = Random("orders")
+    for number in range(_TRIES):
+        order = _built(errands, moving, closed, free, number % 2 == 0)
+        if len(order) == len(moving):
+            return order
+        moving = random.sample(moving, len(moving))
+    return None
 
-    def onward(done: tuple[str, ...]) -> tuple[str, ...] | None:
-        nonlocal left
-        waiting = [name for name in moving if name not in done]
-        if not waiting:
-            return done
-        goals = _with(closed, [errands[name].goal_stand for name in done])
-        for name in waiting:
-            left -= 1
-            if left < 0:
-                return None
-            others = [errands[other].stand for other in waiting if other != name]
-            if free(errands[name], _with(goals, others)):
-                order = onward((*done, name))
-                if order is not None:
-                    return order
-        return None
 
-    return onward(())
+def _built(
+    errands: Mapping[str, Errand], moving: Sequence[str], closed: Bools, free: Free, backward: bool
+) -> tuple[str, ...]:
+    """As much of an order as comes of taking whoever can be the last, or the first, of the rest."""
+    order: list[str] = []
+    rest = list(moving)
+    while rest:
+        before = len(order)
+        for name in tuple(rest):
+            others = [errands[other] for other in rest if other != name]
+            ordered = [errands[other] for other in order]
+            earlier, later = (others, ordered) if backward else (ordered, others)
+            stands = [errand.goal_stand for errand in earlier]
+            stands += [errand.stand for errand in later]
+            if free(errands[name], _with(closed, stands)):
+                order.append(name)
+                rest.remove(name)
+        if len(order) == before:
+            break
+    return tuple(reversed(order)) if backward else tuple(order)
 
 
 def ill_formed(errands: Mapping[str, Errand], closed: Bools, free: Free) -> tuple[Blocked, ...]:

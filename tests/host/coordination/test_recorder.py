@@ -13,7 +13,7 @@ from mdms_sim.simulation import simulate
 @pytest.fixture(scope="module")
 def recorded():
     """The record, the frames that were logged, and the simulation's own outcome."""
-    scenario = load_scenario("array18", ["run.duration_s=1.5"])
+    scenario = load_scenario("array18", ["run.duration_s=1.5", "motion.speed_m_s=0.1"])
     coordinator, frames = coordinator_of(scenario), []
     recorder = Recorder(
         coordinator, lambda: estimates_of(coordinator, scenario), lambda *each: frames.append(each)

@@ -1,10 +1,11 @@
 """Wheels of the paper's model and a parcel on them, as tests of motion need them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 import numpy as np
 from tests.host.motion.believing import beliefs
 
+from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.carrying import Carrying
@@ -24,7 +25,7 @@ BOX = Parcel("box", 0.36, 0.30)
 BOX_KG = 2.0
 STEP_S = 0.01
 #: The world moves in steps of this.
-FINE_S = 0.001
+FINE_S = 0.002
 
 
 def traction_of(layout: Layout = LAYOUT, speed_m_s: float = 0.1, friction: float = 0.3) -> Traction:
@@ -40,7 +41,8 @@ class Table:
     """One parcel on the wheels of a layout, by the paper's model.
 
     As from cells: what is commanded in a cycle drives the next one, and the twist that is believed
-    is that of the wheels, one cycle old, as is the true pose that it carries on.
+    is that of the wheels, one cycle old, as is the true pose that it carries on. The wheels of
+    cells that are `lost` (from 1) are braked.
     """
 
     def __init__(
@@ -51,8 +53,10 @@ class Table:
         *,
         friction: float = 0.3,
         mass_kg: float = BOX_KG,
+        lost: Collection[int] = (),
     ) -> None:
         self.parcel = parcel
+        self._lost = np.isin(layout.wheel_cells, [*lost])
         self._layout = layout
         self._carrying = Carrying(layout, traction_of(layout).drives)
         self._world = World(_scenario(layout, parcel, pose, friction, mass_kg))
@@ -62,17 +66,25 @@ class Table:
         self.slipping = 0
         self.carrying = 0
 
-    def step(self, command: Callable[..., Carried | None], **belief: object) -> None:
-        """One cycle; `command` returns what to do, given a belief."""
-        name = self.parcel.name
-        rolling = self._rolling_twist()
-        ahead = self.pose + rolling * STEP_S
-        believed = beliefs({name: ahead}, [self.parcel], twist=rolling, **belief)[name]
-        carried = command(believed, STEP_S)
-        going_m_s, self._next_m_s = self._next_m_s, np.zeros(len(self._next_m_s))
+    def step(self, command: Callable[..., Carried | None]) -> None:
+        """One cycle; `command` returns what the wheels are to do, given a belief."""
+        belief = self.belief()
+        carried, references_m_s = command(belief, STEP_S), np.zeros(len(self._next_m_s))
         if carried is not None:
-            outlines = {name: self.parcel.bottom}
-            self._next_m_s = self._carrying.references_m_s({name: carried}, outlines, {name: ahead})
+            name = self.parcel.name
+            outlines, places = {name: self.parcel.bottom}, {name: belief.pose}
+            references_m_s = self._carrying.references_m_s({name: carried}, outlines, places)
+        self.move(references_m_s)
+
+    def belief(self) -> Belief:
+        """What is believed of the parcel at the end of the cycle."""
+        twist = self._rolling_twist()
+        ahead = self.pose + twist * STEP_S
+        return beliefs({self.parcel.name: ahead}, [self.parcel], twist=twist)[self.parcel.name]
+
+    def move(self, references_m_s: Floats) -> None:
+        """Pass a cycle; the references (W,) count from its end on."""
+        going_m_s, self._next_m_s = self._next_m_s, np.where(self._lost, 0.0, references_m_s)
         for _ in range(round(STEP_S / FINE_S)):
             self._world.step_ideal(going_m_s, FINE_S)
         self.pose, self.twist = self._world.pose[0], self._world.twist[0]

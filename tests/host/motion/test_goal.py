@@ -36,12 +36,12 @@ def drive(controller: GoalController, table: Table, seconds: float) -> np.ndarra
 @settings(max_examples=4, deadline=None)
 @given(POSE)
 def test_the_goal_is_reached_and_the_speed_is_never_above_the_cap(start: np.ndarray) -> None:
-    controller, table = controller_of(Goal(0.0, 0.0, 0.0)), Table(start)
-    twists = drive(controller, table, 10.0)
+    controller, table = controller_of(Goal(0.0, 0.0, 0.0), speed_m_s=0.2), Table(start)
+    twists = drive(controller, table, 5.0)
     assert controller.arrived
     assert np.hypot(*table.pose[:2]) < 0.002
     assert abs(table.pose[2]) < 0.01
-    assert np.linalg.norm(twists * (1, 1, REACH_M), axis=1).max() <= 0.1 * 1.05
+    assert np.linalg.norm(twists * (1, 1, REACH_M), axis=1).max() <= 0.2 * 1.05
     assert table.most_slip_m_s < 0.005
 
 
@@ -136,6 +136,18 @@ def test_a_parcel_that_is_paused_comes_to_rest_and_goes_on() -> None:
     controller.paused = False
     drive(controller, table, 0.3)
     assert table.twist[0] > 0.05
+
+
+@pytest.mark.parametrize("cell", [8, 9])
+def test_a_parcel_arrives_over_a_cell_that_is_lost_on_its_way(cell: int) -> None:
+    traction = traction_of(speed_m_s=0.6)
+    controller = GoalController(Goal(0.15, 0.02, 0.4), traction, mass_of(BOX))
+    table = Table(np.array([-0.15, -0.02, 0.0]), lost=(cell,))
+    drive(controller, table, 0.3)
+    traction.lose({cell})
+    drive(controller, table, 4.0)
+    assert controller.arrived
+    np.testing.assert_allclose(table.pose, (0.15, 0.02, 0.4), atol=0.004)
 
 
 def test_a_parcel_that_is_set_down_beside_its_way_stops_and_takes_another_from_there() -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from tests.host.motion.believing import beliefs
+from tests.host.motion.driving import Table, traction_of
 
 from mdms_host.estimation.belief import Belief, Kind
 from mdms_host.estimation.rectangle import Rectangle
@@ -53,19 +54,28 @@ def test_waiting_is_reported_once_and_ends_when_the_way_is_free() -> None:
 
 
 def test_a_program_stops_before_what_is_unknown_and_goes_on_when_it_is_gone() -> None:
-    program = GoalProgram(LAYOUT, (BOX,), {"box": Goal(0.3, 0.0)}, 0.775)
-    pose, there = np.array([-0.35, 0.0, 0.0]), thing(0.1)
+    program = GoalProgram(traction_of(LAYOUT), (BOX,), {"box": Goal(0.3, 0.0)})
+    table, there = Table(np.array([-0.35, 0.0, 0.0]), BOX, LAYOUT), thing(0.1)
     under = THING.distance_m(LAYOUT.wheel_positions_m, there.pose) < 0
     for step in range(1200):
-        believed = beliefs({"box": pose}, (BOX,))
+        believed = {"box": table.belief()}
         if step < 500:
             believed["unknown-1"] = there
         references_m_s = program.references_m_s(believed, 0.01)
-        pose = pose + [0.775 * references_m_s[0:36:2].max(), 0.0, 0.0] * np.array(0.01)
+        table.move(references_m_s)
         if step < 500:
             assert not references_m_s[under].any()
         if step == 499:
-            assert -0.10 < pose[0] + 0.15 < 0.0 - 0.005
+            assert -0.10 < table.pose[0] + 0.15 < 0.0 - 0.005
             assert not references_m_s.any()
     assert program.finished
     assert program.take_notices() == ["box waits: unknown-1 is in its way"]
+
+
+def test_wheels_under_what_is_unknown_stand_though_a_parcel_is_about_to_use_them() -> None:
+    program = GoalProgram(traction_of(LAYOUT), (BOX,), {"box": Goal(-0.3, 0.0)})
+    there = thing(0.22, 0.12)
+    references_m_s = program.references_m_s({"box": box(0.0), "unknown-1": there}, 0.01)
+    under = THING.distance_m(LAYOUT.wheel_positions_m, there.pose) < 0
+    assert references_m_s.any()
+    assert not references_m_s[under].any()

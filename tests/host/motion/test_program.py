@@ -93,6 +93,22 @@ def test_a_parcel_that_does_not_get_on_is_stopped_within_a_second_and_reported()
     assert steered.stuck == "left does not get on, 800 mm from its goal: stopped"
 
 
+def test_wheels_that_slip_under_a_parcel_are_reported_once() -> None:
+    parcels = (LEFT, RIGHT)
+    steered = GoalProgram(traction_of(LAYOUT, speed_m_s=0.6), parcels, {"left": Goal(0.2, 0.0)})
+    x_m, speed_m_s, notices = -0.4, 0.0, []
+    for step in range(60):
+        twist = np.array([speed_m_s, 0.0, 0.0])
+        pose = {**POSES, "left": np.array([x_m, 0.0, 0.0])}
+        steered.references_m_s(beliefs(pose, parcels, twist=twist), 0.01)
+        notices += steered.take_notices()
+        # The wheels speed up twice as fast as they are to push the parcel to.
+        speed_m_s = min(0.5, 0.018 * step)
+        x_m += 0.01 * speed_m_s
+    assert [text for text in notices if text.startswith("wheels slip under left: they push")]
+    assert len([text for text in notices if "slip" in text]) == 1
+
+
 def test_two_on_their_way_into_each_other_are_stopped_once_both_have_been_found() -> None:
     parcels = (Parcel("left", 0.36, 0.30), Parcel("right", 0.30, 0.30, near_m=(0.08, 0.0)))
     steered = GoalProgram(traction_of(LAYOUT), parcels, {"left": Goal(0.5, 0.0)})

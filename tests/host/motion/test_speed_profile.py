@@ -32,7 +32,7 @@ def rates(profile: SpeedProfile) -> tuple[np.ndarray, np.ndarray]:
     return speeds_m_s, np.diff(speeds_m_s**2) / 2 / np.diff(profile.s_m)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(PATHS, MASSES)
 def test_no_wheel_is_ever_asked_for_more_than_friction_gives(path: Path, mass: Mass) -> None:
     profile = profile_of(path, mass)
@@ -88,6 +88,19 @@ def test_little_voltage_makes_it_slower_than_friction_does() -> None:
     for speed_m_s, rate_m_s2 in zip(speeds_m_s[1:], between_m_s2, strict=True):
         needed = pushes.shares(pushes.wrench(np.array([rate_m_s2, 0, 0])))[0] * normal_n
         assert needed.max() + weak.slope_n_s_per_m * speed_m_s <= weak.stall_n * 1.3
+
+
+def test_wheels_of_lost_cells_push_nothing_and_drag() -> None:
+    path = straight(np.array([-0.15, 0.0, 0.0]), np.array([0.15, 0.0, 0.2]), REACH_M)
+    traction = traction_of(speed_m_s=2.0)
+    whole = traction.profile(path, BOX.bottom, mass_of(BOX))
+    traction.lose({8, 9})
+    profile = traction.profile(path, BOX.bottom, mass_of(BOX))
+    assert profile.duration_s > 1.15 * whole.duration_s
+    lost = np.isin(LAYOUT.wheel_cells, [8, 9])
+    for _, pushes in profile.pushes:
+        assert not pushes.pushing_n[:, lost[pushes.wheels]].any()
+        np.testing.assert_allclose(pushes.normal_n.sum(axis=1), WEIGHT_N)
 
 
 @pytest.mark.parametrize(

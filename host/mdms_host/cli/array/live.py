@@ -18,11 +18,13 @@ from mdms_host.coordination.other_host import refuse_other_host
 from mdms_host.page.bus_watch import BusWatch
 from mdms_host.page.live import LiveTable
 from mdms_host.page.seat import Seat
+from mdms_host.programs.planning import ThreadDesk
+from mdms_host.programs.program import Main
 from mdms_model.scenario.belief import believed
 from mdms_protocol import nmt
 
 
-def show(belief: Belief, arguments: Namespace) -> Exit:
+def show(belief: Belief, arguments: Namespace, main: Main | None = None) -> Exit:
     """Run the program, and again whenever that is asked for, until Ctrl-C or the time limit.
 
     Raises NoBusError, DeviceGoneError, PageError, OtherHostError, and `CommandError` for a program
@@ -30,7 +32,7 @@ def show(belief: Belief, arguments: Namespace) -> Exit:
     """
     with open_links(arguments, belief.channels) as (link, clock):
         refuse_other_host(link, clock)
-        seat, table = _seated(belief, clock)
+        seat, table = _seated(belief, clock, main)
         with opened_page(table, arguments) as page, interrupted() as pressed:
             seat.start()
             incidents = 0
@@ -53,11 +55,11 @@ def show(belief: Belief, arguments: Namespace) -> Exit:
     return Exit.OK
 
 
-def _seated(belief: Belief, clock: Clock) -> tuple[Seat, LiveTable]:
+def _seated(belief: Belief, clock: Clock, main: Main | None) -> tuple[Seat, LiveTable]:
     """The host's place, and what a page shows of it."""
 
     def make() -> Coordinator:
-        return coordinator_of(belief.scenario, belief.cells)
+        return coordinator_of(belief.scenario, belief.cells, main=main, desk=ThreadDesk())
 
     layout = make().layout
     timing = timing_of(belief.scenario.wire)

@@ -60,16 +60,15 @@ def run(arguments: Namespace) -> int:
     if getattr(arguments, "bitrate", None):
         overrides.append(f"wire.bitrate={arguments.bitrate}")
     scenario = open_program(arguments.program, overrides)
+    main = main_of_file(arguments.program)
     belief = believe(scenario, arguments.array, arguments)
     check_load(belief.scenario, arguments)
     if arguments.page is not None:
         # The page is an extra.
         from mdms_host.cli.array.live import show  # noqa: PLC0415
 
-        return show(belief, arguments)
-    coordinator = coordinator_of(
-        belief.scenario, belief.cells, main=main_of_file(arguments.program), desk=ThreadDesk()
-    )
+        return show(belief, arguments, main)
+    coordinator = coordinator_of(belief.scenario, belief.cells, main=main, desk=ThreadDesk())
     if arguments.limit is None:
         arguments.limit = scenario.run.duration_s + BRING_UP_S
     if arguments.out is None:

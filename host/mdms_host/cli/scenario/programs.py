@@ -17,7 +17,6 @@ from mdms_host.programs.task_list import main_of
 from mdms_host.programs.traffic import KeptFree, TableTraffic
 from mdms_host.routes.pace import TrapezoidPace
 from mdms_host.routes.shape import Shape
-from mdms_host.routes.tiles import Tiles
 from mdms_model.array import last_support_m
 from mdms_model.arrays import Floats
 from mdms_model.scenario.on_table import half_table_m
@@ -43,7 +42,6 @@ def table_program(
     pace = TrapezoidPace(scenario.motion.speed_m_s, _acceleration_m_s2(traction, loads))
     traffic = TableTraffic(
         traction,
-        Tiles(traction.layout),
         pace,
         desk or VirtualDesk(),
         loads,

@@ -107,7 +107,14 @@ def test_field_is_played_on_every_wheel():
 def test_every_field_of_a_scenario_gives_a_reference_per_wheel(plane):
     kinds = ("inward", "uniform", "rotate", "elliptic", "twist", "squeeze")
     for field in (*kinds, "linear", "lane", "diverter"):
-        motion = replace(plane.motion, field=field, velocity_m_s=(0.1, 0.0), ratio=0.3, width_m=0.2)
+        motion = replace(
+            plane.motion,
+            field=field,
+            speed_m_s=0.1,
+            velocity_m_s=(0.1, 0.0),
+            ratio=0.3,
+            width_m=0.2,
+        )
         references = references_m_s(replace(plane, motion=motion))
         assert references.shape == (36,)
         assert np.abs(references).max() == pytest.approx(0.1, rel=0.35)

@@ -102,7 +102,7 @@ def test_goal_that_is_not_reached_is_told_with_the_way_left_and_by_the_exit_code
     assert re.match(r"box does not get on, \d+ mm from its goal: stopped", figures["fault"])
     assert goal["position_error_m"] == pytest.approx(0.2, abs=0.01)
     assert abs(goal["yaw_error_rad"]) == pytest.approx(0.52, abs=0.03)
-    assert figures["slipping_share"] > 0.9
+    assert figures["slipping_share"] > 0.7
     warning, verdict = told.err.splitlines()
     assert "box does not get on" in warning
     assert float(warning.split()[0]) < 1.5
@@ -114,15 +114,16 @@ def test_goal_that_is_reached_is_told_with_its_time(capsys):
     (goal,) = told["goals"]
     assert goal["reached"] is True
     assert goal["position_error_m"] < 0.002
-    assert 2.0 < goal["time_s"] < 4.0
-    assert told["slipping_share"] < 0.1
+    assert 1.0 < goal["time_s"] < 1.6
+    assert told["slipping_share"] < 0.02
 
 
 def test_fault_of_a_node_is_in_the_figures(capsys, tmp_path):
     scenario = tmp_path / "dies.toml"
     text = (BUILTIN / "array18.toml").read_text()
     fault = '[[fault]]\nkind = "off"\ncells = [8]\nstart_s = 1.0\n'
-    scenario.write_text(text.replace("duration_s = 12.0", "duration_s = 2.0") + fault)
+    short = 'duration_s = 2.0\non_lost_cell = "stop"'
+    scenario.write_text(text.replace("duration_s = 12.0", short) + fault)
     assert main(["simulate", str(scenario), "--json"]) == 5
     told = capsys.readouterr()
     assert "cell 8 (node 8) has fallen silent" in json.loads(told.out)["fault"]

@@ -1,0 +1,200 @@
+"""One attempt at routes for all: parcels one after another, each around those before it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mdms_host.routes.aside import places_aside
+from mdms_host.routes.cost_to_go import Guide, barred_joins, cost_to_go
+from mdms_host.routes.errand import Errand, Ground
+from mdms_host.routes.moves import free_runs
+from mdms_host.routes.route import Route
+from mdms_host.routes.safe_intervals import TakenTiles
+from mdms_host.routes.search import Errands, Found, search
+from mdms_model.arrays import Bools, Ints
+
+#: States of a search: as many as it takes, and where it may be in vain.
+MANY, _IN_VAIN = 2**31, 4000
+
+
+@dataclass(frozen=True)
+class Terms:
+    """What all attempts have in common: `efforts` are weights of a search, with states at most."""
+
+    ground: Ground
+    gap_s: float
+    efforts: tuple[tuple[float, int], ...]
+
+
+@dataclass
+class Table:
+    """Who holds which tile, while routes are planned one by one."""
+
+    tiles: int
+    closed: Bools
+    gap_s: float
+    taken: TakenTiles = field(init=False)
+    holders: Ints = field(init=False)
+    """How many parcels that are not planned yet stand on each tile."""
+
+    def __post_init__(self) -> None:
+        self.taken, self.holders = TakenTiles(self.tiles), np.zeros(self.tiles, dtype=np.int64)
+
+    def stand(self, errand: Errand, count: int = 1) -> None:
+        """A parcel stands where it is for all time; with -1 it no longer does."""
+        np.add.at(self.holders, errand.stand, count)
+
+    def take(self, owner: int, route: Route) -> None:
+        """A parcel takes the tiles of its route while it is on them, and a while more."""
+        _, _, _, enters_s, leaves_s = route.visits
+        self.taken.take(owner, route.visits.tile, enters_s - self.gap_s, leaves_s + self.gap_s)
+
+    def blocked(self) -> Bools:
+        """The tiles that are closed, or held by those not planned yet."""
+        return self.closed | (self.holders > 0)
+
+
+class Attempt:
+    """Parcels of which some have routes. Routes that are `kept` are of others.
+
+    `sure` keeps to ways past all goals that are taken, on which a parcel needs but wait for
+    success.
+    """
+
+    def __init__(
+        self,
+        terms: Terms,
+        errands: Mapping[str, Errand],
+        closed: Bools,
+        kept: Mapping[str, Route],
+        sure: bool,
+    ) -> None:
+        self._terms = terms
+        self._errands = dict(errands)
+        self._sure = sure
+        self._owners = {name: number for number, name in enumerate((*errands, *kept))}
+        self._table = Table(terms.ground.tiles.count, closed, terms.gap_s)
+        self._parked = np.zeros(terms.ground.tiles.count, dtype=bool)
+        for name, route in kept.items():
+            self._table.take(self._owners[name], route)
+            self._parked[route.visits.tile[np.isinf(route.visits.leaves_s)]] = True
+        for name, errand in errands.items():
+            self._table.stand(errand)
+            if len(errand.prefix.begins_s):
+                self._table.take(self._owners[name], errand.prefix)
+
+    def run(self, order: Sequence[str], early: bool) -> dict[str, Route]:
+        """Routes of as many as can be planned, in this order where that does.
+
+        `early` has others go aside for the first that has no way, else only when nobody has one.
+        """
+        found: dict[str, Route] = {}
+        waiting = list(order)
+        while waiting:
+            before = len(found)
+            for name in waiting:
+                way = self._planned(name, self._errands[name])
+                if way is not None:
+                    found[name] = way
+                    self._parked[self._errands[name].goal_stand] = True
+                elif early:
+                    self._made_way([other for other in waiting if other not in found], [name])
+            waiting = [name for name in waiting if name not in found]
+            if len(found) == before and not self._made_way(waiting, waiting):
+                break
+        return found
+
+    def _planned(self, name: str, errand: Errand) -> Route | None:
+        """The route of one parcel, which then takes its tiles; None: it stays where it stood."""
+        table, owner = self._table, self._owners[name]
+        table.stand(errand, -1)
+        table.taken.release(owner)
+        route = self._found(errand)
+        if route is None:
+            table.stand(errand)
+        if route is not None or len(errand.prefix.begins_s):
+            table.take(owner, errand.prefix if route is None else route)
+        return route
+
+    def _found(self, errand: Errand) -> Route | None:
+        """The soonest route, on which the parcel is safe from tipping."""
+        roadmap, task = errand.roadmap, errand.task
+        blocked = self._table.blocked() | self._parked if self._sure else self._table.blocked()
+        stay_s = task.leaves_s + self._terms.gap_s if task.leaves else np.inf
+        ends = Errands(roadmap.start_node, roadmap.goal_node, errand.ready_s, stay_s)
+        while True:
+            guide = guide_of(errand, blocked)
+            if guide.cost_s[roadmap.start_node] == np.inf:
+                return None
+            found = self._searched(errand, guide, ends)
+            if not found.reached:
+                return None
+            joins = [-1 - move for move in found.moves.tolist() if move < 0]
+            unsafe = next((join for join in joins if not roadmap.stands(join)), None)
+            if unsafe is None:
+                return errand.route(found)
+            roadmap.without(unsafe)
+
+    def _searched(self, errand: Errand, guide: Guide, ends: Errands) -> Found:
+        """What the first effort finds that comes to an end."""
+        taken, limit = self._table.taken.taken, MANY if self._sure else _IN_VAIN
+        for weight, states in self._terms.efforts:
+            most = min(states, limit)
+            found = search(errand.roadmap.graph, guide, taken, ends, (weight, most))
+            if found.reached or found.states < most:
+                break
+        return found
+
+    # Going aside ----------------------------------------------------------------------------------
+
+    def _made_way(self, waiting: Sequence[str], held: Sequence[str]) -> bool:
+        """Whether one that waits goes aside so that another, of those `held`, has a way.
+
+        It goes on from there; each goes aside once.
+        """
+        wanted = np.zeros_like(self._parked)
+        for name in waiting:
+            wanted[self._errands[name].goal_stand] = True
+        for name in waiting:
+            errand = self._errands[name]
+            if errand.so_far is not None:
+                continue
+            self._table.stand(errand, -1)
+            blocked = self._table.blocked() | self._parked
+            self._table.stand(errand)
+            others = [other for other in held if other != name]
+            for pose in places_aside(errand, blocked | wanted):
+                aside = errand.aside(pose)
+                if self._lets_go(others, blocked, aside.goal_stand):
+                    route = self._planned(name, aside)
+                    if route is not None:
+                        self._errands[name] = errand.onward(route)
+                        self._table.stand(self._errands[name])
+                        return True
+        return False
+
+    def _lets_go(self, held: Sequence[str], blocked: Bools, aside: Ints) -> bool:
+        """Whether one of these has a way when another, who is not in `blocked`, stands aside."""
+        for name in held:
+            others = blocked.copy()
+            others[self._errands[name].stand] = False
+            others[aside] = True
+            if is_free(self._errands[name], others):
+                return True
+        return False
+
+
+def is_free(errand: Errand, blocked: Bools) -> bool:
+    """Whether a parcel on its own has a way past these tiles."""
+    return bool(np.isfinite(guide_of(errand, blocked).cost_s[errand.roadmap.start_node]))
+
+
+def guide_of(errand: Errand, blocked: Bools) -> Guide:
+    """What is open to a parcel past these tiles."""
+    ways, roadmap = errand.ways, errand.roadmap
+    lattice = ways.lattice
+    runs = free_runs(ways.moves, lattice.bases, lattice.places, ways.open_lines, blocked)
+    barred = barred_joins(roadmap.graph, blocked)
+    cost_s = cost_to_go(roadmap.graph, runs, barred, ways.often, roadmap.goal_node)
+    return Guide(runs, barred, ways.often, cost_s)

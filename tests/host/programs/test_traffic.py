@@ -1,0 +1,149 @@
+"""Parcels get to where they are ordered, and none touches another, whatever comes in between."""
+
+from math import hypot
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.host.programs.rolling import Rolling
+
+from mdms_host.motion.goal import Goal
+from mdms_host.programs.order import Gate
+from mdms_host.programs.table import ProgramError
+
+SORT18 = Path(__file__).parents[3] / "examples" / "sort.toml"
+
+
+def away_m(pose, x_m, y_m):
+    return hypot(pose[0] - x_m, pose[1] - y_m)
+
+
+def two_boxes(*more, **options):
+    """A box that is to go from the west end of 9 x 6 cells to the east end, and another."""
+    return Rolling(
+        "swap2", "parcel.0.y_m=0.0", "parcel.1.x_m=0.0", "parcel.1.y_m=0.2", *more, **options
+    )
+
+
+async def go_east(table):
+    await table.move(table["box"], 0.36, 0.0)
+
+
+def test_a_stream_is_sorted():
+    table = Rolling("sort54", "task.0.count=3", "stream.0.start_s=0.1")
+    table.run_until(9.0, lambda: table.program.finished)
+    exits = [event for event in table.world.events if event.kind == "exit"]
+    assert len(exits) == 3
+    assert not any("not for" in event.detail for event in exits)
+    assert not table.events("touch", "tip")
+
+
+def test_two_parcels_change_places():
+    table = Rolling("swap2")
+    box, disc = table.pose("box"), table.pose("disc")
+    table.run_until(9.0, lambda: table.program.finished)
+    assert away_m(table.pose("box"), *disc[:2]) < 0.003
+    assert away_m(table.pose("disc"), *box[:2]) < 0.003
+    assert not table.events("touch", "tip")
+
+
+def test_the_way_leads_around_what_is_unknown():
+    table = two_boxes("parcel.1.y_m=0.14", main=go_east, unknown=["disc"])
+    table.run_until(9.0, lambda: table.program.finished)
+    assert away_m(table.pose("box"), 0.36, 0.0) < 0.003
+    assert not table.events("touch", "tip")
+
+
+def test_a_parcel_stops_before_what_appears_on_its_way_and_goes_around_it():
+    async def main(table):
+        await table.move(table["box"], 0.36, -0.1)
+
+    table = two_boxes("parcel.1.x_m=0.40", main=main, unknown=["disc"])
+    table.hidden.add("disc")
+    table.run(0.25)
+    table.hidden.clear()
+    table.put("disc", 0.05, 0.23)
+    table.run_until(8.0, lambda: table.program.finished)
+    assert away_m(table.pose("box"), 0.36, -0.1) < 0.003
+    assert not table.events("touch")
+
+
+def test_with_another_order_a_parcel_comes_to_rest_and_goes_there():
+    orders = []
+
+    async def main(table):
+        table.start(table.move(table["box"], 0.36, 0.0))
+        await table.sleep(0.8)
+        orders.append(table["box"].pose)
+        await table.move(table["box"], -0.35, -0.15)
+
+    table = two_boxes(main=main)
+    table.run_until(8.0, lambda: table.program.finished)
+    assert away_m(orders[0], -0.38, 0.0) > 0.02
+    assert away_m(table.pose("box"), -0.35, -0.15) < 0.003
+
+
+def test_a_person_sets_another_goal():
+    table = two_boxes(main=go_east)
+    table.run(0.5)
+    table.program.set_goal("box", Goal(-0.3, -0.1, None))
+    table.run(4.0)
+    assert away_m(table.pose("box"), -0.3, -0.1) < 0.003
+    assert table.program.finished
+    with pytest.raises(KeyError):
+        table.program.set_goal("bag", Goal(0.0, 0.0))
+
+
+def test_a_parcel_that_nothing_shows_stands_and_is_lost_to_the_program():
+    seen = []
+
+    async def main(table):
+        try:
+            await go_east(table)
+        except ProgramError as error:
+            seen.append(str(error))
+
+    table = two_boxes(main=main)
+    table.run(0.6)
+    table.hidden.add("box")
+    table.run(0.1)
+    assert not table.references_m_s.any()
+    table.run_until(4.0, lambda: bool(seen))
+    assert seen == ["box is lost: no sensor shows it"]
+
+
+def test_one_that_is_found_elsewhere_goes_on_from_there():
+    table = two_boxes(main=go_east)
+    table.run(0.6)
+    table.hidden.add("box")
+    table.run(0.5)
+    table.put("box", -0.2, -0.2)
+    table.hidden.clear()
+    table.run_until(8.0, lambda: table.program.finished)
+    assert away_m(table.pose("box"), 0.36, 0.0) < 0.003
+
+
+def test_where_there_is_no_way_that_is_said_before_anything_moves():
+    table = two_boxes("parcel.1.x_m=0.36", "parcel.1.y_m=0.0", main=go_east)
+    start = table.pose("box")
+    table.run_until(4.0, lambda: table.program.stuck is not None)
+    assert "blocked by 'disc' at its place" in table.program.stuck
+    assert np.array_equal(table.pose("box"), start)
+
+
+def test_ways_lead_around_lost_cells_where_they_can_and_over_them_where_they_must():
+    table = two_boxes("parcel.1.y_m=-0.23", main=go_east)
+    table.program.on_lost_cells(frozenset((23,)))
+    table.run_until(9.0, lambda: table.program.finished)
+    assert 23 not in table.crossed
+    table = two_boxes(main=go_east)
+    table.program.on_lost_cells(frozenset(range(5, 55, 9)))
+    table.run_until(6.0, lambda: table.program.finished)
+
+
+def test_a_gate_is_where_the_last_wheels_are():
+    gates = Rolling(SORT18).table.gates
+    assert gates["east"] == Gate("east", (0, 1), pytest.approx(0.3475), -0.1905, 0.1905, ("box",))
+    assert gates["south"].outward == (1, -1)
+    assert gates["south"].last_m == pytest.approx(0.127)
+    assert gates["south"].place_m(0.05, 0.2) == pytest.approx((0.2, -0.177))
