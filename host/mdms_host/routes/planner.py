@@ -41,6 +41,12 @@ class Plan:
     reservations: Reservations
     authority: Authority
 
+    @property
+    def held(self) -> frozenset[str]:
+        """Parcels with routes that wait for ever for one that stays: only kept ones, and after."""
+        still = self.routes.keys() - self.order
+        return self.authority.held(dict.fromkeys(self.routes, 0.0), still)
+
 
 class Planner:
     """Plans for one table. It keeps what it works out of a shape, so that the second plan is quick.
@@ -97,6 +103,8 @@ class Planner:
 
         Tiles that are `closed` are not crossed. Routes that are `kept` are those of other parcels,
         with their times from now on (`retiming`); they are planned around, and part of the plan.
+        Where a parcel stays that one of these was to pass after it, because it is blocked or has no
+        goal any more, that one is `held`: it is to be stopped and planned anew.
         """
         closed = self._nothing() if closed is None else closed
         kept = kept or {}
@@ -177,7 +185,8 @@ class Planner:
         kept = self.kept(plan, others_m, now_s)
         anew = [task for task in tasks if task.parcel not in kept]
         again = self.plan(anew, now_s, closed=closed, kept=kept)
-        return self.plan(tasks, now_s, closed=closed) if again.blocked else again
+        alright = not again.blocked and not again.held
+        return again if alright else self.plan(tasks, now_s, closed=closed)
 
     def kept(self, plan: Plan, progress_m: Mapping[str, float], now_s: float) -> dict[str, Route]:
         """The routes of a plan from where these parcels are now, for others to be planned around.
