@@ -53,8 +53,8 @@ class Planner:
 
     `clearance_m` is how much every outline is grown by, `gap_s` how long a tile is free between two
     parcels, `step` how many tiles lattice places are apart; `tries` is how many orders of the
-    parcels are tried where one does not do. `efforts` are by how much a route may take longer than
-    the soonest, and after how many states of the search the next effort is made.
+    parcels are tried where one does not do. `efforts` are weights of the search (`search`), and
+    after how many states the next effort is made.
     """
 
     def __init__(
@@ -118,6 +118,9 @@ class Planner:
                 best = found
             if len(best) == len(moving):
                 break
+        if len(best) < len(moving):
+            attempt = Attempt(self._terms, errands, closed, kept, True)
+            best = max(best, attempt.run(moving, False, aside=False), key=len)
         routes = {**kept, **{name: errand.prefix for name, errand in errands.items()}, **best}
         blocked = {
             name: self._blocked(errands, name, best, closed, kept)
