@@ -51,9 +51,15 @@ class Table:
         _, _, _, enters_s, leaves_s = route.visits
         self.taken.take(owner, route.visits.tile, enters_s - self.gap_s, leaves_s + self.gap_s)
 
-    def blocked(self) -> Bools:
-        """The tiles that are closed, or held by those not planned yet."""
-        return self.closed | (self.holders > 0)
+    def blocked(self, under: Ints | None = None) -> Bools:
+        """The tiles that are closed, or held by those not planned yet.
+
+        Those `under` a parcel do not count as closed to it, so that it can leave them.
+        """
+        blocked = self.closed.copy()
+        if under is not None:
+            blocked[under] = False
+        return blocked | (self.holders > 0)
 
 
 class Attempt:
@@ -128,7 +134,9 @@ class Attempt:
     def _found(self, errand: Errand) -> Route | None:
         """An early route, on which the parcel is safe from tipping."""
         roadmap, task = errand.roadmap, errand.task
-        blocked = self._table.blocked() | self._parked if self._sure else self._table.blocked()
+        blocked = self._table.blocked(errand.stand)
+        if self._sure:
+            blocked |= self._parked
         stay_s = task.leaves_s + self._terms.gap_s if task.leaves else np.inf
         ends = Errands(roadmap.start_node, roadmap.goal_node, errand.ready_s, stay_s)
         while True:

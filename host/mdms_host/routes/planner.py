@@ -101,8 +101,9 @@ class Planner:
     ) -> Plan:
         """Routes for all these parcels, first ones first where that does.
 
-        Tiles that are `closed` are not crossed. Routes that are `kept` are those of other parcels,
-        with their times from now on (`retiming`); they are planned around, and part of the plan.
+        Tiles that are `closed` are not crossed, but those under a parcel are left. Routes that
+        are `kept` are those of other parcels, with their times from now on (`retiming`); they are
+        planned around, and part of the plan.
         Where a parcel stays that one of these was to pass after it, because it is blocked or has no
         goal any more, that one is `held`: it is to be stopped and planned anew.
         """
