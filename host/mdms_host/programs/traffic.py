@@ -128,6 +128,9 @@ class TableTraffic:
         self._gone_since: set[str] = set()
         #: How far all have come on their routes of the plan; 0 where that is not listed.
         self._progress_m: dict[str, float] = {}
+        #: Who waits for one that stays where it is, by who rides and who stays.
+        self._held: frozenset[str] = frozenset()
+        self._held_by: tuple[frozenset[str], frozenset[str]] | None = None
         self._places: dict[str, Floats] = {}
         self._seen_s: dict[str, float] = {}
         self._blocked: dict[str, str] = {}
@@ -326,6 +329,7 @@ class TableTraffic:
         if plan is None:
             return
         self._plan = plan
+        self._held_by = None
         self._progress_m = {}
         self._gone = set(self._gone_since)
         self._blocked = {}
@@ -437,13 +441,14 @@ class TableTraffic:
     def _drive(self, beliefs: Mapping[str, Belief], step_s: float) -> Iterator[tuple[str, Carried]]:
         """How each parcel that is under way is carried."""
         limits_m = self._limits_m()
+        self._find_held()
         for name, ride in self._rides.items():
             belief = beliefs.get(name)
             if belief is None:
                 continue
             room = self._room_to_turn(name)
             free_m = self._free_m(name, ride)
-            ride.obstructed = free_m < ride.route.length_m
+            ride.obstructed = free_m < ride.route.length_m or name in self._held
             limit_m = min(limits_m.get(name, inf), free_m)
             carried = ride.step(belief, step_s, limit_m, room)
             if carried is not None:
@@ -460,17 +465,29 @@ class TableTraffic:
         return free_m
 
     def _limits_m(self) -> dict[str, float]:
-        if self._plan is None:
-            return {}
         for name, ride in self._rides.items():
             self._progress_m[name] = ride.progress_m
-        # What is not on the table is in nobody's way any more.
-        there = {
+        return (
+            {} if self._plan is None else self._plan.authority.limits_m(self._there_m(self._plan))
+        )
+
+    def _there_m(self, plan: Plan) -> dict[str, float]:
+        """How far those have come who are on the table; others are in nobody's way any more."""
+        return {
             name: self._progress_m.get(name, 0.0)
-            for name in self._plan.routes
+            for name in plan.routes
             if name in self._places and name not in self._gone
         }
-        return self._plan.authority.limits_m(there)
+
+    def _find_held(self) -> None:
+        """Find who waits for one that stays, having no way, or no order any more."""
+        if self._plan is None:
+            return
+        there_m, riding = self._there_m(self._plan), frozenset(self._rides)
+        still = there_m.keys() - riding - (self._orders.keys() - self._blocked.keys())
+        by = riding, frozenset(still)
+        if by != self._held_by:
+            self._held, self._held_by = self._plan.authority.held(there_m, still), by
 
     def _room_to_turn(self, name: str) -> bool:
         """Whether a parcel may turn where it is without coming near any other."""

@@ -11,8 +11,8 @@ from mdms_model.arrays import Bools, Floats
 _TRIES = 16
 
 
-def places_aside(errand: Errand, blocked: Bools) -> Iterator[Floats]:
-    """Poses of the lattice, turned about as the parcel is, that are free of these tiles.
+def places_aside(errand: Errand, blocked: Bools) -> Iterator[tuple[int, Floats]]:
+    """Nodes of the lattice and their poses, turned about as the parcel is, free of these tiles.
 
     They are more than a step from each other, so that few are tried.
     """
@@ -31,6 +31,6 @@ def places_aside(errand: Errand, blocked: Bools) -> Iterator[Floats]:
         pose = poses[index]
         if all(np.hypot(*(pose - other)[:2]) > apart_m for other in tried):
             tried.append(pose)
-            yield pose + np.array([0.0, 0.0, errand.turned_rad])
+            yield int(own[index]), pose + np.array([0.0, 0.0, errand.turned_rad])
         if len(tried) == _TRIES:
             return

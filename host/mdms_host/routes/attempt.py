@@ -1,7 +1,8 @@
 """One attempt at routes for all: parcels one after another, each around those before it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import permutations
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from mdms_host.routes.moves import free_runs
 from mdms_host.routes.route import Route
 from mdms_host.routes.safe_intervals import TakenTiles
 from mdms_host.routes.search import Errands, Found, search
-from mdms_model.arrays import Bools, Ints
+from mdms_model.arrays import Bools, Floats, Ints
 
 #: States of a search: as many as it takes, and where it may be in vain.
 MANY, _IN_VAIN = 2**31, 4000
@@ -50,9 +51,15 @@ class Table:
         _, _, _, enters_s, leaves_s = route.visits
         self.taken.take(owner, route.visits.tile, enters_s - self.gap_s, leaves_s + self.gap_s)
 
-    def blocked(self) -> Bools:
-        """The tiles that are closed, or held by those not planned yet."""
-        return self.closed | (self.holders > 0)
+    def blocked(self, under: Ints | None = None) -> Bools:
+        """The tiles that are closed, or held by those not planned yet.
+
+        Those `under` a parcel do not count as closed to it, so that it can leave them.
+        """
+        blocked = self.closed.copy()
+        if under is not None:
+            blocked[under] = False
+        return blocked | (self.holders > 0)
 
 
 class Attempt:
@@ -84,10 +91,12 @@ class Attempt:
             if len(errand.prefix.begins_s):
                 self._table.take(self._owners[name], errand.prefix)
 
-    def run(self, order: Sequence[str], early: bool) -> dict[str, Route]:
+    def run(self, order: Sequence[str], early: bool, aside: bool = True) -> dict[str, Route]:
         """Routes of as many as can be planned, in this order where that does.
 
-        `early` has others go aside for the first that has no way, else only when nobody has one.
+        `early` has others go aside for the first that has no way, else only when nobody has one;
+        without `aside` nobody does. None have routes where one went aside for others and has no way
+        on from there.
         """
         found: dict[str, Route] = {}
         waiting = list(order)
@@ -101,8 +110,13 @@ class Attempt:
                 elif early:
                     self._made_way([other for other in waiting if other not in found], [name])
             waiting = [name for name in waiting if name not in found]
-            if len(found) == before and not self._made_way(waiting, waiting):
+            stuck = len(found) == before
+            if not stuck:
+                continue
+            if not aside or not (self._made_way(waiting, waiting) or self._both_aside(waiting)):
                 break
+        if any(self._errands[name].so_far is not None for name in waiting):
+            return {}
         return found
 
     def _planned(self, name: str, errand: Errand) -> Route | None:
@@ -118,9 +132,11 @@ class Attempt:
         return route
 
     def _found(self, errand: Errand) -> Route | None:
-        """The soonest route, on which the parcel is safe from tipping."""
+        """An early route, on which the parcel is safe from tipping."""
         roadmap, task = errand.roadmap, errand.task
-        blocked = self._table.blocked() | self._parked if self._sure else self._table.blocked()
+        blocked = self._table.blocked(errand.stand)
+        if self._sure:
+            blocked |= self._parked
         stay_s = task.leaves_s + self._terms.gap_s if task.leaves else np.inf
         ends = Errands(roadmap.start_node, roadmap.goal_node, errand.ready_s, stay_s)
         while True:
@@ -164,15 +180,51 @@ class Attempt:
             blocked = self._table.blocked() | self._parked
             self._table.stand(errand)
             others = [other for other in held if other != name]
-            for pose in places_aside(errand, blocked | wanted):
+            for _, pose in places_aside(errand, blocked | wanted):
                 aside = errand.aside(pose)
-                if self._lets_go(others, blocked, aside.goal_stand):
-                    route = self._planned(name, aside)
-                    if route is not None:
-                        self._errands[name] = errand.onward(route)
-                        self._table.stand(self._errands[name])
-                        return True
+                if self._lets_go(others, blocked, aside.goal_stand) and self._went(name, aside):
+                    return True
         return False
+
+    def _went(self, name: str, aside: Errand) -> bool:
+        """Whether a parcel has a way aside, from the end of which it then goes on."""
+        route = self._planned(name, aside)
+        if route is not None:
+            self._errands[name] = self._errands[name].onward(route)
+            self._table.stand(self._errands[name])
+        return route is not None
+
+    def _both_aside(self, waiting: Sequence[str]) -> bool:
+        """Whether two that wait went aside, so that the first has a way past where the other is."""
+        able = [name for name in waiting if self._errands[name].so_far is None]
+        for first, second in permutations(able, 2):
+            one, other = self._errands[first], self._errands[second]
+            self._table.stand(one, -1)
+            self._table.stand(other, -1)
+            blocked = self._table.blocked() | self._parked
+            self._table.stand(one)
+            self._table.stand(other)
+            beside = blocked.copy()
+            beside[one.goal_stand] = True
+            for _, pose in places_aside(other, beside):
+                aside = other.aside(pose)
+                for place in self._places_past(one, blocked, other.stand, aside.goal_stand):
+                    if self._went(first, one.aside(place)):
+                        # Where the other has no way after all, the first is aside for nothing.
+                        return self._went(second, aside)
+        return False
+
+    def _places_past(
+        self, errand: Errand, blocked: Bools, before: Ints, after: Ints
+    ) -> Iterator[Floats]:
+        """Places aside from which a parcel has a way, clear of another before and after it goes."""
+        past = blocked.copy()
+        past[after] = True
+        cost_s = guide_of(errand, past).cost_s
+        past[before] = True
+        for node, pose in places_aside(errand, past):
+            if cost_s[node] < np.inf:
+                yield pose
 
     def _lets_go(self, held: Sequence[str], blocked: Bools, aside: Ints) -> bool:
         """Whether one of these has a way when another, who is not in `blocked`, stands aside."""

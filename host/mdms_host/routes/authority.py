@@ -1,6 +1,6 @@
 """How far each parcel may go now, from how far all have really come."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from math import inf
 
@@ -34,6 +34,21 @@ class Authority:
                     limit_m = before_m
             limits_m[name] = limit_m
         return limits_m
+
+    def held(self, progress_m: Mapping[str, float], still: Collection[str]) -> frozenset[str]:
+        """The parcels that never come to the end of their routes while those of `still` stay.
+
+        They wait for these, or for one that does; of `still` itself none is among them.
+        """
+        routes = self.reservations.routes
+        come_m, before_m = dict(progress_m), None
+        while come_m != before_m:
+            before_m = dict(come_m)
+            limits_m = self.limits_m(come_m)
+            for name in limits_m.keys() - still:
+                come_m[name] = max(come_m[name], limits_m[name])
+        going = come_m.keys() & routes.keys() - set(still)
+        return frozenset(name for name in going if come_m[name] < routes[name].length_m)
 
     def waits_for(self, name: str, progress_m: Mapping[str, float]) -> tuple[str, ...]:
         """The parcels that keep one from going on beyond its authority, none if it is free."""

@@ -41,14 +41,20 @@ class Plan:
     reservations: Reservations
     authority: Authority
 
+    @property
+    def held(self) -> frozenset[str]:
+        """Parcels with routes that wait for ever for one that stays: only kept ones, and after."""
+        still = self.routes.keys() - self.order
+        return self.authority.held(dict.fromkeys(self.routes, 0.0), still)
+
 
 class Planner:
     """Plans for one table. It keeps what it works out of a shape, so that the second plan is quick.
 
     `clearance_m` is how much every outline is grown by, `gap_s` how long a tile is free between two
     parcels, `step` how many tiles lattice places are apart; `tries` is how many orders of the
-    parcels are tried where one does not do. `efforts` are by how much a route may take longer than
-    the soonest, and after how many states of the search the next effort is made.
+    parcels are tried where one does not do. `efforts` are weights of the search (`search`), and
+    after how many states the next effort is made.
     """
 
     def __init__(
@@ -95,8 +101,11 @@ class Planner:
     ) -> Plan:
         """Routes for all these parcels, first ones first where that does.
 
-        Tiles that are `closed` are not crossed. Routes that are `kept` are those of other parcels,
-        with their times from now on (`retiming`); they are planned around, and part of the plan.
+        Tiles that are `closed` are not crossed, but those under a parcel are left. Routes that
+        are `kept` are those of other parcels, with their times from now on (`retiming`); they are
+        planned around, and part of the plan.
+        Where a parcel stays that one of these was to pass after it, because it is blocked or has no
+        goal any more, that one is `held`: it is to be stopped and planned anew.
         """
         closed = self._nothing() if closed is None else closed
         kept = kept or {}
@@ -110,6 +119,9 @@ class Planner:
                 best = found
             if len(best) == len(moving):
                 break
+        if len(best) < len(moving):
+            attempt = Attempt(self._terms, errands, closed, kept, True)
+            best = max(best, attempt.run(moving, False, aside=False), key=len)
         routes = {**kept, **{name: errand.prefix for name, errand in errands.items()}, **best}
         blocked = {
             name: self._blocked(errands, name, best, closed, kept)
@@ -177,7 +189,8 @@ class Planner:
         kept = self.kept(plan, others_m, now_s)
         anew = [task for task in tasks if task.parcel not in kept]
         again = self.plan(anew, now_s, closed=closed, kept=kept)
-        return self.plan(tasks, now_s, closed=closed) if again.blocked else again
+        alright = not again.blocked and not again.held
+        return again if alright else self.plan(tasks, now_s, closed=closed)
 
     def kept(self, plan: Plan, progress_m: Mapping[str, float], now_s: float) -> dict[str, Route]:
         """The routes of a plan from where these parcels are now, for others to be planned around.

@@ -1,4 +1,4 @@
-"""Safe-interval path planning: the soonest way of one parcel among those that have theirs.
+"""Safe-interval path planning: an early way of one parcel among those that have theirs.
 
 After M. Phillips and M. Likhachev (ICRA 2011), for moves that take time and bodies that cover many
 tiles: a state is a node and the safe interval in which the parcel stands there, reached as soon as
@@ -57,7 +57,8 @@ def search(
 ) -> Found:
     """The way from start to goal, given up after so many states, the second of `effort`.
 
-    With a first of 1 no way arrives sooner, with a greater one by this factor at most.
+    The first weighs the time that is left to the goal: with more than 1 the search looks at fewer
+    states, and the way may take longer.
     """
     weight, most = effort
     head = np.full(graph.joins.first.size - 1, -1, np.int64)

@@ -147,3 +147,22 @@ def test_a_gate_is_where_the_last_wheels_are():
     assert gates["south"].outward == (1, -1)
     assert gates["south"].last_m == pytest.approx(0.127)
     assert gates["south"].place_m(0.05, 0.2) == pytest.approx((0.2, -0.177))
+
+
+def test_who_waits_for_one_that_has_no_way_any_more_is_planned_anew():
+    refused = []
+
+    async def main(table):
+        table.start(table.move(table["disc"], 0.36, 0.0))
+        east = table.start(table.move(table["box"], 0.0, 0.0))
+        await table.sleep(0.5)
+        for order in (table.start(table.move(table["disc"], 0.0, 0.9)), east):
+            try:
+                await order
+            except ProgramError as error:
+                refused.append(str(error))
+
+    table = two_boxes("parcel.1.y_m=0.0", main=main)
+    table.run_until(8.0, lambda: table.program.finished)
+    assert len(refused) == 2
+    assert "'box' has no way" in refused[1]

@@ -11,7 +11,7 @@ DRAWS = 6
 def test_all_arrive_and_none_touch(number: int) -> None:
     table, parcels = TABLES[number], 0
     for seed in range(COUNTS[number]):
-        tasks = instance(table, seed, DRAWS)
+        tasks = instance(table, seed, DRAWS, 1)
         parcels += len(tasks)
         assert not faults(table, tasks, table.planner.plan(tasks)), f"seed {seed}"
     assert parcels >= COUNTS[number]

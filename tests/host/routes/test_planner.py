@@ -64,3 +64,14 @@ def test_two_parcels_change_places_when_one_stands_aside(planner: Planner) -> No
     plan = planner.plan(tasks)
     assert not plan.blocked
     assert all(np.allclose(plan.routes[t.parcel].poses[-1], t.goal) for t in tasks)
+
+
+def test_two_parcels_change_places_when_both_stand_aside(planner: Planner) -> None:
+    tasks = [
+        task("a", (-0.3, 0.0, 0.0), (0.3, 0.0, 0.0)),
+        task("b", (0.3, 0.0, 0.0), (-0.3, 0.0, 0.0)),
+    ]
+    plan = planner.plan(tasks)
+    assert not plan.blocked
+    assert all(np.allclose(plan.routes[t.parcel].poses[-1], t.goal) for t in tasks)
+    assert not plan.held

@@ -46,6 +46,17 @@ def test_a_goal_that_changes_is_planned_around_the_others(planner: Planner) -> N
             assert former.leaves_s <= later.enters_s
 
 
+def test_a_kept_route_over_the_place_of_one_that_is_blocked_is_held(planner: Planner) -> None:
+    plan = planner.plan(crossing())
+    first, second = plan.order
+    at = plan.routes[first].poses[0]
+    kept = planner.kept(plan, {second: 0.0}, 0.0)
+    again = planner.plan([task(first, tuple(at), (0.0, 0.9, 0.0))], kept=kept)
+    assert set(again.blocked) == {first}
+    assert again.held == {second}
+    assert not planner.plan([task(first, (0.4, -0.2, 0.0), (0.4, -0.22, 0.0))], kept=kept).held
+
+
 def crossing() -> list:
     return [
         task("a", (-0.4, 0.2, 0.0), (0.4, 0.2, 0.0)),
