@@ -71,6 +71,7 @@ def layer_bytes():
         axes=cell._axes,
         pdos=cell._pdos,
         consumer=cell._consumer,
+        emcy=cell._emcy,
         attend=cell._attend,
         changed=cell._listen,
     )

@@ -229,7 +229,8 @@ class ServedCells:
         self._bus.shutdown()
 
     def _boot(self) -> None:
-        """Whoever opens the bus finds the cells ready; blank ones are so at once."""
+        """Whoever opens the bus finds the cells ready, and what is compiled at its first use so."""
+        self.bank.tick(self._counts, np.zeros_like(self._counts), self._presence)
         named = (node_id for node_id in self._node_ids if node_id != cob.NODE_NONE)
         waiting = {cob.HEARTBEAT_BASE + node_id for node_id in named}
         while waiting:

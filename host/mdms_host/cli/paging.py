@@ -16,12 +16,12 @@ from mdms_host.page.table import Table
 def opened_page(table: Table, arguments: Namespace) -> Iterator[Page]:
     """The page of a table as `--page`, `--host` and `--open` have it. Raises `PageError`."""
     host = arguments.host or LOOPBACK
-    if host != LOOPBACK:
-        say(
-            f"mdms: the page is open to whoever reaches {host}: all may watch, and whoever reads "
-            "its address moves the table; it is not encrypted"
-        )
     with Page(table, MonotonicClock(), arguments.page, host) as page:
+        if not page.gate.is_loopback:
+            say(
+                f"mdms: the page is open to whoever reaches {host}: all may watch, and whoever "
+                "reads its address moves the table; it is not encrypted"
+            )
         print(page.address, flush=True)
         if arguments.open:
             webbrowser.open(page.address)

@@ -91,7 +91,7 @@ class Coordinator:
             odometry=self._odometry,
             journal=journal,
             on_lost=self._on_lost_cells,
-            on_back=lambda: self.tracker.blur(_UNSEEN_M),
+            on_back=lambda: self.tracker.look_again(_UNSEEN_M),
         )
         self._schedule = Schedule()
         steering = CellsControl(self.cells, program) if isinstance(program, CellsProgram) else None
@@ -280,6 +280,10 @@ class Coordinator:
     def _on_phase(self, before: Phase, phase: Phase, now_s: float) -> None:
         """A phase of the run begins."""
         self._commands.on_phase(phase, now_s)
+        if phase in HELD:
+            self.tracker.look_away()
+        elif before in HELD:
+            self.tracker.look_again(_UNSEEN_M)
         if phase == Phase.ENABLING:
             self._schedule.set("sync", now_s)
             self._schedule.set("setpoint", now_s + self._timing.sync_period_s / 2)

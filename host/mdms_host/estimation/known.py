@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.change import Change, Event
 from mdms_host.estimation.confirmation import Standing
 from mdms_host.estimation.estimator import ParcelEstimator
@@ -11,7 +12,7 @@ from mdms_host.estimation.rectangle import Rectangle
 from mdms_host.estimation.roll_call import Sought
 from mdms_host.estimation.size import Size
 from mdms_host.estimation.surroundings import Surroundings
-from mdms_model.arrays import Floats
+from mdms_model.arrays import Bools, Floats
 
 
 class Known:
@@ -65,6 +66,28 @@ class Known:
         most_m = sides_m[0] + 3 * deviation_m[0], sides_m[1] + 3 * deviation_m[1]
         yaw_rad = self.parcel.yaw_hint_rad if self.place is None else float(self.place[2])
         return Size(*sides_m, deviation_m, least_m, most_m, yaw_rad)
+
+    def belief(self, at_s: float, usable: Bools | None) -> Belief | None:
+        """What is believed of it at a time near now; None without a pose.
+
+        Where `usable` sensors (S,) are given, with the turn that would make the place sure enough.
+        """
+        one = self.estimator
+        corrected, one.corrected = one.corrected, False
+        pose = one.pose_at(at_s)
+        if pose is None:
+            return None
+        feel_rad = None if usable is None else one.turn_to_feel_rad(usable)
+        return Belief(
+            self.parcel.name,
+            one.bottom,
+            pose,
+            one.twist,
+            one.covariance,
+            one.standing,
+            corrected,
+            feel_rad,
+        )
 
     def keep_place(self) -> None:
         """Remember where it is, as long as that is sure; once found, it may be anywhere later."""

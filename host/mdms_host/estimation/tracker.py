@@ -60,6 +60,7 @@ class Tracker:
             layout, self._surroundings, self._presence, self._strangers, self._unknowns
         )
         self._known = {parcel.name: Known(parcel, self._surroundings) for parcel in parcels}
+        self._watching = True
         self._now_s = 0.0
         self._faulty: list[tuple[int, list[int]]] = []
         self._changes: list[Change] = []
@@ -118,16 +119,23 @@ class Tracker:
     def on_presence(self, now_s: float, cell: int, bits: int) -> None:
         """Cell `cell` (from 1) reports which of its sensors are covered: bit k sensor k."""
         for time_s, sensor in self._presence.on_report(now_s, cell, bits):
-            self._on_edge(time_s, sensor)
+            if self._watching:
+                self._on_edge(time_s, sensor)
+
+    def look_away(self) -> None:
+        """Cells come and go, and parcels are at rest: what sensors show by then moves no belief."""
+        self._watching = False
+
+    def look_again(self, deviation_m: float) -> None:
+        """Sensors count again; parcels may have moved by so much unseen, as a deviation."""
+        if not self._watching:
+            for known in self._known.values():
+                known.estimator.blur(deviation_m)
+        self._watching = True
 
     def ignore_cells(self, cells: Collection[int]) -> None:
         """The sensors of these cells (from 1) show nothing from now on, those of all others do."""
         self._presence.ignore(cells)
-
-    def blur(self, deviation_m: float) -> None:
-        """Parcels may have moved by so much unseen: sensors that differ are to be believed."""
-        for known in self._known.values():
-            known.estimator.blur(deviation_m)
 
     def on_speeds(
         self,
@@ -144,6 +152,8 @@ class Tracker:
         self._now_s = now_s
         estimators = (each.estimator for each in self._known.values())
         roll_on(estimators, now_s, Speeds(speed_m_s, known, standing))
+        if not self._watching:
+            return []
         valid = self._presence.valid(now_s)
         views = self._views(now_s)
         coverage = self._coverage(views)
@@ -187,20 +197,9 @@ class Tracker:
         believed = {}
         valid = self._presence.valid(now_s)
         for name, each in self._known.items():
-            one = each.estimator
-            pose = one.pose_at(at_s)
-            if pose is not None:
-                believed[name] = Belief(
-                    name,
-                    one.bottom,
-                    pose,
-                    one.twist,
-                    one.covariance,
-                    one.standing,
-                    one.corrected,
-                    one.turn_to_feel_rad(valid) if name in near else None,
-                )
-            one.corrected = False
+            belief = each.belief(at_s, valid if name in near else None)
+            if belief is not None:
+                believed[name] = belief
         return believed | {belief.name: belief for belief in self._unknowns.beliefs()}
 
     @property

@@ -1,39 +1,62 @@
 """Who gets in: addresses that are the page's own, and the token of whoever may move something."""
 
 import secrets
+import socket
+from contextlib import suppress
 from dataclasses import dataclass, field
+from ipaddress import ip_address
 from urllib.parse import urlsplit
 
 LOOPBACK = "127.0.0.1"
 _LOOPBACKS = ("127.0.0.1", "localhost", "[::1]")
+#: Stand for all addresses that this machine has.
+_ALL = ("0.0.0.0", "::")
 _TOKEN_BYTES = 18
 
 
 @dataclass(frozen=True, slots=True)
 class Gate:
-    """The port and the names under which a page may be asked for, and the token of its address.
+    """The port and the address that a page is open at, and the token of whoever may move something.
 
     A browser that a foreign site has send it here names that site as `Origin`, or, where the
-    site's name leads to this machine, as `Host`.
+    site's name leads to this machine, as `Host`. An address in numbers leads nowhere else.
     """
 
     port: int
-    hosts: tuple[str, ...] = (LOOPBACK,)
+    host: str = LOOPBACK
     token: str = field(default_factory=lambda: secrets.token_urlsafe(_TOKEN_BYTES), repr=False)
 
     @property
     def address(self) -> str:
         """What to open; the token is in its fragment, which browsers send to nobody."""
-        return f"http://{self.hosts[0]}:{self.port}/#token={self.token}"
+        name = socket.gethostname() if self.host in _ALL else _bracketed(self.host)
+        return f"http://{name}:{self.port}/#token={self.token}"
+
+    @property
+    def is_loopback(self) -> bool:
+        """Whether only this machine reaches it."""
+        with suppress(ValueError):
+            return ip_address(self.host).is_loopback
+        return self.host == "localhost"
 
     def admits(self, host: str | None, origin: str | None) -> bool:
         """Whether a request with these headers may be answered."""
-        if host is None or host not in self._names():
+        if host is None or not self._is_own(host):
             return False
         if origin is None:
             return True
         parts = urlsplit(origin)
         return parts.scheme == "http" and parts.netloc == host
+
+    def _is_own(self, host: str) -> bool:
+        name, _, port = host.rpartition(":")
+        if port != str(self.port):
+            return False
+        if name in (*_LOOPBACKS, _bracketed(self.host)):
+            return True
+        if self.is_loopback:
+            return False
+        return name == socket.gethostname() or _is_in_numbers(name)
 
     def knows(self, token: object) -> bool:
         """Whether this is the token."""
@@ -41,6 +64,14 @@ class Gate:
             return False
         return secrets.compare_digest(token.encode(errors="replace"), self.token.encode())
 
-    def _names(self) -> set[str]:
-        names = {*self.hosts, *_LOOPBACKS}
-        return {f"{name}:{self.port}" for name in names}
+
+def _bracketed(host: str) -> str:
+    """A host as it stands before a port."""
+    return f"[{host}]" if ":" in host else host
+
+
+def _is_in_numbers(name: str) -> bool:
+    with suppress(ValueError):
+        ip_address(name.strip("[]"))
+        return True
+    return False

@@ -13,18 +13,17 @@ from mdms_host.layout import Layout
 from mdms_host.motion import goal as motion
 from mdms_host.page import commands
 from mdms_host.page.advice import advice_for
+from mdms_host.page.believed_signals import believed_signals
+from mdms_host.page.bus_rates import BusRates
 from mdms_host.page.bus_watch import KINDS, BusWatch
 from mdms_host.page.commands import Command, RefusedError
-from mdms_host.page.description import PARCEL_STATES, PHASES, describe
+from mdms_host.page.description import describe
 from mdms_host.page.objects import ObjectReader
 from mdms_host.page.offered import plan_of
 from mdms_host.page.seat import Seat
 from mdms_host.page.signals import Signals
 from mdms_host.page.things import things_of
 
-_FOUND, _DOUBTFUL, _ARRIVED, _UNKNOWN = (
-    PARCEL_STATES.index(state) for state in ("found", "doubtful", "arrived", "unknown")
-)
 #: Ways and tiles are looked at so often [s].
 _PLAN_S = 0.25
 _SDO = KINDS.index("SDO")
@@ -67,11 +66,7 @@ class LiveTable:
         self._reported: tuple[Coordinator | None, int] = (None, 0)
         self._plan = plan_of(None)
         self._planned_s = -inf
-        self._counted_s = -1.0
-        self._counted = np.zeros((layout.bus_count, len(KINDS)))
-        self._rates = np.zeros((layout.bus_count, len(KINDS)))
-        self._loads: Any = np.zeros(layout.bus_count)
-        self._carried: Any = np.zeros(layout.bus_count)
+        self._rates = BusRates(layout.bus_count, len(KINDS))
         self._jitter_s = 0.0
 
     # What is shown
@@ -117,7 +112,7 @@ class LiveTable:
     def values(self) -> dict[str, Any]:
         """The signals by name, as far as they are known."""
         now_s, coordinator, watch = self._now_s(), self._seat.coordinator, self._watch
-        self._count(now_s)
+        self._rates.count(now_s, self._watch.frames, self.busy_s())
         identity, promise = watch.promises(now_s)
         jitter_s, self._jitter_s = self._jitter_s, 0.0
         values = {
@@ -125,8 +120,8 @@ class LiveTable:
             "speed": 1.0,
             "real_time_factor": 1.0,
             "jitter": jitter_s,
-            "bus_load": self._loads,
-            "bus_frames": self._rates,
+            "bus_load": self._rates.loads,
+            "bus_frames": self._rates.frames_per_s,
             "wheel_speed": watch.speeds_m_s,
             "wheel_reference": watch.references_m_s,
             "cell_state": np.frombuffer(watch.states(now_s), np.uint8),
@@ -135,56 +130,12 @@ class LiveTable:
             "cell_promise_state": promise,
         }
         if coordinator is not None:
-            values |= self._of(coordinator)
+            values |= believed_signals(self._things, coordinator)
         return values
-
-    def _of(self, coordinator: Coordinator) -> dict[str, Any]:
-        """What a coordinator believes and wants."""
-        count, goals = len(self._things), coordinator.goals
-        believed, goal = np.full((2, count, 3), np.nan)
-        spread, state = np.full((count, 4), np.nan), np.zeros(count, np.uint8)
-        for number, name in enumerate(self._things):
-            if name in goals:
-                wanted = goals[name]
-                yaw_rad = np.nan if wanted.yaw_rad is None else wanted.yaw_rad
-                goal[number] = wanted.x_m, wanted.y_m, yaw_rad
-            unknown = coordinator.tracker.unknown.get(name)
-            if unknown is not None:
-                believed[number], state[number] = unknown.pose, _UNKNOWN
-            elif (estimate := coordinator.estimate(name)) is not None:
-                believed[number] = estimate.x_m, estimate.y_m, estimate.yaw_rad
-                covariance = coordinator.tracker.covariance(name)
-                spread[number] = covariance[[0, 0, 1, 2], [0, 1, 1, 2]]
-                state[number] = self._state_of(name, coordinator)
-        return {
-            "phase": [PHASES.index(coordinator.phase.value)],
-            "parcel_believed": believed,
-            "parcel_spread": spread,
-            "parcel_goal": goal,
-            "parcel_state": state,
-        }
-
-    @staticmethod
-    def _state_of(name: str, coordinator: Coordinator) -> int:
-        """The number of the state of a parcel that is believed somewhere."""
-        if name in coordinator.tracker.doubtful:
-            return _DOUBTFUL
-        return _ARRIVED if name in coordinator.arrived_s else _FOUND
 
     def on_cycle(self, late_s: float) -> None:
         """A cycle was so late."""
         self._jitter_s = max(self._jitter_s, late_s)
-
-    def _count(self, now_s: float) -> None:
-        """Rates of frames and loads, over at least a tenth of a second."""
-        step_s = now_s - self._counted_s
-        if 0.0 <= step_s < 0.1:
-            return
-        frames, busy_s = np.array(self._watch.frames, float), self.busy_s()
-        if step_s > 0.0 and self._counted_s >= 0.0:
-            self._rates = (frames - self._counted) / step_s
-            self._loads = (busy_s - self._carried) / step_s
-        self._counted, self._carried, self._counted_s = frames, busy_s, now_s
 
     def busy_s(self) -> Any:
         """How long each bus has been busy; here as if every frame had the most stuff bits."""
@@ -305,7 +256,11 @@ class LiveTable:
             raise RefusedError(f"there is no cell {cell}; the table has {self._layout.cells}")
         if coordinator is not None and coordinator.phase in BRING_UP:
             raise RefusedError("the cells are being brought up; ask again when they run")
-        if not self._seat.busy and self._seat.reader is None and self._rates[:, _SDO].any():
+        if (
+            not self._seat.busy
+            and self._seat.reader is None
+            and self._rates.frames_per_s[:, _SDO].any()
+        ):
             raise RefusedError("somebody else reads or writes settings just now; ask again later")
         places = self._layout
         self._seat.reader = ObjectReader(cell, places.node_ids[cell - 1], places.buses[cell - 1])

@@ -52,8 +52,7 @@ class Page:
         self._version = table.version
         self._due_s = self._news_s = 0.0
         self._socket = _listen(host, port)
-        hosts = (host, socket.gethostname()) if host != LOOPBACK else (host,)
-        self.gate = Gate(self._socket.getsockname()[1], hosts)
+        self.gate = Gate(self._socket.getsockname()[1], host)
         self._hub = Hub(self._on_vacant)
         app = PageApp(
             self.gate,

@@ -1,7 +1,6 @@
 """A simulated table as the page sees it: with its truth, its faults, and its time."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,30 +9,17 @@ from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.page import commands
 from mdms_host.page.bus_watch import BusWatch
-from mdms_host.page.commands import Command, RefusedError
+from mdms_host.page.commands import Command
+from mdms_host.page.faults_by_hand import FaultsByHand
 from mdms_host.page.live import LiveTable
 from mdms_host.page.seat import Seat
-from mdms_model.scenario.fault import Fault
-from mdms_model.scenario.fault_rules import check_faults
-from mdms_model.scenario.scenario import Scenario, ScenarioError
-from mdms_model.scenario.tree import plain
+from mdms_model.scenario.scenario import Scenario
 from mdms_sim.bus.bus import Bus
-from mdms_sim.faults.node import PRIORITY
-from mdms_sim.faults.schedule import Ongoing
 from mdms_sim.serve.clock import RealTime
 from mdms_sim.simulation import NS_PER_S, Simulation
 
 #: The simulation is not run further than this without looking after the page.
 SLICE_NS = 1_000_000
-#: Of these a cell has one or none.
-_ONCE = ("off", "hang")
-
-
-@dataclass(frozen=True, slots=True)
-class _Begun:
-    number: int
-    since_s: float
-    ongoing: Ongoing
 
 
 class SimulatedTable(LiveTable):
@@ -72,8 +58,9 @@ class SimulatedTable(LiveTable):
         self._usual_speed = self._speed = time.speed
         self._pause_ns: int | None = None
         self._paused = False
-        self._begun: dict[int, _Begun] = {}
-        self._faults = 0
+        self._faults = FaultsByHand(
+            simulation, scenario, lambda: self._news.append(self._faults.message())
+        )
         self._seen = {"world": 0, "faults": 0}
         self._pace = _Pace(time)
 
@@ -110,7 +97,7 @@ class SimulatedTable(LiveTable):
 
     def story(self) -> list[dict[str, Any]]:
         """See `Table`."""
-        return [*super().story(), self._fault_list()]
+        return [*super().story(), self._faults.message()]
 
     def news(self) -> list[dict[str, Any]]:
         """See `Table`."""
@@ -176,9 +163,9 @@ class SimulatedTable(LiveTable):
                 if not self._paused:
                     self._resume()
             case commands.BeginFault():
-                return f"fault {self._begin(command.fault)}"
+                return f"fault {self._faults.begin(command.fault)}"
             case commands.EndFault():
-                self._end(command)
+                self._faults.end(command)
             case _:
                 return super().do(command)
         return None
@@ -186,67 +173,9 @@ class SimulatedTable(LiveTable):
     def abandon(self) -> None:
         """See `Table`: time passes as it did, and no parcel stays in a hand that is gone."""
         super().abandon()
-        for number, begun in list(self._begun.items()):
-            if begun.ongoing.fault.kind == "lift":
-                self._end(commands.EndFault(number))
+        self._faults.let_go()
         self._speed = self._usual_speed
         self._resume()
-
-    def _begin(self, fault: Fault) -> int:
-        if fault.start_s:
-            raise RefusedError("fault.start_s: a fault begins at once; leave it out")
-        self._check(fault)
-        for begun in self._begun.values():
-            other = begun.ongoing.fault
-            if fault.kind == other.kind and fault.kind in _ONCE:
-                again = set(fault.cells) & set(other.cells)
-                if again or not fault.cells:
-                    raise RefusedError(f"cell {min(again, default='s')}: {fault.kind} already")
-        self._faults += 1
-        number, kernel = self._faults, self._simulation.kernel
-        ongoing = self._simulation.faults.begin(fault)
-        if fault.kind != "push":
-            self._begun[number] = _Begun(number, self._now_s(), ongoing)
-            self._news.append(self._fault_list())
-        if fault.duration_s is not None:
-            end_ns = kernel.now_ns + round(fault.duration_s * NS_PER_S)
-            kernel.at(end_ns, PRIORITY, lambda: self._end_by_itself(number))
-        return number
-
-    def _end(self, command: commands.EndFault) -> None:
-        begun = self._begun.get(command.number)
-        if begun is None:
-            raise RefusedError(f"there is no fault {command.number}")
-        pose = {"x_m": command.x_m, "y_m": command.y_m, "yaw_rad": command.yaw_rad}
-        given: dict[str, Any] = {name: value for name, value in pose.items() if value is not None}
-        if given:
-            if begun.ongoing.fault.kind != "lift":
-                raise RefusedError("only a parcel that was lifted is set down somewhere")
-            self._check(replace(begun.ongoing.fault, duration_s=1.0, **given))
-        del self._begun[command.number]
-        self._simulation.faults.end(begun.ongoing, **given)
-        self._news.append(self._fault_list())
-
-    def _end_by_itself(self, number: int) -> None:
-        if number in self._begun:
-            self._end(commands.EndFault(number))
-
-    def _check(self, fault: Fault) -> None:
-        try:
-            check_faults(replace(self._scenario, fault=(fault,)))
-        except ScenarioError as error:
-            raise RefusedError(str(error).replace("fault.0", "fault")) from None
-
-    def _fault_list(self) -> dict[str, Any]:
-        faults = [
-            {
-                "number": begun.number,
-                "since_s": begun.since_s,
-                "fault": _chosen(begun.ongoing.fault),
-            }
-            for begun in self._begun.values()
-        ]
-        return {"kind": "faults", "faults": faults}
 
 
 class _Pace:
@@ -265,13 +194,6 @@ class _Pace:
             self._factor = (now_ns - self._last[1]) / passed_ns
             self._last = wall_ns, now_ns
         return self._factor
-
-
-def _chosen(fault: Fault) -> dict[str, Any]:
-    """What of a fault differs from what it comes with."""
-    usual = plain(Fault(fault.kind))
-    values = plain(fault).items()
-    return {"kind": fault.kind} | {k: v for k, v in values if usual.get(k) != v}
 
 
 def _worst_counters(bus: Bus) -> tuple[int, int]:

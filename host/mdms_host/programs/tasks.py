@@ -1,9 +1,7 @@
 """What people have such tables do: one coroutine a task, for programs and for program files."""
 
 from collections import deque
-from collections.abc import Iterator, Sequence
-from itertools import product
-from math import hypot
+from collections.abc import Sequence
 
 from mdms_host.programs.script import Task, until
 from mdms_host.programs.table import ProgramError, Table, TableParcel
@@ -19,39 +17,13 @@ async def transport(
 
 
 async def swap(table: Table, one: TableParcel, other: TableParcel) -> None:
-    """Two parcels change places; each is turned there as the other was, if both can be turned.
-
-    One waits beside the way of the other meanwhile. Raises ProgramError where there is no room.
-    """
+    """Two parcels change places; each is turned there as the other was, if both can be turned."""
     (x_m, y_m, yaw_rad), (other_x_m, other_y_m, other_yaw_rad) = one.pose, other.pose
     turns = not (one.is_round or other.is_round)
-    for aside_m in _asides(table, one, other):
-        try:
-            await table.together(
-                table.move(one, *aside_m),
-                table.move(other, x_m, y_m, yaw_rad if turns else None),
-            )
-            break
-        except ProgramError as error:
-            refused = error
-    else:
-        raise ProgramError(f"no room for {one.name} to let {other.name} pass: {refused}")
-    await table.move(one, other_x_m, other_y_m, other_yaw_rad if turns else None)
-
-
-def _asides(table: Table, one: TableParcel, other: TableParcel) -> Iterator[Place]:
-    """Places for one parcel beside the straight way of another to it, the farthest first."""
-    (x_m, y_m, _), (other_x_m, other_y_m, _) = one.pose, other.pose
-    way_m = hypot(other_x_m - x_m, other_y_m - y_m)
-    across = (y_m - other_y_m) / way_m, (other_x_m - x_m) / way_m
-    half_x_m, half_y_m = (half_m - one.width_m / 2 for half_m in table.half_m)
-    for out_m, along, side in product((0.25, 0.2, 0.3), (0.5, 0.35, 0.65), (1, -1)):
-        place_x_m = x_m + along * (other_x_m - x_m) + side * out_m * across[0]
-        place_y_m = y_m + along * (other_y_m - y_m) + side * out_m * across[1]
-        yield (
-            max(-half_x_m, min(place_x_m, half_x_m)),
-            max(-half_y_m, min(place_y_m, half_y_m)),
-        )
+    await table.together(
+        table.move(one, other_x_m, other_y_m, other_yaw_rad if turns else None),
+        table.move(other, x_m, y_m, yaw_rad if turns else None),
+    )
 
 
 async def sort(table: Table, count: int | None = None) -> None:

@@ -23,7 +23,6 @@ from mdms_host.motion.grip import Grip
 from mdms_host.motion.traction import Traction
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.planning import Desk
-from mdms_host.programs.remaining import remaining
 from mdms_host.programs.ride import Load, Ride
 from mdms_host.routes.errand import Task
 from mdms_host.routes.pace import Pace
@@ -51,6 +50,8 @@ _CLEARANCE_M = 0.008
 _GAP_S = 0.1
 #: What stands farther from where the plan has it is in the way of others [m].
 _ASTRAY_M = 0.03
+#: A parcel stops so far before an obstacle's tiles, for it is to find a way from there [m].
+_SHORT_M = 0.01
 #: An obstacle that has moved by less is where it was [m, m, rad].
 _SAME = 2e-3
 #: A move that is planned for practice [m], with so little of a turn [rad].
@@ -109,7 +110,6 @@ class TableTraffic:
         tiles = self._planner.tiles
         self._closed: Bools = np.zeros(tiles.count, dtype=bool)
         self._obstacles: dict[str, Obstacle] = {}
-        self._pace = pace
         self._desk = desk
         self._loads = loads
         self._kept_free_places = kept_free
@@ -427,10 +427,10 @@ class TableTraffic:
         """The routes of those that are under way, as far as they are left."""
         if self._plan is None:
             return {}
-        routes = {name: ride.route for name, ride in self._rides.items() if not ride.has_come}
-        waits = self._plan.reservations.waits
-        progress_m = {name: self._rides[name].progress_m for name in routes}
-        return remaining(routes, progress_m, waits, self._pace, now_s=self._now_s, gone_s=_LEAVES_S)
+        progress_m = {
+            name: ride.progress_m for name, ride in self._rides.items() if not ride.has_come
+        }
+        return self._planner.kept(self._plan, progress_m, self._now_s)
 
     # Motion
 
@@ -456,7 +456,7 @@ class TableTraffic:
         for other, obstacle in self._obstacles.items():
             if other != name:
                 met = np.isin(visits.tile, obstacle.tiles) & (visits.leaves_m > ride.progress_m)
-                free_m = min(free_m, float(visits.enters_m[met].min(initial=inf)))
+                free_m = min(free_m, float(visits.enters_m[met].min(initial=inf)) - _SHORT_M)
         return free_m
 
     def _limits_m(self) -> dict[str, float]:

@@ -239,7 +239,7 @@ def _turn_on_table(lattice: Lattice, nodes: Ints, far: int) -> Bools:
 
 def _standing(lattice: Lattice, standing: Standing, nodes: Ints, far: int) -> Ints:
     """Those of these nodes from which the step stands; cells are alike, so that few are tried."""
-    if standing.everywhere or not len(nodes):
+    if not len(nodes):
         return nodes
     alike = lattice.tiles.per_pitch // lattice.step
     rows, columns = np.divmod(nodes % lattice.places, lattice.columns)

@@ -104,3 +104,32 @@ def test_one_parcel_is_looked_for_at_a_time_and_all_are_found_together() -> None
         tracker.on_presence(0.0, cell, bits)
     found = [tracker.on_speeds(0.01 * step, STILL) for step in range(10)]
     assert [names for names in found if names] == [["left", "right"]]
+
+
+def test_what_sensors_show_while_cells_come_and_go_moves_no_belief() -> None:
+    tracker = tracking(LEFT)
+    before = tracker.estimate("left", 0.1)
+    tracker.look_away()
+    for cell in range(1, LAYOUT.cells + 1):
+        tracker.on_presence(0.15, cell, 0)
+    for step in range(20, 200):
+        tracker.on_speeds(0.01 * step, STILL)
+    assert tracker.estimate("left", 2.0) == before
+    assert not tracker.doubtful
+    tracker.look_again(0.008)
+    tracker.on_speeds(2.0, STILL)
+    assert tracker.estimate("left", 2.0) is None
+
+
+def test_a_parcel_is_still_found_when_its_sensors_count_again() -> None:
+    tracker = tracking(LEFT)
+    before = tracker.estimate("left", 0.1)
+    tracker.look_away()
+    for step in range(20, 200):
+        tracker.on_speeds(0.01 * step, STILL)
+    tracker.look_again(0.008)
+    for step in range(200, 230):
+        tracker.on_speeds(0.01 * step, STILL)
+    after = tracker.estimate("left", 2.3)
+    assert after is not None
+    assert np.hypot(after.x_m - before.x_m, after.y_m - before.y_m) < 0.005

@@ -70,3 +70,12 @@ def test_a_program_stops_before_what_is_unknown_and_goes_on_when_it_is_gone() ->
             assert not references_m_s.any()
     assert program.finished
     assert program.take_notices() == ["box waits: unknown-1 is in its way"]
+
+
+def test_wheels_under_what_is_unknown_stand_though_a_parcel_is_about_to_use_them() -> None:
+    program = GoalProgram(traction_of(LAYOUT), (BOX,), {"box": Goal(-0.3, 0.0)})
+    there = thing(0.22, 0.12)
+    references_m_s = program.references_m_s({"box": box(0.0), "unknown-1": there}, 0.01)
+    under = THING.distance_m(LAYOUT.wheel_positions_m, there.pose) < 0
+    assert references_m_s.any()
+    assert not references_m_s[under].any()

@@ -241,8 +241,8 @@ def test_recording_is_scrubbed(recorded, open_page):
     page.fill("#scrub", "3")
     wait_until(page, "page.snapshot.time[0] === 3")
     later = page.evaluate("[...page.snapshot.parcel_true]")
-    page.fill("#scrub", "1")
-    wait_until(page, "page.snapshot.time[0] === 1")
+    page.fill("#scrub", "0.5")
+    wait_until(page, "page.snapshot.time[0] === 0.5")
     sooner = page.evaluate("[...page.snapshot.parcel_true]")
     assert later[0] > sooner[0] + 0.1
     assert page.evaluate("page.snapshot.cell_state.every((state) => state === 3)")

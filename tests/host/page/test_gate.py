@@ -1,5 +1,7 @@
 """Only the page's own address is answered, and only who has the token moves anything."""
 
+import socket
+
 import pytest
 
 from mdms_host.page.gate import Gate
@@ -35,10 +37,33 @@ def test_foreign_names_and_foreign_pages_are_not(host, origin):
     assert not GATE.admits(host, origin)
 
 
-def test_name_of_another_address_is_admitted_where_the_page_is_open_there():
-    gate = Gate(80, ("192.168.0.5",))
+def test_page_that_is_open_to_others_is_asked_for_by_numbers_or_the_machine_s_name(monkeypatch):
+    monkeypatch.setattr(socket, "gethostname", lambda: "table")
+    gate = Gate(80, "0.0.0.0", "secret")
+    assert gate.address == "http://table:80/#token=secret"
     assert gate.admits("192.168.0.5:80", "http://192.168.0.5:80")
+    assert gate.admits("[fe80::1]:80", None)
+    assert gate.admits("table:80", None)
+    # A name that somebody else has lead here.
+    assert not gate.admits("evil.example:80", "http://evil.example:80")
     assert not GATE.admits("192.168.0.5:8642", None)
+    assert not GATE.admits("table:8642", None)
+
+
+@pytest.mark.parametrize(
+    ("host", "is_loopback", "address"),
+    [
+        ("127.0.0.1", True, "http://127.0.0.1:80/#token=secret"),
+        ("localhost", True, "http://localhost:80/#token=secret"),
+        ("::1", True, "http://[::1]:80/#token=secret"),
+        ("192.168.0.5", False, "http://192.168.0.5:80/#token=secret"),
+    ],
+)
+def test_address_is_as_browsers_take_it(host, is_loopback, address):
+    gate = Gate(80, host, "secret")
+    assert gate.address == address
+    assert gate.is_loopback == is_loopback
+    assert gate.admits(address.split("/")[2], None)
 
 
 def test_token_stands_where_browsers_send_it_to_nobody():

@@ -5,6 +5,7 @@ import socket
 import time
 import urllib.error
 import urllib.request
+from argparse import Namespace
 
 import jsonschema
 import pytest
@@ -12,6 +13,7 @@ from tests.host.page.bench import OpenPage, Recorder
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
+from mdms_host.cli.paging import opened_page
 from mdms_host.clock import MonotonicClock
 from mdms_host.page import commands
 from mdms_host.page.gate import LOOPBACK
@@ -240,3 +242,18 @@ def test_table_that_does_not_answer_keeps_its_page_and_says_so(monkeypatch, tabl
 def test_port_that_is_taken_is_named(page, table):
     with pytest.raises(PageError, match=f"127.0.0.1:{page.gate.port}"):
         Page(table, MonotonicClock(), page.gate.port)
+
+
+def test_page_beyond_this_machine_is_warned_of(capsys, table):
+    arguments = Namespace(page=0, host="0.0.0.0", open=False)
+    with opened_page(table, arguments) as page:
+        assert fetched(page, "/")[0] == 200
+    captured = capsys.readouterr()
+    assert captured.out == f"{page.address}\n"
+    assert "not encrypted" in captured.err
+
+
+def test_page_on_this_machine_needs_no_warning(capsys, table):
+    with opened_page(table, Namespace(page=0, host=None, open=False)):
+        pass
+    assert capsys.readouterr().err == ""

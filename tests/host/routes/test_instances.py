@@ -3,7 +3,7 @@
 import pytest
 from tests.benchmarks.routes import TABLES, faults, instance
 
-COUNTS = (80, 10, 1)
+COUNTS = (30, 4, 1)
 DRAWS = 6
 
 

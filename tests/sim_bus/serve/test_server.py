@@ -81,7 +81,7 @@ def bare_simulation():
     """A bus and its time, and nothing that would be on it."""
     kernel = Kernel()
     bus = Bus(kernel, 1_000_000)
-    return SimpleNamespace(kernel=kernel, bus=bus, buses=[bus], tipped=False)
+    return SimpleNamespace(kernel=kernel, bus=bus, buses=[bus], tipped=False, blinking=[])
 
 
 def test_setpoints_come_in_time_when_the_kernel_leaves_a_terminal_alone(machine, tmp_path):

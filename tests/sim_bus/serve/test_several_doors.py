@@ -33,7 +33,9 @@ def serving(path, **options):
     buses = [Bus(kernel), Bus(kernel)]
     for number, bus in enumerate(buses):
         Node(bus, number)
-    simulation = SimpleNamespace(kernel=kernel, bus=buses[0], buses=buses, tipped=False)
+    simulation = SimpleNamespace(
+        kernel=kernel, bus=buses[0], buses=buses, tipped=False, blinking=[]
+    )
 
     def tick():
         kernel.at(kernel.now_ns + MS, 0, tick)

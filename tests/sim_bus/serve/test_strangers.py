@@ -26,7 +26,7 @@ def serving(path, speed=1.0, **options):
     """A bus with one listener on it, served by a thread of its own."""
     kernel, ear, over, told = Kernel(), Ear(), threading.Event(), []
     bus = Bus(kernel, 1_000_000)
-    simulation = SimpleNamespace(kernel=kernel, bus=bus, buses=[bus], tipped=False)
+    simulation = SimpleNamespace(kernel=kernel, bus=bus, buses=[bus], tipped=False, blinking=[])
     bus.attach(ear)
 
     def tick():

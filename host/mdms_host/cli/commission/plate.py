@@ -63,14 +63,17 @@ def watch_plate(
         "move a plate of 10 to 18 cm over the table, slowly, along every row and from row to row; "
         "cells that nobody has seen yet blink"
     )
-    commissioning.command(nmt.START)
+    # One by one: the bus may have devices that are none of ours.
+    for node_id in keys:
+        commissioning.command(nmt.START, node_id)
     try:
         spots = _watch(commissioning, keys, sightings, arguments)
     finally:
-        commissioning.command(nmt.ENTER_PRE_OPERATIONAL)
+        for node_id in keys:
+            commissioning.command(nmt.ENTER_PRE_OPERATIONAL, node_id)
     columns = max(spot[0] for spot in spots.values())
     rows = max(spot[1] for spot in spots.values())
-    _check_corner(arguments.corner, spots, (columns, rows))
+    check_corner(arguments.corner, spots, (columns, rows))
     return columns, rows, spots
 
 
@@ -155,8 +158,8 @@ class _Settling:
         return spots if len(spots) == self._cells == columns * rows and as_named else None
 
 
-def _check_corner(corner: int | None, spots: dict[int, Spot], grid: Spot) -> None:
-    """Raises `CommandError` where the cell that was marked is not the first of the grid."""
+def check_corner(corner: int | None, spots: dict[int, Spot], grid: Spot) -> None:
+    """Raises `CommandError` where a cell was marked, and is not the first of the grid."""
     if corner is None or spots.get(corner) == (1, 1):
         return
     if corner not in spots:

@@ -10,8 +10,10 @@ import tomllib
 import numpy as np
 import pytest
 
+from mdms_host.can_link.link import Link
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.commission.plate import check_corner
+from mdms_host.cli.exits import INTERRUPTED, CommandError, Exit
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.array_file import read_array
 from mdms_host.commissioning.array_writing import array_document
@@ -210,6 +212,22 @@ def test_a_plate_that_is_moved_over_the_table_places_all(
     assert (document["array"]["columns"], document["array"]["rows"]) == (3, 2)
 
 
+def test_a_corner_that_lies_elsewhere_shows_that_cells_are_mounted_turned():
+    spots = {10: (1, 1), 11: (2, 1)}
+    check_corner(None, spots, (2, 1))
+    check_corner(10, spots, (2, 1))
+    with pytest.raises(CommandError, match="lies at column 2, row 1 of 2 x 1: cells are mounted"):
+        check_corner(11, spots, (2, 1))
+    with pytest.raises(CommandError, match="0000000C is not on the bus"):
+        check_corner(12, spots, (2, 1))
+
+
+def test_a_plate_that_nobody_moves_ends_with_time(commission, served_cells, capsys):
+    assert commission("--plate", "--yes", "--limit", "0.5") == Exit.TIME_LIMIT
+    assert "0 of 3 cells were seen in time" in capsys.readouterr().err
+    assert all(board.blinking for board in served_cells.bank._boards)
+
+
 def test_a_table_that_is_not_empty_is_no_place_to_begin(commission, served_cells, capsys):
     served_cells._presence[2] = 0b00010
     time.sleep(0.05)
@@ -257,6 +275,41 @@ def test_a_cell_that_dies_in_the_middle_is_named_and_the_next_run_mends_it(  # n
     served_cells.bank.restart(0)
     assert commission("--list", listed, *GRID, "--yes") == Exit.OK
     assert serials(bus) == list(ORDER)
+
+
+class Interruption:
+    """Ctrl-C as a link sends its frame of this number, counted from when it is set."""
+
+    def __init__(self, other):
+        self.frames = 0
+        self._other = other
+        self._send = Link.send
+
+    def send(self, link, frame, until_s=None):
+        if link is not self._other:
+            self.frames -= 1
+            if self.frames == 0:
+                raise KeyboardInterrupt
+        self._send(link, frame, until_s)
+
+
+@pytest.mark.slow
+def test_broken_off_anywhere_it_ends_well_the_next_time(commission, listed, bus, monkeypatch):
+    """Further each time: in the search, between id and store, amid settings, at a restart."""
+    interruption = Interruption(bus.link)
+
+    def send(link, frame, until_s=None):
+        interruption.send(link, frame, until_s)
+
+    monkeypatch.setattr(Link, "send", send)
+    for frames in (150, 320, 345, 365, 420, 700):
+        interruption.frames = frames
+        assert commission("--list", listed, *GRID, "--yes") == INTERRUPTED
+    assert commission("--list", listed, *GRID, "--yes") == Exit.OK
+    for node_id in range(1, 4):
+        bus.restart(node_id)
+    assert serials(bus) == list(ORDER)
+    assert [bus.read(node_id, indices.PLACE, 1) for node_id in range(1, 4)] == [1, 2, 3]
 
 
 def test_two_cells_that_answer_under_one_node_id_both_get_their_own(
