@@ -103,7 +103,8 @@ def test_goal_that_is_not_reached_is_told_with_the_way_left_and_by_the_exit_code
     assert goal["position_error_m"] == pytest.approx(0.2, abs=0.01)
     assert abs(goal["yaw_error_rad"]) == pytest.approx(0.52, abs=0.03)
     assert figures["slipping_share"] > 0.7
-    warning, verdict = told.err.splitlines()
+    slip, warning, verdict = told.err.splitlines()
+    assert "wheels slip under box" in slip
     assert "box does not get on" in warning
     assert float(warning.split()[0]) < 1.5
     assert re.match(r"mdms: goal not reached: box is 19\d\.\d mm and 29\.\d degrees from", verdict)
@@ -122,7 +123,7 @@ def test_fault_of_a_node_is_in_the_figures(capsys, tmp_path):
     scenario = tmp_path / "dies.toml"
     text = (BUILTIN / "array18.toml").read_text()
     fault = '[[fault]]\nkind = "off"\ncells = [8]\nstart_s = 1.0\n'
-    short = 'duration_s = 2.0\non_lost_cell = "stop"'
+    short = "duration_s = 2.0\npauses = 0"
     scenario.write_text(text.replace("duration_s = 12.0", short) + fault)
     assert main(["simulate", str(scenario), "--json"]) == 5
     told = capsys.readouterr()
