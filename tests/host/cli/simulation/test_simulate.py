@@ -122,7 +122,7 @@ def test_fault_of_a_node_is_in_the_figures(capsys, tmp_path):
     scenario = tmp_path / "dies.toml"
     text = (BUILTIN / "array18.toml").read_text()
     fault = '[[fault]]\nkind = "off"\ncells = [8]\nstart_s = 1.0\n'
-    short = 'duration_s = 2.0\non_lost_cell = "stop"'
+    short = "duration_s = 2.0\npauses = 0"
     scenario.write_text(text.replace("duration_s = 12.0", short) + fault)
     assert main(["simulate", str(scenario), "--json"]) == 5
     told = capsys.readouterr()
