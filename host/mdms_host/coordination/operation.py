@@ -8,7 +8,7 @@ from mdms_host.can_link.incidents import LinkCounts
 from mdms_host.can_link.link import AnyLink, DeviceGoneError, drive
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.coordination.phase import Phase
+from mdms_host.coordination.phase import HELD, Phase
 from mdms_model.participant import Participant
 from mdms_protocol import nmt
 
@@ -102,16 +102,24 @@ class _Watch:
         self._on_event = on_event
         self._reported = [0, 0]
         self._steered = False
+        self._held = False
 
     def look(self) -> None:
         """Report what is new."""
         if self._coordinator.fault and self.fault is None:
             self.fault = self._coordinator.fault + self._delay()
         self._steered |= self._coordinator.phase in _STEERED
+        self._look_at_hold()
         for number, source in enumerate((self._coordinator.events, self._link.incidents)):
             for time_s, text in source[self._reported[number] :]:
                 self._reported[number] += 1
                 self._on_event(time_s, text)
+
+    def _look_at_hold(self) -> None:
+        """Report what was held up when all parcels begin to be held, if anything was."""
+        before, self._held = self._held, self._coordinator.phase in HELD
+        if self._held and not before and (delay := self._delay()):
+            self._on_event(self._clock.now_s(), f"held up{delay}")
 
     def _delay(self) -> str:
         """What was held up, in brackets; by heartbeats alone before setpoints are to be in time."""

@@ -84,6 +84,20 @@ def test_a_fault_names_what_was_held_up(link) -> None:
     assert "this program's own cycle was up to" in done.fault
 
 
+def test_a_computer_that_was_held_up_once_is_a_pause_that_says_so(link) -> None:
+    heard: list[str] = []
+
+    def hold_up(_now_s: float, text: str) -> None:
+        if text == Phase.RUNNING and text not in heard:
+            link.sleep(0.5)
+        heard.append(text)
+
+    done = operate(coordinator(), link, link, 3.0, on_event=hold_up)
+    assert (done.ending, done.fault) == (Ending.DONE, None)
+    assert heard.count(Phase.RUNNING) == 2
+    assert any("held up (this program's own cycle was up to" in text for text in heard)
+
+
 def test_an_error_in_the_cycle_leaves_the_array_off_and_is_raised(link) -> None:
     class Failing(FieldProgram):
         steps = 0
