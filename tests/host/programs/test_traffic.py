@@ -112,6 +112,18 @@ def test_a_parcel_that_nothing_shows_stands_and_is_lost_to_the_program():
     assert seen == ["box is lost: no sensor shows it"]
 
 
+def test_a_doubtful_parcel_comes_to_rest_on_its_way_and_goes_on_when_it_is_sure_again():
+    table = two_boxes(main=go_east)
+    table.run(0.6)
+    table.doubted.add("box")
+    table.run(1.0)
+    at_rest = table.pose("box")
+    table.run(0.5)
+    assert table.pose("box") == pytest.approx(at_rest, abs=1e-4)
+    table.doubted.clear()
+    table.run_until(8.0, lambda: table.program.finished)
+
+
 def test_one_that_is_found_elsewhere_goes_on_from_there():
     table = two_boxes(main=go_east)
     table.run(0.6)
