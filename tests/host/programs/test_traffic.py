@@ -159,3 +159,15 @@ def test_a_gate_is_where_the_last_wheels_are():
     assert gates["south"].outward == (1, -1)
     assert gates["south"].last_m == pytest.approx(0.127)
     assert gates["south"].place_m(0.05, 0.2) == pytest.approx((0.2, -0.177))
+
+
+def test_a_parcel_that_is_stopped_half_way_off_its_infeed_goes_on():
+    table = Rolling("sort54", "task.0.count=1", "stream.0.start_s=0.1")
+    table.run_until(3.0, lambda: len(table.table.parcels) == 1)
+    name = table.table.parcels[0].name
+    table.run_until(3.0, lambda: table.pose(name)[0] > -0.25)
+    table.hidden.add(name)
+    table.run(0.3)
+    table.put(name, -0.12, 0.0)
+    table.hidden.clear()
+    table.run_until(8.0, lambda: table.program.finished)
