@@ -2,6 +2,19 @@
 
 No clock and no thread: who drives the script says when a cycle is, in virtual time as in real time,
 and the order in which coroutines go on is that in which they were started.
+
+>>> script, ready = Script(), []
+>>> async def waiting():
+...     await until(lambda: bool(ready))
+...     return "went on"
+>>> task = script.start(waiting())
+>>> script.step()
+>>> task.done
+False
+>>> ready.append(True)
+>>> script.step()
+>>> task.done
+True
 """
 
 from collections.abc import Callable, Coroutine, Generator

@@ -65,6 +65,26 @@ class Table:
 
     Times are those of the array's own cycle, `now_s` from the program's beginning. The table
     reaches `half_m` from its middle, along x and along y.
+
+    >>> class Swift:
+    ...     def give(self, order):
+    ...         print(f"{order.parcel} to {order.goal.x_m} m, {order.goal.y_m} m")
+    ...         order.done = True
+    >>> async def main(table):
+    ...     box = table["box"]
+    ...     await table.move(box, 0.1, 0.0)
+    ...     await table.sleep(0.02)
+    ...     await table.move(box, -0.1, 0.0)
+    >>> table = Table((0.57, 0.38), (), Swift())
+    >>> table.put(TableParcel("box", "", 0.36, 0.30, "rectangle"), arrives=False)
+    >>> task = table.start(main(table))
+    >>> table.step(0.01)
+    box to 0.1 m, 0.0 m
+    >>> table.step(0.01)
+    >>> table.step(0.01)
+    box to -0.1 m, 0.0 m
+    >>> task.done
+    True
     """
 
     def __init__(self, half_m: tuple[float, float], gates: Sequence[Gate], orders: Orders) -> None:

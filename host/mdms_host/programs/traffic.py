@@ -396,16 +396,15 @@ class TableTraffic:
             goal, leaves = self._goal(name, pose)
             ahead = np.array([pose])
             tasks.append(Task(name, shape, ahead, goal, leaves, _LEAVES_S))
-        return [*tasks, *self._kept_free()]
+        lying = ((self._shape(name, beliefs), place) for name, place in self._places.items())
+        under = [self._planner.stand(shape, place) for shape, place in lying if shape is not None]
+        return [*tasks, *self._kept_free(under)]
 
-    def _kept_free(self) -> Iterator[Task]:
-        """Places at which nothing lies that are kept free, such as infeeds, for what comes."""
+    def _kept_free(self, under: Sequence[Ints]) -> Iterator[Task]:
+        """Places that are kept free for what comes, of those that nothing is on, by the tiles."""
         for free in self._kept_free_places:
-            reach_m = free.shape.bottom.reach_m
-            if all(
-                hypot(*(place - free.pose)[:2].tolist()) > reach_m
-                for place in self._places.values()
-            ):
+            kept = self._planner.stand(free.shape, free.pose)
+            if not any(np.isin(kept, tiles).any() for tiles in under):
                 yield Task(free.name, free.shape, free.pose[None, :])
 
     def _goal(self, name: str, pose: Floats) -> tuple[Floats | None, bool]:

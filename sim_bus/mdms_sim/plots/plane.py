@@ -22,6 +22,8 @@ from mdms_sim.plots.shared_belief import has_layer
 from mdms_sim.plots.top_view import DASHED, draw_slip_scale, draw_top_view, extent_m
 
 WIDTH_IN, TOP_IN, BOTTOM_IN, ROW_IN = 13.0, 0.95, 1.0, 0.22
+#: Of more parcels the legend names two only.
+MOST_NAMED = 3
 LEFT, MIDDLE, PANELS, RIGHT = 0.06, 0.60, 0.68, 0.985
 
 
@@ -48,7 +50,8 @@ def draw_plane(scenario: Scenario, record: Record) -> Figure:
 
 def _add_legend(figure: Figure, scenario: Scenario, record: Record) -> None:
     handles: list[Artist] = []
-    for number, parcel in enumerate(scenario.parcel[:4]):
+    most = len(scenario.parcel) if len(scenario.parcel) <= MOST_NAMED else 2
+    for number, parcel in enumerate(scenario.parcel[:most]):
         colour, name = parcel_colour(number), f"parcel {parcel.name}"
         handles.append(Patch(facecolor=f"{colour}55", edgecolor=colour, label=name))
     handles.append(Line2D([], [], color=FAINT, linestyle=(0, (1, 1.5)), lw=1.6, label="start"))
@@ -79,9 +82,15 @@ def _add_titles(figure: Figure, height_in: float, scenario: Scenario, record: Re
     figure.text(
         LEFT, 1 - 0.42 / height_in, scenario.title, color=INK, fontsize=14, fontweight="bold"
     )
-    stories = [_story(scenario, record, number) for number in range(min(2, len(scenario.parcel)))]
-    if len(scenario.parcel) > len(stories):
-        stories.append(f"{len(scenario.parcel) - len(stories)} more")
+    lasting = np.flatnonzero(np.isfinite(record.pose).all(axis=(0, 2))).tolist()
+    stories = [_story(scenario, record, number) for number in lasting[:2]]
+    if len(lasting) > len(stories):
+        stories.append(f"{len(lasting) - len(stories)} more")
+    if scenario.stream:
+        came, left = (
+            sum(event.kind == kind for event in record.events) for kind in ("arrival", "exit")
+        )
+        stories.append(f"{came} parcels came, and {left} left")
     figure.text(LEFT, 1 - 0.72 / height_in, ";  ".join(stories), color=FAINT, fontsize=10)
 
 

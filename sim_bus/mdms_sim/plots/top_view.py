@@ -115,7 +115,16 @@ def _draw_wheels(axes: Axes, scenario: Scenario, record: Record) -> None:
 
 
 def _draw_way(axes: Axes, parcel: Parcel, pose: Floats, colour: str) -> None:
-    """Footprints that grow stronger from start to end, and the path of the centre."""
+    """Footprints that grow stronger from start to end, and the path of the centre.
+
+    One that comes and goes has no start and no end: its paths, and where it is at last.
+    """
+    if not np.isfinite(pose).all():
+        axes.plot(pose[:, 0], pose[:, 1], color=colour, lw=0.8, alpha=0.5, zorder=6)
+        if np.isfinite(pose[-1]).all():
+            _draw_outline(axes, parcel, pose[-1], facecolor=f"{colour}38", zorder=3)
+            _draw_outline(axes, parcel, pose[-1], edgecolor=colour, lw=2.6)
+        return
     chosen = _milestones(pose, parcel)
     for place, strength in zip(chosen, np.linspace(0.25, 0.7, len(chosen)), strict=True):
         _draw_outline(axes, parcel, pose[place], edgecolor=colour, lw=0.9, alpha=strength)
@@ -147,11 +156,19 @@ def _draw_goal(axes: Axes, parcel: Parcel, goal: Goal) -> None:
 
 
 def _milestones(pose: Floats, parcel: Parcel) -> list[int]:
-    """Samples evenly spread over the way made, so that a rest at the end adds none."""
+    """Samples evenly spread over the way made, so that a rest at the end adds none.
+
+    None of a parcel that was never there.
+    """
+    there = np.flatnonzero(np.isfinite(pose).all(axis=1))
+    if not len(there):
+        return []
+    pose = pose[there]
     reach_m = np.hypot(parcel.length_m, parcel.width_m) / 2
     steps_m = np.hypot(np.diff(pose[:, 0]), np.diff(pose[:, 1])) + reach_m * abs(
         np.diff(pose[:, 2])
     )
     way_m = np.concatenate(([0.0], np.cumsum(steps_m)))
     wanted_m = np.linspace(0.0, way_m[-1], FOOTPRINTS)
-    return sorted(set(np.searchsorted(way_m, wanted_m).clip(0, len(pose) - 1).tolist()))
+    chosen = there[np.searchsorted(way_m, wanted_m).clip(0, len(pose) - 1)]
+    return sorted(set(chosen.tolist()))

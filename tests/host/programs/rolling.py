@@ -7,6 +7,7 @@ import numpy as np
 from mdms_host.cli.scenario.coordination import layout_of, masses_of, parcels_of, traction_of
 from mdms_host.cli.scenario.programs import table_program
 from mdms_host.estimation.belief import Belief, Kind
+from mdms_host.estimation.confirmation import Standing
 from mdms_model.scenario.file import load_scenario
 from mdms_sim.physics.plane.handling import lift, set_down
 from mdms_sim.physics.plane.world import World
@@ -26,7 +27,7 @@ class Rolling:
     """A scenario with a program, in cycles of 10 ms; beliefs are what is true, as of a SYNC.
 
     Parcels named in `unknown` are believed to be something unknown, those in `hidden` are not
-    believed to be anywhere.
+    believed to be anywhere, and those in `doubted` only with a doubt.
     """
 
     def __init__(self, scenario, *overrides, main=None, unknown=()):
@@ -42,7 +43,7 @@ class Rolling:
             traction_of(scenario, layout),
             main=main,
         )
-        self.unknown, self.hidden = set(unknown), set()
+        self.unknown, self.hidden, self.doubted = set(unknown), set(), set()
         self.references_m_s = np.zeros(len(layout.wheel_cells))
         #: Cells (from 1) that a parcel has been over.
         self.crossed = set()
@@ -85,6 +86,7 @@ class Rolling:
                 pose[number],
                 self._twist[number],
                 np.zeros((3, 3)),
+                Standing.DOUBTFUL if parcel.name in self.doubted else Standing.FOUND,
                 kind=Kind.UNKNOWN if parcel.name in self.unknown else Kind.PARCEL,
             )
             for number, parcel in enumerate(self.parcels)

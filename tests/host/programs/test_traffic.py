@@ -112,6 +112,18 @@ def test_a_parcel_that_nothing_shows_stands_and_is_lost_to_the_program():
     assert seen == ["box is lost: no sensor shows it"]
 
 
+def test_a_doubtful_parcel_comes_to_rest_on_its_way_and_goes_on_when_it_is_sure_again():
+    table = two_boxes(main=go_east)
+    table.run(0.6)
+    table.doubted.add("box")
+    table.run(1.0)
+    at_rest = table.pose("box")
+    table.run(0.5)
+    assert table.pose("box") == pytest.approx(at_rest, abs=1e-4)
+    table.doubted.clear()
+    table.run_until(8.0, lambda: table.program.finished)
+
+
 def test_one_that_is_found_elsewhere_goes_on_from_there():
     table = two_boxes(main=go_east)
     table.run(0.6)
@@ -166,3 +178,15 @@ def test_who_waits_for_one_that_has_no_way_any_more_is_planned_anew():
     table.run_until(8.0, lambda: table.program.finished)
     assert len(refused) == 2
     assert "'box' has no way" in refused[1]
+
+
+def test_a_parcel_that_is_stopped_half_way_off_its_infeed_goes_on():
+    table = Rolling("sort54", "task.0.count=1", "stream.0.start_s=0.1")
+    table.run_until(3.0, lambda: len(table.table.parcels) == 1)
+    name = table.table.parcels[0].name
+    table.run_until(3.0, lambda: table.pose(name)[0] > -0.25)
+    table.hidden.add(name)
+    table.run(0.3)
+    table.put(name, -0.12, 0.0)
+    table.hidden.clear()
+    table.run_until(8.0, lambda: table.program.finished)

@@ -258,3 +258,17 @@ def test_wheels_of_belief_are_references_and_speeds(plane, believed_record):
     axes = draw_wheels(plane, believed_record).axes
     labels = [each.get_ylabel().split("\n")[0] for each in axes if "\n" in each.get_ylabel()]
     assert labels == ["reference [m/s]", "speed [m/s]"]
+
+
+def test_a_parcel_that_comes_and_goes_is_drawn_where_it_was(plane, plane_record):
+    record = replace(plane_record, pose=plane_record.pose.copy())
+    record.pose[:5] = record.pose[20:30] = record.pose[-1] = np.nan
+    figure = draw_plane(plane, record)
+    (path,) = [line for line in figure.axes[0].lines if len(line.get_xdata()) == len(record.pose)]
+    assert np.isnan(path.get_xdata()).sum() == 16
+    assert "nan" not in " ".join(text.get_text() for text in figure.texts)
+
+
+def test_one_that_was_never_there_is_left_out(plane, plane_record):
+    record = replace(plane_record, pose=np.full_like(plane_record.pose, np.nan))
+    draw_plane(plane, record)

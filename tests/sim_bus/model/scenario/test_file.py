@@ -227,3 +227,17 @@ def test_any_override_gives_a_scenario_or_a_refusal(key, value):
     except ScenarioError as error:
         told = str(error)
     assert key in told
+
+
+def test_a_file_may_be_based_on_another_and_has_what_differs(row, tmp_path):
+    path = tmp_path / "more.toml"
+    path.write_text('scenario = "row.toml"\ntitle = "more"\n[run]\nduration_s = 3.0\n')
+    scenario = load_scenario(path)
+    assert (scenario.title, scenario.run.duration_s, scenario.array.columns) == ("more", 3.0, 10)
+    assert scenario.parcel == load_scenario(row).parcel
+
+
+def test_a_file_that_is_based_on_itself_is_refused(tmp_path):
+    path = tmp_path / "loop.toml"
+    path.write_text('scenario = "loop.toml"\n')
+    assert "scenario is 'loop.toml', but must be the name of a scenario" in refusal(path)

@@ -1,0 +1,11 @@
+"""What the documentation of programs shows is so."""
+
+import doctest
+
+from mdms_host.programs import script, table
+
+
+def test_examples_in_docstrings_give_what_they_say():
+    for module in (script, table):
+        failed, tried = doctest.testmod(module)
+        assert (failed, tried > 5) == (0, True), module.__name__
