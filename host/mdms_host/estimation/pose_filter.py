@@ -24,6 +24,8 @@ _NEAR_M = 0.012
 #: Bounds do not make the filter surer of a distance than this: one that is met again a moment later
 #: is the same measurement [m].
 _BOUND_M = 0.003
+#: No variance becomes smaller [m2, rad2].
+_LEAST_M2 = 1e-12
 
 
 class PoseFilter:
@@ -110,3 +112,5 @@ class PoseFilter:
         """Shift the distance by `toward_m`, and take `less_m2` from its variance."""
         self.mean = self.mean + gain * toward_m
         self.covariance = self.covariance - np.outer(gain, gain) * less_m2
+        # Rounding may take from a variance more than there is.
+        np.fill_diagonal(self.covariance, np.maximum(self.covariance.diagonal(), _LEAST_M2))
