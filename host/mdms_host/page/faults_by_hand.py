@@ -6,7 +6,7 @@ from typing import Any
 
 from mdms_host.page.commands import EndFault, RefusedError
 from mdms_model.scenario.fault import Fault
-from mdms_model.scenario.fault_rules import check_faults
+from mdms_model.scenario.rules.fault import check_faults
 from mdms_model.scenario.scenario import Scenario, ScenarioError
 from mdms_model.scenario.tree import plain
 from mdms_sim.faults.node import PRIORITY

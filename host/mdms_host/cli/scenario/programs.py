@@ -19,7 +19,7 @@ from mdms_host.routes.pace import TrapezoidPace
 from mdms_host.routes.space.shape import Shape
 from mdms_model.array import last_support_m
 from mdms_model.arrays import Floats
-from mdms_model.scenario.on_table import half_table_m
+from mdms_model.scenario.rules.on_table import half_table_m
 from mdms_model.scenario.scenario import Scenario, in_stock
 from mdms_model.scenario.stream import Exit, Stream
 

@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Mapping
 
-from mdms_model.scenario.on_table import check_over, half_table_m
+from mdms_model.scenario.rules.on_table import check_over, half_table_m
 from mdms_model.scenario.scenario import Scenario, ScenarioError, in_stock
 from mdms_model.scenario.task import Task
 

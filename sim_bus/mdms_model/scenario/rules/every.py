@@ -4,14 +4,14 @@ from math import cos, sin
 
 from mdms_model.outline import outline_of
 from mdms_model.scenario.belief import believed
-from mdms_model.scenario.bus_rules import check_buses
-from mdms_model.scenario.control_rules import check_control
-from mdms_model.scenario.fault_rules import check_faults
-from mdms_model.scenario.field_rules import check_field
-from mdms_model.scenario.on_table import check_over, half_table_m
+from mdms_model.scenario.rules.bus import check_buses
+from mdms_model.scenario.rules.control import check_control
+from mdms_model.scenario.rules.fault import check_faults
+from mdms_model.scenario.rules.field import check_field
+from mdms_model.scenario.rules.on_table import check_over, half_table_m
+from mdms_model.scenario.rules.stream import check_streams
+from mdms_model.scenario.rules.task import check_tasks
 from mdms_model.scenario.scenario import Parcel, Scenario, ScenarioError
-from mdms_model.scenario.stream_rules import check_streams
-from mdms_model.scenario.task_rules import check_tasks
 
 MOST_STEPS = 100_000_000
 #: A sample of a wheel takes about 50 bytes.

@@ -5,7 +5,7 @@ from math import hypot
 
 from mdms_model.outline import outline_of
 from mdms_model.scenario.fault import Fault
-from mdms_model.scenario.on_table import check_over, half_table_m
+from mdms_model.scenario.rules.on_table import check_over, half_table_m
 from mdms_model.scenario.scenario import Parcel, Scenario, ScenarioError
 
 #: What is of no single cell, and has no `cells`.

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from mdms_model.scenario.on_table import check_over, half_table_m
+from mdms_model.scenario.rules.on_table import check_over, half_table_m
 from mdms_model.scenario.scenario import Scenario, ScenarioError
 from mdms_model.scenario.stream import Exit
 
