@@ -46,6 +46,8 @@ SHAPES = (
 SPEED_M_S, ACCELERATION_M_S2 = 0.3, 0.6
 #: Spans in which outlines are swept, and the finest ones [s].
 SPAN_S, FINEST_S = 0.25, 0.002
+#: How far over the edge is rounding [m].
+EDGE_M = 5e-6
 #: Draws of a parcel before an instance is begun anew, and how often that is done.
 DRAWS, BEGINS = 60, 15
 CONFIDENCE = 0.95
@@ -228,8 +230,8 @@ def faults(table: Table, tasks: list[Task], plan: Plan) -> list[str]:
     """What is wrong with a plan: who does not arrive, leaves the table, or touches whom."""
     found = [str(blocked) for blocked in plan.blocked.values()]
     swept = [Swept(task, plan.routes[task.parcel]) for task in tasks]
-    half_x_m = table.columns * table.layout.pitch_m / 2 + 1e-6
-    half_y_m = table.rows * table.layout.pitch_m / 2 + 1e-6
+    half_x_m = table.columns * table.layout.pitch_m / 2 + EDGE_M
+    half_y_m = table.rows * table.layout.pitch_m / 2 + EDGE_M
     floor = box(-half_x_m, -half_y_m, half_x_m, half_y_m)
     end_s = max((route.end_s for route in plan.routes.values()), default=0.0)
     spans = ceil(max(end_s, 0.0) / SPAN_S) + 1

@@ -32,13 +32,20 @@ def retimed(
     # A parcel's move comes so long after another's begin, at the least.
     after: list[tuple[str, int, str, int, float]] = []
     for name, route in routes.items():
-        for before_m, other, leaves_m in reservations.waits[name]:
-            if not progress_m.get(other, np.inf) < leaves_m < np.inf:
+        for other, its_route in routes.items():
+            waits = [
+                wait
+                for wait in reservations.waits[name]
+                if wait.other == other and progress_m[other] < wait.leaves_m < np.inf
+            ]
+            if not waits:
                 continue
-            enters, enters_after_s = _within(route, np.array([before_m]), pace, "right")
-            leaves, leaves_after_s = _within(routes[other], np.array([leaves_m]), pace, "left")
-            apart_s = float(leaves_after_s[0] - enters_after_s[0]) + gap_s
-            after.append((name, int(enters[0]), other, int(leaves[0]), apart_s))
+            before_m, leaves_m = np.array([(wait.before_m, wait.leaves_m) for wait in waits]).T
+            enters, enters_after_s = _within(route, before_m, pace, "right")
+            leaves, leaves_after_s = _within(its_route, leaves_m, pace, "left")
+            apart_s = leaves_after_s - enters_after_s + gap_s
+            rows = zip(enters.tolist(), leaves.tolist(), apart_s.tolist(), strict=True)
+            after += [(name, move, other, others, apart) for move, others, apart in rows]
     lasts_s = {name: route.arrives_s - route.begins_s for name, route in routes.items()}
     # Each pass settles the next move in the order at least, and the order has no circle.
     for _ in range(sum(map(len, begins_s.values())) + 1):
@@ -48,8 +55,8 @@ def retimed(
                 least_s = own_s[move - 1] + lasts_s[name][move - 1]
                 changed |= bool(own_s[move] < least_s)
                 own_s[move] = max(own_s[move], least_s)
-        for name, move, other, others, apart_s in after:
-            least_s = begins_s[other][others] + apart_s
+        for name, move, other, others, apart in after:
+            least_s = begins_s[other][others] + apart
             changed |= bool(begins_s[name][move] < least_s)
             begins_s[name][move] = max(begins_s[name][move], least_s)
         if not changed:

@@ -11,6 +11,8 @@ from mdms_model.compiled import compiled
 TOUCH_M = 1e-9
 #: A turning outline is taken piece by piece, each as if it did not turn, and larger instead [rad].
 PIECE_RAD = 0.05
+#: Turning corners are looked at so often, since they reach out by a micrometre between [rad].
+FINE_RAD = 0.005
 #: Half-planes along x and y, which the sides of tiles add to those of an outline.
 _SIDES = 4
 
@@ -157,7 +159,7 @@ def overhang_m(body: Body, start: Floats, end: Floats, half_x_m: float, half_y_m
     Negative: so far inside. Poses are in the table frame.
     """
     turn_rad = end[2] - start[2] if body.bend_m > 0.0 else 0.0
-    pieces = max(int(np.ceil(abs(turn_rad) / PIECE_RAD)), 1)
+    pieces = max(int(np.ceil(abs(turn_rad) / FINE_RAD)), 1)
     worst_m = -np.inf
     for piece in range(pieces + 1):
         share = piece / pieces
