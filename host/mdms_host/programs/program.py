@@ -46,6 +46,11 @@ class Traffic(Orders, Protocol):
         ...
 
     @property
+    def plan(self) -> object:
+        """The plan that is in effect: another object with each, None before the first."""
+        ...
+
+    @property
     def steered(self) -> Mapping[str, Steered]:
         """What follows each parcel that has been ordered to a place; the same mapping always."""
         ...
@@ -129,6 +134,11 @@ class TableProgram:
     def near(self) -> Collection[str]:
         """Parcels about to arrive."""
         return self._traffic.near
+
+    @property
+    def plan(self) -> object:
+        """The plan that is in effect: another object with each, None before the first."""
+        return self._traffic.plan
 
     @property
     def controllers(self) -> Mapping[str, Steered]:

@@ -226,7 +226,11 @@ class TableTraffic:
                     visits[tile].append((enters_s, name))
         tiles = self._planner.tiles
         return [
-            (*tiles.centre_m(tile), tiles.side_m, tuple(name for _, name in sorted(each)))
+            (
+                *tiles.centre_m(tile),
+                tiles.side_m,
+                tuple(dict.fromkeys(name for _, name in sorted(each))),
+            )
             for tile, each in visits.items()
         ]
 

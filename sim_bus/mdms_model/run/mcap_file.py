@@ -1,10 +1,10 @@
 """A `Record` as an MCAP file with JSON messages, which Foxglove, Lichtblick and PlotJuggler read.
 
 Topics: `/parcel/NAME` and `/wheels` at every sample, `/cells` too where cells steered, `/events`
-where something happened, `/scene` for the eyes. All but the scene also carry their time in seconds
-to the last bit; MCAP's own is in whole nanoseconds. JSON has no NaN: what is no number is left out
-of a parcel's message, and is null in an array of the wheels, whose schema allows it then, or of the
-cells. An array without any number is left out.
+where something happened, `/plan` where one took effect, `/scene` for the eyes. All but the scene
+also carry their time in seconds to the last bit; MCAP's own is in whole nanoseconds. JSON has no
+NaN: what is no number is left out of a parcel's message, and is null in an array of the wheels,
+whose schema allows it then, or of the cells. An array without any number is left out.
 """
 
 import heapq
@@ -22,7 +22,7 @@ from mcap.writer import Writer
 
 from mdms_model.arrays import Floats
 from mdms_model.run.cell_reports import REPORTED
-from mdms_model.run.record import Event, Record, RecordFileError
+from mdms_model.run.record import Event, Plan, Record, RecordFileError, Tile
 from mdms_model.run.scene_3d import SCENE_SCHEMA, scene_messages
 from mdms_model.scenario.scenario import Parcel, Scenario
 
@@ -33,7 +33,7 @@ TWIST = ("vx_m_s", "vy_m_s", "yaw_rate_rad_s")
 WHEELS = tuple(
     item.name
     for item in fields(Record)
-    if item.name not in {"time_s", "pose", "twist", "estimate", "events", *REPORTED}
+    if item.name not in {"time_s", "pose", "twist", "estimate", "events", "plans", *REPORTED}
 )
 #: Those that every record has, of numbers or of NaN.
 ARRAYS = tuple(name for name in WHEELS if name not in {"contact", "slip_m_s"})
@@ -44,6 +44,12 @@ _INTEGERS = {"type": "array", "items": _INTEGER}
 #: Only where a record needs it: not every reader of schemas takes two types.
 _NUMBERS_OR_NULL = {"type": "array", "items": {"type": ["number", "null"]}}
 _POSE_SCHEMA = {"type": "object", "properties": dict.fromkeys(POSE, _NUMBER)}
+
+
+def _objects(properties: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "array", "items": {"type": "object", "properties": properties}}
+
+
 SCHEMAS: dict[str, dict[str, Any]] = {
     "mdms.Parcel": dict.fromkeys(("time_s", *POSE, *TWIST), _NUMBER) | {"estimate": _POSE_SCHEMA},
     "mdms.Wheels": {"time_s": _NUMBER} | dict.fromkeys(WHEELS, _NUMBERS),
@@ -57,9 +63,17 @@ SCHEMAS: dict[str, dict[str, Any]] = {
         **dict.fromkeys(("kind", "detail", "parcel"), _TEXT),
         **dict.fromkeys(("cell", "axis"), _INTEGER),
     },
+    "mdms.Plan": {
+        "time_s": _NUMBER,
+        "ways": _objects({"parcel": _TEXT} | dict.fromkeys(POSE, _NUMBERS)),
+        "tiles": _objects(
+            dict.fromkeys(("x_m", "y_m", "side_m"), _NUMBER)
+            | {"parcels": {"type": "array", "items": _TEXT}}
+        ),
+    },
     "foxglove.SceneUpdate": SCENE_SCHEMA,
 }
-_CELLS = "/cells"
+_CELLS, _PLAN = "/cells", "/plan"
 #: A message and when it belongs [s].
 Timed: TypeAlias = tuple[float, dict[str, Any]]
 
@@ -73,6 +87,8 @@ def write_record(path: Path, scenario: Scenario, record: Record) -> None:
     ]
     if record.identity is not None:
         sources.append((_CELLS, "mdms.Cells", _cell_messages(record)))
+    if record.plans:
+        sources.append((_PLAN, "mdms.Plan", _plan_messages(record)))
     for number, parcel in enumerate(scenario.parcel):
         sources.append((_topic(parcel), "mdms.Parcel", _parcel_messages(record, number)))
     with path.open("wb") as stream:
@@ -90,7 +106,7 @@ def write_record(path: Path, scenario: Scenario, record: Record) -> None:
 def read_record(path: Path, scenario: Scenario) -> Record:
     """Read what `write_record` wrote. Raises `RecordFileError` or OSError."""
     parcels = [_topic(parcel) for parcel in scenario.parcel]
-    topics = ("/wheels", _CELLS, "/events", *parcels)
+    topics = ("/wheels", _CELLS, _PLAN, "/events", *parcels)
     found: dict[str, list[dict[str, Any]]] = {name: [] for name in topics}
     try:
         with path.open("rb") as stream:
@@ -175,6 +191,22 @@ def _event_messages(record: Record) -> Iterator[Timed]:
         yield event.time_s, {k: v for k, v in asdict(event).items() if v is not None}
 
 
+def _plan_messages(record: Record) -> Iterator[Timed]:
+    for plan in record.plans:
+        ways = [
+            {"parcel": name, **dict(zip(POSE, poses.T.tolist(), strict=True))}
+            for name, poses in plan.ways.items()
+        ]
+        tiles = [asdict(tile) for tile in plan.tiles]
+        yield plan.time_s, {"time_s": plan.time_s, "ways": ways, "tiles": tiles}
+
+
+def _plan(row: dict[str, Any]) -> Plan:
+    ways = {way["parcel"]: np.array([way[name] for name in POSE]).T for way in row["ways"]}
+    tiles = (Tile(**tile | {"parcels": tuple(tile["parcels"])}) for tile in row["tiles"])
+    return Plan(row["time_s"], ways, tuple(tiles))
+
+
 def _plain(array: Any) -> Any:
     """Nested lists with None for what is not a number: JSON has no NaN."""
     finite: Any = np.isfinite(array)
@@ -197,6 +229,7 @@ def _record(topics: dict[str, list[dict[str, Any]]], parcels: list[list[dict[str
         estimate=_estimates(parcels),
         contact=contact,
         events=[Event(**row) for row in topics["/events"]],
+        plans=[_plan(row) for row in topics[_PLAN]],
         **columns,
     )
 

@@ -4,6 +4,7 @@ Wheels are ordered by cell, then by axis: wheel `w` of a two-wheel cell is cell 
 axis `w % 2 + 1`.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
@@ -46,6 +47,28 @@ class Event:
     axis: int | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class Tile:
+    """A square of the table [m; table frame], and the parcels that pass over it, in their order."""
+
+    x_m: float
+    y_m: float
+    side_m: float
+    parcels: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A plan as it takes effect: the ways of the parcels under way, and the tiles that these need.
+
+    `ways` are poses (K, 3) by name, x, y and yaw linear between them [m, m, rad; table frame].
+    """
+
+    time_s: float
+    ways: Mapping[str, Floats]
+    tiles: tuple[Tile, ...] = ()
+
+
 @dataclass(slots=True)
 class Record:
     """Sampled history of T instants, P parcels and W wheels.
@@ -60,7 +83,7 @@ class Record:
     Where C cells steered, their estimates on the bus: `identity` of the parcel that a cell is at, 0
     for none, `state` as in `mdms_protocol.neighbours.frames` (near, promised, under), both of shape
     (T, C), and `belief` of that parcel's pose, shape (T, C, 3), NaN where the cell has none; else
-    None.
+    None. `plans` are those of a program that moves many parcels, as they took effect.
     """
 
     time_s: Floats
@@ -78,6 +101,7 @@ class Record:
     identity: NDArray[np.int8] | None = None
     state: NDArray[np.int8] | None = None
     belief: Floats | None = None
+    plans: list[Plan] = field(default_factory=list)
 
     @property
     def is_belief(self) -> bool:

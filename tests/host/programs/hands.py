@@ -23,6 +23,7 @@ class Hands:
         self.stopped = False
         self.near = ()
         self.steered: Mapping = {}
+        self.plan, self.ways, self.reserved = None, {}, []
         self._left = []
 
     def give(self, order):

@@ -190,3 +190,16 @@ def test_a_parcel_that_is_stopped_half_way_off_its_infeed_goes_on():
     table.put(name, -0.12, 0.0)
     table.hidden.clear()
     table.run_until(8.0, lambda: table.program.finished)
+
+
+def test_ways_and_tiles_that_are_left_can_be_shown():
+    table = two_boxes(main=go_east)
+    table.run(0.2)
+    ways, before = table.program.ways, len(table.program.reserved)
+    assert ways["box"][0] == pytest.approx(table.pose("box"), abs=0.01)
+    assert ways["box"][-1] == pytest.approx((0.36, 0.0, 0.0), abs=0.01)
+    assert {names for *_, names in table.program.reserved} == {("box",)}
+    table.run(1.5)
+    assert 0 < len(table.program.reserved) < before
+    table.run_until(6.0, lambda: table.program.finished)
+    assert (table.program.ways, table.program.reserved) == ({}, [])

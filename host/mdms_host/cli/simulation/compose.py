@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from mdms_host.cli.compiling import compiling_watched
+from mdms_host.cli.records.plan_log import PlanLog
 from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
 from mdms_host.cli.scenario.field import references_m_s
 from mdms_host.clock import MonotonicClock
@@ -92,6 +93,12 @@ def _firmware(
 ) -> Callable[[], Finished]:
     """Cells, bus and coordinator, ready to run."""
     coordinator = coordinator_of(scenario, main=main)
+    plans = PlanLog(coordinator)
+
+    def on_progress(time_s: float) -> None:
+        plans.look(time_s)
+        if progress is not None:
+            progress(time_s)
 
     def work() -> Finished:
         outcome = simulate(
@@ -100,11 +107,12 @@ def _firmware(
             nodes,
             bus_log=bus_log,
             estimates=lambda: estimates_of(coordinator, scenario),
-            progress=progress,
+            progress=on_progress,
             # A program ends by itself; goals are held to the end.
             over=lambda: scenario.motion.field == "program" and coordinator.finished,
         )
         _add_events(outcome.record, coordinator)
+        outcome.record.plans = plans.plans
         troubles = tuple(coordinator.troubles)
         return Finished(
             outcome.record,
