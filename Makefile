@@ -35,7 +35,7 @@ format: $(VENV)/.dev
 
 generate: $(VENV)/.dev
 	$(BIN)/python -m mdms_protocol.generators.generate
-	$(BIN)/python -m mdms_host.commissioning.troubleshooting docs/troubleshooting.md
+	$(BIN)/python -m mdms_host.commissioning.doctor.troubleshooting docs/troubleshooting.md
 
 bench: $(VENV)/.bench
 	$(BIN)/python -m tests.benchmarks

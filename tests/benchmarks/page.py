@@ -20,12 +20,12 @@ from websockets.sync.client import connect
 from mdms_host.cli.simulation.live import seat_of, table_of
 from mdms_host.clock import MonotonicClock
 from mdms_host.layout import Layout
-from mdms_host.page.bus_watch import KINDS
 from mdms_host.page.commands import Start
-from mdms_host.page.description import describe
 from mdms_host.page.page import Page
-from mdms_host.page.signals import Signals
-from mdms_host.page.things import Thing
+from mdms_host.page.shown.bus_watch import KINDS
+from mdms_host.page.shown.description import describe
+from mdms_host.page.shown.signals import Signals
+from mdms_host.page.shown.things import Thing
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol import cob
 from mdms_sim.serve.clock import RealTime

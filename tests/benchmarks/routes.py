@@ -28,14 +28,14 @@ import numpy as np
 from shapely import affinity
 from shapely.geometry import MultiPoint, Point, Polygon, box
 
-from mdms_host.estimation.disc import Disc
-from mdms_host.estimation.rectangle import Rectangle
+from mdms_host.estimation.outlines.disc import Disc
+from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.layout import Layout
 from mdms_host.routes.errand import Task
 from mdms_host.routes.planner import Plan, Planner
 from mdms_host.routes.route import Route
-from mdms_host.routes.shape import Shape
-from mdms_host.routes.tiles import Tiles
+from mdms_host.routes.space.shape import Shape
+from mdms_host.routes.space.tiles import Tiles
 
 SHAPES = (
     Shape(Rectangle(0.28, 0.28)),

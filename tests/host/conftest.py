@@ -16,7 +16,7 @@ from mdms_cell.presence import Presence
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.estimation.rectangle import Rectangle
+from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.layout import Layout
 from mdms_protocol import cia402, cob, indices, nmt, pdo, record, sdo, signature
 from mdms_protocol.frame import Frame

@@ -14,8 +14,8 @@ from tests.system.serving import serving
 from mdms_cell.canopen.objects import find
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
-from mdms_host.commissioning.findings import KINDS
-from mdms_host.commissioning.troubleshooting import troubleshooting_text
+from mdms_host.commissioning.doctor.findings import KINDS
+from mdms_host.commissioning.doctor.troubleshooting import troubleshooting_text
 from mdms_protocol import cob, indices
 from mdms_sim.nodes.python_bank import PythonBank
 

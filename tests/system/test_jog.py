@@ -7,7 +7,7 @@ from tests.system.serving import serving
 from mdms_host.cli import main
 from mdms_host.cli.commission.jog import KEY_S, ByKeys
 from mdms_host.cli.exits import Exit
-from mdms_host.commissioning.jog import SPEED_MAX_M_S, Jog
+from mdms_host.commissioning.wheels.jog import SPEED_MAX_M_S, Jog
 from mdms_model.scenario.file import load_scenario
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.simulation import simulate

@@ -7,9 +7,9 @@ from contextlib import contextmanager
 
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
-from mdms_host.page.gate import LOOPBACK
 from mdms_host.page.page import Page
 from mdms_host.page.table import Table
+from mdms_host.page.web.gate import LOOPBACK
 
 
 @contextmanager

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from mdms_host.coordination.bring_up import BringUpCell
+from mdms_host.coordination.cell_setup.bring_up import BringUpCell
 from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_model.arrays import Floats
 from mdms_protocol import cob

@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 from math import inf
 
-from mdms_host.coordination.bring_up import BringUpCell
+from mdms_host.coordination.care.roster import Roster
+from mdms_host.coordination.cell_setup.bring_up import BringUpCell
 from mdms_host.coordination.cells_control import CellsControl
 from mdms_host.coordination.phase import BRING_UP, HELD, STOPPED, UP, Phase
-from mdms_host.coordination.roster import Roster
 from mdms_host.coordination.schedule import Schedule
 from mdms_protocol.frame import Frame
 

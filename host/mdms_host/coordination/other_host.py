@@ -5,7 +5,7 @@ from math import inf
 
 from mdms_host.can_link.link import AnyLink, drive
 from mdms_host.clock import Clock
-from mdms_host.coordination.supervision import OTHER_HOST
+from mdms_host.coordination.care.supervision import OTHER_HOST
 from mdms_protocol import cob, nmt
 from mdms_protocol.frame import Frame
 

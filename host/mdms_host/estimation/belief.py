@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
-from mdms_host.estimation.bottom import Bottom
-from mdms_host.estimation.confirmation import Standing
+from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_host.estimation.pose.confirmation import Standing
 from mdms_model.arrays import Floats
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from math import cos, sin
 
-from mdms_host.estimation.bottom import Bottom
+from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_model.arrays import Floats
 
 

@@ -4,14 +4,14 @@ import numpy as np
 
 from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.change import Change, Event
-from mdms_host.estimation.confirmation import Standing
-from mdms_host.estimation.estimator import ParcelEstimator
 from mdms_host.estimation.gate import Gate
+from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.estimation.parcel import Parcel, Region
-from mdms_host.estimation.rectangle import Rectangle
-from mdms_host.estimation.roll_call import Sought
+from mdms_host.estimation.pose.confirmation import Standing
+from mdms_host.estimation.pose.estimator import ParcelEstimator
+from mdms_host.estimation.presence.surroundings import Surroundings
+from mdms_host.estimation.search.roll_call import Sought
 from mdms_host.estimation.size import Size
-from mdms_host.estimation.surroundings import Surroundings
 from mdms_model.arrays import Bools, Floats
 
 

@@ -4,11 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdms_host.estimation.bottom import Bottom
-from mdms_host.estimation.disc import Disc
-from mdms_host.estimation.polygon import Polygon
-from mdms_host.estimation.pose_filter import DRAWN_M
-from mdms_host.estimation.rectangle import Rectangle
+from mdms_host.estimation.outlines.bottom import DRAWN_M, Bottom
+from mdms_host.estimation.outlines.disc import Disc
+from mdms_host.estimation.outlines.polygon import Polygon
+from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_model.arrays import Bools, Floats
 
 

@@ -6,19 +6,19 @@ from math import inf
 
 from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.change import Change, Event
-from mdms_host.estimation.confirmation import Standing
-from mdms_host.estimation.coverage import Coverage
-from mdms_host.estimation.estimator import BESIDE_M, View
 from mdms_host.estimation.gate import Gate
 from mdms_host.estimation.known import Known
 from mdms_host.estimation.parcel import Parcel, Region
-from mdms_host.estimation.presence_map import PresenceMap
-from mdms_host.estimation.rolling import Speeds, roll_on
-from mdms_host.estimation.seeking import Seeking
+from mdms_host.estimation.pose.confirmation import Standing
+from mdms_host.estimation.pose.estimator import BESIDE_M, View
+from mdms_host.estimation.pose.rolling import Speeds, roll_on
+from mdms_host.estimation.presence.presence_map import PresenceMap
+from mdms_host.estimation.presence.surroundings import Surroundings
 from mdms_host.estimation.size import Size
-from mdms_host.estimation.strangers import Strangers
-from mdms_host.estimation.surroundings import Surroundings
-from mdms_host.estimation.unknowns import Unknown, Unknowns
+from mdms_host.estimation.strangers.coverage import Coverage
+from mdms_host.estimation.strangers.seeking import Seeking
+from mdms_host.estimation.strangers.strangers import Strangers
+from mdms_host.estimation.strangers.unknowns import Unknown, Unknowns
 from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats, Ints
 

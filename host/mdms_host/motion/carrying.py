@@ -4,11 +4,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mdms_host.estimation.bottom import Bottom
+from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_host.layout import Layout
 from mdms_host.motion.allocation import Claim, allocate
-from mdms_host.motion.follower import Carried
-from mdms_host.motion.wheel_drives import WheelDrives
+from mdms_host.motion.trajectory.follower import Carried
+from mdms_host.motion.trajectory.wheel_drives import WheelDrives
 from mdms_model.arrays import Floats
 
 

@@ -7,7 +7,7 @@ from math import hypot
 
 import numpy as np
 
-from mdms_host.estimation.bottom import Bottom
+from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_model.arrays import Floats
 
 #: Beliefs that overlap by less may be of parcels that pass each other; by more they are not.

@@ -6,11 +6,11 @@ from math import hypot, inf, pi
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
-from mdms_host.motion.follower import STIFFNESS_PER_S, Carried, Follower
-from mdms_host.motion.grip import Grip
-from mdms_host.motion.mass import Mass
-from mdms_host.motion.path import straight
-from mdms_host.motion.traction import Traction
+from mdms_host.motion.trajectory.follower import STIFFNESS_PER_S, Carried, Follower
+from mdms_host.motion.trajectory.grip import Grip
+from mdms_host.motion.trajectory.mass import Mass
+from mdms_host.motion.trajectory.path import straight
+from mdms_host.motion.trajectory.traction import Traction
 from mdms_model.arrays import Floats
 
 #: A parcel is about to be at its goal within so many tolerances.

@@ -11,13 +11,13 @@ from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.motion.carrying import Carrying
 from mdms_host.motion.contact import Body, Contacts, gap_m
-from mdms_host.motion.follower import Carried
 from mdms_host.motion.goal import Goal, GoalController
-from mdms_host.motion.grip import Grip
-from mdms_host.motion.mass import Mass, uniform_mass
 from mdms_host.motion.obstacles import Obstacles
 from mdms_host.motion.standstill import Standstill
-from mdms_host.motion.traction import Traction
+from mdms_host.motion.trajectory.follower import Carried
+from mdms_host.motion.trajectory.grip import Grip
+from mdms_host.motion.trajectory.mass import Mass, uniform_mass
+from mdms_host.motion.trajectory.traction import Traction
 from mdms_model.arrays import Floats
 
 #: A parcel that stands is pressed by one that is believed to be so near.

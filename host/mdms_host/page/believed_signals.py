@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.page.description import PARCEL_STATES, PHASES
+from mdms_host.page.shown.description import PARCEL_STATES, PHASES
 
 _FOUND, _DOUBTFUL, _ARRIVED, _UNKNOWN = (
     PARCEL_STATES.index(state) for state in ("found", "doubtful", "arrived", "unknown")

@@ -12,17 +12,17 @@ from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion import goal as motion
 from mdms_host.page import commands
-from mdms_host.page.advice import advice_for
 from mdms_host.page.believed_signals import believed_signals
 from mdms_host.page.bus_rates import BusRates
-from mdms_host.page.bus_watch import KINDS, BusWatch
 from mdms_host.page.commands import Command, RefusedError
-from mdms_host.page.description import describe
-from mdms_host.page.objects import ObjectReader
-from mdms_host.page.offered import plan_of
 from mdms_host.page.seat import Seat
-from mdms_host.page.signals import Signals
-from mdms_host.page.things import things_of
+from mdms_host.page.shown.advice import advice_for
+from mdms_host.page.shown.bus_watch import KINDS, BusWatch
+from mdms_host.page.shown.description import describe
+from mdms_host.page.shown.objects import ObjectReader
+from mdms_host.page.shown.offered import plan_of
+from mdms_host.page.shown.signals import Signals
+from mdms_host.page.shown.things import things_of
 
 #: Ways and tiles are looked at so often [s].
 _PLAN_S = 0.25

@@ -12,10 +12,10 @@ import uvicorn
 
 from mdms_host.clock import Clock
 from mdms_host.page.commands import Command, RefusedError
-from mdms_host.page.gate import LOOPBACK, Gate
-from mdms_host.page.hub import GRACE_S, Hub
-from mdms_host.page.server import PageApp
 from mdms_host.page.table import Table
+from mdms_host.page.web.gate import LOOPBACK, Gate
+from mdms_host.page.web.hub import GRACE_S, Hub
+from mdms_host.page.web.server import PageApp
 
 FRAMES_PER_S = 60.0
 #: Events and the like are passed on this often where nobody looks [s].

@@ -3,9 +3,9 @@
 from collections.abc import Callable, Iterable
 
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.page.bus_watch import BusWatch
 from mdms_host.page.commands import RefusedError
-from mdms_host.page.objects import ObjectReader
+from mdms_host.page.shown.bus_watch import BusWatch
+from mdms_host.page.shown.objects import ObjectReader
 from mdms_protocol import nmt
 from mdms_protocol.frame import Frame
 

@@ -8,11 +8,11 @@ import numpy as np
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.page import commands
-from mdms_host.page.bus_watch import BusWatch
 from mdms_host.page.commands import Command
 from mdms_host.page.faults_by_hand import FaultsByHand
 from mdms_host.page.live import LiveTable
 from mdms_host.page.seat import Seat
+from mdms_host.page.shown.bus_watch import BusWatch
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.bus.bus import Bus
 from mdms_sim.serve.clock import RealTime

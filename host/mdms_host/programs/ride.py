@@ -6,15 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.bottom import Bottom
-from mdms_host.motion.follower import Carried, Follower
+from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_host.motion.goal import Goal, GoalController
-from mdms_host.motion.grip import Grip
-from mdms_host.motion.mass import Mass
-from mdms_host.motion.path import Path
-from mdms_host.motion.speed_profile import SpeedProfile
 from mdms_host.motion.standstill import Standstill
-from mdms_host.motion.traction import Traction
+from mdms_host.motion.trajectory.follower import Carried, Follower
+from mdms_host.motion.trajectory.grip import Grip
+from mdms_host.motion.trajectory.mass import Mass
+from mdms_host.motion.trajectory.path import Path
+from mdms_host.motion.trajectory.speed_profile import SpeedProfile
+from mdms_host.motion.trajectory.traction import Traction
 from mdms_host.programs.order import Gate, Order
 from mdms_host.routes.route import Route
 from mdms_model.arrays import Floats

@@ -15,12 +15,12 @@ from math import hypot, inf
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.bottom import Bottom
+from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_host.motion.carrying import Carrying
-from mdms_host.motion.follower import Carried
 from mdms_host.motion.goal import Goal
-from mdms_host.motion.grip import Grip
-from mdms_host.motion.traction import Traction
+from mdms_host.motion.trajectory.follower import Carried
+from mdms_host.motion.trajectory.grip import Grip
+from mdms_host.motion.trajectory.traction import Traction
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.planning import Desk
 from mdms_host.programs.ride import Load, Ride
@@ -28,8 +28,8 @@ from mdms_host.routes.errand import Task
 from mdms_host.routes.pace import Pace
 from mdms_host.routes.planner import Plan, Planner
 from mdms_host.routes.route import Route
-from mdms_host.routes.shape import Shape
-from mdms_host.routes.tiles import Tiles
+from mdms_host.routes.space.shape import Shape
+from mdms_host.routes.space.tiles import Tiles
 from mdms_model.arrays import Bools, Floats, Ints
 
 #: A parcel that leaves is taken so soon after it has come to the end of its route [s].

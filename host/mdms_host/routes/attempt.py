@@ -7,12 +7,12 @@ from itertools import permutations
 import numpy as np
 
 from mdms_host.routes.aside import places_aside
-from mdms_host.routes.cost_to_go import Guide, barred_joins, cost_to_go
 from mdms_host.routes.errand import Errand, Ground
-from mdms_host.routes.moves import free_runs
+from mdms_host.routes.intervals.cost_to_go import Guide, barred_joins, cost_to_go
+from mdms_host.routes.intervals.safe_intervals import TakenTiles
+from mdms_host.routes.intervals.search import Errands, Found, search
 from mdms_host.routes.route import Route
-from mdms_host.routes.safe_intervals import TakenTiles
-from mdms_host.routes.search import Errands, Found, search
+from mdms_host.routes.space.moves import free_runs
 from mdms_model.arrays import Bools, Floats, Ints
 
 #: States of a search: as many as it takes, and where it may be in vain.

@@ -7,15 +7,15 @@ from math import hypot
 
 import numpy as np
 
-from mdms_host.routes.moves import LatticeMoves
+from mdms_host.routes.intervals.search import Found
 from mdms_host.routes.pace import Pace
-from mdms_host.routes.roadmap import Roadmap
 from mdms_host.routes.route import Route, Visits, merged
-from mdms_host.routes.search import Found
-from mdms_host.routes.shape import Shape, straight_turn_rad
-from mdms_host.routes.standing import Standing
-from mdms_host.routes.sweep import swept
-from mdms_host.routes.tiles import Tiles
+from mdms_host.routes.space.moves import LatticeMoves
+from mdms_host.routes.space.roadmap import Roadmap
+from mdms_host.routes.space.shape import Shape, straight_turn_rad
+from mdms_host.routes.space.standing import Standing
+from mdms_host.routes.space.sweep import swept
+from mdms_host.routes.space.tiles import Tiles
 from mdms_model.arrays import Floats, Ints
 
 #: Poses that are this near are one [m, m, rad].

@@ -17,15 +17,15 @@ from mdms_host.routes.attempt import MANY, Attempt, Terms, is_free
 from mdms_host.routes.authority import Authority
 from mdms_host.routes.blocked import Blocked, Blocker, blockers
 from mdms_host.routes.errand import Errand, Ground, Task, own_ends, turned_rad
-from mdms_host.routes.lattice import Lattice
-from mdms_host.routes.moves import LatticeMoves, lattice_moves
 from mdms_host.routes.pace import Pace, TrapezoidPace
 from mdms_host.routes.reservations import Reservations
 from mdms_host.routes.retiming import retimed
 from mdms_host.routes.route import Route
-from mdms_host.routes.shape import Shape
-from mdms_host.routes.standing import Standing
-from mdms_host.routes.tiles import Tiles
+from mdms_host.routes.space.lattice import Lattice
+from mdms_host.routes.space.moves import LatticeMoves, lattice_moves
+from mdms_host.routes.space.shape import Shape
+from mdms_host.routes.space.standing import Standing
+from mdms_host.routes.space.tiles import Tiles
 from mdms_host.routes.well_formed import ill_formed, order_of
 from mdms_model.arrays import Bools, Floats, Ints
 

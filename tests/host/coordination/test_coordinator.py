@@ -6,11 +6,11 @@ from tests.host.motion.driving import traction_of
 
 from mdms_cell.canopen.objects import Objects, key
 from mdms_host.can_link.sdo_client import Setting
+from mdms_host.coordination.care.policy import Policy
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.phase import Phase
-from mdms_host.coordination.policy import Policy
 from mdms_host.coordination.schedule import Timing
-from mdms_host.estimation.rectangle import Rectangle
+from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.by_cells.program import CellsProgram

@@ -7,7 +7,7 @@ from tests.host.estimation.lying import WHEELS, Lying
 
 from mdms_host.estimation.belief import Kind
 from mdms_host.estimation.change import Event
-from mdms_host.estimation.rectangle import Rectangle
+from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.estimation.tracker import Gate, Parcel, Region
 from mdms_host.layout import Layout
 

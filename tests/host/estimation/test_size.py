@@ -3,7 +3,7 @@ import pytest
 from tests.host.estimation.lying import WHEELS, Lying
 
 from mdms_host.estimation.change import Event
-from mdms_host.estimation.rectangle import Rectangle
+from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.estimation.size import size_of
 from mdms_host.layout import Layout
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from mdms_host.estimation.rectangle import Rectangle
+from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.motion.contact import Body, Contacts, gap_m
 
 BOX = Rectangle(0.30, 0.20)

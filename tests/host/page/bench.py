@@ -10,7 +10,7 @@ from mdms_host.cli.simulation.live import seat_of, table_of
 from mdms_host.clock import MonotonicClock
 from mdms_host.page.commands import COMMANDS, RefusedError, StopAll
 from mdms_host.page.page import Page
-from mdms_host.page.signals import HEAD, Signals
+from mdms_host.page.shown.signals import HEAD, Signals
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.nodes.python_bank import PythonBank

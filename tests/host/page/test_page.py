@@ -16,10 +16,10 @@ from websockets.sync.client import ClientConnection, connect
 from mdms_host.cli.paging import opened_page
 from mdms_host.clock import MonotonicClock
 from mdms_host.page import commands
-from mdms_host.page.gate import LOOPBACK
-from mdms_host.page.hub import MOST_CLIENTS
 from mdms_host.page.page import Page, PageError
-from mdms_host.page.server import MOST_BAD
+from mdms_host.page.web.gate import LOOPBACK
+from mdms_host.page.web.hub import MOST_CLIENTS
+from mdms_host.page.web.server import MOST_BAD
 
 WITHIN_S = 10.0
 

@@ -8,9 +8,9 @@ import pytest
 from tests.host.page.bench import Desk
 
 from mdms_host.page import commands
-from mdms_host.page.bus_watch import CellState
 from mdms_host.page.commands import RefusedError
-from mdms_host.page.description import PARCEL_STATES, PHASES
+from mdms_host.page.shown.bus_watch import CellState
+from mdms_host.page.shown.description import PARCEL_STATES, PHASES
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.file import load_scenario
 

@@ -7,7 +7,7 @@ import numpy as np
 from mdms_host.cli.scenario.coordination import layout_of, masses_of, parcels_of, traction_of
 from mdms_host.cli.scenario.programs import table_program
 from mdms_host.estimation.belief import Belief, Kind
-from mdms_host.estimation.confirmation import Standing
+from mdms_host.estimation.pose.confirmation import Standing
 from mdms_model.scenario.file import load_scenario
 from mdms_sim.physics.plane.handling import lift, set_down
 from mdms_sim.physics.plane.world import World

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from pymapf import Agent, ConflictBasedSearch, GridMap, MAPFProblem, space_time_astar
 
-from mdms_host.estimation.rectangle import Rectangle
+from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.routes.errand import Task
 from mdms_host.routes.planner import Planner
-from mdms_host.routes.shape import Shape
-from mdms_host.routes.tiles import Tiles
+from mdms_host.routes.space.shape import Shape
+from mdms_host.routes.space.tiles import Tiles
 from mdms_model.arrays import Floats
 
 SIDE = 5

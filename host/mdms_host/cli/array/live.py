@@ -15,9 +15,9 @@ from mdms_host.cli.streams import say
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.other_host import refuse_other_host
-from mdms_host.page.bus_watch import BusWatch
 from mdms_host.page.live import LiveTable
 from mdms_host.page.seat import Seat
+from mdms_host.page.shown.bus_watch import BusWatch
 from mdms_host.programs.planning import ThreadDesk
 from mdms_host.programs.program import Main
 from mdms_model.scenario.belief import believed

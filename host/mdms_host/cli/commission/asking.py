@@ -12,7 +12,7 @@ from mdms_host.commissioning.array_file import FiledCell
 from mdms_host.commissioning.network import Commissioning
 from mdms_host.commissioning.roll_call import RollCall
 from mdms_host.commissioning.sightings import Spot
-from mdms_host.commissioning.wheel_turn import REVERSED
+from mdms_host.commissioning.wheels.wheel_turn import REVERSED
 
 #: Longer than a person looks for a light; the answer ends it.
 _BLINK_S = 60.0

@@ -29,7 +29,7 @@ from mdms_host.commissioning.network import Commissioning, CommissioningError
 from mdms_host.commissioning.node_ids import Assignment, carry_out
 from mdms_host.commissioning.roll_call import RollCall, call_roll
 from mdms_host.commissioning.sightings import Spot
-from mdms_host.commissioning.wheel_turn import WheelError, refuse_busy, refuse_steering
+from mdms_host.commissioning.wheels.wheel_turn import WheelError, refuse_busy, refuse_steering
 
 #: A cell that shares its node id is reset with the one that hides it, which needs so long to boot.
 _BOOT_S = 0.3

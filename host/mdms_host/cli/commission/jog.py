@@ -13,8 +13,8 @@ from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.streams import say
 from mdms_host.clock import Clock, MonotonicClock
 from mdms_host.commissioning.cell_settings import check_identity
-from mdms_host.commissioning.jog import Jog
-from mdms_host.commissioning.wheel_turn import Turn, refuse_busy, refuse_steering, turn_wheel
+from mdms_host.commissioning.wheels.jog import Jog
+from mdms_host.commissioning.wheels.wheel_turn import Turn, refuse_busy, refuse_steering, turn_wheel
 
 #: Keyboards repeat a key that is held down after half a second at the latest.
 KEY_S = 0.6

@@ -11,7 +11,7 @@ from mdms_host.cli.paging import opened_page
 from mdms_host.cli.scenario.coordination import goals_by_parcel, layout_of, parcels_of
 from mdms_host.clock import MonotonicClock
 from mdms_host.page.recorded import RecordedTable
-from mdms_host.page.things import things_of
+from mdms_host.page.shown.things import things_of
 from mdms_model.arrays import Floats
 from mdms_model.run.folder import StoredRun, read_run
 from mdms_model.scenario.belief import believed

@@ -13,18 +13,18 @@ from mdms_host.cli.scenario.footing import goal_of
 from mdms_host.cli.scenario.gain import motor_of
 from mdms_host.cli.scenario.load import timing_of
 from mdms_host.cli.scenario.programs import table_program
-from mdms_host.commissioning.loop_margin import largest_gain, observer_for
+from mdms_host.commissioning.wheels.loop_margin import largest_gain, observer_for
+from mdms_host.coordination.care.policy import OnLostCell, Policy
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.coordination.policy import OnLostCell, Policy
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.allocation import AHEAD_M
 from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import Goal, Limits
-from mdms_host.motion.mass import Mass
 from mdms_host.motion.program import FieldProgram, GoalProgram, Program
-from mdms_host.motion.traction import Traction
-from mdms_host.motion.wheel_drives import wheel_drives_of
+from mdms_host.motion.trajectory.mass import Mass
+from mdms_host.motion.trajectory.traction import Traction
+from mdms_host.motion.trajectory.wheel_drives import wheel_drives_of
 from mdms_host.programs.planning import Desk
 from mdms_host.programs.program import Main, TableProgram
 from mdms_model.arrays import Floats

@@ -7,7 +7,7 @@ from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.scenario.footing import refuse_tipping
 from mdms_host.cli.scenario.load import refuse_overload
 from mdms_host.cli.scenario.python_file import is_python, scenario_of_file
-from mdms_host.commissioning.loop_margin import (
+from mdms_host.commissioning.wheels.loop_margin import (
     GainError,
     WheelMotor,
     check_gain,

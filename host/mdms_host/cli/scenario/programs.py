@@ -6,8 +6,8 @@ import numpy as np
 
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
-from mdms_host.motion.mass import Mass
-from mdms_host.motion.traction import Traction
+from mdms_host.motion.trajectory.mass import Mass
+from mdms_host.motion.trajectory.traction import Traction
 from mdms_host.programs.comings import Comings, Infeed
 from mdms_host.programs.order import Gate
 from mdms_host.programs.planning import Desk, VirtualDesk
@@ -16,7 +16,7 @@ from mdms_host.programs.ride import Load
 from mdms_host.programs.task_list import main_of
 from mdms_host.programs.traffic import KeptFree, TableTraffic
 from mdms_host.routes.pace import TrapezoidPace
-from mdms_host.routes.shape import Shape
+from mdms_host.routes.space.shape import Shape
 from mdms_model.array import last_support_m
 from mdms_model.arrays import Floats
 from mdms_model.scenario.on_table import half_table_m

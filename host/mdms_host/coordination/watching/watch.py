@@ -3,7 +3,7 @@
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Protocol
 
-from mdms_host.coordination.bring_up import BringUpCell
+from mdms_host.coordination.cell_setup.bring_up import BringUpCell
 from mdms_host.coordination.watching.following import Following
 from mdms_host.coordination.watching.missing import Missing
 from mdms_model.arrays import Bools, Floats

@@ -8,7 +8,7 @@ from math import degrees, inf
 
 import numpy as np
 
-from mdms_host.estimation.bottom import Bottom
+from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.followed import Followed

@@ -13,7 +13,7 @@ from mdms_host.cli.scenario.cells import gains_vs_per_m
 from mdms_host.cli.scenario.coordination import coordinator_of, layout_of, parcels_of
 from mdms_host.commissioning.array_file import ArrayFileError
 from mdms_host.coordination.phase import Phase
-from mdms_host.estimation.rectangle import Rectangle
+from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import ScenarioError
 from mdms_protocol import indices

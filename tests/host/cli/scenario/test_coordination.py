@@ -16,8 +16,8 @@ from mdms_host.cli.scenario.coordination import (
 )
 from mdms_host.cli.scenario.field import references_m_s
 from mdms_host.cli.scenario.footing import goal_of
-from mdms_host.estimation.disc import Disc
-from mdms_host.estimation.polygon import Polygon
+from mdms_host.estimation.outlines.disc import Disc
+from mdms_host.estimation.outlines.polygon import Polygon
 from mdms_model.array import build_wheels
 from mdms_model.fields.kinds import FieldError
 from mdms_model.scenario.file import load_scenario

@@ -1,0 +1,1 @@
+"""What is wrong with an array, why, and what helps."""

@@ -1,0 +1,38 @@
+"""`docs/troubleshooting.md` from the table of findings: python -m ... FILE writes it."""
+
+import sys
+from pathlib import Path
+
+from mdms_host.can_link.emergencies import CODES
+from mdms_host.commissioning.doctor.findings import KINDS
+
+_HEAD = """\
+# Troubleshooting
+
+By symptom, in the order in which it pays to look. `mdms doctor` checks all of this, names the
+nodes, and ends with exit code 5 if anything serious is found: wheels with `--turn`, which turns
+each by some centimetres; sensors best with `--empty`, on an empty table; who is there, and
+settings, with `--array FILE`. `make generate` makes this page from the same table.
+"""
+
+
+def troubleshooting_text() -> str:
+    """The page."""
+    parts = [_HEAD]
+    for name, kind in KINDS.items():
+        weight = "serious" if kind.serious else "a warning"
+        parts.append(
+            f"## {kind.symptom.rstrip('.')}\n`{name}`, {weight}.\n\n"
+            f"- **Cause.** {kind.cause}\n- **Cure.** {kind.cure}\n"
+        )
+    parts.append("## What the error codes of cells mean\n" + _codes())
+    return "\n".join(parts)
+
+
+def _codes() -> str:
+    rows = [f"| 0x{code:04X} | {text} |" for code, text in CODES.items()]
+    return "\n".join(["| code | meaning |", "|---|---|", *rows]) + "\n"
+
+
+if __name__ == "__main__":
+    Path(sys.argv[1]).write_text(troubleshooting_text(), encoding="utf-8")

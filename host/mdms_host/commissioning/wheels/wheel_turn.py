@@ -1,0 +1,98 @@
+"""A wheel turned by `jog` and measured by its encoder, on a bus where nobody else drives."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mdms_host.commissioning.network import Commissioning, CommissioningError
+from mdms_host.commissioning.wheels.jog import Jog
+from mdms_protocol import indices, nmt
+
+#: Bit of 0x607E: motor and encoder are mounted the other way round.
+REVERSED = 0x40
+#: A wheel that is braked stands within a few of them; one with no bridge may roll on.
+_LOOKS = 50
+
+
+class BusyError(CommissioningError):
+    """Somebody else may be driving the cells."""
+
+
+class WheelError(CommissioningError):
+    """A wheel could not be turned; the message has the cell's reason."""
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """How far a wheel went by its encoder [m; along its own direction], and how fast at most."""
+
+    distance_m: float
+    peak_m_s: float
+
+
+def refuse_busy(commissioning: Commissioning, node_ids: list[int]) -> None:
+    """Raises BusyError where another host is at work, or one of these nodes is operational."""
+    if commissioning.other_host:
+        raise BusyError("another host runs the array; end it first, for it moves wheels too")
+    running = [node for node in node_ids if commissioning.states.get(node) == nmt.OPERATIONAL]
+    if running:
+        nodes = ", ".join(map(str, running))
+        raise BusyError(f"node {nodes} is operational; turn it off first: mdms stop")
+
+
+def refuse_steering(commissioning: Commissioning, node_id: int) -> None:
+    """Raises BusyError for a cell that leads its wheels by itself and takes no setpoints."""
+    if commissioning.read(node_id, indices.CONTROL):
+        raise BusyError(
+            f"node {node_id} steers by itself; first: mdms configure set control=0 --node {node_id}"
+        )
+
+
+def turn_wheel(
+    commissioning: Commissioning,
+    node_id: int,
+    axis: int,
+    jog: Jog,
+    over: Callable[[], object] = lambda: None,
+) -> Turn:
+    """Turn a wheel to the jog's end, and measure; `over` is called often on the way.
+
+    Whatever ends it early, the cell is sent to 'pre-operational', where no motor runs. Raises
+    WheelError, SilentError, DeviceGoneError.
+    """
+    before = _position_m(commissioning, node_id, axis)
+    peak_m_s = 0.0
+
+    def looked() -> bool:
+        nonlocal peak_m_s
+        over()
+        peak_m_s = max(peak_m_s, abs(jog.speed_m_s))
+        return jog.over
+
+    try:
+        commissioning.drive(jog, looked)
+    finally:
+        if not jog.over:
+            commissioning.command(nmt.ENTER_PRE_OPERATIONAL, node_id)
+    if jog.failure:
+        raise WheelError(f"node {node_id}, axis {axis}: {jog.failure}")
+    after = _rest_m(commissioning, node_id, axis)
+    return Turn(after - before, peak_m_s)
+
+
+def _rest_m(commissioning: Commissioning, node_id: int, axis: int) -> float:
+    """Where the encoder is once it counts no more, or after a few looks."""
+    position_m = _position_m(commissioning, node_id, axis)
+    for _ in range(_LOOKS):
+        before_m, position_m = position_m, _position_m(commissioning, node_id, axis)
+        if position_m == before_m:
+            break
+    return position_m
+
+
+def _position_m(commissioning: Commissioning, node_id: int, axis: int) -> float:
+    """Where the encoder is, along the wheel's own direction [m from where it was switched on]."""
+    offset = (axis - 1) * indices.AXIS_OFFSET
+    counts = commissioning.read(node_id, indices.POSITION + offset)
+    resolution = commissioning.read(node_id, indices.RESOLUTION + offset)
+    polarity = commissioning.read(node_id, indices.POLARITY + offset)
+    return (-counts if polarity & REVERSED else counts) / resolution

@@ -1,0 +1,1 @@
+"""Cells that fall out of action, and what is done about them."""

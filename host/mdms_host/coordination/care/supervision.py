@@ -1,0 +1,113 @@
+"""Supervision of the cells: heartbeats, and states that the phase requires."""
+
+from collections.abc import Collection, Sequence
+from math import inf
+
+from mdms_host.can_link.remote_cell import RemoteCell
+from mdms_host.coordination.care.trouble import Trouble, nature_of
+from mdms_host.coordination.cell_setup.bring_up import BringUpCell
+from mdms_host.coordination.phase import Phase
+from mdms_host.coordination.schedule import Timing
+from mdms_protocol import cob
+
+#: What is wrong where a second host sends heartbeats.
+OTHER_HOST = (
+    f"another host runs on this bus (a heartbeat of node {cob.NODE_MAX}); "
+    "let it come to its end, or end it, first"
+)
+
+#: What is wrong where another program has taken cells out of 'operational': a stop is a stop.
+SWITCHED_OFF = "somebody else has switched cells off on this bus (network management)"
+
+
+class Supervision:
+    """Finds the faults of the cells, and checks them only when there may be one.
+
+    While they run, that is after a cell has reported a change (`recheck`), or when a heartbeat may
+    be missing: between these nothing can fail that had not failed before.
+    """
+
+    def __init__(self, cells: Sequence[BringUpCell], timing: Timing) -> None:
+        self._count = len(cells)
+        self._timing = timing
+        self._valid_until_s = -inf
+
+    def recheck(self) -> None:
+        """The phase, the cells that take part, or a state that a cell reports, has changed."""
+        self._valid_until_s = -inf
+
+    def fault(self, phase: Phase, taking_part: Collection[BringUpCell], now_s: float) -> str | None:
+        """The fault of the first cell that has one while all come up, or end; None without any."""
+        texts = (self._silence_of(cell, now_s) or cell.fault(phase) for cell in taking_part)
+        return next(filter(None, texts), None)
+
+    def troubles(self, taking_part: Collection[BringUpCell], now_s: float) -> list[Trouble]:
+        """What is wrong with cells that are up and take part in the run."""
+        if now_s < self._valid_until_s:
+            return []
+        found = (self._trouble_of(cell, now_s) for cell in taking_part)
+        troubles = [each for each in found if each is not None]
+        oldest_s = min((cell.last_heartbeat_s or 0.0 for cell in taking_part), default=inf)
+        self._valid_until_s = -inf if troubles else oldest_s + self._timing.silence_s
+        return troubles
+
+    def silent(self, cell: BringUpCell, now_s: float) -> bool:
+        """Whether a cell has sent heartbeats, and the next is overdue."""
+        return (
+            cell.last_heartbeat_s is not None
+            and now_s - cell.last_heartbeat_s > self._timing.silence_s
+        )
+
+    def late_text(self, phase: Phase, late: list[BringUpCell]) -> str:
+        """Which cells exceeded the phase's time limit, and with what."""
+        limit = f"within {self._timing.phase_limit_s:g} s"
+        match phase:
+            case Phase.WAITING if len(late) == self._count:
+                return f"no cell was heard {limit}; is the bus connected and are the cells powered?"
+            case Phase.WAITING:
+                absent = [cell for cell in late if cell.last_heartbeat_s is None]
+                what = "not heard" if absent else "not brought to rest"
+                return f"{what} {limit}: {names(absent or late)}"
+            case Phase.IDENTIFYING:
+                return f"not identified {limit}: {names(late)}"
+            case Phase.CONFIGURING:
+                return f"settings not written and verified {limit}: {names(late)}"
+            case Phase.STARTING:
+                return f"not operational {limit}: {names(late)}"
+            case _:
+                return f"drives not enabled {limit}: {names(late)} ({late[0].drive_text})"
+
+    def misfits_text(self, phase: Phase, taking_part: Collection[BringUpCell]) -> str | None:
+        """All cells that are not as a run expects them at the end of a phase, None without any.
+
+        They speak another protocol than the host, or have other settings stored.
+        """
+        if phase is Phase.CONFIGURING:
+            found = (f"{cell.name} is {cell.mismatch}" for cell in taking_part if cell.mismatch)
+            return "; ".join(found) or None
+        if phase is not Phase.IDENTIFYING:
+            return None
+        others = {cell.name: cell.other_protocol for cell in taking_part}
+        texts = {text for text in others.values() if text}
+        listed = (
+            f"{', '.join(name for name, text in others.items() if text == each)}: each {each}"
+            for each in sorted(texts)
+        )
+        return "; ".join(listed) or None
+
+    def _trouble_of(self, cell: BringUpCell, now_s: float) -> Trouble | None:
+        if silence := self._silence_of(cell, now_s):
+            return Trouble(cell, silence)
+        if fault := cell.fault(Phase.RUNNING):
+            return Trouble(cell, fault, nature_of(cell))
+        return None
+
+    def _silence_of(self, cell: BringUpCell, now_s: float) -> str | None:
+        if not self.silent(cell, now_s):
+            return None
+        return f"{cell.name} has fallen silent: no heartbeat for {self._timing.silence_s:.3g} s"
+
+
+def names(cells: Sequence[RemoteCell]) -> str:
+    """How messages call these cells."""
+    return ", ".join(cell.name for cell in cells)

@@ -1,0 +1,48 @@
+"""What is wrong with a cell that has been up, and whether that may pass by itself."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from mdms_host.coordination.cell_setup.bring_up import BringUpCell
+from mdms_host.coordination.cell_setup.identification import PASSING_CODES
+from mdms_protocol import cia402, nmt
+
+#: Errors with which drives shut off; others are mere reports.
+_OF_DRIVES = PASSING_CODES | {0x2310, 0x3220, 0x6100, 0x7121, 0x7302, 0x8150, 0x8611}
+_FAULTED = frozenset((cia402.FAULT, cia402.FAULT_REACTION))
+
+
+class Nature(StrEnum):
+    """Of what kind a trouble is."""
+
+    #: It may be over soon: silence, a restart, a watchdog's stop.
+    PASSING = "passing"
+    #: The cell needs a person: its drives have shut off for a reason of their own.
+    LASTING = "lasting"
+    #: Somebody has switched the cell off, who is to be obeyed.
+    DELIBERATE = "deliberate"
+
+
+@dataclass(frozen=True, slots=True)
+class Trouble:
+    """What is wrong with a cell, in words that name it."""
+
+    cell: BringUpCell
+    text: str
+    nature: Nature = Nature.PASSING
+
+
+def nature_of(cell: BringUpCell) -> Nature:
+    """Of what kind it is that a cell is not operational, or that its drives are not enabled.
+
+    A cell leaves 'operational' by itself for a restart, which it announces, and where it steers for
+    the host's silence; its drives are off by themselves in 'fault' only. Everything else was
+    commanded by somebody.
+    """
+    codes = _OF_DRIVES.intersection(cell.errors.values())
+    if codes - PASSING_CODES:
+        return Nature.LASTING
+    if cell.nmt_state != nmt.OPERATIONAL:
+        return Nature.PASSING if cell.restarted or cell.steers else Nature.DELIBERATE
+    faulted = not _FAULTED.isdisjoint(cell.drive_states or ())
+    return Nature.PASSING if faulted else Nature.DELIBERATE

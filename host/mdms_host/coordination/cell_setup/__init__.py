@@ -1,0 +1,1 @@
+"""One cell on its way up: identity, settings, drives."""

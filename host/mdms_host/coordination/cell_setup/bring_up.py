@@ -1,0 +1,188 @@
+"""One cell on its way through the phases: the commands it needs next, and its faults."""
+
+from collections.abc import Iterable, Iterator, Mapping
+
+from mdms_host.can_link.emergencies import error_text
+from mdms_host.can_link.remote_cell import RemoteCell
+from mdms_host.can_link.sdo_client import SdoClient, Setting
+from mdms_host.coordination.cell_setup.configuration import NOTHING, Configuration
+from mdms_host.coordination.cell_setup.identification import Identification
+from mdms_host.coordination.cell_setup.set_up import SetUp
+from mdms_host.coordination.cell_setup.steering_settings import taken_back
+from mdms_host.coordination.phase import STOPPED, Phase
+from mdms_host.places import Place
+from mdms_protocol import cia402, cob, indices, nmt, pdo
+from mdms_protocol.dictionary import ENTRIES
+from mdms_protocol.entry import steps_per_unit
+from mdms_protocol.frame import Frame
+
+_TOWARDS_ENABLED: Mapping[int | None, int] = dict(cia402.TOWARDS_ENABLED.items())
+#: The neighbour layer of a cell takes its drives on from 'switched on', and back.
+_TOWARDS_SWITCHED_ON = {**_TOWARDS_ENABLED, cia402.SWITCHED_ON: cia402.SWITCH_ON}
+_ENABLED = frozenset((cia402.OPERATION_ENABLED,))
+_LED = frozenset((cia402.SWITCHED_ON, cia402.OPERATION_ENABLED))
+
+
+class BringUpCell(RemoteCell):
+    """A cell of which the first `axes` are used, and which gets these settings when it comes up.
+
+    Then all of its stored settings must be what the run expects: the table's defaults, and these.
+    One that differs is a trouble, whatever it is: a stored polarity turns a wheel the wrong way, a
+    stored time-out lets it drive on alone. Only those of `spare` do not matter (`Configuration`),
+    and those of `steering_settings` are set back where a run has left them behind. With `steers`
+    the cell leads its drives by itself, and these settings are taken back at the end.
+    """
+
+    def __init__(
+        self,
+        number: int,
+        node_id: int,
+        axes: int,
+        settings: Iterable[Setting],
+        *,
+        spare: Mapping[Place, int] = NOTHING,
+        bus: int | None = None,
+        steers: bool = False,
+    ) -> None:
+        super().__init__(number, node_id, bus)
+        self._axes = axes
+        self.steers = steers
+        self._ready = _LED if steers else _ENABLED
+        self._towards_ready = _TOWARDS_SWITCHED_ON if steers else _TOWARDS_ENABLED
+        self._set_back = SdoClient(node_id, taken_back() if steers else ())
+        self._settings = tuple(settings)
+        self._configuration = Configuration(node_id, self._settings, spare)
+        self._identification = Identification(node_id, axes)
+        self._set_up = SetUp(node_id, self._settings, self._configuration)
+        self.restarted = False
+        self._written = False
+        self._ending = False
+        self.handlers[cob.SDO_RESPONSE_BASE + node_id] = self.on_answer
+
+    @property
+    def enabled(self) -> bool:
+        """Whether all axes that are used are enabled, or the cell's own to enable."""
+        states = self.drive_states
+        return states is not None and self._ready.issuperset(states[: self._axes])
+
+    @property
+    def driven(self) -> tuple[bool, ...]:
+        """Whether each axis that is used may be driven now."""
+        states = self.drive_states or (None,) * self._axes
+        return tuple(state != cia402.SWITCHED_ON for state in states[: self._axes])
+
+    @property
+    def _setting_back(self) -> bool:
+        """Whether settings are still to be taken back; none are where none were written."""
+        return self._written and not (self._set_back.done or self._set_back.failure)
+
+    @property
+    def debounce_s(self) -> float:
+        """How late it reports a change of its presence sensors, by its settings [s]."""
+        entry = ENTRIES[indices.PRESENCE_DEBOUNCE, 0]
+        return self._configuration.values[entry.index, 0] / steps_per_unit(entry.unit)
+
+    @property
+    def other_protocol(self) -> str | None:
+        """What there is to say of a cell that speaks another revision of the protocol."""
+        return self._identification.other_protocol
+
+    @property
+    def refusal(self) -> str | None:
+        """Why a cell that comes back is not to be taken, by who it is and its errors, or None."""
+        return self._identification.refusal
+
+    @property
+    def mismatch(self) -> str | None:
+        """How its stored settings are not what the run expects; None as long as they may be."""
+        mismatch = self._set_up.mismatch
+        return mismatch and f"not set up as this run expects: {mismatch}"
+
+    def begin_again(self) -> None:
+        """Come up anew, from nothing but what the cell reports from now on."""
+        self.nmt_state, self.drive_states, self.restarted = None, None, False
+        self._identification.begin_again()
+        self._set_up = SetUp(self.node_id, self._settings, self._configuration)
+
+    def on_heartbeat(self, data: bytes, now_s: float) -> None:
+        """A heartbeat; `restarted` is whether it has announced a start since it was operational."""
+        super().on_heartbeat(data, now_s)
+        if self.nmt_state in (nmt.INITIALISING, nmt.OPERATIONAL):
+            self.restarted = self.nmt_state == nmt.INITIALISING
+        if self.nmt_state != nmt.OPERATIONAL:
+            # All drives are off, and what was reported of them before counts for nothing.
+            self.drive_states = None
+
+    def on_answer(self, data: bytes, now_s: float) -> None:
+        """An answer to a setting, or to the question who it is."""
+        self._identification.on_response(data)
+        if self._ending:
+            # What the bring-up was still waiting for is of no interest any more.
+            self._set_back.on_response(data)
+        else:
+            self._set_up.on_response(data)
+
+    def has_reached(self, phase: Phase) -> bool:
+        """Whether the cell has reached what a phase is for."""
+        match phase:
+            case Phase.WAITING:
+                return self.nmt_state == nmt.PRE_OPERATIONAL
+            case Phase.IDENTIFYING:
+                return self._identification.done
+            case Phase.CONFIGURING:
+                return self._set_up.verified or self.mismatch is not None
+            case Phase.STARTING:
+                return self.nmt_state == nmt.OPERATIONAL
+            case Phase.ENABLING:
+                return self.enabled
+            case _:
+                return not self.moving and not self._setting_back
+
+    def fault(self, phase: Phase) -> str | None:
+        """The cell's fault in a phase; None if it has none."""
+        if self._identification.failure:
+            return f"{self.name} cannot be identified: {self._identification.failure}"
+        if self._set_up.failure:
+            return f"{self.name} cannot be set up: {self._set_up.failure}"
+        if phase in (Phase.ENABLING, Phase.RUNNING) and self.nmt_state != nmt.OPERATIONAL:
+            return f"{self.name} is no longer operational: it has restarted or was stopped"
+        if phase == Phase.RUNNING and not self.enabled:
+            errors = "".join(f"; {error_text(*error)}" for error in self.errors.items())
+            return f"{self.name} has disabled its drives: {self.drive_text}{errors}"
+        return None
+
+    def commands(self, phase: Phase, now_s: float) -> Iterator[Frame]:
+        """The commands that the cell still needs in a phase."""
+        if phase == Phase.WAITING and self.nmt_state in (nmt.OPERATIONAL, nmt.STOPPED):
+            # Left over from an earlier run: it begins anew, and reports its state again.
+            yield nmt.command(nmt.ENTER_PRE_OPERATIONAL, self.node_id)
+        elif phase == Phase.IDENTIFYING:
+            yield from self._identification.poll(now_s)
+        elif phase == Phase.CONFIGURING:
+            self._written = True
+            yield from self._set_up.poll(now_s)
+        elif phase == Phase.STARTING and self.nmt_state != nmt.OPERATIONAL:
+            yield nmt.command(nmt.START, self.node_id)
+        elif phase == Phase.ENABLING and not self.enabled:
+            yield from self._enable()
+        elif phase in (Phase.STOPPING, Phase.FAILING):
+            yield self._control(cia402.QUICK_STOP)
+            self._ending = True
+            if self._setting_back:
+                yield from self._set_back.poll(now_s)
+        elif phase in STOPPED:
+            yield self._control(cia402.DISABLE_VOLTAGE)
+
+    def _enable(self) -> Iterator[Frame]:
+        """The controlwords that take the drives one step nearer to 'operation enabled'."""
+        states = self.drive_states or (None,) * len(pdo.CONTROLWORD.entries)
+        words = tuple(self._towards_ready.get(state, cia402.SHUTDOWN) for state in states)
+        if cia402.FAULT_RESET in words:
+            # The reset is an edge of its bit, so the bit must have been low.
+            yield self._control(cia402.DISABLE_VOLTAGE)
+        yield Frame(pdo.CONTROLWORD.can_id(self.node_id), pdo.CONTROLWORD.encode(words))
+
+    def _control(self, word: int) -> Frame:
+        """The same controlword for all axes."""
+        words = (word,) * len(pdo.CONTROLWORD.entries)
+        return Frame(pdo.CONTROLWORD.can_id(self.node_id), pdo.CONTROLWORD.encode(words))

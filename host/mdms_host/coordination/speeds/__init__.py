@@ -1,0 +1,1 @@
+"""Setpoints and speeds of all wheels, to and from the wire."""

@@ -1,0 +1,1 @@
+"""Where one parcel is and how it moves."""

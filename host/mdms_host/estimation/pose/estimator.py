@@ -1,0 +1,311 @@
+"""Where one parcel is and how it moves, from presence bits and wheel speeds alone.
+
+Wheels that roll give the twist; a sensor that changes shows that the parcel's edge is over it.
+"""
+
+from dataclasses import dataclass
+from math import cos, hypot, inf, log, sin, sqrt
+
+import numpy as np
+
+from mdms_host.estimation.outlines.bottom import DRAWN_M, Bottom
+from mdms_host.estimation.pose.confirmation import Confirmation, Standing
+from mdms_host.estimation.pose.feeling import turn_to_feel_rad
+from mdms_host.estimation.pose.pose_filter import PoseFilter
+from mdms_host.estimation.presence.surroundings import Near, Surroundings
+from mdms_host.estimation.search.locate import Location
+from mdms_model.arrays import Bools, Floats
+
+#: How well an edge is known at the instant a sensor changes.
+_EDGE_M = 0.0002
+#: A frame comes so long after its edge, give or take as much; the parcel has moved on meanwhile.
+_LATENCY_S = 0.002
+#: A parcel rests that moves no faster, its corners' turning included [m/s].
+_RESTING_M_S = 0.005
+#: What a sensor shows is judged from this far inside the outline on, or from so many standard
+#: deviations of the distance.
+_DEEP_M = 0.015
+_DEEP_DEVIATIONS = 3.0
+#: A sensor that is covered farther beside a parcel shows something else.
+BESIDE_M = 0.06
+#: Cells so far beyond a parcel are looked at, and so many times farther than it reaches.
+_AROUND_M = 0.1
+_AROUND = 1.35
+#: What an edge may be off, however well a parcel's place is known [m].
+_NEAR_M = 0.012
+#: An edge that is farther off, in standard deviations, is none of this parcel's.
+_GATE = 5.0
+#: Nor is one at which a sensor becomes covered farther beside a parcel that rests [m].
+_AT_REST_M = 0.005
+#: How well an edge is known where it is asked whose it is [m].
+_LIKELY_M = 0.001
+#: A parcel is shown where more of the sensors deep under it are covered.
+_COVERED_SHARE = 0.5
+#: A pose is carried on without new speeds for so long.
+_CARRIED_S = 0.1
+#: A larger outline is worked out again from this change on [m].
+_GROWN_M = 5e-5
+_KEPT_S = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """The sensors around a parcel, and their distances from its edge [m], negative inside, (N,)."""
+
+    near: Near
+    distance_m: Floats
+
+
+class ParcelEstimator:
+    """Estimate of one parcel's pose and twist [table frame; SI].
+
+    `pose` is (x, y, yaw), or None until the parcel has been found, and when it is lost;
+    `covariance` is of shape (3, 3) and `twist` is (vx, vy, yaw rate). `corrected` is set by every
+    sensor that is believed. `bottom` is as large as edges have shown it to be, and `spread_m` how
+    exact its drawing is. A twist divided by `corner_m` has a corner's speed instead of the rate.
+    """
+
+    def __init__(
+        self, surroundings: Surroundings, bottom: Bottom, spread_m: float = DRAWN_M
+    ) -> None:
+        self._surroundings = surroundings
+        self._spread_m = spread_m
+        self._at_s = 0.0
+        self._rolled_s = -inf
+        self.corner_m: Floats = np.array([1.0, 1.0, 1.0 / bottom.reach_m])
+        self._drawn = bottom
+        self._growth: Floats = np.zeros(2)
+        # That of a while ago, and of one more before: what a parcel seems to grow by while it is
+        # lifted off is not to be kept.
+        self._kept_growths = (self._growth, self._growth)
+        self._kept_s = 0.0
+        self._filter: PoseFilter | None = None
+        self._confirmation = Confirmation()
+        self.bottom = bottom
+        self.twist: Floats = np.zeros(3)
+        self.corrected = False
+
+    @property
+    def standing(self) -> Standing:
+        """What the belief is worth."""
+        return self._confirmation.standing
+
+    @property
+    def pose(self) -> Floats | None:
+        """The pose at the last speeds, shape (3,)."""
+        return None if self._filter is None else self._filter.mean[:3]
+
+    @property
+    def covariance(self) -> Floats:
+        """Of the pose, shape (3, 3); zero without one."""
+        return np.zeros((3, 3)) if self._filter is None else self._filter.covariance[:3, :3]
+
+    def start(self, now_s: float, found: Location) -> None:
+        """Begin from a place, at rest."""
+        reach_m = self._drawn.reach_m
+        self._filter = PoseFilter(
+            found.pose, found.covariance, reach_m, self._growth, self._spread_m
+        )
+        self._confirmation.find(now_s)
+        self.twist = np.zeros(3)
+        self._at_s = now_s
+        self._corrected()
+
+    def blur(self, deviation_m: float) -> None:
+        """The parcel may have moved by so much unseen, as a standard deviation."""
+        if self._filter is not None:
+            self._filter.blur(deviation_m)
+
+    def pose_at(self, now_s: float) -> Floats | None:
+        """The pose carried on to a time near now by the present twist, for 0.1 s at most."""
+        if self._filter is None:
+            return None
+        pose: Floats = self._filter.mean[:3] + self.twist * min(now_s - self._at_s, _CARRIED_S)
+        return pose
+
+    def resume(self, now_s: float) -> None:
+        """What is doubtful is where it was after all: what contradicts is something else."""
+        if self._filter is not None:
+            self._confirmation.find(now_s)
+
+    def near(self, pose: Floats) -> Near:
+        """Sensors and wheels that may have to do with the parcel at a pose."""
+        return self._surroundings.of(pose[:2], _AROUND * self.bottom.reach_m + _AROUND_M)
+
+    def view(self, now_s: float) -> View | None:
+        """The sensors around the parcel, and how far they are from it; None without a pose."""
+        pose = self.pose_at(now_s)
+        if pose is None:
+            return None
+        near = self.near(pose)
+        return View(near, self.bottom.distance_m(near.sensors_m, pose))
+
+    @property
+    def rests(self) -> bool:
+        """Whether the parcel hardly moves, as far as that is known."""
+        return bool(np.abs(self.twist / self.corner_m).max() < _RESTING_M_S)
+
+    @property
+    def unsure_m(self) -> float:
+        """What a sensor shows within this distance of the edge may be the parcel's or not [m]."""
+        return max(_NEAR_M, _DEEP_DEVIATIONS * self._deviation_m)
+
+    def edge_misfit(self, now_s: float, point_m: Floats) -> float | None:
+        """How badly an edge fits that is over a point now, in variances; None if it cannot be."""
+        pose = self.pose_at(now_s - _LATENCY_S)
+        if self._filter is None or pose is None or self.standing is not Standing.FOUND:
+            return None
+        away_m = hypot(*(point_m - pose[:2]).tolist())
+        if away_m > self.bottom.reach_m + BESIDE_M:
+            return None
+        off_m, slope = self._off(pose, point_m)
+        variance_m2 = float(slope @ self._filter.covariance @ slope) + _LIKELY_M**2
+        if off_m > BESIDE_M or off_m**2 > max(_GATE**2 * variance_m2, BESIDE_M**2):
+            return None
+        return off_m**2 / variance_m2 + log(variance_m2)
+
+    def comes_up(self, now_s: float, point_m: Floats) -> bool:
+        """Whether what has just covered a sensor must be something else: the parcel rests."""
+        pose = self.pose_at(now_s)
+        if pose is None or self.twist.any():
+            return False
+        return self.bottom.edge(point_m, pose)[0] > _AT_REST_M
+
+    @property
+    def growth_deviation_m(self) -> tuple[float, float]:
+        """What the outline may be off on either side, along and across [m]."""
+        if self._filter is None:
+            return self._spread_m, self._spread_m
+        along_m2, across_m2 = self._filter.covariance.diagonal()[3:].tolist()
+        return sqrt(along_m2), sqrt(across_m2)
+
+    def contradicting(self, covered: Bools, mine: Bools) -> Bools:
+        """Sensors (S,) that contradict a place which has just been found by more than can be."""
+        wrong = np.zeros(len(covered), dtype=bool)
+        view = self.view(self._at_s)
+        if view is not None:
+            numbers, distance_m = view.near.sensors, view.distance_m
+            shows = mine[numbers] & ((distance_m < 0) != covered[numbers])
+            wrong[numbers] = shows & (abs(distance_m) > self._deep_m)
+        return wrong
+
+    def turn_to_feel_rad(self, usable: Bools) -> float | None:
+        """The turn that would make the place sure enough [rad]; None where it is, or none does."""
+        if self._filter is None:
+            return None
+        pose, covariance = self._filter.mean[:3], self._filter.covariance[:3, :3]
+        near = self.near(pose)
+        return turn_to_feel_rad(self.bottom, near.sensors_m, usable[near.sensors], pose, covariance)
+
+    def roll(self, now_s: float, twist: Floats | None) -> None:
+        """Go on to a time at which this was the twist; None where no wheel shows it.
+
+        Then it stays for 0.1 s: by then cells that nobody commands have braked.
+        """
+        if self._filter is None:
+            return
+        before = self.twist
+        if twist is not None:
+            self.twist, self._rolled_s = twist, now_s
+        elif now_s > self._rolled_s + _CARRIED_S:
+            self.twist = np.zeros(3)
+        step_s = max(0.0, now_s - self._at_s)
+        self._filter.move((before + self.twist) * (step_s / 2), step_s)
+        self._at_s = now_s
+
+    def edge(self, now_s: float, point_m: Floats) -> None:
+        """A sensor there has just changed: the edge was over it when the cell saw it."""
+        pose = self.pose_at(now_s - _LATENCY_S)
+        if self._filter is None or pose is None or self.standing is not Standing.FOUND:
+            return
+        off_m, slope = self._off(pose, point_m)
+        late_m = _LATENCY_S * float(slope[:3] @ self.twist)
+        if self._filter.on_edge(off_m, slope, (_EDGE_M**2 + late_m**2) ** 0.5):
+            self._corrected()
+
+    def agree(self, now_s: float, view: View, covered: Bools, mine: Bools) -> Standing:
+        """Correct the estimate by every sensor that contradicts it, as far as that can be.
+
+        `covered` and `mine` are of the sensors of the view, (N,), which is that of now. Nothing
+        corrects an estimate that is not `FOUND`; what is lost has no pose any more.
+        """
+        shown = self._shown(covered, mine, view.distance_m)
+        if shown and self.standing is Standing.FOUND:
+            distance_m = view.distance_m
+            wrong = mine & ((distance_m < 0) != covered) & (distance_m < BESIDE_M)
+            for sensor in wrong.nonzero()[0].tolist():
+                shown &= self._bound(now_s, view.near.sensors_m[sensor])
+        self._confirm(now_s, shown)
+        return self.standing
+
+    def covers(self, view: View, covered: Bools, mine: Bools) -> bool:
+        """Whether all of its sensors deep inside are covered, (N,): it may be where it was."""
+        deep = mine & (view.distance_m < -self._deep_m)
+        return bool(deep.any() and covered[deep].all())
+
+    @property
+    def _deviation_m(self) -> float:
+        if self._filter is None:
+            return 0.0
+        x_m2, y_m2, _, along_m2, across_m2 = self._filter.covariance.diagonal().tolist()
+        return sqrt(max(x_m2, y_m2) + max(along_m2, across_m2))
+
+    @property
+    def _deep_m(self) -> float:
+        """What a sensor shows from so far inside the edge on is no question of the edge [m]."""
+        return max(_DEEP_M, _DEEP_DEVIATIONS * self._deviation_m)
+
+    def _confirm(self, now_s: float, shown: bool) -> None:
+        """Take in whether the parcel is shown where it is believed to be."""
+        before = self.standing
+        if self._confirmation.step(now_s, shown) is Standing.LOST:
+            self._lose()
+        elif self.standing is not before:
+            self._grow(self._kept_growths[1])
+        elif self.standing is Standing.FOUND and now_s >= self._kept_s + _KEPT_S:
+            self._kept_growths, self._kept_s = (self._growth, self._kept_growths[0]), now_s
+
+    def _lose(self) -> None:
+        """Where the parcel is is not known any more."""
+        self._filter = None
+        self.twist = np.zeros(3)
+
+    def _shown(self, covered: Bools, mine: Bools, distance_m: Floats) -> bool:
+        """Whether most of the sensors that lie deep under the parcel are covered."""
+        if self._filter is None:
+            return False
+        deep = mine & (distance_m < -self._deep_m)
+        if not deep.any():
+            deep = mine & (distance_m < 0)
+        return bool((deep & covered).sum() > _COVERED_SHARE * deep.sum())
+
+    def _bound(self, now_s: float, point_m: Floats) -> bool:
+        """A sensor there is on the other side of the edge; False if that cannot be believed."""
+        pose = self.pose_at(now_s)
+        if self._filter is None or pose is None:
+            return True
+        off_m, slope = self._off(pose, point_m)
+        late_m = 2 * _LATENCY_S * float(slope[:3] @ self.twist)
+        believed = self._filter.on_bound(off_m, slope, (_EDGE_M**2 + late_m**2) ** 0.5)
+        if believed:
+            self._corrected()
+        return believed
+
+    def _off(self, pose: Floats, point_m: Floats) -> tuple[float, Floats]:
+        """Distance of a sensor from the edge [m], and its derivative by pose and growth, (5,)."""
+        off_m, slope = self.bottom.edge(point_m, pose)
+        x, y, _ = slope.tolist()
+        cosine, sine = cos(pose[2]), sin(pose[2])
+        along, across = cosine * x + sine * y, cosine * y - sine * x
+        return off_m, np.array([*slope, -along * along, -across * across])
+
+    def _corrected(self) -> None:
+        self.corrected = True
+        assert self._filter is not None
+        growth = self._filter.mean[3:]
+        if abs(growth - self._growth).max() > _GROWN_M:
+            self._grow(growth.copy())
+
+    def _grow(self, growth: Floats) -> None:
+        self._growth = growth
+        self.bottom = self._drawn.grown(*growth.tolist())

@@ -1,0 +1,115 @@
+"""A Kalman filter over a parcel's pose, and over how much larger it is than its drawing.
+
+It is corrected by edges ('this point is on the outline') and by bounds ('this point is on the other
+side of the outline'), and is as sure of itself as both have been right.
+"""
+
+from math import erfc, exp, hypot, pi, sqrt
+
+import numpy as np
+
+from mdms_host.estimation.outlines.bottom import DRAWN_M
+from mdms_model.arrays import Floats
+
+#: Odometry errs by a random walk: this variance a metre of way, and this a second [m; m2/s].
+_SLIP_M = 1e-6
+_DRIFT_M2_S = 1e-10
+#: An error of more standard deviations is not believed; of fewer, but of so many, it shows that the
+#: filter has been too sure of itself.
+_GATE = 5.0
+_SURPRISE = 2.0
+#: An error of so little is believed however sure the filter is [m].
+_NEAR_M = 0.012
+#: Bounds do not make the filter surer of a distance than this: one that is met again a moment later
+#: is the same measurement [m].
+_BOUND_M = 0.003
+#: No variance becomes smaller [m2, rad2].
+_LEAST_M2 = 1e-12
+
+
+class PoseFilter:
+    """Pose (x, y, yaw) [m, m, rad], and growth along the parcel's own x and y [m].
+
+    `mean` is of shape (5,), `covariance` of shape (5, 5); `extent_m` is how far the parcel reaches
+    from its centre, `spread_m` how exact its drawing is on either side (one standard deviation).
+    """
+
+    def __init__(
+        self,
+        pose: Floats,
+        covariance: Floats,
+        extent_m: float,
+        growth: Floats,
+        spread_m: float = DRAWN_M,
+    ) -> None:
+        self.mean: Floats = np.concatenate((pose, growth))
+        self.covariance: Floats = np.zeros((5, 5))
+        self.covariance[:3, :3] = covariance
+        self.covariance[3, 3] = self.covariance[4, 4] = spread_m**2
+        self._extent_m = extent_m
+        self._walk = np.array([1.0, 1.0, 1.0 / extent_m**2])
+
+    def move(self, moved: Floats, step_s: float) -> None:
+        """The wheels have carried the parcel by so much, shape (3,)."""
+        x_m, y_m, yaw_rad = moved.tolist()
+        way_m = hypot(x_m, y_m) + abs(yaw_rad) * self._extent_m
+        self.mean[:3] += moved
+        variance_m2 = _SLIP_M * way_m + _DRIFT_M2_S * step_s
+        # The first three of the diagonal.
+        self.covariance.reshape(-1)[:18:6] += variance_m2 * self._walk
+
+    def blur(self, deviation_m: float) -> None:
+        """The parcel may have moved by so much any way, a corner's way by turning included."""
+        self.covariance[range(3), range(3)] += deviation_m**2 * self._walk
+
+    def on_edge(self, off_m: float, slope: Floats, sigma_m: float) -> bool:
+        """A point is on the outline, and was believed `off_m` outside; False if unbelievable.
+
+        `slope` is the derivative of that by the state, shape (5,).
+        """
+        variance_m2 = self._admit(off_m, slope, sigma_m)
+        if variance_m2 is None:
+            return False
+        self._correct(self.covariance @ slope / variance_m2, -off_m, variance_m2)
+        return True
+
+    def on_bound(self, off_m: float, slope: Floats, sigma_m: float) -> bool:
+        """A point is beyond the outline by `off_m`, on the wrong side; False if unbelievable.
+
+        The distance becomes what a normal distribution has left on the right side of zero.
+        """
+        variance_m2 = self._admit(off_m, slope, sigma_m)
+        if variance_m2 is None:
+            return False
+        deviation_m = sqrt(variance_m2)
+        beyond = abs(off_m) / deviation_m
+        # The mean of what is left, and how much narrower it is.
+        shift = exp(-(beyond**2) / 2) / sqrt(2 * pi) / (0.5 * erfc(beyond / sqrt(2)))
+        narrower = 1 - shift * (shift - beyond)
+        narrower = max(narrower, min(1.0, _BOUND_M**2 / variance_m2))
+        toward_m = -shift * deviation_m if off_m > 0 else shift * deviation_m
+        self._correct(self.covariance @ slope / variance_m2, toward_m, variance_m2 * (1 - narrower))
+        return True
+
+    def _admit(self, off_m: float, slope: Floats, sigma_m: float) -> float | None:
+        """The variance of a distance that is measured `off_m` away [m2]; None if unbelievable.
+
+        A surprise makes the filter as unsure as it should have been.
+        """
+        believed_m2 = float(slope @ self.covariance @ slope)
+        variance_m2 = believed_m2 + sigma_m**2
+        if off_m**2 > max(_GATE**2 * variance_m2, _NEAR_M**2):
+            return None
+        if off_m**2 > _SURPRISE**2 * variance_m2:
+            variance_m2 = off_m**2 / _SURPRISE**2
+            larger = (variance_m2 - sigma_m**2) / believed_m2
+            # What rounding has made unlike its mirror image would grow with every surprise.
+            self.covariance = (self.covariance + self.covariance.T) * (larger / 2)
+        return variance_m2
+
+    def _correct(self, gain: Floats, toward_m: float, less_m2: float) -> None:
+        """Shift the distance by `toward_m`, and take `less_m2` from its variance."""
+        self.mean = self.mean + gain * toward_m
+        self.covariance = self.covariance - np.outer(gain, gain) * less_m2
+        # Rounding may take from a variance more than there is.
+        np.fill_diagonal(self.covariance, np.maximum(self.covariance.diagonal(), _LEAST_M2))

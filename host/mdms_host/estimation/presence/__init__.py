@@ -1,0 +1,1 @@
+"""What presence sensors show, and what each has been worth."""

@@ -1,0 +1,1 @@
+"""Parcels are searched for where sensors are covered."""

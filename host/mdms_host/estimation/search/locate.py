@@ -1,0 +1,103 @@
+"""Where a parcel lies, judged from nothing but which presence sensors it covers."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_model.arrays import Bools, Floats, Ints
+
+#: Fineness of the search: how far a neighbouring candidate is.
+_STEP_M = 0.006
+_YAW_STEP_RAD = np.radians(3.0)
+#: The grid may miss the few poses that explain all, so those with a few errors count as well, each
+#: error making a pose less likely by a factor exp(-cost).
+_SPARE_ERRORS = 2
+_ERROR_COST = 1.5
+#: How far the true yaw is from the hint, as a rule.
+_HINT_RAD = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Location:
+    """Mean pose (x, y, yaw) of what the sensors allow, its covariance, and how many disagree."""
+
+    pose: Floats
+    covariance: Floats
+    contradictions: int
+
+
+def locate(
+    bottom: Bottom, sensors_m: Floats, covered: Bools, yaw_hint_rad: float = 0.0
+) -> Location | None:
+    """Mean and spread of the poses that agree with the sensors; None if no pose or none covered.
+
+    `sensors_m` has shape (S, 2), `covered` shape (S,). A rectangle looks the same after half a
+    turn, a disc after any: the yaw is the one nearest to the hint.
+    """
+    if not covered.any():
+        return None
+    yaws_rad = bottom.yaws_rad(yaw_hint_rad, _YAW_STEP_RAD)
+    found = [_try_yaw(bottom, float(yaw), sensors_m, covered) for yaw in yaws_rad]
+    poses = np.concatenate([poses for poses, _ in found])
+    wrong = np.concatenate([wrong for _, wrong in found])
+    if not len(poses):
+        return None
+    near = wrong <= wrong.min() + _SPARE_ERRORS
+    poses, weights = poses[near], np.exp(-_ERROR_COST * (wrong[near] - wrong.min()))
+    group = _likeliest_group(poses[:, 2], weights, yaw_hint_rad, bottom.period_rad)
+    pose, covariance = _moments(poses[group], weights[group], bottom.period_rad)
+    pose[2] = bottom.nearest_yaw_rad(float(pose[2]), yaw_hint_rad)
+    return Location(pose, covariance, int(wrong.min()))
+
+
+def _try_yaw(
+    bottom: Bottom, yaw_rad: float, sensors_m: Floats, covered: Bools
+) -> tuple[Floats, Ints]:
+    """Poses (N, 3) of this yaw whose spans hold all covered sensors, and each one's errors (N,).
+
+    The grid lies along the parcel's own axes.
+    """
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    turn = np.array([[cos, -sin], [sin, cos]])
+    own_m = sensors_m @ turn
+    along_m, across_m = (
+        _centres_m(own_m[covered, axis], span_m) for axis, span_m in enumerate(bottom.spans_m)
+    )
+    sign = np.where(covered, -1.0, 1.0)
+    wrong = covered.sum() + bottom.hidden(own_m, sign, along_m, across_m)
+    grid_m = np.stack(np.meshgrid(along_m, across_m, indexing="ij"), axis=-1).reshape(-1, 2)
+    poses = np.column_stack((grid_m @ turn.T, np.full(len(grid_m), yaw_rad)))
+    return poses, wrong.ravel().astype(np.int64)
+
+
+def _centres_m(covered_m: Floats, span_m: tuple[float, float]) -> Floats:
+    """Where the centre may be along one axis, given where sensors are covered."""
+    return np.arange(covered_m.max() - span_m[1], covered_m.min() - span_m[0], _STEP_M)
+
+
+def _likeliest_group(
+    yaw_rad: Floats, weights: Floats, yaw_hint_rad: float, period_rad: float
+) -> Bools:
+    """Which poses belong to the likeliest run of neighbouring yaws (cyclic), near the hint."""
+    values, index = np.unique(yaw_rad, return_inverse=True)
+    likelihood = weights * np.exp(-0.5 * ((yaw_rad - yaw_hint_rad) / _HINT_RAD) ** 2)
+    gap = np.diff(values, append=values[0] + period_rad) > 1.5 * _YAW_STEP_RAD
+    run = np.concatenate(([0], np.cumsum(gap[:-1])))
+    if not gap[-1]:
+        run[run == run[-1]] = run[0]
+    likeliest = np.argmax(np.bincount(run[index], weights=likelihood))
+    return np.asarray((run == likeliest)[index])
+
+
+def _moments(poses: Floats, weights: Floats, period_rad: float) -> tuple[Floats, Floats]:
+    """Mean and covariance of poses whose yaws are cyclic; never finer than the search's grid."""
+    turns = weights @ np.exp(2j * np.pi * poses[:, 2] / period_rad)
+    centre_rad = np.angle(turns) * period_rad / (2 * np.pi)
+    unrolled = poses.copy()
+    unrolled[:, 2] -= period_rad * np.round((poses[:, 2] - centre_rad) / period_rad)
+    share = weights / weights.sum()
+    mean = share @ unrolled
+    off = unrolled - mean
+    grid = np.diag([_STEP_M**2, _STEP_M**2, _YAW_STEP_RAD**2]) / 3
+    return mean, (off * share[:, None]).T @ off + grid

@@ -1,0 +1,279 @@
+"""Which of the parcels that are looked for covers which group of sensors.
+
+Every pair costs what contradicts it, and the way from where the parcel is expected; parcels go to
+groups at the least total. A search takes some milliseconds, so that each step makes one: only those
+pairs are tried that the costs so far would choose, since what has not been tried costs least.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from math import hypot
+
+import numpy as np
+
+from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_host.estimation.outlines.touching import tell_apart
+from mdms_host.estimation.parcel import Region
+from mdms_host.estimation.presence.surroundings import Surroundings
+from mdms_host.estimation.search.assignment import assign
+from mdms_host.estimation.search.locate import Location
+from mdms_host.estimation.search.search import Search
+from mdms_host.layout import Layout
+from mdms_model.arrays import Bools, Floats, Ints
+
+#: A parcel is taken to be this far from where it is expected rather than to contradict one sensor
+#: more [m], and no way counts for more than so many sensors.
+_WAY_M = 0.2
+_MOST_WAY = 4.0
+#: What each sensor that is explained counts for.
+_EXPLAINED = 0.1
+#: Not to be found at all costs more than any place.
+_ABSENT = 1000.0
+_IMPOSSIBLE = 1e6
+#: Two expected outlines divide a group if both are no farther from its sensors than this [m].
+_EXPECTED_M = 0.1
+#: So many pairs of outlines are tried on a group that no parcel explains alone.
+_PAIRS = 10
+
+Key = tuple[Bottom, float, bytes]
+
+
+@dataclass(frozen=True, slots=True)
+class Sought:
+    """A parcel that is looked for: its outline, the pose it is expected at, and where it may be."""
+
+    name: str
+    bottom: Bottom
+    yaw_hint_rad: float
+    place: Floats | None = None
+    region: Region | None = None
+
+    def may_be_at(self, middle_m: Floats) -> bool:
+        """Whether it may be where a group has its middle."""
+        return self.region is None or bool(self.region.holds(middle_m[None])[0])
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """Where a parcel has been found, by which sensors, and without which that contradict (S,)."""
+
+    name: str
+    location: Location
+    group: Ints
+    left_out: Bools
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What sensors show, (S,) each, and the groups of those that no found parcel covers."""
+
+    covered: Bools
+    valid: Bools
+    groups: tuple[Ints, ...]
+
+
+class RollCall:
+    """Looks for parcels, one search a step.
+
+    `settled` is whether all that could be tried has been, with `absent` the names of those that are
+    not there; `heaps` are groups, as bytes, that more than one of those looked for must cover, and
+    that cannot be told apart.
+    """
+
+    def __init__(self, layout: Layout, surroundings: Surroundings) -> None:
+        self.settled = True
+        self.absent: frozenset[str] = frozenset()
+        self._layout = layout
+        self._surroundings = surroundings
+        self._sensors_m = layout.sensor_positions_m.reshape(-1, 2)
+        self._searches: dict[Key, Search] = {}
+        self._divisions: dict[bytes, _Division] = {}
+        self._spreads: dict[bytes, tuple[Floats, float]] = {}
+
+    @property
+    def heaps(self) -> set[bytes]:
+        """Groups of covered sensors that are several parcels, as bytes."""
+        return {key for key, division in self._divisions.items() if division.is_heap}
+
+    def step(self, sought: Sequence[Sought], scene: Scene) -> list[Found]:
+        """Try once more; who has been found by that, once it is sure who is where."""
+        self._keep(scene.groups)
+        parts = [part for group in scene.groups for part in self._parts(group)]
+        pairs = self._assigned(sought, parts)
+        self.settled = False
+        for one, part in pairs:
+            search = self._search(one, part, scene)
+            if not search.over:
+                search.step()
+                return []
+        return self._conclude(sought, scene, pairs)
+
+    def _keep(self, groups: Iterable[Ints]) -> None:
+        """Of groups that are not there any more nothing is kept."""
+        there = {group.tobytes() for group in groups}
+        self._divisions = {key: each for key, each in self._divisions.items() if key in there}
+        parts = there.union(
+            part.tobytes() for division in self._divisions.values() for part in division.parts
+        )
+        self._searches = {key: each for key, each in self._searches.items() if key[2] in parts}
+        self._spreads = {key: each for key, each in self._spreads.items() if key in parts}
+
+    def _parts(self, group: Ints) -> tuple[Ints, ...]:
+        division = self._divisions.get(group.tobytes())
+        return division.parts if division else (group,)
+
+    def _assigned(
+        self, sought: Sequence[Sought], groups: Sequence[Ints]
+    ) -> list[tuple[Sought, Ints]]:
+        """Who goes with which group by the costs so far."""
+        if not sought or not groups:
+            return []
+        # Who was given first is looked for first.
+        cost = np.full((len(sought), len(groups) + len(sought)), _ABSENT)
+        cost -= 1e-3 * np.arange(len(sought))[:, None]
+        for row, one in enumerate(sought):
+            for column, group in enumerate(groups):
+                cost[row, column] = self._cost(one, group)
+        columns = assign(cost)
+        return [
+            (sought[row], groups[column])
+            for row, column in enumerate(columns.tolist())
+            if column < len(groups) and cost[row, column] < _ABSENT / 2
+        ]
+
+    def _cost(self, one: Sought, group: Ints) -> float:
+        """What contradicts that a parcel covers a group, at least, counted in sensors."""
+        middle_m, extent_m = self._spread(group)
+        # One cell may be left out.
+        most_m = 2 * one.bottom.reach_m + 1.5 * self._layout.pitch_m
+        if extent_m > most_m or not one.may_be_at(middle_m):
+            return _IMPOSSIBLE
+        cost = -_EXPLAINED * len(group)
+        if one.place is not None:
+            cost += min(hypot(*(middle_m - one.place[:2]).tolist()) / _WAY_M, _MOST_WAY)
+        search = self._searches.get(_key(one, group))
+        if search is None:
+            return cost
+        if search.found is None:
+            return _IMPOSSIBLE if search.over else cost + len(group)
+        return cost + search.found.contradictions
+
+    def _spread(self, group: Ints) -> tuple[Floats, float]:
+        """The middle of a group, and the greatest distance between any two of its sensors [m]."""
+        key = group.tobytes()
+        if key not in self._spreads:
+            covered_m = self._sensors_m[group]
+            middle_m = (covered_m.min(axis=0) + covered_m.max(axis=0)) / 2
+            self._spreads[key] = middle_m, _extent_m(covered_m)
+        return self._spreads[key]
+
+    def _search(self, one: Sought, group: Ints, scene: Scene) -> Search:
+        key = _key(one, group)
+        if key not in self._searches:
+            mine = np.zeros(len(scene.covered), dtype=bool)
+            near = self._near(one, group)
+            mine[near] = scene.valid[near] & ~scene.covered[near]
+            mine[group] = True
+            self._searches[key] = Search(
+                one.bottom, self._layout, scene.covered.copy(), mine, one.yaw_hint_rad
+            )
+        return self._searches[key]
+
+    def _near(self, one: Sought, group: Ints) -> Ints:
+        """All sensors that may show whether a parcel covers a group."""
+        middle_m, _ = self._spread(group)
+        return self._surroundings.of(middle_m, 2 * one.bottom.reach_m).sensors
+
+    def _conclude(
+        self, sought: Sequence[Sought], scene: Scene, pairs: Sequence[tuple[Sought, Ints]]
+    ) -> list[Found]:
+        """All pairs have been tried: start from them, and divide groups that nothing explains."""
+        placed = {part.tobytes() for _, part in pairs}
+        names = {one.name for one, _ in pairs}
+        absent = [one for one in sought if one.name not in names]
+        self.settled = True
+        complete: set[bytes] = set()
+        for group in scene.groups:
+            parts = {part.tobytes() for part in self._parts(group)}
+            if parts <= placed:
+                complete |= parts
+            elif self.settled:
+                self.settled = not self._divide(group, sought, scene)
+        self.absent = frozenset(one.name for one in absent)
+        return [
+            Found(one.name, search.found, part, search.left_out)
+            for one, part in pairs
+            if part.tobytes() in complete
+            and (search := self._search(one, part, scene)).found is not None
+        ]
+
+    def _divide(self, group: Ints, sought: Sequence[Sought], scene: Scene) -> bool:
+        """Divide a group in the next way there is; False if there is none."""
+        middle_m = self._sensors_m[group].mean(axis=0)
+        there = [one for one in sought if one.may_be_at(middle_m)]
+        names = frozenset(one.name for one in there)
+        division = self._divisions.get(group.tobytes())
+        if len(there) < 2:
+            return self._divisions.pop(group.tobytes(), None) is not None
+        if division is None or division.names != names:
+            _, extent_m = self._spread(group)
+            large = all(extent_m > 2 * one.bottom.reach_m for one in there)
+            division = _Division(group, names, self._ways(group, there, scene), large)
+            self._divisions[group.tobytes()] = division
+        return division.next()
+
+    def _ways(
+        self, group: Ints, sought: Sequence[Sought], scene: Scene
+    ) -> Iterator[tuple[Ints, ...]]:
+        """Ways to divide a group: by where parcels are expected, then by what explains it."""
+        covered_m = self._sensors_m[group]
+        away_m = [
+            one.bottom.distance_m(covered_m, one.place) for one in sought if one.place is not None
+        ]
+        away_m = [each for each in away_m if each.min() < _EXPECTED_M]
+        if len(away_m) > 1:
+            nearest = np.argmin(away_m, axis=0)
+            yield tuple(group[nearest == number] for number in np.unique(nearest).tolist())
+        for one, other in list(combinations(sought, 2))[:_PAIRS]:
+            near = np.union1d(self._near(one, group), self._near(other, group))
+            free_m = self._sensors_m[near[scene.valid[near] & ~scene.covered[near]]]
+            for told in tell_apart(one.bottom, other.bottom, covered_m, free_m):
+                yield () if told is None else (group[told[0]], group[told[1]])
+
+
+class _Division:
+    """The ways to divide one group, tried one after the other; `parts` are those of now.
+
+    A `large` group that no way explains is a heap.
+    """
+
+    def __init__(
+        self, group: Ints, names: frozenset[str], ways: Iterator[tuple[Ints, ...]], large: bool
+    ) -> None:
+        self.names = names
+        self.parts: tuple[Ints, ...] = (group,)
+        self.is_heap = False
+        self._group = group
+        self._ways = ways
+        self._large = large
+
+    def next(self) -> bool:
+        """Go on to the next way; False if there is none."""
+        self.parts = (self._group,)
+        way = next(self._ways, None)
+        if way is None:
+            self.is_heap = self._large
+        elif len(way) > 1:
+            self.parts = way
+        return way is not None
+
+
+def _key(one: Sought, group: Ints) -> Key:
+    return one.bottom, one.yaw_hint_rad, group.tobytes()
+
+
+def _extent_m(points_m: Floats) -> float:
+    """The greatest distance between any two points [m]."""
+    away_m = points_m[:, None, :] - points_m
+    return float(np.sqrt((away_m**2).sum(axis=2).max()))

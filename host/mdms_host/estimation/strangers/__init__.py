@@ -1,0 +1,1 @@
+"""What lies on the table and is no parcel that was given."""

@@ -1,0 +1,140 @@
+"""The search for parcels that are not found, wherever covered sensors stand still."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from mdms_host.estimation.change import Change, Event
+from mdms_host.estimation.known import Known
+from mdms_host.estimation.pose.confirmation import Standing
+from mdms_host.estimation.pose.estimator import BESIDE_M
+from mdms_host.estimation.presence.presence_map import PresenceMap
+from mdms_host.estimation.presence.surroundings import Surroundings
+from mdms_host.estimation.search.roll_call import Found, RollCall, Scene
+from mdms_host.estimation.strangers.strangers import Strangers
+from mdms_host.estimation.strangers.unknowns import Unknowns
+from mdms_host.layout import Layout
+from mdms_model.arrays import Bools, Ints
+
+
+class Seeking:
+    """Finds parcels in what is covered and not explained; one search a step, since it takes long.
+
+    `settled` is whether all that could be tried has been.
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        surroundings: Surroundings,
+        presence: PresenceMap,
+        strangers: Strangers,
+        unknowns: Unknowns,
+    ) -> None:
+        self._presence = presence
+        self._strangers = strangers
+        self._unknowns = unknowns
+        self._roll_call = RollCall(layout, surroundings)
+        self._faulty: list[tuple[int, list[int]]] = []
+        self._misfits: list[Change] = []
+        self.settled = True
+
+    @property
+    def heaps(self) -> set[bytes]:
+        """Groups of covered sensors that are several parcels, as bytes."""
+        return self._roll_call.heaps
+
+    def take_faulty(self) -> list[tuple[int, list[int]]]:
+        """Cells (from 1) with sensors (from 0) without which parcels were found."""
+        faulty, self._faulty = self._faulty, []
+        return faulty
+
+    def take_misfits(self) -> list[Change]:
+        """What was to be a parcel, and does not have its outline."""
+        misfits, self._misfits = self._misfits, []
+        return misfits
+
+    def step(
+        self, now_s: float, valid: Bools, known: dict[str, Known], groups: tuple[Ints, ...]
+    ) -> list[str]:
+        """Search on for those that are not found, once all cells have reported; who is now."""
+        missing = [each for each in known.values() if each.standing is not Standing.FOUND]
+        sought = [each.sought for each in missing if each.estimator.rests]
+        if not sought or not self._presence.complete:
+            self.settled = not missing
+            return []
+        groups = self._whole(now_s, missing, groups)
+        still = self._strangers.still(now_s, groups, self._presence.changed_s)
+        self.settled = not groups
+        if not still:
+            return []
+        scene = Scene(self._presence.covered, valid, still)
+        found = self._roll_call.step(sought, scene)
+        for one in found:
+            self._start(now_s, valid, known[one.name], one)
+        if self._roll_call.settled:
+            self.settled = True
+            self._settle(now_s, valid, known, still)
+        return [one.name for one in found]
+
+    def _whole(
+        self, now_s: float, missing: Iterable[Known], groups: tuple[Ints, ...]
+    ) -> tuple[Ints, ...]:
+        """The groups, but those that lie where one doubtful parcel was are taken together.
+
+        A cell that shows nothing may cut off a piece of it.
+        """
+        for each in missing:
+            view = each.estimator.view(now_s)
+            if view is None or len(groups) < 2:
+                continue
+            inside = np.zeros(len(self._presence.covered), dtype=bool)
+            inside[view.near.sensors[view.distance_m < each.estimator.unsure_m]] = True
+            own = [group for group in groups if inside[group].any()]
+            if len(own) > 1:
+                rest = tuple(group for group in groups if not inside[group].any())
+                groups = (np.sort(np.concatenate(own)), *rest)
+        return groups
+
+    def _start(self, now_s: float, valid: Bools, known: Known, found: Found) -> None:
+        """A parcel has been found: sensors that contradict are not believed for now."""
+        estimator, covered = known.estimator, self._presence.covered
+        estimator.start(now_s, found.location)
+        known.keep_place()
+        mine = valid & ~covered
+        mine[found.group] = True
+        wrong = estimator.contradicting(covered, mine) | found.left_out
+        self._faulty += self._presence.disbelieve(wrong)
+        view = estimator.view(now_s)
+        assert view is not None
+        inside = np.zeros(len(covered), dtype=bool)
+        inside[view.near.sensors[view.distance_m < estimator.unsure_m]] = True
+        self._strangers.foreign &= ~inside
+        self._unknowns.explain(known.parcel.name, inside)
+
+    def _settle(
+        self, now_s: float, valid: Bools, known: dict[str, Known], still: tuple[Ints, ...]
+    ) -> None:
+        """What has not been found anywhere is where it was, or does not fit what it was to be."""
+        shown = np.zeros(len(valid), dtype=bool)
+        for group in still:
+            shown[group] = True
+        for name in self._roll_call.absent:
+            each = known[name]
+            if each.standing is Standing.DOUBTFUL:
+                self._stay(now_s, valid, each, shown)
+            elif each.unknown is not None and each.unknown in self._unknowns.all:
+                self._misfits.append(self._unknowns.all[each.unknown].change(Event.MISFIT, name))
+                del known[name]
+
+    def _stay(self, now_s: float, valid: Bools, known: Known, shown: Bools) -> None:
+        """What is covered all over is where it was: what contradicts is something beside it."""
+        estimator = known.estimator
+        view = estimator.view(now_s)
+        if view is None:
+            return
+        sensors, distance_m = view.near.sensors, view.distance_m
+        if estimator.covers(view, shown[sensors], valid[sensors]):
+            beside = (distance_m > estimator.unsure_m) & (distance_m < BESIDE_M)
+            self._strangers.foreign[sensors[beside & shown[sensors]]] = True
+            estimator.resume(now_s)

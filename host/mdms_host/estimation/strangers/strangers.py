@@ -1,0 +1,74 @@
+"""Covered sensors that no parcel explains: in groups, and since when they have stood still."""
+
+from collections.abc import Iterable
+from math import hypot, inf
+
+import numpy as np
+
+from mdms_host.estimation.presence.sensor_groups import SensorGroups
+from mdms_host.estimation.presence.surroundings import Surroundings
+from mdms_host.estimation.strangers.coverage import Coverage
+from mdms_host.layout import Layout
+from mdms_model.arrays import Bools, Floats, Ints
+
+#: What covers sensors must stand still this long before parcels are searched for there [s].
+_STILL_S = 0.05
+#: What is over sensors after a parcel has left them is taken to be that parcel for so long [s].
+_WAKE_S = 1.0
+#: A sensor so far inside a parcel is under nothing else [m].
+_INSIDE_M = 0.02
+#: A group within one cell may be a broken cell.
+_CELLS = 2
+
+
+class Strangers:
+    """Sensors (S,) that are `foreign`: known to be under something else than the parcel beside it.
+
+    `link_m` is how far neighbouring sensors are from each other.
+    """
+
+    def __init__(self, layout: Layout, surroundings: Surroundings) -> None:
+        self._sensors_m = layout.sensor_positions_m.reshape(-1, 2)
+        self._cell = np.arange(len(self._sensors_m)) // len(layout.sensor_offsets_m)
+        self._surroundings = surroundings
+        self._grouping = SensorGroups(layout)
+        self._wake_s: Floats = np.full(len(self._sensors_m), -inf)
+        self._last: tuple[bytes, tuple[Ints, ...]] = (b"", ())
+        self.link_m = self._grouping.link_m
+        self.foreign: Bools = np.zeros(len(self._sensors_m), dtype=bool)
+
+    def leave(self, now_s: float, sensors: Ints) -> None:
+        """A parcel over these sensors has left, or is about to fall off."""
+        self._wake_s[sensors] = now_s + _WAKE_S
+
+    def groups(
+        self, now_s: float, covered: Bools, valid: Bools, coverage: Coverage
+    ) -> tuple[Ints, ...]:
+        """The groups of covered sensors that no found parcel explains."""
+        # What a parcel has moved over since then is its own.
+        self.foreign &= covered & (coverage.distance_m > -_INSIDE_M)
+        strange = covered & valid & (~coverage.explained | self.foreign) & (self._wake_s < now_s)
+        key = strange.tobytes() + valid.tobytes()
+        if key != self._last[0]:
+            groups = tuple(self._grouping.of(strange, ~valid)) if strange.any() else ()
+            self._last = key, groups
+        return self._last[1]
+
+    def still(self, now_s: float, groups: Iterable[Ints], changed_s: Floats) -> tuple[Ints, ...]:
+        """Those of the groups in and around which no sensor has changed of late."""
+        return tuple(
+            group for group in groups if changed_s[self._around(group)].max() <= now_s - _STILL_S
+        )
+
+    def _around(self, group: Ints) -> Ints:
+        low_m, high_m = self._sensors_m[group].min(axis=0), self._sensors_m[group].max(axis=0)
+        reach_m = hypot(*(high_m - low_m).tolist()) / 2 + self.link_m
+        return self._surroundings.of((low_m + high_m) / 2, reach_m).sensors
+
+    def large(self, groups: Iterable[Ints]) -> Bools:
+        """Sensors (S,) of groups that are under more than one cell's worth of something."""
+        members: Bools = np.zeros(len(self._sensors_m), dtype=bool)
+        for group in groups:
+            if len(np.unique(self._cell[group])) >= _CELLS:
+                members[group] = True
+        return members

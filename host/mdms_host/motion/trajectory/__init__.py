@@ -1,0 +1,1 @@
+"""Ways that friction and motors allow, and how a parcel follows one."""

@@ -1,0 +1,226 @@
+"""Takes a parcel along its path: a reference that friction lets it follow, and what is fed back.
+
+How late the parcel is harms nobody: the reference moves within a movement authority, not by the
+clock, and a parcel that has been held or pushed along its path takes the reference along.
+
+The parcel follows by the wheels' own law. A wheel that is to run at u* and to push with f* gets
+r = (b u* + f* + m u*')/a, and pushes with f* + b (u* - u): what the speed is off is fed back
+by the cell, a thousand times a second, and with it what the pose is off, for that is added to u*.
+The push is bounded with the speed u that is expected: f* + b (u* - u) stays within what friction
+gives at that wheel, so that however far off the parcel is no wheel is asked to slip.
+"""
+
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+
+from mdms_host.estimation.belief import Belief
+from mdms_host.motion.trajectory.grip import Given, Grip
+from mdms_host.motion.trajectory.path import Path
+from mdms_host.motion.trajectory.reference import Reference
+from mdms_host.motion.trajectory.speed_profile import SpeedProfile
+from mdms_host.motion.trajectory.traction import Traction
+from mdms_model.arrays import Floats, Ints
+
+#: What the pose is off becomes a speed towards the path [1/s], so much at most [m/s].
+STIFFNESS_PER_S = 8.0
+_FED_BACK_M_S = 0.05
+#: What the speed is off is to vanish at this rate at least [1/s], if need be with so much more
+#: feedback than by the wheels' own law.
+_HURRY_PER_S = 25.0
+_MOST_HURRY = 6.0
+#: A parcel that is farther from its reference along the path takes it along [m].
+_REJOIN_M = 0.012
+#: How far back and ahead it may then be found again [m].
+_SEARCH_M = 0.3
+#: A parcel that is farther beside its path has left it [m].
+_OFF_PATH_M = 0.02
+#: A belief that differs by more from what its twist leads to has been set right by a sensor [m].
+_SET_RIGHT_M = 0.001
+
+
+@dataclass(frozen=True, slots=True)
+class Carried:
+    """What the wheels under one parcel are to do in the next step [table frame; SI].
+
+    `reference` (3,) is how the parcel is to move along its path, `twist` the same with what is fed
+    back, and `expected` how it is expected to move, all in the middle of the step; `acceleration`
+    is that of the reference. `wheels` (n,) carry the parcel, and at the expected twist are to push
+    with `force_n` (n,).
+    """
+
+    pose: Floats
+    reference: Floats
+    twist: Floats
+    expected: Floats
+    acceleration: Floats
+    wheels: Ints
+    force_n: Floats
+
+
+class Follower:
+    """Follows one profile with one parcel; `step` once a cycle.
+
+    `paused` brings it to rest on its path, for as long as it is set. `off_path` is whether the
+    parcel has left its path by so much that it is brought to rest, for somebody to plan anew.
+    `grip` is what is made of slip, and may be that which an earlier follower of the parcel had.
+    """
+
+    def __init__(self, traction: Traction, profile: SpeedProfile, grip: Grip | None = None) -> None:
+        self.profile = profile
+        self.grip = grip or Grip()
+        self.paused = False
+        self.off_path = False
+        self._traction = traction
+        self._made = traction.changes
+        self._reference = Reference(profile)
+        self._pose: Floats | None = None
+        self._twist: Floats | None = None
+        self._rate: Floats = np.zeros(3)
+        # What was given for the step that has just ended, and for the one that goes on.
+        self._ended: Given | None = None
+        self._going: Given | None = None
+
+    @property
+    def path(self) -> Path:
+        """What is followed."""
+        return self.profile.path
+
+    @property
+    def out_of_date(self) -> bool:
+        """Whether other wheels push now than when the profile was made."""
+        return self._made != self._traction.changes
+
+    @property
+    def s_m(self) -> float:
+        """How far along its path the parcel is to be [m]."""
+        return self._reference.s_m
+
+    @property
+    def speed_m_s(self) -> float:
+        """How fast it is to go there, a corner's way included [m/s]."""
+        return self._reference.speed_m_s
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the parcel is to stand."""
+        return self._reference.at_rest
+
+    @property
+    def finished(self) -> bool:
+        """Whether the parcel is to stand at the end of its path."""
+        return self._reference.finished
+
+    @property
+    def committed_s_m(self) -> float:
+        """The path coordinate before which the parcel cannot stop any more [m].
+
+        An authority that is withdrawn to less is overrun, braking.
+        """
+        return self._reference.committed_s_m
+
+    @property
+    def stopping_s(self) -> float:
+        """How long it takes to come to rest from here [s]."""
+        return self._reference.stopping_s
+
+    def step(self, belief: Belief, step_s: float, authority_s_m: float = inf) -> Carried:
+        """What the wheels do in the step that begins at the belief's time.
+
+        The parcel stops before the path coordinate of the authority, as far as it still can.
+        """
+        self._check_grip(belief, step_s)
+        self._rejoin(belief)
+        reference = self._reference
+        before_s_m, before_m_s = reference.s_m, reference.speed_m_s
+        if self.paused or self.off_path:
+            reference.brake(step_s)
+        else:
+            reference.advance(step_s, authority_s_m)
+        return self._carry(belief, before_s_m, before_m_s, step_s)
+
+    def _check_grip(self, belief: Belief, step_s: float) -> None:
+        """Compare what the wheels have gained in the step that has just ended with their pushes.
+
+        Not where the belief has just been set right: another place makes another twist of the same
+        speeds of wheels.
+        """
+        ended, before, last, twist = self._ended, self._twist, self._pose, belief.twist
+        self._twist, self._pose = twist, belief.pose
+        if ended is None or before is None or last is None:
+            return
+        jumped = belief.pose - last - twist * step_s
+        if self.path.distance_m(jumped) > _SET_RIGHT_M or self.paused:
+            self.grip.begin_again()
+            return
+        gained_m_s2 = self._along(ended, twist - before) / step_s
+        pushed_m_s2 = ended.acceleration_m_s2((twist + before) / 2)
+        planned_m_s2 = self.profile.acceleration_at(self.s_m)
+        self.grip.step(gained_m_s2, pushed_m_s2, planned_m_s2, step_s)
+        self._reference.share = self.grip.share
+
+    def _along(self, given: Given, twist: Floats) -> float:
+        return float((twist * (1.0, 1.0, self.path.reach_m**2)) @ given.along)
+
+    def _rejoin(self, belief: Belief) -> None:
+        """Find a parcel that is far from its reference again on its path, or off it."""
+        path, s_m = self.path, self.s_m
+        if path.distance_m(path.off(belief.pose, s_m)) <= _REJOIN_M:
+            return
+        ends_m = max(0.0, s_m - _SEARCH_M), min(s_m + _SEARCH_M, self._reference.stop_at())
+        nearest_m = path.nearest_m(belief.pose, *ends_m)
+        if abs(nearest_m - s_m) > _REJOIN_M:
+            self._reference.join(nearest_m, path.speed_m_s(belief.twist, nearest_m))
+        beside_m = path.distance_m(path.off(belief.pose, nearest_m))
+        self.off_path = self.off_path or beside_m > _OFF_PATH_M
+
+    def _carry(
+        self, belief: Belief, before_s_m: float, before_m_s: float, step_s: float
+    ) -> Carried:
+        speed_m_s, middle_m = self.speed_m_s, (before_s_m + self.s_m) / 2
+        along = self.path.direction_at(middle_m)
+        rate = along * ((speed_m_s - before_m_s) / step_s)
+        # The belief's twist is of the last SYNC, one cycle before, and its pose carried on by that.
+        pose = belief.pose + self._rate * (step_s**2 / 2)
+        expected = belief.twist + self._rate * step_s + rate * (step_s / 2)
+        reference = along * ((speed_m_s + before_m_s) / 2)
+        twist = reference + self._fed_back(pose, before_s_m)
+        self._rate = rate
+        wheels, push_n, most_n, inertia_kg = self._pushes(middle_m, rate, along)
+        rows = self._traction.layout.surface_jacobian(*pose[:2].tolist())[wheels]
+        b = self._traction.drives.b_n_s_per_m[wheels]
+        hurried = self._hurry(b) * b * (rows @ (twist - expected))
+        force_n = np.clip(push_n + hurried, -most_n, most_n)
+        given = Given(rows, force_n, expected, b, along, inertia_kg) if along.any() else None
+        self._ended, self._going = self._going, given
+        return Carried(pose, reference, twist, expected, rate, wheels, force_n)
+
+    def _hurry(self, b_n_s_per_m: Floats) -> float:
+        """How much more a speed that is off is to be fed back than by the wheels' own law.
+
+        The law alone speeds a heavy parcel up slowly.
+        """
+        own_per_s = float(b_n_s_per_m.sum()) / 2 / self.profile.pushes[0][1].mass.mass_kg
+        return max(1.0, min(_HURRY_PER_S / max(own_per_s, 1e-9), _MOST_HURRY))
+
+    def _pushes(
+        self, s_m: float, rate: Floats, along: Floats
+    ) -> tuple[Ints, Floats, Floats, float]:
+        """Wheels that carry (n,), their pushes for an acceleration, bounds, and the inertia."""
+        pushes, sample = self.profile.part_at(s_m)
+        carrying = pushes.pushing_n[sample] > 0.0
+        normal_n = pushes.pushing_n[sample, carrying]
+        shares = pushes.per_wrench[sample, carrying] @ pushes.wrench_at(sample, rate)
+        # Braking may take more than the share of a grip that has been reduced.
+        most = np.maximum(self.grip.share * self._traction.push_share, abs(shares))
+        inertia_kg = pushes.inertia_kg(sample, along)
+        return pushes.wheels[carrying], normal_n * shares, normal_n * most, inertia_kg
+
+    def _fed_back(self, pose: Floats, s_m: float) -> Floats:
+        """Twist towards the reference, shape (3,); none while the parcel is only to stop."""
+        if self.paused or self.off_path:
+            return np.zeros(3)
+        off = self.path.off(pose, s_m)
+        speed_m_s = STIFFNESS_PER_S * self.path.distance_m(off)
+        return off * (STIFFNESS_PER_S * min(1.0, _FED_BACK_M_S / max(speed_m_s, 1e-12)))

@@ -1,0 +1,40 @@
+"""A parcel's mass as it is believed: how much, how it resists turning, and where its centre is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_model.arrays import Floats
+
+#: What is taken for the mass of a parcel of which none is known [kg].
+UNKNOWN_KG = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Mass:
+    """Mass, moment of inertia about its centre, and that centre in the parcel's own frame."""
+
+    mass_kg: float
+    inertia_kg_m2: float
+    centre_m: tuple[float, float] = (0.0, 0.0)
+
+
+def uniform_mass(outline: Bottom, mass_kg: float = UNKNOWN_KG) -> Mass:
+    """That of an even plate of this outline."""
+    corners_m = outline.outline_m(np.zeros(3))
+    after_m = np.roll(corners_m, -1, axis=0)
+    doubled_m2 = corners_m[:, 0] * after_m[:, 1] - after_m[:, 0] * corners_m[:, 1]
+    area_m2 = doubled_m2.sum() / 2
+    centre_m = (doubled_m2 @ (corners_m + after_m)) / (6 * area_m2)
+    squares_m2 = (corners_m**2 + corners_m * after_m + after_m**2).sum(axis=1)
+    about_origin_m2 = float(doubled_m2 @ squares_m2) / (12 * area_m2)
+    moment_m2 = about_origin_m2 - float(centre_m @ centre_m)
+    return Mass(mass_kg, mass_kg * moment_m2, (float(centre_m[0]), float(centre_m[1])))
+
+
+def centre_at(mass: Mass, poses: Floats) -> Floats:
+    """From the origin to the centre of mass at poses (K, 3) [m; table frame], shape (K, 2)."""
+    cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    along_m, across_m = mass.centre_m
+    return np.column_stack((cosine * along_m - sine * across_m, sine * along_m + cosine * across_m))

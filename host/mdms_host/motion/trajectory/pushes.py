@@ -1,0 +1,150 @@
+"""How the wheels under a parcel share a push: each in proportion to what it carries.
+
+Wheel i carries N_i and pushes along j_i = (d_x, d_y, lever about the centre of mass). The wrench W
+is given by f_i = N_i (j_i . lambda) with lambda = (sum N_i j_i j_i^T)^-1 W, so that of all wheels
+that push the same way none slips before the others.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_host.layout import Layout
+from mdms_host.motion.trajectory.mass import Mass, centre_at
+from mdms_host.motion.trajectory.normal_forces import Spots, normal_forces_n
+from mdms_model.arrays import Bools, Floats, Ints
+
+#: Keeps the shares solvable along what no wheel pushes (a row pushes neither along y nor round).
+_RIDGE = 1e-9
+#: Poses are worked on by so many, with the wheels near to them.
+_AT_ONCE = 40
+
+
+@dataclass(frozen=True, slots=True)
+class Pushes:
+    """Shares of wheels (n,) at poses (K, 3): what they carry, and how they push.
+
+    `wheels` are their numbers, `rows` (K, n, 3) their j_i [1, 1, m] and `normal_n` (K, n) what they
+    carry, of which `pushing_n` is carried by wheels that push. `per_wrench` (K, n, 3) maps a wrench
+    (Fx, Fy, Mz about the centre of mass) [N, N, N m] to f_i / N_i of these, and `arm_m` (K, 2) is
+    from the parcel's origin to its centre of mass [m; table frame].
+    """
+
+    poses: Floats
+    wheels: Ints
+    rows: Floats
+    normal_n: Floats
+    pushing_n: Floats
+    per_wrench: Floats
+    arm_m: Floats
+    mass: Mass
+
+    def wrench(self, acceleration: Floats) -> Floats:
+        """What speeds the origin up so (3,) or (K, 3) [m/s2, rad/s2] at each pose, (K, 3).
+
+        The term of the square of the yaw rate is that of `turning_wrench`.
+        """
+        ax, ay, alpha = np.broadcast_to(acceleration, self.poses.shape).T
+        mass, (arm_x, arm_y) = self.mass, self.arm_m.T
+        force_x, force_y = ax - alpha * arm_y, ay + alpha * arm_x
+        return np.column_stack(
+            (mass.mass_kg * force_x, mass.mass_kg * force_y, mass.inertia_kg_m2 * alpha)
+        )
+
+    def wrench_at(self, sample: int, acceleration: Floats) -> Floats:
+        """The same at one of the poses, shape (3,)."""
+        ax, ay, alpha = acceleration.tolist()
+        arm_x, arm_y = self.arm_m[sample].tolist()
+        mass = self.mass
+        return np.array(
+            [
+                mass.mass_kg * (ax - alpha * arm_y),
+                mass.mass_kg * (ay + alpha * arm_x),
+                mass.inertia_kg_m2 * alpha,
+            ]
+        )
+
+    def inertia_kg(self, sample: int, along: Floats) -> float:
+        """What is to be sped up along a path at one of the poses, by metre of path."""
+        force_x, force_y, moment = self.wrench_at(sample, along).tolist()
+        mass = self.mass
+        inertia_kg = (force_x**2 + force_y**2) / mass.mass_kg + moment**2 / mass.inertia_kg_m2
+        return float(inertia_kg)
+
+    def turning_wrench(self) -> Floats:
+        """What keeps the centre of mass on its circle, per square of the yaw rate, (K, 3)."""
+        return np.column_stack((-self.mass.mass_kg * self.arm_m, np.zeros(len(self.arm_m))))
+
+    def shares(self, wrench: Floats) -> Floats:
+        """f_i / N_i of the wheels that carry and push, for a wrench (K, 3) at each pose, (K, n)."""
+        shares: Floats = np.einsum("knc,kc->kn", self.per_wrench, wrench)
+        return np.where(self.pushing_n > 0.0, shares, 0.0)
+
+    def dragging_wrench(self, direction: Floats, friction: float) -> Floats:
+        """What overcomes the friction of wheels that carry and do not push, (K, 3)."""
+        x, y, turn = direction.tolist()
+        arm_x, arm_y = self.arm_m.T
+        moving = np.column_stack((x - turn * arm_y, y + turn * arm_x, np.full(len(arm_x), turn)))
+        passive_n = self.normal_n - self.pushing_n
+        against_n = friction * passive_n * np.sign(np.einsum("knc,kc->kn", self.rows, moving))
+        wrench: Floats = np.einsum("kn,knc->kc", against_n, self.rows)
+        return wrench
+
+
+def pushes_at(
+    layout: Layout,
+    outline: Bottom,
+    mass: Mass,
+    poses: Floats,
+    weight_n: float,
+    *,
+    passive: Bools | None = None,
+) -> Pushes:
+    """The shares of all wheels that are under the parcel at any of the poses (K, 3).
+
+    Wheels that are `passive` (W,) carry, but do not push (None: all do).
+    """
+    low_m = poses[:, :2].min(axis=0) - outline.reach_m
+    high_m = poses[:, :2].max(axis=0) + outline.reach_m
+    places_m = layout.wheel_positions_m
+    near = ((places_m >= low_m) & (places_m <= high_m)).all(axis=1).nonzero()[0]
+    seen_m = places_m[near] - poses[:, None, :2]
+    cosine, sine = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
+    own_m = np.stack(
+        (
+            cosine * seen_m[..., 0] + sine * seen_m[..., 1],
+            cosine * seen_m[..., 1] - sine * seen_m[..., 0],
+        ),
+        axis=-1,
+    )
+    away_m = outline.distance_m(own_m.reshape(-1, 2), np.zeros(3)).reshape(own_m.shape[:2])
+    arm_m = centre_at(mass, poses)
+    levers_m = seen_m - arm_m[:, None, :]
+    spots = Spots(levers_m[..., 0], levers_m[..., 1], away_m < 0.0)
+    normal_n = normal_forces_n(spots, weight_n)
+    directions = np.broadcast_to(layout.wheel_directions[near], levers_m.shape)
+    turning_m = directions[..., 1] * levers_m[..., 0] - directions[..., 0] * levers_m[..., 1]
+    rows = np.concatenate((directions, turning_m[..., None]), axis=-1)
+    pushing_n = normal_n if passive is None else np.where(passive[near], 0.0, normal_n)
+    per_wrench = _per_wrench(rows, pushing_n, outline.reach_m)
+    return Pushes(poses, near, rows, normal_n, pushing_n, per_wrench, arm_m, mass)
+
+
+def _per_wrench(rows: Floats, pushing_n: Floats, reach_m: float) -> Floats:
+    """(K, n, 3). Levers are counted in reaches meanwhile, so that all columns are of one size."""
+    rows = rows / (1.0, 1.0, reach_m)
+    grip = np.einsum("kn,kni,knj->kij", pushing_n, rows, rows)
+    trace = np.trace(grip, axis1=1, axis2=2)
+    ridge = np.where(trace > 0.0, _RIDGE * trace, 1.0)
+    inverse = np.linalg.inv(grip + ridge[:, None, None] * np.eye(3))
+    per_wrench: Floats = rows @ inverse
+    per_wrench[..., 2] /= reach_m
+    return per_wrench
+
+
+def by_parts(poses: Floats) -> Iterator[Floats]:
+    """Poses in parts that are small enough to be near the same wheels; ends belong to both."""
+    for first in range(0, max(len(poses) - 1, 1), _AT_ONCE):
+        yield poses[first : first + _AT_ONCE + 1]

@@ -1,0 +1,135 @@
+"""How fast a parcel may go along its path: as fast as friction and motors let it start and stop.
+
+Along a straight piece the path's acceleration s'' is bounded by what the wheels can push, whatever
+the speed (up to the cap). So with E(s) the integral of that bound, a parcel at rest at s0 has at
+most s'^2 = 2 (E(s) - E(s0)) later, and one that stops at s1 has at most s'^2 = 2 (E(s1) - E(s))
+before: the two passes of time-optimal path parameterisation (Bobrow; Shin and McKay; TOPP-RA).
+"""
+
+from bisect import bisect_right
+from dataclasses import dataclass
+from functools import cached_property
+from math import inf, sqrt
+
+import numpy as np
+
+from mdms_host.motion.trajectory.path import Path
+from mdms_host.motion.trajectory.pushes import Pushes
+from mdms_model.arrays import Floats
+
+
+@dataclass(frozen=True)
+class SpeedProfile:
+    """Bounds at samples (M,) of the path coordinate `s_m`, rising; corners are among them.
+
+    `acceleration_m_s2` (M - 1,) is the bound between two samples, for starting and stopping alike,
+    `cap_m_s` (M,) that of the speed. `pushes` are the parts of the samples, each as
+    (index of its first sample, shares). The parcel rests at the path's ends and corners.
+    """
+
+    path: Path
+    s_m: Floats
+    acceleration_m_s2: Floats
+    cap_m_s: Floats
+    pushes: tuple[tuple[int, Pushes], ...]
+
+    @cached_property
+    def duration_s(self) -> float:
+        """Time from rest at the start to rest at the end, never slower than the bounds say."""
+        return float(self._times_s[-1])
+
+    def speed_at(self, s_m: float) -> float:
+        """The greatest speed at a path coordinate [m/s]."""
+        return sqrt(max(float(np.interp(s_m, self.s_m, self._squares)), 0.0))
+
+    def time_at(self, s_m: float) -> float:
+        """When a parcel that starts at rest at 0 gets to a path coordinate [s]."""
+        return float(np.interp(s_m, self.s_m, self._times_s))
+
+    def acceleration_at(self, s_m: float) -> float:
+        """The bound of s'' at a path coordinate [m/s2]."""
+        last = len(self.acceleration_m_s2) - 1
+        if last < 0:
+            return 0.0
+        return self._accelerations[min(max(bisect_right(self._samples, s_m) - 1, 0), last)]
+
+    def climb(self, s_m: float) -> float:
+        """E(s), half the square of the speed that could be gained from 0 to there [m2/s2]."""
+        return float(np.interp(s_m, self.s_m, self._climbs))
+
+    def cap_at(self, s_m: float) -> float:
+        """The bound of the speed that has nothing to do with starting and stopping [m/s]."""
+        return float(np.interp(s_m, self.s_m, self.cap_m_s))
+
+    def ahead_at(self, s_m: float) -> float:
+        """Square of the greatest speed from which all caps and stops ahead can be met [m2/s2]."""
+        return float(np.interp(s_m, self.s_m, self._backward))
+
+    def stop_after(self, s_m: float) -> float:
+        """The next path coordinate, beyond this one, at which the parcel rests anyway [m]."""
+        return next((each for each in self.path.corners_m if each > s_m), self.path.length_m)
+
+    def stopping_end(self, s_m: float, speed_m_s: float) -> float:
+        """Where a parcel of this speed comes to rest at the soonest [m].
+
+        inf if that is beyond the path's end.
+        """
+        climb = self.climb(s_m) + speed_m_s**2 / 2
+        if climb > self._climbs[-1] + 1e-12:
+            return inf
+        return max(s_m, float(np.interp(climb, self._climbs, self.s_m)))
+
+    def part_at(self, s_m: float) -> tuple[Pushes, int]:
+        """The shares at the sample nearest to a path coordinate, and its place among them."""
+        sample = bisect_right(self._samples, s_m) - 1
+        sample = min(max(sample, 0), len(self._samples) - 1)
+        if sample + 1 < len(self._samples):
+            before_m, after_m = s_m - self._samples[sample], self._samples[sample + 1] - s_m
+            sample += int(after_m < before_m)
+        first, pushes = next(part for part in reversed(self.pushes) if part[0] <= sample)
+        return pushes, min(sample - first, len(pushes.poses) - 1)
+
+    @cached_property
+    def _samples(self) -> list[float]:
+        return list(map(float, self.s_m))
+
+    @cached_property
+    def _accelerations(self) -> list[float]:
+        return list(map(float, self.acceleration_m_s2))
+
+    @cached_property
+    def _climbs(self) -> Floats:
+        gained = self.acceleration_m_s2 * np.diff(self.s_m)
+        return np.concatenate(([0.0], np.cumsum(gained)))
+
+    @cached_property
+    def _backward(self) -> Floats:
+        return _passed(self._resting_caps[::-1], np.diff(self._climbs)[::-1])[::-1]
+
+    @cached_property
+    def _squares(self) -> Floats:
+        """Square of the greatest speed at each sample: forward from rest, and backward."""
+        return _passed(self._backward, np.diff(self._climbs))
+
+    @cached_property
+    def _resting_caps(self) -> Floats:
+        """Square of the cap at each sample; 0 at both ends and at corners."""
+        squares: Floats = self.cap_m_s**2
+        rests = np.searchsorted(self.s_m, [0.0, *self.path.corners_m])
+        squares[np.minimum(rests, len(squares) - 1)] = 0.0
+        return squares
+
+    @cached_property
+    def _times_s(self) -> Floats:
+        speeds_m_s = np.sqrt(self._squares)
+        both_m_s = speeds_m_s[:-1] + speeds_m_s[1:]
+        return np.concatenate(([0.0], np.cumsum(2 * np.diff(self.s_m) / both_m_s)))
+
+
+def _passed(squares: Floats, gains: Floats) -> Floats:
+    """One pass: from each sample to the next the square grows by twice the gain at most."""
+    at, passed = inf, []
+    for square, gain in zip(squares.tolist(), [0.0, *gains.tolist()], strict=True):
+        at = min(square, at + 2 * gain)
+        passed.append(at)
+    return np.array(passed)

@@ -1,0 +1,222 @@
+"""What friction and motors let the wheels do with a parcel, along a path and in general.
+
+From a route to moving wheels, for a program that drives many parcels:
+
+    traction = Traction(layout, drives, friction=0.3, speed_m_s=0.5)
+    path = Path(poses, outline.reach_m)                 # a route's polyline (K, 3)
+    profile = traction.profile(path, outline, mass)     # friction and motors along it
+    profile.duration_s, profile.time_at(s_m)            # how long that takes from rest to rest
+    follower = Follower(traction, profile)              # `motion/follower.py`
+    carried = follower.step(belief, step_s, authority_s_m)    # once a cycle
+    references_m_s = carrying.references_m_s({name: carried}, outlines, places)   # all parcels
+
+Planners ask for times of moves that they only think of: `traction.agility(outline, mass)` once for
+each kind of parcel, then `travel_time_s(path, agility)`, some microseconds a piece.
+"""
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from math import ceil, sqrt
+
+import numpy as np
+
+from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_host.layout import Layout
+from mdms_host.motion.trajectory.mass import Mass
+from mdms_host.motion.trajectory.path import Path, Piece
+from mdms_host.motion.trajectory.pushes import Pushes, by_parts, pushes_at
+from mdms_host.motion.trajectory.speed_profile import SpeedProfile
+from mdms_host.motion.trajectory.wheel_drives import WheelDrives
+from mdms_model.arrays import Bools, Floats
+
+#: Share of the friction that is believed which trajectories are planned with; feedback may take
+#: `FEEDBACK_SHARE` in all. Wheels and friction differ by a tenth, and references are held for a
+#: cycle, in which pushes change by another.
+PLANNED_SHARE = 0.62
+FEEDBACK_SHARE = 0.85
+#: Samples of a path are so far apart at most [m].
+_STEP_M = 0.005
+#: At most this share of friction is to hold a centre of mass on its circle.
+_TURNING_SHARE = 0.3
+#: At most this share is kept for wheels that only drag: slow, they drag with less than friction.
+_DRAGGED_SHARE = 0.5
+#: Fastest wheel, as a share of what the motor could at no load.
+_FASTEST_SHARE = 0.8
+#: Acceleration that is planned with where no wheel can do anything [m/s2]; too little to matter.
+_LEAST_M_S2 = 0.02
+#: Places within a cell, and yaws, at which a kind of parcel is tried.
+_PLACES = 4
+_YAWS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Agility:
+    """How fast a kind of parcel can be sped up wherever it is: the worst of many poses.
+
+    `per_acceleration` (R, 3) maps an acceleration [m/s2, rad/s2] to shares of the friction that is
+    planned with: none of them may exceed 1.
+    """
+
+    per_acceleration: Floats
+    speed_m_s: float
+
+    def acceleration_m_s2(self, direction: Floats) -> float:
+        """The bound of s'' along a direction, the pose's change per metre of path, (3,)."""
+        return max(
+            _LEAST_M_S2, 1.0 / max(float(abs(self.per_acceleration @ direction).max()), 1e-9)
+        )
+
+    def stopping_m(self, direction: Floats, speed_m_s: float) -> float:
+        """Way to a stop from a speed [m]."""
+        return speed_m_s**2 / (2 * self.acceleration_m_s2(direction))
+
+
+def travel_time_s(path: Path, agility: Agility) -> float:
+    """Time along a path from rest to rest, corners at rest: a little more than a profile's [s]."""
+    return sum(_piece_time_s(piece, agility) for piece in path.pieces)
+
+
+def _piece_time_s(piece: Piece, agility: Agility) -> float:
+    length_m = piece.end_s_m - piece.start_s_m
+    acceleration_m_s2 = agility.acceleration_m_s2(piece.direction)
+    if length_m * acceleration_m_s2 <= agility.speed_m_s**2:
+        return 2 * sqrt(length_m / acceleration_m_s2)
+    return length_m / agility.speed_m_s + agility.speed_m_s / acceleration_m_s2
+
+
+class Traction:
+    """The wheels of a layout, with their drives and the friction believed, `friction`.
+
+    Parcels are moved at `speed_m_s` at most, that of the centre and that of a corner together.
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        drives: WheelDrives,
+        *,
+        friction: float = 0.3,
+        speed_m_s: float = 0.1,
+        gravity_m_s2: float = 9.81,
+        planned_share: float = PLANNED_SHARE,
+    ) -> None:
+        self.layout = layout
+        self.drives = drives
+        self.friction = friction
+        self.speed_m_s = speed_m_s
+        self._gravity_m_s2 = gravity_m_s2
+        self._planned = planned_share * friction
+        self._passive: Bools = np.zeros(len(layout.wheel_cells), dtype=bool)
+        self.changes = 0
+
+    def lose(self, cells: Collection[int]) -> None:
+        """The wheels of these cells (from 1) do not push, and drag; those of all others push.
+
+        `changes` counts such changes: what was worked out before the last is out of date.
+        """
+        self._passive = np.isin(self.layout.wheel_cells, [*cells])
+        self.changes += 1
+
+    @property
+    def push_share(self) -> float:
+        """What a wheel may push with, feedback included, over what it carries."""
+        return FEEDBACK_SHARE * self.friction
+
+    def pushes(self, outline: Bottom, mass: Mass, poses: Floats) -> Pushes:
+        """How the wheels share pushes at poses (K, 3)."""
+        weight_n = mass.mass_kg * self._gravity_m_s2
+        return pushes_at(self.layout, outline, mass, poses, weight_n, passive=self._passive)
+
+    def profile(self, path: Path, outline: Bottom, mass: Mass) -> SpeedProfile:
+        """The bounds of speed and acceleration along a path."""
+        if not path.pieces:
+            pushes = self.pushes(outline, mass, path.start[None, :])
+            return SpeedProfile(path, np.zeros(1), np.zeros(0), np.zeros(1), ((0, pushes),))
+        s_m, bounds_m_s2, caps_m_s, parts = [0.0], [], [self.speed_m_s], []
+        for samples_m, piece in _samples(path):
+            poses = piece.start + (samples_m - piece.start_s_m)[:, None] * piece.direction
+            pushes = self.pushes(outline, mass, poses)
+            bound_m_s2, cap_m_s = self._bounds(pushes, piece.direction)
+            parts.append((len(s_m) - 1, pushes))
+            caps_m_s[-1] = min(caps_m_s[-1], float(cap_m_s[0]))
+            s_m += samples_m[1:].tolist()
+            caps_m_s += cap_m_s[1:].tolist()
+            bounds_m_s2.append(np.minimum(bound_m_s2[:-1], bound_m_s2[1:]))
+        return SpeedProfile(
+            path,
+            np.array(s_m),
+            np.concatenate(bounds_m_s2),
+            np.array(caps_m_s),
+            tuple(parts),
+        )
+
+    def agility(self, outline: Bottom, mass: Mass) -> Agility:
+        """How fast a kind of parcel can be sped up, about the middle of the table, no cell lost."""
+        pitch_m = self.layout.pitch_m
+        inside_m = (np.arange(_PLACES) / _PLACES - 0.5) * pitch_m
+        yaws_rad = np.arange(_YAWS) / _YAWS * 2 * np.pi
+        # Off the round numbers, where wheels lie exactly under an edge.
+        x_m, y_m, yaw_rad = np.meshgrid(inside_m + 0.003, inside_m + 0.003, yaws_rad + 0.01)
+        poses = np.column_stack((x_m.ravel(), y_m.ravel(), yaw_rad.ravel()))
+        pushes = pushes_at(self.layout, outline, mass, poses, mass.mass_kg * self._gravity_m_s2)
+        columns = [pushes.shares(pushes.wrench(unit)) for unit in np.eye(3)]
+        table = np.stack(columns, axis=-1)[pushes.pushing_n > 0.0] / self._planned
+        return Agility(table, self.speed_m_s)
+
+    def _bounds(self, pushes: Pushes, direction: Floats) -> tuple[Floats, Floats]:
+        """The bounds of s'' and of s' along a direction at each pose, both (K,)."""
+        used = abs(pushes.shares(pushes.wrench(direction)))
+        turning = abs(pushes.shares(pushes.turning_wrench())) * direction[2] ** 2
+        worst_turning = turning.max(axis=1, initial=1e-12)
+        cap_m_s = np.minimum(
+            self._fastest_m_s(pushes, direction),
+            np.sqrt(_TURNING_SHARE * self._planned / worst_turning),
+        )
+        dragged = abs(pushes.shares(pushes.dragging_wrench(direction, self.friction)))
+        dragged = np.minimum(dragged, _DRAGGED_SHARE * self._planned)
+        left = self._planned - dragged - turning * (cap_m_s**2)[:, None]
+        bound_m_s2 = (left / np.maximum(used, 1e-9)).min(axis=1, initial=np.inf)
+        bound_m_s2 = np.minimum(bound_m_s2, self._motor_bound(pushes, direction, used, cap_m_s))
+        carried = (pushes.pushing_n > 0.0).any(axis=1)
+        return np.maximum(np.where(carried, bound_m_s2, 0.0), _LEAST_M_S2), cap_m_s
+
+    def _fastest_m_s(self, pushes: Pushes, direction: Floats) -> Floats:
+        """The cap of s' by the wish of the caller, and by the motors, (K,)."""
+        drives = self.drives
+        no_load_m_s = drives.stall_n / drives.slope_n_s_per_m
+        wire_m_s = drives.reference_limit_m_s * float(
+            (drives.a_n_s_per_m / drives.b_n_s_per_m).max()
+        )
+        wheel_m_s = _FASTEST_SHARE * min(no_load_m_s, wire_m_s)
+        per_speed = abs(self._speeds(pushes, direction)).max(axis=1, initial=1e-9)
+        fastest: Floats = np.minimum(self.speed_m_s, wheel_m_s / per_speed)
+        return fastest
+
+    def _motor_bound(
+        self, pushes: Pushes, direction: Floats, used: Floats, cap_m_s: Floats
+    ) -> Floats:
+        """The bound of s'' by what motors give at the greatest speed, rims included, (K,)."""
+        per_speed = abs(self._speeds(pushes, direction))
+        needed_n = used * pushes.pushing_n + self.drives.rim_mass_kg * per_speed
+        given_n = self.drives.motor_limit_n(per_speed * cap_m_s[:, None])
+        bound: Floats = (given_n / np.maximum(needed_n, 1e-9)).min(axis=1, initial=np.inf)
+        return bound
+
+    def _speeds(self, pushes: Pushes, direction: Floats) -> Floats:
+        """Surface speed at each wheel per metre per second of path, (K, n)."""
+        seen_m = self.layout.wheel_positions_m[pushes.wheels] - pushes.poses[:, None, :2]
+        along = self.layout.wheel_directions[pushes.wheels]
+        x, y, turn = direction.tolist()
+        speeds: Floats = along[:, 0] * (x - turn * seen_m[..., 1]) + along[:, 1] * (
+            y + turn * seen_m[..., 0]
+        )
+        return speeds
+
+
+def _samples(path: Path) -> Iterator[tuple[Floats, Piece]]:
+    """Path coordinates of the samples, part by part, each on one piece; ends belong to both."""
+    for piece in path.pieces:
+        steps = max(ceil((piece.end_s_m - piece.start_s_m) / _STEP_M), 2)
+        samples_m = np.linspace(piece.start_s_m, piece.end_s_m, steps + 1)
+        for part_m in by_parts(samples_m):
+            yield part_m, piece

@@ -1,0 +1,217 @@
+"""The server of the page: a few files, the schema of commands, and one WebSocket a client."""
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from importlib.resources import files
+from pathlib import PurePosixPath
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from mdms_host.page import commands
+from mdms_host.page.commands import Command, RefusedError
+from mdms_host.page.web.client import Client
+from mdms_host.page.web.gate import Gate
+from mdms_host.page.web.hub import Hub
+
+_STATIC = files("mdms_host.page") / "static"
+_TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".svg": "image/svg+xml",
+    ".txt": "text/plain; charset=utf-8",
+}
+_HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
+        "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+}
+#: A client that does not take a message for so long is sent away [s].
+SEND_LIMIT_S = 10.0
+#: One that has sent so much that is no command is, too.
+MOST_BAD = 50
+#: A client's first message comes within this [s].
+HELLO_LIMIT_S = 5.0
+
+#: Has a command carried out by whoever drives the table; returns its answer.
+Ask = Callable[[Command], Awaitable[str | None]]
+History = Callable[[], Awaitable[bytes]]
+Story = Callable[[], Awaitable[list[dict[str, Any]]]]
+
+
+class PageApp:
+    """The ASGI application; `story` returns what a new client needs, its description first."""
+
+    def __init__(
+        self,
+        gate: Gate,
+        hub: Hub,
+        offers: tuple[str, ...],
+        *,
+        story: Story,
+        history: History,
+        ask: Ask,
+    ) -> None:
+        self._gate = gate
+        self._hub = hub
+        self._offers = (*offers, *commands.OF_THE_SERVER)
+        self._story = story
+        self._past = history
+        self._ask = ask
+        routes = [
+            Route("/", self._index),
+            Route("/static/{name}", self._file),
+            Route("/api/commands", self._commands),
+            Route("/api/history", self._history),
+            WebSocketRoute("/api/live", self._live),
+        ]
+        self.app: ASGIApp = _Guarded(Starlette(routes=routes), gate)
+
+    async def _index(self, _request: Request) -> Response:
+        return _static("index.html")
+
+    async def _file(self, request: Request) -> Response:
+        return _static(request.path_params["name"])
+
+    async def _commands(self, _request: Request) -> Response:
+        return JSONResponse(commands.schema(self._offers))
+
+    async def _history(self, _request: Request) -> Response:
+        try:
+            past = await self._past()
+        except RefusedError as refusal:
+            return PlainTextResponse(str(refusal), 503, headers=_HEADERS)
+        return Response(past, media_type="application/octet-stream", headers=_HEADERS)
+
+    async def _live(self, socket: WebSocket) -> None:
+        await socket.accept()
+        if self._hub.full:
+            await socket.close(1013, "too many pages are open")
+            return
+        client = Client(str(socket.client))
+        with suppress(WebSocketDisconnect, TimeoutError, ConnectionError, RuntimeError):
+            try:
+                await self._welcome(client, socket)
+            except RefusedError as refusal:
+                await socket.close(1013, str(refusal))
+                return
+            sending = asyncio.create_task(self._send(client, socket))
+            try:
+                await self._receive(client, socket)
+            finally:
+                sending.cancel()
+                self._hub.leave(client)
+
+    async def _welcome(self, client: Client, socket: WebSocket) -> None:
+        """Its first message has the token, if it has one."""
+        hello = await asyncio.wait_for(_message(socket), HELLO_LIMIT_S)
+        token = hello.get("token") if isinstance(hello, dict) else None
+        client.may_control = self._gate.knows(token)
+        for message in await self._story():
+            client.send(message)
+        self._hub.come(client)
+
+    async def _send(self, client: Client, socket: WebSocket) -> None:
+        """Send what waits, until the client takes nothing any more."""
+        with suppress(WebSocketDisconnect, ConnectionError, RuntimeError):
+            while True:
+                message = await client.next()
+                is_text = isinstance(message, str)
+                form = {"type": "websocket.send", "text" if is_text else "bytes": message}
+                try:
+                    await asyncio.wait_for(socket.send(form), SEND_LIMIT_S)
+                except TimeoutError:
+                    await socket.close(1008, "nothing is taken")
+                    return
+
+    async def _receive(self, client: Client, socket: WebSocket) -> None:
+        bad = 0
+        while bad < MOST_BAD:
+            message = await _message(socket)
+            if message == "seen":
+                client.seen()
+            elif not await self._obey(client, message):
+                bad += 1
+        await socket.close(1008, "too much that is no command")
+
+    async def _obey(self, client: Client, message: Any) -> bool:
+        """Do what a message asks for, and answer; returns whether it was a command."""
+        number = message.get("id") if isinstance(message, dict) else None
+        try:
+            command = commands.command_from(message)
+        except RefusedError as refusal:
+            client.send({"kind": "answer", "id": number, "ok": False, "text": str(refusal)})
+            return False
+        try:
+            text = await self._carry_out(client, command)
+            client.send({"kind": "answer", "id": number, "ok": True, "text": text})
+        except RefusedError as refusal:
+            client.send({"kind": "answer", "id": number, "ok": False, "text": str(refusal)})
+        return True
+
+    async def _carry_out(self, client: Client, command: Command) -> str | None:
+        if not client.may_control:
+            raise RefusedError("open the address that the command has printed, with its token")
+        if isinstance(command, commands.TakeControl):
+            self._hub.take(client)
+            return None
+        if isinstance(command, commands.ReleaseControl):
+            self._hub.release(client)
+            return None
+        # Whoever sees that something goes wrong may stop it.
+        if self._hub.controller is not client and not isinstance(command, commands.StopAll):
+            raise RefusedError("another page is in control; take control first")
+        return await self._ask(command)
+
+
+class _Guarded:
+    """Lets requests through that name the page's own address, and adds headers to the answers."""
+
+    def __init__(self, app: ASGIApp, gate: Gate) -> None:
+        self._app = app
+        self._gate = gate
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        headers = {name: value.decode("latin-1") for name, value in scope.get("headers", ())}
+        if not self._gate.admits(headers.get(b"host"), headers.get(b"origin")):
+            if scope["type"] == "websocket":
+                await receive()
+                await send({"type": "websocket.close", "code": 1008})
+                return
+            refusal = PlainTextResponse("asked under a name that is not this page's", 421)
+            await refusal(scope, receive, send)
+            return
+        await self._app(scope, receive, send)
+
+
+async def _message(socket: WebSocket) -> Any:
+    """The next message; one that is no JSON text is None."""
+    received = await socket.receive()
+    if received["type"] == "websocket.disconnect":
+        raise WebSocketDisconnect(received.get("code", 1006))
+    try:
+        return json.loads(received.get("text") or "")
+    except (ValueError, RecursionError):
+        return None
+
+
+def _static(name: str) -> Response:
+    """A file of the page; names that there are, and no others."""
+    found = {each.name: each for each in _STATIC.iterdir() if each.is_file()}.get(name)
+    kind = _TYPES.get(PurePosixPath(name).suffix)
+    if found is None or kind is None:
+        return PlainTextResponse("there is no such file", 404, headers=_HEADERS)
+    return Response(found.read_bytes(), media_type=kind, headers=_HEADERS)

@@ -1,0 +1,1 @@
+"""Safe-interval path planning over a roadmap."""

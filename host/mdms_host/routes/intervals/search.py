@@ -1,0 +1,209 @@
+"""Safe-interval path planning: an early way of one parcel among those that have theirs.
+
+After M. Phillips and M. Likhachev (ICRA 2011), for moves that take time and bodies that cover many
+tiles: a state is a node and the safe interval in which the parcel stands there, reached as soon as
+it can be; from it every move begins as soon as it can in each safe interval of its end.
+"""
+
+from heapq import heappop, heappush
+from typing import NamedTuple
+
+import numpy as np
+
+from mdms_host.routes.intervals.cost_to_go import Guide
+from mdms_host.routes.intervals.safe_intervals import INSTANT_S, Taken, first_departure, free_until
+from mdms_host.routes.intervals.states import State, States, doubled, entered, new_states, put_off
+from mdms_host.routes.space.roadmap import Graph
+from mdms_model.arrays import Floats, Ints
+from mdms_model.compiled import compiled
+
+
+class Errands(NamedTuple):
+    """From which node to which, from when on, and how long to stay there; inf: for good [s]."""
+
+    start: int
+    goal: int
+    ready_s: float
+    stay_s: float
+
+
+class Found(NamedTuple):
+    """The moves of a way, in order: nodes (L + 1,), when each move begins and ends [s], (L,).
+
+    `reached` is False where there is no way, `states` counts the work.
+    """
+
+    reached: bool
+    nodes: Ints
+    moves: Ints
+    """Kinds of the lattice's moves, or joins as -1 - join."""
+    begins_s: Floats
+    arrives_s: Floats
+    states: int
+
+
+class Edge(NamedTuple):
+    """A move from a node to another, -1 for none that is open; its visits are counted from base."""
+
+    there: int
+    move: int
+    base: int
+    lasts_s: float
+
+
+@compiled
+def search(
+    graph: Graph, guide: Guide, taken: Taken, errand: Errands, effort: tuple[float, int]
+) -> Found:
+    """The way from start to goal, given up after so many states, the second of `effort`.
+
+    The first weighs the time that is left to the goal: with more than 1 the search looks at fewer
+    states, and the way may take longer.
+    """
+    weight, most = effort
+    head = np.full(graph.joins.first.size - 1, -1, np.int64)
+    states, count, last = new_states(), 0, -1
+    heap = [(0.0, 0.0, 0)]
+    until_s = node_free_until(graph, taken, errand.start, errand.ready_s)
+    if until_s > -np.inf and guide.cost_s[errand.start] < np.inf:
+        first = State(errand.start, -1, 0, errand.ready_s, errand.ready_s, until_s)
+        entered(states, head, 0, first)
+        count = 1
+    # The goal is not come to for good before all others have passed it.
+    least_s = node_free_from(graph, taken, errand.goal, errand.stay_s)
+    while 0 < count < most and len(heap) > 0:
+        _, _, number = heappop(heap)
+        if states.stale[number]:
+            continue
+        here, state, first_edge, begin_s = states.node[number], number, 0, states.at_s[number]
+        if here == errand.goal and states.until_s[state] >= begin_s + errand.stay_s:
+            last = state
+            break
+        last_edge = edges(graph, here) if here >= 0 else 0
+        if here < 0:
+            # A move that was put off: once more, later.
+            state, first_edge = states.came[number], states.by[number]
+            here, last_edge = states.node[state], states.by[number] + 1
+        states.stale[number] = True
+        for index in range(first_edge, last_edge):
+            edge = edge_of(graph, guide, here, index)
+            if edge.there < 0:
+                continue
+            leaves_s = departure(graph, taken, edge, begin_s, states.until_s[state])
+            if leaves_s == np.inf:
+                continue
+            if count + 2 > states.node.size:
+                states = doubled(states)
+            left_s, arrive_s = guide.cost_s[edge.there], leaves_s + edge.lasts_s
+            until_s = node_free_until(graph, taken, edge.there, arrive_s)
+            if sooner(states, head[edge.there], arrive_s, until_s):
+                found = State(edge.there, state, edge.move, leaves_s, arrive_s, until_s)
+                entered(states, head, count, found)
+                heappush(heap, (max(arrive_s + weight * left_s, least_s), left_s, count))
+                count += 1
+            # Once more, for the next safe interval of its end, but not before that is its turn.
+            again_s = max(leaves_s, until_s - edge.lasts_s) + INSTANT_S
+            if again_s <= states.until_s[state] and again_s < np.inf:
+                put_off(states, count, state, index, again_s)
+                total_s = again_s + edge.lasts_s + weight * left_s
+                heappush(heap, (max(total_s, least_s), left_s, count))
+                count += 1
+    return way_to(states, last, errand.start, count)
+
+
+@compiled
+def edges(graph: Graph, node: int) -> int:
+    """How many moves there are from a node, open or not."""
+    joins = graph.joins.first[node + 1] - graph.joins.first[node]
+    if node >= graph.bases.size:
+        return int(joins)
+    yaw = node // graph.places
+    return int(joins + graph.moves.first[yaw + 1] - graph.moves.first[yaw])
+
+
+@compiled
+def edge_of(graph: Graph, guide: Guide, here: int, index: int) -> Edge:
+    """One of the moves from a node, joins first."""
+    joins, moves = graph.joins, graph.moves
+    own = joins.first[here + 1] - joins.first[here]
+    if index < own:
+        join = joins.onward[joins.first[here] + index]
+        there = joins.end[join]
+        if guide.barred[join] or guide.cost_s[there] == np.inf:
+            there = -1
+        return Edge(there, -1 - join, 0, joins.duration_s[join])
+    kind = moves.first[here // graph.places] + index - own
+    there = here + moves.far[kind]
+    if guide.runs[moves.line[kind], here] < moves.steps[kind] or (
+        guide.cost_s[there] == np.inf or not (guide.often[kind] or graph.aligned[there])
+    ):
+        there = -1
+    return Edge(there, kind, graph.bases[here], moves.duration_s[kind])
+
+
+@compiled
+def departure(graph: Graph, taken: Taken, edge: Edge, from_s: float, to_s: float) -> float:
+    """When a move may begin first, from an instant up to another [s]; inf: not at all."""
+    if edge.move < 0:
+        joins, join = graph.joins, -1 - edge.move
+        own = slice(joins.visit[join], joins.visit[join + 1])
+        spans = joins.enters_s[own], joins.leaves_s[own]
+        return first_departure(taken, joins.tile[own], spans, 0, (from_s, to_s))
+    moves = graph.moves
+    own = slice(moves.visit[edge.move], moves.visit[edge.move + 1])
+    spans = moves.enters_s[own], moves.leaves_s[own]
+    return first_departure(taken, moves.tile[own], spans, edge.base, (from_s, to_s))
+
+
+@compiled
+def sooner(states: States, first: int, arrive_s: float, until_s: float) -> bool:
+    """Whether no state of a node has this safe interval as soon; a later one is given up."""
+    if until_s == -np.inf:
+        return False
+    other = first
+    while other >= 0:
+        if states.until_s[other] == until_s and states.at_s[other] <= arrive_s + INSTANT_S:
+            return False
+        if states.until_s[other] == until_s:
+            states.stale[other] = True
+        other = states.next_of[other]
+    return True
+
+
+@compiled
+def node_free_until(graph: Graph, taken: Taken, node: int, now_s: float) -> float:
+    """Up to when the parcel may stand at a node where it may now [s]; -inf where it may not."""
+    if node < graph.bases.size:
+        yaw = node // graph.places
+        own = slice(graph.stand[yaw], graph.stand[yaw + 1])
+        return free_until(taken, graph.bases[node], graph.stand_tile[own], now_s)
+    extra = node - graph.bases.size
+    own = slice(graph.joins.stand[extra], graph.joins.stand[extra + 1])
+    return free_until(taken, 0, graph.joins.stand_tile[own], now_s)
+
+
+@compiled
+def node_free_from(graph: Graph, taken: Taken, node: int, stay_s: float) -> float:
+    """From when on a node that is not of the lattice is free for good [s]; -inf to stay less."""
+    extra, from_s = node - graph.bases.size, -np.inf
+    if stay_s < np.inf:
+        return from_s
+    for index in range(graph.joins.stand[extra], graph.joins.stand[extra + 1]):
+        from_s = max(from_s, taken.last_s[graph.joins.stand_tile[index]])
+    return from_s
+
+
+@compiled
+def way_to(states: States, last: int, start: int, count: int) -> Found:
+    """The way to a state, -1 for none."""
+    length, state = 0, last
+    while state > 0:
+        length, state = length + 1, states.came[state]
+    nodes, moves = np.full(length + 1, start), np.empty(length, np.int64)
+    begins_s, arrives_s = np.empty(length), np.empty(length)
+    state = last
+    for index in range(length - 1, -1, -1):
+        moves[index], nodes[index + 1] = states.by[state], states.node[state]
+        begins_s[index], arrives_s[index] = states.begun_s[state], states.at_s[state]
+        state = states.came[state]
+    return Found(last >= 0, nodes, moves, begins_s, arrives_s, count)

@@ -1,0 +1,1 @@
+"""Where extended bodies may stand and move: tiles, sweeps, and the roadmap over them."""

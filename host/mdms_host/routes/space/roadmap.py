@@ -1,0 +1,217 @@
+"""One parcel's way map: the lattice of its shape, with its start and its goal joined to it."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from mdms_host.motion.footing import MARGIN_M
+from mdms_host.routes.pace import Pace
+from mdms_host.routes.space.moves import LatticeMoves, Moves
+from mdms_host.routes.space.standing import SLACK_M, Standing
+from mdms_host.routes.space.sweep import Swept, swept
+from mdms_model.arrays import Bools, Floats, Ints
+
+#: Start and goal are joined to so many places of the lattice along x, and so many along y.
+_WINDOW = 3
+#: The farthest turn on the way to the lattice: a quarter, and some.
+_TURN_RAD = np.deg2rad(100.0)
+#: A start that hangs over the table's edge may do so a hair more on its way [m].
+_HAIR_M = 1e-6
+
+
+class Joins(NamedTuple):
+    """Single moves (J,) between nodes of which at least one is no lattice node, and their visits.
+
+    Nodes that are not of the lattice have their tiles in `stand_tile`, by `stand` (extras + 1,).
+    """
+
+    start: Ints
+    end: Ints
+    duration_s: Floats
+    visit: Ints
+    tile: Ints
+    enters_s: Floats
+    leaves_s: Floats
+    enters: Floats
+    leaves: Floats
+    first: Ints
+    """The first of `onward` of each node, and their number, (nodes + 1,)."""
+    onward: Ints
+    """Joins by the node they start at, (J,)."""
+    back_first: Ints
+    back: Ints
+    """Joins by the node they end at, (J,)."""
+    stand: Ints
+    stand_tile: Ints
+
+
+class Graph(NamedTuple):
+    """What compiled searches take of a roadmap; nodes from `bases.size` on are not of the lattice.
+
+    `aligned` nodes are in a row or column of a node that the goal is joined to.
+    """
+
+    moves: Moves
+    bases: Ints
+    places: int
+    stand: Ints
+    """The first of `stand_tile` by yaw of the lattice, and their number, (yaws + 1,)."""
+    stand_tile: Ints
+    aligned: Bools
+    joins: Joins
+
+
+@dataclass
+class Roadmap:
+    """The lattice's nodes, then start, goal and what lies between them, as poses and joins."""
+
+    ways: LatticeMoves
+    standing: Standing
+    pace: Pace
+    start: Floats
+    goal: Floats
+    leaves: bool = False
+    """Whether it leaves the table at its goal, over whose edge it may hang or tip."""
+    extras: list[Floats] = field(init=False)
+    pairs: list[tuple[int, int]] = field(init=False)
+    graph: Graph = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.extras = [self.start, self.goal]
+        self.pairs = [(self.start_node, self.goal_node)]
+        self._add_corners()
+        self._add_windows()
+        self.pairs = [pair for pair in self.pairs if self._on_table(*pair)]
+        self.graph = self._graph()
+
+    @property
+    def start_node(self) -> int:
+        """The number of the start."""
+        return self.ways.lattice.count
+
+    @property
+    def goal_node(self) -> int:
+        """The number of the goal."""
+        return self.ways.lattice.count + 1
+
+    def pose(self, node: int) -> Floats:
+        """The pose of a node [table frame], shape (3,)."""
+        count = self.ways.lattice.count
+        return self.extras[node - count] if node >= count else self._poses[node]
+
+    def stands(self, join: int) -> bool:
+        """Whether the parcel is safe from tipping along a join."""
+        start, end = (int(nodes[join]) for nodes in (self.graph.joins.start, self.graph.joins.end))
+        if self.leaves and end == self.goal_node:
+            return True
+        need_m = MARGIN_M
+        if start == self.start_node and not self.standing.stands(self.start, self.start):
+            need_m = self.standing.least_margin_m(self.start, self.start) - SLACK_M
+        return self.standing.stands(self.pose(start), self.pose(end), need_m)
+
+    def without(self, join: int) -> None:
+        """Take a join out."""
+        del self.pairs[join]
+        self.graph = self._graph()
+
+    @property
+    def _poses(self) -> Floats:
+        return self.ways.poses
+
+    def _add_corners(self) -> None:
+        """The corners of both ways along x and y, turned as at the start or as at the goal."""
+        start, goal = self.start, self.goal
+        turned = [start[2]] if start[2] == goal[2] else [start[2], goal[2]]
+        for x_m, y_m in ((goal[0], start[1]), (start[0], goal[1])):
+            for yaw_rad in turned:
+                node = self.start_node + len(self.extras)
+                self.extras.append(np.array([x_m, y_m, yaw_rad]))
+                self.pairs += [(self.start_node, node), (node, self.goal_node)]
+
+    def _add_windows(self) -> None:
+        near = self.ways.lattice.near
+        for node in near(self.start, _WINDOW, _TURN_RAD).tolist():
+            if self.ways.on_table[node]:
+                self.pairs.append((self.start_node, node))
+        for node in near(self.goal, _WINDOW, _TURN_RAD).tolist():
+            if self.ways.on_table[node]:
+                self.pairs.append((node, self.goal_node))
+
+    def _on_table(self, start: int, end: int) -> bool:
+        """Whether the way between two nodes hangs over the edge no more than the start does."""
+        if self.leaves and end == self.goal_node:
+            return True
+        limit_m = _HAIR_M
+        if start == self.start_node:
+            limit_m += max(self.standing.overhang_m(self.start, self.start), 0.0)
+        return self.standing.overhang_m(self.pose(start), self.pose(end)) <= limit_m
+
+    def _graph(self) -> Graph:
+        lattice = self.ways.lattice
+        aligned = np.zeros(lattice.count, dtype=bool)
+        rows, columns = np.divmod(np.arange(lattice.count) % lattice.places, lattice.columns)
+        for start, end in self.pairs:
+            if end == self.goal_node and start < lattice.count:
+                aligned |= (rows == rows[start]) | (columns == columns[start])
+        return Graph(
+            self.ways.moves,
+            lattice.bases,
+            lattice.places,
+            self.ways.stand,
+            self.ways.stand_tile,
+            aligned,
+            self._joins(),
+        )
+
+    def _joins(self) -> Joins:
+        tiles = self.ways.lattice.tiles
+        starts = np.array([start for start, _ in self.pairs], dtype=np.int64)
+        ends = np.array([end for _, end in self.pairs], dtype=np.int64)
+        from_poses = np.array([self.pose(node) for node, _ in self.pairs]).reshape(-1, 3)
+        to_poses = np.array([self.pose(node) for _, node in self.pairs]).reshape(-1, 3)
+        ways = to_poses - from_poses
+        lengths_m = np.hypot(ways[:, 0], ways[:, 1])
+        turns_m = np.abs(ways[:, 2]) * self.standing.shape.body.bend_m
+        met = [self._swept(*ends) for ends in zip(from_poses, to_poses, strict=True)]
+        visit, tile, enters, leaves = _visits(met, tiles.columns, tiles.rows)
+        own = np.repeat(lengths_m, np.diff(visit)), np.repeat(turns_m, np.diff(visit))
+        stands = [self._swept(pose, pose) for pose in self.extras]
+        stand, stand_tile, _, _ = _visits(stands, tiles.columns, tiles.rows)
+        nodes = np.arange(self.ways.lattice.count + len(self.extras) + 1)
+        return Joins(
+            start=starts,
+            end=ends,
+            duration_s=self.pace.times_s(lengths_m, turns_m, np.ones(len(starts))),
+            visit=visit,
+            tile=tile,
+            enters_s=self.pace.times_s(*own, enters),
+            leaves_s=self.pace.times_s(*own, leaves),
+            enters=enters,
+            leaves=leaves,
+            first=np.searchsorted(np.sort(starts), nodes).astype(np.int64),
+            onward=np.argsort(starts, kind="stable").astype(np.int64),
+            back_first=np.searchsorted(np.sort(ends), nodes).astype(np.int64),
+            back=np.argsort(ends, kind="stable").astype(np.int64),
+            stand=stand,
+            stand_tile=stand_tile,
+        )
+
+    def _swept(self, start: Floats, end: Floats) -> Swept:
+        lattice = self.ways.lattice
+        moved = lattice.tiles.moved
+        body, side_m = lattice.shape.body, lattice.tiles.side_m
+        return swept(body, moved(start), moved(end), lattice.clearance_m, side_m)
+
+
+def _visits(met: list[Swept], columns: int, rows: int) -> tuple[Ints, Ints, Floats, Floats]:
+    """First visit of each, tiles by number, and shares; places beyond all tiles are left out."""
+    places = np.concatenate([np.zeros((0, 2), np.int64), *(each.places for each in met)])
+    enters = np.concatenate([np.zeros(0), *(each.enters for each in met)])
+    leaves = np.concatenate([np.zeros(0), *(each.leaves for each in met)])
+    ends = np.cumsum([0, *(len(each.enters) for each in met)])
+    column, row = places.T
+    inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
+    kept = np.concatenate([[0], np.cumsum(inside)])
+    tile = (row * columns + column)[inside]
+    return kept[ends].astype(np.int64), tile, enters[inside], leaves[inside]

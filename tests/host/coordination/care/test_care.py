@@ -1,0 +1,275 @@
+"""Cells of real firmware that fall out of action while a field runs on them, and come back."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from tests.host.cells_link import CellsLink
+
+from mdms_host.can_link.link import drive
+from mdms_host.coordination.care.policy import OnLostCell, Policy
+from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.coordination.phase import HELD, Phase
+from mdms_host.layout import Layout
+from mdms_host.motion.program import FieldProgram
+from mdms_protocol import nmt, pdo
+from mdms_protocol.frame import Frame
+
+LAYOUT = Layout(3, 1)
+REFERENCE_UM_S = 50_000
+GO_ON = Policy(OnLostCell.GO_ON)
+
+
+class Minding(FieldProgram):
+    """A field that keeps which cells are lost."""
+
+    def __init__(self) -> None:
+        super().__init__(np.full(6, REFERENCE_UM_S / 1e6))
+        self.lost: list[set[int]] = []
+
+    def on_lost_cells(self, cells: frozenset[int]) -> None:
+        self.lost.append({*cells})
+
+
+class Run:
+    """A run that has come up on three cells; `targets` are what cells were to do at each look."""
+
+    def __init__(self, policy: Policy | None = None) -> None:
+        self.link = CellsLink((1, 2, 3))
+        self.program = Minding()
+        self.coordinator = Coordinator(LAYOUT, self.program, policy=policy)
+        self.until(lambda: self.coordinator.phase == Phase.RUNNING)
+        self.pass_s(0.1)
+
+    def until(self, done: Callable[[], bool], within_s: float = 3.0) -> None:
+        end_s = self.link.now_s() + within_s
+        late = lambda: self.link.now_s() >= end_s  # noqa: E731
+        drive(self.coordinator, self.link, self.link, lambda: done() or late())
+        assert done(), self.texts()[-5:]
+
+    def pass_s(self, seconds: float) -> None:
+        end_s = self.link.now_s() + seconds
+        self.until(lambda: self.link.now_s() >= end_s, seconds + 1.0)
+
+    def until_held(self) -> None:
+        self.until(lambda: self.coordinator.phase in HELD)
+
+    def until_running(self, within_s: float = 3.0) -> None:
+        self.until(lambda: self.coordinator.phase == Phase.RUNNING, within_s)
+
+    def moving(self) -> list[bool]:
+        return [any(self.link.targets_um_s(cell)) for cell in range(3)]
+
+    def texts(self) -> list[str]:
+        return [text for _, text in self.coordinator.events]
+
+
+def restart(run: Run) -> None:
+    run.link.power_off(1)
+    run.pass_s(0.02)
+    run.link.restart(1)
+
+
+def silence(run: Run) -> None:
+    run.link.cut = {1, 2}
+    run.pass_s(0.2)
+    run.link.cut = set()
+
+
+def blind(run: Run) -> None:
+    """The host sends and receives nothing, so that all cells stop by their own watchdogs."""
+    run.link.sleep(0.5)
+
+
+def go_bus_off(run: Run) -> None:
+    run.link.set_bus_off(1, True)
+    run.pass_s(0.1)
+    run.link.set_bus_off(1, False)
+
+
+@pytest.mark.parametrize("trouble", [restart, silence, blind, go_bus_off])
+def test_trouble_that_passes_is_a_pause_and_the_field_goes_on(trouble) -> None:
+    run = Run()
+    assert run.moving() == [True] * 3
+    trouble(run)
+    run.until_held()
+    run.pass_s(0.25)
+    if run.coordinator.phase in HELD:
+        assert run.moving() == [False] * 3
+    run.until_running()
+    run.pass_s(0.05)
+    assert run.moving() == [True] * 3
+    assert (run.coordinator.fault, run.coordinator.pauses) == (None, 1)
+    assert run.coordinator.lost_cells == {}
+    held = [text for _, text in run.coordinator.troubles if text.startswith("all parcels are held")]
+    assert len(held) == 1
+
+
+def test_no_wheel_of_a_cell_that_comes_back_turns_before_all_others_do() -> None:
+    run = Run()
+    restart(run)
+    run.until_held()
+    early = []
+
+    def look() -> bool:
+        if run.coordinator.phase in HELD:
+            early.append(any(run.link.targets_um_s(1)))
+        return run.coordinator.phase == Phase.RUNNING
+
+    run.until(look)
+    assert len(early) > 20
+    assert not any(early)
+
+
+def test_settings_that_a_restart_has_lost_are_written_again() -> None:
+    run = Run()
+    restart(run)
+    run.until_held()
+    run.until_running()
+    period_ms = run.link._bank._cells[1]._objects.number(0x1801, 5)
+    assert period_ms == 200
+
+
+def test_without_pauses_the_first_trouble_is_the_end() -> None:
+    run = Run(Policy(pauses=0))
+    restart(run)
+    run.until(lambda: run.coordinator.stopped)
+    assert run.coordinator.fault is not None
+    assert run.coordinator.fault.startswith("cell 2 (node 2) is no longer operational")
+    run.pass_s(0.5)
+    assert run.moving() == [False] * 3
+
+
+def test_trouble_that_comes_too_often_is_the_end_and_says_so() -> None:
+    run = Run(Policy(pauses=1))
+    restart(run)
+    run.until_held()
+    run.until_running()
+    restart(run)
+    run.until(lambda: run.coordinator.stopped)
+    assert run.coordinator.fault.endswith("; held 1 times in a minute before")
+
+
+def test_a_cell_that_does_not_come_back_in_time_ends_the_run() -> None:
+    run = Run(Policy(pause_s=0.6))
+    run.link.power_off(1)
+    since_s = run.link.now_s()
+    run.until(lambda: run.coordinator.stopped)
+    assert run.coordinator.fault == (
+        "cell 2 (node 2) has fallen silent: no speeds for 0.1 s; not back within 0.6 s"
+    )
+    assert run.link.now_s() - since_s < 1.2
+    assert run.moving() == [False] * 3
+
+
+def test_hold_waits_for_a_cell_for_longer_than_a_pause() -> None:
+    run = Run(Policy(OnLostCell.HOLD, pauses=0, pause_s=0.3, hold_s=5.0))
+    run.link.power_off(1)
+    run.pass_s(1.5)
+    assert run.coordinator.phase == Phase.HOLDING
+    assert run.moving() == [False] * 3
+    run.link.restart(1)
+    run.until_running()
+
+
+def test_go_on_does_without_a_dead_cell_and_takes_it_back_while_the_others_run() -> None:
+    run = Run(GO_ON)
+    run.link.power_off(1)
+    run.until(lambda: bool(run.coordinator.lost_cells))
+    assert run.coordinator.lost_cells == {
+        2: "cell 2 (node 2) has fallen silent: no speeds for 0.1 s"
+    }
+    assert run.program.lost == [{2}]
+    run.pass_s(0.5)
+    assert run.coordinator.phase == Phase.RUNNING
+    assert run.moving() == [True, False, True]
+    assert not run.coordinator.references_m_s[2:4].any()
+    run.link.restart(1)
+    run.until(lambda: not run.coordinator.lost_cells)
+    assert run.program.lost[-1] == set()
+    run.pass_s(0.05)
+    assert run.moving() == [True] * 3
+    phases = [text for text in run.texts() if text in [*Phase]]
+    assert phases[-1] == Phase.RUNNING
+    assert run.coordinator.pauses == 0
+
+
+def test_go_on_holds_all_parcels_where_most_cells_are_out() -> None:
+    run = Run(GO_ON)
+    silence(run)
+    run.until_held()
+    run.until_running()
+    assert run.coordinator.pauses == 1
+
+
+def test_go_on_begins_without_a_cell_that_does_not_come_up() -> None:
+    link = CellsLink((1, 2, 3))
+    link.power_off(1)
+    one = Coordinator(LAYOUT, Minding(), policy=GO_ON)
+    drive(one, link, link, lambda: one.phase == Phase.RUNNING or link.now_s() > 8.0)
+    assert one.phase == Phase.RUNNING
+    assert [*one.lost_cells] == [2]
+    text = "not heard within 5 s: cell 2 (node 2); the run goes on without it"
+    assert text in [text for _, text in one.troubles]
+
+
+@pytest.mark.parametrize("policy", [Policy(), GO_ON])
+def test_another_board_under_the_same_node_id_is_not_taken_back(policy) -> None:
+    run = Run(policy)
+    run.link.power_off(1)
+    run.pass_s(0.05)
+    run.link.restart(1, serial=0x1B)
+    refusal = (
+        "cell 2 (node 2) is not taken back: its serial number is 0x0000001B, and was 0x00000002"
+    )
+
+    def told() -> bool:
+        told_by = run.coordinator.fault or " ".join(run.coordinator.lost_cells.values())
+        return refusal in told_by
+
+    run.until(told)
+    run.pass_s(1.0)
+    assert run.moving() == ([True, False, True] if policy is GO_ON else [False] * 3)
+
+
+@pytest.mark.parametrize("policy", [Policy(), GO_ON, Policy(OnLostCell.HOLD, hold_s=1.0)])
+def test_a_drive_whose_supply_has_failed_is_not_reset_when_the_supply_is_back(policy) -> None:
+    """Emergency stops cut the supply: letting go of them starts nothing."""
+    run = Run(policy)
+    run.link.set_supply(1, 0.0)
+    run.pass_s(0.2)
+    run.link.set_supply(1, 24.0)
+    run.pass_s(2.0)
+    assert not any(run.link.targets_um_s(1))
+    if policy is GO_ON:
+        assert "0x3220" in run.coordinator.lost_cells[2]
+    else:
+        assert "0x3220" in run.coordinator.fault
+
+
+def test_somebody_who_switches_all_off_is_obeyed_in_a_pause_too() -> None:
+    run = Run(Policy(OnLostCell.HOLD))
+    run.link.power_off(1)
+    run.until_held()
+    for cell in (0, 2):
+        run.link._bank.deliver(cell, nmt.command(nmt.ENTER_PRE_OPERATIONAL))
+    run.coordinator.on_frame(nmt.command(nmt.ENTER_PRE_OPERATIONAL), run.link.now_s())
+    run.link.restart(1)
+    run.until(lambda: run.coordinator.stopped)
+    assert "somebody else has switched cells off" in run.coordinator.fault
+    assert run.moving() == [False] * 3
+
+
+def test_a_drive_that_somebody_switches_off_is_left_off() -> None:
+    run = Run(GO_ON)
+    run.link._bank.deliver(1, Frame(pdo.CONTROLWORD.can_id(2), bytes(4)))
+    run.until(lambda: run.coordinator.stopped)
+    assert "cell 2 (node 2) has disabled its drives" in run.coordinator.fault
+
+
+def test_a_host_that_was_away_for_longer_than_a_pause_moves_nothing_any_more() -> None:
+    run = Run(Policy(pause_s=0.5))
+    run.link.sleep(0.7)
+    run.until(lambda: run.coordinator.stopped)
+    assert run.coordinator.fault == "this host was held up for 0.7 s, longer than a pause may last"
+    assert run.moving() == [False] * 3

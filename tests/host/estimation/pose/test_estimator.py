@@ -1,0 +1,125 @@
+import numpy as np
+import pytest
+
+from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.pose.confirmation import Standing
+from mdms_host.estimation.pose.estimator import ParcelEstimator
+from mdms_host.estimation.pose.rolling import Speeds, roll_on
+from mdms_host.estimation.presence.surroundings import Surroundings
+from mdms_host.estimation.search.locate import Location, locate
+from mdms_host.layout import Layout, WheelPlace
+
+LAYOUT = Layout(6, 3, wheels=(WheelPlace(0.0, (0.0, 0.03)), WheelPlace(np.pi / 2, (0.03, 0.0))))
+SENSORS_M = LAYOUT.sensor_positions_m.reshape(-1, 2)
+BOTTOM = Rectangle(0.36, 0.30)
+SURROUNDINGS = Surroundings(LAYOUT)
+
+
+def covered_by(pose: np.ndarray) -> np.ndarray:
+    return BOTTOM.distance_m(SENSORS_M, pose) < 0
+
+
+def resting_at(*pose: float) -> ParcelEstimator:
+    estimator = ParcelEstimator(SURROUNDINGS, BOTTOM)
+    found = locate(BOTTOM, SENSORS_M, covered_by(np.array(pose)))
+    assert found is not None
+    estimator.start(0.0, found)
+    return estimator
+
+
+def agree(estimator: ParcelEstimator, now_s: float, covered: np.ndarray) -> None:
+    view = estimator.view(now_s)
+    assert view is not None
+    sensors = view.near.sensors
+    estimator.agree(now_s, view, covered[sensors], np.ones(len(sensors), dtype=bool))
+
+
+def carry(
+    estimator: ParcelEstimator, pose: np.ndarray, twist: np.ndarray, seconds: float, scale: float
+) -> np.ndarray:
+    """Move the true parcel, telling the wheels' speeds scaled, and each edge as it happens."""
+    covered, step_s = covered_by(pose), 0.01
+    for step in range(1, round(seconds / step_s) + 1):
+        pose = pose + twist * step_s
+        now_s = step * step_s
+        speeds_m_s = LAYOUT.surface_jacobian(*pose[:2]) @ twist * scale
+        roll_on([estimator], now_s, Speeds(speeds_m_s))
+        for sensor in np.flatnonzero(covered_by(pose) != covered):
+            estimator.edge(now_s, SENSORS_M[sensor])
+        covered = covered_by(pose)
+        agree(estimator, now_s, covered)
+    return pose
+
+
+def test_wheels_that_roll_tell_the_twist_exactly() -> None:
+    estimator, twist = resting_at(0.0, 0.0, 0.0), np.array([0.05, -0.02, 0.3])
+    roll_on([estimator], 0.01, Speeds(LAYOUT.surface_jacobian(*estimator.pose[:2]) @ twist))
+    np.testing.assert_allclose(estimator.twist, twist, atol=1e-12)
+
+
+def test_wheels_that_slip_hardly_change_the_twist() -> None:
+    estimator, twist = resting_at(0.0, 0.0, 0.0), np.array([0.05, 0.0, 0.0])
+    speeds_m_s = LAYOUT.surface_jacobian(*estimator.pose[:2]) @ twist
+    under = np.flatnonzero(BOTTOM.distance_m(LAYOUT.wheel_positions_m, estimator.pose) < 0)
+    speeds_m_s[under[:4]] += 0.2
+    roll_on([estimator], 0.01, Speeds(speeds_m_s))
+    np.testing.assert_allclose(estimator.twist, twist, atol=0.004)
+
+
+def test_wheels_beside_the_parcel_tell_nothing() -> None:
+    estimator = resting_at(0.0, 0.0, 0.0)
+    beside = BOTTOM.distance_m(LAYOUT.wheel_positions_m, estimator.pose) > 0
+    roll_on([estimator], 0.01, Speeds(np.where(beside, 0.3, 0.0)))
+    np.testing.assert_array_equal(estimator.twist, np.zeros(3))
+
+
+def test_a_row_of_wheels_leaves_what_it_cannot_tell_alone() -> None:
+    row = Layout(10, 1, wheels=(WheelPlace(0.0),))
+    bottom = Rectangle(0.4445, 0.10)
+    estimator = ParcelEstimator(Surroundings(row), bottom)
+    estimator.start(0.0, Location(np.array([-0.2, 0.0, 0.0]), np.diag([1e-4, 1e-4, 1e-4]), 0))
+    roll_on([estimator], 0.01, Speeds(np.full(10, 0.04)))
+    np.testing.assert_allclose(estimator.twist, [0.04, 0.0, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("scale", [0.9, 1.0, 1.1])
+def test_edges_keep_the_error_small_though_wheels_tell_wrong_speeds(scale: float) -> None:
+    start = np.array([-0.12, 0.01, 0.05])
+    estimator = resting_at(*start)
+    pose = carry(estimator, start, np.array([0.1, -0.005, 0.2]), 2.5, scale)
+    error = estimator.pose - pose
+    assert np.hypot(*error[:2]) < 0.005
+    assert abs(error[2]) < np.radians(1.5)
+
+
+def test_an_edge_makes_the_estimate_surer_across_it_only() -> None:
+    estimator = resting_at(0.0, 0.0, 0.0)
+    estimator.start(0.0, Location(np.zeros(3), np.diag([1e-4, 1e-4, 1e-6]), 0))
+    sensor = int(np.argmin(np.hypot(*(SENSORS_M - (0.1905, 0.0)).T)))
+    estimator.edge(0.0, SENSORS_M[sensor])
+    assert estimator.pose[0] == pytest.approx(0.0105, rel=0.05)
+    assert estimator.covariance[0, 0] < 5e-6
+    assert estimator.covariance[1, 1] == pytest.approx(1e-4)
+
+
+def test_a_parcel_that_was_pushed_away_is_doubtful() -> None:
+    estimator = resting_at(-0.1, 0.0, 0.0)
+    pushed = np.array([0.05, 0.0, 0.1])
+    for step in range(20):
+        now_s = step * 0.01
+        roll_on([estimator], now_s, Speeds(np.zeros(36)))
+        agree(estimator, now_s, covered_by(pushed))
+    assert estimator.standing is Standing.DOUBTFUL
+
+
+def test_one_stuck_sensor_does_not_pull_the_estimate_away() -> None:
+    start = np.array([0.0, 0.0, 0.0])
+    estimator = resting_at(*start)
+    stuck = covered_by(start)
+    stuck[int(np.argmin(np.hypot(*SENSORS_M.T)))] = False
+    before = estimator.pose
+    for step in range(50):
+        now_s = step * 0.01
+        roll_on([estimator], now_s, Speeds(np.zeros(36)))
+        agree(estimator, now_s, stuck)
+    np.testing.assert_allclose(estimator.pose, before, atol=1e-3)

@@ -1,0 +1,85 @@
+import numpy as np
+import pytest
+
+from mdms_host.estimation.presence.presence_map import PresenceMap
+
+CELLS, SENSORS = 6, 5
+#: Cells 1 to 4 lie deep under a parcel, the others far beside it.
+UNDER_M = np.repeat([-0.05] * 4 + [0.05] * 2, SENSORS)
+
+
+def reporting(bits: list[int], now_s: float = 0.0, **keys: float) -> PresenceMap:
+    presence = PresenceMap(CELLS, SENSORS, 0.2, (0.004,) * CELLS)
+    repeat(presence, bits, now_s)
+    return presence
+
+
+def repeat(presence: PresenceMap, bits: list[int], now_s: float) -> list[tuple[float, int]]:
+    edges: list[tuple[float, int]] = []
+    for cell, each in enumerate(bits, 1):
+        edges += presence.on_report(now_s, cell, each)
+    return edges
+
+
+def judged(presence: PresenceMap, seconds: float) -> list[tuple[int, list[int]]]:
+    fallen = []
+    other = np.zeros(CELLS * SENSORS, dtype=bool)
+    for step in range(round(seconds * 100)):
+        fallen += presence.judge(1.0 + step / 100, UNDER_M, other)
+    return fallen
+
+
+RIGHT = [0b11111] * 4 + [0] * 2
+
+
+def test_a_change_has_happened_before_it_was_reported_by_the_debounce() -> None:
+    presence = reporting(RIGHT)
+    assert repeat(presence, [0b11011, *RIGHT[1:]], 0.1) == [(pytest.approx(0.096), 2)]
+
+
+def test_a_change_after_a_report_that_got_lost_has_no_time() -> None:
+    """It may be the lost one, which its cell has repeated."""
+    presence = reporting(RIGHT)
+    assert repeat(presence, [0b11011, *RIGHT[1:]], 0.3) == []
+    assert presence.covered[:5].tolist() == [True, True, False, True, True]
+
+
+def test_cells_that_are_ignored_are_not_waited_for_and_show_nothing() -> None:
+    presence = PresenceMap(2, 5, 0.2, (0.004,) * 2)
+    list(presence.on_report(0.0, 2, 0b11111))
+    assert not presence.complete
+    presence.ignore({1})
+    assert presence.complete
+    assert presence.valid(0.1).nonzero()[0].tolist() == [5, 6, 7, 8, 9]
+    presence.ignore(())
+    assert not presence.complete
+
+
+def test_what_a_cell_has_not_repeated_is_not_valid_any_more() -> None:
+    presence = reporting(RIGHT)
+    assert presence.valid(0.5).all()
+    assert not presence.valid(0.7).any()
+    list(presence.on_report(0.7, 2, 0b11111))
+    assert presence.valid(0.8).nonzero()[0].tolist() == [5, 6, 7, 8, 9]
+
+
+def test_a_sensor_that_contradicts_all_others_is_not_believed_after_a_while() -> None:
+    presence = reporting([0b11110, *RIGHT[1:]])
+    assert judged(presence, 0.25) == []
+    assert judged(presence, 0.4) == [(1, [0])]
+    assert repeat(presence, RIGHT, 2.0) == []
+
+
+def test_nothing_is_judged_by_a_belief_that_a_third_of_the_sensors_contradict() -> None:
+    presence = reporting([0, *RIGHT[1:]])
+    assert judged(presence, 2.0) == []
+
+
+def test_a_sensor_that_is_right_again_is_believed_again_much_later() -> None:
+    presence = reporting([0b11110, *RIGHT[1:]])
+    judged(presence, 0.4)
+    repeat(presence, RIGHT, 2.0)
+    judged(presence, 0.5)
+    assert not presence.valid(2.0)[0]
+    judged(presence, 5.0)
+    assert presence.valid(2.0)[0]

@@ -1,0 +1,44 @@
+import numpy as np
+import pytest
+
+from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.search.search import Search
+from mdms_host.layout import Layout
+
+LAYOUT, BOTTOM = Layout(6, 3), Rectangle(0.36, 0.30)
+SENSORS_M = LAYOUT.sensor_positions_m.reshape(-1, 2)
+TRUTH = np.array([0.03, 0.01, 0.2])
+
+
+def searched(covered: np.ndarray) -> tuple[Search, int]:
+    search = Search(BOTTOM, LAYOUT, covered, np.ones(len(covered), dtype=bool), 0.0)
+    steps = 0
+    while not search.over:
+        search.step()
+        steps += 1
+    return search, steps
+
+
+def test_sensors_that_agree_need_one_step() -> None:
+    search, steps = searched(BOTTOM.distance_m(SENSORS_M, TRUTH) < 0)
+    assert steps == 1
+    assert search.found is not None
+    assert not search.left_out.any()
+
+
+@pytest.mark.parametrize("cell", [3, 9, 10, 17])
+def test_a_cell_that_shows_the_opposite_is_found_out(cell: int) -> None:
+    covered = BOTTOM.distance_m(SENSORS_M, TRUTH) < 0
+    of_cell = slice(5 * (cell - 1), 5 * cell)
+    stuck = not covered[of_cell].any()
+    covered[of_cell] = stuck
+    search, _ = searched(covered)
+    assert search.found is not None
+    assert np.hypot(*(search.found.pose - TRUTH)[:2]) < 0.02
+    assert search.left_out.nonzero()[0].tolist() == list(range(5 * (cell - 1), 5 * cell))
+
+
+def test_nothing_is_found_where_nothing_is_covered() -> None:
+    search, steps = searched(np.zeros(len(SENSORS_M), dtype=bool))
+    assert steps == 1
+    assert search.found is None
