@@ -151,7 +151,7 @@ def test_an_unknown_that_is_given_a_name_is_a_parcel_from_then_on(table) -> None
 def test_an_unknown_of_another_outline_keeps_being_unknown(table) -> None:
     table.put("thing", SMALL, 0.2, 0.1, 0.3)
     table.run(0.3)
-    table.tracker.name("unknown-1", Parcel("plank", 0.9, 0.1))
+    table.tracker.name("unknown-1", Parcel("plank", 0.5, 0.1))
     table.run(0.5)
     assert table.events()[1:] == [("unknown-1", Event.MISFIT)]
     assert list(table.tracker.beliefs(table.now_s, table.now_s)) == ["unknown-1"]

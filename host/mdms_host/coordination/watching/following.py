@@ -4,9 +4,10 @@ import numpy as np
 
 from mdms_model.arrays import Bools, Floats
 
-#: References at least so large [m/s], and reported speeds at most so large, for so long [s]. Under
-#: firmware in order a wheel is up to speed after some 30 ms.
-_COMMANDED_M_S = 0.01
+#: References at least so large [m/s], and reported speeds at most so large, for so long [s].
+#: Smaller ones may be a push that a parcel at rest takes up. Under firmware in order a wheel is up
+#: to speed after some 30 ms.
+_COMMANDED_M_S = 0.03
 _STANDING_M_S = 0.002
 _LIMIT_S = 0.3
 
