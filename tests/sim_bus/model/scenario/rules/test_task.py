@@ -1,7 +1,7 @@
 """Tasks that cannot be done are refused by their keys."""
 
 import pytest
-from tests.sim_bus.model.scenario.test_stream_rules import tree
+from tests.sim_bus.model.scenario.rules.test_stream import tree
 
 from mdms_model.scenario.file import scenario_from
 from mdms_model.scenario.scenario import ScenarioError
