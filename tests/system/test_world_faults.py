@@ -92,6 +92,20 @@ def test_a_box_that_is_longer_than_believed_is_carried_by_its_believed_edges():
     assert away_m(right) < 0.010
 
 
+@pytest.mark.parametrize("cell", [8, 9])
+@pytest.mark.parametrize("kind", ["encoder_stuck", "wheel_jammed"])
+def test_a_parcel_gets_past_a_wheel_that_stands_and_the_wheel_is_named(kind, cell):
+    fault = f'fault=[{{kind="{kind}", cells=[{cell}], axes=[1], start_s=0.45}}]'
+    scenario = load_scenario("array18", ["run.duration_s=4", fault])
+    coordinator = coordinator_of(scenario)
+    record = simulate(scenario, [coordinator]).record
+    name = f"cell {cell} (node {cell}) axis 1 does not follow"
+    (named_s,) = [time_s for time_s, text in coordinator.troubles if name in text]
+    assert 0.45 < named_s < 0.75
+    assert coordinator.finished
+    assert np.hypot(*(record.pose[-1, 0, :2] - (0.10, 0.0))) < 0.002
+
+
 @pytest.mark.parametrize("kind", ["encoder_stuck", "wheel_jammed"])
 def test_a_wheel_that_stands_at_a_reference_is_named_within_half_a_second(kind):
     fault = f'fault=[{{kind="{kind}", cells=[9], axes=[1], start_s=1.0}}]'

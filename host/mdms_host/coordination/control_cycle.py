@@ -24,9 +24,9 @@ from mdms_host.motion.program import Program
 from mdms_model.arrays import Floats
 from mdms_protocol.frame import Frame
 
-#: References shrink to 0 in so long when parcels are to be held [s]: in proportion, so that each
-#: keeps its line; from 0.5 m/s at 2.5 m/s2, which friction still gives.
-_BRAKED_S = 0.2
+#: References shrink to 0 when parcels are to be held, in proportion, so that each keeps its line:
+#: the largest by so much [m/s2], which a friction of 0.3 gives (mu g / 2 = 1.47).
+_BRAKING_M_S2 = 1.2
 
 
 class ControlCycle:
@@ -61,6 +61,9 @@ class ControlCycle:
         self._by_cells = by_cells
         self._journal = journal
         self._step_s = timing.sync_period_s
+        #: How fast each wheel is to run under its reference, as far as that is known.
+        self._commanded_m_s: Floats = np.zeros(wheels)
+        #: Since when parcels are held, and the references at which they were to be.
         self._braking: tuple[float, Floats] | None = None
 
     def frames(
@@ -81,6 +84,7 @@ class ControlCycle:
 
     def _references_m_s(self, phase: Phase, now_s: float, sync_s: float) -> Floats:
         """The references for a SYNC, shape (W,); 0 but while parcels are steered, or braked."""
+        self._commanded_m_s = np.zeros(self.references_m_s.shape)
         if phase not in UP or isinstance(self._program, CellsProgram):
             return np.zeros(self.references_m_s.shape)
         if phase in HELD:
@@ -89,7 +93,12 @@ class ControlCycle:
         else:
             self._braking = None
             references_m_s = self._steered_m_s(self._program, now_s, sync_s)
-        return np.where(self._roster.wheels_out, 0.0, references_m_s)
+        still = self._roster.wheels_out
+        if self._program.controllers:
+            # A wheel that stands is dragged along: one whose encoder is stuck would push with all
+            # that its motor has. Once it turns with its parcel it is driven again.
+            still = still | self.watch.standing
+        return np.where(still, 0.0, references_m_s)
 
     def _steered_m_s(self, program: Program, now_s: float, sync_s: float) -> Floats:
         """The program's references; zero while no cell reports its speeds."""
@@ -97,6 +106,7 @@ class ControlCycle:
             return np.zeros(self.references_m_s.shape)
         beliefs = self._tracker.beliefs(sync_s, now_s, program.near)
         references_m_s = program.references_m_s(beliefs, self._step_s)
+        self._commanded_m_s = np.where(self._roster.wheels_out, 0.0, program.speeds_m_s)
         self._report(beliefs, now_s)
         return references_m_s
 
@@ -112,9 +122,12 @@ class ControlCycle:
     def _braked_m_s(self, now_s: float) -> Floats:
         """The references at which parcels were to be held, as far as they have shrunk by now."""
         if self._braking is None:
-            self._braking = now_s, self.references_m_s
+            self._braking = now_s, self.references_m_s.copy()
         since_s, references_m_s = self._braking
-        left: Floats = references_m_s * max(0.0, 1.0 - (now_s - since_s) / _BRAKED_S)
+        # A cell that has been out since is not to be braked when it is back: it stands.
+        references_m_s[self._roster.wheels_out] = 0.0
+        braked_s = max(abs(references_m_s).max() / _BRAKING_M_S2, self._step_s)
+        left: Floats = references_m_s * max(0.0, 1.0 - (now_s - since_s) / braked_s)
         return left
 
     def _pages(
@@ -141,9 +154,9 @@ class ControlCycle:
         speeds = self._odometry.take()
         if speeds is None:
             return
-        # Of a wheel that is not known nothing is expected.
-        expected_m_s = np.where(speeds.known, self.references_m_s, 0.0)
-        for text in self.watch.wheels(expected_m_s, speeds.speed_m_s, self._step_s):
+        # Of a wheel whose speed is not known nothing is expected.
+        commanded_m_s = np.where(speeds.known, self._commanded_m_s, 0.0)
+        for text in self.watch.wheels(commanded_m_s, speeds.speed_m_s, self._step_s):
             self._journal.warn(now_s, text)
         # What does not follow its reference, or has none, shows nothing of the parcel on it.
         known = speeds.known & ~self.watch.standing & ~self._roster.wheels_out

@@ -13,11 +13,16 @@ from mdms_model.arrays import Floats
 
 
 class Carrying:
-    """The wheels of a layout with their drives, as they carry parcels, by name."""
+    """The wheels of a layout with their drives, as they carry parcels, by name.
+
+    `speeds_m_s` (W,) is how fast each is to run for its parcel's way under the references that
+    were returned last; what these hold besides is push, under which a wheel may well stand.
+    """
 
     def __init__(self, layout: Layout, drives: WheelDrives) -> None:
         self._layout = layout
         self._drives = drives
+        self.speeds_m_s: Floats = np.zeros(len(layout.wheel_positions_m))
 
     def references_m_s(
         self,
@@ -34,20 +39,26 @@ class Carrying:
         ]
         serves = allocate(self._layout.wheel_positions_m, claims)
         references_m_s = np.zeros(len(serves))
+        self.speeds_m_s = np.zeros(len(serves))
         for number, name in enumerate(places):
             one = carried.get(name)
             if one is not None:
                 mine = serves == number
-                np.copyto(references_m_s, self._of_one(one), where=mine)
+                reference_m_s, speed_m_s = self._of_one(one)
+                np.copyto(references_m_s, reference_m_s, where=mine)
+                np.copyto(self.speeds_m_s, speed_m_s, where=mine)
         return references_m_s
 
-    def _of_one(self, carried: Carried) -> Floats:
-        """The references of all wheels, (W,), as if all of them served one parcel."""
+    def _of_one(self, carried: Carried) -> tuple[Floats, Floats]:
+        """References and speeds of all wheels, (W,), as if all of them served one parcel."""
         jacobian = self._layout.surface_jacobian(*carried.pose[:2].tolist())
-        wanted_m_s, expected_m_s, rate_m_s2 = (
-            jacobian @ np.column_stack((carried.twist, carried.expected, carried.acceleration))
+        speed_m_s, wanted_m_s, expected_m_s, rate_m_s2 = (
+            jacobian
+            @ np.column_stack(
+                (carried.reference, carried.twist, carried.expected, carried.acceleration)
+            )
         ).T
         # Wheels that carry nothing push nothing: they are to run as the parcel is to move.
         force_n = self._drives.b_n_s_per_m * (wanted_m_s - expected_m_s)
         force_n[carried.wheels] = carried.force_n
-        return self._drives.references_m_s(expected_m_s, rate_m_s2, force_n)
+        return self._drives.references_m_s(expected_m_s, rate_m_s2, force_n), speed_m_s

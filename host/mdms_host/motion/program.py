@@ -45,6 +45,11 @@ class Program(Protocol):
         """References of shape (W,) for the next step, given what is believed at its beginning."""
         ...
 
+    @property
+    def speeds_m_s(self) -> Floats:
+        """How fast each wheel is to run under the references that were returned last, (W,)."""
+        ...
+
     def take_notices(self) -> list[str]:
         """What has happened to parcels since the last call."""
         ...
@@ -116,6 +121,11 @@ class FieldProgram:
 
     def references_m_s(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
         """The field's references, shape (W,)."""
+        return self._references_m_s
+
+    @property
+    def speeds_m_s(self) -> Floats:
+        """A wheel runs near its reference."""
         return self._references_m_s
 
     def set_goal(self, name: str, goal: Goal) -> None:
@@ -230,6 +240,11 @@ class GoalProgram:
         self._stop_blocked(carried, step_s)
         moving = {name: one for name, one in carried.items() if one is not None}
         return self._carrying.references_m_s(moving, self._bottoms, self._places)
+
+    @property
+    def speeds_m_s(self) -> Floats:
+        """See `Program`."""
+        return self._carrying.speeds_m_s
 
     def _see_obstacles(self, beliefs: Mapping[str, Belief]) -> None:
         """What is no parcel of this program is parked where it lies, as long as it is there."""

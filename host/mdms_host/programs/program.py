@@ -24,6 +24,11 @@ class Traffic(Orders, Protocol):
         """References of all wheels (W,) [m/s] for the next cycle."""
         ...
 
+    @property
+    def speeds_m_s(self) -> Floats:
+        """How fast each wheel is to run under the references that were returned last, (W,)."""
+        ...
+
     def take_left(self) -> list[str]:
         """Parcels that have left the table since the last call."""
         ...
@@ -185,6 +190,11 @@ class TableProgram:
                 there = {*beliefs, *(parcel.name for parcel in self.table.parcels)}
                 self._comings.step(self._register, there)
         return references_m_s
+
+    @property
+    def speeds_m_s(self) -> Floats:
+        """How fast each wheel is to run under the references that were returned last, (W,)."""
+        return self._traffic.speeds_m_s
 
     def _take_out(self, beliefs: Mapping[str, Belief]) -> None:
         """Parcels that have left are no more on the table, though they may still be believed."""

@@ -250,6 +250,11 @@ class TableTraffic:
         outlines = {name: self._outline(name, beliefs) for name in self._places}
         return self._carrying.references_m_s(carried, outlines, self._places)
 
+    @property
+    def speeds_m_s(self) -> Floats:
+        """How fast each wheel is to run under the references that were returned last, (W,)."""
+        return self._carrying.speeds_m_s
+
     def _look(self, beliefs: Mapping[str, Belief]) -> None:
         """Where everything is, and was last; what is unknown lies where it is seen only."""
         self._places = {

@@ -45,7 +45,8 @@ def test_wheel_that_stands_under_its_reference_is_named_within_half_a_second(arr
     array.run(coordinator, started_s + 2.0)
     ((time_s, text),) = coordinator.troubles
     assert time_s - started_s < 0.5
-    assert text.startswith("cell 7 (node 7) axis 2 does not follow: it stands at a reference of 50")
+    what = "does not follow: it stands, commanded to run at 50 mm/s"
+    assert text.startswith(f"cell 7 (node 7) axis 2 {what}")
     assert (time_s, text) in coordinator.events
 
 

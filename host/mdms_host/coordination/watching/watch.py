@@ -39,13 +39,13 @@ class Watch:
         """Wheels that do not follow their references, shape (W,)."""
         return self._following.standing
 
-    def wheels(self, reference_m_s: Floats, speed_m_s: Floats, step_s: float) -> Iterator[str]:
-        """Troubles of wheels, given the references of the last cycle and the speeds under them."""
-        for wheel in self._following.step(reference_m_s, speed_m_s, step_s):
+    def wheels(self, commanded_m_s: Floats, speed_m_s: Floats, step_s: float) -> Iterator[str]:
+        """Troubles of wheels, given the speeds commanded in the last cycle, and those reported."""
+        for wheel in self._following.step(commanded_m_s, speed_m_s, step_s):
             cell, axis = divmod(wheel, self._axes)
             yield (
-                f"{self._cells[cell].name} axis {axis + 1} does not follow: it stands at a "
-                f"reference of {1e3 * reference_m_s[wheel]:.0f} mm/s "
+                f"{self._cells[cell].name} axis {axis + 1} does not follow: it stands, "
+                f"commanded to run at {1e3 * commanded_m_s[wheel]:.0f} mm/s "
                 "(wheel held, encoder stuck, no supply?)"
             )
 

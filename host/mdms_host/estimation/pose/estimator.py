@@ -20,6 +20,8 @@ from mdms_model.arrays import Bools, Floats
 _EDGE_M = 0.0002
 #: A frame comes so long after its edge, give or take as much; the parcel has moved on meanwhile.
 _LATENCY_S = 0.002
+#: The observers of the cells report a speed so late.
+_OBSERVER_LAG_S = 0.002
 #: A parcel rests that moves no faster, its corners' turning included [m/s].
 _RESTING_M_S = 0.005
 #: What a sensor shows is judged from this far inside the outline on, or from so many standard
@@ -210,7 +212,8 @@ class ParcelEstimator:
         elif now_s > self._rolled_s + _CARRIED_S:
             self.twist = np.zeros(3)
         step_s = max(0.0, now_s - self._at_s)
-        self._filter.move((before + self.twist) * (step_s / 2), step_s)
+        late = (self.twist - before) * _OBSERVER_LAG_S if twist is not None else 0.0
+        self._filter.move((before + self.twist) * (step_s / 2) + late, step_s)
         self._at_s = now_s
 
     def edge(self, now_s: float, point_m: Floats) -> None:

@@ -12,7 +12,7 @@ from mdms_host.estimation.outlines.bottom import DRAWN_M
 from mdms_model.arrays import Floats
 
 #: Odometry errs by a random walk: this variance a metre of way, and this a second [m; m2/s].
-_SLIP_M = 1e-6
+_SLIP_M = 5e-6
 _DRIFT_M2_S = 1e-10
 #: An error of more standard deviations is not believed; of fewer, but of so many, it shows that the
 #: filter has been too sure of itself.
