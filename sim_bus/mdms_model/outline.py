@@ -78,6 +78,21 @@ def polygon_outline(corners: Floats) -> Outline:
     return Outline(np.column_stack([normals, distances, corners]), radius_m, _moment(corners, ends))
 
 
+def gap_m(one_m: Floats, other_m: Floats) -> float:
+    """Gap between convex outlines (n, 2), (m, 2) along the edge that parts them best [m].
+
+    Corners counter-clockwise; negative where they overlap, and at most what is between them.
+    """
+    return max(_beyond_m(one_m, other_m), _beyond_m(other_m, one_m))
+
+
+def _beyond_m(inner_m: Floats, outer_m: Floats) -> float:
+    """The widest gap between any edge of one outline and all of another [m]."""
+    edges = polygon_outline(inner_m).edges
+    beyond_m = outer_m @ edges[:, :2].T - edges[:, 2]
+    return float(beyond_m.min(axis=0).max())
+
+
 def area_and_moment(corners: Floats) -> tuple[float, Floats]:
     """Area and first moment (2,) of a polygon with corners (n, 2) (shoelace formulas)."""
     ends = np.roll(corners, -1, axis=0)

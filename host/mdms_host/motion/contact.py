@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from itertools import combinations
 from math import hypot
 
-import numpy as np
-
 from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_model import outline
 from mdms_model.arrays import Floats
 
 #: Beliefs that overlap by less may be of parcels that pass each other; by more they are not.
@@ -72,14 +71,5 @@ def _press(one: Body, other: Body) -> bool:
 
 
 def gap_m(one: Bottom, one_pose: Floats, other: Bottom, other_pose: Floats) -> float:
-    """Gap between two outlines along the direction that parts them best [m]; negative: overlap."""
-    corners_m = one.outline_m(one_pose), other.outline_m(other_pose)
-    return max(_gap_beyond_m(*corners_m), _gap_beyond_m(*reversed(corners_m)))
-
-
-def _gap_beyond_m(inner_m: Floats, outer_m: Floats) -> float:
-    """The widest gap between any edge of one polygon (N, 2), anticlockwise, and another [m]."""
-    along_m = np.roll(inner_m, -1, axis=0) - inner_m
-    normals = np.column_stack((along_m[:, 1], -along_m[:, 0])) / np.hypot(*along_m.T)[:, None]
-    beyond_m = (outer_m[None, :, :] - inner_m[:, None, :]) @ normals[:, :, None]
-    return float(beyond_m[:, :, 0].min(axis=1).max())
+    """Gap between two parcels' outlines along the direction that parts them best [m]."""
+    return outline.gap_m(one.outline_m(one_pose), other.outline_m(other_pose))

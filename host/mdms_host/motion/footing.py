@@ -1,12 +1,13 @@
 """Whether a parcel stands safely: at its start, at its goal and on the straight way between."""
 
 from dataclasses import dataclass, replace
-from math import ceil, hypot, pi
+from math import ceil, hypot
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mdms_host.motion.goal import Goal
+from mdms_host.motion.trajectory.path import shorter_turn_rad
 from mdms_model.outline import Outline
 from mdms_model.statics.support_margin import support_margins_m
 
@@ -76,7 +77,7 @@ def straight_way(start: Floats, goal: Goal | None, reach_m: float) -> Floats:
         return start[None, :]
     turn_rad = 0.0
     if goal.yaw_rad is not None:
-        turn_rad = (goal.yaw_rad - start[2] + pi) % (2 * pi) - pi
+        turn_rad = shorter_turn_rad(start[2], goal.yaw_rad)
     way = np.array([goal.x_m - start[0], goal.y_m - start[1], turn_rad])
     length_m = hypot(way[0], way[1]) + abs(turn_rad) * reach_m
     shares = np.linspace(0.0, 1.0, max(ceil(length_m / _STEP_M), 1) + 1)

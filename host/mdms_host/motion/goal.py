@@ -1,7 +1,7 @@
 """Closed-loop steering of one parcel to a goal pose, as fast as its wheels still roll."""
 
 from dataclasses import dataclass
-from math import hypot, inf, pi
+from math import hypot, inf
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from mdms_host.estimation.belief import Belief
 from mdms_host.motion.trajectory.follower import STIFFNESS_PER_S, Carried, Follower
 from mdms_host.motion.trajectory.grip import Grip
 from mdms_host.motion.trajectory.mass import Mass
-from mdms_host.motion.trajectory.path import straight
+from mdms_host.motion.trajectory.path import shorter_turn_rad, straight
 from mdms_host.motion.trajectory.traction import Traction
 from mdms_model.arrays import Floats
 
@@ -175,7 +175,7 @@ class GoalController:
             follower = self._follower
             turned_rad = yaw_rad if follower is None else float(follower.path.end[2])
         else:
-            turned_rad = yaw_rad + (wanted_rad - yaw_rad + pi) % (2 * pi) - pi
+            turned_rad = yaw_rad + shorter_turn_rad(yaw_rad, wanted_rad)
         return np.array([self.goal.x_m, self.goal.y_m, turned_rad])
 
     def _check_arrival(self, off: Floats, yaw_rad: float, step_s: float) -> None:

@@ -1,13 +1,14 @@
 """What lies on the table and is no parcel of a program: its parcels keep clear of it, and wait."""
 
 from collections.abc import Iterator, Mapping
-from math import hypot, pi
+from math import hypot
 
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
 from mdms_host.motion.contact import gap_m
 from mdms_host.motion.goal import Goal
+from mdms_host.motion.trajectory.path import straight
 from mdms_model.arrays import Floats
 
 #: A parcel comes no nearer than this to an outline in which something unknown lies [m].
@@ -57,13 +58,12 @@ class Obstacles:
 
 def _poses_ahead(parcel: Belief, goal: Goal, ahead_m: float) -> Iterator[Floats]:
     """Poses on the next `ahead_m` of the straight way to the goal, a corner's way included."""
-    x_m, y_m, yaw_rad = parcel.pose.tolist()
-    left_rad = 0.0 if goal.yaw_rad is None else (goal.yaw_rad - yaw_rad + pi) % (2 * pi) - pi
-    left = np.array([goal.x_m - x_m, goal.y_m - y_m, left_rad])
-    left_m = hypot(left[0], left[1], left_rad * parcel.outline.reach_m)
-    far_m = min(ahead_m, left_m)
+    yaw_rad = float(parcel.pose[2]) if goal.yaw_rad is None else goal.yaw_rad
+    end = np.array([goal.x_m, goal.y_m, yaw_rad])
+    path = straight(parcel.pose, end, parcel.outline.reach_m)
+    far_m = min(ahead_m, path.length_m)
     for step in range(1, int(far_m / _STEP_M) + 2):
-        yield parcel.pose + left * (min(step * _STEP_M, far_m) / max(left_m, 1e-9))
+        yield path.pose_at(min(step * _STEP_M, far_m))
 
 
 def _is_in_the_way(parcel: Belief, obstacle: Belief, poses: list[Floats], ahead_m: float) -> bool:

@@ -2,9 +2,10 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import degrees, hypot, pi
+from math import degrees, hypot
 
 from mdms_host.motion.goal import Goal
+from mdms_host.motion.trajectory.path import shorter_turn_rad
 
 #: A parcel within this of its goal has reached it. The coordinator steers to within 2 mm of what it
 #: believes; the rest is what a belief may be off after the last edge of the way.
@@ -42,7 +43,7 @@ def miss_of(goal: Goal, x_m: float, y_m: float, yaw_rad: float) -> tuple[float, 
     A goal without a yaw is reached however the parcel is turned.
     """
     wanted_rad = yaw_rad if goal.yaw_rad is None else goal.yaw_rad
-    turn_rad = (yaw_rad - wanted_rad + pi) % (2 * pi) - pi
+    turn_rad = shorter_turn_rad(wanted_rad, yaw_rad)
     return hypot(x_m - goal.x_m, y_m - goal.y_m), turn_rad
 
 

@@ -7,12 +7,13 @@ from math import hypot
 
 import numpy as np
 
+from mdms_host.motion.trajectory.path import shorter_turn_rad
 from mdms_host.routes.intervals.search import Found
 from mdms_host.routes.pace import Pace
 from mdms_host.routes.route import Route, Visits, merged
 from mdms_host.routes.space.moves import LatticeMoves
 from mdms_host.routes.space.roadmap import Roadmap
-from mdms_host.routes.space.shape import Shape, straight_turn_rad
+from mdms_host.routes.space.shape import Shape
 from mdms_host.routes.space.standing import Standing
 from mdms_host.routes.space.sweep import swept
 from mdms_host.routes.space.tiles import Tiles
@@ -180,7 +181,7 @@ def own_ends(task: Task, turned_rad: float) -> tuple[Floats, Floats]:
     """Start and goal with yaws about 0, the goal's by the shorter turn from the start's."""
     start = task.start - [0.0, 0.0, turned_rad]
     goal = start if task.goal is None else np.array(task.goal, dtype=np.float64)
-    turn_rad = 0.0 if task.shape.round else straight_turn_rad(task.start[2], goal[2])
+    turn_rad = 0.0 if task.shape.round else shorter_turn_rad(task.start[2], goal[2])
     if task.goal is None:
         return start, start
     return start, np.array([goal[0], goal[1], start[2] + turn_rad])

@@ -10,6 +10,7 @@ import numpy as np
 
 from mdms_model.arrays import Floats
 from mdms_model.hull import convex_hull
+from mdms_model.outline import polygon_outline
 
 _ANGLES = np.arange(256) * (2 * np.pi / 256)
 _DIRECTIONS = np.column_stack((np.cos(_ANGLES), np.sin(_ANGLES)))
@@ -38,9 +39,8 @@ def is_convex(covered_m: Floats, free_m: Floats) -> bool:
     hull_m = convex_hull(covered_m)
     if len(hull_m) < 3 or not len(free_m):
         return True
-    sides_m = np.roll(hull_m, -1, axis=0) - hull_m
-    outward = np.column_stack((sides_m[:, 1], -sides_m[:, 0])) / np.hypot(*sides_m.T)[:, None]
-    over_m = free_m @ outward.T - (hull_m * outward).sum(axis=1)
+    edges = polygon_outline(hull_m).edges
+    over_m = free_m @ edges[:, :2].T - edges[:, 2]
     return not (over_m.max(axis=1) < -_INSIDE_M).any()
 
 

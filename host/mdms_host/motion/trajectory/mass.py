@@ -6,6 +6,7 @@ import numpy as np
 
 from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_model.arrays import Floats
+from mdms_model.outline import area_and_moment, polygon_outline
 
 #: What is taken for the mass of a parcel of which none is known [kg].
 UNKNOWN_KG = 1.0
@@ -23,14 +24,9 @@ class Mass:
 def uniform_mass(outline: Bottom, mass_kg: float = UNKNOWN_KG) -> Mass:
     """That of an even plate of this outline."""
     corners_m = outline.outline_m(np.zeros(3))
-    after_m = np.roll(corners_m, -1, axis=0)
-    doubled_m2 = corners_m[:, 0] * after_m[:, 1] - after_m[:, 0] * corners_m[:, 1]
-    area_m2 = doubled_m2.sum() / 2
-    centre_m = (doubled_m2 @ (corners_m + after_m)) / (6 * area_m2)
-    squares_m2 = (corners_m**2 + corners_m * after_m + after_m**2).sum(axis=1)
-    about_origin_m2 = float(doubled_m2 @ squares_m2) / (12 * area_m2)
-    moment_m2 = about_origin_m2 - float(centre_m @ centre_m)
-    return Mass(mass_kg, mass_kg * moment_m2, (float(centre_m[0]), float(centre_m[1])))
+    area_m2, moment_m3 = area_and_moment(corners_m)
+    x_m, y_m = (moment_m3 / area_m2).tolist()
+    return Mass(mass_kg, mass_kg * polygon_outline(corners_m).moment_m2, (x_m, y_m))
 
 
 def centre_at(mass: Mass, poses: Floats) -> Floats:

@@ -82,7 +82,7 @@ class Path:
     def off(self, pose: Floats, s_m: float) -> Floats:
         """From a pose to that at a path coordinate, the shorter turn, shape (3,)."""
         off: Floats = self.pose_at(s_m) - pose
-        off[2] = (off[2] + pi) % (2 * pi) - pi
+        off[2] = shorter_turn_rad(0.0, off[2])
         return off
 
     def distance_m(self, off: Floats) -> float:
@@ -110,9 +110,14 @@ class Path:
         return best_m
 
 
+def shorter_turn_rad(from_rad: float, to_rad: float) -> float:
+    """The shorter turn from one yaw to another [rad], from -pi up to pi."""
+    return (to_rad - from_rad + pi) % (2 * pi) - pi
+
+
 def straight(start: Floats, end: Floats, reach_m: float) -> Path:
     """The path straight from a pose to another, by the shorter turn."""
-    turn_rad = (float(end[2] - start[2]) + pi) % (2 * pi) - pi
+    turn_rad = shorter_turn_rad(float(start[2]), float(end[2]))
     return Path(np.array([start, [end[0], end[1], start[2] + turn_rad]]), reach_m)
 
 

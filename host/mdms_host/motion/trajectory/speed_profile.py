@@ -42,10 +42,6 @@ class SpeedProfile:
         """The greatest speed at a path coordinate [m/s]."""
         return sqrt(max(float(np.interp(s_m, self.s_m, self._squares)), 0.0))
 
-    def time_at(self, s_m: float) -> float:
-        """When a parcel that starts at rest at 0 gets to a path coordinate [s]."""
-        return float(np.interp(s_m, self.s_m, self._times_s))
-
     def acceleration_at(self, s_m: float) -> float:
         """The bound of s'' at a path coordinate [m/s2]."""
         last = len(self.acceleration_m_s2) - 1
@@ -56,10 +52,6 @@ class SpeedProfile:
     def climb(self, s_m: float) -> float:
         """E(s), half the square of the speed that could be gained from 0 to there [m2/s2]."""
         return float(np.interp(s_m, self.s_m, self._climbs))
-
-    def cap_at(self, s_m: float) -> float:
-        """The bound of the speed that has nothing to do with starting and stopping [m/s]."""
-        return float(np.interp(s_m, self.s_m, self.cap_m_s))
 
     def ahead_at(self, s_m: float) -> float:
         """Square of the greatest speed from which all caps and stops ahead can be met [m2/s2]."""

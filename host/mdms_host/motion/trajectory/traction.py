@@ -5,18 +5,18 @@ From a route to moving wheels, for a program that drives many parcels:
     traction = Traction(layout, drives, friction=0.3, speed_m_s=0.5)
     path = Path(poses, outline.reach_m)                 # a route's polyline (K, 3)
     profile = traction.profile(path, outline, mass)     # friction and motors along it
-    profile.duration_s, profile.time_at(s_m)            # how long that takes from rest to rest
+    profile.duration_s                                  # how long that takes from rest to rest
     follower = Follower(traction, profile)              # `motion/follower.py`
     carried = follower.step(belief, step_s, authority_s_m)    # once a cycle
     references_m_s = carrying.references_m_s({name: carried}, outlines, places)   # all parcels
 
-Planners ask for times of moves that they only think of: `traction.agility(outline, mass)` once for
-each kind of parcel, then `travel_time_s(path, agility)`, some microseconds a piece.
+Planners ask `traction.agility(outline, mass)` once for each kind of parcel how fast it may be sped
+up wherever it is, for moves that they only think of.
 """
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from math import ceil, sqrt
+from math import ceil
 
 import numpy as np
 
@@ -58,30 +58,12 @@ class Agility:
     """
 
     per_acceleration: Floats
-    speed_m_s: float
 
     def acceleration_m_s2(self, direction: Floats) -> float:
         """The bound of s'' along a direction, the pose's change per metre of path, (3,)."""
         return max(
             _LEAST_M_S2, 1.0 / max(float(abs(self.per_acceleration @ direction).max()), 1e-9)
         )
-
-    def stopping_m(self, direction: Floats, speed_m_s: float) -> float:
-        """Way to a stop from a speed [m]."""
-        return speed_m_s**2 / (2 * self.acceleration_m_s2(direction))
-
-
-def travel_time_s(path: Path, agility: Agility) -> float:
-    """Time along a path from rest to rest, corners at rest: a little more than a profile's [s]."""
-    return sum(_piece_time_s(piece, agility) for piece in path.pieces)
-
-
-def _piece_time_s(piece: Piece, agility: Agility) -> float:
-    length_m = piece.end_s_m - piece.start_s_m
-    acceleration_m_s2 = agility.acceleration_m_s2(piece.direction)
-    if length_m * acceleration_m_s2 <= agility.speed_m_s**2:
-        return 2 * sqrt(length_m / acceleration_m_s2)
-    return length_m / agility.speed_m_s + agility.speed_m_s / acceleration_m_s2
 
 
 class Traction:
@@ -98,14 +80,13 @@ class Traction:
         friction: float = 0.3,
         speed_m_s: float = 0.1,
         gravity_m_s2: float = 9.81,
-        planned_share: float = PLANNED_SHARE,
     ) -> None:
         self.layout = layout
         self.drives = drives
         self.friction = friction
         self.speed_m_s = speed_m_s
         self._gravity_m_s2 = gravity_m_s2
-        self._planned = planned_share * friction
+        self._planned = PLANNED_SHARE * friction
         self._passive: Bools = np.zeros(len(layout.wheel_cells), dtype=bool)
         self.changes = 0
 
@@ -161,7 +142,7 @@ class Traction:
         pushes = pushes_at(self.layout, outline, mass, poses, mass.mass_kg * self._gravity_m_s2)
         columns = [pushes.shares(pushes.wrench(unit)) for unit in np.eye(3)]
         table = np.stack(columns, axis=-1)[pushes.pushing_n > 0.0] / self._planned
-        return Agility(table, self.speed_m_s)
+        return Agility(table)
 
     def _bounds(self, pushes: Pushes, direction: Floats) -> tuple[Floats, Floats]:
         """The bounds of s'' and of s' along a direction at each pose, both (K,)."""

@@ -60,8 +60,3 @@ class Shape:
             lies_back = start_rad < first * _QUARTER_RAD
             first, last = (first - 1, last) if lies_back else (first, last + 1)
         return [quarter * _QUARTER_RAD for quarter in range(first, last + 1)]
-
-
-def straight_turn_rad(from_rad: float, to_rad: float) -> float:
-    """The shorter turn from one yaw to another [rad], from -pi up to pi."""
-    return (to_rad - from_rad + pi) % (2 * pi) - pi

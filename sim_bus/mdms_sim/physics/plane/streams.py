@@ -10,7 +10,7 @@ import numpy as np
 
 from mdms_model.array import build_wheels, last_support_m
 from mdms_model.arrays import Floats, Ints
-from mdms_model.outline import outline_m, outline_of
+from mdms_model.outline import gap_m, outline_m, outline_of
 from mdms_model.run.comings import leaving
 from mdms_model.run.record import Event
 from mdms_model.scenario.scenario import Parcel, Scenario
@@ -102,7 +102,7 @@ class Streams:
             reach_m = radius_m + outline_of(theirs).radius_m + clear_m
             if np.hypot(*(poses[other] - place)[:2]) > reach_m:
                 continue
-            if _gap_m(mine_m, outline_m(poses[other], theirs)) < clear_m:
+            if gap_m(mine_m, outline_m(poses[other], theirs)) < clear_m:
                 return False
         return True
 
@@ -135,15 +135,3 @@ class _Stream:
         spread = (self.plan.spread_m, self.plan.spread_m, self.plan.spread_rad)
         x_m, y_m, yaw_rad = (self.random.uniform(-most, most) for most in spread)
         return self.plan.x_m + x_m, self.plan.y_m + y_m, self.plan.yaw_rad + yaw_rad
-
-
-def _gap_m(one_m: Floats, other_m: Floats) -> float:
-    """Gap between two convex outlines along the edge that parts them best [m]; at most the gap."""
-    return max(_beyond_m(one_m, other_m), _beyond_m(other_m, one_m))
-
-
-def _beyond_m(inner_m: Floats, outer_m: Floats) -> float:
-    along_m = np.roll(inner_m, -1, axis=0) - inner_m
-    normals = np.column_stack((along_m[:, 1], -along_m[:, 0])) / np.hypot(*along_m.T)[:, None]
-    beyond_m = (outer_m[None, :, :] - inner_m[:, None, :]) @ normals[:, :, None]
-    return float(beyond_m[:, :, 0].min(axis=1).max())
