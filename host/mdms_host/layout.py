@@ -109,6 +109,16 @@ class Layout:
         places_m: Floats = self.cell_positions_m[:, None, :] + offsets_m
         return places_m
 
+    @cached_property
+    def sensors_m(self) -> Floats:
+        """The same by cell in one row, shape (S, 2)."""
+        return self.sensor_positions_m.reshape(-1, 2)
+
+    @cached_property
+    def sensor_cells(self) -> Ints:
+        """Number of the cell that each of these belongs to, from 1, shape (S,)."""
+        return np.repeat(np.arange(1, self.cells + 1), len(self.sensor_offsets_m))
+
     def surface_jacobian(self, x_m: float, y_m: float) -> Floats:
         """Matrix that maps a rigid twist (vx, vy, omega) about a point to speeds along the wheels.
 

@@ -11,14 +11,13 @@ from mdms_model.arrays import Floats
 class Gate:
     """A line through a point [m; table frame], square to the heading in which parcels leave [rad].
 
-    A parcel has left once its centre is `beyond_m` past the line: at an exit of nothing but an edge
-    of the table, where it loses its support.
+    A parcel has left once its centre is past the line: at an edge of the table, where it loses its
+    support.
     """
 
     x_m: float
     y_m: float
     heading_rad: float
-    beyond_m: float = 0.0
 
     def past_m(self, points_m: Floats) -> Floats:
         """How far points (..., 2) are past the line [m], negative before it, shape (...)."""
@@ -28,7 +27,7 @@ class Gate:
 
     def left_by(self, pose: Floats) -> bool:
         """Whether a parcel at this pose has left."""
-        return bool(self.past_m(pose[:2]) >= self.beyond_m)
+        return bool(self.past_m(pose[:2]) >= 0.0)
 
     def reached_by(self, bottom: Bottom, pose: Floats) -> bool:
         """Whether any of a parcel at this pose is past the line."""

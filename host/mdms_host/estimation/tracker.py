@@ -49,7 +49,7 @@ class Tracker:
         debounce_s: tuple[float, ...] = (),
     ) -> None:
         self._layout = layout
-        self._sensors_m = layout.sensor_positions_m.reshape(-1, 2)
+        self._sensors_m = layout.sensors_m
         self._surroundings = Surroundings(layout)
         self._presence = PresenceMap(
             layout.cells, len(layout.sensor_offsets_m), status_period_s, debounce_s

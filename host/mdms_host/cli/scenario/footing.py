@@ -33,6 +33,15 @@ def refuse_tipping(scenario: Scenario) -> None:
             raise CommandError(f"parcel.{number}: {_text(parcel, footing)}", Exit.USAGE)
 
 
+def chosen_parcel(scenario: Scenario, name: str | None) -> Parcel:
+    """The parcel of that name, the first without one. Raises `CommandError` for no such parcel."""
+    for parcel in scenario.parcel:
+        if name in (None, parcel.name):
+            return parcel
+    names = ", ".join(parcel.name for parcel in scenario.parcel)
+    raise CommandError(f"--parcel {name}: no such parcel; there are {names}", Exit.USAGE)
+
+
 def goal_of(parcel: Parcel) -> Goal | None:
     """The goal as the host steers to it, None without one; a disc stays turned as it is.
 

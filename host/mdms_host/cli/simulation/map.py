@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from mdms_host.cli.compiling import compiling_watched
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import Exit
 from mdms_host.cli.files import replacing
 from mdms_host.cli.scenario.field import references_m_s
+from mdms_host.cli.scenario.footing import chosen_parcel
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Parcel, Scenario
 from mdms_sim.physics.analysis.field_map import FieldMap, map_field
@@ -20,7 +21,7 @@ from mdms_sim.plots.field_map import draw_field_map
 def run(arguments: Namespace) -> Exit:
     """Draw the map and print its equilibria and the path of the picture."""
     scenario = load_scenario(arguments.scenario, arguments.overrides)
-    parcel = _choose(scenario, arguments.parcel)
+    parcel = chosen_parcel(scenario, arguments.parcel)
     path = arguments.out or Path(f"{Path(arguments.scenario).stem}-map.png")
     reference_m_s = references_m_s(scenario)
     with compiling_watched():
@@ -33,14 +34,6 @@ def run(arguments: Namespace) -> Exit:
     else:
         print(*_report(figures), f"  picture: {path}", sep="\n")
     return Exit.OK
-
-
-def _choose(scenario: Scenario, name: str | None) -> Parcel:
-    for parcel in scenario.parcel:
-        if name in (None, parcel.name):
-            return parcel
-    names = ", ".join(parcel.name for parcel in scenario.parcel)
-    raise CommandError(f"--parcel {name}: no such parcel; there are {names}", Exit.USAGE)
 
 
 def _figures(scenario: Scenario, parcel: Parcel, field: FieldMap) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.files import replacing
 from mdms_host.cli.scenario.field import references_m_s
+from mdms_host.cli.scenario.footing import chosen_parcel
 from mdms_model.arrays import Floats
 from mdms_model.outline import area_and_moment, outline_of, own_outline_m
 from mdms_model.scenario.file import load_scenario
@@ -66,7 +67,7 @@ def _parcel(scenario: Scenario, arguments: Namespace) -> Parcel:
     Raises `CommandError` for one without corners, and `ScenarioError` for corners that make no
     convex polygon.
     """
-    parcel = _named(scenario, arguments.parcel)
+    parcel = chosen_parcel(scenario, arguments.parcel)
     if arguments.corners is not None:
         return _polygon(parcel, np.array(arguments.corners))
     if parcel.shape == "disc":
@@ -96,14 +97,6 @@ def _polygon(parcel: Parcel, corners_m: Floats) -> Parcel:
     area_m2, moment_m3 = area_and_moment(corners_m)
     x_m, y_m = (moment_m3 / area_m2).tolist()
     return replace(plate, centre_of_mass_m=(x_m, y_m), inertia_kg_m2=None)
-
-
-def _named(scenario: Scenario, name: str | None) -> Parcel:
-    for parcel in scenario.parcel:
-        if name in (None, parcel.name):
-            return parcel
-    names = ", ".join(parcel.name for parcel in scenario.parcel)
-    raise CommandError(f"--parcel {name}: no such parcel; there are {names}", Exit.USAGE)
 
 
 def _try(scenario: Scenario, parcel: Parcel, plan: SqueezePlan, arguments: Namespace) -> Trials:

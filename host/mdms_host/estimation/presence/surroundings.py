@@ -39,7 +39,7 @@ class Surroundings:
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
         self._shape = layout.rows, layout.columns
-        self._sensors_m = layout.sensor_positions_m.reshape(-1, 2)
+        self._sensors_m = layout.sensors_m
         self._jacobian = layout.surface_jacobian(0.0, 0.0)
         offsets_m = [*layout.sensor_offsets_m, *(wheel.offset_m for wheel in layout.wheels)]
         self._offset_m = float(np.abs(offsets_m).max())

@@ -86,7 +86,7 @@ class RollCall:
         self.absent: frozenset[str] = frozenset()
         self._layout = layout
         self._surroundings = surroundings
-        self._sensors_m = layout.sensor_positions_m.reshape(-1, 2)
+        self._sensors_m = layout.sensors_m
         self._searches: dict[Key, Search] = {}
         self._divisions: dict[bytes, _Division] = {}
         self._spreads: dict[bytes, tuple[Floats, float]] = {}

@@ -32,8 +32,8 @@ class Search:
         self.left_out: Bools = np.zeros(len(covered), dtype=bool)
         self.over = False
         self._bottom = bottom
-        self._sensors_m = layout.sensor_positions_m.reshape(-1, 2)
-        self._cell = np.arange(len(covered)) // len(layout.sensor_offsets_m)
+        self._sensors_m = layout.sensors_m
+        self._cell = layout.sensor_cells
         self._mine = mine
         self._yaw_hint_rad = yaw_hint_rad
         self._suspects: list[int] | None = None

@@ -28,8 +28,8 @@ class Strangers:
     """
 
     def __init__(self, layout: Layout, surroundings: Surroundings) -> None:
-        self._sensors_m = layout.sensor_positions_m.reshape(-1, 2)
-        self._cell = np.arange(len(self._sensors_m)) // len(layout.sensor_offsets_m)
+        self._sensors_m = layout.sensors_m
+        self._cell = layout.sensor_cells
         self._surroundings = surroundings
         self._grouping = SensorGroups(layout)
         self._wake_s: Floats = np.full(len(self._sensors_m), -inf)

@@ -61,8 +61,8 @@ class Unknowns:
 
     def __init__(self, layout: Layout, surroundings: Surroundings, link_m: float) -> None:
         self._surroundings = surroundings
-        self._sensors_m = layout.sensor_positions_m.reshape(-1, 2)
-        self._of_cell = np.arange(len(self._sensors_m)) // len(layout.sensor_offsets_m)
+        self._sensors_m = layout.sensors_m
+        self._of_cell = layout.sensor_cells
         self._most_m = _MOST_LINKS * link_m
         self._since_s: Floats = np.full(len(self._sensors_m), inf)
         self._all: dict[str, Unknown] = {}
