@@ -146,10 +146,11 @@ def scenario_of(seed: int, *overrides: str) -> Scenario:
         values |= dict(zip(("goal.x_m", "goal.y_m", "goal.yaw_rad"), goal, strict=True))
         keys = [f"parcel.0.{key}={value}" for key, value in values.items()]
         try:
-            return open_program(
+            scenario, _ = open_program(
                 "neighbours",
                 [*keys, *SPREAD, f"run.seed={seed}", f"run.duration_s={LIMIT_S}", *overrides],
             )
+            return scenario
         except (CommandError, ScenarioError):
             continue
 

@@ -34,7 +34,7 @@ def run() -> list[dict[str, Any]]:
 
 def firmware(seconds: float, seed: int) -> dict[str, Any]:
     """The whole system."""
-    scenario = open_program("sort54", [f"run.duration_s={seconds}", f"run.seed={seed}"])
+    scenario, _ = open_program("sort54", [f"run.duration_s={seconds}", f"run.seed={seed}"])
     finished = run_scenario(scenario)
     figures = stream_figures(scenario, finished.record)
     counts = figures["left"], figures["wrong"], figures["touches"]

@@ -9,7 +9,7 @@ from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.interrupted import interrupted
 from mdms_host.cli.paging import opened_page
 from mdms_host.cli.scenario.belief import Belief
-from mdms_host.cli.scenario.coordination import coordinator_of, parcels_of
+from mdms_host.cli.scenario.coordination import coordinator_of, layout_of, parcels_of
 from mdms_host.cli.scenario.load import timing_of
 from mdms_host.cli.streams import say
 from mdms_host.clock import Clock
@@ -20,7 +20,6 @@ from mdms_host.page.seat import Seat
 from mdms_host.page.shown.bus_watch import BusWatch
 from mdms_host.programs.planning import ThreadDesk
 from mdms_host.programs.program import Main
-from mdms_model.scenario.belief import believed
 from mdms_protocol import nmt
 
 
@@ -61,14 +60,14 @@ def _seated(belief: Belief, clock: Clock, main: Main | None) -> tuple[Seat, Live
     def make() -> Coordinator:
         return coordinator_of(belief.scenario, belief.cells, main=main, desk=ThreadDesk())
 
-    layout = make().layout
+    layout = layout_of(belief.scenario, belief.cells)
     timing = timing_of(belief.scenario.wire)
     watch = BusWatch(layout, timing.silence_s)
     seat = Seat(make, layout.bus_count, watch)
     table = LiveTable(
         belief.scenario.title,
         layout,
-        parcels_of(believed(belief.scenario)),
+        parcels_of(belief.scenario),
         seat=seat,
         watch=watch,
         now_s=clock.now_s,

@@ -19,7 +19,6 @@ from mdms_host.cli.scenario.belief import Belief, believe
 from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.scenario.load import check_load
-from mdms_host.cli.scenario.python_file import main_of_file
 from mdms_host.cli.streams import say
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, Operation, operate
@@ -59,8 +58,7 @@ def run(arguments: Namespace) -> int:
     overrides = [*arguments.overrides, "run.fidelity=firmware"]
     if getattr(arguments, "bitrate", None):
         overrides.append(f"wire.bitrate={arguments.bitrate}")
-    scenario = open_program(arguments.program, overrides)
-    main = main_of_file(arguments.program)
+    scenario, main = open_program(arguments.program, overrides)
     belief = believe(scenario, arguments.array, arguments)
     check_load(belief.scenario, arguments)
     if arguments.page is not None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.scenario.footing import refuse_tipping
 from mdms_host.cli.scenario.load import refuse_overload
-from mdms_host.cli.scenario.python_file import is_python, scenario_of_file
+from mdms_host.cli.scenario.python_file import is_python, read_program
 from mdms_host.commissioning.wheels.loop_margin import (
     GainError,
     WheelMotor,
@@ -15,6 +15,7 @@ from mdms_host.commissioning.wheels.loop_margin import (
     observer_for,
     phase_margin,
 )
+from mdms_host.programs.program import Main
 from mdms_model.motor import drive_of, rim_mass_kg
 from mdms_model.scenario.belief import believed
 from mdms_model.scenario.file import load_scenario
@@ -23,19 +24,20 @@ from mdms_model.scenario.scenario import Cell, Scenario
 MASSLESS = "none, for the wheels have no inertia: the paper's law is continuous"
 
 
-def open_program(name_or_path: str, overrides: Sequence[str]) -> Scenario:
-    """A checked scenario that cells and bus can follow; that of a program, for a file of Python.
+def open_program(name_or_path: str, overrides: Sequence[str]) -> tuple[Scenario, Main | None]:
+    """A checked scenario that cells and bus can follow, and what to run on it but its own tasks.
 
-    Raises ScenarioError, `CommandError`.
+    A file of Python has both. Raises ScenarioError, `CommandError`.
     """
+    main = None
     if is_python(name_or_path):
-        name_or_path = scenario_of_file(name_or_path)
+        name_or_path, main = read_program(name_or_path)
         overrides = [*overrides, "motion.field=program"]
     scenario = load_scenario(name_or_path, overrides)
     refuse_overload(scenario)
     refuse_large_gain(scenario)
     refuse_tipping(scenario)
-    return scenario
+    return scenario, main
 
 
 def gain_limits(cell: Cell) -> dict[str, float | None]:

@@ -16,26 +16,19 @@ def is_python(name_or_path: str) -> bool:
     return name_or_path.endswith(_SUFFIX)
 
 
-def main_of_file(name_or_path: str) -> Main | None:
-    """The `main` of a file of Python; None for anything else. Raises `CommandError`."""
-    if not is_python(name_or_path):
-        return None
-    main = _names(name_or_path).get("main")
-    if not inspect.iscoroutinefunction(main):
-        raise _wrong(name_or_path, "has no `async def main(table)`")
-    return main
+def read_program(path: str) -> tuple[str, Main]:
+    """The scenario that a file of Python names, built in or a file beside it, and its `main`.
 
-
-def scenario_of_file(name_or_path: str) -> str:
-    """The scenario that a file of Python names: built in, or a file beside it.
-
-    Raises `CommandError`.
+    The file is executed, once a call. Raises `CommandError`.
     """
-    named = _names(name_or_path).get("SCENARIO")
+    names = _names(path)
+    named, main = names.get("SCENARIO"), names.get("main")
     if not isinstance(named, str):
-        raise _wrong(name_or_path, "has no SCENARIO, the name of a scenario or of its file")
-    beside = Path(name_or_path).parent / named
-    return str(beside) if beside.exists() else named
+        raise _wrong(path, "has no SCENARIO, the name of a scenario or of its file")
+    if not inspect.iscoroutinefunction(main):
+        raise _wrong(path, "has no `async def main(table)`")
+    beside = Path(path).parent / named
+    return str(beside) if beside.exists() else named, main
 
 
 def _names(path: str) -> dict[str, Any]:

@@ -16,17 +16,17 @@ from mdms_model.scenario.scenario import Parcel, Scenario
 
 def run(arguments: Namespace) -> Exit:
     """Run the prototype's array with its real firmware and report how it went; or with its page."""
-    scenario = open_program(arguments.scenario, ["run.fidelity=firmware"])
+    scenario, main = open_program(arguments.scenario, ["run.fidelity=firmware"])
     if arguments.page is not None:
         require(PAGE, "mdms demo --page")
         # The page is an extra.
         from mdms_host.cli.simulation.live import show  # noqa: PLC0415
 
-        return show(scenario, arguments)
+        return show(scenario, arguments, main)
     columns, rows = scenario.array.columns, scenario.array.rows
     if not arguments.json:
         print(f"{columns} x {rows} cells with the real firmware on a virtual CAN bus:")
-    finished, figures = simulate(scenario, "cpython", arguments.out)
+    finished, figures = simulate(scenario, "cpython", arguments.out, main=main)
     if arguments.json:
         print(json.dumps(figures))
     else:

@@ -3,6 +3,7 @@
 from argparse import Namespace
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from functools import partial
 from time import sleep
 
 from mdms_host.cli.exits import Exit
@@ -13,6 +14,7 @@ from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.page.seat import Seat
 from mdms_host.page.simulated import SLICE_NS, SimulatedTable
 from mdms_host.programs.planning import ThreadDesk
+from mdms_host.programs.program import Main
 from mdms_model.scenario.belief import believed
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.serve.clock import RealTime
@@ -20,14 +22,18 @@ from mdms_sim.serve.server import Server
 from mdms_sim.simulation import Simulation, addresses_of, open_bank
 
 
-def seat_of(scenario: Scenario) -> Seat:
-    """The host's place at a simulated table, where nobody sits yet. Raises `CommandError`."""
+def seat_of(scenario: Scenario, main: Main | None = None) -> Seat:
+    """The host's place at a simulated table, where nobody sits yet. Raises `CommandError`.
+
+    Every start begins `main`, or the scenario's own program, anew.
+    """
     # What does not fit the firmware is refused now, and not when somebody presses a button; and
     # what has to be worked out before plans can be made is so while nobody waits.
-    first = [coordinator_of(scenario, desk=ThreadDesk())]
+    new = partial(coordinator_of, scenario, main=main)
+    first = [new(desk=ThreadDesk())]
 
     def make() -> Coordinator:
-        return first.pop() if first else coordinator_of(scenario, desk=ThreadDesk())
+        return first.pop() if first else new(desk=ThreadDesk())
 
     return Seat(make, addresses_of(scenario).bus_count)
 
@@ -69,9 +75,9 @@ def attended(
         yield over_or_attended
 
 
-def show(scenario: Scenario, arguments: Namespace) -> Exit:
+def show(scenario: Scenario, arguments: Namespace, main: Main | None = None) -> Exit:
     """Run a scenario's program in real time with its page, until Ctrl-C."""
-    seat = seat_of(scenario)
+    seat = seat_of(scenario, main)
     with closing(open_bank("cpython", addresses_of(scenario).node_ids)) as bank:
         simulation = Simulation(scenario, bank, [seat], recorded=False)
         # Whatever is compiled at its first use is so before anybody looks and time counts.

@@ -15,6 +15,7 @@ from mdms_host.cli.simulation.compose import Finished
 from mdms_host.cli.simulation.figures import figures_of
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
+from mdms_host.programs.program import Main
 from mdms_model.run.folder import BUS_LOG, fresh_folder
 from mdms_model.run.history import MOST_SAMPLES
 from mdms_model.scenario.scenario import Scenario
@@ -29,15 +30,16 @@ def run(arguments: Namespace) -> Exit:
     """Serve until Ctrl-C or SIGTERM, or until a parcel tips; keep a run folder if asked to."""
     if arguments.page is not None:
         require(PAGE, "mdms serve --page")
-    scenario = open_program(arguments.scenario, [*arguments.overrides, "run.fidelity=firmware"])
+    overrides = [*arguments.overrides, "run.fidelity=firmware"]
+    scenario, main = open_program(arguments.scenario, overrides)
     # Both end a service as Ctrl-C does, so that its sockets go.
     for number in ENDS:
         signal.signal(number, signal.default_int_handler)
     try:
         if arguments.out is None:
-            simulation = _serve(scenario, arguments)
+            simulation = _serve(scenario, main, arguments)
         else:
-            simulation = _serve_and_keep(scenario, arguments)
+            simulation = _serve_and_keep(scenario, main, arguments)
     except KeyboardInterrupt:
         return Exit.OK
     for event in simulation.world.events:
@@ -46,11 +48,11 @@ def run(arguments: Namespace) -> Exit:
     return Exit.FAILURE if simulation.tipped else Exit.OK
 
 
-def _serve_and_keep(scenario: Scenario, arguments: Namespace) -> Simulation:
+def _serve_and_keep(scenario: Scenario, main: Main | None, arguments: Namespace) -> Simulation:
     clock = MonotonicClock()
     with fresh_folder(arguments.out) as folder:
         with (folder / BUS_LOG).open("wb") as log:
-            simulation = _serve(scenario, arguments, log)
+            simulation = _serve(scenario, main, arguments, log)
             outcome = simulation.outcome()
         lasted = lasting(scenario, float(outcome.record.time_s[-1]))
         finished = Finished(outcome.record, arguments.nodes, outcome.bus, wall_s=clock.now_s())
@@ -60,11 +62,13 @@ def _serve_and_keep(scenario: Scenario, arguments: Namespace) -> Simulation:
     return simulation
 
 
-def _serve(scenario: Scenario, arguments: Namespace, log: BinaryIO | None = None) -> Simulation:
+def _serve(
+    scenario: Scenario, main: Main | None, arguments: Namespace, log: BinaryIO | None = None
+) -> Simulation:
     """Serve to the end; recorded where there is a log, in a bounded memory."""
     cells = scenario.array.columns * scenario.array.rows
     with closing(open_bank(arguments.nodes, addresses_of(scenario).node_ids)) as bank:
-        seat = _seat(scenario) if arguments.page is not None else None
+        seat = _seat(scenario, main) if arguments.page is not None else None
         seats = [seat] if seat else []
         simulation = Simulation(
             scenario, bank, seats, bus_log=log, recorded=log is not None, most_samples=MOST_SAMPLES
@@ -89,12 +93,12 @@ def _serve(scenario: Scenario, arguments: Namespace, log: BinaryIO | None = None
     return simulation
 
 
-def _seat(scenario: Scenario) -> "Seat":
+def _seat(scenario: Scenario, main: Main | None) -> "Seat":
     from mdms_host.cli.simulation.live import seat_of  # noqa: PLC0415
 
-    return seat_of(scenario)
+    return seat_of(scenario, main)
 
 
 def _name_of(scenario: str) -> str:
     """The channel for a scenario: its name, or its file's."""
-    return scenario.rsplit("/", 1)[-1].removesuffix(".toml")
+    return scenario.rsplit("/", 1)[-1].removesuffix(".toml").removesuffix(".py")

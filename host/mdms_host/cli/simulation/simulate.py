@@ -13,7 +13,6 @@ from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.files import writing
 from mdms_host.cli.records.keep import keep_run
 from mdms_host.cli.scenario.gain import open_program
-from mdms_host.cli.scenario.python_file import main_of_file
 from mdms_host.cli.simulation.compose import Finished, run_scenario
 from mdms_host.cli.simulation.figures import fault_of, figures_of, goals_of, report
 from mdms_host.cli.streams import say
@@ -30,8 +29,7 @@ def run(arguments: Namespace) -> Exit:
     for name in ("seed", "fidelity"):
         if getattr(arguments, name) is not None:
             overrides.append(f"run.{name}={getattr(arguments, name)}")
-    scenario = open_program(arguments.scenario, overrides)
-    main = main_of_file(arguments.scenario)
+    scenario, main = open_program(arguments.scenario, overrides)
     if arguments.bus_format != "log" and not (arguments.out and _has_bus(scenario)):
         raise CommandError(
             "--bus-format: only a run of the firmware with --out has a bus log", Exit.USAGE

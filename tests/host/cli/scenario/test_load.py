@@ -56,12 +56,12 @@ def test_frames_that_gateways_forward_count_on_the_bus_that_gets_them():
 
 def test_forwarded_frames_that_are_rare_do_not_count():
     assert open_program("array54", ["array.forwarded=[1, 2, 4]"])
-    assert open_program("passing2", []).array.forwarded == (1, 2, 3, 4)
+    assert open_program("passing2", [])[0].array.forwarded == (1, 2, 3, 4)
 
 
 def test_a_model_without_a_bus_has_as_many_cells_as_it_wants():
     overrides = ("array.columns=30", "run.fidelity='ideal'", "motion.field='uniform'")
-    assert open_program("array18", overrides).array.columns == 30
+    assert open_program("array18", overrides)[0].array.columns == 30
 
 
 @pytest.mark.parametrize(
@@ -101,8 +101,8 @@ def test_the_bit_rate_that_counts_is_that_of_the_options():
 
 def test_the_host_sends_sync_as_often_as_the_scenario_says():
     overrides = ["run.duration_s=3", "wire.bitrate=500000", "wire.sync_period_s=0.02"]
-    slow = run_scenario(open_program("array18", overrides))
-    fast = run_scenario(open_program("array18", overrides[:1]))
+    slow = run_scenario(open_program("array18", overrides)[0])
+    fast = run_scenario(open_program("array18", overrides[:1])[0])
     assert slow.fault is None
     assert slow.bus.frames == pytest.approx(fast.bus.frames / 2, rel=0.25)
 

@@ -4,13 +4,8 @@ import pytest
 
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.scenario.gain import open_program
-from mdms_host.cli.scenario.python_file import main_of_file
 
 MAIN = "async def main(table):\n    pass\n"
-
-
-def opened(path):
-    return open_program(path, []), main_of_file(path)
 
 
 @pytest.fixture
@@ -24,20 +19,24 @@ def written(tmp_path):
 
 
 def test_a_file_names_its_scenario_and_has_a_main(written):
-    path = written(f'SCENARIO = "sort54"\n{MAIN}')
-    scenario = open_program(path, [])
+    scenario, main = open_program(written(f'SCENARIO = "sort54"\n{MAIN}'), [])
     assert (scenario.array.columns, scenario.motion.field) == (9, "program")
-    assert main_of_file(path).__name__ == "main"
+    assert main.__name__ == "main"
+
+
+def test_a_file_is_executed_once(written, capsys):
+    open_program(written(f'SCENARIO = "sort54"\nprint("executed")\n{MAIN}'), [])
+    assert capsys.readouterr().out == "executed\n"
 
 
 def test_a_scenario_beside_the_file_is_found_and_overrides_count(written):
     written('scenario = "array18"\ntitle = "beside"\n', "beside.toml")
-    scenario = open_program(written(f'SCENARIO = "beside.toml"\n{MAIN}'), ["run.seed=7"])
+    scenario, _ = open_program(written(f'SCENARIO = "beside.toml"\n{MAIN}'), ["run.seed=7"])
     assert (scenario.title, scenario.run.seed) == ("beside", 7)
 
 
 def test_what_is_no_file_of_python_has_no_main():
-    assert main_of_file("sort54") is None
+    assert open_program("sort54", [])[1] is None
 
 
 @pytest.mark.parametrize(
@@ -53,7 +52,7 @@ def test_what_is_no_file_of_python_has_no_main():
 def test_what_a_file_lacks_is_said_in_one_line(written, text, reason):
     path = written(text)
     with pytest.raises(CommandError) as refused:
-        opened(path)
+        open_program(path, [])
     assert reason in str(refused.value)
     assert "\n" not in str(refused.value)
     assert refused.value.code == Exit.USAGE
