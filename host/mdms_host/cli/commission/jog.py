@@ -36,10 +36,12 @@ def run(arguments: Namespace) -> Exit:
             with _keys() as pressed:
                 say("hold + or - to turn the wheel, q to end")
                 jog = Jog(node_id, axis, 0.0, _KEYS_S)
+                jog.resets = arguments.reset
                 by_keys = ByKeys(jog, arguments.speed, MonotonicClock(), pressed)
                 turn = turn_wheel(commissioning, node_id, axis, jog, by_keys.look)
         else:
             jog = Jog(node_id, axis, arguments.speed, arguments.seconds)
+            jog.resets = arguments.reset
             turn = turn_wheel(commissioning, node_id, axis, jog)
     _report(arguments, turn)
     return Exit.OK
