@@ -18,6 +18,7 @@ from mdms_host.clock import MonotonicClock
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol import nmt
 from mdms_protocol.frame import Frame
+from mdms_sim.bus.wire import STANDARD_MASK
 from mdms_sim.nodes import CellBank
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.simulation import Simulation
@@ -56,11 +57,14 @@ class SimulatedArray:
 
 
 class StandingArray:
-    """Cells whose wheels stand; frames reach them at once, and none receives what others send."""
+    """Cells whose wheels stand; frames reach them at once, and none receives what others send.
+
+    Without a bank there are none.
+    """
 
     error_frames = 0
 
-    def __init__(self, bank: PythonBank, cells: int) -> None:
+    def __init__(self, bank: PythonBank | None, cells: int) -> None:
         self.bank = bank
         self.now_ns = 0
         self.presence = np.zeros(cells, np.uint8)
@@ -88,6 +92,8 @@ class StandingArray:
             self.now_ns = self._due_ns
             self._due_ns += TICK_NS
             self.hand()
+            if self.bank is None:
+                continue
             self.bank.tick(self._still, self._still, self.presence)
             for cell in range(self._cells):
                 for frame in self.bank.collect(cell):
@@ -152,11 +158,19 @@ class _Link:
 
     def __init__(self, time: VirtualTime, deliver: Deliver) -> None:
         self._time = time
-        self._send = time.array.attach(deliver)
+        self._deliver = deliver
+        self._garbled = 0
+        self._send = time.array.attach(self._sort)
 
     @property
     def counts(self) -> LinkCounts:
-        return LinkCounts(0, self._time.array.error_frames, 0, 0)
+        return LinkCounts(self._garbled, self._time.array.error_frames, 0, 0)
+
+    def _sort(self, frame: Frame, now_s: float) -> None:
+        if frame.can_id > STANDARD_MASK:
+            self._garbled += 1
+        else:
+            self._deliver(frame, now_s)
 
     def send(self, frame: Frame, _until_s: float | None = None) -> None:
         if not self._time.mute:
