@@ -1,5 +1,7 @@
 """`mdms commission --nudge` on a small array with real wheels and a real bus, in virtual time."""
 
+import io
+
 import numpy as np
 import pytest
 from tests.virtual_array import OtherHost, SimulatedArray, virtual_time
@@ -85,6 +87,30 @@ def test_a_cell_that_lost_the_fight_for_its_node_id_gets_its_own(serve, tmp_path
     assert " has node id 2, as another cell has; it gets its own" in capsys.readouterr().err
     file = read_array(tmp_path / "a.toml")
     assert [(cell.serial, cell.node_id) for cell in file.cells] == [(1, 1), (2, 2), (3, 3), (4, 4)]
+
+
+def test_wheel_that_pushes_the_wrong_way_is_set_right_and_stays_so(serve, tmp_path, monkeypatch):
+    array = serve()
+    # Places, consent to write and to turn, then each wheel: axis 1 of node 2 went the wrong way.
+    seen = ["y", "y", "n", "y", "y", "y", "y", "y"]
+    answers = "".join(f"{each}\n" for each in ("1", "2", "3", "4", "y", "y", *seen))
+    terminal = io.StringIO(answers)
+    terminal.isatty = lambda: True
+    monkeypatch.setattr("sys.stdin", terminal)
+    out = tmp_path / "asked.toml"
+    assert main(["commission", *GRID, "--out", str(out), "-i", "virtual"]) == Exit.OK
+    cell = read_array(out).cells[1]
+    assert [(each.name, number) for each, number in cell.values.items()] == [
+        ("axis1.polarity", 0x40)
+    ]
+    with Commissioning(None, MonotonicClock()) as bus:
+        bus.restart(2)
+        assert [bus.read(2, index) for index in (0x607E, 0x687E)] == [0x40, 0]
+    before_m = array.travels_m()
+    again = ["commission", "--from", str(out), "--yes", "--nudge", "-i", "virtual"]
+    assert main(again) == Exit.OK
+    assert (array.travels_m() - before_m)[2] < -0.0005
+    assert (array.travels_m() - before_m)[3] > 0.0005
 
 
 def limits_voltage(frame):

@@ -5,6 +5,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from tests.system.serving import serving
 from tests.virtual_array import SimulatedArray, StandingArray, virtual_time
 
 from mdms_cell.canopen.objects import find
@@ -185,6 +186,15 @@ def test_a_healthy_array_has_no_findings(capsys):
     with virtual_time(SimulatedArray(PythonBank(range(1, 19)))):
         assert main(["doctor", *BUS]) == Exit.OK
         assert capsys.readouterr().out == "18 cells: 0 serious findings, 0 warnings\n"
+
+
+@pytest.mark.real_time
+def test_a_served_array_is_examined_over_its_bus(tmp_path, capsys):
+    channel = str(tmp_path / "bus.sock")
+    fault = "fault=[{kind='supply', cells=[7], supply_v=5.0}]"
+    with serving(PythonBank(range(1, 19)), channel, "array18", fault):
+        assert main(["doctor", "--json", "-i", "mdms", "-c", channel]) == Exit.NODE_FAULT
+    assert found(capsys)[0] == {"supply-low": [(7,)]}
 
 
 def test_every_kind_of_finding_is_provoked_here():

