@@ -150,6 +150,8 @@ _CELL: dict[int, Field | e.Group] = {
             2: field("Frames dropped", U32, READ),
             3: field("Frames not sent", U32, READ),
             4: field("Frames overrun", U32, READ),
+            5: field("Transmit error counter", U32, READ),
+            6: field("Receive error counter", U32, READ),
         },
     ),
     0x3003: setting("Undervoltage limit", U16, 10_000, e.MILLIVOLTS, high=60_000),

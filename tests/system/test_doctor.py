@@ -28,12 +28,14 @@ FAULTS = (
     "{kind='sensor_stuck', cells=[4], sensors=[0]}",
     "{kind='motor_reversed', cells=[5], axes=[1]}",
     "{kind='wheel_jammed', cells=[6], axes=[2]}",
-    "{kind='corruption', cells=[14], seen_by=[13], probability=0.02}",
+    "{kind='corruption', cells=[14], seen_by=[13], probability=0.15}",
 )
 #: What each kind of finding is found at, without an array file and without a turn of a wheel.
 #: A cell that was off the bus is in fault for that, too.
 EXPECTED = {
     "bus-errors": [()],
+    # Two that answer under one node id spoil each other's frames.
+    "node-errors": [(9,), (14,)],
     "adapter": [()],
     "bus-off": [(14,)],
     "overrun": [(14,)],
