@@ -20,6 +20,7 @@ from mdms_host.commissioning.network import Commissioning
 from mdms_host.commissioning.wheels.jog import SPEED_MAX_M_S, Jog
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol import cob, indices, nmt, pdo
+from mdms_protocol.sdo import NO_SUCH_OBJECT, AbortError
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.simulation import simulate
 
@@ -228,6 +229,34 @@ def test_axis_in_fault_is_turned_only_once_the_fault_is_to_be_reset(array, capsy
     )
     assert not [frame for frame in sent if frame.can_id == cob.NMT]
     assert main([*JOG, "--reset"]) == Exit.OK
+
+
+def test_motor_that_runs_away_does_so_slowly_and_ends_the_jog_with_its_reason(capsys):
+    fault = f"fault=[{{kind='motor_reversed', cells=[{CELL}], axes=[1]}}]"
+    with virtual_time(SimulatedArray(PythonBank(range(1, 19)), fault)) as time:
+        speeds_m_s = time.array.simulation.world.scene.state.wheels["speed_m_s"]
+        fastest_m_s = []
+        time.before_send = lambda _frame: fastest_m_s.append(np.abs(speeds_m_s).max())
+        assert main(JOG) == Exit.NODE_FAULT
+        assert "0x7302" in capsys.readouterr().err
+        # 2.4 V; at 24 V it is faster within the same 80 ms.
+        assert 0.3 < max(fastest_m_s) < 0.8
+        time.sleep(3.0)
+        assert speeds_m_s.max() < 5e-3
+
+
+def test_cell_without_a_trial_limit_is_not_turned(array, capsys):
+    objects = array.array.bank._cells[CELL - 1]._objects
+
+    def refuse(_limit_mv):
+        raise AbortError(NO_SUCH_OBJECT)
+
+    objects.tie(indices.TRIAL_VOLTAGE_LIMIT, 0, write=refuse)
+    sent = []
+    array.before_send = sent.append
+    assert main(JOG) == Exit.NODE_FAULT
+    assert "its voltage cannot be limited" in capsys.readouterr().err
+    assert not [frame for frame in sent if frame.can_id == pdo.TARGET_VELOCITY.can_id(CELL)]
 
 
 def test_fault_on_the_way_ends_the_jog_with_its_reason(array, capsys):

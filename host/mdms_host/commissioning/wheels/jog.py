@@ -187,7 +187,10 @@ class Jog:
     def _limit(self, now_s: float) -> Iterator[Frame]:
         yield from self._limiting.poll(now_s)
         if self._limiting.failure:
-            self._fail(f"its voltage cannot be limited: {self._limiting.failure}")
+            reason = self._limiting.failure
+            self._fail(
+                f"its voltage cannot be limited: {reason}; is its firmware older? mdms flash"
+            )
 
     def _turn(self, elapsed_s: float) -> Iterator[Frame]:
         if self._state != cia402.OPERATION_ENABLED:

@@ -10,6 +10,8 @@ from mdms_protocol import cia402, indices, nmt
 
 #: Bit of 0x607E: motor and encoder are mounted the other way round.
 REVERSED = 0x40
+#: What a wheel may get beyond what its speed needs, or its runaway watch.
+_ROOM = 1.2
 #: Faults of which nothing is left but that who drove the wheel has fallen silent.
 _SILENCES = (0x8130, 0x8250)
 #: A wheel that is braked stands within a few of them; one with no bridge may roll on.
@@ -52,6 +54,17 @@ def refuse_steering(commissioning: Commissioning, node_id: int) -> None:
         raise BusyError(
             f"node {node_id} steers by itself; first: mdms configure set control=0 --node {node_id}"
         )
+
+
+def limit_for(commissioning: Commissioning, node_id: int, axis: int, speed_m_s: float) -> int:
+    """The voltage [mV] that turning up to a speed [m/s] needs, and by which a runaway is noticed.
+
+    A wheel whose motor is wired against its encoder goes no faster than by this.
+    """
+    offset = (axis - 1) * indices.AXIS_OFFSET
+    needed_mv = commissioning.read(node_id, indices.GAIN + offset) * abs(speed_m_s)
+    watched_mv = commissioning.read(node_id, indices.REVERSAL_VOLTAGE + offset)
+    return max(1, round(_ROOM * max(needed_mv, watched_mv)))
 
 
 def turn_wheel(
