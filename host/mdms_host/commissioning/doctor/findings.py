@@ -144,7 +144,7 @@ KINDS: Mapping[str, Kind] = {
     "drive-fault": Kind(
         "An axis is in fault, and its wheel does not turn.",
         "As its error code says.",
-        "Remove the cause; the next run resets the fault.",
+        "Remove the cause; the next run resets the fault, and so does mdms jog --reset.",
     ),
     "supply-low": Kind(
         "The motors' supply is below the limit; wheels do not turn (0x3220).",

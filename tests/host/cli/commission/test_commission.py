@@ -75,7 +75,6 @@ def serials(bus, cells=3):
 
 
 @blank
-@pytest.mark.slow
 def test_blank_cells_get_ids_places_and_neighbours_and_keep_them(
     commission, bus, cells, tmp_path, capsys
 ):
@@ -177,7 +176,6 @@ def test_what_was_answered_before_an_interruption_is_not_asked_again(
 
 
 @blank
-@pytest.mark.slow
 def test_a_plate_that_is_moved_over_the_table_places_all(commission, bus, cells, tmp_path, capsys):
     layout = Layout(3, 2)
     place_of = {serial: place for place, serial in enumerate(ORDER_6)}
