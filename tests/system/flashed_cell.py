@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from tests.micropython_builds import ROOT, unix, unix_command
+from tests.micropython_builds import unix, unix_command
 
 from mdms_host.flashing.firmware_build import compiled_firmware, rom_image
 from mdms_host.updating.bundles import BOOT, Bundle, pack_image, sign
@@ -121,7 +121,7 @@ class FlashedCell:
         self._outside = folder / "outside"
         self._outside.mkdir()
         (self._outside / "machine.py").write_text(_MACHINE)
-        self._errors = (folder / "errors.txt").open("w+")
+        self._errors = folder / "errors.txt"
         self._process: subprocess.Popen[bytes] | None = None
         self._buffer = b""
         self.told: list[str] = []
@@ -143,19 +143,20 @@ class FlashedCell:
         out, child_writes = os.pipe()
         told, child_tells = os.pipe()
         self._ends = Ends(into, out, told)
-        self._process = subprocess.Popen(
-            [
-                *unix_command(),
-                str(HERE / "flashed_cell.py"),
-                str(self.flash),
-                *map(str, (child_reads, child_writes, child_tells, cut)),
-            ],
-            stdin=subprocess.DEVNULL,
-            stdout=self._errors,
-            stderr=self._errors,
-            env={**os.environ, "MICROPYPATH": f"{HERE}:{self._outside}"},
-            pass_fds=(child_reads, child_writes, child_tells),
-        )
+        with self._errors.open("ab") as errors:
+            self._process = subprocess.Popen(
+                [
+                    *unix_command(),
+                    str(HERE / "flashed_cell.py"),
+                    str(self.flash),
+                    *map(str, (child_reads, child_writes, child_tells, cut)),
+                ],
+                stdin=subprocess.DEVNULL,
+                stdout=errors,
+                stderr=errors,
+                env={**os.environ, "MICROPYPATH": f"{HERE}:{self._outside}"},
+                pass_fds=(child_reads, child_writes, child_tells),
+            )
         for each in (child_reads, child_writes, child_tells):
             os.close(each)
         self._buffer = b""
@@ -174,8 +175,7 @@ class FlashedCell:
 
     def errors(self) -> str:
         """What the processes have printed."""
-        self._errors.seek(0)
-        return self._errors.read()
+        return self._errors.read_text()
 
     def give(self, frame: Frame) -> None:
         """A frame reaches its controller."""
@@ -204,7 +204,7 @@ class FlashedCell:
         """See to what the process says of itself; whether it is off or has started anew."""
         said = self._said()
         self.told += said.splitlines()
-        if "cut" in self.told:
+        if "cut" in said:
             self.power_off()
         elif not said or "restart" in said:
             # It has ended, as by the watchdog, or wants to.

@@ -1,4 +1,4 @@
-"""A NOR flash chip whose content is a file, so that it outlives the process; strict, on MicroPython.
+"""A NOR flash chip whose content is a file that outlives the process; strict, on MicroPython.
 
 Blocks of 4096 bytes are erased for themselves; what is programmed must be erased, and is programmed
 in pages of 256 bytes. At the operation of number `cut`, from 0 on, a part of it is done, the other
@@ -47,7 +47,7 @@ class FileFlash:
     def _program(self, at, page):
         self._file.seek(at)
         if self._file.read(len(page)) != BLANK[: len(page)]:
-            self._tell("programmed what was not erased, at %d" % at)
+            self._tell("not erased before it was programmed: " + str(at))
         cut = self._is_cut()
         self._put(at, page[: len(page) * self._share() // 16] if cut else page)
         self._stop(cut)
