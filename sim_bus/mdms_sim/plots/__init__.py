@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mdms_model.run.shared_belief import has_layer
 from mdms_sim.plots.animation import SUFFIX, write_animation
 from mdms_sim.plots.canvas import MARK, PictureFormatError, save
 from mdms_sim.plots.plane import draw_plane
 from mdms_sim.plots.row import draw_row
-from mdms_sim.plots.shared_belief import has_layer
 from mdms_sim.plots.wheels import draw_wheels
 
 __all__ = ["MARK", "has_layer", "is_row", "save_animation", "save_picture", "save_wheels"]

@@ -5,12 +5,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from mdms_model.run.colours import parcel_colour
 from mdms_model.run.record import Record
+from mdms_model.run.shared_belief import belief_error, cell_counts
 from mdms_model.scenario.scenario import Scenario
 from mdms_protocol.neighbours import frames as wire
-from mdms_sim.plots.canvas import FAINT, INK, parcel_colour, tidy
+from mdms_sim.plots.canvas import FAINT, INK, tidy
 from mdms_sim.plots.held_cells import tint
-from mdms_sim.plots.shared_belief import belief_error, cell_counts
 
 PARTS = (("belief off by [mm]", 1e3, 2.0), ("belief off by [°]", 180 / np.pi, 1.0))
 GAP_SHARE = 0.12

@@ -20,8 +20,6 @@ FORMATS: dict[str, dict[str, str | None]] = {
 DPI = 150
 INK = "#1c2733"
 FAINT = "#8b97a3"
-#: One colour per parcel, told apart by people with any kind of colour vision (Okabe and Ito).
-PARCEL_COLOURS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 
 
 class PictureFormatError(ValueError):
@@ -50,11 +48,6 @@ def draw_as_map(axes: Axes) -> None:
     axes.tick_params(colors=INK, labelsize=9, length=0)
     for spine in axes.spines.values():
         spine.set_visible(False)
-
-
-def parcel_colour(number: int) -> str:
-    """The colour of a parcel by its place in the scenario."""
-    return PARCEL_COLOURS[number % len(PARCEL_COLOURS)]
 
 
 def save(figure: Figure, path: Path) -> None:

@@ -13,11 +13,12 @@ from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from mdms_model.outline import outline_m
+from mdms_model.run.colours import parcel_colour
 from mdms_model.run.record import Record
+from mdms_model.run.shared_belief import belief_error, shared_belief
 from mdms_model.scenario.scenario import Scenario, goal_of
-from mdms_sim.plots.canvas import FAINT, INK, draw_as_map, new_figure, parcel_colour
+from mdms_sim.plots.canvas import FAINT, INK, draw_as_map, new_figure
 from mdms_sim.plots.held_cells import HeldCells, dark, held_legend
-from mdms_sim.plots.shared_belief import belief_error, shared_belief
 from mdms_sim.plots.top_view import DASHED, add_wheels, extent_m, nose_m
 
 WIDTH_IN, WIDTH_PX = 6.4, 640

@@ -12,13 +12,14 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from mdms_model.run.colours import parcel_colour
 from mdms_model.run.record import Contact, Record
+from mdms_model.run.shared_belief import has_layer
 from mdms_model.scenario.scenario import Scenario, goal_of
 from mdms_sim.plots.belief_panels import draw_belief_panels
-from mdms_sim.plots.canvas import FAINT, INK, new_figure, parcel_colour
+from mdms_sim.plots.canvas import FAINT, INK, new_figure
 from mdms_sim.plots.held_cells import held_legend
 from mdms_sim.plots.pose_panels import draw_pose_panels
-from mdms_sim.plots.shared_belief import has_layer
 from mdms_sim.plots.top_view import DASHED, draw_slip_scale, draw_top_view, extent_m
 
 WIDTH_IN, TOP_IN, BOTTOM_IN, ROW_IN = 13.0, 0.95, 1.0, 0.22

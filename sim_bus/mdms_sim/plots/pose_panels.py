@@ -6,9 +6,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from mdms_model.arrays import Floats
+from mdms_model.run.colours import parcel_colour
 from mdms_model.run.record import Record
 from mdms_model.scenario.scenario import Scenario, goal_of
-from mdms_sim.plots.canvas import INK, parcel_colour, tidy
+from mdms_sim.plots.canvas import INK, tidy
 
 PANELS = (("x [m]", 1.0), ("y [m]", 1.0), ("yaw [°]", 180 / np.pi))
 GAP_SHARE = 0.1

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from mdms_model.array import cell_centres
 from mdms_model.arrays import Floats
+from mdms_model.run.colours import parcel_colour
 from mdms_model.run.record import Contact, Record
 from mdms_model.scenario.scenario import Scenario
-from mdms_sim.plots.canvas import FAINT, INK, new_figure, parcel_colour, tidy
+from mdms_sim.plots.canvas import FAINT, INK, new_figure, tidy
 
 BAND_SHARE = 0.34
 BANDS = {"no contact": "#e3e6e9", "sliding": "#9aa1a8", "rolling": "#16191d"}

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from mdms_model.array import build_wheels, cell_centres
 from mdms_model.arrays import Floats
 from mdms_model.outline import outline_m
+from mdms_model.run.colours import parcel_colour
 from mdms_model.run.record import Contact, Record
+from mdms_model.run.shared_belief import shared_belief
 from mdms_model.scenario.scenario import Goal, Parcel, Scenario, goal_of
-from mdms_sim.plots.canvas import INK, draw_as_map, parcel_colour
+from mdms_sim.plots.canvas import INK, draw_as_map
 from mdms_sim.plots.held_cells import HeldCells
-from mdms_sim.plots.shared_belief import shared_belief
 
 SLIP_COLOURS = LinearSegmentedColormap.from_list("slip", ["#2f6db5", "#9a5bb0", "#d6124a"])
 #: Of what cells believe.

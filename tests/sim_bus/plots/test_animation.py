@@ -7,10 +7,11 @@ import pytest
 from matplotlib.colors import to_hex, to_rgb
 from PIL import Image
 
+from mdms_model.run.colours import parcel_colour
 from mdms_model.run.record import Record
 from mdms_protocol.neighbours import frames as wire
 from mdms_sim.plots import animation, drawable, save_animation, save_picture
-from mdms_sim.plots.canvas import MARK, PictureFormatError, new_figure, parcel_colour
+from mdms_sim.plots.canvas import MARK, PictureFormatError, new_figure
 from mdms_sim.plots.held_cells import FREE, HeldCells
 from mdms_sim.plots.moving_view import MovingView
 from mdms_sim.plots.plane import draw_plane

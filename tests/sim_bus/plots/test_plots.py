@@ -7,11 +7,11 @@ import pytest
 from matplotlib.colors import to_hex, to_rgb
 
 from mdms_model.outline import outline_m
+from mdms_model.run.colours import parcel_colour
 from mdms_model.run.record import Contact, Event, Record
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Parcel
 from mdms_sim.plots import drawable, is_row, save_picture, save_wheels
-from mdms_sim.plots.canvas import parcel_colour
 from mdms_sim.plots.plane import draw_plane
 from mdms_sim.plots.row import BANDS, draw_row
 from mdms_sim.plots.top_view import slip_share
@@ -134,8 +134,8 @@ def test_belief_a_turn_away_is_drawn_near_the_truth(plane, plane_record):
 
 
 def test_colours_of_neighbouring_parcels_differ():
-    assert len({parcel_colour(number) for number in range(6)}) == 6
-    assert parcel_colour(6) == parcel_colour(0)
+    assert len({parcel_colour(number) for number in range(12)}) == 12
+    assert parcel_colour(12) == parcel_colour(0)
 
 
 def test_same_run_gives_the_same_picture(tmp_path, plane, plane_record):

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from mdms_model.run.shared_belief import belief_error, cell_counts, shared_belief
 from mdms_protocol.neighbours import frames as wire
-from mdms_sim.plots.shared_belief import belief_error, cell_counts, shared_belief
 
 
 def test_cells_under_a_parcel_are_averaged_and_no_others(held_record):

@@ -1,0 +1,31 @@
+"""Colours that stand for the same in pictures, animations and scenes."""
+
+#: One a parcel; the first six are told apart by people with any kind of colour vision (Okabe, Ito).
+PARCEL_COLOURS = (
+    *("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"),
+    *("#6a4c93", "#7a8b1e", "#8c6a2f", "#a23b72", "#2f4858", "#4aa3a2"),
+)
+#: Wheels that run ahead and back, and that slip.
+AHEAD, BACK, SLIPS = "#0072b2", "#9a5bb0", "#d6124a"
+COVERED = "#19b35a"
+
+
+def parcel_colour(number: int) -> str:
+    """The colour of a parcel by its place in the scenario."""
+    return PARCEL_COLOURS[number % len(PARCEL_COLOURS)]
+
+
+def between(one: str, other: str, share: float) -> str:
+    """The colour at this share of the way from one to another."""
+    pairs = zip(_parts(one), _parts(other), strict=True)
+    return "#" + "".join(f"{round(low + share * (high - low)):02x}" for low, high in pairs)
+
+
+def unit_rgb(colour: str) -> tuple[float, float, float]:
+    """Red, green and blue from 0 to 1."""
+    red, green, blue = (round(part / 255, 3) for part in _parts(colour))
+    return red, green, blue
+
+
+def _parts(colour: str) -> tuple[int, int, int]:
+    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
