@@ -14,10 +14,11 @@ from mdms_model.array import build_wheels
 from mdms_model.arrays import Floats
 from mdms_model.run.colours import between, parcel_colour
 from mdms_model.run.log_messages import LOG_TOPIC, Level
-from mdms_model.run.messages import WHEELS_TOPIC, parcel_topic
+from mdms_model.run.messages import OFF, WHEELS_TOPIC, parcel_topic
 from mdms_model.run.record import Record
 from mdms_model.run.scene.primitives import FRAME
 from mdms_model.run.scene.topics import layers
+from mdms_model.run.shared_belief import host_error
 from mdms_model.scenario.scenario import Scenario
 
 #: Lines of more parcels are too many for one plot.
@@ -153,13 +154,13 @@ def _place_lines(scenario: Scenario, record: Record) -> Iterator[tuple[str, str,
 
 
 def _off_lines(scenario: Scenario, record: Record) -> Iterator[tuple[str, str, str]]:
+    """How far beliefs are off; a disc's turn cannot be seen."""
     for number, parcel in enumerate(scenario.parcel[:_MOST_PARCELS]):
-        if record.estimate is None:
-            return
-        if _is_known(record.estimate[:, number] - record.pose[:, number]):
-            colour, topic = parcel_colour(number), parcel_topic(parcel)
-            parts = {"place_mm": colour, "yaw_deg": between(colour, "#ffffff", 0.4)}
-            for part, paint in parts.items():
+        colour, topic = parcel_colour(number), parcel_topic(parcel)
+        paints = colour, between(colour, "#ffffff", 0.4)
+        errors = host_error(scenario, record, number).T
+        for part, paint, error in zip(OFF, paints, errors, strict=True):
+            if np.isfinite(error).any():
                 path = message_path(topic, "estimate_off", part)
                 yield path, f"{parcel.name} {part}", paint
 

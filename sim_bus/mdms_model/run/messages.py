@@ -16,10 +16,13 @@ from mdms_model.arrays import Floats
 from mdms_model.run.cell_reports import REPORTED
 from mdms_model.run.planned import goals_at
 from mdms_model.run.record import Record
+from mdms_model.run.shared_belief import host_error
 from mdms_model.scenario.scenario import Parcel, Scenario
 
 POSE = ("x_m", "y_m", "yaw_rad")
 TWIST = ("vx_m_s", "vy_m_s", "yaw_rate_rad_s")
+#: How far a belief is off, for eyes.
+OFF = ("place_mm", "yaw_deg")
 #: The arrays of shape (T, W) in a record.
 _OTHERS = {"time_s", "pose", "twist", "estimate", "events", "plans", "presence", *REPORTED}
 WHEELS = tuple(item.name for item in fields(Record) if item.name not in _OTHERS)
@@ -33,7 +36,7 @@ _TEXT, _INTEGER, _NUMBER = {"type": "string"}, {"type": "integer"}, {"type": "nu
 _NUMBERS = {"type": "array", "items": _NUMBER}
 _INTEGERS = {"type": "array", "items": _INTEGER}
 _POSE_SCHEMA = {"type": "object", "properties": dict.fromkeys(POSE, _NUMBER)}
-_OFF_SCHEMA = {"type": "object", "properties": dict.fromkeys(("place_mm", "yaw_deg"), _NUMBER)}
+_OFF_SCHEMA = {"type": "object", "properties": dict.fromkeys(OFF, _NUMBER)}
 
 
 def _objects(properties: dict[str, Any]) -> dict[str, Any]:
@@ -111,27 +114,20 @@ def known_arrays(record: Record) -> Iterator[tuple[str, Any]]:
 def _parcel_messages(scenario: Scenario, record: Record, number: int) -> Iterator[Timed]:
     states = _plain(np.hstack((record.pose[:, number], record.twist[:, number])))
     estimates: Any = repeat(None)
-    offs: Any = repeat(None)
     if record.estimate is not None:
         estimates = _plain(record.estimate[:, number])
-        offs = _plain(_off(record.estimate[:, number] - record.pose[:, number]))
+    offs = _plain(host_error(scenario, record, number) * (1e3, 180 / np.pi))
     name = scenario.parcel[number].name
     rows = zip(record.time_s.tolist(), states, estimates, offs, strict=False)
     for time_s, state, estimate, off in rows:
         message = {"time_s": time_s, **_known(POSE + TWIST, state)}
         if estimate is not None:
             message["estimate"] = _known(POSE, estimate)
-        if off is not None and None not in off:
-            message["estimate_off"] = _known(("place_mm", "yaw_deg"), off)
+        if off[0] is not None:
+            message["estimate_off"] = _known(OFF, off)
         if (goal := goals_at(scenario, record, time_s).get(name)) is not None:
             message["goal"] = _known(POSE, _plain(goal))
         yield time_s, message
-
-
-def _off(away: Floats) -> Floats:
-    """How far poses are off, for eyes: distances [mm] and the shorter turns [degrees], (T, 2)."""
-    turn_rad = (away[:, 2] + np.pi) % (2 * np.pi) - np.pi
-    return np.stack((1e3 * np.hypot(away[:, 0], away[:, 1]), np.degrees(turn_rad)), axis=1)
 
 
 def _known(names: tuple[str, ...], values: list[float | None]) -> dict[str, float]:

@@ -80,7 +80,8 @@ def drawable(scenario: "Scenario", record: "Record") -> "tuple[Scenario, Record]
         pose[:, number] = pose[times[nearest.clip(0)], number]
     parcels = tuple(scenario.parcel[number] for number in found)
     title = f"{scenario.title} (as the coordinator believes)"
-    shown = replace(record, pose=pose[:, found], estimate=record.estimate[:, found])
+    # What is drawn for the truth here is what the coordinator believes.
+    shown = replace(record, pose=pose[:, found], estimate=None)
     if shown.identity is not None:
         shown.identity = _renumbered(shown.identity, found)
     return replace(scenario, title=title, parcel=parcels), shown

@@ -19,7 +19,8 @@ from mdms_model.run.shared_belief import belief_error, shared_belief
 from mdms_model.scenario.scenario import Scenario, goal_of
 from mdms_sim.plots.canvas import FAINT, INK, draw_as_map, new_figure
 from mdms_sim.plots.held_cells import HeldCells, dark, held_legend
-from mdms_sim.plots.top_view import DASHED, add_wheels, extent_m, nose_m
+from mdms_sim.plots.top_view import DASHED, add_wheels, extent_m
+from mdms_sim.plots.ways import nose_m
 
 WIDTH_IN, WIDTH_PX = 6.4, 640
 LEFT_IN, RIGHT_IN, TOP_IN, BOTTOM_IN = 0.55, 0.12, 0.62, 0.92

@@ -117,8 +117,9 @@ def test_squares_are_filled_under_a_parcel_outlined_where_promised_and_pale_near
 def test_picture_shows_how_far_the_cells_belief_was_off(plane, held_record):
     panels = draw_plane(plane, held_record).axes
     away, turn = (axes for axes in panels if axes.get_ylabel().startswith("belief off by"))
-    np.testing.assert_allclose(away.lines[0].get_ydata()[5:], 2.0)
-    np.testing.assert_allclose(turn.lines[0].get_ydata()[5:], np.degrees(0.01))
+    # The first line is what the host believes.
+    np.testing.assert_allclose(away.lines[1].get_ydata()[5:], 2.0)
+    np.testing.assert_allclose(turn.lines[1].get_ydata()[5:], np.degrees(0.01))
 
 
 def test_run_on_hardware_is_animated_as_the_coordinator_believes(tmp_path, plane, short):

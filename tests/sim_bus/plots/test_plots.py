@@ -117,20 +117,117 @@ def test_plane_tells_of_a_tip(plane, plane_record):
     assert "tipped off at 3.50 s" in text_of(draw_plane(plane, plane_record))
 
 
-def test_panels_show_truth_belief_and_goal(plane, plane_record):
-    yaw = draw_plane(plane, plane_record).axes[-1]
-    true, believed, goal = (line.get_ydata() for line in yaw.lines)
+def panel(figure, name):
+    (axes,) = (axes for axes in figure.axes if axes.get_ylabel() == name)
+    return axes
+
+
+def test_panels_show_truth_and_goal(plane, plane_record):
+    yaw = panel(draw_plane(plane, plane_record), "yaw [°]")
+    true, goal = (line.get_ydata() for line in yaw.lines)
     np.testing.assert_allclose(true, np.degrees(plane_record.pose[:, 0, 2]))
-    np.testing.assert_allclose(believed[5:], true[5:] + np.degrees(0.001))
-    assert np.isnan(believed[:5]).all()
     assert goal[0] == pytest.approx(30.0)
 
 
-def test_belief_a_turn_away_is_drawn_near_the_truth(plane, plane_record):
+def test_goal_is_drawn_in_the_turn_that_the_parcel_has_made(plane, plane_record):
+    plane_record.pose[:, 0, 2] -= 2 * np.pi
+    yaw = panel(draw_plane(plane, plane_record), "yaw [°]")
+    assert yaw.lines[1].get_ydata()[0] == pytest.approx(-330.0)
+
+
+def test_belief_against_truth_is_in_millimetres_and_degrees(plane, plane_record):
     plane_record.estimate[:, 0, 2] -= 2 * np.pi
-    yaw = draw_plane(plane, plane_record).axes[-1]
-    true, believed = (line.get_ydata() for line in yaw.lines[:2])
-    np.testing.assert_allclose(believed[5:], true[5:] + np.degrees(0.001))
+    figure = draw_plane(plane, plane_record)
+    away = panel(figure, "belief off by [mm]").lines[0].get_ydata()
+    turn = panel(figure, "belief off by [°]").lines[0].get_ydata()
+    np.testing.assert_allclose(away[5:], 2**0.5)
+    np.testing.assert_allclose(turn[5:], np.degrees(0.001))
+    assert np.isnan(away[:5]).all()
+
+
+def test_one_sample_far_out_does_not_set_the_scale_and_is_marked(plane, plane_record):
+    time_s = np.linspace(0.0, 4.0, 401)
+    pose = np.zeros((401, 1, 3))
+    pose[:, 0, 0] = 0.1 * time_s
+    estimate = pose + np.array([0.001, 0.0, 0.0])
+    estimate[200, 0, 0] += 0.5
+    wheels = np.zeros((401, 36))
+    names = ("reference_m_s", "speed_m_s", "voltage_v", "normal_n", "force_n")
+    record = replace(
+        plane_record,
+        **{"time_s": time_s, "pose": pose, "twist": pose, "estimate": estimate},
+        **dict.fromkeys(names, wheels),
+        contact=wheels.astype(np.int8),
+    )
+    axes = panel(draw_plane(plane, record), "belief off by [mm]")
+    assert axes.get_ylim()[1] < 5.0
+    mark = axes.lines[-1]
+    assert (mark.get_xdata()[0], mark.get_marker()) == (pytest.approx(2.0), "^")
+    assert "501" in [text.get_text() for text in axes.texts]
+
+
+def test_time_ends_when_nothing_moves_any_more(plane, plane_record):
+    still = np.tile(plane_record.pose[-1:], (60, 1, 1))
+    pose = np.concatenate((plane_record.pose, still))
+    time_s = np.linspace(0.0, 10.0, len(pose))
+    long = replace(
+        plane_record,
+        **{"time_s": time_s, "pose": pose, "twist": pose, "estimate": None},
+        **{
+            name: np.zeros((len(pose), 36))
+            for name in ("reference_m_s", "speed_m_s", "voltage_v", "normal_n", "force_n")
+        },
+        contact=np.zeros((len(pose), 36), np.int8),
+    )
+    yaw = panel(draw_plane(plane, long), "yaw [°]")
+    # It moves for 3 s of 4 s, at ten samples in 0.99 s.
+    assert 3.0 < yaw.get_xlim()[1] < 4.0
+    assert yaw.get_xlabel().endswith("at rest until 10 s")
+
+
+def test_outlines_on_the_way_have_their_times(plane, plane_record):
+    figure = draw_plane(plane, plane_record)
+    told = [text.get_text() for text in figure.axes[0].texts if text.get_text().endswith(" s")]
+    assert told[0] == "0.0 s"
+    assert told[-1] == "3.0 s"
+    assert len(told) == 6
+
+
+def test_every_parcel_is_named_where_it_is_and_in_the_legend(plane, plane_record):
+    box = plane.parcel[0]
+    many = tuple(replace(box, name=f"box {number}") for number in range(9))
+    record = replace(
+        plane_record,
+        **{
+            name: np.tile(getattr(plane_record, name), (1, 9, 1))
+            for name in ("pose", "twist", "estimate")
+        },
+    )
+    figure = draw_plane(replace(plane, parcel=many), record)
+    names = {parcel.name for parcel in many}
+    assert names <= {text.get_text() for text in figure.axes[0].texts}
+    assert names <= {text.get_text() for legend in figure.legends for text in legend.get_texts()}
+    renderer = figure.canvas.get_renderer()
+    covered = [legend.get_window_extent(renderer) for legend in figure.legends]
+    assert not any(box.overlaps(axes.bbox) for box in covered for axes in figure.axes)
+
+
+def test_long_table_has_the_whole_width_and_panels_below(plane, plane_record):
+    figure = draw_plane(plane, plane_record)
+    beside = figure.axes[0].get_position()
+    wide = replace(plane, array=replace(plane.array, columns=12))
+    record = replace(
+        plane_record,
+        estimate=None,
+        contact=np.zeros((41, 72), np.int8),
+        speed_m_s=np.zeros((41, 72)),
+    )
+    table, *panels = draw_plane(wide, record).axes
+    assert beside.x1 < 0.65
+    assert table.get_position().x1 > 0.95
+    assert all(
+        axes.get_position().y1 < table.get_position().y0 for axes in panels if axes.get_ylabel()
+    )
 
 
 def test_colours_of_neighbouring_parcels_differ():

@@ -14,6 +14,7 @@ from mcap.reader import make_reader
 
 from mdms_model.run.folder import LAYOUT, fresh_folder, write_run
 from mdms_model.run.record import Plan
+from mdms_model.scenario.file import load_scenario
 
 _TOPIC = r"""(?:"((?:[^"\\]|\\.)+)"|(/[\w/-]*))"""
 PATH = re.compile(_TOPIC + r"((?:\.[\w-]+(?:\[\d+\])?)*)", re.ASCII)
@@ -125,5 +126,14 @@ def test_parcel_of_any_name_is_found_by_the_paths(tmp_path, plane, plane_record,
     check(*kept(tmp_path / "run", scenario, plane_record))
 
 
-def test_row_of_one_wheel_a_cell_has_a_layout(tmp_path, plane, plane_record):
-    check(*kept(tmp_path / "run", plane, replace(plane_record, estimate=None)))
+def test_disc_has_no_turn_to_be_off(tmp_path, plane, plane_record):
+    disc = replace(plane.parcel[0], shape="disc", length_m=0.3, width_m=0.3)
+    paths = check(*kept(tmp_path / "run", replace(plane, parcel=(disc,)), plane_record))
+    assert [path for path in paths if "off" in path] == ["/parcel/box.estimate_off.place_mm"]
+
+
+def test_row_of_wheels_has_a_layout(tmp_path, plane_record):
+    row = load_scenario("paper-fig7")
+    names = ("reference_m_s", "speed_m_s", "voltage_v", "normal_n", "force_n", "contact")
+    cut = {name: getattr(plane_record, name)[:, :10] for name in names}
+    check(*kept(tmp_path / "run", row, replace(plane_record, estimate=None, **cut)))
