@@ -39,6 +39,7 @@ EXITS = {
     "mdms_model.scenario.scenario.ScenarioError": Exit.USAGE,
     "mdms_model.squeeze.turning.SqueezeError": Exit.USAGE,
     "mdms_sim.plots.canvas.PictureFormatError": Exit.USAGE,
+    "mdms_sim.plots.video.EncoderMissingError": Exit.FAILURE,
     "mdms_sim.serve.endpoint.ServeError": Exit.FAILURE,
 }
 

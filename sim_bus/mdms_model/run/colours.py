@@ -1,5 +1,7 @@
 """Colours that stand for the same in pictures, animations and scenes."""
 
+from mdms_model.scenario.scenario import Scenario
+
 #: One a parcel; the first six are told apart by people with any kind of colour vision (Okabe, Ito).
 PARCEL_COLOURS = (
     *("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"),
@@ -13,6 +15,17 @@ COVERED = "#19b35a"
 def parcel_colour(number: int) -> str:
     """The colour of a parcel by its place in the scenario."""
     return PARCEL_COLOURS[number % len(PARCEL_COLOURS)]
+
+
+def colours_of(scenario: Scenario) -> list[str]:
+    """The colours of all parcels: their own or, where they come and go, those of their kinds.
+
+    Then parcels of a kind are alike, and host and truth need not call them by the same names.
+    """
+    if not scenario.stream:
+        return [parcel_colour(number) for number in range(len(scenario.parcel))]
+    kinds = list(dict.fromkeys(parcel.kind or parcel.name for parcel in scenario.parcel))
+    return [parcel_colour(kinds.index(each.kind or each.name)) for each in scenario.parcel]
 
 
 def between(one: str, other: str, share: float) -> str:

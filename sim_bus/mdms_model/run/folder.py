@@ -117,8 +117,8 @@ def write_run(
 ) -> None:
     """Fill a folder with the record, what can be drawn of it and, last, `meta.json`.
 
-    A picture is drawn of any run, an animation where cells reported; `save_picture` goes by the
-    name of its file.
+    A picture is drawn of any run, an animation where cells steered, or the host several parcels;
+    `save_picture` goes by the name of its file.
     """
     # A record file needs an extra; who only names the files of a run folder does without it.
     from mdms_model.run.mcap_file import write_record
@@ -128,7 +128,7 @@ def write_run(
     (folder / LAYOUT).write_text(layout + "\n", "utf-8")
     if save_picture is not None:
         save_picture(folder / PICTURE, scenario, record)
-        if record.identity is not None:
+        if _is_lively(record):
             save_picture(folder / ANIMATION, scenario, record)
     meta = {
         "format": FORMAT,
@@ -138,6 +138,12 @@ def write_run(
         "figures": figures,
     }
     (folder / META).write_text(json.dumps(meta, indent=2) + "\n", "utf-8")
+
+
+def _is_lively(record: Record) -> bool:
+    """Whether a picture cannot show who is where when."""
+    steered = {name for plan in record.plans for name in plan.ways}
+    return record.identity is not None or len(steered) > 1
 
 
 def read_run(folder: Path) -> StoredRun:

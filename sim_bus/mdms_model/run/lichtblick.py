@@ -12,7 +12,7 @@ import numpy as np
 
 from mdms_model.array import build_wheels
 from mdms_model.arrays import Floats
-from mdms_model.run.colours import between, parcel_colour
+from mdms_model.run.colours import between, colours_of, parcel_colour
 from mdms_model.run.log_messages import LOG_TOPIC, Level
 from mdms_model.run.messages import OFF, WHEELS_TOPIC, parcel_topic
 from mdms_model.run.record import Record
@@ -141,8 +141,9 @@ def _plot(title: str, lines: Iterator[tuple[str, str, str]]) -> dict[str, Any]:
 
 def _place_lines(scenario: Scenario, record: Record) -> Iterator[tuple[str, str, str]]:
     """x and y of parcels, true and believed, as far as either is known."""
+    colours = colours_of(scenario)
     for number, parcel in enumerate(scenario.parcel[:_MOST_PARCELS]):
-        colour = parcel_colour(number)
+        colour = colours[number]
         believed = None if record.estimate is None else record.estimate[:, number]
         for part in ("x_m", "y_m"):
             paint = colour if part == "x_m" else between(colour, "#ffffff", 0.4)
@@ -155,8 +156,9 @@ def _place_lines(scenario: Scenario, record: Record) -> Iterator[tuple[str, str,
 
 def _off_lines(scenario: Scenario, record: Record) -> Iterator[tuple[str, str, str]]:
     """How far beliefs are off; a disc's turn cannot be seen."""
+    colours = colours_of(scenario)
     for number, parcel in enumerate(scenario.parcel[:_MOST_PARCELS]):
-        colour, topic = parcel_colour(number), parcel_topic(parcel)
+        colour, topic = colours[number], parcel_topic(parcel)
         paints = colour, between(colour, "#ffffff", 0.4)
         errors = host_error(scenario, record, number).T
         for part, paint, error in zip(OFF, paints, errors, strict=True):

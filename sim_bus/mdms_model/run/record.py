@@ -59,7 +59,7 @@ class Tile:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A plan as it takes effect: goals, the ways of the parcels under way, and tiles they need.
+    """What is planned from a time on: goals, the ways of parcels under way, and tiles they need.
 
     `ways` are poses (K, 3) by name, x, y and yaw linear between them [m, m, rad; table frame], and
     `due_s` when each of them is planned [s], (K,). `goals` are poses (3,) by name, the yaw NaN
@@ -88,7 +88,7 @@ class Record:
     for none, `state` as in `mdms_protocol.neighbours.frames` (near, promised, under), both of shape
     (T, C), and `belief` of that parcel's pose, shape (T, C, 3), NaN where the cell has none; else
     None. `presence` has the bits of the cells' sensors (T, C), from sensor 0 on, as they reported
-    them; None without a bus. `plans` are those of a host that steers parcels, as they took effect.
+    them; None without a bus. `plans` are those of a host that steers parcels, in their order.
     """
 
     time_s: Floats

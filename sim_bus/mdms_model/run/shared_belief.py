@@ -8,11 +8,6 @@ from mdms_model.scenario.scenario import Parcel, Scenario
 from mdms_protocol.neighbours import frames as wire
 
 
-def has_layer(record: Record) -> bool:
-    """Whether cells reported what they are to parcels, and so can be shown."""
-    return record.identity is not None
-
-
 def shared_belief(record: Record, number: int) -> Floats:
     """The mean pose that cells under parcel `number` (from 0) report, shape (T, 3).
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from mdms_model.arrays import Floats
-from mdms_model.run.colours import parcel_colour
+from mdms_model.run.colours import colours_of
 from mdms_model.run.comings import exit_of
 from mdms_model.run.planned import goals_at
 from mdms_model.run.record import Record
@@ -89,12 +89,13 @@ def _has_errors(record: Record) -> bool:
 
 def _pose_panel(scenario: Scenario, record: Record, part: int) -> Callable[[Axes], None]:
     _, factor, least = POSES[part]
+    colours = colours_of(scenario)
 
     def draw(axes: Axes) -> None:
         goals = goals_at(scenario, record, float(record.time_s[-1]))
         shown = [record.pose[:, :, part].ravel() * factor]
         for number, parcel in enumerate(scenario.parcel):
-            colour = parcel_colour(number)
+            colour = colours[number]
             axes.plot(record.time_s, record.pose[:, number, part] * factor, color=colour, lw=2.0)
             goal = goals.get(parcel.name, _NO_GOAL)[part]
             last = record.pose[-1, number, part]
@@ -110,6 +111,7 @@ def _pose_panel(scenario: Scenario, record: Record, part: int) -> Callable[[Axes
 
 def _error_panel(scenario: Scenario, record: Record, part: int) -> Callable[[Axes], None]:
     _, factor, least = ERRORS[part]
+    colours = colours_of(scenario)
 
     def draw(axes: Axes) -> None:
         lines = [
@@ -123,12 +125,11 @@ def _error_panel(scenario: Scenario, record: Record, part: int) -> Callable[[Axe
             if np.isfinite(off).any()
         ]
         for number, style, off in lines:
-            axes.plot(record.time_s, off, color=parcel_colour(number), lw=1.3, linestyle=style)
+            axes.plot(record.time_s, off, color=colours[number], lw=1.3, linestyle=style)
         together = np.concatenate([off for *_, off in lines]) if lines else np.zeros(1)
         fit_values(axes, np.append(together, 0.0), least)
         axes.set_ylim(bottom=0.0)
-        for number, _, off in lines:
-            mark_outside(axes, record.time_s, off, parcel_colour(number))
+        mark_outside(axes, record.time_s, [(off, colours[n]) for n, _, off in lines])
 
     return draw
 

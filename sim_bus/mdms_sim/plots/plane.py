@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from mdms_model.run.colours import parcel_colour
+from mdms_model.run.colours import colours_of
 from mdms_model.run.planned import goals_at
 from mdms_model.run.record import Contact, Record
 from mdms_model.scenario.scenario import Scenario
@@ -127,11 +127,14 @@ def _across(count: int, first: Box) -> list[list[Box]]:
 
 def _legend(scenario: Scenario, record: Record) -> list[Artist]:
     handles: list[Artist] = []
-    for number, parcel in enumerate(scenario.parcel[:MOST_NAMED]):
-        colour = parcel_colour(number)
-        handles.append(Patch(facecolor=f"{colour}55", edgecolor=colour, label=parcel.name))
-    if len(scenario.parcel) > MOST_NAMED:
-        more = f"and {len(scenario.parcel) - MOST_NAMED} more"
+    by_name = {
+        (parcel.kind or parcel.name) if scenario.stream else parcel.name: colour
+        for parcel, colour in zip(scenario.parcel, colours_of(scenario), strict=True)
+    }
+    for name, colour in list(by_name.items())[:MOST_NAMED]:
+        handles.append(Patch(facecolor=f"{colour}55", edgecolor=colour, label=name))
+    if len(by_name) > MOST_NAMED:
+        more = f"and {len(by_name) - MOST_NAMED} more"
         handles.append(Patch(facecolor="none", edgecolor="none", label=more))
     if not scenario.stream:
         handles.append(Line2D([], [], color=FAINT, linestyle=START, lw=1.6, label="start"))

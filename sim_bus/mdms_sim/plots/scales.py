@@ -1,5 +1,7 @@
 """Scales that a few samples do not set, and time axes that end when nothing moves any more."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
@@ -33,9 +35,13 @@ def usual_limits(values: Floats, least: float = 0.0) -> tuple[float, float]:
     return low - missing, high + missing
 
 
-def usual_most(values: Floats) -> float:
-    """The greatest size, but for a few far out; 1 where all is nought or unknown."""
-    return usual_limits(abs(values))[1] or 1.0
+def usual_most(values: Floats, least: float = 0.0) -> float:
+    """The greatest size, but for a few far out; 1 where all is nought or unknown.
+
+    What is nought, or smaller than `least`, is not counted among the others.
+    """
+    sizes = abs(values[np.isfinite(values)])
+    return max(usual_limits(sizes[sizes > least])[1], least) or 1.0
 
 
 def share_outside(values: Floats, most: float) -> float:
@@ -44,32 +50,32 @@ def share_outside(values: Floats, most: float) -> float:
     return float((abs(values[known]) > most * (1 + 1e-9)).sum()) / max(int(known.sum()), 1)
 
 
-def mark_outside(axes: Axes, time_s: Floats, values: Floats, colour: str) -> None:
-    """A triangle at the edge of the axes wherever values begin to lie beyond it, with the peak."""
-    low, high = axes.get_ylim()
-    for edge, sign, marker in ((high, 1.0, "^"), (low, -1.0, "v")):
-        outside = sign * np.nan_to_num(values, nan=edge) > sign * edge
+def mark_outside(axes: Axes, time_s: Floats, lines: Sequence[tuple[Floats, str]]) -> None:
+    """A triangle above the axes wherever a line begins to lie beyond them, and the greatest value.
+
+    Lines are values (T,) and their colours.
+    """
+    top = axes.get_ylim()[1]
+    greatest, at_s, paint = top, 0.0, INK
+    for values, colour in lines:
+        outside = np.nan_to_num(values, nan=top) > top
         starts = np.flatnonzero(np.diff(outside, prepend=False) & outside)
         if not len(starts):
             continue
-        axes.plot(
-            time_s[starts],
-            np.full(len(starts), edge),
-            marker,
-            color=colour,
-            markersize=5,
-            clip_on=False,
-            zorder=9,
-        )
-        peak = int(np.nanargmax(sign * values))
+        tops = np.full(len(starts), top)
+        axes.plot(time_s[starts], tops, "^", color=colour, ms=5, clip_on=False, zorder=9)
+        peak = int(np.nanargmax(values))
+        if values[peak] > greatest:
+            greatest, at_s, paint = float(values[peak]), float(time_s[peak]), colour
+    if greatest > top:
         axes.annotate(
-            f"{values[peak]:.3g}",
-            (time_s[peak], edge),
-            xytext=(5, 0),
+            f"{greatest:.3g}",
+            (at_s, top),
+            xytext=(0, 5),
             textcoords="offset points",
-            va="center",
+            ha="center",
             fontsize=7,
-            color=colour,
+            color=paint,
             annotation_clip=False,
         )
 

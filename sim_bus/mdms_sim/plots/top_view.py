@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mdms_model.array import build_wheels, cell_centres
 from mdms_model.arrays import Floats
 from mdms_model.outline import outline_m
-from mdms_model.run.colours import parcel_colour
+from mdms_model.run.colours import colours_of
 from mdms_model.run.planned import goals_at
 from mdms_model.run.record import Contact, Record
 from mdms_model.run.shared_belief import shared_belief
@@ -35,10 +35,12 @@ def draw_top_view(axes: Axes, scenario: Scenario, record: Record) -> None:
     if record.identity is not None and record.state is not None:
         cells.show(record.identity[-1], record.state[-1])
     _number_cells(axes, scenario)
-    _draw_exits(axes, scenario)
+    draw_exits(axes, scenario)
     goals = goals_at(scenario, record, float(record.time_s[-1]))
-    for number, parcel in enumerate(scenario.parcel):
-        draw_way(axes, parcel, record.time_s, record.pose[:, number], parcel_colour(number))
+    for number, (parcel, colour) in enumerate(
+        zip(scenario.parcel, colours_of(scenario), strict=True)
+    ):
+        draw_way(axes, parcel, record.time_s, record.pose[:, number], colour)
         believed = shared_belief(record, number)[-1]
         if np.isfinite(believed).all():
             draw_outline(axes, parcel, believed, edgecolor=INK, linestyle=DASHED, lw=1.3, zorder=8)
@@ -107,7 +109,7 @@ def _draw_wheels(axes: Axes, scenario: Scenario, record: Record) -> None:
     add_wheels(axes, scenario, 3.0).set_color(colours)
 
 
-def _draw_exits(axes: Axes, scenario: Scenario) -> None:
+def draw_exits(axes: Axes, scenario: Scenario) -> None:
     """Where parcels leave: a line along the table's side, with the exit's name."""
     array = scenario.array
     half_m = np.array([array.columns, array.rows]) * array.pitch_m / 2

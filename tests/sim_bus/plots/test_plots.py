@@ -249,11 +249,29 @@ def test_row_is_told_from_plane(row, plane):
 
 def test_wheels_have_a_panel_for_each_quantity(plane, plane_record):
     panels = draw_wheels(plane, plane_record).axes[::2]
-    told = [axes.get_ylabel().partition("\n")[0] for axes in panels]
+    told = [axes.get_ylabel() for axes in panels]
     assert told == ["contact", "normal [N]", "friction [N]", "slip [m/s]"]
     contact, normal = (axes.collections[0].get_array() for axes in panels[:2])
-    np.testing.assert_array_equal(contact, plane_record.contact[:-1].T)
-    np.testing.assert_array_equal(normal, plane_record.normal_n[:-1].T)
+    # The first axes of all cells, then the second ones.
+    by_axis = [*range(0, 36, 2), *range(1, 36, 2)]
+    np.testing.assert_array_equal(contact, plane_record.contact[:-1, by_axis].T)
+    np.testing.assert_array_equal(normal, plane_record.normal_n[:-1, by_axis].T)
+    named = [text.get_text() for text in panels[0].texts]
+    assert named == ["axis 1", "axis 2"]
+
+
+def test_one_wheel_far_out_does_not_set_the_scale_of_all(plane, plane_record):
+    plane_record.force_n[7, 5] = 500.0
+    friction = draw_wheels(plane, plane_record).axes[4].collections[0]
+    assert friction.norm.vmax < 20.0
+    assert friction.norm.vmin == -friction.norm.vmax
+
+
+def test_creep_of_wheels_that_roll_is_no_slip(plane, plane_record):
+    record = replace(plane_record, pose=plane_record.pose * 0, twist=plane_record.pose * 0)
+    record.speed_m_s[:] = 1e-8
+    slip = draw_wheels(plane, record).axes[6].collections[0]
+    assert slip.norm.vmax == pytest.approx(5e-3)
 
 
 def test_long_run_is_thinned_for_the_wheels(row, row_record):
@@ -352,8 +370,8 @@ def test_row_of_belief_has_no_bands(row, row_record):
 
 
 def test_wheels_of_belief_are_references_and_speeds(plane, believed_record):
-    axes = draw_wheels(plane, believed_record).axes
-    labels = [each.get_ylabel().split("\n")[0] for each in axes if "\n" in each.get_ylabel()]
+    axes = draw_wheels(plane, believed_record).axes[::2]
+    labels = [each.get_ylabel() for each in axes]
     assert labels == ["reference [m/s]", "speed [m/s]"]
 
 

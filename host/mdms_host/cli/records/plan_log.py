@@ -1,4 +1,4 @@
-"""What a host plans for parcels as it takes effect, for the record of its run."""
+"""What a host plans for parcels, for the record of its run."""
 
 from operator import is_
 
@@ -11,6 +11,8 @@ from mdms_host.programs.program import TableProgram
 from mdms_model.arrays import Floats
 from mdms_model.run.record import Plan, Tile
 
+#: While parcels are on ways over tiles, what is left of these is kept so often [s].
+AGAIN_S = 0.5
 #: A run of any length is kept with the last of so many plans.
 MOST_PLANS = 5000
 
@@ -18,7 +20,8 @@ MOST_PLANS = 5000
 class PlanLog:
     """Keeps what is planned whenever that has changed; look as often as it may.
 
-    That is when a parcel has got another goal or another way, or has come to its way's end.
+    That is when a parcel has got another goal or another way, or has come to its way's end, and now
+    and then while tiles are left behind.
     """
 
     def __init__(self, coordinator: Coordinator) -> None:
@@ -26,6 +29,7 @@ class PlanLog:
         self._coordinator = coordinator
         self._goals: dict[str, Goal] = {}
         self._ways: tuple[str, ...] = ()
+        self._again_s = 0.0
         #: What the ways were made from: as long as these are the same objects, so are the ways.
         self._sources: tuple[object, ...] = ()
 
@@ -36,8 +40,10 @@ class PlanLog:
             self._under_way(),
             self._find_sources(),
         )
-        if goals == self._goals and ways == self._ways and _are_same(sources, self._sources):
+        same = goals == self._goals and ways == self._ways and _are_same(sources, self._sources)
+        if same and not (ways and time_s >= self._again_s):
             return
+        self._again_s = time_s + AGAIN_S
         self._goals, self._ways, self._sources = goals, ways, sources
         self.plans.append(self._plan(time_s))
         del self.plans[:-MOST_PLANS]

@@ -7,7 +7,7 @@ import numpy as np
 
 from mdms_model.arrays import Floats
 from mdms_model.outline import outline_m, own_outline_m
-from mdms_model.run.colours import between, parcel_colour
+from mdms_model.run.colours import between, colours_of
 from mdms_model.run.record import Record
 from mdms_model.run.scene.primitives import Parts, block, colour, line, pose_at, text
 from mdms_model.run.shared_belief import shared_belief
@@ -29,6 +29,7 @@ class Parcels:
     def __init__(self, topic: str, scenario: Scenario, poses: Floats, *, ghosts: bool) -> None:
         self.topic = topic
         self._parcels, self._poses, self._ghosts = scenario.parcel, poses, ghosts
+        self._colours = colours_of(scenario)
 
     def state(self, instant: int) -> Hashable:
         """What is shown: the same as long as nothing changes."""
@@ -45,14 +46,14 @@ class Parcels:
             kind, body = _body(parcel, pose, self._painted(number))
             parts[kind].append(body)
             if self._ghosts:
-                parts["lines"].append(_rim(parcel, pose, between(parcel_colour(number), _INK, 0.6)))
+                parts["lines"].append(_rim(parcel, pose, between(self._colours[number], _INK, 0.6)))
             else:
                 place_m = (*pose[:2].tolist(), HEIGHT_M + 0.02)
                 parts["texts"].append(text(parcel.name, place_m, _NAME_M, colour(_INK)))
         return parts
 
     def _painted(self, number: int) -> dict[str, float]:
-        return colour(parcel_colour(number), GHOST_OPACITY if self._ghosts else BODY_OPACITY)
+        return colour(self._colours[number], GHOST_OPACITY if self._ghosts else BODY_OPACITY)
 
 
 def parcel_layers(scenario: Scenario, record: Record) -> Iterator[Parcels]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from mdms_model.arrays import Floats
 from mdms_model.outline import outline_m
-from mdms_model.run.colours import between, parcel_colour
+from mdms_model.run.colours import between, colours_of
 from mdms_model.run.planned import goals_at, plan_at
 from mdms_model.run.record import Record
 from mdms_model.run.scene.primitives import Parts, block, colour, line
@@ -26,6 +26,7 @@ class Goals:
     def __init__(self, scenario: Scenario, record: Record) -> None:
         self._scenario, self._record = scenario, record
         self._numbers = _numbers(scenario)
+        self._colours = colours_of(scenario)
 
     def state(self, instant: int) -> Hashable:
         """What is shown: the same as long as nothing changes."""
@@ -42,7 +43,7 @@ class Goals:
         return {"lines": [each for goal in known for each in self._marks(*goal)]}
 
     def _marks(self, number: int, goal: Floats) -> list[dict[str, object]]:
-        painted = colour(between(parcel_colour(number), _INK, 0.3))
+        painted = colour(between(self._colours[number], _INK, 0.3))
         arms_m = _CROSS_M * np.array([[(-1, 0), (1, 0)], [(0, -1), (0, 1)]])
         marks = [
             line(goal[:2] + arm_m, _GOAL_M, _WIDTH_M, painted, closed=False) for arm_m in arms_m
@@ -59,6 +60,7 @@ class Plans:
     def __init__(self, scenario: Scenario, record: Record) -> None:
         self._record = record
         self._numbers = _numbers(scenario)
+        self._colours = colours_of(scenario)
 
     def state(self, instant: int) -> Hashable:
         """What is shown: the same as long as nothing changes."""
@@ -88,7 +90,7 @@ class Plans:
 
     def _paint(self, name: str, opacity: float = 1.0) -> dict[str, float]:
         number = self._numbers.get(name)
-        return colour(_INK if number is None else parcel_colour(number), opacity)
+        return colour(_INK if number is None else self._colours[number], opacity)
 
 
 def _numbers(scenario: Scenario) -> Mapping[str, int]:
