@@ -203,10 +203,24 @@ class TableTraffic:
         return self._plan
 
     @property
+    def under_way(self) -> Collection[str]:
+        """Parcels that have a way before them."""
+        return [name for name, ride in self._rides.items() if not ride.has_come]
+
+    @property
     def ways(self) -> dict[str, Floats]:
         """The poses (K, 3) that are before each parcel under way, where it is now first."""
         return {
             name: ride.route.ahead(ride.progress_m, ride.route.length_m)
+            for name, ride in self._rides.items()
+            if not ride.has_come
+        }
+
+    @property
+    def due_in_s(self) -> dict[str, Floats]:
+        """In what time each parcel is planned at the poses of its way [s], (K,)."""
+        return {
+            name: ride.route.ahead_s(ride.progress_m, ride.route.length_m) - self._now_s
             for name, ride in self._rides.items()
             if not ride.has_come
         }
