@@ -25,12 +25,17 @@ class RefusedError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """The parcel is steered to this pose [table frame]; without `yaw_rad` it is not turned."""
+    """The parcel is steered to this pose [table frame]; without `yaw_rad` it is not turned.
+
+    While a hand still drags it, it is `held`: unless the next one comes within 1 s, the parcel
+    stays where it is by then.
+    """
 
     parcel: str
     x_m: float = field(metadata=PLACE)
     y_m: float = field(metadata=PLACE)
     yaw_rad: float | None = field(default=None, metadata=ANGLE)
+    held: bool = False
 
 
 @dataclass(frozen=True, slots=True)

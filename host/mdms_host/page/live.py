@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from math import inf
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -10,11 +11,11 @@ from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.phase import BRING_UP
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
-from mdms_host.motion import goal as motion
 from mdms_host.page import commands
 from mdms_host.page.believed_signals import believed_signals
 from mdms_host.page.bus_rates import BusRates
 from mdms_host.page.commands import Command, RefusedError
+from mdms_host.page.goals_by_hand import GoalsByHand, Places
 from mdms_host.page.seat import Seat
 from mdms_host.page.shown.advice import advice_for
 from mdms_host.page.shown.bus_watch import KINDS, BusWatch
@@ -26,7 +27,9 @@ from mdms_host.page.shown.things import things_of
 
 #: Ways and tiles are looked at so often [s].
 _PLAN_S = 0.25
-_SDO = KINDS.index("SDO")
+_STOP = "stop all"
+#: A stop that is asked for again is noted again after so long [s].
+_AGAIN_S = 1.0
 #: A client that comes late gets so many of the last events.
 KEPT_EVENTS = 300
 
@@ -34,8 +37,8 @@ KEPT_EVENTS = 300
 class LiveTable:
     """Composed of what is on the buses (`watch`) and of whoever has the host's `seat`.
 
-    `now_s` returns the time. `parcels` are those that the host is told of. `report(time_s, text)`
-    is called for events.
+    `now_s` returns the table's time, and `wall_s` the machine's, where that is another. `parcels`
+    are those that the host is told of. `report(time_s, text)` is called for events.
     """
 
     offers: tuple[str, ...] = ("goal", "name", "start", "stop", "stop_all", "read_objects")
@@ -49,6 +52,8 @@ class LiveTable:
         seat: Seat,
         watch: BusWatch,
         now_s: Callable[[], float],
+        wall_s: Callable[[], float] | None = None,
+        centres_of_mass_m: Places = MappingProxyType({}),
         report: Callable[[float, str], object] = lambda _time_s, _text: None,
     ) -> None:
         self.version = 1
@@ -68,6 +73,7 @@ class LiveTable:
         self._planned_s = -inf
         self._rates = BusRates(layout.bus_count, len(KINDS))
         self._jitter_s = 0.0
+        self._goals = GoalsByHand(layout, wall_s or now_s, centres_of_mass_m)
 
     # What is shown
 
@@ -159,6 +165,8 @@ class LiveTable:
 
     def news(self) -> list[dict[str, Any]]:
         """See `Table`."""
+        for name in self._goals.let_go(self._seat.coordinator):
+            self.note("page", f"{name} stays where it is: the hand that dragged its goal is gone")
         self._look()
         self._look_for_things()
         self._look_for_plans()
@@ -194,7 +202,7 @@ class LiveTable:
         """See `Table`."""
         match command:
             case commands.Goal():
-                return self._set_goal(command)
+                self._goals.set(self._running(), command)
             case commands.Name():
                 self._name(command)
             case commands.Start():
@@ -205,7 +213,7 @@ class LiveTable:
                 self.note("page", "the program is stopped")
             case commands.StopAll():
                 self._seat.stop_all()
-                self.note("page", "stop all")
+                self._note_stop()
             case commands.ReadObjects():
                 self._read(command.cell)
             case _:
@@ -215,33 +223,23 @@ class LiveTable:
     def abandon(self) -> None:
         """See `Table`: a program is watched by whoever started the command, and goes on."""
 
-    def _set_goal(self, command: commands.Goal) -> str | None:
+    def _running(self) -> Coordinator:
+        """The coordinator of the program that runs. Raises `RefusedError`."""
         coordinator = self._seat.coordinator
         if coordinator is None or not self._seat.busy:
             raise RefusedError("no program runs; start one first")
-        before = coordinator.goals.get(command.parcel)
-        tolerances = (
-            {}
-            if before is None
-            else {
-                "tolerance_m": before.tolerance_m,
-                "tolerance_rad": before.tolerance_rad,
-                "settle_s": before.settle_s,
-            }
-        )
-        wanted = motion.Goal(command.x_m, command.y_m, command.yaw_rad, **tolerances)
-        try:
-            coordinator.set_goal(command.parcel, wanted)
-        except KeyError:
-            raise RefusedError(f"there is no parcel {command.parcel!r:.60}") from None
-        except ValueError as error:
-            raise RefusedError(str(error)) from None
-        return None
+        return coordinator
+
+    def _note_stop(self) -> None:
+        """One who presses a button for long does not push all other events out."""
+        last = self._events[-1] if self._events else {}
+        if last.get("text") != _STOP or self._now_s() > last["time_s"] + _AGAIN_S:
+            self.note("page", _STOP)
 
     def _name(self, command: commands.Name) -> None:
-        coordinator = self._seat.coordinator
-        if coordinator is None or not self._seat.busy:
-            raise RefusedError("no program runs; start one first")
+        coordinator = self._running()
+        if not command.name.strip():
+            raise RefusedError("name is empty; a parcel needs one")
         parcel = Parcel(command.name, command.length_m, command.width_m, shape=command.shape)
         try:
             coordinator.tracker.name(command.parcel, parcel)
@@ -256,11 +254,7 @@ class LiveTable:
             raise RefusedError(f"there is no cell {cell}; the table has {self._layout.cells}")
         if coordinator is not None and coordinator.phase in BRING_UP:
             raise RefusedError("the cells are being brought up; ask again when they run")
-        if (
-            not self._seat.busy
-            and self._seat.reader is None
-            and self._rates.frames_per_s[:, _SDO].any()
-        ):
+        if self._seat.others_ask:
             raise RefusedError("somebody else reads or writes settings just now; ask again later")
         places = self._layout
         self._seat.reader = ObjectReader(cell, places.node_ids[cell - 1], places.buses[cell - 1])

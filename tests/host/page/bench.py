@@ -35,15 +35,20 @@ def unpacked(description: dict[str, Any], snapshot: bytes) -> dict[str, Any]:
 
 
 class Desk:
-    """A scenario's table, whose clock is turned by hand: 1 ms of the machine's at a time."""
+    """A scenario's table, whose clock is turned by hand: 1 ms of the machine's at a time.
 
-    def __init__(self, monkeypatch, scenario: Scenario | None = None) -> None:
+    `others` are on its buses besides the cells and the page.
+    """
+
+    def __init__(
+        self, monkeypatch, scenario: Scenario | None = None, others: tuple[Any, ...] = ()
+    ) -> None:
         self.wall_ns = 0
         monkeypatch.setattr(clock.time, "monotonic_ns", lambda: self.wall_ns)
         self.scenario = scenario or load_scenario("array18")
         self.seat = seat_of(self.scenario)
         bank = PythonBank(addresses_of(self.scenario).node_ids)
-        self.simulation = Simulation(self.scenario, bank, [self.seat], recorded=False)
+        self.simulation = Simulation(self.scenario, bank, [self.seat, *others], recorded=False)
         self.table = table_of(self.scenario, self.seat, self.simulation, RealTime())
         self.messages: list[dict[str, Any]] = []
 

@@ -200,6 +200,11 @@ def test_stop_all_by_button_and_by_space_bar(demo, open_page):
     page.keyboard.press("Space")
     page.wait_for_timeout(300)
     assert page.inner_text("#phase") == "running"
+    # One after a speed has been chosen stops all.
+    page.focus("#speed")
+    page.select_option("#speed", "1")
+    page.keyboard.press("Space")
+    wait_for_text(page, "#phase", "stopped")
 
 
 def test_killed_cell_is_shown_and_revived(demo, open_page):
@@ -227,7 +232,8 @@ def test_second_client_watches_until_it_takes_control(demo, open_page):
     assert second.is_disabled("#start")
     assert second.is_enabled("#stop-all")
     stranger = open_page(demo.split("#")[0])
-    assert stranger.is_disabled("#stop-all")
+    assert stranger.is_enabled("#stop-all")
+    assert stranger.is_disabled("#start")
     assert not stranger.is_visible("#take")
     second.click("#take")
     wait_for_text(second, "#who", "in control")

@@ -2,6 +2,7 @@
 
 import json
 import socket
+import threading
 import time
 import urllib.error
 import urllib.request
@@ -133,12 +134,14 @@ def test_command_is_carried_out_and_answered(table, visit):
 
 
 @pytest.mark.parametrize("token", [None, "guessed", 3])
-def test_without_the_token_nothing_moves_and_nothing_stops(table, visit, token):
+def test_without_the_token_nothing_moves_but_everything_stops(table, visit, token):
     visitor = visit(token=token)
     assert not visitor.await_message("control")["may"]
-    for command in ("start", "stop_all", "take_control"):
+    for command in ("start", "stop", "take_control"):
         assert not visitor.ask(command)["ok"]
     assert table.done == []
+    assert visitor.ask("stop_all")["ok"]
+    assert table.done == [commands.StopAll()]
 
 
 def test_one_is_in_control_and_another_watches_until_it_takes_it(table, visit):
@@ -237,6 +240,53 @@ def test_table_that_does_not_answer_keeps_its_page_and_says_so(monkeypatch, tabl
             Visitor(page, page.gate.token).await_message("control")
         assert fetched(page, "/api/history")[0] == 503
         assert fetched(page, "/")[0] == 200
+
+
+def test_command_that_is_too_late_for_its_answer_is_not_carried_out_but_a_stop_is(
+    monkeypatch, table
+):
+    with Page(table, MonotonicClock()) as page:
+        visitor, watcher = welcomed(page, page.gate.token), welcomed(page, None)
+        monkeypatch.setattr("mdms_host.page.page.ANSWER_LIMIT_S", 0.1)
+        assert "does not answer" in visitor.ask("start")["text"]
+        assert "stops as soon as" in watcher.ask("stop_all")["text"]
+        assert "stops as soon as" in visitor.ask("stop_all")["text"]
+        page.attend()
+        assert table.done == [commands.StopAll()]
+
+
+def test_stop_overtakes_what_waits_and_calls_it_off(table):
+    with Page(table, MonotonicClock()) as page:
+        visitor, watcher = welcomed(page, page.gate.token), welcomed(page, None)
+        visitor.say({"id": 1, "command": "start"})
+        # Whoever asks for the whole run, without any token, fills the queue at most.
+        readers = [threading.Thread(target=fetched, args=(page, "/api/history")) for _ in range(70)]
+        for reader in readers:
+            reader.start()
+        wait_until(page._work.full)
+        watcher.say({"id": 2, "command": "stop_all"})
+        wait_until(lambda: page._stop is not None)
+        page.attend()
+        assert watcher.await_message("answer", id=2)["ok"]
+        assert "has been stopped" in visitor.await_message("answer", id=1)["text"]
+        assert table.done == [commands.StopAll()]
+        for reader in readers:
+            reader.join()
+
+
+def welcomed(page: Page, token: str | None) -> "Visitor":
+    """One that has come in at a page that nobody attends to but this."""
+    there = len(page._hub.clients)
+    visitor = Visitor(page, token)
+    wait_until(lambda: page.attend() or len(page._hub.clients) > there)
+    return visitor
+
+
+def wait_until(holds) -> None:
+    end_s = time.monotonic() + WITHIN_S
+    while not holds():
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
 
 
 def test_port_that_is_taken_is_named(page, table):

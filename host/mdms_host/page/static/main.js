@@ -133,7 +133,7 @@ class Page {
   order(command, values = {}) { return this.wire.ask(command, values); }
 
   stopAll() {
-    this.order("stop_all").then(({ ok }) => { if (ok) this.say("Stop all: sent"); });
+    this.order("stop_all").then(({ ok, text }) => this.say(ok ? "Stop all: sent" : `Stop all is not confirmed: ${text}`));
   }
 
   async revive(cell) {
@@ -200,13 +200,13 @@ class Page {
     this.allow();
   }
 
-  /** Buttons that move something work for who is in control only; stop all works for all. */
+  /** Buttons that move something work for who is in control only; stop all works for everybody. */
   allow() {
     const may = this.mayMove;
     for (const id of ["start", "stop", "pause", "step", "speed", "scrub"]) $(id).disabled = !may;
     document.querySelectorAll("[data-moves]").forEach((button) => { button.disabled = !may; });
     document.querySelectorAll("[data-tool]").forEach((button) => { button.disabled = !may; });
-    $("stop-all").disabled = !this.control?.may;
+    $("stop-all").disabled = !this.control;
   }
 
   say(text) {
@@ -292,9 +292,10 @@ class Page {
     $(`tab-${next}`).focus();
   }
 
-  /** Space stops everything, wherever the page is looked at but where a space is written. */
+  /** Space stops everything, but where a space is written; Enter does what space does elsewhere. */
   key(event) {
-    const writes = event.target.matches?.("input:not([type=checkbox]):not([type=range]), select, textarea");
+    const writes = event.target.matches?.("input:is(:not([type]), [type=text], [type=search])");
+    if (event.key === "Enter" && event.target.matches?.("[type=checkbox]")) event.target.click();
     if (event.code !== "Space" || writes || !this.table?.offers.includes("stop_all")) return;
     event.preventDefault();
     event.stopPropagation();

@@ -163,6 +163,9 @@ class PageApp:
         return True
 
     async def _carry_out(self, client: Client, command: Command) -> str | None:
+        # Whoever sees that something goes wrong may stop it: a stop moves nothing.
+        if isinstance(command, commands.StopAll):
+            return await self._ask(command)
         if not client.may_control:
             raise RefusedError("open the address that the command has printed, with its token")
         if isinstance(command, commands.TakeControl):
@@ -171,8 +174,7 @@ class PageApp:
         if isinstance(command, commands.ReleaseControl):
             self._hub.release(client)
             return None
-        # Whoever sees that something goes wrong may stop it.
-        if self._hub.controller is not client and not isinstance(command, commands.StopAll):
+        if self._hub.controller is not client:
             raise RefusedError("another page is in control; take control first")
         return await self._ask(command)
 
