@@ -68,6 +68,7 @@ class LiveTable:
         self._signals = self._signals_of(len(parcels))
         self._news: list[dict[str, Any]] = []
         self._events: list[dict[str, Any]] = []
+        self._fresh: list[dict[str, Any]] = []
         self._reported: tuple[Coordinator | None, int] = (None, 0)
         self._plan = plan_of(None)
         self._planned_s = -inf
@@ -161,7 +162,7 @@ class LiveTable:
         advice = advice_for(text)
         event |= more | ({"advice": advice} if advice else {})
         self._events = [*self._events[1 - KEPT_EVENTS :], event]
-        self._news.append({"kind": "events", "events": [event]})
+        self._fresh.append(event)
 
     def news(self) -> list[dict[str, Any]]:
         """See `Table`."""
@@ -171,7 +172,8 @@ class LiveTable:
         self._look_for_things()
         self._look_for_plans()
         news, self._news = self._news, []
-        return news
+        fresh, self._fresh = self._fresh, []
+        return [*news, {"kind": "events", "events": fresh}] if fresh else news
 
     def story(self) -> list[dict[str, Any]]:
         """See `Table`."""

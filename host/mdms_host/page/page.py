@@ -27,6 +27,8 @@ ANSWER_LIMIT_S = 5.0
 #: A message of a client is no longer than this [bytes].
 _LONGEST = 16_384
 _PING_S = 5.0
+#: A browser opens up to six connections besides its WebSocket; requests beyond are refused.
+_MOST_CONNECTIONS = 128
 
 #: What is to be done, its answer, and whether it is a command, which a stop calls off.
 Work = tuple[Callable[[], Any], "Future[Any]", bool]
@@ -71,6 +73,7 @@ class Page:
                 log_config=None,
                 access_log=False,
                 server_header=False,
+                limit_concurrency=_MOST_CONNECTIONS,
                 ws="websockets-sansio",
                 ws_max_size=_LONGEST,
                 ws_per_message_deflate=False,

@@ -58,6 +58,7 @@ class RecordedTable:
         self._phases = _phases(record.events, self._times_s)
         self._arrived = _arrived(record.events, list(things), self._times_s)
         self.duration_s = float(self._times_s[-1])
+        self._history = b""
         self._at_s = 0.0
         self._speed = 1.0
         self._paused = False
@@ -88,7 +89,12 @@ class RecordedTable:
         return self._signals.pack(self.version, sequence, self._values(max(index, 0)) | now)
 
     def history(self) -> bytes:
-        """See `Table`."""
+        """See `Table`; whoever asks for it again gets the same."""
+        if not self._history:
+            self._history = self._packed_history()
+        return self._history
+
+    def _packed_history(self) -> bytes:
         count = len(self._times_s)
         chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_PLOTTED)).round().astype(int))
         return b"".join(

@@ -7,6 +7,7 @@ import time
 import urllib.error
 import urllib.request
 from argparse import Namespace
+from contextlib import suppress
 
 import jsonschema
 import pytest
@@ -20,7 +21,7 @@ from mdms_host.page import commands
 from mdms_host.page.page import Page, PageError
 from mdms_host.page.web.gate import LOOPBACK
 from mdms_host.page.web.hub import MOST_CLIENTS
-from mdms_host.page.web.server import MOST_BAD
+from mdms_host.page.web.server import MOST_BAD, MOST_PER_S
 
 WITHIN_S = 10.0
 
@@ -187,15 +188,70 @@ def test_page_that_is_loaded_again_keeps_what_it_has_begun(table, visit):
     assert table.abandoned == 0
 
 
-def test_garbage_is_answered_and_then_shown_the_door(visit):
+@pytest.mark.parametrize(
+    ("garbage", "says"),
+    [
+        ("{no json", "one JSON object"),
+        (b'{"command": "start"}', "one JSON object"),
+        ("[" * 8000, "one JSON object"),
+        ('"start"', "one JSON object"),
+        ('{"command": "fly"}', "'fly', but must be one of"),
+        ('{"command": "start", "at": "once"}', "at"),
+        ('{"command": "goal", "parcel": "box", "x_m": NaN, "y_m": 0}', "x_m"),
+        ('{"command": "goal", "parcel": "box", "x_m": 1e999, "y_m": 0}', "x_m"),
+    ],
+)
+def test_garbage_is_answered_with_what_is_wrong_and_moves_nothing(table, visit, garbage, says):
+    visitor = visit()
+    visitor.await_message("control")
+    visitor.socket.send(garbage)
+    answer = visitor.await_message("answer")
+    assert (answer["ok"], answer["id"]) == (False, None)
+    assert says in answer["text"]
+    assert table.done == []
+
+
+def test_who_sends_nothing_but_garbage_is_shown_the_door(visit):
     visitor, other = visit(), visit()
-    visitor.say("{no json")
-    assert not visitor.await_message("answer")["ok"]
+    # Mistakes between commands are a person's.
+    for _ in range(2):
+        for _ in range(MOST_BAD - 1):
+            visitor.say("[1, 2]")
+        assert visitor.ask("stop_all")["ok"]
     for _ in range(MOST_BAD):
         visitor.say("[1, 2]")
     with pytest.raises(ConnectionClosed):
         visitor.listen_for_ever()
     assert other.ask("take_control")["ok"]
+
+
+def test_who_talks_without_end_is_listened_to_no_more_than_others(table, visit):
+    visitor, other = visit(), visit()
+    visitor.await_message("control")
+    for _ in range(3 * MOST_PER_S):
+        visitor.say('"seen"')
+    visitor.say({"id": 5, "command": "pause"})
+    # It has to wait for seconds; nobody else has.
+    assert other.ask("stop_all")["ok"]
+    assert table.done == [commands.StopAll()]
+
+
+def test_who_comes_and_says_nothing_leaves_room_for_others(page, visit):
+    at_the_door = [
+        connect(f"ws://{LOOPBACK}:{page.gate.port}/api/live", legacy=True, close_timeout=0.2)
+        for _ in range(MOST_CLIENTS)
+    ]
+    with pytest.raises(ConnectionClosed, match="too many"):
+        visit().await_message("control")
+    for socket_ in at_the_door:
+        socket_.close()
+
+    def is_welcome() -> bool:
+        with suppress(ConnectionClosed):
+            return bool(visit().await_message("control"))
+        return False
+
+    wait_until(is_welcome)
 
 
 def test_message_that_is_too_long_ends_the_connection(visit):
