@@ -211,11 +211,10 @@ export class Details {
   takeObjects({ cell, rows, over }) {
     if (this.chosen?.kind !== "cell" || this.chosen.number !== cell - 1) return;
     this.rows.push(...rows);
-    const text = ({ value, unit, raw, problem }) => problem ?? (unit === "" ? `${raw}` : `${+value.toPrecision(6)} ${unit}`);
     this.objects.replaceChildren(
       make("h2", {}, over ? `Objects of cell ${cell}` : `Objects of cell ${cell}, reading …`),
       make("table", { "aria-label": `Objects of cell ${cell}` }, ...this.rows.map((row) => make("tr", {},
-        make("td", { class: "number" }, row.place), make("th", { scope: "row" }, row.name), make("td", { class: "value" }, text(row))))),
+        make("td", { class: "number" }, row.place), make("th", { scope: "row" }, row.name), make("td", { class: "value" }, row.problem ?? row.text)))),
     );
   }
 }
