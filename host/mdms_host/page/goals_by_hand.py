@@ -59,6 +59,8 @@ class GoalsByHand:
         try:
             coordinator.set_goal(command.parcel, goal)
         except KeyError:
+            if parcel is not None:
+                raise RefusedError(f"the program that runs does not steer {parcel.name}") from None
             raise RefusedError(f"there is no parcel {command.parcel!r:.60}") from None
         except ValueError as error:
             raise RefusedError(str(error)) from None

@@ -23,7 +23,7 @@ from mdms_host.page.shown.description import describe
 from mdms_host.page.shown.objects import ObjectReader
 from mdms_host.page.shown.offered import plan_of
 from mdms_host.page.shown.signals import Signals
-from mdms_host.page.shown.things import things_of
+from mdms_host.page.shown.things import sized, things_of
 
 #: Ways and tiles are looked at so often [s].
 _PLAN_S = 0.25
@@ -108,7 +108,7 @@ class LiveTable:
         """Parcels come and go, and with them the shape of a snapshot."""
         things = things_of(self._told, self._seat.coordinator)
         if things != self._things:
-            self._things = things
+            self._things = sized(things, self._seat.coordinator)
             self._signals = self._signals_of(len(things))
             self.version += 1
 
@@ -242,7 +242,13 @@ class LiveTable:
         coordinator = self._running()
         if not command.name.strip():
             raise RefusedError("name is empty; a parcel needs one")
-        parcel = Parcel(command.name, command.length_m, command.width_m, shape=command.shape)
+        parcel = Parcel(
+            command.name,
+            command.length_m,
+            command.width_m,
+            shape=command.shape,
+            spread_m=command.spread_m,
+        )
         try:
             coordinator.tracker.name(command.parcel, parcel)
         except KeyError:

@@ -1,5 +1,7 @@
 """What the wheels do when a command comes late, twice, out of season, or beside another host."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.host.page.bench import Desk
@@ -108,6 +110,18 @@ def test_goal_that_was_let_go_of_is_one_for_good(running):
     running.table.do(commands.Goal("box", 0.0, 0.03, 0.0))
     running.run_until(lambda: "box has arrived" in running.texts, 4.0)
     assert not any("stays where it is" in text for text in running.texts)
+
+
+def test_disc_is_not_turned_whatever_is_asked_for(monkeypatch):
+    box = load_scenario("array18").parcel[0]
+    disc = replace(
+        box, shape="disc", length_m=0.3, width_m=0.3, goal=replace(box.goal, yaw_rad=0.0)
+    )
+    desk = Desk(monkeypatch, replace(load_scenario("array18"), parcel=(disc,)))
+    desk.table.do(commands.Start())
+    desk.run_until(lambda: "running" in desk.texts, 3.0)
+    desk.table.do(commands.Goal("box", 0.05, 0.0, 1.0))
+    assert desk.shown["parcel_goal"][0] == pytest.approx([0.05, 0.0, np.nan], nan_ok=True)
 
 
 def test_goal_during_a_hold_moves_nothing_before_the_hold_is_over(monkeypatch):

@@ -158,9 +158,10 @@ export class Details {
     return buttons;
   }
 
-  deedsOfParcel({ name, unknown }) {
+  deedsOfParcel(parcel) {
+    const { name, unknown } = parcel;
     const parts = [];
-    if (this.offers("goal")) parts.push(this.poseForm("Set goal", name, (pose) => this.page.order("goal", { parcel: name, ...pose })));
+    if (this.offers("goal") && !unknown) parts.push(this.poseForm("Set goal", name, (pose) => this.page.order("goal", { parcel: name, ...pose })));
     if (this.offers("fault")) {
       parts.push(
         this.button("Lift", "fault", () => ({ fault: { kind: "lift", parcel: name } })),
@@ -169,7 +170,7 @@ export class Details {
         this.button("Push along y", "fault", () => ({ fault: { kind: "push", parcel: name, impulse_n_s: [0, 0.3] } })),
       );
     }
-    if (this.offers("name") && unknown) parts.push(this.nameForm(name));
+    if (this.offers("name") && unknown) parts.push(this.nameForm(parcel));
     return parts;
   }
 
@@ -185,18 +186,35 @@ export class Details {
     }, ...[x, y, yaw].map((input) => make("label", {}, input.name, input)), make("button", { "data-moves": true }, text));
   }
 
-  /** What is unknown gets a name, and the size that it really has. */
-  nameForm(parcel) {
-    const name = make("input", { required: true, "aria-label": "Name of the parcel" });
-    const field = (label) => make("input", { name: label, type: "number", min: 1, required: true, "aria-label": label });
-    const [length, width] = [field("length [mm]"), field("width [mm]")];
+  /** What is unknown gets a name and an outline; what sensors show of it is proposed. */
+  nameForm({ name: parcel, size, outline_m }) {
+    const input = (label, attributes) => make("input", { required: true, "aria-label": label, ...attributes });
+    const labelled = (text, element) => make("label", {}, text, element);
+    const across = (axis) => Math.max(...outline_m.map((corner) => corner[axis])) - Math.min(...outline_m.map((corner) => corner[axis]));
+    const whole = (value_m) => Math.round(1e3 * value_m);
+    const proposed = size ? [whole(size.length_m), whole(size.width_m)] : [whole(across(0)), whole(across(1))];
+    const name = input("Name of the parcel", {}), number = { type: "number", min: 1, step: "any" };
+    const shape = make("select", { "aria-label": "Outline of the parcel" }, make("option", {}, "rectangle"), make("option", {}, "disc"));
+    const [length, width] = ["length [mm]", "width [mm]"].map((label, k) => input(label, { ...number, value: proposed[k] }));
+    const first = labelled("length [mm]", length), second = labelled("width [mm]", width);
+    shape.addEventListener("change", () => {
+      const round = shape.value === "disc";
+      second.hidden = round;
+      first.firstChild.data = round ? "diameter [mm]" : "length [mm]";
+      length.setAttribute("aria-label", first.firstChild.data);
+      length.value = round ? Math.round((across(0) + across(1)) * 500) : proposed[0];
+    });
+    const note = size ? `As sensors show it by now, to ${whole(2 * size.spread_m)} mm; edges show the rest as it moves.` : "No rectangle, as far as sensors show it.";
     return make("form", {
       onsubmit: (event) => {
         event.preventDefault();
-        this.page.order("name", { parcel, name: name.value, length_m: length.valueAsNumber / 1e3, width_m: width.valueAsNumber / 1e3 });
+        const mm = shape.value === "disc" ? [length, length] : [length, width];
+        const [length_m, width_m] = mm.map((field) => field.valueAsNumber / 1e3);
+        const untouched = shape.value !== "disc" && size && mm.every((field, k) => field.valueAsNumber === proposed[k]);
+        const spread = untouched ? { spread_m: Math.max(size.spread_m, 0.0005) } : {};
+        this.page.order("name", { parcel, name: name.value, shape: shape.value, length_m, width_m, ...spread });
       },
-    }, make("label", {}, "name", name), make("label", {}, "length [mm]", length), make("label", {}, "width [mm]", width),
-    make("button", { "data-moves": true }, "Name it"));
+    }, labelled("name", name), labelled("outline", shape), first, second, make("button", { "data-moves": true }, "Name it"), make("p", { class: "help" }, note));
   }
 
   // Objects ----------------------------------------------------------------------------------------
