@@ -15,6 +15,7 @@ from mdms_host.page.goals_by_hand import Places
 from mdms_host.page.live import LiveTable
 from mdms_host.page.seat import Seat
 from mdms_host.page.shown.bus_watch import BusWatch
+from mdms_host.page.shown.events import events_of
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.bus.bus import Bus
 from mdms_sim.serve.clock import RealTime
@@ -80,7 +81,6 @@ class SimulatedTable(LiveTable):
             "speed": self._speed,
             "paused": [int(self._paused)],
             "real_time_factor": self._pace.factor(self._simulation.kernel.now_ns),
-            "bus_errors": [bus.errors for bus in buses],
             "bus_counters": [_worst_counters(bus) for bus in buses],
             "wheel_slip": world.slip_m_s,
             "wheel_normal": world.normal_n,
@@ -96,6 +96,10 @@ class SimulatedTable(LiveTable):
         unknown = np.full(3, np.nan)
         return [known.get(name, unknown) for name in self._things]
 
+    def errors(self) -> Any:
+        """How many error frames each bus has had."""
+        return np.array([bus.errors for bus in self._simulation.buses], np.float64)
+
     def busy_s(self) -> Any:
         """How long each bus has been busy."""
         return np.array([bus.busy_ns for bus in self._simulation.buses]) / NS_PER_S
@@ -108,13 +112,7 @@ class SimulatedTable(LiveTable):
         """See `Table`."""
         sources = {"world": self._simulation.world.events, "faults": self._simulation.faults.events}
         for name, events in sources.items():
-            for event in events[self._seen[name] :]:
-                more = {"cell": event.cell, "parcel": event.parcel}
-                more = {key: value for key, value in more.items() if value is not None}
-                if event.parcel:
-                    more["trouble"] = event.kind == "tip"
-                detail = event.detail if event.parcel is None else f"{event.parcel}: {event.detail}"
-                self.note(event.kind, detail, event.time_s, **more)
+            self.add_events(events_of(events[self._seen[name] :]))
             self._seen[name] = len(events)
         return super().news()
 

@@ -269,6 +269,10 @@ def test_client_that_reads_nothing_holds_nobody_up(page, visit):
         b"Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
         b"Sec-WebSocket-Version: 13\r\n\r\n" % page.gate.port
     )
+    # It comes in, asks for ever more, and takes nothing of it.
+    for text in (b'{"token": null}', *[b'"seen"'] * 100):
+        deaf.sendall(bytes((0x81, 0x80 | len(text))) + bytes(4) + text)
+    wait_until(lambda: page._hub.clients)
     visitor = visit()
     visitor.await_message("control")
     seen = 0

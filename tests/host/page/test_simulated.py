@@ -180,6 +180,19 @@ def test_when_nobody_is_there_any_more_time_passes_and_no_parcel_hangs_in_the_ai
     assert [one["fault"]["kind"] for one in desk.faults] == ["off"]
 
 
+def test_error_frames_are_counted_and_their_rate_is_shown(desk):
+    desk.run(0.3)
+    assert desk.shown["bus_error_rate"] == [0.0]
+    desk.table.do(fault("corruption", cells=(3,), probability=1.0))
+    desk.run(0.2)
+    desk.shown  # noqa: B018 - rates are between two looks
+    desk.run(0.2)
+    shown = desk.shown
+    assert shown["bus_errors"] >= 10
+    assert shown["bus_error_rate"][0] > 20
+    assert shown["bus_counters"][0, 0] > 20
+
+
 def test_objects_of_a_cell_are_read_by_name_and_unit_while_the_program_runs(running):
     running.table.do(commands.ReadObjects(5))
     running.run(3.0)

@@ -37,7 +37,7 @@ def show(belief: Belief, arguments: Namespace, main: Main | None = None) -> Exit
     """
     with open_links(arguments, belief.channels) as (link, clock):
         refuse_other_host(link, clock)
-        seat, table = _seated(belief, clock, main)
+        seat, table = _seated(belief, link, clock, main)
         with opened_page(table, arguments) as page, interrupted() as pressed:
             seat.start()
             incidents = 0
@@ -60,7 +60,9 @@ def show(belief: Belief, arguments: Namespace, main: Main | None = None) -> Exit
     return Exit.OK
 
 
-def _seated(belief: Belief, clock: Clock, main: Main | None) -> tuple[Seat, LiveTable]:
+def _seated(
+    belief: Belief, link: AnyLink, clock: Clock, main: Main | None
+) -> tuple[Seat, LiveTable]:
     """The host's place, and what a page shows of it."""
 
     def make() -> Coordinator:
@@ -78,6 +80,7 @@ def _seated(belief: Belief, clock: Clock, main: Main | None) -> tuple[Seat, Live
         watch=watch,
         now_s=clock.now_s,
         centres_of_mass_m=centres_of_mass_m(believed(belief.scenario)),
+        error_frames=lambda: link.counts.error_frames,
         report=lambda time_s, text: say(f"{time_s:8.3f} s  {text}"),
     )
     seat.on_cycle = table.on_cycle
