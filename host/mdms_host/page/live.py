@@ -123,10 +123,10 @@ class LiveTable:
             "bus_frames": self._rates.frames_per_s,
             "bus_errors": errors,
             "bus_error_rate": self._rates.errors_per_s,
-            "wheel_speed": watch.speeds_m_s,
+            "wheel_speed": watch.speeds_m_s(now_s),
             "wheel_reference": watch.references_m_s,
             "cell_state": np.frombuffer(watch.states(now_s), np.uint8),
-            "cell_presence": np.frombuffer(watch.presence, np.uint8),
+            "cell_presence": np.frombuffer(watch.presence(now_s), np.uint8),
             "cell_promise": identity,
             "cell_promise_state": promise,
         }

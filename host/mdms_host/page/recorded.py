@@ -204,7 +204,7 @@ class _BusHistory:
                 watch.on_frame(ahead[1], ahead[0], ahead[2])
                 ahead = next(frames, None)
             self._states[index] = np.frombuffer(watch.states(time_s), np.uint8)
-            self._presence[index] = np.frombuffer(watch.presence, np.uint8)
+            self._presence[index] = np.frombuffer(watch.presence(time_s), np.uint8)
             counts[index], bits[index] = watch.frames, watch.bits
         before = np.searchsorted(times_s, times_s - _RATES_S).clip(0, len(times_s) - 1)
         passed_s = np.maximum(times_s - times_s[before], 1e-3)

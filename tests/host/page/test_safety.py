@@ -135,6 +135,8 @@ def test_goal_during_a_hold_moves_nothing_before_the_hold_is_over(monkeypatch):
     desk.table.do(commands.Goal("box", 0.0, 0.05, 0.0))
     desk.run(0.5)
     assert place_of_box(desk) == pytest.approx(held, abs=1e-3)
+    # What the dead cell did last is not shown as what it does now.
+    assert np.flatnonzero(np.isnan(desk.shown["wheel_speed"])).tolist() == [14, 15]
     desk.table.do(commands.EndFault(1))
     desk.run_until(lambda: "box has arrived" in desk.texts, 6.0)
     assert place_of_box(desk) == pytest.approx([0.0, 0.05, 0.0], abs=0.012)

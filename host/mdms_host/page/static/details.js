@@ -85,7 +85,7 @@ export class Details {
     const facts = [
       ["state", this.table.cell_states[s.cell_state[cell]]],
       ["place", this.table.cells_m[cell].map(mm).join(", ")],
-      ["sensors covered", this.table.sensors_m.map((_at, k) => s.cell_presence[cell] >> k & 1 ? k : null).filter((k) => k !== null).join(", ") || "none"],
+      ["sensors covered", s.cell_state[cell] < 2 ? "–" : this.table.sensors_m.map((_at, k) => s.cell_presence[cell] >> k & 1 ? k : null).filter((k) => k !== null).join(", ") || "none"],
     ];
     if (s.cell_promise[cell]) facts.push(["parcel", `${s.cell_promise[cell]}, ${NEAR[s.cell_promise_state[cell]]}`]);
     for (let axis = 0; axis < this.table.axes; axis++) {
@@ -102,8 +102,8 @@ export class Details {
     const pose = (at) => at ? `${mm(at[0])}, ${mm(at[1])}, ${deg(at[2])}` : "–";
     const [xx, , yy, yaw] = s.parcel_spread.subarray(4 * p, 4 * p + 4);
     const facts = [["state", this.table.parcel_states[s.parcel_state[p]]], ["believed", pose(believed)]];
-    if (believed) facts.push(["deviation", `${mm(Math.sqrt(xx))}, ${mm(Math.sqrt(yy))}, ${deg(Math.sqrt(yaw))}`]);
-    if (this.table.true_known) facts.push(["true", truth ? pose(truth) : "in the hand"]);
+    if (xx >= 0) facts.push(["deviation", `${mm(Math.sqrt(xx))}, ${mm(Math.sqrt(yy))}, ${deg(Math.sqrt(yaw))}`]);
+    if (this.table.true_known && !this.table.parcels[p].unknown) facts.push(["true", truth ? pose(truth) : "in the hand"]);
     if (believed && truth) facts.push(["off by", `${mm(Math.hypot(believed[0] - truth[0], believed[1] - truth[1]))}, ${deg(believed[2] - truth[2])}`]);
     facts.push(["goal", pose(goal)]);
     if (believed && goal) facts.push(["to go", mm(Math.hypot(believed[0] - goal[0], believed[1] - goal[1]))]);
@@ -162,7 +162,7 @@ export class Details {
     const { name, unknown } = parcel;
     const parts = [];
     if (this.offers("goal") && !unknown) parts.push(this.poseForm("Set goal", name, (pose) => this.page.order("goal", { parcel: name, ...pose })));
-    if (this.offers("fault")) {
+    if (this.offers("fault") && !unknown) {
       parts.push(
         this.button("Lift", "fault", () => ({ fault: { kind: "lift", parcel: name } })),
         make("button", { type: "button", "data-moves": true, onclick: () => this.page.setDown(name) }, "Set down"),
@@ -176,7 +176,10 @@ export class Details {
 
   poseForm(text, name, send) {
     const field = (label, step) => make("input", { name: label, type: "number", step, required: label !== "yaw [°]", "aria-label": `${label} of the goal of ${name}` });
-    const [x, y, yaw] = [field("x [mm]", 1), field("y [mm]", 1), field("yaw [°]", 1)];
+    const [x, y, yaw] = [field("x [mm]", "any"), field("y [mm]", "any"), field("yaw [°]", "any")];
+    const s = this.page.snapshot, p = this.chosen.number;
+    const at = s && (poseOf(s.parcel_goal, p, true) ?? poseOf(s.parcel_believed, p));
+    if (at) [x, y, yaw].forEach((input, k) => { input.value = Number.isNaN(at[k]) ? "" : +(at[k] * [1e3, 1e3, 180 / Math.PI][k]).toFixed(1); });
     return make("form", {
       onsubmit: (event) => {
         event.preventDefault();
@@ -212,6 +215,7 @@ export class Details {
         const [length_m, width_m] = mm.map((field) => field.valueAsNumber / 1e3);
         const untouched = shape.value !== "disc" && size && mm.every((field, k) => field.valueAsNumber === proposed[k]);
         const spread = untouched ? { spread_m: Math.max(size.spread_m, 0.0005) } : {};
+        this.page.expected = name.value;
         this.page.order("name", { parcel, name: name.value, shape: shape.value, length_m, width_m, ...spread });
       },
     }, labelled("name", name), labelled("outline", shape), first, second, make("button", { "data-moves": true }, "Name it"), make("p", { class: "help" }, note));

@@ -111,7 +111,7 @@ export class Hands {
       held.pose = held.turn
         ? [held.from[0], held.from[1], Math.atan2(point[1] - held.from[1], point[0] - held.from[0])]
         : [held.from[0] + dx, held.from[1] + dy, held.from[2]];
-      this.dragged = { parcel: held.parcel, pose: held.pose };
+      this.dragged = { parcel: held.parcel, pose: held.pose, refused: held.refused };
       const now_ms = performance.now();
       if (now_ms - this.sent_ms >= SEND_MS) this.sendGoal(held, true);
     }
@@ -121,7 +121,8 @@ export class Hands {
   sendGoal(hand, held) {
     this.sent_ms = performance.now();
     const [x_m, y_m, yaw_rad] = hand.pose;
-    this.page.order("goal", { parcel: this.page.table.parcels[hand.parcel].name, x_m, y_m, yaw_rad, held });
+    const goal = { parcel: this.page.table.parcels[hand.parcel].name, x_m, y_m, yaw_rad, held };
+    this.page.order("goal", goal).then(({ ok }) => { hand.refused = !ok; });
   }
 
   hold() {

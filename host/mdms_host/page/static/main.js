@@ -75,7 +75,8 @@ class Page {
   }
 
   sameParcel(before, { kind, number }) {
-    const now = this.table.parcels.findIndex(({ name }) => name === before.parcels[number]?.name);
+    const numberOf = (called) => this.table.parcels.findIndex(({ name }) => name === called);
+    const same = numberOf(before.parcels[number]?.name), now = same < 0 ? numberOf(this.expected) : same;
     return now < 0 ? null : { kind, number: now };
   }
 
@@ -174,7 +175,7 @@ class Page {
   }
 
   showTexts(s) {
-    const legend = `${this.picture.most.normal} ${this.picture.promised} ${this.picture.arrow_m_s}`;
+    const legend = `${this.picture.most.normal} ${this.picture.promised} ${this.picture.planned} ${this.picture.arrow_m_s}`;
     if (legend !== this.legend) {
       this.legend = legend;
       this.showLegend();
@@ -185,7 +186,7 @@ class Page {
     $("phase").className = `chip ${phase === "running" ? "running" : phase.includes("fault") ? "failed" : phase.includes("holding") ? "held" : ""}`;
     text("time", `${s.time[0].toFixed(1)} s`);
     text("load", Number.isFinite(s.bus_load[0]) ? `bus ${(100 * Math.max(...s.bus_load)).toFixed(0)} %` : "no bus");
-    text("pace", `${s.real_time_factor[0].toFixed(2)}×`);
+    text("pace", Number.isFinite(s.real_time_factor[0]) ? `${s.real_time_factor[0].toFixed(2)}×` : "–");
     text("pause", s.paused[0] ? (this.table.recorded ? "Play" : "Go on") : "Pause");
     if (!$("details").hidden) this.details.update(s);
     if (this.table.recorded && document.activeElement !== $("scrub")) $("scrub").value = s.time[0];

@@ -3,7 +3,7 @@
 /* global uPlot */
 
 const HEIGHT = 118;
-const LINES = ["#2f7fd6", "#d9822b", "#3d9a5f", "#b0459a", "#8a6d3b", "#5b5fc7", "#c0392b", "#2a9d9d", "#777f8c", "#a3a30f"];
+const LINES = ["#2f7fd6", "#bb6e21", "#3d9a5f", "#b0459a", "#8a6d3b", "#7579d0", "#d7584b", "#2a9d9d", "#777f8c", "#86860c"];
 const turned = (angle) => angle - 2 * Math.PI * Math.round(angle / (2 * Math.PI));
 
 /** Why a plot may have no lines. */
@@ -140,7 +140,7 @@ export class Plots {
         ...plot.lines.map(([label, , colour, dashed], k) => ({
           label, stroke: LINES[(colour ?? k) % LINES.length], width: dashed ? 1.2 : 1.6,
           dash: dashed ? [4, 3] : undefined, points: { show: false },
-          value: (_chart, value) => value == null ? "–" : value.toPrecision(3),
+          value: (_chart, value) => value == null ? "–" : readable(value),
         })),
       ],
       hooks: { draw: [(chart) => this.drawNow(chart, text)], ready: [(chart) => this.listen(chart)] },
@@ -152,6 +152,7 @@ export class Plots {
     if (!this.history.whole || this.now === undefined) return;
     const x = chart.valToPos(this.now, "x", true), { top, height } = chart.bbox;
     chart.ctx.strokeStyle = colour;
+    chart.ctx.setLineDash([]);
     chart.ctx.lineWidth = 2;
     chart.ctx.beginPath();
     chart.ctx.moveTo(x, top);
@@ -202,6 +203,12 @@ export class Plots {
     this.lacking = [];
     this.place.replaceChildren();
   }
+}
+
+/** Three digits that count, and no power of ten. */
+function readable(value) {
+  const size = Math.abs(value);
+  return value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : 2);
 }
 
 /** What all but a twentieth of the values stay below. */
