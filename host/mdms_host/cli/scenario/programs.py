@@ -9,12 +9,13 @@ from mdms_host.layout import Layout
 from mdms_host.motion.trajectory.mass import Mass
 from mdms_host.motion.trajectory.traction import Traction
 from mdms_host.programs.comings import Comings, Infeed
+from mdms_host.programs.dispatch import KeptFree
 from mdms_host.programs.order import Gate
 from mdms_host.programs.planning import Desk, VirtualDesk
 from mdms_host.programs.program import Main, Member, TableProgram
 from mdms_host.programs.ride import Load
 from mdms_host.programs.task_list import main_of
-from mdms_host.programs.traffic import KeptFree, TableTraffic
+from mdms_host.programs.traffic import TableTraffic
 from mdms_host.routes.pace import TrapezoidPace
 from mdms_host.routes.space.shape import Shape
 from mdms_model.array import last_support_m
