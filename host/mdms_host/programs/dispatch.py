@@ -37,7 +37,7 @@ class KeptFree:
 class Dispatch:
     """Between orders and the planner: `blocked` is who has no way by the last plan, and why.
 
-    Cells that are lost are `closed` to ways, as far as there are others.
+    Ways lead around lost cells, or `over_lost` ones if more parcels have a way then.
     """
 
     def __init__(
@@ -49,6 +49,7 @@ class Dispatch:
         timetable: Timetable,
         *,
         kept_free: Sequence[KeptFree] = (),
+        over_lost: bool = True,
     ) -> None:
         self.blocked: dict[str, str] = {}
         self._planner = planner
@@ -57,6 +58,7 @@ class Dispatch:
         self._where = whereabouts
         self._timetable = timetable
         self._kept_free_places = kept_free
+        self._over_lost = over_lost
         self._closed: Bools = np.zeros(planner.tiles.count, dtype=bool)
         #: Tiles that were closed after the plan that is being made was asked for.
         self._closed_since: Bools = self._closed.copy()
@@ -129,9 +131,9 @@ class Dispatch:
     def _planned(
         self, tasks: list[Task], now_s: float, kept: dict[str, Route], never: Bools, lost: Bools
     ) -> Plan:
-        """A plan around the tiles of lost cells, or over them if more have a way then."""
+        """A plan around the tiles of lost cells; see above."""
         plan = self._planner.plan(tasks, now_s, closed=never | lost, kept=kept)
-        if plan.blocked and lost.any():
+        if plan.blocked and self._over_lost and lost.any():
             over = self._planner.plan(tasks, now_s, closed=never, kept=kept)
             return over if len(over.blocked) < len(plan.blocked) else plan
         return plan

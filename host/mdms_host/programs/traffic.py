@@ -6,26 +6,23 @@ the order over each tile that keeps parcels apart, and not the clock: how far ea
 from how far all have come.
 """
 
-from collections import defaultdict
+from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
+from typing import Generic, TypeVar
 
 from mdms_host.estimation.belief import Belief
-from mdms_host.motion.carrying import Carrying
 from mdms_host.motion.goal import Goal
-from mdms_host.motion.trajectory.follower import Carried
-from mdms_host.motion.trajectory.grip import Grip
-from mdms_host.motion.trajectory.traction import Traction
 from mdms_host.programs.dispatch import Dispatch, KeptFree
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.planning import Desk
-from mdms_host.programs.ride import Load, Ride
+from mdms_host.programs.ride import Load
+from mdms_host.programs.riding import Riding, reserved_by, ways_of
 from mdms_host.programs.timetable import Timetable
 from mdms_host.programs.whereabouts import Whereabouts
-from mdms_host.routes.pace import Pace
 from mdms_host.routes.planner import Plan, Planner
-from mdms_host.routes.space.tiles import Tiles
+from mdms_host.routes.route import Route
 from mdms_model.arrays import Floats
 
 #: A parcel that is not found for so long is lost to its order [s].
@@ -34,12 +31,6 @@ _LOST_S = 3.0
 _IDLE_S = 1.0
 #: Blocked ways are looked at again so often [s].
 _AGAIN_S = 0.25
-#: Tiles along a cell's side: the finer, the nearer parcels may pass each other. Places that ways
-#: lead over are so many tiles apart.
-_TILES, _STEP = 4, 2
-#: Outlines are planned so much larger on all sides [m], and so much apart in time [s].
-_CLEARANCE_M = 0.008
-_GAP_S = 0.1
 
 
 @dataclass
@@ -50,43 +41,52 @@ class Steered:
     arrived: bool = False
 
 
-class TableTraffic:
+Ride = TypeVar("Ride", bound=Riding)
+
+
+class OrderedTraffic(ABC, Generic[Ride]):
     """Carries out orders for parcels whose loads are known, by name; see `program.Traffic`.
 
     Anything else that is believed to lie on the table is an obstacle. Places of `kept_free` are not
-    crossed: somebody may set a parcel down there at any time.
+    crossed: somebody may set a parcel down there at any time. Ways lead `over_lost` cells where
+    there are no others, if parcels can be carried over these.
     """
 
     def __init__(
         self,
-        traction: Traction,
-        pace: Pace,
+        planner: Planner,
         desk: Desk,
         loads: Mapping[str, Load],
         *,
         kept_free: Sequence[KeptFree] = (),
+        over_lost: bool = True,
     ) -> None:
         self.steered: dict[str, Steered] = {}
-        self._traction = traction
         self._loads = loads
-        tiles = Tiles(traction.layout, _TILES)
-        planner = Planner(tiles, pace, clearance_m=_CLEARANCE_M, step=_STEP, gap_s=_GAP_S)
-        self._tiles = tiles
+        self._tiles = planner.tiles
         self._where = Whereabouts(loads, planner.stand)
         self._timetable = Timetable()
         self._dispatch = Dispatch(
-            planner, desk, loads, self._where, self._timetable, kept_free=kept_free
+            planner,
+            desk,
+            loads,
+            self._where,
+            self._timetable,
+            kept_free=kept_free,
+            over_lost=over_lost,
         )
-        self._carrying = Carrying(traction.layout, traction.drives)
         self._now_s = 0.0
         self._orders: dict[str, Order] = {}
         self._rides: dict[str, Ride] = {}
-        self._grips: dict[str, Grip] = {}
         self._again_s = 0.0
         self._moved_s = 0.0
         self._left: list[str] = []
         self._leaving: list[tuple[str, Gate]] = []
         self._notices: list[str] = []
+
+    @abstractmethod
+    def _set_out(self, order: Order, route: Route) -> Ride:
+        """Begin to take a parcel along a route."""
 
     # Orders --------------------------------------------------------------------------------------
 
@@ -115,7 +115,6 @@ class TableTraffic:
 
         What is on its way to one that is lost now comes to rest, and goes on by another way.
         """
-        self._traction.lose(cells)
         lost = self._dispatch.close(cells)
         for ride in self._rides.values():
             ride.stopping |= not ride.has_come and ride.route.meets(lost, ride.progress_m)
@@ -147,55 +146,24 @@ class TableTraffic:
 
     @property
     def ways(self) -> dict[str, Floats]:
-        """The poses (K, 3) that are before each parcel under way, where it is now first."""
-        return {
-            name: ride.route.ahead(ride.progress_m, ride.route.length_m)
-            for name, ride in self._rides.items()
-            if not ride.has_come
-        }
+        """See `program.TableProgram`."""
+        return ways_of(self._rides)
 
     @property
     def reserved(self) -> list[tuple[float, float, float, tuple[str, ...]]]:
-        """Tiles that parcels under way have before them, and which do, in their order.
-
-        Middle and side of each [m; table frame].
-        """
-        visits: dict[int, list[tuple[float, str]]] = defaultdict(list)
-        for name, ride in self._rides.items():
-            left = ride.route.visits.leaves_m > ride.progress_m
-            if not ride.has_come:
-                columns = ride.route.visits.tile[left], ride.route.visits.enters_s[left]
-                for tile, enters_s in zip(*(each.tolist() for each in columns), strict=True):
-                    visits[tile].append((enters_s, name))
-        tiles = self._tiles
-        return [
-            (
-                *tiles.centre_m(tile),
-                tiles.side_m,
-                tuple(dict.fromkeys(name for _, name in sorted(each))),
-            )
-            for tile, each in visits.items()
-        ]
+        """See `program.TableProgram`."""
+        return reserved_by(self._rides, self._tiles)
 
     # The cycle -----------------------------------------------------------------------------------
 
-    def step(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
-        """References of all wheels (W,) [m/s] for the next cycle."""
+    def _advance(self, beliefs: Mapping[str, Belief], step_s: float) -> None:
+        """Take in what is believed, end what is over, begin what is ready, and ask for more."""
         self._now_s += step_s
         self._where.see(beliefs, self._now_s)
         self._where.find_obstacles(self._is_planned)
         self._settle(beliefs)
         self._begin()
         self._ask(beliefs)
-        carried = dict(self._drive(beliefs, step_s))
-        if carried:
-            self._moved_s = self._now_s
-        return self._carrying.references_m_s(carried, self._where.outlines, self._where.places)
-
-    @property
-    def speeds_m_s(self) -> Floats:
-        """How fast each wheel is to run under the references that were returned last, (W,)."""
-        return self._carrying.speeds_m_s
 
     def _is_planned(self, name: str, place: Floats) -> bool:
         return name in self._rides or self._timetable.has_at(name, place)
@@ -217,12 +185,16 @@ class TableTraffic:
             elif name in self.steered:
                 self.steered[name].arrived = False
             # Whoever has to find another way begins it at rest.
-            away = belief is None or ride.follower.off_path or ride.obstructed
+            away = belief is None or ride.off_path or ride.obstructed
             if (ride.stopping or away) and ride.at_rest and name in self._rides:
-                del self._rides[name]
+                self._end_ride(name)
         for name in list(self._orders):
             if self._now_s - self._where.seen_s(name) > _LOST_S:
                 self._refuse(name, f"{name} is lost: no sensor shows it")
+
+    def _end_ride(self, name: str) -> None:
+        """A parcel goes no further on its route."""
+        del self._rides[name]
 
     def _remove(self, name: str) -> None:
         """A parcel has left the table."""
@@ -230,7 +202,6 @@ class TableTraffic:
         ride.order.done = True
         if self._orders.get(name) is ride.order:
             del self._orders[name]
-        self._grips.pop(name, None)
         self.steered.pop(name, None)
         self._where.drop(name)
         self._timetable.leave(name)
@@ -248,9 +219,7 @@ class TableTraffic:
         """Set out on a plan that is ready, with all parcels that are as it was made for."""
         before = self.plan
         for order, route in self._dispatch.take():
-            grip = self._grips.setdefault(order.parcel, Grip())
-            load = self._loads[order.parcel]
-            self._rides[order.parcel] = Ride(order, route, load, self._traction, grip)
+            self._rides[order.parcel] = self._set_out(order, route)
             if isinstance(order.goal, Gate):
                 self._leaving.append((order.parcel, order.goal))
         if self.plan is not before:
@@ -287,8 +256,10 @@ class TableTraffic:
 
     # Motion
 
-    def _drive(self, beliefs: Mapping[str, Belief], step_s: float) -> Iterator[tuple[str, Carried]]:
-        """How each parcel that is under way is carried."""
+    def _under_way(
+        self, beliefs: Mapping[str, Belief]
+    ) -> Iterator[tuple[str, Ride, Belief, float]]:
+        """Each ride of a parcel that is believed, and up to where its route is free [m]."""
         timetable, there = self._timetable, self._where.places
         timetable.progress_m.update((name, ride.progress_m) for name, ride in self._rides.items())
         limits_m = timetable.limits_m(there)
@@ -296,12 +267,7 @@ class TableTraffic:
         held = timetable.held(there, self._rides, going)
         for name, ride in self._rides.items():
             belief = beliefs.get(name)
-            if belief is None:
-                continue
-            free_m = self._where.free_m(name, ride.route, ride.progress_m)
-            ride.obstructed = free_m < ride.route.length_m or name in held
-            limit_m = min(limits_m.get(name, inf), free_m)
-            room = belief.feel_rad is not None and self._where.has_room(name)
-            carried = ride.step(belief, step_s, limit_m, room)
-            if carried is not None:
-                yield name, carried
+            if belief is not None:
+                free_m = self._where.free_m(name, ride.route, ride.progress_m)
+                ride.obstructed = free_m < ride.route.length_m or name in held
+                yield name, ride, belief, min(limits_m.get(name, inf), free_m)
