@@ -10,6 +10,9 @@ import pytest
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.simulation.compose import Finished, run_scenario
 from mdms_host.cli.simulation.simulate import verdict
+from mdms_host.programs.program import Main
+from mdms_host.programs.script import until
+from mdms_host.programs.table import Table
 from mdms_model.run.record import Record
 from mdms_model.scenario.file import load_scenario
 
@@ -101,6 +104,38 @@ def test_a_program_ends_as_it_should_and_what_broke_is_reported(row: Row) -> Non
     for message in messages()[row.what]:
         assert re.search(message, texts), f"{message}: {texts}"
     assert moved_without_command_m_s(finished, row) < STANDS_M_S
+
+
+async def fails_on_the_way(table: Table) -> None:
+    table.start(table.move(table["box"], 0.07, 0.0))
+    await table.sleep(0.2)
+    table.parcels[7]
+
+
+async def waits_for_ever(table: Table) -> None:
+    await until(lambda: False)
+
+
+async def wants_the_impossible(table: Table) -> None:
+    await table.move(table["box"], 0.9, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("main", "ends", "says"),
+    [
+        (fails_on_the_way, Exit.FAILURE, "IndexError: tuple index out of range, in fails_on_the_w"),
+        (waits_for_ever, Exit.TIME_LIMIT, "not come to its end: it waits in waits_for_ever (test"),
+        (wants_the_impossible, Exit.TIME_LIMIT, "would hang over the edge or tip"),
+    ],
+)
+def test_a_program_that_cannot_go_on_ends_with_a_message_and_all_at_rest(
+    main: Main, ends: Exit, says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario = load_scenario("array18", [*TABLE, "run.duration_s=2.0"])
+    finished = run_scenario(scenario, main=main)
+    assert verdict(scenario, finished) is ends
+    assert says in capsys.readouterr().err
+    assert np.abs(finished.record.speed_m_s[-1]).max() < 0.003
 
 
 def moved_without_command_m_s(finished: Finished, row: Row) -> float:

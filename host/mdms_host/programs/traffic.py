@@ -135,6 +135,11 @@ class OrderedTraffic(ABC, Generic[Ride]):
         return notices
 
     @property
+    def at_rest(self) -> bool:
+        """Whether all parcels are commanded to stand."""
+        return all(ride.at_rest for ride in self._rides.values())
+
+    @property
     def near(self) -> Collection[str]:
         """Parcels about to arrive."""
         return [name for name, ride in self._rides.items() if ride.has_come]

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.program import CellsProgram
@@ -135,3 +136,15 @@ def _kept_free(number: int, stream: Stream, named: Mapping[str, Parcel]) -> Kept
 
 def _place(stream: Stream) -> Floats:
     return np.array([stream.x_m, stream.y_m, stream.yaw_rad])
+
+
+def has_failed(coordinator: Coordinator) -> bool:
+    """Whether a run's program has ended by an error in it."""
+    return isinstance(coordinator.program, TableProgram) and coordinator.program.failed
+
+
+def waits_text(coordinator: Coordinator) -> str:
+    """Where a run's program waits, as part of a message; nothing where it does not."""
+    program = coordinator.program
+    places = program.waits_at if isinstance(program, TableProgram) else ()
+    return f": it waits in {' and '.join(places)}" if places else ""
