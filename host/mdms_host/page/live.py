@@ -34,7 +34,7 @@ KEPT_EVENTS = 300
 class LiveTable:
     """Composed of what is on the buses (`watch`) and of whoever has the host's `seat`.
 
-    `now_s` returns the time. `parcels` are those that the host is told of. `report(time_s, text)`
+    `now_s` returns the time. `parcels` are those that the host is given. `report(time_s, text)`
     is called for events.
     """
 
