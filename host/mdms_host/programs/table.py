@@ -8,6 +8,8 @@ from mdms_host.motion.goal import Goal
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.script import Script, Task, until
 
+__all__ = ["ProgramError", "Table", "TableParcel"]
+
 Result = TypeVar("Result")
 
 
@@ -28,7 +30,11 @@ class Orders(Protocol):
 
 
 class TableParcel:
-    """A parcel on the table, by the name that it is called by until it has left."""
+    """A parcel on the table, by the `name` that it is called by until it has left.
+
+    Its `kind`, `length_m` and `width_m` are as given; `is_round` is whether it is a disc,
+    `has_left` whether it has left.
+    """
 
     def __init__(self, name: str, kind: str, length_m: float, width_m: float, shape: str) -> None:
         self.name = name
@@ -63,8 +69,9 @@ class TableParcel:
 class Table:
     """What a program has: parcels by name, gates by name, and what can be waited for.
 
-    Times are those of the array's own cycle, `now_s` from the program's beginning. The table
-    reaches `half_m` from its middle, along x and along y.
+    `table["box"]` is the parcel of that name. Times are those of the array's own cycle, `now_s`
+    from the program's beginning. The table reaches `half_m` from its middle, along x and along y.
+    `gates` are its exits by name.
 
     >>> class Swift:
     ...     def give(self, order):

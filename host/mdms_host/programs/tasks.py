@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from mdms_host.programs.script import Task, until
 from mdms_host.programs.table import ProgramError, Table, TableParcel
 
+__all__ = ["Buffer", "buffer", "merge", "singulate", "sort", "swap", "transport"]
+
 Place = tuple[float, float]
 
 

@@ -29,6 +29,8 @@ from mdms_host.routes.space.tiles import Tiles
 from mdms_host.routes.well_formed import order_of
 from mdms_model.arrays import Bools, Floats, Ints
 
+__all__ = ["Plan", "Planner"]
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -81,7 +83,7 @@ class Planner:
         return self._ground.tiles
 
     def stand(self, shape: Shape, pose: Floats) -> Ints:
-        """The tiles that a parcel takes where it stands."""
+        """The tiles that a parcel takes which stands at this pose [m, m, rad; table frame]."""
         return self._ground.stand(shape, pose)
 
     def plan(
