@@ -43,9 +43,9 @@ class MimxrtBoard(CellBoard):
     #: The least that the chip's watchdog can wait.
     WATCHDOG_MS = 500
 
-    def __init__(self, pins: Pins, memory):
+    def __init__(self, pins: Pins, memory, number):
         self._timer = None
-        super().__init__(pins, memory)
+        super().__init__(pins, memory, number)
 
     def wheels(self, pins: Pins):
         """Both wheels."""

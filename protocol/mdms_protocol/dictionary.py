@@ -25,6 +25,7 @@ from mdms_protocol.entry import (
     setting,
 )
 from mdms_protocol.neighbours.objects import ESTIMATE, NEIGHBOUR_OBJECTS, PROGRAM, REACH_UM
+from mdms_protocol.update.objects import UPDATE_OBJECTS
 from mdms_protocol.version import VERSION
 
 VENDOR_ID = 0
@@ -285,6 +286,7 @@ def _objects() -> tuple[e.Object, ...]:
     objects.update(_COMMUNICATION)
     objects.update(_CELL)
     objects.update(NEIGHBOUR_OBJECTS)
+    objects.update(UPDATE_OBJECTS)
     for number in range(PDOS):
         objects.update(_pdos(number))
     for number in range(AXES):

@@ -158,6 +158,16 @@ class Commissioning:
         with _sdo_errors(node_id, entry):
             self._node(node_id).sdo.download(index, sub, data)
 
+    def write_bytes(self, node_id: int, index: int, sub: int, data: bytes) -> None:
+        """Write to an object of any length, which flash may keep. Raises as `write`."""
+        client = self._node(node_id).sdo
+        usual_s, client.RESPONSE_TIMEOUT = client.RESPONSE_TIMEOUT, _FLASH_S
+        try:
+            with _sdo_errors(node_id, _entry(index, sub)):
+                client.download(index, sub, data)
+        finally:
+            client.RESPONSE_TIMEOUT = usual_s
+
     def store(self, node_id: int) -> None:
         """Have a cell store all its settings (0x1010). Raises SilentError, RefusedError."""
         self._sign(node_id, indices.STORE, b"save")

@@ -168,7 +168,7 @@ class PythonBank:
             self._voltages_uv[cell] = self._driven_uv[cell]
             self._awake[cell] = self._registers[cell, speed_loop.AWAKE]
             self._boards[cell].presence_bits = int(presence[cell])
-            self._cells[cell].poll(time_ms)
+            self._poll(cell, time_ms)
 
     def _poll_awake(self, now_ms: int, presence: NDArray[np.uint8]) -> None:
         """Polls the cells, without the calls that would do nothing."""
@@ -177,8 +177,14 @@ class PythonBank:
         for number, bits in enumerate(presence.tolist()):
             if seen[number] == STARTLED or self._cells[number].wake_ms <= now_ms:
                 self._boards[number].presence_bits = bits
-                self._cells[number].poll(now_ms)
+                self._poll(number, now_ms)
         self._wake_ms = min(cell.wake_ms for cell in self._cells)
+
+    def _poll(self, cell: int, now_ms: int) -> None:
+        self._cells[cell].poll(now_ms)
+        if self._boards[cell].restarting:
+            self._start(cell)
+            self._cells[cell].poll(now_ms)
 
     @property
     def awake(self) -> NDArray[np.int32]:
@@ -211,6 +217,9 @@ class PythonBank:
         if node_id is not None:
             self._node_ids[cell] = node_id
         self._conditions.restart(cell)
+        self._start(cell)
+
+    def _start(self, cell: int) -> None:
         errors = self._boards[cell].errors
         self._boards[cell] = self._board(cell)
         self._boards[cell].errors = errors

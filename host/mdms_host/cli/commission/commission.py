@@ -9,6 +9,7 @@ from pathlib import Path
 
 from mdms_host.cli.array.bus import NO_NODES
 from mdms_host.cli.commission.asking import ask_direction, ask_places
+from mdms_host.cli.commission.keys import array_key, give_keys
 from mdms_host.cli.commission.plate import watch_plate
 from mdms_host.cli.configure.cells import agreed, open_commissioning
 from mdms_host.cli.exits import CommandError, Exit
@@ -59,6 +60,7 @@ def run(arguments: Namespace) -> Exit:
     out: Path | None = arguments.out or (None if listed else Path("array.toml"))
     if out is not None:
         check_own(out, MARK.encode(), arguments.force)
+    key = array_key(arguments.key, arguments.file or out)
     with open_commissioning(arguments) as commissioning:
         job = _Job(commissioning, arguments, {})
         roll = _call_roll(commissioning)
@@ -70,6 +72,8 @@ def run(arguments: Namespace) -> Exit:
         _give_ids(job, call_roll(commissioning), {cell.serial: cell.node_id for cell in cells})
         cells = _nudged(job, cells, asking=_asks(arguments))
         done = _write(job, cells)
+        if key is not None:
+            job.failed.update(give_keys(commissioning, cells, key, job.report))
         if job.failed:
             raise CommandError(_failure(job, count), Exit.NODE_FAULT)
         if out is not None:

@@ -88,6 +88,13 @@ def _add_commission(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--out", metavar="FILE", type=Path, help="the array file (default: array.toml)"
     )
+    parser.add_argument(
+        "--key",
+        metavar="FILE",
+        type=Path,
+        help="give all cells the key in this file, which is made if it is missing, for "
+        "mdms flash --bus (default: the one beside the array file, if it is there)",
+    )
     parser.add_argument("--yes", action="store_true", help="do not ask; without --nudge no motion")
     add_force(parser)
     add_json(parser)
