@@ -18,7 +18,7 @@ from mdms_host.page.commands import Command, RefusedError
 from mdms_host.page.goals_by_hand import GoalsByHand, Places
 from mdms_host.page.seat import Seat
 from mdms_host.page.shown.bus_watch import KINDS, BusWatch
-from mdms_host.page.shown.description import describe
+from mdms_host.page.shown.description import OTHER_HOST, PHASES, describe
 from mdms_host.page.shown.events import EventList, event_of
 from mdms_host.page.shown.objects import ObjectReader
 from mdms_host.page.shown.offered import plan_of
@@ -132,6 +132,8 @@ class LiveTable:
         }
         if coordinator is not None:
             values |= believed_signals(self._things, coordinator)
+        if self._seat.beside_other_host and not self._seat.busy:
+            values["phase"] = [PHASES.index(OTHER_HOST)]
         return values
 
     def on_cycle(self, late_s: float) -> None:

@@ -258,7 +258,7 @@ def test_recording_is_scrubbed(recorded, open_page):
     page.click("#tab-plots")
     wait_until(page, "page.history.snapshots.length > 100")
     assert page.locator("#plots canvas").count() >= 5
-    assert page.locator(".plot .help").count() == 3
+    assert page.locator(".plot .help").count() == 4
 
 
 @pytest.fixture
@@ -325,6 +325,25 @@ def test_every_hand_asks_for_what_it_does(still, open_page):
     # A choice that has been made does not swallow the space bar.
     page.keyboard.press("Space")
     assert asked(page, table) == commands.StopAll()
+
+
+def test_table_is_zoomed_and_panned_by_wheel_hand_and_keys(still, open_page):
+    _, address = still
+    page = open_page(address)
+    before = page.evaluate("[page.view.scale, page.view.x, page.view.y]")
+    page.mouse.move(*place_of(page, 0.0, 0.0))
+    page.mouse.wheel(0, -300)
+    wait_until(page, "before => page.view.scale > 1.3 * before[0]", before)
+    # What is under the pointer stays there.
+    assert page.evaluate("[page.view.x, page.view.y]") == pytest.approx(before[1:], abs=1e-3)
+    drag(page, place_of(page, 0.0, 0.15), place_of(page, -0.1, 0.15))
+    assert page.evaluate("page.view.x") == pytest.approx(0.1, abs=0.01)
+    page.focus("#table")
+    page.keyboard.press("ArrowUp")
+    assert page.evaluate("page.view.y") > before[2]
+    page.keyboard.press("0")
+    assert page.evaluate("[page.view.scale, page.view.x, page.view.y]") == before
+    assert page.get_attribute("#table", "aria-label") == "The table from above: 18 off"
 
 
 def test_what_is_unknown_is_named_with_the_size_that_is_proposed_or_as_a_disc(still, open_page):
