@@ -36,7 +36,7 @@ class LiveTable:
     """Composed of what is on the buses (`watch`) and of whoever has the host's `seat`.
 
     `now_s` returns the table's time, and `wall_s` the machine's, where that is another. `parcels`
-    are those that the host is told of. `report(time_s, text)` is called for events.
+    are those that the host is given. `report(time_s, text)` is called for events.
     `error_frames` counts those of all buses, where somebody does.
     """
 
