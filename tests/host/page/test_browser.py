@@ -346,6 +346,48 @@ def test_table_is_zoomed_and_panned_by_wheel_hand_and_keys(still, open_page):
     assert page.get_attribute("#table", "aria-label") == "The table from above: 18 off"
 
 
+#: Notes where texts of the picture are: left, top, right, bottom.
+SPY = """
+window.texts = [];
+const fill = CanvasRenderingContext2D.prototype.fillText;
+CanvasRenderingContext2D.prototype.fillText = function (text, x, y) {
+  const size = this.measureText(text), left = x - size.actualBoundingBoxLeft;
+  const top = y - size.actualBoundingBoxAscent, bottom = y + size.actualBoundingBoxDescent;
+  if (/\\d$/.test(text)) window.texts.push([text, left, top, left + size.width, bottom]);
+  fill.call(this, text, x, y);
+};
+"""
+
+
+@pytest.mark.parametrize(
+    ("columns", "rows", "width"), [(6, 3, 390), (9, 6, 1280), (9, 6, 390), (30, 6, 1280)]
+)
+def test_numbers_of_cells_cover_neither_sensors_nor_each_other(browser, columns, rows, width):
+    opened = OpenPage(StillTable(columns, rows))
+    context = browser.new_context(viewport={"width": width, "height": 760})
+    page = context.new_page()
+    page.add_init_script(SPY)
+    page.goto(opened.page.address)
+    wait_until(page, "Boolean(window.page?.snapshot && window.page.control)")
+    page.evaluate("window.texts = []; page.picture.kept = ''; page.redraw()")
+    page.wait_for_timeout(200)
+    size, radius, sensors, texts = page.evaluate(
+        "[page.table.pitch_m * page.view.scale, page.picture.sensorRadius,"
+        " page.table.cells_m.flatMap(([x, y]) => page.table.sensors_m.map(([dx, dy]) =>"
+        "   [page.view.px(x + dx), page.view.py(y + dy)])), window.texts]"
+    )
+    context.close()
+    opened.close()
+    numbers = texts[: columns * rows]
+    # Whoever is too far off for numbers has none.
+    assert len(numbers) == (columns * rows if size > 24 else 0)
+    for text, left, top, right, bottom in numbers:
+        assert right - left < size, text
+        if size > 34:
+            near = [(x, y) for x, y in sensors if left - radius < x < right + radius]
+            assert not [y for _, y in near if top - radius < y < bottom + radius], (text, size)
+
+
 def test_what_is_unknown_is_named_with_the_size_that_is_proposed_or_as_a_disc(still, open_page):
     table, address = still
     page = open_page(address)
