@@ -479,8 +479,11 @@ def test_page_fits_a_phone_and_both_themes(demo, open_page):
     assert page.evaluate("document.documentElement.dataset.theme") == "light"
     page.set_viewport_size({"width": 390, "height": 800})
     page.wait_for_timeout(200)
-    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
-    assert page.is_visible("#stop-all")
+    for tab in ("details", "plots", "events", "faults"):
+        page.click(f"#tab-{tab}")
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        assert page.evaluate("document.querySelector('#side').scrollWidth <= innerWidth")
+        assert page.is_visible("#stop-all")
 
 
 def test_files_of_the_page_are_small():

@@ -215,7 +215,7 @@ export class Plots {
 /** Three digits that count, and no power of ten. */
 function readable(value) {
   const size = Math.abs(value);
-  return value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : 2);
+  return value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : 2).replace(/^-(?=[0.]+$)/, "");
 }
 
 /** What all but a twentieth of the values stay below. */
