@@ -4,7 +4,8 @@ from dataclasses import dataclass, field
 
 from mdms_model.scenario.limit import ANGLE, PLACE, Limit
 
-TASKS = ("transport", "swap", "sort", "merge", "singulate", "buffer", "wait")
+SIDE = Limit(at_least=0.01, at_most=10.0)
+TASKS = ("transport", "name", "swap", "sort", "merge", "singulate", "buffer", "wait")
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,6 +15,8 @@ class Task:
     By what it is to `do`:
 
     - transport: `parcel` goes to `x_m`, `y_m`, and is turned to `yaw_rad` if that is given
+    - name: what is unknown and lies at `x_m`, `y_m`, as soon as something does, is called `parcel`;
+      as large as sensors show it, if no `length_m` (of a disc, its diameter) and `width_m` is given
     - swap: the two `parcels` change places
     - sort: each parcel that comes leaves by the exit for its kind
     - merge: parcels that come, wherever that is, leave by `exit`
@@ -33,6 +36,11 @@ class Task:
     x_m: float | None = field(default=None, metadata=PLACE)
     y_m: float | None = field(default=None, metadata=PLACE)
     yaw_rad: float | None = field(default=None, metadata=ANGLE)
+    length_m: float | None = field(default=None, metadata=SIDE)
+    width_m: float | None = field(default=None, metadata=SIDE)
+    mass_kg: float | None = field(default=None, metadata=Limit(at_least=0.001, at_most=1000.0))
+    shape: str = field(default="rectangle", metadata=Limit(choices=("rectangle", "disc")))
+    kind: str = ""
     exit: str = ""
     places: tuple[tuple[float, float], ...] = field(default=(), metadata=PLACE)
     order: tuple[str, ...] = ()
