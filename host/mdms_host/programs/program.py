@@ -75,7 +75,17 @@ class Traffic(Orders, Protocol):
         ...
 
     @property
+    def under_way(self) -> Collection[str]:
+        """See `TableProgram`."""
+        ...
+
+    @property
     def ways(self) -> Mapping[str, Floats]:
+        """See `TableProgram`."""
+        ...
+
+    @property
+    def due_in_s(self) -> Mapping[str, Floats]:
         """See `TableProgram`."""
         ...
 
@@ -184,6 +194,16 @@ class TableProgram:
     def controllers(self) -> Mapping[str, Steered]:
         """What follows each parcel that has been ordered to a place."""
         return self._traffic.steered
+
+    @property
+    def under_way(self) -> Collection[str]:
+        """Parcels that have a way before them."""
+        return self._traffic.under_way
+
+    @property
+    def due_in_s(self) -> Mapping[str, Floats]:
+        """In what time each parcel is planned at the poses of its way [s], (K,)."""
+        return self._traffic.due_in_s
 
     @property
     def ways(self) -> Mapping[str, Floats]:

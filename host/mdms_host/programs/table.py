@@ -14,6 +14,8 @@ from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.script import Script, Task, until
 from mdms_model.arrays import Floats
 
+__all__ = ["Newcomer", "ProgramError", "Table", "TableParcel"]
+
 Result = TypeVar("Result")
 #: What has been named is found within this, or is not what it was taken for [s].
 _FOUND_S = 3.0
@@ -67,7 +69,11 @@ class Newcomers(Protocol):
 
 
 class TableParcel:
-    """A parcel on the table, by the name that it is called by until it has left."""
+    """A parcel on the table, by the `name` that it is called by until it has left.
+
+    Its `kind`, `length_m` and `width_m` are as given; `is_round` is whether it is a disc,
+    `has_left` whether it has left.
+    """
 
     def __init__(self, name: str, kind: str, length_m: float, width_m: float, shape: str) -> None:
         self.name = name
@@ -102,8 +108,9 @@ class TableParcel:
 class Table:
     """What a program has: parcels by name, gates by name, and what can be waited for.
 
-    Times are those of the array's own cycle, `now_s` from the program's beginning. The table
-    reaches `half_m` from its middle, along x and along y.
+    `table["box"]` is the parcel of that name. Times are those of the array's own cycle, `now_s`
+    from the program's beginning. The table reaches `half_m` from its middle, along x and along y.
+    `gates` are its exits by name.
 
     >>> class Swift:
     ...     def give(self, order):

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from mdms_host.programs.script import Task, until
 from mdms_host.programs.table import Newcomer, ProgramError, Table, TableParcel
 
+__all__ = ["Buffer", "buffer", "merge", "name", "singulate", "sort", "swap", "transport"]
+
 Place = tuple[float, float]
 
 

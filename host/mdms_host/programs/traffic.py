@@ -156,9 +156,23 @@ class OrderedTraffic(ABC, Generic[Ride]):
         return self._timetable.plan
 
     @property
+    def under_way(self) -> Collection[str]:
+        """Parcels that have a way before them."""
+        return [name for name, ride in self._rides.items() if not ride.has_come]
+
+    @property
     def ways(self) -> dict[str, Floats]:
         """See `program.TableProgram`."""
         return ways_of(self._rides)
+
+    @property
+    def due_in_s(self) -> dict[str, Floats]:
+        """In what time each parcel is planned at the poses of its way [s], (K,)."""
+        return {
+            name: ride.route.ahead_s(ride.progress_m, ride.route.length_m) - self._now_s
+            for name, ride in self._rides.items()
+            if not ride.has_come
+        }
 
     @property
     def reserved(self) -> list[tuple[float, float, float, tuple[str, ...]]]:

@@ -68,6 +68,15 @@ class Route:
         ends = [self.pose_at(along_m)], [self.pose_at(until_m)]
         return np.concatenate([ends[0], self.poses[between], ends[1]])
 
+    def ahead_s(self, along_m: float, until_m: float) -> Floats:
+        """When it is planned at each of the poses `ahead` [s], shape (K,)."""
+        if not len(self.arrives_s):
+            return np.full(2, self.end_s)
+        planned_s = np.concatenate((self.begins_s[:1], self.arrives_s))
+        between = (self.along_m > along_m + _SAME_M) & (self.along_m < until_m - _SAME_M)
+        ends_s = np.interp([along_m, until_m], self.along_m, planned_s)
+        return np.concatenate((ends_s[:1], planned_s[between], ends_s[1:]))
+
 
 def merged(visits: Visits, stand: Ints, end_m: float, gone_s: float) -> Visits:
     """Visits of the moves of a route, in any order, with one for each time a tile is met.

@@ -26,6 +26,7 @@ class Hands:
         self.near = ()
         self.steered: Mapping = {}
         self.plan, self.ways, self.reserved = None, {}, []
+        self.under_way, self.due_in_s = [], {}
         self._left = []
 
     def give(self, order):

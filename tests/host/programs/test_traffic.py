@@ -221,6 +221,11 @@ def test_ways_and_tiles_that_are_left_can_be_shown():
     assert ways["box"][0] == pytest.approx(table.pose("box"), abs=0.01)
     assert ways["box"][-1] == pytest.approx((0.36, 0.0, 0.0), abs=0.01)
     assert {names for *_, names in table.program.reserved} == {("box",)}
+    due_in_s = table.program.due_in_s["box"]
+    assert len(due_in_s) == len(ways["box"])
+    assert due_in_s[0] == pytest.approx(0.0, abs=0.2)
+    assert (np.diff(due_in_s) > 0).all()
+    assert table.program.under_way == ["box"]
     table.run(1.5)
     assert 0 < len(table.program.reserved) < before
     table.run_until(6.0, lambda: table.program.finished)

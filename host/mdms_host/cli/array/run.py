@@ -15,6 +15,7 @@ from mdms_host.cli.extras import PAGE, RECORDING, require
 from mdms_host.cli.files import writing
 from mdms_host.cli.records.bus_log import LogWriter
 from mdms_host.cli.records.keep import keep_run, lasting
+from mdms_host.cli.records.plan_log import PlanLog
 from mdms_host.cli.scenario.belief import Belief, believe
 from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
 from mdms_host.cli.scenario.gain import open_program
@@ -103,18 +104,21 @@ def _operate_and_keep(
     belief: Belief, coordinator: Coordinator, arguments: Namespace
 ) -> tuple[Operation, dict[str, Any]]:
     """Operate, and keep what was seen in a run folder, however it ended."""
+    plans = PlanLog(coordinator)
     with fresh_folder(arguments.out) as folder:
         with (folder / BUS_LOG).open("w") as log:
             recorder = Recorder(
                 coordinator,
                 lambda: estimates_of(coordinator, belief.scenario),
                 LogWriter(log, len(belief.scenario.array.buses) or 1).on_frame,
+                look=plans.look,
             )
             operation, incidents = _operate(coordinator, belief, arguments, recorder)
         figures = _figures(belief.scenario, coordinator, operation)
         figures["node_ids"] = [cell.node_id for cell in coordinator.cells]
         figures["run"] = str(arguments.out)
         record = recorder.record(incidents)
+        record.plans = plans.plans
         lasted = lasting(belief.scenario, float(record.time_s[-1]))
         with writing(arguments.out):
             keep_run(folder, lasted, record, figures)

@@ -254,6 +254,11 @@ def traction_of(scenario: Scenario, layout: Layout, cells: Cells | None = None) 
     )
 
 
+def centres_of_mass_m(scenario: Scenario) -> dict[str, tuple[float, float]]:
+    """Where each parcel's centre of mass is, in its own frame, as it is believed [m]."""
+    return {parcel.name: parcel.centre_of_mass_m for parcel in scenario.parcel}
+
+
 def masses_of(scenario: Scenario) -> dict[str, Mass]:
     """The parcels' masses, as they are believed."""
     records, _ = parcel_records(scenario.parcel)

@@ -36,6 +36,8 @@ _REJOIN_M = 0.012
 _SEARCH_M = 0.3
 #: A parcel that is farther beside its path has left it [m].
 _OFF_PATH_M = 0.02
+#: Poses that records and pictures have of what is ahead.
+_SHOWN = 13
 #: A belief that differs by more from what its twist leads to has been set right by a sensor [m].
 _SET_RIGHT_M = 0.001
 
@@ -124,6 +126,14 @@ class Follower:
     def stopping_s(self) -> float:
         """How long it takes to come to rest from here [s]."""
         return self._reference.stopping_s
+
+    @property
+    def ahead(self) -> tuple[Floats, Floats]:
+        """The poses (K, 3) still before the parcel, and in what time it may be there [s], (K,)."""
+        along_m = np.linspace(self.s_m, self.path.length_m, _SHOWN)
+        times_s = self.profile.time_at(along_m)
+        poses = np.array([self.path.pose_at(s_m) for s_m in along_m.tolist()])
+        return poses, times_s - times_s[0]
 
     def step(self, belief: Belief, step_s: float, authority_s_m: float = inf) -> Carried:
         """What the wheels do in the step that begins at the belief's time.
