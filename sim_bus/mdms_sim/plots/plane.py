@@ -25,7 +25,7 @@ WIDTH_IN, TOP_IN, EDGE_IN, GAP_IN = 13.0, 0.85, 0.75, 0.85
 LONG, MANY_COLUMNS = 2.2, 12
 #: Beside panels a table takes so much of the width, and so much height at most [in].
 BESIDE_IN, DEEPEST_IN = 7.0, 7.5
-PANEL_IN, PANEL_GAP_IN, COLUMNS = 1.15, 0.22, 3
+PANEL_IN, PANEL_GAP_IN, COLUMNS = 1.0, 0.22, 3
 TICKS_IN, LEGEND_ROW_IN, SCALE_IN = 0.55, 0.24, 0.3
 #: The legend names no more parcels.
 MOST_NAMED = 12
