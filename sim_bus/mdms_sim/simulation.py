@@ -126,6 +126,8 @@ class Simulation:
             self.buses[bus].attach(_CellStation(self._deliver, cell), bank.accepts(cell))
             for cell, bus in enumerate(addresses.buses)
         ]
+        for cell, mailbox in enumerate(self._mailboxes):
+            bank.connect(cell, mailbox.errors)
         for bus in self.buses:
             BusOffWatch(self.kernel, bus, self._mailboxes, bank)
         array = scenario.array

@@ -58,6 +58,10 @@ class Route:
         columns = [np.interp(along_m, self.along_m, column) for column in self.poses.T]
         return np.array(columns)
 
+    def meets(self, tiles: Ints, from_m: float = 0.0) -> bool:
+        """Whether the parcel is on any of these tiles, from a path coordinate on."""
+        return bool((np.isin(self.visits.tile, tiles) & (self.visits.leaves_m > from_m)).any())
+
     def ahead(self, along_m: float, until_m: float) -> Floats:
         """The poses from one path coordinate to another, both ends' too, shape (K, 3)."""
         between = (self.along_m > along_m + _SAME_M) & (self.along_m < until_m - _SAME_M)

@@ -46,6 +46,11 @@ class Event:
     cell: int | None = None
     axis: int | None = None
 
+    @property
+    def text(self) -> str:
+        """The detail, and the parcel that it is about."""
+        return self.detail if self.parcel is None else f"{self.parcel}: {self.detail}"
+
 
 @dataclass(frozen=True, slots=True)
 class Tile:

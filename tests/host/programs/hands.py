@@ -21,6 +21,7 @@ class Hands:
         self.orders = {}
         self.log = []
         self.stopped = False
+        self.at_rest = True
         self.near = ()
         self.steered: Mapping = {}
         self.plan, self.ways, self.reserved = None, {}, []

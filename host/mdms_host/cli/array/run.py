@@ -20,6 +20,7 @@ from mdms_host.cli.scenario.belief import Belief, believe
 from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.scenario.load import check_load
+from mdms_host.cli.scenario.programs import has_failed, waits_text
 from mdms_host.cli.streams import say
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, Operation, operate
@@ -82,7 +83,7 @@ def run(arguments: Namespace) -> int:
             say(f"frames: {counts}")
         print(f"{scenario.title}: {operation.ending} after {operation.duration_s:.1f} s")
     missed = missed_text(goals_of(belief.scenario, coordinator))
-    return _verdict(operation, coordinator.lost, missed)
+    return _verdict(operation, coordinator, missed)
 
 
 @contextmanager
@@ -180,12 +181,14 @@ def _outcome(coordinator: Coordinator, name: str, goal: Goal) -> GoalOutcome:
     return outcome_of(name, goal, pose, coordinator.arrived_s.get(name))
 
 
-def _verdict(operation: Operation, lost: str | None, missed: str | None) -> int:
+def _verdict(operation: Operation, coordinator: Coordinator, missed: str | None) -> int:
     if operation.interrupt is not None:
         raise operation.interrupt
-    if operation.fault is None and lost is not None:
-        raise CommandError(lost, Exit.FAILURE)
+    if operation.fault is None and coordinator.lost is not None:
+        raise CommandError(coordinator.lost, Exit.FAILURE)
     code = EXITS[operation.ending]
     if code is not Exit.OK:
-        raise CommandError(operation.fault or missed or "the time limit has passed", code)
+        late = f"the time limit has passed{waits_text(coordinator)}"
+        text = operation.fault or missed or coordinator.stuck or late
+        raise CommandError(text, Exit.FAILURE if has_failed(coordinator) else code)
     return code
