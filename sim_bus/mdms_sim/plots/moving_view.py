@@ -113,7 +113,7 @@ class MovingView:
             time_s = self._record.time_s[instant] + 1e-9
             left = sum(e.kind == "exit" and e.time_s <= time_s for e in self._record.events)
             there = sum(parcel.is_there(instant) for parcel in self.parcels)
-            return f"{there} on the table, {left} have left"
+            return f"{there} on the table" + f", {left} have left" * bool(left)
         told = [parcel.story(instant) for parcel in self.parcels[:MOST_TOLD]]
         if len(self.parcels) > MOST_TOLD:
             told.append(f"{len(self.parcels) - MOST_TOLD} more")
