@@ -21,6 +21,7 @@ from mdms_model.participant import BusesParticipant, Participant
 from mdms_model.run.cell_reports import CellReports
 from mdms_model.run.folder import interface_of
 from mdms_model.run.history import MOST_SAMPLES
+from mdms_model.run.presence import Presence
 from mdms_model.run.record import Record
 from mdms_model.run.references import References
 from mdms_model.scenario.scenario import Scenario
@@ -107,11 +108,13 @@ class Simulation:
         self.log = BusLog(bus_log)
         self._references = References(addresses, len(scenario.cell.wheel))
         self._reports = CellReports(cell_centres(scenario.array), addresses)
+        self._presence = Presence(addresses)
         for number, bus in enumerate(self.buses):
             interface = interface_of(number, len(self.buses))
             bus.observe(partial(self.log.on_frame, interface=interface))
             bus.observe(partial(self._references.on_frame, number), self._references.cells[number])
             bus.observe(partial(self._on_report, number), self._reports.cells[number])
+            bus.observe(partial(self._presence.on_frame, number), self._presence.cells[number])
         self._bank = bank
         self._estimates = estimates
         self._sampler = Sampler(self.world, most_samples)
@@ -125,6 +128,8 @@ class Simulation:
             self.buses[bus].attach(_CellStation(self._deliver, cell), bank.accepts(cell))
             for cell, bus in enumerate(addresses.buses)
         ]
+        for cell, mailbox in enumerate(self._mailboxes):
+            bank.connect(cell, mailbox.errors)
         for bus in self.buses:
             BusOffWatch(self.kernel, bus, self._mailboxes, bank)
         array = scenario.array
@@ -241,7 +246,7 @@ class Simulation:
         voltage_v = self._voltage_uv[:, : self._axes].ravel() / UV_PER_V
         references = self._references.reference_m_s
         now_s = now_ns / NS_PER_S
-        reports = self._reports.sample(now_s)
+        reports = self._reports.sample(now_s) | {"presence": self._presence.bits}
         self._sampler.sample(now_s, references, voltage_v, estimates, reports)
         self.kernel.at(now_ns + SAMPLE_NS, PRIORITY_SAMPLE, self._sample)
 

@@ -7,7 +7,7 @@ the next one has taken the voltage away, with no turn of the background in betwe
 import world
 from bench import NODE, SUPPLY_24_V, Bench
 
-import main
+from boards import start
 from mdms_cell.drive import speed_loop as s
 from mdms_protocol import cia402
 from mdms_protocol.version import VERSION
@@ -397,7 +397,7 @@ def ends(bench, action, wanted):
 
     world.events[start_ms + 50] = plan
     try:
-        main.run(bench.board, ".", NODE, watchdog=False)
+        start.run(bench.board, None, ".", NODE, watchdog=False)
     except wanted:
         world.told.append("ended")
     assert world.told[-1] == "ended"

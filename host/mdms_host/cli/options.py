@@ -162,7 +162,7 @@ def add_plot(parser: ArgumentParser) -> None:
         "--out",
         metavar="FILE",
         type=Path,
-        help="the picture, .png, .svg or .pdf, or of a run that cells steered, an animation, .gif "
+        help="the picture, .png, .svg or .pdf, or an animation, .gif or (with ffmpeg) .mp4 "
         "(default: a PNG in the run folder)",
     )
     add_force(parser)

@@ -246,10 +246,11 @@ class Tracker:
         if not near:
             return
         _, nearest = min(near, key=lambda pair: pair[0])
-        if self._presence.covered[sensor] and nearest.estimator.comes_up(now_s, point_m):
+        covered = bool(self._presence.covered[sensor])
+        if covered and nearest.estimator.comes_up(now_s, point_m):
             self._strangers.foreign[sensor] = True
         else:
-            nearest.estimator.edge(now_s, point_m)
+            nearest.estimator.edge(now_s, point_m, covered)
 
     def _views(self, now_s: float) -> dict[str, View]:
         """The sensors around each parcel that has a pose, by its name."""

@@ -68,7 +68,8 @@ async def singulate(
         parcel = lying.pop(0) if lying else await table.arrival()
         due_s = table.now_s + period_s
         await table.leave(parcel, exit)
-        await table.sleep(due_s - table.now_s)
+        if table.now_s < due_s:
+            await table.sleep(due_s - table.now_s)
         left += 1
 
 

@@ -1,17 +1,13 @@
-"""Whether a layout is well-formed, so that there is a plan for it whatever happens.
+"""Whether a layout is well-formed, so that there is a plan for it.
 
 It is when there is an order in which each parcel has a way past the tiles under the goals of those
 before it and the starts of those after it: planned in this order each finds a route, for at worst
-it waits until those before it have come to their goals. It is so in any order when each has a way
-past the starts and goals of all others at once; then nobody who waits at its start or stays at its
-goal keeps another from going, and goals may be given one by one.
+it waits until those before it have come to their goals.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from random import Random
 
-from mdms_host.routes.blocked import Blocked, Blocker, blockers
 from mdms_host.routes.errand import Errand
 from mdms_model.arrays import Bools, Ints
 
@@ -60,32 +56,6 @@ def _built(
         if len(order) == before:
             break
     return tuple(reversed(order)) if backward else tuple(order)
-
-
-def ill_formed(errands: Mapping[str, Errand], closed: Bools, free: Free) -> tuple[Blocked, ...]:
-    """Each parcel that has no way past all others' starts and goals, and which are in its way.
-
-    `free` is whether an errand has a way past these tiles.
-    """
-    found = []
-    for name, errand in errands.items():
-        if errand.task.goal is None:
-            continue
-        places = [each for other, its in errands.items() if other != name for each in ends(its)]
-        blocked = _with(closed, [tiles for _, tiles in places])
-        if not free(errand, blocked):
-            by = blockers(places, closed, partial(free, errand))
-            found.append(Blocked(name, errand.task.start, errand.task.goal, *by))
-    return tuple(found)
-
-
-def ends(errand: Errand) -> Sequence[tuple[Blocker, Ints]]:
-    """Where a parcel stands at its start, and at its goal if it stays there, and on which tiles."""
-    task = errand.task
-    start = Blocker(task.parcel, "start", task.start), errand.stand
-    if task.goal is None or task.leaves:
-        return (start,)
-    return start, (Blocker(task.parcel, "goal", task.goal), errand.goal_stand)
 
 
 def _with(blocked: Bools, stands: Sequence[Ints]) -> Bools:
