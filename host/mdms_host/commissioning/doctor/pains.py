@@ -92,7 +92,12 @@ PAINS = (
         "host and has passed its self-test; otherwise it goes back to the firmware of before and "
         "says which one runs, and the update has failed. Bundles that are wrong, old, cut short or "
         "another array's are refused with the reason.",
-        (),
+        (
+            "tests/system/test_update.py::test_whole_firmware_comes_over_the_bus_and_stays",
+            "tests/system/test_update.py::test_firmware_that_crashes_makes_way_for_the_one_before",
+            "tests/system/test_update.py::"
+            "test_supply_may_fail_on_trial_and_the_firmware_before_comes_back",
+        ),
     ),
     Pain(
         ("Klipper3d/klipper#214",),

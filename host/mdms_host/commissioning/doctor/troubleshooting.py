@@ -34,7 +34,7 @@ def troubleshooting_text() -> str:
 
 
 def _pain(pain: Pain) -> str:
-    tests = ", ".join(f"`{test}`" for test in pain.tests) or "with updates over the bus"
+    tests = ", ".join(f"`{test}`" for test in pain.tests)
     return (
         f"### {pain.symptom.rstrip('.')}\n{', '.join(map(_reference, pain.reported))}\n\n"
         f"- **Cause.** {pain.cause}\n- **Cure.** {pain.cure}\n- **Tests.** {tests}.\n"
