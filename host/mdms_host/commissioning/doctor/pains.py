@@ -88,10 +88,10 @@ PAINS = (
         "An update over the bus 'succeeds', and after the restart the old firmware runs.",
         "All blocks were sent and answered, but what was received was not what is started: it was "
         "never put in place, or was given up at the start.",
-        "An update over the bus counts only once the cell has come up with it, has spoken to the "
-        "host and has passed its self-test; otherwise it goes back to the firmware of before and "
-        "says which one runs, and the update has failed. Bundles that are wrong, old, cut short or "
-        "another array's are refused with the reason.",
+        "An update by mdms flash --bus counts only once the cell has come up with it, has spoken "
+        "to the host and has passed its self-test; otherwise it goes back to the firmware of "
+        "before and says which one runs, and the update has failed. Bundles that are wrong, old, "
+        "cut short or another array's are refused with the reason.",
         (
             "tests/system/test_update.py::test_whole_firmware_comes_over_the_bus_and_stays",
             "tests/system/test_update.py::test_firmware_that_crashes_makes_way_for_the_one_before",
