@@ -17,6 +17,7 @@ from mdms_host.cli.exits import Exit
 from mdms_host.commissioning.doctor.findings import KINDS
 from mdms_host.commissioning.doctor.troubleshooting import troubleshooting_text
 from mdms_protocol import cob, indices
+from mdms_protocol.update import codes
 from mdms_sim.nodes.python_bank import PythonBank
 
 NODE_IDS = (*range(1, 10), 9, cob.NODE_NONE, *range(12, 18), cob.HOST_NODE)
@@ -53,6 +54,8 @@ EXPECTED = {
     "sensor": [(4,)],
     "heap": [(14,)],
     "flash": [(14,)],
+    "rolled-back": [(17,)],
+    "on-trial": [(17,)],
     "neighbours": [(13,), (16,), (16,)],
     "suspected": [(8,)],
 }
@@ -117,6 +120,8 @@ def spoil(bank):
     bank._boards[13].inbox = SimpleNamespace(lost=3)
     objects[14].tie(indices.MEMORY, 1, lambda: 1000)
     objects[14].tie(indices.MEMORY, 2, lambda: 2000)
+    objects[17].tie(indices.FLASH_STATUS, 1, lambda: codes.status(codes.ROLLED_BACK, False))
+    objects[17].tie(indices.UPDATE, 8, lambda: 1)
     cells[15]._axes.fail(0x2310)
     for number, spot in ((13, (1, 1)), (16, (1, 1))):
         for sub, value in enumerate(spot, 1):

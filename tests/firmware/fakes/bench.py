@@ -13,6 +13,9 @@ from can_flex import FlexCan
 from internal_flash import InternalFlash
 from nor_flash import NorFlash
 
+from boards import flash
+from mdms_boot.files import Files
+from mdms_boot.slots import Slots
 from mdms_cell.cell import Cell
 from mdms_cell.runner import Runner
 from mdms_protocol import cia402, pdo
@@ -121,6 +124,9 @@ class Bench:
 
     def boot(self):
         """Make cell and runner, start the interrupts, and let the cell announce itself."""
+        if flash.keeps_whole("/flash"):
+            self.board.slots = Slots(Files("/flash"))
+            self.board.slots.may_write = self.board.asleep
         self.cell = Cell(self.board, NODE)
         self.runner = Runner(self.board, self.cell)
         self.board.start(self.runner.tick)
