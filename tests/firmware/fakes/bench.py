@@ -114,7 +114,7 @@ class Bench:
     def put_flash(self):
         """Give the board its flash, with a file system as it is to be."""
         if self.name in ("teensy41", "weact_h743"):
-            world.flash = NorFlash()
+            world.flash = NorFlash(blocks=64)
             vfs.VfsLfs2.mkfs(world.flash)
             vfs.mount(vfs.VfsLfs2(world.flash), "/flash")
             return
