@@ -76,6 +76,8 @@ class CellBoard:
         self.service = self.bus.service
         self.send = self.bus.send
         self.listen = self.bus.listen
+        self.transmit_errors = self.bus.transmit_errors
+        self.receive_errors = self.bus.receive_errors
 
     # What a chip family defines
 

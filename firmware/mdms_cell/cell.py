@@ -138,6 +138,8 @@ class Cell:
         objects.tie(indices.TRAFFIC, 2, self._read_dropped)
         objects.tie(indices.TRAFFIC, 3, self._read_not_sent)
         objects.tie(indices.TRAFFIC, 4, self._read_overruns)
+        objects.tie(indices.TRAFFIC, 5, getattr(self._board, "transmit_errors", _unknown))
+        objects.tie(indices.TRAFFIC, 6, getattr(self._board, "receive_errors", _unknown))
         objects.tie(indices.SIGNATURE, 0, self._read_signature)
         objects.tie(indices.MEMORY, 1, getattr(self._board, "heap_free", _unknown))
         objects.tie(indices.MEMORY, 2, getattr(self._board, "flash_free", _unknown))

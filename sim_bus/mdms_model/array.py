@@ -43,6 +43,12 @@ def cell_centres(array: Array) -> Floats:
     return np.column_stack([x.ravel(), y.ravel()]) * array.pitch_m
 
 
+def sensor_places_m(array: Array, cell: Cell) -> Floats:
+    """Places of all presence sensors (cells, sensors of a cell, 2) [m; table frame]."""
+    offsets_m: Floats = np.array(cell.sensor_offset_m, dtype=np.float64)
+    return cell_centres(array)[:, None] + offsets_m
+
+
 def build_cells(scenario: Scenario) -> list[Cell]:
     """Every cell as the scenario has it: patches differ as they say."""
     cells = [scenario.cell] * (scenario.array.columns * scenario.array.rows)

@@ -16,7 +16,16 @@ from math import ceil
 from pathlib import Path
 from typing import Any
 
-from tests.system.flashed_cell import NODE, booted, bundle, commissioned, drive, powered, report
+from tests.system.flashed_cell import (
+    NODE,
+    FlashedCell,
+    booted,
+    bundle,
+    commissioned,
+    drive,
+    powered,
+    report,
+)
 from tests.system.test_update import BEFORE, BITRATE, after, small
 
 from mdms_host.updating.bundles import Bundle, packed_firmware, sign
@@ -53,7 +62,7 @@ def run() -> list[dict[str, Any]]:
     return rows
 
 
-def row(name: str, ours: float, limit: float, unit: str, **more: float) -> dict[str, Any]:
+def row(name: str, ours: float, limit: float, unit: str, **more: object) -> dict[str, Any]:
     """One line of the table; the peer is what is asked for."""
     return {
         "name": name,
@@ -147,14 +156,14 @@ class Cut:
     frames: int = 1 << 30
 
 
-def every_operation(first: bytes, folder: str) -> Iterator[bool]:
+def every_operation(first: bytes, folder: str) -> Iterator[str | None]:
     """A bundle of what a board has of its own, cut at each operation of its way into flash."""
     sent = small()
     for operation in range(operations(first, folder, sent)):
         yield survives(first, folder, Cut(sent, operation))
 
 
-def some_operations(first: bytes, folder: str) -> Iterator[bool]:
+def some_operations(first: bytes, folder: str) -> Iterator[str | None]:
     """The whole firmware, cut at operations by chance."""
     sent = bundle()
     count = operations(first, folder, sent)
@@ -162,7 +171,7 @@ def some_operations(first: bytes, folder: str) -> Iterator[bool]:
         yield survives(first, folder, Cut(sent, operation))
 
 
-def some_frames(first: bytes, folder: str) -> Iterator[bool]:
+def some_frames(first: bytes, folder: str) -> Iterator[str | None]:
     """The whole firmware, cut after frames by chance, wherever the program is then."""
     sent = bundle()
     frames = len(sent.data) // 7
@@ -174,36 +183,36 @@ def operations(first: bytes, folder: str, sent: Bundle) -> int:
     """How often the flash is changed until the new firmware is to be started."""
     with powered(fresh(folder), first) as cell:
         booted(cell)
-        assert update(cell, sent, lambda _frames: False)
+        assert update(cell, sent, lambda _frames: False).finished
         return int(cell.operations[0])
 
 
-def survives(first: bytes, folder: str, cut: Cut) -> bool:
-    """Whether a cell is well after a cut, and takes the firmware then."""
+def survives(first: bytes, folder: str, cut: Cut) -> str | None:
+    """What is wrong with a cell after a cut, or with its next update; None if nothing is."""
     with powered(fresh(folder), first, cut.operation) as cell:
         booted(cell)
-        if update(cell, cut.sent, lambda frames: frames >= cut.frames):
-            return False
+        if update(cell, cut.sent, lambda frames: frames >= cut.frames).over:
+            return "it was not cut off"
         cell.power_off()
         cell.power_up()
         booted(cell)
         found = report(cell)
         version = cut.sent.version if found.slot else BEFORE.version
         if replace(found, on_trial=False) not in (BEFORE, after(cut.sent, version)):
-            return False
+            return str(found)
         if found.on_trial:
             cell.power_off()
             cell.power_up()
             booted(cell)
-        return update(cell, cut.sent, lambda _frames: False)
+        return update(cell, cut.sent, lambda _frames: False).failure
 
 
-def update(cell: Any, sent: Bundle, cut: Callable[[int], bool]) -> bool:
-    """Whether a cell has the firmware in the end; `cut(frames)` ends it by force."""
+def update(cell: FlashedCell, sent: Bundle, cut: Callable[[int], bool]) -> CellUpdate:
+    """How far a cell has come with a bundle; `cut(frames)` ends it by force."""
     one = CellUpdate(NODE, sent)
     updater = Updater([one], BITRATE)
     drive(cell, updater, lambda: updater.over or cut(updater.frames))
-    return one.finished
+    return one
 
 
 def fresh(folder: str) -> Path:
@@ -211,7 +220,8 @@ def fresh(folder: str) -> Path:
     return Path(tempfile.mkdtemp(dir=folder)) / "cell"
 
 
-def counted(name: str, outcomes: Iterator[bool]) -> dict[str, Any]:
-    """How many cells are well, of how many."""
+def counted(name: str, outcomes: Iterator[str | None]) -> dict[str, Any]:
+    """How many cells are well, of how many; what is wrong with the others."""
     found = list(outcomes)
-    return row(name, sum(found), len(found), "cells")
+    wrong = [text for text in found if text is not None]
+    return row(name, len(found) - len(wrong), len(found), "cells", wrong="; ".join(wrong) or None)

@@ -64,6 +64,10 @@ class CellsLink(Link):
         """The controller of a cell (from 0) goes bus off, or comes back."""
         self._bank.set_bus_off(cell, off)
 
+    def number(self, cell: int, index: int, subindex: int) -> int:
+        """What an object of a cell holds."""
+        return self._bank._cells[cell]._objects.number(index, subindex)
+
     def targets_um_s(self, cell: int) -> list[int]:
         """What the axes of a cell (from 0) are to do now: 0 where a motor is off."""
         if cell in self._dead:

@@ -12,6 +12,7 @@ from queue import SimpleQueue
 import can
 import canopen
 
+from mdms_host.can_link.foreign_stops import ForeignStops
 from mdms_host.can_link.link import Link, hand_over
 from mdms_host.can_link.protocol_revision import other_protocol
 from mdms_host.clock import Clock
@@ -76,6 +77,7 @@ class Commissioning:
         # canopen logs what it also raises.
         logging.getLogger("canopen").setLevel(logging.CRITICAL)
         self.states: dict[int, int] = {}
+        self.foreign_stops = ForeignStops()
         self._booted: set[int] = set()
         self._host_node_answers = False
         self._arrivals: SimpleQueue[tuple[Frame, float]] | None = None
@@ -226,6 +228,7 @@ class Commissioning:
 
     def _on_frame(self, frame: Frame, now_s: float) -> None:
         """In the reader's thread: record heartbeats, pass all to participants and `canopen`."""
+        self.foreign_stops.on_frame(frame)
         if (arrivals := self._arrivals) is not None:
             arrivals.put((frame, now_s))
         node = frame.can_id - cob.HEARTBEAT_BASE

@@ -218,12 +218,12 @@ class Tracker:
         return None if pose is None else Estimate(*map(float, pose))
 
     def poses(self, now_s: float) -> Mapping[str, Floats]:
-        """Pose (x, y, yaw) of every parcel that has been found."""
+        """Pose [m, m, rad; table frame] of every parcel that has been found."""
         found = ((name, each.estimator.pose_at(now_s)) for name, each in self._known.items())
         return {name: pose for name, pose in found if pose is not None}
 
     def covariance(self, name: str) -> Floats:
-        """What the pose of a parcel may be off, shape (3, 3); zero where it is not found."""
+        """Covariance of a pose [m, m, rad], shape (3, 3); zero where the parcel is not found."""
         return self._known[name].estimator.covariance
 
     @property
@@ -246,10 +246,11 @@ class Tracker:
         if not near:
             return
         _, nearest = min(near, key=lambda pair: pair[0])
-        if self._presence.covered[sensor] and nearest.estimator.comes_up(now_s, point_m):
+        covered = bool(self._presence.covered[sensor])
+        if covered and nearest.estimator.comes_up(now_s, point_m):
             self._strangers.foreign[sensor] = True
         else:
-            nearest.estimator.edge(now_s, point_m)
+            nearest.estimator.edge(now_s, point_m, covered)
 
     def _views(self, now_s: float) -> dict[str, View]:
         """The sensors around each parcel that has a pose, by its name."""

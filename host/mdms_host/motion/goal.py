@@ -19,6 +19,8 @@ _NEAR = 5.0
 _TURNS = 3
 #: A target that differs by less is the same.
 _SAME_M = 1e-6
+#: A parcel that is farther from where it was a step before has been put there by hand [m].
+_PUT_M = 0.02
 #: At the end of its way a parcel is drawn to the goal by what is left, so much at most [m].
 _CREEP_M = 0.006
 
@@ -66,7 +68,7 @@ class GoalController:
     rest and not steered any more, and one that is `paused` is brought to rest meanwhile. One that
     has left its way comes to rest, and takes another from there. A place is not sure enough while a
     turn by `feel_rad` would show it better: a parcel there turns so first, three times at most, and
-    back; `leg` counts these ways.
+    back; `leg` counts these ways, and where the parcel has been put elsewhere.
     """
 
     def __init__(self, goal: Goal, traction: Traction, mass: Mass) -> None:
@@ -84,10 +86,17 @@ class GoalController:
         self._follower: Follower | None = None
         self._left_m = inf
         self._within_s = 0.0
+        self._pose: Floats | None = None
 
     def go_over_from(self, other: "GoalController") -> None:
         """Begin with the motion that another controller has commanded last."""
         self._follower, self.grip, self.paused = other._follower, other.grip, other.paused
+
+    @property
+    def follower(self) -> Follower | None:
+        """What follows the parcel's way, for records and pictures; None where it is to stand."""
+        follower = self._follower
+        return None if follower is None or follower.finished else follower
 
     @property
     def left_m(self) -> float:
@@ -128,10 +137,19 @@ class GoalController:
         self.arrived, self._within_s, self._left_m = False, 0.0, inf
         self._follower = None
         self._turned_rad, self._turns = None, 0
+        self._put_elsewhere()
+
+    def _put_elsewhere(self) -> None:
+        """What was taken for slip may have been the parcel's leaving; its way begins anew."""
+        self.grip = Grip()
+        self.leg += 1
 
     def step(self, belief: Belief, step_s: float) -> Carried | None:
         """What the parcel's wheels are to do in the next step; None: stand still."""
         reach_m = belief.outline.reach_m
+        if self._pose is not None and hypot(*(belief.pose - self._pose)[:2].tolist()) > _PUT_M:
+            self._put_elsewhere()
+        self._pose = belief.pose
         off = self._target(belief.pose) - belief.pose
         self._left_m = hypot(off[0], off[1], off[2] * reach_m)
         if belief.corrected or not self.arrived:

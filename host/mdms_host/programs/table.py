@@ -8,6 +8,8 @@ from mdms_host.motion.goal import Goal
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.script import Script, Task, until
 
+__all__ = ["ProgramError", "Table", "TableParcel"]
+
 Result = TypeVar("Result")
 
 
@@ -28,7 +30,11 @@ class Orders(Protocol):
 
 
 class TableParcel:
-    """A parcel on the table, by the name that it is called by until it has left."""
+    """A parcel on the table, by the `name` that it is called by until it has left.
+
+    Its `kind`, `length_m` and `width_m` are as given; `is_round` is whether it is a disc,
+    `has_left` whether it has left.
+    """
 
     def __init__(self, name: str, kind: str, length_m: float, width_m: float, shape: str) -> None:
         self.name = name
@@ -63,8 +69,9 @@ class TableParcel:
 class Table:
     """What a program has: parcels by name, gates by name, and what can be waited for.
 
-    Times are those of the array's own cycle, `now_s` from the program's beginning. The table
-    reaches `half_m` from its middle, along x and along y.
+    `table["box"]` is the parcel of that name. Times are those of the array's own cycle, `now_s`
+    from the program's beginning. The table reaches `half_m` from its middle, along x and along y.
+    `gates` are its exits by name.
 
     >>> class Swift:
     ...     def give(self, order):
@@ -90,6 +97,8 @@ class Table:
     def __init__(self, half_m: tuple[float, float], gates: Sequence[Gate], orders: Orders) -> None:
         self.now_s = 0.0
         self.half_m = half_m
+        #: Whether any parcel may come.
+        self.expects = True
         self.gates: Mapping[str, Gate] = {gate.name: gate for gate in gates}
         self._orders = orders
         self._script = Script()
@@ -141,7 +150,12 @@ class Table:
         await self._order(parcel, self.gates[name])
 
     async def arrival(self) -> TableParcel:
-        """The next parcel that comes onto the table; each is returned once."""
+        """The next parcel that comes onto the table; each is returned once.
+
+        Raises ProgramError where none may come.
+        """
+        if not (self.expects or self._arrived):
+            raise ProgramError("no parcel is to come: there is no stream, and none was announced")
         self._waiting += 1
         try:
             await until(lambda: bool(self._arrived))
@@ -157,10 +171,10 @@ class Table:
             came += 1
 
     async def sleep(self, seconds: float) -> None:
-        """Let so much time of the array pass."""
-        end_s = self.now_s + seconds
+        """Let so much time of the array pass, a cycle at least."""
+        begun_s = self.now_s
         # Cycles add up to a time by rounding only.
-        await until(lambda: self.now_s >= end_s - 1e-9)
+        await until(lambda: self.now_s > begun_s and self.now_s >= begun_s + seconds - 1e-9)
 
     def start(self, routine: Coroutine[Any, Any, Result]) -> Task[Result]:
         """Have something go on beside all else; what it returns is awaited, or not at all.
@@ -201,6 +215,11 @@ class Table:
     def waits_for_arrivals(self) -> bool:
         """Whether anything in the program waits for a parcel to come."""
         return self._waiting > 0
+
+    @property
+    def waits_at(self) -> tuple[str, ...]:
+        """Where in the program each task waits that is not done."""
+        return self._script.waiting
 
     def put(self, parcel: TableParcel, arrives: bool = True) -> None:
         """A parcel is on the table from now on; one that `arrives` is returned by `arrival`."""

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from mdms_host.programs.script import Task, until
 from mdms_host.programs.table import ProgramError, Table, TableParcel
 
+__all__ = ["Buffer", "buffer", "merge", "singulate", "sort", "swap", "transport"]
+
 Place = tuple[float, float]
 
 
@@ -66,7 +68,8 @@ async def singulate(
         parcel = lying.pop(0) if lying else await table.arrival()
         due_s = table.now_s + period_s
         await table.leave(parcel, exit)
-        await table.sleep(due_s - table.now_s)
+        if table.now_s < due_s:
+            await table.sleep(due_s - table.now_s)
         left += 1
 
 

@@ -27,14 +27,26 @@ class Task:
     """
 
     do: str = field(metadata=Limit(choices=TASKS))
+    """What it does."""
     beside: bool = False
+    """Whether it begins with the task before, not after it."""
     parcel: str = ""
+    """Name of the parcel of transport."""
     parcels: tuple[str, ...] = ()
+    """Names of the two parcels of swap."""
     x_m: float | None = field(default=None, metadata=PLACE)
+    """Place of transport along x."""
     y_m: float | None = field(default=None, metadata=PLACE)
+    """The same along y."""
     yaw_rad: float | None = field(default=None, metadata=ANGLE)
+    """Angle of transport; none: as it comes."""
     exit: str = ""
+    """Name of the exit of merge, singulate and buffer."""
     places: tuple[tuple[float, float], ...] = field(default=(), metadata=PLACE)
+    """Places [m] of buffer, at which parcels wait."""
     order: tuple[str, ...] = ()
+    """Names or kinds of parcels, in the order in which they leave a buffer; none: as they came."""
     period_s: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=1e5))
+    """Time of wait; least time between two parcels of singulate."""
     count: int | None = field(default=None, metadata=Limit(at_least=1, at_most=1_000_000))
+    """Number of parcels after which it ends; none: no end."""

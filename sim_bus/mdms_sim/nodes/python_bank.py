@@ -11,6 +11,7 @@ from mdms_cell.drive import speed_loop
 from mdms_model.compiled import compiled
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.acceptance import Acceptance
+from mdms_sim.bus.confinement import Confinement
 from mdms_sim.nodes.condition import Conditions
 from mdms_sim.nodes.virtual_board import (
     SUPPLY_UV,
@@ -56,6 +57,15 @@ class _Board(VirtualBoard):
     ) -> None:
         super().__init__(registers, serial, settings)
         self._acceptance = acceptance
+        self.errors = Confinement()
+
+    def transmit_errors(self) -> int:
+        """The transmit error counter of its controller."""
+        return self.errors.transmit
+
+    def receive_errors(self) -> int:
+        """The receive error counter of its controller."""
+        return self.errors.receive
 
     def listen(self, identifiers: list[int]) -> None:
         """Let frames with these identifiers through."""
@@ -210,7 +220,9 @@ class PythonBank:
         self._start(cell)
 
     def _start(self, cell: int) -> None:
+        errors = self._boards[cell].errors
         self._boards[cell] = self._board(cell)
+        self._boards[cell].errors = errors
         self._cells[cell] = Cell(self._boards[cell], self._node_ids[cell])
         self._registers[cell, speed_loop.SUPPLY] = self._supply_uv[cell]
         self._awake[cell] = 0
@@ -222,6 +234,10 @@ class PythonBank:
             if off:
                 self._voltages_uv = self._voltages_uv.copy()
                 self._voltages_uv[cell] = 0
+
+    def connect(self, cell: int, errors: Confinement) -> None:
+        """See `CellBank`."""
+        self._boards[cell].errors = errors
 
     def set_drift(self, cell: int, drift_ppm: int) -> None:
         """See `CellBank`."""

@@ -1,43 +1,69 @@
-"""A run that cells steered, as an animation: who has which parcel, and where they believe it."""
+"""A run as an animation: a GIF, or an MP4 where ffmpeg is there to write it."""
 
+from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 from PIL import Image  # What matplotlib writes its own pictures with.
 
+from mdms_model.arrays import Ints
 from mdms_model.run.record import Record
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.plots.canvas import MARK
 from mdms_sim.plots.moving_view import MovingView
+from mdms_sim.plots.video import write_video
 
-SUFFIX = ".gif"
+GIF, MP4 = "gif", "mp4"
+FORMS = (GIF, MP4)
 #: Frames in a second of the run, of which so many are drawn at most: a longer run is shown faster.
 RATE_HZ = 10
 MOST_FRAMES = 200
 FRAME_MS = 1000 // RATE_HZ
+#: A video is smooth, and may last longer.
+VIDEO_RATE_HZ, MOST_VIDEO_FRAMES = 25, 1500
 #: The end stays for so long.
 LAST_MS = 2000
 COLOURS = 64
 MOST_BYTES = 2_000_000
 
 
-def write_animation(path: Path, scenario: Scenario, record: Record) -> None:
-    """Write a GIF of at most `MOST_BYTES`: the same bytes for the same run.
-
-    The record has what cells reported. Raises OSError.
-    """
-    duration_s = float(record.time_s[-1] - record.time_s[0])
-    count = min(max(round(duration_s * RATE_HZ), 1), MOST_FRAMES - 1) + 1
-    instants_s = np.linspace(record.time_s[0], record.time_s[-1], count)
-    instants = np.searchsorted(record.time_s, instants_s - 1e-9).clip(0, len(record.time_s) - 1)
-    view = MovingView(scenario, record, times=duration_s * RATE_HZ / (count - 1))
-    frames = _in_palette([Image.fromarray(view.pixels(instant)) for instant in instants.tolist()])
+def write_gif(path: Path, scenario: Scenario, record: Record) -> None:
+    """Write a GIF of at most `MOST_BYTES`: the same bytes for the same run. Raises OSError."""
+    instants, times = _instants(record, RATE_HZ, MOST_FRAMES)
+    view = MovingView(scenario, record, times)
+    frames = _in_palette([Image.fromarray(view.pixels(instant)) for instant in instants])
     frame_ms = FRAME_MS
     while len(data := _encoded(frames, frame_ms)) > MOST_BYTES and len(frames) > 1:
         # Coarser in time, never in what a frame shows; the end stays.
         frames, frame_ms = frames[::-2][::-1], 2 * frame_ms
     path.write_bytes(data)
+
+
+def write_mp4(path: Path, scenario: Scenario, record: Record) -> None:
+    """Write an MP4. Raises OSError and `EncoderMissingError`."""
+    instants, times = _instants(record, VIDEO_RATE_HZ, MOST_VIDEO_FRAMES)
+    view = MovingView(scenario, record, times)
+    still = LAST_MS * VIDEO_RATE_HZ // 1000
+
+    def frames() -> Iterator[bytes]:
+        for instant in instants:
+            data = view.pixels(instant).tobytes()
+            yield data
+        for _ in range(still):
+            yield data
+
+    write_video(path, view.size_px, VIDEO_RATE_HZ, frames())
+
+
+def _instants(record: Record, rate_hz: float, most: int) -> tuple[list[int], float]:
+    """The samples that are shown, and how many times as fast as they were."""
+    duration_s = float(record.time_s[-1] - record.time_s[0])
+    count = min(max(round(duration_s * rate_hz), 1), most - 1) + 1
+    instants_s = np.linspace(record.time_s[0], record.time_s[-1], count)
+    instants: Ints = np.searchsorted(record.time_s, instants_s - 1e-9)
+    shown: list[int] = instants.clip(0, len(record.time_s) - 1).tolist()
+    return shown, duration_s * rate_hz / (count - 1)
 
 
 def _in_palette(pictures: list[Image.Image]) -> list[Image.Image]:

@@ -1,16 +1,11 @@
 """A field at one glance: the force on a parcel over its places, and the torque over its yaws."""
 
-from math import degrees
-
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch, Polygon, Rectangle
-from numpy.typing import NDArray
+from matplotlib.patches import Polygon, Rectangle
 
 from mdms_model.array import build_wheels, cell_centres
 from mdms_model.arrays import Floats
@@ -19,21 +14,15 @@ from mdms_model.scenario.scenario import Parcel, Scenario
 from mdms_sim.physics.analysis.equilibria import Kind
 from mdms_sim.physics.analysis.field_map import FieldMap
 from mdms_sim.physics.analysis.held_parcel import Law
-from mdms_sim.plots.canvas import FAINT, INK, draw_as_map, new_figure, tidy
+from mdms_sim.plots.canvas import FAINT, INK, draw_as_map, new_figure
+from mdms_sim.plots.field_marks import MARKS, PARCEL, PULL, TIPS, add_legend, marker_size
+from mdms_sim.plots.field_row import draw_row
+from mdms_sim.plots.field_turning import draw_rests, draw_turning, rests_height_pt
+from mdms_sim.plots.scales import share_outside, usual_most
 
+POINTS_PER_IN = 72.0
 FORCES = LinearSegmentedColormap.from_list("forces", ["#ffffff", "#dbe7f3", "#9fbfdd", "#5a8fc0"])
-PULL, PARCEL = "#0b4a82", "#d55e00"
-STABLE, UNSTABLE = "#009e73", "#c1272d"
-MARKS = {
-    Kind.STABLE: ("o", STABLE, STABLE, "stable"),
-    Kind.SPIRAL: ("o", "white", STABLE, "stable with damping only (curl)"),
-    Kind.NEUTRAL: (".", FAINT, FAINT, "free along a line, or going round"),
-    Kind.SADDLE: ("X", "white", UNSTABLE, "saddle"),
-    Kind.UNSTABLE: ("o", "white", UNSTABLE, "unstable"),
-}
-TIPS = "#e9ebed"
 ARROWS = 26
-NO_FORCE = 1e-9
 LAWS = {Law.SLIDING: "all wheels slide", Law.AT_REST: "motors against a parcel at rest"}
 
 
@@ -41,7 +30,7 @@ def draw_field_map(
     scenario: Scenario, parcel: Parcel, field: FieldMap, reference_m_s: Floats
 ) -> Figure:
     """The figure of one parcel's map; `reference_m_s` (W,) shows on the wheels."""
-    draw = _draw_row if len(field.y_m) == 1 else _draw_plane
+    draw = draw_row if len(field.y_m) == 1 else _draw_plane
     figure = draw(scenario, parcel, field, reference_m_s)
     height_in = figure.get_figheight()
     title = f"{scenario.title}: what the field does to {parcel.name}"
@@ -60,38 +49,52 @@ def _story(scenario: Scenario, field: FieldMap) -> str:
     return f"{scenario.motion.field} field, {LAWS[field.law]};  equilibria: {found}"
 
 
-# The plane ----------------------------------------------------------------------------------------
-
-
 def _draw_plane(
     scenario: Scenario, parcel: Parcel, field: FieldMap, reference_m_s: Floats
 ) -> Figure:
-    width_in, left, middle = 13.0, 0.06, 0.60
+    width_in, left, middle, beside, right = 13.0, 0.06, 0.60, 0.71, 0.985
     share = (field.y_m[-1] - field.y_m[0]) / (field.x_m[-1] - field.x_m[0])
-    view_in = min(max((middle - left) * width_in * share, 3.6), 8.0)
+    deep_in = (middle - left) * width_in * share
+    view_in = min(max(deep_in, 3.6), 8.0)
     height_in = view_in + 1.9
     figure = new_figure(width_in, height_in)
     bottom, height = 0.95 / height_in, view_in / height_in
     axes = figure.add_axes((left, bottom, middle - left, height))
-    _draw_forces(axes, parcel, field)
+    # The map hangs from the top of its box.
+    deep = min(deep_in, view_in) / height_in
+    _draw_forces(figure, axes, (middle + 0.012, bottom + height - deep, 0.009, deep), field)
     _draw_array(axes, scenario, reference_m_s)
     _draw_parcel(axes, parcel, field)
-    _mark_places(axes, field)
-    turning = figure.add_axes((0.68, bottom, 0.305, height))
-    _draw_turning(turning, parcel, field)
-    _add_legend(figure, field)
+    _mark_places(axes, field, min(deep_in, view_in) / share)
+    wide_pt = (right - beside) * width_in * POINTS_PER_IN
+    strip = rests_height_pt(field, wide_pt) / POINTS_PER_IN / height_in
+    turning = figure.add_axes((beside, bottom + strip, right - beside, height - strip))
+    draw_turning(turning, parcel, field)
+    # Equilibria have a strip of their own, so that none hides another, or the curve.
+    rests = figure.add_axes((beside, bottom, right - beside, strip), sharex=turning)
+    draw_rests(rests, field, wide_pt)
+    add_legend(figure, field)
     return figure
 
 
-def _draw_forces(axes: Axes, parcel: Parcel, field: FieldMap) -> None:
+def _draw_forces(
+    figure: Figure, axes: Axes, scale_box: tuple[float, float, float, float], field: FieldMap
+) -> None:
     size_n = np.hypot(field.force_n[..., 0], field.force_n[..., 1])
-    axes.pcolormesh(field.x_m, field.y_m, size_n, cmap=FORCES, vmin=0.0, shading="nearest")
+    most_n = usual_most(size_n)
+    mesh = axes.pcolormesh(
+        field.x_m, field.y_m, size_n, cmap=FORCES, vmin=0.0, vmax=most_n, shading="nearest"
+    )
+    scale = figure.add_axes(scale_box)
+    figure.colorbar(mesh, cax=scale, extend="max" if share_outside(size_n, most_n) else "neither")
+    scale.set_title("[N]", fontsize=9, color=INK)
+    scale.tick_params(labelsize=8, colors=INK)
     step = max(1, round(len(field.x_m) / ARROWS))
     rows, columns = _thin(len(field.y_m), step), _thin(len(field.x_m), step)
     shown = field.force_n[np.ix_(rows, columns)]
     lengths = np.hypot(shown[..., 0], shown[..., 1])[..., None]
     headings = shown / np.where(lengths > 0.0, lengths, 1.0)
-    arrows = headings * np.sqrt(lengths / np.nanmax(size_n, initial=1e-12))
+    arrows = headings * np.sqrt(lengths.clip(max=most_n) / most_n)
     spacing_m = step * (field.x_m[1] - field.x_m[0])
     axes.quiver(
         field.x_m[columns],
@@ -154,101 +157,13 @@ def _draw_parcel(axes: Axes, parcel: Parcel, field: FieldMap) -> None:
     axes.add_patch(Polygon(corners, fc="none", ec=PARCEL, lw=2.2, zorder=6))
 
 
-def _mark_places(axes: Axes, field: FieldMap) -> None:
+def _mark_places(axes: Axes, field: FieldMap, width_in: float) -> None:
+    """Equilibria, those that are near to each other smaller, in a map of this width."""
+    alone_m = np.array([(rest.x_m, rest.y_m) for rest in field.places if rest.alone])
+    points_per_m = width_in * POINTS_PER_IN / (field.x_m[-1] - field.x_m[0])
     for rest in field.places:
         marker, face, edge, _ = MARKS[rest.kind]
-        size = 11 if rest.alone else 5
+        size = marker_size(alone_m, (rest.x_m, rest.y_m), points_per_m) if rest.alone else 5.0
         axes.plot(
             rest.x_m, rest.y_m, marker, mfc=face, mec=edge, mew=size / 6, markersize=size, zorder=8
         )
-
-
-def _draw_turning(axes: Axes, parcel: Parcel, field: FieldMap) -> None:
-    axes.axhline(0.0, color=FAINT, lw=0.9)
-    yaw_deg, free = np.degrees(field.yaw_rad), _free(field.turning_nm)
-    _shade(axes, yaw_deg, free)
-    axes.plot(yaw_deg, field.turning_nm, color=PARCEL, lw=1.8)
-    axes.axvline(degrees(parcel.yaw_rad), color=PARCEL, lw=0.9, ls=(0, (2, 2)))
-    for rest in field.turns:
-        face, edge = (STABLE, STABLE) if rest.stable else ("white", UNSTABLE)
-        axes.plot(degrees(rest.yaw_rad), 0.0, "o", mfc=face, mec=edge, mew=1.8, ms=10, zorder=8)
-    axes.set_xlim(degrees(field.yaw_rad[0]), degrees(field.yaw_rad[-1]))
-    axes.set_xlabel("yaw [°]", color=INK)
-    axes.set_ylabel("torque [N m], settled at each yaw", color=INK)
-    axes.set_xticks(np.linspace(*axes.get_xlim(), 9))
-    tidy(axes)
-
-
-# The row ------------------------------------------------------------------------------------------
-
-
-def _draw_row(scenario: Scenario, parcel: Parcel, field: FieldMap, reference_m_s: Floats) -> Figure:
-    del parcel
-    figure = new_figure(10.0, 5.4)
-    axes = figure.add_axes((0.09, 0.20, 0.88, 0.62))
-    force_n = field.force_n[0, :, 0]
-    axes.axhline(0.0, color=FAINT, lw=0.9)
-    axes.plot(field.x_m, force_n, color=PULL, lw=2.0)
-    _shade(axes, field.x_m, _free(force_n))
-    for rest in field.places:
-        marker, face, edge, _ = MARKS[rest.kind]
-        axes.plot(rest.x_m, 0.0, marker, mfc=face, mec=edge, mew=1.8, ms=11, zorder=8)
-    _draw_row_wheels(axes, scenario, reference_m_s)
-    axes.set_xlim(field.x_m[0], field.x_m[-1])
-    axes.set_xlabel("x of the parcel's centre [m]", color=INK)
-    axes.set_ylabel("net force [N]", color=INK)
-    tidy(axes)
-    _add_legend(figure, field)
-    return figure
-
-
-def _draw_row_wheels(axes: Axes, scenario: Scenario, reference_m_s: Floats) -> None:
-    """Each wheel at its place, with its reference."""
-    share = reference_m_s / (abs(reference_m_s).max() or 1.0)
-    places_m = build_wheels(scenario).position_m[:, 0]
-    place = axes.get_xaxis_transform()
-    for x_m, part in zip(places_m, share, strict=True):
-        axes.plot(x_m, 0.03, "o", color="#7d8790", ms=6, transform=place)
-        if part:
-            tip = (x_m + 0.35 * scenario.array.pitch_m * part, 0.03)
-            axes.annotate(
-                "",
-                tip,
-                (x_m, 0.03),
-                xycoords=place,
-                arrowprops={"arrowstyle": "-|>", "color": "#3d464e", "lw": 1.4},
-            )
-
-
-def _free(pushes: Floats) -> NDArray[np.bool_]:
-    """Where there is no push at all, here and beside."""
-    none = abs(pushes) <= NO_FORCE * max(np.nanmax(abs(pushes)), 1e-12)
-    beside = np.pad(none, 1)
-    found: NDArray[np.bool_] = none & (beside[:-2] | beside[2:])
-    return found
-
-
-def _shade(axes: Axes, along: Floats, free: NDArray[np.bool_]) -> None:
-    """A band where the parcel rests anywhere."""
-    axes.fill_between(
-        along, 0, 1, where=free.tolist(), transform=axes.get_xaxis_transform(), color=f"{STABLE}22"
-    )
-
-
-def _add_legend(figure: Figure, field: FieldMap) -> None:
-    handles: list[Artist] = [
-        Line2D([], [], ls="", marker=marker, mfc=face, mec=edge, mew=1.8, ms=9, label=name)
-        for kind, (marker, face, edge, name) in MARKS.items()
-        if kind in {Kind.STABLE, Kind.UNSTABLE} or any(rest.kind is kind for rest in field.places)
-    ]
-    handles.append(Line2D([], [], color="#3d464e", marker=">", ms=5, label="what a wheel is told"))
-    if len(field.y_m) > 1:
-        handles.append(Line2D([], [], color=PULL, marker=">", ms=5, label="net force"))
-        handles.append(Patch(fc=TIPS, label="tips"))
-        handles.append(Patch(fc="none", ec=PARCEL, lw=2, label="parcel, settled"))
-    pushes = field.turning_nm if len(field.y_m) > 1 else field.force_n[0, :, 0]
-    if _free(pushes).any():
-        handles.append(Patch(fc=f"{STABLE}22", label="no push: rests anywhere"))
-    figure.legend(
-        handles=handles, loc="lower center", ncols=len(handles), frameon=False, fontsize=9
-    )

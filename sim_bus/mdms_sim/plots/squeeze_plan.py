@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from mdms_model.run.colours import parcel_colour
 from mdms_model.scenario.scenario import Parcel, Scenario
 from mdms_model.squeeze.plan import Squeeze, SqueezePlan
 from mdms_sim.physics.analysis.squeeze_outcome import (
@@ -17,7 +18,7 @@ from mdms_sim.physics.analysis.squeeze_outcome import (
     step_outcomes,
 )
 from mdms_sim.physics.analysis.squeeze_trials import Trials
-from mdms_sim.plots.canvas import FAINT, INK, new_figure, parcel_colour, tidy
+from mdms_sim.plots.canvas import FAINT, INK, new_figure, tidy
 from mdms_sim.plots.squeeze_views import (
     LINE,
     NEAR,

@@ -98,7 +98,7 @@ def test_an_array_without_parcels_is_tracked_without_a_word() -> None:
     assert tracking().poses(0.1) == {}
 
 
-def test_one_parcel_is_looked_for_at_a_time_and_all_are_found_together() -> None:
+def test_parcels_are_looked_for_together_and_all_are_found() -> None:
     tracker = Tracker(LAYOUT, (LEFT, RIGHT))
     for cell, bits in enumerate(bits_under((LEFT, RIGHT)), 1):
         tracker.on_presence(0.0, cell, bits)

@@ -11,9 +11,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from playwright.sync_api import expect, sync_playwright
+from tests.host.page.bench import OpenPage, StillTable
 
 from mdms_host.cli.simulation.compose import run_scenario
+from mdms_host.page import commands
+from mdms_host.page.commands import Command
 from mdms_model.run.folder import BUS_LOG, write_run
+from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.file import load_scenario
 
 CHROMIUM = shutil.which("chromium") or "/usr/bin/chromium"
@@ -36,8 +41,6 @@ pytestmark = [
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[object]:
-    from playwright.sync_api import sync_playwright
-
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=[*FLAGS])
         yield chromium
@@ -200,6 +203,11 @@ def test_stop_all_by_button_and_by_space_bar(demo, open_page):
     page.keyboard.press("Space")
     page.wait_for_timeout(300)
     assert page.inner_text("#phase") == "running"
+    # One after a speed has been chosen stops all.
+    page.focus("#speed")
+    page.select_option("#speed", "1")
+    page.keyboard.press("Space")
+    wait_for_text(page, "#phase", "stopped")
 
 
 def test_killed_cell_is_shown_and_revived(demo, open_page):
@@ -227,7 +235,8 @@ def test_second_client_watches_until_it_takes_control(demo, open_page):
     assert second.is_disabled("#start")
     assert second.is_enabled("#stop-all")
     stranger = open_page(demo.split("#")[0])
-    assert stranger.is_disabled("#stop-all")
+    assert stranger.is_enabled("#stop-all")
+    assert stranger.is_disabled("#start")
     assert not stranger.is_visible("#take")
     second.click("#take")
     wait_for_text(second, "#who", "in control")
@@ -248,7 +257,125 @@ def test_recording_is_scrubbed(recorded, open_page):
     assert page.evaluate("page.snapshot.cell_state.every((state) => state === 3)")
     page.click("#tab-plots")
     wait_until(page, "page.history.snapshots.length > 100")
-    assert page.locator("#plots canvas").count() >= 4
+    assert page.locator("#plots canvas").count() >= 5
+    assert page.locator(".plot .help").count() == 3
+
+
+@pytest.fixture
+def still() -> Iterator[tuple[StillTable, str]]:
+    """A table that only writes down what it is asked for, and the address of its page."""
+    table = StillTable()
+    opened = OpenPage(table)
+    yield table, opened.page.address
+    opened.close()
+
+
+def wait_for_commands(page, table: StillTable, count: int) -> None:
+    end_s = time.monotonic() + WITHIN_S
+    while len(table.done) < count:
+        assert time.monotonic() < end_s, table.done
+        page.wait_for_timeout(20)
+
+
+def asked(page, table: StillTable) -> Command:
+    """The one command that has come, or comes."""
+    wait_for_commands(page, table, 1)
+    (command,) = table.done
+    table.done.clear()
+    return command
+
+
+def test_every_hand_asks_for_what_it_does(still, open_page):
+    table, address = still
+    page = open_page(address)
+    box = place_of(page, -0.15, 0.04)
+    beside = place_of(page, -0.05, 0.08)
+    page.click("[data-tool=push]")
+    drag(page, box, beside)
+    push = asked(page, table)
+    assert push.fault.kind == "push"
+    assert push.fault.impulse_n_s == pytest.approx((0.5, 0.2), abs=0.02)
+    page.click("[data-tool=goal]")
+    page.mouse.click(*box)
+    assert page.input_value("[name='x [mm]']") == "-150"
+    page.fill("[name='x [mm]']", "50")
+    page.fill("[name='yaw [°]']", "")
+    page.click("text=Set goal")
+    assert asked(page, table) == commands.Goal("box", 0.05, 0.0)
+    page.click("text=Lift >> nth=1")
+    assert asked(page, table) == commands.BeginFault(Fault("lift", parcel="box"))
+    page.mouse.click(*place_of(page, -0.3175, 0.127))
+    for text, fault in (
+        ("Hang", Fault("hang", cells=(13,))),
+        ("Sensors stuck free", Fault("sensor_stuck", cells=(13,), covered=False)),
+        ("Cut off the bus", Fault("cut", cells=(13,))),
+    ):
+        page.click(f"text={text}")
+        assert asked(page, table) == commands.BeginFault(fault)
+    page.click("#tab-faults")
+    page.fill("[name=cells]", "3, 4")
+    page.click("#fault-form button")
+    assert asked(page, table) == commands.BeginFault(Fault("loss", cells=(3, 4), probability=0.1))
+    page.click("#pause")
+    assert asked(page, table) == commands.Pause()
+    page.click("#step")
+    assert asked(page, table) == commands.Step()
+    page.select_option("#speed", "0.25")
+    assert asked(page, table) == commands.Speed(0.25)
+    # A choice that has been made does not swallow the space bar.
+    page.keyboard.press("Space")
+    assert asked(page, table) == commands.StopAll()
+
+
+def test_what_is_unknown_is_named_with_the_size_that_is_proposed_or_as_a_disc(still, open_page):
+    table, address = still
+    page = open_page(address)
+    page.mouse.click(*place_of(page, 0.2, 0.05))
+    name, outline = "[aria-label='Name of the parcel']", "[aria-label='Outline of the parcel']"
+    page.fill(name, "tray")
+    page.click("text=Name it")
+    page.select_option(outline, "disc")
+    assert not page.is_visible("text=width [mm]")
+    assert page.input_value("[aria-label='diameter [mm]']") == "220"
+    page.click("text=Name it")
+    wait_for_commands(page, table, 2)
+    assert table.done == [
+        commands.Name("unknown-1", "tray", 0.24, 0.2, spread_m=0.005),
+        commands.Name("unknown-1", "tray", 0.22, 0.22, shape="disc"),
+    ]
+
+
+def test_plots_show_latest_values_and_how_lines_are_drawn(still, open_page):
+    _, address = still
+    page = open_page(address)
+    page.click("#tab-plots")
+    for title, value in (("Bus load", "47.0"), ("Error frames", "2.50")):
+        shown = page.locator(".plot", has_text=title).locator(".u-value").nth(1)
+        expect(shown).to_have_text(value)
+    styles = page.eval_on_selector_all(
+        ".u-marker", "marks => marks.map((mark) => getComputedStyle(mark).borderTopStyle)"
+    )
+    assert {"solid", "dashed"} <= {*styles}
+    reasons = page.locator(".plot .help").all_inner_texts()
+    assert any("no frame has them" in reason for reason in reasons)
+
+
+def test_parcel_stays_where_it_is_when_the_page_goes_while_its_goal_is_dragged(demo, open_page):
+    watcher, page = open_page(demo), open_page(demo)
+    page.click("#take")
+    until_running(page)
+    wait_until(page, "page.snapshot.parcel_state[0] === 3")
+    x_m, y_m, _ = page.evaluate("[...page.snapshot.parcel_believed]")
+    page.mouse.move(*place_of(page, x_m + 0.06, y_m - 0.05))
+    page.mouse.down()
+    page.mouse.move(*place_of(page, x_m - 0.02, y_m - 0.05), steps=5)
+    wait_until(page, "page.snapshot.parcel_state[0] === 1")
+    # As long as the hand rests, it holds the goal.
+    page.wait_for_timeout(1300)
+    watcher.click("#tab-events")
+    assert "stays where it is" not in watcher.inner_text("#event-list")
+    page.context.close()
+    wait_for_text(watcher, "#event-list", "box stays where it is")
 
 
 @pytest.mark.parametrize("where", ["demo", "recorded"])

@@ -21,9 +21,11 @@ class Hands:
         self.orders = {}
         self.log = []
         self.stopped = False
+        self.at_rest = True
         self.near = ()
         self.steered: Mapping = {}
         self.plan, self.ways, self.reserved = None, {}, []
+        self.under_way, self.due_in_s = [], {}
         self._left = []
 
     def give(self, order):

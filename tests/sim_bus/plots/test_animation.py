@@ -1,19 +1,24 @@
-"""A run that cells steered, as a GIF, and in the picture."""
+"""A run as an animation; what cells reported, in it and in the picture."""
 
+import shutil
+import sys
 from dataclasses import fields, replace
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex, to_rgb
 from PIL import Image
 
-from mdms_model.run.record import Record
+from mdms_model.run.colours import parcel_colour
+from mdms_model.run.record import Plan, Record, Tile
 from mdms_protocol.neighbours import frames as wire
-from mdms_sim.plots import animation, drawable, save_animation, save_picture
-from mdms_sim.plots.canvas import MARK, PictureFormatError, new_figure, parcel_colour
+from mdms_sim.plots import animation, check_name, drawable, save_picture, video
+from mdms_sim.plots.canvas import MARK, new_figure
 from mdms_sim.plots.held_cells import FREE, HeldCells
 from mdms_sim.plots.moving_view import MovingView
 from mdms_sim.plots.plane import draw_plane
+from mdms_sim.plots.video import EncoderMissingError
 
 
 def until(record, samples):
@@ -37,7 +42,7 @@ def frames(path):
 
 def test_animation_has_ten_frames_a_second_and_says_who_drew_it(tmp_path, plane, short):
     path = tmp_path / "run.gif"
-    save_animation(path, plane, short)
+    save_picture(path, plane, short)
     assert frames(path) == 8
     assert path.stat().st_size < animation.MOST_BYTES
     assert MARK.encode() in path.read_bytes()
@@ -48,23 +53,102 @@ def test_animation_has_ten_frames_a_second_and_says_who_drew_it(tmp_path, plane,
 def test_picture_named_gif_is_the_animation_and_the_same_each_time(tmp_path, plane, short):
     brief = until(short, 3)
     save_picture(tmp_path / "a.gif", plane, brief)
-    save_animation(tmp_path / "b.GIF", plane, brief)
+    save_picture(tmp_path / "b.GIF", plane, brief)
     assert (tmp_path / "a.gif").read_bytes() == (tmp_path / "b.GIF").read_bytes()
 
 
-def test_run_in_which_no_cell_reported_has_no_animation(tmp_path, plane, plane_record):
-    with pytest.raises(PictureFormatError, match=r"motion\.control = 'cells'"):
-        save_picture(tmp_path / "run.gif", plane, plane_record)
-    assert not list(tmp_path.iterdir())
+def test_run_that_the_host_steered_shows_ways_goals_and_tiles_as_they_are_planned(
+    plane, plane_record
+):
+    way = np.array([[0.0, 0.1, 0.0], [0.3, 0.1, 0.0]])
+    tiles = (Tile(0.1, -0.1, 0.03, ("box",)), Tile(0.2, -0.1, 0.03, ("box",)))
+    plans = [
+        Plan(1.0, {"box": way}, tiles, goals={"box": np.array([0.3, 0.1, np.nan])}),
+        Plan(2.0, {}),
+    ]
+    view = MovingView(plane, replace(plane_record, plans=plans))
+    shown = []
+    for instant in (5, 15, 25):
+        view.pixels(instant)
+        (parcel,) = view.parcels
+        shown.append(
+            (
+                len(parcel.way.get_xdata()) > 1,
+                parcel.goal.get_visible(),
+                len(view.tiles.get_paths()),
+            )
+        )
+    assert shown == [(False, False, 0), (True, True, 2), (False, False, 0)]
+    assert parcel.way.get_color() == parcel_colour(0)
+
+
+def test_parcel_that_is_away_is_not_drawn_and_one_that_is_there_is_named(plane, plane_record):
+    pose = np.tile(plane_record.pose, (1, 2, 1))
+    pose[:10, 1] = np.nan
+    box = plane.parcel[0]
+    pair = replace(plane, parcel=(box, replace(box, name="second")))
+    record = replace(plane_record, pose=pose, twist=pose, estimate=np.full_like(pose, np.nan))
+    view = MovingView(pair, record)
+    for instant, there in ((5, [True, False]), (15, [True, True])):
+        view.pixels(instant)
+        assert [parcel.name.get_visible() for parcel in view.parcels] == there
+    assert [parcel.name.get_text() for parcel in view.parcels] == ["box", "second"]
+
+
+def test_video_is_written_where_there_is_an_encoder_and_refused_by_name_where_there_is_none(
+    tmp_path, plane, short
+):
+    path = tmp_path / "run.mp4"
+    if shutil.which("ffmpeg") or find_spec("imageio_ffmpeg"):
+        save_picture(path, plane, until(short, 3))
+        assert path.read_bytes()[4:8] == b"ftyp"
+        assert MARK.encode() in path.read_bytes()
+    else:
+        with pytest.raises(EncoderMissingError, match="pip install imageio-ffmpeg"):
+            check_name(path)
+
+
+def test_frames_go_to_the_encoder_in_its_own_terms_and_what_it_says_is_passed_on(
+    tmp_path, monkeypatch, plane, short
+):
+    encoder = tmp_path / "ffmpeg"
+    encoder.write_text(f"#!{sys.executable}\n" + ENCODER)
+    encoder.chmod(0o755)
+    monkeypatch.setattr(video, "find_encoder", lambda: str(encoder))
+    save_picture(tmp_path / "run.mp4", plane, until(short, 3))
+    taken = (tmp_path / "run.mp4").read_text()
+    # Six frames in 0.2 s, both ends among them, and two seconds of the last.
+    assert taken == "56 frames drawn by mdms"
+    with pytest.raises(EncoderMissingError, match=r"wrote no MP4: No such file"):
+        save_picture(tmp_path / "none" / "run.mp4", plane, until(short, 3))
+
+
+#: Takes raw frames as ffmpeg does, of the size and colours that it is called with.
+ENCODER = """
+import sys
+given = dict(zip(sys.argv[1:], sys.argv[2:]))
+assert (given["-f"], given["-c:v"], given["-i"]) == ("mp4", "libx264", "-"), given
+assert given["-pix_fmt"] == "yuv420p", given
+width, height = map(int, given["-s"].split("x"))
+assert width % 2 == height % 2 == 0
+data = sys.stdin.buffer.read()
+assert len(data) % (3 * width * height) == 0
+try:
+    with open(sys.argv[-1], "w") as file:
+        comment = given["-metadata"].removeprefix("comment=")
+        file.write(f"{len(data) // (3 * width * height)} frames {comment}")
+except OSError as error:
+    sys.exit(error.strerror)
+"""
 
 
 def test_animation_that_is_too_large_has_fewer_frames_that_stay_longer(
     tmp_path, monkeypatch, plane, short
 ):
     path = tmp_path / "run.gif"
-    save_animation(path, plane, short)
+    save_picture(path, plane, short)
     monkeypatch.setattr(animation, "MOST_BYTES", path.stat().st_size - 1)
-    save_animation(path, plane, short)
+    save_picture(path, plane, short)
     assert path.stat().st_size <= animation.MOST_BYTES
     assert frames(path) == 4
     with Image.open(path) as picture:
@@ -85,7 +169,7 @@ def test_long_run_is_shown_faster(tmp_path, monkeypatch, plane, short):
             return super().pixels(instant)
 
     monkeypatch.setattr(animation, "MovingView", View)
-    save_animation(tmp_path / "run.gif", plane, short)
+    save_picture(tmp_path / "run.gif", plane, short)
     assert drawn == [pytest.approx(3.5), 0, 4, 7]
 
 
@@ -116,13 +200,14 @@ def test_squares_are_filled_under_a_parcel_outlined_where_promised_and_pale_near
 def test_picture_shows_how_far_the_cells_belief_was_off(plane, held_record):
     panels = draw_plane(plane, held_record).axes
     away, turn = (axes for axes in panels if axes.get_ylabel().startswith("belief off by"))
-    np.testing.assert_allclose(away.lines[0].get_ydata()[5:], 2.0)
-    np.testing.assert_allclose(turn.lines[0].get_ydata()[5:], np.degrees(0.01))
+    # The first line is what the host believes.
+    np.testing.assert_allclose(away.lines[1].get_ydata()[5:], 2.0)
+    np.testing.assert_allclose(turn.lines[1].get_ydata()[5:], np.degrees(0.01))
 
 
 def test_run_on_hardware_is_animated_as_the_coordinator_believes(tmp_path, plane, short):
     nowhere = np.full_like(short.pose, np.nan)
-    save_animation(tmp_path / "run.gif", plane, replace(short, pose=nowhere))
+    save_picture(tmp_path / "run.gif", plane, replace(short, pose=nowhere))
     assert frames(tmp_path / "run.gif") > 1
 
 

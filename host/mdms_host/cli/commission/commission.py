@@ -30,7 +30,11 @@ from mdms_host.commissioning.network import Commissioning, CommissioningError
 from mdms_host.commissioning.node_ids import Assignment, carry_out
 from mdms_host.commissioning.roll_call import RollCall, call_roll
 from mdms_host.commissioning.sightings import Spot
-from mdms_host.commissioning.wheels.wheel_turn import WheelError, refuse_busy, refuse_steering
+from mdms_host.commissioning.wheels.wheel_turn import (
+    StoppedError,
+    refuse_busy,
+    refuse_steering,
+)
 
 #: A cell that shares its node id is reset with the one that hides it, which needs so long to boot.
 _BOOT_S = 0.3
@@ -189,7 +193,9 @@ def _nudged(job: _Job, cells: list[FiledCell], *, asking: bool) -> list[FiledCel
         try:
             refuse_steering(job.commissioning, cell.node_id)
             directions = steps.nudge_wheels(job.commissioning, cell.node_id)
-        except (CommissioningError, WheelError) as error:
+        except StoppedError:
+            raise
+        except CommissioningError as error:
             job.failed[f"{cell.serial:08X}"] = str(error)
             continue
         faults = [steps.wiring_fault(axis, each) for axis, each in enumerate(directions, 1)]

@@ -44,6 +44,9 @@ def _add_jog(parser: ArgumentParser) -> None:
     how_long.add_argument(
         "--keys", action="store_true", help="while + or - is held down; q ends it"
     )
+    parser.add_argument(
+        "--reset", action="store_true", help="reset the axis's fault first; its cause is removed"
+    )
     add_json(parser)
 
 

@@ -16,6 +16,8 @@ from mdms_protocol.version import VERSION
 _BUS_OFF = 0x8140
 #: In place of a size that a board does not know.
 _UNKNOWN = 0xFFFFFFFF
+#: What a single frame that is not acknowledged, or in error, leaves in a counter for a while.
+_ERRORS_LEAST = 8
 _HEAP_LEAST = 8_192
 _FLASH_LEAST = 16_384
 #: A clock that is off by more is not one of a healthy board, whatever the host's own is like.
@@ -110,6 +112,9 @@ def _of_cell(cell: Examined, cells: Mapping[int, Examined]) -> Iterator[Finding]
     for sub, kind in ((3, "not-sent"), (4, "overrun")):
         if cell[indices.TRAFFIC, sub]:
             yield Finding(kind, f"{cell[indices.TRAFFIC, sub]} frames", node)
+    errors = [cell[indices.TRAFFIC, sub] for sub in (5, 6)]
+    if _UNKNOWN not in errors and max(errors) >= _ERRORS_LEAST:
+        yield Finding("node-errors", f"{errors[0]} in sending, {errors[1]} in receiving", node)
     for sub, kind, least in ((1, "heap", _HEAP_LEAST), (2, "flash", _FLASH_LEAST)):
         free = cell[indices.MEMORY, sub]
         if free != _UNKNOWN and free < least:

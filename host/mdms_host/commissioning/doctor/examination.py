@@ -33,7 +33,7 @@ _PLACES = tuple(
 _OF_CELL = (
     *((indices.PRODUCER_TIME, 0), (indices.SUPPLY, 0), (indices.UNDERVOLTAGE_LIMIT, 0)),
     *((indices.PRESENCE, 0), (indices.SUSPECT, 0), (indices.MEMORY, 1), (indices.MEMORY, 2)),
-    *((indices.TRAFFIC, 3), (indices.TRAFFIC, 4)),
+    *((indices.TRAFFIC, sub) for sub in (3, 4, 5, 6)),
     *((indices.ERROR_CODE + axis * AXIS_OFFSET, 0) for axis in range(AXES)),
     *((indices.STATUSWORD + axis * AXIS_OFFSET, 0) for axis in range(AXES)),
     *_PLACES,

@@ -46,6 +46,13 @@ KINDS: Mapping[str, Kind] = {
         "60 ohm between CAN_H and CAN_L with the power off, stubs below 30 cm; then take cells off "
         "one by one until the errors end.",
     ),
+    "node-errors": Kind(
+        "A cell's CAN controller counts errors, in sending or in receiving; one cell's, or all.",
+        "At one cell: its plug, stub or transceiver, or another has its node id. At all: a missing "
+        "or a third terminator. Counters fall with every good frame: what they show is now.",
+        "One cell: another plug and cable, then another board. All: 60 ohm between CAN_H and CAN_L "
+        "with the power off.",
+    ),
     "adapter": Kind(
         "Garbled lines, or frames that the adapter does not take.",
         "A serial adapter that is too slow for the bus, a bad USB cable, or a busy computer.",
@@ -137,7 +144,7 @@ KINDS: Mapping[str, Kind] = {
     "drive-fault": Kind(
         "An axis is in fault, and its wheel does not turn.",
         "As its error code says.",
-        "Remove the cause; the next run resets the fault.",
+        "Remove the cause; the next run resets the fault, and so does mdms jog --reset.",
     ),
     "supply-low": Kind(
         "The motors' supply is below the limit; wheels do not turn (0x3220).",

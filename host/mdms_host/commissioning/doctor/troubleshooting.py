@@ -1,7 +1,4 @@
-"""`docs/troubleshooting.md` from the table of findings: python -m ... FILE writes it."""
-
-import sys
-from pathlib import Path
+"""The text of `docs/troubleshooting.md`, from the table of findings."""
 
 from mdms_host.can_link.emergencies import CODES
 from mdms_host.commissioning.doctor.findings import KINDS
@@ -32,7 +29,3 @@ def troubleshooting_text() -> str:
 def _codes() -> str:
     rows = [f"| 0x{code:04X} | {text} |" for code, text in CODES.items()]
     return "\n".join(["| code | meaning |", "|---|---|", *rows]) + "\n"
-
-
-if __name__ == "__main__":
-    Path(sys.argv[1]).write_text(troubleshooting_text(), encoding="utf-8")

@@ -216,13 +216,20 @@ class ParcelEstimator:
         self._filter.move((before + self.twist) * (step_s / 2) + late, step_s)
         self._at_s = now_s
 
-    def edge(self, now_s: float, point_m: Floats) -> None:
-        """A sensor there has just changed: the edge was over it when the cell saw it."""
+    def edge(self, now_s: float, point_m: Floats, covered: bool) -> None:
+        """A sensor there has just been covered, or not: the edge was over it when the cell saw it.
+
+        Near a corner the nearest side may not be the one that crossed it: where the parcel moves
+        the other way, it was not.
+        """
         pose = self.pose_at(now_s - _LATENCY_S)
         if self._filter is None or pose is None or self.standing is not Standing.FOUND:
             return
         off_m, slope = self._off(pose, point_m)
-        late_m = _LATENCY_S * float(slope[:3] @ self.twist)
+        rate_m_s = float(slope[:3] @ self.twist)
+        if abs(rate_m_s) > _RESTING_M_S and covered != (rate_m_s < 0):
+            return
+        late_m = _LATENCY_S * rate_m_s
         if self._filter.on_edge(off_m, slope, (_EDGE_M**2 + late_m**2) ** 0.5):
             self._corrected()
 

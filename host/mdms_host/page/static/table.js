@@ -7,9 +7,11 @@ const LINES = ["cell-line", "cell-line", "cell-line", "running-line", "fault-lin
 const ARROWS_M_S = [0.1, 0.2, 0.5, 1, 2, 5, 10];
 /** Wheels that slip faster are drawn as slipping [m/s]. */
 const SLIPS_M_S = 0.005;
+/** Cells that are larger have their sensors drawn, their numbers, and these in their corners [pixels]. */
+const SENSORS_PX = 34, NUMBERS_PX = 24, CORNERS_PX = 66;
 /** Where the colours of the heatmaps end. */
 const MOST = { slip: 0.05, normal: 1 };
-const IDENTITIES = ["#c44e8a", "#4c8f3c", "#3f6fd1", "#b8731d", "#7a52c7", "#1f8f8f", "#b23b3b", "#6d7a1e"];
+const IDENTITIES = ["#c95c93", "#4c8f3c", "#5580d6", "#b8731d", "#9170d1", "#1f8f8f", "#cb6161", "#7a8922"];
 
 export const colourOf = (identity) => IDENTITIES[(identity - 1) % IDENTITIES.length];
 
@@ -38,7 +40,7 @@ export class TablePicture {
   readTheme() {
     const style = getComputedStyle(document.documentElement);
     const names = ["back", "panel", "text", "faint", "cell", "cell-line", "running", "running-line", "fault",
-      "fault-line", "suspected", "suspected-line", "silent", "sensor", "covered", "label", "parcel", "parcel-fill",
+      "fault-line", "fault-text", "suspected", "suspected-line", "suspected-text", "silent", "sensor", "covered", "label", "parcel", "parcel-fill",
       "true", "goal", "wheel", "slip", "spread", "accent"];
     for (const name of names) this.colours[name] = style.getPropertyValue(`--${name}`).trim();
     this.kept = "";
@@ -113,8 +115,8 @@ export class TablePicture {
     context.setLineDash([]);
     if (state === 1) this.drawCross(context, px, py, half);
     if (snapshot) this.drawPromise(context, cell, px, py, half, snapshot);
-    if (size > 26) this.drawSensors(context, px, py);
-    if (size > 22) this.drawNumber(context, cell, px, py, half, size, state);
+    if (size > SENSORS_PX) this.drawSensors(context, px, py);
+    if (size > NUMBERS_PX && this.heat === "state") this.drawNumber(context, cell, px, py, half, size, state);
   }
 
   drawCross(context, px, py, half) {
@@ -157,7 +159,7 @@ export class TablePicture {
 
   drawCovered({ cell_presence }) {
     const { cells_m, sensors_m, pitch_m } = this.table, { view, context } = this;
-    if (pitch_m * view.scale <= 26) return;
+    if (pitch_m * view.scale <= SENSORS_PX) return;
     const radius = this.sensorRadius, covered = new Path2D();
     cells_m.forEach(([x, y], cell) => {
       const bits = cell_presence[cell];
@@ -172,24 +174,25 @@ export class TablePicture {
     context.fill(covered);
   }
 
+  /** Where no sensor and no wheel is: in the upper corner, between sensors, or, without these, in the lower one. */
   drawNumber(context, cell, px, py, half, size, state) {
-    const pixels = Math.max(9, Math.min(13, 0.13 * size));
-    context.font = `${pixels}px system-ui, "DejaVu Sans", sans-serif`;
-    context.textBaseline = "top";
-    context.textAlign = "left";
-    context.fillStyle = this.colours.label;
-    context.fillText(this.nameOf(cell, size), px - half + 4, py - half + 3);
-    if (state !== 3 && state !== 2 && size > 44) {
+    const roomy = size > CORNERS_PX, between = !roomy && size > SENSORS_PX;
+    context.font = `${roomy ? Math.min(13, 0.13 * size) : 9}px system-ui, "DejaVu Sans", sans-serif`;
+    context.textBaseline = roomy ? "top" : "bottom";
+    context.textAlign = between ? "center" : "left";
+    context.fillStyle = this.colours[this.heat === "state" ? "label" : "text"];
+    context.fillText(this.nameOf(cell, roomy), between ? px : px - half + (roomy ? 4 : 2), roomy ? py - half + 3 : py + half);
+    if (state !== 3 && state !== 2 && roomy) {
       context.textAlign = "right";
-      context.fillStyle = state >= 4 ? this.colours[LINES[state]] : this.colours.label;
+      context.fillStyle = this.colours[{ 4: "fault-text", 5: "suspected-text" }[state] ?? "label"];
       context.fillText(STATES[state], px + half - 4, py - half + 3);
     }
   }
 
   /** The node id; with several buses the bus before it, where there is room. */
-  nameOf(cell, size) {
+  nameOf(cell, roomy) {
     const node = this.table.node_ids[cell];
-    return this.table.bus_count > 1 && size > 40 ? `${this.table.buses[cell]}·${node}` : `${node}`;
+    return this.table.bus_count > 1 && roomy ? `${this.table.buses[cell]}·${node}` : `${node}`;
   }
 
   drawHeat(snapshot) {
@@ -204,6 +207,9 @@ export class TablePicture {
         this.context.fillStyle = heat(value / most);
         const px = this.view.px(cells_m[cell][0]) - half, py = this.view.py(cells_m[cell][1]) - half;
         this.context.fillRect(px + axis * 2 * half / axes, py, 2 * half / axes - 1, 2 * half);
+      }
+      if (size > NUMBERS_PX) {
+        this.drawNumber(this.context, cell, this.view.px(cells_m[cell][0]), this.view.py(cells_m[cell][1]), half, size, snapshot.cell_state[cell]);
       }
     }
   }
@@ -265,6 +271,7 @@ export class TablePicture {
 
   drawPlan(plan) {
     if (!plan) return;
+    this.planned = Boolean(plan.tiles.length || Object.keys(plan.paths).length);
     const context = this.context;
     for (const { x_m, y_m, size_m, parcels } of plan.tiles ?? []) {
       const size = size_m * this.view.scale;
@@ -291,6 +298,7 @@ export class TablePicture {
   // Parcels ----------------------------------------------------------------------------------------
 
   drawParcels(snapshot, dragged) {
+    this.named = dragged?.parcel ?? (this.chosen?.kind === "parcel" ? this.chosen.number : null);
     const { parcels } = this.table, context = this.context;
     for (let p = 0; p < parcels.length; p++) {
       const pose = poseOf(snapshot.parcel_true, p);
@@ -309,7 +317,8 @@ export class TablePicture {
     }
     for (let p = 0; p < parcels.length; p++) {
       const goal = dragged?.parcel === p ? dragged.pose : poseOf(snapshot.parcel_goal, p, true);
-      if (goal) this.drawGoal(parcels[p], goal, poseOf(snapshot.parcel_believed, p));
+      const colour = dragged?.parcel === p && dragged.refused ? this.colours.slip : this.colours.goal;
+      if (goal) this.drawGoal(parcels[p], goal, poseOf(snapshot.parcel_believed, p), colour);
     }
     if (dragged?.arrow) this.drawPush(dragged.arrow);
     if (dragged?.ghost) {
@@ -336,7 +345,21 @@ export class TablePicture {
     context.textAlign = "center";
     context.textBaseline = "bottom";
     const note = snapshot.parcel_state[p] === 3 ? " ✓" : doubtful ? " ?" : "";
-    context.fillText(parcel.name + note, this.view.px(pose[0]), this.view.py(pose[1]) - 8);
+    const room = p === this.named ? Infinity : 2 * this.view.scale * Math.max(...parcel.outline_m.map(([x, y]) => Math.hypot(x, y)));
+    const at = [this.fitting(parcel.name, room) + note, this.view.px(pose[0]), this.view.py(pose[1]) - 8];
+    // What lies under it stays beside it.
+    context.strokeStyle = this.colours.back;
+    context.lineWidth = 4;
+    context.lineJoin = "round";
+    context.strokeText(...at);
+    context.fillText(...at);
+  }
+
+  /** As many of a name's last words as there is room for [pixels]; the number of a parcel is the last. */
+  fitting(name, room) {
+    const words = name.split(" ");
+    while (words.length && this.context.measureText(words.join(" ")).width > room) words.shift();
+    return words.join(" ");
   }
 
   /** Where the centre is with 95 %: an ellipse of 2.45 standard deviations; and a nose for the yaw. */
@@ -363,11 +386,10 @@ export class TablePicture {
     context.stroke();
   }
 
-  drawGoal(parcel, goal, believed) {
+  drawGoal(parcel, goal, believed, colour) {
     const context = this.context, yaw = Number.isNaN(goal[2]) ? believed?.[2] ?? 0 : goal[2];
     const px = this.view.px(goal[0]), py = this.view.py(goal[1]);
-    context.strokeStyle = this.colours.goal;
-    context.fillStyle = this.colours.goal;
+    context.strokeStyle = context.fillStyle = colour;
     if (believed) {
       context.globalAlpha = 0.5;
       context.lineWidth = 1;
@@ -383,14 +405,15 @@ export class TablePicture {
     context.stroke();
     context.setLineDash([]);
     context.beginPath();
-    context.moveTo(px - 7, py);
-    context.lineTo(px + 7, py);
-    context.moveTo(px, py - 7);
-    context.lineTo(px, py + 7);
+    const size = Math.max(3, Math.min(7, 0.015 * this.view.scale));
+    context.moveTo(px - size, py);
+    context.lineTo(px + size, py);
+    context.moveTo(px, py - size);
+    context.lineTo(px, py + size);
     context.stroke();
     const [hx, hy] = this.handleOf(parcel, [goal[0], goal[1], yaw]);
     context.beginPath();
-    context.arc(this.view.px(hx), this.view.py(hy), 5, 0, 2 * Math.PI);
+    context.arc(this.view.px(hx), this.view.py(hy), 0.75 * size, 0, 2 * Math.PI);
     context.fill();
   }
 

@@ -106,17 +106,21 @@ def test_cells_of_a_file_are_set_and_driven_by_their_own_node_ids(believed, roll
 
 def test_steered_wheel_with_a_gain_of_its_own_gets_the_reference_that_suits_it(believed):
     goal = ["motion.field=goal", "parcel.0.goal={x_m=0.1, y_m=0.0}"]
-    usual = believed(GRID + cell(1, 1) + cell(2, 2), *goal)
-    strong = believed(GRID + cell(1, 1) + cell(2, 2, "settings.axis1.gain = 20"), *goal)
-    plain, trimmed = (
-        coordinator_of(each.scenario, each.cells)._program.references_m_s(
-            beliefs({"box": np.array([0.0, 0.0, 0.3])}, parcels_of(each.scenario)), 0.01
-        )
-        for each in (usual, strong)
-    )
-    np.testing.assert_allclose(np.delete(trimmed, 2), np.delete(plain, 2))
-    # At rest nearly all of the reference is a push, and twice the gain makes twice the push.
-    assert trimmed[2] == pytest.approx(plain[2] / 2, rel=0.2)
+
+    def references_m_s(gain):
+        own = f"settings.axis1.gain = {gain}" if gain else ""
+        belief = believed(GRID + cell(1, 1) + cell(2, 2, own), *goal)
+        pose = {"box": np.array([0.0, 0.0, 0.3])}
+        believed_there = beliefs(pose, parcels_of(belief.scenario))
+        program = coordinator_of(belief.scenario, belief.cells)._program
+        return program.references_m_s(believed_there, 0.01)
+
+    usual, strong, stronger = (references_m_s(gain) for gain in (None, 20, 40))
+    np.testing.assert_allclose(np.delete(strong, 2), np.delete(usual, 2))
+    # A reference is the speed, and what the wheel is to push, which takes 1/gain as much of it.
+    speed_m_s = 2 * strong[2] - usual[2]
+    assert abs(usual[2] - speed_m_s) > abs(speed_m_s)
+    assert stronger[2] == pytest.approx(speed_m_s + (usual[2] - speed_m_s) / 4, rel=1e-6)
 
 
 TWO_BUSES = cell(1, 7, "number = 2") + cell(2, 7, "number = 1\nbus = 1\nsettings.axis1.gain = 12.5")

@@ -63,7 +63,7 @@ def test_edges_correct_the_place_of_a_disc_and_never_its_yaw() -> None:
         now = DISC.distance_m(SENSORS_M, pose) < 0
         for sensor in np.flatnonzero(now != covered):
             yaw_rad = estimator.pose[2]
-            estimator.edge(0.01 * step, SENSORS_M[sensor])
+            estimator.edge(0.01 * step, SENSORS_M[sensor], bool(now[sensor]))
             assert estimator.pose[2] == yaw_rad
         covered = now
     assert np.hypot(*(estimator.pose - pose)[:2]) < 0.005

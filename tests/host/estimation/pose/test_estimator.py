@@ -45,7 +45,7 @@ def carry(
         speeds_m_s = LAYOUT.surface_jacobian(*pose[:2]) @ twist * scale
         roll_on([estimator], now_s, Speeds(speeds_m_s))
         for sensor in np.flatnonzero(covered_by(pose) != covered):
-            estimator.edge(now_s, SENSORS_M[sensor])
+            estimator.edge(now_s, SENSORS_M[sensor], not covered[sensor])
         covered = covered_by(pose)
         agree(estimator, now_s, covered)
     return pose
@@ -96,10 +96,23 @@ def test_an_edge_makes_the_estimate_surer_across_it_only() -> None:
     estimator = resting_at(0.0, 0.0, 0.0)
     estimator.start(0.0, Location(np.zeros(3), np.diag([1e-4, 1e-4, 1e-6]), 0))
     sensor = int(np.argmin(np.hypot(*(SENSORS_M - (0.1905, 0.0)).T)))
-    estimator.edge(0.0, SENSORS_M[sensor])
+    estimator.edge(0.0, SENSORS_M[sensor], covered=True)
     assert estimator.pose[0] == pytest.approx(0.0105, rel=0.05)
     assert estimator.covariance[0, 0] < 5e-6
     assert estimator.covariance[1, 1] == pytest.approx(1e-4)
+
+
+@pytest.mark.parametrize("covered", [True, False])
+def test_an_edge_corrects_only_where_the_parcel_moves_over_the_sensor_that_way(
+    covered: bool,
+) -> None:
+    estimator = resting_at(0.0, 0.0, 0.0)
+    forward = np.array([0.05, 0.0, 0.0])
+    roll_on([estimator], 0.01, Speeds(LAYOUT.surface_jacobian(0.0, 0.0) @ forward))
+    before_m = estimator.pose[0]
+    ahead = int(np.argmin(np.hypot(*(SENSORS_M - (0.1905, 0.0)).T)))
+    estimator.edge(0.01, SENSORS_M[ahead], covered)
+    assert (estimator.pose[0] > before_m + 0.001) == covered
 
 
 def test_a_parcel_that_was_pushed_away_is_doubtful() -> None:

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from mdms_model.run.shared_belief import belief_error, cell_counts, host_error, shared_belief
 from mdms_protocol.neighbours import frames as wire
-from mdms_sim.plots.shared_belief import belief_error, cell_counts, shared_belief
 
 
 def test_cells_under_a_parcel_are_averaged_and_no_others(held_record):
@@ -54,3 +54,15 @@ def test_cells_are_counted_by_what_they_are_to_parcels(held_record):
 def test_run_without_a_layer_has_no_belief(plane_record):
     assert np.isnan(shared_belief(plane_record, 0)).all()
     assert cell_counts(plane_record) == {}
+
+
+def test_host_takes_parcels_of_one_kind_for_each_other(plane, plane_record):
+    box = plane.parcel[0]
+    pair = replace(
+        plane, parcel=(replace(box, kind="small"), replace(box, name="other", kind="small"))
+    )
+    pose = np.concatenate((plane_record.pose, plane_record.pose + np.array([0.5, 0, 0])), axis=1)
+    swapped = replace(plane_record, pose=pose, estimate=pose[:, ::-1] + [0.001, 0.0, 0.01])
+    np.testing.assert_allclose(host_error(pair, swapped, 0), np.tile((0.001, 0.01), (41, 1)))
+    others = replace(pair, parcel=tuple(replace(each, kind="") for each in pair.parcel))
+    np.testing.assert_allclose(host_error(others, swapped, 0)[:, 0], 0.501)

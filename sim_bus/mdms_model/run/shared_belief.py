@@ -1,16 +1,11 @@
-"""Where the cells under a parcel believe it to be: their mean, and how far it is off."""
+"""Where cells, and the host, believe a parcel to be, and how far that is off."""
 
 import numpy as np
 
 from mdms_model.arrays import Floats
 from mdms_model.run.record import Record
-from mdms_model.scenario.scenario import Parcel
+from mdms_model.scenario.scenario import Parcel, Scenario
 from mdms_protocol.neighbours import frames as wire
-
-
-def has_layer(record: Record) -> bool:
-    """Whether cells reported what they are to parcels, and so can be shown."""
-    return record.identity is not None
 
 
 def shared_belief(record: Record, number: int) -> Floats:
@@ -37,7 +32,35 @@ def belief_error(record: Record, number: int, parcel: Parcel) -> Floats:
 
     A disc's turn cannot be seen: NaN.
     """
-    away = shared_belief(record, number) - record.pose[:, number]
+    return _error(shared_belief(record, number) - record.pose[:, number], parcel)
+
+
+def host_error(scenario: Scenario, record: Record, number: int) -> Floats:
+    """The same of what the coordinator believes; NaN where it does not know.
+
+    Parcels of one kind are alike: a belief is of that to which it is nearest, whatever its name.
+    """
+    parcel, samples = scenario.parcel[number], len(record.time_s)
+    if record.estimate is None:
+        return np.full((samples, 2), np.nan)
+    alike = [
+        other
+        for other, each in enumerate(scenario.parcel)
+        if other == number or (each.kind and each.kind == parcel.kind)
+    ]
+    believed, true = record.estimate[:, alike], record.pose[:, alike]
+    apart_m = np.hypot(*np.moveaxis(believed[:, :, None, :2] - true[:, None, :, :2], 3, 0))
+    apart_m = np.nan_to_num(apart_m, nan=np.inf)
+    mine = alike.index(number)
+    of_mine = np.argmin(apart_m, axis=2) == mine
+    nearest = np.argmin(np.where(of_mine, apart_m[:, :, mine], np.inf), axis=1)
+    every = np.arange(samples)
+    away = believed[every, nearest] - record.pose[:, number]
+    away[~of_mine[every, nearest]] = np.nan
+    return _error(away, parcel)
+
+
+def _error(away: Floats, parcel: Parcel) -> Floats:
     turn_rad = abs((away[:, 2] + np.pi) % (2 * np.pi) - np.pi)
     if parcel.shape == "disc":
         turn_rad[:] = np.nan
