@@ -31,12 +31,12 @@ def firmware(monkeypatch):
 
 
 @pytest.fixture
-def flash(served_cells, tmp_path, firmware, capsys):
+def flash(standing_cells, tmp_path, firmware, capsys):
     """Runs the verb in a folder with an array's key; exit code, JSON, and what it says."""
     make_key(tmp_path / "array.key")
 
     def run(*arguments, key=tmp_path / "array.key"):
-        bus = ("-i", "virtual", "-c", served_cells.channel, "--json", "--key", str(key))
+        bus = ("-i", "virtual", "--json", "--key", str(key))
         code = main(["flash", "--bus", *map(str, arguments), *bus])
         printed = capsys.readouterr()
         return code, json.loads(printed.out or "{}"), printed.err
@@ -45,7 +45,7 @@ def flash(served_cells, tmp_path, firmware, capsys):
 
 
 @pytest.fixture
-def commissioned(served_cells, tmp_path, flash, capsys):
+def commissioned(standing_cells, tmp_path, flash, capsys):
     """Runs `mdms commission` with the array's key."""
     listed = tmp_path / "list.txt"
     listed.write_text("00000001\n00000002\n00000003\n")
@@ -53,7 +53,7 @@ def commissioned(served_cells, tmp_path, flash, capsys):
     def run(key=tmp_path / "array.key"):
         arguments = ["--list", listed, "--columns", 3, "--rows", 1, "--yes", "--force"]
         arguments += ["--out", tmp_path / "array.toml", "--key", key]
-        bus = ("-i", "virtual", "-c", served_cells.channel)
+        bus = ("-i", "virtual")
         code = main(["commission", *map(str, arguments), *bus])
         printed = capsys.readouterr()
         return code, printed.out + printed.err
@@ -113,10 +113,10 @@ def test_key_that_is_not_there_is_made_by_commissioning_alone(commissioned, flas
     assert flash(key=tmp_path / "new.key")[0] == Exit.OK
 
 
-def test_board_without_room_is_refused_by_name(served_cells, flash, monkeypatch):
+def test_board_without_room_is_refused_by_name(standing_cells, flash, monkeypatch):
     monkeypatch.setattr(VirtualBoard, "number", codes.PYBV11)
     monkeypatch.setattr(VirtualBoard, "slots_room", lambda self: 0)
-    with Commissioning(served_cells.open(), MonotonicClock()) as bus:
+    with Commissioning(None, MonotonicClock()) as bus:
         for node in (1, 2, 3):
             bus.write(node, 0x1F51, 1, codes.RESET)
     code, told, said = flash()
@@ -125,8 +125,8 @@ def test_board_without_room_is_refused_by_name(served_cells, flash, monkeypatch)
     assert told["frames"] == 0
 
 
-def test_cells_that_may_drive_are_left_alone(served_cells, flash):
-    with Commissioning(served_cells.open(), MonotonicClock()) as bus:
+def test_cells_that_may_drive_are_left_alone(standing_cells, flash):
+    with Commissioning(None, MonotonicClock()) as bus:
         bus.command(nmt.START, 2)
     code, _, said = flash()
     assert code == Exit.NODE_FAULT
