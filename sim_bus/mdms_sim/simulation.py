@@ -40,6 +40,8 @@ from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.physics.plane.world import World
 from mdms_sim.sampling import Sampler
 
+__all__ = ["BusFigures", "Outcome", "Simulation", "open_bank", "simulate"]
+
 NS_PER_S = 1_000_000_000
 TICK_NS = 1_000_000
 #: Latency of a cell's background loop: from a frame's end, or a tick, to its answer in a mailbox.
@@ -82,9 +84,9 @@ class Simulation:
     `bus` is the only one of `buses`, or their first. `faults` are those of the scenario; others may
     begin while it runs.
 
-    `estimates` returns the poses that somebody believes the parcels to have, shape (P, 3), NaN
-    where unknown; they are only recorded. A run without end is better not `recorded`, or thinned
-    to `most_samples`.
+    `estimates` returns the poses [m, m, rad] that somebody believes the parcels to have, shape
+    (P, 3), NaN where unknown; they are only recorded. A run without end is better not `recorded`,
+    or thinned to `most_samples`.
     """
 
     def __init__(
@@ -268,6 +270,7 @@ def simulate(
     """Run a whole scenario with cells of the kind `nodes`: "cpython" or "micropython".
 
     The bus is logged into the file `bus_log`, if named. It ends before its time once it is `over`.
+    `estimates` are as of a `Simulation`, [m, m, rad]; `progress` gets the time reached [s].
     Raises `NodeError` when the cells cannot run.
     """
     with ExitStack() as stack:

@@ -120,6 +120,12 @@ def add_simulate(parser: ArgumentParser) -> None:
     add_json(parser)
 
 
+def add_scenarios(parser: ArgumentParser) -> None:
+    """Those of `scenarios`."""
+    parser.add_argument("--show", metavar="NAME", help="print one as a file to start from (TOML)")
+    add_json(parser)
+
+
 def add_limits(parser: ArgumentParser) -> None:
     """Those of `limits`."""
     add_scenario(parser)

@@ -21,6 +21,8 @@ from mdms_model.scenario.file import scenario_from
 from mdms_model.scenario.scenario import Scenario, ScenarioError
 from mdms_model.scenario.tree import plain
 
+__all__ = ["RunFolderError", "StoredRun", "read_run", "write_run"]
+
 FORMAT = "mdms-run"
 FORMAT_VERSION = 1
 META, RECORD = "meta.json", "run.mcap"

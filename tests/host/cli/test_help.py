@@ -30,7 +30,7 @@ def test_topics_are_listed_and_others_refused(capsys):
     printed = capsys.readouterr().out
     assert all(topic in printed for topic in TOPICS)
     assert main(["help", "love"]) == Exit.USAGE
-    assert "no such topic; there are start, " in capsys.readouterr().err
+    assert "no such topic; there are start, newcomer, " in capsys.readouterr().err
 
 
 def completed(script, *words):

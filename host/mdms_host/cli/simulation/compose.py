@@ -20,6 +20,8 @@ from mdms_sim.physics.plane.ideal import solve_ideal
 from mdms_sim.physics.row.solver import solve_row
 from mdms_sim.simulation import BusFigures, simulate
 
+__all__ = ["Finished", "run_scenario"]
+
 #: The paper's model, by fidelity.
 SOLVERS = {"row": solve_row, "ideal": solve_ideal}
 
@@ -63,6 +65,7 @@ def run_scenario(
 ) -> Finished:
     """Run a scenario in its fidelity; `main` is a program in place of its tasks.
 
+    `nodes` are "cpython" or "micropython"; `progress` gets the time reached [s] now and then.
     Raises ScenarioError, MicropythonMissing, NodeError, and `CommandError` for what does not fit.
     """
     if scenario.run.fidelity == "firmware":

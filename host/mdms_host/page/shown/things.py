@@ -1,4 +1,4 @@
-"""What lies on a table by name: parcels that were told of, that have come, and what is unknown."""
+"""What lies on a table by name: parcels that were given, that have come, and what is unknown."""
 
 from dataclasses import dataclass, field, replace
 from math import cos, sin
