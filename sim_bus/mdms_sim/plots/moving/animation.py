@@ -11,9 +11,9 @@ from mdms_model.arrays import Ints
 from mdms_model.run.record import Record
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.plots.canvas import MARK
-from mdms_sim.plots.moving_view import MovingView
+from mdms_sim.plots.moving.video import write_video
+from mdms_sim.plots.moving.view import MovingView
 from mdms_sim.plots.scales import shown_until_s
-from mdms_sim.plots.video import write_video
 
 GIF, MP4 = "gif", "mp4"
 FORMS = (GIF, MP4)

@@ -19,7 +19,7 @@ from mdms_model.run.record import Plan, Record
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.plots.canvas import FAINT, INK, draw_as_map, new_figure
 from mdms_sim.plots.held_cells import HeldCells, held_legend
-from mdms_sim.plots.moving_parcel import GOAL, MovingParcel
+from mdms_sim.plots.moving.parcel import GOAL, MovingParcel
 from mdms_sim.plots.top_view import DASHED, add_wheels, draw_exits, extent_m
 
 WIDTH_IN, WIDTH_PX = 6.4, 640

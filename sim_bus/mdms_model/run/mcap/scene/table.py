@@ -7,8 +7,8 @@ import numpy as np
 
 from mdms_model.array import build_wheels, cell_centres, edge_m, sensor_places_m
 from mdms_model.run.colours import AHEAD, BACK, SLIPS, between
+from mdms_model.run.mcap.scene.primitives import Parts, block, colour, line, text
 from mdms_model.run.record import Record
-from mdms_model.run.scene.primitives import Parts, block, colour, line, text
 from mdms_model.scenario.scenario import Scenario
 
 #: The tops of cells lie so far below those of their wheels, on which parcels lie [m].
