@@ -13,7 +13,7 @@ from random import Random
 
 import numpy as np
 
-from mdms_host.routes.attempt import MANY, Attempt, Terms, is_free
+from mdms_host.routes.attempt import MANY, Aside, Attempt, Terms, is_free
 from mdms_host.routes.authority import Authority
 from mdms_host.routes.blocked import Blocked, Blocker, blockers
 from mdms_host.routes.errand import Errand, Ground, Task, own_ends, turned_rad
@@ -108,16 +108,13 @@ class Planner:
         errands = {task.parcel: self._errand(task, now_s) for task in tasks}
         moving = [name for name, errand in errands.items() if errand.task.goal is not None]
         best: dict[str, Route] = {}
-        for order, sure, early in self._orders(errands, moving, closed, seed):
+        for order, sure, aside in self._orders(errands, moving, closed, seed):
             attempt = Attempt(self._terms, errands, closed, kept, sure)
-            found = attempt.run(order, early)
+            found = attempt.run(order, aside)
             if len(found) >= len(best):
                 best = found
             if len(best) == len(moving):
                 break
-        if len(best) < len(moving):
-            attempt = Attempt(self._terms, errands, closed, kept, True)
-            best = max(best, attempt.run(moving, False, aside=False), key=len)
         routes = {**kept, **{name: errand.prefix for name, errand in errands.items()}, **best}
         blocked = {
             name: self._blocked(errands, name, best, closed, kept)
@@ -129,22 +126,24 @@ class Planner:
 
     def _orders(
         self, errands: Mapping[str, Errand], moving: Sequence[str], closed: Bools, seed: int
-    ) -> Iterator[tuple[Sequence[str], bool, bool]]:
+    ) -> Iterator[tuple[Sequence[str], bool, Aside]]:
         """Orders of planning: as given, one that the layout is well-formed by, and by chance.
 
-        With each whether to keep to ways that are sure, as `_planned` has it, and whether others
-        go aside for the first that has no way, or only when nobody has one.
+        With each whether to keep to ways that are sure, as `_planned` has it, and when others go
+        aside for one that has no way.
         """
-        yield moving, True, False
+        yield moving, True, Aside.NEVER
         if len(moving) == 1:
-            yield moving, False, False
+            yield moving, False, Aside.NEVER
             return
         order = order_of(errands, closed, is_free)
         if order is not None:
-            yield order, True, False
+            yield order, True, Aside.NEVER
+        yield moving, True, Aside.LATE
         random = Random(f"orders {seed}")
         for number in range(self._tries):
-            yield random.sample(list(moving), len(moving)), number % 3 < 2, number % 3 == 0
+            aside = Aside.EARLY if number % 3 == 0 else Aside.LATE
+            yield random.sample(list(moving), len(moving)), number % 3 < 2, aside
 
     def _errand(self, task: Task, now_s: float) -> Errand:
         base_rad = turned_rad(task)
