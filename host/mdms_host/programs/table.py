@@ -163,7 +163,7 @@ class Table:
 
     @property
     def unknown(self) -> Mapping[str, tuple[float, float]]:
-        """Where the middle of everything lies that nobody has named, by what messages call it."""
+        """Middle of all that nobody has named [m; table frame], by what messages call it."""
         return {name: _place(pose) for name, (pose, _) in self._unknown.items()}
 
     def unknown_at(self, x_m: float, y_m: float) -> str | None:
