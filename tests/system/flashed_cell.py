@@ -189,19 +189,19 @@ class FlashedCell:
         if self._process is None:
             return []
         ready = select.select([self._ends.out, self._ends.told], [], [], max(wait_s, 0.0))[0]
-        if self._ends.told in ready and self._cut():
-            return []
-        if self._ends.out not in ready:
-            return []
-        self._buffer += os.read(self._ends.out, 1 << 16)
+        # What it has sent before is on the bus, whatever becomes of it.
+        sent = os.read(self._ends.out, 1 << 16) if self._ends.out in ready else b""
+        if not sent and self._ends.told in ready:
+            self._follow()
+        self._buffer += sent
         whole = len(self._buffer) // RECORD.size * RECORD.size
         records, self._buffer = self._buffer[:whole], self._buffer[whole:]
         return [
             Frame(can_id, data[:length]) for can_id, length, _, data in RECORD.iter_unpack(records)
         ]
 
-    def _cut(self) -> bool:
-        """See to what the process says of itself; whether it is off or has started anew."""
+    def _follow(self) -> None:
+        """See to what the process says of itself."""
         said = self._said()
         self.told += said.splitlines()
         if "cut" in said:
@@ -210,9 +210,6 @@ class FlashedCell:
             # It has ended, as by the watchdog, or wants to.
             self.power_off()
             self.power_up()
-        else:
-            return False
-        return True
 
     def _said(self) -> str:
         text = b""
