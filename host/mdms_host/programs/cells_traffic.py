@@ -5,10 +5,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.followed import Followed
 from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import Goal, Limits
+from mdms_host.motion.trajectory.mass import Mass
 from mdms_host.programs.legs import Legs
 from mdms_host.programs.order import Order
 from mdms_host.programs.planning import Desk
@@ -45,6 +47,11 @@ class CellsTraffic(OrderedTraffic[Legs]):
         self._cells = cells
         self._limits = limits
         self._still: Floats = np.zeros(len(layout.wheel_cells))
+
+    def know(self, parcel: Parcel, mass: Mass) -> None:
+        """There is to be another parcel."""
+        super().know(parcel, mass)
+        self._cells.add(parcel)
 
     def on_lost_cells(self, cells: frozenset[int]) -> None:
         """See `OrderedTraffic`."""

@@ -5,9 +5,12 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.parcel import Parcel
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import Steered
+from mdms_host.motion.trajectory.mass import Mass
 from mdms_host.programs.comings import Comings, Register, tracker_gate
+from mdms_host.programs.newcomers import NamingRegister, TrackedNewcomers
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.script import ScriptError, Task, place_of
 from mdms_host.programs.table import Orders, ProgramError, Table, TableParcel
@@ -37,6 +40,10 @@ class Traffic(Orders, Protocol):
 
     def on_lost_cells(self, cells: frozenset[int]) -> None:
         """These cells (from 1) are lost, and no others."""
+        ...
+
+    def know(self, parcel: Parcel, mass: Mass) -> None:
+        """There is to be another parcel."""
         ...
 
     def take_leaving(self) -> list[tuple[str, Gate]]:
@@ -132,9 +139,17 @@ class TableProgram:
         self._rested_s = 0.0
         self._notices: list[str] = []
 
-    def attend(self, register: Register) -> None:
+    def attend(self, register: NamingRegister) -> None:
         """Announce what may come, and what leaves, from now on."""
         self._register = register
+        self.table.newcomers = TrackedNewcomers(register, self._know)
+
+    def _know(self, parcel: Parcel, mass: Mass, kind: str, comes: bool) -> None:
+        """There is to be a parcel that has not been drawn before; it `comes`, or is there."""
+        self._traffic.know(parcel, mass)
+        self._members[parcel.name] = Member(
+            parcel.name, kind, parcel.length_m, parcel.width_m, parcel.shape, lies=not comes
+        )
 
     def on_lost_cells(self, cells: frozenset[int]) -> None:
         """These cells (from 1) are lost, and no others."""

@@ -1,16 +1,24 @@
 """The table as a program sees it: parcels that come, are moved, and leave."""
 
 from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
+from dataclasses import dataclass
+from math import inf
 from typing import Any, Protocol, TypeVar
 
+import numpy as np
+
 from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_host.motion.goal import Goal
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.script import Script, Task, until
+from mdms_model.arrays import Floats
 
-__all__ = ["ProgramError", "Table", "TableParcel"]
+__all__ = ["Newcomer", "ProgramError", "Table", "TableParcel"]
 
 Result = TypeVar("Result")
+#: What has been named is found within this, or is not what it was taken for [s].
+_FOUND_S = 3.0
 
 
 class ProgramError(RuntimeError):
@@ -26,6 +34,37 @@ class Orders(Protocol):
 
     def stop(self) -> None:
         """Bring all parcels to rest, and hold them there."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Newcomer:
+    """A parcel that nobody has drawn before, by the name that it is to be called by.
+
+    Without a size that of what sensors show is taken. `mass_kg` None is one that is not known.
+    """
+
+    name: str
+    length_m: float | None = None
+    width_m: float | None = None
+    shape: str = "rectangle"
+    kind: str = ""
+    mass_kg: float | None = None
+
+
+class Newcomers(Protocol):
+    """Whoever finds parcels that a program announces or names; see `newcomers`."""
+
+    def announce(self, newcomer: Newcomer, near_m: tuple[float, float] | None) -> None:
+        """Expect a parcel, near a place or anywhere. Raises ProgramError."""
+        ...
+
+    def name(self, unknown: str, newcomer: Newcomer) -> None:
+        """Take something unknown for a parcel. Raises ProgramError."""
+        ...
+
+    def give_up(self, name: str) -> None:
+        """Expect a parcel no more, which has not been found."""
         ...
 
 
@@ -100,8 +139,10 @@ class Table:
         #: Whether any parcel may come.
         self.expects = True
         self.gates: Mapping[str, Gate] = {gate.name: gate for gate in gates}
+        self.newcomers: Newcomers | None = None
         self._orders = orders
         self._script = Script()
+        self._unknown: dict[str, tuple[Floats, Bottom]] = {}
         self._parcels: dict[str, TableParcel] = {}
         self._arrived: list[TableParcel] = []
         self._waiting = 0
@@ -119,6 +160,21 @@ class Table:
             there = ", ".join(self._parcels) or "none"
             raise ProgramError(f"no parcel {name!r} is on the table; there are: {there}")
         return self._parcels[name]
+
+    @property
+    def unknown(self) -> Mapping[str, tuple[float, float]]:
+        """Where the middle of everything lies that nobody has named, by what messages call it."""
+        return {name: _place(pose) for name, (pose, _) in self._unknown.items()}
+
+    def unknown_at(self, x_m: float, y_m: float) -> str | None:
+        """What is unknown and may lie over a place; None without any."""
+        point = np.array([[x_m, y_m]])
+        away_m = (
+            (float(outline.distance_m(point, pose)[0]), name)
+            for name, (pose, outline) in self._unknown.items()
+        )
+        nearest_m, name = min(away_m, default=(inf, None))
+        return name if nearest_m < 0.0 else None
 
     def exit_for(self, parcel: TableParcel) -> str:
         """The exit that a parcel's kind is to leave by. Raises ProgramError without one."""
@@ -169,6 +225,37 @@ class Table:
         while count is None or came < count:
             yield await self.arrival()
             came += 1
+
+    def announce(self, newcomer: Newcomer, near_m: tuple[float, float] | None = None) -> None:
+        """Expect a parcel of a known size, near a place or anywhere; `arrival` returns it.
+
+        Raises ProgramError for a name that is taken, or without a size.
+        """
+        if newcomer.length_m is None:
+            raise ProgramError(f"{newcomer.name} needs a size to be announced")
+        self._taken_in().announce(newcomer, near_m)
+        self.expects = True
+
+    async def name(self, newcomer: Newcomer, x_m: float, y_m: float) -> TableParcel:
+        """Give a name to what is unknown and lies at a place; returns it as a parcel, once found.
+
+        Raises ProgramError where nothing unknown lies, or nothing of that size.
+        """
+        unknown = self.unknown_at(x_m, y_m)
+        if unknown is None:
+            raise ProgramError(f"nothing unknown lies at ({x_m:g} m, {y_m:g} m)")
+        newcomers, limit_s = self._taken_in(), self.now_s + _FOUND_S
+        newcomers.name(unknown, newcomer)
+        await until(lambda: newcomer.name in self._parcels or self.now_s > limit_s)
+        if newcomer.name not in self._parcels:
+            newcomers.give_up(newcomer.name)
+            raise ProgramError(f"{unknown} has not the outline of {newcomer.name}")
+        return self[newcomer.name]
+
+    def _taken_in(self) -> Newcomers:
+        if self.newcomers is None:
+            raise ProgramError("no parcels can be announced or named on this table")
+        return self.newcomers
 
     async def sleep(self, seconds: float) -> None:
         """Let so much time of the array pass, a cycle at least."""
@@ -236,7 +323,12 @@ class Table:
             self._arrived.remove(parcel)
 
     def see(self, beliefs: Mapping[str, Belief]) -> None:
-        """Take in what is believed of all parcels now."""
+        """Take in what is believed of all parcels now, and of what is unknown."""
+        self._unknown = {
+            name: (belief.pose, belief.outline)
+            for name, belief in beliefs.items()
+            if not belief.named
+        }
         for name, parcel in self._parcels.items():
             parcel.see(beliefs.get(name))
 
@@ -249,3 +341,8 @@ class Table:
         """Break off the program, and bring all parcels to rest."""
         self._script.cancel()
         self._orders.stop()
+
+
+def _place(pose: Floats) -> tuple[float, float]:
+    x_m, y_m, _ = pose.tolist()
+    return x_m, y_m

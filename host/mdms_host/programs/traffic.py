@@ -13,7 +13,9 @@ from math import inf
 from typing import Generic, TypeVar
 
 from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.parcel import Parcel
 from mdms_host.motion.goal import Goal
+from mdms_host.motion.trajectory.mass import Mass
 from mdms_host.programs.dispatch import Dispatch, KeptFree
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.planning import Desk
@@ -62,7 +64,7 @@ class OrderedTraffic(ABC, Generic[Ride]):
         over_lost: bool = True,
     ) -> None:
         self.steered: dict[str, Steered] = {}
-        self._loads = loads
+        self._loads = loads = dict(loads)
         self._tiles = planner.tiles
         self._where = Whereabouts(loads, planner.stand)
         self._timetable = Timetable()
@@ -101,6 +103,10 @@ class OrderedTraffic(ABC, Generic[Ride]):
             self.steered[order.parcel] = Steered(order.goal)
         if (ride := self._rides.get(order.parcel)) is not None:
             ride.stopping = True
+
+    def know(self, parcel: Parcel, mass: Mass) -> None:
+        """There is to be another parcel."""
+        self._loads[parcel.name] = Load(parcel.bottom, mass)
 
     def stop(self) -> None:
         """Bring all parcels to rest, and hold them there."""

@@ -78,9 +78,11 @@ class Whereabouts:
 
     def shape(self, name: str) -> Shape | None:
         """The shape of a parcel, or of something unknown as far as it may reach, if it is seen."""
-        if name in self._shapes or name not in self._beliefs:
-            return self._shapes.get(name)
-        return Shape(self._beliefs[name].outline)
+        if name in self._loads:
+            if name not in self._shapes:
+                self._shapes[name] = shape_of(self._loads[name])
+            return self._shapes[name]
+        return Shape(self._beliefs[name].outline) if name in self._beliefs else None
 
     def under(self) -> dict[str, Ints]:
         """The tiles under each thing that lies on the table."""

@@ -114,7 +114,8 @@ def _wheel_share(scenario: Scenario) -> float:
     Wheels as far outside as `AHEAD_M` run for a parcel too: sqrt(1 + (r / reach)^2) at most.
     """
     reaches_m = [hypot(parcel.length_m, parcel.width_m) / 2 for parcel in scenario.parcel]
-    return max(hypot(1.0, 1.0 + AHEAD_M / reach_m) for reach_m in reaches_m)
+    shares = (hypot(1.0, 1.0 + AHEAD_M / reach_m) for reach_m in reaches_m)
+    return max(shares, default=hypot(1.0, 1.0))
 
 
 def layout_of(scenario: Scenario, cells: Cells | None = None) -> Layout:

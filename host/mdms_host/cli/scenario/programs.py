@@ -115,7 +115,8 @@ def _acceleration_m_s2(traction: Traction, loads: Mapping[str, Load]) -> float:
     """What plans reckon with: the least that any parcel is sped up with along x or y."""
     agilities = [traction.agility(load.bottom, load.mass) for load in dict.fromkeys(loads.values())]
     along = np.eye(3)[:2]
-    return min(one.acceleration_m_s2(axis) for one in agilities for axis in along)
+    known = [one.acceleration_m_s2(axis) for one in agilities for axis in along]
+    return min(known, default=TrapezoidPace.acceleration_m_s2)
 
 
 def _infeed(number: int, scenario: Scenario, named: Mapping[str, Parcel]) -> Infeed:

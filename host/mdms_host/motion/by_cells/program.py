@@ -128,6 +128,15 @@ class CellsProgram:
         self._wanted[name] = goal
         return self._followed[name]
 
+    def add(self, parcel: Parcel) -> None:
+        """There is to be another parcel, without a goal as yet."""
+        name = parcel.name
+        self._parcels[name] = parcel
+        self._bottoms[name] = parcel.bottom
+        self._identities.setdefault(name, len(self._identities) + 1)
+        self._sequences.setdefault(name, _FIRST)
+        self._sendings[name] = _Sending()
+
     def end(self, name: str) -> None:
         """Have the cells bring a parcel to rest, and steer it no more; they keep others away."""
         for kept in (self._followed, self._wanted, self._goals):

@@ -10,6 +10,7 @@ from mdms_model.scenario.task import Task
 #: What each kind of task needs, and what it may have besides.
 NEEDED: Mapping[str, tuple[str, ...]] = {
     "transport": ("parcel", "x_m", "y_m"),
+    "name": ("parcel", "x_m", "y_m"),
     "swap": ("parcels",),
     "sort": (),
     "merge": ("exit",),
@@ -19,6 +20,7 @@ NEEDED: Mapping[str, tuple[str, ...]] = {
 }
 ALLOWED: Mapping[str, tuple[str, ...]] = {
     "transport": ("yaw_rad",),
+    "name": ("length_m", "width_m", "mass_kg", "shape", "kind"),
     "swap": (),
     "sort": ("count",),
     "merge": ("count",),
@@ -64,7 +66,8 @@ def _check_keys(task: Task, key: str) -> None:
 
 def _check_names(scenario: Scenario, task: Task, key: str) -> None:
     lying = [each.name for each in scenario.parcel if each.name not in in_stock(scenario)]
-    names = [("parcel", task.parcel)] if task.parcel else []
+    lying += [each.parcel for each in scenario.task if each.do == "name"]
+    names = [("parcel", task.parcel)] if task.parcel and task.do != "name" else []
     names += [(f"parcels.{item}", name) for item, name in enumerate(task.parcels)]
     for name, parcel in names:
         if parcel not in lying:
