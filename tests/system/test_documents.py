@@ -100,8 +100,8 @@ class Reader:
         words, _ = words_of(command.replace(*OWN_TABLE))
         assert words.pop(0) == "mdms", command
         verb = words[0]
-        if verb == "flash" and "--bus" in words:
-            self._serve()
+        on_a_bus = verb in ON_A_BUS or "--bus" in words
+        if verb == "flash" and on_a_bus:
             self._patch.setattr(
                 "mdms_host.updating.bundles.packed_firmware", lambda _bytecode: bytes(1000)
             )
@@ -115,7 +115,7 @@ class Reader:
             self._patch.setattr("sys.stdin", terminal)
         if "--array" in words and verb == "run":
             write_array(Path(words[words.index("--array") + 1]))
-        with self._commissioned() if verb in ON_A_BUS else nullcontext():
+        with self._commissioned() if on_a_bus else nullcontext():
             code = main(words)
         printed = self._capsys.readouterr()
         assert code == Exit.OK, (command, printed)
