@@ -111,7 +111,8 @@ class Ends:
 class FlashedCell:
     """A cell whose flash is the file at a path; it starts again when it wants to, as a board does.
 
-    `cut` is the operation on flash, counted from the next power-up on, in which the supply fails.
+    `cut` is the operation on flash, counted from a power-up on, in which the supply fails, and
+    `cut_on_trial` that after its next restart.
     """
 
     def __init__(self, folder: Path, content: bytes) -> None:
@@ -126,6 +127,7 @@ class FlashedCell:
         self._buffer = b""
         self.told: list[str] = []
         self.starts = 0
+        self.cut_on_trial = -1
 
     @property
     def operations(self) -> list[int]:
@@ -209,7 +211,7 @@ class FlashedCell:
         elif not said or "restart" in said:
             # It has ended, as by the watchdog, or wants to.
             self.power_off()
-            self.power_up()
+            self.power_up(self.cut_on_trial)
 
     def _said(self) -> str:
         text = b""

@@ -105,6 +105,21 @@ def test_supply_may_fail_while_flash_is_written(flash, tmp_path):
                 assert report(cell) == after(sent)
 
 
+@pytest.mark.parametrize("operation", [2, 5])
+def test_supply_may_fail_while_trial_and_confirmation_are_noted(flash, tmp_path, operation):
+    sent = small()
+    with powered(tmp_path, flash) as cell:
+        booted(cell)
+        cell.cut_on_trial = operation
+        assert update(cell, sent) is None
+        for _ in range(2):
+            cell.power_off()
+            cell.power_up()
+            booted(cell)
+        # Confirmed or not; a trial would have been over.
+        assert report(cell) in (BEFORE, after(sent))
+
+
 def test_supply_may_fail_on_trial_and_the_firmware_before_comes_back(flash, tmp_path):
     sent = small()
     with powered(tmp_path, flash) as cell:
