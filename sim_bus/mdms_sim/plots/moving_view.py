@@ -121,7 +121,7 @@ class MovingView:
 
     def _add_titles(self, times: float) -> tuple[Text, Text]:
         left, height_in = LEFT_IN / WIDTH_IN / 2, self._height_in
-        speed = "" if times < 1.05 else f"   ({times:.1f} times as fast)"
+        speed = "" if abs(times - 1) < 0.05 else f"   ({times:.2g} times as fast)"
         title = f"{self._scenario.title}{speed}"
         figure = self._figure
         size = min(11.0, 11.0 * MOST_LETTERS / max(len(title), 1))
