@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 # One more than cores, since some tests wait for other programs.
-WORKERS ?= 3
+WORKERS ?= 4
 
 .PHONY: demo test quick check format generate bench prove soak requirements clean
 

@@ -17,7 +17,11 @@ ERASE_BLOCK = 4096
 
 def slots_of_board():
     """The board's slots; None where there is no room for any."""
-    if os.statvfs(ROOT)[0] < ERASE_BLOCK:
+    try:
+        block = os.statvfs(ROOT)[0]
+    except OSError:
+        return None
+    if block < ERASE_BLOCK:
         return None
     from mdms_boot.files import Files
     from mdms_boot.slots import Slots

@@ -22,7 +22,7 @@ from mdms_protocol.update import codes
 #: The watchdog's patience while both bridges sleep, when flash may be written: that stops the
 #: processor, on an STM32 for seconds.
 WATCHDOG_ASLEEP_MS = 5_000
-#: The largest image for a slot; what it leaves of the file system, and what runs it of the heap.
+#: The most that goes into a slot; what it leaves of the file system, and an image of the heap.
 SLOT_MAX = const(256 * 1024)
 _FLASH_LEFT = const(64 * 1024)
 _HEAP_LEFT = const(112 * 1024)
@@ -181,10 +181,12 @@ class CellBoard:
         return sizes[0] * sizes[3]
 
     def slots_room(self):
-        """Bytes of the largest image that a slot takes, and that runs from memory."""
-        gc.collect()
-        heap = gc.mem_free() + gc.mem_alloc()
-        return max(min(SLOT_MAX, self.flash_free() - _FLASH_LEFT, heap - _HEAP_LEFT), 0)
+        """Bytes that a slot takes at most."""
+        return max(min(SLOT_MAX, self.flash_free() - _FLASH_LEFT), 0)
+
+    def image_room(self):
+        """Bytes of the largest image that firmware can run from, beside what it takes itself."""
+        return gc.mem_free() + gc.mem_alloc() - _HEAP_LEFT
 
     def restart(self):
         """Start the board anew, with the motors off."""

@@ -123,6 +123,7 @@ def test_bundle_that_is_not_for_this_cell_is_refused_with_the_reason():
         (bundle_of(version=VERSION_NOW - 1), codes.OLDER),
         (bundle_of(counter=0), codes.REPLAYED),
         (bundle_of(bytes(ROOM + 1)), codes.TOO_LARGE),
+        (bundle_of(image_size=2 * ROOM + 1), codes.TOO_LARGE),
     ):
         bench = Bench()
         assert bench.load(data) == reason

@@ -81,6 +81,9 @@ class SlotsBoard(Board):
     def slots_room(self):
         return ROOM
 
+    def image_room(self):
+        return 2 * ROOM
+
     def restart(self):
         self.restarts += 1
 
@@ -180,11 +183,22 @@ def bundle_of(packed=PACKED, key=OUR_KEY, **changes):
         "version": bundle.version_number(VERSION),
         "counter": 1,
         "size": len(packed),
+        "image_size": 2 * ROOM,
         "key_id": key_id(key),
         "digest": hashlib.sha256(packed).digest(),
     }
     fields.update(changes)
-    names = ["flags", "bytecode", "boards", "version", "counter", "size", "key_id", "digest"]
+    names = [
+        "flags",
+        "bytecode",
+        "boards",
+        "version",
+        "counter",
+        "size",
+        "image_size",
+        "key_id",
+        "digest",
+    ]
     signed = bundle.pack(bundle.Head(*[fields[name] for name in names]))
     return signed + sign(key, signed) + packed
 

@@ -4,15 +4,15 @@ import io
 import os
 import re
 import signal
-from contextlib import ExitStack, contextmanager, redirect_stdout, suppress
+from contextlib import ExitStack, closing, contextmanager, nullcontext, redirect_stdout, suppress
 from pathlib import Path
 
 import pytest
 from tests.system.document import REASONS, blocks_of, inline_commands, words_of
-from tests.system.serving import serving
 from tests.system.simulated_link import SimulatedLink
 from tests.system.small_firmware import NEW, OLD
 from tests.system.unix_board import boards_in
+from tests.virtual_array import SimulatedArray, virtual_time
 
 from mdms_host.cli import main
 from mdms_host.cli.exits import INTERRUPTED, Exit
@@ -22,7 +22,7 @@ from mdms_host.commissioning.array_file import ArrayFile, FiledCell, FiledTable
 from mdms_host.commissioning.array_writing import array_document
 from mdms_host.programs.planning import VirtualDesk
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol import cob, indices
+from mdms_protocol import cob
 from mdms_sim.nodes.python_bank import PythonBank
 
 ROOT = Path(__file__).parents[2]
@@ -30,9 +30,9 @@ DOCUMENTS = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
 RUN = [
     path.name for path in DOCUMENTS if any(block.language != "text" for block in blocks_of(path))
 ]
-#: Verbs that go over the bus to cells that stand still, in real time.
-ON_A_BUS = {"commission", "doctor", "identify", "jog", "scan", "status", "stop", "configure"}
-#: The reader's own table has other sides; three cells take the same steps as eighteen.
+#: Verbs that look after cells.
+ON_A_BUS = {"commission", "doctor", "identify", "jog", "scan", "configure"}
+#: The reader's own table has other sides; three cells take the same steps as eighteen. It is empty.
 OWN_TABLE = ("--columns 6 --rows 3", "--columns 3 --rows 1")
 SMALL = (
     *("array.columns=3", "array.rows=1", "parcel.0.x_m=0.0", "motion.field='inward'"),
@@ -41,19 +41,21 @@ SMALL = (
 #: What another test runs as it stands, and which call of it; nothing else goes on with it.
 ELSEWHERE = {"mdms demo": ("host/cli/simulation/test_demo.py", 'main(["demo", "--out"')}
 #: What a person types at `mdms commission`: Enter to all questions but the one that wants a yes.
-ANSWERS = "\n\n\ny\n\n\n\n\n\n\n"
+ANSWERS = 3 * "\n" + "y\n" + 6 * "\n"
 
 
 class Reader:
-    """Somebody who follows a document, with a small table, two boards and a terminal."""
+    """Somebody who follows a document, with a table, two boards and a terminal."""
 
     def __init__(self, folder, monkeypatch, capsys, stack):
         self._folder, self._patch, self._capsys, self._stack = folder, monkeypatch, capsys, stack
-        self._boards = self._bus = False
+        self._boards = False
+        self._table = None
         monkeypatch.chdir(folder)
         monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
         monkeypatch.setattr("mdms_host.cli.array.run.open_links", simulated_table)
         monkeypatch.setattr("mdms_host.cli.array.run.ThreadDesk", VirtualDesk)
+        monkeypatch.setattr("mdms_host.cli.array.cells.open_bus", lambda _options: None)
 
     def read(self, block):
         if block.name:
@@ -86,8 +88,8 @@ class Reader:
         """The bus of the document is the virtual one, whatever it is called there."""
         named = dict(each.split("=") for each in assignments)
         assert named.keys() <= {"CAN_INTERFACE", "CAN_CHANNEL", "CAN_BITRATE"}
-        self._patch.setenv("CAN_INTERFACE", "mdms")
-        self._patch.setenv("CAN_CHANNEL", "table")
+        for name, value in named.items():
+            self._patch.setenv(name, value)
 
     def _do(self, command):
         if command in ELSEWHERE:
@@ -98,19 +100,24 @@ class Reader:
         words, _ = words_of(command.replace(*OWN_TABLE))
         assert words.pop(0) == "mdms", command
         verb = words[0]
-        if verb == "flash":
+        if verb == "flash" and "--bus" in words:
+            self._serve()
+            self._patch.setattr(
+                "mdms_host.updating.bundles.packed_firmware", lambda _bytecode: bytes(1000)
+            )
+        elif verb == "flash":
             self._plug_in()
             # The unix port does not report which board it is.
             words += ["--board", "pybv11"] if "--list" not in words else []
-        if verb in ON_A_BUS:
-            self._serve()
         if verb == "commission":
             terminal = io.StringIO(ANSWERS)
             terminal.isatty = lambda: True
             self._patch.setattr("sys.stdin", terminal)
         if "--array" in words and verb == "run":
             write_array(Path(words[words.index("--array") + 1]))
-        code, printed = main(words), self._capsys.readouterr()
+        with self._commissioned() if verb in ON_A_BUS else nullcontext():
+            code = main(words)
+        printed = self._capsys.readouterr()
         assert code == Exit.OK, (command, printed)
         if target:
             Path(target).write_text(printed.out)
@@ -125,14 +132,12 @@ class Reader:
                 "mdms_host.flashing.firmware_build.compiled_firmware", lambda _machine: NEW
             )
 
-    def _serve(self):
-        """Three blank cells with nothing on them, in real time, patient with a busy machine."""
-        if not self._bus:
-            self._bus = True
-            bank = PythonBank([cob.NODE_NONE] * 3)
-            for cell in bank._cells:
-                cell._objects.put(indices.SETPOINT_TIMEOUT, 0, 500)
-            self._stack.enter_context(serving(bank, "table", "array18", *SMALL))
+    def _commissioned(self):
+        """Cells that are blank until they are commissioned, and the time that they live in."""
+        if self._table is None:
+            bank = self._stack.enter_context(closing(PythonBank([cob.NODE_NONE] * 3)))
+            self._table = SimulatedArray(bank, *SMALL)
+        return virtual_time(self._table)
 
 
 class Port:
@@ -184,7 +189,7 @@ def start_and_end(words):
     assert "\n" in shown.getvalue(), words
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RUN)
 def test_everything_in_a_document_runs(name, tmp_path, monkeypatch, capsys):
     path = next(path for path in DOCUMENTS if path.name == name)

@@ -8,7 +8,7 @@ def refusal(data, key, target, counter, room):
     """The reason why a bundle with these first bytes is refused, 0 if it is not.
 
     `target` are board, bytecode and version number of this cell, `counter` is that of the last
-    bundle that was confirmed, `room` the largest image [bytes].
+    bundle that was confirmed, `room` what a slot takes, and memory of its image [bytes].
     """
     head = bundle.unpack(data)
     if head is None:
@@ -33,4 +33,4 @@ def _unwanted(head, version, counter, room):
         return codes.REPLAYED
     if head.version < version and not head.flags & bundle.OLDER_ALLOWED:
         return codes.OLDER
-    return codes.TOO_LARGE if head.size > room else 0
+    return codes.TOO_LARGE if head.size > room[0] or head.image_size > room[1] else 0

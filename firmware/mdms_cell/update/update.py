@@ -33,8 +33,9 @@ _CODES = {
 class Update:
     """Ties the objects to the board's `slots`.
 
-    `board` has `number`, `bytecode`, `slots_room()` and `restart()` besides. `driving()` is whether
-    a motor is on, `sound()` whether the cell passes its self-test, `attend()` the time [ms].
+    `board` has `number`, `bytecode`, `slots_room()`, `image_room()` and `restart()` besides.
+    `driving()` is whether a motor is on, `sound()` whether the cell passes its self-test,
+    `attend()` the time [ms].
     """
 
     def __init__(self, objects, board, driving, sound, attend):
@@ -116,6 +117,8 @@ class Update:
             self._confirm()
         elif command == codes.RESET:
             self._refuse_while_driving()
+            if not self._slots.may_write():
+                raise self._refusal(codes.DRIVING)  # a wheel brakes still
             self._restart_soon()
         else:
             raise sdo.AbortError(sdo.INVALID_VALUE)
@@ -162,7 +165,7 @@ class Update:
     def _admit(self, data):
         """The head of a bundle that begins so; raises AbortError if it is not for this cell."""
         slots = self._slots
-        counter, room = slots.record.counter, self._board.slots_room()
+        counter, room = slots.record.counter, (self._board.slots_room(), self._board.image_room())
         reason = admission.refusal(data, slots.key(), self._target, counter, room)
         if reason:
             raise self._refusal(reason)

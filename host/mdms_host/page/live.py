@@ -15,10 +15,10 @@ from mdms_host.page import commands
 from mdms_host.page.believed_signals import believed_signals
 from mdms_host.page.bus_rates import BusRates
 from mdms_host.page.commands import Command, RefusedError
-from mdms_host.page.goals_by_hand import GoalsByHand, Places
+from mdms_host.page.parcels_by_hand import ParcelsByHand, Places
 from mdms_host.page.seat import Seat
 from mdms_host.page.shown.bus_watch import KINDS, BusWatch
-from mdms_host.page.shown.description import describe
+from mdms_host.page.shown.description import OTHER_HOST, PHASES, describe
 from mdms_host.page.shown.events import EventList, event_of
 from mdms_host.page.shown.objects import ObjectReader
 from mdms_host.page.shown.offered import plan_of
@@ -75,7 +75,7 @@ class LiveTable:
         self._planned_s = -inf
         self._rates = BusRates(layout.bus_count, len(KINDS))
         self._jitter_s = 0.0
-        self._goals = GoalsByHand(layout, wall_s or now_s, centres_of_mass_m)
+        self._by_hand = ParcelsByHand(layout, wall_s or now_s, centres_of_mass_m)
 
     # What is shown
 
@@ -132,6 +132,8 @@ class LiveTable:
         }
         if coordinator is not None:
             values |= believed_signals(self._things, coordinator)
+        if self._seat.beside_other_host and not self._seat.busy:
+            values["phase"] = [PHASES.index(OTHER_HOST)]
         return values
 
     def on_cycle(self, late_s: float) -> None:
@@ -170,7 +172,7 @@ class LiveTable:
 
     def news(self) -> list[dict[str, Any]]:
         """See `Table`."""
-        for name in self._goals.let_go(self._seat.coordinator):
+        for name in self._by_hand.let_go(self._seat.coordinator):
             self.note("page", f"{name} stays where it is: the hand that dragged its goal is gone")
         self._look()
         self._look_for_things()
@@ -207,9 +209,9 @@ class LiveTable:
         """See `Table`."""
         match command:
             case commands.Goal():
-                self._goals.set(self._running(), command)
+                self._by_hand.set_goal(self._running(), command)
             case commands.Name():
-                self._name(command)
+                self._by_hand.name(self._running(), command)
             case commands.Start():
                 self._seat.start()
                 self.note("page", "the program is started")
@@ -241,24 +243,6 @@ class LiveTable:
         if not 0.0 <= now_s - self._stopped_s < _AGAIN_S:
             self._stopped_s = now_s
             self.note("page", "stop all")
-
-    def _name(self, command: commands.Name) -> None:
-        coordinator = self._running()
-        if not command.name.strip():
-            raise RefusedError("name is empty; a parcel needs one")
-        parcel = Parcel(
-            command.name,
-            command.length_m,
-            command.width_m,
-            shape=command.shape,
-            spread_m=command.spread_m,
-        )
-        try:
-            coordinator.tracker.name(command.parcel, parcel)
-        except KeyError:
-            raise RefusedError(f"nothing unknown is called {command.parcel!r:.60}") from None
-        except ValueError as error:
-            raise RefusedError(str(error)) from None
 
     def _read(self, cell: int) -> None:
         coordinator = self._seat.coordinator

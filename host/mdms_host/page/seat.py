@@ -61,6 +61,11 @@ class Seat:
         return self.coordinator is not None and not self.coordinator.stopped
 
     @property
+    def beside_other_host(self) -> bool:
+        """Whether another host speaks on one of the buses."""
+        return self._other_host.speaks(self._looked_s)
+
+    @property
     def others_ask(self) -> bool:
         """Whether somebody else has read or written objects lately: a cell answers one only."""
         return self._looked_s - self._asked_s < _ASKS_S
@@ -73,7 +78,7 @@ class Seat:
         """
         if self.busy:
             raise RefusedError("the program runs already; stop it first")
-        if self._other_host.speaks(self._looked_s):
+        if self.beside_other_host:
             raise RefusedError(OTHER_HOST)
         self.reader = None
         self.coordinator = self._make()

@@ -11,8 +11,8 @@ from mdms_host.layout import Layout
 from mdms_host.page import commands
 from mdms_host.page.commands import Command
 from mdms_host.page.faults_by_hand import FaultsByHand
-from mdms_host.page.goals_by_hand import Places
 from mdms_host.page.live import LiveTable
+from mdms_host.page.parcels_by_hand import Places
 from mdms_host.page.seat import Seat
 from mdms_host.page.shown.bus_watch import BusWatch
 from mdms_host.page.shown.events import events_of

@@ -120,9 +120,9 @@ class Attempt:
             stuck = len(found) == before
             if not stuck:
                 continue
-            if aside is Aside.NEVER or not (
-                self._made_way(waiting, waiting) or self._both_aside(waiting)
-            ):
+            if aside is Aside.NEVER:
+                break
+            if not self._made_way(waiting, waiting) and not self._both_aside(waiting):
                 break
         if any(self._errands[name].so_far is not None for name in waiting):
             return {}

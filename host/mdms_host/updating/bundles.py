@@ -17,6 +17,7 @@ from mdms_protocol.version import VERSION
 BOOT = (START, "mdms_boot/")
 #: The window is a part of the heap of whoever unpacks.
 _WINDOW_BITS = 12
+_SIZE_BYTES = 4
 #: The boards that have room for a second firmware.
 ROOMY = (codes.TEENSY41, codes.WEACT_H743, codes.VIRTUAL)
 
@@ -70,7 +71,7 @@ def packed_firmware(bytecode: int) -> bytes:
 def pack_image(image: bytes) -> bytes:
     """An image as it lies in a slot: its size, and the zlib stream."""
     packer = zlib.compressobj(9, zlib.DEFLATED, _WINDOW_BITS)
-    return len(image).to_bytes(4, "little") + packer.compress(image) + packer.flush()
+    return len(image).to_bytes(_SIZE_BYTES, "little") + packer.compress(image) + packer.flush()
 
 
 def sign(
@@ -91,6 +92,7 @@ def sign(
         bundle.version_number(version),
         counter,
         len(packed),
+        int.from_bytes(packed[:_SIZE_BYTES], "little"),
         key_id(key),
         hashlib.sha256(packed).digest(),
     )

@@ -11,8 +11,8 @@ from collections import namedtuple
 
 MAGIC = b"MDMB"
 FORMAT = 1
-#: magic, format, flags, bytecode, boards, version, counter, slot size, key identification, digest
-_LAYOUT = "<4sBBHIIII4s32s"
+#: magic, format, flags, bytecode, boards, version, counter, sizes, key identification, digest
+_LAYOUT = "<4sBBHIIIII4s32s"
 CODE_SIZE = 32
 SIGNED_SIZE = struct.calcsize(_LAYOUT)
 HEAD_SIZE = SIGNED_SIZE + CODE_SIZE
@@ -20,10 +20,22 @@ HEAD_SIZE = SIGNED_SIZE + CODE_SIZE
 OLDER_ALLOWED = 1
 
 #: `boards` has a bit for each board that it fits, `bytecode` is `sys.implementation._mpy` of
-#: those, `version` as `version_number` has it, `size` and SHA-256 `digest` are those of what goes
-#: into a slot, `key_id` stands for the key. `counter` goes up with every bundle of an array.
+#: those, `version` as `version_number` has it. `size` and SHA-256 `digest` are those of what goes
+#: into a slot, `image_size` that of the image in memory; `key_id` stands for the key. `counter`
+#: goes up with every bundle of an array.
 Head = namedtuple(
-    "Head", ("flags", "bytecode", "boards", "version", "counter", "size", "key_id", "digest")
+    "Head",
+    (
+        "flags",
+        "bytecode",
+        "boards",
+        "version",
+        "counter",
+        "size",
+        "image_size",
+        "key_id",
+        "digest",
+    ),
 )
 
 

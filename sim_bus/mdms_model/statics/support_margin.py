@@ -7,6 +7,7 @@ wheels, which is the paper's 1-D model, only the way along the row counts.
 """
 
 from math import cos, hypot, inf, sin
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +18,14 @@ from mdms_model.outline import EDGE_M, Outline
 
 #: A centre of mass that is this close above a row of wheels stands on it, as in the physics.
 TIP_M = 1e-6
+
+
+class _Body(NamedTuple):
+    """An outline's normals and distances (E, 3) and its radius, and a centre of mass (2,) in it."""
+
+    edges: Floats
+    radius_m: float
+    centre_m: Floats
 
 
 def support_margin_m(
@@ -37,12 +46,12 @@ def support_margins_m(
     wheel_m: Floats, outline: Outline, centre_of_mass_m: tuple[float, float], poses: Floats
 ) -> Floats:
     """`support_margin_m` at many poses (P, 3), shape (P,)."""
+    edges, centre_m = np.ascontiguousarray(outline.edges[:, :3]), np.array(centre_of_mass_m)
+    body = _Body(edges, outline.radius_m, centre_m.astype(np.float64))
     margins_m: Floats = _margins_m(
         np.ascontiguousarray(wheel_m),
         _line_of(wheel_m),
-        np.ascontiguousarray(outline.edges[:, :3]),
-        outline.radius_m,
-        np.array(centre_of_mass_m, dtype=np.float64),
+        body,
         np.ascontiguousarray(poses),
     )
     return margins_m
@@ -58,19 +67,12 @@ def _line_of(wheel_m: Floats) -> Floats:
 
 
 @compiled
-def _margins_m(  # noqa: PLR0917 - compiled
-    wheel_m: Floats,
-    line: Floats,
-    edges: Floats,
-    radius_m: float,
-    centre_of_mass_m: Floats,
-    poses: Floats,
-) -> Floats:
-    """The margin at each pose, (P,); `edges` (E, 3) are the outline's normals and distances."""
+def _margins_m(wheel_m: Floats, line: Floats, body: _Body, poses: Floats) -> Floats:
+    """The margin at each pose, shape (P,)."""
     margins_m = np.full(len(poses), -inf)
     supports_m = np.empty_like(wheel_m)
     for number in range(len(poses)):
-        count = _supports(wheel_m, edges, radius_m, centre_of_mass_m, poses[number], supports_m)
+        count = _supports(wheel_m, body, poses[number], supports_m)
         if count == 0:
             continue
         if line[0] != 0.0 or line[1] != 0.0:
@@ -81,20 +83,14 @@ def _margins_m(  # noqa: PLR0917 - compiled
 
 
 @compiled
-def _supports(  # noqa: PLR0917 - compiled
-    wheel_m: Floats,
-    edges: Floats,
-    radius_m: float,
-    centre_of_mass_m: Floats,
-    pose: Floats,
-    supports_m: Floats,
-) -> int:
+def _supports(wheel_m: Floats, body: _Body, pose: Floats, supports_m: Floats) -> int:
     """How many wheels lie under an outline; the first `supports_m` are they, from its centre of
     mass [table frame].
     """
     cosine, sine = cos(pose[2]), sin(pose[2])
-    centre_x_m = cosine * centre_of_mass_m[0] - sine * centre_of_mass_m[1]
-    centre_y_m = sine * centre_of_mass_m[0] + cosine * centre_of_mass_m[1]
+    edges, radius_m, centre_m = body
+    centre_x_m = cosine * centre_m[0] - sine * centre_m[1]
+    centre_y_m = sine * centre_m[0] + cosine * centre_m[1]
     count = 0
     for wheel in range(len(wheel_m)):
         x_m, y_m = wheel_m[wheel, 0] - pose[0], wheel_m[wheel, 1] - pose[1]

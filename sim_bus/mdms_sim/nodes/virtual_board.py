@@ -79,8 +79,12 @@ class VirtualBoard:
         self.identifiers = identifiers
 
     def slots_room(self) -> int:
-        """Return the bytes of the largest image that a slot takes."""
+        """Return the bytes that a slot takes."""
         return SLOT_MAX
+
+    def image_room(self) -> int:
+        """Return the bytes of the largest image."""
+        return 2 * SLOT_MAX
 
     def restart(self) -> None:
         """Have the board start anew, as after power-up."""

@@ -64,14 +64,15 @@ def save_wheels(path: Path, scenario: "Scenario", record: "Record") -> None:
 def drawable(scenario: "Scenario", record: "Record") -> "tuple[Scenario, Record]":
     """A record of belief with a pose at every sample: before it is found, a parcel lies there.
 
-    Parcels that were never found are left out.
+    Not where parcels come and go: such a one is where it is believed, and else away. Parcels that
+    were never found are left out.
     """
     if record.estimate is None or not record.is_belief:
         return scenario, record
     pose = record.estimate.copy()
     known = np.asarray(np.isfinite(pose).all(axis=2))
     found = np.flatnonzero(known.any(axis=0))
-    for number in found:
+    for number in () if scenario.stream else found:
         times = np.flatnonzero(known[:, number])
         nearest = np.searchsorted(times, np.arange(len(pose)), side="right") - 1
         pose[:, number] = pose[times[nearest.clip(0)], number]

@@ -69,7 +69,7 @@ def add_legend(figure: Figure, field: FieldMap) -> None:
         for kind, (marker, face, edge, name) in MARKS.items()
         if kind in {Kind.STABLE, Kind.UNSTABLE} or any(rest.kind is kind for rest in field.places)
     ]
-    handles.append(Line2D([], [], color="#3d464e", marker=">", ms=5, label="what a wheel is told"))
+    handles.append(Line2D([], [], color="#3d464e", marker=">", ms=5, label="reference of a wheel"))
     if len(field.y_m) > 1:
         handles.append(Line2D([], [], color=PULL, marker=">", ms=5, label="net force"))
         handles.append(Patch(fc=TIPS, label="tips"))

@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.collections import PatchCollection
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch, Rectangle
+from matplotlib.patches import Patch
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
@@ -32,6 +33,7 @@ TURNS_M_S = 0.004
 TURNING, STILL = "#39434d", "#c3cad0"
 #: How much of a colour covers the cells, in hexadecimal digits.
 RESERVED = "48"
+SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
 #: Of columns of the legend.
 MOST_COLUMNS = 4
 
@@ -53,7 +55,7 @@ class MovingView:
             (LEFT_IN / WIDTH_IN, bottom, width_in / WIDTH_IN, view_in / self._height_in)
         )
         self._cells = HeldCells(axes, scenario.array)
-        self.tiles = PatchCollection([], zorder=2, linewidths=0, antialiaseds=False)
+        self.tiles = PolyCollection([], zorder=2, linewidths=0, antialiaseds=False)
         axes.add_collection(self.tiles)
         draw_exits(axes, scenario)
         self._wheels = add_wheels(axes, scenario, 2.0)
@@ -99,15 +101,11 @@ class MovingView:
             return
         self._plan = plan
         tiles = [tile for tile in plan.tiles if tile.parcels and tile.parcels[0] in self._numbers]
-        half_m = [tile.side_m / 2 for tile in tiles]
-        self.tiles.set_paths(
-            [
-                Rectangle((tile.x_m - half, tile.y_m - half), tile.side_m, tile.side_m)
-                for tile, half in zip(tiles, half_m, strict=True)
-            ]
-        )
-        colours = [self._colours[self._numbers[tile.parcels[0]]] for tile in tiles]
-        self.tiles.set_facecolor([f"{colour}{RESERVED}" for colour in colours])
+        middles_m = np.array([(tile.x_m, tile.y_m) for tile in tiles]).reshape(-1, 1, 2)
+        halves_m = np.array([tile.side_m / 2 for tile in tiles]).reshape(-1, 1, 1)
+        self.tiles.set_verts(middles_m + halves_m * SQUARE)
+        paints = [to_rgba(f"{colour}{RESERVED}") for colour in self._colours]
+        self.tiles.set_facecolor([paints[self._numbers[tile.parcels[0]]] for tile in tiles])
 
     def _told(self, instant: int) -> str:
         """What is told below the title."""
@@ -115,7 +113,7 @@ class MovingView:
             time_s = self._record.time_s[instant] + 1e-9
             left = sum(e.kind == "exit" and e.time_s <= time_s for e in self._record.events)
             there = sum(parcel.is_there(instant) for parcel in self.parcels)
-            return f"{there} on the table, {left} have left"
+            return f"{there} on the table" + f", {left} have left" * bool(left)
         told = [parcel.story(instant) for parcel in self.parcels[:MOST_TOLD]]
         if len(self.parcels) > MOST_TOLD:
             told.append(f"{len(self.parcels) - MOST_TOLD} more")

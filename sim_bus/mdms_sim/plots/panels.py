@@ -50,7 +50,8 @@ def panels_of(scenario: Scenario, record: Record) -> list[Panel]:
     """What there is to be seen of a run over time."""
     panels = []
     if scenario.stream:
-        panels.append(Panel("have left", lambda axes: _draw_left(axes, scenario, record)))
+        if any(event.kind == "exit" for event in record.events):
+            panels.append(Panel("have left", lambda axes: _draw_left(axes, scenario, record)))
         panels.append(Panel("on the table", lambda axes: _draw_there(axes, record)))
     else:
         for part, (name, _, _) in enumerate(POSES):

@@ -25,7 +25,7 @@ WIDTH_IN, TOP_IN, EDGE_IN, GAP_IN = 13.0, 0.85, 0.75, 0.85
 LONG, MANY_COLUMNS = 2.2, 12
 #: Beside panels a table takes so much of the width, and so much height at most [in].
 BESIDE_IN, DEEPEST_IN = 7.0, 7.5
-PANEL_IN, PANEL_GAP_IN, COLUMNS = 1.15, 0.22, 3
+PANEL_IN, PANEL_GAP_IN, COLUMNS = 1.0, 0.22, 3
 TICKS_IN, LEGEND_ROW_IN, SCALE_IN = 0.55, 0.24, 0.3
 #: The legend names no more parcels.
 MOST_NAMED = 12
@@ -187,10 +187,11 @@ def _add_titles(figure: Figure, scenario: Scenario, record: Record) -> None:
     stories = [_story(scenario, record, number) for number in lasting[:2]]
     if len(lasting) > len(stories):
         stories.append(f"{len(lasting) - len(stories)} more")
-    if scenario.stream:
-        came, left_table = (
-            sum(event.kind == kind for event in record.events) for kind in ("arrival", "exit")
-        )
+    came, left_table = (
+        sum(event.kind == kind for event in record.events) for kind in ("arrival", "exit")
+    )
+    # Nobody counts them on hardware.
+    if came:
         stories.append(f"{came} parcels came, and {left_table} left")
     figure.text(left, 1 - 0.66 / height_in, ";  ".join(stories), color=FAINT, fontsize=10)
 

@@ -133,9 +133,9 @@ class Recorder:
 
 
 class StillTable(Recorder):
-    """The same, with 18 cells, a box at its goal, and something unknown, all of which stay."""
+    """The same, with cells, a box at its goal, and something unknown, all of which stay."""
 
-    def __init__(self) -> None:
+    def __init__(self, columns: int = 6, rows: int = 3) -> None:
         super().__init__()
         corners = np.array([[0.12, 0.1], [-0.12, 0.1], [-0.12, -0.1], [0.12, -0.1]])
         size = Size(0.2404, 0.2, (0.01, 0.01), (0.2, 0.18), (0.26, 0.22), 0.0)
@@ -144,7 +144,9 @@ class StillTable(Recorder):
             "box": Thing(outline),
             "unknown-1": Thing(outline, unknown=True, size=size),
         }
-        self._layout = Layout(6, 3)
+        cells = range(columns * rows)
+        nodes, buses = tuple(k % 18 + 1 for k in cells), tuple(k // 18 for k in cells)
+        self._layout = Layout(columns, rows, node_ids=nodes, buses=buses)
         self._signals = Signals.of(self._layout, 2, len(KINDS))
 
     def description(self) -> dict[str, Any]:
@@ -159,8 +161,8 @@ class StillTable(Recorder):
             "parcel_true": poses,
             "parcel_goal": [poses[0], [np.nan] * 3],
             "parcel_state": [3, 4],
-            "bus_load": [0.47],
-            "bus_error_rate": [2.5],
+            "bus_load": np.full(self._layout.bus_count, 0.47),
+            "bus_error_rate": np.full(self._layout.bus_count, 2.5),
         }
         return self._signals.pack(1, sequence, values)
 

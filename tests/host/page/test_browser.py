@@ -258,7 +258,7 @@ def test_recording_is_scrubbed(recorded, open_page):
     page.click("#tab-plots")
     wait_until(page, "page.history.snapshots.length > 100")
     assert page.locator("#plots canvas").count() >= 5
-    assert page.locator(".plot .help").count() == 3
+    assert page.locator(".plot .help").count() == 4
 
 
 @pytest.fixture
@@ -325,6 +325,67 @@ def test_every_hand_asks_for_what_it_does(still, open_page):
     # A choice that has been made does not swallow the space bar.
     page.keyboard.press("Space")
     assert asked(page, table) == commands.StopAll()
+
+
+def test_table_is_zoomed_and_panned_by_wheel_hand_and_keys(still, open_page):
+    _, address = still
+    page = open_page(address)
+    before = page.evaluate("[page.view.scale, page.view.x, page.view.y]")
+    page.mouse.move(*place_of(page, 0.0, 0.0))
+    page.mouse.wheel(0, -300)
+    wait_until(page, "before => page.view.scale > 1.3 * before[0]", before)
+    # What is under the pointer stays there.
+    assert page.evaluate("[page.view.x, page.view.y]") == pytest.approx(before[1:], abs=1e-3)
+    drag(page, place_of(page, 0.0, 0.15), place_of(page, -0.1, 0.15))
+    assert page.evaluate("page.view.x") == pytest.approx(0.1, abs=0.01)
+    page.focus("#table")
+    page.keyboard.press("ArrowUp")
+    assert page.evaluate("page.view.y") > before[2]
+    page.keyboard.press("0")
+    assert page.evaluate("[page.view.scale, page.view.x, page.view.y]") == before
+    assert page.get_attribute("#table", "aria-label") == "The table from above: 18 off"
+
+
+#: Notes where texts of the picture are: left, top, right, bottom.
+SPY = """
+window.texts = [];
+const fill = CanvasRenderingContext2D.prototype.fillText;
+CanvasRenderingContext2D.prototype.fillText = function (text, x, y) {
+  const size = this.measureText(text), left = x - size.actualBoundingBoxLeft;
+  const top = y - size.actualBoundingBoxAscent, bottom = y + size.actualBoundingBoxDescent;
+  if (/\\d$/.test(text)) window.texts.push([text, left, top, left + size.width, bottom]);
+  fill.call(this, text, x, y);
+};
+"""
+
+
+@pytest.mark.parametrize(
+    ("columns", "rows", "width"), [(6, 3, 390), (9, 6, 1280), (9, 6, 390), (30, 6, 1280)]
+)
+def test_numbers_of_cells_cover_neither_sensors_nor_each_other(browser, columns, rows, width):
+    opened = OpenPage(StillTable(columns, rows))
+    context = browser.new_context(viewport={"width": width, "height": 760})
+    page = context.new_page()
+    page.add_init_script(SPY)
+    page.goto(opened.page.address)
+    wait_until(page, "Boolean(window.page?.snapshot && window.page.control)")
+    page.evaluate("window.texts = []; page.picture.kept = ''; page.redraw()")
+    page.wait_for_timeout(200)
+    size, radius, sensors, texts = page.evaluate(
+        "[page.table.pitch_m * page.view.scale, page.picture.sensorRadius,"
+        " page.table.cells_m.flatMap(([x, y]) => page.table.sensors_m.map(([dx, dy]) =>"
+        "   [page.view.px(x + dx), page.view.py(y + dy)])), window.texts]"
+    )
+    context.close()
+    opened.close()
+    numbers = texts[: columns * rows]
+    # Whoever is too far off for numbers has none.
+    assert len(numbers) == (columns * rows if size > 24 else 0)
+    for text, left, top, right, bottom in numbers:
+        assert right - left < size, text
+        if size > 34:
+            near = [(x, y) for x, y in sensors if left - radius < x < right + radius]
+            assert not [y for _, y in near if top - radius < y < bottom + radius], (text, size)
 
 
 def test_what_is_unknown_is_named_with_the_size_that_is_proposed_or_as_a_disc(still, open_page):
@@ -418,8 +479,11 @@ def test_page_fits_a_phone_and_both_themes(demo, open_page):
     assert page.evaluate("document.documentElement.dataset.theme") == "light"
     page.set_viewport_size({"width": 390, "height": 800})
     page.wait_for_timeout(200)
-    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
-    assert page.is_visible("#stop-all")
+    for tab in ("details", "plots", "events", "faults"):
+        page.click(f"#tab-{tab}")
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        assert page.evaluate("document.querySelector('#side').scrollWidth <= innerWidth")
+        assert page.is_visible("#stop-all")
 
 
 def test_files_of_the_page_are_small():

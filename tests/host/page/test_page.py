@@ -169,6 +169,17 @@ def test_refusal_of_the_table_is_passed_on(table, visit):
     }
 
 
+def test_command_that_fails_is_answered_and_shown_and_the_client_stays(
+    table, visit, monkeypatch, capfd
+):
+    visitor = visit()
+    monkeypatch.setattr(table, "do", lambda _command: 1 / 0)
+    assert visitor.ask("start")["text"] == "it has failed: ZeroDivisionError: division by zero"
+    assert "ZeroDivisionError" in capfd.readouterr().err
+    monkeypatch.undo()
+    assert visitor.ask("start")["ok"]
+
+
 def test_when_the_one_in_control_stays_away_the_table_is_told_once(table, visit):
     visitor = visit()
     visitor.await_message("control")

@@ -35,6 +35,8 @@ def test_values_are_read_as_people_write_them(index, sub, value, reading):
 
 
 def test_every_object_has_a_reading_and_a_name_of_its_own():
+    assert name_of(ENTRIES[0x1016, 1]) == "Consumer heartbeat time 1"
+    assert name_of(ENTRIES[0x1018, 1]) == "Identity object: Vendor-ID"
     names = [name_of(entry) for entry in ENTRIES.values()]
     assert len(set(names)) == len(names)
     for entry in ENTRIES.values():

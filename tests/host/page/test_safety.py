@@ -48,6 +48,7 @@ def test_program_does_not_start_beside_another_host_which_goes_on_undisturbed(mo
     with pytest.raises(RefusedError, match="another host runs on this bus"):
         desk.table.do(commands.Start())
     desk.run(0.3)
+    assert phase(desk) == "another host drives"
     assert other.coordinator.fault is None
     assert set(desk.shown["cell_state"]) == {CellState.RUNNING}
     assert fastest_m_s(desk) > 0.05

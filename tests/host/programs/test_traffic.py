@@ -2,11 +2,13 @@
 
 from math import hypot
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from tests.host.programs.rolling import Rolling
 
+from mdms_host.cli.records.plan_log import PlanLog
 from mdms_host.motion.goal import Goal
 from mdms_host.programs.order import Gate
 from mdms_host.programs.table import ProgramError
@@ -230,3 +232,23 @@ def test_ways_and_tiles_that_are_left_can_be_shown():
     assert 0 < len(table.program.reserved) < before
     table.run_until(6.0, lambda: table.program.finished)
     assert (table.program.ways, table.program.reserved) == ({}, [])
+
+
+def test_what_is_planned_is_kept_for_the_record_as_it_changes_and_as_tiles_are_left():
+    table = two_boxes(main=go_east)
+    host = SimpleNamespace(program=table.program, goals={})
+    log = PlanLog(host)
+    for cycle in range(1, 301):
+        table.run(0.02)
+        host.goals = {name: one.goal for name, one in table.program.controllers.items()}
+        log.look(0.02 * cycle)
+    under_way = [plan for plan in log.plans if plan.ways]
+    tiles = [len(plan.tiles) for plan in under_way]
+    assert tiles == sorted(tiles, reverse=True)
+    assert tiles[-1] < tiles[0]
+    assert log.plans[-1].ways == {}
+    # The goal, the way, twice a second of it, and its end.
+    assert len(log.plans) < 12
+    for plan in under_way:
+        assert plan.goals["box"].tolist()[:2] == [0.36, 0.0]
+        assert plan.due_s["box"][-1] > plan.time_s

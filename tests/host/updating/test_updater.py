@@ -11,7 +11,7 @@ from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.nodes.virtual_board import VirtualBoard
 
 KEY = bytes(range(32))
-PACKED = bytes([number * 13 & 0xFF for number in range(3000)])
+PACKED = b"\x00\x20\x00\x00" + bytes([number * 13 & 0xFF for number in range(3000)])
 BITRATE = 1_000_000
 
 

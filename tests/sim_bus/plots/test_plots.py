@@ -11,6 +11,7 @@ from mdms_model.run.colours import parcel_colour
 from mdms_model.run.record import Contact, Event, Record
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Parcel
+from mdms_model.scenario.stream import Stream
 from mdms_sim.plots import drawable, is_row, save_picture, save_wheels
 from mdms_sim.plots.plane import draw_plane
 from mdms_sim.plots.row import BANDS, draw_row
@@ -342,6 +343,15 @@ def test_belief_is_drawn_where_there_is_no_truth_and_said_to_be_one(plane, belie
     figure = draw_plane(scenario, record)
     assert "as the coordinator believes" in text_of(figure)
     assert "wheel rolled" not in [text.get_text() for axes in figure.axes for text in axes.texts]
+
+
+def test_believed_parcels_that_come_and_go_are_away_in_between(plane, believed_record):
+    believed_record.estimate[20:30] = np.nan
+    coming = replace(plane, stream=(Stream(("box",), 0.0, 0.0),))
+    _, record = drawable(coming, believed_record)
+    away = np.isnan(record.pose[:, 0, 0])
+    assert np.flatnonzero(away).tolist() == [*range(5), *range(20, 30)]
+    draw_plane(*drawable(coming, believed_record))
 
 
 def test_truth_is_drawn_as_it_is(plane, plane_record):

@@ -112,6 +112,9 @@ class PipeBoard:
     def slots_room(self):
         return 256 * 1024
 
+    def image_room(self):
+        return 256 * 1024
+
     def restart(self):
         """The other process sees to it, as a reset does: nothing here goes on."""
         self._teller.write(b"restart %d\n" % FileFlash.operations)

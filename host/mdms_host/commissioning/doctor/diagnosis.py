@@ -10,6 +10,7 @@ from mdms_host.commissioning.doctor.examination import Examination, Examined
 from mdms_host.commissioning.doctor.findings import Finding
 from mdms_protocol import cia402, cob, indices
 from mdms_protocol.dictionary import AXES, AXIS_OFFSET
+from mdms_protocol.update import codes
 from mdms_protocol.version import VERSION
 
 _BUS_OFF = 0x8140
@@ -118,6 +119,10 @@ def _of_cell(cell: Examined, cells: Mapping[int, Examined]) -> Iterator[Finding]
         free = cell[indices.MEMORY, sub]
         if free != _UNKNOWN and free < least:
             yield Finding(kind, f"{free} bytes are free", node)
+    if codes.reason_of(cell.objects.get((indices.FLASH_STATUS, 1), 0)) == codes.ROLLED_BACK:
+        yield Finding("rolled-back", f"{cell.identity.software} runs", node)
+    if cell.objects.get((indices.UPDATE, 8)):
+        yield Finding("on-trial", f"{cell.identity.software} runs, on trial", node)
     wanted_s = cell[indices.PRODUCER_TIME, 0] * 1e-3
     if cell.period_s and wanted_s and abs(cell.period_s / wanted_s - 1) > _CLOCK_SHARE:
         text = f"a heartbeat every {cell.period_s * 1e3:.1f} ms, {wanted_s * 1e3:g} are set"

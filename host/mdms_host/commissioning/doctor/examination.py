@@ -38,6 +38,8 @@ _OF_CELL = (
     *((indices.STATUSWORD + axis * AXIS_OFFSET, 0) for axis in range(AXES)),
     *_PLACES,
 )
+#: What firmware that came over USB alone does not have.
+_OF_UPDATE = ((indices.FLASH_STATUS, 1), (indices.UPDATE, 8))
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +140,8 @@ def _examine_node(
         return
     try:
         objects = {place: commissioning.read(node_id, *place) for place in _OF_CELL}
+        with suppress(RefusedError):
+            objects |= {place: commissioning.read(node_id, *place) for place in _OF_UPDATE}
         count = commissioning.read(node_id, indices.ERROR_HISTORY)
         history = [
             commissioning.read(node_id, indices.ERROR_HISTORY, sub) & 0xFFFF

@@ -181,6 +181,18 @@ KINDS: Mapping[str, Kind] = {
         "mpremote fs ls, and delete what is not of the firmware.",
         serious=False,
     ),
+    "rolled-back": Kind(
+        "Firmware that came over the bus did not stay, and the one before runs.",
+        "It crashed, hung or lost its supply on trial, or the host fell silent before it had "
+        "confirmed it.",
+        "mdms flash --bus again; if it does not stay then either, look at crash.log over USB.",
+        serious=False,
+    ),
+    "on-trial": Kind(
+        "No axis can be enabled: firmware is on trial that nobody has confirmed.",
+        "mdms flash --bus was broken off.",
+        "Wait a minute, after which the firmware before comes back; then mdms flash --bus.",
+    ),
     "settings": Kind(
         "A cell's settings are not those of the array file; a run refuses it.",
         "They were changed by hand, or lost.",

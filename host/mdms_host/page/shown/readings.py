@@ -18,7 +18,7 @@ _SHARE = "1"
 def name_of(entry: Entry) -> str:
     """What an entry is called, with its object where that says more."""
     group = GROUPS[entry.index]
-    return entry.name if entry.name == group else f"{group}: {entry.name}"
+    return entry.name if group in entry.name else f"{group}: {entry.name}"
 
 
 def reading_of(entry: Entry, value: int) -> str:
@@ -84,7 +84,7 @@ _READINGS: tuple[tuple[tuple[str, ...], Callable[[Entry, int], str]], ...] = (
     (
         (
             *("evice type", "Error register", "Vendor-ID", "Product code", "Serial number"),
-            *("controlword", "drive modes", "signature", "Bytes", "parameters"),
+            *("controlword", "drive modes", "signature", "Bytes"),
         ),
         _hex,
     ),

@@ -69,11 +69,16 @@ export class Details {
     return kind === "cell" ? this.factsOfCell(snapshot, number) : this.factsOfParcel(snapshot, number);
   }
 
-  factsOfTable(s) {
+  /** How many cells are in which state. */
+  cellsOf(s) {
     const states = this.table.cell_states.map((name, k) => [name, s.cell_state.filter((state) => state === k).length]);
+    return states.filter(([, count]) => count).map(([name, count]) => `${count} ${name}`).join(", ");
+  }
+
+  factsOfTable(s) {
     return [
       ["program", this.table.phases[s.phase[0]]],
-      ["cells", states.filter(([, count]) => count).map(([name, count]) => `${count} ${name}`).join(", ")],
+      ["cells", this.cellsOf(s)],
       ["grid", `${this.table.columns} × ${this.table.rows}, pitch ${mm(this.table.pitch_m)}`],
       ...[...s.bus_load].map((load, b) => [this.table.bus_count > 1 ? `load of bus ${b}` : "load of the bus", `${(100 * load).toFixed(0)} %`]),
       ...this.table.parcels.map(({ name }, p) => [name, this.table.parcel_states[s.parcel_state[p]]]),

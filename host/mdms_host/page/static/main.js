@@ -189,6 +189,8 @@ class Page {
     text("pace", Number.isFinite(s.real_time_factor[0]) ? `${s.real_time_factor[0].toFixed(2)}×` : "–");
     text("pause", s.paused[0] ? (this.table.recorded ? "Play" : "Go on") : "Pause");
     if (!$("details").hidden) this.details.update(s);
+    const seen = `The table from above: ${this.details.cellsOf(s)}`;
+    if ($("table").getAttribute("aria-label") !== seen) $("table").setAttribute("aria-label", seen);
     if (this.table.recorded && document.activeElement !== $("scrub")) $("scrub").value = s.time[0];
     text("scrub-time", `${s.time[0].toFixed(2)} / ${(this.table.duration_s ?? 0).toFixed(2)} s`);
   }

@@ -11,6 +11,7 @@ const NO_LOG = "The run has no bus log.";
 const NO_ERRORS = "Bus logs have whole frames only, and not every CAN interface reports error frames.";
 const NO_COUNTERS = "The nodes' own: no frame has them, so they are shown while a simulation runs.";
 const NO_BELIEF = "No coordinator has believed anything of this parcel.";
+const NO_DEVIATION = "A run has no deviations of beliefs.";
 const NO_JITTER = "A run has the table's time, and not the machine's.";
 
 /**
@@ -65,7 +66,7 @@ function plotsOf(table, chosen) {
     const other = table.true_known ? "parcel_true" : "parcel_goal";
     const title = table.true_known ? `Belief less truth, ${name}` : `Belief less goal, ${name}`;
     const off = (k, scale) => (s) => scale * (s.parcel_believed[at + k] - s[other][at + k]);
-    wheels.push({ title, unit: "mm", lacks: NO_BELIEF, lines: [["x", off(0, 1e3)], ["y", off(1, 1e3)],
+    wheels.push({ title, unit: "mm", lacks: NO_BELIEF, partly: NO_DEVIATION, lines: [["x", off(0, 1e3)], ["y", off(1, 1e3)],
       ["deviation", (s) => 1e3 * Math.sqrt(Math.max(s.parcel_spread[4 * parcel], s.parcel_spread[4 * parcel + 2]))]] });
     wheels.push({ title: `${title}: yaw`, unit: "°", lacks: NO_BELIEF, lines: [
       ["yaw", (s) => turned(s.parcel_believed[at + 2] - s[other][at + 2]) * 180 / Math.PI]] });
@@ -105,16 +106,22 @@ export class Plots {
       this.place.append(box);
       if (this.isKnown(plot)) {
         // In a recorded run lines of which nothing is known are left out.
-        plot.lines = plot.lines.filter((one) => !this.history.whole || this.isKnown({ lines: [one] }));
+        const known = plot.lines.filter((one) => !this.history.whole || this.isKnown({ lines: [one] }));
+        if (known.length < plot.lines.length && plot.partly) this.say(box, plot.partly);
+        plot.lines = known;
         this.drawn.push({ plot, chart: this.chart(box, plot, text, line) });
       } else {
-        const reason = document.createElement("p");
-        reason.className = "help";
-        reason.textContent = plot.lacks ?? "Nothing is known of it.";
-        box.append(reason);
+        this.say(box, plot.lacks ?? "Nothing is known of it.");
         this.lacking.push(plot);
       }
     }
+  }
+
+  say(box, reason) {
+    const line = document.createElement("p");
+    line.className = "help";
+    line.textContent = reason;
+    box.append(line);
   }
 
   /** Whether there is anything to draw: in a recorded run ever, else now. */
@@ -208,7 +215,7 @@ export class Plots {
 /** Three digits that count, and no power of ten. */
 function readable(value) {
   const size = Math.abs(value);
-  return value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : 2);
+  return value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : 2).replace(/^-(?=[0.]+$)/, "");
 }
 
 /** What all but a twentieth of the values stay below. */

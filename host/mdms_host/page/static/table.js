@@ -8,7 +8,7 @@ const ARROWS_M_S = [0.1, 0.2, 0.5, 1, 2, 5, 10];
 /** Wheels that slip faster are drawn as slipping [m/s]. */
 const SLIPS_M_S = 0.005;
 /** Cells that are larger have their sensors drawn, their numbers, and these in their corners [pixels]. */
-const SENSORS_PX = 34, NUMBERS_PX = 24, CORNERS_PX = 66;
+const SENSORS_PX = 34, NUMBERS_PX = 24, CORNERS_PX = 80;
 /** Where the colours of the heatmaps end. */
 const MOST = { slip: 0.05, normal: 1 };
 const IDENTITIES = ["#c95c93", "#4c8f3c", "#5580d6", "#b8731d", "#9170d1", "#1f8f8f", "#cb6161", "#7a8922"];
@@ -137,7 +137,7 @@ export class TablePicture {
     context.strokeStyle = colourOf(identity);
     context.lineWidth = state === 3 ? 3 : 1.5;
     context.setLineDash(state === 1 ? [2, 4] : []);
-    const inner = 0.88 * half;
+    const inner = half - 2.5;
     context.strokeRect(px - inner, py - inner, 2 * inner, 2 * inner);
     context.setLineDash([]);
   }
@@ -177,15 +177,15 @@ export class TablePicture {
   /** Where no sensor and no wheel is: in the upper corner, between sensors, or, without these, in the lower one. */
   drawNumber(context, cell, px, py, half, size, state) {
     const roomy = size > CORNERS_PX, between = !roomy && size > SENSORS_PX;
-    context.font = `${roomy ? Math.min(13, 0.13 * size) : 9}px system-ui, "DejaVu Sans", sans-serif`;
+    context.font = `${roomy ? Math.min(13, 0.11 * size) : 9}px system-ui, "DejaVu Sans", sans-serif`;
     context.textBaseline = roomy ? "top" : "bottom";
     context.textAlign = between ? "center" : "left";
     context.fillStyle = this.colours[this.heat === "state" ? "label" : "text"];
-    context.fillText(this.nameOf(cell, roomy), between ? px : px - half + (roomy ? 4 : 2), roomy ? py - half + 3 : py + half);
+    context.fillText(this.nameOf(cell, roomy), between ? px : px - half + (roomy ? 7 : 3), roomy ? py - half + 5 : py + half);
     if (state !== 3 && state !== 2 && roomy) {
       context.textAlign = "right";
       context.fillStyle = this.colours[{ 4: "fault-text", 5: "suspected-text" }[state] ?? "label"];
-      context.fillText(STATES[state], px + half - 4, py - half + 3);
+      context.fillText(STATES[state], px + half - 7, py - half + 5);
     }
   }
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import traceback
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from importlib.resources import files
@@ -173,6 +174,11 @@ class PageApp:
             client.send({"kind": "answer", "id": number, "ok": True, "text": text})
         except RefusedError as refusal:
             client.send({"kind": "answer", "id": number, "ok": False, "text": str(refusal)})
+        except Exception as error:
+            # A defect, or what no command can know beforehand: who has asked is told, and stays.
+            text = f"it has failed: {type(error).__name__}: {error}"
+            client.send({"kind": "answer", "id": number, "ok": False, "text": text})
+            traceback.print_exception(error)
         return True
 
     async def _carry_out(self, client: Client, command: Command) -> str | None:

@@ -15,8 +15,8 @@ from mdms_protocol.update import codes
 from mdms_protocol.version import VERSION
 from mdms_sim.nodes.virtual_board import VirtualBoard
 
-PACKED = bytes([number * 13 & 0xFF for number in range(2000)])
-OTHER = bytes([number * 17 & 0xFF for number in range(1500)])
+PACKED = b"\x00\x20\x00\x00" + bytes([number * 13 & 0xFF for number in range(2000)])
+OTHER = b"\x00\x10\x00\x00" + bytes([number * 17 & 0xFF for number in range(1500)])
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Goals that a person gives parcels: only where they stand safely, and held while they are dragged.
+"""What a person asks of parcels: goals, only where they stand safely, and names.
 
 A parcel follows a goal that is dragged only as long as there is a hand on it.
 """
@@ -28,8 +28,8 @@ _BESIDE_M = 0.01
 Places = Mapping[str, tuple[float, float]]
 
 
-class GoalsByHand:
-    """Sets goals of a coordinator's parcels; `wall_s` returns the machine's time.
+class ParcelsByHand:
+    """Sets goals of a coordinator's parcels, and names them; `wall_s` returns the machine's time.
 
     `centres_of_mass_m` are those of parcels that have them beside their origins, in their frames.
     """
@@ -45,7 +45,7 @@ class GoalsByHand:
         self._centres_of_mass_m = centres_of_mass_m
         self._held: dict[str, float] = {}
 
-    def set(self, coordinator: Coordinator, command: commands.Goal) -> None:
+    def set_goal(self, coordinator: Coordinator, command: commands.Goal) -> None:
         """Steer a parcel there from now on. Raises `RefusedError`.
 
         What is dragged to where it cannot go is held at the goal before.
@@ -77,6 +77,24 @@ class GoalsByHand:
         if coordinator is None or coordinator.stopped:
             return []
         return [name for name in gone if _stay(coordinator, name)]
+
+    def name(self, coordinator: Coordinator, command: commands.Name) -> None:
+        """Take what is unknown for a parcel. Raises `RefusedError`."""
+        if not command.name.strip():
+            raise RefusedError("name is empty; a parcel needs one")
+        parcel = Parcel(
+            command.name,
+            command.length_m,
+            command.width_m,
+            shape=command.shape,
+            spread_m=command.spread_m,
+        )
+        try:
+            coordinator.tracker.name(command.parcel, parcel)
+        except KeyError:
+            raise RefusedError(f"nothing unknown is called {command.parcel!r:.60}") from None
+        except ValueError as error:
+            raise RefusedError(str(error)) from None
 
     def _check(self, coordinator: Coordinator, parcel: Parcel, goal: Goal) -> None:
         """Raises `RefusedError` where a parcel would tip at its goal, or on its way."""
