@@ -26,5 +26,6 @@ package(
         "sdo.py",
         "signature.py",
         "version.py",
+        "words.py",
     ),
 )

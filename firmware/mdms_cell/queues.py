@@ -3,7 +3,7 @@
 try:
     import micropython
 except ImportError:
-    from mdms_cell.cpython import micropython, ptr8
+    from mdms_protocol.cpython import micropython, ptr8
 
 REMOTE_OR_EXTENDED = 3  # CAN.FLAG_RTR and CAN.FLAG_EXT_ID of `machine.CAN`
 

@@ -7,7 +7,7 @@ the background in the registers, and received frames wait in the inbox.
 try:
     import micropython
 except ImportError:
-    from mdms_cell.cpython import micropython
+    from mdms_protocol.cpython import micropython
 
 from mdms_cell.drive import speed_loop
 

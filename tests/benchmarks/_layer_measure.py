@@ -72,7 +72,8 @@ def layer_bytes():
         pdos=cell._pdos,
         consumer=cell._consumer,
         emcy=cell._emcy,
-        attend=cell._attend,
+        now=cell._now,
+        wake=cell._wake,
         changed=cell._listen,
     )
     gc.collect()

@@ -1,5 +1,7 @@
 """One cell of nine under a parcel, on every interpreter: what it sends, and what its wheels do."""
 
+from array import array
+
 from layer_bench import IDENTITY, NEIGHBOURS, NODE, Middle
 
 from mdms_cell.drive import speed_loop
@@ -24,9 +26,9 @@ def estimates(middle):
     found = []
     for can_id, data in middle.board.take():
         if can_id == cob.TPDO_BASES[2] + NODE:
-            fields = [0] * wire.ESTIMATE_FIELDS
+            fields = array("i", [0] * wire.ESTIMATE_FIELDS)
             assert wire.unpack_estimate(data, fields, 0)
-            found.append(fields)
+            found.append(list(fields))
     return found
 
 
