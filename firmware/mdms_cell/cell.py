@@ -165,6 +165,7 @@ class Cell:
 
     # What the background loop and the timer interrupt call
 
+    @micropython.native
     def on_frame(self, can_id, data, now_ms):
         """Take in a frame from the bus; one that makes no sense is counted and dropped."""
         self.now_ms = now_ms

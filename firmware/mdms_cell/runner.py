@@ -63,6 +63,7 @@ class Runner:
             self._cell.recover()
             self._registers[speed_loop.CUT] = 0
 
+    @micropython.native
     def _receive(self, now_ms):
         """Take frames, no more than `FRAMES_PER_TURN`, so that traffic starves nothing else."""
         inbox = self._board.inbox

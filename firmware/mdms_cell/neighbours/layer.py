@@ -4,6 +4,11 @@ At SYNC the cell sends its speeds and, if it is at a parcel, its estimate; `UPDA
 of its neighbours have come, and `update` runs in the background. What it decides holds for a beat.
 """
 
+try:
+    import micropython
+except ImportError:
+    from mdms_protocol.cpython import micropython
+
 from array import array
 
 from mdms_cell import ticks
@@ -244,6 +249,7 @@ class Layer:
         if tracking.under and program is not None and program.complete:
             self._hand_on(program, sent)
 
+    @micropython.native
     def _listen(self):
         """Pass on what neighbours sent; returns the mask of those that have."""
         estimates, fresh, on_message = (

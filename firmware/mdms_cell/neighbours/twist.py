@@ -20,8 +20,10 @@ assert _ARM * STEP_UM == ARM_UM
 _SLIPPING_UM_S = const(3_000)
 #: Errors above this count no more than it [um/s].
 _CLIP_UM_S = const(65_000)
-#: No parcel is faster, and no wheel counts as faster [um/s].
+#: No parcel is faster or turns faster, and no wheel counts as faster [um/s]: so all fits 32 bits,
+#: for parcels up to 0.6 m.
 _MOST_UM_S = const(1_300_000)
+_MOST_TURN_UM_S = const(500_000)
 #: Keeps a direction that no wheel shows where it was.
 _RIDGE = const(8)
 _SWEEPS = const(4)
@@ -110,8 +112,8 @@ def _fit(  # noqa: PLR0915, PLR0917 - viper takes words
             speed = speeds[wheel] << widen >> widen
             if speed > _MOST_UM_S:
                 speed = _MOST_UM_S
-            elif speed < 0 - _MOST_UM_S:
-                speed = 0 - _MOST_UM_S
+            elif speed < -_MOST_UM_S:
+                speed = -_MOST_UM_S
             error = speed - (along_x * vx + along_y * vy + lever * turn >> 9)
             size = error if error > 0 else 0 - error
             errors += size
@@ -119,8 +121,8 @@ def _fit(  # noqa: PLR0915, PLR0917 - viper takes words
             weight = 64 * slip // (slip + size) * slip // (slip + size)
             if error > _CLIP_UM_S:
                 error = _CLIP_UM_S
-            elif error < 0 - _CLIP_UM_S:
-                error = 0 - _CLIP_UM_S
+            elif error < -_CLIP_UM_S:
+                error = -_CLIP_UM_S
             error = weight * error >> 6
             xx += weight * along_x * along_x >> 15
             xy += weight * along_x * along_y >> 15
@@ -142,6 +144,13 @@ def _fit(  # noqa: PLR0915, PLR0917 - viper takes words
             dt = (rt - xt * dx - yt * dy) // (tt + _RIDGE)
     else:
         vx = vy = turn = 0
-    twist[_VX] = vx + dx
-    twist[_VY] = vy + dy
-    twist[_TURN] = turn + dt
+    vx += dx
+    vy += dy
+    turn += dt
+    if vx > _MOST_UM_S or vx < -_MOST_UM_S or vy > _MOST_UM_S or vy < -_MOST_UM_S:
+        vx = vy = turn = 0
+    if turn > _MOST_TURN_UM_S or turn < -_MOST_TURN_UM_S:
+        turn = 0
+    twist[_VX] = vx
+    twist[_VY] = vy
+    twist[_TURN] = turn
