@@ -58,7 +58,8 @@ class Cell:
     A node id that was saved by LSS comes before the one given; `cob.NODE_NONE` waits for LSS.
     `state` is the NMT state and `node_id` the node id, `cob.NODE_NONE` while there is none.
     `accepts` has the identifiers that the cell takes, and what serves each. `poll` may be skipped
-    until `wake_ms` while presence is unchanged and ATTENTION is 0. `tick()` is one control period.
+    until `wake_ms`, which a frame may bring forward, while presence is unchanged and ATTENTION
+    is 0. `tick()` is one control period.
     """
 
     def __init__(self, board: "Board", node_id: int):
