@@ -1,4 +1,6 @@
 """Frames between the CAN controller and the background loop, in both directions."""
+# Viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
 
 try:
     import micropython
