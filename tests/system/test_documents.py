@@ -101,7 +101,7 @@ class Reader:
         assert words.pop(0) == "mdms", command
         verb = words[0]
         on_a_bus = verb in ON_A_BUS or "--bus" in words
-        if on_a_bus:
+        if verb == "flash" and on_a_bus:
             self._patch.setattr(
                 "mdms_host.updating.bundles.packed_firmware", lambda _bytecode: bytes(1000)
             )
