@@ -9,6 +9,7 @@ from threading import Event, Thread
 import can
 import numpy as np
 import pytest
+from tests.virtual_array import StandingArray, VirtualTime, virtual_time
 
 from mdms_cell.canopen.objects import Objects, key
 from mdms_cell.canopen.sdo.server import SdoServer
@@ -270,6 +271,14 @@ def served_cells(request: pytest.FixtureRequest) -> Iterator[ServedCells]:
 
 
 @pytest.fixture
-def commissioning(served_cells: ServedCells) -> Iterator[Commissioning]:
-    with Commissioning(served_cells.open(), MonotonicClock()) as ready:
+def standing_cells(request: pytest.FixtureRequest) -> Iterator[VirtualTime]:
+    """The same cells in virtual time; who opens a bus finds them there."""
+    node_ids = getattr(request, "param", (1, 2, 3))
+    with virtual_time(StandingArray(PythonBank(node_ids), len(node_ids))) as time:
+        yield time
+
+
+@pytest.fixture
+def commissioning(standing_cells: VirtualTime) -> Iterator[Commissioning]:
+    with Commissioning(None, MonotonicClock()) as ready:
         yield ready

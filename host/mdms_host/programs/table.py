@@ -80,7 +80,7 @@ class Table:
 
     @property
     def unknown(self) -> Mapping[str, tuple[float, float]]:
-        """The middle of all that nobody has named, by what messages call it [m; table frame]."""
+        """Middle of all that nobody has named [m; table frame], by what messages call it."""
         return {name: _place(pose) for name, (pose, _) in self._unknown.items()}
 
     def unknown_at(self, x_m: float, y_m: float) -> str | None:

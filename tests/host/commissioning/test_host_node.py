@@ -3,8 +3,8 @@
 import json
 from dataclasses import replace
 
-import can
 import pytest
+from tests.virtual_array import StandingArray, virtual_time
 
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
@@ -15,7 +15,7 @@ from mdms_host.commissioning.scan import scan_bus
 from mdms_protocol import nmt
 from mdms_protocol.dictionary import DEVICE_NAME, PRODUCT_CODE, REVISION, VENDOR_ID
 
-AT_THE_HOSTS = pytest.mark.parametrize("served_cells", [(1, 2, 127)], indirect=True)
+AT_THE_HOSTS = pytest.mark.parametrize("standing_cells", [(1, 2, 127)], indirect=True)
 MARK = "has the host's own node id; give it another: mdms configure assign --from FILE"
 CELL = Identity(DEVICE_NAME, "0.1.0", VENDOR_ID, PRODUCT_CODE, REVISION, 0xA)
 
@@ -26,14 +26,13 @@ def array_file(tmp_path, serial, node):
     return file
 
 
-def configure(channel, *arguments):
-    return main(["configure", *map(str, arguments), "-i", "virtual", "-c", channel])
+def configure(*arguments):
+    return main(["configure", *map(str, arguments), "-i", "virtual"])
 
 
-@pytest.mark.real_time
 @AT_THE_HOSTS
-def test_a_cell_with_the_hosts_node_id_is_found_and_marked(served_cells):
-    nodes = scan_bus(served_cells.open(), MonotonicClock())
+def test_a_cell_with_the_hosts_node_id_is_found_and_marked(standing_cells):
+    nodes = scan_bus(None, MonotonicClock())
     assert [(node.node_id, node.is_cell, node.problem) for node in nodes] == [
         (1, True, None),
         (2, True, None),
@@ -41,28 +40,23 @@ def test_a_cell_with_the_hosts_node_id_is_found_and_marked(served_cells):
     ]
 
 
-@pytest.mark.real_time
 @AT_THE_HOSTS
 def test_a_cell_with_the_hosts_node_id_is_moved_by_its_serial_number(
-    served_cells, capsys, tmp_path
+    standing_cells, capsys, tmp_path
 ):
     file = array_file(tmp_path, 3, 9)
-    assert configure(served_cells.channel, "assign", "--from", file) == Exit.OK
+    assert configure("assign", "--from", file) == Exit.OK
     assert capsys.readouterr().out.startswith("00000003: node 127 -> node 9\n")
-    nodes = scan_bus(served_cells.open(), MonotonicClock())
+    nodes = scan_bus(None, MonotonicClock())
     assert [(node.node_id, node.problem) for node in nodes] == [(1, None), (2, None), (9, None)]
 
 
-@pytest.mark.real_time
-def test_the_heartbeat_of_another_host_is_no_cell(request):
-    channel = request.node.nodeid
-    with (
-        can.Bus(channel, interface="virtual") as host,
-        Commissioning(can.Bus(channel, interface="virtual"), MonotonicClock()) as commissioning,
-    ):
-        alive = nmt.heartbeat(127, nmt.OPERATIONAL)
-        host.send(can.Message(arbitration_id=alive.can_id, data=alive.data, is_extended_id=False))
+def test_the_heartbeat_of_another_host_is_no_cell():
+    nobody = StandingArray(None, 0)
+    with virtual_time(nobody), Commissioning(None, MonotonicClock()) as commissioning:
+        nobody.attach(lambda _frame, _now_s: None)(nmt.heartbeat(127, nmt.OPERATIONAL))
         assert commissioning.find() == []
+        assert commissioning.other_host
 
 
 def test_files_with_the_hosts_node_id_are_refused_before_the_bus_is_opened(capsys, tmp_path):
@@ -86,8 +80,7 @@ def test_no_plan_has_the_hosts_node_id():
         assign_in_order(blank, taken=[], first=126)
 
 
-@pytest.mark.real_time
-def test_a_cell_of_another_protocol_is_marked(served_cells, capsys, monkeypatch):
+def test_a_cell_of_another_protocol_is_marked(standing_cells, capsys, monkeypatch):
     identity = Commissioning.identity
 
     def older(self, node_id):
@@ -95,7 +88,7 @@ def test_a_cell_of_another_protocol_is_marked(served_cells, capsys, monkeypatch)
         return replace(found, revision=0x00020000) if node_id == 2 else found
 
     monkeypatch.setattr(Commissioning, "identity", older)
-    assert main(["scan", "--json", "-i", "virtual", "-c", served_cells.channel]) == Exit.OK
+    assert main(["scan", "--json", "-i", "virtual"]) == Exit.OK
     nodes = json.loads(capsys.readouterr().out)["nodes"]
     assert [node["problem"] for node in nodes] == [
         None,

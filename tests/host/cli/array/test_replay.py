@@ -86,6 +86,7 @@ def test_form_of_a_log_that_is_not_there_is_refused(mdms, tmp_path, arguments):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize(("options", "sender"), [((), "host"), (("--all",), "all")])
 def test_frames_are_sent_again_in_order_and_then_all_is_off(recorded, capsys, options, sender):
     folder = recorded / "blf"
@@ -103,6 +104,7 @@ def test_frames_are_sent_again_in_order_and_then_all_is_off(recorded, capsys, op
     assert figures["duration_s"] >= 0.5
 
 
+@pytest.mark.real_time
 def test_replay_leaves_cells_of_the_firmware_off_and_without_fault(recorded, served_cells, capsys):
     """The log ends in the middle of the run, with every drive enabled."""
     folder = recorded / "blf"
