@@ -58,18 +58,21 @@ traffic = Traffic(Driven(world, runner))
 traffic.boot()
 world.told.clear()
 running = note()
-cycles = %d
-while cycles > 0:
-    note()
-    traffic.live(min(cycles, 100))
-    cycles -= 100
+for _ in range(2):
+    half = note()
+    cycles = %d
+    while cycles > 0:
+        note()
+        traffic.live(min(cycles, 100))
+        cycles -= 100
 lived = note()
 growth = gc.mem_alloc()
 traffic.live(100)
 growth = gc.mem_alloc() - growth
 %s
 whole = note()
-print(code - before, booted - before, running - before, lived - before, whole - before)
+print(code - before, booted - before, running - before, half - before, lived - before)
+print(whole - before)
 print(growth, cell.state)
 """
 OPERATIONAL = 5
@@ -79,12 +82,14 @@ OPERATIONAL = 5
 class FlashedHeap:
     """Bytes in use: code alone, cell made, operational, after traffic, with every module loaded.
 
-    All but `code` have in them what the interpreter takes. `garbage` is that of a second.
+    `half` is amid the traffic. All but `code` have in them what the interpreter takes. `garbage` is
+    that of a second.
     """
 
     code: int
     made: int
     running: int
+    half: int
     lived: int
     whole: int
     garbage: int
@@ -95,7 +100,7 @@ def flashed_heap(folder: Path, way: str, cycles: int) -> FlashedHeap:
     folder.mkdir()
     modules = _staged(folder, way)
     loads = "\n".join(f"load({name!r})" for name in modules)
-    code = _MEASURE % (way == "romfs", BOARD, BOARD, cycles, loads)
+    code = _MEASURE % (way == "romfs", BOARD, BOARD, cycles // 2, loads)
     *figures, state = map(int, wasm32(folder, code, time_limit_s=600).split())
     assert state == OPERATIONAL
     bare = int(wasm32(folder, _BARE))

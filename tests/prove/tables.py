@@ -51,8 +51,8 @@ QUICK = {
         5, 1, ((0, 1, 2),), _TWO_STEPS, crash=False
     ),
     "2 x 2, a parcel, a crash": Table(2, 2, ((0,),), _SINGLE),
-    "2 x 2, two parcels, lease 1, any lost, none late, a crash": Table(
-        2, 2, ((0,), (3,)), _ANY_SHORT
+    "3 x 1, two parcels, lease 1, any lost, none late, a crash": Table(
+        3, 1, ((0,), (2,)), _ANY_SHORT
     ),
 }
 
@@ -63,6 +63,9 @@ LONG = {
         4, 1, ((0, 1), (3,)), _SHORT, crash=False
     ),
     "3 x 1, two parcels, any lost or late, a crash": Table(3, 1, ((0,), (2,)), _ANY),
+    "2 x 2, two parcels, lease 1, any lost, none late, a crash": Table(
+        2, 2, ((0,), (3,)), _ANY_SHORT
+    ),
     "2 x 2, a parcel, two beats late, a crash": Table(2, 2, ((0,),), _LATEST),
     "2 x 2, two parcels, none lost or late, a crash": Table(2, 2, ((0,), (3,)), _UNDISTURBED),
     "2 x 2, two parcels, lease 2, none late, a crash": Table(2, 2, ((0,), (3,)), _SHORT),

@@ -66,13 +66,6 @@ def test_bus_carries_setpoints_and_states_at_100_hz_with_room_to_spare(demo):
     assert demo.bus.errors == 0
 
 
-def test_same_seed_gives_the_same_bytes_in_another_process(simulate):
-    arguments = ("--set", "run.duration_s=1.5")
-    first, second = simulate(*arguments), simulate(*arguments)
-    assert first["bus"] == second["bus"]
-    assert first["parcels"] == second["parcels"]
-
-
 def test_micropython_processes_give_the_same_bytes_as_python_objects(simulate):
     arguments = ("--set", "run.duration_s=1.6")
     python, micropython = (
