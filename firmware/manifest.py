@@ -30,5 +30,6 @@ package(
         "update/bundle.py",
         "update/codes.py",
         "version.py",
+        "words.py",
     ),
 )

@@ -8,7 +8,7 @@ frame has left something to look after; while it is 0, there are only timers and
 try:
     import micropython
 except ImportError:
-    from mdms_cell.cpython import micropython
+    from mdms_protocol.cpython import micropython
 
 try:
     from typing import TYPE_CHECKING
@@ -61,8 +61,10 @@ class Cell:
     """A cell on a board; see 'Cell and board' in DESIGN.md.
 
     A node id that was saved by LSS comes before the one given; `cob.NODE_NONE` waits for LSS.
+    `state` is the NMT state and `node_id` the node id, `cob.NODE_NONE` while there is none.
     `accepts` has the identifiers that the cell takes, and what serves each. `poll` may be skipped
-    until `wake_ms` while presence is unchanged and ATTENTION is 0. `tick()` is one control period.
+    until `wake_ms`, which a frame may bring forward, while presence is unchanged and ATTENTION
+    is 0. `tick()` is one control period.
     """
 
     def __init__(self, board: "Board", node_id: int):
@@ -104,7 +106,8 @@ class Cell:
             pdos=self._pdos,
             consumer=self._consumer,
             emcy=self._emcy,
-            attend=self._attend,
+            now=self._now,
+            wake=self._wake,
             changed=self._listen,
         )
         self._guard = Guard(
@@ -177,16 +180,6 @@ class Cell:
         off = not (registers[speed_loop.MODE] or registers[speed_loop.AXIS + speed_loop.MODE])
         return on_time and off and self.node_id != cob.NODE_NONE
 
-    @property
-    def state(self):
-        """The NMT state."""
-        return self._nmt.state
-
-    @property
-    def node_id(self):
-        """The node id, `cob.NODE_NONE` while there is none."""
-        return self._nmt.node_id
-
     def silent(self):
         """Identifiers of frames that let the cell send nothing before its next poll.
 
@@ -199,6 +192,7 @@ class Cell:
 
     # What the background loop and the timer interrupt call
 
+    @micropython.native
     def on_frame(self, can_id, data, now_ms):
         """Take in a frame from the bus; one that makes no sense is counted and dropped."""
         self.now_ms = now_ms
@@ -240,6 +234,7 @@ class Cell:
     def on_boot(self):
         """The node id is this node's own, and the node is announced."""
         self._booted_ms, self._booted_tick = self.now_ms, self._registers[speed_loop.TICKS]
+        self._take_state()
         self._guard.start()
         self._heartbeat.start(self.now_ms)
         self._listen()
@@ -250,6 +245,7 @@ class Cell:
 
     def on_state(self, state):
         """The node has gone from one state after its boot to another."""
+        self._take_state()
         self._attend()
         if state == nmt.OPERATIONAL:
             self._pdos.start(self.now_ms)
@@ -263,6 +259,7 @@ class Cell:
 
     def on_reset(self, command):
         """The node starts anew, all of it or what concerns communication."""
+        self._take_state()
         self._attend()
         flags = record.STORED_COMMUNICATION | record.FROM_NODE
         if command == EVERYTHING:
@@ -280,6 +277,10 @@ class Cell:
         self._on_setting(indices.SETPOINT_TIMEOUT, 0)
         self._load_beat()
         self._listen()
+
+    def _take_state(self):
+        # Attributes, not properties: MicroPython sets those of a class with properties slowly.
+        self.state, self.node_id = self._nmt.state, self._nmt.node_id
 
     # What is listened to
 
@@ -383,6 +384,7 @@ class Cell:
         if self._beat.poll(now_ms) and self._send(self._objects.number(indices.SYNC_COB_ID), b""):
             self._pdos.on_sync(b"")
             self._layer.on_sync(now_ms)
+            self._attend()
         return self._beat.wait_ms(now_ms)
 
     # What the services call
@@ -391,6 +393,14 @@ class Cell:
         """Have a poll follow that looks after everything; the time."""
         self._registers[speed_loop.ATTENTION] = 1
         return self.now_ms
+
+    def _now(self):
+        return self.now_ms
+
+    def _wake(self, wait_ms):
+        """Have such a poll follow in so many milliseconds at the latest."""
+        if ticks.diff(self.wake_ms, self.now_ms) > wait_ms:
+            self.wake_ms = ticks.after(self.now_ms, wait_ms)
 
     def _respond(self, data):
         return self._send(cob.SDO_RESPONSE_BASE + self.node_id, data)

@@ -1,32 +1,45 @@
 """Frames between the CAN controller and the background loop, in both directions."""
+# Viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
 
 try:
     import micropython
+    from micropython import const
 except ImportError:
-    from mdms_cell.cpython import micropython, ptr8
+    from mdms_protocol.cpython import const, micropython, ptr8
+
+from struct import unpack_from
 
 REMOTE_OR_EXTENDED = 3  # CAN.FLAG_RTR and CAN.FLAG_EXT_ID of `machine.CAN`
 
-# A frame in the ring: two bytes of its identifier, one each of length, flags and errors, the data
-_LENGTH = 2
-_FLAGS = 3
-_ERRORS = 4
-_DATA = 5
-_SIZE = 13
-_DATA_MAX = 8
+# A frame in the ring: two bytes of its identifier, its length, eight of data, flags, errors
+_LENGTH = const(2)
+_DATA = const(3)
+_FLAGS = const(11)
+_ERRORS = const(12)
+_SIZE = const(13)
+_DATA_MAX = const(8)
+#: How `struct` reads one, by its length.
+_LAYOUTS = tuple("<Hx%ds%dxBB" % (length, _DATA_MAX - length) for length in range(_DATA_MAX + 1))
 #: What `machine.CAN.recv` may write, whatever the buffer's length: a DLC of 9 to 15 means 8 bytes
 #: on a classic bus, but the port returns up to 15 (bxCAN, FlexCAN) or 64 (FDCAN).
-_RECV_MAX = 64
+_RECV_MAX = const(64)
 #: CAN.RECV_ERR_OVERRUN: a frame was lost before this one. The other error, a full FIFO, lost none.
-_OVERRUN = 2
+_OVERRUN = const(2)
 
 
 @micropython.viper
-def _copy(ring: ptr8, start: int, data: ptr8, length: int):
-    place = 0
-    while place < length:
-        ring[start + place] = data[place]
-        place += 1
+def _write(  # noqa: PLR0917 - viper takes words
+    ring: ptr8, start: int, can_id: int, data: ptr8, length: int, flags: int, errors: int
+):
+    length = length if length < _DATA_MAX else _DATA_MAX
+    ring[start] = can_id & 0xFF
+    ring[start + 1] = can_id >> 8 & 0xFF
+    ring[start + _LENGTH] = length
+    ring[start + _FLAGS] = flags & 0xFF
+    ring[start + _ERRORS] = errors & 0xFF
+    for place in range(length):
+        ring[start + _DATA + place] = data[place]
 
 
 class Inbox:
@@ -37,12 +50,14 @@ class Inbox:
     """
 
     def __init__(self, size=64):
-        self._ring = bytearray(size * _SIZE)
+        self._end = size * _SIZE
+        self._ring = bytearray(self._end)
         self._received = [0, memoryview(bytearray(_RECV_MAX)), 0, 0]
         self._head = 0  # moved by `take` only
         self._tail = 0  # moved by `pop` only
         self.lost = 0
 
+    @micropython.native
     def take(self, can):
         """Take one frame that the controller has received, as `machine.CAN.recv` gives it.
 
@@ -52,43 +67,34 @@ class Inbox:
         frame = self._received
         if can.recv(frame) is None:
             return
-        following = self._after(self._head)
+        start = self._head
+        following = start + _SIZE
+        if following == self._end:
+            following = 0
+        errors = frame[3]
         if following == self._tail:
             self.lost += 1
         else:
-            self._keep(self._head, frame)
+            data = frame[1]
+            _write(self._ring, start, frame[0], data, len(data), frame[2], errors)
             self._head = following
-        if frame[3] & _OVERRUN:
+        if errors & _OVERRUN:
             self.lost += 1
 
-    def _keep(self, start, frame):
-        ring = self._ring
-        ring[start] = frame[0] & 0xFF
-        ring[start + 1] = frame[0] >> 8 & 0xFF
-        length = min(len(frame[1]), _DATA_MAX)
-        ring[start + _LENGTH] = length
-        ring[start + _FLAGS] = frame[2] & 0xFF
-        ring[start + _ERRORS] = frame[3] & 0xFF
-        # Viper takes any buffer; the stubs take bytes alone.
-        _copy(ring, start + _DATA, frame[1], length)  # pyright: ignore[reportArgumentType]
-
-    def _after(self, start):
-        following = start + _SIZE
-        return 0 if following == len(self._ring) else following
-
+    @micropython.native
     def peek(self):
         """The oldest frame as (identifier, data, flags, errors), None if there is none."""
         ring = self._ring
         start = self._tail
         if start == self._head:
             return None
-        data = bytes(ring[start + _DATA : start + _DATA + ring[start + _LENGTH]])
-        can_id = ring[start] | ring[start + 1] << 8
-        return can_id, data, ring[start + _FLAGS], ring[start + _ERRORS]
+        return unpack_from(_LAYOUTS[ring[start + _LENGTH]], ring, start)
 
+    @micropython.native
     def pop(self):
         """Give up the oldest frame."""
-        self._tail = self._after(self._tail)
+        following = self._tail + _SIZE
+        self._tail = 0 if following == self._end else following
 
 
 class Outbox:

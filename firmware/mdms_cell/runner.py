@@ -7,7 +7,7 @@ the background in the registers, and received frames wait in the inbox.
 try:
     import micropython
 except ImportError:
-    from mdms_cell.cpython import micropython
+    from mdms_protocol.cpython import micropython
 
 from mdms_cell.drive import speed_loop
 
@@ -63,6 +63,7 @@ class Runner:
             self._cell.recover()
             self._registers[speed_loop.CUT] = 0
 
+    @micropython.native
     def _receive(self, now_ms):
         """Take frames, no more than `FRAMES_PER_TURN`, so that traffic starves nothing else."""
         inbox = self._board.inbox

@@ -94,6 +94,16 @@ def last_support_m(wheels_m: Floats, side: str) -> float:
     return float((across_m if side in ("east", "north") else -across_m).max())
 
 
+def edge_m(array: Array, side: str, from_m: float, to_m: float) -> Floats:
+    """Both ends (2, 2) of a stretch of the table's edge, cut off at its corners [m]."""
+    half_m = np.array([array.columns, array.rows]) * array.pitch_m / 2
+    across = 0 if side in ("east", "west") else 1
+    ends_m: Floats = np.empty((2, 2))
+    ends_m[:, across] = half_m[across] if side in ("east", "north") else -half_m[across]
+    ends_m[:, 1 - across] = np.clip((from_m, to_m), -half_m[1 - across], half_m[1 - across])
+    return ends_m
+
+
 def _exact_cos(angle_rad: Floats) -> Floats:
     """Cosine that is exactly zero at right angles, so that wheels along y do not push along x."""
     cosine = np.cos(angle_rad)

@@ -5,9 +5,16 @@ The estimate for an STM32F405 at 168 MHz rests on the Thumb-2 code that mpy-cros
 executed on the stream of extreme settings tells how many of them run, and `CYCLES` comes from viper
 code counted on an emulated Cortex-M4, calibrated with published scores of boards (480 instructions
 in 6 us). It leaves out the calls around it and the peripherals.
+
+The estimate for the neighbour layer rests on the instructions of the unix port under valgrind that
+a beat takes, and on what a call of an empty function takes there (660) and on an emulated
+Cortex-M4 (426). Beats are replayed as a board gets them: each frame from the controller through
+the inbox, with five that filters let through and the cell drops, and turns of the background loop.
 """
 
 import os
+import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -17,6 +24,7 @@ from typing import Any
 
 from tests.benchmarks._flashed_heap import HEAP, WAYS, flashed_heap
 from tests.firmware.conftest import ROOT, stage, unix
+from tests.micropython_builds import unix_command
 
 from mdms_cell.drive import speed_loop
 from mdms_host.flashing.board_way import COPIES_HEAP, ROM_HEAP
@@ -30,6 +38,11 @@ EMITTERS = ("viper", "native", "bytecode")
 CYCLES = 2.1
 ARCHITECTURE = "armv7emsp"
 STM32F405_HZ = 168_000_000
+#: Instructions of a Cortex-M4 for one of the unix port, where MicroPython interprets.
+CORTEX_M4_SHARE = 426 / 660
+SYNC_HZ = 100
+#: Counts of beats whose difference is counted.
+LAYER_BEATS = (20, 60)
 #: SYNC periods of 10 ms in an hour.
 HOUR_CYCLES = 360_000
 #: What a board has to have free.
@@ -107,7 +120,7 @@ def _times(figures: dict[str, dict[str, float]]) -> list[Row]:
 
 
 def _layer(folder: Path) -> list[Row]:
-    """A beat of the neighbour layer: 21 frames and the update, in the middle of a parcel."""
+    """A beat of the neighbour layer, reception included, in the middle of a moving parcel."""
     stage(folder / "layer", [LAYER, *STAGE])
     done = unix(folder / "layer", LAYER.name)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -123,8 +136,40 @@ def _layer(folder: Path) -> list[Row]:
     beat = "a beat of the neighbour layer, MicroPython"
     return [
         _row(beat, ours["beat_us"], "us", peer=_measured(peer)["beat_us"]),
+        *_share(folder / "layer"),
         _row("data of the neighbour layer, 64 bits", ours["layer_bytes"] / 1024, "KB"),
     ]
+
+
+def _share(folder: Path) -> list[Row]:
+    """What that beat would take of a Cortex-M4, counted by valgrind; nothing where it is not."""
+    if shutil.which("valgrind") is None:
+        return []
+    few, many = LAYER_BEATS
+    counted = (_instructions(folder, many) - _instructions(folder, few)) / (many - few)
+    expected = counted * CORTEX_M4_SHARE
+    share = expected * CYCLES * SYNC_HZ / STM32F405_HZ
+    how = {"counted": round(counted), "counted_by": "valgrind, unix port", "cycles_each": CYCLES}
+    return [
+        _row("a beat of it, estimate for a Cortex-M4", expected, "", bound=210_000, **how),
+        _row("its share of a Cortex-M4 at 168 MHz, 100 Hz", share, "", bound=0.3),
+    ]
+
+
+def _instructions(folder: Path, beats: int) -> int:
+    """Instructions of the unix port, its start included, that replays so many beats."""
+    tool = ["valgrind", "--tool=cachegrind", "--cache-sim=no", "--cachegrind-out-file=/dev/null"]
+    done = subprocess.run(
+        [*tool, *unix_command(), "-X", "heapsize=32m", LAYER.name, str(beats)],
+        env={**os.environ, "MICROPYPATH": str(folder)},
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    found = re.search(r"I\s+refs:\s+([\d,]+)", done.stderr)
+    assert found is not None, done.stderr
+    return int(found[1].replace(",", ""))
 
 
 def _row(name: str, ours: float, unit: str, peer: float | None = None, **more: object) -> Row:

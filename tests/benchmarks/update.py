@@ -12,6 +12,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
+from itertools import count
 from math import ceil
 from pathlib import Path
 from typing import Any
@@ -46,7 +47,7 @@ BOOT_S = 0.5
 # The flash of a Teensy 4.1 and of a WeAct board, at its slowest.
 BLOCK, PAGE = 4096, 256
 ERASE_MS, PROGRAM_MS = 400.0, 3.0
-#: Cuts of the whole firmware, of some 330 operations and 13,000 frames.
+#: Cuts of the whole firmware, of some 320 operations and 11,500 frames.
 CUTS = 24
 SEED = 16
 
@@ -57,6 +58,9 @@ def run() -> list[dict[str, Any]]:
     with tempfile.TemporaryDirectory() as folder:
         first = commissioned(Path(folder))
         rows.append(counted("cut at each operation, small bundle", every_operation(first, folder)))
+        rows.append(
+            counted("cut at each operation, on trial", every_operation_on_trial(first, folder))
+        )
         rows.append(counted("cut at operations, whole firmware", some_operations(first, folder)))
         rows.append(counted("cut at frames, whole firmware", some_frames(first, folder)))
     return rows
@@ -163,11 +167,28 @@ def every_operation(first: bytes, folder: str) -> Iterator[str | None]:
         yield survives(first, folder, Cut(sent, operation))
 
 
+def every_operation_on_trial(first: bytes, folder: str) -> Iterator[str | None]:
+    """A bundle of what a board has of its own, cut from its first start to its confirmation."""
+    sent = small()
+    for operation in count():
+        with powered(fresh(folder), first) as cell:
+            booted(cell)
+            cell.cut_on_trial = operation
+            if update(cell, sent, lambda _frames: False).finished:
+                return
+            for _ in range(2):
+                cell.power_off()
+                cell.power_up()
+                booted(cell)
+            found = report(cell)
+            yield None if found in (BEFORE, after(sent)) else str(found)
+
+
 def some_operations(first: bytes, folder: str) -> Iterator[str | None]:
     """The whole firmware, cut at operations by chance."""
     sent = bundle()
-    count = operations(first, folder, sent)
-    for operation in sorted(random.Random(SEED).sample(range(count), CUTS)):
+    picked = random.Random(SEED).sample(range(operations(first, folder, sent)), CUTS)
+    for operation in sorted(picked):
         yield survives(first, folder, Cut(sent, operation))
 
 
@@ -175,8 +196,8 @@ def some_frames(first: bytes, folder: str) -> Iterator[str | None]:
     """The whole firmware, cut after frames by chance, wherever the program is then."""
     sent = bundle()
     frames = len(sent.data) // 7
-    for count in sorted(random.Random(SEED + 1).sample(range(frames), CUTS)):
-        yield survives(first, folder, Cut(sent, frames=count))
+    for number in sorted(random.Random(SEED + 1).sample(range(frames), CUTS)):
+        yield survives(first, folder, Cut(sent, frames=number))
 
 
 def operations(first: bytes, folder: str, sent: Bundle) -> int:

@@ -1,8 +1,11 @@
 """One cell of nine under a parcel, on every interpreter: what it sends, and what its wheels do."""
 
+from array import array
+
 from layer_bench import IDENTITY, NEIGHBOURS, NODE, Middle
 
 from mdms_cell.drive import speed_loop
+from mdms_cell.neighbours.layer import UPDATE_MS
 from mdms_protocol import cia402, cob, indices
 from mdms_protocol.neighbours import frames as wire
 
@@ -24,9 +27,9 @@ def estimates(middle):
     found = []
     for can_id, data in middle.board.take():
         if can_id == cob.TPDO_BASES[2] + NODE:
-            fields = [0] * wire.ESTIMATE_FIELDS
+            fields = array("i", [0] * wire.ESTIMATE_FIELDS)
             assert wire.unpack_estimate(data, fields, 0)
-            found.append(fields)
+            found.append(list(fields))
     return found
 
 
@@ -168,3 +171,17 @@ def test_halt_of_the_host_outlives_a_rest():
     middle.cell.on_frame(cob.RPDO_BASES[1] + NODE, halted, middle.now_ms)
     run(middle, 30)
     assert targets_um_s(middle) == (0, 0)
+
+
+def test_sync_wakes_the_cell_for_its_update_and_not_before():
+    middle = Middle()
+    run(middle, 5)
+    cell, registers = middle.cell, middle.board.registers
+    cell.on_frame(cob.SYNC, b"", middle.now_ms)
+    assert registers[speed_loop.ATTENTION] == 0
+    assert cell.wake_ms == middle.now_ms + UPDATE_MS
+    middle.board.take()
+    cell.poll(cell.wake_ms)
+    assert cell.wake_ms > middle.now_ms + UPDATE_MS
+    cell.on_frame(cob.SYNC, b"", middle.now_ms + 10)
+    assert estimates(middle)[0][wire.IDENTITY] == IDENTITY

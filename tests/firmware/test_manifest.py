@@ -8,7 +8,6 @@ MANIFEST = Path(__file__).parents[2] / "firmware" / "manifest.py"
 #: Frozen with its package, and imported by nothing on a board.
 SPARE = {
     "mdms_cell/board.py",
-    "mdms_cell/cpython.py",
 }
 
 

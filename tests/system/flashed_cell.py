@@ -111,7 +111,8 @@ class Ends:
 class FlashedCell:
     """A cell whose flash is the file at a path; it starts again when it wants to, as a board does.
 
-    `cut` is the operation on flash, counted from the next power-up on, in which the supply fails.
+    `cut` is the operation on flash, counted from a power-up on, in which the supply fails, and
+    `cut_on_trial` that after its next restart.
     """
 
     def __init__(self, folder: Path, content: bytes) -> None:
@@ -126,6 +127,7 @@ class FlashedCell:
         self._buffer = b""
         self.told: list[str] = []
         self.starts = 0
+        self.cut_on_trial = -1
 
     @property
     def operations(self) -> list[int]:
@@ -189,19 +191,19 @@ class FlashedCell:
         if self._process is None:
             return []
         ready = select.select([self._ends.out, self._ends.told], [], [], max(wait_s, 0.0))[0]
-        if self._ends.told in ready and self._cut():
-            return []
-        if self._ends.out not in ready:
-            return []
-        self._buffer += os.read(self._ends.out, 1 << 16)
+        # What it has sent before is on the bus, whatever becomes of it.
+        sent = os.read(self._ends.out, 1 << 16) if self._ends.out in ready else b""
+        if not sent and self._ends.told in ready:
+            self._follow()
+        self._buffer += sent
         whole = len(self._buffer) // RECORD.size * RECORD.size
         records, self._buffer = self._buffer[:whole], self._buffer[whole:]
         return [
             Frame(can_id, data[:length]) for can_id, length, _, data in RECORD.iter_unpack(records)
         ]
 
-    def _cut(self) -> bool:
-        """See to what the process says of itself; whether it is off or has started anew."""
+    def _follow(self) -> None:
+        """See to what the process says of itself."""
         said = self._said()
         self.told += said.splitlines()
         if "cut" in said:
@@ -209,10 +211,7 @@ class FlashedCell:
         elif not said or "restart" in said:
             # It has ended, as by the watchdog, or wants to.
             self.power_off()
-            self.power_up()
-        else:
-            return False
-        return True
+            self.power_up(self.cut_on_trial)
 
     def _said(self) -> str:
         text = b""

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from tests.system.test_served import HELD_UP
+from tests.system.test_served import CHANCES, HELD_UP
 
 pytestmark = pytest.mark.real_time
 
@@ -38,7 +38,6 @@ speed_m_s = 0.3
 [run]
 duration_s = 10.0
 """
-CHANCES = 3
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from tests.virtual_array import SimulatedArray, virtual_time
 from mdms_host.cli import main
 from mdms_host.cli.exits import INTERRUPTED, Exit
 from mdms_host.cli.scenario.gain import open_program
-from mdms_host.cli.verbs import build_parser
+from mdms_host.cli.verbs import VERBS, build_parser
 from mdms_host.commissioning.array_file import ArrayFile, FiledCell, FiledTable
 from mdms_host.commissioning.array_writing import array_document
 from mdms_host.programs.planning import VirtualDesk
@@ -100,8 +100,8 @@ class Reader:
         words, _ = words_of(command.replace(*OWN_TABLE))
         assert words.pop(0) == "mdms", command
         verb = words[0]
-        if verb == "flash" and "--bus" in words:
-            self._serve()
+        on_a_bus = verb in ON_A_BUS or "--bus" in words
+        if verb == "flash" and on_a_bus:
             self._patch.setattr(
                 "mdms_host.updating.bundles.packed_firmware", lambda _bytecode: bytes(1000)
             )
@@ -115,7 +115,7 @@ class Reader:
             self._patch.setattr("sys.stdin", terminal)
         if "--array" in words and verb == "run":
             write_array(Path(words[words.index("--array") + 1]))
-        with self._commissioned() if verb in ON_A_BUS else nullcontext():
+        with self._commissioned() if on_a_bus else nullcontext():
             code = main(words)
         printed = self._capsys.readouterr()
         assert code == Exit.OK, (command, printed)
@@ -246,11 +246,26 @@ def walk(parser):
                 yield from walk(inner)
 
 
-def test_links_between_documents_lead_somewhere():
+def test_links_between_documents_lead_to_files_and_headings():
     for path in DOCUMENTS:
-        for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", path.read_text()):
-            if not target.startswith("http"):
-                assert (path.parent / target).exists(), f"{path.name}: {target}"
+        for target, heading in re.findall(r"\]\(([^)#\s]*)#?([^)]*)\)", path.read_text()):
+            if target.startswith("http"):
+                continue
+            file = path.parent / target if target else path
+            assert file.exists(), f"{path.name}: {target}"
+            assert not heading or heading in headings(file), f"{path.name}: {target}#{heading}"
+
+
+def headings(path):
+    """The headings of a document as links call them."""
+    found = re.findall(r"^#+ (.*)$", path.read_text(), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", each.lower()).replace(" ", "-") for each in found}
+
+
+def test_every_verb_is_in_the_table_of_the_command():
+    table = (ROOT / "host" / "README.md").read_text().split("## The command\n")[1]
+    rows = table.split("\n\n")[0]
+    assert all(f"`mdms {verb.name}" in rows for verb in VERBS)
 
 
 def test_pins_in_the_drawing_are_those_of_the_board():

@@ -17,7 +17,7 @@ try:
     import micropython
     from micropython import const
 except ImportError:
-    from mdms_cell.cpython import const, micropython, ptr32
+    from mdms_protocol.cpython import const, micropython, ptr32
 
 # Of each axis. Commands:
 TARGET = const(0)  # reference r [um/s], within +-SPEED_MAX_UM_S

@@ -4,20 +4,36 @@ A pose that is far off counts for nothing at once, whoever is right. Who is wron
 number: a neighbour is, if there are as many that agree with this cell as do not; this cell is, if
 more agree with one another than with it.
 """
+# Viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
+
+try:
+    import micropython
+    from micropython import const
+except ImportError:
+    from mdms_protocol.cpython import const, micropython, ptr8, ptr32
 
 from array import array
 
-from mdms_cell.neighbours.angle import wrapped
+from mdms_cell.neighbours.angle import TURN_UM, wrapped
 from mdms_cell.neighbours.place import DIRECTIONS
-from mdms_cell.neighbours.program import turn_um
-from mdms_cell.neighbours.suspicion import POSE, POSE_BEATS
+from mdms_cell.neighbours.suspicion import MISLEADING, POSE, POSE_BEATS
 from mdms_protocol.neighbours import frames as wire
+from mdms_protocol.words import WIDEN
 
 #: A belief of one's own weighs as much as so many of others.
-_OWN_WEIGHT = 1280
-_PEER_WEIGHT = 16
+_OWN_WEIGHT = const(1280)
+_PEER_WEIGHT = const(16)
 #: Poses farther apart than this contradict each other [um, and um at the arm of `angle`].
-FAR_UM = 25_000
+_FAR_UM = const(25_000)
+
+# Columns of a peer: its pose [um; from this cell's centre], certainty and direction
+_X = const(0)
+_Y = const(1)
+_TURN = const(2)
+_CERTAINTY = const(3)
+_DIRECTION = const(4)
+_COLUMNS = const(5)
 
 
 class Agreement:
@@ -32,53 +48,34 @@ class Agreement:
         self._heard = heard
         self._suspicion = suspicion
         self.reset()
-        self._direction = bytearray(DIRECTIONS)
-        self._x = array("i", [0] * DIRECTIONS)
-        self._y = array("i", [0] * DIRECTIONS)
-        self._turn = array("i", [0] * DIRECTIONS)
+        self._poses = array("i", [0] * (_COLUMNS * DIRECTIONS))
+        self._sums = array("i", [0] * 5)
 
     def reset(self):
         """Another parcel, or none."""
         self.outvoted_beats = 0
         self.near = 0
-        self._peers = 0
+        self._peers = self._near_mask = 0
 
     def gather(self, mask):
-        """Take the poses that these neighbours sent [um; from this cell's centre]."""
-        heard, shifts = self._heard, self._place.shifts
-        self.near = 0
-        peers = 0
-        for direction in range(DIRECTIONS):
-            if mask >> direction & 1:
-                x_um = heard.field(direction, wire.X) * wire.STEP_UM
-                y_um = heard.field(direction, wire.Y) * wire.STEP_UM
-                self._direction[peers] = direction
-                self._x[peers] = x_um + shifts[2 * direction]
-                self._y[peers] = y_um + shifts[2 * direction + 1]
-                self._turn[peers] = turn_um(heard.field(direction, wire.YAW))
-                peers += 1
-        self._peers = peers
-
-    def _is_near(self, peer, x_um, y_um, turn):
-        return (
-            abs(self._x[peer] - x_um) < FAR_UM
-            and abs(self._y[peer] - y_um) < FAR_UM
-            and abs(wrapped(self._turn[peer] - turn)) < FAR_UM
-        )
+        """Take the poses that these neighbours sent."""
+        self.near = self._near_mask = 0
+        self._peers = _gather(self._heard.estimates, self._place.shifts, mask, self._poses)
 
     def _near(self, x_um, y_um, turn):
-        """How many of the poses are near this one."""
-        near = 0
-        for peer in range(self._peers):
-            near += self._is_near(peer, x_um, y_um, turn)
-        return near
+        """The mask of the poses that are near this one."""
+        return _near(self._poses, self._peers, x_um, y_um, turn)
+
+    def _pose(self, peer):
+        poses, at = self._poses, _COLUMNS * peer
+        return poses[at + _X], poses[at + _Y], poses[at + _TURN]
 
     def _middle(self):
         """The number of the peer that most others are near to, and how many, itself included."""
         middle = most = 0
         for peer in range(self._peers):
-            if not self._suspicion.misleads(self._direction[peer]):
-                near = self._near(self._x[peer], self._y[peer], self._turn[peer])
+            if not self._suspicion.misleads(self._poses[_COLUMNS * peer + _DIRECTION]):
+                near = _count(self._near(*self._pose(peer)))
                 if near > most:
                     middle, most = peer, near
                     if near == self._peers:
@@ -87,53 +84,52 @@ class Agreement:
 
     def judge(self, sent):
         """Find who is wrong by number, by the pose that this cell sent at the same SYNC."""
-        self.near = near = self._near(*sent)
-        if near == self._peers:
+        x_um, y_um, turn = sent
+        mask = self._near_mask = self._near(x_um, y_um, turn)
+        suspicion = self._suspicion
+        self.near = near = self._peers
+        if mask + 1 == 1 << near:
             # As nearly always.
             self.outvoted_beats = 0
+            if suspicion.is_quiet(POSE):
+                return
         else:
+            self.near = near = _count(mask)
             middle, most = self._middle()
-            outvoted = most > near + 1 and not self._is_near(middle, *sent)
+            outvoted = most > near + 1 and not mask >> middle & 1
             self.outvoted_beats = min(self.outvoted_beats + 1, POSE_BEATS) if outvoted else 0
         if near and 2 * near >= self._peers:
             for peer in range(self._peers):
-                far = not self._is_near(peer, *sent)
-                self._suspicion.judge(self._direction[peer], POSE, far)
+                far = not mask >> peer & 1
+                suspicion.judge(self._poses[_COLUMNS * peer + _DIRECTION], POSE, far)
 
     def agree(self, belief, sent, certainty):
         """Move the belief towards those near what this cell sent at the same SYNC."""
-        own_x, own_y, own_turn = sent
-        total = x = y = turn = variance = 0
-        for peer in range(self._peers):
-            direction = self._direction[peer]
-            if self._suspicion.misleads(direction) or not self._is_near(peer, *sent):
-                continue
-            its = self._heard.field(direction, wire.CERTAINTY)
-            weight = _weight(its - certainty)
-            total += weight
-            x += weight * (self._x[peer] - own_x >> 2)
-            y += weight * (self._y[peer] - own_y >> 2)
-            turn += weight * (wrapped(self._turn[peer] - own_turn) >> 2)
-            variance += weight * (1 << 16 - its)
+        x, y, turn = sent
+        sums, out = self._sums, self._suspicion.out
+        _sum_up(self._poses, self._near_mask, out, x, y, turn, certainty, sums)
+        total, x, y, turn, variance = sums
         if total:
             mean = variance // total
             x, y, turn = x * 4 // total, y * 4 // total, turn * 4 // total
-            belief.agree(total, total + _OWN_WEIGHT, (x, y, turn), mean)
+            belief.agree(total, total + _OWN_WEIGHT, x, y, turn, mean)
 
     def follow(self, belief):
         """Take the mean of those that most are near to; returns whether there are any."""
         middle, total = self._middle()
         if not total:
             return False
-        middle_x, middle_y, middle_turn = self._x[middle], self._y[middle], self._turn[middle]
+        middle_x, middle_y, middle_turn = self._pose(middle)
+        mask = self._near(middle_x, middle_y, middle_turn)
         x = y = turn = best = total = 0
         for peer in range(self._peers):
-            if self._is_near(peer, middle_x, middle_y, middle_turn):
+            if mask >> peer & 1:
+                its_x, its_y, its_turn = self._pose(peer)
                 total += 1
-                x += self._x[peer] - middle_x
-                y += self._y[peer] - middle_y
-                turn += wrapped(self._turn[peer] - middle_turn)
-                best = max(best, self._heard.field(self._direction[peer], wire.CERTAINTY))
+                x += its_x - middle_x
+                y += its_y - middle_y
+                turn += wrapped(its_turn - middle_turn)
+                best = max(best, self._poses[_COLUMNS * peer + _CERTAINTY])
         belief.start(
             middle_x + x // total,
             middle_y + y // total,
@@ -143,6 +139,101 @@ class Agreement:
         return True
 
 
-def _weight(more):
-    """Of a belief that is so many steps more certain."""
-    return _PEER_WEIGHT << min(more, 3) if more >= 0 else _PEER_WEIGHT >> min(-more, 4)
+def _count(mask):
+    count = 0
+    while mask:
+        mask &= mask - 1
+        count += 1
+    return count
+
+
+@micropython.viper
+def _gather(estimates: ptr32, shifts: ptr32, mask: int, poses: ptr32) -> int:
+    """Write the poses of the neighbours of a mask; returns how many."""
+    widen = int(WIDEN)
+    fields = int(wire.ESTIMATE_FIELDS)
+    x_at = int(wire.X)
+    y_at = int(wire.Y)
+    yaw_at = int(wire.YAW)
+    certainty_at = int(wire.CERTAINTY)
+    step_um = int(wire.STEP_UM)
+    # As in `program.turn_um`.
+    turn_8 = int(TURN_UM) // 8
+    yaw_8 = int(wire.TURN) // 8
+    peers = 0
+    direction = 0
+    while mask >> direction:
+        if mask >> direction & 1:
+            at = fields * direction
+            to = _COLUMNS * peers
+            shift = shifts[2 * direction] << widen >> widen
+            poses[to + _X] = (estimates[at + x_at] << widen >> widen) * step_um + shift
+            shift = shifts[2 * direction + 1] << widen >> widen
+            poses[to + _Y] = (estimates[at + y_at] << widen >> widen) * step_um + shift
+            yaw = estimates[at + yaw_at] << widen >> widen
+            poses[to + _TURN] = yaw * turn_8 // yaw_8
+            poses[to + _CERTAINTY] = estimates[at + certainty_at]
+            poses[to + _DIRECTION] = direction
+            peers += 1
+        direction += 1
+    return peers
+
+
+@micropython.viper
+def _near(poses: ptr32, peers: int, x_um: int, y_um: int, turn: int) -> int:
+    """The mask of the peers whose pose is near this one."""
+    widen = int(WIDEN)
+    full = int(TURN_UM)
+    mask = 0
+    for peer in range(peers):
+        at = _COLUMNS * peer
+        x = (poses[at + _X] << widen >> widen) - x_um
+        y = (poses[at + _Y] << widen >> widen) - y_um
+        t = ((poses[at + _TURN] << widen >> widen) - turn + full // 2) % full - full // 2
+        near = -_FAR_UM < x < _FAR_UM and -_FAR_UM < y < _FAR_UM
+        if near and -_FAR_UM < t < _FAR_UM:
+            mask |= 1 << peer
+    return mask
+
+
+@micropython.viper
+def _sum_up(  # noqa: PLR0917 - viper takes words
+    poses: ptr32,
+    mask: int,
+    out: ptr8,
+    x_um: int,
+    y_um: int,
+    turn: int,
+    certainty: int,
+    sums: ptr32,
+):
+    """Sum up weights, weighted differences from a pose [4 um] and variances of the peers of a mask.
+
+    Those that are suspected, by `Suspicion.out`, are left out.
+    """
+    widen = int(WIDEN)
+    full = int(TURN_UM)
+    misleading = int(MISLEADING)
+    total = x = y = t = variance = 0
+    peer = 0
+    while mask >> peer:
+        at = _COLUMNS * peer
+        if mask >> peer & 1 and out[poses[at + _DIRECTION]] & misleading == 0:
+            its = poses[at + _CERTAINTY]
+            more = its - certainty
+            if more >= 0:
+                weight = _PEER_WEIGHT << (more if more < 3 else 3)
+            else:
+                weight = _PEER_WEIGHT >> (0 - more if more > -4 else 4)
+            total += weight
+            x += weight * ((poses[at + _X] << widen >> widen) - x_um >> 2)
+            y += weight * ((poses[at + _Y] << widen >> widen) - y_um >> 2)
+            off = (poses[at + _TURN] << widen >> widen) - turn
+            t += weight * ((off + full // 2) % full - full // 2 >> 2)
+            variance += weight * (1 << 16 - its)
+        peer += 1
+    sums[0] = total
+    sums[1] = x
+    sums[2] = y
+    sums[3] = t
+    sums[4] = variance

@@ -6,13 +6,9 @@ a twist three speeds. Sine and cosine are in 1/8192.
 
 try:
     import micropython
-except ImportError:
-    from mdms_cell.cpython import micropython
-
-try:
     from micropython import const
 except ImportError:
-    from mdms_cell.cpython import const
+    from mdms_protocol.cpython import const, micropython, ptr32
 
 ARM_UM = const(128_000)
 ONE = const(8192)
@@ -26,30 +22,27 @@ def wrapped(turn_um):
     return (turn_um + TURN_UM // 2) % TURN_UM - TURN_UM // 2
 
 
-@micropython.native
-def sine(turn_um):
-    """Sine of an angle [um at the arm], in 1/8192, within 2 of it."""
+@micropython.viper
+def resolve(turn_um: int, into: ptr32, at: int):
+    """Write cosine and sine of an angle [um at the arm], in 1/8192, within 2 of them."""
     quarter = (turn_um + QUARTER_UM // 2) // QUARTER_UM
     # Radians in 1/8192, at most an eighth of a turn from a multiple of the right angle.
     near = (turn_um - quarter * QUARTER_UM) * 8 // 125
     square = near * near >> 13
-    quarter &= 3
+    most = (ONE // 12 - square // 360) * square >> 13
+    cosine = ONE - (square * (ONE // 2 - most // 2) >> 13)
+    sine = near * (ONE - (square * (ONE - square // 20) >> 13) // 6) >> 13
     if quarter & 1:
-        most = (ONE // 12 - square // 360) * square >> 13
-        value = ONE - (square * (ONE // 2 - most // 2) >> 13)
-    else:
-        value = near * (ONE - (square * (ONE - square // 20) >> 13) // 6) >> 13
-    return -value if quarter & 2 else value
+        cosine, sine = 0 - sine, cosine
+    if quarter & 2:
+        cosine, sine = 0 - cosine, 0 - sine
+    into[at] = cosine
+    into[at + 1] = sine
 
 
-def cosine(turn_um):
-    """Cosine of an angle [um at the arm], in 1/8192."""
-    return sine(turn_um + QUARTER_UM)
-
-
-@micropython.native
-def root(number):
-    """The square root of a number from 0 on, rounded down."""
+@micropython.viper
+def root(number: int) -> int:
+    """The square root of a number from 0 to 2,000,000,000, rounded down."""
     if number < 2:
         return number
     guess = 1

@@ -3,17 +3,13 @@
 It belongs to those whose wheels or sensors are under it, and what lies between does not count. It
 needs those whose squares it lies over, which are what it may move within.
 """
-
-try:
-    import micropython
-except ImportError:
-    from mdms_cell.cpython import micropython
+# Viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
 
 from array import array
 
-from mdms_cell.neighbours.outline import STEP_UM
+from mdms_cell.neighbours.outline import STEP_UM, points_within, squares_overlapped
 from mdms_cell.neighbours.place import AXES, DIRECTIONS, SENSORS
-from mdms_cell.neighbours.twist import WHEEL
 
 #: A parcel's cells are those under its outline and this much around it [steps].
 MARGIN = 10_000 // STEP_UM
@@ -26,8 +22,9 @@ class Footprint:
     """The points of a cell and its neighbours [steps of 16 um; from the cell's own centre].
 
     Wheels come before sensors; `x` and `y` are of POINTS points. `present` is the mask of the
-    neighbours that there are. Neighbours are cells alike, at
-    `shift_x` and `shift_y` by direction.
+    neighbours that there are. Neighbours are cells alike, at `shift_x` and `shift_y` by direction.
+    `wheels` is of all wheels that may be heard of, the cell's own last: two arrays of their
+    places, and by axis two of their directions [1/512].
     """
 
     def __init__(self, place):
@@ -38,8 +35,9 @@ class Footprint:
         self.shift_y = array("i", [0] * (DIRECTIONS + 1))
         self.along_x = array("i", [0] * AXES)
         self.along_y = array("i", [0] * AXES)
-        #: All wheels that may be heard of, the cell's own last, as `TwistFit` wants them.
-        self.wheels = array("i", [0] * (WHEEL * AXES * (DIRECTIONS + 1)))
+        wheels = AXES * (DIRECTIONS + 1)
+        wheel_x, wheel_y = array("i", [0] * wheels), array("i", [0] * wheels)
+        self.wheels = wheel_x, wheel_y, self.along_x, self.along_y
         self.load()
 
     def load(self):
@@ -47,7 +45,7 @@ class Footprint:
         place = self._place
         for axis in range(AXES):
             self._put(axis, place.contacts, axis)
-            # Directions in 1/512, as `twist` wants them.
+            # Of 1 / place.UNITY, in 1/512.
             self.along_x[axis] = place.drives[2 * axis] >> 5
             self.along_y[axis] = place.drives[2 * axis + 1] >> 5
         for sensor in range(SENSORS):
@@ -61,51 +59,43 @@ class Footprint:
             if place.nodes[direction]:
                 self.present |= 1 << direction
         self._half = self._place.pitch_um // (2 * STEP_UM) + CLEARANCE
-        self._radius = 0
-        for point in range(POINTS):
-            # Not the distance itself, but never less.
-            self._radius = max(self._radius, abs(self.x[point]) + abs(self.y[point]))
 
     def _load_wheels(self):
-        wheels = self.wheels
+        wheel_x, wheel_y, _, _ = self.wheels
         for direction in range(DIRECTIONS + 1):
             for axis in range(AXES):
-                at = WHEEL * (AXES * direction + axis)
-                wheels[at] = self.shift_x[direction] + self.x[axis]
-                wheels[at + 1] = self.shift_y[direction] + self.y[axis]
-                wheels[at + 2] = self.along_x[axis]
-                wheels[at + 3] = self.along_y[axis]
+                wheel_x[AXES * direction + axis] = self.shift_x[direction] + self.x[axis]
+                wheel_y[AXES * direction + axis] = self.shift_y[direction] + self.y[axis]
 
     def _put(self, point, lengths_um, number):
         self.x[point] = lengths_um[2 * number] // STEP_UM
         self.y[point] = lengths_um[2 * number + 1] // STEP_UM
 
-    def covered(self, outline, direction):
-        """Whether the parcel covers a wheel or a sensor of the cell there, or nearly."""
+    def covers(self, outline):
+        """Whether the parcel covers a wheel or a sensor of the cell, or nearly."""
+        return self.within(outline, DIRECTIONS, MARGIN) != 0
+
+    def within(self, outline, direction, limit):
+        """The mask of that cell's points that are less than `limit` outside the outline [steps]."""
         x, y = self.shift_x[direction], self.shift_y[direction]
-        distance = outline.distance(x, y)
-        if distance > self._radius + MARGIN:
-            return False
-        for point in range(POINTS):
-            if outline.distance(x + self.x[point], y + self.y[point]) < MARGIN:
-                return True
-        return False
+        return points_within(outline.registers, self.x, self.y, POINTS, x, y, limit)
 
-    def reached(self, outline):
+    def wheels_under(self, outline):
+        """The mask of all wheels that the parcel lies over, two a direction."""
+        x, y, _, _ = self.wheels
+        return points_within(outline.registers, x, y, AXES * (DIRECTIONS + 1), 0, 0, 0)
+
+    def reaches(self, outline):
         """Whether the parcel lies over the cell's own square, or nearly."""
-        return outline.overlaps(0, 0, self._half)
+        return self._squares(outline, 1 << DIRECTIONS) != 0
 
-    @micropython.native
     def mask(self, outline, mask=0):
         """The neighbours whose squares the parcel lies over, or nearly, besides those of a mask.
 
         Squares, not points: two parcels may not meet between the sensors of two cells either.
         """
-        shift_x, shift_y, half = self.shift_x, self.shift_y, self._half
-        for direction in range(DIRECTIONS):
-            bit = 1 << direction
-            if mask & bit or not self.present & bit:
-                continue
-            if outline.overlaps(shift_x[direction], shift_y[direction], half):
-                mask |= bit
-        return mask
+        return mask | self._squares(outline, self.present & ~mask)
+
+    def _squares(self, outline, asked):
+        x, y = self.shift_x, self.shift_y
+        return squares_overlapped(outline.registers, x, y, self._half, asked)

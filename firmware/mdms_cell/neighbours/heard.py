@@ -1,9 +1,12 @@
 """What a cell has last received from its neighbours, by direction, and since when."""
+# Viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
 
 try:
     import micropython
+    from micropython import const
 except ImportError:
-    from mdms_cell.cpython import micropython
+    from mdms_protocol.cpython import const, micropython, ptr8, ptr32
 
 from array import array
 
@@ -11,32 +14,35 @@ from mdms_cell.neighbours.place import DIRECTIONS
 from mdms_protocol.neighbours import frames as wire
 
 #: What neighbours' frames hold besides: statuswords before the presence bits, and two speeds.
-_PRESENCE_AT = 4
-_STATE_LENGTH = 5
-_SPEEDS_LENGTH = 8
+_PRESENCE_AT = const(4)
+_STATE_LENGTH = const(5)
+_SPEEDS_LENGTH = const(8)
 #: Edges that may wait for the next update.
 EDGES = 16
 #: The cell itself, in the place of a direction.
 OWN = DIRECTIONS
+#: The beat of what has never come; beats count below it.
+NEVER = const(1 << 24)
 
 
 class Heard:
     """Speeds, presence, edges and estimates, the cell's own under `OWN`.
 
-    `speeds[2 * d]` and the next are those of direction d [um/s], valid where `speeds_beat[d]` is
-    the present beat. `presence[d]` are its sensors' bits, valid where `seen[d]`. `estimates` has
-    the fields of `neighbours.frames`, `estimate_beat[d]` the beat in which they came; they are to
-    be passed on once, while `fresh[d]`. An edge is a direction, a sensor, what it shows now
-    and a time [ms].
+    `beat` is the present one. `speeds[2 * d]` and the next are those of direction d [um/s], valid
+    where `speeds_beat[d]` is the present beat. `presence[d]` are its sensors' bits, valid where
+    `seen[d]`. `estimates` has the fields of `neighbours.frames`, `estimate_beat[d]` the beat in
+    which they came; they are to be passed on once, while `fresh[d]`. An edge is a direction, a
+    sensor, what it shows now and a time [ms].
     """
 
     def __init__(self):
+        self.beat = 0
         self.speeds = array("i", [0] * (2 * DIRECTIONS + 2))
-        self.speeds_beat = array("i", [-1] * (DIRECTIONS + 1))
+        self.speeds_beat = array("i", [NEVER] * (DIRECTIONS + 1))
         self.presence = bytearray(DIRECTIONS + 1)
         self.seen = bytearray(DIRECTIONS + 1)
         self.estimates = array("i", [0] * (wire.ESTIMATE_FIELDS * DIRECTIONS))
-        self.estimate_beat = array("i", [-1] * DIRECTIONS)
+        self.estimate_beat = array("i", [NEVER] * DIRECTIONS)
         self.fresh = bytearray(DIRECTIONS)
         self.edges = 0
         self.edge_direction = bytearray(EDGES)
@@ -47,29 +53,46 @@ class Heard:
     def reset(self):
         """Nothing has been received."""
         for direction in range(DIRECTIONS + 1):
-            self.speeds_beat[direction] = -1
+            self.speeds_beat[direction] = NEVER
             self.seen[direction] = 0
         for direction in range(DIRECTIONS):
-            self.estimate_beat[direction] = -1
+            self.estimate_beat[direction] = NEVER
             self.fresh[direction] = 0
         self.edges = 0
 
-    @micropython.native
-    def on_speeds(self, direction, data, beat):
-        """A neighbour's TPDO 1; returns False if it has another length."""
-        if len(data) != _SPEEDS_LENGTH:
-            return False
-        speeds = self.speeds
-        at = 2 * direction
-        speeds[at] = data[0] | data[1] << 8 | data[2] << 16 | ((data[3] ^ 0x80) - 0x80) << 24
-        speeds[at + 1] = data[4] | data[5] << 8 | data[6] << 16 | ((data[7] ^ 0x80) - 0x80) << 24
-        self.speeds_beat[direction] = beat
-        return True
+    # Defaults, not variables from around: MicroPython allocates at each call for more than a few.
 
-    def take_speed(self, direction, axis, speed_um_s, beat):
-        """The speed of a wheel at the last SYNC."""
-        self.speeds[2 * direction + axis] = speed_um_s
-        self.speeds_beat[direction] = beat
+    def speeds_receiver(self, direction):
+        """What takes a neighbour's TPDO 1; it returns False for one of another length."""
+        at = 2 * direction
+
+        def receive(data, heard=self, direction=direction, at=at):
+            if len(data) != _SPEEDS_LENGTH:
+                return False
+            _read_speeds(data, heard.speeds, at)
+            heard.speeds_beat[direction] = heard.beat
+            return True
+
+        return receive
+
+    def estimate_receiver(self, direction):
+        """What takes a neighbour's TPDO 3; it returns False for one that is none."""
+        at = wire.ESTIMATE_FIELDS * direction
+
+        def receive(data, heard=self, direction=direction, at=at, read=wire.read_estimate):
+            if not read(data, len(data), heard.estimates, at):
+                return False
+            heard.estimate_beat[direction] = heard.beat
+            heard.fresh[direction] = 1
+            return True
+
+        return receive
+
+    def take_speeds(self, speeds_um_s, other_um_s):
+        """The speeds of the cell's own wheels at the last SYNC."""
+        self.speeds[2 * OWN] = speeds_um_s
+        self.speeds[2 * OWN + 1] = other_um_s
+        self.speeds_beat[OWN] = self.beat
 
     def on_state(self, direction, data, now_ms):
         """A neighbour's TPDO 2; returns False if it has another length."""
@@ -95,21 +118,13 @@ class Heard:
         self.presence[direction] = bits
         self.seen[direction] = 1
 
-    @micropython.native
-    def on_estimate(self, direction, data, beat):
-        """A neighbour's TPDO 3; returns False if it is none."""
-        at = direction * wire.ESTIMATE_FIELDS
-        if not wire.unpack_estimate(data, self.estimates, at):
-            return False
-        self.estimate_beat[direction] = beat
-        self.fresh[direction] = 1
-        return True
-
     def drop_estimates(self):
         """What has come may be of any age: it is not passed on."""
         for direction in range(DIRECTIONS):
             self.fresh[direction] = 0
 
-    def field(self, direction, field):
-        """A field of a neighbour's last estimate."""
-        return self.estimates[direction * wire.ESTIMATE_FIELDS + field]
+
+@micropython.viper
+def _read_speeds(data: ptr8, speeds: ptr32, at: int):
+    speeds[at] = data[0] | data[1] << 8 | data[2] << 16 | ((data[3] ^ 0x80) - 0x80) << 24
+    speeds[at + 1] = data[4] | data[5] << 8 | data[6] << 16 | ((data[7] ^ 0x80) - 0x80) << 24

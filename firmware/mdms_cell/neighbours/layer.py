@@ -4,6 +4,11 @@ At SYNC the cell sends its speeds and, if it is at a parcel, its estimate; `UPDA
 of its neighbours have come, and `update` runs in the background. What it decides holds for a beat.
 """
 
+try:
+    import micropython
+except ImportError:
+    from mdms_protocol.cpython import micropython
+
 from array import array
 
 from mdms_cell import ticks
@@ -33,18 +38,19 @@ _HAND_ON_BEATS = 4
 class Layer:
     """The layer of one cell, off until it is `active`.
 
-    `attend()` returns the time [ms] and has a poll follow; `changed()` is called when the
-    identifiers have changed.
+    `now()` returns the time [ms], `wake(wait_ms)` has a poll follow in so many milliseconds at the
+    latest, and `changed()` is called when the identifiers have changed.
     """
 
-    def __init__(self, objects, registers, *, axes, pdos, consumer, emcy, attend, changed):
+    def __init__(self, objects, registers, *, axes, pdos, consumer, emcy, now, wake, changed):
         self._objects = objects
         self._registers = registers
         self._axes = axes
         self._pdos = pdos
         self._consumer = consumer
         self._emcy = emcy
-        self._attend = attend
+        self._now = now
+        self._wake = wake
         self._changed = changed
         self.active = False
         self._fields = array("i", [0] * wire.ESTIMATE_FIELDS)
@@ -59,7 +65,6 @@ class Layer:
         self._programs = Programs()
         self._leading = Leading(self._place, self._footprint, axes)
         self._rights = RightOfWay()
-        self._beat = 0
         self._sync_ms = 0
         self._step_ms = self._period_ms = 10
         self._due = False
@@ -104,10 +109,10 @@ class Layer:
 
         Where no parcel lies, one that goes on may come by; one that does not go on is stopped.
         """
-        program = self._programs.find(self._tracking.identity if self._tracking.over else 0)
+        program = self._programs.find(self._tracking.identity if self._tracking.is_over() else 0)
         if program is not None and program.complete and not program.goes_on:
             return False
-        return self.active and self._programs.go_on
+        return self.active and self._programs.go_on()
 
     def _on_place(self, _index=0, _sub=0):
         self._footprint.load()
@@ -130,19 +135,13 @@ class Layer:
 
     def _receiver(self, kind, direction):
         heard = self._heard
-
-        def receive(data):
-            if not self.active:
-                return True
-            if kind == SPEEDS:
-                return heard.on_speeds(direction, data, self._beat)
-            if kind == STATE:
-                return heard.on_state(direction, data, self._attend())
-            if kind == ESTIMATE:
-                return heard.on_estimate(direction, data, self._beat)
-            return self._on_page(direction, data)
-
-        return receive
+        if kind == SPEEDS:
+            return heard.speeds_receiver(direction)
+        if kind == STATE:
+            return lambda data: heard.on_state(direction, data, self._now())
+        if kind == ESTIMATE:
+            return heard.estimate_receiver(direction)
+        return lambda data: not self.active or self._on_page(direction, data)
 
     def _on_page(self, direction, data):
         """A page of a program, from the host or handed on by a neighbour."""
@@ -207,12 +206,13 @@ class Layer:
             self._heard.drop_estimates()
         self._step_ms = max(min(step_ms, _STEP_MAX_MS), 1)
         self._sync_ms = now_ms
-        self._beat = (self._beat + 1) & 0xFFFFFF
         self._due = True
-        for axis in range(speed_loop.AXES):
-            speed_um_s = self._registers[axis * speed_loop.AXIS + speed_loop.ACTUAL]
-            self._heard.take_speed(OWN, axis, speed_um_s, self._beat)
-        self._attend()
+        heard, registers = self._heard, self._registers
+        heard.beat = (heard.beat + 1) & 0xFFFFFF
+        heard.take_speeds(
+            registers[speed_loop.ACTUAL], registers[speed_loop.AXIS + speed_loop.ACTUAL]
+        )
+        self._wake(UPDATE_MS)
 
     def poll(self, now_ms, presence):
         """Update when it is time; return in how many milliseconds the next update is due."""
@@ -230,45 +230,50 @@ class Layer:
         return ticks.IDLE_MS
 
     def _update(self, presence):
-        lacking = self._listen()
+        sent = self._listen()
         tracking = self._tracking
         self._choose_parcel()
-        tracking.update(self._beat, self._step_ms, self._sync_ms)
+        tracking.update(self._step_ms, self._sync_ms)
         if tracking.missing_beats >= LOST_BEATS:
             tracking.drop()
         program = self._programs.find(tracking.identity)
-        over = tracking.identity if tracking.over else 0
+        over = tracking.identity if tracking.is_over() else 0
         leading = self._leading
         needs, asks = leading.look_ahead(tracking, program) if tracking.under else (0, 0)
         self._rights.on_beat(over, needs, presence != 0)
         asked = needs if self._rights.state == UNDER else 0
-        self._evidence.judge(tracking, self._beat, asked)
+        self._evidence.judge(tracking, asked)
         self._report()
         self._lead(program)
         self._announce(program, asks)
-        if lacking and tracking.under and program is not None and program.complete:
-            self._hand_on(program)
+        if tracking.under and program is not None and program.complete:
+            self._hand_on(program, sent)
 
+    @micropython.native
     def _listen(self):
-        """Pass on what neighbours sent; returns whether one lacks this parcel's program."""
-        heard, rights = self._heard, self._rights
-        lacking = False
+        """Pass on what neighbours sent; returns the mask of those that have."""
+        estimates, fresh, on_message = (
+            self._heard.estimates,
+            self._heard.fresh,
+            self._rights.on_message,
+        )
+        identity, state = wire.IDENTITY, wire.STATE
+        wants, hold = wire.WANTS, wire.HOLD
+        base = mask = 0
         for direction in range(DIRECTIONS):
-            if heard.fresh[direction]:
-                heard.fresh[direction] = 0
-                identity = heard.field(direction, wire.IDENTITY)
-                wants_me = heard.field(direction, wire.WANTS) >> (direction ^ 4) & 1
-                state, hold = heard.field(direction, wire.STATE), heard.field(direction, wire.HOLD)
-                rights.on_message(direction, identity, state, wants_me, hold)
-                if identity == self._tracking.identity and identity:
-                    lacking = lacking or self._is_behind(direction)
-        return lacking
-
-    def _is_behind(self, direction):
-        if self._heard.field(direction, wire.FLAGS) & wire.LACKING:
-            return True
-        its, own = self._heard.field(direction, wire.SEQUENCE), self._fields[wire.SEQUENCE]
-        return bool(own) and (own - its) % wire.SEQUENCE_MAX == 1
+            if fresh[direction]:
+                fresh[direction] = 0
+                mask |= 1 << direction
+                wants_me = estimates[base + wants] >> (direction ^ 4) & 1
+                on_message(
+                    direction,
+                    estimates[base + identity],
+                    estimates[base + state],
+                    wants_me,
+                    estimates[base + hold],
+                )
+            base += wire.ESTIMATE_FIELDS
+        return mask
 
     def _choose_parcel(self):
         """Be at the parcel that lies here, or else at the one that the right of way says."""
@@ -287,7 +292,7 @@ class Layer:
         """Lead the wheels towards the goal while all is clear; else bring them to rest."""
         tracking, rights, leading = self._tracking, self._rights, self._leading
         known = rights.state == UNDER and program is not None and program.complete
-        if not known or not tracking.under or tracking.doubtful:
+        if not known or not tracking.under or tracking.is_doubtful():
             leading.stop()
             return
         allowed = leading.may_go_on(program, self._step_ms, alone=bool(self._consumer.lost))
@@ -326,16 +331,30 @@ class Layer:
             fields[wire.SEQUENCE], flags = program.sequence, 0
         else:
             fields[wire.SEQUENCE], flags = 0, wire.LACKING
-        if self._leading.arrived:
+        if self._leading.arrived():
             flags |= wire.ARRIVED
         if self._suspect >= 0:
             flags |= wire.CONTRADICTED
         fields[wire.FLAGS] = flags
         wire.pack_estimate(fields, 0, self._objects.data, self._estimate_at)
 
-    def _hand_on(self, program):
-        if (self._beat + self._node_id) % _HAND_ON_BEATS:
+    def _hand_on(self, program, sent):
+        """Send a page, in this cell's turn, if one of those who have sent an estimate lacks it."""
+        if (self._heard.beat + self._node_id) % _HAND_ON_BEATS:
             return
-        self._second = not self._second
-        program.pack(self._second, self._objects.data, self._program_at)
-        self._pdos.trigger(_PROGRAM_PDO)
+        for direction in range(DIRECTIONS):
+            if sent >> direction & 1 and self._is_behind(direction, program):
+                self._second = not self._second
+                program.pack(self._second, self._objects.data, self._program_at)
+                self._pdos.trigger(_PROGRAM_PDO)
+                return
+
+    def _is_behind(self, direction, program):
+        """Whether a neighbour lacks this program, of the parcel that it is at."""
+        estimates, at = self._heard.estimates, direction * wire.ESTIMATE_FIELDS
+        if estimates[at + wire.IDENTITY] != program.identity:
+            return False
+        lacking = estimates[at + wire.FLAGS] & wire.LACKING
+        return (
+            lacking or (program.sequence - estimates[at + wire.SEQUENCE]) % wire.SEQUENCE_MAX == 1
+        )

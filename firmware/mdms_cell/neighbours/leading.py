@@ -1,16 +1,22 @@
 """Leads the cell's two wheels: finds the cells that the parcel needs next, steers, and rests."""
 
+try:
+    from micropython import const
+except ImportError:
+    from mdms_protocol.cpython import const
+
 from mdms_cell.neighbours.angle import ARM_UM, wrapped
 from mdms_cell.neighbours.outline import STEP_UM
 from mdms_cell.neighbours.steering import Steering, length
 
 #: From the wish to brake until all cells under the parcel do: HOPS times the beats that `hold` may
 #: take and counts. And how far ahead a cell asks [ms].
-_REACTION_MS = 200
-_ASK_MS = 500
+_REACTION_MS = const(200)
+_ASK_MS = const(500)
 #: At the goal, or where it is held, the wheels hold for so long before they are switched off.
-_HOLD_BEATS = 50
-_ARM = ARM_UM // STEP_UM
+_HOLD_BEATS = const(50)
+_ARM = const(8000)
+assert _ARM * STEP_UM == ARM_UM
 
 
 class Leading:
@@ -40,10 +46,9 @@ class Leading:
         self._held_beats = 0
         self._steering.reset()
 
-    @property
     def arrived(self):
         """Whether the parcel stands at its goal."""
-        return self._steering.arrived and self._steering.standing
+        return self._steering.arrived and self._steering.stands()
 
     def look_ahead(self, tracking, program):
         """Masks of the neighbours that the parcel covers or will before it can stand, and of those
@@ -109,7 +114,7 @@ class Leading:
             self._planned_ms = way_um // speed_mm_s + 2 * speed_mm_s * 1000 // max(
                 program.acceleration_mm_s2, 1
             )
-        still = steering.standing and (steering.arrived or not may_go)
+        still = steering.stands() and (steering.arrived or not may_go)
         self._held_beats = min(self._held_beats + 1, _HOLD_BEATS) if still else 0
         if self._held_beats >= _HOLD_BEATS or (still and not self._driving):
             if self._driving:

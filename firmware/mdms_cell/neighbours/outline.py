@@ -2,18 +2,19 @@
 
 Lengths are whole steps of 16 um, so that a product with a cosine fits 30 bits within 0.6 m.
 """
+# Viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
 
 try:
     import micropython
-except ImportError:
-    from mdms_cell.cpython import micropython
-
-try:
     from micropython import const
 except ImportError:
-    from mdms_cell.cpython import const
+    from mdms_protocol.cpython import const, micropython, ptr32
 
-from mdms_cell.neighbours.angle import ARM_UM, ONE, cosine, root, sine
+from array import array
+
+from mdms_cell.neighbours.angle import ARM_UM, ONE, resolve, root
+from mdms_protocol.words import WIDEN
 
 STEP_UM = const(16)
 _ARM = const(8000)
@@ -22,96 +23,160 @@ assert _ARM * STEP_UM == ARM_UM
 RECTANGLE = const(0)
 DISC = const(1)
 
+# Registers of an outline
+X = const(0)  # its centre [steps]
+Y = const(1)
+COSINE = const(2)  # of its turn [1/8192]
+SINE = const(3)
+SHAPE = const(4)  # RECTANGLE or DISC
+HALF_LENGTH = const(5)  # of a disc its radius [steps]
+HALF_WIDTH = const(6)
+NORMAL_X = const(7)  # of the edge that `edge` found last: the derivative of its distance by the
+NORMAL_Y = const(8)  # pose, its sign changed [1/1024]
+LEVER = const(9)
+REGISTERS = const(10)
+
 
 class Outline:
-    """A rectangle about its centre, or a disc; `place` sets its pose [um; any frame].
-
-    `x`, `y`, `half_length` and `half_width` are in steps, `cosine` and `sine` of its turn in
-    1/8192.
-
-    `edge` leaves where the nearest edge lies in `normal_x`, `normal_y` and `lever`: the derivative
-    of the distance by the pose, its sign changed, in 1/1024.
-    """
+    """A rectangle about its centre, or a disc; `place` sets its pose [um; any frame]."""
 
     def __init__(self):
+        self.registers = array("i", [0] * REGISTERS)
         self.set(RECTANGLE, 0, 0)
         self.place(0, 0, 0)
-        self.normal_x = self.normal_y = self.lever = 0
 
     def set(self, shape, length_um, width_um):
         """Take a shape: length and width of a rectangle, or the diameter of a disc [um]."""
-        self.shape = shape
-        self.half_length = length_um // (2 * STEP_UM)
-        self.half_width = width_um // (2 * STEP_UM)
+        registers = self.registers
+        registers[SHAPE] = shape
+        registers[HALF_LENGTH] = length_um // (2 * STEP_UM)
+        registers[HALF_WIDTH] = width_um // (2 * STEP_UM)
         self.reach_um = length_um // 2
         if shape == RECTANGLE:
             self.reach_um = root((length_um >> 10) ** 2 + (width_um >> 10) ** 2) << 9
 
     def place(self, x_um, y_um, turn_um):
         """Take a pose."""
-        self.x = x_um // STEP_UM
-        self.y = y_um // STEP_UM
-        self.cosine = cosine(turn_um)
-        self.sine = sine(turn_um)
-
-    @micropython.native
-    def distance(self, x, y):
-        """How far a point is outside, negative inside [steps]; outside a corner a little less."""
-        x -= self.x
-        y -= self.y
-        if self.shape == DISC:
-            return root((x >> 2) ** 2 + (y >> 2) ** 2) * 4 - self.half_length
-        along = abs(self.cosine * x + self.sine * y >> 13) - self.half_length
-        across = abs(self.cosine * y - self.sine * x >> 13) - self.half_width
-        return along if along > across else across
-
-    @micropython.native
-    def overlaps(self, x, y, half):
-        """Whether the bottom lies over a square about a point [steps; half its side].
-
-        Two rectangles lie apart where one of their four axes shows a gap.
-        """
-        x -= self.x
-        y -= self.y
-        if self.shape == DISC:
-            x, y = max(abs(x) - half, 0), max(abs(y) - half, 0)
-            return root((x >> 2) ** 2 + (y >> 2) ** 2) * 4 < self.half_length
-        cosine, sine = abs(self.cosine), abs(self.sine)
-        length, width = self.half_length, self.half_width
-        if abs(x) > half + (cosine * length + sine * width >> 13):
-            return False
-        if abs(y) > half + (sine * length + cosine * width >> 13):
-            return False
-        shadow = half * (cosine + sine) >> 13
-        if abs(self.cosine * x + self.sine * y >> 13) > length + shadow:
-            return False
-        return abs(self.cosine * y - self.sine * x >> 13) <= width + shadow
+        registers = self.registers
+        registers[X] = x_um // STEP_UM
+        registers[Y] = y_um // STEP_UM
+        resolve(turn_um, registers, COSINE)
 
     def edge(self, x, y):
-        """The distance of a point, with the direction of the edge that is nearest to it."""
-        x -= self.x
-        y -= self.y
-        if self.shape == DISC:
-            return self._rim(x, y)
-        along = self.cosine * x + self.sine * y >> 13
-        across = self.cosine * y - self.sine * x >> 13
-        before_length = abs(along) - self.half_length
-        before_width = abs(across) - self.half_width
-        if before_length > before_width:
-            sign = 1 if along > 0 else -1
-            self._face(sign * self.cosine, sign * self.sine, -sign * across)
-            return before_length
-        sign = 1 if across > 0 else -1
-        self._face(-sign * self.sine, sign * self.cosine, sign * along)
-        return before_width
+        """How far a point is outside, negative inside [steps]; outside a corner a little less.
 
-    def _face(self, normal_x, normal_y, lever):
-        self.normal_x = normal_x >> 3
-        self.normal_y = normal_y >> 3
-        self.lever = (lever << 10) // _ARM
+        Leaves where the edge that is nearest to it lies in NORMAL_X, NORMAL_Y and LEVER.
+        """
+        if self.registers[SHAPE] == DISC:
+            return self._rim(x, y)
+        return _side(self.registers, x, y)
 
     def _rim(self, x, y):
+        registers = self.registers
+        x -= registers[X]
+        y -= registers[Y]
         from_centre = root((x >> 2) ** 2 + (y >> 2) ** 2) * 4
         most = max(from_centre, 1)
-        self._face(x * ONE // most, y * ONE // most, 0)
-        return from_centre - self.half_length
+        registers[NORMAL_X] = x * ONE // most >> 3
+        registers[NORMAL_Y] = y * ONE // most >> 3
+        registers[LEVER] = 0
+        return from_centre - registers[HALF_LENGTH]
+
+
+@micropython.viper
+def _side(outline: ptr32, x: int, y: int) -> int:
+    """The distance of a point to the nearest side of a rectangle; see `Outline.edge`."""
+    widen = int(WIDEN)
+    x -= outline[X] << widen >> widen
+    y -= outline[Y] << widen >> widen
+    cosine = outline[COSINE] << widen >> widen
+    sine = outline[SINE] << widen >> widen
+    along = cosine * x + sine * y >> 13
+    across = cosine * y - sine * x >> 13
+    before_length = (along if along > 0 else 0 - along) - outline[HALF_LENGTH]
+    before_width = (across if across > 0 else 0 - across) - outline[HALF_WIDTH]
+    if before_length > before_width:
+        distance = before_length
+        sign = 1 if along > 0 else -1
+        outline[NORMAL_X] = sign * cosine >> 3
+        outline[NORMAL_Y] = sign * sine >> 3
+        outline[LEVER] = (0 - sign * across << 10) // _ARM
+    else:
+        distance = before_width
+        sign = 1 if across > 0 else -1
+        outline[NORMAL_X] = 0 - sign * sine >> 3
+        outline[NORMAL_Y] = sign * cosine >> 3
+        outline[LEVER] = (sign * along << 10) // _ARM
+    return distance
+
+
+@micropython.viper
+def points_within(  # noqa: PLR0917 - viper takes words
+    outline: ptr32, xs: ptr32, ys: ptr32, points: int, shift_x: int, shift_y: int, limit: int
+) -> int:
+    """The mask of the points, moved by a shift, that are less than `limit` outside an outline."""
+    widen = int(WIDEN)
+    shift_x -= outline[X] << widen >> widen
+    shift_y -= outline[Y] << widen >> widen
+    cosine = outline[COSINE] << widen >> widen
+    sine = outline[SINE] << widen >> widen
+    length = outline[HALF_LENGTH] + limit
+    width = outline[HALF_WIDTH] + limit
+    radius = length + 3 >> 2
+    mask = 0
+    for point in range(points):
+        x = (xs[point] << widen >> widen) + shift_x
+        y = (ys[point] << widen >> widen) + shift_y
+        if outline[SHAPE] == DISC:
+            within = radius > 0 and (x >> 2) * (x >> 2) + (y >> 2) * (y >> 2) < radius * radius
+        else:
+            along = cosine * x + sine * y >> 13
+            across = cosine * y - sine * x >> 13
+            within = 0 - length < along < length and 0 - width < across < width
+        if within:
+            mask |= 1 << point
+    return mask
+
+
+@micropython.viper
+def squares_overlapped(
+    outline: ptr32, centres_x: ptr32, centres_y: ptr32, half: int, asked: int
+) -> int:
+    """The mask of those squares of a mask that the bottom lies over [steps; half their side].
+
+    Two rectangles lie apart where one of their four axes shows a gap.
+    """
+    widen = int(WIDEN)
+    cosine = outline[COSINE] << widen >> widen
+    sine = outline[SINE] << widen >> widen
+    length = outline[HALF_LENGTH]
+    width = outline[HALF_WIDTH]
+    upright = cosine if cosine > 0 else 0 - cosine
+    aslant = sine if sine > 0 else 0 - sine
+    reach_x = half + (upright * length + aslant * width >> 13)
+    reach_y = half + (aslant * length + upright * width >> 13)
+    shadow = half * (upright + aslant) >> 13
+    radius = length + 3 >> 2
+    mask = 0
+    square = 0
+    while asked >> square:
+        x = (centres_x[square] << widen >> widen) - (outline[X] << widen >> widen)
+        y = (centres_y[square] << widen >> widen) - (outline[Y] << widen >> widen)
+        far_x = x if x > 0 else 0 - x
+        far_y = y if y > 0 else 0 - y
+        if not asked >> square & 1:
+            apart = True
+        elif outline[SHAPE] == DISC:
+            far_x = far_x - half >> 2 if far_x > half else 0
+            far_y = far_y - half >> 2 if far_y > half else 0
+            apart = far_x * far_x + far_y * far_y >= radius * radius
+        else:
+            along = cosine * x + sine * y >> 13
+            across = cosine * y - sine * x >> 13
+            apart = far_x > reach_x or far_y > reach_y
+            apart = apart or along > length + shadow or along < 0 - length - shadow
+            apart = apart or across > width + shadow or across < 0 - width - shadow
+        if not apart:
+            mask |= 1 << square
+        square += 1
+    return mask

@@ -10,7 +10,10 @@ SLOTS = 4
 
 
 class Program:
-    """One parcel's data and goal, as their pages have them; lengths in um, angles as in `angle`."""
+    """One parcel's data and goal, as their pages have them; lengths in um, angles as in `angle`.
+
+    `complete` is whether nothing is lacking.
+    """
 
     def __init__(self):
         self.identity = 0
@@ -22,7 +25,7 @@ class Program:
         """Begin anew, for this identity."""
         self.identity = identity
         self.sequence = 0
-        self.has_parcel = self.has_goal = False
+        self.has_parcel = self.has_goal = self.complete = False
 
     def take(self, fields):
         """Take a page; returns whether it is one that is kept."""
@@ -38,6 +41,7 @@ class Program:
             self.sequence = sequence
         else:
             return False
+        self.complete = self.has_parcel and self.has_goal
         start = wire.PROGRAM_FIELDS if page == wire.GOAL else 0
         for place in range(wire.PROGRAM_FIELDS):
             self._pages[start + place] = fields[place]
@@ -52,11 +56,6 @@ class Program:
         self.goes_on = bool(fields[wire.PROGRAM_FLAGS] & wire.GO_ON)
         self.any_yaw = bool(fields[wire.PROGRAM_FLAGS] & wire.ANY_YAW)
         self.has_parcel = True
-
-    @property
-    def complete(self):
-        """Whether nothing is lacking."""
-        return self.has_parcel and self.has_goal
 
     def pack(self, second, frame, at):
         """Write the page of the parcel, or with `second` that of the goal, as a frame."""
@@ -92,7 +91,6 @@ class Programs:
             found.used = self._uses
         return found
 
-    @property
     def go_on(self):
         """Whether a parcel is on its way that goes on without the host."""
         return any(slot.identity and slot.complete and slot.goes_on for slot in self._slots)

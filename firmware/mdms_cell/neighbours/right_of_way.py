@@ -12,17 +12,23 @@ have turned by it stands: the lease, and the time that `hold` takes to the last 
 parcel. After a reset it has no record of whom it was promised to, and waits as long.
 """
 
-NONE = 0
-NEAR = 1
-PROMISED = 2
-UNDER = 3
+try:
+    import micropython
+    from micropython import const
+except ImportError:
+    from mdms_protocol.cpython import const, micropython
+
+NONE = const(0)
+NEAR = const(1)
+PROMISED = const(2)
+UNDER = const(3)
 
 #: `hold` counts steps from a cell that lacks a promise, up to this, which stands for none.
-CLEAR = 5
+CLEAR = const(5)
 #: The most steps between two cells under one parcel.
-HOPS = 4
+HOPS = const(4)
 
-DIRECTIONS = 8
+DIRECTIONS = const(8)
 
 
 class RightOfWay:
@@ -89,6 +95,7 @@ class RightOfWay:
         if self._bound:
             self._bound = self._bound_beats + 1
 
+    @micropython.native
     def on_message(self, direction, identity, state, wants_me, hold):
         """The neighbour in this direction sent this estimate, at most `late_beats` SYNCs ago.
 
@@ -135,6 +142,7 @@ class RightOfWay:
                 self._identities[direction] = 0
                 self._left[direction] = 0
 
+    @micropython.native
     def _count_down(self):
         if self.state >= PROMISED:
             self._bound = self._bound_beats
@@ -229,6 +237,7 @@ class RightOfWay:
         self._lacked = min(self._lacked + 1, self._blocked_beats) if self.lacking else 0
         self.blocked = self._lacked >= self._blocked_beats
 
+    @micropython.native
     def _look_around(self, wants):
         steps = self._hops + 1
         drive_beats = self._valid_beats

@@ -1,15 +1,20 @@
 """From a parcel's pose and goal to the twist that takes it there, as gently as its program asks."""
 
+try:
+    from micropython import const
+except ImportError:
+    from mdms_protocol.cpython import const
+
 from mdms_cell.neighbours.angle import ARM_UM, root
 
 #: The parcel has arrived within this, for so many beats; it is steered again outside twice as much.
-TOLERANCE_UM = 2_000
-TOLERANCE_TURN_UM = 1_500
-SETTLED_BEATS = 30
+_TOLERANCE_UM = const(2_000)
+_TOLERANCE_TURN_UM = const(1_500)
+_SETTLED_BEATS = const(30)
 #: Near the goal the speed is so many times the way left a second.
-STIFFNESS_PER_S = 3
+_STIFFNESS_PER_S = const(3)
 #: Parts of a corner's way, in which turning and going are one motion.
-_SHARE = 64
+_SHARE = const(64)
 
 
 class Steering:
@@ -33,8 +38,7 @@ class Steering:
         """Begin with the twist that the parcel has, so that a wheel joins the others' motion."""
         self.vx, self.vy, self.turn = vx, vy, turn
 
-    @property
-    def standing(self):
+    def stands(self):
         """Whether nothing is commanded."""
         return not (self.vx or self.vy or self.turn)
 
@@ -64,7 +68,7 @@ class Steering:
     def _speed_um_s(self, program, way_um):
         """As fast as it may go with this way left: never faster than it can brake."""
         braking = root(program.acceleration_mm_s2 * way_um) * 316 // 10
-        return min(program.speed_um_s, STIFFNESS_PER_S * way_um, braking)
+        return min(program.speed_um_s, _STIFFNESS_PER_S * way_um, braking)
 
     def _approach(self, vx, vy, vt, corner, most):
         """Change the twist by at most so much [um/s]."""
@@ -85,12 +89,12 @@ class Steering:
     def _settle(self, dx_um, dy_um, dturn_um):
         slack = 2 if self.arrived else 1
         within = (
-            abs(dx_um) <= slack * TOLERANCE_UM
-            and abs(dy_um) <= slack * TOLERANCE_UM
-            and abs(dturn_um) <= slack * TOLERANCE_TURN_UM
+            abs(dx_um) <= slack * _TOLERANCE_UM
+            and abs(dy_um) <= slack * _TOLERANCE_UM
+            and abs(dturn_um) <= slack * _TOLERANCE_TURN_UM
         )
-        self._settled = min(self._settled + 1, SETTLED_BEATS) if within else 0
-        self.arrived = within and (self.arrived or self._settled >= SETTLED_BEATS)
+        self._settled = min(self._settled + 1, _SETTLED_BEATS) if within else 0
+        self.arrived = within and (self.arrived or self._settled >= _SETTLED_BEATS)
 
 
 def length(x, y, z):

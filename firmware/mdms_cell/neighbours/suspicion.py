@@ -7,7 +7,7 @@ taken in again when it has agreed for as long. A beat without evidence counts fo
 try:
     from micropython import const
 except ImportError:
-    from mdms_cell.cpython import const
+    from mdms_protocol.cpython import const
 
 from mdms_cell.neighbours.outline import STEP_UM
 from mdms_cell.neighbours.place import AXES, DIRECTIONS
@@ -27,6 +27,7 @@ CODE = const(0xFF01)
 #: be against a verdict until it turns, which is half a second.
 POSE_BEATS = const(50)
 _TIMES = bytes((6, 6, POSE_BEATS, 6))
+_NOTHING = bytes(DIRECTIONS + 1)
 #: So many cells whose sensors contradict at once are right.
 _CROWD = const(3)
 #: A wheel may be off the parcel's motion by this, and by a quarter of its own [um/s].
@@ -41,6 +42,8 @@ _LATE_BEATS = const(3)
 
 #: The cell itself, in the place of a direction.
 _OWN = DIRECTIONS
+#: Whose pose is left out: it is wrong, or made by sensors that are.
+MISLEADING = 1 << POSE | 1 << PRESENCE
 
 
 class Suspicion:
@@ -51,33 +54,37 @@ class Suspicion:
 
     def __init__(self):
         self.out = bytearray(DIRECTIONS + 1)
-        self._against = bytearray(KINDS * (DIRECTIONS + 1))
+        self._against = [bytearray(DIRECTIONS + 1) for _ in range(KINDS)]
 
     def reset(self):
         """Nobody is suspected."""
         for place in range(DIRECTIONS + 1):
             self.out[place] = 0
-        for place in range(KINDS * (DIRECTIONS + 1)):
-            self._against[place] = 0
+            for against in self._against:
+                against[place] = 0
 
     def has(self, direction, kind):
         """Whether this is left out of that direction."""
         return self.out[direction] >> kind & 1
 
+    def is_quiet(self, kind):
+        """Whether nobody is suspected, and no evidence of this kind is against anybody."""
+        return self._against[kind] == _NOTHING and self.out == _NOTHING
+
     def judge(self, direction, kind, contradicts):
         """The evidence of one beat."""
-        at = KINDS * direction + kind
+        against = self._against[kind]
         if bool(contradicts) == bool(self.has(direction, kind)):
-            self._against[at] = 0
+            against[direction] = 0
             return
-        self._against[at] += 1
-        if self._against[at] >= _TIMES[kind]:
-            self._against[at] = 0
+        against[direction] += 1
+        if against[direction] >= _TIMES[kind]:
+            against[direction] = 0
             self.out[direction] ^= 1 << kind
 
     def misleads(self, direction):
         """Whether a pose is left out: it is wrong, or made by sensors that are."""
-        return self.out[direction] & (1 << POSE | 1 << PRESENCE)
+        return self.out[direction] & MISLEADING
 
     def trusts(self, direction):
         """Whether presence bits of that direction may correct a belief.
@@ -86,21 +93,25 @@ class Suspicion:
         """
         if self.has(direction, PRESENCE):
             return False
-        return not self._against[KINDS * direction + PRESENCE] or self.crowd()
+        return not self._against[PRESENCE][direction] or self.crowd()
 
     def crowd(self):
         """Whether so many contradict by their presence bits that it is not they who are wrong."""
+        against = self._against[PRESENCE]
+        if against == _NOTHING:
+            return False
         count = 0
         for direction in range(DIRECTIONS + 1):
-            if self._against[KINDS * direction + PRESENCE] and not self.has(direction, PRESENCE):
+            if against[direction] and not self.has(direction, PRESENCE):
                 count += 1
         return count >= _CROWD
 
     def first(self):
         """The first direction that is suspected of anything; -1 for none."""
-        for direction in range(DIRECTIONS + 1):
-            if self.out[direction]:
-                return direction
+        if self.out != _NOTHING:
+            for direction in range(DIRECTIONS + 1):
+                if self.out[direction]:
+                    return direction
         return -1
 
 
@@ -113,17 +124,17 @@ class Evidence:
         self._suspicion = suspicion
         self._turn = 0
 
-    def judge(self, tracking, beat, asked):
+    def judge(self, tracking, asked):
         """One cell, by what it sent; `asked` is the mask of those asked for the parcel."""
         direction = self._turn = (self._turn + 1) % (DIRECTIONS + 1)
         if direction == _OWN:
-            if tracking.sure:
+            if tracking.is_sure():
                 self._judge_wheels(tracking, _OWN)
-        elif tracking.sure and self._footprint.present >> direction & 1:
-            self._judge_neighbour(tracking, direction, beat, asked >> direction & 1)
+        elif tracking.is_sure() and self._footprint.present >> direction & 1:
+            self._judge_neighbour(tracking, direction, asked >> direction & 1)
 
-    def _judge_neighbour(self, tracking, direction, beat, asked):
-        suspicion, heard = self._suspicion, self._heard
+    def _judge_neighbour(self, tracking, direction, asked):
+        suspicion, heard, beat = self._suspicion, self._heard, self._heard.beat
         silent = (beat - heard.estimate_beat[direction]) & 0xFFFFFF > _LATE_BEATS
         if asked or not silent:
             suspicion.judge(direction, SILENCE, silent)
@@ -135,16 +146,13 @@ class Evidence:
         footprint, twist = self._footprint, tracking.twist
         if twist.wheels < _ENOUGH_WHEELS:
             return
+        inside = footprint.within(tracking.outline, direction, -_INSIDE)
         under = False
         wrong = False
         for axis in range(AXES):
-            x = footprint.shift_x[direction] + footprint.x[axis]
-            y = footprint.shift_y[direction] + footprint.y[axis]
-            if tracking.outline.distance(x, y) < -_INSIDE:
+            if inside >> axis & 1:
                 speed_um_s = self._heard.speeds[2 * direction + axis]
-                expected = twist.at(
-                    tracking.outline, x, y, footprint.along_x[axis], footprint.along_y[axis]
-                )
+                expected = tracking.expected_um_s(direction, axis)
                 slip = _SLIP_UM_S + abs(expected) // 4
                 # At rest a wheel that cannot turn agrees with everything.
                 under = under or abs(expected) > slip or abs(speed_um_s) > slip

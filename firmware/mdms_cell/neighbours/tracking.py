@@ -4,20 +4,21 @@ A cell under the parcel keeps a belief of its own: it rolls it on by the wheels 
 neighbourhood, corrects it where sensors see an edge, and agrees with the neighbours under the same
 parcel. A cell beside the parcel follows those that are under it.
 """
+# Viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
 
 try:
     import micropython
+    from micropython import const
 except ImportError:
-    from mdms_cell.cpython import micropython
-
-from array import array
+    from mdms_protocol.cpython import const, micropython, ptr8, ptr32
 
 from mdms_cell import ticks
 from mdms_cell.neighbours.agreement import Agreement
 from mdms_cell.neighbours.angle import wrapped
 from mdms_cell.neighbours.belief import CONTRADICTION, EDGE, Belief
-from mdms_cell.neighbours.heard import OWN
-from mdms_cell.neighbours.outline import STEP_UM
+from mdms_cell.neighbours.heard import NEVER, OWN
+from mdms_cell.neighbours.outline import LEVER, NORMAL_X, NORMAL_Y, STEP_UM, X, Y
 from mdms_cell.neighbours.place import AXES, DIRECTIONS, SENSORS
 from mdms_cell.neighbours.program import wire_yaw
 from mdms_cell.neighbours.right_of_way import PROMISED, UNDER
@@ -25,20 +26,22 @@ from mdms_cell.neighbours.suspicion import POSE_BEATS, PRESENCE, WHEELS
 from mdms_cell.neighbours.twist import TwistFit
 from mdms_protocol.neighbours import frames as wire
 
-_FEW_WHEELS = 5
+_FEW_WHEELS = const(5)
 #: A frame may be this late; the parcel has moved on meanwhile.
-_LATENCY_MS = 3
+_LATENCY_MS = const(3)
 #: A cell beside a parcel follows its neighbours for so long after the last of them.
-_FOLLOW_BEATS = 5
+_FOLLOW_BEATS = const(5)
 #: An edge passes over a sensor no slower.
-_PASSING_UM_S = 1_000
-#: A sensor so far inside the outline has to be covered, one so far outside free [steps].
-_CLEAR = 10_000 // STEP_UM
+_PASSING_UM_S = const(1_000)
+#: A sensor so far inside the outline has to be covered, one so far outside free, 10 mm [steps].
+_CLEAR = const(625)
+#: The mask of a cell's sensors.
+_SENSORS = (1 << SENSORS) - 1
 #: So many neighbours that have the parcel show that a cell's own sensors are wrong.
-_WITNESSES = 2
+_WITNESSES = const(2)
 #: A cell whose sensors miss the parcel for so long steers no more, and then has it no longer.
-DOUBT_BEATS = 20
-LOST_BEATS = 100
+DOUBT_BEATS = const(20)
+LOST_BEATS = const(100)
 
 
 class Tracking:
@@ -52,12 +55,11 @@ class Tracking:
         self._heard = heard
         self._suspicion = suspicion
         self._agreement = Agreement(place, heard, suspicion)
-        # By direction: whose speeds count, who is at another parcel; mask of who is at this one.
-        self._use = bytearray(DIRECTIONS + 1)
+        # By direction who is at another parcel; masks of who is at this one, and of their wheels.
         self._others = bytearray(DIRECTIONS + 1)
         self._peers = 0
+        self._turning = 0
         self.edge_late_ms = 1
-        self._distances = array("i", [0] * SENSORS)
         self.belief = Belief()
         self.outline = self.belief.outline
         self.twist = TwistFit()
@@ -96,15 +98,13 @@ class Tracking:
         self._look()
 
     def _look(self):
-        self.under = (
-            self.shaped and self.belief.known and self._footprint.covered(self.outline, OWN)
-        )
+        self.under = self.shaped and self.belief.known and self._footprint.covers(self.outline)
 
-    def update(self, beat, step_ms, sync_ms):
+    def update(self, step_ms, sync_ms):
         """Bring the belief to the last SYNC, `step_ms` after that of the last update."""
         if self.identity and self.shaped:
             before = self.twist.vx, self.twist.vy, self.twist.turn
-            self._sort(beat)
+            self._sort()
             self._fit()
             # A few wheels, all on one side, do not show how a parcel turns.
             self._follows = not self.under or self.twist.wheels < _FEW_WHEELS
@@ -119,32 +119,30 @@ class Tracking:
             self._look()
         self._drop_edges(sync_ms)
 
-    @micropython.native
-    def _sort(self, beat):
+    def _sort(self):
         """Find out what each neighbour is at: the same parcel, another, or none."""
-        heard, use, peers = self._heard, self._use, 0
-        for direction in range(DIRECTIONS):
-            at = direction * wire.ESTIMATE_FIELDS
-            identity = heard.estimates[at + wire.IDENTITY]
-            same = identity == self.identity
-            state = heard.estimates[at + wire.STATE]
-            others = heard.estimate_beat[direction] >= 0 and state >= PROMISED and not same
-            self._others[direction] = others
-            turning = heard.speeds_beat[direction] == beat
-            use[direction] = turning and not (others or self._suspicion.has(direction, WHEELS))
-            sure = heard.estimates[at + wire.CERTAINTY] > 0
-            if same and sure and state == UNDER and heard.estimate_beat[direction] == beat:
-                peers |= 1 << direction
-        use[OWN] = heard.speeds_beat[OWN] == beat and not self._suspicion.has(OWN, WHEELS)
-        self._peers = peers
+        heard, out = self._heard, self._suspicion.out
+        self._peers = _peers(
+            heard.estimates, heard.estimate_beat, heard.beat, self.identity, self._others
+        )
+        self._turning = _turning(heard.speeds_beat, heard.beat, self._others, out)
 
     def _fit(self):
         """Find the twist by the wheels under the parcel, as believed at the SYNC before."""
         if self.belief.known:
-            heard, wheels = self._heard, self._footprint.wheels
-            self.twist.fit(self.outline, wheels, heard.speeds, AXES, self._use)
+            outline, footprint = self.outline, self._footprint
+            mask = self._turning & footprint.wheels_under(outline)
+            x, y = outline.registers[X], outline.registers[Y]
+            self.twist.fit(x, y, footprint.wheels, self._heard.speeds, mask)
         else:
             self.twist.reset()
+
+    def expected_um_s(self, direction, axis):
+        """The speed of a wheel of that cell that turns with the parcel."""
+        x, y, along_x, along_y = self._footprint.wheels
+        wheel, centre = AXES * direction + axis, self.outline.registers
+        lever_x, lever_y = x[wheel] - centre[X], y[wheel] - centre[Y]
+        return self.twist.at(lever_x, lever_y, along_x[axis], along_y[axis])
 
     def _move(self, before, step_ms):
         """Roll on by the wheels, half by the twist before."""
@@ -186,15 +184,17 @@ class Tracking:
 
         An edge at rest, or against the motion, comes from the sensor, not from the parcel.
         """
-        outline, twist = self.outline, self.twist
-        outline.edge(x, y)
-        outwards = outline.normal_x * twist.vx + outline.normal_y * twist.vy >> 10
-        outwards += outline.lever * twist.turn >> 10
+        twist, edge = self.twist, self.outline.registers
+        self.outline.edge(x, y)
+        outwards = edge[NORMAL_X] * twist.vx + edge[NORMAL_Y] * twist.vy >> 10
+        outwards += edge[LEVER] * twist.turn >> 10
         return outwards > _PASSING_UM_S if covered else outwards < -_PASSING_UM_S
 
     def _drop_edges(self, sync_ms):
         """Keep the edges that came after the last SYNC for the next update."""
         heard = self._heard
+        if not heard.edges:
+            return
         kept = 0
         for number in range(heard.edges):
             if ticks.diff(sync_ms, heard.edge_ms[number]) + self.edge_late_ms <= 0:
@@ -211,39 +211,27 @@ class Tracking:
         missing = self._compare(OWN, not self._turn & 3)
         if self._turn != OWN and self._footprint.present >> self._turn & 1:
             self._compare(self._turn, True)
-        if self.witnessed and self._suspicion.has(OWN, PRESENCE):
+        if self.is_witnessed() and self._suspicion.has(OWN, PRESENCE):
             missing = False
         self.missing_beats = min(self.missing_beats + 1, LOST_BEATS) if missing else 0
 
-    @property
-    def witnessed(self):
+    def is_witnessed(self):
         """Whether neighbours have the parcel where this cell believes it."""
         return self._agreement.near >= _WITNESSES
 
-    @micropython.native
     def _compare(self, direction, correcting):
         """Compare a cell's sensors with the belief; returns whether all deep under it are free."""
         heard, footprint = self._heard, self._footprint
         if not heard.seen[direction] or self._others[direction]:
             return False
         bits = heard.presence[direction]
-        distances = self._distances
-        shift_x, shift_y = footprint.shift_x[direction], footprint.shift_y[direction]
-        deep = free = far = covered = 0
-        for sensor in range(SENSORS):
-            x = shift_x + footprint.x[AXES + sensor]
-            y = shift_y + footprint.y[AXES + sensor]
-            distance = distances[sensor] = self.outline.distance(x, y)
-            if distance < -_CLEAR:
-                deep += 1
-                free += 1 - (bits >> sensor & 1)
-            elif distance > _CLEAR:
-                far += 1
-                covered += bits >> sensor & 1
-        missing = deep > 0 and free == deep
+        deep = footprint.within(self.outline, direction, -_CLEAR) >> AXES
+        missing = deep and not deep & bits
         if correcting:
+            near = footprint.within(self.outline, direction, _CLEAR + 1) >> AXES
+            far = _SENSORS & ~near
             if (deep or far) and (direction != OWN or self._turn == OWN):
-                self._judge_sensors(direction, missing or covered > 0)
+                self._judge_sensors(direction, missing or bits & far)
             if self._suspicion.trusts(direction):
                 self._pull(direction, bits)
         return missing
@@ -253,18 +241,22 @@ class Tracking:
 
         Where several do at once, the belief is wrong, and no sensor.
         """
-        judges = self.witnessed if direction == OWN else self.sure
+        judges = self.is_witnessed() if direction == OWN else self.is_sure()
         if judges and not (contradict and self._suspicion.crowd()):
             self._suspicion.judge(direction, PRESENCE, contradict)
 
     def _pull(self, direction, bits):
         """Correct the belief by sensors that are on the wrong side of its edge."""
         footprint = self._footprint
-        for sensor in range(SENSORS):
-            if (self._distances[sensor] < 0) != bool(bits >> sensor & 1):
-                x = footprint.shift_x[direction] + footprint.x[AXES + sensor]
-                y = footprint.shift_y[direction] + footprint.y[AXES + sensor]
+        wrong = (footprint.within(self.outline, direction, 0) >> AXES ^ bits) & _SENSORS
+        point = AXES
+        while wrong:
+            if wrong & 1:
+                x = footprint.shift_x[direction] + footprint.x[point]
+                y = footprint.shift_y[direction] + footprint.y[point]
                 self.belief.correct(x, y, CONTRADICTION, False)
+            wrong >>= 1
+            point += 1
 
     def is_other(self, direction):
         """Whether that cell's wheels and sensors serve another parcel."""
@@ -289,15 +281,13 @@ class Tracking:
                 self.belief.drop()
         return False
 
-    @property
-    def over(self):
+    def is_over(self):
         """Whether the parcel lies over the cell's square; not only over its wheels and sensors."""
         return self.under or (
-            self.shaped and self.belief.known and self._footprint.reached(self.outline)
+            self.shaped and self.belief.known and self._footprint.reaches(self.outline)
         )
 
-    @property
-    def sure(self):
+    def is_sure(self):
         """Whether this cell has a belief of its own that nothing is against."""
         return (
             self._sent is not None
@@ -305,8 +295,7 @@ class Tracking:
             and not (self.missing_beats or self._agreement.outvoted_beats)
         )
 
-    @property
-    def doubtful(self):
+    def is_doubtful(self):
         """Whether this cell is not to steer: its own sensors or its neighbours are against it."""
         return max(self.missing_beats, self._agreement.outvoted_beats) >= DOUBT_BEATS
 
@@ -320,7 +309,7 @@ class Tracking:
             y = (belief.y + _rounded(twist.vy, 1000 // step_ms) + wire.STEP_UM // 2) // wire.STEP_UM
             yaw = wire_yaw(belief.turn + _rounded(twist.turn, 1000 // step_ms))
             fields[wire.X], fields[wire.Y], fields[wire.YAW] = x, y, yaw
-            self.certainty = 0 if self.doubtful else _certainty(belief.variance)
+            self.certainty = 0 if self.is_doubtful() else belief.certainty()
             exact = (
                 belief.x + _rounded(twist.vx, 1000 // step_ms),
                 belief.y + _rounded(twist.vy, 1000 // step_ms),
@@ -330,14 +319,45 @@ class Tracking:
         fields[wire.CERTAINTY] = self.certainty
 
 
+@micropython.viper
+def _peers(estimates: ptr32, estimate_beat: ptr32, beat: int, parcel: int, others: ptr8) -> int:
+    """The mask of those whose estimate of this parcel came in this beat.
+
+    Marks in `others` who is at another parcel.
+    """
+    never = int(NEVER)
+    fields = int(wire.ESTIMATE_FIELDS)
+    identity_at = int(wire.IDENTITY)
+    state_at = int(wire.STATE)
+    certainty_at = int(wire.CERTAINTY)
+    promised = int(PROMISED)
+    under = int(UNDER)
+    mask = 0
+    at = 0
+    for direction in range(int(DIRECTIONS)):
+        came = estimate_beat[direction]
+        state = estimates[at + state_at]
+        others[direction] = 0
+        if estimates[at + identity_at] != parcel:
+            if came != never and state >= promised:
+                others[direction] = 1
+        elif came == beat and state == under and estimates[at + certainty_at] > 0:
+            mask |= 1 << direction
+        at += fields
+    return mask
+
+
+@micropython.viper
+def _turning(speeds_beat: ptr32, beat: int, others: ptr8, out: ptr8) -> int:
+    """The mask of the wheels whose speeds came in this beat and count, two a direction."""
+    suspected = 1 << int(WHEELS)
+    mask = 0
+    for direction in range(int(DIRECTIONS) + 1):
+        left_out = others[direction] | out[direction] & suspected
+        if speeds_beat[direction] == beat and not left_out:
+            mask |= 3 << 2 * direction
+    return mask
+
+
 def _rounded(number, divisor):
     return (number + divisor // 2) // divisor
-
-
-def _certainty(variance):
-    """As it is sent: each step halves the variance."""
-    certainty = 17
-    while variance and certainty > 1:
-        variance >>= 1
-        certainty -= 1
-    return min(certainty, 15)

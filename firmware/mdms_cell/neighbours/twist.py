@@ -1,23 +1,40 @@
 """How a parcel moves, from the speeds of the wheels under it; wheels that slip count little."""
+# Viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
 
 try:
     import micropython
+    from micropython import const
 except ImportError:
-    from mdms_cell.cpython import micropython
+    from mdms_protocol.cpython import const, micropython, ptr32
+
+from array import array
 
 from mdms_cell.neighbours.angle import ARM_UM
-from mdms_cell.neighbours.outline import DISC, STEP_UM
+from mdms_cell.neighbours.outline import STEP_UM
+from mdms_protocol.words import WIDEN
 
-_ARM = ARM_UM // STEP_UM
+_ARM = const(8000)
+assert _ARM * STEP_UM == ARM_UM
 #: An error of this size halves a wheel's weight, at least [um/s].
-_SLIPPING_UM_S = 3_000
+_SLIPPING_UM_S = const(3_000)
 #: Errors above this count no more than it [um/s].
-_CLIP_UM_S = 65_000
+_CLIP_UM_S = const(65_000)
+#: No parcel is faster or turns faster, and no wheel counts as faster [um/s]: so all fits 32 bits,
+#: for parcels up to 0.6 m.
+_MOST_UM_S = const(1_300_000)
+_MOST_TURN_UM_S = const(500_000)
 #: Keeps a direction that no wheel shows where it was.
-_RIDGE = 8
-_SWEEPS = 4
-#: What is known of a wheel: its place [steps of 16 um] and its direction [1/512].
-WHEEL = 4
+_RIDGE = const(8)
+_SWEEPS = const(4)
+
+# Registers of a twist
+_VX = const(0)  # speeds [um/s], the last one that of a point at the arm of `angle`
+_VY = const(1)
+_TURN = const(2)
+_WHEELS = const(3)  # how many wheels showed it at last
+_MEAN = const(4)  # their mean error [um/s]
+_REGISTERS = const(5)
 
 
 class TwistFit:
@@ -28,56 +45,85 @@ class TwistFit:
     """
 
     def __init__(self):
+        self._registers = array("i", [0] * _REGISTERS)
         self.reset()
 
     def reset(self):
         """At rest."""
-        self.vx = self.vy = self.turn = 0
-        self.wheels = 0
-        self._mean_um_s = 0
+        for place in range(_REGISTERS):
+            self._registers[place] = 0
+        self._read()
 
-    def at(self, outline, x, y, along_x, along_y):
-        """The speed of the parcel above a wheel there, along its direction in 1/512 [um/s]."""
-        lever = (along_y * (x - outline.x) - along_x * (y - outline.y)) // _ARM
+    def _read(self):
+        registers = self._registers
+        self.vx, self.vy, self.turn = registers[_VX], registers[_VY], registers[_TURN]
+        self.wheels = registers[_WHEELS]
+
+    def at(self, lever_x, lever_y, along_x, along_y):
+        """The speed of the parcel above a wheel so far from its centre, along its direction.
+
+        That is in 1/512, the lever in steps [um/s].
+        """
+        lever = (along_y * lever_x - along_x * lever_y) // _ARM
         return along_x * self.vx + along_y * self.vy + lever * self.turn >> 9
 
-    @micropython.native
-    def fit(self, outline, wheels, speeds, axes, use):
-        """Move the twist towards what the wheels under the outline say.
+    def fit(self, centre_x, centre_y, wheels, speeds, mask):
+        """Move the twist towards what those wheels of a mask say that lie under the parcel.
 
-        Wheel n has its place and direction at `wheels[WHEEL * n]` and its speed at `speeds[n]`
-        [um/s]; it is of the cell n // axes, and counts while `use` has a 1 for that. A direction
-        that no wheel shows stays as it was.
+        `wheels` are as in `Footprint`, their speeds in um/s. A direction that no wheel shows stays
+        as it was.
         """
-        disc = outline.shape == DISC
-        centre_x, centre_y, cosine, sine = outline.x, outline.y, outline.cosine, outline.sine
-        half_length, half_width = outline.half_length, outline.half_width
-        radius = (half_length >> 2) * (half_length >> 2)
-        vx, vy, turn = self.vx, self.vy, self.turn
-        slip = max(_SLIPPING_UM_S, self._mean_um_s * 3 // 2)
-        xx = xy = xt = yy = yt = tt = rx = ry = rt = 0
-        errors = count = 0
-        for number in range(len(speeds)):
-            if not use[number // axes]:
-                continue
-            at = WHEEL * number
-            x, y = wheels[at] - centre_x, wheels[at + 1] - centre_y
-            if disc:
-                if (x >> 2) * (x >> 2) + (y >> 2) * (y >> 2) >= radius:
-                    continue
-            elif (
-                abs(cosine * x + sine * y >> 13) >= half_length
-                or abs(cosine * y - sine * x >> 13) >= half_width
-            ):
-                continue
-            along_x, along_y = wheels[at + 2], wheels[at + 3]
+        x, y, along_x, along_y = wheels
+        _fit(self._registers, x, y, along_x, along_y, speeds, mask, centre_x, centre_y)
+        self._read()
+
+
+@micropython.viper
+def _fit(  # noqa: PLR0915, PLR0917 - viper takes words
+    twist: ptr32,
+    wheel_x: ptr32,
+    wheel_y: ptr32,
+    along_xs: ptr32,
+    along_ys: ptr32,
+    speeds: ptr32,
+    mask: int,
+    centre_x: int,
+    centre_y: int,
+):
+    widen = int(WIDEN)
+    vx = twist[_VX] << widen >> widen
+    vy = twist[_VY] << widen >> widen
+    turn = twist[_TURN] << widen >> widen
+    slip = twist[_MEAN] * 3 // 2
+    slip = slip if slip > _SLIPPING_UM_S else _SLIPPING_UM_S
+    # Sums of the normal equations: of products of directions, and of directions with errors.
+    xx = xy = xt = yy = yt = tt = 0
+    rx = ry = rt = 0
+    errors = count = 0
+    wheel = 0
+    while mask >> wheel:
+        if mask >> wheel & 1:
+            axis = wheel & 1
+            along_x = along_xs[axis] << widen >> widen
+            along_y = along_ys[axis] << widen >> widen
+            x = (wheel_x[wheel] << widen >> widen) - centre_x
+            y = (wheel_y[wheel] << widen >> widen) - centre_y
             lever = (along_y * x - along_x * y) // _ARM
-            error = speeds[number] - (along_x * vx + along_y * vy + lever * turn >> 9)
-            size = abs(error)
+            speed = speeds[wheel] << widen >> widen
+            if speed > _MOST_UM_S:
+                speed = _MOST_UM_S
+            elif speed < -_MOST_UM_S:
+                speed = -_MOST_UM_S
+            error = speed - (along_x * vx + along_y * vy + lever * turn >> 9)
+            size = error if error > 0 else 0 - error
             errors += size
             count += 1
             weight = 64 * slip // (slip + size) * slip // (slip + size)
-            error = weight * max(min(error, _CLIP_UM_S), -_CLIP_UM_S) >> 6
+            if error > _CLIP_UM_S:
+                error = _CLIP_UM_S
+            elif error < -_CLIP_UM_S:
+                error = -_CLIP_UM_S
+            error = weight * error >> 6
             xx += weight * along_x * along_x >> 15
             xy += weight * along_x * along_y >> 15
             xt += weight * along_x * lever >> 15
@@ -87,16 +133,24 @@ class TwistFit:
             rx += along_x * error
             ry += along_y * error
             rt += lever * error
-        self.wheels = count
-        if not count:
-            self.vx = self.vy = self.turn = 0
-            return
-        self._mean_um_s = errors // count
-        dx = dy = dt = 0
+        wheel += 1
+    twist[_WHEELS] = count
+    dx = dy = dt = 0
+    if count:
+        twist[_MEAN] = errors // count
         for _ in range(_SWEEPS):
             dx = (rx - xy * dy - xt * dt) // (xx + _RIDGE)
             dy = (ry - xy * dx - yt * dt) // (yy + _RIDGE)
             dt = (rt - xt * dx - yt * dy) // (tt + _RIDGE)
-        self.vx = vx + dx
-        self.vy = vy + dy
-        self.turn = turn + dt
+    else:
+        vx = vy = turn = 0
+    vx += dx
+    vy += dy
+    turn += dt
+    if vx > _MOST_UM_S or vx < -_MOST_UM_S or vy > _MOST_UM_S or vy < -_MOST_UM_S:
+        vx = vy = turn = 0
+    if turn > _MOST_TURN_UM_S or turn < -_MOST_TURN_UM_S:
+        turn = 0
+    twist[_VX] = vx
+    twist[_VY] = vy
+    twist[_TURN] = turn

@@ -41,7 +41,7 @@ EXITS = {
     "mdms_host.updating.key_file.KeyFileError": Exit.USAGE,
     "mdms_model.squeeze.turning.SqueezeError": Exit.USAGE,
     "mdms_sim.plots.canvas.PictureFormatError": Exit.USAGE,
-    "mdms_sim.plots.video.EncoderMissingError": Exit.FAILURE,
+    "mdms_sim.plots.moving.video.EncoderMissingError": Exit.FAILURE,
     "mdms_sim.serve.endpoint.ServeError": Exit.FAILURE,
 }
 

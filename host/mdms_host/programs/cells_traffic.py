@@ -31,7 +31,7 @@ _GAP_S = 0.2
 
 
 class CellsTraffic(OrderedTraffic[Legs]):
-    """Traffic by way of `cells`; see `program.Traffic`. No way leads over a lost cell."""
+    """Traffic by way of `cells`; see `carrier.Traffic`. No way leads over a lost cell."""
 
     def __init__(
         self,

@@ -112,7 +112,10 @@ class Legs:
         if self.stopping or self.off_path:
             return min(self._sent_m, stop_m)
         ahead = (end_m for end_m in path.corners_m if end_m > self._passed_m)
-        return max(min(next(ahead, path.length_m), limit_m), min(self._sent_m, stop_m))
+        corner_m = next(ahead, path.length_m)
+        # A way that is free has the same length as the path, but for rounding.
+        free_m = corner_m if limit_m > corner_m - _SAME_M else limit_m
+        return max(free_m, min(self._sent_m, stop_m))
 
     def _go(self, to_m: float) -> None:
         """Send a goal, if it is worth the frames."""

@@ -24,7 +24,7 @@ class NamingRegister(Register, Protocol):
 
 
 class TrackedNewcomers:
-    """See `table.Newcomers`. `know` has the traffic and the program know a parcel."""
+    """See `table_parcel.Newcomers`. `know` has the traffic and the program know a parcel."""
 
     def __init__(
         self, register: NamingRegister, know: Callable[[Parcel, Mass, str, bool], None]

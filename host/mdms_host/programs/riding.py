@@ -63,6 +63,15 @@ def ways_of(rides: Mapping[str, Riding]) -> dict[str, Floats]:
     }
 
 
+def due_in_s_of(rides: Mapping[str, Riding], now_s: float) -> dict[str, Floats]:
+    """In what time each parcel under way is planned at these poses [s], (K,)."""
+    return {
+        name: ride.route.ahead_s(ride.progress_m, ride.route.length_m) - now_s
+        for name, ride in rides.items()
+        if not ride.has_come
+    }
+
+
 def reserved_by(
     rides: Mapping[str, Riding], tiles: Tiles
 ) -> list[tuple[float, float, float, tuple[str, ...]]]:

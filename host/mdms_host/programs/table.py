@@ -1,17 +1,18 @@
 """The table as a program sees it: parcels that come, are moved, and leave."""
 
 from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
-from dataclasses import dataclass
 from math import inf
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_host.motion.goal import Goal
+from mdms_host.programs.carrier import Orders
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.script import Script, Task, until
+from mdms_host.programs.table_parcel import Newcomer, Newcomers, ProgramError, TableParcel
 from mdms_model.arrays import Floats
 
 __all__ = ["Newcomer", "ProgramError", "Table", "TableParcel"]
@@ -19,90 +20,6 @@ __all__ = ["Newcomer", "ProgramError", "Table", "TableParcel"]
 Result = TypeVar("Result")
 #: What has been named is found within this, or is not what it was taken for [s].
 _FOUND_S = 3.0
-
-
-class ProgramError(RuntimeError):
-    """What a program asks for cannot be, or has not come to be: one line for a person."""
-
-
-class Orders(Protocol):
-    """Whoever has parcels do what they are ordered to."""
-
-    def give(self, order: Order) -> None:
-        """Take an order in place of any other for its parcel."""
-        ...
-
-    def stop(self) -> None:
-        """Bring all parcels to rest, and hold them there."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class Newcomer:
-    """A parcel that nobody has drawn before, by the name that it is to be called by.
-
-    Without a size that of what sensors show is taken. `mass_kg` None is one that is not known.
-    """
-
-    name: str
-    length_m: float | None = None
-    width_m: float | None = None
-    shape: str = "rectangle"
-    kind: str = ""
-    mass_kg: float | None = None
-
-
-class Newcomers(Protocol):
-    """Whoever finds parcels that a program announces or names; see `newcomers`."""
-
-    def announce(self, newcomer: Newcomer, near_m: tuple[float, float] | None) -> None:
-        """Expect a parcel, near a place or anywhere. Raises ProgramError."""
-        ...
-
-    def name(self, unknown: str, newcomer: Newcomer) -> None:
-        """Take something unknown for a parcel. Raises ProgramError."""
-        ...
-
-    def give_up(self, name: str) -> None:
-        """Expect a parcel no more, which has not been found."""
-        ...
-
-
-class TableParcel:
-    """A parcel on the table, by the `name` that it is called by until it has left.
-
-    Its `kind`, `length_m` and `width_m` are as given; `is_round` is whether it is a disc,
-    `has_left` whether it has left.
-    """
-
-    def __init__(self, name: str, kind: str, length_m: float, width_m: float, shape: str) -> None:
-        self.name = name
-        self.kind = kind
-        self.length_m = length_m
-        self.width_m = width_m
-        self.is_round = shape == "disc"
-        self._belief: Belief | None = None
-        self.has_left = False
-
-    def __repr__(self) -> str:
-        return f"<parcel {self.name}>"
-
-    @property
-    def found(self) -> bool:
-        """Whether it is known where it is."""
-        return self._belief is not None
-
-    @property
-    def pose(self) -> tuple[float, float, float]:
-        """Where it is believed to be: x, y, yaw [m, m, rad; table frame]. Raises ProgramError."""
-        if self._belief is None:
-            raise ProgramError(f"{self.name} is not on the table, or has not been found")
-        x_m, y_m, yaw_rad = self._belief.pose.tolist()
-        return x_m, y_m, yaw_rad
-
-    def see(self, belief: Belief | None) -> None:
-        """Take in what is believed of it now."""
-        self._belief = belief
 
 
 class Table:
@@ -163,7 +80,7 @@ class Table:
 
     @property
     def unknown(self) -> Mapping[str, tuple[float, float]]:
-        """Where the middle of everything lies that nobody has named, by what messages call it."""
+        """Middle of all that nobody has named [m; table frame], by what messages call it."""
         return {name: _place(pose) for name, (pose, _) in self._unknown.items()}
 
     def unknown_at(self, x_m: float, y_m: float) -> str | None:

@@ -27,7 +27,7 @@ _GAP_S = 0.1
 
 
 class TableTraffic(OrderedTraffic[Ride]):
-    """Traffic on the wheels of `traction`; see `program.Traffic`."""
+    """Traffic on the wheels of `traction`; see `carrier.Traffic`."""
 
     def __init__(
         self,

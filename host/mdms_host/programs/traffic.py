@@ -20,7 +20,7 @@ from mdms_host.programs.dispatch import Dispatch, KeptFree
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.planning import Desk
 from mdms_host.programs.ride import Load
-from mdms_host.programs.riding import Riding, reserved_by, ways_of
+from mdms_host.programs.riding import Riding, due_in_s_of, reserved_by, ways_of
 from mdms_host.programs.timetable import Timetable
 from mdms_host.programs.whereabouts import Whereabouts
 from mdms_host.routes.planner import Plan, Planner
@@ -47,7 +47,7 @@ Ride = TypeVar("Ride", bound=Riding)
 
 
 class OrderedTraffic(ABC, Generic[Ride]):
-    """Carries out orders for parcels whose loads are known, by name; see `program.Traffic`.
+    """Carries out orders for parcels whose loads are known, by name; see `carrier.Traffic`.
 
     Anything else that is believed to lie on the table is an obstacle. Places of `kept_free` are not
     crossed: somebody may set a parcel down there at any time. Ways lead `over_lost` cells where
@@ -167,12 +167,8 @@ class OrderedTraffic(ABC, Generic[Ride]):
 
     @property
     def due_in_s(self) -> dict[str, Floats]:
-        """In what time each parcel is planned at the poses of its way [s], (K,)."""
-        return {
-            name: ride.route.ahead_s(ride.progress_m, ride.route.length_m) - self._now_s
-            for name, ride in self._rides.items()
-            if not ride.has_come
-        }
+        """See `program.TableProgram`."""
+        return due_in_s_of(self._rides, self._now_s)
 
     @property
     def reserved(self) -> list[tuple[float, float, float, tuple[str, ...]]]:

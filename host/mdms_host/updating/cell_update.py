@@ -157,19 +157,24 @@ class CellUpdate:
         self.loaded = True
         yield self._gate
         self._boot = Waiting(_BOOT_S, f"it has not come back within {_BOOT_S:g} s")
-        yield from self._command(codes.START)
+        refused = yield from self._attempt(codes.START)
+        if refused and not self._boot.done:
+            raise UpdateError(refused)
         yield self._boot
         _check(self._boot)
         yield from self._verify()
         yield Waiting(_TEST_S)
-        yield from self._command(codes.CONFIRM)
+        refused = yield from self._attempt(codes.CONFIRM)
         if (yield from self._read(indices.UPDATE, 8)):
-            raise UpdateError("it is on trial still")
+            raise UpdateError(refused or "it is on trial still")
+        yield from self._verify()
 
     def _load(self) -> Generator[Task, None, None]:
         """Clear and send, again if the way was the reason that it failed."""
         for _ in range(_ATTEMPTS):
-            yield from self._command(codes.CLEAR)
+            refused = yield from self._attempt(codes.CLEAR)
+            if refused:
+                raise UpdateError(refused)
             task = BlockDownload(self.node_id, indices.PROGRAM_DATA, 1, self.bundle.data)
             self._download = task
             yield task
@@ -189,13 +194,18 @@ class CellUpdate:
             reason = yield from self._reason()
             raise UpdateError(reason or f"it came back with other firmware ({found:08X})")
 
-    def _command(self, command: int) -> Generator[Task, None, None]:
+    def _attempt(self, command: int) -> Generator[Task, None, str | None]:
+        """Why a command was refused, None if it was not.
+
+        Who has done it and was not understood refuses it when it comes again.
+        """
         write = Setting(indices.PROGRAM_CONTROL, 1, command)
         task = SdoClient(self.node_id, [write], answer_within_s=_FLASH_S)
         yield task
-        if not task.done:
-            reason = yield from self._reason()
-            raise UpdateError(reason or task.failure)
+        if task.done:
+            return None
+        reason = yield from self._reason()
+        return reason or task.failure
 
     def _read(self, index: int, sub: int) -> Generator[Task, None, int]:
         task = SdoClient(self.node_id, [Read(index, sub)], answer_within_s=_FLASH_S)

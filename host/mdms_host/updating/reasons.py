@@ -12,7 +12,7 @@ BOARDS = {
 }
 REASONS = {
     codes.NO_ROOM: "its board has no room for a second firmware",
-    codes.NO_KEY: "it has no update key",
+    codes.NO_KEY: "it has no update key; mdms commission --key FILE gives it one",
     codes.NO_BUNDLE: "what came is no bundle",
     codes.FOREIGN: "the bundle is signed with another array's key",
     codes.FORGED: "the bundle is not what was signed",

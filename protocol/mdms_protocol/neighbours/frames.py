@@ -8,14 +8,14 @@ in any buffer of bytes, from `at` on: nothing is allocated.
 `pack_...` clips what does not fit, for the cell; `messages` checks values for the host.
 `unpack_...` returns False, and leaves the fields as they were, for a frame that no sender makes.
 """
+# MicroPython's module has no types.
+# mypy: disable-error-code="untyped-decorator"
 
 try:
-    from micropython import const  # type: ignore[import-not-found,unused-ignore]
+    import micropython  # type: ignore[import-not-found,unused-ignore]
+    from micropython import const
 except ImportError:
-
-    def const(number: int) -> int:
-        """As in MicroPython, which puts the number where its name is used."""
-        return number
+    from mdms_protocol.cpython import const, micropython, ptr8, ptr32
 
 
 try:
@@ -121,7 +121,13 @@ def pack_estimate(
 
 def unpack_estimate(frame: "Sequence[int]", fields: "MutableSequence[int]", base: int) -> bool:
     """Read the frame of an estimate into the fields; returns False if it is none."""
-    if len(frame) != LENGTH:
+    return read_estimate(frame, len(frame), fields, base)  # type: ignore[no-any-return]
+
+
+@micropython.viper
+def read_estimate(frame: ptr8, length: int, fields: ptr32, base: int) -> bool:
+    """`unpack_estimate` of a frame of that length, for cells."""
+    if length != LENGTH:
         return False
     high = frame[6] | frame[7] << 8
     if high >> 8 & 7 > HOLD_NONE:

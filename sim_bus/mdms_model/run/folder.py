@@ -15,7 +15,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from mdms_model.run.lichtblick import layout_of
+from mdms_model.run.mcap.lichtblick import layout_of
 from mdms_model.run.record import Record, RecordFileError
 from mdms_model.scenario.file import scenario_from
 from mdms_model.scenario.scenario import Scenario, ScenarioError
@@ -123,7 +123,7 @@ def write_run(
     `save_picture` goes by the name of its file.
     """
     # A record file needs an extra; who only names the files of a run folder does without it.
-    from mdms_model.run.mcap_file import write_record
+    from mdms_model.run.mcap.file import write_record
 
     write_record(folder / RECORD, scenario, record)
     layout = json.dumps(layout_of(scenario, record), indent=1, ensure_ascii=False)
@@ -160,7 +160,7 @@ def read_run(folder: Path) -> StoredRun:
             f"{folder}: written in format {meta['format_version']}, but this version reads "
             f"{FORMAT_VERSION}; use the version named in {META}"
         )
-    from mdms_model.run.mcap_file import read_record  # see `write_run`
+    from mdms_model.run.mcap.file import read_record  # see `write_run`
 
     try:
         scenario = scenario_from(meta["scenario"])

@@ -7,7 +7,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from mdms_model.array import build_wheels, cell_centres
+from mdms_model.array import build_wheels, cell_centres, edge_m
 from mdms_model.arrays import Floats
 from mdms_model.outline import outline_m
 from mdms_model.run.colours import colours_of
@@ -111,21 +111,18 @@ def _draw_wheels(axes: Axes, scenario: Scenario, record: Record) -> None:
 
 def draw_exits(axes: Axes, scenario: Scenario) -> None:
     """Where parcels leave: a line along the table's side, with the exit's name."""
-    array = scenario.array
-    half_m = np.array([array.columns, array.rows]) * array.pitch_m / 2
     for each in scenario.exit:
-        along, side = (1, 0) if each.side in ("east", "west") else (0, 1)
+        ends_m = edge_m(scenario.array, each.side, each.from_m, each.to_m)
+        is_level = each.side in ("north", "south")
         sign = 1.0 if each.side in ("east", "north") else -1.0
-        ends_m = np.empty((2, 2))
-        ends_m[:, side] = sign * (half_m[side] + EXIT_M)
-        ends_m[:, along] = np.clip((each.from_m, each.to_m), -half_m[along], half_m[along])
+        ends_m[:, int(is_level)] += sign * EXIT_M
         axes.plot(*ends_m.T, color=EXIT, lw=3.0, solid_capstyle="butt", clip_on=False, zorder=4)
-        middle_m, turned = ends_m.mean(axis=0), 0 if side else -90
+        middle_m, turned = ends_m.mean(axis=0), 0 if is_level else -90
         kinds = f": {', '.join(each.kinds)}" if each.kinds else ""
         axes.annotate(
             f"{each.name}{kinds}",
             (float(middle_m[0]), float(middle_m[1])),
-            xytext=(0, 7 * sign) if side else (7 * sign, 0),
+            xytext=(0, 7 * sign) if is_level else (7 * sign, 0),
             textcoords="offset points",
             rotation=turned,
             ha="center",

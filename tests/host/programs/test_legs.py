@@ -69,6 +69,15 @@ def test_no_goal_is_sent_before_the_way_is_free_and_parts_of_a_leg_as_it_becomes
     assert road.at(0.1, 0.0, limit_m=0.5) == [(0.3, 0.0)]
 
 
+def test_a_way_that_is_free_but_for_rounding_is_gone_to_its_end():
+    road = Road()
+    road.at(0.0, 0.0, limit_m=0.5 - 1e-12)
+    road.at(0.297, 0.0, limit_m=0.5 - 1e-12)
+    assert road.sent[-1] == (0.3, 0.2)
+    road.at(0.3, 0.199, limit_m=0.5 - 1e-12, cycles=2)
+    assert road.legs.has_come
+
+
 def test_a_way_that_is_taken_back_is_stopped_on_where_the_parcel_can():
     road = Road()
     road.at(0.0, 0.0)

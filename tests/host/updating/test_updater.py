@@ -26,6 +26,7 @@ class Cells:
             self.bank.restart(cell)
         self.now_s = 0.0
         self.deaf = set()
+        self._lost = (b"", -1)
         for _ in range(100):
             self._tick()
 
@@ -45,8 +46,21 @@ class Cells:
                     for cell in set(range(self.count)) - self.deaf:
                         self.bank.deliver(cell, frame)
             for frame in self._tick():
+                if self._loses(frame.data):
+                    continue
                 updater.on_frame(frame, self.now_s)
         return updater
+
+    def lose(self, start, number):
+        """Of the frames that begin so, that of a number, from 0, gets lost."""
+        self._lost = (start, number)
+
+    def _loses(self, data):
+        start, number = self._lost
+        if not data.startswith(start):
+            return False
+        self._lost = (start, number - 1)
+        return number == 0
 
     def running(self):
         return [board.slots.identification for board in self.bank._boards]
@@ -83,6 +97,7 @@ def test_cells_stay_as_they_are_when_the_one_that_went_ahead_fails(monkeypatch):
     cells, sent = Cells(), bundle()
     # Whoever starts it does not pass its self-test.
     monkeypatch.setattr("mdms_cell.cell.Cell._sound", lambda self: False)
+    monkeypatch.setattr("mdms_cell.update.update.TRIAL_MS", 8_000)
     updater = cells.run(updates(cells, sent))
     first, *others = updater.updates
     failures = {each.failure for each in updater.updates}
@@ -90,9 +105,18 @@ def test_cells_stay_as_they_are_when_the_one_that_went_ahead_fails(monkeypatch):
     assert len(failures) == 2
     assert sum(running != 0 for running in cells.running()) == 1
     assert any("which went ahead, has failed" in each.failure for each in (first, *others))
-    for _ in range(60_100):
+    for _ in range(8_100):
         cells._tick()
     assert cells.running() == [0] * 3
+
+
+def test_answer_to_start_or_confirm_that_gets_lost_costs_nothing():
+    for number in (1, 2):  # the first is that to 'clear'
+        cells, sent = Cells(1), bundle()
+        cells.lose(b"\x60\x51\x1f\x01", number)
+        (update,) = cells.run(updates(cells, sent)).updates
+        assert update.finished, update.failure
+        assert cells.running() == [sent.identification]
 
 
 def test_cell_that_falls_silent_keeps_no_other_from_its_firmware():

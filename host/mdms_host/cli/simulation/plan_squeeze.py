@@ -29,7 +29,7 @@ from mdms_sim.physics.analysis.squeeze_outcome import (
 )
 from mdms_sim.physics.analysis.squeeze_trials import Trials, random_poses, try_squeezes
 from mdms_sim.plots.canvas import MARK, form_of, save
-from mdms_sim.plots.squeeze_plan import draw_squeeze_plan
+from mdms_sim.plots.fields.squeeze_plan import draw_squeeze_plan
 
 #: Of the simulation; with steps of 1 ms one trial in sixty ended otherwise, and no share of angles.
 STEP_S = 0.004

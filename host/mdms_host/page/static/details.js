@@ -1,6 +1,6 @@
 // Everything about the cell or parcel that is chosen, and what can be done to it.
 
-import { poseOf } from "./table.js";
+import { poseOf } from "./parcels.js";
 
 const NEAR = ["", "near", "promised", "under it"];
 /** A number with so many digits behind the point and its unit; none is a dash, and -0.0 is 0.0. */
@@ -128,7 +128,7 @@ export class Details {
     });
   }
 
-  // Deeds ------------------------------------------------------------------------------------------
+  // Deeds
 
   showDeeds() {
     this.deeds.replaceChildren();
@@ -226,7 +226,7 @@ export class Details {
     }, labelled("name", name), labelled("outline", shape), first, second, make("button", { "data-moves": true }, "Name it"), make("p", { class: "help" }, note));
   }
 
-  // Objects ----------------------------------------------------------------------------------------
+  // Objects
 
   async readObjects(cell) {
     this.rows = [];

@@ -1,6 +1,6 @@
 // What pointers and keys do to the table: choose, drag goals, push, lift, pan and zoom.
 
-import { poseOf, within } from "./table.js";
+import { poseOf, within } from "./parcels.js";
 
 /** A goal that is dragged is sent this often [ms], and again while the hand rests. */
 const SEND_MS = 33, HOLD_MS = 300;
@@ -51,7 +51,7 @@ export class Hands {
       if (!goal) continue;
       const yaw = Number.isNaN(goal[2]) ? poseOf(snapshot.parcel_believed, p)?.[2] ?? 0 : goal[2];
       const pose = [goal[0], goal[1], yaw];
-      const [hx, hy] = this.picture.handleOf(table.parcels[p], pose);
+      const [hx, hy] = this.picture.parcels.handleOf(table.parcels[p], pose);
       if (Math.hypot(this.view.px(hx) - px, this.view.py(hy) - py) < NEAR_PX) return { parcel: p, pose, turn: true };
       if (Math.hypot(this.view.px(goal[0]) - px, this.view.py(goal[1]) - py) < NEAR_PX) return { parcel: p, pose, turn: false };
     }

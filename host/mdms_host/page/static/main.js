@@ -41,7 +41,7 @@ class Page {
 
   get mayMove() { return Boolean(this.control?.yours); }
 
-  // What comes in ----------------------------------------------------------------------------------
+  // What comes in
 
   take(message) {
     switch (message.kind) {
@@ -129,7 +129,7 @@ class Page {
     this.showControl();
   }
 
-  // What goes out ----------------------------------------------------------------------------------
+  // What goes out
 
   order(command, values = {}) { return this.wire.ask(command, values); }
 
@@ -149,7 +149,7 @@ class Page {
     for (const number of numbers) await this.order("end_fault", { number });
   }
 
-  // What is shown ----------------------------------------------------------------------------------
+  // What is shown
 
   redraw() { this.dirty = true; }
 
@@ -251,7 +251,7 @@ class Page {
 
   showLegend() { showLegend($("legend"), this.picture, this.table); }
 
-  // Buttons and keys -------------------------------------------------------------------------------
+  // Buttons and keys
 
   listen() {
     $("stop-all").addEventListener("click", () => this.stopAll());

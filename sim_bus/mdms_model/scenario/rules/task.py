@@ -46,7 +46,8 @@ def check_tasks(scenario: Scenario) -> None:
     for number, task in enumerate(scenario.task):
         key = f"task.{number}"
         _check_keys(task, key)
-        _check_names(scenario, task, key)
+        named = [each.parcel for each in scenario.task[:number] if each.do == "name"]
+        _check_names(scenario, task, key, named)
         _check_places(scenario, task, key)
         if task.beside and not number:
             raise ScenarioError(f"{key}.beside is true, but no task comes before it; leave it out")
@@ -64,9 +65,10 @@ def _check_keys(task: Task, key: str) -> None:
             )
 
 
-def _check_names(scenario: Scenario, task: Task, key: str) -> None:
+def _check_names(scenario: Scenario, task: Task, key: str, named: list[str]) -> None:
+    """Parcels lie on the table, or have been `named` by a task before; exits are there."""
     lying = [each.name for each in scenario.parcel if each.name not in in_stock(scenario)]
-    lying += [each.parcel for each in scenario.task if each.do == "name"]
+    lying += named
     names = [("parcel", task.parcel)] if task.parcel and task.do != "name" else []
     names += [(f"parcels.{item}", name) for item, name in enumerate(task.parcels)]
     for name, parcel in names:

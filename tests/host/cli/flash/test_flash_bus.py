@@ -1,8 +1,10 @@
-"""`mdms flash --bus` and the key of `mdms commission`, on a bus of firmware cells."""
+"""`mdms flash --bus` and the key of `mdms commission`, on firmware cells in virtual time."""
 
 import json
+from contextlib import contextmanager
 
 import pytest
+from tests.virtual_array import StandingArray, virtual_time
 
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
@@ -13,10 +15,18 @@ from mdms_host.updating.key_file import make_key, read_key
 from mdms_protocol import nmt
 from mdms_protocol.update import codes
 from mdms_protocol.version import VERSION
+from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.nodes.virtual_board import VirtualBoard
 
 PACKED = b"\x00\x20\x00\x00" + bytes([number * 13 & 0xFF for number in range(2000)])
 OTHER = b"\x00\x10\x00\x00" + bytes([number * 17 & 0xFF for number in range(1500)])
+
+
+@pytest.fixture
+def cells():
+    """Three cells whose wheels stand, in virtual time."""
+    with virtual_time(StandingArray(PythonBank((1, 2, 3)), 3)) as ready:
+        yield ready
 
 
 @pytest.fixture
@@ -31,7 +41,7 @@ def firmware(monkeypatch):
 
 
 @pytest.fixture
-def flash(standing_cells, tmp_path, firmware, capsys):
+def flash(cells, tmp_path, firmware, capsys):
     """Runs the verb in a folder with an array's key; exit code, JSON, and what it says."""
     make_key(tmp_path / "array.key")
 
@@ -45,7 +55,7 @@ def flash(standing_cells, tmp_path, firmware, capsys):
 
 
 @pytest.fixture
-def commissioned(standing_cells, tmp_path, flash, capsys):
+def commissioned(tmp_path, flash, capsys):
     """Runs `mdms commission` with the array's key."""
     listed = tmp_path / "list.txt"
     listed.write_text("00000001\n00000002\n00000003\n")
@@ -53,8 +63,7 @@ def commissioned(standing_cells, tmp_path, flash, capsys):
     def run(key=tmp_path / "array.key"):
         arguments = ["--list", listed, "--columns", 3, "--rows", 1, "--yes", "--force"]
         arguments += ["--out", tmp_path / "array.toml", "--key", key]
-        bus = ("-i", "virtual")
-        code = main(["commission", *map(str, arguments), *bus])
+        code = main(["commission", *map(str, arguments), "-i", "virtual"])
         printed = capsys.readouterr()
         return code, printed.out + printed.err
 
@@ -113,7 +122,7 @@ def test_key_that_is_not_there_is_made_by_commissioning_alone(commissioned, flas
     assert flash(key=tmp_path / "new.key")[0] == Exit.OK
 
 
-def test_board_without_room_is_refused_by_name(standing_cells, flash, monkeypatch):
+def test_board_without_room_is_refused_by_name(flash, monkeypatch):
     monkeypatch.setattr(VirtualBoard, "number", codes.PYBV11)
     monkeypatch.setattr(VirtualBoard, "slots_room", lambda self: 0)
     with Commissioning(None, MonotonicClock()) as bus:
@@ -125,7 +134,7 @@ def test_board_without_room_is_refused_by_name(standing_cells, flash, monkeypatc
     assert told["frames"] == 0
 
 
-def test_cells_that_may_drive_are_left_alone(standing_cells, flash):
+def test_cells_that_may_drive_are_left_alone(flash):
     with Commissioning(None, MonotonicClock()) as bus:
         bus.command(nmt.START, 2)
     code, _, said = flash()
@@ -142,6 +151,20 @@ def test_file_that_is_no_bundle_or_not_whole_is_refused(flash, tmp_path):
     path.write_bytes(whole[:-1])
     code, _, said = flash("--bundle", path)
     assert (code, "not whole" in said) == (Exit.USAGE, True)
+
+
+def test_each_bar_is_seen_to_go_to_its_end(commissioned, flash, monkeypatch):
+    shares = {}
+
+    @contextmanager
+    def bars(names):
+        shares.update(dict.fromkeys(names, 0.0))
+        yield lambda name, share: shares.update({name: max(share, shares[name])})
+
+    monkeypatch.setattr("mdms_host.cli.flash.flash_bus.bars", bars)
+    commissioned()
+    assert flash()[0] == Exit.OK
+    assert shares == {"node 1": 1.0, "node 2": 1.0, "node 3": 1.0}
 
 
 def test_dry_run_sends_nothing(flash):

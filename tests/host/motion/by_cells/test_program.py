@@ -119,6 +119,15 @@ def test_parcel_has_arrived_when_most_of_its_cells_say_so_and_the_host_agrees():
     assert table.program.finished
 
 
+def test_cells_without_a_pose_of_the_parcel_have_no_say_in_its_arrival():
+    table = Table()
+    arrived = reports(UNDER[:4], flags=wire.ARRIVED) | reports(UNDER[4:], certainty=0)
+    table.run(0.5, poses=THERE, reports=arrived)
+    assert table.program.finished
+    table.run(0.5, poses=THERE, reports=reports(UNDER, flags=wire.ARRIVED, certainty=0))
+    assert not table.program.finished
+
+
 def test_cells_that_take_the_parcel_for_arrived_elsewhere_are_contradicted_once():
     table = Table()
     table.run(3.0, reports=reports(UNDER, flags=wire.ARRIVED))

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from mdms_model.run.folder import RunFolderError, fresh_folder, read_run, write_run
-from mdms_model.run.mcap_file import read_record, write_record
+from mdms_model.run.mcap.file import read_record, write_record
 from mdms_model.run.record import Event, Record
 from mdms_model.scenario.file import load_scenario
 

@@ -8,8 +8,8 @@ import numpy as np
 from mdms_model.arrays import Floats
 from mdms_model.outline import outline_m, own_outline_m
 from mdms_model.run.colours import between, colours_of
+from mdms_model.run.mcap.scene.primitives import Parts, block, colour, line, pose_at, text
 from mdms_model.run.record import Record
-from mdms_model.run.scene.primitives import Parts, block, colour, line, pose_at, text
 from mdms_model.run.shared_belief import shared_belief
 from mdms_model.scenario.scenario import Parcel, Scenario
 

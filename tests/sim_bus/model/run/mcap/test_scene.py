@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from mdms_model.run.mcap_file import write_record
+from mdms_model.run.mcap.file import write_record
+from mdms_model.run.mcap.scene.topics import AGAIN_S, layers, scene_messages
 from mdms_model.run.record import Plan, Tile
-from mdms_model.run.scene.topics import AGAIN_S, layers, scene_messages
+from mdms_model.scenario.stream import Exit
 
 
 def messages(scenario, record, topic):
@@ -43,6 +44,14 @@ def test_seek_to_any_time_finds_table_wheels_goal_and_parcel(tmp_path, plane, pl
 def test_what_does_not_change_comes_again_every_second(plane, plane_record):
     times_s = [time_s for time_s, _ in messages(plane, plane_record, "/scene/table")]
     assert times_s == pytest.approx(np.arange(0.0, 4.1, AGAIN_S))
+
+
+def test_exits_are_named_along_their_stretches_of_the_edge(plane, plane_record):
+    doors = Exit("north", "north", from_m=-0.1, to_m=0.2), Exit("west", "west")
+    _, table = messages(replace(plane, exit=doors), plane_record, "/scene/table")[0]
+    ends = [[(point["x"], point["y"]) for point in each["points"]] for each in table["lines"]]
+    assert ends == [[(-0.1, 0.1905), (0.2, 0.1905)], [(-0.381, -0.1905), (-0.381, 0.1905)]]
+    assert [each["text"] for each in table["texts"]][-2:] == ["north", "west"]
 
 
 def test_parcel_is_where_it_is_and_named(plane, plane_record):

@@ -13,12 +13,13 @@ from PIL import Image
 from mdms_model.run.colours import parcel_colour
 from mdms_model.run.record import Plan, Record, Tile
 from mdms_protocol.neighbours import frames as wire
-from mdms_sim.plots import animation, check_name, drawable, save_picture, video
+from mdms_sim.plots import check_name, drawable, save_picture
 from mdms_sim.plots.canvas import MARK, new_figure
 from mdms_sim.plots.held_cells import FREE, HeldCells
-from mdms_sim.plots.moving_view import MovingView
+from mdms_sim.plots.moving import animation, video
+from mdms_sim.plots.moving.video import EncoderMissingError
+from mdms_sim.plots.moving.view import MovingView
 from mdms_sim.plots.plane import draw_plane
-from mdms_sim.plots.video import EncoderMissingError
 
 
 def until(record, samples):

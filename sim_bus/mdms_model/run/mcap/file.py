@@ -19,8 +19,8 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from mdms_model.arrays import Floats
-from mdms_model.run.log_messages import LOG_SCHEMA, LOG_SCHEMA_NAME, LOG_TOPIC, log_messages
-from mdms_model.run.messages import (
+from mdms_model.run.mcap.log_messages import LOG_SCHEMA, LOG_SCHEMA_NAME, LOG_TOPIC, log_messages
+from mdms_model.run.mcap.messages import (
     CELLS_TOPIC,
     EVENTS_TOPIC,
     PLAN_TOPIC,
@@ -34,9 +34,9 @@ from mdms_model.run.messages import (
     schemas_of,
     sources,
 )
+from mdms_model.run.mcap.scene.primitives import SCENE_SCHEMA
+from mdms_model.run.mcap.scene.topics import layers, scene_messages
 from mdms_model.run.record import Event, Plan, Record, RecordFileError, Tile
-from mdms_model.run.scene.primitives import SCENE_SCHEMA
-from mdms_model.run.scene.topics import layers, scene_messages
 from mdms_model.scenario.scenario import Scenario
 
 NS_PER_S = 1_000_000_000

@@ -11,17 +11,19 @@ from mdms_model.arrays import Ints
 from mdms_model.run.record import Record
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.plots.canvas import MARK
-from mdms_sim.plots.moving_view import MovingView
-from mdms_sim.plots.video import write_video
+from mdms_sim.plots.moving.video import write_video
+from mdms_sim.plots.moving.view import MovingView
+from mdms_sim.plots.scales import shown_until_s
 
 GIF, MP4 = "gif", "mp4"
 FORMS = (GIF, MP4)
-#: Frames in a second of the run, of which so many are drawn at most: a longer run is shown faster.
+#: Frames in a second of the run. So many are drawn at most, and at least: a longer run is shown
+#: faster, a shorter one slower.
 RATE_HZ = 10
-MOST_FRAMES = 200
+MOST_FRAMES, LEAST_FRAMES = 200, 60
 FRAME_MS = 1000 // RATE_HZ
 #: A video is smooth, and may last longer.
-VIDEO_RATE_HZ, MOST_VIDEO_FRAMES = 25, 1500
+VIDEO_RATE_HZ, MOST_VIDEO_FRAMES, LEAST_VIDEO_FRAMES = 25, 1500, 150
 #: The end stays for so long.
 LAST_MS = 2000
 COLOURS = 64
@@ -30,7 +32,7 @@ MOST_BYTES = 2_000_000
 
 def write_gif(path: Path, scenario: Scenario, record: Record) -> None:
     """Write a GIF of at most `MOST_BYTES`: the same bytes for the same run. Raises OSError."""
-    instants, times = _instants(record, RATE_HZ, MOST_FRAMES)
+    instants, times = _instants(record, RATE_HZ, LEAST_FRAMES, MOST_FRAMES)
     view = MovingView(scenario, record, times)
     frames = _in_palette([Image.fromarray(view.pixels(instant)) for instant in instants])
     frame_ms = FRAME_MS
@@ -42,7 +44,7 @@ def write_gif(path: Path, scenario: Scenario, record: Record) -> None:
 
 def write_mp4(path: Path, scenario: Scenario, record: Record) -> None:
     """Write an MP4. Raises OSError and `EncoderMissingError`."""
-    instants, times = _instants(record, VIDEO_RATE_HZ, MOST_VIDEO_FRAMES)
+    instants, times = _instants(record, VIDEO_RATE_HZ, LEAST_VIDEO_FRAMES, MOST_VIDEO_FRAMES)
     view = MovingView(scenario, record, times)
     still = LAST_MS * VIDEO_RATE_HZ // 1000
 
@@ -56,11 +58,16 @@ def write_mp4(path: Path, scenario: Scenario, record: Record) -> None:
     write_video(path, view.size_px, VIDEO_RATE_HZ, frames())
 
 
-def _instants(record: Record, rate_hz: float, most: int) -> tuple[list[int], float]:
-    """The samples that are shown, and how many times as fast as they were."""
-    duration_s = float(record.time_s[-1] - record.time_s[0])
-    count = min(max(round(duration_s * rate_hz), 1), most - 1) + 1
-    instants_s = np.linspace(record.time_s[0], record.time_s[-1], count)
+def _instants(record: Record, rate_hz: float, least: int, most: int) -> tuple[list[int], float]:
+    """The samples that are shown, and how many times as fast as they were.
+
+    They end when all parcels have come to rest.
+    """
+    start_s, end_s = float(record.time_s[0]), shown_until_s(record)
+    duration_s = end_s - start_s
+    samples = int(np.searchsorted(record.time_s, end_s, side="right"))
+    count = min(max(round(duration_s * rate_hz) + 1, min(least, samples), 2), most)
+    instants_s = np.linspace(start_s, end_s, count)
     instants: Ints = np.searchsorted(record.time_s, instants_s - 1e-9)
     shown: list[int] = instants.clip(0, len(record.time_s) - 1).tolist()
     return shown, duration_s * rate_hz / (count - 1)

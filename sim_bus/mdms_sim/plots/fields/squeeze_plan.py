@@ -19,7 +19,7 @@ from mdms_sim.physics.analysis.squeeze_outcome import (
 )
 from mdms_sim.physics.analysis.squeeze_trials import Trials
 from mdms_sim.plots.canvas import FAINT, INK, new_figure, tidy
-from mdms_sim.plots.squeeze_views import (
+from mdms_sim.plots.fields.squeeze_views import (
     LINE,
     NEAR,
     PLANNED,

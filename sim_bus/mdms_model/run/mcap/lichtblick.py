@@ -13,11 +13,11 @@ import numpy as np
 from mdms_model.array import build_wheels
 from mdms_model.arrays import Floats
 from mdms_model.run.colours import between, colours_of, parcel_colour
-from mdms_model.run.log_messages import LOG_TOPIC, Level
-from mdms_model.run.messages import OFF, WHEELS_TOPIC, parcel_topic
+from mdms_model.run.mcap.log_messages import LOG_TOPIC, Level
+from mdms_model.run.mcap.messages import OFF, WHEELS_TOPIC, parcel_topic
+from mdms_model.run.mcap.scene.primitives import FRAME
+from mdms_model.run.mcap.scene.topics import layers
 from mdms_model.run.record import Record
-from mdms_model.run.scene.primitives import FRAME
-from mdms_model.run.scene.topics import layers
 from mdms_model.run.shared_belief import host_error
 from mdms_model.scenario.scenario import Scenario
 

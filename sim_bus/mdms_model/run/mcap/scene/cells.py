@@ -6,9 +6,9 @@ import numpy as np
 
 from mdms_model.array import cell_centres, sensor_places_m
 from mdms_model.run.colours import COVERED, parcel_colour
+from mdms_model.run.mcap.scene.primitives import Parts, block, colour, line
+from mdms_model.run.mcap.scene.table import CELL_SHARE, DECK_M
 from mdms_model.run.record import Record
-from mdms_model.run.scene.primitives import Parts, block, colour, line
-from mdms_model.run.scene.table import CELL_SHARE, DECK_M
 from mdms_model.scenario.scenario import Scenario
 from mdms_protocol.neighbours import frames as wire
 

@@ -15,9 +15,9 @@ from mdms_sim.physics.analysis.equilibria import Kind
 from mdms_sim.physics.analysis.field_map import FieldMap
 from mdms_sim.physics.analysis.held_parcel import Law
 from mdms_sim.plots.canvas import FAINT, INK, draw_as_map, new_figure
-from mdms_sim.plots.field_marks import MARKS, PARCEL, PULL, TIPS, add_legend, marker_size
-from mdms_sim.plots.field_row import draw_row
-from mdms_sim.plots.field_turning import draw_rests, draw_turning, rests_height_pt
+from mdms_sim.plots.fields.marks import MARKS, PARCEL, PULL, TIPS, add_legend, marker_size
+from mdms_sim.plots.fields.row import draw_row
+from mdms_sim.plots.fields.turning import draw_rests, draw_turning, rests_height_pt
 from mdms_sim.plots.scales import share_outside, usual_most
 
 POINTS_PER_IN = 72.0

@@ -19,7 +19,7 @@ from mdms_model.run.record import Plan, Record
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.plots.canvas import FAINT, INK, draw_as_map, new_figure
 from mdms_sim.plots.held_cells import HeldCells, held_legend
-from mdms_sim.plots.moving_parcel import GOAL, MovingParcel
+from mdms_sim.plots.moving.parcel import GOAL, MovingParcel
 from mdms_sim.plots.top_view import DASHED, add_wheels, draw_exits, extent_m
 
 WIDTH_IN, WIDTH_PX = 6.4, 640
@@ -121,7 +121,7 @@ class MovingView:
 
     def _add_titles(self, times: float) -> tuple[Text, Text]:
         left, height_in = LEFT_IN / WIDTH_IN / 2, self._height_in
-        speed = "" if times < 1.05 else f"   ({times:.1f} times as fast)"
+        speed = "" if abs(times - 1) < 0.05 else f"   ({times:.2g} times as fast)"
         title = f"{self._scenario.title}{speed}"
         figure = self._figure
         size = min(11.0, 11.0 * MOST_LETTERS / max(len(title), 1))

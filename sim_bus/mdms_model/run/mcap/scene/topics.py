@@ -10,12 +10,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from mdms_model.run.mcap.scene.cells import CoveredSensors, HeldCells
+from mdms_model.run.mcap.scene.parcels import parcel_layers
+from mdms_model.run.mcap.scene.plans import Goals, Plans
+from mdms_model.run.mcap.scene.primitives import Parts, scene_update
+from mdms_model.run.mcap.scene.table import Table, Wheels
 from mdms_model.run.record import Record
-from mdms_model.run.scene.cells import CoveredSensors, HeldCells
-from mdms_model.run.scene.parcels import parcel_layers
-from mdms_model.run.scene.plans import Goals, Plans
-from mdms_model.run.scene.primitives import Parts, scene_update
-from mdms_model.run.scene.table import Table, Wheels
 from mdms_model.scenario.scenario import Scenario, goal_of
 
 AGAIN_S = 1.0

@@ -9,7 +9,7 @@ from mdms_model.arrays import Floats
 from mdms_model.scenario.scenario import Parcel, Scenario
 from mdms_sim.physics.analysis.field_map import FieldMap
 from mdms_sim.plots.canvas import FAINT, INK, new_figure, tidy
-from mdms_sim.plots.field_marks import MARKS, PULL, add_legend, free_of_push, marker_size, shade
+from mdms_sim.plots.fields.marks import MARKS, PULL, add_legend, free_of_push, marker_size, shade
 
 #: How wide the axes are [points].
 AXES_PT = 0.88 * 10.0 * 72

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from mdms_model.scenario.scenario import Parcel
 from mdms_sim.physics.analysis.field_map import FieldMap
 from mdms_sim.plots.canvas import FAINT, INK, tidy
-from mdms_sim.plots.field_marks import PARCEL, STABLE, UNSTABLE, free_of_push, in_lanes, shade
+from mdms_sim.plots.fields.marks import PARCEL, STABLE, UNSTABLE, free_of_push, in_lanes, shade
 
 #: Marks in one lane are so far apart, and lanes so high, in widths of a mark.
 _APART, _MARK_PT, _LANE_PT = 1.25, 7.0, 9.0

@@ -7,9 +7,9 @@ import numpy as np
 from mdms_model.arrays import Floats
 from mdms_model.outline import outline_m
 from mdms_model.run.colours import between, colours_of
+from mdms_model.run.mcap.scene.primitives import Parts, block, colour, line
 from mdms_model.run.planned import goals_at, plan_at
 from mdms_model.run.record import Record
-from mdms_model.run.scene.primitives import Parts, block, colour, line
 from mdms_model.scenario.scenario import Scenario
 
 _GOAL_M, _WAY_M, _TILE_M = 0.004, 0.003, -0.003

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from mdms_model.array import build_wheels, cell_centres, sensor_places_m
+from mdms_model.array import build_wheels, cell_centres, edge_m, sensor_places_m
 from mdms_model.run.colours import AHEAD, BACK, SLIPS, between
+from mdms_model.run.mcap.scene.primitives import Parts, block, colour, line, text
 from mdms_model.run.record import Record
-from mdms_model.run.scene.primitives import Parts, block, colour, text
 from mdms_model.scenario.scenario import Scenario
 
 #: The tops of cells lie so far below those of their wheels, on which parcels lie [m].
@@ -16,6 +16,8 @@ DECK_M = -0.006
 #: Of the pitch.
 CELL_SHARE = 0.94
 _PLATE_M, _BASE_M, _WHEEL_WIDTH_M, _DOT_M, _NUMBER_M = 0.012, 0.01, 0.012, 0.006, 0.016
+#: An exit's line, and how much farther out than that its name is.
+_EXIT_M, _BEYOND = 0.008, 1.08
 _BASE, _PLATE, _DOT, _INK = "#aab4bd", "#e6ebef", "#9aa5ae", "#5b6670"
 _STILL = "#b4bdc5"
 #: Colours from slow to fast.
@@ -27,7 +29,7 @@ SLIPS_M_S = 5e-3
 
 
 class Table:
-    """Cells with their numbers and sensors; they do not change."""
+    """Cells with their numbers and sensors, and the exits; they do not change."""
 
     topic, rate_hz = "/scene/table", 1.0
 
@@ -61,7 +63,13 @@ class Table:
             text(str(number), (x_m - corner_m, y_m - corner_m, DECK_M + 0.002), _NUMBER_M, ink)
             for number, (x_m, y_m) in enumerate(centres_m, 1)
         ]
-        return {"cubes": cubes, "texts": texts}
+        lines = []
+        for each in self._scenario.exit:
+            ends_m = edge_m(array, each.side, each.from_m, each.to_m)
+            lines.append(line(ends_m, DECK_M, _EXIT_M, ink, closed=False))
+            x_m, y_m = (ends_m.mean(axis=0) * _BEYOND).tolist()
+            texts.append(text(each.name, (x_m, y_m, 0.0), 2 * _NUMBER_M, ink))
+        return {"cubes": cubes, "lines": lines, "texts": texts}
 
 
 class Wheels:

@@ -1,0 +1,140 @@
+"""Viper code of the neighbour layer keeps to words of 32 bits, as boards have them.
+
+Where it does, bytecode and the machine code of any board compute the same.
+"""
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mdms_cell.neighbours import agreement, belief, outline, twist
+from mdms_cell.neighbours.angle import TURN_UM, resolve, root
+from mdms_cell.neighbours.outline import DISC, RECTANGLE, STEP_UM
+
+WORD = 1 << 31
+#: Half of the largest parcel, and how far wheels and sensors of neighbours are [steps].
+HALF = 300_000 // STEP_UM
+NEAR = 200_000 // STEP_UM
+
+
+class Word(int):
+    """An integer that refuses to leave 32 bits, as a machine word would silently."""
+
+    def __new__(cls, value):
+        assert -WORD <= value < WORD, f"{int(value)} is no word"
+        return super().__new__(cls, value)
+
+
+def _checked(name):
+    operation = getattr(int, name)
+
+    def checked(self, other):
+        result = operation(self, other)
+        return result if result is NotImplemented else Word(result)
+
+    return checked
+
+
+for _name in ("add", "sub", "mul", "floordiv", "mod", "and", "or", "xor", "lshift", "rshift"):
+    setattr(Word, f"__{_name}__", _checked(f"__{_name}__"))
+    setattr(Word, f"__r{_name}__", _checked(f"__r{_name}__"))
+
+
+class Words(list):
+    """A buffer of words."""
+
+    def __init__(self, values):
+        super().__init__(map(Word, values))
+
+    def __setitem__(self, index, value):
+        super().__setitem__(index, Word(value))
+
+
+def numbers(most):
+    return st.integers(-most, most).map(Word)
+
+
+turns = numbers(TURN_UM // 2)
+halves = st.integers(2_000, HALF)
+#: What a frame may say of a wheel [um/s].
+speeds = st.lists(numbers(WORD - 1), min_size=18, max_size=18)
+
+
+@given(st.integers(0, 2_000_000_000))
+def test_root_fits(number):
+    assert root(Word(number)) ** 2 <= number
+
+
+def placed(shape, pose, halves):
+    x, y, turn = pose
+    registers = Words([x, y, 0, 0, shape, *halves, 0, 0, 0])
+    resolve(turn, registers, outline.COSINE)
+    return registers
+
+
+@given(
+    st.sampled_from([RECTANGLE, DISC]),
+    st.tuples(numbers(NEAR), numbers(NEAR), turns),
+    st.tuples(halves, halves),
+)
+def test_outline_fits_wherever_the_parcel_lies(shape, pose, halves):
+    registers = placed(shape, pose, halves)
+    xs, ys = Words([NEAR, -NEAR]), Words([NEAR, NEAR])
+    outline.points_within(registers, xs, ys, 2, Word(NEAR), Word(-NEAR), Word(625))
+    outline.squares_overlapped(registers, xs, ys, Word(4000), Word(3))
+    outline._side(registers, Word(NEAR), Word(-NEAR))
+
+
+@settings(max_examples=60)
+@given(st.lists(speeds, min_size=3, max_size=8), numbers(HALF), numbers(HALF), st.data())
+def test_twist_fits_whatever_speeds_come(beats, centre_x, centre_y, data):
+    registers = Words([0] * 5)
+    along = st.tuples(numbers(362), numbers(362))
+    along_x, along_y = (
+        Words(each) for each in zip(*data.draw(st.tuples(along, along)), strict=True)
+    )
+    reach = st.lists(numbers(NEAR), min_size=18, max_size=18)
+    wheel_x, wheel_y = Words(data.draw(reach)), Words(data.draw(reach))
+    for beat in beats:
+        mask = Word(data.draw(st.integers(0, (1 << 18) - 1)))
+        twist._fit(
+            registers, wheel_x, wheel_y, along_x, along_y, Words(beat), mask, centre_x, centre_y
+        )
+
+
+@given(
+    st.lists(st.tuples(numbers(HALF), numbers(HALF), st.booleans()), max_size=30),
+    numbers(NEAR * STEP_UM),
+    numbers(NEAR * STEP_UM),
+    turns,
+)
+def test_belief_fits_whatever_sensors_say(edges, x_um, y_um, turn):
+    registers = Words([x_um, y_um, turn, *[belief._START] * 3, 0, 0, 0, 0])
+    for x, y, exact in edges:
+        pose = registers[0] // STEP_UM, registers[1] // STEP_UM, registers[2]
+        bottom = placed(RECTANGLE, pose, (HALF, HALF))
+        off = outline._side(bottom, x, y)
+        belief._correct(registers, bottom, off, Word(belief.EDGE), exact)
+        belief._roll(registers, Word(13_000), Word(-13_000), Word(5_000))
+
+
+@given(
+    st.lists(st.tuples(numbers(2047), numbers(2047), numbers(2047)), min_size=8, max_size=8),
+    st.lists(st.integers(0, 15).map(Word), min_size=8, max_size=8),
+    st.integers(0, 15).map(Word),
+)
+def test_agreement_fits_whatever_neighbours_say(poses, certainties, certainty):
+    fields = [
+        (*pose, 7, 3, 0, sure, 5, 1, 0) for pose, sure in zip(poses, certainties, strict=True)
+    ]
+    table, sums = Words([0] * 40), Words([0] * 5)
+    shifts = Words([127_000, -127_000] * 8)
+    estimates = Words([each for row in fields for each in row])
+    assert agreement._gather(estimates, shifts, Word(255), table) == len(poses)
+    x_um, y_um, turn = table[:3]
+    near = agreement._near(table, 8, x_um, y_um, turn)
+    agreement._sum_up(table, Word(near), bytes(9), x_um, y_um, turn, certainty, sums)
+    if sums[0]:
+        registers = Words([x_um, y_um, turn, *[belief._MOST] * 3, 0, 0, 0, 0])
+        total = sums[0] + agreement._OWN_WEIGHT
+        off = (each * 4 // sums[0] for each in sums[1:4])
+        belief._agree(registers, *off, sums[0], total, sums[4] // sums[0])
