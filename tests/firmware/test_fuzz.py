@@ -34,14 +34,14 @@ def on_micropython(micropython, frames):
 
 
 def test_same_frames_give_the_same_replies_on_micropython_and_leave_its_heap(micropython):
-    replies, used = on_micropython(micropython, 30_000)
-    assert replies == fuzz(30_000)
-    assert replies[1] > 15_000
+    replies, used = on_micropython(micropython, 20_000)
+    assert replies == fuzz(20_000)
+    assert replies[1] > 10_000
     assert max(used[1:]) <= used[0] + 1024
 
 
 @pytest.mark.slow
-def test_100_000_frames_raise_nothing_and_leave_the_memory_as_it_was():
+def test_60_000_frames_raise_nothing_and_leave_the_memory_as_it_was():
     used = []
-    fuzz(100_000, lambda: used.append(sys.getallocatedblocks()))
-    assert max(used[5:]) <= max(used[:5]) + 100
+    fuzz(60_000, lambda: used.append(sys.getallocatedblocks()))
+    assert max(used[3:]) <= max(used[:3]) + 100

@@ -13,6 +13,8 @@ from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
 
 MDMS = str(Path(sys.executable).with_name("mdms"))
+#: A verb that imports little; what is refused goes the same way for all.
+REFUSED = "configure assign --from none.toml"
 
 
 def shell(line, **environment):
@@ -37,10 +39,10 @@ def shell(line, **environment):
             1,
             "mdms: stdout cannot be written: No space",
         ),
-        ("mdms simulate none.toml >&-", 2, "mdms: none.toml: no such scenario file"),
-        ("mdms simulate none.toml 2>&-", 2, ""),
-        ("mdms simulate none.toml 2> /dev/full", 2, ""),
-        ("mdms simulate none.toml | true; exit 0", 0, "mdms: none.toml: no such scenario file"),
+        (f"mdms {REFUSED} >&-", 2, "mdms: none.toml: No such file"),
+        (f"mdms {REFUSED} 2>&-", 2, ""),
+        (f"mdms {REFUSED} 2> /dev/full", 2, ""),
+        (f"mdms {REFUSED} | true; exit 0", 0, "mdms: none.toml: No such file"),
     ],
 )
 def test_closed_or_full_stream_is_no_traceback(line, code, told):
