@@ -124,6 +124,15 @@ def test_stop_turns_everything_off(served, door):
     assert served.run("mdms", "stop", *door_options(served, door)).returncode == 0
 
 
+def test_settings_are_changed_over_a_serial_line(served):
+    set_one = ("configure", "set", "axis2.stall_time=0.4", "--node", "18")
+    done = served.run("mdms", *set_one, *door_options(served, "terminal"))
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == (
+        "axis2.stall_time: 0.08 -> 0.4 s  (node 18)\n1 settings written and verified\n"
+    )
+
+
 def test_nothing_served_under_a_name_is_told_with_what_to_do(served):
     done = served.run("mdms", "scan", "-i", "mdms", "-c", "nobody")
     assert done.returncode == 4
