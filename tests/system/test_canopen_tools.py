@@ -11,8 +11,8 @@ from tests.system.canopen_network import NODE_IDS, PATIENCE_S, canopen_network
 
 from mdms_protocol import cia402
 
-#: One array is commissioned for all.
-pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("canopen tools")]
+#: Setpoints that come 0.5 s late are stale.
+pytestmark = [pytest.mark.slow, pytest.mark.real_time]
 
 BLANK = 3
 
