@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 # One more than cores, since some tests wait for other programs.
-WORKERS ?= 3
+WORKERS ?= 4
 
 .PHONY: demo test quick check format generate bench prove soak requirements clean
 
@@ -23,6 +23,7 @@ check: $(VENV)/.dev typings/.installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/python -m mdms_protocol.generators.generate --check
+	$(BIN)/python -m mdms_host.cli.reference.pages --check
 	$(BIN)/eds-validate protocol/mdms-cell.eds
 	$(BIN)/dcfchk -n 1 protocol/mdms-cell.eds
 	$(BIN)/mypy
@@ -35,7 +36,7 @@ format: $(VENV)/.dev
 
 generate: $(VENV)/.dev
 	$(BIN)/python -m mdms_protocol.generators.generate
-	$(BIN)/python -m mdms_host.commissioning.doctor.troubleshooting docs/troubleshooting.md
+	$(BIN)/python -m mdms_host.cli.reference.pages
 
 bench: $(VENV)/.bench
 	$(BIN)/python -m tests.benchmarks

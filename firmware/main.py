@@ -1,76 +1,61 @@
-"""Starts the cell's firmware on its board at power-up, and never leaves the motors on.
+"""Starts the cell's firmware at power-up: that of a slot, or the one that USB has brought.
 
-Hold the user button at power-up to get the prompt instead. Whatever ends the loop, the motors are
-cut first; then the reason goes to the bus and into `crash.log`, and the watchdog, no longer fed,
-resets the board.
+Hold the user button at power-up to get the prompt instead. Firmware that came over the bus never
+replaces this file and `mdms_boot`. What a slot on trial does is watched from its first line on:
+unless it feeds the watchdog, the board starts anew, without it.
 """
 
-import gc
 import os
 import sys
-import time
 
-from boards.detect import board_module
-from mdms_cell.cell import Cell
-from mdms_cell.runner import INTERNAL_ERROR, Runner
-from mdms_protocol.version import VERSION
-
-#: Of a cell whose node id was never set; LSS gives it one.
-NODE_UNSET = 0xFF
-FAREWELL_MS = 20
-LOG_MAX = 8192
+#: Firmware is imported within this time, with much to spare.
+TRIAL_START_MS = 10_000
+ROOT, SLOT = "/flash", "/slot"
+#: Of flash chips; a file system on other blocks keeps nothing when power fails.
+ERASE_BLOCK = 4096
 
 
-def run(board, folder="/flash", node_id=NODE_UNSET, watchdog=True):
-    """Run the cell until something goes wrong, and raise that with the motors cut."""
-    cell = Cell(board, node_id)
-    runner = Runner(board, cell)
-    gc.collect()  # what the start took lies between what stays
+def slots_of_board():
+    """The board's slots; None where there is no room for any."""
     try:
-        board.start(runner.tick, watchdog)
-        while True:
-            runner.turn(time.ticks_ms())
-    except BaseException as error:
-        board.stop()
-        say_farewell(board, cell)
-        log(error, folder)
-        raise
-    finally:
-        board.stop()
-
-
-def say_farewell(board, cell):
-    """Report the error to the bus, if there is still a way."""
-    try:
-        cell.fail(INTERNAL_ERROR)
-        start_ms = time.ticks_ms()
-        while time.ticks_diff(time.ticks_ms(), start_ms) < FAREWELL_MS:
-            board.service(time.ticks_ms())
-            cell.poll(time.ticks_ms())
-    except Exception as error:
-        sys.print_exception(error)
-
-
-def log(error, folder):
-    """Append version and traceback to `crash.log`, which begins anew when it has grown too long."""
-    path = folder + "/crash.log"
-    try:
-        with open(path, "a" if size(path) < LOG_MAX else "w") as file:
-            print("mdms", VERSION, file=file)
-            sys.print_exception(error, file)
-    except OSError as failure:
-        sys.print_exception(failure)
-
-
-def size(path):
-    """Bytes in a file, 0 if there is none."""
-    try:
-        return os.stat(path)[6]
+        block = os.statvfs(ROOT)[0]
     except OSError:
-        return 0
+        return None
+    if block < ERASE_BLOCK:
+        return None
+    from mdms_boot.files import Files
+    from mdms_boot.slots import Slots
+
+    return Slots(Files(ROOT))
+
+
+def enter(slots):
+    """Have imports come from the slot that is to be started, if there is one."""
+    image = slots.start()
+    if image is None:
+        return
+    import vfs
+
+    if slots.on_trial:
+        from machine import WDT
+
+        WDT(timeout=TRIAL_START_MS)
+    vfs.mount(vfs.VfsRom(image), SLOT)  # pyright: ignore[reportAttributeAccessIssue]
+    sys.path.insert(0, SLOT)
+
+
+def begin(slots):
+    """Run the firmware on this board, unless its button is held."""
+    from boards.detect import board_module
+    from boards.start import run
+
+    module = board_module(sys.implementation._machine)
+    if not module.held():
+        run(module.board(), slots)
 
 
 if __name__ == "__main__":
-    module = board_module(sys.implementation._machine)
-    if not module.held():
-        run(module.board())
+    slots = slots_of_board()
+    if slots is not None:
+        enter(slots)
+    begin(slots)

@@ -7,6 +7,7 @@
 
 include("$(PORT_DIR)/boards/manifest.py")
 package("boards")
+package("mdms_boot")
 package("mdms_cell")
 package(
     "mdms_protocol",
@@ -25,6 +26,9 @@ package(
         "record.py",
         "sdo.py",
         "signature.py",
+        "update/__init__.py",
+        "update/bundle.py",
+        "update/codes.py",
         "version.py",
         "words.py",
     ),

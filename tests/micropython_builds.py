@@ -24,6 +24,7 @@ from mdms_sim.nodes.micropython_process import EMITTER_LINE, EMITTERS, find_micr
 ROOT = Path(__file__).parents[1]
 PACKAGES = (
     ROOT / "firmware" / "mdms_adapter",
+    ROOT / "firmware" / "mdms_boot",
     ROOT / "firmware" / "mdms_cell",
     ROOT / "firmware" / "mdms_gateway",
     ROOT / "protocol" / "mdms_protocol",

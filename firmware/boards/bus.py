@@ -15,6 +15,8 @@ BUS_OFF_MS = 100
 #: What the interrupt is for.
 TRIGGERS = CAN.IRQ_RX | CAN.IRQ_STATE
 
+#: How many counters `CAN.get_counters` has; the first two are those of CAN's fault confinement.
+_COUNTERS = 8
 _TIME_MASK = 0x3FFFFFFF
 
 
@@ -37,6 +39,7 @@ class Bus:
         self._fell_silent = False  # set by the interrupt, cleared by `service`
         self._left_alone = False
         self._off_ms = 0
+        self._counters = [0] * _COUNTERS
 
     # What a port defines
 
@@ -111,6 +114,14 @@ class Bus:
             self._left_alone = False
             self._off_ms = now_ms
             self._can.restart()
+
+    def transmit_errors(self):
+        """The controller's transmit error counter."""
+        return self._can.get_counters(self._counters)[0]
+
+    def receive_errors(self):
+        """Its receive error counter."""
+        return self._can.get_counters(self._counters)[1]
 
     def send(self, can_id, data):
         """Queue a frame; False when there is no room."""

@@ -6,6 +6,7 @@ board's own module its pins.
 
 import gc
 import os
+import sys
 from array import array
 from binascii import crc32
 
@@ -16,10 +17,15 @@ from micropython import const
 
 from boards.wheel import CURRENT_TOO_LARGE_MA
 from mdms_cell.drive import speed_loop
+from mdms_protocol.update import codes
 
 #: The watchdog's patience while both bridges sleep, when flash may be written: that stops the
 #: processor, on an STM32 for seconds.
 WATCHDOG_ASLEEP_MS = 5_000
+#: The most that goes into a slot; what it leaves of the file system, and an image of the heap.
+SLOT_MAX = const(256 * 1024)
+_FLASH_LEFT = const(64 * 1024)
+_HEAP_LEFT = const(112 * 1024)
 #: Room for an exception in an interrupt, which cannot allocate its traceback.
 EXCEPTION_BYTES = 100
 #: 100 kOhm over 8.2 kOhm into an ADC of 3.3 V.
@@ -35,7 +41,8 @@ class CellBoard:
     `sensors` are the five presence sensors, `run_led` and `error_led` those of CiA 303-3. The tick
     calls `sample(registers)` and `drive(registers)`. Importing touches nothing; a board is made
     with both wheels off, and `start` brings it to life. `memory(asleep)` returns the memory of the
-    settings, or None.
+    settings, or None. `slots`, where there are any, are those for firmware over the bus; `number`
+    is the board's own, see `mdms_protocol.update.codes`.
 
     A family has `WATCHDOG_MS`, the watchdog's patience while a bridge is awake: far more than a
     garbage collection. It makes what `wheels` and `connected` return, and the tick's timer.
@@ -43,7 +50,11 @@ class CellBoard:
 
     WATCHDOG_MS = 250
 
-    def __init__(self, pins, memory):
+    slots = None
+    bytecode = getattr(sys.implementation, "_mpy", 0) & codes.BYTECODE
+
+    def __init__(self, pins, memory, number=codes.UNKNOWN_BOARD):
+        self.number = number
         self._wake = Pin(pins.wake, Pin.OUT, value=0)
         self._wheels = self.wheels(pins)
         self.motors_off()
@@ -65,6 +76,8 @@ class CellBoard:
         self.service = self.bus.service
         self.send = self.bus.send
         self.listen = self.bus.listen
+        self.transmit_errors = self.bus.transmit_errors
+        self.receive_errors = self.bus.receive_errors
 
     # What a chip family defines
 
@@ -166,6 +179,19 @@ class CellBoard:
         except OSError:
             return 0
         return sizes[0] * sizes[3]
+
+    def slots_room(self):
+        """Bytes that a slot takes at most."""
+        return max(min(SLOT_MAX, self.flash_free() - _FLASH_LEFT), 0)
+
+    def image_room(self):
+        """Bytes of the largest image that firmware can run from, beside what it takes itself."""
+        return gc.mem_free() + gc.mem_alloc() - _HEAP_LEFT
+
+    def restart(self):
+        """Start the board anew, with the motors off."""
+        self.stop()
+        machine.reset()
 
     def show(self, now_ms, state, faulty):
         """Run LED on in operational, else blinking; error LED on at bus-off, blinking at faults."""

@@ -53,15 +53,18 @@ class Settings:
 
 
 def memory(folder, asleep):
-    """The memory of the store; None where the folder is no LittleFS on real erase blocks."""
+    """The memory of the store; None where power may not fail while the folder is written."""
+    return Settings(folder, asleep) if keeps_whole(folder) else None
+
+
+def keeps_whole(folder):
+    """Whether the folder is a LittleFS on real erase blocks."""
     import vfs  # for this only
 
     for file_system, path in vfs.mount():
         if path == folder:
-            littlefs = isinstance(file_system, vfs.VfsLfs2)
-            whole = littlefs and os.statvfs(folder)[0] >= _ERASE_BLOCK
-            return Settings(folder, asleep) if whole else None
-    return None
+            return isinstance(file_system, vfs.VfsLfs2) and os.statvfs(folder)[0] >= _ERASE_BLOCK
+    return False
 
 
 def _check(asleep):

@@ -35,7 +35,6 @@ _FULL_WIDTH = 0xFFFF
 _FILTER_PLACES = 32
 #: Place of the frames lost in `CAN.get_counters`.
 _OVERRUNS = 7
-_COUNTERS = 8
 
 
 class MimxrtBoard(CellBoard):
@@ -44,9 +43,9 @@ class MimxrtBoard(CellBoard):
     #: The least that the chip's watchdog can wait.
     WATCHDOG_MS = 500
 
-    def __init__(self, pins: Pins, memory):
+    def __init__(self, pins: Pins, memory, number):
         self._timer = None
-        super().__init__(pins, memory)
+        super().__init__(pins, memory, number)
 
     def wheels(self, pins: Pins):
         """Both wheels."""
@@ -92,7 +91,6 @@ class FlexCanBus(Bus):
 
     def __init__(self, can: CAN, registers):
         super().__init__(can, registers)
-        self._counters = [0] * _COUNTERS
         self._overruns = 0
 
     def filters(self, identifiers):

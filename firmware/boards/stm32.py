@@ -39,9 +39,9 @@ Pins = namedtuple(
 class Stm32Board(CellBoard):
     """A board with one of the STM32s that MicroPython's `machine.CAN` supports."""
 
-    def __init__(self, pins: Pins, memory):
+    def __init__(self, pins: Pins, memory, number):
         self._timer = None
-        super().__init__(pins, memory)
+        super().__init__(pins, memory, number)
 
     def wheels(self, pins: Pins):
         """Both wheels, with the PWM of one timer."""

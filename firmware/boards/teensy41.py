@@ -4,6 +4,7 @@ from machine import Pin
 
 from boards import flash
 from boards.mimxrt import MimxrtBoard, Pins
+from mdms_protocol.update import codes
 
 PINS = Pins(
     pulses=("D5", "D6"),
@@ -21,7 +22,7 @@ PINS = Pins(
 
 def board():
     """The board with both wheels off; `start` brings it to life."""
-    return MimxrtBoard(PINS, _memory)
+    return MimxrtBoard(PINS, _memory, codes.TEENSY41)
 
 
 def _memory(asleep):

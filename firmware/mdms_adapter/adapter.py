@@ -16,16 +16,18 @@ class Adapter:
 
     `bus` has `inbox`, `send(can_id, data)`, `service(now_ms)` and `off`, as `boards.bus.Bus`;
     `port` has `read(most)`, bytes or b"", and `write(data)`, how many it took, and neither waits.
-    What the host does not read in time is dropped, counted, and reported in its place.
+    What the host does not read in time is dropped, counted, and reported in its place. While the
+    bus is off, frames are refused: one that went out after it would come too late.
     """
 
     def __init__(self, bus, port, serial):
         self._bus = bus
         self._port = port
-        self._slcan = slcan.Slcan(bus.send, b"%04X" % (serial & 0xFFFF))
+        self._slcan = slcan.Slcan(self._send, b"%04X" % (serial & 0xFFFF))
         self._pending = bytearray()
         self._dropped = 0
         self._overrun = bus.inbox.lost
+        self._was_off = False
         self.lost = 0
 
     @property
@@ -36,18 +38,30 @@ class Adapter:
     def turn(self, now_ms):
         """One turn of the background loop."""
         self._bus.service(now_ms)
-        if self._bus.off:
-            self._slcan.status |= slcan.BUS_OFF
+        self._look_for_bus_off()
         self._receive(now_ms)
         # A host that writes and does not read is left waiting.
         if len(self._pending) <= PENDING_MAX:
             self._pending += self._slcan.feed(self._port.read(BYTES_PER_TURN))
         self._flush()
 
+    def _send(self, can_id, data):
+        return not self._bus.off and self._bus.send(can_id, data)
+
+    def _look_for_bus_off(self):
+        """With bus-off goes what was taken from the host and has not gone out."""
+        off = self._bus.off
+        if off:
+            self._slcan.status |= slcan.BUS_OFF
+            if not self._was_off and self._slcan.is_open:
+                self._pending += slcan.CUT
+        self._was_off = off
+
     def _receive(self, now_ms):
         """Frames of the bus become lines."""
         inbox = self._bus.inbox
         self._count_overrun(inbox)
+        self._report_losses()
         for _ in range(FRAMES_PER_TURN):
             frame = inbox.peek()
             if frame is None:
@@ -56,6 +70,10 @@ class Adapter:
             # The inbox keeps 11 bits of an identifier.
             if self._slcan.is_open and not frame[2] & slcan.EXTENDED:
                 self._put(self._slcan.line(frame[0], frame[1], frame[2], now_ms))
+        self._report_losses()
+
+    def _report_losses(self):
+        """Report them once there is room for frames again, which go out behind the report."""
         if self._dropped and len(self._pending) < PENDING_MAX // 2:
             self._pending += self._slcan.lost(self._dropped)
             self._dropped = 0

@@ -1,13 +1,16 @@
 """SLCAN, the line protocol of serial CAN adapters (Lawicel CAN232): bytes in, frames and lines out.
 
 Frames of 11-bit identifiers with data are sent; others are refused. Beyond the protocol, a line
-`xNNNN` says that so many frames of the bus did not find room on their way to the host.
+`xNNNN` says that so many frames of the bus did not find room on their way to the host, and a line
+`y` that the bus went off: frames that were taken from the host last may not have gone out.
 """
 
 from binascii import hexlify, unhexlify
 
 OK = b"\r"
 ERROR = b"\x07"
+#: The bus went off.
+CUT = b"y\r"
 #: Flags of `machine.CAN`, as the inbox keeps them.
 REMOTE = 1
 EXTENDED = 2

@@ -35,10 +35,15 @@ from mdms_cell.identification import Identification
 from mdms_cell.neighbours.beat import Beat
 from mdms_cell.neighbours.layer import Layer
 from mdms_cell.presence import Presence
+from mdms_cell.update.no_room import NoRoom
 from mdms_protocol import cob, indices, nmt, record, signature
+from mdms_protocol.update import codes
 
 #: What `fail` is reported to come from; axes count from 1, and then come those of `guard`.
 SOURCE_SYSTEM = 6
+
+#: Firmware on trial has run for so long before it may be confirmed.
+TEST_MS = 200
 
 #: Settings that are the cell's own.
 _WATCHED = (
@@ -70,6 +75,7 @@ class Cell:
         self.dropped = 0
         self.not_sent = 0
         self._reading = 0
+        self._booted_ms = self._booted_tick = 0
         self._presence = Presence()
         self.now_ms = 0
         self.wake_ms = 0
@@ -117,7 +123,16 @@ class Cell:
         blink = getattr(self._board, "blink", _no_leds)
         self._identification = Identification(objects, blink, self._attend)
         self._parameters = Parameters(objects, self._store, self._axes.driving, self._emcy)
+        self._update = self._updating()
         self._tie_cell()
+
+    def _updating(self):
+        """What takes firmware over the bus, on a board that has a place for it."""
+        if getattr(self._board, "slots", None) is None:
+            return NoRoom(self._objects, getattr(self._board, "number", codes.UNKNOWN_BOARD))
+        from mdms_cell.update.update import Update  # most boards do without
+
+        return Update(self._objects, self._board, self._axes.driving, self._sound, self._attend)
 
     def _tie_cell(self):
         objects = self._objects
@@ -126,6 +141,8 @@ class Cell:
         objects.tie(indices.TRAFFIC, 2, self._read_dropped)
         objects.tie(indices.TRAFFIC, 3, self._read_not_sent)
         objects.tie(indices.TRAFFIC, 4, self._read_overruns)
+        objects.tie(indices.TRAFFIC, 5, getattr(self._board, "transmit_errors", _unknown))
+        objects.tie(indices.TRAFFIC, 6, getattr(self._board, "receive_errors", _unknown))
         objects.tie(indices.SIGNATURE, 0, self._read_signature)
         objects.tie(indices.MEMORY, 1, getattr(self._board, "heap_free", _unknown))
         objects.tie(indices.MEMORY, 2, getattr(self._board, "flash_free", _unknown))
@@ -152,7 +169,16 @@ class Cell:
         return signature.of(self._objects.data)
 
     def _may_enable(self):
-        return self.state == nmt.OPERATIONAL
+        return self.state == nmt.OPERATIONAL and not self._update.busy
+
+    def _sound(self):
+        """The self-test of firmware on trial: the tick keeps time, and both motors are off."""
+        registers = self._registers
+        due = ticks.diff(self.now_ms, self._booted_ms)
+        ticked = ticks.diff(registers[speed_loop.TICKS], self._booted_tick)
+        on_time = TEST_MS <= due <= ticked + ticked // 10
+        off = not (registers[speed_loop.MODE] or registers[speed_loop.AXIS + speed_loop.MODE])
+        return on_time and off and self.node_id != cob.NODE_NONE
 
     def silent(self):
         """Identifiers of frames that let the cell send nothing before its next poll.
@@ -208,6 +234,7 @@ class Cell:
     def on_boot(self):
         """The node id is this node's own, and the node is announced."""
         self._take_state()
+        self._booted_ms, self._booted_tick = self.now_ms, self._registers[speed_loop.TICKS]
         self._guard.start()
         self._heartbeat.start(self.now_ms)
         self._listen()
@@ -348,6 +375,7 @@ class Cell:
             wait_ms = min(wait_ms, self._emcy.poll(now_ms))
         wait_ms = min(wait_ms, self._heartbeat.poll(now_ms, self.node_id, self.state))
         wait_ms = min(wait_ms, self._give_beat(now_ms), self._identification.poll(now_ms))
+        wait_ms = min(wait_ms, self._update.poll(now_ms))
         self._sdo.poll(now_ms)
         return 1 if self._sdo.busy else wait_ms
 

@@ -12,6 +12,8 @@ import numpy as np
 from mdms_model.arrays import Floats, Ints
 from mdms_protocol import cob
 
+__all__ = ["Layout", "WheelPlace"]
+
 _SENSOR_OFFSETS_M = (
     (0.0, 0.0),
     (0.03175, 0.03175),
@@ -122,7 +124,7 @@ class Layout:
     def surface_jacobian(self, x_m: float, y_m: float) -> Floats:
         """Matrix that maps a rigid twist (vx, vy, omega) about a point to speeds along the wheels.
 
-        Shape (W, 3); the point in m, table frame.
+        Shape (W, 3) [1, 1, m]; the point in m, table frame.
         """
         about_point = np.array([[1.0, 0.0, y_m], [0.0, 1.0, -x_m], [0.0, 0.0, 1.0]])
         jacobian: Floats = self._jacobian_about_origin @ about_point

@@ -25,6 +25,7 @@ from mdms_protocol.entry import (
     setting,
 )
 from mdms_protocol.neighbours.objects import ESTIMATE, NEIGHBOUR_OBJECTS, PROGRAM, REACH_UM
+from mdms_protocol.update.objects import UPDATE_OBJECTS
 from mdms_protocol.version import VERSION
 
 VENDOR_ID = 0
@@ -150,6 +151,8 @@ _CELL: dict[int, Field | e.Group] = {
             2: field("Frames dropped", U32, READ),
             3: field("Frames not sent", U32, READ),
             4: field("Frames overrun", U32, READ),
+            5: field("Transmit error counter", U32, READ),
+            6: field("Receive error counter", U32, READ),
         },
     ),
     0x3003: setting("Undervoltage limit", U16, 10_000, e.MILLIVOLTS, high=60_000),
@@ -185,6 +188,7 @@ _AXIS: dict[int, Field] = {
     0x200D: setting("contact x", I32, -30_000, e.MICROMETRES, low=-REACH_UM, high=REACH_UM),
     0x200E: setting("contact y", I32, 0, e.MICROMETRES, low=-REACH_UM, high=REACH_UM),
     0x200F: setting("braking gain", U32, 39_000, e.MILLIVOLT_SECONDS_PER_METRE, high=100_000),
+    0x2010: field("trial voltage limit", U32, unit=e.MILLIVOLTS, high=60_000),
     0x603F: field("error code", U16, READ, mappable=e.TPDO),
     0x6040: field("controlword", U16, mappable=e.RPDO),
     0x6041: field("statusword", U16, READ, mappable=e.TPDO),
@@ -282,6 +286,7 @@ def _objects() -> tuple[e.Object, ...]:
     objects.update(_COMMUNICATION)
     objects.update(_CELL)
     objects.update(NEIGHBOUR_OBJECTS)
+    objects.update(UPDATE_OBJECTS)
     for number in range(PDOS):
         objects.update(_pdos(number))
     for number in range(AXES):

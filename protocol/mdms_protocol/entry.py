@@ -18,6 +18,8 @@ U8 = Type("UNSIGNED8", 0x05, 1, 0, (1 << 8) - 1)
 U16 = Type("UNSIGNED16", 0x06, 2, 0, (1 << 16) - 1)
 U32 = Type("UNSIGNED32", 0x07, 4, 0, (1 << 32) - 1)
 TEXT = Type("VISIBLE_STRING", 0x09, 0, 0, 0)
+#: Any bytes, as many as are sent; a cell holds none of them in its table.
+DOMAIN = Type("DOMAIN", 0x0F, 0, 0, 0)
 
 #: `factor` turns an object's integer into the SI unit `symbol`.
 Unit = namedtuple("Unit", ("symbol", "factor"))

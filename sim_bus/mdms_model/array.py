@@ -43,6 +43,12 @@ def cell_centres(array: Array) -> Floats:
     return np.column_stack([x.ravel(), y.ravel()]) * array.pitch_m
 
 
+def sensor_places_m(array: Array, cell: Cell) -> Floats:
+    """Places of all presence sensors (cells, sensors of a cell, 2) [m; table frame]."""
+    offsets_m: Floats = np.array(cell.sensor_offset_m, dtype=np.float64)
+    return cell_centres(array)[:, None] + offsets_m
+
+
 def build_cells(scenario: Scenario) -> list[Cell]:
     """Every cell as the scenario has it: patches differ as they say."""
     cells = [scenario.cell] * (scenario.array.columns * scenario.array.rows)
@@ -86,6 +92,16 @@ def last_support_m(wheels_m: Floats, side: str) -> float:
     """How far the outermost of the wheels (W, 2) is from the table's middle, to a side [m]."""
     across_m = wheels_m[:, 0 if side in ("east", "west") else 1]
     return float((across_m if side in ("east", "north") else -across_m).max())
+
+
+def edge_m(array: Array, side: str, from_m: float, to_m: float) -> Floats:
+    """Both ends (2, 2) of a stretch of the table's edge, cut off at its corners [m]."""
+    half_m = np.array([array.columns, array.rows]) * array.pitch_m / 2
+    across = 0 if side in ("east", "west") else 1
+    ends_m: Floats = np.empty((2, 2))
+    ends_m[:, across] = half_m[across] if side in ("east", "north") else -half_m[across]
+    ends_m[:, 1 - across] = np.clip((from_m, to_m), -half_m[1 - across], half_m[1 - across])
+    return ends_m
 
 
 def _exact_cos(angle_rad: Floats) -> Floats:

@@ -4,12 +4,15 @@ from dataclasses import dataclass
 
 from mdms_model.scenario.scenario import Cell
 
+__all__ = ["Drive", "drive_of", "rim_mass_kg"]
+
 
 @dataclass(frozen=True, slots=True)
 class Drive:
     """A motor, its gear and its proportional law, seen at the wheel's rim.
 
-    A rolling wheel pushes with `a` r - `b` v, r its reference and v its surface speed [m/s].
+    A rolling wheel pushes with `a` r - `b` v, r its reference and v its surface speed [m/s]; `a`,
+    `b` and the effective damping `be` are in N s/m, the effective motor constant `ke` in V s/m.
     """
 
     ke: float

@@ -1,5 +1,10 @@
 """Sampled history of a running world, gathered into a `Record`."""
 
+from collections.abc import Mapping
+from typing import Any
+
+from numpy.typing import NDArray
+
 from mdms_model.arrays import Floats
 from mdms_model.run.cell_reports import without_reports
 from mdms_model.run.history import History
@@ -20,7 +25,7 @@ class Sampler:
         reference_m_s: Floats,
         voltage_v: Floats,
         estimate: Floats,
-        reports: dict[str, Floats],
+        reports: Mapping[str, NDArray[Any]],
     ) -> None:
         """Append the state at `now_s`; references and voltages of shape (W,), estimate (P, 3).
 

@@ -21,6 +21,7 @@ from mdms_model.participant import BusesParticipant, Participant
 from mdms_model.run.cell_reports import CellReports
 from mdms_model.run.folder import interface_of
 from mdms_model.run.history import MOST_SAMPLES
+from mdms_model.run.presence import Presence
 from mdms_model.run.record import Record
 from mdms_model.run.references import References
 from mdms_model.scenario.scenario import Scenario
@@ -38,6 +39,8 @@ from mdms_sim.nodes.micropython_bank import MicropythonBank
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.physics.plane.world import World
 from mdms_sim.sampling import Sampler
+
+__all__ = ["BusFigures", "Outcome", "Simulation", "open_bank", "simulate"]
 
 NS_PER_S = 1_000_000_000
 TICK_NS = 1_000_000
@@ -81,9 +84,9 @@ class Simulation:
     `bus` is the only one of `buses`, or their first. `faults` are those of the scenario; others may
     begin while it runs.
 
-    `estimates` returns the poses that somebody believes the parcels to have, shape (P, 3), NaN
-    where unknown; they are only recorded. A run without end is better not `recorded`, or thinned
-    to `most_samples`.
+    `estimates` returns the poses [m, m, rad] that somebody believes the parcels to have, shape
+    (P, 3), NaN where unknown; they are only recorded. A run without end is better not `recorded`,
+    or thinned to `most_samples`.
     """
 
     def __init__(
@@ -105,11 +108,13 @@ class Simulation:
         self.log = BusLog(bus_log)
         self._references = References(addresses, len(scenario.cell.wheel))
         self._reports = CellReports(cell_centres(scenario.array), addresses)
+        self._presence = Presence(addresses)
         for number, bus in enumerate(self.buses):
             interface = interface_of(number, len(self.buses))
             bus.observe(partial(self.log.on_frame, interface=interface))
             bus.observe(partial(self._references.on_frame, number), self._references.cells[number])
             bus.observe(partial(self._on_report, number), self._reports.cells[number])
+            bus.observe(partial(self._presence.on_frame, number), self._presence.cells[number])
         self._bank = bank
         self._estimates = estimates
         self._sampler = Sampler(self.world, most_samples)
@@ -123,6 +128,8 @@ class Simulation:
             self.buses[bus].attach(_CellStation(self._deliver, cell), bank.accepts(cell))
             for cell, bus in enumerate(addresses.buses)
         ]
+        for cell, mailbox in enumerate(self._mailboxes):
+            bank.connect(cell, mailbox.errors)
         for bus in self.buses:
             BusOffWatch(self.kernel, bus, self._mailboxes, bank)
         array = scenario.array
@@ -239,7 +246,7 @@ class Simulation:
         voltage_v = self._voltage_uv[:, : self._axes].ravel() / UV_PER_V
         references = self._references.reference_m_s
         now_s = now_ns / NS_PER_S
-        reports = self._reports.sample(now_s)
+        reports = self._reports.sample(now_s) | {"presence": self._presence.bits}
         self._sampler.sample(now_s, references, voltage_v, estimates, reports)
         self.kernel.at(now_ns + SAMPLE_NS, PRIORITY_SAMPLE, self._sample)
 
@@ -263,6 +270,7 @@ def simulate(
     """Run a whole scenario with cells of the kind `nodes`: "cpython" or "micropython".
 
     The bus is logged into the file `bus_log`, if named. It ends before its time once it is `over`.
+    `estimates` are as of a `Simulation`, [m, m, rad]; `progress` gets the time reached [s].
     Raises `NodeError` when the cells cannot run.
     """
     with ExitStack() as stack:

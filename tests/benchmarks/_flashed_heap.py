@@ -17,7 +17,10 @@ FAKES = tuple(
     for name in ("machine", "pyb", "world", "can_controller", "can_stm32", "can_bx", "can_fd")
 )
 BOARD = "pybv11"
-OTHER_BOARDS = ("boards.nucleo", "boards.weact", "boards.teensy", "boards.mimxrt")
+#: What only boards load that have room for a second firmware.
+ROOMY = ("mdms_cell.update.update", "mdms_cell.update.receipt", "mdms_cell.update.admission")
+ROOMY += ("mdms_cell.update.signature", "mdms_protocol.update.bundle", "mdms_boot")
+OTHERS = ("boards.nucleo", "boards.weact", "boards.teensy", "boards.mimxrt", *ROOMY)
 WAYS = ("copies", "romfs")
 #: What the interpreter itself has taken.
 _BARE = "import gc; print(gc.mem_alloc())"
@@ -42,12 +45,13 @@ if %r:
     del file
 before = note()
 load("main")
+load("boards.start")
 load("boards.%s")
 code = note()
-import main
+from boards import start
 board = sys.modules["boards.%s"].board()
-cell = main.Cell(board, 5)
-runner = main.Runner(board, cell)
+cell = start.Cell(board, 5)
+runner = start.Runner(board, cell)
 board.start(runner.tick)
 booted = note()
 traffic = Traffic(Driven(world, runner))
@@ -120,4 +124,4 @@ def _staged(folder: Path, way: str) -> list[str]:
         compiled_path = folder / f"{path.stem}.mpy"
         compiled_path.write_bytes(compile_module(path.name, path, None))
     names = [place[: -len(".mpy")].replace("/", ".") for place in compiled]
-    return [name for name in names if not name.startswith(OTHER_BOARDS) and "_init_" not in name]
+    return [name for name in names if not name.startswith(OTHERS) and "_init_" not in name]

@@ -280,8 +280,8 @@ def try_one(table: Table, seed: int, count: Count) -> None:
     count.full += len(tasks) == table.parcels
     one = Random(seed).choice(tasks)
     begun_s = process_time()
-    progress_m = {task.parcel: 0.0 for task in tasks}
-    again = table.planner.replan(plan, tasks, {one.parcel}, progress_m, 0.0)
+    others_m = {task.parcel: 0.0 for task in tasks if task is not one}
+    again = table.planner.plan([one], kept=table.planner.kept(plan, others_m, 0.0))
     assert len(again.reservations.waits) == len(tasks)
     count.one_ms.append((process_time() - begun_s) * 1e3)
     wrong = faults(table, tasks, plan) + faults(table, tasks, again)

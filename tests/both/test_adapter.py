@@ -148,11 +148,35 @@ def test_what_the_controller_lost_is_reported_too():
     assert said(adapter, port, b"F\r") == b"x0003\rF%02X\r" % (RECEIVE_FULL | OVERRUN)
 
 
-def test_bus_off_is_in_the_status():
+def test_frames_that_come_with_a_loss_go_out_behind_its_report():
+    adapter, bus, port = made(b"O\r")
+    bus.lost = 2
+    bus.frames = [(0x001, b"", 0, 0), (0x002, b"", 0, 0)]
+    assert said(adapter, port) == b"x0002\rt0010\rt0020\r"
+    assert adapter.lost == 2
+
+
+def test_bus_off_is_reported_once_and_in_the_status():
     adapter, bus, port = made(b"O\r")
     bus.off = True
-    adapter.turn(0)
+    assert said(adapter, port, turns=3) == b"y\r"
     bus.off = False
+    assert said(adapter, port, b"F\rF\r") == b"F%02X\rF00\r" % BUS_OFF
+    bus.off = True
+    assert said(adapter, port) == b"y\r"
+
+
+def test_frames_for_a_bus_that_is_off_are_refused():
+    adapter, bus, port = made(b"O\r")
+    bus.off = True
+    assert said(adapter, port, b"t0010\r") == b"y\r\x07"
+    assert said(adapter, port, b"F\r") == b"F%02X\r" % (BUS_OFF | SEND_FULL)
+    assert bus.sent == []
+
+
+def test_bus_off_of_a_closed_channel_is_in_the_status_alone():
+    adapter, bus, port = made()
+    bus.off = True
     assert said(adapter, port, b"F\r") == b"F%02X\r" % BUS_OFF
 
 

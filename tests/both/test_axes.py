@@ -2,10 +2,12 @@
 
 from array import array
 
+from refusal import code_of
+
 from mdms_cell.canopen.objects import Objects, find
 from mdms_cell.drive import speed_loop as s
 from mdms_cell.drive.axes import Axes
-from mdms_protocol import cia402
+from mdms_protocol import cia402, sdo
 
 UP = (cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION)
 CONTROLWORDS = (0x6040, 0x6840)
@@ -134,6 +136,79 @@ def test_every_setting_reaches_the_loop_of_its_axis_alone():
             bench.write(index + axis * 0x800, number)
             assert bench.registers[BASES[axis] + register] == expected
             assert bench.registers[BASES[1 - axis] + register] == other
+
+
+TRIAL_LIMITS = (0x2010, 0x2810)
+
+
+def limits_mv(bench, axis):
+    """The largest voltages of the law and of braking, by what errors and gains they come from."""
+    registers, base = bench.registers, BASES[axis]
+    law = registers[base + s.ERROR_LIMIT] * registers[base + s.GAIN]
+    brake = registers[base + s.BRAKE_LIMIT] * registers[base + s.BRAKE_GAIN]
+    return [round(each / 16_000, -2) for each in (law, brake)]
+
+
+def on_trial(axis=1, limit_mv=2_400):
+    bench = Bench()
+    bench.control(axis, *UP[:2])
+    bench.write(TRIAL_LIMITS[axis], limit_mv)
+    return bench
+
+
+def test_trial_limit_holds_while_the_axis_is_driven_and_brakes():
+    bench = on_trial()
+    assert limits_mv(bench, 1) == [2_400, 2_400]
+    assert limits_mv(bench, 0) == [24_000, 24_000]
+    bench.control(1, UP[2])
+    assert limits_mv(bench, 1) == [2_400, 2_400]
+    # A setting that is written meanwhile does not lift it.
+    bench.write(0x2800, 12_000)
+    bench.axes.fall_silent(CODE)
+    assert bench.modes()[1] == s.BRAKE
+    assert limits_mv(bench, 1) == [2_400, 2_400]
+
+
+def test_trial_limit_is_gone_however_the_axis_goes_off():
+    ways = (
+        lambda bench: bench.control(1, cia402.DISABLE_VOLTAGE),
+        lambda bench: bench.axes.switch_off(),
+        lambda bench: bench.axes.cut(),
+        lambda bench: bench.axes.fail(CODE),
+        lambda bench: bench.axes.reset(),
+    )
+    for leave in ways:
+        for words in ((), UP[2:]):
+            bench = on_trial()
+            bench.control(1, *words)
+            leave(bench)
+            assert limits_mv(bench, 1) == [24_000, 24_000]
+            assert bench.objects.read(0x2810, 0) == bytes(4)
+            assert bench.objects.read(0x2802, 0) == (24_000).to_bytes(4, "little")
+
+
+def test_trial_limit_outlives_a_step_back_on_the_way_and_0_ends_it():
+    bench = on_trial()
+    bench.control(1, cia402.SHUTDOWN)
+    assert limits_mv(bench, 1) == [2_400, 2_400]
+    bench.write(0x2810, 0)
+    assert limits_mv(bench, 1) == [24_000, 24_000]
+
+
+def test_trial_limit_above_the_limit_that_is_set_changes_nothing():
+    bench = Bench()
+    bench.write(0x2002, 1_000)
+    bench.control(0, *UP[:2])
+    bench.write(0x2010, 2_400)
+    assert limits_mv(bench, 0) == [1_000, 1_000]
+
+
+def test_trial_limit_is_taken_only_on_the_way_to_enabling():
+    for words in ((), UP):
+        bench = Bench()
+        bench.control(1, *words)
+        assert code_of(bench.write, 0x2810, 2_400) == sdo.WRONG_STATE
+        assert limits_mv(bench, 1) == [24_000, 24_000]
 
 
 def test_current_is_told_in_thousandths_of_the_rated_one_as_far_as_they_go():

@@ -7,7 +7,7 @@ the next one has taken the voltage away, with no turn of the background in betwe
 import world
 from bench import NODE, SUPPLY_24_V, Bench
 
-import main
+from boards import start
 from mdms_cell.drive import speed_loop as s
 from mdms_protocol import cia402
 from mdms_protocol.version import VERSION
@@ -397,7 +397,7 @@ def ends(bench, action, wanted):
 
     world.events[start_ms + 50] = plan
     try:
-        main.run(bench.board, ".", NODE, watchdog=False)
+        start.run(bench.board, None, ".", NODE, watchdog=False)
     except wanted:
         world.told.append("ended")
     assert world.told[-1] == "ended"
@@ -459,6 +459,50 @@ def start_up(bench):
     bench.can.deliver(0x000, bytes((1, NODE)))
     bench.pass_ms(2)
     comes_back(bench, 0x00, *UP)
+
+
+CLEAR = b"\x2f\x51\x1f\x01\x03\0\0\0"
+
+
+def answer(bench, request):
+    """What the cell answers to an SDO request, while targets go on."""
+    world.sent.clear()
+    bench.can.deliver(0x600 + NODE, request)
+    keep_targets(bench, 5)
+    return [data for can_id, data in world.sent if can_id == 0x580 + NODE][-1]
+
+
+def keep_targets(bench, ms):
+    for _ in range(ms):
+        bench.target(TARGET)
+        bench.pass_ms()
+
+
+def update_while_driving(bench):
+    refused = answer(bench, CLEAR)
+    code = b"\x22\0\0\x08" if bench.board.slots else b"\x20\0\0\x08"
+    assert refused == b"\x80\x51\x1f\x01" + code
+    assert not bench.off()
+    keep(bench, 50)
+
+
+def enabled_while_updating(bench):
+    bench.can.deliver(0x300 + NODE, bytes(4))
+    bench.pass_ms(3_000)  # the wheels stand, and the bridges sleep
+    room = bench.board.slots is not None
+    assert answer(bench, CLEAR)[0] == (0x60 if room else 0x80)
+    begun = answer(bench, b"\xc2\x50\x1f\x01\x00\x10\0\0")
+    assert begun[0] == (0xA4 if room else 0x80)
+    for word in UP:
+        bench.can.deliver(0x300 + NODE, bytes((word, 0, word, 0)))
+        bench.pass_ms()
+    for _ in range(100):
+        bench.target(TARGET)
+        bench.pass_ms()
+        assert bench.off() or not room
+    if room:
+        bench.pass_ms(1_000)  # the client is silent, and the transfer over
+        comes_back(bench, *UP)
 
 
 def taken_node_id(bench):

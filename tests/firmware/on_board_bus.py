@@ -36,6 +36,11 @@ def test_frame_that_waits_at_the_start_leaves_the_cell_hearing(bench):
         assert received(bench) == [(0x7E5, INQUIRE_NODE_ID)]
 
 
+def test_error_counters_are_those_of_the_controller(bench):
+    bench.can.error_counters = (40, 3)
+    assert (bench.board.transmit_errors(), bench.board.receive_errors()) == (40, 3)
+
+
 def test_an_adapter_receives_every_frame_of_11_bits_in_order(bench):
     bench.board.bus.listen(None)
     bench.board.bus.start()

@@ -3,13 +3,21 @@
 The faked flash counts as stopping the processor whenever a sector is erased or a word programmed.
 """
 
+import hashlib
+
 import world
 from bench import NODE, Bench
 from internal_flash import InternalFlash
 
+from mdms_boot.files import Files
+from mdms_boot.slots import Slots
 from mdms_cell.cell import Cell
-from mdms_protocol import cia402, pdo
+from mdms_cell.update.signature import key_id, sign
+from mdms_protocol import cia402, pdo, sdo
+from mdms_protocol.update import bundle
+from mdms_protocol.version import VERSION
 
+KEY = bytes(range(32))
 SAVE = b"\x23\x10\x10\x01save"
 
 
@@ -99,6 +107,51 @@ def test_node_id_and_settings_are_there_after_the_power_was_off(bench):
         cell.poll(now_ms)
     cell.on_frame(0x600 + cell.node_id, b"\x40\x00\x30\x00\0\0\0\0", 0)
     assert sent[-1][1][4] == (77 if saved else 50)
+
+
+def test_firmware_goes_into_flash_with_the_bridges_asleep_and_is_started_by_a_reset(bench):
+    if bench.board.settings is None or bench.name == "pybv11":
+        bench.boot()
+        assert bench.board.slots is None
+        return
+    with open("/flash/update.key", "wb") as file:
+        file.write(KEY)
+    stops = operational(bench)
+    assert bench.board.slots_room() > 0
+    packed = bytes([number * 7 & 0xFF for number in range(600)])
+    write(bench, b"\x2f\x51\x1f\x01\x03")
+    sent = bundle_of(bench.board, packed)
+    write(bench, b"\x21\x50\x1f\x01" + len(sent).to_bytes(4, "little"))
+    for start in range(0, len(sent), 7):
+        piece = sent[start : start + 7]
+        command = (start // 7 & 1) << 4 | (7 - len(piece)) << 1 | (start + 7 >= len(sent))
+        write(bench, bytes((command,)) + piece)
+    write(bench, b"\x2f\x51\x1f\x01\x01")
+    assert stops
+    bench.pass_ms(100)
+    assert "reset" in world.told
+    slots = Slots(Files("/flash"))
+    slots._files.unpack = lambda path: b"the image"
+    assert slots.start() == b"the image"
+    assert slots.on_trial
+
+
+def write(bench, data):
+    """An SDO request that is not refused."""
+    world.sent.clear()
+    bench.can.deliver(0x600 + NODE, data + bytes(8 - len(data)))
+    bench.pass_ms(2)
+    (answer,) = [data for can_id, data in world.sent if can_id == 0x580 + NODE]
+    assert answer[0] != sdo.ABORT, answer
+
+
+def bundle_of(board, packed):
+    """A signed bundle for a board."""
+    digest = hashlib.sha256(packed).digest()
+    version = bundle.version_number(VERSION)
+    fields = (0, board.bytecode, 1 << board.number, version, 1, len(packed), 1000)
+    signed = bundle.pack(bundle.Head(*fields, key_id(KEY), digest))
+    return signed + sign(KEY, signed) + packed
 
 
 def run(board, name):

@@ -10,7 +10,6 @@ HERE = Path(__file__).parent
 FIRMWARE = HERE.parents[1] / "firmware"
 FILES = (
     FIRMWARE / "boards",
-    FIRMWARE / "main.py",
     HERE / "fail_safe_rows.py",
     HERE / "pauses.py",
     *sorted((HERE / "fakes").glob("*.py")),

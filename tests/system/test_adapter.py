@@ -22,9 +22,14 @@ from mdms_host.cli.exits import Exit
 from mdms_sim.nodes.python_bank import PythonBank
 
 RECORD = struct.Struct("<HBB8s")
-PROGRAM = ROOT / "tests" / "system" / "on_board" / "adapter_on_pipes.py"
+PROGRAM = ROOT / "tests" / "system" / "on_board" / "adapter_on_board.py"
+FAKES = sorted((ROOT / "tests" / "firmware" / "fakes").glob("*.py"))
+BOARDS = ("pybv11", "nucleo_g474re")
+COMMAND = 0x80
+BUS_OFF, SHORT, CLEAR, INTERRUPTS_OFF, INTERRUPTS_ON = range(5)
 CELLS = 18
 PATIENCE_S = 30
+pytestmark = pytest.mark.real_time
 FULL_BUS = 8000
 
 
@@ -40,6 +45,22 @@ class Plugged:
     def give(self, can_id, data):
         os.write(self._into, RECORD.pack(can_id, len(data), 0, data.ljust(8, b"\0")))
 
+    def command(self, number):
+        """Do something to the controller."""
+        os.write(self._into, RECORD.pack(number, 0, COMMAND, bytes(8)))
+
+    def type(self, lines):
+        """Write lines as a host does."""
+        os.write(self.line, lines)
+
+    def read(self, ends_with):
+        """What the host reads until this has come last."""
+        data = b""
+        while not data.endswith(ends_with):
+            assert select.select([self.line], [], [], PATIENCE_S)[0], data
+            data += os.read(self.line, 1 << 16)
+        return data
+
     def taken(self, timeout_s):
         """The next frame for the bus, None if none comes."""
         if not select.select([self._out], [], [], timeout_s)[0]:
@@ -49,16 +70,17 @@ class Plugged:
 
 
 @contextmanager
-def plugged(folder: Path):
+def plugged(folder: Path, board: str = "pybv11"):
     with skipping_without_micropython():
         command = unix_command()
-    stage(folder, (PROGRAM, ROOT / "firmware" / "adapter_main.py", stand_in(folder)))
+    firmware = ROOT / "firmware"
+    stage(folder, (PROGRAM, firmware / "adapter_main.py", firmware / "boards", *FAKES))
     line, theirs = pty.openpty()
     tty.setraw(theirs)
     child_reads, into = os.pipe()
     out, child_writes = os.pipe()
     child = subprocess.Popen(
-        [*command, PROGRAM.name, str(child_reads), str(child_writes)],
+        [*command, PROGRAM.name, board, str(child_reads), str(child_writes)],
         cwd=folder,
         stdin=line,
         stdout=line,
@@ -72,14 +94,6 @@ def plugged(folder: Path):
         child.wait()
         for each in (line, theirs, child_reads, into, out, child_writes):
             os.close(each)
-
-
-def stand_in(folder: Path) -> Path:
-    """What `adapter_main` imports of the boards, which these pipes replace."""
-    boards = folder.parent / "boards"
-    boards.mkdir()
-    (boards / "detect.py").write_text("def board_module(machine):\n    raise RuntimeError\n")
-    return boards
 
 
 @contextmanager
@@ -164,3 +178,69 @@ def test_a_second_of_a_full_bus_arrives_in_order_or_is_reported_as_lost(tmp_path
         numbers = [int.from_bytes(each.to_bytes(4, "big"), "little") for each in got]
         assert numbers == sorted(set(numbers))
         assert heard_of(lines) == FULL_BUS
+
+
+@pytest.fixture(params=BOARDS)
+def adapter(request, tmp_path):
+    """An adapter with its channel open."""
+    with plugged(tmp_path / "flash", request.param) as ready:
+        ready.type(b"O\rF\r")
+        ready.read(b"\rF00\r")
+        yield ready
+
+
+def sent(adapter, number):
+    return [adapter.taken(PATIENCE_S) for _ in range(number)]
+
+
+def test_frames_are_refused_once_mailboxes_and_queue_are_full_and_those_taken_go_out(adapter):
+    adapter.command(SHORT)
+    adapter.type(b"".join(b"t%03X0\r" % number for number in range(40)))
+    answers = adapter.read(b"\a").replace(b"z\r", b"z")
+    while len(answers) < 40:
+        answers += adapter.read(b"\a").replace(b"z\r", b"z")
+    taken = answers.index(b"\a")
+    # Three mailboxes and a queue of 32.
+    assert answers == b"z" * taken + b"\a" * (40 - taken)
+    assert taken == 35
+    adapter.type(b"F\rF\r")
+    assert adapter.read(b"F00\r") == b"F02\rF00\r"
+    adapter.command(CLEAR)
+    assert sent(adapter, taken) == [(number, b"") for number in range(taken)]
+
+
+def test_bus_off_is_reported_and_what_comes_meanwhile_refused_not_sent_late(adapter):
+    adapter.command(SHORT)
+    adapter.type(b"".join(b"t%03X0\r" % number for number in range(8)))
+    assert adapter.read(b"z\r" * 8) == b"z\r" * 8
+    adapter.command(BUS_OFF)
+    assert adapter.read(b"y\r") == b"y\r"
+    adapter.type(b"t7000\rF\r")
+    assert adapter.read(b"F82\r") == b"\aF82\r"
+    # A restarted controller waits for recessive bits; only then the bus is there again.
+    adapter.command(CLEAR)
+    answer = b"\a"
+    while answer == b"\a":
+        adapter.type(b"t7010\r")
+        answer = adapter.read((b"\a", b"z\r"))
+    assert sent(adapter, 1) == [(0x701, b"")]
+    adapter.give(0x585, b"\x01")
+    assert adapter.read(b"t585101\r") == b"t585101\r"
+    adapter.type(b"F\rF\r")
+    assert adapter.read(b"F00\r")[-4:] == b"F00\r"
+
+
+def test_frames_that_overrun_the_controllers_fifo_are_reported_in_their_place(adapter):
+    adapter.command(INTERRUPTS_OFF)
+    for number in range(5):
+        adapter.give(number, b"")
+    adapter.command(INTERRUPTS_ON)
+    adapter.give(0x7FF, b"")
+    lines = adapter.read(b"t7FF0\r")
+    # Three fit; a bxCAN keeps the newest in the last place, an FDCAN the oldest. Either reports a
+    # loss once, however many frames it is.
+    assert re.findall(rb"x(....)", lines) == [b"0001"]
+    kept = re.findall(rb"t(...)0\r", lines)
+    assert kept in ([b"000", b"001", b"004", b"7FF"], [b"000", b"001", b"002", b"7FF"])
+    adapter.type(b"F\r")
+    assert adapter.read(b"\r") == b"F09\r"

@@ -1,14 +1,17 @@
-"""`mdms commission` and `mdms doctor` on a small served array with real wheels and a real bus."""
+"""`mdms commission --nudge` on a small array with real wheels and a real bus, in virtual time."""
 
-import time
+import io
 
+import numpy as np
 import pytest
-from tests.system.serving import serving
+from tests.virtual_array import OtherHost, SimulatedArray, virtual_time
 
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import INTERRUPTED, Exit
+from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.array_file import read_array
-from mdms_protocol import cob
+from mdms_host.commissioning.network import Commissioning
+from mdms_protocol import cia402, cob, indices, nmt, pdo
 from mdms_sim.nodes.python_bank import PythonBank
 
 #: Two cells by two, with nothing on them: the box is lifted off before anybody comes.
@@ -18,71 +21,231 @@ TABLE = (
 )
 LIFTED = "{kind='lift', parcel='box'}"
 GRID = ("--columns", "2", "--rows", "2")
+#: Longer than a cell brakes, whatever its wheel does.
+BRAKED_S = 4.0
+
+
+class Array:
+    """Four cells with these node ids and faults, and verbs on them."""
+
+    def __init__(self, time, folder):
+        self.time = time
+        self.simulation = time.array.simulation
+        self._folder = folder
+        (folder / "list.txt").write_text("1 2 3 4")
+
+    def commission(self, *arguments):
+        listed = ("--list", self._folder / "list.txt", *GRID, "--yes")
+        out = ("--out", self._folder / "a.toml", "-i", "virtual")
+        return main(["commission", *map(str, (*listed, *arguments, *out))])
+
+    def travels_m(self):
+        return self.simulation.world.scene.state.wheels["travel_m"].copy()
+
+    def volts(self):
+        return np.abs(self.time.array.bank._voltages_uv).max() * 1e-6
 
 
 @pytest.fixture
 def serve(tmp_path):
-    """Serves four cells with these node ids and faults; runs verbs on them."""
-    channel = str(tmp_path / "bus.sock")
-    serial_numbers = tmp_path / "list.txt"
-    serial_numbers.write_text("1 2 3 4")
+    """Makes the array; faults are those of a scenario."""
+    contexts = []
 
-    class Array:
-        def __init__(self, node_ids, faults):
-            self.bank = PythonBank(node_ids)
-            self.faults = ", ".join((LIFTED, *faults))
+    def made(node_ids=(1, 2, 3, 4), *faults):
+        bank = PythonBank(node_ids)
+        array = SimulatedArray(bank, *TABLE, f"fault=[{', '.join((LIFTED, *faults))}]")
+        contexts.append(virtual_time(array))
+        return Array(contexts[-1].__enter__(), tmp_path)
 
-        def __enter__(self):
-            faults = f"fault=[{self.faults}]"
-            self._serving = serving(self.bank, channel, "array18", *TABLE, faults)
-            self.simulation = self._serving.__enter__()
-            return self
-
-        def __exit__(self, *error):
-            self._serving.__exit__(*error)
-
-        def run(self, verb, *arguments):
-            return main([verb, *map(str, arguments), "-i", "mdms", "-c", channel])
-
-        def commission(self, *arguments):
-            listed = ("--list", serial_numbers, *GRID, "--yes", "--out", tmp_path / "a.toml")
-            return self.run("commission", *listed, *arguments)
-
-    return lambda node_ids, *faults: Array(node_ids, faults)
+    yield made
+    for context in reversed(contexts):
+        context.__exit__(None, None, None)
 
 
 def test_wheels_that_are_wired_wrongly_are_named_and_the_others_go_on(serve, tmp_path, capsys):
-    faults = (
+    array = serve(
+        (1, 2, 3, 4),
         "{kind='motor_reversed', cells=[2], axes=[2]}",
         "{kind='wheel_jammed', cells=[3], axes=[1]}",
         "{kind='encoder_stuck', cells=[4], axes=[1]}",
     )
-    with serve((1, 2, 3, 4), *faults) as array:
-        before_m = array.simulation.world.scene.state.wheels["travel_m"].copy()
-        assert array.commission("--nudge") == Exit.NODE_FAULT
-        after_m = array.simulation.world.scene.state.wheels["travel_m"]
-        healthy = [0, 1, 2, 5, 7]
-        assert abs(after_m - before_m)[healthy].max() < 0.02
-        message = capsys.readouterr().err
-        assert "00000002: node 2, axis 2: the encoder counts against the motor" in message
-        assert "00000003: node 3, axis 1: the encoder does not move" in message
-        assert "00000004: node 4, axis 1: the encoder does not move" in message
-        assert "1 of 4 cells are done, and no file was written" in message
-        assert not (tmp_path / "a.toml").exists()
+    before_m = array.travels_m()
+    assert array.commission("--nudge") == Exit.NODE_FAULT
+    healthy = [0, 1, 2, 5, 7]
+    assert abs(array.travels_m() - before_m)[healthy].max() < 0.02
+    message = capsys.readouterr().err
+    assert "00000002: node 2, axis 2: the encoder counts against the motor" in message
+    assert "00000003: node 3, axis 1: the encoder does not move" in message
+    assert "00000004: node 4, axis 1: the encoder does not move" in message
+    assert "1 of 4 cells are done, and no file was written" in message
+    assert not (tmp_path / "a.toml").exists()
 
 
 def test_a_cell_that_lost_the_fight_for_its_node_id_gets_its_own(serve, tmp_path, capsys):
-    with serve((1, 2, 2, 4)) as array:
-        time.sleep(0.3)
-        assert array.run("scan", "--json") == Exit.OK
-        assert array.commission("--nudge") == Exit.OK
-        printed = capsys.readouterr()
-        assert " has node id 2, as another cell has; it gets its own" in printed.err
-        file = read_array(tmp_path / "a.toml")
-        assert [(cell.serial, cell.node_id) for cell in file.cells] == [
-            (1, 1),
-            (2, 2),
-            (3, 3),
-            (4, 4),
-        ]
-        assert cob.NODE_NONE not in [cell.node_id for cell in file.cells]
+    array = serve((1, 2, 2, 4))
+    assert array.commission("--nudge") == Exit.OK
+    assert " has node id 2, as another cell has; it gets its own" in capsys.readouterr().err
+    file = read_array(tmp_path / "a.toml")
+    assert [(cell.serial, cell.node_id) for cell in file.cells] == [(1, 1), (2, 2), (3, 3), (4, 4)]
+
+
+def test_wheel_that_pushes_the_wrong_way_is_set_right_and_stays_so(serve, tmp_path, monkeypatch):
+    array = serve()
+    # Places, consent to write and to turn, then each wheel: axis 1 of node 2 went the wrong way.
+    seen = ["y", "y", "n", "y", "y", "y", "y", "y"]
+    answers = "".join(f"{each}\n" for each in ("1", "2", "3", "4", "y", "y", *seen))
+    terminal = io.StringIO(answers)
+    terminal.isatty = lambda: True
+    monkeypatch.setattr("sys.stdin", terminal)
+    out = tmp_path / "asked.toml"
+    assert main(["commission", *GRID, "--out", str(out), "-i", "virtual"]) == Exit.OK
+    cell = read_array(out).cells[1]
+    assert [(each.name, number) for each, number in cell.values.items()] == [
+        ("axis1.polarity", 0x40)
+    ]
+    with Commissioning(None, MonotonicClock()) as bus:
+        bus.restart(2)
+        assert [bus.read(2, index) for index in (0x607E, 0x687E)] == [0x40, 0]
+    before_m = array.travels_m()
+    again = ["commission", "--from", str(out), "--yes", "--nudge", "-i", "virtual"]
+    assert main(again) == Exit.OK
+    assert (array.travels_m() - before_m)[2] < -0.0005
+    assert (array.travels_m() - before_m)[3] > 0.0005
+
+
+def limits_voltage(frame):
+    place = indices.TRIAL_VOLTAGE_LIMIT.to_bytes(2, "little")
+    return frame.can_id == cob.SDO_REQUEST_BASE + 3 and frame.data[1:3] == place
+
+
+def enables(frame):
+    words = pdo.CONTROLWORD.decode(frame.data)
+    return frame.can_id == pdo.CONTROLWORD.can_id(3) and cia402.ENABLE_OPERATION in words
+
+
+def starts(frame):
+    return frame.can_id == cob.NMT and frame.data[0] == nmt.START
+
+
+def turns(frame):
+    return frame.can_id == pdo.TARGET_VELOCITY.can_id(3)
+
+
+#: What node 3's nudge is cut before, and how often that has come by then.
+STAGES = {
+    "starting": (starts, 5),
+    "limiting the voltage": (limits_voltage, 1),
+    "enabling": (enables, 1),
+    "the first setpoint": (turns, 1),
+    "amid the push": (turns, 3),
+    "the second push": (limits_voltage, 2),
+}
+
+
+class Cut:
+    """Does something before the host sends a certain frame; `sent` are all since then."""
+
+    def __init__(self, array, stage, action):
+        self.fired = False
+        self.sent = []
+        self._is_it, self._left = STAGES[stage]
+        self._action = action
+        array.time.before_send = self._look
+
+    def _look(self, frame):
+        self._left -= self._is_it(frame)
+        if self._left == 0 and not self.fired:
+            self.fired = True
+            self._action()
+        if self.fired:
+            self.sent.append(frame)
+
+
+@pytest.mark.parametrize("killed", [False, True], ids=["interrupted", "killed"])
+@pytest.mark.parametrize("stage", STAGES)
+def test_nudge_that_is_broken_off_leaves_wheels_off_and_no_setting_changed(serve, stage, killed):
+    # One that runs away needs no second push.
+    kind = "wheel_jammed" if stage == "the second push" else "motor_reversed"
+    array = serve((1, 2, 3, 4), f"{{kind='{kind}', cells=[3], axes=[1]}}")
+    with Commissioning(None, MonotonicClock()) as bus:
+        before = [bus.read(3, indices.SIGNATURE), bus.read(3, indices.VOLTAGE_LIMIT)]
+
+        def end():
+            array.time.mute = killed
+            raise KeyboardInterrupt
+
+        cut = Cut(array, stage, end)
+        assert array.commission("--nudge") == INTERRUPTED
+        assert cut.fired
+        array.time.mute = False
+        array.time.sleep(BRAKED_S)
+        assert array.volts() == 0.0
+        after = [bus.read(3, indices.SIGNATURE), bus.read(3, indices.VOLTAGE_LIMIT)]
+        assert after == before
+        bus.command(nmt.ENTER_PRE_OPERATIONAL, 3)
+        array.time.sleep(0.2)
+        assert bus.read(3, indices.TRIAL_VOLTAGE_LIMIT) == 0
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_nudge_that_another_host_stops_ends_for_all_cells(serve, stage, capsys):
+    array = serve((1, 2, 3, 4), "{kind='wheel_jammed', cells=[3], axes=[1]}")
+    other = OtherHost(array.time.array)
+    cut = Cut(array, stage, other.stop)
+    assert array.commission("--nudge") == Exit.NODE_FAULT
+    assert cut.fired
+    message = capsys.readouterr().err
+    assert "was stopped: another host has sent 'enter pre-operational'" in message
+    # What was on its way crosses the other's command; after it nothing starts or enables.
+    later = cut.sent[1:]
+    assert not [frame for frame in later if starts(frame) or enables(frame)]
+    array.time.sleep(0.2)
+    assert array.volts() == 0.0
+
+
+def test_a_stop_between_two_pushes_ends_the_nudge_too(serve, capsys):
+    array = serve((1, 2, 3, 4), "{kind='wheel_jammed', cells=[3], axes=[1]}")
+    other = OtherHost(array.time.array)
+    sent = []
+
+    def look(frame):
+        place = (indices.POSITION).to_bytes(2, "little")
+        measures = frame.can_id == cob.SDO_REQUEST_BASE + 3 and frame.data[1:3] == place
+        if measures and not sent:
+            other.stop()
+        if measures or sent:
+            sent.append(frame)
+
+    array.time.before_send = look
+    assert array.commission("--nudge") == Exit.NODE_FAULT
+    assert "was stopped: another host" in capsys.readouterr().err
+    assert sent
+    assert not [frame for frame in sent if starts(frame)]
+
+
+def test_cell_in_fault_is_not_nudged_and_the_message_says_what_to_do(serve, capsys):
+    array = serve()
+    array.time.array.bank._cells[2]._axes.fail(0x2310)
+    assert array.commission("--nudge") == Exit.NODE_FAULT
+    message = capsys.readouterr().err
+    assert "00000003: node 3, axis 1 is in fault, 0x2310: over-current" in message
+    assert "remove the cause, then: mdms jog --node 3 --axis 1 --reset" in message
+    assert "3 of 4 cells are done" in message
+
+
+def test_fault_of_a_command_that_was_killed_is_reset_by_the_next(serve):
+    array = serve()
+
+    def end():
+        array.time.mute = True
+        raise KeyboardInterrupt
+
+    Cut(array, "amid the push", end)
+    assert array.commission("--nudge") == INTERRUPTED
+    array.time.mute = False
+    array.time.sleep(BRAKED_S)
+    with Commissioning(None, MonotonicClock()) as bus:
+        assert bus.read(3, indices.ERROR_CODE) == 0x8250
+        bus.command(nmt.ENTER_PRE_OPERATIONAL)
+        array.time.sleep(0.2)
+    assert array.commission("--nudge") == Exit.OK

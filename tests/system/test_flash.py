@@ -3,6 +3,7 @@
 import json
 import time
 from binascii import crc32
+from contextlib import contextmanager
 
 import pytest
 from tests.system.small_firmware import (
@@ -117,7 +118,21 @@ def test_board_without_hashlib_is_read_instead(plug_in):
         assert survey(link, OLD) == quick
 
 
-def test_command_flashes_the_real_firmware_onto_boards_at_once(plug_in, copies, capsys):
+@pytest.fixture
+def shares(monkeypatch):
+    """What the bars of the boards are told, by their names."""
+    told = {}
+
+    @contextmanager
+    def bars(names):
+        told.update({name: [] for name in names})
+        yield lambda name, share: told[name].append(share)
+
+    monkeypatch.setattr("mdms_host.cli.flash.flash.bars", bars)
+    return told
+
+
+def test_command_flashes_the_real_firmware_onto_boards_at_once(plug_in, copies, shares, capsys):
     boards = [plug_in({**OLD.files, **STALE, **KEPT}), plug_in({})]
     ports = [board.port for board in boards]
     assert main(["flash", "--board", "pybv11", "--port", *ports]) == Exit.OK
@@ -125,6 +140,11 @@ def test_command_flashes_the_real_firmware_onto_boards_at_once(plug_in, copies, 
     assert f"old -> {VERSION}" in told
     assert f"no firmware -> {VERSION}" in told
     assert told.count("written and verified") == 2
+    assert list(shares) == ports
+    for share in shares.values():
+        assert share == sorted(share)
+        assert len(share) > 10
+        assert share[-1] == 1.0
     for board in boards:
         assert firmware_on(board) == copies.files
     assert main(["flash", "--board", "pybv11", "--json", "--port", *ports]) == Exit.OK

@@ -100,7 +100,8 @@ class Objects:
     """The values of all entries.
 
     An entry may be tied to what is alive, by `key`: `reads` gives functions that return its value,
-    `writes` functions that take it.
+    `writes` functions that take it. `sinks` has, by the same key, functions that return the sink
+    of a value of any length (see `open`), given the bytes that the client announces, or None.
     `watchers` are called, by index, after an entry was written and stored, and may refuse by
     raising AbortError.
     """
@@ -110,6 +111,7 @@ class Objects:
         self._node_id = 0
         self.reads = {}
         self.writes = {}
+        self.sinks = {}
         self.watchers = {}
 
     def tie(self, index, sub, read=None, write=None):
@@ -144,6 +146,9 @@ class Objects:
         entry = find(index, sub)
         if not entry.flags & record.WRITABLE:
             raise sdo.AbortError(sdo.READ_ONLY)
+        sink = self.sinks.get(key(index, sub))
+        if sink is not None:
+            return sink(size)
         if size is not None:
             check_length(entry, size)
         return Collected(self, entry)

@@ -5,13 +5,16 @@ Indices are those of axis 1; axis 2 has them `indices.AXIS_OFFSET` higher.
 
 from mdms_cell.drive import speed_loop, tuning
 from mdms_cell.drive.state_machine import Drive
-from mdms_protocol import indices, sdo
+from mdms_protocol import cia402, indices, sdo
 
 _VELOCITY_REVERSED = 0x40
 
 # Fault reaction option code (CiA 402-2): 0 V at once, or the quick stop's ramp
 _DISABLE = 0
 _QUICK_STOP_RAMP = 2
+
+#: Where a trial voltage limit is taken: the motor is off, and about to be enabled.
+_ON_THE_WAY = (cia402.READY_TO_SWITCH_ON, cia402.SWITCHED_ON)
 
 _SETTINGS = (
     indices.GAIN,
@@ -40,14 +43,19 @@ _SETTINGS = (
 
 
 class Axis:
-    """Axis `number`, counted from 0."""
+    """Axis `number`, counted from 0.
+
+    A trial voltage limit (0x2010) lowers the one that is set, until the axis is off again or in
+    fault: whatever becomes of the host that has set it, no later enabling is bound by it.
+    """
 
     def __init__(self, number, objects, registers):
         self._objects = objects
         self._registers = registers
         self._base = number * speed_loop.AXIS
         self._offset = number * indices.AXIS_OFFSET
-        self.drive = Drive(registers, self._base)
+        self._trial_limit_mv = 0
+        self.drive = Drive(registers, self._base, self._end_trial)
         self._tie_commands()
         self._tie_readings()
         on_setting = self._on_setting
@@ -65,9 +73,7 @@ class Axis:
         registers[base + speed_loop.INVERTED] = 1 if reversed_ else 0
         tuning.set_encoder(registers, base, resolution, setting(indices.OBSERVER_LAG))
         tuning.set_feed(registers, base, resolution, setting(indices.ACCELERATION_PER_VOLT))
-        voltage_limit_mv = setting(indices.VOLTAGE_LIMIT)
-        tuning.set_law(registers, base, setting(indices.GAIN), voltage_limit_mv)
-        tuning.set_brake(registers, base, setting(indices.BRAKING_GAIN), voltage_limit_mv)
+        self._load_law(registers, base, setting)
         acceleration, deceleration = setting(indices.ACCELERATION), setting(indices.DECELERATION)
         quick_stop = setting(indices.QUICK_STOP)
         tuning.set_ramps(registers, base, acceleration, deceleration, quick_stop)
@@ -76,6 +82,14 @@ class Axis:
         registers[base + speed_loop.WINDOW] = setting(indices.WINDOW)
         registers[base + speed_loop.WINDOW_TICKS] = setting(indices.WINDOW_TIME)
         self._load_watching(registers, base, setting, resolution)
+
+    def _load_law(self, registers, base, setting):
+        """Set gains and the voltage limit, the trial's while there is one and it is lower."""
+        limit_mv = setting(indices.VOLTAGE_LIMIT)
+        if self._trial_limit_mv:
+            limit_mv = min(limit_mv, self._trial_limit_mv)
+        tuning.set_law(registers, base, setting(indices.GAIN), limit_mv)
+        tuning.set_brake(registers, base, setting(indices.BRAKING_GAIN), limit_mv)
 
     def _load_watching(self, registers, base, setting, resolution):
         """Set what is watched, and for how long."""
@@ -102,6 +116,7 @@ class Axis:
         drive = self.drive
         self._tie(indices.CONTROLWORD, self._controlword, drive.control)
         self._tie(indices.TARGET, self._target_um_s, drive.take_target)
+        self._tie(indices.TRIAL_VOLTAGE_LIMIT, self._trial_limit, self._begin_trial)
         self._tie(indices.STATUSWORD, drive.statusword)
         self._tie(indices.ERROR_CODE, self._error_code)
 
@@ -121,6 +136,21 @@ class Axis:
         registers = self._registers
         actual = self._base + speed_loop.ACTUAL
         return lambda: registers[actual]
+
+    def _trial_limit(self):
+        return self._trial_limit_mv
+
+    def _begin_trial(self, limit_mv):
+        """Take a limit for the next enabling; raises AbortError unless the axis is about to be."""
+        if self.drive.state not in _ON_THE_WAY:
+            raise sdo.AbortError(sdo.WRONG_STATE)
+        self._trial_limit_mv = limit_mv
+        self._load_law(self._registers, self._base, self._setting)
+
+    def _end_trial(self):
+        if self._trial_limit_mv:
+            self._trial_limit_mv = 0
+            self._load_law(self._registers, self._base, self._setting)
 
     def _controlword(self):
         return self.drive.controlword

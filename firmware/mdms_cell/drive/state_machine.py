@@ -57,6 +57,7 @@ MODES = {
 }
 _RAMPED = (speed_loop.STOP, speed_loop.BRAKE)
 _FAILED = (cia402.FAULT, cia402.FAULT_REACTION)
+_OFF = (cia402.SWITCH_ON_DISABLED, cia402.FAULT)
 
 # Error codes of CiA 301 and CiA 402-2, as in 0x603F and in the emergency message
 STALE_SETPOINT = 0x8250
@@ -92,10 +93,11 @@ class Drive:
     """The drive of the axis whose registers start at `base`; it starts switched off.
 
     Unless `may_enable()`, if there is one, to enable operation leads to 'switched on' only.
-    `on_enabled()`, if there is one, is called on the way into 'operation enabled'.
+    `on_enabled()`, if there is one, is called on the way into 'operation enabled', `on_off()` once
+    the voltage is 0 on the way into 'switch on disabled' and 'fault'.
     """
 
-    def __init__(self, registers, base):
+    def __init__(self, registers, base, on_off=None):
         self.registers = registers
         self.base = base
         self.state = cia402.SWITCH_ON_DISABLED
@@ -104,6 +106,7 @@ class Drive:
         self.target_um_s = 0
         self.may_enable = None
         self.on_enabled = None
+        self.on_off = on_off
         self.led = False
         self._enter(cia402.SWITCH_ON_DISABLED)
 
@@ -215,6 +218,8 @@ class Drive:
         mode = MODES.get(state, speed_loop.OFF)
         # Not OFF on the way to a ramp: a tick in between would have it begin at 0.
         registers[base + speed_loop.MODE] = mode if mode in _RAMPED else speed_loop.OFF
+        if state in _OFF and self.on_off is not None:
+            self.on_off()
         if self.state == cia402.FAULT:
             registers[base + speed_loop.FAULTS] = 0
             self.error_code = 0

@@ -5,6 +5,7 @@ on, records what happened, and ends only when the device itself is gone.
 """
 
 import os
+import socket
 from argparse import ArgumentError, Namespace
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -99,6 +100,7 @@ class Link:
         self._incidents = incidents or Incidents(clock)
         self._bus = bus
         self._port = _port_of(bus)
+        self._own_are_marked = _own_are_marked(bus)
         self._transmitter = Transmitter(self._port, clock)
         self._clock = clock
         self._arrived: SimpleQueue[tuple[Frame, float]] = SimpleQueue()
@@ -225,7 +227,7 @@ class Link:
         if message.is_error_frame:
             self.error_frames += 1
             self._incidents.note_repeated("there are error frames on the bus")
-        elif not message.is_rx:
+        elif not message.is_rx and self._own_are_marked:
             # Some drivers (gs_usb) return what was sent.
             return
         elif message.is_extended_id or message.is_remote_frame or message.is_fd:
@@ -269,6 +271,18 @@ def _port_of(bus: can.BusABC) -> can.BusABC | SlcanPort:
             bus.fileno()
             return SlcanPort(bus)
     return bus
+
+
+def _own_are_marked(bus: can.BusABC) -> bool:
+    """Whether frames that are marked as not received are this link's own.
+
+    SocketCAN marks those of every program of this computer, such as the NMT command of `mdms stop`
+    in another terminal; a link's own come back only where that was asked for.
+    """
+    if type(bus).__name__ != "SocketcanBus":
+        return True
+    own: int = vars(bus)["socket"].getsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_RECV_OWN_MSGS)
+    return bool(own)
 
 
 def hand_over(

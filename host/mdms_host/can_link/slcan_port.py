@@ -114,6 +114,8 @@ class SlcanPort:
         if line[:1] not in _HEADS:
             if line in _ANSWERS or line[:1] in _QUERIES:
                 return None
+            if line == _CUT:
+                raise GarbledError("the adapter went off the bus; frames sent last may be lost")
             lost = _LOST.fullmatch(line)
             if lost is not None:
                 raise GarbledError(f"the adapter has dropped {int(lost[1], 16)} frames of the bus")
@@ -127,6 +129,8 @@ class SlcanPort:
 _HEADS = (b"t", b"T", b"r", b"R")
 #: Our own adapter (`firmware/mdms_adapter`) reports what it had no room for.
 _LOST = re.compile(rb"x([0-9A-F]{4})")
+#: And that its bus went off.
+_CUT = b"y"
 _ANSWERS = (b"", b"z", b"Z")
 #: Answers to questions after version, serial number and state.
 _QUERIES = (b"V", b"v", b"N", b"F")

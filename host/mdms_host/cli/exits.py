@@ -37,8 +37,11 @@ EXITS = {
     "mdms_host.page.page.PageError": Exit.FAILURE,
     "mdms_model.run.folder.RunFolderError": Exit.USAGE,
     "mdms_model.scenario.scenario.ScenarioError": Exit.USAGE,
+    "mdms_host.updating.bundles.BundleError": Exit.USAGE,
+    "mdms_host.updating.key_file.KeyFileError": Exit.USAGE,
     "mdms_model.squeeze.turning.SqueezeError": Exit.USAGE,
     "mdms_sim.plots.canvas.PictureFormatError": Exit.USAGE,
+    "mdms_sim.plots.moving.video.EncoderMissingError": Exit.FAILURE,
     "mdms_sim.serve.endpoint.ServeError": Exit.FAILURE,
 }
 

@@ -58,7 +58,7 @@ def replacing(path: Path, mark: bytes, force: bool) -> Iterator[Path]:
         with writing(path):
             yield path
         return
-    partial = path.with_name(f".{os.getpid()}.partial.{path.name}")
+    partial = path.with_name(f".{os.getpid()}-partial-{path.name}")
     try:
         with writing(path):
             yield partial

@@ -120,6 +120,12 @@ def add_simulate(parser: ArgumentParser) -> None:
     add_json(parser)
 
 
+def add_scenarios(parser: ArgumentParser) -> None:
+    """Those of `scenarios`."""
+    parser.add_argument("--show", metavar="NAME", help="print one as a file to start from (TOML)")
+    add_json(parser)
+
+
 def add_limits(parser: ArgumentParser) -> None:
     """Those of `limits`."""
     add_scenario(parser)
@@ -156,7 +162,7 @@ def add_plot(parser: ArgumentParser) -> None:
         "--out",
         metavar="FILE",
         type=Path,
-        help="the picture, .png, .svg or .pdf, or of a run that cells steered, an animation, .gif "
+        help="the picture, .png, .svg or .pdf, or an animation, .gif or (with ffmpeg) .mp4 "
         "(default: a PNG in the run folder)",
     )
     add_force(parser)

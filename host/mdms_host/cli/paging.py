@@ -19,8 +19,8 @@ def opened_page(table: Table, arguments: Namespace) -> Iterator[Page]:
     with Page(table, MonotonicClock(), arguments.page, host) as page:
         if not page.gate.is_loopback:
             say(
-                f"mdms: the page is open to whoever reaches {host}: all may watch, and whoever "
-                "reads its address moves the table; it is not encrypted"
+                f"mdms: the page is open to whoever reaches {host}: all may watch and "
+                "stop, and whoever reads its address moves the table; it is not encrypted"
             )
         print(page.address, flush=True)
         if arguments.open:

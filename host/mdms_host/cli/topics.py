@@ -14,7 +14,13 @@ from mdms_host.cli.exits import CommandError, Exit
 #: Documents by topic: where they are in the project, and what they are about.
 TOPICS = {
     "start": ("README.md", "what this is, and the first steps"),
+    "newcomer": ("docs/newcomer.md", "from parts to the first moving parcel"),
+    "researcher": ("docs/researcher.md", "from the paper to the code"),
+    "integrator": ("docs/integrator.md", "from a sorter to a program"),
     "troubleshooting": ("docs/troubleshooting.md", "by symptom: cause and cure"),
+    "scenarios": ("docs/scenarios.md", "every key of a scenario"),
+    "programs": ("docs/programs.md", "tasks, and programs in Python"),
+    "api": ("docs/api.md", "every public name of Python"),
     "host": ("host/README.md", "coordinator, array files, commissioning, the command"),
     "firmware": ("firmware/README.md", "boards, wiring, parts, faults, flashing"),
     "freezing": ("firmware/FREEZING.md", "firmware frozen into MicroPython"),

@@ -37,9 +37,9 @@ VERBS = (
     ),
     Verb(
         "scenarios",
-        "list the built-in scenarios",
+        "list the built-in scenarios, or print one",
         f"{_SCENARIO}.reports:scenarios",
-        options.add_json,
+        options.add_scenarios,
     ),
     Verb(
         "limits",

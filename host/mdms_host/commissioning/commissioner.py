@@ -109,15 +109,18 @@ def told_place(commissioning: Commissioning, node_id: int) -> tuple[int, int] | 
 
 
 def tell_place(commissioning: Commissioning, node_id: int, spot: tuple[int, int]) -> None:
-    """Have a cell keep its column and row; all else about its place follows at the end."""
-    for sub, number in enumerate(spot, 1):
+    """Have a cell keep its column and row; all else about its place follows at the end.
+
+    It has no place in between, and none of two halves, whenever this is broken off.
+    """
+    for sub, number in ((1, 0), (2, spot[1]), (1, spot[0])):
         commissioning.write(node_id, indices.PLACE, sub, number)
     commissioning.store(node_id)
 
 
-def nudge_wheels(commissioning: Commissioning, node_id: int, axes: int = AXES) -> list[Direction]:
+def nudge_wheels(commissioning: Commissioning, node_id: int) -> list[Direction]:
     """What each wheel of a cell shows of its motor and encoder."""
-    return [nudge(commissioning, node_id, axis) for axis in range(1, axes + 1)]
+    return [nudge(commissioning, node_id, axis) for axis in range(1, AXES + 1)]
 
 
 def wiring_fault(axis: int, direction: Direction) -> str | None:

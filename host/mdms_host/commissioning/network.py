@@ -12,6 +12,7 @@ from queue import SimpleQueue
 import can
 import canopen
 
+from mdms_host.can_link.foreign_stops import ForeignStops
 from mdms_host.can_link.link import Link, hand_over
 from mdms_host.can_link.protocol_revision import other_protocol
 from mdms_host.clock import Clock
@@ -76,6 +77,7 @@ class Commissioning:
         # canopen logs what it also raises.
         logging.getLogger("canopen").setLevel(logging.CRITICAL)
         self.states: dict[int, int] = {}
+        self.foreign_stops = ForeignStops()
         self._booted: set[int] = set()
         self._host_node_answers = False
         self._arrivals: SimpleQueue[tuple[Frame, float]] | None = None
@@ -156,6 +158,16 @@ class Commissioning:
         with _sdo_errors(node_id, entry):
             self._node(node_id).sdo.download(index, sub, data)
 
+    def write_bytes(self, node_id: int, index: int, sub: int, data: bytes) -> None:
+        """Write to an object of any length, which flash may keep. Raises as `write`."""
+        client = self._node(node_id).sdo
+        usual_s, client.RESPONSE_TIMEOUT = client.RESPONSE_TIMEOUT, _FLASH_S
+        try:
+            with _sdo_errors(node_id, _entry(index, sub)):
+                client.download(index, sub, data)
+        finally:
+            client.RESPONSE_TIMEOUT = usual_s
+
     def store(self, node_id: int) -> None:
         """Have a cell store all its settings (0x1010). Raises SilentError, RefusedError."""
         self._sign(node_id, indices.STORE, b"save")
@@ -216,6 +228,7 @@ class Commissioning:
 
     def _on_frame(self, frame: Frame, now_s: float) -> None:
         """In the reader's thread: record heartbeats, pass all to participants and `canopen`."""
+        self.foreign_stops.on_frame(frame)
         if (arrivals := self._arrivals) is not None:
             arrivals.put((frame, now_s))
         node = frame.can_id - cob.HEARTBEAT_BASE

@@ -5,7 +5,8 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from mdms_host.coordination.cell_setup.bring_up import BringUpCell
-from mdms_host.motion.by_cells.program import CellsProgram
+from mdms_host.estimation.belief import Belief
+from mdms_host.motion.by_cells.steering import ByCells
 from mdms_model.arrays import Floats
 from mdms_protocol import cob
 from mdms_protocol.frame import Frame
@@ -15,7 +16,7 @@ from mdms_protocol.neighbours.messages import Page, decode_estimate, encode_page
 class CellsControl:
     """Between a program for cells that steer and the bus; nothing here sets a wheel's speed."""
 
-    def __init__(self, cells: Sequence[BringUpCell], program: CellsProgram) -> None:
+    def __init__(self, cells: Sequence[BringUpCell], program: ByCells) -> None:
         self._cells = cells
         self._program = program
 
@@ -33,9 +34,9 @@ class CellsControl:
         else:
             self._program.on_estimate(cell.number, estimate, now_s)
 
-    def frames(self, poses: Mapping[str, Floats], now_s: float, step_s: float) -> Iterator[Frame]:
-        """What to send in this cycle, given the poses believed now."""
-        return map(_frame, self._program.step(poses, now_s, step_s))
+    def frames(self, beliefs: Mapping[str, Belief], now_s: float, step_s: float) -> Iterator[Frame]:
+        """What to send in this cycle, given what is believed."""
+        return map(_frame, self._program.step(beliefs, now_s, step_s))
 
     def begin_again(self) -> None:
         """All programs have ended, and the parcels lie still: each gets its program anew."""

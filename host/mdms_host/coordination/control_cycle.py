@@ -19,7 +19,7 @@ from mdms_host.coordination.watching.standings import Standings
 from mdms_host.coordination.watching.watch import Watch
 from mdms_host.estimation.pose.confirmation import Standing
 from mdms_host.estimation.tracker import Tracker
-from mdms_host.motion.by_cells.program import CellsProgram
+from mdms_host.motion.by_cells.steering import ByCells
 from mdms_host.motion.program import Program
 from mdms_model.arrays import Floats
 from mdms_protocol.frame import Frame
@@ -38,7 +38,7 @@ class ControlCycle:
     def __init__(
         self,
         cells: Sequence[BringUpCell],
-        program: Program | CellsProgram,
+        program: Program | ByCells,
         *,
         roster: Roster,
         tracker: Tracker,
@@ -85,7 +85,7 @@ class ControlCycle:
     def _references_m_s(self, phase: Phase, now_s: float, sync_s: float) -> Floats:
         """The references for a SYNC, shape (W,); 0 but while parcels are steered, or braked."""
         self._commanded_m_s = np.zeros(self.references_m_s.shape)
-        if phase not in UP or isinstance(self._program, CellsProgram):
+        if phase not in UP or isinstance(self._program, ByCells):
             return np.zeros(self.references_m_s.shape)
         if phase in HELD:
             self._rest(self._program, now_s, sync_s)
@@ -137,12 +137,10 @@ class ControlCycle:
         self.references_m_s = by_cells.references_m_s
         self._odometry.on_references(self.references_m_s)
         if phase == Phase.RUNNING and not self._odometry.silent:
-            poses = self._tracker.poses(sync_s)
-            # A doubtful place is neither sent nor compared with what cells report.
-            sure = {name: poses[name] for name in poses if name not in self._tracker.doubtful}
-            for frame in by_cells.frames(sure, now_s, self._step_s):
+            beliefs = self._tracker.beliefs(sync_s, now_s)
+            for frame in by_cells.frames(beliefs, now_s, self._step_s):
                 yield None, frame
-            self._report(poses, now_s)
+            self._report(beliefs, now_s)
 
     # Belief
 

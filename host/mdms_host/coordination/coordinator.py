@@ -26,7 +26,7 @@ from mdms_host.coordination.speeds.odometry import Odometry
 from mdms_host.coordination.speeds.velocity_frames import VelocityFrames
 from mdms_host.estimation.tracker import Estimate, Parcel, Tracker
 from mdms_host.layout import Layout
-from mdms_host.motion.by_cells.program import CellsProgram
+from mdms_host.motion.by_cells.steering import ByCells
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.lost_cells import MindsLostCells
 from mdms_host.motion.program import Program
@@ -48,7 +48,7 @@ class Coordinator:
     (time [s], text); `troubles` are those of the events that a person should look after, though
     the run goes on. `settings` are written to every cell, `own_settings` to the cell of that number
     besides; all other stored settings must be at their defaults. Cells that steer (the program is a
-    `CellsProgram`) are written their places, too; others may have any. `policy` is what is done
+    `ByCells`) are written their places, too; others may have any. `policy` is what is done
     about cells that fall out of action. Raises ValueError for cells of more wheels than the wire
     has axes.
     """
@@ -56,7 +56,7 @@ class Coordinator:
     def __init__(
         self,
         layout: Layout,
-        program: Program | CellsProgram,
+        program: Program | ByCells,
         *,
         parcels: tuple[Parcel, ...] = (),
         settings: tuple[Setting, ...] = (),
@@ -71,7 +71,7 @@ class Coordinator:
         self._program = program
         self._journal = journal = Journal()
         self._velocities = VelocityFrames(layout.node_ids, axes)
-        by_cells = isinstance(program, CellsProgram)
+        by_cells = isinstance(program, ByCells)
         self.cells = cells_of(
             layout,
             settings,
@@ -94,7 +94,7 @@ class Coordinator:
             on_back=lambda: self.tracker.look_again(_UNSEEN_M),
         )
         self._schedule = Schedule()
-        steering = CellsControl(self.cells, program) if isinstance(program, CellsProgram) else None
+        steering = CellsControl(self.cells, program) if isinstance(program, ByCells) else None
         self._steering = steering
         self._commands = Commands(self._roster, self._schedule, timing.command_period_s, steering)
         self._reception = Reception(
@@ -223,7 +223,7 @@ class Coordinator:
         return self.tracker.estimate(parcel, self._now_s)
 
     @property
-    def program(self) -> Program | CellsProgram:
+    def program(self) -> Program | ByCells:
         """What it runs."""
         return self._program
 

@@ -18,18 +18,35 @@ class OtherHostError(Exception):
     """Another host runs on the bus."""
 
 
+class OtherHost:
+    """Whether a host sends heartbeats, by frames that somebody else has sent."""
+
+    def __init__(self) -> None:
+        self._last_s = -inf
+
+    def on_frame(self, frame: Frame, now_s: float) -> None:
+        """Note a host's heartbeat."""
+        if frame.can_id == HEARTBEAT and nmt.decode_heartbeat(frame.data) is not None:
+            self._last_s = now_s
+
+    def speaks(self, now_s: float) -> bool:
+        """Whether one has been there lately; one that has missed three heartbeats is gone."""
+        return now_s - self._last_s < _LISTEN_S
+
+
 class _Listening:
     """A participant that sends nothing, and notes whether a host sends heartbeats."""
 
     wake_s = inf
 
     def __init__(self) -> None:
+        self._other = OtherHost()
         self.found = False
 
     def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
         """Note a host's heartbeat."""
-        if frame.can_id == HEARTBEAT and nmt.decode_heartbeat(frame.data) is not None:
-            self.found = True
+        self._other.on_frame(frame, now_s)
+        self.found = self.found or self._other.speaks(now_s)
 
     def poll(self, now_s: float) -> Iterable[Frame]:
         """Nothing."""

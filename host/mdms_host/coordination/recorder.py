@@ -9,6 +9,7 @@ from mdms_model.arrays import Floats
 from mdms_model.buses import Addresses
 from mdms_model.run.cell_reports import CellReports, without_reports
 from mdms_model.run.history import MOST_SAMPLES, History
+from mdms_model.run.presence import Presence
 from mdms_model.run.record import Contact, Event, Record
 from mdms_protocol.frame import Frame
 
@@ -20,7 +21,8 @@ class Recorder:
     """A participant that passes everything to a coordinator and back, and keeps a record of it.
 
     `estimates` returns the poses that the coordinator believes the parcels to have, shape (P, 3),
-    NaN where unknown. `log_frame(frame, time_s, bus)` is called for every frame, received or sent.
+    NaN where unknown. `log_frame(frame, time_s, bus)` is called for every frame, received or sent,
+    and `look(time_s)` whenever a sample is due.
     """
 
     def __init__(
@@ -29,14 +31,17 @@ class Recorder:
         estimates: Callable[[], Floats],
         log_frame: Callable[[Frame, float, int], object] = lambda _frame, _time_s, _bus: None,
         most_samples: int = MOST_SAMPLES,
+        look: Callable[[float], object] = lambda _time_s: None,
     ) -> None:
         self._coordinator = coordinator
         self._estimates = estimates
         self._log_frame = log_frame
+        self._look = look
         self._history = History(most_samples)
         layout = coordinator.layout
         addresses = Addresses(layout.buses, layout.node_ids)
         self._reports = CellReports(layout.cell_positions_m, addresses)
+        self._presence = Presence(addresses)
         self._due_s = -np.inf
 
     @property
@@ -49,6 +54,8 @@ class Recorder:
         self._log_frame(frame, now_s, bus)
         if frame.can_id in self._reports.cells[bus]:
             self._reports.on_frame(bus, frame, now_s)
+        elif frame.can_id in self._presence.cells[bus]:
+            self._presence.on_frame(bus, frame, round(now_s * 1e9))
         self._coordinator.on_frame(frame, now_s, bus)
 
     def poll(self, now_s: float) -> Iterable[Frame]:
@@ -63,6 +70,7 @@ class Recorder:
         if now_s >= self._due_s:
             # What a busy machine has missed is not made up for.
             self._due_s = max(self._due_s + SAMPLE_S, now_s)
+            self._look(now_s)
             self._sample(now_s)
         return frames
 
@@ -94,5 +102,6 @@ class Recorder:
                 reference_m_s=self._coordinator.references_m_s.copy(),
                 speed_m_s=self._coordinator.speeds_m_s,
                 estimate=self._estimates(),
+                presence=self._presence.bits,
                 **self._reports.sample(now_s),
             )

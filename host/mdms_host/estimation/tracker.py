@@ -218,12 +218,12 @@ class Tracker:
         return None if pose is None else Estimate(*map(float, pose))
 
     def poses(self, now_s: float) -> Mapping[str, Floats]:
-        """Pose (x, y, yaw) of every parcel that has been found."""
+        """Pose [m, m, rad; table frame] of every parcel that has been found."""
         found = ((name, each.estimator.pose_at(now_s)) for name, each in self._known.items())
         return {name: pose for name, pose in found if pose is not None}
 
     def covariance(self, name: str) -> Floats:
-        """What the pose of a parcel may be off, shape (3, 3); zero where it is not found."""
+        """Covariance of a pose [m, m, rad], shape (3, 3); zero where the parcel is not found."""
         return self._known[name].estimator.covariance
 
     @property

@@ -10,7 +10,7 @@ from pathlib import Path
 
 START = "main.py"
 #: The packages that a board imports.
-PACKAGES = ("boards", "mdms_cell", "mdms_protocol")
+PACKAGES = ("boards", "mdms_boot", "mdms_cell", "mdms_protocol")
 
 
 def sources() -> dict[str, Path]:

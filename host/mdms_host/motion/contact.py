@@ -14,6 +14,8 @@ _OVERLAP_M = 0.005
 _DEEP_M = 0.02
 #: Between the two it must be at least this share of the way to a stop that brings them closer.
 _CLOSING_SHARE = 0.3
+#: Room that a parcel needs around it to turn on the spot [m].
+_NEAR_M = 0.015
 #: How long two parcels must be on their way into each other.
 _PRESSING_S = 0.05
 
@@ -73,3 +75,13 @@ def _press(one: Body, other: Body) -> bool:
 def gap_m(one: Bottom, one_pose: Floats, other: Bottom, other_pose: Floats) -> float:
     """Gap between two parcels' outlines along the direction that parts them best [m]."""
     return outline.gap_m(one.outline_m(one_pose), other.outline_m(other_pose))
+
+
+def has_room(name: str, places: Mapping[str, Floats], outlines: Mapping[str, Bottom]) -> bool:
+    """Whether a parcel may turn where it is without coming near any other that has a place."""
+    mine, reach_m = places[name], outlines[name].reach_m + _NEAR_M
+    return not any(
+        hypot(*(place - mine)[:2].tolist()) < reach_m + outlines[other].reach_m
+        for other, place in places.items()
+        if other != name
+    )

@@ -93,6 +93,12 @@ class GoalController:
         self._follower, self.grip, self.paused = other._follower, other.grip, other.paused
 
     @property
+    def follower(self) -> Follower | None:
+        """What follows the parcel's way, for records and pictures; None where it is to stand."""
+        follower = self._follower
+        return None if follower is None or follower.finished else follower
+
+    @property
     def left_m(self) -> float:
         """What was left to go at the last step, a corner's way included [m]; inf before it."""
         return self._left_m

@@ -1,7 +1,6 @@
 """What the array is to do: from the parcels' estimated poses to every wheel's reference."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from math import hypot
 from types import MappingProxyType
 from typing import Protocol
 
@@ -10,7 +9,7 @@ import numpy as np
 from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.motion.carrying import Carrying
-from mdms_host.motion.contact import Body, Contacts, gap_m
+from mdms_host.motion.contact import Body, Contacts, gap_m, has_room
 from mdms_host.motion.goal import Goal, GoalController
 from mdms_host.motion.obstacles import Obstacles
 from mdms_host.motion.standstill import Standstill
@@ -271,7 +270,7 @@ class GoalProgram:
                 controller.lose()
                 continue
             controller.paused = belief.doubtful or self._must_wait(belief, controller)
-            felt = belief.feel_rad is not None and self._room_to_turn(name)
+            felt = belief.feel_rad is not None and has_room(name, self._places, self._bottoms)
             controller.feel_rad = belief.feel_rad if felt else None
             yield name, controller.step(belief, step_s)
             self._report_slip(name, controller.grip)
@@ -284,15 +283,6 @@ class GoalProgram:
                 "planned, and slowly with more again"
             )
         self._slips[name] = grip.slips
-
-    def _room_to_turn(self, name: str) -> bool:
-        """Whether a parcel may turn where it is without coming near any other."""
-        mine = self._places[name]
-        for other, place in self._places.items():
-            way_m = self._bottoms[name].reach_m + self._bottoms[other].reach_m + _NEAR_M
-            if other != name and hypot(*(place - mine)[:2].tolist()) < way_m:
-                return False
-        return True
 
     def _stop_blocked(self, carried: Mapping[str, Carried | None], step_s: float) -> None:
         """Stop parcels that press each other, and those that do not get on, and report them.

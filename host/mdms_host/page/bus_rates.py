@@ -11,20 +11,28 @@ _OVER_S = 0.1
 
 
 class BusRates:
-    """Frames a second by bus and kind (B, K), and loads by bus (B,), 0 before they are known."""
+    """Frames a second by bus and kind (B, K), loads and error frames a second by bus (B,).
+
+    All are 0 before they are known; error frames that nobody counts are NaN.
+    """
 
     def __init__(self, buses: int, kinds: int) -> None:
         self.frames_per_s: Floats = np.zeros((buses, kinds))
         self.loads: Floats = np.zeros(buses)
-        self._last: tuple[float, Floats, Floats] | None = None
+        self.errors_per_s: Floats = np.zeros(buses)
+        self._last: tuple[float, Floats, Floats, Floats] | None = None
 
-    def count(self, now_s: float, frames: Sequence[Sequence[int]], busy_s: Floats) -> None:
-        """So many frames were there by now, and each bus was busy for so long."""
+    def count(
+        self, now_s: float, frames: Sequence[Sequence[int]], busy_s: Floats, errors: Floats
+    ) -> None:
+        """So many frames were there by now, each bus busy for so long, with so many errors."""
         if self._last is not None and 0.0 <= now_s - self._last[0] < _OVER_S:
             return
         counted = np.array(frames, np.float64)
         if self._last is not None and now_s > self._last[0]:
-            before_s, before, before_busy_s = self._last
-            self.frames_per_s = (counted - before) / (now_s - before_s)
-            self.loads = (busy_s - before_busy_s) / (now_s - before_s)
-        self._last = now_s, counted, busy_s
+            before_s, before, before_busy_s, errors_before = self._last
+            passed_s = now_s - before_s
+            self.frames_per_s = (counted - before) / passed_s
+            self.loads = (busy_s - before_busy_s) / passed_s
+            self.errors_per_s = (errors - errors_before) / passed_s
+        self._last = now_s, counted, busy_s, errors

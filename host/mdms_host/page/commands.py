@@ -8,6 +8,7 @@ from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from types import NoneType
 from typing import Any, TypeAlias, get_args, get_origin, get_type_hints
 
+from mdms_host.estimation.outlines.bottom import DRAWN_M
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.limit import ANGLE, LENGTH, PLACE, Limit
 from mdms_model.scenario.scenario import ScenarioError
@@ -25,24 +26,31 @@ class RefusedError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """The parcel is steered to this pose [table frame]; without `yaw_rad` it is not turned."""
+    """The parcel is steered to this pose [table frame]; without `yaw_rad` it is not turned.
+
+    While a hand still drags it, it is `held`: unless the next one comes within 1 s, the parcel
+    stays where it is by then.
+    """
 
     parcel: str
     x_m: float = field(metadata=PLACE)
     y_m: float = field(metadata=PLACE)
     yaw_rad: float | None = field(default=None, metadata=ANGLE)
+    held: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Name:
     """What is unknown is taken for a parcel of this name and outline; a disc has its diameter as
-    length and width."""
+    length and width. `spread_m` is how exact that is on either side: of a size that is to be
+    learned as edges pass sensors, as the `size` of the message `table` is, some millimetres."""
 
     parcel: str
     name: str
     length_m: float = field(metadata=LENGTH)
     width_m: float = field(metadata=LENGTH)
     shape: str = field(default="rectangle", metadata=Limit(choices=("rectangle", "disc")))
+    spread_m: float = field(default=DRAWN_M, metadata=Limit(above=0.0, at_most=0.1))
 
 
 @dataclass(frozen=True, slots=True)

@@ -92,7 +92,7 @@ class FaultsByHand:
             raise RefusedError(str(error).replace("fault.0", "fault")) from None
 
     def _check_once(self, fault: Fault) -> None:
-        """A cell that has no power has none to lose."""
+        """A cell that has no power has none to lose, and a parcel in the hand is lifted already."""
         cells = range(1, self._scenario.array.columns * self._scenario.array.rows + 1)
         for begun in self._begun.values():
             other = begun.ongoing.fault
@@ -100,6 +100,8 @@ class FaultsByHand:
                 again = set(fault.cells or cells) & set(other.cells or cells)
                 if again:
                     raise RefusedError(f"cell {min(again)}: {fault.kind} already")
+            if fault.kind == other.kind == "lift" and fault.parcel == other.parcel:
+                raise RefusedError(f"{fault.parcel} is lifted already")
 
 
 def _chosen(fault: Fault) -> dict[str, Any]:

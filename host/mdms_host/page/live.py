@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from math import inf
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -10,32 +11,33 @@ from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.phase import BRING_UP
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
-from mdms_host.motion import goal as motion
 from mdms_host.page import commands
 from mdms_host.page.believed_signals import believed_signals
 from mdms_host.page.bus_rates import BusRates
 from mdms_host.page.commands import Command, RefusedError
+from mdms_host.page.parcels_by_hand import ParcelsByHand, Places
 from mdms_host.page.seat import Seat
-from mdms_host.page.shown.advice import advice_for
 from mdms_host.page.shown.bus_watch import KINDS, BusWatch
-from mdms_host.page.shown.description import describe
+from mdms_host.page.shown.description import OTHER_HOST, PHASES, describe
+from mdms_host.page.shown.events import EventList, event_of
 from mdms_host.page.shown.objects import ObjectReader
 from mdms_host.page.shown.offered import plan_of
 from mdms_host.page.shown.signals import Signals
-from mdms_host.page.shown.things import things_of
+from mdms_host.page.shown.things import sized, things_of
+from mdms_model.arrays import Floats
 
 #: Ways and tiles are looked at so often [s].
 _PLAN_S = 0.25
-_SDO = KINDS.index("SDO")
-#: A client that comes late gets so many of the last events.
-KEPT_EVENTS = 300
+#: A stop that is asked for again is noted again after so long [s].
+_AGAIN_S = 1.0
 
 
 class LiveTable:
     """Composed of what is on the buses (`watch`) and of whoever has the host's `seat`.
 
-    `now_s` returns the time. `parcels` are those that the host is told of. `report(time_s, text)`
-    is called for events.
+    `now_s` returns the table's time, and `wall_s` the machine's, where that is another. `parcels`
+    are those that the host is given. `report(time_s, text)` is called for events.
+    `error_frames` counts those of all buses, where somebody does.
     """
 
     offers: tuple[str, ...] = ("goal", "name", "start", "stop", "stop_all", "read_objects")
@@ -49,6 +51,9 @@ class LiveTable:
         seat: Seat,
         watch: BusWatch,
         now_s: Callable[[], float],
+        wall_s: Callable[[], float] | None = None,
+        centres_of_mass_m: Places = MappingProxyType({}),
+        error_frames: Callable[[], int] | None = None,
         report: Callable[[float, str], object] = lambda _time_s, _text: None,
     ) -> None:
         self.version = 1
@@ -60,14 +65,17 @@ class LiveTable:
         self._watch = watch
         self._now_s = now_s
         self._report = report
-        self._signals = self._signals_of(len(parcels))
+        self._error_frames = error_frames
+        self._signals = Signals.of(layout, len(parcels), len(KINDS))
         self._news: list[dict[str, Any]] = []
-        self._events: list[dict[str, Any]] = []
+        self._events = EventList()
+        self._stopped_s = -inf
         self._reported: tuple[Coordinator | None, int] = (None, 0)
         self._plan = plan_of(None)
         self._planned_s = -inf
         self._rates = BusRates(layout.bus_count, len(KINDS))
         self._jitter_s = 0.0
+        self._by_hand = ParcelsByHand(layout, wall_s or now_s, centres_of_mass_m)
 
     # What is shown
 
@@ -76,16 +84,6 @@ class LiveTable:
         return describe(self._title, self._layout, self._things, self._signals, self.offers) | {
             "version": self.version
         }
-
-    def _signals_of(self, parcels: int) -> Signals:
-        layout = self._layout
-        return Signals(
-            cells=layout.cells,
-            wheels=len(layout.wheel_cells),
-            parcels=parcels,
-            buses=layout.bus_count,
-            kinds=len(KINDS),
-        )
 
     def _look_for_plans(self) -> None:
         """Ways and tiles, some times a second: they are many, and change as parcels move."""
@@ -101,8 +99,8 @@ class LiveTable:
         """Parcels come and go, and with them the shape of a snapshot."""
         things = things_of(self._told, self._seat.coordinator)
         if things != self._things:
-            self._things = things
-            self._signals = self._signals_of(len(things))
+            self._things = sized(things, self._seat.coordinator)
+            self._signals = Signals.of(self._layout, len(things), len(KINDS))
             self.version += 1
 
     def snapshot(self, sequence: int) -> bytes:
@@ -112,7 +110,8 @@ class LiveTable:
     def values(self) -> dict[str, Any]:
         """The signals by name, as far as they are known."""
         now_s, coordinator, watch = self._now_s(), self._seat.coordinator, self._watch
-        self._rates.count(now_s, self._watch.frames, self.busy_s())
+        errors = self.errors()
+        self._rates.count(now_s, self._watch.frames, self.busy_s(), errors)
         identity, promise = watch.promises(now_s)
         jitter_s, self._jitter_s = self._jitter_s, 0.0
         values = {
@@ -122,15 +121,19 @@ class LiveTable:
             "jitter": jitter_s,
             "bus_load": self._rates.loads,
             "bus_frames": self._rates.frames_per_s,
-            "wheel_speed": watch.speeds_m_s,
+            "bus_errors": errors,
+            "bus_error_rate": self._rates.errors_per_s,
+            "wheel_speed": watch.speeds_m_s(now_s),
             "wheel_reference": watch.references_m_s,
             "cell_state": np.frombuffer(watch.states(now_s), np.uint8),
-            "cell_presence": np.frombuffer(watch.presence, np.uint8),
+            "cell_presence": np.frombuffer(watch.presence(now_s), np.uint8),
             "cell_promise": identity,
             "cell_promise_state": promise,
         }
         if coordinator is not None:
             values |= believed_signals(self._things, coordinator)
+        if self._seat.beside_other_host and not self._seat.busy:
+            values["phase"] = [PHASES.index(OTHER_HOST)]
         return values
 
     def on_cycle(self, late_s: float) -> None:
@@ -141,33 +144,45 @@ class LiveTable:
         """How long each bus has been busy; here as if every frame had the most stuff bits."""
         return np.array(self._watch.bits) / 1e6
 
+    def errors(self) -> Floats:
+        """How many error frames each bus has had, NaN where that is not known."""
+        counted = np.full(self._layout.bus_count, np.nan)
+        if self._error_frames is not None and len(counted) == 1:
+            counted[0] = self._error_frames()
+        return counted
+
     def history(self) -> bytes:
         """See `Table`: what has been is with those who have looked."""
         return b""
 
     # What has happened
 
-    def note(self, kind: str, text: str, time_s: float | None = None, **more: Any) -> None:
+    def note(
+        self, kind: str, text: str, time_s: float | None = None, *, trouble: bool = False
+    ) -> None:
         """Something has happened."""
         time_s = self._now_s() if time_s is None else time_s
-        event = {"time_s": time_s, "what": kind, "text": text}
-        self._report(time_s, text)
-        advice = advice_for(text)
-        event |= more | ({"advice": advice} if advice else {})
-        self._events = [*self._events[1 - KEPT_EVENTS :], event]
-        self._news.append({"kind": "events", "events": [event]})
+        self.add_events([event_of(time_s, kind, text, trouble=trouble)])
+
+    def add_events(self, events: list[dict[str, Any]]) -> None:
+        """These have happened."""
+        for event in events:
+            self._report(event["time_s"], event["text"])
+        self._events.add(events)
 
     def news(self) -> list[dict[str, Any]]:
         """See `Table`."""
+        for name in self._by_hand.let_go(self._seat.coordinator):
+            self.note("page", f"{name} stays where it is: the hand that dragged its goal is gone")
         self._look()
         self._look_for_things()
         self._look_for_plans()
         news, self._news = self._news, []
-        return news
+        return news + self._events.take_message()
 
     def story(self) -> list[dict[str, Any]]:
         """See `Table`."""
-        return [{"kind": "events", "events": list(self._events), "all": True}, self._plan]
+        return [self._events.story(), self._plan]
 
     def _look(self) -> None:
         """Note what coordinator and reader have reported since the last call."""
@@ -194,9 +209,9 @@ class LiveTable:
         """See `Table`."""
         match command:
             case commands.Goal():
-                return self._set_goal(command)
+                self._by_hand.set_goal(self._running(), command)
             case commands.Name():
-                self._name(command)
+                self._by_hand.name(self._running(), command)
             case commands.Start():
                 self._seat.start()
                 self.note("page", "the program is started")
@@ -205,7 +220,7 @@ class LiveTable:
                 self.note("page", "the program is stopped")
             case commands.StopAll():
                 self._seat.stop_all()
-                self.note("page", "stop all")
+                self._note_stop()
             case commands.ReadObjects():
                 self._read(command.cell)
             case _:
@@ -215,40 +230,19 @@ class LiveTable:
     def abandon(self) -> None:
         """See `Table`: a program is watched by whoever started the command, and goes on."""
 
-    def _set_goal(self, command: commands.Goal) -> str | None:
+    def _running(self) -> Coordinator:
+        """The coordinator of the program that runs. Raises `RefusedError`."""
         coordinator = self._seat.coordinator
         if coordinator is None or not self._seat.busy:
             raise RefusedError("no program runs; start one first")
-        before = coordinator.goals.get(command.parcel)
-        tolerances = (
-            {}
-            if before is None
-            else {
-                "tolerance_m": before.tolerance_m,
-                "tolerance_rad": before.tolerance_rad,
-                "settle_s": before.settle_s,
-            }
-        )
-        wanted = motion.Goal(command.x_m, command.y_m, command.yaw_rad, **tolerances)
-        try:
-            coordinator.set_goal(command.parcel, wanted)
-        except KeyError:
-            raise RefusedError(f"there is no parcel {command.parcel!r:.60}") from None
-        except ValueError as error:
-            raise RefusedError(str(error)) from None
-        return None
+        return coordinator
 
-    def _name(self, command: commands.Name) -> None:
-        coordinator = self._seat.coordinator
-        if coordinator is None or not self._seat.busy:
-            raise RefusedError("no program runs; start one first")
-        parcel = Parcel(command.name, command.length_m, command.width_m, shape=command.shape)
-        try:
-            coordinator.tracker.name(command.parcel, parcel)
-        except KeyError:
-            raise RefusedError(f"nothing unknown is called {command.parcel!r:.60}") from None
-        except ValueError as error:
-            raise RefusedError(str(error)) from None
+    def _note_stop(self) -> None:
+        """One who presses a button for long does not push all other events out."""
+        now_s = self._now_s()
+        if not 0.0 <= now_s - self._stopped_s < _AGAIN_S:
+            self._stopped_s = now_s
+            self.note("page", "stop all")
 
     def _read(self, cell: int) -> None:
         coordinator = self._seat.coordinator
@@ -256,11 +250,7 @@ class LiveTable:
             raise RefusedError(f"there is no cell {cell}; the table has {self._layout.cells}")
         if coordinator is not None and coordinator.phase in BRING_UP:
             raise RefusedError("the cells are being brought up; ask again when they run")
-        if (
-            not self._seat.busy
-            and self._seat.reader is None
-            and self._rates.frames_per_s[:, _SDO].any()
-        ):
+        if self._seat.others_ask:
             raise RefusedError("somebody else reads or writes settings just now; ask again later")
         places = self._layout
         self._seat.reader = ObjectReader(cell, places.node_ids[cell - 1], places.buses[cell - 1])

@@ -11,7 +11,7 @@ from typing import Any, Self
 import uvicorn
 
 from mdms_host.clock import Clock
-from mdms_host.page.commands import Command, RefusedError
+from mdms_host.page.commands import Command, RefusedError, StopAll
 from mdms_host.page.table import Table
 from mdms_host.page.web.gate import LOOPBACK, Gate
 from mdms_host.page.web.hub import GRACE_S, Hub
@@ -27,8 +27,11 @@ ANSWER_LIMIT_S = 5.0
 #: A message of a client is no longer than this [bytes].
 _LONGEST = 16_384
 _PING_S = 5.0
+#: A browser opens up to six connections besides its WebSocket; requests beyond are refused.
+_MOST_CONNECTIONS = 128
 
-Work = tuple[Callable[[], Any], "Future[Any]"]
+#: What is to be done, its answer, and whether it is a command, which a stop calls off.
+Work = tuple[Callable[[], Any], "Future[Any]", bool]
 
 
 class PageError(OSError):
@@ -46,6 +49,7 @@ class Page:
         self._table = table
         self._clock = clock
         self._work: Queue[Work] = Queue(MOST_COMMANDS)
+        self._stop: Future[Any] | None = None
         self._vacant_s: float | None = None
         self._vacated = False
         self._sequence = 0
@@ -69,6 +73,7 @@ class Page:
                 log_config=None,
                 access_log=False,
                 server_header=False,
+                limit_concurrency=_MOST_CONNECTIONS,
                 ws="websockets-sansio",
                 ws_max_size=_LONGEST,
                 ws_per_message_deflate=False,
@@ -104,8 +109,9 @@ class Page:
 
     def attend(self) -> None:
         """Carry out what has been asked for, and show what is due; takes no time else."""
+        self._stop_first()
         while self._do_one():
-            pass
+            self._stop_first()
         now_s = self._clock.now_s()
         if now_s >= self._news_s:
             self._news_s = now_s + _NEWS_S
@@ -116,16 +122,23 @@ class Page:
             self._sequence += 1
             self._call(self._hub.show, self._table.snapshot(self._sequence))
 
+    def _stop_first(self) -> None:
+        """Stop all if that is asked for; no command that waits begins anything after it."""
+        stop = self._stop
+        if stop is None:
+            return
+        self._stop = None
+        for _ in range(self._work.qsize()):
+            ask, answer, is_command = self._work.get_nowait()
+            _settle(_called_off if is_command else ask, answer)
+        _settle(lambda: self._table.do(StopAll()), stop)
+
     def _do_one(self) -> bool:
         try:
-            ask, answer = self._work.get_nowait()
+            ask, answer, _ = self._work.get_nowait()
         except Empty:
             return False
-        if answer.set_running_or_notify_cancel():
-            try:
-                answer.set_result(ask())
-            except Exception as error:
-                answer.set_exception(error)
+        _settle(ask, answer)
         return True
 
     def _pass_on(self, now_s: float) -> None:
@@ -168,19 +181,48 @@ class Page:
         return await self._asked(self._table.history)  # type: ignore[no-any-return]
 
     async def _ask(self, command: Command) -> str | None:
-        return await self._asked(lambda: self._table.do(command))  # type: ignore[no-any-return]
+        if isinstance(command, StopAll):
+            return await self._ask_to_stop()
+        return await self._asked(lambda: self._table.do(command), is_command=True)  # type: ignore[no-any-return]
 
-    async def _asked(self, ask: Callable[[], Any]) -> Any:
-        """Have the thread of the table do something. Raises `RefusedError` where it cannot."""
+    async def _ask_to_stop(self) -> str | None:
+        """A stop waits behind nothing, is never dropped, and is one however many ask for it."""
+        stop = self._stop
+        if stop is None:
+            stop = self._stop = Future()
+        waiting = asyncio.shield(asyncio.wrap_future(stop))
+        try:
+            return await asyncio.wait_for(waiting, ANSWER_LIMIT_S)
+        except TimeoutError:
+            raise RefusedError("the table is busy, and stops as soon as it is not") from None
+
+    async def _asked(self, ask: Callable[[], Any], *, is_command: bool = False) -> Any:
+        """Have the thread of the table do something; what is too late for its answer is not done.
+
+        Raises `RefusedError` where it cannot.
+        """
         answer: Future[Any] = Future()
         try:
-            self._work.put_nowait((ask, answer))
+            self._work.put_nowait((ask, answer, is_command))
         except Full:
             raise RefusedError("too many commands at once; this one is dropped") from None
         try:
             return await asyncio.wait_for(asyncio.wrap_future(answer), ANSWER_LIMIT_S)
         except TimeoutError:
             raise RefusedError("the table does not answer: it is busy") from None
+
+
+def _settle(ask: Callable[[], Any], answer: "Future[Any]") -> None:
+    """Do what is asked for, unless nobody waits for its answer any more."""
+    if answer.set_running_or_notify_cancel():
+        try:
+            answer.set_result(ask())
+        except Exception as error:
+            answer.set_exception(error)
+
+
+def _called_off() -> None:
+    raise RefusedError("all has been stopped meanwhile; ask again")
 
 
 def _listen(host: str, port: int) -> socket.socket:

@@ -1,5 +1,6 @@
 """A recorded run as the page sees it: the same signals, at a time that a person chooses."""
 
+from bisect import bisect_right
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,10 @@ from numpy.typing import NDArray
 from mdms_host.layout import Layout
 from mdms_host.page import commands
 from mdms_host.page.commands import Command, RefusedError
-from mdms_host.page.shown.advice import advice_for
 from mdms_host.page.shown.bus_watch import KINDS, BusWatch, CellState
 from mdms_host.page.shown.description import PHASES, describe
+from mdms_host.page.shown.events import events_of
+from mdms_host.page.shown.offered import planned
 from mdms_host.page.shown.signals import Signals
 from mdms_host.page.shown.things import Thing
 from mdms_model.arrays import Floats
@@ -27,6 +29,7 @@ SHOWN_PER_S = 60.0
 MOST_PLOTTED = 600
 #: Rates of frames are over so long [s].
 _RATES_S = 0.1
+_MOST_EVENTS = 5000
 
 
 class RecordedTable:
@@ -43,13 +46,7 @@ class RecordedTable:
         self._layout = layout
         self._things = things
         self._goals = goals
-        self._signals = Signals(
-            cells=layout.cells,
-            wheels=len(layout.wheel_cells),
-            parcels=len(things),
-            buses=layout.bus_count,
-            kinds=len(KINDS),
-        )
+        self._signals = Signals.of(layout, len(things), len(KINDS))
         self._instants = _shown(record.time_s)
         self._times_s: Floats = record.time_s[self._instants]
         self._bus = _BusHistory(run.folder / BUS_LOG, layout, self._times_s)
@@ -58,6 +55,9 @@ class RecordedTable:
         self._phases = _phases(record.events, self._times_s)
         self._arrived = _arrived(record.events, list(things), self._times_s)
         self.duration_s = float(self._times_s[-1])
+        self._history = b""
+        self._plan_times_s = [plan.time_s for plan in record.plans]
+        self._shown_plan = planned({}, ())
         self._at_s = 0.0
         self._speed = 1.0
         self._paused = False
@@ -88,7 +88,12 @@ class RecordedTable:
         return self._signals.pack(self.version, sequence, self._values(max(index, 0)) | now)
 
     def history(self) -> bytes:
-        """See `Table`."""
+        """See `Table`; whoever asks for it again gets the same."""
+        if not self._history:
+            self._history = self._packed_history()
+        return self._history
+
+    def _packed_history(self) -> bytes:
         count = len(self._times_s)
         chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_PLOTTED)).round().astype(int))
         return b"".join(
@@ -120,13 +125,26 @@ class RecordedTable:
         return shown | self._bus.values(index)
 
     def news(self) -> list[dict[str, Any]]:
-        """See `Table`: all of it is known from the start."""
-        return []
+        """See `Table`: all is known from the start but which plan is in force."""
+        plan = self._plan()
+        if plan == self._shown_plan:
+            return []
+        self._shown_plan = plan
+        return [plan]
 
     def story(self) -> list[dict[str, Any]]:
         """See `Table`."""
-        events = [_event(event) for event in self._run.record.events]
-        return [{"kind": "events", "events": events[-5000:], "all": True}]
+        events = events_of(self._run.record.events)[-_MOST_EVENTS:]
+        return [{"kind": "events", "events": events, "all": True}, self._plan()]
+
+    def _plan(self) -> dict[str, Any]:
+        """The message `plan` of the time that is shown."""
+        number = bisect_right(self._plan_times_s, self._at_s) - 1
+        if number < 0:
+            return planned({}, ())
+        plan = self._run.record.plans[number]
+        tiles = [(tile.x_m, tile.y_m, tile.side_m, tile.parcels) for tile in plan.tiles]
+        return planned(plan.ways, tiles)
 
     # What is done --------------------------------------------------------------------------------
 
@@ -186,7 +204,7 @@ class _BusHistory:
                 watch.on_frame(ahead[1], ahead[0], ahead[2])
                 ahead = next(frames, None)
             self._states[index] = np.frombuffer(watch.states(time_s), np.uint8)
-            self._presence[index] = np.frombuffer(watch.presence, np.uint8)
+            self._presence[index] = np.frombuffer(watch.presence(time_s), np.uint8)
             counts[index], bits[index] = watch.frames, watch.bits
         before = np.searchsorted(times_s, times_s - _RATES_S).clip(0, len(times_s) - 1)
         passed_s = np.maximum(times_s - times_s[before], 1e-3)
@@ -227,12 +245,3 @@ def _arrived(events: list[Event], names: list[str], times_s: Floats) -> NDArray[
             if event.detail == f"{name} has arrived":
                 arrived[times_s >= event.time_s, number] = 1
     return arrived
-
-
-def _event(event: Event) -> dict[str, Any]:
-    detail = event.detail if event.parcel is None else f"{event.parcel}: {event.detail}"
-    advice = advice_for(detail)
-    shown: dict[str, Any] = {"time_s": event.time_s, "what": event.kind, "text": detail}
-    if event.cell is not None:
-        shown["cell"] = event.cell
-    return shown | ({"advice": advice, "trouble": True} if advice else {})

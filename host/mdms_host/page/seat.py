@@ -1,18 +1,34 @@
 """The host's place on the buses of a table: a coordinator while a program runs, else nobody."""
 
 from collections.abc import Callable, Iterable
+from math import inf
 
+from mdms_host.coordination.care.supervision import OTHER_HOST
 from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.coordination.other_host import OtherHost
 from mdms_host.page.commands import RefusedError
 from mdms_host.page.shown.bus_watch import BusWatch
 from mdms_host.page.shown.objects import ObjectReader
-from mdms_protocol import nmt
+from mdms_protocol import cob, indices, nmt, sdo
 from mdms_protocol.frame import Frame
 
 #: How often the place looks whether somebody has taken it [s].
 IDLE_S = 0.01
 #: A broadcast is not confirmed, so it is repeated.
 _REPEATS = 3
+#: Whoever reads or writes objects asks for the next within this [s].
+_ASKS_S = 0.2
+_CLAIM = sdo.read_request(indices.IDENTITY, 4)[:4]
+
+
+def _is_request(frame: Frame) -> bool:
+    """Whether somebody reads or writes an object.
+
+    A cell that starts asks so for its own node id, with its serial number behind the question.
+    """
+    if frame.can_id & ~cob.NODE_MAX != cob.SDO_REQUEST_BASE:
+        return False
+    return frame.data[:4] != _CLAIM or not any(frame.data[4:])
 
 
 class Seat:
@@ -34,6 +50,8 @@ class Seat:
         self._make = make
         self._buses = buses
         self._watch = watch
+        self._other_host = OtherHost()
+        self._asked_s = -inf
         self._looked_s = -IDLE_S
         self._all_off = 0
 
@@ -42,10 +60,26 @@ class Seat:
         """Whether a program runs, or is on its way to its end."""
         return self.coordinator is not None and not self.coordinator.stopped
 
+    @property
+    def beside_other_host(self) -> bool:
+        """Whether another host speaks on one of the buses."""
+        return self._other_host.speaks(self._looked_s)
+
+    @property
+    def others_ask(self) -> bool:
+        """Whether somebody else has read or written objects lately: a cell answers one only."""
+        return self._looked_s - self._asked_s < _ASKS_S
+
     def start(self) -> None:
-        """Begin the program anew. Raises `RefusedError` while one runs."""
+        """Begin the program anew.
+
+        Raises `RefusedError` while one runs, and while another host speaks: the two would stop each
+        other, and cells be switched off that the other one moves parcels with.
+        """
         if self.busy:
             raise RefusedError("the program runs already; stop it first")
+        if self.beside_other_host:
+            raise RefusedError(OTHER_HOST)
         self.reader = None
         self.coordinator = self._make()
 
@@ -74,7 +108,10 @@ class Seat:
         return wake_s if self.reader is None else min(wake_s, self.reader.wake_s)
 
     def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
-        """A frame was on a bus."""
+        """Somebody else's frame was on a bus."""
+        self._other_host.on_frame(frame, now_s)
+        if _is_request(frame):
+            self._asked_s = now_s
         if self._watch is not None:
             self._watch.on_frame(frame, now_s, bus)
         reader = self.reader

@@ -1,6 +1,7 @@
 """A simulated table as the page sees it: with its truth, its faults, and its time."""
 
 from collections.abc import Callable
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,10 @@ from mdms_host.page import commands
 from mdms_host.page.commands import Command
 from mdms_host.page.faults_by_hand import FaultsByHand
 from mdms_host.page.live import LiveTable
+from mdms_host.page.parcels_by_hand import Places
 from mdms_host.page.seat import Seat
 from mdms_host.page.shown.bus_watch import BusWatch
+from mdms_host.page.shown.events import events_of
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.bus.bus import Bus
 from mdms_sim.serve.clock import RealTime
@@ -39,6 +42,7 @@ class SimulatedTable(LiveTable):
         seat: Seat,
         simulation: Simulation,
         time: RealTime,
+        centres_of_mass_m: Places = MappingProxyType({}),
     ) -> None:
         kernel = simulation.kernel
         watch = BusWatch(layout)
@@ -49,6 +53,8 @@ class SimulatedTable(LiveTable):
             seat=seat,
             watch=watch,
             now_s=lambda: kernel.now_ns / NS_PER_S,
+            wall_s=lambda: time.wall_ns() / NS_PER_S,
+            centres_of_mass_m=centres_of_mass_m,
         )
         for number, bus in enumerate(simulation.buses):
             bus.observe(_on_bus(watch, number))
@@ -75,7 +81,6 @@ class SimulatedTable(LiveTable):
             "speed": self._speed,
             "paused": [int(self._paused)],
             "real_time_factor": self._pace.factor(self._simulation.kernel.now_ns),
-            "bus_errors": [bus.errors for bus in buses],
             "bus_counters": [_worst_counters(bus) for bus in buses],
             "wheel_slip": world.slip_m_s,
             "wheel_normal": world.normal_n,
@@ -91,6 +96,10 @@ class SimulatedTable(LiveTable):
         unknown = np.full(3, np.nan)
         return [known.get(name, unknown) for name in self._things]
 
+    def errors(self) -> Any:
+        """How many error frames each bus has had."""
+        return np.array([bus.errors for bus in self._simulation.buses], np.float64)
+
     def busy_s(self) -> Any:
         """How long each bus has been busy."""
         return np.array([bus.busy_ns for bus in self._simulation.buses]) / NS_PER_S
@@ -103,13 +112,7 @@ class SimulatedTable(LiveTable):
         """See `Table`."""
         sources = {"world": self._simulation.world.events, "faults": self._simulation.faults.events}
         for name, events in sources.items():
-            for event in events[self._seen[name] :]:
-                more = {"cell": event.cell, "parcel": event.parcel}
-                more = {key: value for key, value in more.items() if value is not None}
-                if event.parcel:
-                    more["trouble"] = event.kind == "tip"
-                detail = event.detail if event.parcel is None else f"{event.parcel}: {event.detail}"
-                self.note(event.kind, detail, event.time_s, **more)
+            self.add_events(events_of(events[self._seen[name] :]))
             self._seen[name] = len(events)
         return super().news()
 
@@ -142,7 +145,17 @@ class SimulatedTable(LiveTable):
         self._time.change_speed(0.0, self._simulation.kernel.now_ns)
 
     def _resume(self) -> None:
-        self._pause_ns, self._paused = None, False
+        self._pause_ns = None
+        self._pass_time()
+
+    def _step(self, step_ns: int) -> None:
+        """Go on to a time; one more step while one is under way goes on behind it."""
+        begun_ns = self._simulation.kernel.now_ns if self._pause_ns is None else self._pause_ns
+        self._pass_time()
+        self._pause_ns = begun_ns + step_ns
+
+    def _pass_time(self) -> None:
+        self._paused = False
         self._time.change_speed(self._speed, self._simulation.kernel.now_ns)
 
     # Commands ------------------------------------------------------------------------------------
@@ -155,13 +168,11 @@ class SimulatedTable(LiveTable):
             case commands.Resume():
                 self._resume()
             case commands.Step():
-                self._resume()
-                step_ns = round(command.duration_s * NS_PER_S)
-                self._pause_ns = self._simulation.kernel.now_ns + step_ns
+                self._step(round(command.duration_s * NS_PER_S))
             case commands.Speed():
                 self._speed = command.factor
                 if not self._paused:
-                    self._resume()
+                    self._pass_time()
             case commands.BeginFault():
                 return f"fault {self._faults.begin(command.fault)}"
             case commands.EndFault():

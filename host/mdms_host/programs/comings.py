@@ -44,8 +44,15 @@ class Infeed:
     @property
     def region(self) -> Region:
         """Where their middles are when they have been set down."""
-        low_m, high_m = self.pose[:2] - _AROUND_M, self.pose[:2] + _AROUND_M
-        return Region((float(low_m[0]), float(low_m[1])), (float(high_m[0]), float(high_m[1])))
+        x_m, y_m, _ = self.pose.tolist()
+        return around((x_m, y_m))
+
+
+def around(place_m: tuple[float, float]) -> Region:
+    """Where the middle of a parcel is that is set down at a place."""
+    x_m, y_m = place_m
+    low_m, high_m = (x_m - _AROUND_M, y_m - _AROUND_M), (x_m + _AROUND_M, y_m + _AROUND_M)
+    return Region(low_m, high_m)
 
 
 class Comings:

@@ -2,73 +2,26 @@
 
 from collections.abc import Callable, Collection, Coroutine, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.parcel import Parcel
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import Steered
+from mdms_host.motion.trajectory.mass import Mass
+from mdms_host.programs.carrier import Traffic
 from mdms_host.programs.comings import Comings, Register, tracker_gate
+from mdms_host.programs.newcomers import NamingRegister, TrackedNewcomers
 from mdms_host.programs.order import Gate, Order
-from mdms_host.programs.script import Task
-from mdms_host.programs.table import Orders, ProgramError, Table, TableParcel
+from mdms_host.programs.script import ScriptError, Task, place_of
+from mdms_host.programs.table import Table
+from mdms_host.programs.table_parcel import ProgramError, TableParcel
 from mdms_model.arrays import Floats
 
+#: A program that has been broken off is over once all parcels have been at rest for so long [s].
+_RESTED_S = 0.2
 #: What a program does, from beginning to end.
 Main = Callable[[Table], Coroutine[Any, Any, None]]
-
-
-class Traffic(Orders, Protocol):
-    """Has parcels do what they are ordered to, without any getting into another's way."""
-
-    def step(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
-        """References of all wheels (W,) [m/s] for the next cycle."""
-        ...
-
-    @property
-    def speeds_m_s(self) -> Floats:
-        """How fast each wheel is to run under the references that were returned last, (W,)."""
-        ...
-
-    def take_left(self) -> list[str]:
-        """Parcels that have left the table since the last call."""
-        ...
-
-    def on_lost_cells(self, cells: frozenset[int]) -> None:
-        """These cells (from 1) are lost, and no others."""
-        ...
-
-    def take_leaving(self) -> list[tuple[str, Gate]]:
-        """Parcels that have set out to leave since the last call, and through which gate."""
-        ...
-
-    def take_notices(self) -> list[str]:
-        """What a person should learn, since the last call."""
-        ...
-
-    @property
-    def near(self) -> Collection[str]:
-        """Parcels about to arrive."""
-        ...
-
-    @property
-    def plan(self) -> object:
-        """The plan that is in effect: another object with each, None before the first."""
-        ...
-
-    @property
-    def steered(self) -> Mapping[str, Steered]:
-        """What follows each parcel that has been ordered to a place; the same mapping always."""
-        ...
-
-    @property
-    def ways(self) -> Mapping[str, Floats]:
-        """See `TableProgram`."""
-        ...
-
-    @property
-    def reserved(self) -> Sequence[tuple[float, float, float, tuple[str, ...]]]:
-        """See `TableProgram`."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,14 +60,25 @@ class TableProgram:
         self._awaited = {member.name for member in members if member.lies}
         self._traffic = traffic
         self.table = Table(half_m, gates, traffic)
+        self.table.expects = any(not member.lies for member in members)
         self._left: set[str] = set()
         self._task: Task[None] | None = None
         self._failure: str | None = None
+        self._raised = False
+        self._rested_s = 0.0
         self._notices: list[str] = []
 
-    def attend(self, register: Register) -> None:
+    def attend(self, register: NamingRegister) -> None:
         """Announce what may come, and what leaves, from now on."""
         self._register = register
+        self.table.newcomers = TrackedNewcomers(register, self._know)
+
+    def _know(self, parcel: Parcel, mass: Mass, kind: str, comes: bool) -> None:
+        """There is to be a parcel that has not been drawn before; it `comes`, or is there."""
+        self._traffic.know(parcel, mass)
+        self._members[parcel.name] = Member(
+            parcel.name, kind, parcel.length_m, parcel.width_m, parcel.shape, lies=not comes
+        )
 
     def on_lost_cells(self, cells: frozenset[int]) -> None:
         """These cells (from 1) are lost, and no others."""
@@ -127,8 +91,18 @@ class TableProgram:
 
     @property
     def stuck(self) -> str | None:
-        """Why the program was broken off; None while it goes on."""
-        return self._failure
+        """Why the program was broken off, once all parcels rest; None before."""
+        return self._failure if self._rested_s >= _RESTED_S else None
+
+    @property
+    def failed(self) -> bool:
+        """Whether it was broken off by an error in it, and not for what cannot be done."""
+        return self._raised
+
+    @property
+    def waits_at(self) -> tuple[str, ...]:
+        """Where in the program each of its tasks waits, if any does."""
+        return self.table.waits_at
 
     @property
     def endless(self) -> bool:
@@ -149,6 +123,16 @@ class TableProgram:
     def controllers(self) -> Mapping[str, Steered]:
         """What follows each parcel that has been ordered to a place."""
         return self._traffic.steered
+
+    @property
+    def under_way(self) -> Collection[str]:
+        """Parcels that have a way before them."""
+        return self._traffic.under_way
+
+    @property
+    def due_in_s(self) -> Mapping[str, Floats]:
+        """In what time each parcel is planned at the poses of its way [s], (K,)."""
+        return self._traffic.due_in_s
 
     @property
     def ways(self) -> Mapping[str, Floats]:
@@ -183,6 +167,7 @@ class TableProgram:
         if self._task is not None and self._failure is None:
             self._go_on(step_s)
         references_m_s = self._traffic.step(beliefs, step_s)
+        self._rested_s = self._rested_s + step_s if self._traffic.at_rest else 0.0
         if self._register is not None:
             for name, gate in self._traffic.take_leaving():
                 self._register.depart(name, tracker_gate(gate))
@@ -216,12 +201,15 @@ class TableProgram:
     def _go_on(self, step_s: float) -> None:
         try:
             error = self.table.step(step_s)
-        except RuntimeError as raised:
+        except ScriptError as raised:
             error = raised
         if error is None:
             return
-        if not isinstance(error, ProgramError):
-            raise error
-        self._failure = f"the program was broken off: {error}"
+        if isinstance(error, ProgramError):
+            self._failure = f"the program was broken off: {error}"
+        else:
+            self._raised = True
+            where = "" if isinstance(error, ScriptError) else f", in {place_of(error)}"
+            self._failure = f"the program failed: {type(error).__name__}: {error}{where}"
         self._notices.append(self._failure)
         self.table.stop()

@@ -79,6 +79,11 @@ class Ride:
         return self.follower.at_rest
 
     @property
+    def off_path(self) -> bool:
+        """Whether the parcel has left its way, and is brought to rest."""
+        return self.follower.off_path
+
+    @property
     def has_come(self) -> bool:
         """Whether the way is done, and the parcel is brought to the goal itself, or held there."""
         return self.controller is not None

@@ -18,11 +18,15 @@ True
 """
 
 from collections.abc import Callable, Coroutine, Generator
-from types import coroutine
-from typing import Any, Generic, TypeVar
+from pathlib import Path
+from traceback import extract_tb
+from types import CoroutineType, coroutine
+from typing import Any, Generic, TypeVar, cast
 
 Result = TypeVar("Result")
 Condition = Callable[[], bool]
+#: Files of this package are not where a person looks for an error in a program.
+_OURS = str(Path(__file__).parent)
 #: A coroutine that goes on more often within one cycle does not wait for anything.
 _MOST_ROUNDS = 1000
 
@@ -56,6 +60,14 @@ class Task(Generic[Result]):
         if self.error is not None:
             raise self.error
         return self._result  # type: ignore[return-value]
+
+    @property
+    def where(self) -> str:
+        """Which coroutine it is, and at which line it has come to wait."""
+        routine = cast("CoroutineType[Any, Any, Result]", self._routine)
+        code, frame = routine.cr_code, routine.cr_frame
+        line = code.co_firstlineno if frame is None else frame.f_lineno
+        return place(code.co_name, code.co_filename, line)
 
     def heed(self) -> None:
         """Somebody is going to await it: what it raises waits for that."""
@@ -124,8 +136,27 @@ class Script:
         self._tasks = [task for task in self._tasks if not task.done]
         return unheeded
 
+    @property
+    def waiting(self) -> tuple[str, ...]:
+        """Where each task waits that is not done, those that were started first first."""
+        return tuple(task.where for task in self._tasks if not task.done)
+
     def cancel(self) -> None:
         """Break off all tasks."""
         for task in self._tasks:
             task.cancel()
         self._tasks.clear()
+
+
+def place(name: str, file: str, line: int) -> str:
+    """A place in a program, as a person finds it."""
+    return f"{name} ({Path(file).name}, line {line})"
+
+
+def place_of(error: BaseException) -> str:
+    """Where in a program something was raised: the deepest line of the file that it came by."""
+    frames = extract_tb(error.__traceback__)
+    theirs = [frame for frame in frames if not frame.filename.startswith(_OURS)]
+    file = theirs[0].filename if theirs else frames[-1].filename
+    deepest = next(frame for frame in reversed(frames) if frame.filename == file)
+    return place(deepest.name, file, deepest.lineno or 0)

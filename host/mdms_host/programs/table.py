@@ -1,70 +1,33 @@
 """The table as a program sees it: parcels that come, are moved, and leave."""
 
 from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
-from typing import Any, Protocol, TypeVar
+from math import inf
+from typing import Any, TypeVar
+
+import numpy as np
 
 from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_host.motion.goal import Goal
+from mdms_host.programs.carrier import Orders
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.script import Script, Task, until
+from mdms_host.programs.table_parcel import Newcomer, Newcomers, ProgramError, TableParcel
+from mdms_model.arrays import Floats
+
+__all__ = ["Newcomer", "ProgramError", "Table", "TableParcel"]
 
 Result = TypeVar("Result")
-
-
-class ProgramError(RuntimeError):
-    """What a program asks for cannot be, or has not come to be: one line for a person."""
-
-
-class Orders(Protocol):
-    """Whoever has parcels do what they are ordered to."""
-
-    def give(self, order: Order) -> None:
-        """Take an order in place of any other for its parcel."""
-        ...
-
-    def stop(self) -> None:
-        """Bring all parcels to rest, and hold them there."""
-        ...
-
-
-class TableParcel:
-    """A parcel on the table, by the name that it is called by until it has left."""
-
-    def __init__(self, name: str, kind: str, length_m: float, width_m: float, shape: str) -> None:
-        self.name = name
-        self.kind = kind
-        self.length_m = length_m
-        self.width_m = width_m
-        self.is_round = shape == "disc"
-        self._belief: Belief | None = None
-        self.has_left = False
-
-    def __repr__(self) -> str:
-        return f"<parcel {self.name}>"
-
-    @property
-    def found(self) -> bool:
-        """Whether it is known where it is."""
-        return self._belief is not None
-
-    @property
-    def pose(self) -> tuple[float, float, float]:
-        """Where it is believed to be: x, y, yaw [m, m, rad; table frame]. Raises ProgramError."""
-        if self._belief is None:
-            raise ProgramError(f"{self.name} is not on the table, or has not been found")
-        x_m, y_m, yaw_rad = self._belief.pose.tolist()
-        return x_m, y_m, yaw_rad
-
-    def see(self, belief: Belief | None) -> None:
-        """Take in what is believed of it now."""
-        self._belief = belief
+#: What has been named is found within this, or is not what it was taken for [s].
+_FOUND_S = 3.0
 
 
 class Table:
     """What a program has: parcels by name, gates by name, and what can be waited for.
 
-    Times are those of the array's own cycle, `now_s` from the program's beginning. The table
-    reaches `half_m` from its middle, along x and along y.
+    `table["box"]` is the parcel of that name. Times are those of the array's own cycle, `now_s`
+    from the program's beginning. The table reaches `half_m` from its middle, along x and along y.
+    `gates` are its exits by name.
 
     >>> class Swift:
     ...     def give(self, order):
@@ -90,9 +53,13 @@ class Table:
     def __init__(self, half_m: tuple[float, float], gates: Sequence[Gate], orders: Orders) -> None:
         self.now_s = 0.0
         self.half_m = half_m
+        #: Whether any parcel may come.
+        self.expects = True
         self.gates: Mapping[str, Gate] = {gate.name: gate for gate in gates}
+        self.newcomers: Newcomers | None = None
         self._orders = orders
         self._script = Script()
+        self._unknown: dict[str, tuple[Floats, Bottom]] = {}
         self._parcels: dict[str, TableParcel] = {}
         self._arrived: list[TableParcel] = []
         self._waiting = 0
@@ -110,6 +77,21 @@ class Table:
             there = ", ".join(self._parcels) or "none"
             raise ProgramError(f"no parcel {name!r} is on the table; there are: {there}")
         return self._parcels[name]
+
+    @property
+    def unknown(self) -> Mapping[str, tuple[float, float]]:
+        """Middle of all that nobody has named [m; table frame], by what messages call it."""
+        return {name: _place(pose) for name, (pose, _) in self._unknown.items()}
+
+    def unknown_at(self, x_m: float, y_m: float) -> str | None:
+        """What is unknown and may lie over a place; None without any."""
+        point = np.array([[x_m, y_m]])
+        away_m = (
+            (float(outline.distance_m(point, pose)[0]), name)
+            for name, (pose, outline) in self._unknown.items()
+        )
+        nearest_m, name = min(away_m, default=(inf, None))
+        return name if nearest_m < 0.0 else None
 
     def exit_for(self, parcel: TableParcel) -> str:
         """The exit that a parcel's kind is to leave by. Raises ProgramError without one."""
@@ -141,7 +123,12 @@ class Table:
         await self._order(parcel, self.gates[name])
 
     async def arrival(self) -> TableParcel:
-        """The next parcel that comes onto the table; each is returned once."""
+        """The next parcel that comes onto the table; each is returned once.
+
+        Raises ProgramError where none may come.
+        """
+        if not (self.expects or self._arrived):
+            raise ProgramError("no parcel is to come: there is no stream, and none was announced")
         self._waiting += 1
         try:
             await until(lambda: bool(self._arrived))
@@ -156,11 +143,42 @@ class Table:
             yield await self.arrival()
             came += 1
 
+    def announce(self, newcomer: Newcomer, near_m: tuple[float, float] | None = None) -> None:
+        """Expect a parcel of a known size, near a place or anywhere; `arrival` returns it.
+
+        Raises ProgramError for a name that is taken, or without a size.
+        """
+        if newcomer.length_m is None:
+            raise ProgramError(f"{newcomer.name} needs a size to be announced")
+        self._taken_in().announce(newcomer, near_m)
+        self.expects = True
+
+    async def name(self, newcomer: Newcomer, x_m: float, y_m: float) -> TableParcel:
+        """Give a name to what is unknown and lies at a place; returns it as a parcel, once found.
+
+        Raises ProgramError where nothing unknown lies, or nothing of that size.
+        """
+        unknown = self.unknown_at(x_m, y_m)
+        if unknown is None:
+            raise ProgramError(f"nothing unknown lies at ({x_m:g} m, {y_m:g} m)")
+        newcomers, limit_s = self._taken_in(), self.now_s + _FOUND_S
+        newcomers.name(unknown, newcomer)
+        await until(lambda: newcomer.name in self._parcels or self.now_s > limit_s)
+        if newcomer.name not in self._parcels:
+            newcomers.give_up(newcomer.name)
+            raise ProgramError(f"{unknown} has not the outline of {newcomer.name}")
+        return self[newcomer.name]
+
+    def _taken_in(self) -> Newcomers:
+        if self.newcomers is None:
+            raise ProgramError("no parcels can be announced or named on this table")
+        return self.newcomers
+
     async def sleep(self, seconds: float) -> None:
-        """Let so much time of the array pass."""
-        end_s = self.now_s + seconds
+        """Let so much time of the array pass, a cycle at least."""
+        begun_s = self.now_s
         # Cycles add up to a time by rounding only.
-        await until(lambda: self.now_s >= end_s - 1e-9)
+        await until(lambda: self.now_s > begun_s and self.now_s >= begun_s + seconds - 1e-9)
 
     def start(self, routine: Coroutine[Any, Any, Result]) -> Task[Result]:
         """Have something go on beside all else; what it returns is awaited, or not at all.
@@ -202,6 +220,11 @@ class Table:
         """Whether anything in the program waits for a parcel to come."""
         return self._waiting > 0
 
+    @property
+    def waits_at(self) -> tuple[str, ...]:
+        """Where in the program each task waits that is not done."""
+        return self._script.waiting
+
     def put(self, parcel: TableParcel, arrives: bool = True) -> None:
         """A parcel is on the table from now on; one that `arrives` is returned by `arrival`."""
         self._parcels[parcel.name] = parcel
@@ -217,7 +240,12 @@ class Table:
             self._arrived.remove(parcel)
 
     def see(self, beliefs: Mapping[str, Belief]) -> None:
-        """Take in what is believed of all parcels now."""
+        """Take in what is believed of all parcels now, and of what is unknown."""
+        self._unknown = {
+            name: (belief.pose, belief.outline)
+            for name, belief in beliefs.items()
+            if not belief.named
+        }
         for name, parcel in self._parcels.items():
             parcel.see(beliefs.get(name))
 
@@ -230,3 +258,8 @@ class Table:
         """Break off the program, and bring all parcels to rest."""
         self._script.cancel()
         self._orders.stop()
+
+
+def _place(pose: Floats) -> tuple[float, float]:
+    x_m, y_m, _ = pose.tolist()
+    return x_m, y_m

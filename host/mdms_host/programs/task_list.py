@@ -5,7 +5,7 @@ from typing import Any
 
 from mdms_host.programs import tasks
 from mdms_host.programs.program import Main
-from mdms_host.programs.table import ProgramError, Table
+from mdms_host.programs.table import Newcomer, ProgramError, Table
 from mdms_model.scenario.task import Task
 
 
@@ -37,13 +37,25 @@ def _routine(table: Table, task: Task) -> Coroutine[Any, Any, None]:
 
 
 def _transport(table: Table, task: Task) -> Coroutine[Any, Any, None]:
+    return tasks.transport(table, table[task.parcel], *_place(task), task.yaw_rad)
+
+
+def _name(table: Table, task: Task) -> Coroutine[Any, Any, None]:
+    newcomer = Newcomer(
+        task.parcel, task.length_m, task.width_m, task.shape, task.kind, task.mass_kg
+    )
+    return tasks.name(table, newcomer, *_place(task))
+
+
+def _place(task: Task) -> tuple[float, float]:
     if task.x_m is None or task.y_m is None:
-        raise ProgramError(f"{task.parcel} has no place to be carried to")
-    return tasks.transport(table, table[task.parcel], task.x_m, task.y_m, task.yaw_rad)
+        raise ProgramError(f"{task.do} of {task.parcel} has no place")
+    return task.x_m, task.y_m
 
 
 _ROUTINES: dict[str, Callable[[Table, Task], Coroutine[Any, Any, None]]] = {
     "transport": _transport,
+    "name": _name,
     "swap": lambda table, task: tasks.swap(table, *(table[name] for name in task.parcels)),
     "sort": lambda table, task: tasks.sort(table, task.count),
     "merge": lambda table, task: tasks.merge(table, task.exit, task.count),

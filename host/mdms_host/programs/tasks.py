@@ -4,7 +4,9 @@ from collections import deque
 from collections.abc import Sequence
 
 from mdms_host.programs.script import Task, until
-from mdms_host.programs.table import ProgramError, Table, TableParcel
+from mdms_host.programs.table import Newcomer, ProgramError, Table, TableParcel
+
+__all__ = ["Buffer", "buffer", "merge", "name", "singulate", "sort", "swap", "transport"]
 
 Place = tuple[float, float]
 
@@ -14,6 +16,12 @@ async def transport(
 ) -> None:
     """Carry a parcel to a place; turned so there, if a yaw is given: position and orient."""
     await table.move(parcel, x_m, y_m, yaw_rad)
+
+
+async def name(table: Table, newcomer: Newcomer, x_m: float, y_m: float) -> None:
+    """Give a name to what is unknown and lies at a place, as soon as something does."""
+    await until(lambda: table.unknown_at(x_m, y_m) is not None)
+    await table.name(newcomer, x_m, y_m)
 
 
 async def swap(table: Table, one: TableParcel, other: TableParcel) -> None:
@@ -66,7 +74,8 @@ async def singulate(
         parcel = lying.pop(0) if lying else await table.arrival()
         due_s = table.now_s + period_s
         await table.leave(parcel, exit)
-        await table.sleep(due_s - table.now_s)
+        if table.now_s < due_s:
+            await table.sleep(due_s - table.now_s)
         left += 1
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import Enum
 from itertools import permutations
 
 import numpy as np
@@ -17,6 +18,14 @@ from mdms_model.arrays import Bools, Floats, Ints
 
 #: States of a search: as many as it takes, and where it may be in vain.
 MANY, _IN_VAIN = 2**31, 4000
+
+
+class Aside(Enum):
+    """When others go aside for a parcel that has no way."""
+
+    NEVER = "never"
+    LATE = "when nobody has a way"
+    EARLY = "for the first that has none"
 
 
 @dataclass(frozen=True)
@@ -91,12 +100,10 @@ class Attempt:
             if len(errand.prefix.begins_s):
                 self._table.take(self._owners[name], errand.prefix)
 
-    def run(self, order: Sequence[str], early: bool, aside: bool = True) -> dict[str, Route]:
+    def run(self, order: Sequence[str], aside: Aside) -> dict[str, Route]:
         """Routes of as many as can be planned, in this order where that does.
 
-        `early` has others go aside for the first that has no way, else only when nobody has one;
-        without `aside` nobody does. None have routes where one went aside for others and has no way
-        on from there.
+        None have routes where one went aside for others and has no way on from there.
         """
         found: dict[str, Route] = {}
         waiting = list(order)
@@ -107,13 +114,15 @@ class Attempt:
                 if way is not None:
                     found[name] = way
                     self._parked[self._errands[name].goal_stand] = True
-                elif early:
+                elif aside is Aside.EARLY:
                     self._made_way([other for other in waiting if other not in found], [name])
             waiting = [name for name in waiting if name not in found]
             stuck = len(found) == before
             if not stuck:
                 continue
-            if not aside or not (self._made_way(waiting, waiting) or self._both_aside(waiting)):
+            if aside is Aside.NEVER:
+                break
+            if not self._made_way(waiting, waiting) and not self._both_aside(waiting):
                 break
         if any(self._errands[name].so_far is not None for name in waiting):
             return {}
@@ -133,34 +142,32 @@ class Attempt:
 
     def _found(self, errand: Errand) -> Route | None:
         """An early route, on which the parcel is safe from tipping."""
-        roadmap, task = errand.roadmap, errand.task
         blocked = self._table.blocked(errand.stand)
         if self._sure:
             blocked |= self._parked
+        found = self._searched(errand, blocked)
+        if found is not None and not errand.roadmap.safe(found.moves):
+            errand.roadmap.keep_safe()
+            found = self._searched(errand, blocked)
+        return None if found is None else errand.route(found)
+
+    def _searched(self, errand: Errand, blocked: Bools) -> Found | None:
+        """The way that the first effort finds which comes to an end; None: there is none."""
+        roadmap, task = errand.roadmap, errand.task
+        guide = guide_of(errand, blocked)
+        if guide.cost_s[roadmap.start_node] == np.inf:
+            return None
         stay_s = task.leaves_s + self._terms.gap_s if task.leaves else np.inf
         ends = Errands(roadmap.start_node, roadmap.goal_node, errand.ready_s, stay_s)
-        while True:
-            guide = guide_of(errand, blocked)
-            if guide.cost_s[roadmap.start_node] == np.inf:
-                return None
-            found = self._searched(errand, guide, ends)
-            if not found.reached:
-                return None
-            joins = [-1 - move for move in found.moves.tolist() if move < 0]
-            unsafe = next((join for join in joins if not roadmap.stands(join)), None)
-            if unsafe is None:
-                return errand.route(found)
-            roadmap.without(unsafe)
-
-    def _searched(self, errand: Errand, guide: Guide, ends: Errands) -> Found:
-        """What the first effort finds that comes to an end."""
         taken, limit = self._table.taken.taken, MANY if self._sure else _IN_VAIN
         for weight, states in self._terms.efforts:
             most = min(states, limit)
-            found = search(errand.roadmap.graph, guide, taken, ends, (weight, most))
-            if found.reached or found.states < most:
+            found = search(roadmap.graph, guide, taken, ends, (weight, most))
+            if found.reached:
+                return found
+            if found.states < most:
                 break
-        return found
+        return None
 
     # Going aside ----------------------------------------------------------------------------------
 

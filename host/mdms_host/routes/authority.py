@@ -49,14 +49,3 @@ class Authority:
                 come_m[name] = max(come_m[name], limits_m[name])
         going = come_m.keys() & routes.keys() - set(still)
         return frozenset(name for name in going if come_m[name] < routes[name].length_m)
-
-    def waits_for(self, name: str, progress_m: Mapping[str, float]) -> tuple[str, ...]:
-        """The parcels that keep one from going on beyond its authority, none if it is free."""
-        limit_m = self.limits_m(progress_m).get(name, inf)
-        return tuple(
-            {
-                other: None
-                for before_m, other, leaves_m in self.reservations.waits.get(name, ())
-                if before_m <= limit_m and progress_m.get(other, inf) < leaves_m
-            }
-        )

@@ -6,14 +6,14 @@ Where each can go on its own past the starts of those after it and the goals of 
 a route is found for all: at worst it waits until those before it have come to their goals.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from random import Random
 
 import numpy as np
 
-from mdms_host.routes.attempt import MANY, Attempt, Terms, is_free
+from mdms_host.routes.attempt import MANY, Aside, Attempt, Terms, is_free
 from mdms_host.routes.authority import Authority
 from mdms_host.routes.blocked import Blocked, Blocker, blockers
 from mdms_host.routes.errand import Errand, Ground, Task, own_ends, turned_rad
@@ -26,8 +26,10 @@ from mdms_host.routes.space.moves import LatticeMoves, lattice_moves
 from mdms_host.routes.space.shape import Shape
 from mdms_host.routes.space.standing import Standing
 from mdms_host.routes.space.tiles import Tiles
-from mdms_host.routes.well_formed import ill_formed, order_of
+from mdms_host.routes.well_formed import order_of
 from mdms_model.arrays import Bools, Floats, Ints
+
+__all__ = ["Plan", "Planner"]
 
 
 @dataclass(frozen=True)
@@ -40,12 +42,6 @@ class Plan:
     """The parcels with routes, in the order in which they were planned."""
     reservations: Reservations
     authority: Authority
-
-    @property
-    def held(self) -> frozenset[str]:
-        """Parcels with routes that wait for ever for one that stays: only kept ones, and after."""
-        still = self.routes.keys() - self.order
-        return self.authority.held(dict.fromkeys(self.routes, 0.0), still)
 
 
 class Planner:
@@ -87,7 +83,7 @@ class Planner:
         return self._ground.tiles
 
     def stand(self, shape: Shape, pose: Floats) -> Ints:
-        """The tiles that a parcel takes where it stands."""
+        """The tiles that a parcel takes which stands at this pose [m, m, rad; table frame]."""
         return self._ground.stand(shape, pose)
 
     def plan(
@@ -105,23 +101,20 @@ class Planner:
         are `kept` are those of other parcels, with their times from now on (`retiming`); they are
         planned around, and part of the plan.
         Where a parcel stays that one of these was to pass after it, because it is blocked or has no
-        goal any more, that one is `held`: it is to be stopped and planned anew.
+        goal any more, that one is held (`Authority.held`): it is to be stopped and planned anew.
         """
         closed = self._nothing() if closed is None else closed
         kept = kept or {}
         errands = {task.parcel: self._errand(task, now_s) for task in tasks}
         moving = [name for name, errand in errands.items() if errand.task.goal is not None]
         best: dict[str, Route] = {}
-        for order, sure, early in self._orders(errands, moving, closed, seed):
+        for order, sure, aside in self._orders(errands, moving, closed, seed):
             attempt = Attempt(self._terms, errands, closed, kept, sure)
-            found = attempt.run(order, early)
+            found = attempt.run(order, aside)
             if len(found) >= len(best):
                 best = found
             if len(best) == len(moving):
                 break
-        if len(best) < len(moving):
-            attempt = Attempt(self._terms, errands, closed, kept, True)
-            best = max(best, attempt.run(moving, False, aside=False), key=len)
         routes = {**kept, **{name: errand.prefix for name, errand in errands.items()}, **best}
         blocked = {
             name: self._blocked(errands, name, best, closed, kept)
@@ -133,28 +126,24 @@ class Planner:
 
     def _orders(
         self, errands: Mapping[str, Errand], moving: Sequence[str], closed: Bools, seed: int
-    ) -> Iterator[tuple[Sequence[str], bool, bool]]:
+    ) -> Iterator[tuple[Sequence[str], bool, Aside]]:
         """Orders of planning: as given, one that the layout is well-formed by, and by chance.
 
-        With each whether to keep to ways that are sure, as `_planned` has it, and whether others
-        go aside for the first that has no way, or only when nobody has one.
+        With each whether to keep to ways that are sure, as `_planned` has it, and when others go
+        aside for one that has no way.
         """
-        yield moving, True, False
+        yield moving, True, Aside.NEVER
         if len(moving) == 1:
-            yield moving, False, False
+            yield moving, False, Aside.NEVER
             return
         order = order_of(errands, closed, is_free)
         if order is not None:
-            yield order, True, False
+            yield order, True, Aside.NEVER
+        yield moving, True, Aside.LATE
         random = Random(f"orders {seed}")
         for number in range(self._tries):
-            yield random.sample(list(moving), len(moving)), number % 3 < 2, number % 3 == 0
-
-    def well_formed(self, tasks: Sequence[Task], *, closed: Bools | None = None) -> bool:
-        """Whether the parcels could go one after another, so that there is a plan for all."""
-        closed = self._nothing() if closed is None else closed
-        errands = {task.parcel: self._errand(task, 0.0) for task in tasks}
-        return order_of(errands, closed, is_free) is not None
+            aside = Aside.EARLY if number % 3 == 0 else Aside.LATE
+            yield random.sample(list(moving), len(moving)), number % 3 < 2, aside
 
     def _errand(self, task: Task, now_s: float) -> Errand:
         base_rad = turned_rad(task)
@@ -171,44 +160,12 @@ class Planner:
             self._ways[key] = lattice_moves(lattice, standing, self._ground.pace)
         return Errand(task, self._ground, self._ways[key], standing, base_rad, now_s)
 
-    def replan(
-        self,
-        plan: Plan,
-        tasks: Sequence[Task],
-        names: Collection[str],
-        progress_m: Mapping[str, float],
-        now_s: float,
-        *,
-        closed: Bools | None = None,
-    ) -> Plan:
-        """Routes anew for the parcels of these names, while the others keep theirs if that does.
-
-        `tasks` are of all parcels as they are now; where one would have no route, all are planned.
-        """
-        others_m = {name: at_m for name, at_m in progress_m.items() if name not in names}
-        kept = self.kept(plan, others_m, now_s)
-        anew = [task for task in tasks if task.parcel not in kept]
-        again = self.plan(anew, now_s, closed=closed, kept=kept)
-        alright = not again.blocked and not again.held
-        return again if alright else self.plan(tasks, now_s, closed=closed)
-
     def kept(self, plan: Plan, progress_m: Mapping[str, float], now_s: float) -> dict[str, Route]:
         """The routes of a plan from where these parcels are now, for others to be planned around.
 
         `progress_m` is without those that are to be planned anew, and without those that are gone.
         """
         return retimed(plan.reservations, progress_m, now_s, self._ground.pace, self._gap_s)
-
-    def ill_formed(
-        self, tasks: Sequence[Task], *, closed: Bools | None = None
-    ) -> tuple[Blocked, ...]:
-        """Parcels that others would be in the way of, stood they all at their starts and goals.
-
-        None: the layout is well-formed, and there is a plan for it, whatever is planned first.
-        """
-        closed = self._nothing() if closed is None else closed
-        errands = {task.parcel: self._errand(task, 0.0) for task in tasks}
-        return ill_formed(errands, closed, is_free)
 
     def _nothing(self) -> Bools:
         return np.zeros(self._ground.tiles.count, dtype=bool)

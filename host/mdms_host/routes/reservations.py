@@ -1,7 +1,7 @@
 """The order in which parcels are on each tile: what a plan promises, whatever the clock says."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -87,10 +87,6 @@ class Reservations:
                 Wait(before, names[other], leaves) for before, leaves in _stairs(stairs)
             ]
         return {name: tuple(sorted(own)) for name, own in waits.items()}
-
-    def tiles_of(self, names: Iterable[str]) -> set[int]:
-        """All tiles that these parcels are on at any time."""
-        return set().union(*(self.routes[name].visits.tile.tolist() for name in names))
 
 
 def _left_m(route: Route) -> Floats:

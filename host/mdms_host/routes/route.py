@@ -58,11 +58,24 @@ class Route:
         columns = [np.interp(along_m, self.along_m, column) for column in self.poses.T]
         return np.array(columns)
 
+    def meets(self, tiles: Ints, from_m: float = 0.0) -> bool:
+        """Whether the parcel is on any of these tiles, from a path coordinate on."""
+        return bool((np.isin(self.visits.tile, tiles) & (self.visits.leaves_m > from_m)).any())
+
     def ahead(self, along_m: float, until_m: float) -> Floats:
         """The poses from one path coordinate to another, both ends' too, shape (K, 3)."""
         between = (self.along_m > along_m + _SAME_M) & (self.along_m < until_m - _SAME_M)
         ends = [self.pose_at(along_m)], [self.pose_at(until_m)]
         return np.concatenate([ends[0], self.poses[between], ends[1]])
+
+    def ahead_s(self, along_m: float, until_m: float) -> Floats:
+        """When it is planned at each of the poses `ahead` [s], shape (K,)."""
+        if not len(self.arrives_s):
+            return np.full(2, self.end_s)
+        planned_s = np.concatenate((self.begins_s[:1], self.arrives_s))
+        between = (self.along_m > along_m + _SAME_M) & (self.along_m < until_m - _SAME_M)
+        ends_s = np.interp([along_m, until_m], self.along_m, planned_s)
+        return np.concatenate((ends_s[:1], planned_s[between], ends_s[1:]))
 
 
 def merged(visits: Visits, stand: Ints, end_m: float, gone_s: float) -> Visits:

@@ -112,8 +112,9 @@ def _variable(section: str, entry: e.Entry) -> list[str]:
         f"DataType=0x{entry.type.code:04X}",
         f"AccessType={_access(entry)}",
         f"PDOMapping={int(bool(entry.mappable))}",
-        f"DefaultValue={_default(entry)}",
     ]
+    if entry.type != e.DOMAIN:
+        lines += [f"DefaultValue={_default(entry)}"]
     if (entry.low, entry.high) != (entry.type.low, entry.type.high):
         lines += [f"LowLimit={entry.low}", f"HighLimit={entry.high}"]
     return [*lines, ""]

@@ -99,5 +99,7 @@ def default(entry: e.Entry) -> bytes:
     """The default of an entry as it goes over the wire; of a domain, nothing."""
     if entry.type == e.TEXT:
         return bytes(entry.default.encode())
+    if entry.type == e.DOMAIN:
+        return b""
     size: int = entry.type.size
     return bytes((entry.default & (1 << 8 * size) - 1).to_bytes(size, "little"))

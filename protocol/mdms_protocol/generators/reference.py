@@ -62,6 +62,8 @@ def _row(entry: e.Entry) -> tuple[str, ...]:
 
 
 def _default(entry: e.Entry) -> str:
+    if entry.type == e.DOMAIN:
+        return ""
     if entry.from_node:
         return f"node + 0x{entry.default:X}"
     if entry.type == e.U32 and entry.default > 0xFFFF and not entry.unit.symbol:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mdms_model.array import build_wheels
-from mdms_model.run.mcap_file import POSE, TWIST
+from mdms_model.run.mcap.messages import POSE, TWIST
 from mdms_model.run.record import Contact, Record
 from mdms_model.run.slip import slip_m_s
 from mdms_model.scenario.scenario import Scenario

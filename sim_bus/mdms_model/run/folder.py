@@ -1,5 +1,6 @@
-"""The folder that a run leaves behind: `meta.json`, `run.mcap`, `picture.png`, and of a run with a
-bus, `bus.log` and the database that explains its frames; `animation.gif` where cells steered."""
+"""The folder that a run leaves behind: `meta.json`, `run.mcap` with a layout to view it in,
+`picture.png`, and of a run with a bus, `bus.log` with the database that explains its frames, and
+`animation.gif` where parcels were steered."""
 
 import errno
 import json
@@ -14,15 +15,19 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from mdms_model.run.mcap.lichtblick import layout_of
 from mdms_model.run.record import Record, RecordFileError
 from mdms_model.scenario.file import scenario_from
 from mdms_model.scenario.scenario import Scenario, ScenarioError
 from mdms_model.scenario.tree import plain
 
+__all__ = ["RunFolderError", "StoredRun", "read_run", "write_run"]
+
 FORMAT = "mdms-run"
 FORMAT_VERSION = 1
 META, RECORD = "meta.json", "run.mcap"
 PICTURE, ANIMATION = "picture.png", "animation.gif"
+LAYOUT = "lichtblick_layout.json"
 DATABASE = "mdms-cell.dbc"
 BUS_LOG = "bus.log"
 #: When a run begins, as far as its bus log is concerned: 2000-01-01 00:00 UTC [s since 1970]. Tools
@@ -44,7 +49,10 @@ def bus_number(interface: object) -> int:
 
 
 #: Everything that a run may leave; those that a new run lacks are taken away.
-FILES = (META, RECORD, PICTURE, ANIMATION, "wheels.png", BUS_LOG, "bus.blf", "bus.asc", DATABASE)
+FILES = (
+    *(META, RECORD, LAYOUT, PICTURE, ANIMATION, "wheels.png"),
+    *(BUS_LOG, "bus.blf", "bus.asc", DATABASE),
+)
 
 
 #: What is wrong with a device, and not with a path.
@@ -111,16 +119,18 @@ def write_run(
 ) -> None:
     """Fill a folder with the record, what can be drawn of it and, last, `meta.json`.
 
-    A picture is drawn of any run, an animation where cells reported; `save_picture` goes by the
-    name of its file.
+    A picture is drawn of any run, an animation where cells steered, or the host several parcels;
+    `save_picture` goes by the name of its file.
     """
     # A record file needs an extra; who only names the files of a run folder does without it.
-    from mdms_model.run.mcap_file import write_record
+    from mdms_model.run.mcap.file import write_record
 
     write_record(folder / RECORD, scenario, record)
+    layout = json.dumps(layout_of(scenario, record), indent=1, ensure_ascii=False)
+    (folder / LAYOUT).write_text(layout + "\n", "utf-8")
     if save_picture is not None:
         save_picture(folder / PICTURE, scenario, record)
-        if record.identity is not None:
+        if _is_lively(record):
             save_picture(folder / ANIMATION, scenario, record)
     meta = {
         "format": FORMAT,
@@ -130,6 +140,12 @@ def write_run(
         "figures": figures,
     }
     (folder / META).write_text(json.dumps(meta, indent=2) + "\n", "utf-8")
+
+
+def _is_lively(record: Record) -> bool:
+    """Whether a picture cannot show who is where when."""
+    steered = {name for plan in record.plans for name in plan.ways}
+    return record.identity is not None or len(steered) > 1
 
 
 def read_run(folder: Path) -> StoredRun:
@@ -144,7 +160,7 @@ def read_run(folder: Path) -> StoredRun:
             f"{folder}: written in format {meta['format_version']}, but this version reads "
             f"{FORMAT_VERSION}; use the version named in {META}"
         )
-    from mdms_model.run.mcap_file import read_record  # see `write_run`
+    from mdms_model.run.mcap.file import read_record  # see `write_run`
 
     try:
         scenario = scenario_from(meta["scenario"])

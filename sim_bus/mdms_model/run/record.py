@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from mdms_model.arrays import Floats
 
+__all__ = ["Contact", "Event", "Plan", "Record", "RecordFileError", "Tile"]
+
 
 class Contact(IntEnum):
     """What a wheel does under a parcel; the paper's three greys, sliding by direction.
@@ -46,6 +48,11 @@ class Event:
     cell: int | None = None
     axis: int | None = None
 
+    @property
+    def text(self) -> str:
+        """The detail, and the parcel that it is about."""
+        return self.detail if self.parcel is None else f"{self.parcel}: {self.detail}"
+
 
 @dataclass(frozen=True, slots=True)
 class Tile:
@@ -59,14 +66,18 @@ class Tile:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A plan as it takes effect: the ways of the parcels under way, and the tiles that these need.
+    """What is planned from a time on: goals, the ways of parcels under way, and tiles they need.
 
-    `ways` are poses (K, 3) by name, x, y and yaw linear between them [m, m, rad; table frame].
+    `ways` are poses (K, 3) by name, x, y and yaw linear between them [m, m, rad; table frame], and
+    `due_s` when each of them is planned [s], (K,). `goals` are poses (3,) by name, the yaw NaN
+    where any will do.
     """
 
     time_s: float
     ways: Mapping[str, Floats]
     tiles: tuple[Tile, ...] = ()
+    due_s: Mapping[str, Floats] = field(default_factory=dict)
+    goals: Mapping[str, Floats] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
@@ -83,7 +94,8 @@ class Record:
     Where C cells steered, their estimates on the bus: `identity` of the parcel that a cell is at, 0
     for none, `state` as in `mdms_protocol.neighbours.frames` (near, promised, under), both of shape
     (T, C), and `belief` of that parcel's pose, shape (T, C, 3), NaN where the cell has none; else
-    None. `plans` are those of a program that moves many parcels, as they took effect.
+    None. `presence` has the bits of the cells' sensors (T, C), from sensor 0 on, as they reported
+    them; None without a bus. `plans` are those of a host that steers parcels, in their order.
     """
 
     time_s: Floats
@@ -101,6 +113,7 @@ class Record:
     identity: NDArray[np.int8] | None = None
     state: NDArray[np.int8] | None = None
     belief: Floats | None = None
+    presence: NDArray[np.uint8] | None = None
     plans: list[Plan] = field(default_factory=list)
 
     @property

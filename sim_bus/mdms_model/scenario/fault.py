@@ -48,26 +48,50 @@ class Fault:
     """
 
     kind: str = field(metadata=Limit(choices=FAULTS))
+    """What goes wrong."""
     start_s: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=1e5))
+    """When it begins."""
     duration_s: float | None = field(default=None, metadata=Limit(above=0.0, at_most=1e5))
+    """How long it lasts; none: for good."""
     cells: tuple[int, ...] = field(default=(), metadata=Limit(at_least=1, at_most=1_000_000))
+    """Numbers of the cells that have it; none: all."""
     bus: int | None = field(default=None, metadata=Limit(at_least=0, at_most=1_000_000))
+    """The bus of a fault of frames, or of the host, from 0; none: all."""
     seen_by: tuple[int, ...] = field(default=(), metadata=Limit(at_least=1, at_most=1_000_000))
+    """Numbers of the cells that receive loss or corruption; none: all."""
     probability: float = field(default=1.0, metadata=Limit(at_least=0.0, at_most=1.0))
+    """Probability for each frame of loss, corruption and overload."""
     delay_s: float = field(default=0.001, metadata=Limit(at_least=0.0, at_most=10.0))
+    """How late frames leave, of delay."""
     can_id: int = field(default=0, metadata=Limit(at_least=0, at_most=0x7FF))
+    """Identifier of the frames of babble."""
     period_s: float = field(default=0.0001, metadata=Limit(at_least=0.00001, at_most=1000.0))
+    """Time between the frames of babble."""
     node_id: int | None = field(default=None, metadata=Limit(at_least=1, at_most=127))
+    """Node id after off; none: the same as before."""
     overload_frames: int = field(default=1, metadata=Limit(at_least=1, at_most=2))
+    """Overload frames after each frame, of overload."""
     supply_v: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=60.0))
+    """Supply of the motors, of supply; 0: an open emergency stop."""
     drift_ppm: int = field(default=0, metadata=Limit(at_least=-500_000, at_most=500_000))
+    """How much the clock is fast, of drift."""
     sensors: tuple[int, ...] = field(default=(), metadata=Limit(at_least=0, at_most=4))
+    """Sensors of sensor_stuck, from 0; none: all."""
     covered: bool = True
+    """What sensors of sensor_stuck report."""
     axes: tuple[int, ...] = field(default=(), metadata=Limit(at_least=1, at_most=2))
+    """Axes of encoder_stuck, wheel_jammed and motor_reversed; none: both."""
     parcel: str = ""
+    """Name of the parcel of push and lift."""
     impulse_n_s: tuple[float, float] = field(default=(0.0, 0.0), metadata=IMPULSE)
+    """Impulse of push through the centre of mass, along x and y."""
     twist_nms: float = field(default=0.0, metadata=IMPULSE)
+    """Angular impulse of push about the centre of mass."""
     as_cell: int | None = field(default=None, metadata=Limit(at_least=1, at_most=1_000_000))
+    """The cell whose place is taken, of wrong_place."""
     x_m: float | None = field(default=None, metadata=PLACE)
+    """Place along x where a lifted parcel is set down; none: where it was."""
     y_m: float | None = field(default=None, metadata=PLACE)
+    """The same along y."""
     yaw_rad: float | None = field(default=None, metadata=ANGLE)
+    """Its angle there; none: as it was."""

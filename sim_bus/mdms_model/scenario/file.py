@@ -10,6 +10,15 @@ from mdms_model.scenario.rules.every import check_rules
 from mdms_model.scenario.scenario import Scenario, ScenarioError
 from mdms_model.scenario.tree import build, spell_out
 
+__all__ = [
+    "builtin_names",
+    "builtin_text",
+    "load_scenario",
+    "read_tree",
+    "scenario_from",
+    "set_value",
+]
+
 SCENARIOS = Path(__file__).parent / "builtin"
 #: A scenario may be based on another, and that on a third, but not without end.
 _MOST_BASES = 3
@@ -18,6 +27,15 @@ _MOST_BASES = 3
 def builtin_names() -> list[str]:
     """The names of the scenarios that come with the package."""
     return sorted(path.stem for path in SCENARIOS.glob("*.toml"))
+
+
+def builtin_text(name: str) -> str:
+    """A built-in scenario as its file has it, comments and all. Raises `ScenarioError`."""
+    if name not in builtin_names():
+        raise ScenarioError(
+            f"{name}: no such built-in scenario; there are {', '.join(builtin_names())}"
+        )
+    return (SCENARIOS / f"{name}.toml").read_text("utf-8")
 
 
 def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Scenario:

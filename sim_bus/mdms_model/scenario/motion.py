@@ -27,11 +27,15 @@ class Region:
     """
 
     shape: str = member(metadata=Limit(choices=REGIONS))
+    """Its outline."""
     corners_m: tuple[tuple[float, float], ...] = member(
         default=(), metadata=Limit(at_least=-1000.0, at_most=1000.0, items=(0, 100))
     )
+    """Two opposite corners of a rectangle, or all of a polygon in turn."""
     centre_m: tuple[float, float] = member(default=(0.0, 0.0), metadata=PLACE)
+    """Centre of a disc."""
     radius_m: float | None = member(default=None, metadata=LENGTH)
+    """Radius of a disc, which needs it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,20 +50,33 @@ class Part:
 
     # This class has a field called `field`, so the function needs another name here.
     field: str = member(metadata=Limit(choices=FIELDS))
+    """The field of references."""
     speed_m_s: float = member(default=0.0, metadata=SPEED)
+    """Largest reference of the field; of goals and programs, a cap on the speed."""
     heading_rad: float = member(default=0.0, metadata=ANGLE)
+    """Direction of uniform, elliptic, squeeze, lane and diverter."""
     centre_m: tuple[float, float] = member(default=(0.0, 0.0), metadata=PLACE)
+    """Centre of the field."""
     velocity_m_s: tuple[float, float] = member(default=(0.0, 0.0), metadata=SPEED)
+    """Velocity of twist and linear at the centre."""
     yaw_rate_rad_s: float = member(default=0.0, metadata=SPEED)
+    """Yaw rate of twist."""
     ratio: float = member(default=0.5, metadata=Limit(at_least=0.0, at_most=1.0))
+    """Reference across the heading over that along it, of elliptic and lane."""
     table_m_s: tuple[float, ...] = member(default=(), metadata=SPEED)
+    """References of table, wheel by wheel."""
     gradient_per_s: tuple[tuple[float, float], tuple[float, float]] = member(
         default=((0.0, 0.0), (0.0, 0.0)), metadata=SPEED
     )
+    """Gradient of linear: rows of the matrix by which places give references."""
     width_m: float | None = member(default=None, metadata=LENGTH)
+    """Width of lane, which needs it."""
     exit_rad: float = member(default=0.0, metadata=ANGLE)
+    """Direction of diverter beyond its centre."""
     region: Region | None = None
+    """Where the field holds; none: all over the table."""
     part: tuple["Part", ...] = member(default=(), metadata=Limit(items=(0, 100)))
+    """Parts of sum, which adds them, and of regions, of which the first that holds counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,9 +94,16 @@ class Motion(Part):
     """
 
     field: str = member(default="inward", metadata=Limit(choices=(*FIELDS, "goal", "program")))
+    """A field of references, goals of parcels, or a program."""
     control: str = member(default="host", metadata=Limit(choices=CONTROLS))
+    """Who closes the loop of goals."""
     go_on: bool = False
+    """Whether cells that steer go on without the host."""
     policy: str | None = member(default=None, metadata=Limit(choices=POLICIES))
+    """Keeps references where all wheels roll (eq 14) or slide (eq 15); none: any."""
     outside: str = member(default="refuse", metadata=Limit(choices=("refuse", "clamp")))
+    """What becomes of references outside the policy."""
     light_share: float = member(default=0.0, metadata=Limit(at_least=0.0, at_most=1.0))
+    """Wheels with less than this share of an even load are left out of rolling."""
     compensate_droop: bool = False
+    """Whether numbers are speeds of wheels' surfaces, not references."""

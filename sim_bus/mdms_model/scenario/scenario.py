@@ -22,6 +22,19 @@ from mdms_model.scenario.motion import Motion
 from mdms_model.scenario.stream import Exit, Stream
 from mdms_model.scenario.task import Task
 
+__all__ = [
+    "Array",
+    "Cell",
+    "Goal",
+    "Parcel",
+    "Patch",
+    "Run",
+    "Scenario",
+    "ScenarioError",
+    "Wheel",
+    "Wire",
+]
+
 
 class ScenarioError(ValueError):
     """A scenario that cannot be run; the message is one line with key, value, limit and way out."""
@@ -34,20 +47,20 @@ ON_LOST_CELL = ("go_on", "hold", "stop")
 
 @dataclass(frozen=True, slots=True)
 class Array:
-    """The grid of cells.
-
-    `buses` lists the numbers of the cells on each bus, in the order of their node ids, which count
-    from 1 on each; none: one bus, with node ids as the numbers. Gateways between the buses forward
-    the TPDOs `forwarded` of cells at a border.
-    """
+    """The grid of cells; node ids count from 1 on each bus."""
 
     columns: int = field(metadata=Limit(at_least=1, at_most=1000))
+    """Cells along x."""
     rows: int = field(metadata=Limit(at_least=1, at_most=1000))
+    """Cells along y."""
     pitch_m: float = field(default=0.127, metadata=LENGTH)
+    """Distance between the centres of neighbouring cells."""
     buses: tuple[tuple[int, ...], ...] = field(
         default=(), metadata=Limit(at_least=1, at_most=1_000_000)
     )
+    """Numbers of the cells on each bus, in the order of their node ids; none: one bus."""
     forwarded: tuple[int, ...] = field(default=(), metadata=Limit(at_least=1, at_most=4))
+    """TPDOs that gateways carry to the other bus of a border, 1 to 4; none: no gateways."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,40 +68,61 @@ class Wheel:
     """One driven wheel of every cell: a support point that pushes along one direction."""
 
     direction_rad: float = field(default=0.0, metadata=ANGLE)
+    """Direction of its push, from x."""
     offset_m: tuple[float, float] = field(default=(0.0, 0.0), metadata=PLACE)
+    """Its contact point, from the cell's centre."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
     """Mechanics and electrics that all cells share; spreads vary them from cell to cell by seed.
 
-    Only `firmware` has what lies between a voltage and a push: inertia (the wheel's is about its
-    own axle), supply, PWM steps and current limit (None: none). Friction of the `roller` acts along
-    the wheel's axle, where it should run free. `sensor_noise` is the chance that a presence sensor
-    misreads at a sample; load cells are there when their noise (standard deviation) is given.
+    Only `firmware` has what lies between a voltage and a push: inertia, supply, PWM steps and
+    current limit.
     """
 
     wheel: tuple[Wheel, ...] = field(default=(Wheel(),), metadata=Limit(items=(1, 3)))
+    """The driven wheels; `firmware` takes one or two, `row` one along x."""
     wheel_radius_m: float = field(default=0.0254, metadata=LENGTH)
+    """Radius of a wheel."""
     gear_ratio: float = field(default=3.0, metadata=POSITIVE)
+    """Turns of the motor in one turn of the wheel."""
     torque_constant_nm_per_a: float = field(default=0.024, metadata=POSITIVE)
+    """Torque constant of the motor, Km; its back-EMF constant too."""
     resistance_ohm: float = field(default=4.0, metadata=POSITIVE)
+    """Resistance of the motor's coil, Rm."""
     damping_nms: float = field(default=3.5e-6, metadata=NOT_NEGATIVE)
+    """Viscous damping of the motor's shaft, Bm."""
     rotor_inertia_kg_m2: float = field(default=0.0, metadata=NOT_NEGATIVE)
+    """Inertia of the rotor, about the motor's shaft."""
     wheel_inertia_kg_m2: float = field(default=0.0, metadata=NOT_NEGATIVE)
+    """Inertia of the wheel, about its own axle."""
     gain_vs_per_m: float = field(default=10.0, metadata=NOT_NEGATIVE)
+    """Gain of the speed loop, G, in V = G (r - v)."""
     supply_v: float = field(default=24.0, metadata=POSITIVE)
+    """Supply of the motors; no voltage exceeds it."""
     current_limit_a: float | None = field(default=None, metadata=POSITIVE)
+    """Current at which a bridge limits; none: it does not."""
     friction: float = field(default=0.3, metadata=NOT_NEGATIVE)
+    """Coulomb friction between wheel and parcel, mu."""
     viscous_friction_s_per_m: float = field(default=0.0, metadata=NOT_NEGATIVE)
+    """Above 0: the sliding force is this times N times the slip, in place of mu N."""
     roller_friction: float = field(default=0.0, metadata=NOT_NEGATIVE)
+    """Coulomb friction along the wheel's axle, where its rollers run free."""
     encoder_counts_per_motor_rev: int = field(default=2000, metadata=Limit(at_least=1, at_most=1e6))
+    """Counts of the encoder in one turn of the motor."""
     pwm_steps: int = field(default=1000, metadata=Limit(at_least=1, at_most=1e6))
+    """Steps of the PWM between 0 and the supply."""
     motor_spread: float = field(default=0.0, metadata=SHARE)
+    """Largest deviation of a motor's constants from these, as a share, drawn by seed."""
     friction_spread: float = field(default=0.0, metadata=SHARE)
+    """Largest deviation of a cell's friction from the above, as a share, drawn by seed."""
     load_cell_noise_n: float | None = field(default=None, metadata=NOT_NEGATIVE)
+    """Standard deviation of the load cells' readings; none: there are no load cells."""
     sensor_delay_s: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=1.0))
+    """Time from a change over a presence sensor to the change of its output."""
     sensor_noise: float = field(default=0.0, metadata=SHARE)
+    """Probability that a presence sensor misreads at a sample."""
     sensor_offset_m: tuple[tuple[float, float], ...] = field(
         default=(
             (0.0, 0.0),
@@ -99,6 +133,7 @@ class Cell:
         ),
         metadata=Limit(items=(1, 5)),
     )
+    """Places of the presence sensors, from the cell's centre."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,8 +141,11 @@ class Patch:
     """Cells, numbered from 1, that differ from the rest in what is given here."""
 
     cells: tuple[int, ...] = field(metadata=Limit(at_least=1, at_most=1_000_000))
+    """Numbers of the cells that differ."""
     wheel: tuple[Wheel, ...] | None = field(default=None, metadata=Limit(items=(1, 3)))
+    """Their wheels, in place of `cell.wheel`."""
     friction: float | None = field(default=None, metadata=NOT_NEGATIVE)
+    """Their friction, in place of `cell.friction`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,8 +153,11 @@ class Goal:
     """The pose that a parcel is steered to [table frame]."""
 
     x_m: float = field(metadata=PLACE)
+    """Place of the middle of the parcel's outline along x."""
     y_m: float = field(metadata=PLACE)
+    """The same along y."""
     yaw_rad: float = field(default=0.0, metadata=ANGLE)
+    """Its angle there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,45 +165,63 @@ class Parcel:
     """One flat-bottomed parcel and where it starts, at rest.
 
     Its own frame has the origin in the middle of `length_m` x `width_m`, which a rectangle fills, a
-    disc touches (both are its diameter) and a polygon's `corners_m` stay within: convex, counter-
-    clockwise. `inertia_kg_m2` is about the centre of mass; None: that of a uniform plate. Parcels
-    of one `kind` are alike, and exits go by it; none: it is of a kind of its own.
+    disc touches and a polygon stays within.
     """
 
     name: str
+    """What it is called by tasks, streams and faults; each has a name of its own."""
     mass_kg: float = field(metadata=POSITIVE)
+    """Mass."""
     length_m: float = field(metadata=LENGTH)
+    """Extent along its own x; the diameter of a disc."""
     width_m: float = field(metadata=LENGTH)
+    """Extent along its own y; the diameter of a disc."""
     x_m: float = field(default=0.0, metadata=PLACE)
+    """Place of the middle of its outline along x, at the start."""
     y_m: float = field(default=0.0, metadata=PLACE)
+    """The same along y."""
     yaw_rad: float = field(default=0.0, metadata=ANGLE)
+    """Its angle at the start."""
     centre_of_mass_m: tuple[float, float] = field(default=(0.0, 0.0), metadata=PLACE)
+    """Centre of mass, in its own frame."""
     shape: str = field(default="rectangle", metadata=Limit(choices=SHAPES))
+    """Its outline."""
     corners_m: tuple[tuple[float, float], ...] = field(default=(), metadata=PLACE)
+    """Corners of a polygon in its own frame, convex and counterclockwise."""
     inertia_kg_m2: float | None = field(default=None, metadata=POSITIVE)
+    """Inertia about its centre of mass; none: that of a uniform plate."""
     goal: Goal | None = None
+    """Where it is steered to, with `motion.field = "goal"`."""
     kind: str = ""
+    """Parcels of one kind are alike, and exits sort by it; empty: a kind of its own."""
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
     """How, how long and with which chance the scenario is run, and what trouble it puts up with.
 
-    Where cells are out of action the coordinator holds all parcels, for `pause_s` at most and
-    `pauses` times in a minute (0: never), until they are back. `on_lost_cell` is what it does about
-    one that does not come back: it stops; it holds all parcels for it, for `hold_s` at most and
-    however often; or it goes on without the cell, from the start.
+    Where cells are out of action the coordinator holds all parcels until they are back. About one
+    that does not come back it stops, holds all parcels for it, or goes on without it, at once.
     """
 
     fidelity: str = field(default="row", metadata=Limit(choices=FIDELITIES))
+    """The paper's row, ideal wheels in the plane, or cells with firmware, bus and host."""
     duration_s: float = field(default=20.0, metadata=Limit(above=0.0, at_most=1e5))
+    """Simulated time; of `mdms run` the time limit, without its bring-up."""
     step_s: float = field(default=0.001, metadata=Limit(above=0.0, at_most=1.0))
+    """Step of the samples (row), of the physics (ideal; firmware: 1 ms at most)."""
     seed: int = field(default=1, metadata=Limit(at_least=0, at_most=2**63 - 1))
+    """Seed of all that is drawn."""
     gravity_m_s2: float = field(default=9.81, metadata=Limit(above=0.0, at_most=1000.0))
+    """Acceleration of gravity."""
     on_lost_cell: str = field(default="stop", metadata=Limit(choices=ON_LOST_CELL))
+    """What becomes of a run whose cell does not come back."""
     pauses: int = field(default=3, metadata=Limit(at_least=0, at_most=1000))
+    """How often in a minute all parcels are held until cells are back; 0: never."""
     pause_s: float = field(default=5.0, metadata=Limit(above=0.0, at_most=1000.0))
+    """How long they are held at most."""
     hold_s: float = field(default=60.0, metadata=Limit(above=0.0, at_most=1e5))
+    """The same with `on_lost_cell = "hold"`, however often."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +232,9 @@ class Wire:
     """
 
     bitrate: int = field(default=1_000_000, metadata=Limit(at_least=10_000, at_most=1_000_000))
+    """Bit rate of every bus, in bit/s; a bit lasts a whole number of nanoseconds."""
     sync_period_s: float = field(default=0.01, metadata=Limit(at_least=0.005, at_most=0.02))
+    """Time between SYNC frames, and so between setpoints."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,19 +242,32 @@ class Scenario:
     """One experiment."""
 
     title: str
+    """One line of plain text."""
     array: Array
+    """The grid of cells."""
     cell: Cell = field(default_factory=Cell)
+    """What all cells share."""
     parcel: tuple[Parcel, ...] = field(default=(), metadata=Limit(items=(1, 10_000)))
+    """The parcels."""
     motion: Motion = field(default_factory=Motion)
+    """What the wheels do."""
     run: Run = field(default_factory=Run)
+    """How it is run."""
     patch: tuple[Patch, ...] = ()
+    """Cells that differ from the rest."""
     wire: Wire = field(default_factory=Wire)
+    """The buses."""
     fault: tuple[Fault, ...] = ()
+    """What goes wrong."""
     stream: tuple[Stream, ...] = ()
+    """Parcels that come."""
     exit: tuple[Exit, ...] = ()
+    """Where parcels leave."""
     task: tuple[Task, ...] = ()
+    """A program, task by task."""
     #: What the host takes for true where it is not; see `belief`.
     belief: dict[str, Any] = field(default_factory=dict, hash=False)
+    """What the host takes for true: keys of `cell`, and tables of parcels by name."""
 
 
 def in_stock(scenario: Scenario) -> set[str]:

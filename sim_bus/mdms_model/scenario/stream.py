@@ -20,15 +20,25 @@ class Stream:
     """
 
     parcels: tuple[str, ...] = field(metadata=Limit(items=(1, 63)))
+    """Names of the parcels in stock."""
     x_m: float = field(default=0.0, metadata=PLACE)
+    """Place along x where they are set down."""
     y_m: float = field(default=0.0, metadata=PLACE)
+    """The same along y."""
     yaw_rad: float = field(default=0.0, metadata=ANGLE)
+    """Their angle there."""
     start_s: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=1e5))
+    """When the first may come."""
     period_s: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=1e5))
+    """Least time between two."""
     clear_m: float = field(default=0.02, metadata=Limit(at_least=0.0, at_most=1.0))
+    """How much around the place is free before the next comes."""
     spread_m: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=0.1))
+    """Largest deviation from the place, drawn by seed."""
     spread_rad: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=0.5))
+    """Largest deviation from the angle, drawn by seed."""
     most: int | None = field(default=None, metadata=Limit(at_least=1, at_most=1_000_000))
+    """How many come in all; none: no end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,10 +51,15 @@ class Exit:
     """
 
     name: str
+    """What tasks and programs call it."""
     side: str = field(metadata=Limit(choices=SIDES))
+    """The edge of the table."""
     from_m: float = field(default=-1000.0, metadata=PLACE)
+    """Beginning of its stretch, along the edge."""
     to_m: float = field(default=1000.0, metadata=PLACE)
+    """End of its stretch."""
     kinds: tuple[str, ...] = ()
+    """Kinds of parcels that leave by it; none: any that are sent there."""
 
     def out_m(self, x_m: float, y_m: float, last_m: float) -> float:
         """How far a centre of mass is beyond the last support, at `last_m` to this side [m].

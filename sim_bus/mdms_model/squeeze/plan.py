@@ -12,6 +12,8 @@ from math import inf, pi
 
 from mdms_model.squeeze.turning import SqueezeError, SqueezeFunction
 
+__all__ = ["Range", "Squeeze", "SqueezePlan", "plan_squeezes"]
+
 #: A plan that is exact to less than this would not survive rounding.
 LEAST_MARGIN_RAD = 1e-6
 HALVINGS = 40
@@ -33,12 +35,12 @@ class Range:
 
     @property
     def width_rad(self) -> float:
-        """Of what may go in."""
+        """Width of what may go in."""
         return self.high_rad - self.low_rad
 
     @property
     def rest_width_rad(self) -> float:
-        """Of what comes out."""
+        """Width of what comes out."""
         return self.last_rest_rad - self.first_rest_rad
 
 
@@ -74,7 +76,7 @@ class SqueezePlan:
         return min(step.margin_rad for step in self.steps)
 
     def predict(self, yaw_rad: float, step: int) -> float:
-        """The yaw to which a step (from 0) turns this one, in a field without gaps and friction."""
+        """The yaw [rad] to which a step (from 0) turns this one, without gaps and friction."""
         across_rad = self.steps[step].heading_rad - pi / 2
         return across_rad - self.function(across_rad - yaw_rad)
 

@@ -6,17 +6,26 @@ of all covered wheels: those from which the parcel lifts off carry again before 
 wheels, which is the paper's 1-D model, only the way along the row counts.
 """
 
+from math import cos, hypot, inf, sin
+from typing import NamedTuple
+
 import numpy as np
-from numpy.typing import NDArray
 
 from mdms_model.arrays import Floats
-from mdms_model.hull import LINE_M, convex_hull
+from mdms_model.compiled import compiled
+from mdms_model.hull import LINE_M
 from mdms_model.outline import EDGE_M, Outline
 
 #: A centre of mass that is this close above a row of wheels stands on it, as in the physics.
 TIP_M = 1e-6
 
-Bools = NDArray[np.bool_]
+
+class _Body(NamedTuple):
+    """An outline's normals and distances (E, 3) and its radius, and a centre of mass (2,) in it."""
+
+    edges: Floats
+    radius_m: float
+    centre_m: Floats
 
 
 def support_margin_m(
@@ -36,89 +45,133 @@ def support_margin_m(
 def support_margins_m(
     wheel_m: Floats, outline: Outline, centre_of_mass_m: tuple[float, float], poses: Floats
 ) -> Floats:
-    """`support_margin_m` at many poses (P, 3), shape (P,).
-
-    Along a way neighbouring poses share their supports, whose hull is then made once.
-    """
-    under = _covered(wheel_m, outline, poses)
-    centres_m = _turned(np.array([centre_of_mass_m]), poses)[:, 0] + poses[:, :2]
-    line = _line_of(wheel_m)
-    margins_m = np.full(len(poses), -np.inf)
-    changes = np.flatnonzero((under[1:] != under[:-1]).any(axis=1)) + 1
-    for group in np.split(np.arange(len(poses)), changes):
-        supports_m = wheel_m[under[group[0]]]
-        if not len(supports_m):
-            continue
-        if line is not None:
-            margins_m[group] = _inside_line_m(supports_m, centres_m[group], line)
-        else:
-            margins_m[group] = _inside_hull_m(supports_m, centres_m[group])
+    """`support_margin_m` at many poses (P, 3), shape (P,)."""
+    edges, centre_m = np.ascontiguousarray(outline.edges[:, :3]), np.array(centre_of_mass_m)
+    body = _Body(edges, outline.radius_m, centre_m.astype(np.float64))
+    margins_m: Floats = _margins_m(
+        np.ascontiguousarray(wheel_m),
+        _line_of(wheel_m),
+        body,
+        np.ascontiguousarray(poses),
+    )
     return margins_m
 
 
-def _covered(wheel_m: Floats, outline: Outline, poses: Floats) -> Bools:
-    """Which wheels lie under the outline at which pose, shape (P, W)."""
-    away_m = wheel_m - poses[:, None, :2]
-    own_m = _turned_back(away_m, poses[:, 2])
-    under: Bools = np.hypot(own_m[..., 0], own_m[..., 1]) <= outline.radius_m + EDGE_M
-    for along, across, distance_m, *_ in outline.edges.tolist():
-        under &= along * own_m[..., 0] + across * own_m[..., 1] <= distance_m + EDGE_M
-    return under
-
-
-def _turned(own_m: Floats, poses: Floats) -> Floats:
-    """Vectors (n, 2) of the parcel's frame in the table frame at each pose, shape (P, n, 2)."""
-    cosine, sine = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
-    x_m, y_m = own_m.T
-    return np.stack((cosine * x_m - sine * y_m, sine * x_m + cosine * y_m), axis=-1)
-
-
-def _turned_back(away_m: Floats, yaw_rad: Floats) -> Floats:
-    """Vectors (P, n, 2) of the table frame in the frame of parcels turned by each yaw (P,)."""
-    cosine, sine = np.cos(yaw_rad)[:, None], np.sin(yaw_rad)[:, None]
-    x_m, y_m = away_m[..., 0], away_m[..., 1]
-    return np.stack((cosine * x_m + sine * y_m, cosine * y_m - sine * x_m), axis=-1)
-
-
-def _line_of(wheel_m: Floats) -> Floats | None:
-    """Unit vector along the line on which all wheels stand (the paper's row); None: on none."""
+def _line_of(wheel_m: Floats) -> Floats:
+    """Unit vector along the line on which all wheels stand (the paper's row); on none, zero."""
     away_m = wheel_m - wheel_m[0]
     along = away_m[np.hypot(away_m[:, 0], away_m[:, 1]).argmax()]
     along = along / max(np.hypot(*along), LINE_M)
     beside_m = np.abs(away_m[:, 0] * along[1] - away_m[:, 1] * along[0])
-    return along if beside_m.max() <= LINE_M else None
+    return along if beside_m.max() <= LINE_M else np.zeros(2)
 
 
-def _inside_line_m(supports_m: Floats, centres_m: Floats, along: Floats) -> Floats:
-    """Distance of places inside the ends of a row; minus that from the row beside it, (P,)."""
-    from_first_m = centres_m - supports_m[0]
-    beside_m = np.abs(from_first_m[:, 0] * along[1] - from_first_m[:, 1] * along[0])
-    place_m, ends_m = centres_m @ along, supports_m @ along
-    inside_m = np.minimum(ends_m.max() - place_m, place_m - ends_m.min())
-    margins_m: Floats = np.where(beside_m <= TIP_M, inside_m, -beside_m)
+@compiled
+def _margins_m(wheel_m: Floats, line: Floats, body: _Body, poses: Floats) -> Floats:
+    """The margin at each pose, shape (P,)."""
+    margins_m = np.full(len(poses), -inf)
+    supports_m = np.empty_like(wheel_m)
+    for number in range(len(poses)):
+        count = _supports(wheel_m, body, poses[number], supports_m)
+        if count == 0:
+            continue
+        if line[0] != 0.0 or line[1] != 0.0:
+            margins_m[number] = _inside_line_m(supports_m, count, line)
+        else:
+            margins_m[number] = _inside_hull_m(supports_m, count)
     return margins_m
 
 
-def _inside_hull_m(supports_m: Floats, centres_m: Floats) -> Floats:
-    """Distance of places inside the hull of supports, to the nearest line of its sides, (P,).
+@compiled
+def _supports(wheel_m: Floats, body: _Body, pose: Floats, supports_m: Floats) -> int:
+    """How many wheels lie under an outline; the first `supports_m` are they, from its centre of
+    mass [table frame].
+    """
+    cosine, sine = cos(pose[2]), sin(pose[2])
+    edges, radius_m, centre_m = body
+    centre_x_m = cosine * centre_m[0] - sine * centre_m[1]
+    centre_y_m = sine * centre_m[0] + cosine * centre_m[1]
+    count = 0
+    for wheel in range(len(wheel_m)):
+        x_m, y_m = wheel_m[wheel, 0] - pose[0], wheel_m[wheel, 1] - pose[1]
+        if x_m * x_m + y_m * y_m > (radius_m + EDGE_M) ** 2:
+            continue
+        under = True
+        own_x_m, own_y_m = cosine * x_m + sine * y_m, cosine * y_m - sine * x_m
+        for edge in range(len(edges)):
+            if not under:
+                break
+            along_m = edges[edge, 0] * own_x_m + edges[edge, 1] * own_y_m
+            under = along_m <= edges[edge, 2] + EDGE_M
+        if under:
+            supports_m[count, 0], supports_m[count, 1] = x_m - centre_x_m, y_m - centre_y_m
+            count += 1
+    return count
+
+
+@compiled
+def _inside_line_m(supports_m: Floats, count: int, along: Floats) -> float:
+    """How far 0 is inside the ends of a row of supports; minus that from the row beside it."""
+    low_m, high_m = inf, -inf
+    for number in range(count):
+        place_m = supports_m[number, 0] * along[0] + supports_m[number, 1] * along[1]
+        low_m, high_m = min(low_m, place_m), max(high_m, place_m)
+    beside_m = abs(supports_m[0, 0] * along[1] - supports_m[0, 1] * along[0])
+    return -beside_m if beside_m > TIP_M else min(high_m, -low_m)
+
+
+@compiled
+def _inside_hull_m(supports_m: Floats, count: int) -> float:
+    """How far 0 is inside the hull of supports, to the nearest line of its sides.
 
     Supports in one line hold nothing beside it: the margin is then minus the distance from them.
+    The hull is wrapped from one corner to the next (R. Jarvis, 1973).
     """
-    corners_m = convex_hull(supports_m)
-    if len(corners_m) < 3:
-        return -_beside_m(corners_m[0], corners_m[-1], centres_m)
-    sides_m = np.roll(corners_m, -1, axis=0) - corners_m
-    inward = np.column_stack((-sides_m[:, 1], sides_m[:, 0])) / np.hypot(*sides_m.T)[:, None]
-    inside_m: Floats = centres_m @ inward.T - (corners_m * inward).sum(axis=1)
-    least_m: Floats = inside_m.min(axis=1)
-    return least_m
+    first = 0
+    for number in range(count):
+        lower = supports_m[number, 1] < supports_m[first, 1] or (
+            supports_m[number, 1] == supports_m[first, 1]
+            and supports_m[number, 0] < supports_m[first, 0]
+        )
+        first = number if lower else first
+    margin_m, corner, second = inf, first, first
+    for sides in range(count):
+        following = _next_corner(supports_m, count, corner)
+        if following == first and sides <= 1:
+            return -_beside_m(supports_m[first], supports_m[second])
+        x_m, y_m = supports_m[corner]
+        along_x_m, along_y_m = supports_m[following, 0] - x_m, supports_m[following, 1] - y_m
+        inside_m = (along_y_m * x_m - along_x_m * y_m) / hypot(along_x_m, along_y_m)
+        margin_m = min(margin_m, inside_m)
+        corner, second = following, following if sides == 0 else second
+        if corner == first:
+            break
+    return margin_m
 
 
-def _beside_m(start_m: Floats, end_m: Floats, places_m: Floats) -> Floats:
-    """Distance of places from the straight line between two points or at one, shape (P,)."""
-    along_m = end_m - start_m
-    length_m2 = max(float(along_m @ along_m), LINE_M**2)
-    share = np.clip((places_m - start_m) @ along_m / length_m2, 0.0, 1.0)
-    away_m = places_m - start_m - share[:, None] * along_m
-    distance_m: Floats = np.hypot(away_m[:, 0], away_m[:, 1])
-    return distance_m
+@compiled
+def _next_corner(supports_m: Floats, count: int, corner: int) -> int:
+    """The corner of the hull after one, anticlockwise: nothing lies right of the way there.
+
+    Of supports in one line it is the farthest; where all are at one place, the corner itself.
+    """
+    x_m, y_m = supports_m[corner]
+    best, best_x_m, best_y_m = corner, 0.0, 0.0
+    for number in range(count):
+        away_x_m, away_y_m = supports_m[number, 0] - x_m, supports_m[number, 1] - y_m
+        turn_m2 = best_x_m * away_y_m - best_y_m * away_x_m
+        in_line = abs(turn_m2) <= LINE_M**2
+        farther = hypot(away_x_m, away_y_m) > hypot(best_x_m, best_y_m) + LINE_M
+        if (in_line and farther) or (not in_line and turn_m2 < 0.0):
+            best, best_x_m, best_y_m = number, away_x_m, away_y_m
+    return best
+
+
+@compiled
+def _beside_m(start_m: Floats, end_m: Floats) -> float:
+    """Distance of 0 from the straight line between two points or at one."""
+    along_x_m, along_y_m = end_m[0] - start_m[0], end_m[1] - start_m[1]
+    length_m2 = max(along_x_m**2 + along_y_m**2, LINE_M**2)
+    share = -(start_m[0] * along_x_m + start_m[1] * along_y_m) / length_m2
+    share = min(max(share, 0.0), 1.0)
+    return hypot(start_m[0] + share * along_x_m, start_m[1] + share * along_y_m)

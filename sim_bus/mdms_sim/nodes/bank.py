@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mdms_protocol.frame import Frame
+from mdms_sim.bus.confinement import Confinement
 
 
 class NodeError(Exception):
@@ -88,6 +89,9 @@ class CellBank(Protocol):
 
     def set_bus_off(self, cell: int, off: bool) -> None:
         """The cell's CAN controller has gone bus off, or has come back."""
+
+    def connect(self, cell: int, errors: Confinement) -> None:
+        """The cell's CAN controller has these error counters, which the cell may report."""
 
     def set_drift(self, cell: int, drift_ppm: int) -> None:
         """The cell's clock and control periods run fast by so many parts in a million.

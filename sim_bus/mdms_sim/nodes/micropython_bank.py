@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.acceptance import Acceptance
+from mdms_sim.bus.confinement import Confinement
 from mdms_sim.nodes import lockstep
 from mdms_sim.nodes.blocks import Blocks
 from mdms_sim.nodes.condition import Conditions
@@ -193,6 +194,9 @@ class MicropythonBank:
             if off:
                 self._outbox.pop(cell, None)
             self._do(cell, lockstep.LEAVE_BUS if off else lockstep.REJOIN_BUS)
+
+    def connect(self, cell: int, errors: Confinement) -> None:
+        """See `CellBank`; its process cannot look at them, and reports that it has none."""
 
     def set_drift(self, cell: int, drift_ppm: int) -> None:
         """See `CellBank`."""

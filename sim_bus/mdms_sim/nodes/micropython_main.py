@@ -49,9 +49,10 @@ class Node:
         self._outbox = uctypes.bytearray_at(address + lockstep.OUTBOX, lockstep.OUTBOX_MAX)
         self._silent = []
         self._flash = VirtualFlash()
-        self._start()
+        self.start()
 
-    def _start(self):
+    def start(self):
+        """Begin as at power-up, with what flash has."""
         self.board = Board(self._registers, self._serial, self._flash)
         self.board.voltages_uv = self._voltages_uv
         self.board.words = self.words
@@ -78,7 +79,7 @@ class Node:
         """Do what happens seldom."""
         if request == lockstep.RESTART:
             self._node_id = self.words[lockstep.NODE_ID]
-            self._start()
+            self.start()
         elif request == lockstep.LEAVE_BUS:
             leave_bus(self.cell, self.board)
         elif request == lockstep.REJOIN_BUS:
@@ -132,6 +133,9 @@ def serve(node, read, write):
             board.presence_bits = words[PRESENCE]
             cell.tick()
             cell.poll(words[NOW_MS])
+            if board.restarting:
+                node.start()
+                board, cell = node.board, node.cell
         elif request:
             node.act(request)
             board, cell = node.board, node.cell

@@ -12,6 +12,7 @@ from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
 
+import mdms_boot
 import mdms_cell
 import mdms_protocol
 from mdms_sim.nodes import lockstep
@@ -19,7 +20,7 @@ from mdms_sim.nodes.bank import MicropythonMissing, NodeDied, NodeHangs
 from mdms_sim.nodes.blocks import Blocks
 
 _MAIN = Path(__file__).with_name("micropython_main.py")
-_PACKAGES = (mdms_cell, mdms_protocol)
+_PACKAGES = (mdms_boot, mdms_cell, mdms_protocol)
 #: Machines for which MicroPython can make machine code; elsewhere the decorators are errors.
 EMITTERS = frozenset({"x86_64", "AMD64"})
 EMITTER_LINE = re.compile(r"^ *@micropython\.(viper|native)\n", re.MULTILINE)

@@ -11,6 +11,7 @@ from mdms_cell.drive import speed_loop
 from mdms_model.compiled import compiled
 from mdms_protocol.frame import Frame
 from mdms_sim.bus.acceptance import Acceptance
+from mdms_sim.bus.confinement import Confinement
 from mdms_sim.nodes.condition import Conditions
 from mdms_sim.nodes.virtual_board import (
     SUPPLY_UV,
@@ -56,6 +57,15 @@ class _Board(VirtualBoard):
     ) -> None:
         super().__init__(registers, serial, settings)
         self._acceptance = acceptance
+        self.errors = Confinement()
+
+    def transmit_errors(self) -> int:
+        """The transmit error counter of its controller."""
+        return self.errors.transmit
+
+    def receive_errors(self) -> int:
+        """The receive error counter of its controller."""
+        return self.errors.receive
 
     def listen(self, identifiers: list[int]) -> None:
         """Let frames with these identifiers through."""
@@ -159,7 +169,7 @@ class PythonBank:
             self._voltages_uv[cell] = self._driven_uv[cell]
             self._awake[cell] = self._registers[cell, speed_loop.AWAKE]
             self._boards[cell].presence_bits = int(presence[cell])
-            self._cells[cell].poll(time_ms)
+            self._poll(cell, time_ms)
 
     def _poll_awake(self, now_ms: int, presence: NDArray[np.uint8]) -> None:
         """Polls the cells, without the calls that would do nothing."""
@@ -168,8 +178,14 @@ class PythonBank:
         for number, bits in enumerate(presence.tolist()):
             if seen[number] == STARTLED or self._cells[number].wake_ms <= now_ms:
                 self._boards[number].presence_bits = bits
-                self._cells[number].poll(now_ms)
+                self._poll(number, now_ms)
         self._wake_ms = min(cell.wake_ms for cell in self._cells)
+
+    def _poll(self, cell: int, now_ms: int) -> None:
+        self._cells[cell].poll(now_ms)
+        if self._boards[cell].restarting:
+            self._start(cell)
+            self._cells[cell].poll(now_ms)
 
     @property
     def awake(self) -> NDArray[np.int32]:
@@ -202,7 +218,12 @@ class PythonBank:
         if node_id is not None:
             self._node_ids[cell] = node_id
         self._conditions.restart(cell)
+        self._start(cell)
+
+    def _start(self, cell: int) -> None:
+        errors = self._boards[cell].errors
         self._boards[cell] = self._board(cell)
+        self._boards[cell].errors = errors
         self._cells[cell] = Cell(self._boards[cell], self._node_ids[cell])
         self._registers[cell, speed_loop.SUPPLY] = self._supply_uv[cell]
         self._awake[cell] = 0
@@ -214,6 +235,10 @@ class PythonBank:
             if off:
                 self._voltages_uv = self._voltages_uv.copy()
                 self._voltages_uv[cell] = 0
+
+    def connect(self, cell: int, errors: Confinement) -> None:
+        """See `CellBank`."""
+        self._boards[cell].errors = errors
 
     def set_drift(self, cell: int, drift_ppm: int) -> None:
         """See `CellBank`."""

@@ -1,11 +1,20 @@
 """The board of a simulated cell, on CPython and MicroPython alike."""
 
+try:
+    from typing import Any
+except ImportError:
+    Any = object  # type: ignore[assignment, misc]
+
+from mdms_boot.slots import Slots
 from mdms_cell.drive import speed_loop
 from mdms_cell.runner import BUS_OFF
 from mdms_protocol.frame import Frame
+from mdms_protocol.update import codes
 
 #: Frames that a board keeps when the bus does not take them.
 TRANSMIT_QUEUE = 64
+#: An image for a slot takes no more [bytes].
+SLOT_MAX = 256 * 1024
 #: What the motors are fed with until somebody says otherwise [uV].
 SUPPLY_UV = 24_000_000
 
@@ -15,7 +24,13 @@ class VirtualBoard:
 
     `identifiers` are the frames that the cell wants to receive; who takes the list sets it to None.
     `settings` outlives the cell. `blinking` is whether its LEDs show that this is the cell meant.
+    `slots` take the bundles that boards with a Cortex-M7 take; whatever is in them, what runs is
+    the same code. Who finds it `restarting` starts it anew.
     """
+
+    number = codes.VIRTUAL
+    #: As MicroPython 1.29 has it on a Teensy 4.1: version 6.3, armv7emdp.
+    bytecode = 6 | 3 << 8 | 8 << 10
 
     def __init__(self, registers: memoryview, serial: int, settings: "VirtualFlash") -> None:
         self.registers = registers
@@ -28,6 +43,9 @@ class VirtualBoard:
         self.voltages_uv = [0, 0]
         self.frames: list[Frame] = []
         self.identifiers: list[int] | None = None
+        self.restarting = False
+        self.slots = Slots(settings.files)
+        self.slots.start()
 
     def sample(self, registers: memoryview) -> None:
         """Write encoder counts and motor currents into the registers."""
@@ -60,6 +78,18 @@ class VirtualBoard:
         """Let frames with these identifiers through."""
         self.identifiers = identifiers
 
+    def slots_room(self) -> int:
+        """Return the bytes that a slot takes."""
+        return SLOT_MAX
+
+    def image_room(self) -> int:
+        """Return the bytes of the largest image."""
+        return 2 * SLOT_MAX
+
+    def restart(self) -> None:
+        """Have the board start anew, as after power-up."""
+        self.restarting = True
+
     def motors_off(self) -> None:
         """Cut the drive until the next tick drives again."""
         self.voltages_uv[0] = 0
@@ -67,10 +97,11 @@ class VirtualBoard:
 
 
 class VirtualFlash:
-    """Two banks of bytes, as `mdms_cell.canopen.storage.store` wants its memory."""
+    """Two banks of bytes, as `mdms_cell.canopen.storage.store` wants its memory, and `files`."""
 
     def __init__(self) -> None:
         self._banks = [bytearray(), bytearray()]
+        self.files = VirtualFiles()
 
     def read(self, bank: int) -> bytes:
         """Return the whole bank."""
@@ -85,6 +116,61 @@ class VirtualFlash:
         if len(self._banks[bank]) != offset:
             raise OSError("settings are written from their beginning on")
         self._banks[bank] += data
+
+
+class VirtualFiles:
+    """Files as `mdms_boot.slots` wants them, in memory; one that is written has it at once."""
+
+    def __init__(self) -> None:
+        self._files: dict[str, bytearray] = {}
+
+    def _content(self, path: str) -> bytearray:
+        if path not in self._files:
+            raise OSError("there is no " + path)
+        return self._files[path]
+
+    def size(self, path: str) -> int:
+        """Return the bytes in a file; raises OSError if there is none."""
+        return len(self._content(path))
+
+    def read(self, path: str) -> bytes:
+        """Return the bytes of a file; raises OSError."""
+        return bytes(self._content(path))
+
+    def unpack(self, path: str) -> bytearray:
+        """Return what is in a file as it is, for nothing is started from it; raises OSError."""
+        return self._content(path)
+
+    def check(self, path: str, hash_: Any) -> None:
+        """Update `hash_` with all of a file; raises OSError."""
+        hash_.update(self._content(path))
+
+    def create(self, path: str) -> "VirtualFile":
+        """Return a new file, open to be written."""
+        self._files[path] = bytearray()
+        return VirtualFile(self._files[path])
+
+    def replace(self, path: str, data: bytes) -> None:
+        """Give a file other content."""
+        self._files[path] = bytearray(data)
+
+    def remove(self, path: str) -> None:
+        """Remove a file; one that is not there is no error."""
+        self._files.pop(path, None)
+
+
+class VirtualFile:
+    """A file that is open to be written."""
+
+    def __init__(self, content: bytearray) -> None:
+        self._content = content
+
+    def write(self, data: bytes) -> None:
+        """Add to its end."""
+        self._content += data
+
+    def close(self) -> None:
+        """End it."""
 
 
 def leave_bus(cell: object, board: VirtualBoard) -> None:

@@ -1,5 +1,4 @@
-"""Pictures of a run: position over time for rows, a top view for the plane; and an animation of one
-that cells steered.
+"""Pictures of a run: position over time for rows, a top view for the plane; and animations.
 
 Where the true poses are unknown, they show the coordinator's belief, and say so.
 """
@@ -11,14 +10,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mdms_sim.plots.animation import SUFFIX, write_animation
-from mdms_sim.plots.canvas import MARK, PictureFormatError, save
+from mdms_sim.plots.canvas import FORMATS, MARK, form_of, save
+from mdms_sim.plots.moving.animation import FORMS, GIF, MP4, write_gif, write_mp4
+from mdms_sim.plots.moving.video import find_encoder
 from mdms_sim.plots.plane import draw_plane
 from mdms_sim.plots.row import draw_row
-from mdms_sim.plots.shared_belief import has_layer
 from mdms_sim.plots.wheels import draw_wheels
 
-__all__ = ["MARK", "has_layer", "is_row", "save_animation", "save_picture", "save_wheels"]
+__all__ = ["MARK", "check_name", "is_row", "save_picture", "save_wheels"]
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -34,29 +33,27 @@ def is_row(scenario: "Scenario") -> bool:
     )
 
 
+def check_name(path: Path, *, wheels: bool = False) -> None:
+    """Raise PictureFormatError for a name of which no picture of a run, or its wheels, is drawn.
+
+    Also EncoderMissingError where nothing is installed that writes what it says.
+    """
+    if form_of(path, FORMATS if wheels else (*FORMATS, *FORMS)) == MP4:
+        find_encoder()
+
+
 def save_picture(path: Path, scenario: "Scenario", record: "Record") -> None:
-    """Draw a run into a file, in the way that suits its array; see `save`.
+    """Draw a run into a file, in the way that suits its array; an animation if its name ends so.
 
-    An animation if the file's name says so; see `save_animation`.
+    The same bytes for the same run. Raises OSError, PictureFormatError and EncoderMissingError.
     """
-    if path.suffix.lower() == SUFFIX:
-        save_animation(path, scenario, record)
-        return
-    draw = draw_row if is_row(scenario) else draw_plane
-    save(draw(*drawable(scenario, record)), path)
-
-
-def save_animation(path: Path, scenario: "Scenario", record: "Record") -> None:
-    """Write a GIF of a run in which cells reported what they are to parcels.
-
-    Raises OSError, and PictureFormatError for a run in which none did.
-    """
-    if not has_layer(record):
-        raise PictureFormatError(
-            "a GIF shows what cells report, and in this run they reported nothing; give a "
-            "picture's name, or run with motion.control = 'cells'"
-        )
-    write_animation(path, *drawable(scenario, record))
+    form = form_of(path, (*FORMATS, *FORMS))
+    shown = drawable(scenario, record)
+    if form in FORMS:
+        (write_gif if form == GIF else write_mp4)(path, *shown)
+    else:
+        draw = draw_row if is_row(scenario) else draw_plane
+        save(draw(*shown), path)
 
 
 def save_wheels(path: Path, scenario: "Scenario", record: "Record") -> None:
@@ -67,20 +64,22 @@ def save_wheels(path: Path, scenario: "Scenario", record: "Record") -> None:
 def drawable(scenario: "Scenario", record: "Record") -> "tuple[Scenario, Record]":
     """A record of belief with a pose at every sample: before it is found, a parcel lies there.
 
-    Parcels that were never found are left out.
+    Not where parcels come and go: such a one is where it is believed, and else away. Parcels that
+    were never found are left out.
     """
     if record.estimate is None or not record.is_belief:
         return scenario, record
     pose = record.estimate.copy()
     known = np.asarray(np.isfinite(pose).all(axis=2))
     found = np.flatnonzero(known.any(axis=0))
-    for number in found:
+    for number in () if scenario.stream else found:
         times = np.flatnonzero(known[:, number])
         nearest = np.searchsorted(times, np.arange(len(pose)), side="right") - 1
         pose[:, number] = pose[times[nearest.clip(0)], number]
     parcels = tuple(scenario.parcel[number] for number in found)
     title = f"{scenario.title} (as the coordinator believes)"
-    shown = replace(record, pose=pose[:, found], estimate=record.estimate[:, found])
+    # What is drawn for the truth here is what the coordinator believes.
+    shown = replace(record, pose=pose[:, found], estimate=None)
     if shown.identity is not None:
         shown.identity = _renumbered(shown.identity, found)
     return replace(scenario, title=title, parcel=parcels), shown

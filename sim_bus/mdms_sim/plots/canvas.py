@@ -1,6 +1,7 @@
 """What all pictures share: size, colours, type, and how they are written."""
 
 import warnings
+from collections.abc import Iterable
 from pathlib import Path
 
 import matplotlib
@@ -20,8 +21,6 @@ FORMATS: dict[str, dict[str, str | None]] = {
 DPI = 150
 INK = "#1c2733"
 FAINT = "#8b97a3"
-#: One colour per parcel, told apart by people with any kind of colour vision (Okabe and Ito).
-PARCEL_COLOURS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 
 
 class PictureFormatError(ValueError):
@@ -52,25 +51,30 @@ def draw_as_map(axes: Axes) -> None:
         spine.set_visible(False)
 
 
-def parcel_colour(number: int) -> str:
-    """The colour of a parcel by its place in the scenario."""
-    return PARCEL_COLOURS[number % len(PARCEL_COLOURS)]
+def form_of(path: Path, forms: Iterable[str] = tuple(FORMATS)) -> str:
+    """The form that a name's ending says, of these; PNG without an ending.
+
+    Raises PictureFormatError for any other.
+    """
+    form = path.suffix.removeprefix(".").lower() or "png"
+    if form not in forms:
+        *others, last = (f".{name}" for name in forms)
+        raise PictureFormatError(
+            f"{path.suffix}: nothing is drawn in that form; the name is to end in "
+            f"{', '.join(others)} or {last}"
+        )
+    return form
 
 
 def save(figure: Figure, path: Path) -> None:
     """Write a figure in the format of the name: the same bytes for the same picture.
 
-    Raises OSError, and PictureFormatError for a name that ends in none of `FORMATS`; PNG without
-    an ending. `MARK` stands in the file.
+    Raises OSError, and PictureFormatError; see `form_of`. `MARK` stands in the file.
 
     Titles and names are people's own text: no dollar sign in them starts a formula, and a letter
     that the font lacks is drawn as a box without a word about it.
     """
-    form = path.suffix.removeprefix(".").lower() or "png"
-    if form not in FORMATS:
-        raise PictureFormatError(
-            f"{path}: a picture ends in {', '.join('.' + name for name in FORMATS)}"
-        )
+    form = form_of(path)
     for text in figure.findobj(Text):
         text.set_parse_math(False)
     with warnings.catch_warnings():

@@ -11,9 +11,10 @@ from matplotlib.patches import Patch, Rectangle
 from numpy.typing import NDArray
 
 from mdms_model.array import cell_centres
+from mdms_model.run.colours import parcel_colour
 from mdms_model.scenario.scenario import Array
 from mdms_protocol.neighbours import frames as wire
-from mdms_sim.plots.canvas import FAINT, parcel_colour
+from mdms_sim.plots.canvas import FAINT
 
 FREE, FREE_EDGE = "#f3f5f7", "#dde2e6"
 #: Of the pitch: room for the outline of a promised cell beside that of its neighbour.

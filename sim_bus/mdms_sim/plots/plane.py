@@ -1,10 +1,8 @@
-"""A run in the plane at one glance: the table from above, and x, y and yaw over time.
-
-Of a run that cells steered, with what they reported: at its end on the table, and over time how far
-what they believed was off.
-"""
+"""A run in the plane at one glance: the table from above, and beside or below it what changes over
+time."""
 
 from math import degrees, hypot, pi
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -12,86 +10,190 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from mdms_model.run.colours import colours_of
+from mdms_model.run.planned import goals_at
 from mdms_model.run.record import Contact, Record
-from mdms_model.scenario.scenario import Scenario, goal_of
-from mdms_sim.plots.belief_panels import draw_belief_panels
-from mdms_sim.plots.canvas import FAINT, INK, new_figure, parcel_colour
+from mdms_model.scenario.scenario import Scenario
+from mdms_sim.plots.canvas import FAINT, INK, new_figure
 from mdms_sim.plots.held_cells import held_legend
-from mdms_sim.plots.pose_panels import draw_pose_panels
-from mdms_sim.plots.shared_belief import has_layer
-from mdms_sim.plots.top_view import DASHED, draw_slip_scale, draw_top_view, extent_m
+from mdms_sim.plots.panels import DASHED, GOAL, draw_panel, panels_of
+from mdms_sim.plots.top_view import draw_slip_scale, draw_top_view, extent_m
+from mdms_sim.plots.ways import START
 
-WIDTH_IN, TOP_IN, BOTTOM_IN, ROW_IN = 13.0, 0.95, 1.0, 0.22
-#: Of more parcels the legend names two only.
-MOST_NAMED = 3
-LEFT, MIDDLE, PANELS, RIGHT = 0.06, 0.60, 0.68, 0.985
+WIDTH_IN, TOP_IN, EDGE_IN, GAP_IN = 13.0, 0.85, 0.75, 0.85
+#: A table so many times as long as it is deep, or of so many columns, has all panels below it.
+LONG, MANY_COLUMNS = 2.2, 12
+#: Beside panels a table takes so much of the width, and so much height at most [in].
+BESIDE_IN, DEEPEST_IN = 7.0, 7.5
+PANEL_IN, PANEL_GAP_IN, COLUMNS = 1.0, 0.22, 3
+TICKS_IN, LEGEND_ROW_IN, SCALE_IN = 0.55, 0.24, 0.3
+#: The legend names no more parcels.
+MOST_NAMED = 12
+_LETTER_IN, _SIGN_IN = 0.075, 0.55
+
+
+class Box(NamedTuple):
+    """A part of a figure, from its top left corner [in]."""
+
+    left: float
+    top: float
+    width: float
+    height: float
 
 
 def draw_plane(scenario: Scenario, record: Record) -> Figure:
     """The figure of a run on an array of any shape."""
+    panels, legend = panels_of(scenario, record), _legend(scenario, record)
     low_m, high_m = extent_m(scenario, record)
-    width_m, depth_m = high_m - low_m
-    view_in = (MIDDLE - LEFT) * WIDTH_IN * depth_m / width_m
-    above_in = ROW_IN if has_layer(record) else 0.0
-    bottom_in = BOTTOM_IN + above_in
-    height_in = TOP_IN + bottom_in + min(max(view_in, 4.0), 8.0)
-    figure = new_figure(WIDTH_IN, height_in)
-    bottom, top = bottom_in / height_in, 1 - TOP_IN / height_in
-    axes = figure.add_axes((LEFT, bottom, MIDDLE - LEFT, top - bottom))
-    draw_top_view(axes, scenario, record)
-    if (record.contact != Contact.UNKNOWN).any():
-        draw_slip_scale(figure, (LEFT + 0.07, (0.2 + above_in) / height_in, 0.11, 0.12 / height_in))
-    draw_panels = draw_belief_panels if has_layer(record) else draw_pose_panels
-    draw_panels(figure, (PANELS, bottom, RIGHT - PANELS, top - bottom), scenario, record)
-    _add_legend(figure, scenario, record)
-    _add_titles(figure, height_in, scenario, record)
+    shape = (high_m[1] - low_m[1]) / (high_m[0] - low_m[0])
+    is_long = shape * LONG < 1.0 or scenario.array.columns >= MANY_COLUMNS
+    width_in = WIDTH_IN - 1.4 * EDGE_IN
+    view_in = width_in if is_long else min(BESIDE_IN, DEEPEST_IN / shape)
+    view = Box(EDGE_IN, TOP_IN, view_in, view_in * shape)
+    rows = _rows(legend, view.width)
+    below_in = view.top + view.height + TICKS_IN
+    has_scale = bool((record.contact != Contact.UNKNOWN).any())
+    used_in = below_in + SCALE_IN * has_scale + LEGEND_ROW_IN * len(rows) + 0.15
+    if is_long:
+        columns = _across(len(panels), Box(EDGE_IN, used_in + 0.15, width_in, PANEL_IN))
+    else:
+        columns = _beside(len(panels), view, used_in, width_in)
+    boxes = [box for column in columns for box in column]
+    figure = new_figure(
+        WIDTH_IN, max([used_in, *(box.top + box.height + TICKS_IN for box in boxes)])
+    )
+    draw_top_view(figure.add_axes(_shares(figure, view)), scenario, record)
+    if has_scale:
+        draw_slip_scale(figure, _shares(figure, Box(view.left + 0.95, below_in + 0.08, 1.3, 0.12)))
+    for number, row in enumerate(rows):
+        _add_row(figure, row, view.left, below_in + SCALE_IN * has_scale + LEGEND_ROW_IN * number)
+    lowest = [column[-1] for column in columns if column]
+    for panel, box in zip(panels, boxes, strict=True):
+        axes = figure.add_axes(_shares(figure, box))
+        draw_panel(axes, panel, record, is_last=box in lowest)
+    _add_titles(figure, scenario, record)
     return figure
 
 
-def _add_legend(figure: Figure, scenario: Scenario, record: Record) -> None:
+def _shares(figure: Figure, box: Box) -> tuple[float, float, float, float]:
+    """Left, bottom, width and height, as matplotlib has them."""
+    width_in, height_in = figure.get_size_inches().tolist()
+    bottom_in = height_in - box.top - box.height
+    return (
+        box.left / width_in,
+        bottom_in / height_in,
+        box.width / width_in,
+        box.height / height_in,
+    )
+
+
+def _beside(count: int, view: Box, used_in: float, width_in: float) -> list[list[Box]]:
+    """Boxes in a column beside the table and, where that grows too high, some below it."""
+    step_in = PANEL_IN + PANEL_GAP_IN
+    # The time's own line is needed on both sides.
+    heights = [
+        max(TOP_IN + (count - below) * step_in, used_in + below * step_in + TICKS_IN * (below > 0))
+        for below in range(count)
+    ]
+    below = int(np.argmin(heights)) if count else 0
+    left_in = view.left + view.width + GAP_IN
+    room_in = max(heights[below] if count else 0.0, used_in) - TOP_IN - TICKS_IN * (below > 0)
+    width_in -= left_in - EDGE_IN
+    return [
+        _column(count - below, Box(left_in, TOP_IN, width_in, room_in)),
+        _column(below, Box(view.left, used_in + 0.1, view.width, below * step_in)),
+    ]
+
+
+def _column(count: int, room: Box) -> list[Box]:
+    """Boxes one above the other."""
+    step_in = room.height / max(count, 1)
+    height_in = step_in - PANEL_GAP_IN
+    return [Box(room.left, room.top + n * step_in, room.width, height_in) for n in range(count)]
+
+
+def _across(count: int, first: Box) -> list[list[Box]]:
+    """Boxes in rows of `COLUMNS`, by column."""
+    step_in = (first.width + GAP_IN) / COLUMNS
+    width_in, down_in = step_in - GAP_IN, first.height + PANEL_GAP_IN
+    return [
+        [
+            Box(first.left + column * step_in, first.top + n * down_in, width_in, first.height)
+            for n in range(len(range(column, count, COLUMNS)))
+        ]
+        for column in range(COLUMNS)
+    ]
+
+
+def _legend(scenario: Scenario, record: Record) -> list[Artist]:
     handles: list[Artist] = []
-    most = len(scenario.parcel) if len(scenario.parcel) <= MOST_NAMED else 2
-    for number, parcel in enumerate(scenario.parcel[:most]):
-        colour, name = parcel_colour(number), f"parcel {parcel.name}"
+    by_name = {
+        (parcel.kind or parcel.name) if scenario.stream else parcel.name: colour
+        for parcel, colour in zip(scenario.parcel, colours_of(scenario), strict=True)
+    }
+    for name, colour in list(by_name.items())[:MOST_NAMED]:
         handles.append(Patch(facecolor=f"{colour}55", edgecolor=colour, label=name))
-    handles.append(Line2D([], [], color=FAINT, linestyle=(0, (1, 1.5)), lw=1.6, label="start"))
-    if any(goal_of(scenario, parcel) for parcel in scenario.parcel):
-        handles.append(Line2D([], [], color=INK, linestyle=(0, (4, 2)), label="goal"))
-    if has_layer(record):
-        label = "parcel as its cells believe"
-        believed = Line2D([], [], color=INK, linestyle=DASHED, lw=1.3, label=label)
-        _add_row(figure, [*held_legend(), believed], ROW_IN / figure.get_figheight())
-    elif record.estimate is not None and np.isfinite(record.estimate).any():
-        handles.append(Line2D([], [], color=INK, linewidth=1, label="as the coordinator believes"))
-    _add_row(figure, handles, 0.0)
+    if len(by_name) > MOST_NAMED:
+        more = f"and {len(by_name) - MOST_NAMED} more"
+        handles.append(Patch(facecolor="none", edgecolor="none", label=more))
+    if not scenario.stream:
+        handles.append(Line2D([], [], color=FAINT, linestyle=START, lw=1.6, label="start"))
+    if goals_at(scenario, record, float(record.time_s[-1])):
+        handles.append(Line2D([], [], color=INK, linestyle=GOAL, label="goal"))
+    if record.identity is not None:
+        handles += held_legend()
+        handles.append(Line2D([], [], color=INK, lw=1.3, label="belief of the host"))
+        label = "of its cells"
+        handles.append(Line2D([], [], color=INK, linestyle=DASHED, lw=1.3, label=label))
+    return handles
 
 
-def _add_row(figure: Figure, handles: list[Artist], above: float) -> None:
+def _rows(handles: list[Artist], width_in: float) -> list[list[Artist]]:
+    """The legend in lines that are no longer than this."""
+    rows: list[list[Artist]] = [[]]
+    left_in = width_in
+    for handle in handles:
+        needed_in = _SIGN_IN + _LETTER_IN * len(str(handle.get_label()))
+        if needed_in > left_in and rows[-1]:
+            rows.append([])
+            left_in = width_in
+        rows[-1].append(handle)
+        left_in -= needed_in
+    return rows
+
+
+def _add_row(figure: Figure, handles: list[Artist], left_in: float, top_in: float) -> None:
+    width_in, height_in = figure.get_size_inches().tolist()
     figure.legend(
         handles=handles,
-        loc="lower right",
-        bbox_to_anchor=(RIGHT, 0.01 + above),
-        ncols=len(handles),
+        loc="upper left",
+        bbox_to_anchor=((left_in + 0.05) / width_in, 1 - top_in / height_in),
+        ncols=max(len(handles), 1),
         frameon=False,
         fontsize=9,
         labelcolor=INK,
+        borderpad=0.0,
+        borderaxespad=0.0,
+        handlelength=1.8,
+        columnspacing=1.4,
     )
 
 
-def _add_titles(figure: Figure, height_in: float, scenario: Scenario, record: Record) -> None:
-    figure.text(
-        LEFT, 1 - 0.42 / height_in, scenario.title, color=INK, fontsize=14, fontweight="bold"
-    )
+def _add_titles(figure: Figure, scenario: Scenario, record: Record) -> None:
+    width_in, height_in = figure.get_size_inches().tolist()
+    left, title = EDGE_IN / width_in, scenario.title
+    figure.text(left, 1 - 0.38 / height_in, title, color=INK, fontsize=14, fontweight="bold")
     lasting = np.flatnonzero(np.isfinite(record.pose).all(axis=(0, 2))).tolist()
     stories = [_story(scenario, record, number) for number in lasting[:2]]
     if len(lasting) > len(stories):
         stories.append(f"{len(lasting) - len(stories)} more")
-    if scenario.stream:
-        came, left = (
-            sum(event.kind == kind for event in record.events) for kind in ("arrival", "exit")
-        )
-        stories.append(f"{came} parcels came, and {left} left")
-    figure.text(LEFT, 1 - 0.72 / height_in, ";  ".join(stories), color=FAINT, fontsize=10)
+    came, left_table = (
+        sum(event.kind == kind for event in record.events) for kind in ("arrival", "exit")
+    )
+    # Nobody counts them on hardware.
+    if came:
+        stories.append(f"{came} parcels came, and {left_table} left")
+    figure.text(left, 1 - 0.66 / height_in, ";  ".join(stories), color=FAINT, fontsize=10)
 
 
 def _story(scenario: Scenario, record: Record, number: int) -> str:
@@ -107,8 +209,11 @@ def _story(scenario: Scenario, record: Record, number: int) -> str:
     )
     if (tipped_s := next(tips, None)) is not None:
         return f"{story}; tipped off at {tipped_s:.2f} s"
-    if (goal := goal_of(scenario, parcel)) is None:
+    goal = goals_at(scenario, record, float(record.time_s[-1])).get(parcel.name)
+    if goal is None:
         return story
-    miss_m = hypot(pose[-1, 0] - goal.x_m, pose[-1, 1] - goal.y_m)
-    miss_rad = (pose[-1, 2] - goal.yaw_rad + pi) % (2 * pi) - pi
-    return f"{story}, {1000 * miss_m:.1f} mm and {abs(degrees(miss_rad)):.1f}° off its goal"
+    miss_mm = 1000 * hypot(*(pose[-1, :2] - goal[:2]))
+    if np.isnan(goal[2]):
+        return f"{story}, {miss_mm:.1f} mm off its goal"
+    miss_rad = (pose[-1, 2] - goal[2] + pi) % (2 * pi) - pi
+    return f"{story}, {miss_mm:.1f} mm and {abs(degrees(miss_rad)):.1f}° off its goal"

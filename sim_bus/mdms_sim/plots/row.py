@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 
 from mdms_model.array import cell_centres
 from mdms_model.arrays import Floats
+from mdms_model.run.colours import parcel_colour
 from mdms_model.run.record import Contact, Record
 from mdms_model.scenario.scenario import Scenario
-from mdms_sim.plots.canvas import FAINT, INK, new_figure, parcel_colour, tidy
+from mdms_sim.plots.canvas import FAINT, INK, new_figure, tidy
+from mdms_sim.plots.scales import label_time, shown_until_s
 
 BAND_SHARE = 0.34
 BANDS = {"no contact": "#e3e6e9", "sliding": "#9aa1a8", "rolling": "#16191d"}
@@ -84,9 +86,9 @@ def _draw_traces(axes: Axes, time_s: Floats, x_m: Floats, reach_m: Floats, numbe
 
 def _label(axes: Axes, scenario: Scenario, record: Record) -> None:
     half_m = scenario.array.columns * scenario.array.pitch_m / 2
-    axes.set_xlim(record.time_s[0], record.time_s[-1])
+    axes.set_xlim(record.time_s[0], shown_until_s(record))
     axes.set_ylim(-half_m, half_m)
-    axes.set_xlabel("time [s]", color=INK)
+    label_time(axes, record)
     axes.set_ylabel("position x [m]", color=INK)
     tidy(axes)
     cells = axes.secondary_yaxis("right")

@@ -1,30 +1,30 @@
-"""The table from above: cells, wheels coloured by how often they slipped, and parcels' ways."""
-
-from typing import Any
+"""The table from above: cells, wheels coloured by how often they slipped, exits, parcels' ways."""
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
-from mdms_model.array import build_wheels, cell_centres
+from mdms_model.array import build_wheels, cell_centres, edge_m
 from mdms_model.arrays import Floats
 from mdms_model.outline import outline_m
+from mdms_model.run.colours import colours_of
+from mdms_model.run.planned import goals_at
 from mdms_model.run.record import Contact, Record
-from mdms_model.scenario.scenario import Goal, Parcel, Scenario, goal_of
-from mdms_sim.plots.canvas import INK, draw_as_map, parcel_colour
+from mdms_model.run.shared_belief import shared_belief
+from mdms_model.scenario.scenario import Scenario
+from mdms_sim.plots.canvas import INK, draw_as_map
 from mdms_sim.plots.held_cells import HeldCells
-from mdms_sim.plots.shared_belief import shared_belief
+from mdms_sim.plots.ways import draw_goal, draw_outline, draw_way, milestones
 
 SLIP_COLOURS = LinearSegmentedColormap.from_list("slip", ["#2f6db5", "#9a5bb0", "#d6124a"])
 #: Of what cells believe.
 DASHED = (0, (2.5, 2))
 NUMBER = "#6b7782"
 UNTOUCHED = "#cfd5da"
-FOOTPRINTS = 6
+EXIT, EXIT_M = "#5b6670", 0.012
 MARGIN_M = 0.01
 WHEEL_SHARE = 0.26
 
@@ -35,19 +35,23 @@ def draw_top_view(axes: Axes, scenario: Scenario, record: Record) -> None:
     if record.identity is not None and record.state is not None:
         cells.show(record.identity[-1], record.state[-1])
     _number_cells(axes, scenario)
-    for number, parcel in enumerate(scenario.parcel):
-        _draw_way(axes, parcel, record.pose[:, number], parcel_colour(number))
+    draw_exits(axes, scenario)
+    goals = goals_at(scenario, record, float(record.time_s[-1]))
+    for number, (parcel, colour) in enumerate(
+        zip(scenario.parcel, colours_of(scenario), strict=True)
+    ):
+        draw_way(axes, parcel, record.time_s, record.pose[:, number], colour)
         believed = shared_belief(record, number)[-1]
         if np.isfinite(believed).all():
-            _draw_outline(axes, parcel, believed, edgecolor=INK, linestyle=DASHED, lw=1.3, zorder=8)
-        if goal := goal_of(scenario, parcel):
-            _draw_goal(axes, parcel, goal)
+            draw_outline(axes, parcel, believed, edgecolor=INK, linestyle=DASHED, lw=1.3, zorder=8)
+        if parcel.name in goals:
+            draw_goal(axes, parcel, goals[parcel.name])
     _draw_wheels(axes, scenario, record)
     low_m, high_m = extent_m(scenario, record)
     axes.set_xlim(low_m[0], high_m[0])
     axes.set_ylim(low_m[1], high_m[1])
-    axes.set_xlabel("x [m]", color=INK)
-    axes.set_ylabel("y [m]", color=INK)
+    axes.set_xlabel("x [m]", color=INK, labelpad=1)
+    axes.set_ylabel("y [m]", color=INK, labelpad=1)
     draw_as_map(axes)
 
 
@@ -58,7 +62,7 @@ def extent_m(scenario: Scenario, record: Record) -> tuple[Floats, Floats]:
     seen_m.append(-seen_m[0])
     for number, parcel in enumerate(scenario.parcel):
         pose = record.pose[:, number]
-        for place in _milestones(pose, parcel):
+        for place in milestones(pose, parcel):
             seen_m.extend(outline_m(pose[place], parcel))
     return np.min(seen_m, axis=0) - MARGIN_M, np.max(seen_m, axis=0) + MARGIN_M
 
@@ -71,15 +75,6 @@ def add_wheels(axes: Axes, scenario: Scenario, width: float) -> LineCollection:
     collection = LineCollection(list(bars), linewidths=width, capstyle="round", zorder=4)
     axes.add_collection(collection)
     return collection
-
-
-def nose_m(pose: Floats, parcel: Parcel) -> Floats:
-    """Corners of a small triangle at the parcel's +x side, so that its turn can be seen."""
-    tip, depth = parcel.length_m / 2, 0.09 * parcel.length_m
-    turned = np.array([[np.cos(pose[2]), np.sin(pose[2])], [-np.sin(pose[2]), np.cos(pose[2])]])
-    corners = np.array([(tip, 0.0), (tip - depth, depth / 2), (tip - depth, -depth / 2)])
-    placed: Floats = corners @ turned + pose[:2]
-    return placed
 
 
 def draw_slip_scale(figure: Figure, box: tuple[float, float, float, float]) -> None:
@@ -114,61 +109,25 @@ def _draw_wheels(axes: Axes, scenario: Scenario, record: Record) -> None:
     add_wheels(axes, scenario, 3.0).set_color(colours)
 
 
-def _draw_way(axes: Axes, parcel: Parcel, pose: Floats, colour: str) -> None:
-    """Footprints that grow stronger from start to end, and the path of the centre.
-
-    One that comes and goes has no start and no end: its paths, and where it is at last.
-    """
-    if not np.isfinite(pose).all():
-        axes.plot(pose[:, 0], pose[:, 1], color=colour, lw=0.8, alpha=0.5, zorder=6)
-        if np.isfinite(pose[-1]).all():
-            _draw_outline(axes, parcel, pose[-1], facecolor=f"{colour}38", zorder=3)
-            _draw_outline(axes, parcel, pose[-1], edgecolor=colour, lw=2.6)
-        return
-    chosen = _milestones(pose, parcel)
-    for place, strength in zip(chosen, np.linspace(0.25, 0.7, len(chosen)), strict=True):
-        _draw_outline(axes, parcel, pose[place], edgecolor=colour, lw=0.9, alpha=strength)
-    _draw_outline(axes, parcel, pose[0], edgecolor=colour, linestyle=(0, (1, 1.5)), lw=1.6)
-    _draw_outline(axes, parcel, pose[-1], facecolor=f"{colour}38", zorder=3)
-    _draw_outline(axes, parcel, pose[-1], edgecolor=colour, lw=2.6)
-    _draw_nose(axes, pose[0], parcel, f"{colour}80")
-    _draw_nose(axes, pose[-1], parcel, colour)
-    axes.plot(pose[:, 0], pose[:, 1], color=colour, lw=2.0, zorder=6)
-    axes.plot(*pose[0, :2], "o", color="white", markeredgecolor=colour, markersize=6, zorder=7)
-    axes.plot(*pose[-1, :2], "o", color=colour, markeredgecolor="white", markersize=9, zorder=7)
-
-
-def _draw_outline(axes: Axes, parcel: Parcel, pose: Floats, **style: Any) -> None:
-    corners = outline_m(pose, parcel)
-    axes.add_patch(
-        Polygon(corners, **{"facecolor": "none", "edgecolor": "none", "zorder": 5, **style})
-    )
-
-
-def _draw_nose(axes: Axes, pose: Floats, parcel: Parcel, colour: str) -> None:
-    axes.add_patch(Polygon(nose_m(pose, parcel), facecolor=colour, lw=0, zorder=6))
-
-
-def _draw_goal(axes: Axes, parcel: Parcel, goal: Goal) -> None:
-    pose = np.array([goal.x_m, goal.y_m, goal.yaw_rad])
-    _draw_outline(axes, parcel, pose, edgecolor=INK, linestyle=(0, (4, 2)), lw=1.4, zorder=8)
-    axes.plot(*pose[:2], "+", color=INK, markersize=15, markeredgewidth=1.4, zorder=8)
-
-
-def _milestones(pose: Floats, parcel: Parcel) -> list[int]:
-    """Samples evenly spread over the way made, so that a rest at the end adds none.
-
-    None of a parcel that was never there.
-    """
-    there = np.flatnonzero(np.isfinite(pose).all(axis=1))
-    if not len(there):
-        return []
-    pose = pose[there]
-    reach_m = np.hypot(parcel.length_m, parcel.width_m) / 2
-    steps_m = np.hypot(np.diff(pose[:, 0]), np.diff(pose[:, 1])) + reach_m * abs(
-        np.diff(pose[:, 2])
-    )
-    way_m = np.concatenate(([0.0], np.cumsum(steps_m)))
-    wanted_m = np.linspace(0.0, way_m[-1], FOOTPRINTS)
-    chosen = there[np.searchsorted(way_m, wanted_m).clip(0, len(pose) - 1)]
-    return sorted(set(chosen.tolist()))
+def draw_exits(axes: Axes, scenario: Scenario) -> None:
+    """Where parcels leave: a line along the table's side, with the exit's name."""
+    for each in scenario.exit:
+        ends_m = edge_m(scenario.array, each.side, each.from_m, each.to_m)
+        is_level = each.side in ("north", "south")
+        sign = 1.0 if each.side in ("east", "north") else -1.0
+        ends_m[:, int(is_level)] += sign * EXIT_M
+        axes.plot(*ends_m.T, color=EXIT, lw=3.0, solid_capstyle="butt", clip_on=False, zorder=4)
+        middle_m, turned = ends_m.mean(axis=0), 0 if is_level else -90
+        kinds = f": {', '.join(each.kinds)}" if each.kinds else ""
+        axes.annotate(
+            f"{each.name}{kinds}",
+            (float(middle_m[0]), float(middle_m[1])),
+            xytext=(0, 7 * sign) if is_level else (7 * sign, 0),
+            textcoords="offset points",
+            rotation=turned,
+            ha="center",
+            va="center",
+            fontsize=8,
+            color=EXIT,
+            annotation_clip=False,
+        )

@@ -13,6 +13,9 @@ from can_flex import FlexCan
 from internal_flash import InternalFlash
 from nor_flash import NorFlash
 
+from boards import flash
+from mdms_boot.files import Files
+from mdms_boot.slots import Slots
 from mdms_cell.cell import Cell
 from mdms_cell.runner import Runner
 from mdms_protocol import cia402, pdo
@@ -111,7 +114,7 @@ class Bench:
     def put_flash(self):
         """Give the board its flash, with a file system as it is to be."""
         if self.name in ("teensy41", "weact_h743"):
-            world.flash = NorFlash()
+            world.flash = NorFlash(blocks=64)
             vfs.VfsLfs2.mkfs(world.flash)
             vfs.mount(vfs.VfsLfs2(world.flash), "/flash")
             return
@@ -121,6 +124,9 @@ class Bench:
 
     def boot(self):
         """Make cell and runner, start the interrupts, and let the cell announce itself."""
+        if flash.keeps_whole("/flash"):
+            self.board.slots = Slots(Files("/flash"))
+            self.board.slots.may_write = self.board.asleep
         self.cell = Cell(self.board, NODE)
         self.runner = Runner(self.board, self.cell)
         self.board.start(self.runner.tick)

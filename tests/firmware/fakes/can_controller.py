@@ -1,10 +1,10 @@
 """What `machine.CAN` of MicroPython 1.29 has on every port (extmod/machine_can.c), and its bus.
 
 A controller of a chip family derives from this and says what its own sources do.
-Left out: modes but the normal one, cancelling, counters, timings; error counters and the states
-between active and bus-off; frames that come, and get lost, while `set_filters` is at work. An
-uncaught exception in the handler goes on to the test; the port would print it, and never call the
-handler again.
+Left out: modes but the normal one, cancelling, timings; counters but those of errors, which do not
+move by themselves; the states between active and bus-off; frames that come, and get lost, while
+`set_filters` is at work. An uncaught exception in the handler goes on to the test; the port would
+print it, and never call the handler again.
 """
 
 import sys
@@ -71,6 +71,7 @@ class Controller:
         self.trigger = 0
         self.restarts = 0
         self._irq = None
+        self.error_counters = (0, 0)
         self._off = False
         self._recovery_bits = None  # still to come, once the recovery has begun
         self._state_interrupt = False
@@ -152,6 +153,12 @@ class Controller:
     def state(self):
         """The error state."""
         return self.STATE_BUS_OFF if self._off else self.STATE_ACTIVE
+
+    def get_counters(self, into):
+        """The error counters, which a test sets, of the eight that there are."""
+        assert len(into) == 8
+        into[0], into[1] = self.error_counters
+        return into
 
     def restart(self):
         """Drop what waits to be sent, and begin to leave bus-off."""

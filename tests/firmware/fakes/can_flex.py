@@ -134,7 +134,8 @@ class FlexCan(Controller):
         self._armed = True
 
     def get_counters(self, into):
-        """Frames lost, last of eight; the others are left alone."""
+        """See `Controller`, and frames lost, last of eight."""
+        super().get_counters(into)
         into[7] = self._overruns
         return into
 

@@ -6,6 +6,7 @@ from argparse import ArgumentParser
 from collections.abc import Iterator
 from pathlib import Path
 from queue import SimpleQueue
+from types import SimpleNamespace
 
 import can
 import pytest
@@ -149,6 +150,36 @@ def test_what_is_no_plain_data_frame_is_counted_and_dropped(clock) -> None:
     with Link(ScriptedBus(*strange, MESSAGE), clock) as link:
         assert received(link, clock) == [HEARTBEAT]
         assert (link.error_frames, link.garbled) == (1, 2)
+
+
+class SocketcanBus(ScriptedBus):
+    """As python-can's where it matters: what a program of this computer sent is marked."""
+
+    def __init__(self, *script: can.Message | Exception, returns_own: bool) -> None:
+        self.socket = SimpleNamespace(getsockopt=lambda *_option: int(returns_own))
+        super().__init__(*script)
+
+
+def marked(frame: Frame) -> can.Message:
+    return can.Message(
+        arbitration_id=frame.can_id, data=frame.data, is_extended_id=False, is_rx=False
+    )
+
+
+def test_what_a_driver_returns_of_what_was_sent_is_dropped(clock) -> None:
+    own = Frame(0x201, b"\x01")
+    for bus in (
+        ScriptedBus(marked(own), MESSAGE),
+        SocketcanBus(marked(own), MESSAGE, returns_own=True),
+    ):
+        with Link(bus, clock) as link:
+            assert received(link, clock) == [HEARTBEAT]
+
+
+def test_over_socketcan_other_programs_of_this_computer_are_received(clock) -> None:
+    stop = Frame(0x000, b"\x80\x00")
+    with Link(SocketcanBus(marked(stop), MESSAGE, returns_own=False), clock) as link:
+        assert received(link, clock, 2) == [stop, HEARTBEAT]
 
 
 @pytest.fixture

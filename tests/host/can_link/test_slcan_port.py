@@ -103,6 +103,13 @@ def test_what_our_own_adapter_had_no_room_for_is_an_incident(adapter):
     assert "the adapter has dropped 258 frames of the bus" in link.incidents[0][1]
 
 
+def test_bus_off_of_our_own_adapter_is_an_incident(adapter):
+    link, far = adapter
+    os.write(far, b"y\rt701105\r")
+    assert received(link, 1) == [Frame(0x701, b"\x05")]
+    assert "the adapter went off the bus; frames sent last may be lost" in link.incidents[0][1]
+
+
 def test_frames_that_the_adapter_refuses_are_counted(adapter):
     link, far = adapter
     link.send(Frame(0x201, b"\x01"))

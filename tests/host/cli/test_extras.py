@@ -86,7 +86,8 @@ def test_run_folder_without_matplotlib_has_all_but_the_picture(without, tmp_path
     record = run_scenario(scenario).record
     without("matplotlib")
     keep_run(tmp_path, scenario, record, {})
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["meta.json", "run.mcap"]
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == ["lichtblick_layout.json", "meta.json", "run.mcap"]
     assert "no picture without matplotlib: pip install 'mdms-array[sim]'" in capsys.readouterr().err
     assert read_run(tmp_path).scenario == scenario
 

@@ -9,7 +9,7 @@ import pytest
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
 
-BEGINS = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
+BEGINS = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF", "gif": b"GIF8"}
 
 
 @pytest.fixture(scope="module")
@@ -38,10 +38,30 @@ def test_picture_is_of_the_form_that_its_name_says(run, tmp_path, form):
     assert paths[0].read_bytes() == paths[1].read_bytes()
 
 
-def test_picture_of_an_unknown_form_is_refused(run, tmp_path, capsys):
-    assert main(["plot", run, "--out", str(tmp_path / "a.jpeg")]) == Exit.USAGE
-    assert "a picture ends in .png, .svg, .pdf" in capsys.readouterr().err
+STILLS = ".png, .svg or .pdf"
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        (("plot", "RUN"), ".jpeg", ".png, .svg, .pdf, .gif or .mp4"),
+        (("plot", "RUN", "--wheels"), ".gif", STILLS),
+        (("map", "paper-fig7"), ".mp4", STILLS),
+    ],
+)
+def test_picture_of_an_unknown_form_is_refused_by_its_ending(run, tmp_path, capsys, case):
+    command, ending, forms = case
+    given = [run if part == "RUN" else part for part in command]
+    assert main([*given, "--out", str(tmp_path / f"a{ending}")]) == Exit.USAGE
+    assert capsys.readouterr().err == (
+        f"mdms: {ending}: nothing is drawn in that form; the name is to end in {forms}\n"
+    )
     assert list(tmp_path.iterdir()) == []
+
+
+def test_picture_without_an_ending_is_a_png(run, tmp_path):
+    assert main(["plot", run, "--out", str(tmp_path / "picture")]) == 0
+    assert (tmp_path / "picture").read_bytes().startswith(BEGINS["png"])
 
 
 @pytest.mark.parametrize(("verb", "name"), [("plot", "mine.svg"), ("export", "cells.csv")])

@@ -9,7 +9,7 @@ import pytest
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.topics import TOPICS
-from mdms_host.cli.verbs import VERBS
+from mdms_host.cli.verbs import VERBS, build_parser
 
 
 def test_version_names_package_revision_and_protocol(capsys):
@@ -30,7 +30,7 @@ def test_topics_are_listed_and_others_refused(capsys):
     printed = capsys.readouterr().out
     assert all(topic in printed for topic in TOPICS)
     assert main(["help", "love"]) == Exit.USAGE
-    assert "no such topic; there are start, " in capsys.readouterr().err
+    assert "no such topic; there are start, newcomer, " in capsys.readouterr().err
 
 
 def completed(script, *words):
@@ -54,6 +54,33 @@ def test_bash_completes_verbs_actions_and_late_options(tmp_path, capsys):
     assert {*completed(script, "mdms", "''")} >= {verb.name for verb in VERBS}
     assert completed(script, "mdms", "configure", "du") == ["dump"]
     assert "--bitrate" in completed(script, "mdms", "scan", "--b")
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="there is no bash")
+def test_bash_completes_the_options_of_every_verb(tmp_path, capsys):
+    assert main(["completion", "bash"]) == Exit.OK
+    script = tmp_path / "mdms.bash"
+    script.write_text(capsys.readouterr().out)
+    names = [verb.name for verb in VERBS]
+    offer = "COMP_WORDS=(mdms $verb --); COMP_CWORD=2; COMP_TYPE=9; COMPREPLY=(); _shtab_mdms"
+    loop = f'for verb in {" ".join(names)}; do {offer}; echo "$verb ${{COMPREPLY[@]}}"; done'
+    done = subprocess.run(
+        ["bash", "-c", f'source "$0"; {loop}', str(script)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    offered = {line.split()[0]: {*line.split()[1:]} for line in done.stdout.splitlines()}
+    for name in names:
+        with pytest.raises(SystemExit):
+            build_parser().parse_args([name, "--help"])
+        options = {*re.findall(r"(?<![\w-])--[a-z][a-z-]*", usage(capsys.readouterr().out))}
+        assert offered[name] >= options, name
+
+
+def usage(text):
+    """The first paragraph of a help text."""
+    return text.split("\n\n", 1)[0]
 
 
 @pytest.mark.parametrize("shell", ["zsh", "tcsh"])

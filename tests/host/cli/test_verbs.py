@@ -5,6 +5,8 @@ import json
 import pytest
 
 from mdms_host.cli import main
+from mdms_host.cli.exits import Exit
+from mdms_model.scenario.file import load_scenario
 
 
 @pytest.fixture
@@ -43,6 +45,19 @@ def test_limits_are_the_papers(capsys, resistance_ohm, rolling_m_s, sliding_m_s)
         "rolling_equilibrium_max_m_s",
         "droop",
     }
+
+
+def test_a_built_in_scenario_is_printed_as_a_file_to_start_from(capsys, tmp_path):
+    assert main(["scenarios", "--show", "array18"]) == 0
+    printed = capsys.readouterr().out
+    assert "# not the 5 it prints" in printed
+    path = tmp_path / "mine.toml"
+    path.write_text(printed)
+    assert load_scenario(path) == load_scenario("array18")
+    assert main(["scenarios", "--show", "array18", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"name": "array18", "toml": printed}
+    assert main(["scenarios", "--show", "array19"]) == Exit.USAGE
+    assert "no such built-in scenario; there are array18, " in capsys.readouterr().err
 
 
 def test_limits_for_people_name_the_equations(capsys):

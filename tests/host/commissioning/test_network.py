@@ -1,10 +1,13 @@
+import threading
+
+import can
 import canopen
 import pytest
 
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning, RefusedError, SilentError
 from mdms_host.commissioning.scan import scan_bus, scan_table
-from mdms_protocol import nmt
+from mdms_protocol import cob, nmt
 from mdms_protocol.dictionary import DEVICE_NAME, PRODUCT_CODE
 from mdms_protocol.entry import OutOfRangeError
 
@@ -19,14 +22,10 @@ def test_all_cells_are_found_and_say_who_they_are(served_cells) -> None:
 
 
 def test_nothing_is_found_on_an_empty_bus(request) -> None:
-    import can
-
     assert scan_bus(can.Bus(request.node.nodeid, interface="virtual"), MonotonicClock()) == []
 
 
 def test_a_stranger_is_found_and_told_from_cells(request) -> None:
-    import can
-
     channel = request.node.nodeid
     network = canopen.Network(can.Bus(channel, interface="virtual"))
     network.NOTIFIER_CYCLE = 0.05  # how long its reader takes to end
@@ -58,6 +57,31 @@ def test_a_value_out_of_range_is_not_even_sent(commissioning) -> None:
         commissioning.write(1, 0x2000, 0, 100_001)
     with pytest.raises(KeyError, match="no object 0x5FFF:0"):
         commissioning.read(1, 0x5FFF)
+
+
+def test_answers_right_behind_a_sync_are_all_received(commissioning, served_cells) -> None:
+    """canopen-python/canopen#623: nothing is asked twice, and no answer is missed."""
+    requests, over = [], threading.Event()
+
+    def produce() -> None:
+        with served_cells.open() as bus:
+            message = None
+            while message is not None or not over.is_set():
+                # Behind each request, and so before its answer, there are SYNCs.
+                bus.send(can.Message(arbitration_id=cob.SYNC, is_extended_id=False))
+                message = bus.recv(0.001)
+                if message is not None and message.arbitration_id == cob.SDO_REQUEST_BASE + 2:
+                    requests.append(bytes(message.data))
+
+    producer = threading.Thread(target=produce)
+    producer.start()
+    try:
+        answers = [commissioning.read(2, 0x2000) for _ in range(50)]
+    finally:
+        over.set()
+        producer.join()
+    assert answers == [13_000] * 50
+    assert len(requests) == 50
 
 
 def test_a_node_that_is_not_there_is_silent(commissioning) -> None:

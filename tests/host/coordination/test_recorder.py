@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from mdms_host.cli.records.plan_log import PlanLog
 from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
 from mdms_host.coordination.recorder import Recorder
 from mdms_model.run.record import Contact, Event
@@ -12,14 +13,20 @@ from mdms_sim.simulation import simulate
 
 @pytest.fixture(scope="module")
 def recorded():
-    """The record, the frames that were logged, and the simulation's own outcome."""
+    """The record with its plans, the frames that were logged, and the simulation's own outcome."""
     scenario = load_scenario("array18", ["run.duration_s=1.5", "motion.speed_m_s=0.1"])
     coordinator, frames = coordinator_of(scenario), []
+    plans = PlanLog(coordinator)
     recorder = Recorder(
-        coordinator, lambda: estimates_of(coordinator, scenario), lambda *each: frames.append(each)
+        coordinator,
+        lambda: estimates_of(coordinator, scenario),
+        lambda *each: frames.append(each),
+        look=plans.look,
     )
     outcome = simulate(scenario, [recorder])
-    return recorder.record([(0.5, "garbage")]), frames, outcome
+    record = recorder.record([(0.5, "garbage")])
+    record.plans = plans.plans
+    return record, frames, outcome
 
 
 def test_truth_is_left_out(recorded):
@@ -56,3 +63,25 @@ def test_events_of_coordinator_and_link_are_in_order_of_time(recorded):
     assert "running" in [event.detail for event in record.events]
     times_s = [event.time_s for event in record.events]
     assert times_s == sorted(times_s)
+
+
+def test_sensors_are_as_the_cells_reported_them(recorded):
+    record, _, outcome = recorded
+    # Only a sample between a status and its recording differs.
+    differs = (record.presence[-1] != outcome.record.presence[-1]).sum()
+    assert record.presence[-1].any()
+    assert differs <= 1
+
+
+def test_goal_and_way_of_a_parcel_that_the_host_steers_are_planned_once(recorded):
+    record, _, outcome = recorded
+    goals, under_way = record.plans
+    assert goals.goals["box"] == pytest.approx((0.1, 0.0, np.pi / 6))
+    assert goals.ways == {}
+    way, due_s = under_way.ways["box"], under_way.due_s["box"]
+    assert way[0] == pytest.approx(outcome.record.pose[0, 0], abs=0.01)
+    assert way[-1] == pytest.approx(goals.goals["box"])
+    assert due_s[0] == under_way.time_s
+    assert (np.diff(due_s) > 0).all()
+    # 0.2 m at 0.1 m/s, a corner's way included.
+    assert 2.0 < due_s[-1] - due_s[0] < 4.0

@@ -94,8 +94,8 @@ class Table:
         self.carrying += int((self._world.normal_n > 0.0).sum())
 
     def _rolling_twist(self) -> Floats:
-        """The twist that the speeds of the wheels under the parcel show."""
-        under = self._world.normal_n > 0.0
+        """The twist that the speeds of the wheels under the parcel show; the lost report none."""
+        under = (self._world.normal_n > 0.0) & ~self._lost
         rows = self._layout.surface_jacobian(*self.pose[:2].tolist())[under]
         twist: Floats = np.linalg.lstsq(rows, self._world.wheel_speed_m_s[under], rcond=None)[0]
         return twist

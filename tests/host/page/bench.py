@@ -8,9 +8,14 @@ import numpy as np
 
 from mdms_host.cli.simulation.live import seat_of, table_of
 from mdms_host.clock import MonotonicClock
+from mdms_host.estimation.size import Size
+from mdms_host.layout import Layout
 from mdms_host.page.commands import COMMANDS, RefusedError, StopAll
 from mdms_host.page.page import Page
+from mdms_host.page.shown.bus_watch import KINDS
+from mdms_host.page.shown.description import describe
 from mdms_host.page.shown.signals import HEAD, Signals
+from mdms_host.page.shown.things import Thing
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.nodes.python_bank import PythonBank
@@ -35,15 +40,20 @@ def unpacked(description: dict[str, Any], snapshot: bytes) -> dict[str, Any]:
 
 
 class Desk:
-    """A scenario's table, whose clock is turned by hand: 1 ms of the machine's at a time."""
+    """A scenario's table, whose clock is turned by hand: 1 ms of the machine's at a time.
 
-    def __init__(self, monkeypatch, scenario: Scenario | None = None) -> None:
+    `others` are on its buses besides the cells and the page.
+    """
+
+    def __init__(
+        self, monkeypatch, scenario: Scenario | None = None, others: tuple[Any, ...] = ()
+    ) -> None:
         self.wall_ns = 0
         monkeypatch.setattr(clock.time, "monotonic_ns", lambda: self.wall_ns)
         self.scenario = scenario or load_scenario("array18")
         self.seat = seat_of(self.scenario)
         bank = PythonBank(addresses_of(self.scenario).node_ids)
-        self.simulation = Simulation(self.scenario, bank, [self.seat], recorded=False)
+        self.simulation = Simulation(self.scenario, bank, [self.seat, *others], recorded=False)
         self.table = table_of(self.scenario, self.seat, self.simulation, RealTime())
         self.messages: list[dict[str, Any]] = []
 
@@ -120,6 +130,41 @@ class Recorder:
 
     def abandon(self) -> None:
         self.abandoned += 1
+
+
+class StillTable(Recorder):
+    """The same, with cells, a box at its goal, and something unknown, all of which stay."""
+
+    def __init__(self, columns: int = 6, rows: int = 3) -> None:
+        super().__init__()
+        corners = np.array([[0.12, 0.1], [-0.12, 0.1], [-0.12, -0.1], [0.12, -0.1]])
+        size = Size(0.2404, 0.2, (0.01, 0.01), (0.2, 0.18), (0.26, 0.22), 0.0)
+        outline = tuple(map(tuple, corners.tolist()))
+        self._things = {
+            "box": Thing(outline),
+            "unknown-1": Thing(outline, unknown=True, size=size),
+        }
+        cells = range(columns * rows)
+        nodes, buses = tuple(k % 18 + 1 for k in cells), tuple(k // 18 for k in cells)
+        self._layout = Layout(columns, rows, node_ids=nodes, buses=buses)
+        self._signals = Signals.of(self._layout, 2, len(KINDS))
+
+    def description(self) -> dict[str, Any]:
+        described = describe("still", self._layout, self._things, self._signals, self.offers)
+        return described | {"version": 1, "simulated": True}
+
+    def snapshot(self, sequence: int) -> bytes:
+        poses = [[-0.15, 0.0, 0.0], [0.2, 0.0, 0.0]]
+        values = {
+            "time": 1.0,
+            "parcel_believed": poses,
+            "parcel_true": poses,
+            "parcel_goal": [poses[0], [np.nan] * 3],
+            "parcel_state": [3, 4],
+            "bus_load": np.full(self._layout.bus_count, 0.47),
+            "bus_error_rate": np.full(self._layout.bus_count, 2.5),
+        }
+        return self._signals.pack(1, sequence, values)
 
 
 class OpenPage:

@@ -2,46 +2,22 @@
 
 import json
 import re
-import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from tests.host.page.window import IN_A_BROWSER, drag, place_of, wait_for_text, wait_until
 
 from mdms_host.cli.simulation.compose import run_scenario
 from mdms_model.run.folder import BUS_LOG, write_run
 from mdms_model.scenario.file import load_scenario
 
-CHROMIUM = shutil.which("chromium") or "/usr/bin/chromium"
-#: No sandbox where root runs the tests, no graphics, and nothing of its own to the network.
-FLAGS = (
-    *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
-    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
-)
-WITHIN_S = 20.0
 MDMS = Path(sys.executable).with_name("mdms")
 
-pytestmark = [
-    pytest.mark.real_time,
-    pytest.mark.skipif(
-        not Path(CHROMIUM).exists(),
-        reason="no browser: install chromium (as .ci/run does) to have the page tested",
-    ),
-]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[object]:
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=[*FLAGS])
-        yield chromium
-        chromium.close()
+pytestmark = IN_A_BROWSER
 
 
 @pytest.fixture(scope="module")
@@ -81,75 +57,6 @@ def recorded(serve, tmp_path_factory) -> str:
     record = run_scenario(scenario, bus_log=folder / BUS_LOG).record
     write_run(folder, scenario, record, {})
     return serve("replay", str(folder))
-
-
-@pytest.fixture
-def open_page(browser) -> Iterator[Callable[..., object]]:
-    """Opens an address in a window of its own, and fails for any error or foreign request."""
-    contexts, wrong = [], []
-
-    def open_one(address: str, **options: object) -> object:
-        context = browser.new_context(viewport={"width": 1280, "height": 760}, **options)
-        contexts.append(context)
-        page = context.new_page()
-        origin = address.split("/#", maxsplit=1)[0]
-        page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.on(
-            "console",
-            lambda message: wrong.append(message.text) if message.type == "error" else None,
-        )
-        page.on(
-            "request",
-            lambda request: (
-                wrong.append(request.url) if not request.url.startswith((origin, "data:")) else None
-            ),
-        )
-        page.on(
-            "websocket",
-            lambda socket: (
-                wrong.append(socket.url)
-                if not socket.url.startswith(origin.replace("http", "ws"))
-                else None
-            ),
-        )
-        page.goto(address)
-        wait_until(page, "Boolean(window.page?.snapshot && window.page.control)")
-        return page
-
-    yield open_one
-    for context in contexts:
-        context.close()
-    assert wrong == []
-
-
-def wait_until(page, expression: str, argument: object = None) -> None:
-    """Until an expression holds; asked from outside, since the page's own rules forbid `eval`."""
-    end_s = time.monotonic() + WITHIN_S
-    while not page.evaluate(expression, argument):
-        assert time.monotonic() < end_s, (expression, page.inner_text("body"))
-        page.wait_for_timeout(20)
-
-
-def wait_for_text(page, selector: str, text: str) -> None:
-    wait_until(
-        page,
-        "([selector, text]) => document.querySelector(selector).textContent.includes(text)",
-        [selector, text],
-    )
-
-
-def place_of(page, x_m: float, y_m: float) -> tuple[float, float]:
-    """Where a point of the table is in the window."""
-    box = page.locator("#table").bounding_box()
-    x, y = page.evaluate("([x, y]) => [page.view.px(x), page.view.py(y)]", [x_m, y_m])
-    return box["x"] + x, box["y"] + y
-
-
-def drag(page, start: tuple[float, float], end: tuple[float, float]) -> None:
-    page.mouse.move(*start)
-    page.mouse.down()
-    page.mouse.move(*end, steps=8)
-    page.mouse.up()
 
 
 def until_running(page) -> None:
@@ -200,6 +107,11 @@ def test_stop_all_by_button_and_by_space_bar(demo, open_page):
     page.keyboard.press("Space")
     page.wait_for_timeout(300)
     assert page.inner_text("#phase") == "running"
+    # One after a speed has been chosen stops all.
+    page.focus("#speed")
+    page.select_option("#speed", "1")
+    page.keyboard.press("Space")
+    wait_for_text(page, "#phase", "stopped")
 
 
 def test_killed_cell_is_shown_and_revived(demo, open_page):
@@ -227,7 +139,8 @@ def test_second_client_watches_until_it_takes_control(demo, open_page):
     assert second.is_disabled("#start")
     assert second.is_enabled("#stop-all")
     stranger = open_page(demo.split("#")[0])
-    assert stranger.is_disabled("#stop-all")
+    assert stranger.is_enabled("#stop-all")
+    assert stranger.is_disabled("#start")
     assert not stranger.is_visible("#take")
     second.click("#take")
     wait_for_text(second, "#who", "in control")
@@ -248,7 +161,26 @@ def test_recording_is_scrubbed(recorded, open_page):
     assert page.evaluate("page.snapshot.cell_state.every((state) => state === 3)")
     page.click("#tab-plots")
     wait_until(page, "page.history.snapshots.length > 100")
-    assert page.locator("#plots canvas").count() >= 4
+    assert page.locator("#plots canvas").count() >= 5
+    assert page.locator(".plot .help").count() == 4
+
+
+def test_parcel_stays_where_it_is_when_the_page_goes_while_its_goal_is_dragged(demo, open_page):
+    watcher, page = open_page(demo), open_page(demo)
+    page.click("#take")
+    until_running(page)
+    wait_until(page, "page.snapshot.parcel_state[0] === 3")
+    x_m, y_m, _ = page.evaluate("[...page.snapshot.parcel_believed]")
+    page.mouse.move(*place_of(page, x_m + 0.06, y_m - 0.05))
+    page.mouse.down()
+    page.mouse.move(*place_of(page, x_m - 0.02, y_m - 0.05), steps=5)
+    wait_until(page, "page.snapshot.parcel_state[0] === 1")
+    # As long as the hand rests, it holds the goal.
+    page.wait_for_timeout(1300)
+    watcher.click("#tab-events")
+    assert "stays where it is" not in watcher.inner_text("#event-list")
+    page.context.close()
+    wait_for_text(watcher, "#event-list", "box stays where it is")
 
 
 @pytest.mark.parametrize("where", ["demo", "recorded"])
@@ -291,8 +223,11 @@ def test_page_fits_a_phone_and_both_themes(demo, open_page):
     assert page.evaluate("document.documentElement.dataset.theme") == "light"
     page.set_viewport_size({"width": 390, "height": 800})
     page.wait_for_timeout(200)
-    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
-    assert page.is_visible("#stop-all")
+    for tab in ("details", "plots", "events", "faults"):
+        page.click(f"#tab-{tab}")
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        assert page.evaluate("document.querySelector('#side').scrollWidth <= innerWidth")
+        assert page.is_visible("#stop-all")
 
 
 def test_files_of_the_page_are_small():

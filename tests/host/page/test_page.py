@@ -2,10 +2,12 @@
 
 import json
 import socket
+import threading
 import time
 import urllib.error
 import urllib.request
 from argparse import Namespace
+from contextlib import suppress
 
 import jsonschema
 import pytest
@@ -19,7 +21,7 @@ from mdms_host.page import commands
 from mdms_host.page.page import Page, PageError
 from mdms_host.page.web.gate import LOOPBACK
 from mdms_host.page.web.hub import MOST_CLIENTS
-from mdms_host.page.web.server import MOST_BAD
+from mdms_host.page.web.server import MOST_BAD, MOST_PER_S
 
 WITHIN_S = 10.0
 
@@ -133,12 +135,14 @@ def test_command_is_carried_out_and_answered(table, visit):
 
 
 @pytest.mark.parametrize("token", [None, "guessed", 3])
-def test_without_the_token_nothing_moves_and_nothing_stops(table, visit, token):
+def test_without_the_token_nothing_moves_but_everything_stops(table, visit, token):
     visitor = visit(token=token)
     assert not visitor.await_message("control")["may"]
-    for command in ("start", "stop_all", "take_control"):
+    for command in ("start", "stop", "take_control"):
         assert not visitor.ask(command)["ok"]
     assert table.done == []
+    assert visitor.ask("stop_all")["ok"]
+    assert table.done == [commands.StopAll()]
 
 
 def test_one_is_in_control_and_another_watches_until_it_takes_it(table, visit):
@@ -165,6 +169,17 @@ def test_refusal_of_the_table_is_passed_on(table, visit):
     }
 
 
+def test_command_that_fails_is_answered_and_shown_and_the_client_stays(
+    table, visit, monkeypatch, capfd
+):
+    visitor = visit()
+    monkeypatch.setattr(table, "do", lambda _command: 1 / 0)
+    assert visitor.ask("start")["text"] == "it has failed: ZeroDivisionError: division by zero"
+    assert "ZeroDivisionError" in capfd.readouterr().err
+    monkeypatch.undo()
+    assert visitor.ask("start")["ok"]
+
+
 def test_when_the_one_in_control_stays_away_the_table_is_told_once(table, visit):
     visitor = visit()
     visitor.await_message("control")
@@ -184,15 +199,70 @@ def test_page_that_is_loaded_again_keeps_what_it_has_begun(table, visit):
     assert table.abandoned == 0
 
 
-def test_garbage_is_answered_and_then_shown_the_door(visit):
+@pytest.mark.parametrize(
+    ("garbage", "says"),
+    [
+        ("{no json", "one JSON object"),
+        (b'{"command": "start"}', "one JSON object"),
+        ("[" * 8000, "one JSON object"),
+        ('"start"', "one JSON object"),
+        ('{"command": "fly"}', "'fly', but must be one of"),
+        ('{"command": "start", "at": "once"}', "at"),
+        ('{"command": "goal", "parcel": "box", "x_m": NaN, "y_m": 0}', "x_m"),
+        ('{"command": "goal", "parcel": "box", "x_m": 1e999, "y_m": 0}', "x_m"),
+    ],
+)
+def test_garbage_is_answered_with_what_is_wrong_and_moves_nothing(table, visit, garbage, says):
+    visitor = visit()
+    visitor.await_message("control")
+    visitor.socket.send(garbage)
+    answer = visitor.await_message("answer")
+    assert (answer["ok"], answer["id"]) == (False, None)
+    assert says in answer["text"]
+    assert table.done == []
+
+
+def test_who_sends_nothing_but_garbage_is_shown_the_door(visit):
     visitor, other = visit(), visit()
-    visitor.say("{no json")
-    assert not visitor.await_message("answer")["ok"]
+    # Mistakes between commands are a person's.
+    for _ in range(2):
+        for _ in range(MOST_BAD - 1):
+            visitor.say("[1, 2]")
+        assert visitor.ask("stop_all")["ok"]
     for _ in range(MOST_BAD):
         visitor.say("[1, 2]")
     with pytest.raises(ConnectionClosed):
         visitor.listen_for_ever()
     assert other.ask("take_control")["ok"]
+
+
+def test_who_talks_without_end_is_listened_to_no_more_than_others(table, visit):
+    visitor, other = visit(), visit()
+    visitor.await_message("control")
+    for _ in range(3 * MOST_PER_S):
+        visitor.say('"seen"')
+    visitor.say({"id": 5, "command": "pause"})
+    # It has to wait for seconds; nobody else has.
+    assert other.ask("stop_all")["ok"]
+    assert table.done == [commands.StopAll()]
+
+
+def test_who_comes_and_says_nothing_leaves_room_for_others(page, visit):
+    at_the_door = [
+        connect(f"ws://{LOOPBACK}:{page.gate.port}/api/live", legacy=True, close_timeout=0.2)
+        for _ in range(MOST_CLIENTS)
+    ]
+    with pytest.raises(ConnectionClosed, match="too many"):
+        visit().await_message("control")
+    for socket_ in at_the_door:
+        socket_.close()
+
+    def is_welcome() -> bool:
+        with suppress(ConnectionClosed):
+            return bool(visit().await_message("control"))
+        return False
+
+    wait_until(is_welcome)
 
 
 def test_message_that_is_too_long_ends_the_connection(visit):
@@ -210,6 +280,10 @@ def test_client_that_reads_nothing_holds_nobody_up(page, visit):
         b"Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
         b"Sec-WebSocket-Version: 13\r\n\r\n" % page.gate.port
     )
+    # It comes in, asks for ever more, and takes nothing of it.
+    for text in (b'{"token": null}', *[b'"seen"'] * 100):
+        deaf.sendall(bytes((0x81, 0x80 | len(text))) + bytes(4) + text)
+    wait_until(lambda: page._hub.clients)
     visitor = visit()
     visitor.await_message("control")
     seen = 0
@@ -237,6 +311,53 @@ def test_table_that_does_not_answer_keeps_its_page_and_says_so(monkeypatch, tabl
             Visitor(page, page.gate.token).await_message("control")
         assert fetched(page, "/api/history")[0] == 503
         assert fetched(page, "/")[0] == 200
+
+
+def test_command_that_is_too_late_for_its_answer_is_not_carried_out_but_a_stop_is(
+    monkeypatch, table
+):
+    with Page(table, MonotonicClock()) as page:
+        visitor, watcher = welcomed(page, page.gate.token), welcomed(page, None)
+        monkeypatch.setattr("mdms_host.page.page.ANSWER_LIMIT_S", 0.1)
+        assert "does not answer" in visitor.ask("start")["text"]
+        assert "stops as soon as" in watcher.ask("stop_all")["text"]
+        assert "stops as soon as" in visitor.ask("stop_all")["text"]
+        page.attend()
+        assert table.done == [commands.StopAll()]
+
+
+def test_stop_overtakes_what_waits_and_calls_it_off(table):
+    with Page(table, MonotonicClock()) as page:
+        visitor, watcher = welcomed(page, page.gate.token), welcomed(page, None)
+        visitor.say({"id": 1, "command": "start"})
+        # Whoever asks for the whole run, without any token, fills the queue at most.
+        readers = [threading.Thread(target=fetched, args=(page, "/api/history")) for _ in range(70)]
+        for reader in readers:
+            reader.start()
+        wait_until(page._work.full)
+        watcher.say({"id": 2, "command": "stop_all"})
+        wait_until(lambda: page._stop is not None)
+        page.attend()
+        assert watcher.await_message("answer", id=2)["ok"]
+        assert "has been stopped" in visitor.await_message("answer", id=1)["text"]
+        assert table.done == [commands.StopAll()]
+        for reader in readers:
+            reader.join()
+
+
+def welcomed(page: Page, token: str | None) -> "Visitor":
+    """One that has come in at a page that nobody attends to but this."""
+    there = len(page._hub.clients)
+    visitor = Visitor(page, token)
+    wait_until(lambda: page.attend() or len(page._hub.clients) > there)
+    return visitor
+
+
+def wait_until(holds) -> None:
+    end_s = time.monotonic() + WITHIN_S
+    while not holds():
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
 
 
 def test_port_that_is_taken_is_named(page, table):

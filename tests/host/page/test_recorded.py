@@ -1,5 +1,7 @@
 """A recorded run shows, at any time, what was so then."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.host.page.bench import unpacked
@@ -11,6 +13,7 @@ from mdms_host.page.commands import RefusedError
 from mdms_host.page.shown.bus_watch import CellState
 from mdms_host.page.shown.description import PHASES
 from mdms_model.run.folder import BUS_LOG, read_run, write_run
+from mdms_model.run.record import Plan, Tile
 from mdms_model.scenario.file import load_scenario
 
 
@@ -46,7 +49,8 @@ def test_every_time_shows_what_was_recorded_then(table, run):
         assert now["time"] == time_s
         assert now["parcel_true"][0] == pytest.approx(run.record.pose[sample, 0], abs=2e-3)
         assert now["parcel_believed"][0] == pytest.approx(run.record.estimate[sample, 0], abs=2e-3)
-        assert PHASES[now["phase"][0]] in PHASES
+    phases = {PHASES[shown(table, time_s)["phase"][0]] for time_s in (0.0, 1.0, 1.9)}
+    assert phases == {"waiting for the cells", "running", "holding all parcels"}
 
 
 def test_cells_are_shown_as_their_frames_showed_them(table):
@@ -88,10 +92,29 @@ def test_whole_run_is_there_for_plots(table):
 
 
 def test_events_are_those_of_the_run(table):
-    (story,) = table.story()
+    story, _ = table.story()
     texts = [event["text"] for event in story["events"]]
     assert "off begins" in texts
     assert any("fallen silent" in text for text in texts)
+    times = [event["time_s"] for event in story["events"]]
+    assert times == sorted(times)
+
+
+def test_plan_in_force_is_shown_at_its_time_and_sent_when_it_changes(run):
+    ways = [{"box": np.array([[0.0, 0.0, 0.0], [x_m, 0.0, 0.0]])} for x_m in (0.1, 0.2)]
+    tiles = (Tile(0.1, 0.0, 0.06, ("box",)),)
+    plans = [Plan(1.0, ways[0], tiles), Plan(2.0, ways[1])]
+    table = table_of(replace(run, record=replace(run.record, plans=plans)))
+    table.advance(0.0)
+    table.do(commands.Pause())
+    assert table.news() == []
+    for time_s, x_m, squares in ((1.5, 0.1, 1), (2.5, 0.2, 0), (1.0, 0.1, 1)):
+        table.do(commands.Seek(time_s))
+        (plan,) = table.news()
+        assert plan["paths"] == {"box": [[0.0, 0.0, 0.0], [x_m, 0.0, 0.0]]}
+        assert len(plan["tiles"]) == squares
+        assert table.news() == []
+        assert table.story()[1] == plan
 
 
 def test_nothing_can_be_done_to_what_has_been(table):

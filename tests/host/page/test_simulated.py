@@ -180,6 +180,19 @@ def test_when_nobody_is_there_any_more_time_passes_and_no_parcel_hangs_in_the_ai
     assert [one["fault"]["kind"] for one in desk.faults] == ["off"]
 
 
+def test_error_frames_are_counted_and_their_rate_is_shown(desk):
+    desk.run(0.3)
+    assert desk.shown["bus_error_rate"] == [0.0]
+    desk.table.do(fault("corruption", cells=(3,), probability=1.0))
+    desk.run(0.2)
+    desk.shown  # noqa: B018 - rates are between two looks
+    desk.run(0.2)
+    shown = desk.shown
+    assert shown["bus_errors"] >= 10
+    assert shown["bus_error_rate"][0] > 20
+    assert shown["bus_counters"][0, 0] > 20
+
+
 def test_objects_of_a_cell_are_read_by_name_and_unit_while_the_program_runs(running):
     running.table.do(commands.ReadObjects(5))
     running.run(3.0)
@@ -231,18 +244,26 @@ def test_what_nobody_has_announced_is_shown_as_unknown_and_gets_a_name(monkeypat
     unknown = desk.table.description()["parcels"][2]
     assert unknown["unknown"]
     assert np.ptp(np.array(unknown["outline_m"])[:, 0]) > 0.2
+    # How large it is is proposed, as far as sensors show it.
+    size = unknown["size"]
+    assert (size["length_m"], size["width_m"]) == pytest.approx((0.28, 0.26), abs=0.03)
+    assert 0.001 < size["spread_m"] < 0.02
+    with pytest.raises(RefusedError, match="name is empty"):
+        desk.table.do(commands.Name(unknown["name"], " ", 0.28, 0.26))
     shown = desk.shown
     assert PARCEL_STATES[shown["parcel_state"][2]] == "unknown"
     assert shown["parcel_believed"][2, :2] == pytest.approx([0.32, 0.0], abs=0.1)
     assert shown["parcel_true"][1, :2] == pytest.approx([0.32, 0.0], abs=0.01)
     with pytest.raises(RefusedError, match="nothing unknown is called 'unknown-9'"):
         desk.table.do(commands.Name("unknown-9", "crate", 0.28, 0.26))
-    desk.table.do(commands.Name(unknown["name"], "crate", 0.28, 0.26))
+    sides = {key: size[key] for key in ("length_m", "width_m")}
+    desk.table.do(commands.Name(unknown["name"], "crate", spread_m=size["spread_m"], **sides))
     desk.run_until(lambda: desk.table.version > before, 4.0)
     parcels = desk.table.description()["parcels"]
     assert [(one["name"], one["unknown"]) for one in parcels] == [("box", False), ("crate", False)]
     desk.run(0.2)
     assert desk.shown["parcel_believed"][1, :2] == pytest.approx([0.32, 0.0], abs=0.05)
+    assert parcels[1]["size"] is None
 
 
 def test_ways_and_tiles_are_shown_where_a_program_has_them(running, monkeypatch):
@@ -288,3 +309,25 @@ def test_cells_that_steer_get_a_new_goal_too(monkeypatch):
     desk.table.do(commands.Goal("box", -0.05, 0.0, 0.1))
     desk.run_until(lambda: "box has arrived" in desk.texts, 6.0)
     assert desk.shown["parcel_true"][0] == pytest.approx([-0.05, 0.0, 0.1], abs=0.015)
+
+
+def test_disc_that_nobody_has_announced_gets_its_diameter(monkeypatch):
+    box = load_scenario("array18").parcel[0]
+    tray = replace(
+        box, name="tray", shape="disc", length_m=0.3, width_m=0.3, x_m=0.32, yaw_rad=0.0, goal=None
+    )
+    scenario = replace(
+        load_scenario("array18", ["array.columns=9"]),
+        parcel=(replace(box, x_m=-0.3), tray),
+        belief={"tray": {"known": False}},
+    )
+    desk = Desk(monkeypatch, scenario)
+    desk.table.do(commands.Start())
+    desk.run_until(lambda: len(desk.table.description()["parcels"]) == 3, 4.0)
+    unknown = desk.table.description()["parcels"][2]["name"]
+    desk.table.do(commands.Name(unknown, "tray", 0.3, 0.3, shape="disc"))
+    desk.run_until(lambda: np.isfinite(desk.shown["parcel_believed"][1]).all(), 4.0)
+    assert desk.shown["parcel_believed"][1, :2] == pytest.approx([0.32, 0.0], abs=0.03)
+    # From then on it is steered as any other is.
+    desk.table.do(commands.Goal("tray", 0.25, 0.0, 1.0))
+    assert desk.shown["parcel_goal"][1] == pytest.approx([0.25, 0.0, np.nan], nan_ok=True)

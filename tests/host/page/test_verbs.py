@@ -47,6 +47,18 @@ class Watcher:
     def say(self, message: object) -> None:
         self._socket.send(json.dumps(message))
 
+    def ask(self, command: str) -> dict:
+        """What a command is answered."""
+        self.say({"id": 1, "command": command})
+        end_s = time.monotonic() + WITHIN_S
+        while time.monotonic() < end_s:
+            message = self._socket.recv(timeout=WITHIN_S)
+            if isinstance(message, bytes):
+                self.say("seen")
+            elif json.loads(message).get("kind") == "answer":
+                return json.loads(message)
+        raise AssertionError("it was never answered")
+
     def until(self, holds) -> None:
         """Until it holds of a snapshot and its table."""
         end_s = time.monotonic() + WITHIN_S
@@ -92,6 +104,9 @@ def test_served_table_is_run_from_the_page_of_another_program(tmp_path):
         # The served table shows what another program does to its cells.
         table.until(lambda phase, shown: (shown["cell_state"] == CellState.RUNNING).all())
         table.until(lambda phase, shown: (abs(shown["wheel_reference"]) > 0.01).any())
+        # It starts no program of its own beside that, which goes on.
+        assert "another host runs on this bus" in table.ask("start")["text"]
+        table.until(lambda phase, shown: phase == "another host drives")
         host.say({"command": "stop_all"})
         host.until(lambda phase, _: phase.startswith("stopped"))
         table.until(lambda phase, shown: not (shown["cell_state"] == CellState.RUNNING).any())

@@ -21,9 +21,12 @@ class Hands:
         self.orders = {}
         self.log = []
         self.stopped = False
+        self.at_rest = True
+        self.known = {}
         self.near = ()
         self.steered: Mapping = {}
         self.plan, self.ways, self.reserved = None, {}, []
+        self.under_way, self.due_in_s = [], {}
         self._left = []
 
     def give(self, order):
@@ -41,6 +44,9 @@ class Hands:
 
     def on_lost_cells(self, cells):
         self.lost_cells = cells
+
+    def know(self, parcel, mass):
+        self.known[parcel.name] = parcel, mass
 
     def take_leaving(self):
         return []

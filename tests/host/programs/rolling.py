@@ -8,6 +8,7 @@ from mdms_host.cli.scenario.coordination import layout_of, masses_of, parcels_of
 from mdms_host.cli.scenario.programs import table_program
 from mdms_host.estimation.belief import Belief, Kind
 from mdms_host.estimation.pose.confirmation import Standing
+from mdms_host.estimation.presence.sensor_groups import SensorGroups
 from mdms_model.scenario.file import load_scenario
 from mdms_sim.physics.plane.handling import lift, set_down
 from mdms_sim.physics.plane.world import World
@@ -26,8 +27,10 @@ IDEAL = (
 class Rolling:
     """A scenario with a program, in cycles of 10 ms; beliefs are what is true, as of a SYNC.
 
-    Parcels named in `unknown` are believed to be something unknown, those in `hidden` are not
-    believed to be anywhere, and those in `doubted` only with a doubt.
+    Parcels named in `unknown` are believed to be something unknown, which reaches as far as the
+    next sensors that may be free; those in `hidden` are not believed to be anywhere, and those in
+    `doubted` only with a doubt. Cells that are lost get no reference, and their wheels drag as much
+    as any can: those of a real one coast. Left out are noise, delays, and beliefs that are wrong.
     """
 
     def __init__(self, scenario, *overrides, main=None, unknown=()):
@@ -48,6 +51,15 @@ class Rolling:
         #: Cells (from 1) that a parcel has been over.
         self.crossed = set()
         self._cells_m = layout.cell_positions_m
+        self._cell_of_wheel = layout.wheel_cells
+        self._lost = frozenset()
+        link_m = SensorGroups(layout).link_m
+        self._believed = {
+            parcel.name: parcel.bottom.grown(link_m, link_m)
+            if parcel.name in unknown
+            else parcel.bottom
+            for parcel in self.parcels
+        }
         self._twist = np.zeros((len(self.parcels), 3))
 
     @property
@@ -57,6 +69,11 @@ class Rolling:
     def pose(self, name):
         names = [parcel.name for parcel in self.parcels]
         return self.world.pose[names.index(name)]
+
+    def lose(self, *cells):
+        """These cells (from 1) are dead from now on, and no others; the program is told."""
+        self._lost = frozenset(cells)
+        self.program.on_lost_cells(self._lost)
 
     def put(self, name, x_m, y_m):
         """Lift a parcel, and set it down elsewhere."""
@@ -82,7 +99,7 @@ class Rolling:
         beliefs = {
             parcel.name: Belief(
                 parcel.name,
-                parcel.bottom,
+                self._believed[parcel.name],
                 pose[number],
                 self._twist[number],
                 np.zeros((3, 3)),
@@ -93,7 +110,9 @@ class Rolling:
             if np.isfinite(pose[number]).all() and parcel.name not in self.hidden
         }
         self._twist = np.nan_to_num(twist)
-        self.references_m_s = self.program.references_m_s(beliefs, CYCLE_S)
+        dead = np.isin(self._cell_of_wheel, [*self._lost])
+        commanded_m_s = self.program.references_m_s(beliefs, CYCLE_S)
+        self.references_m_s = np.where(dead, 0.0, commanded_m_s)
         for parcel in self.parcels:
             if parcel.name in beliefs:
                 pose = beliefs[parcel.name].pose

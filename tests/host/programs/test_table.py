@@ -82,6 +82,7 @@ def test_what_is_refused_can_be_caught_or_ends_the_program_in_order():
     for stage in stages:
         stage.run()
         stage.refuse("box 1", "box 1 is lost")
+        stage.run(0.3)
     assert stages[0].program.finished
     assert stages[1].program.stuck == "the program was broken off: box 1 is lost"
     assert stages[1].hands.stopped
@@ -101,15 +102,63 @@ def test_what_is_not_there_is_named(wish, text):
         await wish(table)
 
     stage = Stage(main, lying=["box 1", "can 1"])
-    stage.run()
+    stage.run(0.3)
     with pytest.raises(AssertionError, match=text):
         raise AssertionError(stage.program.stuck)
 
 
-def test_an_error_of_the_programs_own_is_raised_as_it_is():
+def test_an_error_of_the_programs_own_ends_it_and_is_named_with_its_place():
     async def main(table):
+        await table.sleep(0.05)
         table.parcels[7]
 
-    stage = Stage(main)
-    with pytest.raises(IndexError):
-        stage.run()
+    stage = Stage(main, lying=["box 1"])
+    stage.hands.at_rest = False
+    stage.run(0.1)
+    (notice,) = stage.program.take_notices()
+    assert "the program failed: IndexError: tuple index out of range, in main (test_t" in notice
+    assert (stage.program.failed, stage.program.stuck) == (True, None)
+    assert stage.hands.stopped
+    stage.hands.at_rest = True
+    stage.run(0.3)
+    assert stage.program.stuck == notice
+    assert not stage.program.finished
+
+
+def test_a_program_that_goes_round_without_waiting_fails_and_to_sleep_is_to_wait():
+    async def round_and_round(table):
+        while True:
+            await table.start(nothing())
+
+    async def nothing():
+        pass
+
+    async def sleepless(table):
+        while True:
+            await table.sleep(0.0)
+
+    stages = [Stage(main) for main in (round_and_round, sleepless)]
+    for stage in stages:
+        stage.run(0.3)
+    assert "goes round without waiting for anything" in stages[0].program.stuck
+    assert stages[1].program.stuck is None
+
+
+def test_it_is_said_where_a_program_waits():
+    async def main(table):
+        await table.move(table["box 1"], 0.1, 0.0)
+
+    stage = Stage(main, lying=["box 1"])
+    stage.run(0.1)
+    (where,) = stage.program.waits_at
+    line = main.__code__.co_firstlineno + 1
+    assert where == f"main (test_table.py, line {line})"
+
+
+def test_nobody_waits_for_an_arrival_where_none_may_come():
+    async def main(table):
+        await table.arrival()
+
+    stage = Stage(main, lying=["box 1"])
+    stage.run(0.3)
+    assert "no parcel is to come" in stage.program.stuck

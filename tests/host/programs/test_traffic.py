@@ -2,16 +2,22 @@
 
 from math import hypot
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from tests.host.programs.rolling import Rolling
 
+from mdms_host.cli.records.plan_log import PlanLog
 from mdms_host.motion.goal import Goal
 from mdms_host.programs.order import Gate
 from mdms_host.programs.table import ProgramError
 
 SORT18 = Path(__file__).parents[3] / "examples" / "sort.toml"
+
+
+#: A disc of 0.16 m; what is unknown may reach farther by the way to the next sensor.
+SMALL = ("parcel.1.length_m=0.16", "parcel.1.width_m=0.16")
 
 
 def away_m(pose, x_m, y_m):
@@ -48,23 +54,30 @@ def test_two_parcels_change_places():
 
 
 def test_the_way_leads_around_what_is_unknown():
-    table = two_boxes("parcel.1.y_m=0.14", main=go_east, unknown=["disc"])
+    table = two_boxes(*SMALL, "parcel.1.y_m=0.19", main=go_east, unknown=["disc"])
     table.run_until(9.0, lambda: table.program.finished)
     assert away_m(table.pose("box"), 0.36, 0.0) < 0.003
-    assert not table.events("touch", "tip")
+    assert not table.events("touch")
 
 
 def test_a_parcel_stops_before_what_appears_on_its_way_and_goes_around_it():
     async def main(table):
-        await table.move(table["box"], 0.36, -0.1)
+        await table.move(table["box"], 0.36, -0.19)
 
-    table = two_boxes("parcel.1.x_m=0.40", main=main, unknown=["disc"])
+    table = two_boxes(*SMALL, "parcel.1.x_m=0.40", main=main, unknown=["disc"])
     table.hidden.add("disc")
     table.run(0.25)
     table.hidden.clear()
     table.put("disc", 0.05, 0.23)
     table.run_until(8.0, lambda: table.program.finished)
-    assert away_m(table.pose("box"), 0.36, -0.1) < 0.003
+    assert away_m(table.pose("box"), 0.36, -0.19) < 0.003
+    assert not table.events("touch")
+
+
+def test_a_parcel_that_something_unknown_may_reach_to_gets_away_from_there():
+    table = two_boxes(*SMALL, "parcel.1.x_m=-0.10", main=go_east, unknown=["disc"])
+    table.run_until(8.0, lambda: table.program.finished)
+    assert away_m(table.pose("box"), 0.36, 0.0) < 0.003
     assert not table.events("touch")
 
 
@@ -145,12 +158,23 @@ def test_where_there_is_no_way_that_is_said_before_anything_moves():
 
 def test_ways_lead_around_lost_cells_where_they_can_and_over_them_where_they_must():
     table = two_boxes("parcel.1.y_m=-0.23", main=go_east)
-    table.program.on_lost_cells(frozenset((23,)))
+    table.lose(23)
     table.run_until(9.0, lambda: table.program.finished)
     assert 23 not in table.crossed
     table = two_boxes(main=go_east)
-    table.program.on_lost_cells(frozenset(range(5, 55, 9)))
+    table.lose(*range(5, 55, 9))
     table.run_until(6.0, lambda: table.program.finished)
+    assert away_m(table.pose("box"), 0.36, 0.0) < 0.003
+
+
+def test_a_parcel_on_its_way_to_a_cell_that_dies_goes_around_it():
+    table = two_boxes("parcel.1.y_m=-0.23", main=go_east)
+    table.run(0.7)
+    table.lose(24)
+    table.run_until(9.0, lambda: table.program.finished)
+    assert not table.crossed & {24}
+    assert away_m(table.pose("box"), 0.36, 0.0) < 0.003
+    assert not table.events("touch")
 
 
 def test_a_gate_is_where_the_last_wheels_are():
@@ -199,7 +223,32 @@ def test_ways_and_tiles_that_are_left_can_be_shown():
     assert ways["box"][0] == pytest.approx(table.pose("box"), abs=0.01)
     assert ways["box"][-1] == pytest.approx((0.36, 0.0, 0.0), abs=0.01)
     assert {names for *_, names in table.program.reserved} == {("box",)}
+    due_in_s = table.program.due_in_s["box"]
+    assert len(due_in_s) == len(ways["box"])
+    assert due_in_s[0] == pytest.approx(0.0, abs=0.2)
+    assert (np.diff(due_in_s) > 0).all()
+    assert table.program.under_way == ["box"]
     table.run(1.5)
     assert 0 < len(table.program.reserved) < before
     table.run_until(6.0, lambda: table.program.finished)
     assert (table.program.ways, table.program.reserved) == ({}, [])
+
+
+def test_what_is_planned_is_kept_for_the_record_as_it_changes_and_as_tiles_are_left():
+    table = two_boxes(main=go_east)
+    host = SimpleNamespace(program=table.program, goals={})
+    log = PlanLog(host)
+    for cycle in range(1, 301):
+        table.run(0.02)
+        host.goals = {name: one.goal for name, one in table.program.controllers.items()}
+        log.look(0.02 * cycle)
+    under_way = [plan for plan in log.plans if plan.ways]
+    tiles = [len(plan.tiles) for plan in under_way]
+    assert tiles == sorted(tiles, reverse=True)
+    assert tiles[-1] < tiles[0]
+    assert log.plans[-1].ways == {}
+    # The goal, the way, twice a second of it, and its end.
+    assert len(log.plans) < 12
+    for plan in under_way:
+        assert plan.goals["box"].tolist()[:2] == [0.36, 0.0]
+        assert plan.due_s["box"][-1] > plan.time_s

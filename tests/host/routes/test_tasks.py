@@ -64,7 +64,7 @@ def test_a_parcel_under_way_that_is_blocked_keeps_the_tiles_ahead(planner: Plann
     plan = planner.plan([moving, task("b", (-0.4, -0.2, 0.0), (0.4, -0.2, 0.0))])
     assert set(plan.blocked) == {"a"}
     assert np.allclose(plan.routes["a"].poses, ahead)
-    assert set(planner.stand(BOX, ahead[-1])) <= plan.reservations.tiles_of(["a"])
+    assert set(planner.stand(BOX, ahead[-1])) <= set(plan.routes["a"].visits.tile)
 
 
 def test_closed_cells_are_not_crossed_and_may_cut_the_table(planner: Planner) -> None:

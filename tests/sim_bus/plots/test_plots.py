@@ -7,11 +7,12 @@ import pytest
 from matplotlib.colors import to_hex, to_rgb
 
 from mdms_model.outline import outline_m
+from mdms_model.run.colours import parcel_colour
 from mdms_model.run.record import Contact, Event, Record
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Parcel
+from mdms_model.scenario.stream import Stream
 from mdms_sim.plots import drawable, is_row, save_picture, save_wheels
-from mdms_sim.plots.canvas import parcel_colour
 from mdms_sim.plots.plane import draw_plane
 from mdms_sim.plots.row import BANDS, draw_row
 from mdms_sim.plots.top_view import slip_share
@@ -117,25 +118,122 @@ def test_plane_tells_of_a_tip(plane, plane_record):
     assert "tipped off at 3.50 s" in text_of(draw_plane(plane, plane_record))
 
 
-def test_panels_show_truth_belief_and_goal(plane, plane_record):
-    yaw = draw_plane(plane, plane_record).axes[-1]
-    true, believed, goal = (line.get_ydata() for line in yaw.lines)
+def panel(figure, name):
+    (axes,) = (axes for axes in figure.axes if axes.get_ylabel() == name)
+    return axes
+
+
+def test_panels_show_truth_and_goal(plane, plane_record):
+    yaw = panel(draw_plane(plane, plane_record), "yaw [°]")
+    true, goal = (line.get_ydata() for line in yaw.lines)
     np.testing.assert_allclose(true, np.degrees(plane_record.pose[:, 0, 2]))
-    np.testing.assert_allclose(believed[5:], true[5:] + np.degrees(0.001))
-    assert np.isnan(believed[:5]).all()
     assert goal[0] == pytest.approx(30.0)
 
 
-def test_belief_a_turn_away_is_drawn_near_the_truth(plane, plane_record):
+def test_goal_is_drawn_in_the_turn_that_the_parcel_has_made(plane, plane_record):
+    plane_record.pose[:, 0, 2] -= 2 * np.pi
+    yaw = panel(draw_plane(plane, plane_record), "yaw [°]")
+    assert yaw.lines[1].get_ydata()[0] == pytest.approx(-330.0)
+
+
+def test_belief_against_truth_is_in_millimetres_and_degrees(plane, plane_record):
     plane_record.estimate[:, 0, 2] -= 2 * np.pi
-    yaw = draw_plane(plane, plane_record).axes[-1]
-    true, believed = (line.get_ydata() for line in yaw.lines[:2])
-    np.testing.assert_allclose(believed[5:], true[5:] + np.degrees(0.001))
+    figure = draw_plane(plane, plane_record)
+    away = panel(figure, "belief off by [mm]").lines[0].get_ydata()
+    turn = panel(figure, "belief off by [°]").lines[0].get_ydata()
+    np.testing.assert_allclose(away[5:], 2**0.5)
+    np.testing.assert_allclose(turn[5:], np.degrees(0.001))
+    assert np.isnan(away[:5]).all()
+
+
+def test_one_sample_far_out_does_not_set_the_scale_and_is_marked(plane, plane_record):
+    time_s = np.linspace(0.0, 4.0, 401)
+    pose = np.zeros((401, 1, 3))
+    pose[:, 0, 0] = 0.1 * time_s
+    estimate = pose + np.array([0.001, 0.0, 0.0])
+    estimate[200, 0, 0] += 0.5
+    wheels = np.zeros((401, 36))
+    names = ("reference_m_s", "speed_m_s", "voltage_v", "normal_n", "force_n")
+    record = replace(
+        plane_record,
+        **{"time_s": time_s, "pose": pose, "twist": pose, "estimate": estimate},
+        **dict.fromkeys(names, wheels),
+        contact=wheels.astype(np.int8),
+    )
+    axes = panel(draw_plane(plane, record), "belief off by [mm]")
+    assert axes.get_ylim()[1] < 5.0
+    mark = axes.lines[-1]
+    assert (mark.get_xdata()[0], mark.get_marker()) == (pytest.approx(2.0), "^")
+    assert "501" in [text.get_text() for text in axes.texts]
+
+
+def test_time_ends_when_nothing_moves_any_more(plane, plane_record):
+    still = np.tile(plane_record.pose[-1:], (60, 1, 1))
+    pose = np.concatenate((plane_record.pose, still))
+    time_s = np.linspace(0.0, 10.0, len(pose))
+    long = replace(
+        plane_record,
+        **{"time_s": time_s, "pose": pose, "twist": pose, "estimate": None},
+        **{
+            name: np.zeros((len(pose), 36))
+            for name in ("reference_m_s", "speed_m_s", "voltage_v", "normal_n", "force_n")
+        },
+        contact=np.zeros((len(pose), 36), np.int8),
+    )
+    yaw = panel(draw_plane(plane, long), "yaw [°]")
+    # It moves for 3 s of 4 s, at ten samples in 0.99 s.
+    assert 3.0 < yaw.get_xlim()[1] < 4.0
+    assert yaw.get_xlabel().endswith("at rest until 10 s")
+
+
+def test_outlines_on_the_way_have_their_times(plane, plane_record):
+    figure = draw_plane(plane, plane_record)
+    told = [text.get_text() for text in figure.axes[0].texts if text.get_text().endswith(" s")]
+    assert told[0] == "0.0 s"
+    assert told[-1] == "3.0 s"
+    assert len(told) == 6
+
+
+def test_every_parcel_is_named_where_it_is_and_in_the_legend(plane, plane_record):
+    box = plane.parcel[0]
+    many = tuple(replace(box, name=f"box {number}") for number in range(9))
+    record = replace(
+        plane_record,
+        **{
+            name: np.tile(getattr(plane_record, name), (1, 9, 1))
+            for name in ("pose", "twist", "estimate")
+        },
+    )
+    figure = draw_plane(replace(plane, parcel=many), record)
+    names = {parcel.name for parcel in many}
+    assert names <= {text.get_text() for text in figure.axes[0].texts}
+    assert names <= {text.get_text() for legend in figure.legends for text in legend.get_texts()}
+    renderer = figure.canvas.get_renderer()
+    covered = [legend.get_window_extent(renderer) for legend in figure.legends]
+    assert not any(box.overlaps(axes.bbox) for box in covered for axes in figure.axes)
+
+
+def test_long_table_has_the_whole_width_and_panels_below(plane, plane_record):
+    figure = draw_plane(plane, plane_record)
+    beside = figure.axes[0].get_position()
+    wide = replace(plane, array=replace(plane.array, columns=12))
+    record = replace(
+        plane_record,
+        estimate=None,
+        contact=np.zeros((41, 72), np.int8),
+        speed_m_s=np.zeros((41, 72)),
+    )
+    table, *panels = draw_plane(wide, record).axes
+    assert beside.x1 < 0.65
+    assert table.get_position().x1 > 0.95
+    assert all(
+        axes.get_position().y1 < table.get_position().y0 for axes in panels if axes.get_ylabel()
+    )
 
 
 def test_colours_of_neighbouring_parcels_differ():
-    assert len({parcel_colour(number) for number in range(6)}) == 6
-    assert parcel_colour(6) == parcel_colour(0)
+    assert len({parcel_colour(number) for number in range(12)}) == 12
+    assert parcel_colour(12) == parcel_colour(0)
 
 
 def test_same_run_gives_the_same_picture(tmp_path, plane, plane_record):
@@ -152,11 +250,29 @@ def test_row_is_told_from_plane(row, plane):
 
 def test_wheels_have_a_panel_for_each_quantity(plane, plane_record):
     panels = draw_wheels(plane, plane_record).axes[::2]
-    told = [axes.get_ylabel().partition("\n")[0] for axes in panels]
+    told = [axes.get_ylabel() for axes in panels]
     assert told == ["contact", "normal [N]", "friction [N]", "slip [m/s]"]
     contact, normal = (axes.collections[0].get_array() for axes in panels[:2])
-    np.testing.assert_array_equal(contact, plane_record.contact[:-1].T)
-    np.testing.assert_array_equal(normal, plane_record.normal_n[:-1].T)
+    # The first axes of all cells, then the second ones.
+    by_axis = [*range(0, 36, 2), *range(1, 36, 2)]
+    np.testing.assert_array_equal(contact, plane_record.contact[:-1, by_axis].T)
+    np.testing.assert_array_equal(normal, plane_record.normal_n[:-1, by_axis].T)
+    named = [text.get_text() for text in panels[0].texts]
+    assert named == ["axis 1", "axis 2"]
+
+
+def test_one_wheel_far_out_does_not_set_the_scale_of_all(plane, plane_record):
+    plane_record.force_n[7, 5] = 500.0
+    friction = draw_wheels(plane, plane_record).axes[4].collections[0]
+    assert friction.norm.vmax < 20.0
+    assert friction.norm.vmin == -friction.norm.vmax
+
+
+def test_creep_of_wheels_that_roll_is_no_slip(plane, plane_record):
+    record = replace(plane_record, pose=plane_record.pose * 0, twist=plane_record.pose * 0)
+    record.speed_m_s[:] = 1e-8
+    slip = draw_wheels(plane, record).axes[6].collections[0]
+    assert slip.norm.vmax == pytest.approx(5e-3)
 
 
 def test_long_run_is_thinned_for_the_wheels(row, row_record):
@@ -229,6 +345,15 @@ def test_belief_is_drawn_where_there_is_no_truth_and_said_to_be_one(plane, belie
     assert "wheel rolled" not in [text.get_text() for axes in figure.axes for text in axes.texts]
 
 
+def test_believed_parcels_that_come_and_go_are_away_in_between(plane, believed_record):
+    believed_record.estimate[20:30] = np.nan
+    coming = replace(plane, stream=(Stream(("box",), 0.0, 0.0),))
+    _, record = drawable(coming, believed_record)
+    away = np.isnan(record.pose[:, 0, 0])
+    assert np.flatnonzero(away).tolist() == [*range(5), *range(20, 30)]
+    draw_plane(*drawable(coming, believed_record))
+
+
 def test_truth_is_drawn_as_it_is(plane, plane_record):
     assert drawable(plane, plane_record) == (plane, plane_record)
 
@@ -255,8 +380,8 @@ def test_row_of_belief_has_no_bands(row, row_record):
 
 
 def test_wheels_of_belief_are_references_and_speeds(plane, believed_record):
-    axes = draw_wheels(plane, believed_record).axes
-    labels = [each.get_ylabel().split("\n")[0] for each in axes if "\n" in each.get_ylabel()]
+    axes = draw_wheels(plane, believed_record).axes[::2]
+    labels = [each.get_ylabel() for each in axes]
     assert labels == ["reference [m/s]", "speed [m/s]"]
 
 

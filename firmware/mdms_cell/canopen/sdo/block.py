@@ -33,8 +33,8 @@ def begin_download(objects, data, index, sub):
 class BlockDownload:
     """A value on its way from the client into `sink`; `size` is what the client announced, or None.
 
-    The segments of a block wait until the next block begins or the transfer ends, for only the
-    end gives how many bytes of the last segment count.
+    The sink has a block before the client gets the acknowledgement, and so sends nothing while
+    flash is written; the last block waits for the end, which gives how many of its bytes count.
     """
 
     def __init__(self, index, sub, sink, command, size):
@@ -69,8 +69,6 @@ class BlockDownload:
         return None
 
     def _take(self, data):
-        if self._sequence == 0:
-            self._flush(len(self._block))
         self._sequence += 1
         self._block.extend(data[1:])
         self._complete = bool(data[0] & sdo.BLOCK_LAST)
@@ -79,6 +77,8 @@ class BlockDownload:
         """Tell the last segment that came in order; the client repeats those after it."""
         sequence = self._sequence
         self._sequence = 0
+        if not self._complete:
+            self._flush(len(self._block))
         command = sdo.BLOCK_DOWNLOAD_RESPONSE | sdo.BLOCK_ACKNOWLEDGE
         return bytes((command, sequence, sdo.BLOCK_SEGMENTS, 0, 0, 0, 0, 0))
 

@@ -9,7 +9,12 @@ from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.interrupted import interrupted
 from mdms_host.cli.paging import opened_page
 from mdms_host.cli.scenario.belief import Belief
-from mdms_host.cli.scenario.coordination import coordinator_of, layout_of, parcels_of
+from mdms_host.cli.scenario.coordination import (
+    centres_of_mass_m,
+    coordinator_of,
+    layout_of,
+    parcels_of,
+)
 from mdms_host.cli.scenario.load import timing_of
 from mdms_host.cli.streams import say
 from mdms_host.clock import Clock
@@ -20,6 +25,7 @@ from mdms_host.page.seat import Seat
 from mdms_host.page.shown.bus_watch import BusWatch
 from mdms_host.programs.planning import ThreadDesk
 from mdms_host.programs.program import Main
+from mdms_model.scenario.belief import believed
 from mdms_protocol import nmt
 
 
@@ -31,7 +37,7 @@ def show(belief: Belief, arguments: Namespace, main: Main | None = None) -> Exit
     """
     with open_links(arguments, belief.channels) as (link, clock):
         refuse_other_host(link, clock)
-        seat, table = _seated(belief, clock, main)
+        seat, table = _seated(belief, link, clock, main)
         with opened_page(table, arguments) as page, interrupted() as pressed:
             seat.start()
             incidents = 0
@@ -54,7 +60,9 @@ def show(belief: Belief, arguments: Namespace, main: Main | None = None) -> Exit
     return Exit.OK
 
 
-def _seated(belief: Belief, clock: Clock, main: Main | None) -> tuple[Seat, LiveTable]:
+def _seated(
+    belief: Belief, link: AnyLink, clock: Clock, main: Main | None
+) -> tuple[Seat, LiveTable]:
     """The host's place, and what a page shows of it."""
 
     def make() -> Coordinator:
@@ -71,6 +79,8 @@ def _seated(belief: Belief, clock: Clock, main: Main | None) -> tuple[Seat, Live
         seat=seat,
         watch=watch,
         now_s=clock.now_s,
+        centres_of_mass_m=centres_of_mass_m(believed(belief.scenario)),
+        error_frames=lambda: link.counts.error_frames,
         report=lambda time_s, text: say(f"{time_s:8.3f} s  {text}"),
     )
     seat.on_cycle = table.on_cycle

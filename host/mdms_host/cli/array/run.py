@@ -15,10 +15,12 @@ from mdms_host.cli.extras import PAGE, RECORDING, require
 from mdms_host.cli.files import writing
 from mdms_host.cli.records.bus_log import LogWriter
 from mdms_host.cli.records.keep import keep_run, lasting
+from mdms_host.cli.records.plan_log import PlanLog
 from mdms_host.cli.scenario.belief import Belief, believe
 from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.scenario.load import check_load
+from mdms_host.cli.scenario.programs import has_failed, waits_text
 from mdms_host.cli.streams import say
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, Operation, operate
@@ -81,7 +83,7 @@ def run(arguments: Namespace) -> int:
             say(f"frames: {counts}")
         print(f"{scenario.title}: {operation.ending} after {operation.duration_s:.1f} s")
     missed = missed_text(goals_of(belief.scenario, coordinator))
-    return _verdict(operation, coordinator.lost, missed)
+    return _verdict(operation, coordinator, missed)
 
 
 @contextmanager
@@ -102,18 +104,21 @@ def _operate_and_keep(
     belief: Belief, coordinator: Coordinator, arguments: Namespace
 ) -> tuple[Operation, dict[str, Any]]:
     """Operate, and keep what was seen in a run folder, however it ended."""
+    plans = PlanLog(coordinator)
     with fresh_folder(arguments.out) as folder:
         with (folder / BUS_LOG).open("w") as log:
             recorder = Recorder(
                 coordinator,
                 lambda: estimates_of(coordinator, belief.scenario),
                 LogWriter(log, len(belief.scenario.array.buses) or 1).on_frame,
+                look=plans.look,
             )
             operation, incidents = _operate(coordinator, belief, arguments, recorder)
         figures = _figures(belief.scenario, coordinator, operation)
         figures["node_ids"] = [cell.node_id for cell in coordinator.cells]
         figures["run"] = str(arguments.out)
         record = recorder.record(incidents)
+        record.plans = plans.plans
         lasted = lasting(belief.scenario, float(record.time_s[-1]))
         with writing(arguments.out):
             keep_run(folder, lasted, record, figures)
@@ -176,12 +181,14 @@ def _outcome(coordinator: Coordinator, name: str, goal: Goal) -> GoalOutcome:
     return outcome_of(name, goal, pose, coordinator.arrived_s.get(name))
 
 
-def _verdict(operation: Operation, lost: str | None, missed: str | None) -> int:
+def _verdict(operation: Operation, coordinator: Coordinator, missed: str | None) -> int:
     if operation.interrupt is not None:
         raise operation.interrupt
-    if operation.fault is None and lost is not None:
-        raise CommandError(lost, Exit.FAILURE)
+    if operation.fault is None and coordinator.lost is not None:
+        raise CommandError(coordinator.lost, Exit.FAILURE)
     code = EXITS[operation.ending]
     if code is not Exit.OK:
-        raise CommandError(operation.fault or missed or "the time limit has passed", code)
+        late = f"the time limit has passed{waits_text(coordinator)}"
+        text = operation.fault or missed or coordinator.stuck or late
+        raise CommandError(text, Exit.FAILURE if has_failed(coordinator) else code)
     return code

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from mdms_host.cli.array.bus import NO_NODES
 from mdms_host.cli.commission.asking import ask_direction, ask_places
+from mdms_host.cli.commission.keys import array_key, give_keys
 from mdms_host.cli.commission.plate import watch_plate
 from mdms_host.cli.configure.cells import agreed, open_commissioning
 from mdms_host.cli.exits import CommandError, Exit
@@ -29,7 +30,11 @@ from mdms_host.commissioning.network import Commissioning, CommissioningError
 from mdms_host.commissioning.node_ids import Assignment, carry_out
 from mdms_host.commissioning.roll_call import RollCall, call_roll
 from mdms_host.commissioning.sightings import Spot
-from mdms_host.commissioning.wheels.wheel_turn import WheelError, refuse_busy, refuse_steering
+from mdms_host.commissioning.wheels.wheel_turn import (
+    StoppedError,
+    refuse_busy,
+    refuse_steering,
+)
 
 #: A cell that shares its node id is reset with the one that hides it, which needs so long to boot.
 _BOOT_S = 0.3
@@ -55,6 +60,7 @@ def run(arguments: Namespace) -> Exit:
     out: Path | None = arguments.out or (None if listed else Path("array.toml"))
     if out is not None:
         check_own(out, MARK.encode(), arguments.force)
+    key = array_key(arguments.key, arguments.file or out)
     with open_commissioning(arguments) as commissioning:
         job = _Job(commissioning, arguments, {})
         roll = _call_roll(commissioning)
@@ -66,6 +72,8 @@ def run(arguments: Namespace) -> Exit:
         _give_ids(job, call_roll(commissioning), {cell.serial: cell.node_id for cell in cells})
         cells = _nudged(job, cells, asking=_asks(arguments))
         done = _write(job, cells)
+        if key is not None:
+            job.failed.update(give_keys(commissioning, cells, key, job.report))
         if job.failed:
             raise CommandError(_failure(job, count), Exit.NODE_FAULT)
         if out is not None:
@@ -185,7 +193,9 @@ def _nudged(job: _Job, cells: list[FiledCell], *, asking: bool) -> list[FiledCel
         try:
             refuse_steering(job.commissioning, cell.node_id)
             directions = steps.nudge_wheels(job.commissioning, cell.node_id)
-        except (CommissioningError, WheelError) as error:
+        except StoppedError:
+            raise
+        except CommissioningError as error:
             job.failed[f"{cell.serial:08X}"] = str(error)
             continue
         faults = [steps.wiring_fault(axis, each) for axis, each in enumerate(directions, 1)]

@@ -14,7 +14,13 @@ from mdms_host.cli.streams import say
 from mdms_host.clock import Clock, MonotonicClock
 from mdms_host.commissioning.cell_settings import check_identity
 from mdms_host.commissioning.wheels.jog import Jog
-from mdms_host.commissioning.wheels.wheel_turn import Turn, refuse_busy, refuse_steering, turn_wheel
+from mdms_host.commissioning.wheels.wheel_turn import (
+    Turn,
+    limit_for,
+    refuse_busy,
+    refuse_steering,
+    turn_wheel,
+)
 
 #: Keyboards repeat a key that is held down after half a second at the latest.
 KEY_S = 0.6
@@ -32,14 +38,17 @@ def run(arguments: Namespace) -> Exit:
         check_identity(node_id, commissioning.identity(node_id))
         refuse_busy(commissioning, [node_id])
         refuse_steering(commissioning, node_id)
+        limit_mv = limit_for(commissioning, node_id, axis, arguments.speed)
         if arguments.keys:
             with _keys() as pressed:
                 say("hold + or - to turn the wheel, q to end")
-                jog = Jog(node_id, axis, 0.0, _KEYS_S)
+                jog = Jog(node_id, axis, 0.0, _KEYS_S, limit_mv=limit_mv)
+                jog.resets = arguments.reset
                 by_keys = ByKeys(jog, arguments.speed, MonotonicClock(), pressed)
                 turn = turn_wheel(commissioning, node_id, axis, jog, by_keys.look)
         else:
-            jog = Jog(node_id, axis, arguments.speed, arguments.seconds)
+            jog = Jog(node_id, axis, arguments.speed, arguments.seconds, limit_mv=limit_mv)
+            jog.resets = arguments.reset
             turn = turn_wheel(commissioning, node_id, axis, jog)
     _report(arguments, turn)
     return Exit.OK

@@ -44,6 +44,9 @@ def _add_jog(parser: ArgumentParser) -> None:
     how_long.add_argument(
         "--keys", action="store_true", help="while + or - is held down; q ends it"
     )
+    parser.add_argument(
+        "--reset", action="store_true", help="reset the axis's fault first; its cause is removed"
+    )
     add_json(parser)
 
 
@@ -84,6 +87,13 @@ def _add_commission(parser: ArgumentParser) -> None:
     )
     parser.add_argument(
         "--out", metavar="FILE", type=Path, help="the array file (default: array.toml)"
+    )
+    parser.add_argument(
+        "--key",
+        metavar="FILE",
+        type=Path,
+        help="give all cells the key in this file, which is made if it is missing, for "
+        "mdms flash --bus (default: the one beside the array file, if it is there)",
     )
     parser.add_argument("--yes", action="store_true", help="do not ask; without --nudge no motion")
     add_force(parser)

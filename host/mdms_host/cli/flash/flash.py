@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from mdms_host.cli.console import bars, show
 from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.flash import flash_bus
 from mdms_host.cli.options import add_json
 from mdms_host.cli.streams import say
 from mdms_host.flashing.board_survey import MACHINES
@@ -45,6 +46,9 @@ def add_options(parser: ArgumentParser) -> None:
         help="serial ports, or id: and a USB serial number",
     )
     which.add_argument("--all", action="store_true", help="all boards that are found")
+    which.add_argument(
+        "--bus", action="store_true", help="all cells on the CAN bus, if their boards have room"
+    )
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--list", action="store_true", help="only show what is there, and restart it")
     what.add_argument("--dry-run", action="store_true", help="only print what would be written")
@@ -56,10 +60,14 @@ def add_options(parser: ArgumentParser) -> None:
         "--jobs", metavar="N", type=_jobs, default=JOBS, help=f"boards at once (default {JOBS})"
     )
     add_json(parser)
+    flash_bus.add_options(parser)
 
 
 def run(arguments: Namespace) -> Exit:
     """Flash the boards at once, with a line for each as it is done."""
+    if arguments.bus:
+        return flash_bus.run(arguments)
+    flash_bus.refuse_options(arguments)
     with _telling_of_missing_packages():
         outcomes = _flash(arguments, _chosen(arguments))
     if arguments.json:

@@ -1,27 +1,88 @@
-"""The plans of a program as they take effect, for the record of its run."""
+"""What a host plans for parcels, for the record of its run."""
+
+from operator import is_
+
+import numpy as np
 
 from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.motion.goal import Goal
+from mdms_host.motion.program import GoalProgram
 from mdms_host.programs.program import TableProgram
+from mdms_model.arrays import Floats
 from mdms_model.run.record import Plan, Tile
 
+#: While parcels are on ways over tiles, what is left of these is kept so often [s].
+AGAIN_S = 0.5
 #: A run of any length is kept with the last of so many plans.
 MOST_PLANS = 5000
 
 
 class PlanLog:
-    """Keeps each plan of a program, if it makes any; look as often as plans may change."""
+    """Keeps what is planned whenever that has changed; look as often as it may.
+
+    That is when a parcel has got another goal or another way, or has come to its way's end, and now
+    and then while tiles are left behind.
+    """
 
     def __init__(self, coordinator: Coordinator) -> None:
         self.plans: list[Plan] = []
         self._coordinator = coordinator
-        self._last: object = None
+        self._goals: dict[str, Goal] = {}
+        self._ways: tuple[str, ...] = ()
+        self._again_s = 0.0
+        #: What the ways were made from: as long as these are the same objects, so are the ways.
+        self._sources: tuple[object, ...] = ()
 
     def look(self, time_s: float) -> None:
-        """Keep the plan that is in effect, if it is another."""
-        program = self._coordinator.program
-        if not isinstance(program, TableProgram) or program.plan is self._last:
+        """Keep what is planned, if it is another than before."""
+        goals, ways, sources = (
+            dict(self._coordinator.goals),
+            self._under_way(),
+            self._find_sources(),
+        )
+        same = goals == self._goals and ways == self._ways and _are_same(sources, self._sources)
+        if same and not (ways and time_s >= self._again_s):
             return
-        self._last = program.plan
-        tiles = tuple(Tile(*tile) for tile in program.reserved)
-        self.plans.append(Plan(time_s, dict(program.ways), tiles))
+        self._again_s = time_s + AGAIN_S
+        self._goals, self._ways, self._sources = goals, ways, sources
+        self.plans.append(self._plan(time_s))
         del self.plans[:-MOST_PLANS]
+
+    def _under_way(self) -> tuple[str, ...]:
+        program = self._coordinator.program
+        return tuple(program.under_way) if isinstance(program, TableProgram) else ()
+
+    def _find_sources(self) -> tuple[object, ...]:
+        program = self._coordinator.program
+        if isinstance(program, TableProgram):
+            return (program.plan,)
+        if isinstance(program, GoalProgram):
+            return tuple(one.follower for one in program.controllers.values())
+        return ()
+
+    def _plan(self, time_s: float) -> Plan:
+        program = self._coordinator.program
+        ways: dict[str, Floats] = {}
+        due_s: dict[str, Floats] = {}
+        tiles: tuple[Tile, ...] = ()
+        if isinstance(program, TableProgram):
+            ways = dict(program.ways)
+            due_s = {name: time_s + in_s for name, in_s in program.due_in_s.items()}
+            tiles = tuple(Tile(*tile) for tile in program.reserved)
+        elif isinstance(program, GoalProgram):
+            for name, one in program.controllers.items():
+                if one.follower is not None:
+                    ways[name], in_s = one.follower.ahead
+                    due_s[name] = time_s + in_s
+        goals = {name: _pose(goal) for name, goal in self._goals.items()}
+        return Plan(time_s, ways, tiles, due_s, goals)
+
+
+def _are_same(some: tuple[object, ...], others: tuple[object, ...]) -> bool:
+    """Whether these are the same objects; plans that are alike are still others."""
+    return len(some) == len(others) and all(map(is_, some, others))
+
+
+def _pose(goal: Goal) -> Floats:
+    yaw_rad = np.nan if goal.yaw_rad is None else goal.yaw_rad
+    return np.array([goal.x_m, goal.y_m, yaw_rad])

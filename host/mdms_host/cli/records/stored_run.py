@@ -16,11 +16,12 @@ TABLES = {"parcels.csv": PARCELS_HEADER, "cells.csv": CELLS_HEADER}
 def plot(arguments: Namespace) -> Exit:
     """Draw the run and print the path of the picture."""
     # Tables are exported where nothing draws.
-    from mdms_sim.plots import MARK, save_picture, save_wheels  # noqa: PLC0415
+    from mdms_sim.plots import MARK, check_name, save_picture, save_wheels  # noqa: PLC0415
 
-    stored = read_run(arguments.folder)
     name = "wheels.png" if arguments.wheels else "picture.png"
     path = arguments.out or arguments.folder / name
+    check_name(path, wheels=arguments.wheels)
+    stored = read_run(arguments.folder)
     save = save_wheels if arguments.wheels else save_picture
     # Pictures of a run folder are its own, whoever drew them.
     force = arguments.force or arguments.out is None

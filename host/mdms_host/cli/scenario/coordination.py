@@ -12,7 +12,7 @@ from mdms_host.cli.scenario.field import references_m_s
 from mdms_host.cli.scenario.footing import goal_of
 from mdms_host.cli.scenario.gain import motor_of
 from mdms_host.cli.scenario.load import timing_of
-from mdms_host.cli.scenario.programs import table_program
+from mdms_host.cli.scenario.programs import cells_program, table_program
 from mdms_host.commissioning.wheels.loop_margin import largest_gain, observer_for
 from mdms_host.coordination.care.policy import OnLostCell, Policy
 from mdms_host.coordination.coordinator import Coordinator
@@ -20,6 +20,7 @@ from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.allocation import AHEAD_M
 from mdms_host.motion.by_cells.program import CellsProgram
+from mdms_host.motion.by_cells.steering import ByCells
 from mdms_host.motion.goal import Goal, Limits
 from mdms_host.motion.program import FieldProgram, GoalProgram, Program
 from mdms_host.motion.trajectory.mass import Mass
@@ -57,13 +58,20 @@ def coordinator_of(
     cells = cells or Cells()
     layout, parcels = layout_of(scenario, cells), parcels_of(scenario)
     stock = in_stock(scenario)
-    if scenario.motion.field == "program":
-        traction, masses = traction_of(scenario, layout, cells), masses_of(scenario)
-        program: Program | CellsProgram = table_program(
-            scenario, parcels, masses, traction, main=main, desk=desk
+    program: Program | ByCells
+    if scenario.motion.field != "program":
+        program = _program(scenario, layout, parcels, cells)
+    elif scenario.motion.control == "cells":
+        _check_speed(scenario, scenario.motion.speed_m_s * _wheel_share(scenario))
+        limits = limits_of(scenario)
+        led = CellsProgram(layout, parcels, {}, limits, go_on=scenario.motion.go_on)
+        masses = masses_of(scenario)
+        program = cells_program(
+            scenario, parcels, masses, led, layout=layout, limits=limits, main=main, desk=desk
         )
     else:
-        program = _program(scenario, layout, parcels, cells)
+        traction, masses = traction_of(scenario, layout, cells), masses_of(scenario)
+        program = table_program(scenario, parcels, masses, traction, main=main, desk=desk)
     coordinator = Coordinator(
         layout,
         program,
@@ -106,7 +114,8 @@ def _wheel_share(scenario: Scenario) -> float:
     Wheels as far outside as `AHEAD_M` run for a parcel too: sqrt(1 + (r / reach)^2) at most.
     """
     reaches_m = [hypot(parcel.length_m, parcel.width_m) / 2 for parcel in scenario.parcel]
-    return max(hypot(1.0, 1.0 + AHEAD_M / reach_m) for reach_m in reaches_m)
+    shares = (hypot(1.0, 1.0 + AHEAD_M / reach_m) for reach_m in reaches_m)
+    return max(shares, default=hypot(1.0, 1.0))
 
 
 def layout_of(scenario: Scenario, cells: Cells | None = None) -> Layout:
@@ -204,7 +213,7 @@ def goals_by_parcel(scenario: Scenario) -> list[Goal | None]:
 
 def _program(
     scenario: Scenario, layout: Layout, parcels: tuple[Parcel, ...], cells: Cells
-) -> Program | CellsProgram:
+) -> Program | ByCells:
     if scenario.motion.field != "goal":
         field_m_s = references_m_s(scenario)
         _check_speed(scenario, float(abs(field_m_s).max()))
@@ -213,14 +222,19 @@ def _program(
     _check_speed(scenario, scenario.motion.speed_m_s * _wheel_share(scenario) / droop)
     steered = zip(scenario.parcel, goals_by_parcel(scenario), strict=True)
     goals = {parcel.name: goal for parcel, goal in steered if goal is not None}
-    limits = Limits(
+    if scenario.motion.control == "cells":
+        limits = limits_of(scenario)
+        return CellsProgram(layout, parcels, goals, limits, go_on=scenario.motion.go_on)
+    return GoalProgram(traction_of(scenario, layout, cells), parcels, goals, masses_of(scenario))
+
+
+def limits_of(scenario: Scenario) -> Limits:
+    """How fast cells that steer may move parcels."""
+    return Limits(
         speed_m_s=scenario.motion.speed_m_s,
         friction=scenario.cell.friction,
         gravity_m_s2=scenario.run.gravity_m_s2,
     )
-    if scenario.motion.control == "cells":
-        return CellsProgram(layout, parcels, goals, limits, go_on=scenario.motion.go_on)
-    return GoalProgram(traction_of(scenario, layout, cells), parcels, goals, masses_of(scenario))
 
 
 def traction_of(scenario: Scenario, layout: Layout, cells: Cells | None = None) -> Traction:
@@ -238,6 +252,11 @@ def traction_of(scenario: Scenario, layout: Layout, cells: Cells | None = None) 
         speed_m_s=scenario.motion.speed_m_s,
         gravity_m_s2=scenario.run.gravity_m_s2,
     )
+
+
+def centres_of_mass_m(scenario: Scenario) -> dict[str, tuple[float, float]]:
+    """Where each parcel's centre of mass is, in its own frame, as it is believed [m]."""
+    return {parcel.name: parcel.centre_of_mass_m for parcel in scenario.parcel}
 
 
 def masses_of(scenario: Scenario) -> dict[str, Mass]:

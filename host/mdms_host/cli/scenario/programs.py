@@ -4,17 +4,23 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
+from mdms_host.motion.by_cells.program import CellsProgram
+from mdms_host.motion.goal import Limits
 from mdms_host.motion.trajectory.mass import Mass
 from mdms_host.motion.trajectory.traction import Traction
+from mdms_host.programs.cells_program import CellsTableProgram
+from mdms_host.programs.cells_traffic import CellsTraffic
 from mdms_host.programs.comings import Comings, Infeed
+from mdms_host.programs.dispatch import KeptFree
 from mdms_host.programs.order import Gate
 from mdms_host.programs.planning import Desk, VirtualDesk
 from mdms_host.programs.program import Main, Member, TableProgram
 from mdms_host.programs.ride import Load
+from mdms_host.programs.table_traffic import TableTraffic
 from mdms_host.programs.task_list import main_of
-from mdms_host.programs.traffic import KeptFree, TableTraffic
 from mdms_host.routes.pace import TrapezoidPace
 from mdms_host.routes.space.shape import Shape
 from mdms_model.array import last_support_m
@@ -38,7 +44,7 @@ def table_program(
 ) -> TableProgram:
     """The program of a scenario's tasks, or `main`, with all that it needs to be run."""
     named = {parcel.name: parcel for parcel in parcels}
-    loads = {name: Load(parcel.bottom, masses[name]) for name, parcel in named.items()}
+    loads = _loads(named, masses)
     pace = TrapezoidPace(scenario.motion.speed_m_s, _acceleration_m_s2(traction, loads))
     traffic = TableTraffic(
         traction,
@@ -49,21 +55,46 @@ def table_program(
             _kept_free(number, stream, named) for number, stream in enumerate(scenario.stream)
         ],
     )
-    stock = in_stock(scenario)
-    members = [
-        Member(one.name, one.kind, one.length_m, one.width_m, one.shape, one.name not in stock)
-        for one in scenario.parcel
-    ]
     infeeds = [_infeed(number, scenario, named) for number in range(len(scenario.stream))]
     gates = [gate_of(each, scenario, traction.layout) for each in scenario.exit]
     return TableProgram(
         main or main_of(scenario.task),
         half_table_m(scenario),
-        members,
+        _members(scenario),
         gates,
         traffic,
         comings=Comings(infeeds),
     )
+
+
+def cells_program(
+    scenario: Scenario,
+    parcels: tuple[Parcel, ...],
+    masses: Mapping[str, Mass],
+    cells: CellsProgram,
+    *,
+    layout: Layout,
+    limits: Limits,
+    main: Main | None = None,
+    desk: Desk | None = None,
+) -> CellsTableProgram:
+    """The same for cells that steer."""
+    loads = _loads({parcel.name: parcel for parcel in parcels}, masses)
+    traffic = CellsTraffic(layout, desk or VirtualDesk(), loads, cells, limits)
+    main = main or main_of(scenario.task)
+    return CellsTableProgram(main, half_table_m(scenario), _members(scenario), traffic, cells)
+
+
+def _loads(named: Mapping[str, Parcel], masses: Mapping[str, Mass]) -> dict[str, Load]:
+    return {name: Load(parcel.bottom, masses[name]) for name, parcel in named.items()}
+
+
+def _members(scenario: Scenario) -> list[Member]:
+    stock = in_stock(scenario)
+    return [
+        Member(one.name, one.kind, one.length_m, one.width_m, one.shape, one.name not in stock)
+        for one in scenario.parcel
+    ]
 
 
 def gate_of(each: Exit, scenario: Scenario, layout: Layout) -> Gate:
@@ -84,7 +115,8 @@ def _acceleration_m_s2(traction: Traction, loads: Mapping[str, Load]) -> float:
     """What plans reckon with: the least that any parcel is sped up with along x or y."""
     agilities = [traction.agility(load.bottom, load.mass) for load in dict.fromkeys(loads.values())]
     along = np.eye(3)[:2]
-    return min(one.acceleration_m_s2(axis) for one in agilities for axis in along)
+    known = [one.acceleration_m_s2(axis) for one in agilities for axis in along]
+    return min(known, default=TrapezoidPace.acceleration_m_s2)
 
 
 def _infeed(number: int, scenario: Scenario, named: Mapping[str, Parcel]) -> Infeed:
@@ -105,3 +137,15 @@ def _kept_free(number: int, stream: Stream, named: Mapping[str, Parcel]) -> Kept
 
 def _place(stream: Stream) -> Floats:
     return np.array([stream.x_m, stream.y_m, stream.yaw_rad])
+
+
+def has_failed(coordinator: Coordinator) -> bool:
+    """Whether a run's program has ended by an error in it."""
+    return isinstance(coordinator.program, TableProgram) and coordinator.program.failed
+
+
+def waits_text(coordinator: Coordinator) -> str:
+    """Where a run's program waits, as part of a message; nothing where it does not."""
+    program = coordinator.program
+    places = program.waits_at if isinstance(program, TableProgram) else ()
+    return f": it waits in {' and '.join(places)}" if places else ""

@@ -11,7 +11,7 @@ from mdms_host.cli.scenario.field import command_figures
 from mdms_host.cli.scenario.gain import MASSLESS, gain_limits
 from mdms_host.cli.streams import say
 from mdms_model.fields.command import command_of
-from mdms_model.scenario.file import builtin_names, load_scenario
+from mdms_model.scenario.file import builtin_names, builtin_text, load_scenario
 from mdms_model.scenario.scenario import Scenario
 from mdms_model.statics.limits import is_paper_row, parcel_limits
 
@@ -31,7 +31,13 @@ WIDTH = max(len(text) for _name, text, _unit in ROWS)
 
 
 def scenarios(arguments: Namespace) -> Exit:
-    """Print the built-in scenarios, a name and a title each."""
+    """Print the built-in scenarios, a name and a title each, or one of them to start from."""
+    if arguments.show is not None:
+        text = builtin_text(arguments.show)
+        print(
+            json.dumps({"name": arguments.show, "toml": text}) if arguments.json else text.rstrip()
+        )
+        return Exit.OK
     titles = {name: load_scenario(name).title for name in builtin_names()}
     if arguments.json:
         print(json.dumps({"scenarios": [{"name": n, "title": t} for n, t in titles.items()]}))

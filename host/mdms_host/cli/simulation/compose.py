@@ -8,6 +8,7 @@ from mdms_host.cli.compiling import compiling_watched
 from mdms_host.cli.records.plan_log import PlanLog
 from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
 from mdms_host.cli.scenario.field import references_m_s
+from mdms_host.cli.scenario.programs import has_failed, waits_text
 from mdms_host.clock import MonotonicClock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.motion.goal import Goal
@@ -19,6 +20,8 @@ from mdms_sim.physics.plane.ideal import solve_ideal
 from mdms_sim.physics.row.solver import solve_row
 from mdms_sim.simulation import BusFigures, simulate
 
+__all__ = ["Finished", "run_scenario"]
+
 #: The paper's model, by fidelity.
 SOLVERS = {"row": solve_row, "ideal": solve_ideal}
 
@@ -29,7 +32,8 @@ class Finished:
 
     `troubles` are what the coordinator found amiss, as (time [s], text), `lost` is which parcels it
     does not find any more at the end, and `stuck` why it could not go on to its goals; `goals` are
-    where it steered parcels last, and `unfinished` is whether its program was to end, and has not;
+    where it steered parcels last, and `unfinished` is whether its program was to end, and has not,
+    `waits` where it waits, and `failed` whether it has ended by an error in it;
     `lost_cells` are those that it does without by then, and `pauses` is how often it has held all
     parcels.
     `wall_s` leaves out `compile_s`, which passes once per installation.
@@ -43,6 +47,8 @@ class Finished:
     stuck: str | None = None
     goals: Mapping[str, Goal] = field(default_factory=dict)
     unfinished: bool = False
+    waits: str = ""
+    failed: bool = False
     troubles: tuple[tuple[float, str], ...] = ()
     lost_cells: tuple[int, ...] = ()
     pauses: int = 0
@@ -59,6 +65,7 @@ def run_scenario(
 ) -> Finished:
     """Run a scenario in its fidelity; `main` is a program in place of its tasks.
 
+    `nodes` are "cpython" or "micropython"; `progress` gets the time reached [s] now and then.
     Raises ScenarioError, MicropythonMissing, NodeError, and `CommandError` for what does not fit.
     """
     if scenario.run.fidelity == "firmware":
@@ -109,7 +116,7 @@ def _firmware(
             estimates=lambda: estimates_of(coordinator, scenario),
             progress=on_progress,
             # A program ends by itself; goals are held to the end.
-            over=lambda: scenario.motion.field == "program" and coordinator.finished,
+            over=lambda: scenario.motion.field == "program" and _has_ended(coordinator),
         )
         _add_events(outcome.record, coordinator)
         outcome.record.plans = plans.plans
@@ -123,12 +130,18 @@ def _firmware(
             stuck=coordinator.stuck,
             goals=dict(coordinator.goals),
             unfinished=not (coordinator.finished or coordinator.endless),
+            waits=waits_text(coordinator),
+            failed=has_failed(coordinator),
             troubles=troubles,
             lost_cells=tuple(sorted(coordinator.lost_cells)),
             pauses=coordinator.pauses,
         )
 
     return work
+
+
+def _has_ended(coordinator: Coordinator) -> bool:
+    return coordinator.finished or coordinator.stuck is not None
 
 
 def _add_events(record: Record, coordinator: Coordinator) -> None:

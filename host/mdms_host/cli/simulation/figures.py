@@ -15,6 +15,8 @@ from mdms_model.run.comings import exit_of, is_wrong
 from mdms_model.run.record import Contact, Record
 from mdms_model.scenario.scenario import Scenario
 
+__all__ = ["figures_of", "report"]
+
 POSE = ("x_m", "y_m", "yaw_rad")
 TWIST = ("vx_m_s", "vy_m_s", "yaw_rate_rad_s")
 #: A parcel is at rest when all through the last while it was slower than this.

@@ -9,7 +9,12 @@ from time import sleep
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.interrupted import interrupted
 from mdms_host.cli.paging import opened_page
-from mdms_host.cli.scenario.coordination import coordinator_of, layout_of, parcels_of
+from mdms_host.cli.scenario.coordination import (
+    centres_of_mass_m,
+    coordinator_of,
+    layout_of,
+    parcels_of,
+)
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.page.seat import Seat
 from mdms_host.page.simulated import SLICE_NS, SimulatedTable
@@ -52,6 +57,7 @@ def table_of(
         seat=seat,
         simulation=simulation,
         time=time,
+        centres_of_mass_m=centres_of_mass_m(told),
     )
 
 

@@ -14,8 +14,8 @@ from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Parcel, Scenario
 from mdms_sim.physics.analysis.field_map import FieldMap, map_field
 from mdms_sim.physics.analysis.held_parcel import Law
-from mdms_sim.plots.canvas import MARK, save
-from mdms_sim.plots.field_map import draw_field_map
+from mdms_sim.plots.canvas import MARK, form_of, save
+from mdms_sim.plots.fields.map import draw_field_map
 
 
 def run(arguments: Namespace) -> Exit:
@@ -23,6 +23,7 @@ def run(arguments: Namespace) -> Exit:
     scenario = load_scenario(arguments.scenario, arguments.overrides)
     parcel = chosen_parcel(scenario, arguments.parcel)
     path = arguments.out or Path(f"{Path(arguments.scenario).stem}-map.png")
+    form_of(path)
     reference_m_s = references_m_s(scenario)
     with compiling_watched():
         field = map_field(scenario, parcel, reference_m_s, Law[arguments.law.upper()])

@@ -28,8 +28,8 @@ from mdms_sim.physics.analysis.squeeze_outcome import (
     step_outcomes,
 )
 from mdms_sim.physics.analysis.squeeze_trials import Trials, random_poses, try_squeezes
-from mdms_sim.plots.canvas import MARK, save
-from mdms_sim.plots.squeeze_plan import draw_squeeze_plan
+from mdms_sim.plots.canvas import MARK, form_of, save
+from mdms_sim.plots.fields.squeeze_plan import draw_squeeze_plan
 
 #: Of the simulation; with steps of 1 ms one trial in sixty ended otherwise, and no share of angles.
 STEP_S = 0.004
@@ -45,6 +45,8 @@ HALF_TURN_DEG = 179.9
 def run(arguments: Namespace) -> Exit:
     """Plan, try the plan on the array, and print and draw what came of it."""
     scenario = load_scenario(arguments.scenario, [*arguments.overrides, *ALONE])
+    if arguments.out is not None:
+        form_of(arguments.out)
     parcel = _parcel(scenario, arguments)
     function = squeeze_function(own_outline_m(parcel))
     plan = plan_squeezes(function, arguments.yaw)

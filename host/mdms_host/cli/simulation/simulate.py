@@ -100,13 +100,13 @@ def verdict(scenario: Scenario, finished: Finished) -> Exit:
         return Exit.FAILURE
     if finished.fault is not None:
         return Exit.NODE_FAULT
-    if finished.lost is not None:
+    if finished.lost is not None or finished.failed:
         return Exit.FAILURE
     wrong = [event for event in finished.record.events if event.kind == "exit" and is_wrong(event)]
     if wrong:
         say(f"mdms: {wrong[0].parcel} {wrong[0].detail}, and {len(wrong) - 1} more after it")
         return Exit.FAILURE
     if finished.unfinished and missed is None:
-        say("mdms: the program has not come to its end")
+        say(f"mdms: the program has not come to its end{finished.waits}")
         return Exit.TIME_LIMIT
     return Exit.OK if missed is None else Exit.TIME_LIMIT

@@ -10,11 +10,14 @@ from mdms_host.commissioning.doctor.examination import Examination, Examined
 from mdms_host.commissioning.doctor.findings import Finding
 from mdms_protocol import cia402, cob, indices
 from mdms_protocol.dictionary import AXES, AXIS_OFFSET
+from mdms_protocol.update import codes
 from mdms_protocol.version import VERSION
 
 _BUS_OFF = 0x8140
 #: In place of a size that a board does not know.
 _UNKNOWN = 0xFFFFFFFF
+#: What a single frame that is not acknowledged, or in error, leaves in a counter for a while.
+_ERRORS_LEAST = 8
 _HEAP_LEAST = 8_192
 _FLASH_LEAST = 16_384
 #: A clock that is off by more is not one of a healthy board, whatever the host's own is like.
@@ -109,10 +112,17 @@ def _of_cell(cell: Examined, cells: Mapping[int, Examined]) -> Iterator[Finding]
     for sub, kind in ((3, "not-sent"), (4, "overrun")):
         if cell[indices.TRAFFIC, sub]:
             yield Finding(kind, f"{cell[indices.TRAFFIC, sub]} frames", node)
+    errors = [cell[indices.TRAFFIC, sub] for sub in (5, 6)]
+    if _UNKNOWN not in errors and max(errors) >= _ERRORS_LEAST:
+        yield Finding("node-errors", f"{errors[0]} in sending, {errors[1]} in receiving", node)
     for sub, kind, least in ((1, "heap", _HEAP_LEAST), (2, "flash", _FLASH_LEAST)):
         free = cell[indices.MEMORY, sub]
         if free != _UNKNOWN and free < least:
             yield Finding(kind, f"{free} bytes are free", node)
+    if codes.reason_of(cell.objects.get((indices.FLASH_STATUS, 1), 0)) == codes.ROLLED_BACK:
+        yield Finding("rolled-back", f"{cell.identity.software} runs", node)
+    if cell.objects.get((indices.UPDATE, 8)):
+        yield Finding("on-trial", f"{cell.identity.software} runs, on trial", node)
     wanted_s = cell[indices.PRODUCER_TIME, 0] * 1e-3
     if cell.period_s and wanted_s and abs(cell.period_s / wanted_s - 1) > _CLOCK_SHARE:
         text = f"a heartbeat every {cell.period_s * 1e3:.1f} ms, {wanted_s * 1e3:g} are set"

@@ -46,6 +46,13 @@ KINDS: Mapping[str, Kind] = {
         "60 ohm between CAN_H and CAN_L with the power off, stubs below 30 cm; then take cells off "
         "one by one until the errors end.",
     ),
+    "node-errors": Kind(
+        "A cell's CAN controller counts errors, in sending or in receiving; one cell's, or all.",
+        "At one cell: its plug, stub or transceiver, or another has its node id. At all: a missing "
+        "or a third terminator. Counters fall with every good frame: what they show is now.",
+        "One cell: another plug and cable, then another board. All: 60 ohm between CAN_H and CAN_L "
+        "with the power off.",
+    ),
     "adapter": Kind(
         "Garbled lines, or frames that the adapter does not take.",
         "A serial adapter that is too slow for the bus, a bad USB cable, or a busy computer.",
@@ -137,7 +144,7 @@ KINDS: Mapping[str, Kind] = {
     "drive-fault": Kind(
         "An axis is in fault, and its wheel does not turn.",
         "As its error code says.",
-        "Remove the cause; the next run resets the fault.",
+        "Remove the cause; the next run resets the fault, and so does mdms jog --reset.",
     ),
     "supply-low": Kind(
         "The motors' supply is below the limit; wheels do not turn (0x3220).",
@@ -173,6 +180,18 @@ KINDS: Mapping[str, Kind] = {
         "Files of others, or a long crash.log.",
         "mpremote fs ls, and delete what is not of the firmware.",
         serious=False,
+    ),
+    "rolled-back": Kind(
+        "Firmware that came over the bus did not stay, and the one before runs.",
+        "It crashed, hung or lost its supply on trial, or the host fell silent before it had "
+        "confirmed it.",
+        "mdms flash --bus again; if it does not stay then either, look at crash.log over USB.",
+        serious=False,
+    ),
+    "on-trial": Kind(
+        "No axis can be enabled: firmware is on trial that nobody has confirmed.",
+        "mdms flash --bus was broken off.",
+        "Wait a minute, after which the firmware before comes back; then mdms flash --bus.",
     ),
     "settings": Kind(
         "A cell's settings are not those of the array file; a run refuses it.",

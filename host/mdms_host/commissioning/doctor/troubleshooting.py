@@ -1,10 +1,8 @@
-"""`docs/troubleshooting.md` from the table of findings: python -m ... FILE writes it."""
-
-import sys
-from pathlib import Path
+"""The text of `docs/troubleshooting.md`, from the tables of findings and of others' pains."""
 
 from mdms_host.can_link.emergencies import CODES
 from mdms_host.commissioning.doctor.findings import KINDS
+from mdms_host.commissioning.doctor.pains import PAINS, Pain
 
 _HEAD = """\
 # Troubleshooting
@@ -12,7 +10,12 @@ _HEAD = """\
 By symptom, in the order in which it pays to look. `mdms doctor` checks all of this, names the
 nodes, and ends with exit code 5 if anything serious is found: wheels with `--turn`, which turns
 each by some centimetres; sensors best with `--empty`, on an empty table; who is there, and
-settings, with `--array FILE`. `make generate` makes this page from the same table.
+settings, with `--array FILE`. `make generate` makes this page from the same tables.
+"""
+_PAINS = """\
+## What others ran into
+
+What users of other boards, buses and libraries reported, and how it is here; the tests show it.
 """
 
 
@@ -25,14 +28,24 @@ def troubleshooting_text() -> str:
             f"## {kind.symptom.rstrip('.')}\n`{name}`, {weight}.\n\n"
             f"- **Cause.** {kind.cause}\n- **Cure.** {kind.cure}\n"
         )
+    parts += [_PAINS, *map(_pain, PAINS)]
     parts.append("## What the error codes of cells mean\n" + _codes())
     return "\n".join(parts)
+
+
+def _pain(pain: Pain) -> str:
+    tests = ", ".join(f"`{test}`" for test in pain.tests)
+    return (
+        f"### {pain.symptom.rstrip('.')}\n{', '.join(map(_reference, pain.reported))}\n\n"
+        f"- **Cause.** {pain.cause}\n- **Cure.** {pain.cure}\n- **Tests.** {tests}.\n"
+    )
+
+
+def _reference(issue: str) -> str:
+    repository, _, number = issue.partition("#")
+    return f"[{issue}](https://github.com/{repository}/issues/{number})"
 
 
 def _codes() -> str:
     rows = [f"| 0x{code:04X} | {text} |" for code, text in CODES.items()]
     return "\n".join(["| code | meaning |", "|---|---|", *rows]) + "\n"
-
-
-if __name__ == "__main__":
-    Path(sys.argv[1]).write_text(troubleshooting_text(), encoding="utf-8")

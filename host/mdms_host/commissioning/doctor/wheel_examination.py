@@ -23,7 +23,10 @@ _SCALE_LOW, _SCALE_HIGH = 0.6, 1.7
 def examine_wheels(
     commissioning: Commissioning, node_id: int, motor: WheelMotor
 ) -> Iterator[Finding]:
-    """What the wheels of a cell with such motors have. Raises SilentError, DeviceGoneError."""
+    """What the wheels of a cell with such motors have.
+
+    Raises StoppedError, SilentError, DeviceGoneError.
+    """
     try:
         refuse_steering(commissioning, node_id)
     except CommissioningError as error:
@@ -70,29 +73,13 @@ def _settled(commissioning: Commissioning, node_id: int, axis: int, reference_m_
     while True:
         attempts -= 1
         jog = Jog(node_id, axis, reference_m_s, _TURN_S)
-        reports = _Reports(jog)
         try:
-            turn_wheel(commissioning, node_id, axis, jog, reports.look)
+            turn_wheel(commissioning, node_id, axis, jog)
         except WheelError:
             if not (attempts and jog.setpoint_missed):
                 raise
         else:
-            return fmean(reports.speeds_m_s[len(reports.speeds_m_s) // 2 :] or [0.0])
-
-
-class _Reports:
-    """Keeps the speeds of a jog as they are reported."""
-
-    def __init__(self, jog: Jog) -> None:
-        self.speeds_m_s: list[float] = []
-        self._jog = jog
-        self._counted = 0
-
-    def look(self) -> None:
-        """Keep a speed that is new."""
-        if self._jog.reports > self._counted:
-            self._counted = self._jog.reports
-            self.speeds_m_s.append(self._jog.speed_m_s)
+            return fmean(jog.speeds_m_s[len(jog.speeds_m_s) // 2 :] or [0.0])
 
 
 def _resistance(motor: WheelMotor) -> float:

@@ -1,15 +1,18 @@
 """One wheel of one cell turned slowly, for the first sign of life: a participant on the bus.
 
 The wheel turns while setpoints come. Should the host end in the middle, the cell misses them and
-brakes by itself within its setpoint timeout (0x3000, 50 ms).
+brakes by itself within its setpoint timeout (0x3000, 50 ms). A stop by another host, a fault and
+a restart of the cell end a jog for good: it starts the node once, and resets no fault on the way.
 """
 
 from collections.abc import Iterator
 from enum import Enum
 
 from mdms_host.can_link.emergencies import error_text
+from mdms_host.can_link.foreign_stops import ForeignStops
 from mdms_host.can_link.remote_cell import RemoteCell
-from mdms_protocol import cia402, cob, nmt, pdo
+from mdms_host.can_link.sdo_client import SdoClient, Setting
+from mdms_protocol import cia402, cob, indices, nmt, pdo
 from mdms_protocol.entry import MICROMETRES_PER_SECOND, steps_per_unit
 from mdms_protocol.frame import Frame
 
@@ -23,6 +26,12 @@ _ENABLE_S = 1.0
 #: The cell's error for a setpoint that did not come in time.
 _OVERDUE = 0x8250
 _TOWARDS_ENABLED: dict[int | None, int] = dict(cia402.TOWARDS_ENABLED.items())
+_FAILED = (cia402.FAULT, cia402.FAULT_REACTION)
+_NMT_NAMES: dict[int | None, str] = {
+    nmt.INITIALISING: "starts anew",
+    nmt.STOPPED: "is stopped",
+    nmt.PRE_OPERATIONAL: "is pre-operational",
+}
 
 
 class Phase(Enum):
@@ -37,23 +46,41 @@ class Phase(Enum):
 class Jog:
     """Turns a wheel with this speed for so long; `steer` changes both on the way.
 
-    Axes count from 1; the other axis stays off. `failure` is why it ended early, None if it did
-    not. When it is over the cell is 'pre-operational', where no motor runs. `reports` counts the
-    speeds that the cell has reported, one every `period_s` or so.
+    Axes count from 1; the other axis stays off. With `limit_mv` the cell applies no larger voltage
+    until it is off again (0x2010), whatever the loop makes of it. A fault that stands at the start
+    is reset with `resets` only.
+    `foreign_stops` may be those of a listener that was there before: one of them ends it too.
+    `failure` is why it ended early, None if it did not; `stopped` is whether another host, or a
+    restart, has ended it. When it is over the cell is 'pre-operational', where no motor runs.
+    `speeds_m_s` are the speeds that the cell has reported, one every `period_s` or so.
     """
 
     period_s = _SETPOINT_S
 
-    def __init__(self, node_id: int, axis: int, speed_m_s: float, seconds: float) -> None:
+    def __init__(
+        self,
+        node_id: int,
+        axis: int,
+        speed_m_s: float,
+        seconds: float,
+        *,
+        limit_mv: int | None = None,
+    ) -> None:
         self.cell = RemoteCell(node_id, node_id)
         self.phase = Phase.ENABLING
         self.failure: str | None = None
+        self.stopped = False
+        self.resets = False
+        self.foreign_stops = ForeignStops()
         self.wake_s = 0.0
-        self.reports = 0
+        self.speeds_m_s: list[float] = []
         self._axis = axis
         self._speed_um_s = 0
         self._seconds = seconds
         self._since_s: float | None = None
+        self._started = False
+        self._switched_on = False
+        self._limiting = SdoClient(node_id, _limits(axis, limit_mv))
         self.steer(speed_m_s)
 
     @property
@@ -62,9 +89,9 @@ class Jog:
         return self.phase is Phase.OVER
 
     @property
-    def speed_m_s(self) -> float:
-        """The wheel's speed as the cell reported it last."""
-        return self._reported_um_s / _UM_PER_M
+    def distance_m(self) -> float:
+        """How far the wheel has gone, as its reported speeds add up."""
+        return sum(self.speeds_m_s) * self.period_s
 
     def steer(self, speed_m_s: float) -> None:
         """Go on with this speed. Raises ValueError above `SPEED_MAX_M_S`."""
@@ -83,18 +110,26 @@ class Jog:
             self._enter(Phase.STOPPING)
 
     def on_frame(self, frame: Frame, now_s: float) -> None:
-        """Take in a frame of the cell."""
-        self.reports += frame.can_id == pdo.ACTUAL_VELOCITY.can_id(self.cell.node_id)
+        """Take in a frame of the cell, or a command of another host."""
+        self.foreign_stops.on_frame(frame)
         self.cell.on_frame(frame.can_id, frame.data, now_s)
+        if frame.can_id == cob.SDO_RESPONSE_BASE + self.cell.node_id:
+            self._limiting.on_response(frame.data)
+        if frame.can_id == pdo.ACTUAL_VELOCITY.can_id(self.cell.node_id):
+            speeds = self.cell.speeds_um_s
+            if speeds is not None:
+                self.speeds_m_s.append(speeds[self._axis - 1] / _UM_PER_M)
 
     def poll(self, now_s: float) -> Iterator[Frame]:
         """The frames that are due."""
         if self._since_s is None:
             self._since_s = now_s
         elapsed_s = now_s - self._since_s
+        if self.phase in (Phase.ENABLING, Phase.TURNING):
+            self._look_for_stops()
         match self.phase:
             case Phase.ENABLING:
-                yield from self._enable(elapsed_s)
+                yield from self._enable(elapsed_s, now_s)
             case Phase.TURNING:
                 yield from self._turn(elapsed_s)
             case Phase.STOPPING:
@@ -108,22 +143,57 @@ class Jog:
         self.failure = self.failure or reason
         self._enter(Phase.STOPPING)
 
-    def _enable(self, elapsed_s: float) -> Iterator[Frame]:
-        if self._state == cia402.OPERATION_ENABLED:
+    def _look_for_stops(self) -> None:
+        """End at another host's command, and at a cell that has been operational and is not now."""
+        state = self.cell.nmt_state
+        reason = self.foreign_stops.reason(self.cell.node_id)
+        if reason is None and self._started and state != nmt.OPERATIONAL:
+            reason = f"it {_NMT_NAMES.get(state, 'is in no known state')}, not by this host"
+        self._started = self._started or state == nmt.OPERATIONAL
+        if reason is not None:
+            self.stopped = True
+            self._fail(reason)
+
+    def _enable(self, elapsed_s: float, now_s: float) -> Iterator[Frame]:
+        state = self._state
+        if state == cia402.OPERATION_ENABLED and self._limiting.done:
             self._enter(Phase.TURNING)
+        elif state == cia402.OPERATION_ENABLED:
+            self._fail("another host has enabled the drive")
         elif elapsed_s > _ENABLE_S:
             self._fail(f"the drive does not come on: {self.cell.drive_text}{self._errors}")
         elif self.cell.nmt_state != nmt.OPERATIONAL:
             yield nmt.command(nmt.START, self.cell.node_id)
+        elif state in _FAILED and not self.resets:
+            self._fail(f"the axis is in fault{self._errors}")
+        elif self._switched_on and state == cia402.SWITCH_ON_DISABLED:
+            self._fail(f"the drive went off: {self.cell.drive_text}{self._errors}")
         else:
-            word = _TOWARDS_ENABLED.get(self._state, cia402.SHUTDOWN)
-            if word == cia402.FAULT_RESET:
-                # The reset is an edge of its bit, so the bit must have been low.
-                yield self._control(cia402.DISABLE_VOLTAGE)
-            yield self._control(word)
+            yield from self._step(state, now_s)
+
+    def _step(self, state: int | None, now_s: float) -> Iterator[Frame]:
+        """What takes the drive one step nearer to 'operation enabled'; its limit comes before."""
+        word = _TOWARDS_ENABLED.get(state, cia402.SHUTDOWN)
+        if word == cia402.FAULT_RESET:
+            # The reset is an edge of its bit, so the bit must have been low.
+            yield self._control(cia402.DISABLE_VOLTAGE)
+        elif state == cia402.SWITCHED_ON:
+            self._switched_on, self.resets = True, False
+            if not self._limiting.done:
+                yield from self._limit(now_s)
+                return
+        yield self._control(word)
+
+    def _limit(self, now_s: float) -> Iterator[Frame]:
+        yield from self._limiting.poll(now_s)
+        if self._limiting.failure:
+            reason = self._limiting.failure
+            self._fail(
+                f"its voltage cannot be limited: {reason}; is its firmware older? mdms flash"
+            )
 
     def _turn(self, elapsed_s: float) -> Iterator[Frame]:
-        if self._state != cia402.OPERATION_ENABLED or self.cell.nmt_state != nmt.OPERATIONAL:
+        if self._state != cia402.OPERATION_ENABLED:
             self._fail(f"the drive went off: {self.cell.drive_text}{self._errors}")
         elif elapsed_s >= self._seconds:
             self._enter(Phase.STOPPING)
@@ -157,10 +227,11 @@ class Jog:
         return None if states is None else states[self._axis - 1]
 
     @property
-    def _reported_um_s(self) -> int:
-        speeds = self.cell.speeds_um_s
-        return 0 if speeds is None else speeds[self._axis - 1]
-
-    @property
     def _errors(self) -> str:
         return "".join(f"; {error_text(*error)}" for error in self.cell.errors.items())
+
+
+def _limits(axis: int, limit_mv: int | None) -> tuple[Setting, ...]:
+    """What sets the voltage limit of an axis for the next time that it is enabled."""
+    index = indices.TRIAL_VOLTAGE_LIMIT + (axis - 1) * indices.AXIS_OFFSET
+    return () if limit_mv is None else (Setting(index, 0, limit_mv),)

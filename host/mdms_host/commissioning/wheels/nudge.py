@@ -1,7 +1,8 @@
 """Whether a wheel's motor and encoder agree: it is nudged by a few millimetres, and watched.
 
-The pushes begin with a quarter of a volt and double until the wheel moves. The voltage limit of
-the axis is lowered for each, so that a wheel whose loop runs away does so slowly.
+The pushes begin with a quarter of a volt and double until the wheel moves. Each has a voltage limit
+of its own (0x2010), so that a wheel whose loop runs away does so slowly. The cell itself ends that
+limit when the axis goes off: no setting is changed, however this ends.
 """
 
 from enum import Enum
@@ -32,57 +33,46 @@ class Direction(Enum):
 
 
 def nudge(commissioning: Commissioning, node_id: int, axis: int) -> Direction:
-    """Push a wheel forward until its encoder moves; the axis's voltage limit is put back.
+    """Push a wheel forward until its encoder moves.
 
-    Raises WheelError for a drive that does not come on, SilentError, RefusedError.
+    Raises WheelError for a drive that does not come on or goes to fault, StoppedError,
+    SilentError, RefusedError.
     """
     offset = (axis - 1) * indices.AXIS_OFFSET
-    limit = indices.VOLTAGE_LIMIT + offset
-    before_mv = commissioning.read(node_id, limit)
     gain_mv_s_per_m = commissioning.read(node_id, indices.GAIN + offset)
-    try:
-        for reference_m_s, push_s in _PUSHES:
-            push_mv = round(_ROOM * gain_mv_s_per_m * reference_m_s)
-            commissioning.write(node_id, limit, 0, min(push_mv, before_mv))
-            moved_m = _push(commissioning, node_id, axis, reference_m_s, push_s)
-            if abs(moved_m) >= _MOVED_M:
-                return Direction.AGREES if moved_m > 0 else Direction.OPPOSED
-        return Direction.STANDS
-    finally:
-        commissioning.write(node_id, limit, 0, before_mv)
+    for reference_m_s, push_s in _PUSHES:
+        limit_mv = max(1, round(_ROOM * gain_mv_s_per_m * reference_m_s))
+        moved_m = _push(commissioning, node_id, axis, reference_m_s, push_s, limit_mv)
+        if abs(moved_m) >= _MOVED_M:
+            return Direction.AGREES if moved_m > 0 else Direction.OPPOSED
+    return Direction.STANDS
 
 
-def _push(
-    commissioning: Commissioning, node_id: int, axis: int, reference_m_s: float, push_s: float
+def _push(  # noqa: PLR0917
+    commissioning: Commissioning,
+    node_id: int,
+    axis: int,
+    reference_m_s: float,
+    push_s: float,
+    limit_mv: int,
 ) -> float:
     """How far the encoder went [m]."""
     attempts = _ATTEMPTS
     while True:
         attempts -= 1
-        jog = Jog(node_id, axis, reference_m_s, push_s)
-        gone = _Gone(jog)
+        jog = Jog(node_id, axis, reference_m_s, push_s, limit_mv=limit_mv)
+
+        def look(jog: Jog = jog) -> None:
+            if abs(jog.distance_m) >= _ENOUGH_M:
+                jog.end()
+
         try:
-            return turn_wheel(commissioning, node_id, axis, jog, gone.look).distance_m
+            return turn_wheel(commissioning, node_id, axis, jog, look).distance_m
         except WheelError:
-            # Whatever the cell made of it, a wheel that has run away has shown which way.
-            if abs(gone.distance_m) >= _MOVED_M:
-                return gone.distance_m
-            if not (attempts and jog.setpoint_missed):
+            if not jog.setpoint_missed:
                 raise
-
-
-class _Gone:
-    """Adds up how far a wheel goes by its reported speeds, and ends the jog in time."""
-
-    def __init__(self, jog: Jog) -> None:
-        self.distance_m = 0.0
-        self._jog = jog
-        self._counted = 0
-
-    def look(self) -> None:
-        """Count the reports since the last look."""
-        new = self._jog.reports - self._counted
-        self._counted += new
-        self.distance_m += new * self._jog.speed_m_s * self._jog.period_s
-        if abs(self.distance_m) >= _ENOUGH_M:
-            self._jog.end()
+            # A wheel that has run away by then has shown which way.
+            if abs(jog.distance_m) >= _MOVED_M:
+                return jog.distance_m
+            if not attempts:
+                raise

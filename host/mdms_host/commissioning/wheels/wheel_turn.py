@@ -3,12 +3,17 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from mdms_host.can_link.emergencies import code_text
 from mdms_host.commissioning.network import Commissioning, CommissioningError
 from mdms_host.commissioning.wheels.jog import Jog
-from mdms_protocol import indices, nmt
+from mdms_protocol import cia402, indices, nmt
 
 #: Bit of 0x607E: motor and encoder are mounted the other way round.
 REVERSED = 0x40
+#: What a wheel may get beyond what its speed needs, or its runaway watch.
+_ROOM = 1.2
+#: Faults of which nothing is left but that who drove the wheel has fallen silent.
+_SILENCES = (0x8130, 0x8250)
 #: A wheel that is braked stands within a few of them; one with no bridge may roll on.
 _LOOKS = 50
 
@@ -19,6 +24,10 @@ class BusyError(CommissioningError):
 
 class WheelError(CommissioningError):
     """A wheel could not be turned; the message has the cell's reason."""
+
+
+class StoppedError(CommissioningError):
+    """Another host has stopped the cell, or it has restarted: nothing is to be turned any more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +56,17 @@ def refuse_steering(commissioning: Commissioning, node_id: int) -> None:
         )
 
 
+def limit_for(commissioning: Commissioning, node_id: int, axis: int, speed_m_s: float) -> int:
+    """The voltage [mV] that turning up to a speed [m/s] needs, and by which a runaway is noticed.
+
+    A wheel whose motor is wired against its encoder goes no faster than by this.
+    """
+    offset = (axis - 1) * indices.AXIS_OFFSET
+    needed_mv = commissioning.read(node_id, indices.GAIN + offset) * abs(speed_m_s)
+    watched_mv = commissioning.read(node_id, indices.REVERSAL_VOLTAGE + offset)
+    return max(1, round(_ROOM * max(needed_mv, watched_mv)))
+
+
 def turn_wheel(
     commissioning: Commissioning,
     node_id: int,
@@ -56,16 +76,17 @@ def turn_wheel(
 ) -> Turn:
     """Turn a wheel to the jog's end, and measure; `over` is called often on the way.
 
-    Whatever ends it early, the cell is sent to 'pre-operational', where no motor runs. Raises
-    WheelError, SilentError, DeviceGoneError.
+    Whatever ends it early, the cell is sent to 'pre-operational', where no motor runs. A fault that
+    stands is not reset, unless `jog.resets`, or it says only that an earlier host fell silent.
+    Raises WheelError, StoppedError, SilentError, DeviceGoneError.
     """
     before = _position_m(commissioning, node_id, axis)
-    peak_m_s = 0.0
+    jog.resets = jog.resets or _fell_silent(commissioning, node_id, axis)
+
+    jog.foreign_stops = commissioning.foreign_stops
 
     def looked() -> bool:
-        nonlocal peak_m_s
         over()
-        peak_m_s = max(peak_m_s, abs(jog.speed_m_s))
         return jog.over
 
     try:
@@ -73,10 +94,30 @@ def turn_wheel(
     finally:
         if not jog.over:
             commissioning.command(nmt.ENTER_PRE_OPERATIONAL, node_id)
+    if jog.stopped:
+        raise StoppedError(f"node {node_id} was stopped: {jog.failure}; its wheels are off")
     if jog.failure:
         raise WheelError(f"node {node_id}, axis {axis}: {jog.failure}")
     after = _rest_m(commissioning, node_id, axis)
-    return Turn(after - before, peak_m_s)
+    return Turn(after - before, max(map(abs, jog.speeds_m_s), default=0.0))
+
+
+def _fell_silent(commissioning: Commissioning, node_id: int, axis: int) -> bool:
+    """Whether an axis is in fault only since who drove it fell silent.
+
+    Raises WheelError for any other fault.
+    """
+    offset = (axis - 1) * indices.AXIS_OFFSET
+    state = cia402.state(commissioning.read(node_id, indices.STATUSWORD + offset))
+    if state != cia402.FAULT:
+        return False
+    code = commissioning.read(node_id, indices.ERROR_CODE + offset)
+    if code not in _SILENCES:
+        raise WheelError(
+            f"node {node_id}, axis {axis} is in fault, {code_text(code)}; remove the cause, then: "
+            f"mdms jog --node {node_id} --axis {axis} --reset"
+        )
+    return True
 
 
 def _rest_m(commissioning: Commissioning, node_id: int, axis: int) -> float:

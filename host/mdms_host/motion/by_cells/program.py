@@ -3,11 +3,12 @@
 Without any IO: poses and estimates in; pages, notices and the outcome out.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from math import degrees, inf
 
 import numpy as np
 
+from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
@@ -31,6 +32,10 @@ _REPORTED_S = 1.0
 _DEEP_M = 0.01
 #: A parcel's first program; each change of its goal counts on, round and round.
 _FIRST = 1
+
+
+#: The page that ends a program is sent so often.
+_ENDS = 3
 
 
 class _Sending:
@@ -77,6 +82,7 @@ class CellsProgram:
             if name in goals
         }
         self._since_s: dict[tuple[str, str], float | None] = {}
+        self._ending: dict[str, int] = {}
         self._lost: frozenset[int] = frozenset()
         self._notices: list[str] = []
 
@@ -99,6 +105,11 @@ class CellsProgram:
         return all(followed.arrived for followed in self._followed.values())
 
     @property
+    def near(self) -> Collection[str]:
+        """None: the host turns no parcel to have its place shown better."""
+        return ()
+
+    @property
     def endless(self) -> bool:
         """Goals are reached at some time."""
         return False
@@ -109,8 +120,28 @@ class CellsProgram:
         Its cells get a program of the next sequence number, which takes the place of the old one;
         but not before they have that, for they tell apart no more than three.
         """
+        self.lead(name, goal)
+
+    def lead(self, name: str, goal: Goal) -> Followed:
+        """The same; returns what follows the parcel to this goal."""
         self._followed[name] = Followed(goal, self._limits, self._bottoms[name].reach_m)
         self._wanted[name] = goal
+        return self._followed[name]
+
+    def add(self, parcel: Parcel) -> None:
+        """There is to be another parcel, without a goal as yet."""
+        name = parcel.name
+        self._parcels[name] = parcel
+        self._bottoms[name] = parcel.bottom
+        self._identities.setdefault(name, len(self._identities) + 1)
+        self._sequences.setdefault(name, _FIRST)
+        self._sendings[name] = _Sending()
+
+    def end(self, name: str) -> None:
+        """Have the cells bring a parcel to rest, and steer it no more; they keep others away."""
+        for kept in (self._followed, self._wanted, self._goals):
+            kept.pop(name, None)
+        self._ending[name] = _ENDS
 
     def _change_goal(self, name: str, now_s: float) -> None:
         """Begin to send the goal that is wanted, if the cells are ready for it."""
@@ -130,15 +161,19 @@ class CellsProgram:
         """A cell (from 1) has sent its estimate."""
         self._reports.take(cell, estimate, now_s)
 
-    def step(self, poses: Mapping[str, Floats], now_s: float, step_s: float) -> list[Page]:
-        """The pages to send now, given the poses (x, y, yaw) believed now; once a cycle."""
+    def step(self, beliefs: Mapping[str, Belief], now_s: float, step_s: float) -> list[Page]:
+        """The pages to send now, given what is believed; once a cycle."""
+        # A doubtful place is neither sent nor compared with what cells report.
+        poses = {name: each.pose for name, each in beliefs.items() if not each.doubtful}
         self._reports.age(now_s)
         pages: list[Page] = []
         for name in self._parcels:
             self._change_goal(name, now_s)
             if name in self._followed:
                 pages += self._follow(name, poses.get(name), now_s, step_s)
-            if name in poses and not self._is_stopped(name):
+            if name in self._ending:
+                pages += self._end(name)
+            elif name in poses and not self._is_stopped(name):
                 pages += self._send(name, poses[name], now_s)
         return pages
 
@@ -158,6 +193,14 @@ class CellsProgram:
         return [End(identity, self._sequences[name]) for name, identity in self._identities.items()]
 
     # What is sent
+
+    def _end(self, name: str) -> Iterator[Page]:
+        """The page that ends a parcel's program, some times over; after it the parcel's data go."""
+        self._ending[name] -= 1
+        if not self._ending[name]:
+            del self._ending[name]
+            self._sendings[name] = _Sending()
+        yield End(self._identities[name], self._sequences[name])
 
     def _is_stopped(self, name: str) -> bool:
         return name in self._followed and self._followed[name].stopped
@@ -245,7 +288,7 @@ class CellsProgram:
         if followed.see(pose, arrived, may_move, step_s):
             followed.stopped = True
             self._notices.append(f"{name} does not move as its cells command: stopped")
-            yield from [End(identity, self._sequences[name])] * 3
+            yield from [End(identity, self._sequences[name])] * _ENDS
         if self._lasts(name, "apart", arrived and not followed.arrived, now_s) and followed.miss:
             off_m, off_rad = followed.miss
             self._notices.append(

@@ -52,8 +52,11 @@ class Reports:
         }
 
     def have_arrived(self, identity: int) -> bool:
-        """Whether most of the cells under a parcel report that it stands at its goal."""
-        under = self.under(identity).values()
+        """Whether most of the cells under a parcel report that it stands at its goal.
+
+        Cells at its edge that have no pose of it have no say.
+        """
+        under = [each for each in self.under(identity).values() if each.certainty]
         arrived = sum(bool(estimate.flags & wire.ARRIVED) for estimate in under)
         return 2 * arrived > len(under)
 

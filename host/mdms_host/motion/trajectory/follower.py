@@ -36,6 +36,8 @@ _REJOIN_M = 0.012
 _SEARCH_M = 0.3
 #: A parcel that is farther beside its path has left it [m].
 _OFF_PATH_M = 0.02
+#: Poses that records and pictures have of what is ahead.
+_SHOWN = 13
 #: A belief that differs by more from what its twist leads to has been set right by a sensor [m].
 _SET_RIGHT_M = 0.001
 
@@ -125,6 +127,14 @@ class Follower:
         """How long it takes to come to rest from here [s]."""
         return self._reference.stopping_s
 
+    @property
+    def ahead(self) -> tuple[Floats, Floats]:
+        """The poses (K, 3) still before the parcel, and in what time it may be there [s], (K,)."""
+        along_m = np.linspace(self.s_m, self.path.length_m, _SHOWN)
+        times_s = self.profile.time_at(along_m)
+        poses = np.array([self.path.pose_at(s_m) for s_m in along_m.tolist()])
+        return poses, times_s - times_s[0]
+
     def step(self, belief: Belief, step_s: float, authority_s_m: float = inf) -> Carried:
         """What the wheels do in the step that begins at the belief's time.
 
@@ -155,7 +165,7 @@ class Follower:
             self.grip.begin_again()
             return
         gained_m_s2 = self._along(ended, twist - before) / step_s
-        pushed_m_s2 = ended.acceleration_m_s2((twist + before) / 2)
+        pushed_m_s2 = ended.acceleration_m_s2((twist + before) / 2, gained_m_s2)
         planned_m_s2 = self.profile.acceleration_at(self.s_m)
         self.grip.step(gained_m_s2, pushed_m_s2, planned_m_s2, step_s)
         self._reference.share = self.grip.share
@@ -187,12 +197,12 @@ class Follower:
         reference = along * ((speed_m_s + before_m_s) / 2)
         twist = reference + self._fed_back(pose, before_s_m)
         self._rate = rate
-        wheels, push_n, most_n, inertia_kg = self._pushes(middle_m, rate, along)
+        wheels, push_n, most_n, resists = self._pushes(middle_m, rate, along)
         rows = self._traction.layout.surface_jacobian(*pose[:2].tolist())[wheels]
         b = self._traction.drives.b_n_s_per_m[wheels]
         hurried = self._hurry(b) * b * (rows @ (twist - expected))
         force_n = np.clip(push_n + hurried, -most_n, most_n)
-        given = Given(rows, force_n, expected, b, along, inertia_kg) if along.any() else None
+        given = Given(rows, force_n, expected, b, along, *resists) if along.any() else None
         self._ended, self._going = self._going, given
         return Carried(pose, reference, twist, expected, rate, wheels, force_n)
 
@@ -206,16 +216,17 @@ class Follower:
 
     def _pushes(
         self, s_m: float, rate: Floats, along: Floats
-    ) -> tuple[Ints, Floats, Floats, float]:
-        """Wheels that carry (n,), their pushes for an acceleration, bounds, and the inertia."""
+    ) -> tuple[Ints, Floats, Floats, tuple[float, float]]:
+        """Wheels that carry (n,), their pushes for an acceleration, bounds; inertia and drag."""
         pushes, sample = self.profile.part_at(s_m)
         carrying = pushes.pushing_n[sample] > 0.0
         normal_n = pushes.pushing_n[sample, carrying]
         shares = pushes.per_wrench[sample, carrying] @ pushes.wrench_at(sample, rate)
         # Braking may take more than the share of a grip that has been reduced.
         most = np.maximum(self.grip.share * self._traction.push_share, abs(shares))
-        inertia_kg = pushes.inertia_kg(sample, along)
-        return pushes.wheels[carrying], normal_n * shares, normal_n * most, inertia_kg
+        drag_n = pushes.drag_n(sample, along, self._traction.friction)
+        resists = pushes.inertia_kg(sample, along), drag_n
+        return pushes.wheels[carrying], normal_n * shares, normal_n * most, resists
 
     def _fed_back(self, pose: Floats, s_m: float) -> Floats:
         """Twist towards the reference, shape (3,); none while the parcel is only to stop."""

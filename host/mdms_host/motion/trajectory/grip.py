@@ -30,7 +30,8 @@ class Given:
 
     Their `rows` (n, 3) map a twist to speeds, and at the twist `expected` (3,) they push with
     `force_n` (n,), less by b (n,) times what they are faster. `along` (3,) is the direction of the
-    path, and `inertia_kg` what is to be sped up along it.
+    path, `inertia_kg` what is to be sped up along it, and `drag_n` the most that wheels which do
+    not push drag with against it: less where they turn easily.
     """
 
     rows: Floats
@@ -39,11 +40,17 @@ class Given:
     b_n_s_per_m: Floats
     along: Floats
     inertia_kg: float
+    drag_n: float
 
-    def acceleration_m_s2(self, twist: Floats) -> float:
-        """What the wheels have sped the parcel up by along its path, at this mean twist."""
+    def acceleration_m_s2(self, twist: Floats, gained_m_s2: float) -> float:
+        """What the wheels have sped the parcel up by along its path, at this mean twist.
+
+        Drag may account for what it has `gained_m_s2` less than it was pushed to, as far as it can.
+        """
         force_n = self.force_n + self.b_n_s_per_m * (self.rows @ (self.expected - twist))
-        return float((self.rows @ self.along) @ force_n) / self.inertia_kg
+        pushed_m_s2 = float((self.rows @ self.along) @ force_n) / self.inertia_kg
+        dragged_m_s2 = max(0.0, min(pushed_m_s2 - gained_m_s2, self.drag_n / self.inertia_kg))
+        return pushed_m_s2 - dragged_m_s2
 
 
 class Grip:

@@ -73,6 +73,16 @@ class Pushes:
         inertia_kg = (force_x**2 + force_y**2) / mass.mass_kg + moment**2 / mass.inertia_kg_m2
         return float(inertia_kg)
 
+    def drag_n(self, sample: int, along: Floats, friction: float) -> float:
+        """The most that wheels which carry and do not push drag with against a path at a pose."""
+        passive_n = self.normal_n[sample] - self.pushing_n[sample]
+        if not passive_n.any():
+            return 0.0
+        x, y, turn = along.tolist()
+        arm_x, arm_y = self.arm_m[sample].tolist()
+        per_m = abs(self.rows[sample] @ (x - turn * arm_y, y + turn * arm_x, turn))
+        return friction * float(passive_n @ per_m)
+
     def turning_wrench(self) -> Floats:
         """What keeps the centre of mass on its circle, per square of the yaw rate, (K, 3)."""
         return np.column_stack((-self.mass.mass_kg * self.arm_m, np.zeros(len(self.arm_m))))

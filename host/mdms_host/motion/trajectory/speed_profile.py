@@ -49,6 +49,11 @@ class SpeedProfile:
             return 0.0
         return self._accelerations[min(max(bisect_right(self._samples, s_m) - 1, 0), last)]
 
+    def time_at(self, s_m: Floats) -> Floats:
+        """When each path coordinate is reached at the soonest, from rest at the start [s]."""
+        times_s: Floats = np.interp(s_m, self.s_m, self._times_s)
+        return times_s
+
     def climb(self, s_m: float) -> float:
         """E(s), half the square of the speed that could be gained from 0 to there [m2/s2]."""
         return float(np.interp(s_m, self.s_m, self._climbs))

@@ -108,12 +108,14 @@ class BusWatch:
         if handler is not None:
             handler(frame, now_s)
 
-    @property
-    def speeds_m_s(self) -> Floats:
-        """The speeds that cells reported last, shape (W,); NaN for one that has not."""
+    def speeds_m_s(self, now_s: float) -> Floats:
+        """The speeds that cells reported last, shape (W,); NaN for one that has not, or is silent.
+
+        What a cell that is silent does now is not known.
+        """
         speeds = np.full((len(self.cells), self._axes), np.nan)
         for cell, row in zip(self.cells, speeds, strict=True):
-            if cell.speeds_data is not None:
+            if cell.speeds_data is not None and self._speaks(cell, now_s):
                 row[:] = np.frombuffer(cell.speeds_data, "<i4")[: self._axes]
         return speeds.ravel() / UM_PER_M
 
@@ -122,10 +124,9 @@ class BusWatch:
         """The setpoints that were sent last, shape (W,)."""
         return self._references.reference_m_s
 
-    @property
-    def presence(self) -> bytes:
-        """The presence bits of all cells, 0 where one has not reported."""
-        return bytes(cell.presence or 0 for cell in self.cells)
+    def presence(self, now_s: float) -> bytes:
+        """The presence bits of all cells, 0 where one has not reported, or is silent."""
+        return bytes(cell.presence or 0 if self._speaks(cell, now_s) else 0 for cell in self.cells)
 
     def promises(self, now_s: float) -> tuple[Floats, Floats]:
         """Of cells that steer: the identity each is at, and how (near, promised, under), (C,)."""
@@ -137,10 +138,14 @@ class BusWatch:
         suspected = {(cell.bus, cell.suspect) for cell in self.cells if cell.suspect}
         return bytes(self._state(cell, now_s, suspected) for cell in self.cells)
 
+    def _speaks(self, cell: RemoteCell, now_s: float) -> bool:
+        heard_s = cell.last_heartbeat_s
+        return heard_s is not None and now_s - heard_s <= self._silence_s
+
     def _state(self, cell: RemoteCell, now_s: float, suspected: set[tuple[int, int]]) -> int:
         if cell.last_heartbeat_s is None:
             return CellState.OFF
-        if now_s - cell.last_heartbeat_s > self._silence_s:
+        if not self._speaks(cell, now_s):
             return CellState.SILENT
         states = (cell.drive_states or ())[: self._axes]
         if not _FAULTS.isdisjoint(states):

@@ -10,8 +10,10 @@ from mdms_host.page.shown.bus_watch import KINDS, CellState
 from mdms_host.page.shown.signals import Signals
 from mdms_host.page.shown.things import Thing, described
 
+#: What is so while another program drives the cells.
+OTHER_HOST = "another host drives"
 #: The phases by the numbers that snapshots have; 0 is no program.
-PHASES = ("no program", *(phase.value for phase in Phase))
+PHASES = ("no program", *(phase.value for phase in Phase), OTHER_HOST)
 #: What is known of a parcel, by the numbers that snapshots have.
 PARCEL_STATES = ("not found", "found", "doubtful", "arrived", "unknown")
 

@@ -6,8 +6,9 @@ from math import inf
 from typing import Any
 
 from mdms_host.can_link.sdo_client import Read, SdoClient
+from mdms_host.page.shown.readings import name_of, reading_of
 from mdms_protocol import cob
-from mdms_protocol.dictionary import ENTRIES, OBJECTS
+from mdms_protocol.dictionary import ENTRIES
 from mdms_protocol.entry import WRITE, Entry
 from mdms_protocol.frame import Frame
 
@@ -90,13 +91,8 @@ def _readable() -> Iterator[Entry]:
 
 
 def _row(entry: Entry, value: int | None, failure: str | None) -> dict[str, Any]:
-    group = _NAMES[entry.index]
-    name = entry.name if entry.name == group else f"{group}: {entry.name}"
-    row: dict[str, Any] = {"place": f"{entry.index:04X}:{entry.sub}", "name": name}
+    row: dict[str, Any] = {"place": f"{entry.index:04X}:{entry.sub}", "name": name_of(entry)}
     if value is None:
         return row | {"problem": failure}
-    unit = entry.unit
-    return row | {"raw": value, "value": value * unit.factor, "unit": unit.symbol}
-
-
-_NAMES = {item.index: item.name for item in OBJECTS}
+    unit, text = entry.unit, reading_of(entry, value)
+    return row | {"raw": value, "value": value * unit.factor, "unit": unit.symbol, "text": text}

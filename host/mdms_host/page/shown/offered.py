@@ -25,17 +25,22 @@ class Planned(Protocol):
 
 
 def plan_of(coordinator: Coordinator | None) -> dict[str, Any]:
-    """The message `plan`: ways and tiles, none where the program has none."""
+    """The message `plan`, empty where the program has neither ways nor tiles."""
     program = None if coordinator is None else coordinator.program
     if not hasattr(type(program), "ways"):
-        return {"kind": "plan", "paths": {}, "tiles": []}
-    planned = cast(Planned, program)
+        return planned({}, ())
+    plans = cast(Planned, program)
+    return planned(plans.ways, plans.reserved)
+
+
+def planned(ways: Mapping[str, Floats], reserved: Sequence[Reserved]) -> dict[str, Any]:
+    """The message `plan` of these ways and tiles."""
     return {
         "kind": "plan",
-        "paths": {name: poses.round(4).tolist() for name, poses in planned.ways.items()},
+        "paths": {name: poses.round(4).tolist() for name, poses in ways.items()},
         "tiles": [
             {"x_m": x_m, "y_m": y_m, "size_m": side_m, "parcels": list(parcels)}
-            for x_m, y_m, side_m, parcels in planned.reserved
+            for x_m, y_m, side_m, parcels in reserved
             if parcels
         ],
     }

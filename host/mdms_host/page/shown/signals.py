@@ -8,9 +8,11 @@ of eight bytes first, then those of four, then those of one.
 import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
+
+from mdms_host.layout import Layout
 
 HEAD = struct.Struct("<II")
 _TYPES: dict[str, np.dtype[Any]] = {
@@ -45,6 +47,7 @@ class Signals:
             Signal("bus_load", "f4", (buses,), "1"),
             Signal("bus_frames", "f4", (buses, kinds), "1/s"),
             Signal("bus_errors", "f4", (buses,)),
+            Signal("bus_error_rate", "f4", (buses,), "1/s"),
             Signal("bus_counters", "f4", (buses, 2)),
             Signal("wheel_speed", "f4", (wheels,), "m/s"),
             Signal("wheel_reference", "f4", (wheels,), "m/s"),
@@ -62,6 +65,11 @@ class Signals:
             Signal("phase", "u1", (1,)),
             Signal("paused", "u1", (1,)),
         )
+
+    @classmethod
+    def of(cls, layout: Layout, parcels: int, kinds: int) -> Self:
+        """Those of a layout, with so many parcels and kinds of frames."""
+        return cls(layout.cells, len(layout.wheel_cells), parcels, layout.bus_count, kinds)
 
     def describe(self) -> list[dict[str, Any]]:
         """The arrays in their order, as JSON has them."""

@@ -1,6 +1,6 @@
-"""What lies on a table by name: parcels that were told of, that have come, and what is unknown."""
+"""What lies on a table by name: parcels that were given, that have come, and what is unknown."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from math import cos, sin
 from typing import Any
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.parcel import Parcel
+from mdms_host.estimation.size import Size
 
 _DISC_CORNERS = 48
 #: An outline that changes by less is the same for the eye [m].
@@ -16,10 +17,14 @@ _STEP_M = 0.005
 
 @dataclass(frozen=True, slots=True)
 class Thing:
-    """A parcel, or what may be one: its corners in its own frame [m]."""
+    """A parcel, or what may be one: its corners in its own frame [m].
+
+    `size` is how large something unknown is, as far as its outline shows a rectangle.
+    """
 
     corners_m: tuple[tuple[float, float], ...]
     unknown: bool = False
+    size: Size | None = field(default=None, compare=False)
 
 
 def things_of(told: tuple[Parcel, ...], coordinator: Coordinator | None) -> dict[str, Thing]:
@@ -36,6 +41,16 @@ def things_of(told: tuple[Parcel, ...], coordinator: Coordinator | None) -> dict
     return things
 
 
+def sized(things: dict[str, Thing], coordinator: Coordinator | None) -> dict[str, Thing]:
+    """The same, each that is unknown with its size; takes milliseconds."""
+    if coordinator is None:
+        return things
+    return {
+        name: replace(thing, size=coordinator.tracker.size(name)) if thing.unknown else thing
+        for name, thing in things.items()
+    }
+
+
 def described(things: dict[str, Thing]) -> list[dict[str, Any]]:
     """The same as the description of a table has it."""
     return [
@@ -43,9 +58,18 @@ def described(things: dict[str, Thing]) -> list[dict[str, Any]]:
             "name": name,
             "outline_m": [list(corner) for corner in thing.corners_m],
             "unknown": thing.unknown,
+            "size": None if thing.size is None else _described_size(thing.size),
         }
         for name, thing in things.items()
     ]
+
+
+def _described_size(size: Size) -> dict[str, float]:
+    return {
+        "length_m": round(size.length_m, 4),
+        "width_m": round(size.width_m, 4),
+        "spread_m": round(max(size.deviation_m) / 2, 4),
+    }
 
 
 def corners_m(parcel: Parcel) -> tuple[tuple[float, float], ...]:

@@ -1,6 +1,6 @@
 // Everything about the cell or parcel that is chosen, and what can be done to it.
 
-import { poseOf } from "./table.js";
+import { poseOf } from "./parcels.js";
 
 const NEAR = ["", "near", "promised", "under it"];
 /** A number with so many digits behind the point and its unit; none is a dash, and -0.0 is 0.0. */
@@ -69,11 +69,16 @@ export class Details {
     return kind === "cell" ? this.factsOfCell(snapshot, number) : this.factsOfParcel(snapshot, number);
   }
 
-  factsOfTable(s) {
+  /** How many cells are in which state. */
+  cellsOf(s) {
     const states = this.table.cell_states.map((name, k) => [name, s.cell_state.filter((state) => state === k).length]);
+    return states.filter(([, count]) => count).map(([name, count]) => `${count} ${name}`).join(", ");
+  }
+
+  factsOfTable(s) {
     return [
       ["program", this.table.phases[s.phase[0]]],
-      ["cells", states.filter(([, count]) => count).map(([name, count]) => `${count} ${name}`).join(", ")],
+      ["cells", this.cellsOf(s)],
       ["grid", `${this.table.columns} × ${this.table.rows}, pitch ${mm(this.table.pitch_m)}`],
       ...[...s.bus_load].map((load, b) => [this.table.bus_count > 1 ? `load of bus ${b}` : "load of the bus", `${(100 * load).toFixed(0)} %`]),
       ...this.table.parcels.map(({ name }, p) => [name, this.table.parcel_states[s.parcel_state[p]]]),
@@ -85,7 +90,7 @@ export class Details {
     const facts = [
       ["state", this.table.cell_states[s.cell_state[cell]]],
       ["place", this.table.cells_m[cell].map(mm).join(", ")],
-      ["sensors covered", this.table.sensors_m.map((_at, k) => s.cell_presence[cell] >> k & 1 ? k : null).filter((k) => k !== null).join(", ") || "none"],
+      ["sensors covered", s.cell_state[cell] < 2 ? "–" : this.table.sensors_m.map((_at, k) => s.cell_presence[cell] >> k & 1 ? k : null).filter((k) => k !== null).join(", ") || "none"],
     ];
     if (s.cell_promise[cell]) facts.push(["parcel", `${s.cell_promise[cell]}, ${NEAR[s.cell_promise_state[cell]]}`]);
     for (let axis = 0; axis < this.table.axes; axis++) {
@@ -102,8 +107,8 @@ export class Details {
     const pose = (at) => at ? `${mm(at[0])}, ${mm(at[1])}, ${deg(at[2])}` : "–";
     const [xx, , yy, yaw] = s.parcel_spread.subarray(4 * p, 4 * p + 4);
     const facts = [["state", this.table.parcel_states[s.parcel_state[p]]], ["believed", pose(believed)]];
-    if (believed) facts.push(["deviation", `${mm(Math.sqrt(xx))}, ${mm(Math.sqrt(yy))}, ${deg(Math.sqrt(yaw))}`]);
-    if (this.table.true_known) facts.push(["true", truth ? pose(truth) : "in the hand"]);
+    if (xx >= 0) facts.push(["deviation", `${mm(Math.sqrt(xx))}, ${mm(Math.sqrt(yy))}, ${deg(Math.sqrt(yaw))}`]);
+    if (this.table.true_known && !this.table.parcels[p].unknown) facts.push(["true", truth ? pose(truth) : "in the hand"]);
     if (believed && truth) facts.push(["off by", `${mm(Math.hypot(believed[0] - truth[0], believed[1] - truth[1]))}, ${deg(believed[2] - truth[2])}`]);
     facts.push(["goal", pose(goal)]);
     if (believed && goal) facts.push(["to go", mm(Math.hypot(believed[0] - goal[0], believed[1] - goal[1]))]);
@@ -123,7 +128,7 @@ export class Details {
     });
   }
 
-  // Deeds ------------------------------------------------------------------------------------------
+  // Deeds
 
   showDeeds() {
     this.deeds.replaceChildren();
@@ -158,10 +163,11 @@ export class Details {
     return buttons;
   }
 
-  deedsOfParcel({ name, unknown }) {
+  deedsOfParcel(parcel) {
+    const { name, unknown } = parcel;
     const parts = [];
-    if (this.offers("goal")) parts.push(this.poseForm("Set goal", name, (pose) => this.page.order("goal", { parcel: name, ...pose })));
-    if (this.offers("fault")) {
+    if (this.offers("goal") && !unknown) parts.push(this.poseForm("Set goal", name, (pose) => this.page.order("goal", { parcel: name, ...pose })));
+    if (this.offers("fault") && !unknown) {
       parts.push(
         this.button("Lift", "fault", () => ({ fault: { kind: "lift", parcel: name } })),
         make("button", { type: "button", "data-moves": true, onclick: () => this.page.setDown(name) }, "Set down"),
@@ -169,13 +175,16 @@ export class Details {
         this.button("Push along y", "fault", () => ({ fault: { kind: "push", parcel: name, impulse_n_s: [0, 0.3] } })),
       );
     }
-    if (this.offers("name") && unknown) parts.push(this.nameForm(name));
+    if (this.offers("name") && unknown) parts.push(this.nameForm(parcel));
     return parts;
   }
 
   poseForm(text, name, send) {
     const field = (label, step) => make("input", { name: label, type: "number", step, required: label !== "yaw [°]", "aria-label": `${label} of the goal of ${name}` });
-    const [x, y, yaw] = [field("x [mm]", 1), field("y [mm]", 1), field("yaw [°]", 1)];
+    const [x, y, yaw] = [field("x [mm]", "any"), field("y [mm]", "any"), field("yaw [°]", "any")];
+    const s = this.page.snapshot, p = this.chosen.number;
+    const at = s && (poseOf(s.parcel_goal, p, true) ?? poseOf(s.parcel_believed, p));
+    if (at) [x, y, yaw].forEach((input, k) => { input.value = Number.isNaN(at[k]) ? "" : +(at[k] * [1e3, 1e3, 180 / Math.PI][k]).toFixed(1); });
     return make("form", {
       onsubmit: (event) => {
         event.preventDefault();
@@ -185,21 +194,39 @@ export class Details {
     }, ...[x, y, yaw].map((input) => make("label", {}, input.name, input)), make("button", { "data-moves": true }, text));
   }
 
-  /** What is unknown gets a name, and the size that it really has. */
-  nameForm(parcel) {
-    const name = make("input", { required: true, "aria-label": "Name of the parcel" });
-    const field = (label) => make("input", { name: label, type: "number", min: 1, required: true, "aria-label": label });
-    const [length, width] = [field("length [mm]"), field("width [mm]")];
+  /** What is unknown gets a name and an outline; what sensors show of it is proposed. */
+  nameForm({ name: parcel, size, outline_m }) {
+    const input = (label, attributes) => make("input", { required: true, "aria-label": label, ...attributes });
+    const labelled = (text, element) => make("label", {}, text, element);
+    const across = (axis) => Math.max(...outline_m.map((corner) => corner[axis])) - Math.min(...outline_m.map((corner) => corner[axis]));
+    const whole = (value_m) => Math.round(1e3 * value_m);
+    const proposed = size ? [whole(size.length_m), whole(size.width_m)] : [whole(across(0)), whole(across(1))];
+    const name = input("Name of the parcel", {}), number = { type: "number", min: 1, step: "any" };
+    const shape = make("select", { "aria-label": "Outline of the parcel" }, make("option", {}, "rectangle"), make("option", {}, "disc"));
+    const [length, width] = ["length [mm]", "width [mm]"].map((label, k) => input(label, { ...number, value: proposed[k] }));
+    const first = labelled("length [mm]", length), second = labelled("width [mm]", width);
+    shape.addEventListener("change", () => {
+      const round = shape.value === "disc";
+      second.hidden = round;
+      first.firstChild.data = round ? "diameter [mm]" : "length [mm]";
+      length.setAttribute("aria-label", first.firstChild.data);
+      length.value = round ? Math.round((across(0) + across(1)) * 500) : proposed[0];
+    });
+    const note = size ? `As sensors show it by now, to ${whole(2 * size.spread_m)} mm; edges show the rest as it moves.` : "No rectangle, as far as sensors show it.";
     return make("form", {
       onsubmit: (event) => {
         event.preventDefault();
-        this.page.order("name", { parcel, name: name.value, length_m: length.valueAsNumber / 1e3, width_m: width.valueAsNumber / 1e3 });
+        const mm = shape.value === "disc" ? [length, length] : [length, width];
+        const [length_m, width_m] = mm.map((field) => field.valueAsNumber / 1e3);
+        const untouched = shape.value !== "disc" && size && mm.every((field, k) => field.valueAsNumber === proposed[k]);
+        const spread = untouched ? { spread_m: Math.max(size.spread_m, 0.0005) } : {};
+        this.page.expected = name.value;
+        this.page.order("name", { parcel, name: name.value, shape: shape.value, length_m, width_m, ...spread });
       },
-    }, make("label", {}, "name", name), make("label", {}, "length [mm]", length), make("label", {}, "width [mm]", width),
-    make("button", { "data-moves": true }, "Name it"));
+    }, labelled("name", name), labelled("outline", shape), first, second, make("button", { "data-moves": true }, "Name it"), make("p", { class: "help" }, note));
   }
 
-  // Objects ----------------------------------------------------------------------------------------
+  // Objects
 
   async readObjects(cell) {
     this.rows = [];
@@ -211,11 +238,10 @@ export class Details {
   takeObjects({ cell, rows, over }) {
     if (this.chosen?.kind !== "cell" || this.chosen.number !== cell - 1) return;
     this.rows.push(...rows);
-    const text = ({ value, unit, raw, problem }) => problem ?? (unit === "" ? `${raw}` : `${+value.toPrecision(6)} ${unit}`);
     this.objects.replaceChildren(
       make("h2", {}, over ? `Objects of cell ${cell}` : `Objects of cell ${cell}, reading …`),
       make("table", { "aria-label": `Objects of cell ${cell}` }, ...this.rows.map((row) => make("tr", {},
-        make("td", { class: "number" }, row.place), make("th", { scope: "row" }, row.name), make("td", { class: "value" }, text(row))))),
+        make("td", { class: "number" }, row.place), make("th", { scope: "row" }, row.name), make("td", { class: "value" }, row.problem ?? row.text)))),
     );
   }
 }

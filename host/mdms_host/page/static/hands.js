@@ -1,9 +1,9 @@
 // What pointers and keys do to the table: choose, drag goals, push, lift, pan and zoom.
 
-import { poseOf, within } from "./table.js";
+import { poseOf, within } from "./parcels.js";
 
-/** A goal that is dragged is sent this often [ms]. */
-const SEND_MS = 33;
+/** A goal that is dragged is sent this often [ms], and again while the hand rests. */
+const SEND_MS = 33, HOLD_MS = 300;
 /** An arrow of so many metres pushes with 1 N s. */
 const PUSH_N_S_PER_M = 5;
 const NEAR_PX = 14;
@@ -28,6 +28,7 @@ export class Hands {
       page.redraw();
     }, { passive: false });
     canvas.addEventListener("keydown", (event) => this.key(event));
+    setInterval(() => this.hold(), HOLD_MS);
   }
 
   /** The number of the parcel under a point, and where it is; the top one of several. */
@@ -50,7 +51,7 @@ export class Hands {
       if (!goal) continue;
       const yaw = Number.isNaN(goal[2]) ? poseOf(snapshot.parcel_believed, p)?.[2] ?? 0 : goal[2];
       const pose = [goal[0], goal[1], yaw];
-      const [hx, hy] = this.picture.handleOf(table.parcels[p], pose);
+      const [hx, hy] = this.picture.parcels.handleOf(table.parcels[p], pose);
       if (Math.hypot(this.view.px(hx) - px, this.view.py(hy) - py) < NEAR_PX) return { parcel: p, pose, turn: true };
       if (Math.hypot(this.view.px(goal[0]) - px, this.view.py(goal[1]) - py) < NEAR_PX) return { parcel: p, pose, turn: false };
     }
@@ -110,16 +111,22 @@ export class Hands {
       held.pose = held.turn
         ? [held.from[0], held.from[1], Math.atan2(point[1] - held.from[1], point[0] - held.from[0])]
         : [held.from[0] + dx, held.from[1] + dy, held.from[2]];
-      this.dragged = { parcel: held.parcel, pose: held.pose };
+      this.dragged = { parcel: held.parcel, pose: held.pose, refused: held.refused };
       const now_ms = performance.now();
-      if (now_ms - this.sent_ms >= SEND_MS) this.sendGoal(held, now_ms);
+      if (now_ms - this.sent_ms >= SEND_MS) this.sendGoal(held, true);
     }
   }
 
-  sendGoal(held, now_ms) {
-    this.sent_ms = now_ms;
-    const [x_m, y_m, yaw_rad] = held.pose;
-    this.page.order("goal", { parcel: this.page.table.parcels[held.parcel].name, x_m, y_m, yaw_rad });
+  /** A goal counts for good once it is let go of; without a hand on it the parcel stays. */
+  sendGoal(hand, held) {
+    this.sent_ms = performance.now();
+    const [x_m, y_m, yaw_rad] = hand.pose;
+    const goal = { parcel: this.page.table.parcels[hand.parcel].name, x_m, y_m, yaw_rad, held };
+    this.page.order("goal", goal).then(({ ok }) => { hand.refused = !ok; });
+  }
+
+  hold() {
+    if (this.held && this.moved && this.tool === "goal") this.sendGoal(this.held, true);
   }
 
   lift(held) {
@@ -145,7 +152,7 @@ export class Hands {
     } else if (this.tool === "lift") {
       held.lifting?.then((answer) => this.setDown(held, answer, cancelled));
     } else if (!cancelled) {
-      this.sendGoal(held, performance.now());
+      this.sendGoal(held, false);
     }
   }
 

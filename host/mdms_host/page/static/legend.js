@@ -1,7 +1,7 @@
 // What the colours and lines of the picture mean.
 
 import { make } from "./details.js";
-import { heat } from "./table.js";
+import { colourOf, heat } from "./table.js";
 
 const TITLES = { slip: (most) => `${1e3 * most} mm/s slip`, normal: (most) => `${most} N on a wheel` };
 
@@ -35,10 +35,12 @@ export function showLegend(place, picture, table) {
     parts.push(make("span", {}, "0", strip, TITLES[picture.heat](picture.most[picture.heat])));
   }
   line("believed", colours.parcel);
+  line("with 95 %", colours.spread);
   if (table?.true_known) line("true", colours.true, "dashed");
   line("goal", colours.goal, "dotted");
   line(`wheel, half a cell: ${picture.arrow_m_s} m/s`, colours.wheel);
   line("wheel slips", colours.slip);
+  if (picture.planned) line("way, and tiles reserved", colourOf(1), "dashed");
   if (picture.promised) line("cell near a parcel, promised, under it", "#c44e8a", "dotted");
   place.replaceChildren(...parts);
 }

@@ -41,7 +41,7 @@ class Page {
 
   get mayMove() { return Boolean(this.control?.yours); }
 
-  // What comes in ----------------------------------------------------------------------------------
+  // What comes in
 
   take(message) {
     switch (message.kind) {
@@ -75,7 +75,8 @@ class Page {
   }
 
   sameParcel(before, { kind, number }) {
-    const now = this.table.parcels.findIndex(({ name }) => name === before.parcels[number]?.name);
+    const numberOf = (called) => this.table.parcels.findIndex(({ name }) => name === called);
+    const same = numberOf(before.parcels[number]?.name), now = same < 0 ? numberOf(this.expected) : same;
     return now < 0 ? null : { kind, number: now };
   }
 
@@ -128,12 +129,12 @@ class Page {
     this.showControl();
   }
 
-  // What goes out ----------------------------------------------------------------------------------
+  // What goes out
 
   order(command, values = {}) { return this.wire.ask(command, values); }
 
   stopAll() {
-    this.order("stop_all").then(({ ok }) => { if (ok) this.say("Stop all: sent"); });
+    this.order("stop_all").then(({ ok, text }) => this.say(ok ? "Stop all: sent" : `Stop all is not confirmed: ${text}`));
   }
 
   async revive(cell) {
@@ -148,7 +149,7 @@ class Page {
     for (const number of numbers) await this.order("end_fault", { number });
   }
 
-  // What is shown ----------------------------------------------------------------------------------
+  // What is shown
 
   redraw() { this.dirty = true; }
 
@@ -174,7 +175,7 @@ class Page {
   }
 
   showTexts(s) {
-    const legend = `${this.picture.most.normal} ${this.picture.promised} ${this.picture.arrow_m_s}`;
+    const legend = `${this.picture.most.normal} ${this.picture.promised} ${this.picture.planned} ${this.picture.arrow_m_s}`;
     if (legend !== this.legend) {
       this.legend = legend;
       this.showLegend();
@@ -185,9 +186,11 @@ class Page {
     $("phase").className = `chip ${phase === "running" ? "running" : phase.includes("fault") ? "failed" : phase.includes("holding") ? "held" : ""}`;
     text("time", `${s.time[0].toFixed(1)} s`);
     text("load", Number.isFinite(s.bus_load[0]) ? `bus ${(100 * Math.max(...s.bus_load)).toFixed(0)} %` : "no bus");
-    text("pace", `${s.real_time_factor[0].toFixed(2)}×`);
+    text("pace", Number.isFinite(s.real_time_factor[0]) ? `${s.real_time_factor[0].toFixed(2)}×` : "–");
     text("pause", s.paused[0] ? (this.table.recorded ? "Play" : "Go on") : "Pause");
     if (!$("details").hidden) this.details.update(s);
+    const seen = `The table from above: ${this.details.cellsOf(s)}`;
+    if ($("table").getAttribute("aria-label") !== seen) $("table").setAttribute("aria-label", seen);
     if (this.table.recorded && document.activeElement !== $("scrub")) $("scrub").value = s.time[0];
     text("scrub-time", `${s.time[0].toFixed(2)} / ${(this.table.duration_s ?? 0).toFixed(2)} s`);
   }
@@ -200,13 +203,13 @@ class Page {
     this.allow();
   }
 
-  /** Buttons that move something work for who is in control only; stop all works for all. */
+  /** Buttons that move something work for who is in control only; stop all works for everybody. */
   allow() {
     const may = this.mayMove;
     for (const id of ["start", "stop", "pause", "step", "speed", "scrub"]) $(id).disabled = !may;
     document.querySelectorAll("[data-moves]").forEach((button) => { button.disabled = !may; });
     document.querySelectorAll("[data-tool]").forEach((button) => { button.disabled = !may; });
-    $("stop-all").disabled = !this.control?.may;
+    $("stop-all").disabled = !this.control;
   }
 
   say(text) {
@@ -248,7 +251,7 @@ class Page {
 
   showLegend() { showLegend($("legend"), this.picture, this.table); }
 
-  // Buttons and keys -------------------------------------------------------------------------------
+  // Buttons and keys
 
   listen() {
     $("stop-all").addEventListener("click", () => this.stopAll());
@@ -292,9 +295,10 @@ class Page {
     $(`tab-${next}`).focus();
   }
 
-  /** Space stops everything, wherever the page is looked at but where a space is written. */
+  /** Space stops everything, but where a space is written; Enter does what space does elsewhere. */
   key(event) {
-    const writes = event.target.matches?.("input:not([type=checkbox]):not([type=range]), select, textarea");
+    const writes = event.target.matches?.("input:is(:not([type]), [type=text], [type=search])");
+    if (event.key === "Enter" && event.target.matches?.("[type=checkbox]")) event.target.click();
     if (event.code !== "Space" || writes || !this.table?.offers.includes("stop_all")) return;
     event.preventDefault();
     event.stopPropagation();

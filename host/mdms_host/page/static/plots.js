@@ -3,10 +3,21 @@
 /* global uPlot */
 
 const HEIGHT = 118;
-const LINES = ["#2f7fd6", "#d9822b", "#3d9a5f", "#b0459a", "#8a6d3b", "#5b5fc7", "#c0392b", "#2a9d9d", "#777f8c", "#a3a30f"];
+const LINES = ["#2f7fd6", "#bb6e21", "#3d9a5f", "#b0459a", "#8a6d3b", "#7579d0", "#d7584b", "#2a9d9d", "#777f8c", "#86860c"];
 const turned = (angle) => angle - 2 * Math.PI * Math.round(angle / (2 * Math.PI));
 
-/** The plots of a table: title, unit, and lines as [label, value of a snapshot, colour if it is another's too]. */
+/** Why a plot may have no lines. */
+const NO_LOG = "The run has no bus log.";
+const NO_ERRORS = "Bus logs have whole frames only, and not every CAN interface reports error frames.";
+const NO_COUNTERS = "The nodes' own: no frame has them, so they are shown while a simulation runs.";
+const NO_BELIEF = "No coordinator has believed anything of this parcel.";
+const NO_DEVIATION = "A run has no deviations of beliefs.";
+const NO_JITTER = "A run has the table's time, and not the machine's.";
+
+/**
+ * The plots of a table: title, unit, and lines as [label, value of a snapshot, colour if it is
+ * another's too, "dashed"]; `usual`: a few values that are much higher do not set the scale.
+ */
 function plotsOf(table, chosen) {
   const buses = [...Array(table.bus_count).keys()];
   const named = (text, bus) => table.bus_count > 1 ? `${text} ${bus}` : text;
@@ -17,17 +28,17 @@ function plotsOf(table, chosen) {
   };
   const kinds = table.frame_kinds.length;
   const wheels = [], bus = [
-    { title: "Bus load", unit: "%", low: [0, 20], lines: buses.map((b) => [named("bus", b), (s) => 100 * s.bus_load[b]]) },
+    { title: "Bus load", unit: "%", low: [0, 20], lacks: NO_LOG, lines: buses.map((b) => [named("bus", b), (s) => 100 * s.bus_load[b]]) },
+    { title: "Error frames", unit: "1/s", low: [0, 4], lacks: NO_ERRORS, lines: buses.map((b) => [named("bus", b), (s) => s.bus_error_rate[b]]) },
     {
-      title: "Error frames and counters", unit: "", low: [0, 4],
+      title: "Error counters, the highest of any node", unit: "", low: [0, 8], lacks: NO_COUNTERS,
       lines: buses.flatMap((b) => [
-        [named("error frames", b), (s) => s.bus_errors[b]],
-        [named("worst transmit counter", b), (s) => s.bus_counters[2 * b]],
-        [named("worst receive counter", b), (s) => s.bus_counters[2 * b + 1]],
+        [named("transmit", b), (s) => s.bus_counters[2 * b], b],
+        [named("receive", b), (s) => s.bus_counters[2 * b + 1], b, "dashed"],
       ]),
     },
     {
-      title: "Frames by kind", unit: "1/s", low: [0, 100],
+      title: "Frames by kind", unit: "1/s", low: [0, 100], lacks: NO_LOG,
       lines: table.frame_kinds.map((kind, k) => [kind, (s) => sum(s.bus_frames, k, kinds)]),
     },
   ];
@@ -37,7 +48,7 @@ function plotsOf(table, chosen) {
     for (let axis = 0; axis < table.axes; axis++) {
       const w = cell * table.axes + axis;
       lines.push([`axis ${axis + 1}`, (s) => 1e3 * s.wheel_speed[w], axis]);
-      lines.push([`axis ${axis + 1} wanted`, (s) => 1e3 * s.wheel_reference[w], axis]);
+      lines.push([`axis ${axis + 1} wanted`, (s) => 1e3 * s.wheel_reference[w], axis, "dashed"]);
     }
     wheels.push({ title: `Wheels of cell ${cell + 1}`, unit: "mm/s", lines });
   } else {
@@ -45,7 +56,7 @@ function plotsOf(table, chosen) {
       title: "Fastest wheel, and fastest wanted", unit: "mm/s", low: [0, 20],
       lines: [
         ["speed", (s) => 1e3 * most(s.wheel_speed), 0],
-        ["wanted", (s) => 1e3 * most(s.wheel_reference), 0],
+        ["wanted", (s) => 1e3 * most(s.wheel_reference), 0, "dashed"],
       ],
     });
   }
@@ -55,14 +66,12 @@ function plotsOf(table, chosen) {
     const other = table.true_known ? "parcel_true" : "parcel_goal";
     const title = table.true_known ? `Belief less truth, ${name}` : `Belief less goal, ${name}`;
     const off = (k, scale) => (s) => scale * (s.parcel_believed[at + k] - s[other][at + k]);
-    wheels.push({ title, unit: "mm", lines: [["x", off(0, 1e3)], ["y", off(1, 1e3)],
+    wheels.push({ title, unit: "mm", lacks: NO_BELIEF, partly: NO_DEVIATION, lines: [["x", off(0, 1e3)], ["y", off(1, 1e3)],
       ["deviation", (s) => 1e3 * Math.sqrt(Math.max(s.parcel_spread[4 * parcel], s.parcel_spread[4 * parcel + 2]))]] });
-    wheels.push({ title: `${title}: yaw`, unit: "°", lines: [
+    wheels.push({ title: `${title}: yaw`, unit: "°", lacks: NO_BELIEF, lines: [
       ["yaw", (s) => turned(s.parcel_believed[at + 2] - s[other][at + 2]) * 180 / Math.PI]] });
   }
-  if (!table.recorded) {
-    bus.push({ title: "Cycle jitter", unit: "ms", low: [0, 1], lines: [["latest cycle", (s) => 1e3 * s.jitter[0]]] });
-  }
+  bus.push({ title: "Cycle jitter", unit: "ms", low: [0, 1], usual: true, lacks: NO_JITTER, lines: [["late by", (s) => 1e3 * s.jitter[0]]] });
   return [...wheels, ...bus];
 }
 
@@ -78,16 +87,16 @@ export class Plots {
     this.history = history;
     this.onSeek = onSeek;
     this.drawn = [];
+    this.lacking = [];
   }
 
-  /** Sets up the plots for what is chosen; colours are read again. Of what is not known there is none. */
+  /** Sets up the plots for what is chosen; colours are read again. One of which nothing is known says why. */
   build(table, chosen) {
     this.clear();
-    const last = this.history.snapshots.at(-1);
-    const known = ({ lines }) => !this.history.whole || lines.some(([, value]) => Number.isFinite(value(last)));
+    Object.assign(this, { table, chosen });
     const style = getComputedStyle(document.documentElement);
     const text = style.getPropertyValue("--faint").trim(), line = style.getPropertyValue("--line").trim();
-    for (const plot of plotsOf(table, chosen).filter(known)) {
+    for (const plot of plotsOf(table, chosen)) {
       const box = document.createElement("section");
       box.className = "plot";
       const head = document.createElement("h2");
@@ -95,8 +104,30 @@ export class Plots {
       box.append(head);
       box.setAttribute("aria-label", head.textContent);
       this.place.append(box);
-      this.drawn.push({ plot, chart: this.chart(box, plot, text, line) });
+      if (this.isKnown(plot)) {
+        // In a recorded run lines of which nothing is known are left out.
+        const known = plot.lines.filter((one) => !this.history.whole || this.isKnown({ lines: [one] }));
+        if (known.length < plot.lines.length && plot.partly) this.say(box, plot.partly);
+        plot.lines = known;
+        this.drawn.push({ plot, chart: this.chart(box, plot, text, line) });
+      } else {
+        this.say(box, plot.lacks ?? "Nothing is known of it.");
+        this.lacking.push(plot);
+      }
     }
+  }
+
+  say(box, reason) {
+    const line = document.createElement("p");
+    line.className = "help";
+    line.textContent = reason;
+    box.append(line);
+  }
+
+  /** Whether there is anything to draw: in a recorded run ever, else now. */
+  isKnown({ lines }) {
+    const { snapshots, whole } = this.history, seen = whole ? snapshots : snapshots.slice(-1);
+    return !seen.length || seen.some((one) => lines.some(([, value]) => Number.isFinite(value(one))));
   }
 
   chart(box, plot, text, line) {
@@ -106,17 +137,17 @@ export class Plots {
       width: this.width, height: HEIGHT,
       scales: {
         x: { time: false },
-        y: { range: (_chart, least, largest) => spanOf(least, largest, low) },
+        y: { range: (chart, least, largest) => spanOf(least, plot.usual ? usualOf(chart.data[1]) : largest, low) },
       },
       axes: [{ ...axis, size: 26, values: (_chart, splits) => splits.map((t) => `${+t.toFixed(2)} s`) }, { ...axis, size: 46, space: 18 }],
       cursor: { drag: { x: false, y: false }, points: { show: false } },
-      legend: { live: true },
+      legend: { live: true, markers: { dash: (_chart, k) => plot.lines[k - 1]?.[3] ?? "solid" } },
       series: [
         { label: "time", value: (_chart, time) => time == null ? "–" : `${time.toFixed(2)} s` },
-        ...plot.lines.map(([label, , colour], k) => ({
-          label, stroke: LINES[(colour ?? k) % LINES.length], width: label.includes("wanted") ? 1 : 1.6,
-          dash: label.includes("wanted") ? [4, 3] : undefined, points: { show: false },
-          value: (_chart, value) => value == null ? "–" : value.toPrecision(3),
+        ...plot.lines.map(([label, , colour, dashed], k) => ({
+          label, stroke: LINES[(colour ?? k) % LINES.length], width: dashed ? 1.2 : 1.6,
+          dash: dashed ? [4, 3] : undefined, points: { show: false },
+          value: (_chart, value) => value == null ? "–" : readable(value),
         })),
       ],
       hooks: { draw: [(chart) => this.drawNow(chart, text)], ready: [(chart) => this.listen(chart)] },
@@ -128,6 +159,7 @@ export class Plots {
     if (!this.history.whole || this.now === undefined) return;
     const x = chart.valToPos(this.now, "x", true), { top, height } = chart.bbox;
     chart.ctx.strokeStyle = colour;
+    chart.ctx.setLineDash([]);
     chart.ctx.lineWidth = 2;
     chart.ctx.beginPath();
     chart.ctx.moveTo(x, top);
@@ -149,23 +181,47 @@ export class Plots {
 
   update(now) {
     this.now = now;
+    if (!this.history.whole && this.lacking.some((plot) => this.isKnown(plot))) this.build(this.table, this.chosen);
     const times = this.history.times;
     for (const { plot, chart } of this.drawn) {
       chart.setData([times, ...plot.lines.map(([, value]) => this.history.series(value))]);
     }
+    this.showValues();
+  }
+
+  /** The values at the time that is shown, the latest of a table that lives; under a pointer, those there. */
+  showValues() {
+    const times = this.history.times;
+    let idx = times.length - 1;
+    while (this.history.whole && idx > 0 && times[idx] > this.now) idx--;
+    for (const { chart } of this.drawn) if (!(chart.cursor.left >= 0) && idx >= 0) chart.setLegend({ idx });
   }
 
   /** Moves the line of a recorded run without drawing its lines anew. */
   mark(now) {
     this.now = now;
     for (const { chart } of this.drawn) chart.redraw(false);
+    this.showValues();
   }
 
   clear() {
     for (const { chart } of this.drawn) chart.destroy();
     this.drawn = [];
+    this.lacking = [];
     this.place.replaceChildren();
   }
+}
+
+/** Three digits that count, and no power of ten. */
+function readable(value) {
+  const size = Math.abs(value);
+  return value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : 2).replace(/^-(?=[0.]+$)/, "");
+}
+
+/** What all but a twentieth of the values stay below. */
+function usualOf(values) {
+  const known = values.filter((value) => value != null).sort((a, b) => a - b);
+  return known.length ? 1.5 * known[Math.floor(0.95 * (known.length - 1))] : 0;
 }
 
 /** The range of an axis: at least `low`, with some air, and never of no height. */

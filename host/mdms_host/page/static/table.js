@@ -1,5 +1,7 @@
 // Draws the table: what seldom changes (cells, sensors) is kept as an image, the rest every time.
 
+import { ParcelsPicture, addArrow } from "./parcels.js";
+
 const STATES = ["off", "silent", "ready", "running", "fault", "suspected"];
 const BACKS = ["back", "silent", "cell", "running", "fault", "suspected"];
 const LINES = ["cell-line", "cell-line", "cell-line", "running-line", "fault-line", "suspected-line"];
@@ -7,9 +9,11 @@ const LINES = ["cell-line", "cell-line", "cell-line", "running-line", "fault-lin
 const ARROWS_M_S = [0.1, 0.2, 0.5, 1, 2, 5, 10];
 /** Wheels that slip faster are drawn as slipping [m/s]. */
 const SLIPS_M_S = 0.005;
+/** Cells that are larger have their sensors drawn, their numbers, and these in their corners [pixels]. */
+const SENSORS_PX = 34, NUMBERS_PX = 24, CORNERS_PX = 80;
 /** Where the colours of the heatmaps end. */
 const MOST = { slip: 0.05, normal: 1 };
-const IDENTITIES = ["#c44e8a", "#4c8f3c", "#3f6fd1", "#b8731d", "#7a52c7", "#1f8f8f", "#b23b3b", "#6d7a1e"];
+const IDENTITIES = ["#c95c93", "#4c8f3c", "#5580d6", "#b8731d", "#9170d1", "#1f8f8f", "#cb6161", "#7a8922"];
 
 export const colourOf = (identity) => IDENTITIES[(identity - 1) % IDENTITIES.length];
 
@@ -27,6 +31,7 @@ export class TablePicture {
     this.base = document.createElement("canvas");
     this.kept = "";
     this.colours = {};
+    this.parcels = new ParcelsPicture(this.context, view, this.colours);
     this.heat = "state";
     this.showTrue = this.showPlan = true;
     this.chosen = null;
@@ -38,7 +43,7 @@ export class TablePicture {
   readTheme() {
     const style = getComputedStyle(document.documentElement);
     const names = ["back", "panel", "text", "faint", "cell", "cell-line", "running", "running-line", "fault",
-      "fault-line", "suspected", "suspected-line", "silent", "sensor", "covered", "label", "parcel", "parcel-fill",
+      "fault-line", "fault-text", "suspected", "suspected-line", "suspected-text", "silent", "sensor", "covered", "label", "parcel", "parcel-fill",
       "true", "goal", "wheel", "slip", "spread", "accent"];
     for (const name of names) this.colours[name] = style.getPropertyValue(`--${name}`).trim();
     this.kept = "";
@@ -57,7 +62,7 @@ export class TablePicture {
   }
 
   setTable(table, anew) {
-    this.table = table;
+    this.table = this.parcels.table = table;
     if (anew) this.view.fit(table);
     this.kept = "";
   }
@@ -74,11 +79,10 @@ export class TablePicture {
     if (this.showPlan) this.drawPlan(plan);
     this.drawCovered(snapshot);
     this.drawWheels(snapshot);
-    this.drawParcels(snapshot, dragged);
-    this.drawChosen(snapshot);
+    this.parcels.draw(snapshot, dragged, this);
   }
 
-  // Cells ------------------------------------------------------------------------------------------
+  // Cells
 
   drawBase(snapshot) {
     const s = snapshot;
@@ -113,8 +117,8 @@ export class TablePicture {
     context.setLineDash([]);
     if (state === 1) this.drawCross(context, px, py, half);
     if (snapshot) this.drawPromise(context, cell, px, py, half, snapshot);
-    if (size > 26) this.drawSensors(context, px, py);
-    if (size > 22) this.drawNumber(context, cell, px, py, half, size, state);
+    if (size > SENSORS_PX) this.drawSensors(context, px, py);
+    if (size > NUMBERS_PX && this.heat === "state") this.drawNumber(context, cell, px, py, half, size, state);
   }
 
   drawCross(context, px, py, half) {
@@ -135,7 +139,7 @@ export class TablePicture {
     context.strokeStyle = colourOf(identity);
     context.lineWidth = state === 3 ? 3 : 1.5;
     context.setLineDash(state === 1 ? [2, 4] : []);
-    const inner = 0.88 * half;
+    const inner = half - 2.5;
     context.strokeRect(px - inner, py - inner, 2 * inner, 2 * inner);
     context.setLineDash([]);
   }
@@ -157,7 +161,7 @@ export class TablePicture {
 
   drawCovered({ cell_presence }) {
     const { cells_m, sensors_m, pitch_m } = this.table, { view, context } = this;
-    if (pitch_m * view.scale <= 26) return;
+    if (pitch_m * view.scale <= SENSORS_PX) return;
     const radius = this.sensorRadius, covered = new Path2D();
     cells_m.forEach(([x, y], cell) => {
       const bits = cell_presence[cell];
@@ -172,24 +176,25 @@ export class TablePicture {
     context.fill(covered);
   }
 
+  /** Where no sensor and no wheel is: in the upper corner, between sensors, or, without these, in the lower one. */
   drawNumber(context, cell, px, py, half, size, state) {
-    const pixels = Math.max(9, Math.min(13, 0.13 * size));
-    context.font = `${pixels}px system-ui, "DejaVu Sans", sans-serif`;
-    context.textBaseline = "top";
-    context.textAlign = "left";
-    context.fillStyle = this.colours.label;
-    context.fillText(this.nameOf(cell, size), px - half + 4, py - half + 3);
-    if (state !== 3 && state !== 2 && size > 44) {
+    const roomy = size > CORNERS_PX, between = !roomy && size > SENSORS_PX;
+    context.font = `${roomy ? Math.min(13, 0.11 * size) : 9}px system-ui, "DejaVu Sans", sans-serif`;
+    context.textBaseline = roomy ? "top" : "bottom";
+    context.textAlign = between ? "center" : "left";
+    context.fillStyle = this.colours[this.heat === "state" ? "label" : "text"];
+    context.fillText(this.nameOf(cell, roomy), between ? px : px - half + (roomy ? 7 : 3), roomy ? py - half + 5 : py + half);
+    if (state !== 3 && state !== 2 && roomy) {
       context.textAlign = "right";
-      context.fillStyle = state >= 4 ? this.colours[LINES[state]] : this.colours.label;
-      context.fillText(STATES[state], px + half - 4, py - half + 3);
+      context.fillStyle = this.colours[{ 4: "fault-text", 5: "suspected-text" }[state] ?? "label"];
+      context.fillText(STATES[state], px + half - 7, py - half + 5);
     }
   }
 
   /** The node id; with several buses the bus before it, where there is room. */
-  nameOf(cell, size) {
+  nameOf(cell, roomy) {
     const node = this.table.node_ids[cell];
-    return this.table.bus_count > 1 && size > 40 ? `${this.table.buses[cell]}·${node}` : `${node}`;
+    return this.table.bus_count > 1 && roomy ? `${this.table.buses[cell]}·${node}` : `${node}`;
   }
 
   drawHeat(snapshot) {
@@ -205,10 +210,13 @@ export class TablePicture {
         const px = this.view.px(cells_m[cell][0]) - half, py = this.view.py(cells_m[cell][1]) - half;
         this.context.fillRect(px + axis * 2 * half / axes, py, 2 * half / axes - 1, 2 * half);
       }
+      if (size > NUMBERS_PX) {
+        this.drawNumber(this.context, cell, this.view.px(cells_m[cell][0]), this.view.py(cells_m[cell][1]), half, size, snapshot.cell_state[cell]);
+      }
     }
   }
 
-  // Wheels -----------------------------------------------------------------------------------------
+  // Wheels
 
   drawWheels(snapshot) {
     const { wheels_m, wheel_directions, pitch_m } = this.table, { scale } = this.view;
@@ -229,7 +237,7 @@ export class TablePicture {
       if (Math.abs(speed) > 0.002) {
         fastest = Math.max(fastest, Math.abs(speed));
         const path = Math.abs(snapshot.wheel_slip[w]) > SLIPS_M_S ? slipping : rolling;
-        this.addArrow(path, px, py, dx * speed * arrow, dy * speed * arrow);
+        addArrow(path, px, py, dx * speed * arrow, dy * speed * arrow);
       }
     }
     if (fastest > 1.2 * this.arrow_m_s) this.arrow_m_s = ARROWS_M_S.find((step) => step >= fastest / 1.2) ?? 10;
@@ -250,21 +258,11 @@ export class TablePicture {
     context.stroke(slipping);
   }
 
-  addArrow(path, px, py, dx, dy) {
-    const length = Math.hypot(dx, dy);
-    path.moveTo(px, py);
-    path.lineTo(px + dx, py + dy);
-    if (length < 7) return;
-    const bx = dx / length * 5, by = dy / length * 5;
-    path.moveTo(px + dx - bx - by * 0.6, py + dy - by + bx * 0.6);
-    path.lineTo(px + dx, py + dy);
-    path.lineTo(px + dx - bx + by * 0.6, py + dy - by - bx * 0.6);
-  }
-
-  // Plans ------------------------------------------------------------------------------------------
+  // Plans
 
   drawPlan(plan) {
     if (!plan) return;
+    this.planned = Boolean(plan.tiles.length || Object.keys(plan.paths).length);
     const context = this.context;
     for (const { x_m, y_m, size_m, parcels } of plan.tiles ?? []) {
       const size = size_m * this.view.scale;
@@ -287,173 +285,4 @@ export class TablePicture {
   }
 
   numberOf(name) { return this.table.parcels.findIndex((parcel) => parcel.name === name); }
-
-  // Parcels ----------------------------------------------------------------------------------------
-
-  drawParcels(snapshot, dragged) {
-    const { parcels } = this.table, context = this.context;
-    for (let p = 0; p < parcels.length; p++) {
-      const pose = poseOf(snapshot.parcel_true, p);
-      if (this.showTrue && pose) {
-        this.trace(parcels[p].outline_m, pose);
-        context.strokeStyle = this.colours.true;
-        context.lineWidth = 1.5;
-        context.setLineDash([5, 4]);
-        context.stroke();
-        context.setLineDash([]);
-      }
-    }
-    for (let p = 0; p < parcels.length; p++) {
-      const pose = poseOf(snapshot.parcel_believed, p);
-      if (pose) this.drawBelieved(parcels[p], pose, snapshot, p);
-    }
-    for (let p = 0; p < parcels.length; p++) {
-      const goal = dragged?.parcel === p ? dragged.pose : poseOf(snapshot.parcel_goal, p, true);
-      if (goal) this.drawGoal(parcels[p], goal, poseOf(snapshot.parcel_believed, p));
-    }
-    if (dragged?.arrow) this.drawPush(dragged.arrow);
-    if (dragged?.ghost) {
-      this.trace(parcels[dragged.parcel].outline_m, dragged.ghost);
-      context.strokeStyle = this.colours.text;
-      context.lineWidth = 2;
-      context.stroke();
-    }
-  }
-
-  drawBelieved(parcel, pose, snapshot, p) {
-    const context = this.context, doubtful = snapshot.parcel_state[p] === 2;
-    this.trace(parcel.outline_m, pose);
-    context.fillStyle = this.colours["parcel-fill"];
-    context.fill();
-    context.lineWidth = 2;
-    context.strokeStyle = parcel.unknown ? this.colours.faint : this.colours.parcel;
-    context.setLineDash(doubtful ? [2, 5] : parcel.unknown ? [8, 4] : []);
-    context.stroke();
-    context.setLineDash([]);
-    if (!parcel.unknown) this.drawSpread(pose, snapshot.parcel_spread, p);
-    context.fillStyle = this.colours.text;
-    context.font = '600 13px system-ui, "DejaVu Sans", sans-serif';
-    context.textAlign = "center";
-    context.textBaseline = "bottom";
-    const note = snapshot.parcel_state[p] === 3 ? " ✓" : doubtful ? " ?" : "";
-    context.fillText(parcel.name + note, this.view.px(pose[0]), this.view.py(pose[1]) - 8);
-  }
-
-  /** Where the centre is with 95 %: an ellipse of 2.45 standard deviations; and a nose for the yaw. */
-  drawSpread(pose, spread, p) {
-    const [xx, xy, yy, yaw] = spread.subarray(4 * p, 4 * p + 4);
-    const context = this.context, px = this.view.px(pose[0]), py = this.view.py(pose[1]);
-    context.strokeStyle = this.colours.spread;
-    context.lineWidth = 1.5;
-    if (xx >= 0) {
-      const middle = (xx + yy) / 2, off = Math.hypot((xx - yy) / 2, xy);
-      const turn = 0.5 * Math.atan2(2 * xy, xx - yy);
-      const long = 2.45 * Math.sqrt(Math.max(0, middle + off)) * this.view.scale;
-      const short = 2.45 * Math.sqrt(Math.max(0, middle - off)) * this.view.scale;
-      context.beginPath();
-      context.ellipse(px, py, Math.max(1.5, long), Math.max(1.5, short), -turn, 0, 2 * Math.PI);
-      context.stroke();
-    }
-    const reach = 0.07 * this.view.scale;
-    const open = 2.45 * Math.sqrt(Math.max(0, yaw || 0));
-    context.beginPath();
-    context.moveTo(px, py);
-    context.lineTo(px + reach * Math.cos(pose[2]), py - reach * Math.sin(pose[2]));
-    context.arc(px, py, reach, -pose[2] - open, -pose[2] + open);
-    context.stroke();
-  }
-
-  drawGoal(parcel, goal, believed) {
-    const context = this.context, yaw = Number.isNaN(goal[2]) ? believed?.[2] ?? 0 : goal[2];
-    const px = this.view.px(goal[0]), py = this.view.py(goal[1]);
-    context.strokeStyle = this.colours.goal;
-    context.fillStyle = this.colours.goal;
-    if (believed) {
-      context.globalAlpha = 0.5;
-      context.lineWidth = 1;
-      context.beginPath();
-      context.moveTo(this.view.px(believed[0]), this.view.py(believed[1]));
-      context.lineTo(px, py);
-      context.stroke();
-      context.globalAlpha = 1;
-    }
-    this.trace(parcel.outline_m, [goal[0], goal[1], yaw]);
-    context.lineWidth = 1.5;
-    context.setLineDash([2, 3]);
-    context.stroke();
-    context.setLineDash([]);
-    context.beginPath();
-    context.moveTo(px - 7, py);
-    context.lineTo(px + 7, py);
-    context.moveTo(px, py - 7);
-    context.lineTo(px, py + 7);
-    context.stroke();
-    const [hx, hy] = this.handleOf(parcel, [goal[0], goal[1], yaw]);
-    context.beginPath();
-    context.arc(this.view.px(hx), this.view.py(hy), 5, 0, 2 * Math.PI);
-    context.fill();
-  }
-
-  /** Where the goal of a parcel is turned by: beyond the end of its own x axis. */
-  handleOf(parcel, pose) {
-    const reach = Math.max(...parcel.outline_m.map(([x]) => x)) + 14 / this.view.scale;
-    return [pose[0] + reach * Math.cos(pose[2]), pose[1] + reach * Math.sin(pose[2])];
-  }
-
-  drawPush([x, y, to_x, to_y]) {
-    const path = new Path2D();
-    const px = this.view.px(x), py = this.view.py(y);
-    this.addArrow(path, px, py, this.view.px(to_x) - px, this.view.py(to_y) - py);
-    this.context.strokeStyle = this.colours.slip;
-    this.context.lineWidth = 3;
-    this.context.stroke(path);
-  }
-
-  drawChosen(snapshot) {
-    if (!this.chosen) return;
-    const { kind, number } = this.chosen, context = this.context;
-    context.strokeStyle = this.colours.text;
-    context.lineWidth = 2.5;
-    context.globalAlpha = kind === "cell" ? 1 : 0.4;
-    if (kind === "cell") {
-      const [x, y] = this.table.cells_m[number], half = 0.49 * this.table.pitch_m * this.view.scale;
-      context.strokeRect(this.view.px(x) - half, this.view.py(y) - half, 2 * half, 2 * half);
-    } else if (this.table.parcels[number]) {
-      const pose = poseOf(snapshot.parcel_believed, number) ?? poseOf(snapshot.parcel_true, number);
-      if (pose) {
-        this.trace(this.table.parcels[number].outline_m, pose);
-        context.lineWidth = 7;
-        context.stroke();
-      }
-    }
-    context.globalAlpha = 1;
-  }
-
-  trace(outline, [x, y, yaw]) {
-    const cosine = Math.cos(yaw), sine = Math.sin(yaw), context = this.context;
-    context.beginPath();
-    for (const [along, across] of outline) {
-      context.lineTo(this.view.px(x + cosine * along - sine * across), this.view.py(y + sine * along + cosine * across));
-    }
-    context.closePath();
-  }
-}
-
-/** The pose of a parcel in an array of poses, null where it is not known. */
-export function poseOf(poses, parcel, yawMayLack = false) {
-  const pose = poses.subarray(3 * parcel, 3 * parcel + 3);
-  if (!Number.isFinite(pose[0]) || (Number.isNaN(pose[2]) && !yawMayLack)) return null;
-  return pose;
-}
-
-/** Whether a point lies within an outline at a pose. */
-export function within(outline, [x, y, yaw], [at_x, at_y]) {
-  const cosine = Math.cos(yaw), sine = Math.sin(yaw);
-  const along = cosine * (at_x - x) + sine * (at_y - y), across = cosine * (at_y - y) - sine * (at_x - x);
-  let inside = false;
-  for (let i = 0, j = outline.length - 1; i < outline.length; j = i++) {
-    const [xi, yi] = outline[i], [xj, yj] = outline[j];
-    if (yi > across !== yj > across && along < (xj - xi) * (across - yi) / (yj - yi) + xi) inside = !inside;
-  }
-  return inside;
 }

@@ -5,10 +5,14 @@ import json
 from collections import deque
 from typing import Any
 
-#: Messages that may wait for a client; of more, the oldest are dropped.
+#: Messages that may wait for a client; one for which more wait has to come again.
 MOST_WAITING = 256
 #: Snapshots that may be on their way to a client that has not confirmed them.
 MOST_UNSEEN = 3
+
+
+class BehindError(Exception):
+    """A client is so slow that it has missed messages: what it shows is not so any more."""
 
 
 class Client:
@@ -21,7 +25,7 @@ class Client:
     def __init__(self, name: str) -> None:
         self.name = name
         self.may_control = False
-        self.dropped = 0
+        self.behind = False
         self._messages: deque[str] = deque()
         self._snapshot: bytes | None = None
         self._unseen = 0
@@ -34,9 +38,10 @@ class Client:
     def send_text(self, text: str) -> None:
         """The same of one that is JSON already."""
         if len(self._messages) == MOST_WAITING:
-            self._messages.popleft()
-            self.dropped += 1
-        self._messages.append(text)
+            self._messages.clear()
+            self.behind = True
+        if not self.behind:
+            self._messages.append(text)
         self._ready.set()
 
     def show(self, snapshot: bytes) -> None:
@@ -57,8 +62,10 @@ class Client:
             self._ready.set()
 
     async def next(self) -> str | bytes:
-        """What is to be sent next; waits for it."""
+        """What is to be sent next; waits for it. Raises `BehindError`."""
         while True:
+            if self.behind:
+                raise BehindError
             if self._messages:
                 return self._messages.popleft()
             if self._snapshot is not None and self._unseen < MOST_UNSEEN:

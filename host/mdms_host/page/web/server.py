@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import traceback
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from importlib.resources import files
@@ -17,9 +18,9 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from mdms_host.page import commands
 from mdms_host.page.commands import Command, RefusedError
-from mdms_host.page.web.client import Client
+from mdms_host.page.web.client import BehindError, Client
 from mdms_host.page.web.gate import Gate
-from mdms_host.page.web.hub import Hub
+from mdms_host.page.web.hub import MOST_CLIENTS, Hub
 
 _STATIC = files("mdms_host.page") / "static"
 _TYPES = {
@@ -41,8 +42,11 @@ _HEADERS = {
 }
 #: A client that does not take a message for so long is sent away [s].
 SEND_LIMIT_S = 10.0
-#: One that has sent so much that is no command is, too.
+#: One that sends so much in a row that is no command is, too.
 MOST_BAD = 50
+#: A client's messages are taken so often [1/s]; more wait with the sender. A page sends 60 words of
+#: what it has seen, and 30 goals that are dragged.
+MOST_PER_S = 200
 #: A client's first message comes within this [s].
 HELLO_LIMIT_S = 5.0
 
@@ -71,6 +75,7 @@ class PageApp:
         self._story = story
         self._past = history
         self._ask = ask
+        self._at_the_door = 0
         routes = [
             Route("/", self._index),
             Route("/static/{name}", self._file),
@@ -98,16 +103,19 @@ class PageApp:
 
     async def _live(self, socket: WebSocket) -> None:
         await socket.accept()
-        if self._hub.full:
+        if self._hub.full or self._at_the_door >= MOST_CLIENTS:
             await socket.close(1013, "too many pages are open")
             return
         client = Client(str(socket.client))
         with suppress(WebSocketDisconnect, TimeoutError, ConnectionError, RuntimeError):
+            self._at_the_door += 1
             try:
                 await self._welcome(client, socket)
             except RefusedError as refusal:
                 await socket.close(1013, str(refusal))
                 return
+            finally:
+                self._at_the_door -= 1
             sending = asyncio.create_task(self._send(client, socket))
             try:
                 await self._receive(client, socket)
@@ -128,7 +136,11 @@ class PageApp:
         """Send what waits, until the client takes nothing any more."""
         with suppress(WebSocketDisconnect, ConnectionError, RuntimeError):
             while True:
-                message = await client.next()
+                try:
+                    message = await client.next()
+                except BehindError:
+                    await socket.close(1013, "too slow; come again")
+                    return
                 is_text = isinstance(message, str)
                 form = {"type": "websocket.send", "text" if is_text else "bytes": message}
                 try:
@@ -138,18 +150,20 @@ class PageApp:
                     return
 
     async def _receive(self, client: Client, socket: WebSocket) -> None:
-        bad = 0
+        bad, pace = 0, _Pace()
         while bad < MOST_BAD:
+            await pace.wait()
             message = await _message(socket)
             if message == "seen":
                 client.seen()
-            elif not await self._obey(client, message):
-                bad += 1
+            else:
+                bad = 0 if await self._obey(client, message) else bad + 1
         await socket.close(1008, "too much that is no command")
 
     async def _obey(self, client: Client, message: Any) -> bool:
         """Do what a message asks for, and answer; returns whether it was a command."""
         number = message.get("id") if isinstance(message, dict) else None
+        number = number if isinstance(number, int) else None
         try:
             command = commands.command_from(message)
         except RefusedError as refusal:
@@ -160,9 +174,17 @@ class PageApp:
             client.send({"kind": "answer", "id": number, "ok": True, "text": text})
         except RefusedError as refusal:
             client.send({"kind": "answer", "id": number, "ok": False, "text": str(refusal)})
+        except Exception as error:
+            # A defect, or what no command can know beforehand: who has asked is told, and stays.
+            text = f"it has failed: {type(error).__name__}: {error}"
+            client.send({"kind": "answer", "id": number, "ok": False, "text": text})
+            traceback.print_exception(error)
         return True
 
     async def _carry_out(self, client: Client, command: Command) -> str | None:
+        # Whoever sees that something goes wrong may stop it: a stop moves nothing.
+        if isinstance(command, commands.StopAll):
+            return await self._ask(command)
         if not client.may_control:
             raise RefusedError("open the address that the command has printed, with its token")
         if isinstance(command, commands.TakeControl):
@@ -171,10 +193,26 @@ class PageApp:
         if isinstance(command, commands.ReleaseControl):
             self._hub.release(client)
             return None
-        # Whoever sees that something goes wrong may stop it.
-        if self._hub.controller is not client and not isinstance(command, commands.StopAll):
+        if self._hub.controller is not client:
             raise RefusedError("another page is in control; take control first")
         return await self._ask(command)
+
+
+class _Pace:
+    """Lets `MOST_PER_S` messages through a second, a second's at once."""
+
+    def __init__(self) -> None:
+        self._clock = asyncio.get_running_loop().time
+        self._since_s = self._clock()
+        self._count = 0
+
+    async def wait(self) -> None:
+        """Until one more may be taken."""
+        if self._count >= MOST_PER_S:
+            await asyncio.sleep(max(0.0, self._since_s + 1.0 - self._clock()))
+        if self._clock() >= self._since_s + 1.0:
+            self._since_s, self._count = self._clock(), 0
+        self._count += 1
 
 
 class _Guarded:
@@ -198,7 +236,7 @@ class _Guarded:
 
 
 async def _message(socket: WebSocket) -> Any:
-    """The next message; one that is no JSON text is None."""
+    """The next message; what is no JSON text, as any bytes are not, is None."""
     received = await socket.receive()
     if received["type"] == "websocket.disconnect":
         raise WebSocketDisconnect(received.get("code", 1006))

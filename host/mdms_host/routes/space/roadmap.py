@@ -76,12 +76,16 @@ class Roadmap:
     extras: list[Floats] = field(init=False)
     pairs: list[tuple[int, int]] = field(init=False)
     graph: Graph = field(init=False)
+    _need_m: float = field(init=False)
 
     def __post_init__(self) -> None:
         self.extras = [self.start, self.goal]
         self.pairs = [(self.start_node, self.goal_node)]
         self._add_corners()
         self._add_windows()
+        self._need_m = MARGIN_M
+        if not self.standing.stands(self.start, self.start):
+            self._need_m = self.standing.least_margin_m(self.start, self.start) - SLACK_M
         self.pairs = [pair for pair in self.pairs if self._on_table(*pair)]
         self.graph = self._graph()
 
@@ -100,19 +104,13 @@ class Roadmap:
         count = self.ways.lattice.count
         return self.extras[node - count] if node >= count else self._poses[node]
 
-    def stands(self, join: int) -> bool:
-        """Whether the parcel is safe from tipping along a join."""
-        start, end = (int(nodes[join]) for nodes in (self.graph.joins.start, self.graph.joins.end))
-        if self.leaves and end == self.goal_node:
-            return True
-        need_m = MARGIN_M
-        if start == self.start_node and not self.standing.stands(self.start, self.start):
-            need_m = self.standing.least_margin_m(self.start, self.start) - SLACK_M
-        return self.standing.stands(self.pose(start), self.pose(end), need_m)
+    def safe(self, moves: Ints) -> bool:
+        """Whether the parcel is safe from tipping on the joins of a way, which are -1 - join."""
+        return all(self._safe(*self.pairs[-1 - move]) for move in moves.tolist() if move < 0)
 
-    def without(self, join: int) -> None:
-        """Take a join out."""
-        del self.pairs[join]
+    def keep_safe(self) -> None:
+        """Leave out all joins on which the parcel may tip; what is safe is looked at only then."""
+        self.pairs = [pair for pair in self.pairs if self._safe(*pair)]
         self.graph = self._graph()
 
     @property
@@ -146,6 +144,16 @@ class Roadmap:
         if start == self.start_node:
             limit_m += max(self.standing.overhang_m(self.start, self.start), 0.0)
         return self.standing.overhang_m(self.pose(start), self.pose(end)) <= limit_m
+
+    def _safe(self, start: int, end: int) -> bool:
+        """Whether the parcel is no nearer to tipping on the way between two nodes than it may be.
+
+        One that is nearer at its start may go on from there.
+        """
+        if self.leaves and end == self.goal_node:
+            return True
+        need_m = self._need_m if start == self.start_node else MARGIN_M
+        return self.standing.stands(self.pose(start), self.pose(end), need_m)
 
     def _graph(self) -> Graph:
         lattice = self.ways.lattice

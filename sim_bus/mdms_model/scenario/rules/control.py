@@ -24,11 +24,17 @@ def check_control(scenario: Scenario) -> None:
                 "on without a host that steers; set motion.control to 'cells' or leave go_on out"
             )
         return
-    if motion.field != "goal":
+    if motion.field not in ("goal", "program"):
         raise ScenarioError(
             f"motion.control is 'cells', but motion.field is {motion.field!r}; cells steer parcels "
-            "to goals only, so set motion.field to 'goal' or motion.control to 'host'"
+            "to goals, so set motion.field to 'goal' or 'program', or motion.control to 'host'"
         )
+    for key in ("stream", "exit"):
+        if getattr(scenario, key):
+            raise ScenarioError(
+                f"{key} is given, but motion.control is 'cells': cells keep parcels on the table, "
+                "and none comes or leaves; set motion.control to 'host'"
+            )
     if motion.speed_m_s > FASTEST_M_S:
         raise ScenarioError(
             f"motion.speed_m_s is {motion.speed_m_s}, but a motion program has {FASTEST_M_S} m/s "

@@ -10,6 +10,7 @@ from mdms_model.scenario.task import Task
 #: What each kind of task needs, and what it may have besides.
 NEEDED: Mapping[str, tuple[str, ...]] = {
     "transport": ("parcel", "x_m", "y_m"),
+    "name": ("parcel", "x_m", "y_m"),
     "swap": ("parcels",),
     "sort": (),
     "merge": ("exit",),
@@ -19,6 +20,7 @@ NEEDED: Mapping[str, tuple[str, ...]] = {
 }
 ALLOWED: Mapping[str, tuple[str, ...]] = {
     "transport": ("yaw_rad",),
+    "name": ("length_m", "width_m", "mass_kg", "shape", "kind"),
     "swap": (),
     "sort": ("count",),
     "merge": ("count",),
@@ -44,7 +46,8 @@ def check_tasks(scenario: Scenario) -> None:
     for number, task in enumerate(scenario.task):
         key = f"task.{number}"
         _check_keys(task, key)
-        _check_names(scenario, task, key)
+        named = [each.parcel for each in scenario.task[:number] if each.do == "name"]
+        _check_names(scenario, task, key, named)
         _check_places(scenario, task, key)
         if task.beside and not number:
             raise ScenarioError(f"{key}.beside is true, but no task comes before it; leave it out")
@@ -62,9 +65,11 @@ def _check_keys(task: Task, key: str) -> None:
             )
 
 
-def _check_names(scenario: Scenario, task: Task, key: str) -> None:
+def _check_names(scenario: Scenario, task: Task, key: str, named: list[str]) -> None:
+    """Parcels lie on the table, or have been `named` by a task before; exits are there."""
     lying = [each.name for each in scenario.parcel if each.name not in in_stock(scenario)]
-    names = [("parcel", task.parcel)] if task.parcel else []
+    lying += named
+    names = [("parcel", task.parcel)] if task.parcel and task.do != "name" else []
     names += [(f"parcels.{item}", name) for item, name in enumerate(task.parcels)]
     for name, parcel in names:
         if parcel not in lying:

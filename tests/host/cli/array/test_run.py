@@ -2,12 +2,16 @@
 
 import json
 
+import numpy as np
 import pytest
+from tests.host.motion.believing import beliefs
 
+from mdms_host.can_link.incidents import LinkCounts
 from mdms_host.can_link.link import DeviceGoneError
 from mdms_host.cli import main
 from mdms_host.cli.array import run
 from mdms_host.cli.exits import Exit
+from mdms_host.coordination.operation import Ending, Operation
 from mdms_model.run.folder import read_run
 
 
@@ -39,6 +43,36 @@ def test_what_was_seen_until_then_is_kept(on_a_bus_that_ends, tmp_path):
     assert stored.figures["fault"] == "the CAN device is gone: unplugged"
     assert stored.record.time_s.tolist() == [0.0, 0.05, 0.1]
     assert (tmp_path / "run" / "bus.log").read_text().count("77F#05") == 2
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        ("table.parcels[7]", Exit.FAILURE, "the program failed: IndexError: tuple index out of "),
+        ("table['bag']", Exit.TIME_LIMIT, "the program was broken off: no parcel 'bag' is on the"),
+        ("await table.sleep(99)", Exit.TIME_LIMIT, "time limit has passed: it waits in main (prog"),
+    ],
+)
+def test_a_program_that_fails_or_waits_ends_with_its_message_and_code(
+    case, tmp_path, monkeypatch, capsys
+):
+    does, code, told = case
+
+    def operate(coordinator, _link, clock, *_, **_others):
+        pose = {"box": np.array([-0.1, 0.0, 0.0])}
+        for _ in range(50):
+            coordinator.program.references_m_s(
+                beliefs(pose, coordinator.tracker.parcels.values()), 0.01
+            )
+        ending = Ending.TIME_LIMIT if coordinator.stuck is None else Ending.STUCK
+        return Operation(ending, 0.5, None, LinkCounts(0, 0, 0, 0))
+
+    monkeypatch.setattr(run, "operate", operate)
+    (tmp_path / "table.toml").write_text("scenario = 'array18'\n[motion]\nfield = 'program'\n")
+    program = tmp_path / "program.py"
+    program.write_text(f"SCENARIO = 'table.toml'\nasync def main(table):\n    {does}\n")
+    assert main(["run", str(program), "-i", "virtual", "-c", "programs", "--json"]) == code
+    assert told in capsys.readouterr().err
 
 
 def test_folder_of_somebody_else_is_not_touched_and_no_bus_opened(on_a_bus_that_ends, tmp_path):

@@ -107,7 +107,9 @@ def test_run_on_an_array_file_needs_no_simulator_and_keeps_what_it_saw(served, t
     assert json.loads(ran[-1].stdout)["ending"] == "done"
     assert "no picture without matplotlib" in told
     names = sorted(path.name for path in out.iterdir())
-    assert names == ["bus.log", "mdms-cell.dbc", "meta.json", "run.mcap"]
+    assert names == [
+        *("bus.log", "lichtblick_layout.json", "mdms-cell.dbc", "meta.json", "run.mcap")
+    ]
     stored = read_run(out)
     assert stored.figures["node_ids"] == list(range(1, 19))
     assert stored.record.is_belief

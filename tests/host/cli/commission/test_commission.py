@@ -3,14 +3,12 @@
 import io
 import itertools
 import json
-import threading
-import time
 import tomllib
 
 import numpy as np
 import pytest
+from tests.virtual_array import StandingArray, virtual_time
 
-from mdms_host.can_link.link import Link
 from mdms_host.cli import main
 from mdms_host.cli.commission.plate import check_corner
 from mdms_host.cli.exits import INTERRUPTED, CommandError, Exit
@@ -19,7 +17,8 @@ from mdms_host.commissioning.array_file import read_array
 from mdms_host.commissioning.array_writing import array_document
 from mdms_host.commissioning.network import Commissioning, SilentError
 from mdms_host.layout import Layout
-from mdms_protocol import cob, indices, nmt
+from mdms_protocol import cob, indices, lss, nmt, sdo
+from mdms_sim.nodes.python_bank import PythonBank
 
 NONE = cob.NODE_NONE
 GRID = ("--columns", "3", "--rows", "1")
@@ -31,17 +30,24 @@ ORDER_6 = (4, 2, 6, 1, 3, 5)
 #: Blank cells get ids from the top for as long as they are being placed.
 TOP = 126
 
-blank = pytest.mark.parametrize("served_cells", [(NONE,) * 6], indirect=True)
+blank = pytest.mark.parametrize("cells", [(NONE,) * 6], indirect=True)
 
 
 @pytest.fixture
-def commission(served_cells, tmp_path):
+def cells(request):
+    """Cells whose wheels stand, in virtual time; blank ones, or three."""
+    node_ids = getattr(request, "param", (1, 2, 3))
+    with virtual_time(StandingArray(PythonBank(node_ids), len(node_ids))) as ready:
+        yield ready
+
+
+@pytest.fixture
+def commission(cells, tmp_path):
     """Runs the verb; the array file goes to `array.toml` in the test's folder."""
 
     def run(*arguments, out=True):
         files = ("--out", tmp_path / "array.toml") if out else ()
-        bus = ("-i", "virtual", "-c", served_cells.channel)
-        return main(["commission", *map(str, (*arguments, *files)), *bus])
+        return main(["commission", *map(str, (*arguments, *files)), "-i", "virtual"])
 
     return run
 
@@ -54,9 +60,9 @@ def listed(tmp_path):
 
 
 @pytest.fixture
-def bus(served_cells):
+def bus(cells):
     """The cells by another master."""
-    with Commissioning(served_cells.open(), MonotonicClock()) as ready:
+    with Commissioning(None, MonotonicClock()) as ready:
         yield ready
 
 
@@ -69,9 +75,8 @@ def serials(bus, cells=3):
 
 
 @blank
-@pytest.mark.slow
 def test_blank_cells_get_ids_places_and_neighbours_and_keep_them(
-    commission, bus, served_cells, tmp_path, capsys
+    commission, bus, cells, tmp_path, capsys
 ):
     path = tmp_path / "list.txt"
     path.write_text("".join(f"{serial:08X}\n" for serial in ORDER_6))
@@ -81,7 +86,7 @@ def test_blank_cells_get_ids_places_and_neighbours_and_keep_them(
         f"6 cells are commissioned and verified; array file: {tmp_path}/array.toml\n"
     )
     assert "wheels were not nudged" in printed.err
-    assert not served_cells.bank.awake.any()
+    assert not cells.array.bank.awake.any()
     for node_id in range(1, 7):
         bus.restart(node_id)
     assert serials(bus, 6) == list(ORDER_6)
@@ -133,11 +138,9 @@ def answered(monkeypatch, *answers):
     monkeypatch.setattr("sys.stdin", terminal)
 
 
-def test_each_cell_blinks_and_a_key_says_where_it_is(
-    commission, bus, served_cells, monkeypatch, capsys
-):
+def test_each_cell_blinks_and_a_key_says_where_it_is(commission, bus, cells, monkeypatch, capsys):
     lit = []
-    told = served_cells.bank._boards
+    told = cells.array.bank._boards
 
     class Terminal(io.StringIO):
         def isatty(self):
@@ -173,39 +176,26 @@ def test_what_was_answered_before_an_interruption_is_not_asked_again(
 
 
 @blank
-@pytest.mark.slow
-def test_a_plate_that_is_moved_over_the_table_places_all(
-    commission, bus, served_cells, tmp_path, capsys
-):
+def test_a_plate_that_is_moved_over_the_table_places_all(commission, bus, cells, tmp_path, capsys):
     layout = Layout(3, 2)
     place_of = {serial: place for place, serial in enumerate(ORDER_6)}
-    over = threading.Event()
+    # A hand over a table: along both rows and between them, again until it is over.
+    x_m, y_m = layout.cell_positions_m.max(axis=0)
+    row = np.linspace(-x_m - 0.05, x_m + 0.05, 800)
+    rows = ((-y_m, row), (0.0, row[::-1]), (y_m, row))
+    way = [(x, y) for y, along in rows for x in along]
+    hand = itertools.cycle([*way, *way[::-1]])
 
     def move():
-        """A hand over a table: along both rows and between them, again until it is over."""
-        x_m, y_m = layout.cell_positions_m.max(axis=0)
-        row = np.linspace(-x_m - 0.05, x_m + 0.05, 40)
-        rows = ((-y_m, row), (0.0, row[::-1]), (y_m, row))
-        way = [(x, y) for y, along in rows for x in along]
-        for centre_m in itertools.cycle([*way, *way[::-1]]):
-            away = np.abs(layout.sensor_positions_m - centre_m)
+        # Who has not begun to watch sees an empty table.
+        if bus.states.get(TOP) == nmt.OPERATIONAL:
+            away = np.abs(layout.sensor_positions_m - next(hand))
             bits = (away < 0.075).all(axis=2) @ (1 << np.arange(5))
-            # No cell sees anything while it boots, as `served_cells` has it.
-            on = bus.states.get(TOP) == nmt.OPERATIONAL
             for serial in ORDER_6:
-                served_cells._presence[serial - 1] = bits[place_of[serial]] if on else 0
-            if over.is_set():
-                break
-            time.sleep(0.02)
-        served_cells._presence[:] = 0
+                cells.array.presence[serial - 1] = bits[place_of[serial]]
 
-    hand = threading.Thread(target=move)
-    hand.start()
-    try:
-        done = commission("--plate", "--corner", "00000004", "--yes", "--limit", "30")
-    finally:
-        over.set()
-        hand.join()
+    cells.array.hand = move
+    done = commission("--plate", "--corner", "00000004", "--yes", "--limit", "30")
     assert done == Exit.OK, capsys.readouterr().err
     assert serials(bus, 6) == list(ORDER_6)
     document = tomllib.loads((tmp_path / "array.toml").read_text())
@@ -222,15 +212,15 @@ def test_a_corner_that_lies_elsewhere_shows_that_cells_are_mounted_turned():
         check_corner(12, spots, (2, 1))
 
 
-def test_a_plate_that_nobody_moves_ends_with_time(commission, served_cells, capsys):
+def test_a_plate_that_nobody_moves_ends_with_time(commission, cells, capsys):
     assert commission("--plate", "--yes", "--limit", "0.5") == Exit.TIME_LIMIT
     assert "0 of 3 cells were seen in time" in capsys.readouterr().err
-    assert all(board.blinking for board in served_cells.bank._boards)
+    assert all(board.blinking for board in cells.array.bank._boards)
 
 
-def test_a_table_that_is_not_empty_is_no_place_to_begin(commission, served_cells, capsys):
-    served_cells._presence[2] = 0b00010
-    time.sleep(0.05)
+def test_a_table_that_is_not_empty_is_no_place_to_begin(commission, cells, capsys):
+    cells.array.presence[2] = 0b00010
+    cells.sleep(0.05)
     assert commission("--plate", "--yes") == Exit.FAILURE
     assert "node 3 sees something already" in capsys.readouterr().err
 
@@ -254,7 +244,7 @@ def test_a_file_of_other_cells_names_both_sides(commission, bus, tmp_path, capsy
 
 
 def test_a_cell_that_dies_in_the_middle_is_named_and_the_next_run_mends_it(  # noqa: PLR0917
-    commission, listed, bus, served_cells, tmp_path, monkeypatch, capsys
+    commission, listed, bus, cells, tmp_path, monkeypatch, capsys
 ):
     from mdms_host.commissioning import commissioner
 
@@ -262,7 +252,7 @@ def test_a_cell_that_dies_in_the_middle_is_named_and_the_next_run_mends_it(  # n
 
     def dies(commissioning, cell):
         if cell.node_id == 3:
-            served_cells.bank.power_off(0)
+            cells.array.bank.power_off(0)
         return usual(commissioning, cell)
 
     monkeypatch.setattr(commissioner, "write_settings", dies)
@@ -272,48 +262,111 @@ def test_a_cell_that_dies_in_the_middle_is_named_and_the_next_run_mends_it(  # n
     assert "2 of 3 cells are done, and no file was written" in message
     assert not (tmp_path / "array.toml").exists()
     monkeypatch.undo()
-    served_cells.bank.restart(0)
+    cells.array.bank.restart(0)
     assert commission("--list", listed, *GRID, "--yes") == Exit.OK
     assert serials(bus) == list(ORDER)
 
 
-class Interruption:
-    """Ctrl-C as a link sends its frame of this number, counted from when it is set."""
+def lss_frame(command):
+    return lambda frame: frame.can_id == cob.LSS_REQUEST and frame.data[0] == command
 
-    def __init__(self, other):
-        self.frames = 0
-        self._other = other
-        self._send = Link.send
 
-    def send(self, link, frame, until_s=None):
-        if link is not self._other:
-            self.frames -= 1
-            if self.frames == 0:
+def sdo_frame(kind, index, sub=0):
+    place = index.to_bytes(2, "little") + bytes((sub,))
+    first = range(cob.SDO_REQUEST_BASE + 1, cob.SDO_REQUEST_BASE + cob.NODE_MAX)
+
+    def is_it(frame):
+        same = frame.data[:1] and frame.data[0] & sdo.SPECIFIER == kind
+        return frame.can_id in first and bool(same) and frame.data[1:4] == place
+
+    return is_it
+
+
+GIVE_ID = lss_frame(lss.CONFIGURE_NODE_ID)
+STORE_ID = lss_frame(lss.STORE)
+LEAVE = lss_frame(lss.SWITCH_GLOBAL)
+WRITE_ROW = sdo_frame(sdo.DOWNLOAD, indices.PLACE, 2)
+STORE = sdo_frame(sdo.DOWNLOAD, indices.STORE, 1)
+READ_BACK = sdo_frame(sdo.UPLOAD, indices.SIGNATURE)
+READ_GAIN = sdo_frame(sdo.UPLOAD, indices.GAIN)
+
+
+def restart(frame):
+    return frame.can_id == cob.NMT and frame.data[0] == nmt.RESET_NODE
+
+
+#: Frames by what they mean, in their order; what comes before the last is cut there.
+STAGES = {
+    "in the search": [lss_frame(lss.FAST_SCAN)] * 20,
+    "in the roll call": [lss_frame(lss.IDENTIFY_SERIAL_HIGH)],
+    "before an id is given": [GIVE_ID],
+    "between write of an id and store": [GIVE_ID, STORE_ID],
+    "between store of an id and boot": [GIVE_ID, STORE_ID, LEAVE],
+    "between the first id and the second": [GIVE_ID, STORE_ID, LEAVE, GIVE_ID],
+    "amid the settings of a cell": [WRITE_ROW],
+    "between settings and store": [WRITE_ROW, STORE],
+    "between store and restart": [STORE, restart],
+    "between restart and read back": [STORE, restart, READ_BACK],
+    "between a cell and the next": [STORE, restart, READ_BACK, WRITE_ROW],
+    "between the last cell and the file": [STORE, STORE, STORE, READ_GAIN],
+}
+
+
+class Cut:
+    """Ends the host's program before it sends a certain frame, as Ctrl-C or as `kill -9` does."""
+
+    def __init__(self, cells, frames, *, killed=False):
+        self.fired = False
+        self._cells = cells
+        self._frames = list(frames)
+        self._killed = killed
+        cells.before_send = self._look
+
+    def _look(self, frame):
+        if not self.fired and self._frames[0](frame):
+            self._frames.pop(0)
+            if not self._frames:
+                self.fired = True
+                self._cells.mute = self._killed
                 raise KeyboardInterrupt
-        self._send(link, frame, until_s)
 
 
-@pytest.mark.slow
-def test_broken_off_anywhere_it_ends_well_the_next_time(commission, listed, bus, monkeypatch):
-    """Further each time: in the search, between id and store, amid settings, at a restart."""
-    interruption = Interruption(bus.link)
-
-    def send(link, frame, until_s=None):
-        interruption.send(link, frame, until_s)
-
-    monkeypatch.setattr(Link, "send", send)
-    for frames in (150, 320, 345, 365, 420, 700):
-        interruption.frames = frames
-        assert commission("--list", listed, *GRID, "--yes") == INTERRUPTED
+@pytest.mark.parametrize("killed", [False, True], ids=["interrupted", "killed"])
+@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("cells", [(NONE,) * 3], indirect=True)
+def test_broken_off_at_any_stage_it_ends_well_the_next_time(
+    commission, listed, cells, stage, killed
+):
+    cut = Cut(cells, STAGES[stage], killed=killed)
+    assert commission("--list", listed, *GRID, "--yes") == INTERRUPTED
+    assert cut.fired
+    cells.mute = False
     assert commission("--list", listed, *GRID, "--yes") == Exit.OK
-    for node_id in range(1, 4):
-        bus.restart(node_id)
-    assert serials(bus) == list(ORDER)
-    assert [bus.read(node_id, indices.PLACE, 1) for node_id in range(1, 4)] == [1, 2, 3]
+    with Commissioning(None, MonotonicClock()) as bus:
+        for node_id in range(1, 4):
+            bus.restart(node_id)
+        assert serials(bus) == list(ORDER)
+        assert [bus.read(node_id, indices.PLACE, 1) for node_id in range(1, 4)] == [1, 2, 3]
+
+
+def test_an_answer_that_was_cut_in_two_is_asked_again(commission, cells, tmp_path, monkeypatch):
+    path = tmp_path / "row.txt"
+    path.write_text("1 2 3")
+    assert commission("--list", path, *GRID, "--yes") == Exit.OK
+    # The row becomes a column: serial 2 is to go from (2, 1) to (1, 2), and is cut at (1, 1).
+    column = ("--columns", "1", "--rows", "3")
+    cut = Cut(cells, [STORE, WRITE_ROW])
+    answered(monkeypatch, "3", "2")
+    assert commission(*column, "--again") == INTERRUPTED
+    assert cut.fired
+    answered(monkeypatch, "2", "1", "y", "n")
+    assert commission(*column) == Exit.OK
+    file = read_array(tmp_path / "array.toml")
+    assert {cell.serial: cell.number for cell in file.cells} == {1: 3, 2: 2, 3: 1}
 
 
 def test_two_cells_that_answer_under_one_node_id_both_get_their_own(
-    commission, listed, bus, served_cells, capsys
+    commission, listed, bus, cells, capsys
 ):
     assert commission("--list", listed, *GRID, "--yes") == Exit.OK
     # On this bus cells do not receive what others send, so that none gives way.
@@ -321,8 +374,8 @@ def test_two_cells_that_answer_under_one_node_id_both_get_their_own(
     bus.lss.set_node_id(2)
     bus.lss.store()
     bus.lss.leave()
-    served_cells.bank.restart(0)
-    time.sleep(0.2)
+    cells.array.bank.restart(0)
+    cells.sleep(0.2)
     assert bus.find() == [1, 2]
     capsys.readouterr()
     assert commission("--list", listed, *GRID, "--yes") == Exit.OK
@@ -333,9 +386,9 @@ def test_two_cells_that_answer_under_one_node_id_both_get_their_own(
 
 
 def test_a_serial_number_that_is_there_twice_is_refused(
-    commission, listed, served_cells, monkeypatch, capsys
+    commission, listed, cells, monkeypatch, capsys
 ):
-    bank = served_cells.bank
+    bank = cells.array.bank
     usual = bank._board
 
     def of_the_same_lot(cell):
@@ -345,15 +398,15 @@ def test_a_serial_number_that_is_there_twice_is_refused(
 
     monkeypatch.setattr(bank, "_board", of_the_same_lot)
     bank.restart(1)
-    time.sleep(0.2)
+    cells.sleep(0.2)
     assert commission("--list", listed, *GRID, "--yes") == Exit.NODE_FAULT
     assert "have the same serial number 00000001" in capsys.readouterr().err
 
 
-def test_cells_that_a_run_has_are_left_alone(commission, listed, bus, capsys):
+def test_cells_that_a_run_has_are_left_alone(commission, cells, listed, bus, capsys):
     assert commission("--list", listed, *GRID, "--yes") == Exit.OK
     bus.command(nmt.START, 3)
-    time.sleep(0.2)
+    cells.sleep(0.2)
     assert commission("--list", listed, *GRID, "--yes") == Exit.NODE_FAULT
     assert "node 3 is operational; turn it off first: mdms stop" in capsys.readouterr().err
 

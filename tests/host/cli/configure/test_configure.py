@@ -4,8 +4,8 @@ import io
 import json
 import tomllib
 
-import can
 import pytest
+from tests.virtual_array import StandingArray, virtual_time
 
 from mdms_host.cli import main
 from mdms_host.cli.configure.cells import ranges
@@ -16,24 +16,32 @@ from mdms_host.commissioning.network import Commissioning, SilentError
 from mdms_host.commissioning.node_ids import address_of
 from mdms_host.commissioning.parameters import PARAMETERS, WIRING
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol import cob, nmt
+from mdms_protocol import cob, nmt, sdo
+from mdms_protocol.frame import Frame
+from mdms_sim.nodes.python_bank import PythonBank
 
 
 @pytest.fixture
-def configure(served_cells):
+def cells():
+    """Three cells whose wheels stand, in virtual time."""
+    with virtual_time(StandingArray(PythonBank((1, 2, 3)), 3)) as ready:
+        yield ready
+
+
+@pytest.fixture
+def configure(cells):
     def run(action, *arguments):
-        bus = ("-i", "virtual", "-c", served_cells.channel)
-        return main(["configure", action, *map(str, arguments), *bus])
+        return main(["configure", action, *map(str, arguments), "-i", "virtual"])
 
     return run
 
 
 @pytest.fixture
-def make_blank(served_cells):
+def make_blank(cells):
     """Takes the node id of a cell away."""
 
     def make(node_id):
-        with Commissioning(served_cells.open(), MonotonicClock()) as commissioning:
+        with Commissioning(None, MonotonicClock()) as commissioning:
             commissioning.lss.select(address_of(commissioning.identity(node_id)))
             commissioning.lss.set_node_id(cob.NODE_NONE)
             commissioning.lss.store()
@@ -96,11 +104,11 @@ def test_identifiers_that_follow_from_the_node_id_are_no_difference(configure, c
     assert not any(row["changed"] or row["cells_differ"] for row in rows)
 
 
-def test_what_is_saved_stays_and_what_is_not_goes_with_the_power(configure, capsys, served_cells):
+def test_what_is_saved_stays_and_what_is_not_goes_with_the_power(configure, capsys, cells):
     assert configure("set", "setpoint_timeout=0.08", "--save") == Exit.OK
     assert configure("set", "setpoint_timeout=0.09") == Exit.OK
     assert "stored on node 1-3" in capsys.readouterr().out
-    with Commissioning(served_cells.open(), MonotonicClock()) as commissioning:
+    with Commissioning(None, MonotonicClock()) as commissioning:
         commissioning.restart(2)
     assert values(configure, capsys, "setpoint_timeout") == {"1": 0.09, "2": 0.08, "3": 0.09}
 
@@ -154,34 +162,35 @@ def test_absent_node_is_named_with_those_that_are_there(configure, capsys):
     assert configure("show", "gain", "--node", "all") == Exit.OK
 
 
-def test_stranger_is_left_alone_unless_it_is_meant(configure, capsys, served_cells):
-    import canopen
+class Pump:
+    """A node of another kind: it answers reads of its identity with values of up to four bytes."""
 
-    network = canopen.Network(can.Bus(served_cells.channel, interface="virtual"))
-    with network.connect():
-        network.create_node(9, stranger_objects())
-        assert configure("show", "axis1.gain", "--json") == Exit.OK
-        told = capsys.readouterr()
-        assert "node 9 is 'pump', not an MDMS cell; left alone" in told.err
-        assert list(json.loads(told.out)["settings"][0]["values"]) == ["1", "2", "3"]
-        assert configure("show", "axis1.gain", "--node", "9") == Exit.NODE_FAULT
+    NODE = 9
+
+    def __init__(self, array):
+        self._values = {(0x1008, 0): b"pump", (0x100A, 0): b"1"}
+        self._values |= {(0x1018, sub): bytes((sub, 0, 0, 0)) for sub in range(1, 5)}
+        self._send = array.attach(self.on_frame)
+
+    def on_frame(self, frame, _now_s):
+        if frame.can_id != cob.SDO_REQUEST_BASE + self.NODE:
+            return
+        index, sub = int.from_bytes(frame.data[1:3], "little"), frame.data[3]
+        value = self._values.get((index, sub))
+        answer = sdo.abort(index, sub, sdo.NO_SUCH_OBJECT)
+        if value is not None:
+            head = sdo.UPLOAD_RESPONSE | (4 - len(value)) << 2 | sdo.EXPEDITED | sdo.SIZE_TOLD
+            answer = bytes((head,)) + frame.data[1:4] + value.ljust(4, b"\0")
+        self._send(Frame(cob.SDO_RESPONSE_BASE + self.NODE, answer))
 
 
-def stranger_objects():
-    from canopen.objectdictionary import ObjectDictionary, ODRecord, ODVariable, datatypes
-
-    objects = ObjectDictionary()
-    for index, text in ((0x1008, "pump"), (0x100A, "1")):
-        variable = ODVariable("text", index)
-        variable.data_type, variable.value = datatypes.VISIBLE_STRING, text
-        objects.add_object(variable)
-    identity = ODRecord("identity", 0x1018)
-    for sub in range(1, 5):
-        variable = ODVariable("number", 0x1018, sub)
-        variable.data_type, variable.value = datatypes.UNSIGNED32, sub
-        identity.add_member(variable)
-    objects.add_object(identity)
-    return objects
+def test_stranger_is_left_alone_unless_it_is_meant(configure, capsys, cells):
+    Pump(cells.array)
+    assert configure("show", "axis1.gain", "--json") == Exit.OK
+    told = capsys.readouterr()
+    assert "node 9 is 'pump', not an MDMS cell; left alone" in told.err
+    assert list(json.loads(told.out)["settings"][0]["values"]) == ["1", "2", "3"]
+    assert configure("show", "axis1.gain", "--node", "9") == Exit.NODE_FAULT
 
 
 def test_array_is_backed_up_and_restored_by_serial_number(configure, capsys, tmp_path):
@@ -251,7 +260,7 @@ def test_defaults_are_restored_shown_and_verified(configure, capsys):
     )
 
 
-def test_blank_cells_get_free_node_ids_and_keep_them(configure, capsys, make_blank, served_cells):
+def test_blank_cells_get_free_node_ids_and_keep_them(configure, capsys, make_blank, cells):
     make_blank(1)
     make_blank(3)
     assert configure("assign", "--first", "2", "--json") == Exit.OK
@@ -261,7 +270,7 @@ def test_blank_cells_get_free_node_ids_and_keep_them(configure, capsys, make_bla
             {"serial": "00000003", "before": None, "node": 4, "stored": True},
         ]
     }
-    with Commissioning(served_cells.open(), MonotonicClock()) as commissioning:
+    with Commissioning(None, MonotonicClock()) as commissioning:
         commissioning.restart(3)
         assert commissioning.find() == [2, 3, 4]
     assert configure("assign") == Exit.OK
@@ -291,10 +300,10 @@ def test_node_ids_are_swapped_by_a_file(configure, capsys, tmp_path):
     ]
 
 
-def test_cell_that_is_at_work_keeps_its_node_id(configure, capsys, tmp_path, served_cells):
+def test_cell_that_is_at_work_keeps_its_node_id(configure, capsys, tmp_path, cells):
     file = tmp_path / "array.toml"
     file.write_text('[[cell]]\nserial = "00000001"\nnode = 9\n')
-    with Commissioning(served_cells.open(), MonotonicClock()) as commissioning:
+    with Commissioning(None, MonotonicClock()) as commissioning:
         commissioning.command(nmt.START, 1)
     assert configure("assign", "--from", file) == Exit.FAILURE
     assert "node 1 is operational; turn it off first: mdms stop" in capsys.readouterr().err

@@ -47,7 +47,10 @@ def test_figures_of_the_bus_and_the_picture_are_told(demo):
 def test_run_folder_is_whole(demo):
     folder = demo[2]
     names = sorted(path.name for path in folder.iterdir())
-    assert names == ["bus.log", "mdms-cell.dbc", "meta.json", "picture.png", "run.mcap"]
+    assert names == [
+        *("bus.log", "lichtblick_layout.json", "mdms-cell.dbc"),
+        *("meta.json", "picture.png", "run.mcap"),
+    ]
     figures = json.loads((folder / "meta.json").read_text())["figures"]
     assert set(figures["bus"]) == {"frames", "load", "errors", "log_sha256"}
     assert set(figures["parcels"][0]["estimate"]) == {"x_m", "y_m", "yaw_rad"}

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.host.motion.believing import beliefs
 
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
@@ -38,7 +39,7 @@ class Table:
             self.now_s += STEP_S
             for cell, estimate in (reports or {}).items():
                 self.program.on_estimate(cell, estimate, self.now_s)
-            pages = self.program.step(poses, self.now_s, STEP_S)
+            pages = self.program.step(beliefs(poses, [BOX]), self.now_s, STEP_S)
             sent += [(self.now_s, page) for page in pages]
             self.notices += self.program.take_notices()
         return sent
@@ -116,6 +117,15 @@ def test_parcel_has_arrived_when_most_of_its_cells_say_so_and_the_host_agrees():
     assert not table.program.finished
     table.run(0.5, poses=THERE, reports=arrived)
     assert table.program.finished
+
+
+def test_cells_without_a_pose_of_the_parcel_have_no_say_in_its_arrival():
+    table = Table()
+    arrived = reports(UNDER[:4], flags=wire.ARRIVED) | reports(UNDER[4:], certainty=0)
+    table.run(0.5, poses=THERE, reports=arrived)
+    assert table.program.finished
+    table.run(0.5, poses=THERE, reports=reports(UNDER, flags=wire.ARRIVED, certainty=0))
+    assert not table.program.finished
 
 
 def test_cells_that_take_the_parcel_for_arrived_elsewhere_are_contradicted_once():
@@ -196,3 +206,15 @@ def test_parcel_that_was_stopped_for_good_goes_on_with_a_new_goal():
     table.program.set_goal("box", Goal(0.0, 0.0, 0.0))
     assert table.program.stuck is None
     assert table.run(STEP_S, reports=reports(cells=()))[-1][1] == messages.Goal(1, 2, 0, 0, 0)
+
+
+def test_a_program_that_is_ended_is_ended_often_enough_and_the_parcel_keeps_its_identity():
+    table = Table()
+    table.run(0.2, reports=reports())
+    table.program.end("box")
+    sent = [page for _, page in table.run(3 * STEP_S, reports=reports())]
+    assert sent == [messages.End(1, 1)] * 3
+    sent = [type(page) for _, page in table.run(STEP_S)]
+    assert sent == [messages.Parcel, messages.Place]
+    assert not table.program.controllers
+    assert not table.notices

@@ -155,6 +155,19 @@ def test_wheels_that_slip_push_less_and_the_parcel_arrives() -> None:
     assert table.slipping < 0.02 * table.carrying
 
 
+def test_wheels_that_drag_are_not_taken_for_wheels_that_slip() -> None:
+    cells = (10,)
+    traction = traction_of(speed_m_s=0.4)
+    traction.lose(cells)
+    path = straight(np.array([-0.15, 0.0, 0.0]), np.array([0.15, 0.0, 0.0]), REACH_M)
+    follower = Follower(traction, traction.profile(path, BOX.bottom, mass_of(BOX)))
+    table = Table(path.start, lost=cells)
+    for _ in range(250):
+        table.step(follower.step)
+    assert follower.grip.slips == 0
+    np.testing.assert_allclose(table.pose, path.end, atol=0.003)
+
+
 def test_pushes_that_were_reduced_come_back_slowly() -> None:
     grip = Grip()
     for _ in range(20):

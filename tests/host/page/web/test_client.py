@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from mdms_host.page.web.client import MOST_UNSEEN, MOST_WAITING, Client
+from mdms_host.page.web.client import MOST_UNSEEN, MOST_WAITING, BehindError, Client
 from mdms_host.page.web.hub import Hub
 
 
@@ -62,14 +62,18 @@ def test_confirming_what_was_never_sent_brings_no_more(drained):
     assert len(sent) == MOST_UNSEEN
 
 
-def test_of_too_many_messages_the_oldest_are_dropped(drained):
+def test_client_that_misses_messages_has_to_come_again(drained):
     client = Client("one")
-    for number in range(MOST_WAITING + 10):
+    for number in range(MOST_WAITING):
         client.send({"number": number})
-    assert client.dropped == 10
-    messages = drained(client)
-    assert len(messages) == MOST_WAITING
-    assert messages[-1] == f'{{"number": {MOST_WAITING + 9}}}'
+    assert len(drained(client)) == MOST_WAITING
+    for number in range(MOST_WAITING + 1):
+        client.send({"number": number})
+    with pytest.raises(BehindError):
+        drained(client)
+    # Nor does anything pile up for it meanwhile.
+    client.send({"number": 0})
+    assert not client._messages
 
 
 def test_first_who_may_is_in_control_until_another_takes_it():

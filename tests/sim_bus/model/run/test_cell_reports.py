@@ -8,9 +8,9 @@ import pytest
 from mdms_model.array import cell_centres
 from mdms_model.buses import address_cells
 from mdms_model.run.cell_reports import SILENT_S, CellReports
-from mdms_model.run.mcap_file import read_record, write_record
+from mdms_model.run.mcap.file import read_record, write_record
+from mdms_model.run.mcap.scene.topics import layers, scene_messages
 from mdms_model.run.record import Contact, Record
-from mdms_model.run.scene_3d import scene_messages
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.frame import Frame
 from mdms_protocol.neighbours import frames as wire
@@ -100,13 +100,14 @@ def test_a_record_of_cells_that_obey_has_no_reports(tmp_path):
 
 def test_scene_shows_a_cell_with_a_parcel_a_promised_one_as_a_frame_and_one_that_is_free_not():
     states = [wire.NEAR, wire.PROMISED, wire.UNDER, wire.UNDER, wire.NONE]
-    scenes = scene_messages(SCENARIO, record_of(states))
+    record = record_of(states)
+    (cells,) = (each for each in layers(SCENARIO, record) if each.topic == "/scene/cells")
     shown = [
-        [
-            (len(entity["lines"]), len(entity["cubes"]))
-            for entity in message["entities"]
-            if entity["id"] == "cell 1"
-        ]
-        for _, message in scenes
+        (
+            round(time_s, 1),
+            len(message["entities"][0]["lines"]),
+            len(message["entities"][0]["cubes"]),
+        )
+        for time_s, message in scene_messages(cells, record)
     ]
-    assert shown == [[], [(1, 0)], [(0, 1)], [], [(0, 0)]]
+    assert shown == [(0.0, 0, 0), (0.1, 1, 0), (0.2, 0, 1), (0.4, 0, 0)]

@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from mdms_model.run.folder import RunFolderError, fresh_folder, read_run, write_run
-from mdms_model.run.mcap_file import read_record, write_record
+from mdms_model.run.mcap.file import read_record, write_record
 from mdms_model.run.record import Event, Record
-from mdms_model.run.scene_3d import scene_messages
 from mdms_model.scenario.file import load_scenario
 from mdms_sim.plots import save_picture
 
@@ -51,9 +50,9 @@ def test_record_without_estimates_stays_without(tmp_path, plane, plane_record):
 @given(numbers=st.lists(st.floats(allow_infinity=False), min_size=6, max_size=6))
 def test_any_number_survives(tmp_path_factory, numbers):
     path = tmp_path_factory.mktemp("any") / "run.mcap"
-    wheels = np.array(numbers).reshape(3, 2)
+    wheels = np.array(numbers).reshape(3, 2).repeat(SCENARIO.array.columns // 2, axis=1)
     poses = wheels[:, :1, None].repeat(3, axis=2)
-    codes = np.zeros((3, 2), dtype=np.int8)
+    codes = np.zeros(wheels.shape, dtype=np.int8)
     times_s = np.array([0.0, 1e-9 / 3, 1.0])
     record = Record(times_s, poses, poses, *[wheels] * 5, codes)
     write_record(path, SCENARIO, record)
@@ -79,7 +78,10 @@ def test_other_readers_find_schemas_and_messages_in_order_of_time(tmp_path, plan
         found = list(make_reader(stream).iter_messages(log_time_order=False))
     assert [m.log_time for _, _, m in found] == sorted(m.log_time for _, _, m in found)
     topics = {channel.topic for _, channel, _ in found}
-    assert topics == {"/parcel/box", "/wheels", "/events", "/scene"}
+    numbers = {"/parcel/box", "/wheels", "/events", "/log"}
+    assert topics == numbers | {
+        f"/scene/{name}" for name in ("table", "wheels", "goals", "parcels", "beliefs")
+    }
     for schema, channel, _ in found:
         assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
 
@@ -91,16 +93,6 @@ def test_what_nobody_knows_is_left_out_and_read_back_as_unknown(tmp_path, plane,
     wheels = [json.loads(m.data) for _, channel, m in found if channel.topic == "/wheels"]
     assert {*wheels[0]} == {"time_s", "reference_m_s", "speed_m_s", "contact"}
     assert_same_arrays(read_record(tmp_path / "run.mcap", plane), believed_record)
-
-
-def test_scene_shows_the_belief_where_there_is_no_truth(tmp_path, plane, believed_record):
-    write_record(tmp_path / "run.mcap", plane, believed_record)
-    with (tmp_path / "run.mcap").open("rb") as stream:
-        found = [json.loads(m.data) for _, _, m in make_reader(stream).iter_messages(["/scene"])]
-    assert "box" not in [entity["id"] for entity in found[0]["entities"]]
-    (box,) = found[-1]["entities"]
-    place = box["cubes"][0]["pose"]["position"]
-    assert place["x"] == believed_record.estimate[-1, 0, 0]
 
 
 def without_belief(record):
@@ -129,6 +121,9 @@ def test_every_message_meets_its_own_schema(tmp_path, plane, plane_record, chang
     assert len(found) > 3 * len(record.time_s)
     for schema, _, message in found:
         meant = json.loads(schema.data) | {"additionalProperties": False}
+        if schema.name == "mdms.Wheels":
+            # An array with gaps is in no schema: see `messages`.
+            meant["properties"] = dict.fromkeys(ARRAYS, True) | meant["properties"]
         jsonschema.validate(json.loads(message.data), meant)
     assert_same_arrays(read_record(tmp_path / "run.mcap", plane), record)
 
@@ -139,7 +134,7 @@ def test_run_is_read_back(tmp_path, plane, plane_record):
     assert run.figures == FIGURES
     assert_same_arrays(run.record, plane_record)
     names = sorted(path.name for path in run.folder.iterdir())
-    assert names == ["meta.json", "picture.png", "run.mcap"]
+    assert names == ["lichtblick_layout.json", "meta.json", "picture.png", "run.mcap"]
     assert [path.name for path in run.folder.parent.iterdir()] == ["run"]
 
 
@@ -232,48 +227,6 @@ def test_event_without_a_place_stays_without(tmp_path, plane, plane_record):
     record = replace(plane_record, events=[Event(0.5, "coordinator", "running")])
     write_record(tmp_path / "run.mcap", plane, record)
     assert read_record(tmp_path / "run.mcap", plane).events == record.events
-
-
-def test_scene_shows_every_parcel_where_it_is(tmp_path, plane, plane_record):
-    write_record(tmp_path / "run.mcap", plane, plane_record)
-    with (tmp_path / "run.mcap").open("rb") as stream:
-        scenes = [
-            (schema.name, json.loads(message.data))
-            for schema, _, message in make_reader(stream).iter_messages(topics=["/scene"])
-        ]
-    assert {name for name, _ in scenes} == {"foxglove.SceneUpdate"}
-    first, last = (
-        {entity["id"]: entity["cubes"] for entity in scene["entities"]}
-        for scene in (scenes[0][1], scenes[-1][1])
-    )
-    assert set(last) == {"box"}
-    assert len(first["the table"]) == 1 + 36
-    pose = last["box"][0]["pose"]
-    x_m, y_m, yaw_rad = plane_record.pose[-1, 0]
-    assert (pose["position"]["x"], pose["position"]["y"]) == (x_m, y_m)
-    turn = 2 * np.arctan2(pose["orientation"]["z"], pose["orientation"]["w"])
-    assert turn == pytest.approx(yaw_rad)
-
-
-def test_scene_has_no_more_pictures_than_eyes_need(plane, plane_record):
-    many_s = np.linspace(0, 4, 4001)
-    poses = np.zeros((4001, 1, 3))
-    dense = replace(plane_record, time_s=many_s, pose=poses)
-    times_s = [time_s for time_s, _ in scene_messages(plane, dense)]
-    assert 110 < len(times_s) <= 121
-    assert min(np.diff(times_s)) >= 1 / 30 - 1e-6
-
-
-def test_scene_gives_a_disc_and_a_polygon_their_bodies(plane, plane_record):
-    box = replace(plane.parcel[0], length_m=0.3, width_m=0.3)
-    corners = ((-0.1, -0.1), (0.15, 0.0), (-0.1, 0.1))
-    for shape, kind in ((replace(box, shape="disc"), "cylinders"), (None, "triangles")):
-        parcel = shape or replace(box, shape="polygon", corners_m=corners)
-        _, scene = next(scene_messages(replace(plane, parcel=(parcel,)), plane_record))
-        (body,) = scene["entities"][0][kind]
-        assert body["pose"]["position"]["x"] == plane_record.pose[0, 0, 0]
-    assert [(p["x"], p["y"]) for p in body["points"][:3]] == list(corners)
-    assert len(body["indices"]) == 3 * (1 + 2 * 3)
 
 
 class KilledError(BaseException):

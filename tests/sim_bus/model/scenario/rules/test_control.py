@@ -37,6 +37,7 @@ def test_cells_of_several_buses_steer_where_gateways_forward_all_that_they_need(
             "motion.go_on is true, but motion.control is 'host'",
         ),
         (["motion.field=rotate"], "motion.control is 'cells', but motion.field is 'rotate'"),
+        (["exit=[{name='east', side='east'}]"], "exit is given, but motion.control is 'cells'"),
         (["run.fidelity=ideal"], "motion.field is 'goal', but run.fidelity is 'ideal'"),
         (["motion.speed_m_s=1.5"], "motion.speed_m_s is 1.5, but a motion program has 1.27 m/s"),
         (

@@ -19,6 +19,7 @@ def program(*tasks, **changes):
     "task",
     [
         {"do": "transport", "parcel": "box", "x_m": 0.1, "y_m": 0.0, "yaw_rad": 0.5},
+        {"do": "name", "parcel": "crate", "x_m": 0.1, "y_m": 0.0, "length_m": 0.3},
         {"do": "swap", "parcels": ["box", "other"]},
         {"do": "sort"},
         {"do": "merge", "exit": "out", "count": 3},
@@ -34,7 +35,7 @@ def test_tasks_of_all_kinds_are_taken(task):
 @pytest.mark.parametrize(
     ("task", "text"),
     [
-        ({"do": "fly"}, "task.0.do is 'fly', but must be one of transport, swap, sort"),
+        ({"do": "fly"}, "task.0.do is 'fly', but must be one of transport, name, swap"),
         ({"do": "transport", "parcel": "box", "x_m": 0.1}, "task.0.y_m is missing"),
         ({"do": "sort", "parcel": "box"}, "task.0.parcel is given, but 'sort' has only count"),
         (
@@ -59,6 +60,14 @@ def test_what_cannot_be_done_is_refused_by_its_key(task, text):
     with pytest.raises(ScenarioError) as refused:
         scenario_from(program(task))
     assert text in str(refused.value)
+
+
+def test_what_is_named_may_be_moved_thereafter_and_not_before():
+    name = {"do": "name", "parcel": "crate", "x_m": 0.1, "y_m": 0.0}
+    move = {"do": "transport", "parcel": "crate", "x_m": -0.1, "y_m": 0.0}
+    assert len(scenario_from(program(name, move)).task) == 2
+    with pytest.raises(ScenarioError, match=r"task\.0\.parcel is 'crate', but must be a parcel"):
+        scenario_from(program(move, name))
 
 
 def test_sorting_needs_an_exit_for_each_kind_that_comes():

@@ -1,0 +1,75 @@
+"""Runs a cell on its board, and never leaves the motors on.
+
+Whatever ends the loop, the motors are cut first; then the reason goes to the bus and into
+`crash.log`, and the watchdog, no longer fed, resets the board.
+"""
+
+import gc
+import os
+import sys
+import time
+
+from boards import flash
+from mdms_cell.cell import Cell
+from mdms_cell.runner import INTERNAL_ERROR, Runner
+from mdms_protocol.version import VERSION
+
+#: Of a cell whose node id was never set; LSS gives it one.
+NODE_UNSET = 0xFF
+FAREWELL_MS = 20
+LOG_MAX = 8192
+
+
+def run(board, slots=None, folder="/flash", node_id=NODE_UNSET, watchdog=True):
+    """Run the cell until something goes wrong, and raise that with the motors cut.
+
+    Firmware comes over the bus into `slots` where flash is such that power may fail meanwhile.
+    """
+    if slots is not None and flash.keeps_whole(folder):
+        slots.may_write = board.asleep
+        board.slots = slots
+    cell = Cell(board, node_id)
+    runner = Runner(board, cell)
+    gc.collect()  # what the start took lies between what stays
+    try:
+        board.start(runner.tick, watchdog)
+        while True:
+            runner.turn(time.ticks_ms())
+    except BaseException as error:
+        board.stop()
+        say_farewell(board, cell)
+        log(error, folder)
+        raise
+    finally:
+        board.stop()
+
+
+def say_farewell(board, cell):
+    """Report the error to the bus, if there is still a way."""
+    try:
+        cell.fail(INTERNAL_ERROR)
+        start_ms = time.ticks_ms()
+        while time.ticks_diff(time.ticks_ms(), start_ms) < FAREWELL_MS:
+            board.service(time.ticks_ms())
+            cell.poll(time.ticks_ms())
+    except Exception as error:
+        sys.print_exception(error)
+
+
+def log(error, folder):
+    """Append version and traceback to `crash.log`, which begins anew when it has grown too long."""
+    path = folder + "/crash.log"
+    try:
+        with open(path, "a" if size(path) < LOG_MAX else "w") as file:
+            print("mdms", VERSION, file=file)
+            sys.print_exception(error, file)
+    except OSError as failure:
+        sys.print_exception(failure)
+
+
+def size(path):
+    """Bytes in a file, 0 if there is none."""
+    try:
+        return os.stat(path)[6]
+    except OSError:
+        return 0

@@ -1,0 +1,1 @@
+"""Chooses at power-up which firmware a board starts; only USB replaces it."""

@@ -1,0 +1,160 @@
+"""Two slots for firmware that comes over the bus, beside the one that USB has brought.
+
+A slot has the image of a read-only file system, compressed. One that is new is started once, on
+trial, and stays only if it is confirmed; at the next start the one before comes back otherwise. A
+slot that is not whole is never started.
+"""
+
+import hashlib
+
+from mdms_boot.record import Record
+
+RECORD = "mdms_slots/record"
+_SLOTS = ("mdms_slots/1", "mdms_slots/2")
+#: Of no slot, and of no firmware that USB has brought: it stays when USB brings other firmware.
+KEY = "update.key"
+#: A new slot is started so often before it has to be confirmed.
+TRIAL_STARTS = 1
+
+
+class Slots:
+    """The slots in `files`, see `mdms_boot.files`.
+
+    `running` is the slot that was started, 0 for none, and `on_trial` whether it is to be
+    confirmed. `may_write()` is asked before anything is written; it is the board's to say.
+    """
+
+    def __init__(self, files):
+        self._files = files
+        self.running = 0
+        self.on_trial = False
+        self.may_write = _always
+        self.record = Record(self._content(RECORD))
+
+    def start(self):
+        """The image to start, None for the firmware that USB has brought; once, at power-up."""
+        record = self.record
+        if record.trial:
+            image = self._try(record)
+            if image is not None:
+                return image
+            record.trial, record.rolled_back = 0, 1
+            self._keep_if_possible()
+        if record.confirmed:
+            image = self._image(record.confirmed)
+            if image is not None:
+                self.running = record.confirmed
+        else:
+            image = None
+        return image
+
+    def _try(self, record):
+        """The image on trial; None if it has had its starts, or is not whole."""
+        if not record.starts:
+            return None
+        record.starts -= 1
+        if not self._keep_if_possible():
+            return None  # it could be started for ever
+        image = self._image(record.trial)
+        if image is not None:
+            self.running, self.on_trial = record.trial, True
+        return image
+
+    def _image(self, slot):
+        """The image in a slot; None if it is not whole, or finds no room in memory."""
+        try:
+            whole = self._hash(slot)[1] == self.record.digests[slot - 1]
+            return self._files.unpack(_SLOTS[slot - 1]) if whole else None
+        except (OSError, MemoryError):
+            return None
+
+    # What the firmware asks for
+
+    @property
+    def identification(self):
+        """A number that stands for the firmware that runs; 0 for the one that USB has brought."""
+        if not self.running:
+            return 0
+        return int.from_bytes(self.record.digests[self.running - 1][:4], "little")
+
+    @property
+    def spare(self):
+        """The slot that may be written: neither started nor confirmed."""
+        return 2 if 1 in (self.running, self.record.confirmed) else 1
+
+    def key(self):
+        """The array's key, empty if there is none."""
+        return self._content(KEY)
+
+    def keep_key(self, key):
+        """Keep the array's key; raises OSError."""
+        self._check()
+        self._files.replace(KEY, key)
+
+    def clear(self):
+        """Make the spare slot empty, and end what is said of a trial; raises OSError."""
+        self._check()
+        record = self.record
+        record.trial = record.starts = record.rolled_back = 0
+        self._keep()
+        self._files.remove(_SLOTS[self.spare - 1])
+
+    def create(self):
+        """The spare slot, open to be written a piece at a time; raises OSError."""
+        self._check()
+        return self._files.create(_SLOTS[self.spare - 1])
+
+    def remove(self):
+        """Remove what is in the spare slot."""
+        self._files.remove(_SLOTS[self.spare - 1])
+
+    def digest(self):
+        """Bytes in the spare slot, and their SHA-256, as flash has them; raises OSError."""
+        return self._hash(self.spare)
+
+    def arm(self, digest, counter):
+        """Have the spare slot started on trial at the next start; raises OSError."""
+        self._check()
+        record = self.record
+        record.digests[self.spare - 1] = digest
+        record.trial, record.starts, record.trial_counter = self.spare, TRIAL_STARTS, counter
+        self._keep()
+
+    def confirm(self):
+        """The slot on trial stays; raises OSError."""
+        self._check()
+        record = self.record
+        record.confirmed, record.counter = self.running, record.trial_counter
+        record.trial = record.starts = 0
+        self._keep()
+        self.on_trial = False
+
+    def _hash(self, slot):
+        hash_ = hashlib.sha256()
+        path = _SLOTS[slot - 1]
+        self._files.check(path, hash_)
+        return self._files.size(path), hash_.digest()
+
+    def _content(self, path):
+        try:
+            return self._files.read(path)
+        except OSError:
+            return b""
+
+    def _check(self):
+        if not self.may_write():
+            raise OSError("flash is written only while both bridges sleep")
+
+    def _keep(self):
+        self._files.replace(RECORD, self.record.pack())
+
+    def _keep_if_possible(self):
+        try:
+            self._keep()
+        except OSError:
+            return False
+        return True
+
+
+def _always():
+    return True

@@ -1,0 +1,85 @@
+"""`docs/scenarios.md`: every key of a scenario, from the dataclasses that check them."""
+
+from mdms_host.cli.reference.keys import list_in, table_of
+from mdms_model.scenario.fault import Fault
+from mdms_model.scenario.file import builtin_names, load_scenario
+from mdms_model.scenario.motion import Motion, Part, Region
+from mdms_model.scenario.scenario import (
+    Array,
+    Cell,
+    Goal,
+    Parcel,
+    Patch,
+    Run,
+    Scenario,
+    Wheel,
+    Wire,
+)
+from mdms_model.scenario.stream import Exit, Stream
+
+_HEAD = """\
+# Scenarios
+
+Written by `make generate` from the dataclasses of `sim_bus/mdms_model/scenario` that check every
+file; change those. A scenario is a TOML file: the table, what lies on it, what the wheels do, and
+how it is run. Everything is in SI units, which the keys end with. Places are in the table frame:
+its origin is the centre of the array, x runs along the columns, angles are counterclockwise.
+Cells are numbered from 1, along x first.
+
+```sh
+mdms scenarios                               # the built-in ones
+mdms scenarios --show array18 > box.toml     # one of them as a file to start from
+mdms simulate box.toml --set parcel.0.x_m=-0.05 --set run.duration_s=2
+```
+
+`--set` takes a dotted path into the file, items of lists by number from 0. An unknown key, a wrong
+type and a value out of its limits are refused with the key's full path and what was expected
+(exit code 2); so is what several keys say that does not go together. A file may begin with
+`scenario = "array18"`, the name of a scenario or of a file beside it, and has only what differs
+then: its tables add to those of the other, and its lists take their place.
+"""
+_TABLES = (
+    ("The file", Scenario, ""),
+    ("`[array]`", Array, ""),
+    ("`[cell]`", Cell, "What lies between a voltage and a push counts with `firmware` only."),
+    ("`[[cell.wheel]]`", Wheel, ""),
+    ("`[[patch]]`", Patch, ""),
+    ("`[[parcel]]`", Parcel, "At rest at the start, or in stock of a stream."),
+    ("`goal` of a parcel", Goal, ""),
+    (
+        "`[motion]`",
+        Motion,
+        "References are the paper's r: a free wheel runs at (a/b) r, 0.775 r for its motor.",
+    ),
+    ("`[[motion.part]]`", Part, "Parts of `sum` and `regions`, which may have parts themselves."),
+    ("`region`", Region, ""),
+    ("`[run]`", Run, ""),
+    ("`[wire]`", Wire, "Two SYNC periods fit into the 50 ms for which a cell keeps a setpoint."),
+    ("`[[stream]]`", Stream, "Needs `firmware`. A parcel that has left is in stock again."),
+    ("`[[exit]]`", Exit, "It takes a parcel once no support holds it any more."),
+    ("`[[fault]]`", Fault, "Needs `firmware`. By kind:\n\n" + list_in(Fault).rstrip()),
+)
+_REST = """\
+## `[[task]]`
+
+What a program does: [programs](programs.md).
+
+## `[belief]`
+
+What the host takes for true where it differs: keys of `[cell]`, and of parcels by name, as in
+`belief.box.length_m = 0.35`. `belief.box.known = false` is a parcel that the host has no data of.
+"""
+
+
+def text() -> str:
+    """The whole page; the same dataclasses give the same text."""
+    sections = [
+        "\n\n".join(part for part in (f"## {title}", words, table_of(kind)) if part)
+        for title, kind, words in _TABLES
+    ]
+    return "\n".join((_HEAD, _builtin(), *sections, _REST))
+
+
+def _builtin() -> str:
+    rows = [f"| `{name}` | {load_scenario(name).title} |" for name in builtin_names()]
+    return "\n".join(("## Built in", "", "| name | title |", "| --- | --- |", *rows, ""))

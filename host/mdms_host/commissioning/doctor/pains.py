@@ -1,0 +1,167 @@
+"""What users of other boards and buses ran into most, and how it is here: one table.
+
+`docs/troubleshooting.md` is made of it too. Each row names the tests that show how this project
+behaves; `tests` are paths from the project's folder, with the function behind `::`.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Pain:
+    """One of them: where it was reported, what is seen of it, why, what helps, and our tests."""
+
+    reported: tuple[str, ...]
+    symptom: str
+    cause: str
+    cure: str
+    tests: tuple[str, ...]
+
+
+_FLASH = "tests/system/test_flash.py::"
+_COMMISSION = "tests/host/cli/commission/test_commission.py::"
+_COORDINATOR = "tests/host/coordination/test_coordinator.py::"
+
+PAINS = (
+    Pain(
+        ("micropython/micropython#15946",),
+        "Several boards are connected, and nobody can say which is which.",
+        "Serial ports are numbered as boards are found, anew each time.",
+        "mdms flash --list shows the serial number that each board has on the bus too, made of its "
+        "chip's own; mdms identify has one blink, and mdms commission asks for each in turn.",
+        (
+            f"{_FLASH}test_list_for_people_has_the_serial_number_of_the_bus_and_compares_versions",
+            f"{_COMMISSION}test_each_cell_blinks_and_a_key_says_where_it_is",
+        ),
+    ),
+    Pain(
+        ("Klipper3d/klipper#3902",),
+        "Two nodes have one id, and a command goes to the wrong one.",
+        "Ids were given by hand, or a board came from another table.",
+        "A cell asks before it takes its id and stays silent where somebody answers (0x8150); one "
+        "that meets a rival later switches its motors off. mdms commission gives each its own, by "
+        "serial numbers.",
+        (
+            "tests/both/test_claim.py::test_node_id_that_answers_is_not_taken_and_that_is_reported",
+            "tests/both/test_guard.py::test_rival_that_comes_later_switches_the_motors_off",
+            f"{_COMMISSION}test_two_cells_that_answer_under_one_node_id_both_get_their_own",
+        ),
+    ),
+    Pain(
+        ("mjbots/moteus#13",),
+        "Settings are gone after an update.",
+        "The tool restores them and does not have them stored, or the new firmware lays them out "
+        "otherwise.",
+        "mdms flash writes files of the firmware alone and leaves settings where they are; they "
+        "are stored object by object, so that a firmware with other objects reads them too. mdms "
+        "configure dump keeps them in a file; load --save writes, verifies and stores them again.",
+        (
+            f"{_FLASH}test_running_cell_is_stopped_flashed_and_runs_the_new_firmware",
+            "tests/both/test_store.py::"
+            "test_settings_survive_a_firmware_that_has_other_objects_besides",
+        ),
+    ),
+    Pain(
+        ("odriverobotics/ODrive#575",),
+        "An update reports success, the version stays as it was, and settings are not restored.",
+        "What was flashed was built with the version of before; success was taken from the "
+        "transfer.",
+        "The version comes from one module, which host and firmware share; mdms flash compares "
+        "every file on the board by SHA-256 before it reports success, and reads the version from "
+        "the board.",
+        (f"{_FLASH}test_command_flashes_the_real_firmware_onto_boards_at_once",),
+    ),
+    Pain(
+        ("Factor-Robotics/odrive_ros2_control#2",),
+        "After an update of one side nothing works, or wrongly.",
+        "Host and firmware speak different versions of a protocol that changes with each.",
+        "The protocol has a revision of its own (0x1018:3). A run refuses cells of another one by "
+        "name, before anything is written to any cell; a later one that only adds is taken.",
+        (
+            f"{_COORDINATOR}"
+            "test_cells_of_another_protocol_are_named_and_nothing_is_written_to_any_cell",
+            f"{_COORDINATOR}test_a_later_revision_of_the_same_protocol_is_taken",
+        ),
+    ),
+    Pain(
+        ("vedderb/bldc#836", "Arksine/katapult#111"),
+        "An update over the bus 'succeeds', and after the restart the old firmware runs.",
+        "All blocks were sent and answered, but what was received was not what is started: it was "
+        "never put in place, or was given up at the start.",
+        "An update by mdms flash --bus counts only once the cell has come up with it, has spoken "
+        "to the host and has passed its self-test; otherwise it goes back to the firmware of "
+        "before and says which one runs, and the update has failed. Bundles that are wrong, old, "
+        "cut short or another array's are refused with the reason.",
+        (
+            "tests/system/test_update.py::test_whole_firmware_comes_over_the_bus_and_stays",
+            "tests/system/test_update.py::test_firmware_that_crashes_makes_way_for_the_one_before",
+            "tests/system/test_update.py::"
+            "test_supply_may_fail_on_trial_and_the_firmware_before_comes_back",
+        ),
+    ),
+    Pain(
+        ("Klipper3d/klipper#214",),
+        "Everything stops with an error that names no cause.",
+        "Only the last link of the chain is reported.",
+        "A fault names cell, axis and error code with its words, and stays on the cell until it is "
+        "reset; mdms doctor has cause and cure for each.",
+        (
+            f"{_COORDINATOR}test_a_drive_that_trips_is_named_with_its_reason",
+            "tests/host/commissioning/test_status.py::"
+            "test_a_fault_from_before_is_named_with_its_words",
+        ),
+    ),
+    Pain(
+        ("Klipper3d/klipper#2900",),
+        "'Lost communication', for no apparent reason, hours into a job.",
+        "A supply that dips, or a computer that is held up: the bus is where it shows, not where "
+        "it comes from.",
+        "The end of a run says what was late, the computer, the bus or single cells; a dip of the "
+        "supply is an emergency of its own (0x3220), and mdms doctor shows cells whose supply is "
+        "low or uneven.",
+        (
+            "tests/host/coordination/test_operation.py::test_a_fault_names_what_was_held_up",
+            "tests/system/test_power.py::"
+            "test_coordinator_reports_a_lost_supply_and_stops_the_array",
+            "tests/system/test_doctor.py::test_each_fault_is_found_at_its_cell_and_nothing_else",
+        ),
+    ),
+    Pain(
+        ("hardbyte/python-can#2004",),
+        "'No buffer space available', at once, though a time-out was given.",
+        "The transmit queue of SocketCAN has room for ten frames, and a socket before it is always "
+        "ready to be written to.",
+        "Nothing to do: what does not find room is sent again for as long as a cycle takes, and "
+        "what never left is counted and reported. A longer queue helps too (ip link set can0 "
+        "txqueuelen 100).",
+        (
+            "tests/host/can_link/test_full_queue.py::"
+            "test_a_cycle_that_is_longer_than_socketcans_queue_goes_out_whole",
+            "tests/host/can_link/test_full_queue.py::"
+            "test_a_queue_that_stays_full_is_shown_and_is_no_dead_device",
+        ),
+    ),
+    Pain(
+        ("canopen-python/canopen#623",),
+        "A transfer is aborted (0x05040000) though the node has answered in time.",
+        "The answer came right behind a SYNC, and the reader lost it.",
+        "Nothing to do: frames have a reader of our own, which hands every one over in its order, "
+        "whatever comes before it.",
+        (
+            "tests/host/commissioning/test_network.py::"
+            "test_answers_right_behind_a_sync_are_all_received",
+        ),
+    ),
+    Pain(
+        ("CANopenNode/CanOpenSTM32#128",),
+        "A node that was bus off stays silent until it is switched off and on.",
+        "Controllers of the FDCAN kind do not leave bus-off by themselves: the program has to have "
+        "them begin again.",
+        "Nothing to do: a cell's motors are cut (0x8140), the bus is left alone for 100 ms, and "
+        "the controller is restarted until the bus is back; then the host takes the cell back.",
+        (
+            "tests/firmware/on_board_bus.py::test_bus_off_cuts_the_motors_and_the_bus_comes_back",
+            "tests/firmware/on_board_bus.py::test_bus_that_goes_off_again_is_tried_again_and_again",
+        ),
+    ),
+)

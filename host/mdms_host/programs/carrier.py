@@ -1,0 +1,96 @@
+"""What a program needs of whoever carries parcels for it."""
+
+from collections.abc import Collection, Mapping, Sequence
+from typing import Protocol
+
+from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.parcel import Parcel
+from mdms_host.motion.program import Steered
+from mdms_host.motion.trajectory.mass import Mass
+from mdms_host.programs.order import Gate, Order
+from mdms_model.arrays import Floats
+
+
+class Orders(Protocol):
+    """Whoever has parcels do what they are ordered to."""
+
+    def give(self, order: Order) -> None:
+        """Take an order in place of any other for its parcel."""
+        ...
+
+    def stop(self) -> None:
+        """Bring all parcels to rest, and hold them there."""
+        ...
+
+
+class Traffic(Orders, Protocol):
+    """Has parcels do what they are ordered to, without any getting into another's way."""
+
+    def step(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
+        """References of all wheels (W,) [m/s] for the next cycle."""
+        ...
+
+    @property
+    def speeds_m_s(self) -> Floats:
+        """How fast each wheel is to run under the references that were returned last, (W,)."""
+        ...
+
+    def take_left(self) -> list[str]:
+        """Parcels that have left the table since the last call."""
+        ...
+
+    def on_lost_cells(self, cells: frozenset[int]) -> None:
+        """These cells (from 1) are lost, and no others."""
+        ...
+
+    def know(self, parcel: Parcel, mass: Mass) -> None:
+        """There is to be another parcel."""
+        ...
+
+    def take_leaving(self) -> list[tuple[str, Gate]]:
+        """Parcels that have set out to leave since the last call, and through which gate."""
+        ...
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether all parcels are commanded to stand."""
+        ...
+
+    def take_notices(self) -> list[str]:
+        """What a person should learn, since the last call."""
+        ...
+
+    @property
+    def near(self) -> Collection[str]:
+        """Parcels about to arrive."""
+        ...
+
+    @property
+    def plan(self) -> object:
+        """The plan that is in effect: another object with each, None before the first."""
+        ...
+
+    @property
+    def steered(self) -> Mapping[str, Steered]:
+        """What follows each parcel that has been ordered to a place; the same mapping always."""
+        ...
+
+    @property
+    def under_way(self) -> Collection[str]:
+        """See `TableProgram`."""
+        ...
+
+    @property
+    def ways(self) -> Mapping[str, Floats]:
+        """See `TableProgram`."""
+        ...
+
+    @property
+    def due_in_s(self) -> Mapping[str, Floats]:
+        """See `TableProgram`."""
+        ...
+
+    @property
+    def reserved(self) -> Sequence[tuple[float, float, float, tuple[str, ...]]]:
+        """See `TableProgram`."""
+        ...

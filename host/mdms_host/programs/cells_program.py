@@ -1,0 +1,44 @@
+"""A program of many parcels on cells that steer them by themselves."""
+
+from collections.abc import Mapping, Sequence
+
+from mdms_host.estimation.belief import Belief
+from mdms_host.motion.by_cells.program import CellsProgram
+from mdms_host.programs.cells_traffic import CellsTraffic
+from mdms_host.programs.program import Main, Member, TableProgram
+from mdms_protocol.neighbours.messages import Estimate, Page
+
+
+class CellsTableProgram(TableProgram):
+    """The same as `TableProgram`, with goals for cells where that has references for wheels.
+
+    See `motion.by_cells.steering.ByCells`.
+    """
+
+    def __init__(
+        self,
+        main: Main,
+        half_m: tuple[float, float],
+        members: Sequence[Member],
+        traffic: CellsTraffic,
+        cells: CellsProgram,
+    ) -> None:
+        super().__init__(main, half_m, members, (), traffic)
+        self._cells = cells
+
+    def on_estimate(self, cell: int, estimate: Estimate, now_s: float) -> None:
+        """A cell (from 1) has sent its estimate."""
+        self._cells.on_estimate(cell, estimate, now_s)
+
+    def step(self, beliefs: Mapping[str, Belief], now_s: float, step_s: float) -> list[Page]:
+        """The pages to send now, given what is believed; once a cycle."""
+        self.references_m_s(beliefs, step_s)
+        return self._cells.step(beliefs, now_s, step_s)
+
+    def begin_again(self) -> None:
+        """Send every parcel's program anew, from where the parcel is; it was at rest meanwhile."""
+        self._cells.begin_again()
+
+    def ends(self) -> list[Page]:
+        """The pages that end all programs."""
+        return self._cells.ends()

@@ -1,0 +1,91 @@
+"""Orders carried out by cells that steer: the host plans, and sends goals as ways become free."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.parcel import Parcel
+from mdms_host.layout import Layout
+from mdms_host.motion.by_cells.followed import Followed
+from mdms_host.motion.by_cells.program import CellsProgram
+from mdms_host.motion.goal import Goal, Limits
+from mdms_host.motion.trajectory.mass import Mass
+from mdms_host.programs.legs import Legs
+from mdms_host.programs.order import Order
+from mdms_host.programs.planning import Desk
+from mdms_host.programs.ride import Load
+from mdms_host.programs.traffic import OrderedTraffic
+from mdms_host.routes.pace import TrapezoidPace
+from mdms_host.routes.planner import Planner
+from mdms_host.routes.route import Route
+from mdms_host.routes.space.tiles import Tiles
+from mdms_model.arrays import Floats
+
+#: A cell is promised to one parcel at a time, so that tiles are no smaller than cells.
+_TILES = 1
+#: A parcel asks for the cells that it reaches before it can stand: some mm beyond where it is to,
+#: and 4 mm around it.
+_CLEARANCE_M = 0.01
+_GAP_S = 0.2
+
+
+class CellsTraffic(OrderedTraffic[Legs]):
+    """Traffic by way of `cells`; see `carrier.Traffic`. No way leads over a lost cell."""
+
+    def __init__(
+        self,
+        layout: Layout,
+        desk: Desk,
+        loads: Mapping[str, Load],
+        cells: CellsProgram,
+        limits: Limits,
+    ) -> None:
+        pace = TrapezoidPace(limits.speed_m_s, limits.acceleration_m_s2)
+        planner = Planner(Tiles(layout, _TILES), pace, clearance_m=_CLEARANCE_M, gap_s=_GAP_S)
+        super().__init__(planner, desk, loads, over_lost=False)
+        self._cells = cells
+        self._limits = limits
+        self._still: Floats = np.zeros(len(layout.wheel_cells))
+
+    def know(self, parcel: Parcel, mass: Mass) -> None:
+        """There is to be another parcel."""
+        super().know(parcel, mass)
+        self._cells.add(parcel)
+
+    def on_lost_cells(self, cells: frozenset[int]) -> None:
+        """See `OrderedTraffic`."""
+        self._cells.on_lost_cells(cells)
+        super().on_lost_cells(cells)
+
+    def take_notices(self) -> list[str]:
+        """See `OrderedTraffic`."""
+        return super().take_notices() + self._cells.take_notices()
+
+    def step(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
+        """References of all wheels (W,): 0, for the host commands none."""
+        for name in self._rides.keys() - beliefs.keys():
+            # What is not found is not steered, and planned anew where it is found.
+            self._end_ride(name)
+        self._advance(beliefs, step_s)
+        for _, ride, belief, limit_m in self._under_way(beliefs):
+            ride.step(belief, step_s, limit_m)
+            if not ride.at_rest:
+                self._moved_s = self._now_s
+        return self._still
+
+    @property
+    def speeds_m_s(self) -> Floats:
+        """How fast each wheel is to run, (W,): what cells command is not known."""
+        return self._still
+
+    def _set_out(self, order: Order, route: Route) -> Legs:
+        def send(goal: Goal) -> Followed:
+            return self._cells.lead(order.parcel, goal)
+
+        load = self._loads[order.parcel]
+        return Legs(order, route, load, send, self._limits.acceleration_m_s2)
+
+    def _end_ride(self, name: str) -> None:
+        super()._end_ride(name)
+        self._cells.end(name)

@@ -1,0 +1,186 @@
+"""Has plans made for those that stand and are to go somewhere, and gives them their routes."""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from mdms_host.programs.order import Gate, Order
+from mdms_host.programs.planning import Desk
+from mdms_host.programs.ride import Load
+from mdms_host.programs.timetable import Timetable
+from mdms_host.programs.whereabouts import Whereabouts, shape_of
+from mdms_host.routes.errand import Task
+from mdms_host.routes.planner import Plan, Planner
+from mdms_host.routes.route import Route
+from mdms_host.routes.space.shape import Shape
+from mdms_model.arrays import Bools, Floats, Ints
+
+#: A parcel that leaves is taken so soon after it has come to the end of its route [s].
+_LEAVES_S = 0.3
+#: How far beyond the last support its route ends [m]: before it, for it has wheels there.
+_OUT_M = -0.01
+#: A move that is planned for practice [m], with so little of a turn [rad].
+_LITTLE_M, _LITTLE_RAD = 0.1, 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class KeptFree:
+    """A place that is kept free by all that does not lie there, as if something of a shape did."""
+
+    name: str
+    pose: Floats
+    shape: Shape
+
+
+class Dispatch:
+    """Between orders and the planner: `blocked` is who has no way by the last plan, and why.
+
+    Ways lead around lost cells, or `over_lost` ones if more parcels have a way then.
+    """
+
+    def __init__(
+        self,
+        planner: Planner,
+        desk: Desk,
+        loads: Mapping[str, Load],
+        whereabouts: Whereabouts,
+        timetable: Timetable,
+        *,
+        kept_free: Sequence[KeptFree] = (),
+        over_lost: bool = True,
+    ) -> None:
+        self.blocked: dict[str, str] = {}
+        self._planner = planner
+        self._desk = desk
+        self._loads = loads
+        self._where = whereabouts
+        self._timetable = timetable
+        self._kept_free_places = kept_free
+        self._over_lost = over_lost
+        self._closed: Bools = np.zeros(planner.tiles.count, dtype=bool)
+        #: Tiles that were closed after the plan that is being made was asked for.
+        self._closed_since: Bools = self._closed.copy()
+        #: Who was asked for in that plan, by order.
+        self._asked: dict[str, Order] = {}
+        if desk.real_time:
+            self._prepare()
+
+    def _prepare(self) -> None:
+        """Have the planner work out once what it needs for every kind of parcel."""
+        for shape in dict.fromkeys(map(shape_of, self._loads.values())):
+            for yaw_rad in (_LITTLE_RAD, -_LITTLE_RAD):
+                start, goal = np.array([0.0, 0.0, yaw_rad]), np.array([_LITTLE_M, 0.0, yaw_rad])
+                self._planner.plan([Task("any", shape, start[None, :], goal)])
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a plan is being made."""
+        return self._desk.is_busy
+
+    def close(self, cells: Collection[int]) -> Ints:
+        """These cells (from 1) are lost, and no others; the tiles that were open until now."""
+        closed = np.zeros_like(self._closed)
+        for cell in cells:
+            closed[self._planner.tiles.of_cell(cell)] = True
+        newly = closed & ~self._closed
+        self._closed = closed
+        self._closed_since |= newly
+        return np.flatnonzero(newly)
+
+    def take(self) -> Iterator[tuple[Order, Route]]:
+        """The routes of a plan that has just become ready, but for those that it does not suit.
+
+        A way over cells that were lost while it was made is none.
+        """
+        plan = self._desk.take()
+        if plan is None:
+            return
+        self._timetable.begin(plan)
+        asked, self._asked, self.blocked = self._asked, {}, {}
+        late = np.flatnonzero(self._closed_since)
+        for name, order in asked.items():
+            if order.over:
+                continue
+            if name in plan.blocked:
+                self.blocked[name] = str(plan.blocked[name])
+            elif not plan.routes[name].meets(late):
+                yield order, plan.routes[name]
+
+    def ask(
+        self, wanting: Mapping[str, Order], riding_m: Mapping[str, float], now_s: float
+    ) -> None:
+        """Have a plan made for those of `wanting`, around all that ride.
+
+        `riding_m` is how far these have come on their routes.
+        """
+        self._asked = dict(wanting)
+        self._closed_since[:] = False
+        self._timetable.asked()
+        plan = self._timetable.plan
+        kept = {} if plan is None else self._planner.kept(plan, riding_m, now_s)
+        under = self._where.under()
+        near = self._too_near(under)
+        tasks = [*self._tasks(riding_m.keys() | near), *self._kept_free(under.values())]
+        never = np.zeros_like(self._closed)
+        for name in near:
+            never[under[name]] = True
+        self._desk.ask(partial(self._planned, tasks, now_s, kept, never, self._closed.copy()))
+
+    def _planned(
+        self, tasks: list[Task], now_s: float, kept: dict[str, Route], never: Bools, lost: Bools
+    ) -> Plan:
+        """A plan around the tiles of lost cells; see above."""
+        plan = self._planner.plan(tasks, now_s, closed=never | lost, kept=kept)
+        if plan.blocked and self._over_lost and lost.any():
+            over = self._planner.plan(tasks, now_s, closed=never, kept=kept)
+            return over if len(over.blocked) < len(plan.blocked) else plan
+        return plan
+
+    def _too_near(self, under: Mapping[str, Ints]) -> set[str]:
+        """What is unknown and may reach to where a parcel is, which is to get away from there.
+
+        Its outline contains it, and more: that a parcel stands there shows that it does not.
+        """
+        mine = [tiles for name, tiles in under.items() if name in self._loads]
+        taken = np.concatenate(mine) if mine else np.zeros(0, dtype=np.intp)
+        return {
+            name
+            for name, tiles in under.items()
+            if name not in self._loads and np.isin(tiles, taken).any()
+        }
+
+    def _tasks(self, others: Collection[str]) -> Iterator[Task]:
+        """All that stands, but for some others, with the goals of those that are to go."""
+        for name, pose in self._where.places.items():
+            shape = self._where.shape(name)
+            if name not in others and shape is not None:
+                goal, leaves = self._goal(name, pose)
+                yield Task(name, shape, pose[None, :], goal, leaves, _LEAVES_S)
+
+    def _kept_free(self, under: Collection[Ints]) -> Iterator[Task]:
+        """Places that are kept free for what comes, of those that nothing is on."""
+        for free in self._kept_free_places:
+            kept = self._planner.stand(free.shape, free.pose)
+            if not any(np.isin(kept, tiles).any() for tiles in under):
+                yield Task(free.name, free.shape, free.pose[None, :])
+
+    def _goal(self, name: str, pose: Floats) -> tuple[Floats | None, bool]:
+        """Where a parcel is to go by the plan, and whether it leaves there."""
+        order = self._asked.get(name)
+        if order is None:
+            return None, False
+        if isinstance(order.goal, Gate):
+            return self._way_out(name, order.goal, pose), True
+        yaw_rad = float(pose[2]) if order.goal.yaw_rad is None else order.goal.yaw_rad
+        return np.array([order.goal.x_m, order.goal.y_m, yaw_rad]), False
+
+    def _way_out(self, name: str, gate: Gate, pose: Floats) -> Floats:
+        """The end of a route over a gate: as near to straight ahead as the stretch is wide."""
+        corners_m = self._loads[name].bottom.outline_m(np.array([0.0, 0.0, pose[2]]))
+        axis = 1 - gate.outward[0]
+        half_m = float(abs(corners_m[:, axis]).max())
+        low_m, high_m = gate.from_m + half_m, gate.to_m - half_m
+        along_m = gate.middle_m if low_m > high_m else min(max(float(pose[axis]), low_m), high_m)
+        return np.array([*gate.place_m(_OUT_M, along_m), float(pose[2])])

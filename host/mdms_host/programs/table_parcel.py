@@ -1,0 +1,78 @@
+"""Parcels as a program sees them: those on the table, and those that it draws itself."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from mdms_host.estimation.belief import Belief
+
+
+class ProgramError(RuntimeError):
+    """What a program asks for cannot be, or has not come to be: one line for a person."""
+
+
+class TableParcel:
+    """A parcel on the table, by the `name` that it is called by until it has left.
+
+    Its `kind`, `length_m` and `width_m` are as given; `is_round` is whether it is a disc,
+    `has_left` whether it has left.
+    """
+
+    def __init__(self, name: str, kind: str, length_m: float, width_m: float, shape: str) -> None:
+        self.name = name
+        self.kind = kind
+        self.length_m = length_m
+        self.width_m = width_m
+        self.is_round = shape == "disc"
+        self._belief: Belief | None = None
+        self.has_left = False
+
+    def __repr__(self) -> str:
+        return f"<parcel {self.name}>"
+
+    @property
+    def found(self) -> bool:
+        """Whether it is known where it is."""
+        return self._belief is not None
+
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        """Where it is believed to be: x, y, yaw [m, m, rad; table frame]. Raises ProgramError."""
+        if self._belief is None:
+            raise ProgramError(f"{self.name} is not on the table, or has not been found")
+        x_m, y_m, yaw_rad = self._belief.pose.tolist()
+        return x_m, y_m, yaw_rad
+
+    def see(self, belief: Belief | None) -> None:
+        """Take in what is believed of it now."""
+        self._belief = belief
+
+
+@dataclass(frozen=True, slots=True)
+class Newcomer:
+    """A parcel that nobody has drawn before, by the name that it is to be called by.
+
+    Without a size that of what sensors show is taken. `mass_kg` None is one that is not known.
+    """
+
+    name: str
+    length_m: float | None = None
+    width_m: float | None = None
+    shape: str = "rectangle"
+    kind: str = ""
+    mass_kg: float | None = None
+
+
+class Newcomers(Protocol):
+    """Whoever finds parcels that a program announces or names; see `newcomers`."""
+
+    def announce(self, newcomer: Newcomer, near_m: tuple[float, float] | None) -> None:
+        """Expect a parcel, near a place or anywhere. Raises ProgramError."""
+        ...
+
+    def name(self, unknown: str, newcomer: Newcomer) -> None:
+        """Take something unknown for a parcel. Raises ProgramError."""
+        ...
+
+    def give_up(self, name: str) -> None:
+        """Expect a parcel no more, which has not been found."""
+        ...

@@ -1,0 +1,80 @@
+"""Orders carried out by the host: it sets every wheel, and each parcel follows its trajectory."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from mdms_host.estimation.belief import Belief
+from mdms_host.motion.carrying import Carrying
+from mdms_host.motion.trajectory.follower import Carried
+from mdms_host.motion.trajectory.grip import Grip
+from mdms_host.motion.trajectory.traction import Traction
+from mdms_host.programs.dispatch import KeptFree
+from mdms_host.programs.order import Order
+from mdms_host.programs.planning import Desk
+from mdms_host.programs.ride import Load, Ride
+from mdms_host.programs.traffic import OrderedTraffic
+from mdms_host.routes.pace import Pace
+from mdms_host.routes.planner import Planner
+from mdms_host.routes.route import Route
+from mdms_host.routes.space.tiles import Tiles
+from mdms_model.arrays import Floats
+
+#: Tiles along a cell's side: the finer, the nearer parcels may pass each other. Places that ways
+#: lead over are so many tiles apart.
+_TILES, _STEP = 4, 2
+#: Outlines are planned so much larger on all sides [m], and so much apart in time [s].
+_CLEARANCE_M = 0.008
+_GAP_S = 0.1
+
+
+class TableTraffic(OrderedTraffic[Ride]):
+    """Traffic on the wheels of `traction`; see `carrier.Traffic`."""
+
+    def __init__(
+        self,
+        traction: Traction,
+        pace: Pace,
+        desk: Desk,
+        loads: Mapping[str, Load],
+        *,
+        kept_free: Sequence[KeptFree] = (),
+    ) -> None:
+        tiles = Tiles(traction.layout, _TILES)
+        planner = Planner(tiles, pace, clearance_m=_CLEARANCE_M, step=_STEP, gap_s=_GAP_S)
+        super().__init__(planner, desk, loads, kept_free=kept_free)
+        self._traction = traction
+        self._carrying = Carrying(traction.layout, traction.drives)
+        self._grips: dict[str, Grip] = {}
+
+    def on_lost_cells(self, cells: frozenset[int]) -> None:
+        """See `OrderedTraffic`; their wheels drag."""
+        self._traction.lose(cells)
+        super().on_lost_cells(cells)
+
+    def step(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
+        """References of all wheels (W,) [m/s] for the next cycle."""
+        self._advance(beliefs, step_s)
+        carried = dict(self._drive(beliefs, step_s))
+        if carried:
+            self._moved_s = self._now_s
+        return self._carrying.references_m_s(carried, self._where.outlines, self._where.places)
+
+    @property
+    def speeds_m_s(self) -> Floats:
+        """How fast each wheel is to run under the references that were returned last, (W,)."""
+        return self._carrying.speeds_m_s
+
+    def _set_out(self, order: Order, route: Route) -> Ride:
+        grip = self._grips.setdefault(order.parcel, Grip())
+        return Ride(order, route, self._loads[order.parcel], self._traction, grip)
+
+    def _remove(self, name: str) -> None:
+        super()._remove(name)
+        self._grips.pop(name, None)
+
+    def _drive(self, beliefs: Mapping[str, Belief], step_s: float) -> Iterator[tuple[str, Carried]]:
+        """How each parcel that is under way is carried."""
+        for name, ride, belief, limit_m in self._under_way(beliefs):
+            room = belief.feel_rad is not None and self._where.has_room(name)
+            carried = ride.step(belief, step_s, limit_m, room)
+            if carried is not None:
+                yield name, carried

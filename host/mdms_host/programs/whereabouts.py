@@ -1,0 +1,126 @@
+"""Where parcels are, or were last, and what lies where nobody planned for it."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+
+from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_host.motion.contact import has_room
+from mdms_host.programs.ride import Load
+from mdms_host.routes.route import Route
+from mdms_host.routes.space.shape import Shape
+from mdms_model.arrays import Floats, Ints
+
+#: A parcel stops so far before an obstacle's tiles, for it is to find a way from there [m].
+_SHORT_M = 0.01
+#: An obstacle that has moved by less is where it was [m, m, rad].
+_SAME = 2e-3
+
+Stand = Callable[[Shape, Floats], Ints]
+
+
+@dataclass(frozen=True, slots=True)
+class Obstacle:
+    """Something that lies where the plan has nothing: its place, and the tiles under it."""
+
+    place: Floats
+    shape: Shape
+    tiles: Ints
+
+
+class Whereabouts:
+    """All that is believed to lie on the table; parcels whose loads are known, and anything else.
+
+    `places` are poses by name. Of a parcel that is not believed anywhere that is where it was last;
+    what is unknown lies only where it is seen. `stand` is which tiles a shape takes at a pose.
+    """
+
+    def __init__(self, loads: Mapping[str, Load], stand: Stand) -> None:
+        self.places: dict[str, Floats] = {}
+        self._loads = loads
+        self._stand = stand
+        self._shapes = {
+            name: Shape(load.bottom, load.mass.centre_m) for name, load in loads.items()
+        }
+        self._beliefs: Mapping[str, Belief] = {}
+        self._seen_s: dict[str, float] = {}
+        self._obstacles: dict[str, Obstacle] = {}
+
+    def see(self, beliefs: Mapping[str, Belief], now_s: float) -> None:
+        """Take in what is believed now."""
+        self._beliefs = beliefs
+        self.places = {
+            name: place for name, place in self.places.items() if name in self._loads
+        } | {name: belief.pose for name, belief in beliefs.items()}
+        for name in beliefs:
+            self._seen_s[name] = now_s
+
+    def drop(self, name: str) -> None:
+        """Something is no longer on the table."""
+        self.places.pop(name, None)
+        self._seen_s.pop(name, None)
+        self._obstacles.pop(name, None)
+
+    def seen_s(self, name: str) -> float:
+        """When something was believed to be anywhere last [s]; 0 for never."""
+        return self._seen_s.get(name, 0.0)
+
+    @property
+    def outlines(self) -> dict[str, Bottom]:
+        """The outline of everything that has a place."""
+        return {
+            name: self._beliefs[name].outline if name in self._beliefs else self._loads[name].bottom
+            for name in self.places
+        }
+
+    def shape(self, name: str) -> Shape | None:
+        """The shape of a parcel, or of something unknown as far as it may reach, if it is seen."""
+        if name in self._loads:
+            if name not in self._shapes:
+                self._shapes[name] = shape_of(self._loads[name])
+            return self._shapes[name]
+        return Shape(self._beliefs[name].outline) if name in self._beliefs else None
+
+    def under(self) -> dict[str, Ints]:
+        """The tiles under each thing that lies on the table."""
+        lying = ((name, self.shape(name), place) for name, place in self.places.items())
+        return {
+            name: self._stand(shape, place) for name, shape, place in lying if shape is not None
+        }
+
+    def has_room(self, name: str) -> bool:
+        """Whether a parcel may turn where it is without coming near any other."""
+        return has_room(name, self.places, self.outlines)
+
+    def find_obstacles(self, is_planned: Callable[[str, Floats], bool]) -> None:
+        """Find what lies where the plan has nothing."""
+        kept, self._obstacles = self._obstacles, {}
+        for name, place in self.places.items():
+            if is_planned(name, place):
+                continue
+            before = kept.get(name)
+            if before is not None and np.abs(before.place - place).max() < _SAME:
+                self._obstacles[name] = before
+            elif (shape := self.shape(name)) is not None:
+                self._obstacles[name] = Obstacle(place, shape, self._stand(shape, place))
+
+    def free_m(self, name: str, route: Route, progress_m: float) -> float:
+        """Up to where a parcel's route is free of obstacles, from where it has come to [m].
+
+        It may leave tiles that it stood on at the beginning: the route leads away from there.
+        """
+        visits, free_m = route.visits, inf
+        ahead = (visits.leaves_m > progress_m) & (visits.enters_m > 0.0)
+        for other, obstacle in self._obstacles.items():
+            if other != name:
+                met = ahead & np.isin(visits.tile, obstacle.tiles)
+                free_m = min(free_m, float(visits.enters_m[met].min(initial=inf)) - _SHORT_M)
+        return free_m
+
+
+def shape_of(load: Load) -> Shape:
+    """The shape that a load is planned with."""
+    return Shape(load.bottom, load.mass.centre_m)

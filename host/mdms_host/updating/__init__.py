@@ -1,0 +1,1 @@
+"""Firmware over the bus: bundles, and how they get into cells."""

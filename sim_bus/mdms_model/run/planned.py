@@ -1,0 +1,33 @@
+"""What was planned at a time of a run."""
+
+from bisect import bisect_right
+from collections.abc import Mapping
+from operator import attrgetter
+
+import numpy as np
+
+from mdms_model.arrays import Floats
+from mdms_model.run.record import Plan, Record
+from mdms_model.scenario.scenario import Scenario, goal_of
+
+
+def plan_at(record: Record, time_s: float) -> Plan | None:
+    """The plan that took effect last; None before the first."""
+    count = bisect_right(record.plans, time_s, key=attrgetter("time_s"))
+    return record.plans[count - 1] if count else None
+
+
+def goals_at(scenario: Scenario, record: Record, time_s: float) -> Mapping[str, Floats]:
+    """Goals by parcel, poses (3,), the yaw NaN where any will do.
+
+    Where nothing was planned they are those of the scenario.
+    """
+    if record.plans:
+        plan = plan_at(record, time_s)
+        return {} if plan is None else plan.goals
+    goals = {parcel.name: goal_of(scenario, parcel) for parcel in scenario.parcel}
+    return {
+        name: np.array([goal.x_m, goal.y_m, goal.yaw_rad])
+        for name, goal in goals.items()
+        if goal is not None
+    }

@@ -1,0 +1,1 @@
+"""Maps of fields, and plans of squeezes."""

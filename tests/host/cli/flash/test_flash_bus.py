@@ -1,0 +1,178 @@
+"""`mdms flash --bus` and the key of `mdms commission`, on firmware cells in virtual time."""
+
+import json
+from contextlib import contextmanager
+
+import pytest
+from tests.virtual_array import StandingArray, virtual_time
+
+from mdms_host.cli import main
+from mdms_host.cli.exits import Exit
+from mdms_host.clock import MonotonicClock
+from mdms_host.commissioning.network import Commissioning
+from mdms_host.updating.bundles import sign
+from mdms_host.updating.key_file import make_key, read_key
+from mdms_protocol import nmt
+from mdms_protocol.update import codes
+from mdms_protocol.version import VERSION
+from mdms_sim.nodes.python_bank import PythonBank
+from mdms_sim.nodes.virtual_board import VirtualBoard
+
+PACKED = b"\x00\x20\x00\x00" + bytes([number * 13 & 0xFF for number in range(2000)])
+OTHER = b"\x00\x10\x00\x00" + bytes([number * 17 & 0xFF for number in range(1500)])
+
+
+@pytest.fixture
+def cells():
+    """Three cells whose wheels stand, in virtual time."""
+    with virtual_time(StandingArray(PythonBank((1, 2, 3)), 3)) as ready:
+        yield ready
+
+
+@pytest.fixture
+def firmware(monkeypatch):
+    """What is compiled for the cells, which run the same code whatever it is."""
+
+    def use(packed):
+        monkeypatch.setattr("mdms_host.updating.bundles.packed_firmware", lambda bytecode: packed)
+
+    use(PACKED)
+    return use
+
+
+@pytest.fixture
+def flash(cells, tmp_path, firmware, capsys):
+    """Runs the verb in a folder with an array's key; exit code, JSON, and what it says."""
+    make_key(tmp_path / "array.key")
+
+    def run(*arguments, key=tmp_path / "array.key"):
+        bus = ("-i", "virtual", "--json", "--key", str(key))
+        code = main(["flash", "--bus", *map(str, arguments), *bus])
+        printed = capsys.readouterr()
+        return code, json.loads(printed.out or "{}"), printed.err
+
+    return run
+
+
+@pytest.fixture
+def commissioned(tmp_path, flash, capsys):
+    """Runs `mdms commission` with the array's key."""
+    listed = tmp_path / "list.txt"
+    listed.write_text("00000001\n00000002\n00000003\n")
+
+    def run(key=tmp_path / "array.key"):
+        arguments = ["--list", listed, "--columns", 3, "--rows", 1, "--yes", "--force"]
+        arguments += ["--out", tmp_path / "array.toml", "--key", key]
+        code = main(["commission", *map(str, arguments), "-i", "virtual"])
+        printed = capsys.readouterr()
+        return code, printed.out + printed.err
+
+    return run
+
+
+def test_cells_get_the_key_and_then_firmware(commissioned, flash, firmware, tmp_path, capsys):
+    code, printed = commissioned()
+    assert code == Exit.OK
+    assert printed.count("has the update key") == 3
+    code, told, _ = flash("--save", tmp_path / "first.mdmb")
+    assert code == Exit.OK
+    assert [(row["node"], row["updated"], row["problem"]) for row in told["cells"]] == [
+        (node, True, None) for node in (1, 2, 3)
+    ]
+    assert told["frames"] > 3 * len(PACKED) / 7
+    assert told["restarted"] == 0
+    # The same again is nothing to do, and what was used before is refused.
+    code, told, _ = flash()
+    assert (code, told["frames"]) == (Exit.OK, 0)
+    firmware(OTHER)
+    assert flash()[0] == Exit.OK
+    code, told, said = flash("--bundle", tmp_path / "first.mdmb")
+    assert code == Exit.NODE_FAULT
+    assert "has been used before" in said
+    assert not any(row["updated"] for row in told["cells"])
+    # Signed anew it may come back, though it were older.
+    code, told, _ = flash("--bundle", tmp_path / "first.mdmb", "--allow-older")
+    assert (code, told["cells"][0]["updated"]) == (Exit.OK, True)
+    code, told, _ = flash("--list")
+    assert {row["counter"] for row in told["cells"]} == {3}
+
+
+def test_cells_without_the_key_or_with_another_refuse(commissioned, flash, tmp_path):
+    code, _, said = flash()
+    assert code == Exit.NODE_FAULT
+    assert "node 1: it has no update key" in said
+    assert commissioned()[0] == Exit.OK
+    other = tmp_path / "other.key"
+    make_key(other)
+    code, _, said = flash(key=other)
+    assert code == Exit.NODE_FAULT
+    assert "another array's key" in said
+    code, printed = commissioned(key=other)
+    assert code == Exit.NODE_FAULT
+    assert "mpremote fs rm :update.key" in printed
+
+
+def test_key_that_is_not_there_is_made_by_commissioning_alone(commissioned, flash, tmp_path):
+    code, _, said = flash(key=tmp_path / "new.key")
+    assert (code, "new.key: No such file" in said) == (Exit.USAGE, True)
+    code, printed = commissioned(key=tmp_path / "new.key")
+    assert code == Exit.OK
+    assert "out of version control" in printed
+    assert len(read_key(tmp_path / "new.key")) == codes.KEY_SIZE
+    assert flash(key=tmp_path / "new.key")[0] == Exit.OK
+
+
+def test_board_without_room_is_refused_by_name(flash, monkeypatch):
+    monkeypatch.setattr(VirtualBoard, "number", codes.PYBV11)
+    monkeypatch.setattr(VirtualBoard, "slots_room", lambda self: 0)
+    with Commissioning(None, MonotonicClock()) as bus:
+        for node in (1, 2, 3):
+            bus.write(node, 0x1F51, 1, codes.RESET)
+    code, told, said = flash()
+    assert code == Exit.NODE_FAULT
+    assert "PYBv1.1 has no room for a second firmware beside the first; USB it is" in said
+    assert told["frames"] == 0
+
+
+def test_cells_that_may_drive_are_left_alone(flash):
+    with Commissioning(None, MonotonicClock()) as bus:
+        bus.command(nmt.START, 2)
+    code, _, said = flash()
+    assert code == Exit.NODE_FAULT
+    assert "mdms stop" in said
+
+
+def test_file_that_is_no_bundle_or_not_whole_is_refused(flash, tmp_path):
+    path = tmp_path / "bundle.mdmb"
+    path.write_bytes(b"#!/bin/sh\n")
+    code, _, said = flash("--bundle", path)
+    assert (code, "not a bundle" in said) == (Exit.USAGE, True)
+    whole = sign(PACKED, bytes(32), 1, VirtualBoard.bytecode).data
+    path.write_bytes(whole[:-1])
+    code, _, said = flash("--bundle", path)
+    assert (code, "not whole" in said) == (Exit.USAGE, True)
+
+
+def test_each_bar_is_seen_to_go_to_its_end(commissioned, flash, monkeypatch):
+    shares = {}
+
+    @contextmanager
+    def bars(names):
+        shares.update(dict.fromkeys(names, 0.0))
+        yield lambda name, share: shares.update({name: max(share, shares[name])})
+
+    monkeypatch.setattr("mdms_host.cli.flash.flash_bus.bars", bars)
+    commissioned()
+    assert flash()[0] == Exit.OK
+    assert shares == {"node 1": 1.0, "node 2": 1.0, "node 3": 1.0}
+
+
+def test_dry_run_sends_nothing(flash):
+    code, told, _ = flash("--dry-run")
+    assert (code, told["frames"]) == (Exit.OK, 0)
+    assert {row["wanted"] for row in told["cells"]} == {VERSION}
+
+
+def test_options_of_the_bus_go_with_it(capsys):
+    assert main(["flash", "--key", "array.key"]) == Exit.USAGE
+    assert "--key goes with --bus" in capsys.readouterr().err

@@ -1,0 +1,58 @@
+"""The reference of scenarios has every key that is checked, with its limits and a meaning."""
+
+import dataclasses
+
+import pytest
+
+from mdms_host.cli.reference.keys import keys_of, list_in
+from mdms_host.cli.reference.scenario_page import text
+from mdms_model.scenario.fault import FAULTS, Fault
+from mdms_model.scenario.motion import Motion, Region
+from mdms_model.scenario.scenario import (
+    Array,
+    Cell,
+    Goal,
+    Parcel,
+    Patch,
+    Run,
+    Scenario,
+    Wheel,
+    Wire,
+)
+from mdms_model.scenario.stream import Exit, Stream
+from mdms_model.scenario.task import TASKS, Task
+
+TABLES = (Array, Cell, Exit, Fault, Goal, Motion, Parcel, Patch, Region, Run, Scenario, Stream)
+
+
+@pytest.mark.parametrize("kind", [*TABLES, Task, Wheel, Wire], ids=lambda kind: kind.__name__)
+def test_every_key_of_a_table_has_one_line_of_meaning(kind):
+    keys = keys_of(kind)
+    assert [key.name for key in keys] == [f"`{each.name}`" for each in dataclasses.fields(kind)]
+    lacking = [key.name for key in keys if not key.meaning.endswith(".") or "\n" in key.meaning]
+    assert lacking == []
+    assert not [key for key in keys if "|" in key.meaning]
+
+
+@pytest.mark.parametrize(("kind", "names"), [(Fault, FAULTS), (Task, TASKS)])
+def test_every_kind_of_fault_and_task_is_in_the_list(kind, names):
+    listed = [line.split("`")[1] for line in list_in(kind).splitlines() if line.startswith("- ")]
+    assert {*listed} == {*names}
+
+
+def test_a_row_says_what_the_check_says():
+    rows = {key.name: tuple(key) for key in keys_of(Run)}
+    assert rows["`duration_s`"][1:5] == ("number", "s", "> 0, <= 100000", "20")
+    assert rows["`fidelity`"][1:5] == ("text", "", "`row`, `ideal`, `firmware`", "`row`")
+    rows = {key.name: tuple(key) for key in keys_of(Cell)}
+    assert rows["`wheel`"][1:5] == ("list of tables", "", "1 to 3 items", "1 with its defaults")
+    assert rows["`current_limit_a`"][1:5] == ("number", "A", "> 0, <= 1000000", "none")
+    assert rows["`damping_nms`"][4] == "3.5e-06"
+    assert {key.name: key.default for key in keys_of(Array)}["`columns`"] == "required"
+
+
+def test_every_table_of_the_scenario_has_its_section():
+    page = text()
+    assert all(f"`[{name}]`" in page for name in ("array", "cell", "motion", "run", "wire"))
+    for name in ("parcel", "patch", "fault", "stream", "exit", "task", "cell.wheel"):
+        assert f"`[[{name}]]`" in page

@@ -1,0 +1,32 @@
+"""Events are listed in the order of their times, with what can be done about each."""
+
+from mdms_host.page.shown.events import KEPT, EventList, event_of, events_of
+from mdms_model.run.record import Event
+
+
+def test_events_of_several_sources_are_in_the_order_of_their_times():
+    events = EventList()
+    events.add([event_of(2.0, "coordinator", "running")])
+    events.add([event_of(1.5, "fault", "off begins"), event_of(2.0, "page", "stop all")])
+    (message,) = events.take_message()
+    assert [event["text"] for event in message["events"]] == ["off begins", "running", "stop all"]
+    assert events.take_message() == []
+    assert events.story()["events"] == message["events"]
+
+
+def test_who_comes_late_gets_the_last_of_them():
+    events = EventList()
+    events.add([event_of(number / 10, "page", f"{number}") for number in range(KEPT + 5)])
+    assert len(events.take_message()[0]["events"]) == KEPT + 5
+    kept = events.story()["events"]
+    assert (len(kept), kept[-1]["text"]) == (KEPT, f"{KEPT + 4}")
+
+
+def test_what_can_be_helped_says_how_and_is_a_trouble():
+    tip = Event(1.0, "tip", "the supports no longer hold its centre of mass", parcel="box")
+    (shown,) = events_of([tip])
+    assert shown["text"] == "box: the supports no longer hold its centre of mass"
+    assert "Lift the parcel" in shown["advice"]
+    assert shown["trouble"]
+    (shown,) = events_of([Event(1.0, "fault", "off begins", cell=3)])
+    assert (shown["cell"], "trouble" in shown, "advice" in shown) == (3, False, False)

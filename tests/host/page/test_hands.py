@@ -1,0 +1,175 @@
+"""What hands do in a browser is what the table is asked for, and what it shows can be read."""
+
+import time
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import expect
+from tests.host.page.bench import OpenPage, StillTable
+from tests.host.page.window import IN_A_BROWSER, WITHIN_S, drag, place_of, wait_until
+
+from mdms_host.page import commands
+from mdms_host.page.commands import Command
+from mdms_model.scenario.fault import Fault
+
+pytestmark = IN_A_BROWSER
+
+
+@pytest.fixture
+def still() -> Iterator[tuple[StillTable, str]]:
+    """A table that only writes down what it is asked for, and the address of its page."""
+    table = StillTable()
+    opened = OpenPage(table)
+    yield table, opened.page.address
+    opened.close()
+
+
+def wait_for_commands(page, table: StillTable, count: int) -> None:
+    end_s = time.monotonic() + WITHIN_S
+    while len(table.done) < count:
+        assert time.monotonic() < end_s, table.done
+        page.wait_for_timeout(20)
+
+
+def asked(page, table: StillTable) -> Command:
+    """The one command that has come, or comes."""
+    wait_for_commands(page, table, 1)
+    (command,) = table.done
+    table.done.clear()
+    return command
+
+
+def test_every_hand_asks_for_what_it_does(still, open_page):
+    table, address = still
+    page = open_page(address)
+    box = place_of(page, -0.15, 0.04)
+    beside = place_of(page, -0.05, 0.08)
+    page.click("[data-tool=push]")
+    drag(page, box, beside)
+    push = asked(page, table)
+    assert push.fault.kind == "push"
+    assert push.fault.impulse_n_s == pytest.approx((0.5, 0.2), abs=0.02)
+    page.click("[data-tool=goal]")
+    page.mouse.click(*box)
+    assert page.input_value("[name='x [mm]']") == "-150"
+    page.fill("[name='x [mm]']", "50")
+    page.fill("[name='yaw [°]']", "")
+    page.click("text=Set goal")
+    assert asked(page, table) == commands.Goal("box", 0.05, 0.0)
+    page.click("text=Lift >> nth=1")
+    assert asked(page, table) == commands.BeginFault(Fault("lift", parcel="box"))
+    page.mouse.click(*place_of(page, -0.3175, 0.127))
+    for text, fault in (
+        ("Hang", Fault("hang", cells=(13,))),
+        ("Sensors stuck free", Fault("sensor_stuck", cells=(13,), covered=False)),
+        ("Cut off the bus", Fault("cut", cells=(13,))),
+    ):
+        page.click(f"text={text}")
+        assert asked(page, table) == commands.BeginFault(fault)
+    page.click("#tab-faults")
+    page.fill("[name=cells]", "3, 4")
+    page.click("#fault-form button")
+    assert asked(page, table) == commands.BeginFault(Fault("loss", cells=(3, 4), probability=0.1))
+    page.click("#pause")
+    assert asked(page, table) == commands.Pause()
+    page.click("#step")
+    assert asked(page, table) == commands.Step()
+    page.select_option("#speed", "0.25")
+    assert asked(page, table) == commands.Speed(0.25)
+    # A choice that has been made does not swallow the space bar.
+    page.keyboard.press("Space")
+    assert asked(page, table) == commands.StopAll()
+
+
+def test_table_is_zoomed_and_panned_by_wheel_hand_and_keys(still, open_page):
+    _, address = still
+    page = open_page(address)
+    before = page.evaluate("[page.view.scale, page.view.x, page.view.y]")
+    page.mouse.move(*place_of(page, 0.0, 0.0))
+    page.mouse.wheel(0, -300)
+    wait_until(page, "before => page.view.scale > 1.3 * before[0]", before)
+    # What is under the pointer stays there.
+    assert page.evaluate("[page.view.x, page.view.y]") == pytest.approx(before[1:], abs=1e-3)
+    drag(page, place_of(page, 0.0, 0.15), place_of(page, -0.1, 0.15))
+    assert page.evaluate("page.view.x") == pytest.approx(0.1, abs=0.01)
+    page.focus("#table")
+    page.keyboard.press("ArrowUp")
+    assert page.evaluate("page.view.y") > before[2]
+    page.keyboard.press("0")
+    assert page.evaluate("[page.view.scale, page.view.x, page.view.y]") == before
+    assert page.get_attribute("#table", "aria-label") == "The table from above: 18 off"
+
+
+#: Notes where texts of the picture are: left, top, right, bottom.
+SPY = """
+window.texts = [];
+const fill = CanvasRenderingContext2D.prototype.fillText;
+CanvasRenderingContext2D.prototype.fillText = function (text, x, y) {
+  const size = this.measureText(text), left = x - size.actualBoundingBoxLeft;
+  const top = y - size.actualBoundingBoxAscent, bottom = y + size.actualBoundingBoxDescent;
+  if (/\\d$/.test(text)) window.texts.push([text, left, top, left + size.width, bottom]);
+  fill.call(this, text, x, y);
+};
+"""
+
+
+@pytest.mark.parametrize(
+    ("columns", "rows", "width"), [(6, 3, 390), (9, 6, 1280), (9, 6, 390), (30, 6, 1280)]
+)
+def test_numbers_of_cells_cover_neither_sensors_nor_each_other(browser, columns, rows, width):
+    opened = OpenPage(StillTable(columns, rows))
+    context = browser.new_context(viewport={"width": width, "height": 760})
+    page = context.new_page()
+    page.add_init_script(SPY)
+    page.goto(opened.page.address)
+    wait_until(page, "Boolean(window.page?.snapshot && window.page.control)")
+    page.evaluate("window.texts = []; page.picture.kept = ''; page.redraw()")
+    page.wait_for_timeout(200)
+    size, radius, sensors, texts = page.evaluate(
+        "[page.table.pitch_m * page.view.scale, page.picture.sensorRadius,"
+        " page.table.cells_m.flatMap(([x, y]) => page.table.sensors_m.map(([dx, dy]) =>"
+        "   [page.view.px(x + dx), page.view.py(y + dy)])), window.texts]"
+    )
+    context.close()
+    opened.close()
+    numbers = texts[: columns * rows]
+    # Whoever is too far off for numbers has none.
+    assert len(numbers) == (columns * rows if size > 24 else 0)
+    for text, left, top, right, bottom in numbers:
+        assert right - left < size, text
+        if size > 34:
+            near = [(x, y) for x, y in sensors if left - radius < x < right + radius]
+            assert not [y for _, y in near if top - radius < y < bottom + radius], (text, size)
+
+
+def test_what_is_unknown_is_named_with_the_size_that_is_proposed_or_as_a_disc(still, open_page):
+    table, address = still
+    page = open_page(address)
+    page.mouse.click(*place_of(page, 0.2, 0.05))
+    name, outline = "[aria-label='Name of the parcel']", "[aria-label='Outline of the parcel']"
+    page.fill(name, "tray")
+    page.click("text=Name it")
+    page.select_option(outline, "disc")
+    assert not page.is_visible("text=width [mm]")
+    assert page.input_value("[aria-label='diameter [mm]']") == "220"
+    page.click("text=Name it")
+    wait_for_commands(page, table, 2)
+    assert table.done == [
+        commands.Name("unknown-1", "tray", 0.24, 0.2, spread_m=0.005),
+        commands.Name("unknown-1", "tray", 0.22, 0.22, shape="disc"),
+    ]
+
+
+def test_plots_show_latest_values_and_how_lines_are_drawn(still, open_page):
+    _, address = still
+    page = open_page(address)
+    page.click("#tab-plots")
+    for title, value in (("Bus load", "47.0"), ("Error frames", "2.50")):
+        shown = page.locator(".plot", has_text=title).locator(".u-value").nth(1)
+        expect(shown).to_have_text(value)
+    styles = page.eval_on_selector_all(
+        ".u-marker", "marks => marks.map((mark) => getComputedStyle(mark).borderTopStyle)"
+    )
+    assert {"solid", "dashed"} <= {*styles}
+    reasons = page.locator(".plot .help").all_inner_texts()
+    assert any("no frame has them" in reason for reason in reasons)

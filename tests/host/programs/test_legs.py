@@ -1,0 +1,122 @@
+"""A route is sent to cells that steer leg by leg, as far as it is free."""
+
+import numpy as np
+import pytest
+
+from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.motion.by_cells.followed import Followed
+from mdms_host.motion.goal import Goal, Limits
+from mdms_host.motion.trajectory.mass import uniform_mass
+from mdms_host.programs.legs import Legs
+from mdms_host.programs.order import Order
+from mdms_host.programs.ride import Load
+from mdms_host.routes.route import Route, Visits
+
+BOX = Rectangle(0.30, 0.28)
+#: East by 0.3 m, then north by 0.2 m.
+CORNERED = np.array([(0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.3, 0.2, 0.0)])
+GOAL = Goal(0.3, 0.2, 0.0)
+STEP_S = 0.01
+NOWHERE = Visits(*(np.zeros(0, dtype=kind) for kind in (np.intp, *[float] * 4)))
+
+
+class Road:
+    """Legs of a box on the cornered route, and the goals that were sent; the box goes by hand."""
+
+    def __init__(self):
+        self.sent = []
+        self.followed = None
+        along_m = np.array([0.0, 0.3, 0.5])
+        route = Route("box", CORNERED, along_m, along_m[:2], along_m[1:], NOWHERE, BOX.reach_m)
+        load = Load(BOX, uniform_mass(BOX))
+        self.legs = Legs(Order("box", GOAL), route, load, self.send, 0.4)
+
+    def send(self, goal):
+        self.sent.append((round(goal.x_m, 3), round(goal.y_m, 3)))
+        self.followed = Followed(goal, Limits(), BOX.reach_m)
+        return self.followed
+
+    def at(self, x_m, y_m, limit_m=1.0, speed_m_s=0.0, cycles=1):
+        """What is sent while the box is there."""
+        before = len(self.sent)
+        pose, twist = np.array([x_m, y_m, 0.0]), np.array([speed_m_s, 0.0, 0.0])
+        for _ in range(cycles):
+            self.legs.step(Belief("box", BOX, pose, twist, np.zeros((3, 3))), STEP_S, limit_m)
+        return self.sent[before:]
+
+
+def test_a_leg_is_sent_when_the_one_before_is_done():
+    road = Road()
+    assert road.at(0.0, 0.0) == [(0.3, 0.0)]
+    assert road.at(0.28, 0.0, cycles=5) == []
+    assert road.at(0.297, 0.001, cycles=2) == [(0.3, 0.2)]
+    assert not road.legs.has_come
+    road.at(0.3, 0.198, cycles=2)
+    assert road.legs.has_come
+    assert not road.legs.arrived
+    road.followed.arrived = True
+    assert road.legs.arrived
+    assert len(road.sent) == 2
+
+
+def test_no_goal_is_sent_before_the_way_is_free_and_parts_of_a_leg_as_it_becomes_so():
+    road = Road()
+    assert road.at(0.0, 0.0, limit_m=0.0, cycles=3) == []
+    assert road.at(0.0, 0.0, limit_m=0.1) == [(0.1, 0.0)]
+    assert road.at(0.05, 0.0, limit_m=0.12) == []
+    assert road.at(0.05, 0.0, limit_m=0.2) == [(0.2, 0.0)]
+    assert road.at(0.1, 0.0, limit_m=0.5) == [(0.3, 0.0)]
+
+
+def test_a_way_that_is_free_but_for_rounding_is_gone_to_its_end():
+    road = Road()
+    road.at(0.0, 0.0, limit_m=0.5 - 1e-12)
+    road.at(0.297, 0.0, limit_m=0.5 - 1e-12)
+    assert road.sent[-1] == (0.3, 0.2)
+    road.at(0.3, 0.199, limit_m=0.5 - 1e-12, cycles=2)
+    assert road.legs.has_come
+
+
+def test_a_way_that_is_taken_back_is_stopped_on_where_the_parcel_can():
+    road = Road()
+    road.at(0.0, 0.0)
+    assert road.at(0.1, 0.0, limit_m=0.05, speed_m_s=0.2) == [(0.15, 0.0)]
+
+
+def test_one_that_is_to_stop_does_so_and_rests():
+    road = Road()
+    road.at(0.0, 0.0)
+    road.legs.stopping = True
+    assert road.at(0.1, 0.0, speed_m_s=0.2) == [(0.15, 0.0)]
+    assert not road.legs.at_rest
+    road.at(0.15, 0.0, cycles=30)
+    assert road.legs.at_rest
+    assert len(road.sent) == 2
+
+
+def test_one_beside_its_route_needs_another():
+    road = Road()
+    road.at(0.0, 0.0)
+    road.at(0.1, 0.02)
+    assert not road.legs.off_path
+    road.at(0.1, 0.05)
+    assert road.legs.off_path
+
+
+def test_one_that_its_cells_do_not_move_stands():
+    road = Road()
+    road.at(0.0, 0.0)
+    road.followed.stopped = True
+    assert road.legs.stands
+    assert road.at(0.297, 0.0, cycles=3) == []
+
+
+def test_a_route_without_length_is_a_goal_all_the_same():
+    order = Order("box", Goal(0.0, 0.0, 0.0))
+    alone = np.zeros(1)
+    route = Route("box", CORNERED[:1], alone, alone[:0], alone[:0], NOWHERE, BOX.reach_m)
+    road = Road()
+    road.legs = Legs(order, route, Load(BOX, uniform_mass(BOX)), road.send, 0.4)
+    assert road.at(0.0, 0.0, limit_m=0.0) == [(0.0, 0.0)]
+    assert road.legs.progress_m == pytest.approx(0.0)

@@ -1,0 +1,121 @@
+"""Parcels that a program announces, or names where they lie."""
+
+import numpy as np
+import pytest
+from tests.host.programs.hands import Stage
+
+from mdms_host.estimation.belief import Belief, Kind
+from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.size import Size
+from mdms_host.programs.table import Newcomer, ProgramError
+
+SEEN = Size(0.30, 0.26, (0.02, 0.02), (0.25, 0.2), (0.35, 0.3), 0.1)
+CRATE = Newcomer("crate", 0.3, 0.26, kind="crate", mass_kg=1.5)
+
+
+class Register:
+    """Refuses as the tracker does; what it takes is found when a test puts it on the stage."""
+
+    def __init__(self, stage, size=SEEN):
+        self.stage, self.expected, self.gone = stage, {}, []
+        self._size = size
+        stage.program.attend(self)
+
+    def announce(self, parcel, region=None):
+        self._add(parcel, region)
+
+    def name(self, unknown, parcel):
+        if unknown not in self.stage.beliefs:
+            raise KeyError(unknown)
+        self._add(parcel, unknown)
+
+    def size(self, name):
+        return self._size
+
+    def depart(self, name, gate=None):
+        del self.expected[name]
+        self.gone.append(name)
+
+    def _add(self, parcel, where):
+        if parcel.name in {*self.expected, *self.stage.beliefs}:
+            raise ValueError(f"there is a parcel {parcel.name!r} already")
+        self.expected[parcel.name] = parcel, where
+
+
+def lay_unknown(stage, x_m=0.1):
+    outline, pose = Rectangle(0.4, 0.36), np.array([x_m, 0.0, 0.0])
+    stage.beliefs["unknown-1"] = Belief(
+        "unknown-1", outline, pose, np.zeros(3), np.zeros((3, 3)), kind=Kind.UNKNOWN
+    )
+
+
+def naming(newcomer, x_m=0.15):
+    async def main(table):
+        parcel = await table.name(newcomer, x_m, 0.05)
+        await table.move(parcel, -0.2, 0.0)
+
+    stage = Stage(main)
+    return stage, Register(stage)
+
+
+def test_what_lies_at_a_place_is_named_found_and_moved():
+    stage, register = naming(CRATE)
+    lay_unknown(stage)
+    stage.run(0.1)
+    parcel, unknown = register.expected["crate"]
+    assert (parcel.length_m, parcel.width_m, unknown) == (0.3, 0.26, "unknown-1")
+    assert stage.program.table.unknown == {"unknown-1": (0.1, 0.0)}
+    del stage.beliefs["unknown-1"]
+    stage.put("crate", 0.1)
+    stage.run(0.1)
+    assert stage.log == [("crate", -0.2)]
+    assert stage.program.table["crate"].kind == "crate"
+    known, mass = stage.hands.known["crate"]
+    assert (known.name, mass.mass_kg) == ("crate", 1.5)
+
+
+def test_without_a_size_that_of_the_sensors_is_taken():
+    stage, register = naming(Newcomer("crate"))
+    lay_unknown(stage)
+    stage.run(0.1)
+    parcel, _ = register.expected["crate"]
+    assert (parcel.length_m, parcel.width_m, parcel.spread_m) == (0.30, 0.26, 0.01)
+
+
+@pytest.mark.parametrize(
+    ("newcomer", "x_m", "size", "text"),
+    [
+        (CRATE, -0.3, SEEN, "nothing unknown lies at (-0.3 m, 0.05 m)"),
+        (Newcomer("crate"), 0.15, None, "unknown-1 is no rectangle: crate needs a size"),
+        (Newcomer("box 1", 0.3), 0.15, SEEN, "there is a parcel 'box 1' already"),
+        (CRATE, 0.15, SEEN, "unknown-1 has not the outline of crate"),
+    ],
+)
+def test_what_cannot_be_named_is_refused_with_the_reason(newcomer, x_m, size, text):
+    stage, _ = naming(newcomer, x_m)
+    register = Register(stage, size)
+    lay_unknown(stage)
+    stage.put("box 1")
+    stage.run(3.5)
+    assert text in stage.program.stuck
+    assert register.gone == ([newcomer.name] if "outline" in text else [])
+    assert not register.expected
+
+
+def test_a_parcel_that_is_announced_arrives():
+    seen = []
+
+    async def main(table):
+        table.announce(CRATE, near_m=(-0.2, 0.0))
+        with pytest.raises(ProgramError, match="needs a size"):
+            table.announce(Newcomer("bag"))
+        seen.append((await table.arrival()).name)
+
+    stage = Stage(main)
+    register = Register(stage)
+    stage.run(0.5)
+    assert register.expected["crate"][1].low_m == pytest.approx((-0.3, -0.1))
+    assert stage.program.endless
+    stage.come("crate")
+    assert seen == ["crate"]
+    assert stage.program.finished

@@ -1,0 +1,157 @@
+"""Many cells at once in virtual time: firmware cells, whose frames pass at once."""
+
+import numpy as np
+import pytest
+
+from mdms_host.updating.bundles import Bundle, sign
+from mdms_host.updating.cell_update import CellUpdate
+from mdms_host.updating.updater import Updater
+from mdms_protocol.update import bundle as heads
+from mdms_sim.nodes.python_bank import PythonBank
+from mdms_sim.nodes.virtual_board import VirtualBoard
+
+KEY = bytes(range(32))
+PACKED = b"\x00\x20\x00\x00" + bytes([number * 13 & 0xFF for number in range(3000)])
+BITRATE = 1_000_000
+
+
+class Cells:
+    """Firmware cells with the array's key, and a bus that is never full."""
+
+    def __init__(self, count=3):
+        self.bank = PythonBank(range(1, count + 1))
+        self.count = count
+        for cell in range(count):
+            self.bank._flash[cell].files.replace("update.key", KEY)
+            self.bank.restart(cell)
+        self.now_s = 0.0
+        self.deaf = set()
+        self._lost = (b"", -1)
+        for _ in range(100):
+            self._tick()
+
+    def _tick(self):
+        counts = np.zeros((self.count, 2), np.int32)
+        self.bank.tick(counts, counts, np.zeros(self.count, np.uint8))
+        self.now_s += 0.001
+        return [frame for _, frames in self.bank.collect_all() for frame in frames]
+
+    def run(self, updates, limit_s=120.0):
+        updater = Updater(updates, BITRATE)
+        end_s = self.now_s + limit_s
+        while not updater.over:
+            assert self.now_s < end_s
+            if updater.wake_s <= self.now_s:
+                for frame in updater.poll(self.now_s):
+                    for cell in set(range(self.count)) - self.deaf:
+                        self.bank.deliver(cell, frame)
+            for frame in self._tick():
+                if self._loses(frame.data):
+                    continue
+                updater.on_frame(frame, self.now_s)
+        return updater
+
+    def lose(self, start, number):
+        """Of the frames that begin so, that of a number, from 0, gets lost."""
+        self._lost = (start, number)
+
+    def _loses(self, data):
+        start, number = self._lost
+        if not data.startswith(start):
+            return False
+        self._lost = (start, number - 1)
+        return number == 0
+
+    def running(self):
+        return [board.slots.identification for board in self.bank._boards]
+
+
+def bundle(counter=1, **changes) -> Bundle:
+    return sign(PACKED, KEY, counter, VirtualBoard.bytecode, **changes)
+
+
+def updates(cells, sent):
+    return [CellUpdate(node_id, sent) for node_id in range(1, cells.count + 1)]
+
+
+def test_all_cells_run_the_bundle_in_the_end_and_have_confirmed_it():
+    cells, sent = Cells(), bundle()
+    updater = cells.run(updates(cells, sent))
+    assert all(each.finished and each.share == 1.0 for each in updater.updates)
+    assert cells.running() == [sent.identification] * 3
+    for cell in range(3):
+        cells.bank.restart(cell)
+    assert cells.running() == [sent.identification] * 3
+    assert updater.frames > 3 * len(sent.data) / 7
+    assert 0 < updater.load(BITRATE) < 1
+
+
+def test_bus_is_given_no_more_frames_than_it_carries():
+    cells, sent = Cells(), bundle()
+    updater = Updater(updates(cells, sent), BITRATE)
+    frames = sum(len(list(updater.poll(number * 1e-4))) for number in range(1000))
+    assert frames <= 0.1 / updater._frame_s + 17
+
+
+def test_cells_stay_as_they_are_when_the_one_that_went_ahead_fails(monkeypatch):
+    cells, sent = Cells(), bundle()
+    # Whoever starts it does not pass its self-test.
+    monkeypatch.setattr("mdms_cell.cell.Cell._sound", lambda self: False)
+    monkeypatch.setattr("mdms_cell.update.update.TRIAL_MS", 8_000)
+    updater = cells.run(updates(cells, sent))
+    first, *others = updater.updates
+    failures = {each.failure for each in updater.updates}
+    assert "it does not pass its self-test" in failures
+    assert len(failures) == 2
+    assert sum(running != 0 for running in cells.running()) == 1
+    assert any("which went ahead, has failed" in each.failure for each in (first, *others))
+    for _ in range(8_100):
+        cells._tick()
+    assert cells.running() == [0] * 3
+
+
+def test_answer_to_start_or_confirm_that_gets_lost_costs_nothing():
+    for number in (1, 2):  # the first is that to 'clear'
+        cells, sent = Cells(1), bundle()
+        cells.lose(b"\x60\x51\x1f\x01", number)
+        (update,) = cells.run(updates(cells, sent)).updates
+        assert update.finished, update.failure
+        assert cells.running() == [sent.identification]
+
+
+def test_cell_that_falls_silent_keeps_no_other_from_its_firmware():
+    cells, sent = Cells(), bundle()
+    cells.deaf = {1}
+    updater = cells.run(updates(cells, sent))
+    assert [each.finished for each in updater.updates] == [True, False, True]
+    assert "no answer" in updater.updates[1].failure
+
+
+@pytest.mark.parametrize(
+    ("sent", "reason"),
+    [
+        (lambda: bundle(counter=0), "has been used before"),
+        (lambda: bundle(version="0.0.9"), "--allow-older"),
+        (lambda: bundle(boards=(1,)), "for other boards"),
+        (lambda: sign(PACKED, bytes(32), 1, VirtualBoard.bytecode), "another array's key"),
+        (lambda: sign(PACKED, KEY, 1, 0), "another version of MicroPython"),
+        (lambda: Bundle(bundle().head, bundle().data[:-1]), "not whole"),
+        (lambda: Bundle(bundle().head, bytes(heads.HEAD_SIZE)), "no bundle"),
+        (lambda: Bundle(bundle().head, bundle().data[:-1] + b"x"), "not what was signed"),
+    ],
+)
+def test_refusal_of_a_cell_is_told_in_words(sent, reason):
+    cells = Cells(1)
+    (update,) = cells.run(updates(cells, sent())).updates
+    assert reason in update.failure
+    assert cells.running() == [0]
+    # What is right is taken after that.
+    (update,) = cells.run(updates(cells, bundle())).updates
+    assert update.finished
+    assert update.restarts == 0
+
+
+def test_bundle_is_the_same_for_the_same_firmware_key_and_counter():
+    assert bundle().data == bundle().data
+    assert bundle(2).data != bundle(1).data
+    assert bundle(older=True).data != bundle().data

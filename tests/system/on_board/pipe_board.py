@@ -1,0 +1,130 @@
+"""A board whose CAN controller is a pair of pipes and whose flash is a file; on MicroPython.
+
+It stands for a Teensy 4.1: what comes over the pipes while the program does something else waits in
+them as it would in the cell's inbox, but without end. Wheels stand still, and no voltage may be at
+them. Left out: bus-off, interrupts, the watchdog, which is the other process.
+"""
+
+import gc
+import os
+import select
+import struct
+import sys
+import time
+from array import array
+
+from file_flash import FileFlash
+
+from boards import flash
+from mdms_cell.drive import speed_loop
+from mdms_protocol.update import codes
+
+RECORD = "<HBB8s"
+SIZE = 12
+
+
+class PipeBoard:
+    """As `boards.cell_board.CellBoard`, and the bus of that."""
+
+    number = codes.TEENSY41
+    bytecode = sys.implementation._mpy & codes.BYTECODE
+    serial = 0x00000055
+    slots = None
+    bus_off = False
+
+    def __init__(self, read_fd, write_fd, tell_fd):
+        self.registers = array("i", [0] * speed_loop.REGISTERS)
+        self.settings = flash.memory("/flash", self.asleep)
+        self.inbox = self
+        self._pipe = open(read_fd, "rb")  # noqa: SIM115 - open as long as the process lives
+        self._out = open(write_fd, "wb")  # noqa: SIM115
+        self._teller = open(tell_fd, "wb")  # noqa: SIM115
+        self._ready = select.poll()
+        self._ready.register(self._pipe, select.POLLIN)
+        self._identifiers = ()
+        self._tick = None
+        self._ticked_ms = 0
+
+    # What the runner asks for
+
+    def start(self, tick, watchdog):
+        self._tick, self._ticked_ms = tick, time.ticks_ms()
+
+    def stop(self):
+        self._tick = None
+
+    def service(self, now_ms):
+        """All ticks that the timer would have made meanwhile."""
+        while self._tick is not None and time.ticks_diff(now_ms, self._ticked_ms) > 0:
+            self._ticked_ms = time.ticks_add(self._ticked_ms, 1)
+            self._tick()
+
+    def feed(self):
+        pass
+
+    def show(self, now_ms, state, faulty):
+        pass
+
+    def peek(self):
+        """The next frame that the cell takes."""
+        while self._ready.poll(0):
+            can_id, length, _, data = struct.unpack(RECORD, self._pipe.read(SIZE))
+            if can_id in self._identifiers:
+                return can_id, data[:length], 0, 0
+        return None
+
+    def pop(self):
+        pass
+
+    # What the cell asks for
+
+    def sample(self, registers):
+        registers[speed_loop.SUPPLY] = 24_000_000
+
+    def drive(self, registers):
+        for axis in range(speed_loop.AXES):
+            assert not registers[axis * speed_loop.AXIS + speed_loop.VOLTAGE], "a motor is on"
+
+    def presence(self):
+        return 0
+
+    def send(self, can_id, data):
+        self._out.write(struct.pack(RECORD, can_id, len(data), 0, bytes(data)))
+        return True
+
+    def listen(self, identifiers):
+        self._identifiers = identifiers
+
+    def motors_off(self):
+        pass
+
+    def asleep(self):
+        return True
+
+    def heap_free(self):
+        gc.collect()
+        return gc.mem_free()
+
+    def flash_free(self):
+        sizes = os.statvfs("/flash")
+        return sizes[0] * sizes[3]
+
+    def slots_room(self):
+        return 256 * 1024
+
+    def image_room(self):
+        return 256 * 1024
+
+    def restart(self):
+        """The other process sees to it, as a reset does: nothing here goes on."""
+        self._teller.write(b"restart %d\n" % FileFlash.operations)
+        while True:
+            time.sleep(1)
+
+
+def held():
+    return False
+
+
+def board():
+    return PipeBoard(*[int(text) for text in sys.argv[2:5]])

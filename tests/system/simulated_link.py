@@ -1,0 +1,62 @@
+"""A link of the host to a whole simulated table, in virtual time: no machine is too slow for it."""
+
+from collections import deque
+from functools import partial
+from math import ceil
+
+from mdms_host.can_link.delays import Delays
+from mdms_host.can_link.incidents import Incidents, LinkCounts
+from mdms_host.can_link.link import Link
+from mdms_sim.nodes.python_bank import PythonBank
+from mdms_sim.simulation import NS_PER_S, Simulation, addresses_of
+
+#: How far time goes before a frame that has come is handed over.
+STEP_NS = 200_000
+#: A link waits for a frame no longer than this, whatever it is asked for.
+READ_TIMEOUT_S = 0.1
+
+
+class SimulatedLink(Link):
+    """A link whose table lives through exactly the time that the host waits, and its clock.
+
+    The host thinks in no time at all. Left out: a device that fails, and several buses.
+    """
+
+    def __init__(self, scenario):
+        self.delays = Delays()
+        self._clock = self
+        self._incidents = Incidents(self)
+        self._bank = PythonBank(addresses_of(scenario).node_ids)
+        self.simulation = Simulation(scenario, self._bank, recorded=False)
+        self._waiting = deque()
+        self._mailbox = self.simulation.bus.attach(self)
+
+    def on_frame(self, frame, now_ns):
+        self._waiting.append((frame, now_ns / NS_PER_S))
+
+    def now_s(self):
+        return self.simulation.kernel.now_ns / NS_PER_S
+
+    def sleep(self, seconds):
+        self._pass_until(self.now_s() + seconds, lambda: False)
+
+    @property
+    def counts(self):
+        return LinkCounts(0, 0, 0, 0)
+
+    def send(self, frame, until_s=None):
+        self._mailbox.send(frame)
+
+    def receive(self, timeout_s, handle):
+        wait_s = max(0.0, min(timeout_s, READ_TIMEOUT_S))
+        self._pass_until(self.now_s() + wait_s, partial(bool, self._waiting))
+        for _ in range(len(self._waiting)):
+            handle(*self._waiting.popleft())
+
+    def close(self):
+        self._bank.close()
+
+    def _pass_until(self, end_s, over):
+        kernel, end_ns = self.simulation.kernel, ceil(end_s * NS_PER_S)
+        while not over() and kernel.now_ns < end_ns:
+            kernel.run_until(min(kernel.now_ns + STEP_NS, end_ns))

@@ -1,0 +1,274 @@
+"""What the documents show is so: every command, program and file in them is run."""
+
+import io
+import os
+import re
+import signal
+from contextlib import ExitStack, closing, contextmanager, nullcontext, redirect_stdout, suppress
+from pathlib import Path
+
+import pytest
+from tests.system.document import REASONS, blocks_of, inline_commands, words_of
+from tests.system.simulated_link import SimulatedLink
+from tests.system.small_firmware import NEW, OLD
+from tests.system.unix_board import boards_in
+from tests.virtual_array import SimulatedArray, virtual_time
+
+from mdms_host.cli import main
+from mdms_host.cli.exits import INTERRUPTED, Exit
+from mdms_host.cli.scenario.gain import open_program
+from mdms_host.cli.verbs import VERBS, build_parser
+from mdms_host.commissioning.array_file import ArrayFile, FiledCell, FiledTable
+from mdms_host.commissioning.array_writing import array_document
+from mdms_host.programs.planning import VirtualDesk
+from mdms_model.scenario.file import load_scenario
+from mdms_protocol import cob
+from mdms_sim.nodes.python_bank import PythonBank
+
+ROOT = Path(__file__).parents[2]
+DOCUMENTS = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
+RUN = [
+    path.name for path in DOCUMENTS if any(block.language != "text" for block in blocks_of(path))
+]
+#: Verbs that look after cells.
+ON_A_BUS = {"commission", "doctor", "identify", "jog", "scan", "configure"}
+#: The reader's own table has other sides; three cells take the same steps as eighteen. It is empty.
+OWN_TABLE = ("--columns 6 --rows 3", "--columns 3 --rows 1")
+SMALL = (
+    *("array.columns=3", "array.rows=1", "parcel.0.x_m=0.0", "motion.field='inward'"),
+    *("parcel.0.length_m=0.3", "parcel.0.width_m=0.1", "fault=[{kind='lift', parcel='box'}]"),
+)
+#: What another test runs as it stands, and which call of it; nothing else goes on with it.
+ELSEWHERE = {"mdms demo": ("host/cli/simulation/test_demo.py", 'main(["demo", "--out"')}
+#: What a person types at `mdms commission`: Enter to all questions but the one that wants a yes.
+ANSWERS = 3 * "\n" + "y\n" + 6 * "\n"
+
+
+class Reader:
+    """Somebody who follows a document, with a table, two boards and a terminal."""
+
+    def __init__(self, folder, monkeypatch, capsys, stack):
+        self._folder, self._patch, self._capsys, self._stack = folder, monkeypatch, capsys, stack
+        self._boards = False
+        self._table = None
+        monkeypatch.chdir(folder)
+        monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
+        monkeypatch.setattr("mdms_host.cli.array.run.open_links", simulated_table)
+        monkeypatch.setattr("mdms_host.cli.array.run.ThreadDesk", VirtualDesk)
+        monkeypatch.setattr("mdms_host.cli.array.cells.open_bus", lambda _options: None)
+
+    def read(self, block):
+        if block.name:
+            (self._folder / block.name).write_text(block.text)
+        elif block.language == "sh":
+            for line in block.lines:
+                self._type(line)
+        elif block.language == "python" and "SCENARIO = " in block.text:
+            (self._folder / "program.py").write_text(block.text)
+            self._do("mdms simulate program.py")
+        elif block.language == "python":
+            exec(compile(block.text, "document", "exec"), {})
+        elif block.language == "toml":
+            based = "" if "scenario = " in block.text else 'scenario = "array18"\n'
+            (self._folder / "part.toml").write_text(based + block.text)
+            load_scenario(self._folder / "part.toml")
+
+    def _type(self, line):
+        words, comment = words_of(line)
+        if words[0] == "export":
+            self._export(words[1:])
+        elif words[0] == "make":
+            self._do(recipe(words[1]))
+        elif "until Ctrl-C" in comment:
+            start_and_end(words)
+        else:
+            self._do(" ".join(line.partition("  #")[0].split()))
+
+    def _export(self, assignments):
+        """The bus of the document is the virtual one, whatever it is called there."""
+        named = dict(each.split("=") for each in assignments)
+        assert named.keys() <= {"CAN_INTERFACE", "CAN_CHANNEL", "CAN_BITRATE"}
+        for name, value in named.items():
+            self._patch.setenv(name, value)
+
+    def _do(self, command):
+        if command in ELSEWHERE:
+            test, call = ELSEWHERE[command]
+            assert call in (ROOT / "tests" / test).read_text()
+            return
+        command, _, target = command.partition(" > ")
+        words, _ = words_of(command.replace(*OWN_TABLE))
+        assert words.pop(0) == "mdms", command
+        verb = words[0]
+        on_a_bus = verb in ON_A_BUS or "--bus" in words
+        if verb == "flash" and on_a_bus:
+            self._patch.setattr(
+                "mdms_host.updating.bundles.packed_firmware", lambda _bytecode: bytes(1000)
+            )
+        elif verb == "flash":
+            self._plug_in()
+            # The unix port does not report which board it is.
+            words += ["--board", "pybv11"] if "--list" not in words else []
+        if verb == "commission":
+            terminal = io.StringIO(ANSWERS)
+            terminal.isatty = lambda: True
+            self._patch.setattr("sys.stdin", terminal)
+        if "--array" in words and verb == "run":
+            write_array(Path(words[words.index("--array") + 1]))
+        with self._commissioned() if on_a_bus else nullcontext():
+            code = main(words)
+        printed = self._capsys.readouterr()
+        assert code == Exit.OK, (command, printed)
+        if target:
+            Path(target).write_text(printed.out)
+
+    def _plug_in(self):
+        if not self._boards:
+            self._boards = True
+            plug_in = self._stack.enter_context(boards_in(self._folder / "boards"))
+            ports = [Port(plug_in(files).port) for files in (OLD.files, {})]
+            self._patch.setattr("mdms_host.flashing.board_port.list_ports", lambda: ports)
+            self._patch.setattr(
+                "mdms_host.flashing.firmware_build.compiled_firmware", lambda _machine: NEW
+            )
+
+    def _commissioned(self):
+        """Cells that are blank until they are commissioned, and the time that they live in."""
+        if self._table is None:
+            bank = self._stack.enter_context(closing(PythonBank([cob.NODE_NONE] * 3)))
+            self._table = SimulatedArray(bank, *SMALL)
+        return virtual_time(self._table)
+
+
+class Port:
+    """A serial port with a board of MicroPython's behind it."""
+
+    vid, pid, serial_number, product = 0xF055, 0x9800, None, None
+
+    def __init__(self, device):
+        self.device = device
+
+
+@contextmanager
+def simulated_table(arguments, _channels=()):
+    """The table that a program is for, in virtual time."""
+    changes = [*arguments.overrides, "run.fidelity=firmware"]
+    with SimulatedLink(open_program(arguments.program, changes)[0]) as link:
+        yield link, link
+
+
+def write_array(path):
+    """The array file of the prototype, as `mdms commission` would have left it."""
+    cells = tuple(FiledCell(number, number, {}, number=number) for number in range(1, 19))
+    table = FiledTable(columns=6, rows=3)
+    path.write_text(array_document(ArrayFile(path, table, cells)))
+
+
+def recipe(target):
+    """What `make` runs for a target, which is one command of ours."""
+    text = (ROOT / "Makefile").read_text()
+    found = re.search(rf"^{target}: .*\n\t\$\(BIN\)/(mdms .*)$", text, re.MULTILINE)
+    assert found, f"make {target} runs no command of ours"
+    return found[1]
+
+
+class UntilALine(io.StringIO):
+    """What a terminal shows to somebody who presses Ctrl-C as soon as there is a line."""
+
+    def write(self, text):
+        done = super().write(text)
+        if "\n" in text and self.getvalue().count("\n") == text.count("\n"):
+            os.kill(os.getpid(), signal.SIGINT)
+        return done
+
+
+def start_and_end(words):
+    """Run what goes on until Ctrl-C, and press that when it has said something."""
+    with redirect_stdout(UntilALine()) as shown, suppress(KeyboardInterrupt):
+        assert main(words[1:]) in (Exit.OK, INTERRUPTED), words
+    assert "\n" in shown.getvalue(), words
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", RUN)
+def test_everything_in_a_document_runs(name, tmp_path, monkeypatch, capsys):
+    path = next(path for path in DOCUMENTS if path.name == name)
+    monkeypatch.setenv("BROWSER", "true")
+    with ExitStack() as stack:
+        reader = Reader(tmp_path, monkeypatch, capsys, stack)
+        for block in blocks_of(path):
+            if not block.not_run:
+                reader.read(block)
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
+def test_what_is_not_run_is_marked_and_is_nothing_else(path):
+    for block in blocks_of(path):
+        assert block.language in ("sh", "python", "toml", "text"), block
+        if block.not_run:
+            pattern = REASONS[block.not_run]
+            assert all(re.fullmatch(pattern, line) for line in block.lines), block
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
+def test_files_that_are_to_be_saved_are_used(path):
+    blocks = blocks_of(path)
+    for block in blocks:
+        if block.name:
+            assert any(block.name in each.text for each in blocks if each is not block), block.name
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
+def test_verbs_and_options_within_sentences_exist(path):
+    for command in inline_commands(path):
+        words = command.split()
+        assert offered(words[1]) >= {word for word in words if word.startswith("--")}, command
+
+
+def offered(verb):
+    """The options of a verb and of its actions."""
+    parser = build_parser()
+    (choices,) = (
+        each.choices for each in parser._actions if each.choices and not each.option_strings
+    )
+    options = {"--version", "--help"}
+    for each in walk(choices[verb]):
+        options |= {*each._option_string_actions}
+    return options
+
+
+def walk(parser):
+    parser.add_late_options()
+    yield parser
+    for action in parser._actions:
+        if isinstance(action.choices, dict):
+            for inner in action.choices.values():
+                yield from walk(inner)
+
+
+def test_links_between_documents_lead_to_files_and_headings():
+    for path in DOCUMENTS:
+        for target, heading in re.findall(r"\]\(([^)#\s]*)#?([^)]*)\)", path.read_text()):
+            if target.startswith("http"):
+                continue
+            file = path.parent / target if target else path
+            assert file.exists(), f"{path.name}: {target}"
+            assert not heading or heading in headings(file), f"{path.name}: {target}#{heading}"
+
+
+def headings(path):
+    """The headings of a document as links call them."""
+    found = re.findall(r"^#+ (.*)$", path.read_text(), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", each.lower()).replace(" ", "-") for each in found}
+
+
+def test_every_verb_is_in_the_table_of_the_command():
+    table = (ROOT / "host" / "README.md").read_text().split("## The command\n")[1]
+    rows = table.split("\n\n")[0]
+    assert all(f"`mdms {verb.name}" in rows for verb in VERBS)
+
+
+def test_pins_in_the_drawing_are_those_of_the_board():
+    drawn = re.findall(r">(D\d+)<", (ROOT / "docs" / "wiring-cell.svg").read_text())
+    module = (ROOT / "firmware" / "boards" / "teensy41.py").read_text()
+    assert sorted(drawn) == sorted({*re.findall(r'"(D\d+)"', module), "D22", "D23"})

@@ -1,0 +1,81 @@
+"""Programs whose parcels are steered by the cells: the host plans, and sends goals as ways free."""
+
+from contextlib import closing
+
+import numpy as np
+
+from mdms_host.cli.scenario.coordination import coordinator_of
+from mdms_host.cli.simulation.compose import run_scenario
+from mdms_host.cli.simulation.figures import figures_of
+from mdms_model.scenario.file import load_scenario
+from mdms_protocol import pdo
+from mdms_sim.nodes.python_bank import PythonBank
+from mdms_sim.simulation import Simulation
+
+BY_CELLS = ("motion.field='program'", "motion.control='cells'", "motion.speed_m_s=0.4")
+ONE = (
+    *BY_CELLS,
+    "array.columns=4",
+    "parcel.0.length_m=0.30",
+    "parcel.0.width_m=0.28",
+    "parcel.0.x_m=-0.06",
+    "parcel.0.yaw_rad=0.0",
+    "task=[{do='transport', parcel='box', x_m=0.06, y_m=0.0, yaw_rad=0.1}]",
+)
+PLATE = "mass_kg=1.0, length_m=0.28, width_m=0.28, y_m=0.0"
+#: Each takes three columns of cells at its start and at its goal, and both need the fourth.
+TWO = (
+    *BY_CELLS,
+    "array.columns=7",
+    f"parcel=[{{name='one', x_m=-0.25, {PLATE}}}, {{name='two', x_m=0.13, {PLATE}}}]",
+    "task=[{do='transport', parcel='one', x_m=-0.13, y_m=0.0, yaw_rad=0.0}, "
+    "{do='transport', parcel='two', x_m=0.25, y_m=0.0, yaw_rad=0.0, beside=true}]",
+)
+
+
+def test_what_is_under_way_arrives_without_the_host_if_it_is_to_go_on() -> None:
+    gone = ("motion.go_on=true", "fault=[{kind='host', start_s=1.0}]", "run.duration_s=3.4")
+    scenario = load_scenario("array18", [*ONE, *gone])
+    record = run_scenario(scenario).record
+    at_m = record.pose[:, 0, 0]
+    assert -0.05 < at_m[record.time_s >= 1.0][0] < 0.03
+    assert np.hypot(*(record.pose[-1, 0, :2] - (0.06, 0.0))) < 0.004
+    assert np.abs(record.speed_m_s[-1]).max() < 0.003
+
+
+def test_one_waits_until_the_other_has_left_a_cell_that_both_need() -> None:
+    scenario = load_scenario("array18", [*TWO, "run.duration_s=6"])
+    coordinator, setpoints = coordinator_of(scenario), []
+    wanted = {pdo.TARGET_VELOCITY.can_id(node) for node in range(1, 22)}
+
+    def watch(frame, now_ns):
+        if frame.can_id in wanted:
+            setpoints.append(frame)
+
+    with closing(PythonBank(range(1, 22))) as bank:
+        simulation = Simulation(scenario, bank, [coordinator])
+        simulation.bus.observe(watch)
+        for tenth in range(1, 60):
+            simulation.run_until(tenth / 10)
+            if coordinator.finished:
+                break
+        record = simulation.outcome().record
+    assert coordinator.finished
+    assert not coordinator.troubles
+    assert not setpoints
+    ends_m = record.pose[-1, :, 0] - (-0.13, 0.25)
+    assert np.abs(ends_m).max() < 0.005
+    assert not [event for event in record.events if event.kind == "touch"]
+    # The last column of the one and the first of the other are never the same.
+    one_m, two_m = record.pose[:, :, 0].T
+    assert ((one_m + 0.14 < -0.0635) | (two_m - 0.14 > 0.0635)).all()
+
+
+def test_a_program_goes_on_with_cells_after_the_host_was_cut_off() -> None:
+    cut = ("fault=[{kind='host', start_s=1.0, duration_s=0.3}]", "run.duration_s=4.4")
+    scenario = load_scenario("array18", [*ONE, *cut])
+    finished = run_scenario(scenario)
+    (goal,) = figures_of(scenario, finished)["goals"]
+    assert goal["reached"]
+    assert finished.pauses == 1
+    assert finished.fault is None
