@@ -233,8 +233,8 @@ class Cell:
 
     def on_boot(self):
         """The node id is this node's own, and the node is announced."""
-        self._booted_ms, self._booted_tick = self.now_ms, self._registers[speed_loop.TICKS]
         self._take_state()
+        self._booted_ms, self._booted_tick = self.now_ms, self._registers[speed_loop.TICKS]
         self._guard.start()
         self._heartbeat.start(self.now_ms)
         self._listen()

@@ -23,7 +23,7 @@ from mdms_host.cli.scenario.coordination import coordinator_of
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import operate
-from mdms_host.programs.planning import ThreadDesk
+from mdms_host.programs.traffic.planning import ThreadDesk
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol import cob, pdo
 from mdms_protocol.frame import Frame

@@ -20,7 +20,7 @@ from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.verbs import VERBS, build_parser
 from mdms_host.commissioning.array_file import ArrayFile, FiledCell, FiledTable
 from mdms_host.commissioning.array_writing import array_document
-from mdms_host.programs.planning import VirtualDesk
+from mdms_host.programs.traffic.planning import VirtualDesk
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol import cob
 from mdms_sim.nodes.python_bank import PythonBank

@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 
 from mdms_host.estimation.belief import Belief
 from mdms_host.motion.by_cells.program import CellsProgram
-from mdms_host.programs.cells_traffic import CellsTraffic
 from mdms_host.programs.program import Main, Member, TableProgram
+from mdms_host.programs.traffic.by_cells import CellsTraffic
 from mdms_protocol.neighbours.messages import Estimate, Page
 
 

@@ -15,6 +15,8 @@ from mdms_protocol.version import VERSION
 
 #: What chooses between slots is never replaced over the bus.
 BOOT = (START, "mdms_boot/")
+#: Of boards that have no room for a second firmware.
+_ELSEWHERE = ("boards/pybv11", "boards/nucleo_g474re", "boards/sectors")
 #: The window is a part of the heap of whoever unpacks.
 _WINDOW_BITS = 12
 _SIZE_BYTES = 4
@@ -58,7 +60,7 @@ def packed_firmware(bytecode: int) -> bytes:
     if architecture is None:
         raise FirmwareError(f"there is no compiler for boards of bytecode 0x{bytecode:04X}")
     files = compiled_firmware(architecture).files
-    modules = {path: data for path, data in files.items() if not path.startswith(BOOT)}
+    modules = {path: data for path, data in files.items() if not path.startswith(BOOT + _ELSEWHERE)}
     made = {data[1] | (data[2] & 3) << 8 for data in modules.values() if data[2] >> 2}
     if made - {bytecode & 0x3FF}:
         raise FirmwareError(

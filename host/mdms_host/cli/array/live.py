@@ -23,8 +23,8 @@ from mdms_host.coordination.other_host import refuse_other_host
 from mdms_host.page.live import LiveTable
 from mdms_host.page.seat import Seat
 from mdms_host.page.shown.bus_watch import BusWatch
-from mdms_host.programs.planning import ThreadDesk
 from mdms_host.programs.program import Main
+from mdms_host.programs.traffic.planning import ThreadDesk
 from mdms_model.scenario.belief import believed
 from mdms_protocol import nmt
 

@@ -28,7 +28,7 @@ from mdms_host.coordination.other_host import refuse_other_host
 from mdms_host.coordination.recorder import Recorder
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.outcome import GoalOutcome, missed_text, outcome_of
-from mdms_host.programs.planning import ThreadDesk
+from mdms_host.programs.traffic.planning import ThreadDesk
 from mdms_model.run.folder import BUS_LOG, fresh_folder
 from mdms_model.scenario.scenario import Scenario
 

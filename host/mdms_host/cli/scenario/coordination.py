@@ -26,8 +26,8 @@ from mdms_host.motion.program import FieldProgram, GoalProgram, Program
 from mdms_host.motion.trajectory.mass import Mass
 from mdms_host.motion.trajectory.traction import Traction
 from mdms_host.motion.trajectory.wheel_drives import wheel_drives_of
-from mdms_host.programs.planning import Desk
 from mdms_host.programs.program import Main, TableProgram
+from mdms_host.programs.traffic.planning import Desk
 from mdms_model.arrays import Floats
 from mdms_model.motor import drive_of
 from mdms_model.parcel import parcel_records

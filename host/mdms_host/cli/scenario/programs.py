@@ -12,15 +12,15 @@ from mdms_host.motion.goal import Limits
 from mdms_host.motion.trajectory.mass import Mass
 from mdms_host.motion.trajectory.traction import Traction
 from mdms_host.programs.cells_program import CellsTableProgram
-from mdms_host.programs.cells_traffic import CellsTraffic
 from mdms_host.programs.comings import Comings, Infeed
-from mdms_host.programs.dispatch import KeptFree
 from mdms_host.programs.order import Gate
-from mdms_host.programs.planning import Desk, VirtualDesk
 from mdms_host.programs.program import Main, Member, TableProgram
-from mdms_host.programs.ride import Load
-from mdms_host.programs.table_traffic import TableTraffic
 from mdms_host.programs.task_list import main_of
+from mdms_host.programs.traffic.by_cells import CellsTraffic
+from mdms_host.programs.traffic.by_host import TableTraffic
+from mdms_host.programs.traffic.dispatch import KeptFree
+from mdms_host.programs.traffic.planning import Desk, VirtualDesk
+from mdms_host.programs.traffic.ride import Load
 from mdms_host.routes.pace import TrapezoidPace
 from mdms_host.routes.space.shape import Shape
 from mdms_model.array import last_support_m

@@ -18,8 +18,8 @@ from mdms_host.cli.scenario.coordination import (
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.page.seat import Seat
 from mdms_host.page.simulated import SLICE_NS, SimulatedTable
-from mdms_host.programs.planning import ThreadDesk
 from mdms_host.programs.program import Main
+from mdms_host.programs.traffic.planning import ThreadDesk
 from mdms_model.scenario.belief import believed
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.serve.clock import RealTime

@@ -16,13 +16,13 @@ from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.trajectory.mass import Mass
-from mdms_host.programs.dispatch import Dispatch, KeptFree
 from mdms_host.programs.order import Gate, Order
-from mdms_host.programs.planning import Desk
-from mdms_host.programs.ride import Load
-from mdms_host.programs.riding import Riding, due_in_s_of, reserved_by, ways_of
-from mdms_host.programs.timetable import Timetable
-from mdms_host.programs.whereabouts import Whereabouts
+from mdms_host.programs.traffic.dispatch import Dispatch, KeptFree
+from mdms_host.programs.traffic.planning import Desk
+from mdms_host.programs.traffic.ride import Load
+from mdms_host.programs.traffic.riding import Riding, due_in_s_of, reserved_by, ways_of
+from mdms_host.programs.traffic.timetable import Timetable
+from mdms_host.programs.traffic.whereabouts import Whereabouts
 from mdms_host.routes.planner import Plan, Planner
 from mdms_host.routes.route import Route
 from mdms_model.arrays import Floats

@@ -9,7 +9,7 @@ import numpy as np
 from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_host.motion.contact import has_room
-from mdms_host.programs.ride import Load
+from mdms_host.programs.traffic.ride import Load
 from mdms_host.routes.route import Route
 from mdms_host.routes.space.shape import Shape
 from mdms_model.arrays import Floats, Ints

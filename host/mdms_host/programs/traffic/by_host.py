@@ -7,11 +7,11 @@ from mdms_host.motion.carrying import Carrying
 from mdms_host.motion.trajectory.follower import Carried
 from mdms_host.motion.trajectory.grip import Grip
 from mdms_host.motion.trajectory.traction import Traction
-from mdms_host.programs.dispatch import KeptFree
 from mdms_host.programs.order import Order
-from mdms_host.programs.planning import Desk
-from mdms_host.programs.ride import Load, Ride
-from mdms_host.programs.traffic import OrderedTraffic
+from mdms_host.programs.traffic.dispatch import KeptFree
+from mdms_host.programs.traffic.ordered import OrderedTraffic
+from mdms_host.programs.traffic.planning import Desk
+from mdms_host.programs.traffic.ride import Load, Ride
 from mdms_host.routes.pace import Pace
 from mdms_host.routes.planner import Planner
 from mdms_host.routes.route import Route

@@ -8,7 +8,7 @@ from mdms_host.motion.by_cells.followed import Followed
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.trajectory.path import Path
 from mdms_host.programs.order import Order
-from mdms_host.programs.ride import Load
+from mdms_host.programs.traffic.ride import Load
 from mdms_host.routes.route import Route
 from mdms_model.arrays import Floats
 

@@ -8,9 +8,9 @@ from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.motion.by_cells.followed import Followed
 from mdms_host.motion.goal import Goal, Limits
 from mdms_host.motion.trajectory.mass import uniform_mass
-from mdms_host.programs.legs import Legs
 from mdms_host.programs.order import Order
-from mdms_host.programs.ride import Load
+from mdms_host.programs.traffic.legs import Legs
+from mdms_host.programs.traffic.ride import Load
 from mdms_host.routes.route import Route, Visits
 
 BOX = Rectangle(0.30, 0.28)

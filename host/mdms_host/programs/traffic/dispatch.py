@@ -7,10 +7,10 @@ from functools import partial
 import numpy as np
 
 from mdms_host.programs.order import Gate, Order
-from mdms_host.programs.planning import Desk
-from mdms_host.programs.ride import Load
-from mdms_host.programs.timetable import Timetable
-from mdms_host.programs.whereabouts import Whereabouts, shape_of
+from mdms_host.programs.traffic.planning import Desk
+from mdms_host.programs.traffic.ride import Load
+from mdms_host.programs.traffic.timetable import Timetable
+from mdms_host.programs.traffic.whereabouts import Whereabouts, shape_of
 from mdms_host.routes.errand import Task
 from mdms_host.routes.planner import Plan, Planner
 from mdms_host.routes.route import Route

@@ -11,11 +11,11 @@ from mdms_host.motion.by_cells.followed import Followed
 from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import Goal, Limits
 from mdms_host.motion.trajectory.mass import Mass
-from mdms_host.programs.legs import Legs
 from mdms_host.programs.order import Order
-from mdms_host.programs.planning import Desk
-from mdms_host.programs.ride import Load
-from mdms_host.programs.traffic import OrderedTraffic
+from mdms_host.programs.traffic.legs import Legs
+from mdms_host.programs.traffic.ordered import OrderedTraffic
+from mdms_host.programs.traffic.planning import Desk
+from mdms_host.programs.traffic.ride import Load
 from mdms_host.routes.pace import TrapezoidPace
 from mdms_host.routes.planner import Planner
 from mdms_host.routes.route import Route
