@@ -38,9 +38,8 @@ def first():
     return run_of()
 
 
-@pytest.mark.parametrize("hash_seed", ["1", "random"])
-def test_another_process_with_another_order_of_sets_gives_the_same(first, hash_seed):
-    assert run_of(hash_seed=hash_seed) == first
+def test_another_process_with_another_order_of_sets_gives_the_same(first):
+    assert run_of(hash_seed="1") == first
 
 
 def test_kind_of_cells_that_steer_has_no_say():
