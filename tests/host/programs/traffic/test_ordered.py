@@ -13,7 +13,7 @@ from mdms_host.motion.goal import Goal
 from mdms_host.programs.order import Gate
 from mdms_host.programs.table import ProgramError
 
-SORT18 = Path(__file__).parents[3] / "examples" / "sort.toml"
+SORT18 = Path(__file__).parents[4] / "examples" / "sort.toml"
 
 
 #: A disc of 0.16 m; what is unknown may reach farther by the way to the next sensor.
