@@ -19,6 +19,8 @@ from mdms_host.programs.order import Gate, Order
 from mdms_host.routes.route import Route
 from mdms_model.arrays import Floats
 
+#: Rounding, of the length of a way [m].
+_SAME_M = 1e-9
 #: A parcel that leaves is driven as if its way went on so far beyond its end [m].
 _ONWARD_M = 0.4
 #: Less than this share of the usual acceleration is for want of wheels at the edge.
@@ -112,8 +114,10 @@ class Ride:
             return self.controller.step(belief, step_s)
         follower = self.follower
         follower.paused = belief.doubtful or self.stopping
-        if self.leaves and limit_m >= self.route.length_m:
-            limit_m = follower.profile.path.length_m
+        if limit_m > self.route.length_m - _SAME_M:
+            # The path that is followed goes on beyond the edge where the parcel leaves; elsewhere
+            # it has the same length as the route, but for rounding.
+            limit_m = follower.path.length_m
         carried = follower.step(belief, step_s, limit_m)
         path = follower.path
         self._behind_m = path.distance_m(path.off(belief.pose, follower.s_m))
