@@ -188,18 +188,7 @@ def bundle_of(packed=PACKED, key=OUR_KEY, **changes):
         "digest": hashlib.sha256(packed).digest(),
     }
     fields.update(changes)
-    names = [
-        "flags",
-        "bytecode",
-        "boards",
-        "version",
-        "counter",
-        "size",
-        "image_size",
-        "key_id",
-        "digest",
-    ]
-    signed = bundle.pack(bundle.Head(*[fields[name] for name in names]))
+    signed = bundle.pack(bundle.Head(**fields))
     return signed + sign(key, signed) + packed
 
 
