@@ -358,8 +358,9 @@ class Cell:
     # What goes on in the background
 
     def _initialise(self):
-        """Claim the node id, a step a millisecond."""
+        """Claim the node id, a step a millisecond; a trial and a restart do not wait for it."""
         self._nmt.initialise(self.now_ms)
+        self._update.poll(self.now_ms)
         if self._nmt.refused:
             self._guard.on_refusal()
             self._emcy.poll(self.now_ms)

@@ -7,12 +7,13 @@ from update_bench import (
     ROOM,
     Bench,
     bundle_of,
+    code_in,
     identification,
 )
 
 from mdms_cell.drive import speed_loop
 from mdms_cell.update.signature import sign
-from mdms_protocol import cia402, sdo
+from mdms_protocol import cia402, cob, sdo
 from mdms_protocol.update import bundle, codes
 from mdms_protocol.version import VERSION
 
@@ -73,6 +74,19 @@ def test_trial_ends_by_itself_after_a_minute():
     assert bench.board.restarts == 1
     bench.power_up()
     assert bench.read(0x3030, 7) == codes.INSTALLED
+
+
+def test_trial_ends_after_a_minute_also_without_a_node_id():
+    bench = Bench()
+    bench.start_trial(bundle_of())
+    for data in (b"\x04\x01", b"\x11\xff", b"\x04\x00"):
+        bench.cell.on_frame(0x7E5, data + bytes(6), bench.now_ms)
+    bench.cell.on_frame(0x000, b"\x82\x05", bench.now_ms)
+    bench.pass_ms(100)
+    assert bench.cell.node_id == cob.NODE_NONE
+    bench.now_ms += 60_000
+    bench.pass_ms(1)
+    assert bench.board.restarts == 1
 
 
 def test_firmware_is_confirmed_only_after_it_was_asked_what_it_is_and_keeps_time():
@@ -172,11 +186,22 @@ def test_firmware_is_taken_into_a_cleared_slot_only_and_while_no_motor_is_on():
     bench.cell.on_frame(0x000, b"\x01\x05", bench.now_ms)
     enable(bench.cell)
     assert states(bench) == [cia402.OPERATION_ENABLED] * 2
+    refuses_while_driving(bench)
+
+
+def test_nothing_is_taken_while_a_wheel_brakes():
+    bench = Bench()
+    bench.board.slots.may_write = lambda: False
+    refuses_while_driving(bench)
+
+
+def refuses_while_driving(bench):
     for command in (codes.CLEAR, codes.START, codes.RESET):
         assert bench.control(command) == sdo.WRONG_STATE
         assert bench.reason() == codes.DRIVING
-    assert bench.send(0x1F50, 1, bundle_of()) == sdo.WRONG_STATE
-    assert bench.reason() == codes.DRIVING
+    for index, sub, data in ((0x1F50, 1, bundle_of()), (0x3030, 1, OUR_KEY)):
+        assert bench.send(index, sub, data) == sdo.WRONG_STATE
+        assert bench.reason() == codes.DRIVING
 
 
 def test_no_axis_is_enabled_while_firmware_comes_in_or_is_on_trial():
@@ -197,6 +222,17 @@ def test_no_axis_is_enabled_while_firmware_comes_in_or_is_on_trial():
     assert bench.prove() is None
     enable(bench.cell)
     assert states(bench) == [cia402.OPERATION_ENABLED] * 2
+
+
+def test_transfer_that_ends_with_its_first_frame_is_over():
+    for request in (b"\x23\x50\x1f\x01MDMB", b"\x23\x50\x1f\x01once"):
+        bench = Bench()
+        bench.cell.on_frame(0x000, b"\x01\x05", bench.now_ms)
+        assert bench.control(codes.CLEAR) is None
+        assert code_in(bench.ask(request)) is not None
+        assert not bench.read(0x1F57, 1) & codes.BUSY
+        enable(bench.cell)
+        assert states(bench) == [cia402.OPERATION_ENABLED] * 2
 
 
 def test_firmware_on_trial_is_not_written_over():

@@ -117,8 +117,6 @@ class Update:
             self._confirm()
         elif command == codes.RESET:
             self._refuse_while_driving()
-            if not self._slots.may_write():
-                raise self._refusal(codes.DRIVING)  # a wheel brakes still
             self._restart_soon()
         else:
             raise sdo.AbortError(sdo.INVALID_VALUE)
@@ -194,7 +192,8 @@ class Update:
     # Refusals
 
     def _refuse_while_driving(self):
-        if self._driving():
+        """A wheel that brakes still counts, too."""
+        if self._driving() or not self._slots.may_write():
             raise self._refusal(codes.DRIVING)
 
     def _store(self, action):

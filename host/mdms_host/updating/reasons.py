@@ -23,7 +23,7 @@ REASONS = {
     codes.TOO_LARGE: "the bundle is larger than its slot",
     codes.TRUNCATED: "the bundle is not whole",
     codes.DAMAGED: "what its flash has is not what was signed",
-    codes.DRIVING: "its motors are on; turn them off first: mdms stop",
+    codes.DRIVING: "its motors are on, or brake still; turn them off first: mdms stop",
     codes.FLASH_FAILED: "its flash cannot be written",
     codes.NOT_CLEARED: "its slot was not cleared before",
     codes.NOTHING_TO_START: "it has no new firmware to start",

@@ -33,8 +33,12 @@ def begin_download(objects, data, index, sub):
     # Where no size is given, the entry's own counts.
     size = 4 - (command >> 2 & 3) if announced else find(index, sub).size or 4
     sink = objects.open(index, sub, size)
-    sink.write(data[4 : 4 + size])
-    sink.finish()
+    try:
+        sink.write(data[4 : 4 + size])
+        sink.finish()
+    except sdo.AbortError:
+        sink.cancel()
+        raise
     return None, head(sdo.DOWNLOAD_RESPONSE, data) + bytes(4)
 
 
