@@ -156,7 +156,7 @@ class Bench:
         return self.reason()
 
     def start_trial(self, data):
-        """Bring a bundle and start it, as the board does when it is told to restart."""
+        """Bring a bundle and start it, as the board does by a restart."""
         assert self.load(data) == 0
         assert self.control(codes.START) is None
         self.pass_ms(60)

@@ -139,7 +139,7 @@ class Update:
         self._restart_soon()
 
     def _confirm(self):
-        """The firmware that runs stays: it has come up, is heard and asked, and is sound."""
+        """The firmware that runs stays: it has come up, was asked what it is, and is sound."""
         if not self._slots.on_trial:
             raise self._refusal(codes.NOT_ON_TRIAL)
         if not self._asked or not self._sound():

@@ -63,7 +63,7 @@ class Waiting:
 
     @property
     def wake_s(self) -> float:
-        """When it gives up [s]; at once for the first time, by which it knows the time."""
+        """When it gives up [s]; at once for the first time, from which its limit counts."""
         return float("-inf") if self._end_s is None else self._end_s
 
     def poll(self, now_s: float) -> Iterator[Frame]:

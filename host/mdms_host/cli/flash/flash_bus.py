@@ -69,7 +69,9 @@ def run(arguments: Namespace) -> Exit:
 
     with open_commissioning(arguments) as commissioning:
         node_ids = present_nodes(commissioning, nodes_of(arguments.nodes))
-        refuse_busy(commissioning, node_ids)
+        if not arguments.list:
+            # Blocks fill the bus, on which cells that run a program need one another.
+            refuse_busy(commissioning, sorted(commissioning.states))
         with progress("asking") as share:
             cells = read_candidates(commissioning, node_ids, share)
         if not cells:
@@ -200,11 +202,11 @@ def _facts(cell: "Candidate") -> dict[str, object]:
 def _conclude(arguments: Namespace, rows: Sequence[Row], updater: "Updater") -> Exit:
     """A line for each cell, and the figures of the bus."""
     results = {each.node_id: each for each in updater.updates}
-    told = []
+    facts = []
     for row in rows:
         update = results.get(row.cell.node_id)
         problem = row.problem or (update.failure if update else None)
-        told.append({**_facts(row.cell), **_result(row, problem, done=update is not None)})
+        facts.append({**_facts(row.cell), **_result(row, problem, done=update is not None)})
         if problem:
             say(f"mdms: node {row.cell.node_id}: {problem}")
         elif not arguments.json:
@@ -219,7 +221,7 @@ def _conclude(arguments: Namespace, rows: Sequence[Row], updater: "Updater") -> 
         "restarted": sum(each.restarts for each in updater.updates),
     }
     if arguments.json:
-        print(json.dumps({"cells": told, **figures}))
+        print(json.dumps({"cells": facts, **figures}))
     elif results:
         done = sum(each.finished for each in updater.updates)
         print(
@@ -227,7 +229,7 @@ def _conclude(arguments: Namespace, rows: Sequence[Row], updater: "Updater") -> 
             f"{updater.load(bitrate):.0%} at most, {figures['repeated']} segments repeated, "
             f"{figures['restarted']} transfers begun anew"
         )
-    return Exit.NODE_FAULT if any(row["problem"] for row in told) else Exit.OK
+    return Exit.NODE_FAULT if any(row["problem"] for row in facts) else Exit.OK
 
 
 def _result(row: Row, problem: str | None, *, done: bool) -> dict[str, object]:

@@ -137,9 +137,12 @@ def test_board_without_room_is_refused_by_name(flash, monkeypatch):
 def test_cells_that_may_drive_are_left_alone(flash):
     with Commissioning(None, MonotonicClock()) as bus:
         bus.command(nmt.START, 2)
-    code, _, said = flash()
-    assert code == Exit.NODE_FAULT
-    assert "mdms stop" in said
+    # Nor is another updated meanwhile, for that takes all of the bus.
+    for which in ((), ("--node", 1)):
+        code, _, said = flash(*which)
+        assert code == Exit.NODE_FAULT
+        assert "node 2 is operational; turn it off first: mdms stop" in said
+    assert flash("--list")[0] == Exit.OK
 
 
 def test_file_that_is_no_bundle_or_not_whole_is_refused(flash, tmp_path):
