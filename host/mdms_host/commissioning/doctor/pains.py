@@ -31,7 +31,7 @@ PAINS = (
         "chip's own; mdms identify has one blink, and mdms commission asks for each in turn.",
         (
             f"{_FLASH}test_list_for_people_has_the_serial_number_of_the_bus_and_compares_versions",
-            f"{_COMMISSION}test_each_cell_blinks_and_a_key_says_where_it_is",
+            "tests/host/cli/commission/test_places.py::test_each_cell_blinks_and_a_key_says_where_it_is",
         ),
     ),
     Pain(

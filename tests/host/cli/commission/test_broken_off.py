@@ -1,0 +1,132 @@
+"""`mdms commission` that ends in the middle, at any stage, and what the next run makes of it."""
+
+import pytest
+from tests.host.cli.commission.on_the_table import GRID, NONE, ORDER, answered, serials
+
+from mdms_host.cli.exits import INTERRUPTED, Exit
+from mdms_host.clock import MonotonicClock
+from mdms_host.commissioning.array_file import read_array
+from mdms_host.commissioning.network import Commissioning
+from mdms_protocol import cob, indices, lss, nmt, sdo
+
+
+def lss_frame(command):
+    return lambda frame: frame.can_id == cob.LSS_REQUEST and frame.data[0] == command
+
+
+def sdo_frame(kind, index, sub=0):
+    place = index.to_bytes(2, "little") + bytes((sub,))
+    first = range(cob.SDO_REQUEST_BASE + 1, cob.SDO_REQUEST_BASE + cob.NODE_MAX)
+
+    def is_it(frame):
+        same = frame.data[:1] and frame.data[0] & sdo.SPECIFIER == kind
+        return frame.can_id in first and bool(same) and frame.data[1:4] == place
+
+    return is_it
+
+
+GIVE_ID = lss_frame(lss.CONFIGURE_NODE_ID)
+STORE_ID = lss_frame(lss.STORE)
+LEAVE = lss_frame(lss.SWITCH_GLOBAL)
+WRITE_ROW = sdo_frame(sdo.DOWNLOAD, indices.PLACE, 2)
+STORE = sdo_frame(sdo.DOWNLOAD, indices.STORE, 1)
+READ_BACK = sdo_frame(sdo.UPLOAD, indices.SIGNATURE)
+READ_GAIN = sdo_frame(sdo.UPLOAD, indices.GAIN)
+
+
+def restart(frame):
+    return frame.can_id == cob.NMT and frame.data[0] == nmt.RESET_NODE
+
+
+#: Frames by what they mean, in their order; what comes before the last is cut there.
+STAGES = {
+    "in the search": [lss_frame(lss.FAST_SCAN)] * 20,
+    "in the roll call": [lss_frame(lss.IDENTIFY_SERIAL_HIGH)],
+    "before an id is given": [GIVE_ID],
+    "between write of an id and store": [GIVE_ID, STORE_ID],
+    "between store of an id and boot": [GIVE_ID, STORE_ID, LEAVE],
+    "between the first id and the second": [GIVE_ID, STORE_ID, LEAVE, GIVE_ID],
+    "amid the settings of a cell": [WRITE_ROW],
+    "between settings and store": [WRITE_ROW, STORE],
+    "between store and restart": [STORE, restart],
+    "between restart and read back": [STORE, restart, READ_BACK],
+    "between a cell and the next": [STORE, restart, READ_BACK, WRITE_ROW],
+    "between the last cell and the file": [STORE, STORE, STORE, READ_GAIN],
+}
+
+
+class Cut:
+    """Ends the host's program before it sends a certain frame, as Ctrl-C or as `kill -9` does."""
+
+    def __init__(self, cells, frames, *, killed=False):
+        self.fired = False
+        self._cells = cells
+        self._frames = list(frames)
+        self._killed = killed
+        cells.before_send = self._look
+
+    def _look(self, frame):
+        if not self.fired and self._frames[0](frame):
+            self._frames.pop(0)
+            if not self._frames:
+                self.fired = True
+                self._cells.mute = self._killed
+                raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("killed", [False, True], ids=["interrupted", "killed"])
+@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("cells", [(NONE,) * 3], indirect=True)
+def test_broken_off_at_any_stage_it_ends_well_the_next_time(
+    commission, listed, cells, stage, killed
+):
+    cut = Cut(cells, STAGES[stage], killed=killed)
+    assert commission("--list", listed, *GRID, "--yes") == INTERRUPTED
+    assert cut.fired
+    cells.mute = False
+    assert commission("--list", listed, *GRID, "--yes") == Exit.OK
+    with Commissioning(None, MonotonicClock()) as bus:
+        for node_id in range(1, 4):
+            bus.restart(node_id)
+        assert serials(bus) == list(ORDER)
+        assert [bus.read(node_id, indices.PLACE, 1) for node_id in range(1, 4)] == [1, 2, 3]
+
+
+def test_an_answer_that_was_cut_in_two_is_asked_again(commission, cells, tmp_path, monkeypatch):
+    path = tmp_path / "row.txt"
+    path.write_text("1 2 3")
+    assert commission("--list", path, *GRID, "--yes") == Exit.OK
+    # The row becomes a column: serial 2 is to go from (2, 1) to (1, 2), and is cut at (1, 1).
+    column = ("--columns", "1", "--rows", "3")
+    cut = Cut(cells, [STORE, WRITE_ROW])
+    answered(monkeypatch, "3", "2")
+    assert commission(*column, "--again") == INTERRUPTED
+    assert cut.fired
+    answered(monkeypatch, "2", "1", "y", "n")
+    assert commission(*column) == Exit.OK
+    file = read_array(tmp_path / "array.toml")
+    assert {cell.serial: cell.number for cell in file.cells} == {1: 3, 2: 2, 3: 1}
+
+
+def test_a_cell_that_dies_in_the_middle_is_named_and_the_next_run_mends_it(  # noqa: PLR0917
+    commission, listed, bus, cells, tmp_path, monkeypatch, capsys
+):
+    from mdms_host.commissioning import commissioner
+
+    usual = commissioner.write_settings
+
+    def dies(commissioning, cell):
+        if cell.node_id == 3:
+            cells.array.bank.power_off(0)
+        return usual(commissioning, cell)
+
+    monkeypatch.setattr(commissioner, "write_settings", dies)
+    assert commission("--list", listed, *GRID, "--yes") == Exit.NODE_FAULT
+    message = capsys.readouterr().err
+    assert "00000001: node 3" in message
+    assert "2 of 3 cells are done, and no file was written" in message
+    assert not (tmp_path / "array.toml").exists()
+    monkeypatch.undo()
+    cells.array.bank.restart(0)
+    assert commission("--list", listed, *GRID, "--yes") == Exit.OK
+    assert serials(bus) == list(ORDER)

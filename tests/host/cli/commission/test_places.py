@@ -1,0 +1,104 @@
+"""Where cells are, as a person or a plate says it to `mdms commission`."""
+
+import io
+import itertools
+import tomllib
+
+import numpy as np
+import pytest
+from tests.host.cli.commission.on_the_table import GRID, ORDER, ORDER_6, answered, blank, serials
+
+from mdms_host.cli.commission.plate import check_corner
+from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.layout import Layout
+from mdms_protocol import nmt
+
+#: Blank cells get ids from the top for as long as they are being placed.
+TOP = 126
+
+
+def test_each_cell_blinks_and_a_key_says_where_it_is(commission, bus, cells, monkeypatch, capsys):
+    lit = []
+    told = cells.array.bank._boards
+
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+        def readline(self, *_):
+            lit.append([cell + 1 for cell, board in enumerate(told) if board.blinking])
+            return super().readline()
+
+    # Serial 1 is the third place, and so on; an answer that is none is asked for again.
+    answers = ["3", "zebra", "1,1", "", "n", "y"]
+    monkeypatch.setattr("sys.stdin", Terminal("".join(f"{each}\n" for each in answers)))
+    assert commission(*GRID) == Exit.FAILURE
+    assert "nothing was written" in capsys.readouterr().err
+    monkeypatch.setattr("sys.stdin", Terminal("y\nn\n"))
+    assert commission(*GRID) == Exit.OK
+    assert lit[:4] == [[1], [2], [2], [3]]
+    assert serials(bus) == list(ORDER)
+
+
+def test_what_was_answered_before_an_interruption_is_not_asked_again(
+    commission, bus, monkeypatch, capsys
+):
+    answered(monkeypatch, "3", "q")
+    assert commission(*GRID) == Exit.FAILURE
+    assert "1 cells have their places; the same command goes on" in capsys.readouterr().err
+    answered(monkeypatch, "3", "1", "2", "y", "n")
+    assert commission(*GRID) == Exit.OK
+    errors = capsys.readouterr().err
+    assert "1 cells have their places already" in errors
+    assert "00000001 has that place" in errors
+    assert serials(bus) == list(ORDER)
+
+
+@blank
+def test_a_plate_that_is_moved_over_the_table_places_all(commission, bus, cells, tmp_path, capsys):
+    layout = Layout(3, 2)
+    place_of = {serial: place for place, serial in enumerate(ORDER_6)}
+    # A hand over a table: along both rows and between them, again until it is over.
+    x_m, y_m = layout.cell_positions_m.max(axis=0)
+    row = np.linspace(-x_m - 0.05, x_m + 0.05, 800)
+    rows = ((-y_m, row), (0.0, row[::-1]), (y_m, row))
+    way = [(x, y) for y, along in rows for x in along]
+    hand = itertools.cycle([*way, *way[::-1]])
+
+    def move():
+        # Who has not begun to watch sees an empty table.
+        if bus.states.get(TOP) == nmt.OPERATIONAL:
+            away = np.abs(layout.sensor_positions_m - next(hand))
+            bits = (away < 0.075).all(axis=2) @ (1 << np.arange(5))
+            for serial in ORDER_6:
+                cells.array.presence[serial - 1] = bits[place_of[serial]]
+
+    cells.array.hand = move
+    done = commission("--plate", "--corner", "00000004", "--yes", "--limit", "30")
+    assert done == Exit.OK, capsys.readouterr().err
+    assert serials(bus, 6) == list(ORDER_6)
+    document = tomllib.loads((tmp_path / "array.toml").read_text())
+    assert (document["array"]["columns"], document["array"]["rows"]) == (3, 2)
+
+
+def test_a_corner_that_lies_elsewhere_shows_that_cells_are_mounted_turned():
+    spots = {10: (1, 1), 11: (2, 1)}
+    check_corner(None, spots, (2, 1))
+    check_corner(10, spots, (2, 1))
+    with pytest.raises(CommandError, match="lies at column 2, row 1 of 2 x 1: cells are mounted"):
+        check_corner(11, spots, (2, 1))
+    with pytest.raises(CommandError, match="0000000C is not on the bus"):
+        check_corner(12, spots, (2, 1))
+
+
+def test_a_plate_that_nobody_moves_ends_with_time(commission, cells, capsys):
+    assert commission("--plate", "--yes", "--limit", "0.5") == Exit.TIME_LIMIT
+    assert "0 of 3 cells were seen in time" in capsys.readouterr().err
+    assert all(board.blinking for board in cells.array.bank._boards)
+
+
+def test_a_table_that_is_not_empty_is_no_place_to_begin(commission, cells, capsys):
+    cells.array.presence[2] = 0b00010
+    cells.sleep(0.05)
+    assert commission("--plate", "--yes") == Exit.FAILURE
+    assert "node 3 sees something already" in capsys.readouterr().err
