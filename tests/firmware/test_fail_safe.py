@@ -8,9 +8,12 @@ import pytest
 
 HERE = Path(__file__).parent
 FIRMWARE = HERE.parents[1] / "firmware"
+#: Where the tests of the rows are.
+MODULES = ("fail_safe_bus", "fail_safe_wheels", "fail_safe_program")
 FILES = (
     FIRMWARE / "boards",
-    HERE / "fail_safe_rows.py",
+    HERE / "fail_safe_bench.py",
+    *(HERE / f"{module}.py" for module in MODULES),
     HERE / "pauses.py",
     *sorted((HERE / "fakes").glob("*.py")),
 )
@@ -22,22 +25,27 @@ def rows() -> list[str]:
     return re.findall(r"\| `(\w+)` \|$", text, re.MULTILINE)
 
 
-def test_every_row_has_a_test_and_every_test_a_row():
-    tree = ast.parse((HERE / "fail_safe_rows.py").read_text())
-    functions = {
-        node.name
-        for node in tree.body
+def functions() -> dict[str, str]:
+    """What takes a bench alone, by its name: the module that it is in."""
+    return {
+        node.name: module
+        for module in MODULES
+        for node in ast.parse((HERE / f"{module}.py").read_text()).body
         if isinstance(node, ast.FunctionDef)
         and [each.arg for each in node.args.args] == ["bench"]
         and node.args.vararg is None
     }
-    assert set(rows()) == functions
+
+
+def test_every_row_has_a_test_and_every_test_a_row():
+    assert set(rows()) == set(functions())
 
 
 @pytest.mark.parametrize("board", ["pybv11", "teensy41"])
 @pytest.mark.parametrize("row", rows())
 def test_row(micropython, row, board):
-    code = f"import fail_safe_rows; fail_safe_rows.run({row!r}, {board!r})"
+    module = functions()[row]
+    code = f"import fail_safe_bench, {module}; fail_safe_bench.run({module}.{row}, {board!r})"
     assert micropython(code, *FILES) == "done\n"
 
 

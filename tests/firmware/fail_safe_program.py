@@ -1,0 +1,99 @@
+"""Rows of the fail-safe table about the program, from its start to its end; on MicroPython."""
+
+import world
+from bench import NODE
+from fail_safe_bench import RESET, TARGET, UP, comes_back, cut, emergencies, keep
+
+from boards import start
+from mdms_cell.drive import speed_loop as s
+from mdms_protocol.version import VERSION
+
+
+def exception_in_tick(bench):
+    world.analog[bench.supply] = None  # no number to reckon with
+    cut(bench)
+    try:
+        bench.pass_ms()
+    except TypeError:
+        return
+    raise AssertionError("the background was not told")
+
+
+def ends(bench, action, wanted):
+    """Run the program itself on the bench's board, wheels driven, until `action` ends it."""
+    start_ms = world.now_ms + 1500
+    frames = [(0x000, bytes((1, NODE)))]
+    frames += [(0x300 + NODE, bytes((word, 0, word, 0))) for word in UP]
+    for place, frame in enumerate(frames):
+        world.events[start_ms + place] = lambda frame=frame: bench.can.deliver(*frame)
+    for ms in range(start_ms + len(frames), start_ms + 50):
+        world.events[ms] = lambda: bench.target(TARGET)
+
+    def plan():
+        assert not bench.off()
+        bench.board.show = action
+
+    world.events[start_ms + 50] = plan
+    try:
+        start.run(bench.board, None, ".", NODE, watchdog=False)
+    except wanted:
+        world.told.append("ended")
+    assert world.told[-1] == "ended"
+    assert bench.off()
+    assert 0x6100 in emergencies()
+    with open("crash.log") as file:
+        log = file.read()
+    assert log.startswith("mdms " + VERSION + "\nTraceback")
+    assert wanted.__name__ in log
+
+
+def exception_in_background(bench):
+    ends(bench, lambda now_ms, state, faulty: 1 // 0, ZeroDivisionError)
+
+
+def interrupted_from_prompt(bench):
+    def interrupt(now_ms, state, faulty):
+        raise KeyboardInterrupt
+
+    ends(bench, interrupt, KeyboardInterrupt)
+
+
+def timer_dies(bench):
+    fed_ms = world.fed_ms
+    keep(bench, 5)
+    assert world.fed_ms > fed_ms
+    world.timers.clear()
+    fed_ms = world.fed_ms
+    for _ in range(50):
+        bench.pass_ms()
+    assert world.fed_ms <= fed_ms + 1
+
+
+def background_hangs(bench):
+    bench.target(TARGET)
+    bench.pass_ms()
+    fed_ms = world.fed_ms
+    for _ in range(50):
+        world.advance()
+        assert not bench.off()
+    for _ in range(14):
+        world.advance()
+    assert bench.off()
+    assert world.fed_ms == fed_ms
+    bench.pass_ms(320)
+    comes_back(bench, *RESET)
+
+
+def start_up(bench):
+    fresh = bench.board
+    fresh.registers[s.MODE] = s.OFF
+    bench.pass_ms(0)
+    bench.can.deliver(0x000, bytes((0x81, NODE)))
+    bench.runner.turn(world.now_ms)
+    for _ in range(500):
+        bench.target(TARGET)
+        bench.pass_ms()
+    assert bench.off()
+    bench.can.deliver(0x000, bytes((1, NODE)))
+    bench.pass_ms(2)
+    comes_back(bench, 0x00, *UP)
