@@ -135,16 +135,9 @@ class CellBoard:
         """Whether both bridges sleep, so that flash may be written: no axis is on, none brakes.
 
         The next tick would come too late: it waits, with the voltage on, while flash is erased.
-        Wheels that stand are no longer held after this: the next tick would wake both bridges
-        again, in the middle of what is written piece by piece.
         """
-        registers = self.registers
-        for base in (0, speed_loop.AXIS):
-            standing = registers[base + speed_loop.SIGNS] & speed_loop.STANDING
-            braking = registers[speed_loop.AWAKE] and not standing
-            if registers[base + speed_loop.MODE] or braking:
-                return False
-        registers[speed_loop.AWAKE] = 0
+        if not speed_loop.let_sleep(self.registers):
+            return False
         self.motors_off()
         self._wake.low()
         self.feed()

@@ -143,6 +143,19 @@ def reset(registers):
     registers[WIDEN] = 32 if sys.maxsize >> 32 else 0
 
 
+def let_sleep(registers):
+    """Have the bridges sleep from now on; False where an axis is on, or a wheel brakes still.
+
+    Wheels that stand are no longer held: the next tick would wake both bridges again.
+    """
+    for base in range(0, AXES * AXIS, AXIS):
+        standing = registers[base + SIGNS] & STANDING
+        if registers[base + MODE] or (registers[AWAKE] and not standing):
+            return False
+    registers[AWAKE] = 0
+    return True
+
+
 @micropython.viper
 def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it compiles to one
     """Advance both axes by one tick of 1 ms, in place."""

@@ -46,6 +46,7 @@ class VirtualBoard:
         self.restarting = False
         self.slots = Slots(settings.files)
         self.slots.start()
+        self.slots.may_write = self.asleep
 
     def sample(self, registers: memoryview) -> None:
         """Write encoder counts and motor currents into the registers."""
@@ -77,6 +78,11 @@ class VirtualBoard:
     def listen(self, identifiers: list[int]) -> None:
         """Let frames with these identifiers through."""
         self.identifiers = identifiers
+
+    def asleep(self) -> bool:
+        """Return whether both bridges sleep, so that firmware may be written."""
+        asleep: bool = speed_loop.let_sleep(self.registers)
+        return asleep
 
     def slots_room(self) -> int:
         """Return the bytes that a slot takes."""
