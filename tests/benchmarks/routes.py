@@ -4,10 +4,10 @@ Parcels are drawn one after another. Each either has a way past the goals of all
 starts where none of their ways passes, or it has one past their starts, and ends where none of
 their ways passes: so it can be the last to go, or the first, and there is an order in which they
 could go, which the planner is not given. What it plans is checked by outlines of `shapely` in
-continuous time, which
-has no code in common with it: swept over short spans of time, and looked at closer where two spans
-come near. Times are of the processor, for all parcels
-at once (`ours`) and for one that is planned anew while the others keep their routes (`one_ms`).
+continuous time, which has no code in common with it: swept over short spans of time, and looked at
+closer where two spans come near. Times are of the processor, for all parcels at once (`ours`) and
+for one that is planned anew while the others keep their routes (`one_ms`); `anew` is in how many
+instances somebody would have waited for it for ever, so that all were planned anew.
 `bound` is the upper end of a one-sided 95 % confidence interval of the share that fails.
 
 `python -m tests.benchmarks.routes [--instances N] [--seed S] [--seconds T]` prints
@@ -264,6 +264,8 @@ class Count:
     full: int = 0
     """Instances of as many parcels as the table may have."""
     bad: list[str] = field(default_factory=list)
+    anew: int = 0
+    """Instances of which all were planned anew where one was to be."""
     all_ms: list[float] = field(default_factory=list)
     one_ms: list[float] = field(default_factory=list)
 
@@ -285,6 +287,7 @@ def try_one(table: Table, seed: int, count: Count) -> None:
     if again.blocked or again.authority.held(dict.fromkeys(again.routes, 0.0), ()):
         # As on a table: who waits for it for ever is stopped, and all are planned anew.
         again = table.planner.plan(tasks)
+        count.anew += 1
     assert len(again.reservations.waits) == len(tasks)
     count.one_ms.append((process_time() - begun_s) * 1e3)
     wrong = faults(table, tasks, plan) + faults(table, tasks, again)
@@ -327,6 +330,7 @@ def rows_of(instances: int, seed: int, seconds: float = inf) -> Iterator[dict[st
                 "instances": count.instances,
                 "parcels": count.parcels,
                 "full": count.full,
+                "anew": count.anew,
                 "bad": len(count.bad),
                 "bound": share_bound(len(count.bad), count.instances),
                 "seeds": f"{seed}..{seed + count.instances - 1}",

@@ -101,6 +101,7 @@ def test_a_program_ends_as_it_should_and_what_broke_is_reported(row: Row) -> Non
     assert (finished.pauses, finished.lost_cells) == (row.pauses, row.lost)
     texts = " / ".join(event.detail for event in finished.record.events)
     assert row.says in texts
+    assert ("contradict" in texts) == (row.what == "sensor stuck")
     for message in messages()[row.what]:
         assert re.search(message, texts), f"{message}: {texts}"
     assert moved_without_command_m_s(finished, row) < STANDS_M_S

@@ -54,6 +54,7 @@ class ControlCycle:
         self.watch = Watch(cells, wheels // len(cells), program.controllers)
         self._cells = cells
         self._program = program
+        self._of_wheels = None if isinstance(program, ByCells) else program
         self._roster = roster
         self._tracker = tracker
         self._odometry = odometry
@@ -85,16 +86,17 @@ class ControlCycle:
     def _references_m_s(self, phase: Phase, now_s: float, sync_s: float) -> Floats:
         """The references for a SYNC, shape (W,); 0 but while parcels are steered, or braked."""
         self._commanded_m_s = np.zeros(self.references_m_s.shape)
-        if phase not in UP or isinstance(self._program, ByCells):
+        program = self._of_wheels
+        if phase not in UP or program is None:
             return np.zeros(self.references_m_s.shape)
         if phase in HELD:
-            self._rest(self._program, now_s, sync_s)
+            self._rest(program, now_s, sync_s)
             references_m_s = self._braked_m_s(now_s)
         else:
             self._braking = None
-            references_m_s = self._steered_m_s(self._program, now_s, sync_s)
+            references_m_s = self._steered_m_s(program, now_s, sync_s)
         still = self._roster.wheels_out
-        if self._program.controllers:
+        if program.controllers:
             # A wheel that stands is dragged along: one whose encoder is stuck would push with all
             # that its motor has. Once it turns with its parcel it is driven again.
             still = still | self.watch.standing

@@ -37,17 +37,8 @@ class Steered(Protocol):
         ...
 
 
-class Program(Protocol):
-    """Sets all wheels' references [m/s] (the paper's r), step by step."""
-
-    def references_m_s(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
-        """References of shape (W,) for the next step, given what is believed at its beginning."""
-        ...
-
-    @property
-    def speeds_m_s(self) -> Floats:
-        """How fast each wheel is to run under the references that were returned last, (W,)."""
-        ...
+class AnyProgram(Protocol):
+    """What a run needs of a program, whoever steers by it."""
 
     def take_notices(self) -> list[str]:
         """What has happened to parcels since the last call."""
@@ -79,11 +70,24 @@ class Program(Protocol):
         ...
 
     def set_goal(self, name: str, goal: Goal) -> None:
-        """Steer a parcel to this goal from now on.
+        """Have a parcel steered to this goal from now on.
 
         Raises ValueError where none are steered, and KeyError for a parcel that is not the
         program's.
         """
+        ...
+
+
+class Program(AnyProgram, Protocol):
+    """Sets all wheels' references [m/s] (the paper's r), step by step."""
+
+    def references_m_s(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
+        """References of shape (W,) for the next step, given what is believed at its beginning."""
+        ...
+
+    @property
+    def speeds_m_s(self) -> Floats:
+        """How fast each wheel is to run under the references that were returned last, (W,)."""
         ...
 
 

@@ -14,6 +14,8 @@ _PERIODS = 3.0
 _LATE_S = 0.02
 #: A sensor is judged from this far inside or outside all parcels on [m].
 _DEEP_M = 0.02
+#: Of a longer time since the last judgement nothing is known [s].
+_JUDGED_S = 0.05
 #: Sensors are judged where at least this share of those under parcels is covered.
 _AGREEING = 0.8
 
@@ -77,18 +79,24 @@ class PresenceMap:
 
     def valid(self, now_s: float) -> Bools:
         """Sensors that are believed, and whose cells have reported of late, shape (S,)."""
+        return self._current(now_s) & self._worth.believed
+
+    def _current(self, now_s: float) -> Bools:
+        """Sensors whose cells have reported of late, and are not ignored, shape (S,)."""
         lately = now_s - self._reported_s <= self._valid_s
-        return np.repeat(lately, self._sensors) & self._worth.believed & self._counted
+        return np.repeat(lately, self._sensors) & self._counted
 
     def judge(self, now_s: float, distance_m: Floats, other: Bools) -> list[tuple[int, list[int]]]:
         """Compare with where all parcels are, all found: `distance_m` (S,) from the nearest edge.
 
-        Of those that show something `other` than parcels, (S,), nothing is expected.
+        Of those that show something `other` than parcels, (S,), nothing is expected, and what has
+        not been reported of late is not judged.
 
         Returns cells (from 1) with their sensors (from 0) that are not believed from now on.
         """
-        step_s, self._judged_s = max(0.0, now_s - self._judged_s), now_s
-        deep = ~other & self._counted & (abs(distance_m) > _DEEP_M)
+        step_s = min(max(0.0, now_s - self._judged_s), _JUDGED_S)
+        self._judged_s = now_s
+        deep = ~other & self._current(now_s) & (abs(distance_m) > _DEEP_M)
         inside = deep & (distance_m < 0)
         if (self.covered & inside).sum() < _AGREEING * inside.sum():
             return []

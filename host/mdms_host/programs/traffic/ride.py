@@ -111,7 +111,9 @@ class Ride:
         if self.controller is not None:
             self.controller.paused = belief.doubtful
             self.controller.feel_rad = belief.feel_rad if room else None
-            return self.controller.step(belief, step_s)
+            carried = self.controller.step(belief, step_s)
+            self._look(belief)
+            return carried
         follower = self.follower
         follower.paused = belief.doubtful or self.stopping
         if limit_m > self.route.length_m - _SAME_M:
@@ -119,8 +121,7 @@ class Ride:
             # it has the same length as the route, but for rounding.
             limit_m = follower.path.length_m
         carried = follower.step(belief, step_s, limit_m)
-        path = follower.path
-        self._behind_m = path.distance_m(path.off(belief.pose, follower.s_m))
+        self._look(belief)
         if follower.at_rest:
             # It waits until the way is free.
             self._standstill.clear()
@@ -130,6 +131,12 @@ class Ride:
         if follower.finished and not self.stopping:
             self._come()
         return carried
+
+    def _look(self, belief: Belief) -> None:
+        """Find how far the parcel is from where it is to be; others wait for what has not come."""
+        path = self.follower.path
+        off_m = path.distance_m(path.off(belief.pose, self.follower.s_m))
+        self._behind_m = 0.0 if self.arrived else off_m
 
     def _come(self) -> None:
         goal = self.order.goal

@@ -6,6 +6,7 @@ from mdms_host.estimation.presence.presence_map import PresenceMap
 CELLS, SENSORS = 6, 5
 #: Cells 1 to 4 lie deep under a parcel, the others far beside it.
 UNDER_M = np.repeat([-0.05] * 4 + [0.05] * 2, SENSORS)
+NOTHING = np.zeros(CELLS * SENSORS, dtype=bool)
 
 
 def reporting(bits: list[int], now_s: float = 0.0, **keys: float) -> PresenceMap:
@@ -21,15 +22,20 @@ def repeat(presence: PresenceMap, bits: list[int], now_s: float) -> list[tuple[f
     return edges
 
 
-def judged(presence: PresenceMap, seconds: float) -> list[tuple[int, list[int]]]:
+def judged(presence: PresenceMap, bits: list[int], seconds: float) -> list[tuple[int, list[int]]]:
+    """What is not believed any more by judging for so long, from 1 s on, while cells repeat."""
     fallen = []
-    other = np.zeros(CELLS * SENSORS, dtype=bool)
     for step in range(round(seconds * 100)):
-        fallen += presence.judge(1.0 + step / 100, UNDER_M, other)
+        now_s = 1.0 + step / 100
+        if step % 20 == 0:
+            repeat(presence, bits, now_s)
+        fallen += presence.judge(now_s, UNDER_M, NOTHING)
     return fallen
 
 
 RIGHT = [0b11111] * 4 + [0] * 2
+#: The first sensor of the first cell shows nothing.
+WRONG = [0b11110, *RIGHT[1:]]
 
 
 def test_a_change_has_happened_before_it_was_reported_by_the_debounce() -> None:
@@ -64,22 +70,39 @@ def test_what_a_cell_has_not_repeated_is_not_valid_any_more() -> None:
 
 
 def test_a_sensor_that_contradicts_all_others_is_not_believed_after_a_while() -> None:
-    presence = reporting([0b11110, *RIGHT[1:]])
-    assert judged(presence, 0.25) == []
-    assert judged(presence, 0.4) == [(1, [0])]
-    assert repeat(presence, RIGHT, 2.0) == []
+    presence = reporting(WRONG)
+    assert judged(presence, WRONG, 0.25) == []
+    assert judged(presence, WRONG, 0.4) == [(1, [0])]
+    assert repeat(presence, RIGHT, 1.4) == []
+
+
+def test_what_a_cell_has_not_repeated_is_not_judged() -> None:
+    """A parcel may have come over it since."""
+    presence = reporting(WRONG, 0.5)
+    for step in range(200):
+        now_s = 2.0 + step / 100
+        for cell in range(2, CELLS + 1):
+            list(presence.on_report(now_s, cell, RIGHT[cell - 1]))
+        assert presence.judge(now_s, UNDER_M, NOTHING) == []
+
+
+def test_a_while_in_which_nothing_was_judged_makes_no_sensor_wrong() -> None:
+    presence = reporting(RIGHT, 1.0)
+    assert presence.judge(1.0, UNDER_M, NOTHING) == []
+    repeat(presence, WRONG, 4.0)
+    assert presence.judge(4.0, UNDER_M, NOTHING) == []
+    assert presence.valid(4.0).all()
 
 
 def test_nothing_is_judged_by_a_belief_that_a_third_of_the_sensors_contradict() -> None:
-    presence = reporting([0, *RIGHT[1:]])
-    assert judged(presence, 2.0) == []
+    bits = [0, *RIGHT[1:]]
+    assert judged(reporting(bits), bits, 2.0) == []
 
 
 def test_a_sensor_that_is_right_again_is_believed_again_much_later() -> None:
-    presence = reporting([0b11110, *RIGHT[1:]])
-    judged(presence, 0.4)
-    repeat(presence, RIGHT, 2.0)
-    judged(presence, 0.5)
+    presence = reporting(WRONG)
+    judged(presence, WRONG, 0.4)
+    judged(presence, RIGHT, 0.5)
     assert not presence.valid(2.0)[0]
-    judged(presence, 5.0)
+    judged(presence, RIGHT, 5.0)
     assert presence.valid(2.0)[0]
