@@ -43,13 +43,16 @@ class ParcelsByHand:
         self._layout = layout
         self._wall_s = wall_s
         self._centres_of_mass_m = centres_of_mass_m
+        #: When each goal that is dragged came last, and whose parcels these are.
         self._held: dict[str, float] = {}
+        self._holder: Coordinator | None = None
 
     def set_goal(self, coordinator: Coordinator, command: commands.Goal) -> None:
         """Steer a parcel there from now on. Raises `RefusedError`.
 
         What is dragged to where it cannot go is held at the goal before.
         """
+        self._leave_others(coordinator)
         if command.held and command.parcel in self._held:
             self._held[command.parcel] = self._wall_s()
         goal = _goal_of(coordinator, command)
@@ -70,6 +73,7 @@ class ParcelsByHand:
 
     def let_go(self, coordinator: Coordinator | None) -> list[str]:
         """Have parcels stay whose goals nobody holds any more; returns their names."""
+        self._leave_others(coordinator)
         now_s = self._wall_s()
         gone = [name for name, held_s in self._held.items() if now_s - held_s > HELD_S]
         for name in gone:
@@ -77,6 +81,12 @@ class ParcelsByHand:
         if coordinator is None or coordinator.stopped:
             return []
         return [name for name in gone if _stay(coordinator, name)]
+
+    def _leave_others(self, coordinator: Coordinator | None) -> None:
+        """A hand that dragged a goal of a program before has nothing to do with this one."""
+        if coordinator is not self._holder:
+            self._held.clear()
+            self._holder = coordinator
 
     def name(self, coordinator: Coordinator, command: commands.Name) -> None:
         """Take what is unknown for a parcel. Raises `RefusedError`."""

@@ -1,6 +1,5 @@
 """A recorded run as the page sees it: the same signals, at a time that a person chooses."""
 
-from bisect import bisect_right
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,8 @@ from mdms_host.page.shown.signals import Signals
 from mdms_host.page.shown.things import Thing
 from mdms_model.arrays import Floats
 from mdms_model.run.folder import BUS_LOG, START_S, StoredRun, bus_number
-from mdms_model.run.record import Event
+from mdms_model.run.planned import goals_at, goals_given, plan_at
+from mdms_model.run.record import Event, Record
 from mdms_model.run.slip import slip_m_s
 from mdms_protocol.frame import Frame
 
@@ -30,22 +30,20 @@ MOST_PLOTTED = 600
 #: Rates of frames are over so long [s].
 _RATES_S = 0.1
 _MOST_EVENTS = 5000
+_NO_GOAL = np.full(3, np.nan)
 
 
 class RecordedTable:
-    """A run folder, played at any speed, from any time; `goals` (P, 3) has NaN where none is."""
+    """A run folder, played at any speed, from any time."""
 
     offers: tuple[str, ...] = ("pause", "resume", "step", "speed", "seek")
 
-    def __init__(
-        self, run: StoredRun, layout: Layout, things: dict[str, Thing], goals: Floats
-    ) -> None:
+    def __init__(self, run: StoredRun, layout: Layout, things: dict[str, Thing]) -> None:
         self.version = 1
         record = run.record
         self._run = run
         self._layout = layout
         self._things = things
-        self._goals = goals
         self._signals = Signals.of(layout, len(things), len(KINDS))
         self._instants = _shown(record.time_s)
         self._times_s: Floats = record.time_s[self._instants]
@@ -53,10 +51,9 @@ class RecordedTable:
         slip = record.slip_m_s if record.slip_m_s is not None else slip_m_s(run.scenario, record)
         self._slip_m_s = slip
         self._phases = _phases(record.events, self._times_s)
-        self._arrived = _arrived(record.events, list(things), self._times_s)
+        self._arrived = _arrived(record, list(things), self._times_s)
         self.duration_s = float(self._times_s[-1])
         self._history = b""
-        self._plan_times_s = [plan.time_s for plan in record.plans]
         self._shown_plan = planned({}, ())
         self._at_s = 0.0
         self._speed = 1.0
@@ -103,6 +100,7 @@ class RecordedTable:
     def _values(self, index: int) -> dict[str, Any]:
         record, instant = self._run.record, self._instants[index]
         believed = record.estimate
+        goals = goals_at(self._run.scenario, record, float(self._times_s[index]))
         shown: dict[str, Any] = {
             "time": self._times_s[index],
             "speed": self._speed,
@@ -112,7 +110,7 @@ class RecordedTable:
             "wheel_slip": self._slip_m_s[instant],
             "wheel_normal": record.normal_n[instant],
             "parcel_true": record.pose[instant],
-            "parcel_goal": self._goals,
+            "parcel_goal": [goals.get(name, _NO_GOAL) for name in self._things],
             "phase": [self._phases[index]],
         }
         if believed is not None:
@@ -139,10 +137,9 @@ class RecordedTable:
 
     def _plan(self) -> dict[str, Any]:
         """The message `plan` of the time that is shown."""
-        number = bisect_right(self._plan_times_s, self._at_s) - 1
-        if number < 0:
+        plan = plan_at(self._run.record, self._at_s)
+        if plan is None:
             return planned({}, ())
-        plan = self._run.record.plans[number]
         tiles = [(tile.x_m, tile.y_m, tile.side_m, tile.parcels) for tile in plan.tiles]
         return planned(plan.ways, tiles)
 
@@ -237,11 +234,17 @@ def _phases(events: list[Event], times_s: Floats) -> NDArray[np.uint8]:
     return phases
 
 
-def _arrived(events: list[Event], names: list[str], times_s: Floats) -> NDArray[np.uint8]:
-    """Whether each parcel has been reported as arrived by each time, shape (T, P)."""
+def _arrived(record: Record, names: list[str], times_s: Floats) -> NDArray[np.uint8]:
+    """Whether each parcel has come to the goal that it has at each time, shape (T, P)."""
     arrived = np.zeros((len(times_s), len(names)), np.uint8)
-    for event in events:
-        for number, name in enumerate(names):
-            if event.detail == f"{name} has arrived":
-                arrived[times_s >= event.time_s, number] = 1
+    # One that has come to its goal, and is given another at that instant, is on its way again.
+    changes = [
+        (event.time_s, 0, name)
+        for event in record.events
+        for name in names
+        if event.detail == f"{name} has arrived"
+    ]
+    changes += [(time_s, 1, name) for time_s, name, _ in goals_given(record) if name in names]
+    for time_s, is_goal, name in sorted(changes):
+        arrived[times_s >= time_s, names.index(name)] = not is_goal
     return arrived

@@ -1,7 +1,7 @@
 """What was planned at a time of a run."""
 
 from bisect import bisect_right
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from operator import attrgetter
 
 import numpy as np
@@ -31,3 +31,13 @@ def goals_at(scenario: Scenario, record: Record, time_s: float) -> Mapping[str, 
         for name, goal in goals.items()
         if goal is not None
     }
+
+
+def goals_given(record: Record) -> Iterator[tuple[float, str, Floats]]:
+    """Each goal that a parcel is given: when [s], to which, and the pose as of `goals_at`."""
+    before: Mapping[str, Floats] = {}
+    for plan in record.plans:
+        for name, goal in plan.goals.items():
+            if not np.array_equal(goal, before.get(name, ()), equal_nan=True):
+                yield plan.time_s, name, goal
+        before = plan.goals

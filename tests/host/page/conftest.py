@@ -2,7 +2,24 @@ from collections.abc import Callable, Iterator
 
 import pytest
 from playwright.sync_api import sync_playwright
+from tests.host.page.bench import Desk
 from tests.host.page.window import CHROMIUM, FLAGS, wait_until
+
+from mdms_host.page import commands
+
+
+@pytest.fixture
+def desk(monkeypatch) -> Desk:
+    """The prototype's table, before anybody has started anything."""
+    return Desk(monkeypatch)
+
+
+@pytest.fixture
+def running(desk) -> Desk:
+    """The same, while its program runs."""
+    desk.table.do(commands.Start())
+    desk.run_until(lambda: "running" in desk.texts, 3.0)
+    return desk
 
 
 @pytest.fixture(scope="module")

@@ -149,6 +149,9 @@ def test_second_client_watches_until_it_takes_control(demo, open_page):
 
 def test_recording_is_scrubbed(recorded, open_page):
     page = open_page(recorded)
+    # How sure beliefs were is not recorded.
+    assert "goal" in page.inner_text("#legend")
+    assert "95 %" not in page.inner_text("#legend")
     page.click("#pause")
     wait_until(page, "page.snapshot.paused[0] === 1")
     page.fill("#scrub", "3")

@@ -11,9 +11,9 @@ from mdms_host.cli.simulation.compose import run_scenario
 from mdms_host.page import commands
 from mdms_host.page.commands import RefusedError
 from mdms_host.page.shown.bus_watch import CellState
-from mdms_host.page.shown.description import PHASES
+from mdms_host.page.shown.description import PARCEL_STATES, PHASES
 from mdms_model.run.folder import BUS_LOG, read_run, write_run
-from mdms_model.run.record import Plan, Tile
+from mdms_model.run.record import Event, Plan, Tile
 from mdms_model.scenario.file import load_scenario
 
 
@@ -115,6 +115,27 @@ def test_plan_in_force_is_shown_at_its_time_and_sent_when_it_changes(run):
         assert len(plan["tiles"]) == squares
         assert table.news() == []
         assert table.story()[1] == plan
+
+
+def test_goal_and_arrival_are_those_of_the_time_that_is_shown(run):
+    goals = [{"box": np.array(pose)} for pose in ((0.1, 0.0, 0.5), (-0.1, 0.05, np.nan))]
+    plans = [Plan(1.0, {}, goals=goals[0]), Plan(2.0, {}, goals=goals[1])]
+    events = [Event(time_s, "coordinator", "box has arrived") for time_s in (1.5, 2.5)]
+    record = replace(run.record, plans=plans, events=events)
+    table = table_of(replace(run, record=record))
+    assert np.isnan(shown(table, 0.9)["parcel_goal"]).all()
+    seen = {}
+    for time_s in (2.7, 2.2, 1.7, 1.2):
+        now = shown(table, time_s)
+        seen[time_s] = PARCEL_STATES[now["parcel_state"][0]]
+        goal = goals[int(time_s >= 2.0)]["box"]
+        assert now["parcel_goal"][0] == pytest.approx(goal, nan_ok=True)
+    assert seen == {1.2: "found", 1.7: "arrived", 2.2: "found", 2.7: "arrived"}
+
+
+def test_run_without_plans_has_the_goals_of_its_scenario(run):
+    table = table_of(replace(run, record=replace(run.record, plans=[])))
+    assert shown(table, 1.0)["parcel_goal"][0] == pytest.approx([0.1, 0.0, 0.5236], abs=1e-4)
 
 
 def test_nothing_can_be_done_to_what_has_been(table):

@@ -16,18 +16,6 @@ from mdms_model.scenario.file import load_scenario
 from mdms_protocol.frame import Frame
 
 
-@pytest.fixture
-def desk(monkeypatch) -> Desk:
-    return Desk(monkeypatch)
-
-
-@pytest.fixture
-def running(desk) -> Desk:
-    desk.table.do(commands.Start())
-    desk.run_until(lambda: "running" in desk.texts, 3.0)
-    return desk
-
-
 def phase(desk: Desk) -> str:
     return PHASES[desk.shown["phase"][0]]
 
@@ -103,6 +91,18 @@ def test_parcel_stays_where_it_is_when_the_hand_that_drags_its_goal_is_gone(runn
     # It comes to rest beyond, and goes back those centimetres.
     running.run_until(lambda: "box has arrived" in running.texts, 3.0)
     assert place_of_box(running)[:2] == pytest.approx(stayed[:2], abs=0.02)
+
+
+def test_hand_of_a_program_that_was_stopped_does_nothing_to_the_next(running):
+    running.table.do(commands.Goal("box", 0.15, 0.03, 0.0, held=True))
+    running.table.do(commands.StopAll())
+    running.run_until(lambda: "stopped" in running.texts, 1.0)
+    running.messages.clear()
+    running.table.do(commands.Start())
+    running.run_until(lambda: "running" in running.texts, 3.0)
+    running.run(1.5)
+    assert not any("stays where it is" in text for text in running.texts)
+    assert running.shown["parcel_goal"][0, :2] == pytest.approx([0.1, 0.0])
 
 
 def test_goal_that_was_let_go_of_is_one_for_good(running):

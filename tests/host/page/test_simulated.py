@@ -15,20 +15,6 @@ from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.file import load_scenario
 
 
-@pytest.fixture
-def desk(monkeypatch) -> Desk:
-    """The prototype's table, before anybody has started anything."""
-    return Desk(monkeypatch)
-
-
-@pytest.fixture
-def running(desk) -> Desk:
-    """The same, while its program runs."""
-    desk.table.do(commands.Start())
-    desk.run_until(lambda: "running" in desk.texts, 3.0)
-    return desk
-
-
 def fault(kind, **values):
     return commands.BeginFault(Fault(kind, **values))
 

@@ -3,19 +3,15 @@
 from argparse import Namespace
 from dataclasses import replace
 
-import numpy as np
-
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.interrupted import interrupted
 from mdms_host.cli.paging import opened_page
-from mdms_host.cli.scenario.coordination import goals_by_parcel, layout_of, parcels_of
+from mdms_host.cli.scenario.coordination import layout_of, parcels_of
 from mdms_host.clock import MonotonicClock
 from mdms_host.page.recorded import RecordedTable
 from mdms_host.page.shown.things import things_of
-from mdms_model.arrays import Floats
 from mdms_model.run.folder import StoredRun, read_run
 from mdms_model.scenario.belief import believed
-from mdms_model.scenario.scenario import Scenario
 
 _WAIT_S = 0.004
 
@@ -37,10 +33,4 @@ def table_of(run: StoredRun) -> RecordedTable:
     layout = layout_of(told)
     if node_ids := run.figures.get("node_ids"):
         layout = replace(layout, node_ids=tuple(node_ids))
-    return RecordedTable(run, layout, things_of(parcels_of(told), None), _goals(told))
-
-
-def _goals(scenario: Scenario) -> Floats:
-    goals = [(one.x_m, one.y_m, one.yaw_rad) if one else None for one in goals_by_parcel(scenario)]
-    unknown = (np.nan, np.nan, np.nan)
-    return np.array([goal or unknown for goal in goals], dtype=np.float64).reshape(-1, 3)
+    return RecordedTable(run, layout, things_of(parcels_of(told), None))

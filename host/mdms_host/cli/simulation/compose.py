@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from mdms_host.cli.compiling import compiling_watched
+from mdms_host.cli.records.host_log import coordinator_events
 from mdms_host.cli.records.plan_log import PlanLog
 from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
 from mdms_host.cli.scenario.field import references_m_s
@@ -13,7 +14,7 @@ from mdms_host.clock import MonotonicClock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.motion.goal import Goal
 from mdms_host.programs.program import Main
-from mdms_model.run.record import Event, Record
+from mdms_model.run.record import Record
 from mdms_model.run.slip import slip_m_s
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.physics.plane.ideal import solve_ideal
@@ -146,5 +147,5 @@ def _has_ended(coordinator: Coordinator) -> bool:
 
 def _add_events(record: Record, coordinator: Coordinator) -> None:
     """Put the coordinator's events among those of the physics, by time."""
-    events = [Event(time_s, "coordinator", text) for time_s, text in coordinator.events]
-    record.events = sorted(record.events + events, key=lambda event: event.time_s)
+    events = record.events + coordinator_events(coordinator)
+    record.events = sorted(events, key=lambda event: event.time_s)

@@ -9,6 +9,7 @@ from mdms_host.cli.exits import Exit
 from mdms_host.cli.extras import PAGE, require
 from mdms_host.cli.files import writing
 from mdms_host.cli.interrupted import ENDS, interrupted
+from mdms_host.cli.records.host_log import HostLog
 from mdms_host.cli.records.keep import keep_run, lasting
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.simulation.compose import Finished
@@ -20,7 +21,7 @@ from mdms_model.run.folder import BUS_LOG, fresh_folder
 from mdms_model.run.history import MOST_SAMPLES
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.serve.server import Server, ways_in
-from mdms_sim.simulation import Simulation, addresses_of, open_bank
+from mdms_sim.simulation import NS_PER_S, Simulation, addresses_of, open_bank
 
 if TYPE_CHECKING:
     from mdms_host.page.seat import Seat
@@ -36,10 +37,13 @@ def run(arguments: Namespace) -> Exit:
     for number in ENDS:
         signal.signal(number, signal.default_int_handler)
     try:
+        seat = _seat(scenario, main) if arguments.page is not None else None
+        # What programs from elsewhere believe is for them to keep.
+        host = HostLog(scenario, lambda: seat.coordinator if seat else None)
         if arguments.out is None:
-            simulation = _serve(scenario, main, arguments)
+            simulation = _serve(scenario, seat, host, arguments)
         else:
-            simulation = _serve_and_keep(scenario, main, arguments)
+            simulation = _serve_and_keep(scenario, seat, host, arguments)
     except KeyboardInterrupt:
         return Exit.OK
     for event in simulation.world.events:
@@ -48,12 +52,15 @@ def run(arguments: Namespace) -> Exit:
     return Exit.FAILURE if simulation.tipped else Exit.OK
 
 
-def _serve_and_keep(scenario: Scenario, main: Main | None, arguments: Namespace) -> Simulation:
+def _serve_and_keep(
+    scenario: Scenario, seat: "Seat | None", host: HostLog, arguments: Namespace
+) -> Simulation:
     clock = MonotonicClock()
     with fresh_folder(arguments.out) as folder:
         with (folder / BUS_LOG).open("wb") as log:
-            simulation = _serve(scenario, main, arguments, log)
+            simulation = _serve(scenario, seat, host, arguments, log)
             outcome = simulation.outcome()
+        host.add_to(outcome.record)
         lasted = lasting(scenario, float(outcome.record.time_s[-1]))
         finished = Finished(outcome.record, arguments.nodes, outcome.bus, wall_s=clock.now_s())
         figures = figures_of(lasted, finished) | {"run": str(arguments.out)}
@@ -63,15 +70,23 @@ def _serve_and_keep(scenario: Scenario, main: Main | None, arguments: Namespace)
 
 
 def _serve(
-    scenario: Scenario, main: Main | None, arguments: Namespace, log: BinaryIO | None = None
+    scenario: Scenario,
+    seat: "Seat | None",
+    host: HostLog,
+    arguments: Namespace,
+    log: BinaryIO | None = None,
 ) -> Simulation:
     """Serve to the end; recorded where there is a log, in a bounded memory."""
     cells = scenario.array.columns * scenario.array.rows
     with closing(open_bank(arguments.nodes, addresses_of(scenario).node_ids)) as bank:
-        seat = _seat(scenario, main) if arguments.page is not None else None
-        seats = [seat] if seat else []
         simulation = Simulation(
-            scenario, bank, seats, bus_log=log, recorded=log is not None, most_samples=MOST_SAMPLES
+            scenario,
+            bank,
+            [seat] if seat else [],
+            bus_log=log,
+            estimates=lambda: host.sample(simulation.kernel.now_ns / NS_PER_S),
+            recorded=log is not None,
+            most_samples=MOST_SAMPLES,
         )
         name = arguments.name or _name_of(arguments.scenario)
         with ExitStack() as opened:

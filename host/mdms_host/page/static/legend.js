@@ -35,7 +35,7 @@ export function showLegend(place, picture, table) {
     parts.push(make("span", {}, "0", strip, TITLES[picture.heat](picture.most[picture.heat])));
   }
   line("believed", colours.parcel);
-  line("with 95 %", colours.spread);
+  if (!table?.recorded) line("with 95 %", colours.spread);
   if (table?.true_known) line("true", colours.true, "dashed");
   line("goal", colours.goal, "dotted");
   line(`wheel, half a cell: ${picture.arrow_m_s} m/s`, colours.wheel);

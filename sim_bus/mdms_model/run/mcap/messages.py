@@ -5,7 +5,7 @@ the wheels or the cells. Such an array is left out of the schema, for viewers re
 allows two types. An array without any number is left out of the messages too.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict, fields
 from itertools import repeat
 from typing import Any, TypeAlias
@@ -14,7 +14,7 @@ import numpy as np
 
 from mdms_model.arrays import Floats
 from mdms_model.run.cell_reports import REPORTED
-from mdms_model.run.planned import goals_at
+from mdms_model.run.planned import goals_at, goals_given
 from mdms_model.run.record import Record
 from mdms_model.run.shared_belief import host_error
 from mdms_model.scenario.scenario import Parcel, Scenario
@@ -27,10 +27,7 @@ OFF = ("place_mm", "yaw_deg")
 _OTHERS = {"time_s", "pose", "twist", "estimate", "events", "plans", "presence", *REPORTED}
 WHEELS = tuple(item.name for item in fields(Record) if item.name not in _OTHERS)
 WHEELS_TOPIC, CELLS_TOPIC, PLAN_TOPIC = "/wheels", "/cells", "/plan"
-(
-    EVENTS_TOPIC,
-    COMMANDS_TOPIC,
-) = "/events", "/commands"
+EVENTS_TOPIC, COMMANDS_TOPIC = "/events", "/commands"
 
 _TEXT, _INTEGER, _NUMBER = {"type": "string"}, {"type": "integer"}, {"type": "number"}
 _NUMBERS = {"type": "array", "items": _NUMBER}
@@ -175,12 +172,8 @@ def _plan_messages(record: Record) -> Iterator[Timed]:
 
 def _command_messages(record: Record) -> Iterator[Timed]:
     """Each goal that a parcel is given, when it is."""
-    before: Mapping[str, Floats] = {}
-    for plan in record.plans:
-        for name, goal in plan.goals.items():
-            if not np.array_equal(goal, before.get(name, ()), equal_nan=True):
-                yield plan.time_s, {"time_s": plan.time_s, **_goal(name, goal)}
-        before = plan.goals
+    for time_s, name, goal in goals_given(record):
+        yield time_s, {"time_s": time_s, **_goal(name, goal)}
 
 
 def _goal(name: str, pose: Floats) -> dict[str, Any]:

@@ -2,10 +2,12 @@
 
 from contextlib import contextmanager
 
+import numpy as np
 import pytest
 
 from mdms_host.cli import main
 from mdms_host.cli.simulation import live
+from mdms_model.run.folder import read_run
 from mdms_sim.serve import clock
 
 pytest.importorskip("starlette")
@@ -66,3 +68,33 @@ def test_the_place_at_a_served_table_has_the_main_of_a_file(program, monkeypatch
     monkeypatch.setattr(live, "seat_of", seat_of)
     assert main(["serve", program, "--page", "0"]) == 0
     assert [name for _, name in given] == ["main"]
+
+
+def test_served_table_keeps_what_programs_of_its_page_believed_and_planned(tmp_path, monkeypatch):
+    out, ends_s = tmp_path / "run", []
+
+    @contextmanager
+    def attended(_scenario, seat, server, _arguments, over):
+        seat.start()
+
+        def over_or_done():
+            now_s = server.simulation.kernel.now_ns / 1e9
+            if seat.coordinator.stopped:
+                ends_s.append(now_s)
+                seat.start()
+            elif now_s > 0.8 and not ends_s:
+                seat.stop_all()
+            return over() or bool(ends_s and now_s > ends_s[0] + 0.8)
+
+        yield over_or_done
+
+    monkeypatch.setattr(live, "attended", attended)
+    serve = ["serve", "array18", "--page", "0", "--name", str(tmp_path / "sock"), "--out", str(out)]
+    assert main(serve) == 0
+    record = read_run(out).record
+    assert np.isfinite(record.estimate).all(axis=(1, 2)).any()
+    texts = [event.text for event in record.events if event.kind == "coordinator"]
+    assert texts.count("running") == 2
+    begins_s = [plan.time_s for plan in record.plans if plan.ways]
+    assert begins_s[0] < ends_s[0] < begins_s[-1]
+    assert all(plan.goals["box"][0] == pytest.approx(0.1) for plan in record.plans)
