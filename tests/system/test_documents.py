@@ -17,6 +17,7 @@ from tests.virtual_array import SimulatedArray, virtual_time
 
 from mdms_host.cli import main
 from mdms_host.cli.exits import INTERRUPTED, Exit
+from mdms_host.cli.reference import pages
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.verbs import VERBS, build_parser
 from mdms_host.commissioning.array_file import ArrayFile, FiledCell, FiledTable
@@ -24,12 +25,14 @@ from mdms_host.commissioning.array_writing import array_document
 from mdms_host.programs.traffic.planning import VirtualDesk
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol import cob
+from mdms_protocol.generators import generate
 from mdms_sim.nodes.python_bank import PythonBank
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
 #: With those of the folders, which are read beside the code.
-ALL = sorted({*DOCUMENTS, *ROOT.glob("[A-Z]*.md"), *ROOT.glob("[a-z]*/[A-Z]*.md")})
+FOLDERS = ("docs", "firmware", "host", "protocol", "sim_bus")
+ALL = [*ROOT.glob("*.md"), *(path for folder in FOLDERS for path in (ROOT / folder).glob("*.md"))]
 #: What the changelog says is no more.
 GONE = {"mdms flash --crash-log"}
 RUN = [
@@ -266,6 +269,13 @@ def headings(path):
     """The headings of a document as links call them."""
     found = re.findall(r"^#+ (.*)$", path.read_text(), re.MULTILINE)
     return {re.sub(r"[^\w -]", "", each.lower()).replace(" ", "-") for each in found}
+
+
+@pytest.mark.parametrize("path", ALL, ids=lambda path: str(path.relative_to(ROOT)))
+def test_lines_are_no_longer_than_120_but_rows_of_tables(path):
+    if path not in {**pages.outputs(), **generate.outputs()}:
+        lines = path.read_text().splitlines()
+        assert [each for each in lines if len(each) > 120 and not each.startswith("|")] == []
 
 
 @pytest.mark.parametrize("path", ALL, ids=lambda path: str(path.relative_to(ROOT)))
