@@ -53,9 +53,9 @@ def blocks_of(path: Path) -> list[Block]:
 
 
 def inline_commands(path: Path) -> set[str]:
-    """What stands in single backquotes and begins with `mdms`."""
+    """What stands in single backquotes and begins with `mdms`, or with where that is."""
     prose = re.sub(r"```.*?```", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)
-    return {" ".join(text.split()) for text in re.findall(r"`(mdms [^`]+)`", prose)}
+    return {" ".join(text.split()) for text in re.findall(r"`(?:\.venv/bin/)?(mdms [^`]+)`", prose)}
 
 
 def words_of(line: str) -> tuple[list[str], str]:

@@ -2,6 +2,7 @@
 
 import io
 import os
+import pkgutil
 import re
 import signal
 from contextlib import ExitStack, closing, contextmanager, nullcontext, redirect_stdout, suppress
@@ -16,6 +17,7 @@ from tests.virtual_array import SimulatedArray, virtual_time
 
 from mdms_host.cli import main
 from mdms_host.cli.exits import INTERRUPTED, Exit
+from mdms_host.cli.reference import pages
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.verbs import VERBS, build_parser
 from mdms_host.commissioning.array_file import ArrayFile, FiledCell, FiledTable
@@ -23,10 +25,16 @@ from mdms_host.commissioning.array_writing import array_document
 from mdms_host.programs.traffic.planning import VirtualDesk
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol import cob
+from mdms_protocol.generators import generate
 from mdms_sim.nodes.python_bank import PythonBank
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
+#: With those of the folders, which are read beside the code.
+FOLDERS = ("docs", "firmware", "host", "protocol", "sim_bus")
+ALL = [*ROOT.glob("*.md"), *(path for folder in FOLDERS for path in (ROOT / folder).glob("*.md"))]
+#: What the changelog says is no more.
+GONE = {"mdms flash --crash-log"}
 RUN = [
     path.name for path in DOCUMENTS if any(block.language != "text" for block in blocks_of(path))
 ]
@@ -218,11 +226,12 @@ def test_files_that_are_to_be_saved_are_used(path):
             assert any(block.name in each.text for each in blocks if each is not block), block.name
 
 
-@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
+@pytest.mark.parametrize("path", ALL, ids=lambda path: str(path.relative_to(ROOT)))
 def test_verbs_and_options_within_sentences_exist(path):
-    for command in inline_commands(path):
+    for command in inline_commands(path) - GONE:
         words = command.split()
-        assert offered(words[1]) >= {word for word in words if word.startswith("--")}, command
+        if not words[1].startswith("-"):
+            assert offered(words[1]) >= {word for word in words if word.startswith("--")}, command
 
 
 def offered(verb):
@@ -246,20 +255,63 @@ def walk(parser):
                 yield from walk(inner)
 
 
-def test_links_between_documents_lead_to_files_and_headings():
-    for path in DOCUMENTS:
-        for target, heading in re.findall(r"\]\(([^)#\s]*)#?([^)]*)\)", path.read_text()):
-            if target.startswith("http"):
-                continue
-            file = path.parent / target if target else path
-            assert file.exists(), f"{path.name}: {target}"
-            assert not heading or heading in headings(file), f"{path.name}: {target}#{heading}"
+@pytest.mark.parametrize("path", ALL, ids=lambda path: str(path.relative_to(ROOT)))
+def test_links_lead_to_files_and_headings(path):
+    for target, heading in re.findall(r"\]\(([^)#\s]*)#?([^)]*)\)", path.read_text()):
+        if target.startswith("http"):
+            continue
+        file = path.parent / target if target else path
+        assert file.exists(), target
+        assert not heading or heading in headings(file), f"{target}#{heading}"
 
 
 def headings(path):
     """The headings of a document as links call them."""
     found = re.findall(r"^#+ (.*)$", path.read_text(), re.MULTILINE)
     return {re.sub(r"[^\w -]", "", each.lower()).replace(" ", "-") for each in found}
+
+
+@pytest.mark.parametrize("path", ALL, ids=lambda path: str(path.relative_to(ROOT)))
+def test_lines_are_no_longer_than_120_but_rows_of_tables(path):
+    if path not in {**pages.outputs(), **generate.outputs()}:
+        lines = path.read_text().splitlines()
+        assert [each for each in lines if len(each) > 120 and not each.startswith("|")] == []
+
+
+@pytest.mark.parametrize("path", ALL, ids=lambda path: str(path.relative_to(ROOT)))
+def test_tests_and_benchmarks_that_are_named_exist(path):
+    text = path.read_text()
+    tests = {each.stem for each in (ROOT / "tests").rglob("test_*.py")}
+    assert {*re.findall(r"`(?:[\w/]+/)?(test_\w+)`", text)} <= tests
+    benchmarks = {each.stem for each in (ROOT / "tests" / "benchmarks").glob("*.py")}
+    assert {*re.findall(r"tests\.benchmarks[ .]([a-z]\w*)", text)} <= benchmarks
+
+
+def test_modules_in_the_tables_of_the_host_exist():
+    """A name without a folder is in the folder of the name before it."""
+    for table in (ROOT / "host" / "README.md").read_text().split("| module | noun |")[1:]:
+        for row in table.split("\n\n")[0].splitlines()[2:]:
+            folder = ROOT / "host" / "mdms_host"
+            for name in re.findall(r"`([\w/]+)`", row.split("|")[1]):
+                path = (ROOT / "host" / "mdms_host" if "/" in name else folder) / name
+                assert path.is_dir() or path.with_suffix(".py").exists(), row
+                folder = path.parent
+
+
+def test_functions_of_the_equations_exist():
+    table = (ROOT / "docs" / "researcher.md").read_text().split("## Equations")[1]
+    names = re.findall(r"`([a-z_]\w*(?:\.\w+)+)`", table.split("\n\n")[1])
+    assert len(names) > 10
+    for name in names:
+        packages = ("", "mdms_model.", "mdms_sim.")
+        assert any(leads_somewhere(f"{package}{name}") for package in packages), name
+
+
+def leads_somewhere(name):
+    """Whether a dotted name is that of a module, or of something in one."""
+    with suppress(ImportError, AttributeError):
+        return pkgutil.resolve_name(name) is not None
+    return False
 
 
 def test_every_verb_is_in_the_table_of_the_command():

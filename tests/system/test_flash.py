@@ -200,6 +200,27 @@ def test_one_board_that_fails_is_named_and_the_others_are_flashed(plug_in, capsy
     assert "1 of 2 boards failed: /dev/none" in told.err
 
 
+def test_file_that_flash_does_not_keep_is_named_and_the_firmware_does_not_start(
+    plug_in, monkeypatch, capsys
+):
+    write = BoardLink.write
+
+    def wear(link, path, data):
+        write(link, path, data[:-1] + b"?" if path.endswith("table.bin") else data)
+
+    monkeypatch.setattr(BoardLink, "write", wear)
+    monkeypatch.setattr("mdms_host.flashing.firmware_build.compiled_firmware", lambda _machine: NEW)
+    board = plug_in({**OLD.files, **KEPT})
+    board.wait_for("motors", "on old")
+    assert main(["flash", "--board", "pybv11", "--port", board.port]) == Exit.FAILURE
+    printed = capsys.readouterr()
+    assert "boards/table.bin did not arrive whole; flash it again" in printed.err
+    assert "verified" not in printed.out
+    board.wait_for("motors", "off")
+    assert "main.py" not in firmware_on(board)
+    assert files_of(board)["settings0.bin"] == KEPT["settings0.bin"]
+
+
 def test_unknown_board_is_left_as_it_is(plug_in, capsys):
     board = plug_in(OLD.files)
     assert main(["flash", "--port", board.port]) == Exit.FAILURE

@@ -31,7 +31,8 @@ def _add_jog(parser: ArgumentParser) -> None:
         nargs="?",
         type=_jog_m_s,
         default=0.05,
-        help=f"m/s, at most {_JOG_MAX_M_S:g} either way (default 0.05)",
+        help=f"reference in m/s, at most {_JOG_MAX_M_S:g} either way (default 0.05); "
+        "a free wheel runs at some 0.8 of it",
     )
     parser.add_argument("--node", metavar="N", type=cell_node, required=True, help="whose wheel")
     parser.add_argument(

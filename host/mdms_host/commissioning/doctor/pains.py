@@ -59,6 +59,8 @@ PAINS = (
             f"{_FLASH}test_running_cell_is_stopped_flashed_and_runs_the_new_firmware",
             "tests/both/test_store.py::"
             "test_settings_survive_a_firmware_that_has_other_objects_besides",
+            "tests/host/cli/configure/test_configure.py::"
+            "test_array_is_backed_up_and_restored_by_serial_number",
         ),
     ),
     Pain(
@@ -69,7 +71,10 @@ PAINS = (
         "The version comes from one module, which host and firmware share; mdms flash compares "
         "every file on the board by SHA-256 before it reports success, and reads the version from "
         "the board.",
-        (f"{_FLASH}test_command_flashes_the_real_firmware_onto_boards_at_once",),
+        (
+            f"{_FLASH}test_command_flashes_the_real_firmware_onto_boards_at_once",
+            f"{_FLASH}test_file_that_flash_does_not_keep_is_named_and_the_firmware_does_not_start",
+        ),
     ),
     Pain(
         ("Factor-Robotics/odrive_ros2_control#2",),
@@ -97,6 +102,8 @@ PAINS = (
             "tests/system/test_update.py::test_firmware_that_crashes_makes_way_for_the_one_before",
             "tests/system/test_update.py::"
             "test_supply_may_fail_on_trial_and_the_firmware_before_comes_back",
+            "tests/both/test_update.py::"
+            "test_bundle_that_is_not_for_this_cell_is_refused_with_the_reason",
         ),
     ),
     Pain(
@@ -109,6 +116,8 @@ PAINS = (
             f"{_COORDINATOR}test_a_drive_that_trips_is_named_with_its_reason",
             "tests/host/commissioning/test_status.py::"
             "test_a_fault_from_before_is_named_with_its_words",
+            "tests/both/test_axes.py::"
+            "test_fault_of_the_loop_is_reported_from_its_axis_until_it_is_reset",
         ),
     ),
     Pain(
@@ -162,6 +171,8 @@ PAINS = (
         (
             "tests/firmware/on_board_bus.py::test_bus_off_cuts_the_motors_and_the_bus_comes_back",
             "tests/firmware/on_board_bus.py::test_bus_that_goes_off_again_is_tried_again_and_again",
+            "tests/host/coordination/care/test_care.py::"
+            "test_trouble_that_passes_is_a_pause_and_the_field_goes_on",
         ),
     ),
 )

@@ -1,5 +1,7 @@
 """The text of `docs/troubleshooting.md`, from the tables of findings and of others' pains."""
 
+from textwrap import TextWrapper
+
 from mdms_host.can_link.emergencies import CODES
 from mdms_host.commissioning.doctor.findings import KINDS
 from mdms_host.commissioning.doctor.pains import PAINS, Pain
@@ -12,10 +14,12 @@ nodes, and ends with exit code 5 if anything serious is found: wheels with `--tu
 each by some centimetres; sensors best with `--empty`, on an empty table; who is there, and
 settings, with `--array FILE`. `make generate` makes this page from the same tables.
 """
+_LINES = TextWrapper(100, subsequent_indent="  ", break_on_hyphens=False, break_long_words=False)
 _PAINS = """\
 ## What others ran into
 
 What users of other boards, buses and libraries reported, and how it is here; the tests show it.
+Those of `on_board_bus` run on MicroPython for each board, by `tests/firmware/test_boards.py`.
 """
 
 
@@ -26,7 +30,7 @@ def troubleshooting_text() -> str:
         weight = "serious" if kind.serious else "a warning"
         parts.append(
             f"## {kind.symptom.rstrip('.')}\n`{name}`, {weight}.\n\n"
-            f"- **Cause.** {kind.cause}\n- **Cure.** {kind.cure}\n"
+            f"{_item('Cause', kind.cause)}{_item('Cure', kind.cure)}"
         )
     parts += [_PAINS, *map(_pain, PAINS)]
     parts.append("## What the error codes of cells mean\n" + _codes())
@@ -37,8 +41,13 @@ def _pain(pain: Pain) -> str:
     tests = ", ".join(f"`{test}`" for test in pain.tests)
     return (
         f"### {pain.symptom.rstrip('.')}\n{', '.join(map(_reference, pain.reported))}\n\n"
-        f"- **Cause.** {pain.cause}\n- **Cure.** {pain.cure}\n- **Tests.** {tests}.\n"
+        f"{_item('Cause', pain.cause)}{_item('Cure', pain.cure)}{_item('Tests', f'{tests}.')}"
     )
+
+
+def _item(name: str, text: str) -> str:
+    """One item of a list, in lines that a terminal shows whole."""
+    return _LINES.fill(f"- **{name}.** {text}") + "\n"
 
 
 def _reference(issue: str) -> str:

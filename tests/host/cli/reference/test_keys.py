@@ -1,31 +1,31 @@
 """The reference of scenarios has every key that is checked, with its limits and a meaning."""
 
 import dataclasses
+from typing import get_args, get_type_hints
 
 import pytest
 
-from mdms_host.cli.reference.keys import keys_of, list_in
-from mdms_host.cli.reference.scenario_page import text
+from mdms_host.cli.reference import program_page, scenario_page
+from mdms_host.cli.reference.keys import keys_of, list_in, table_of
 from mdms_model.scenario.fault import FAULTS, Fault
-from mdms_model.scenario.motion import Motion, Region
-from mdms_model.scenario.scenario import (
-    Array,
-    Cell,
-    Goal,
-    Parcel,
-    Patch,
-    Run,
-    Scenario,
-    Wheel,
-    Wire,
-)
-from mdms_model.scenario.stream import Exit, Stream
+from mdms_model.scenario.scenario import Array, Cell, Run, Scenario
 from mdms_model.scenario.task import TASKS, Task
 
-TABLES = (Array, Cell, Exit, Fault, Goal, Motion, Parcel, Patch, Region, Run, Scenario, Stream)
+
+def tables_within(kind, found=()):
+    """A table of a scenario with all tables within it; parts of a motion have parts themselves."""
+    found = (*found, kind)
+    for item in get_type_hints(kind).values():
+        for inner in (item, *get_args(item)):
+            if dataclasses.is_dataclass(inner) and inner not in found:
+                found = tables_within(inner, found)
+    return found
 
 
-@pytest.mark.parametrize("kind", [*TABLES, Task, Wheel, Wire], ids=lambda kind: kind.__name__)
+TABLES = tables_within(Scenario)
+
+
+@pytest.mark.parametrize("kind", TABLES, ids=lambda kind: kind.__name__)
 def test_every_key_of_a_table_has_one_line_of_meaning(kind):
     keys = keys_of(kind)
     assert [key.name for key in keys] == [f"`{each.name}`" for each in dataclasses.fields(kind)]
@@ -51,8 +51,14 @@ def test_a_row_says_what_the_check_says():
     assert {key.name: key.default for key in keys_of(Array)}["`columns`"] == "required"
 
 
-def test_every_table_of_the_scenario_has_its_section():
-    page = text()
+@pytest.mark.parametrize("kind", TABLES, ids=lambda kind: kind.__name__)
+def test_every_table_of_the_scenario_has_its_section(kind):
+    page = program_page.text() if kind is Task else scenario_page.text()
+    assert table_of(kind) in page
+
+
+def test_sections_are_called_as_in_a_file():
+    page = scenario_page.text()
     assert all(f"`[{name}]`" in page for name in ("array", "cell", "motion", "run", "wire"))
     for name in ("parcel", "patch", "fault", "stream", "exit", "task", "cell.wheel"):
         assert f"`[[{name}]]`" in page
