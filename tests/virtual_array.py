@@ -16,8 +16,8 @@ import pytest
 from mdms_host.can_link.incidents import LinkCounts
 from mdms_host.clock import MonotonicClock
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol import nmt
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs import nmt
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.wire import STANDARD_MASK
 from mdms_sim.nodes import CellBank
 from mdms_sim.nodes.python_bank import PythonBank

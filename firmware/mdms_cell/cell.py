@@ -36,7 +36,8 @@ from mdms_cell.neighbours.beat import Beat
 from mdms_cell.neighbours.layer import Layer
 from mdms_cell.presence import Presence
 from mdms_cell.update.no_room import NoRoom
-from mdms_protocol import cob, indices, nmt, record, signature
+from mdms_protocol import indices, record, signature
+from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.update import codes
 
 #: What `fail` is reported to come from; axes count from 1, and then come those of `guard`.

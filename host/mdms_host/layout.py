@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from mdms_model.arrays import Floats, Ints
-from mdms_protocol import cob
+from mdms_protocol.codecs import cob
 
 __all__ = ["Layout", "WheelPlace"]
 

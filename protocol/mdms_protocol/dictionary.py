@@ -7,8 +7,8 @@ Everything is an integer: speeds in micrometres per second, voltages in microvol
 times in milliseconds. The unit of a field turns the integer into SI.
 """
 
-from mdms_protocol import cob
 from mdms_protocol import entry as e
+from mdms_protocol.codecs import cob
 from mdms_protocol.entry import (
     CONST,
     I8,

@@ -2,7 +2,7 @@
 
 import struct
 
-from mdms_protocol import cob
+from mdms_protocol.codecs import cob
 from mdms_protocol.dictionary import ENTRIES, RPDO_MAPS, TPDO_MAPS
 from mdms_protocol.entry import Entry, OutOfRangeError
 

@@ -6,7 +6,7 @@ Buses are numbered from 0 in the order of their lists, cells from 1, along x fir
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from mdms_protocol import cob
+from mdms_protocol.codecs import cob
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from typing import Protocol, runtime_checkable
 
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 
 
 class Participant(Protocol):

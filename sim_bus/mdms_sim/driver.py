@@ -5,7 +5,7 @@ from functools import partial
 from math import ceil, isinf
 
 from mdms_model.participant import BusesParticipant, Participant
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.kernel import Kernel
 

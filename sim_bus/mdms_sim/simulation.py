@@ -25,8 +25,8 @@ from mdms_model.run.presence import Presence
 from mdms_model.run.record import Record
 from mdms_model.run.references import References
 from mdms_model.scenario.scenario import Scenario
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.entry import MICROVOLTS, steps_per_unit
-from mdms_protocol.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.log import BusLog
 from mdms_sim.driver import Driver

@@ -7,7 +7,8 @@ from array import array
 
 from mdms_cell.cell import Cell
 from mdms_cell.drive import speed_loop
-from mdms_protocol import cob, pdo
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cob
 
 NODE = 5
 START_MS = 3000

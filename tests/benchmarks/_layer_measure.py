@@ -13,7 +13,7 @@ from layer_bench import Middle
 
 from mdms_cell.queues import Inbox
 from mdms_cell.runner import Runner
-from mdms_protocol import cob
+from mdms_protocol.codecs import cob
 
 BEATS = 60
 ROUNDS = 5

@@ -12,7 +12,7 @@ from typing import Any
 from mdms_host.cli.scenario.coordination import coordinator_of
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Scenario
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.nodes import CellBank
 from mdms_sim.simulation import Simulation, addresses_of, open_bank
 

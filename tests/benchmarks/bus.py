@@ -17,7 +17,7 @@ from tests.benchmarks._tables import tables
 
 from mdms_host.cli.scenario.coordination import coordinator_of
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.kernel import Kernel
 from mdms_sim.simulation import Simulation, open_bank

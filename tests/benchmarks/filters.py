@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 
 from mdms_host.layout import Layout
 from mdms_host.places import place_values
-from mdms_protocol import cob, indices
+from mdms_protocol import indices
+from mdms_protocol.codecs import cob
 
 #: Half of the 14 banks of a bxCAN (PYBv1.1, F405), of the 28 filters of a G4's FDCAN, and of the
 #: 64 of an H7's; a FlexCAN has 32.

@@ -27,8 +27,9 @@ from mdms_host.coordination.coordinator import Coordinator
 from mdms_model.buses import address_cells
 from mdms_model.run.cell_reports import CellReports
 from mdms_model.scenario.scenario import Scenario, ScenarioError
-from mdms_protocol import cob, pdo
-from mdms_protocol.frame import Frame
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cob
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.neighbours import frames as wire
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.simulation import Simulation

@@ -27,7 +27,7 @@ from mdms_host.page.shown.description import describe
 from mdms_host.page.shown.signals import Signals
 from mdms_host.page.shown.things import Thing
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol import cob
+from mdms_protocol.codecs import cob
 from mdms_sim.serve.clock import RealTime
 from mdms_sim.simulation import Simulation, addresses_of, open_bank
 

@@ -25,8 +25,9 @@ from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import operate
 from mdms_host.programs.traffic.planning import ThreadDesk
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol import cob, pdo
-from mdms_protocol.frame import Frame
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cob
+from mdms_protocol.codecs.frame import Frame
 
 LIMIT_S = 12.0
 BOUND_MS = 3.0

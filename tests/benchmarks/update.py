@@ -33,7 +33,7 @@ from mdms_host.updating.bundles import Bundle, packed_firmware, sign
 from mdms_host.updating.cell_update import CellUpdate
 from mdms_host.updating.updater import Updater
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.nodes.virtual_board import VirtualBoard
 from mdms_sim.simulation import Simulation

@@ -8,8 +8,9 @@ from collections.abc import Iterator
 from random import Random
 
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol import cia402, cob, nmt, pdo
-from mdms_protocol.frame import Frame
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cia402, cob, nmt
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.simulation import simulate
 
 SEEDS = 200

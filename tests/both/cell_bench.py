@@ -4,7 +4,8 @@ from array import array
 
 from mdms_cell.cell import Cell
 from mdms_cell.drive import speed_loop
-from mdms_protocol import cia402, pdo
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cia402
 
 NODE = 5
 

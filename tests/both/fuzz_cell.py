@@ -16,7 +16,7 @@ from mdms_cell.cell import Cell
 from mdms_cell.drive import speed_loop
 from mdms_cell.queues import Inbox
 from mdms_cell.runner import Runner
-from mdms_protocol import cob, nmt
+from mdms_protocol.codecs import cob, nmt
 
 _FRAMES_PER_MS = 4
 _MS_MASK = (1 << 30) - 1

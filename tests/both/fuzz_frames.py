@@ -5,7 +5,8 @@ Among them are frames from anywhere, settings of any value, and readings of ever
 
 from fuzz_services import SEQUENCES, SERVER, head
 
-from mdms_protocol import packed, record, sdo
+from mdms_protocol import packed, record
+from mdms_protocol.codecs import sdo
 
 #: Flags of `machine.CAN`: remote, extended.
 _FLAGS = 4

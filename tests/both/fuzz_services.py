@@ -4,7 +4,7 @@ A frame is (identifier, data). An identifier below 0 is no frame but an event: P
 milliseconds, POWER for a new start, or one of those that go on and off.
 """
 
-from mdms_protocol import cob, lss, nmt, sdo
+from mdms_protocol.codecs import cob, lss, nmt, sdo
 
 NODE = 5
 SERIAL = 0x1234

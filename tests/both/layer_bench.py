@@ -6,7 +6,8 @@ from cell_bench import NODE, Board
 
 from mdms_cell.cell import Cell
 from mdms_cell.drive import speed_loop
-from mdms_protocol import cia402, cob, indices, pdo
+from mdms_protocol import indices, pdo
+from mdms_protocol.codecs import cia402, cob
 from mdms_protocol.neighbours import frames as wire
 
 PITCH_UM = 127_000

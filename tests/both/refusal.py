@@ -1,6 +1,6 @@
 """How the objects of a cell refuse what a client asks, for tests on every interpreter."""
 
-from mdms_protocol import sdo
+from mdms_protocol.codecs import sdo
 
 
 def code_of(action, *arguments):

@@ -7,7 +7,7 @@ from refusal import code_of
 from mdms_cell.canopen.objects import Objects, find
 from mdms_cell.drive import speed_loop as s
 from mdms_cell.drive.axes import Axes
-from mdms_protocol import cia402, sdo
+from mdms_protocol.codecs import cia402, sdo
 
 UP = (cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION)
 CONTROLWORDS = (0x6040, 0x6840)

@@ -4,7 +4,7 @@ from cell_bench import booted
 
 from mdms_cell import ticks
 from mdms_cell.neighbours.beat import Beat
-from mdms_protocol import sdo
+from mdms_protocol.codecs import sdo
 
 PERIOD_MS = 10
 

@@ -3,7 +3,8 @@
 from cell_bench import NODE, booted, emergencies, enable, operational
 
 from mdms_cell.drive import speed_loop
-from mdms_protocol import cia402, cob, nmt, pdo, sdo
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cia402, cob, nmt, sdo
 
 
 def test_heartbeat_every_100_ms_across_the_wrap_of_the_clock():

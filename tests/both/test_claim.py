@@ -4,7 +4,7 @@ from cell_bench import NODE, Board, booted, enable
 
 from mdms_cell.cell import Cell
 from mdms_cell.drive import speed_loop
-from mdms_protocol import cob, nmt, sdo
+from mdms_protocol.codecs import cob, nmt, sdo
 
 
 def test_boot_up_comes_when_nobody_claims_the_node_id_within_50_ms():

@@ -5,7 +5,7 @@ from refusal import code_of
 from mdms_cell import ticks
 from mdms_cell.canopen.heartbeat import Consumer
 from mdms_cell.canopen.objects import Objects, find
-from mdms_protocol import sdo
+from mdms_protocol.codecs import sdo
 
 TIMES = 0x1016
 HOST = 127

@@ -4,7 +4,8 @@ from refusal import code_of
 
 from mdms_cell.canopen.emcy import Emcy
 from mdms_cell.canopen.objects import Objects, find
-from mdms_protocol import record, sdo
+from mdms_protocol import record
+from mdms_protocol.codecs import sdo
 
 
 class Bench:

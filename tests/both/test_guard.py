@@ -3,7 +3,7 @@
 from cell_bench import emergencies, enable, operational
 
 from mdms_cell.drive import speed_loop
-from mdms_protocol import nmt, sdo
+from mdms_protocol.codecs import nmt, sdo
 
 
 def watching():

@@ -3,7 +3,7 @@
 from mdms_cell import ticks
 from mdms_cell.canopen.heartbeat import Heartbeat
 from mdms_cell.canopen.objects import Objects, find
-from mdms_protocol import nmt
+from mdms_protocol.codecs import nmt
 
 PERIOD = 0x1017
 NODE = 5

@@ -3,7 +3,7 @@
 from cell_bench import Board, booted
 
 from mdms_cell.cell import Cell
-from mdms_protocol import nmt, sdo
+from mdms_protocol.codecs import nmt, sdo
 
 REMAINING = b"\x4b\x07\x30\x00"
 

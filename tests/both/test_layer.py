@@ -6,7 +6,8 @@ from layer_bench import IDENTITY, NEIGHBOURS, NODE, Middle
 
 from mdms_cell.drive import speed_loop
 from mdms_cell.neighbours.layer import UPDATE_MS
-from mdms_protocol import cia402, cob, indices
+from mdms_protocol import indices
+from mdms_protocol.codecs import cia402, cob
 from mdms_protocol.neighbours import frames as wire
 
 SPEED_UM_S = 100_000

@@ -1,7 +1,7 @@
 """LSS transcripts: selecting, identifying, fast scan, configuring and storing."""
 
 from mdms_cell.canopen.lss import Lss
-from mdms_protocol import cob, sdo
+from mdms_protocol.codecs import cob, sdo
 
 IDENTITY = (0x00000000, 0x4D444D53, 0x00010000, 0xCAFE0001)
 

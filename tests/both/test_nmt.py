@@ -1,7 +1,7 @@
 """The NMT slave by itself: every command in every state, and what the cell is told of it."""
 
 from mdms_cell.canopen.nmt import COMMUNICATION, EVERYTHING, Nmt
-from mdms_protocol import cob, nmt
+from mdms_protocol.codecs import cob, nmt
 
 NODE = 5
 SERIAL = 7

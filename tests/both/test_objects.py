@@ -1,7 +1,8 @@
 """The packed dictionary of a cell says what the object table says, entry by entry."""
 
 from mdms_cell.canopen.objects import Objects, find
-from mdms_protocol import record, sdo
+from mdms_protocol import record
+from mdms_protocol.codecs import sdo
 from mdms_protocol.dictionary import ENTRIES
 from mdms_protocol.entry import TEXT
 

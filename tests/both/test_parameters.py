@@ -8,7 +8,8 @@ from mdms_cell.canopen.objects import Objects, find
 from mdms_cell.canopen.storage import saved
 from mdms_cell.canopen.storage.store import Parameters, Store
 from mdms_cell.cell import Cell
-from mdms_protocol import nmt, record, sdo
+from mdms_protocol import record
+from mdms_protocol.codecs import nmt, sdo
 
 ALL = record.STORED_COMMUNICATION | record.STORED_APPLICATION
 STORE = 0x1010

@@ -6,7 +6,8 @@ from mdms_cell import ticks
 from mdms_cell.canopen.objects import Objects, find, key
 from mdms_cell.canopen.pdo.rpdo import Rpdo
 from mdms_cell.canopen.pdo.tpdo import Tpdo
-from mdms_protocol import record, sdo
+from mdms_protocol import record
+from mdms_protocol.codecs import sdo
 
 #: Bit 30 of a TPDO's COB-ID: it answers no remote request.
 NO_REMOTE = 1 << 30

@@ -2,7 +2,8 @@
 
 from mdms_cell.canopen.objects import Objects
 from mdms_cell.canopen.sdo.server import SdoServer
-from mdms_protocol import record, sdo
+from mdms_protocol import record
+from mdms_protocol.codecs import sdo
 
 NAME = b"MDMS cell"
 VERSION = b"2 wheels, 5 sensors"

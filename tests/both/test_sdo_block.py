@@ -2,7 +2,8 @@
 
 from mdms_cell.canopen.objects import Objects
 from mdms_cell.canopen.sdo.server import SdoServer
-from mdms_protocol import record, sdo
+from mdms_protocol import record
+from mdms_protocol.codecs import sdo
 
 #: 0x1009, in blocks of two segments, with a check sum.
 INITIATE = b"\xa4\x09\x10\x00\x02\0\0\0"

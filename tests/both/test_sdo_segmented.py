@@ -2,7 +2,8 @@
 
 from mdms_cell.canopen.objects import Objects
 from mdms_cell.canopen.sdo.server import TIMEOUT_MS, SdoServer
-from mdms_protocol import record, sdo
+from mdms_protocol import record
+from mdms_protocol.codecs import sdo
 
 GAIN = b"\x00\x20\x00"
 NAME = b"\x08\x10\x00"

@@ -7,7 +7,8 @@ from refusal import code_of
 from mdms_cell.canopen.objects import Objects, find
 from mdms_cell.canopen.storage import saved as saved_bytes
 from mdms_cell.canopen.storage.store import Store
-from mdms_protocol import record, sdo
+from mdms_protocol import record
+from mdms_protocol.codecs import sdo
 
 SIZE = 256
 ALL = record.STORED_COMMUNICATION | record.STORED_APPLICATION

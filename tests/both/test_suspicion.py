@@ -5,7 +5,8 @@ from array import array
 from cell_bench import NODE
 from layer_bench import IDENTITY, NEIGHBOURS, Middle
 
-from mdms_protocol import cob, indices
+from mdms_protocol import indices
+from mdms_protocol.codecs import cob
 from mdms_protocol.neighbours import frames as wire
 
 EAST, NORTH, WEST = 0, 2, 4

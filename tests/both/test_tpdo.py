@@ -3,7 +3,7 @@
 from cell_bench import emergencies, operational
 
 from mdms_cell import ticks
-from mdms_protocol import sdo
+from mdms_protocol.codecs import sdo
 
 DAY_MS = 86_400_000
 INHIBIT_10_MS = (0x1801, 3, b"\x64\x00")

@@ -13,7 +13,7 @@ from update_bench import (
 
 from mdms_cell.drive import speed_loop
 from mdms_cell.update.signature import sign
-from mdms_protocol import cia402, cob, sdo
+from mdms_protocol.codecs import cia402, cob, sdo
 from mdms_protocol.update import bundle, codes
 from mdms_protocol.version import VERSION
 

@@ -3,7 +3,7 @@
 import world
 from bench import NODE, Bench
 
-from mdms_protocol import cia402
+from mdms_protocol.codecs import cia402
 
 TARGET = 100_000
 RESET = (0x00, cia402.FAULT_RESET, cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION)

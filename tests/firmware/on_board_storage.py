@@ -13,7 +13,8 @@ from mdms_boot.files import Files
 from mdms_boot.slots import Slots
 from mdms_cell.cell import Cell
 from mdms_cell.update.signature import key_id, sign
-from mdms_protocol import cia402, pdo, sdo
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cia402, sdo
 from mdms_protocol.update import bundle
 from mdms_protocol.version import VERSION
 

@@ -12,7 +12,8 @@ from refusal import code_of
 from boards import flash, pybv11, sectors
 from mdms_cell.canopen.objects import Objects
 from mdms_cell.canopen.storage.store import Store
-from mdms_protocol import record, sdo
+from mdms_protocol import record
+from mdms_protocol.codecs import sdo
 
 ALL = record.STORED_COMMUNICATION | record.STORED_APPLICATION
 NODE = 9

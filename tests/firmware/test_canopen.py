@@ -13,7 +13,7 @@ from tests.both import cell_bench
 
 from mdms_cell.cell import Cell
 from mdms_cell.drive import speed_loop
-from mdms_protocol import cia402, cob
+from mdms_protocol.codecs import cia402, cob
 from mdms_protocol.dictionary import ENTRIES, ERROR_HISTORY
 
 EDS = Path(__file__).parents[2] / "protocol" / "mdms-cell.eds"

@@ -8,7 +8,7 @@ from mdms_cell import ticks
 from mdms_cell.cell import Cell
 from mdms_cell.drive import speed_loop as s
 from mdms_cell.runner import BUS_OFF
-from mdms_protocol import cob, nmt, sdo
+from mdms_protocol.codecs import cob, nmt, sdo
 
 NODE = 5
 TIMES_MS = 3000

@@ -9,8 +9,9 @@ from mdms_cell.drive import speed_loop
 from mdms_host.can_link.delays import Delays
 from mdms_host.can_link.incidents import Incidents, LinkCounts
 from mdms_host.can_link.link import Link
-from mdms_protocol import cob, indices
-from mdms_protocol.frame import Frame
+from mdms_protocol import indices
+from mdms_protocol.codecs import cob
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.nodes.python_bank import PythonBank
 
 TICK_S = 0.001

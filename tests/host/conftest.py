@@ -19,8 +19,9 @@ from mdms_host.commissioning.network import Commissioning
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.layout import Layout
-from mdms_protocol import cia402, cob, indices, nmt, pdo, record, sdo, signature
-from mdms_protocol.frame import Frame
+from mdms_protocol import indices, pdo, record, signature
+from mdms_protocol.codecs import cia402, cob, nmt, sdo
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.nodes.python_bank import PythonBank
 
 STEP_S = 0.001

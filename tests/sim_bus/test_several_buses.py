@@ -8,8 +8,8 @@ from tests.micropython_builds import skipping_without_micropython
 
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.scenario import Array, Cell, Parcel, Run, Scenario, Wheel
-from mdms_protocol import cob, nmt
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs import cob, nmt
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.simulation import Simulation, addresses_of, open_bank
 
 LISTS = ((1, 2), (3, 4))

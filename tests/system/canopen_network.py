@@ -14,7 +14,7 @@ import canopen
 from canopen.objectdictionary import import_od
 from tests.system.serving import serving
 
-from mdms_protocol import cob
+from mdms_protocol.codecs import cob
 from mdms_sim.nodes.micropython_bank import MicropythonBank
 
 EDS = str(Path(__file__).parents[2] / "protocol" / "mdms-cell.eds")

@@ -17,8 +17,8 @@ from tests.micropython_builds import unix, unix_command
 from mdms_host.flashing.firmware_build import compiled_firmware, rom_image
 from mdms_host.updating.bundles import BOOT, Bundle, pack_image, sign
 from mdms_model.participant import Participant
-from mdms_protocol import cob, nmt, sdo
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs import cob, nmt, sdo
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.update import codes
 from mdms_protocol.version import VERSION
 

@@ -18,9 +18,10 @@ from mdms_host.places import all_values
 from mdms_model.run.record import Record
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Scenario
-from mdms_protocol import cia402, cob, indices, nmt, pdo
+from mdms_protocol import indices, pdo
+from mdms_protocol.codecs import cia402, cob, nmt
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import ENTRIES
-from mdms_protocol.frame import Frame
 from mdms_protocol.neighbours import frames as wire
 from mdms_sim.simulation import Simulation, addresses_of, open_bank
 

@@ -8,7 +8,7 @@ import pytest
 from mdms_host.cli.simulation.compose import run_scenario
 from mdms_model.run.folder import START_S
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol import cob
+from mdms_protocol.codecs import cob
 
 
 def array54(*overrides):

@@ -9,7 +9,7 @@ import pytest
 from tests.micropython_builds import skipping_without_micropython
 from tests.system.canopen_network import NODE_IDS, PATIENCE_S, canopen_network
 
-from mdms_protocol import cia402
+from mdms_protocol.codecs import cia402
 
 #: Setpoints that come 0.5 s late are stale.
 pytestmark = [pytest.mark.slow, pytest.mark.real_time]

@@ -9,7 +9,8 @@ import pytest
 
 from mdms_host.cli.scenario.coordination import coordinator_of
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol import cob, nmt, pdo
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.neighbours import frames as wire
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.simulation import Simulation

@@ -11,7 +11,8 @@ from mdms_host.cli.exits import INTERRUPTED, Exit
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.array_file import read_array
 from mdms_host.commissioning.network import Commissioning
-from mdms_protocol import cia402, cob, indices, nmt, pdo
+from mdms_protocol import indices, pdo
+from mdms_protocol.codecs import cia402, cob, nmt
 from mdms_sim.nodes.python_bank import PythonBank
 
 #: Two cells by two, with nothing on them: the box is lifted off before anybody comes.

@@ -8,8 +8,8 @@ import pytest
 
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol import cob, nmt, sdo
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs import cob, nmt, sdo
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.simulation import Simulation
 

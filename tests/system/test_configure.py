@@ -8,7 +8,7 @@ from tests.virtual_array import SimulatedArray, virtual_time
 
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
-from mdms_protocol import cob
+from mdms_protocol.codecs import cob
 from mdms_sim.nodes.python_bank import PythonBank
 
 CELLS = 18

@@ -13,8 +13,9 @@ from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
 from mdms_host.commissioning.doctor.findings import KINDS
 from mdms_host.commissioning.doctor.pains import PAINS
-from mdms_protocol import cob, indices, nmt, sdo
-from mdms_protocol.frame import Frame
+from mdms_protocol import indices
+from mdms_protocol.codecs import cob, nmt, sdo
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.update import codes
 from mdms_sim.bus.wire import EXTENDED
 from mdms_sim.nodes.python_bank import PythonBank

@@ -24,7 +24,7 @@ from mdms_host.commissioning.array_file import ArrayFile, FiledCell, FiledTable
 from mdms_host.commissioning.array_writing import array_document
 from mdms_host.programs.traffic.planning import VirtualDesk
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol import cob
+from mdms_protocol.codecs import cob
 from mdms_protocol.generators import generate
 from mdms_sim.nodes.python_bank import PythonBank
 

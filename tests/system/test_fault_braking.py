@@ -7,8 +7,9 @@ import pytest
 
 from mdms_model.motor import drive_of
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol import cia402, cob, nmt, pdo, sdo
-from mdms_protocol.frame import Frame
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cia402, cob, nmt, sdo
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.simulation import Simulation
 

@@ -19,8 +19,9 @@ from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning
 from mdms_host.commissioning.wheels.jog import SPEED_MAX_M_S, Jog
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol import cob, indices, nmt, pdo
-from mdms_protocol.sdo import NO_SUCH_OBJECT, AbortError
+from mdms_protocol import indices, pdo
+from mdms_protocol.codecs import cob, nmt
+from mdms_protocol.codecs.sdo import NO_SUCH_OBJECT, AbortError
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.simulation import simulate
 

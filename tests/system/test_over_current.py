@@ -8,9 +8,10 @@ import pytest
 from tests.micropython_builds import skipping_without_micropython
 
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol import cia402, cob, nmt, pdo, sdo
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cia402, cob, nmt, sdo
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import ENTRIES
-from mdms_protocol.frame import Frame
 from mdms_sim.simulation import Simulation, open_bank
 
 CELL = 8  # from 0; in the middle of the parcel

@@ -6,8 +6,9 @@ from tests.micropython_builds import skipping_without_micropython
 
 from mdms_host.cli.scenario.coordination import coordinator_of
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol import cia402, cob, pdo
-from mdms_protocol.frame import Frame
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cia402, cob
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.simulation import simulate
 
 CUT_S, BACK_S, END_S = 1.0, 1.5, 3.0

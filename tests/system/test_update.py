@@ -25,7 +25,7 @@ from mdms_host.flashing.firmware_build import rom_image
 from mdms_host.updating.bundles import pack_image, sign
 from mdms_host.updating.cell_update import CellUpdate
 from mdms_host.updating.updater import Updater
-from mdms_protocol import cia402
+from mdms_protocol.codecs import cia402
 from mdms_protocol.update import codes
 from mdms_protocol.version import VERSION
 

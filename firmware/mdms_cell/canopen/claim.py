@@ -9,7 +9,8 @@ request of the transfer's client, who would take another response for its own.
 """
 
 from mdms_cell import ticks
-from mdms_protocol import cob, indices, sdo
+from mdms_protocol import indices
+from mdms_protocol.codecs import cob, sdo
 
 #: Any node answers an SDO request within this time.
 LISTEN_MS = 50

@@ -2,7 +2,8 @@
 
 from mdms_cell import ticks
 from mdms_cell.canopen.rules import check_cob_id
-from mdms_protocol import cob, indices, sdo
+from mdms_protocol import indices
+from mdms_protocol.codecs import cob, sdo
 
 _HISTORY_SIZE = 8
 #: Messages that may wait for the inhibit time or for room; older ones give way.

@@ -4,7 +4,8 @@ An error of communication switches the motors off, whatever the error behaviour 
 heartbeat is lost, they may brake first (0x605E).
 """
 
-from mdms_protocol import indices, nmt
+from mdms_protocol import indices
+from mdms_protocol.codecs import nmt
 
 # What errors come from, as it stands in emergency messages; axes count from 1
 SOURCE_CONSUMER = 3

@@ -1,7 +1,8 @@
 """Heartbeats: the producer (0x1017) and the consumer (0x1016) of CiA 301, 7.2.8.2.2.3."""
 
 from mdms_cell import ticks
-from mdms_protocol import cob, indices, nmt, sdo
+from mdms_protocol import indices
+from mdms_protocol.codecs import cob, nmt, sdo
 
 CONSUMED_NODES = 4
 

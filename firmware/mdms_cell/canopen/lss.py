@@ -4,7 +4,7 @@ Messages are eight bytes, a command specifier first; what is not addressed to th
 no sense, is left unanswered.
 """
 
-from mdms_protocol import cob, lss, sdo
+from mdms_protocol.codecs import cob, lss, sdo
 
 
 class Lss:

@@ -1,7 +1,7 @@
 """The NMT slave (CiA 301, 7.2.8 and 7.3.2): from a node id over boot-up to 'operational'."""
 
 from mdms_cell.canopen.claim import Claim
-from mdms_protocol import cob, nmt
+from mdms_protocol.codecs import cob, nmt
 
 EVERYTHING = nmt.RESET_NODE
 COMMUNICATION = nmt.RESET_COMMUNICATION

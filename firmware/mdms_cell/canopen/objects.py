@@ -2,7 +2,8 @@
 
 import struct
 
-from mdms_protocol import packed, record, sdo
+from mdms_protocol import packed, record
+from mdms_protocol.codecs import sdo
 
 _COUNT = len(packed.RECORDS) // record.RECORD_SIZE - 1
 _FORMATS = {0x02: "<b", 0x03: "<h", 0x04: "<i", 0x05: "<B", 0x06: "<H", 0x07: "<I"}

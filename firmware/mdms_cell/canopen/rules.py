@@ -1,7 +1,8 @@
 """What may be written to COB-IDs, PDO parameters and mappings (CiA 301, table 41, 7.5.2.35-38)."""
 
 from mdms_cell.canopen.objects import find
-from mdms_protocol import cob, record, sdo
+from mdms_protocol import record
+from mdms_protocol.codecs import cob, sdo
 
 # Sub-indices of the parameters of a PDO
 COB_ID = 1

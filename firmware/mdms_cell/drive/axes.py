@@ -2,7 +2,7 @@
 
 from mdms_cell.drive import speed_loop
 from mdms_cell.drive.axis import Axis
-from mdms_protocol import cia402
+from mdms_protocol.codecs import cia402
 
 _DRIVING = (cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE, cia402.FAULT_REACTION)
 _FAILED = (cia402.FAULT, cia402.FAULT_REACTION)

@@ -5,7 +5,8 @@ Indices are those of axis 1; axis 2 has them `indices.AXIS_OFFSET` higher.
 
 from mdms_cell.drive import speed_loop, tuning
 from mdms_cell.drive.state_machine import Drive
-from mdms_protocol import cia402, indices, sdo
+from mdms_protocol import indices
+from mdms_protocol.codecs import cia402, sdo
 
 _VELOCITY_REVERSED = 0x40
 

@@ -11,7 +11,7 @@ sets it to 0.
 """
 
 from mdms_cell.drive import speed_loop
-from mdms_protocol import cia402
+from mdms_protocol.codecs import cia402
 
 # Events besides the controlword's commands, which stand for themselves
 FAILURE = 0x100

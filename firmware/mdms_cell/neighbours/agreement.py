@@ -15,8 +15,8 @@ except ImportError:
 
 from array import array
 
-from mdms_cell.neighbours.angle import TURN_UM, wrapped
-from mdms_cell.neighbours.place import DIRECTIONS
+from mdms_cell.neighbours.geometry.angle import TURN_UM, wrapped
+from mdms_cell.neighbours.geometry.place import DIRECTIONS
 from mdms_cell.neighbours.suspicion import MISLEADING, POSE, POSE_BEATS
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.words import WIDEN

@@ -14,8 +14,8 @@ except ImportError:
 
 from array import array
 
-from mdms_cell.neighbours.angle import TURN_UM
-from mdms_cell.neighbours.outline import LEVER, NORMAL_X, NORMAL_Y, STEP_UM, Outline
+from mdms_cell.neighbours.geometry.angle import TURN_UM
+from mdms_cell.neighbours.geometry.outline import LEVER, NORMAL_X, NORMAL_Y, STEP_UM, Outline
 from mdms_protocol.words import WIDEN
 
 #: How well an edge is known at the instant a sensor changes, and while one contradicts.

@@ -10,7 +10,7 @@ except ImportError:
 
 from array import array
 
-from mdms_cell.neighbours.place import DIRECTIONS
+from mdms_cell.neighbours.geometry.place import DIRECTIONS
 from mdms_protocol.neighbours import frames as wire
 
 #: What neighbours' frames hold besides: statuswords before the presence bits, and two speeds.

@@ -14,10 +14,10 @@ from array import array
 from mdms_cell import ticks
 from mdms_cell.canopen.objects import find
 from mdms_cell.drive import speed_loop
-from mdms_cell.neighbours.footprint import Footprint
+from mdms_cell.neighbours.geometry.footprint import Footprint
+from mdms_cell.neighbours.geometry.place import DIRECTIONS, ESTIMATE, HOST, SPEEDS, STATE, Place
 from mdms_cell.neighbours.heard import OWN, Heard
 from mdms_cell.neighbours.leading import Leading
-from mdms_cell.neighbours.place import DIRECTIONS, ESTIMATE, HOST, SPEEDS, STATE, Place
 from mdms_cell.neighbours.program import Programs, turn_um
 from mdms_cell.neighbours.right_of_way import NONE, UNDER, RightOfWay
 from mdms_cell.neighbours.suspicion import CODE, SOURCE, Evidence, Suspicion

@@ -5,8 +5,8 @@ try:
 except ImportError:
     from mdms_protocol.cpython import const
 
-from mdms_cell.neighbours.angle import ARM_UM, wrapped
-from mdms_cell.neighbours.outline import STEP_UM
+from mdms_cell.neighbours.geometry.angle import ARM_UM, wrapped
+from mdms_cell.neighbours.geometry.outline import STEP_UM
 from mdms_cell.neighbours.steering import Steering, length
 
 #: From the wish to brake until all cells under the parcel do: HOPS times the beats that `hold` may

@@ -2,7 +2,7 @@
 
 from array import array
 
-from mdms_cell.neighbours.angle import TURN_UM
+from mdms_cell.neighbours.geometry.angle import TURN_UM
 from mdms_protocol.neighbours import frames as wire
 
 #: A cell is near one parcel, and may be asked for by a few more.

@@ -5,7 +5,7 @@ try:
 except ImportError:
     from mdms_protocol.cpython import const
 
-from mdms_cell.neighbours.angle import ARM_UM, root
+from mdms_cell.neighbours.geometry.angle import ARM_UM, root
 
 #: The parcel has arrived within this, for so many beats; it is steered again outside twice as much.
 _TOLERANCE_UM = const(2_000)

@@ -9,8 +9,8 @@ try:
 except ImportError:
     from mdms_protocol.cpython import const
 
-from mdms_cell.neighbours.outline import STEP_UM
-from mdms_cell.neighbours.place import AXES, DIRECTIONS
+from mdms_cell.neighbours.geometry.outline import STEP_UM
+from mdms_cell.neighbours.geometry.place import AXES, DIRECTIONS
 
 # What a neighbour is suspected of; in an emergency, bits
 PRESENCE = const(0)  # its sensors do not show what lies there, or show what does not

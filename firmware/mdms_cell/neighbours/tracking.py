@@ -15,11 +15,11 @@ except ImportError:
 
 from mdms_cell import ticks
 from mdms_cell.neighbours.agreement import Agreement
-from mdms_cell.neighbours.angle import wrapped
 from mdms_cell.neighbours.belief import CONTRADICTION, EDGE, Belief
+from mdms_cell.neighbours.geometry.angle import wrapped
+from mdms_cell.neighbours.geometry.outline import LEVER, NORMAL_X, NORMAL_Y, STEP_UM, X, Y
+from mdms_cell.neighbours.geometry.place import AXES, DIRECTIONS, SENSORS
 from mdms_cell.neighbours.heard import NEVER, OWN
-from mdms_cell.neighbours.outline import LEVER, NORMAL_X, NORMAL_Y, STEP_UM, X, Y
-from mdms_cell.neighbours.place import AXES, DIRECTIONS, SENSORS
 from mdms_cell.neighbours.program import wire_yaw
 from mdms_cell.neighbours.right_of_way import PROMISED, UNDER
 from mdms_cell.neighbours.suspicion import POSE_BEATS, PRESENCE, WHEELS

@@ -10,8 +10,8 @@ except ImportError:
 
 from array import array
 
-from mdms_cell.neighbours.angle import ARM_UM
-from mdms_cell.neighbours.outline import STEP_UM
+from mdms_cell.neighbours.geometry.angle import ARM_UM
+from mdms_cell.neighbours.geometry.outline import STEP_UM
 from mdms_protocol.words import WIDEN
 
 _ARM = const(8000)

@@ -1,7 +1,8 @@
 """What a cell says of firmware over the bus whose board has no room for a second one."""
 
 from mdms_cell import ticks
-from mdms_protocol import indices, sdo
+from mdms_protocol import indices
+from mdms_protocol.codecs import sdo
 from mdms_protocol.update import codes
 
 

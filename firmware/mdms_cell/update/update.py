@@ -8,7 +8,8 @@ from mdms_cell import ticks
 from mdms_cell.update import admission
 from mdms_cell.update.receipt import Receipt
 from mdms_cell.update.signature import key_id
-from mdms_protocol import indices, sdo
+from mdms_protocol import indices
+from mdms_protocol.codecs import sdo
 from mdms_protocol.update import bundle, codes
 from mdms_protocol.version import VERSION
 

@@ -1,7 +1,7 @@
 """NMT commands of other hosts that end motion: what a link receives is never this host's own."""
 
-from mdms_protocol import cob, nmt
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs import cob, nmt
+from mdms_protocol.codecs.frame import Frame
 
 _NAMES = {
     nmt.STOP: "'stop'",

@@ -25,8 +25,8 @@ from mdms_host.can_link.slcan_port import GarbledError, SlcanPort
 from mdms_host.can_link.transmitter import Transmitter
 from mdms_host.clock import Clock
 from mdms_model.participant import Participant
-from mdms_protocol import cob
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs import cob
+from mdms_protocol.codecs.frame import Frame
 
 Parts = TypeVarTuple("Parts")
 

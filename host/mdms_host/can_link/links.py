@@ -13,7 +13,7 @@ from mdms_host.can_link.incidents import Incidents, LinkCounts
 from mdms_host.can_link.link import QUEUE_WAIT_S, DeviceGoneError, Link, hand_over
 from mdms_host.clock import Clock
 from mdms_model.participant import BusesParticipant
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 
 BusFrame = tuple[int, Frame]
 #: Takes a frame, the time [s], and the bus.

@@ -3,7 +3,8 @@
 from collections.abc import Callable, Mapping
 
 from mdms_host.can_link.emergencies import SUSPICION
-from mdms_protocol import cia402, cob, nmt, pdo
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cia402, cob, nmt
 
 _DRIVING = frozenset((cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE, cia402.FAULT_REACTION))
 _NAMES: Mapping[int | None, str] = dict(cia402.NAMES.items())

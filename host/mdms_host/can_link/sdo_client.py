@@ -8,9 +8,10 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from mdms_protocol import cob, pdo, sdo
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cob, sdo
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import ENTRIES
-from mdms_protocol.frame import Frame
 
 
 @dataclass(frozen=True, slots=True)

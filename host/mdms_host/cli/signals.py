@@ -8,6 +8,8 @@ from types import FrameType
 from typing import NoReturn
 from weakref import WeakSet
 
+#: The signals that end a service in order.
+ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 #: An exception that a signal raised and that was lost is raised again after so long [s].
 AGAIN_S = 0.5
 
@@ -43,6 +45,27 @@ def ended_by_signals() -> Iterator[None]:
         if alarm:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
         for number, handler in {**taken, **alarm}.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def interrupted() -> Iterator[Callable[[], bool]]:
+    """Whether the end was asked for by a signal: no step of the simulation is broken off.
+
+    A second signal breaks it off.
+    """
+    pressed = threading.Event()
+
+    def on_signal(*_: object) -> None:
+        if pressed.is_set():
+            raise KeyboardInterrupt
+        pressed.set()
+
+    before = {number: signal.signal(number, on_signal) for number in ENDS}
+    try:
+        yield pressed.is_set
+    finally:
+        for number, handler in before.items():
             signal.signal(number, handler)
 
 

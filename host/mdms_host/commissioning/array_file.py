@@ -15,7 +15,7 @@ from mdms_host.commissioning.parameters import BY_NAME, Parameter, ParameterErro
 from mdms_model.scenario.limit import LENGTH, Limit
 from mdms_model.scenario.scenario import ScenarioError, Wheel
 from mdms_model.scenario.tree import build
-from mdms_protocol import cob
+from mdms_protocol.codecs import cob
 
 _HEAD = """\
 # Cells of an array, told apart by their serial numbers: node ids, and settings in SI units.

@@ -19,7 +19,8 @@ from mdms_host.commissioning.node_ids import Assignment, NodeIdError, address_of
 from mdms_host.commissioning.parameters import BY_NAME, PARAMETERS, Parameter
 from mdms_host.commissioning.roll_call import RollCall, address
 from mdms_host.commissioning.wheels.nudge import Direction, nudge
-from mdms_protocol import cob, indices
+from mdms_protocol import indices
+from mdms_protocol.codecs import cob
 from mdms_protocol.dictionary import AXES
 
 

@@ -10,9 +10,9 @@ from itertools import pairwise
 from queue import Empty, SimpleQueue
 from typing import NamedTuple
 
-from mdms_protocol import cob, lss
+from mdms_protocol.codecs import cob, lss
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import PRODUCT_CODE, REVISION, VENDOR_ID
-from mdms_protocol.frame import Frame
 
 _KNOWN = (VENDOR_ID, PRODUCT_CODE, REVISION)
 _SERIAL = 3

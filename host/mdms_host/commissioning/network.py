@@ -18,10 +18,11 @@ from mdms_host.can_link.protocol_revision import other_protocol
 from mdms_host.clock import Clock
 from mdms_host.commissioning.lss_master import LssMaster
 from mdms_model.participant import Participant
-from mdms_protocol import cob, indices, nmt, pdo
+from mdms_protocol import indices, pdo
+from mdms_protocol.codecs import cob, nmt
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import DEVICE_NAME, ENTRIES, PRODUCT_CODE, VENDOR_ID
 from mdms_protocol.entry import Entry
-from mdms_protocol.frame import Frame
 
 #: `canopen` does not repeat a request; a slow adapter on a busy machine is to be in time.
 _ANSWER_S = 1.0

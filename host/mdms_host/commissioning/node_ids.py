@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from mdms_host.commissioning.lss_master import LssAddress
 from mdms_host.commissioning.network import Commissioning, Identity
-from mdms_protocol import cob, nmt
+from mdms_protocol.codecs import cob, nmt
 
 
 class NodeIdError(Exception):

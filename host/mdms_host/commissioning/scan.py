@@ -7,7 +7,7 @@ from rich.table import Table
 
 from mdms_host.clock import Clock
 from mdms_host.commissioning.network import Commissioning, CommissioningError, Identity
-from mdms_protocol import cob, nmt
+from mdms_protocol.codecs import cob, nmt
 
 STATE_NAMES = {
     nmt.INITIALISING: "initialising",

@@ -10,8 +10,9 @@ from mdms_host.can_link.emergencies import error_text
 from mdms_host.can_link.remote_cell import RemoteCell
 from mdms_host.can_link.sdo_client import Read, SdoClient
 from mdms_host.commissioning.scan import STATE_NAMES
-from mdms_protocol import cia402, cob, indices, pdo
-from mdms_protocol.frame import Frame
+from mdms_protocol import indices, pdo
+from mdms_protocol.codecs import cia402, cob
+from mdms_protocol.codecs.frame import Frame
 
 _STATUSWORDS = (indices.STATUSWORD, indices.STATUSWORD + indices.AXIS_OFFSET)
 _ERROR_CODES = (indices.ERROR_CODE, indices.ERROR_CODE + indices.AXIS_OFFSET)

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 from mdms_host.can_link.link import Link, drive
 from mdms_host.clock import Clock
-from mdms_protocol import cob, nmt
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs import cob, nmt
+from mdms_protocol.codecs.frame import Frame
 
 #: The command is repeated, since a broadcast is not confirmed.
 _REPEATS = 3

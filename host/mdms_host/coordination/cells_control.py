@@ -8,8 +8,8 @@ from mdms_host.coordination.cell_setup.bring_up import BringUpCell
 from mdms_host.estimation.belief import Belief
 from mdms_host.motion.by_cells.steering import ByCells
 from mdms_model.arrays import Floats
-from mdms_protocol import cob
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs import cob
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.neighbours.messages import Page, decode_estimate, encode_page
 
 

@@ -8,7 +8,7 @@ from mdms_host.coordination.cell_setup.bring_up import BringUpCell
 from mdms_host.coordination.cells_control import CellsControl
 from mdms_host.coordination.phase import BRING_UP, HELD, STOPPED, UP, Phase
 from mdms_host.coordination.schedule import Schedule
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 
 _ENDING = (Phase.STOPPING, Phase.FAILING)
 #: Phases in which a cell needs another command once it has answered.

@@ -22,7 +22,7 @@ from mdms_host.estimation.tracker import Tracker
 from mdms_host.motion.by_cells.steering import ByCells
 from mdms_host.motion.program import Program
 from mdms_model.arrays import Floats
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 
 #: References shrink to 0 when parcels are to be held, in proportion, so that each keeps its line:
 #: the largest by so much [m/s2], which a friction of 0.3 gives (mu g / 2 = 1.47).

@@ -32,8 +32,8 @@ from mdms_host.motion.lost_cells import MindsLostCells
 from mdms_host.motion.program import Program
 from mdms_model.arrays import Floats
 from mdms_model.bus_time import WATCHED_HEARTBEAT_S
-from mdms_protocol import cob, nmt
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs import cob, nmt
+from mdms_protocol.codecs.frame import Frame
 
 _SYNC = Frame(cob.SYNC, b"")
 #: A parcel may have moved by so much while cells were out, as a standard deviation: braked within

@@ -10,7 +10,7 @@ from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.phase import HELD, Phase
 from mdms_model.participant import Participant
-from mdms_protocol import nmt
+from mdms_protocol.codecs import nmt
 
 _STEERED = frozenset((Phase.ENABLING, Phase.RUNNING))
 

@@ -6,8 +6,8 @@ from math import inf
 from mdms_host.can_link.link import AnyLink, drive
 from mdms_host.clock import Clock
 from mdms_host.coordination.care.supervision import OTHER_HOST
-from mdms_protocol import cob, nmt
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs import cob, nmt
+from mdms_protocol.codecs.frame import Frame
 
 #: A host sends a heartbeat every 0.1 s.
 _LISTEN_S = 0.35

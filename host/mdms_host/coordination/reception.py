@@ -12,8 +12,9 @@ from mdms_host.coordination.commands import Commands
 from mdms_host.coordination.journal import Journal
 from mdms_host.coordination.speeds.odometry import Odometry
 from mdms_host.estimation.tracker import Tracker
-from mdms_protocol import cob, nmt, pdo
-from mdms_protocol.frame import Frame
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cob, nmt
+from mdms_protocol.codecs.frame import Frame
 
 _SWITCHING_OFF = (nmt.ENTER_PRE_OPERATIONAL, nmt.STOP)
 

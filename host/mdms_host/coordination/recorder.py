@@ -11,7 +11,7 @@ from mdms_model.run.cell_reports import CellReports, without_reports
 from mdms_model.run.history import MOST_SAMPLES, History
 from mdms_model.run.presence import Presence
 from mdms_model.run.record import Contact, Event, Record
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 
 #: As often as the simulation samples.
 SAMPLE_S = 0.01

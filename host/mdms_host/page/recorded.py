@@ -22,7 +22,7 @@ from mdms_model.run.folder import BUS_LOG, START_S, StoredRun, bus_number
 from mdms_model.run.planned import goals_at, goals_given, plan_at
 from mdms_model.run.record import Event, Record
 from mdms_model.run.slip import slip_m_s
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 
 #: Instants of a run that are shown, and of these as many that the plots have.
 SHOWN_PER_S = 60.0

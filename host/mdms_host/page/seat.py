@@ -9,8 +9,9 @@ from mdms_host.coordination.other_host import OtherHost
 from mdms_host.page.commands import RefusedError
 from mdms_host.page.shown.bus_watch import BusWatch
 from mdms_host.page.shown.objects import ObjectReader
-from mdms_protocol import cob, indices, nmt, sdo
-from mdms_protocol.frame import Frame
+from mdms_protocol import indices
+from mdms_protocol.codecs import cob, nmt, sdo
+from mdms_protocol.codecs.frame import Frame
 
 #: How often the place looks whether somebody has taken it [s].
 IDLE_S = 0.01

@@ -3,8 +3,8 @@
 import binascii
 from collections.abc import Iterator
 
-from mdms_protocol import cob, sdo
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs import cob, sdo
+from mdms_protocol.codecs.frame import Frame
 
 _SEGMENT = 7
 #: Erasing flash may keep a cell from an answer for so long [s]; it aborts a second after the last

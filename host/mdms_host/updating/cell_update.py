@@ -7,8 +7,9 @@ from mdms_host.can_link.sdo_client import Read, SdoClient, Setting
 from mdms_host.updating.block_download import BlockDownload
 from mdms_host.updating.bundles import Bundle
 from mdms_host.updating.reasons import reason_text
-from mdms_protocol import cob, indices, nmt, sdo
-from mdms_protocol.frame import Frame
+from mdms_protocol import indices
+from mdms_protocol.codecs import cob, nmt, sdo
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.update import codes
 
 #: Writing the record to flash may take a cell this long.

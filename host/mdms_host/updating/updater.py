@@ -10,8 +10,8 @@ from math import floor
 
 from mdms_host.updating.cell_update import CellUpdate
 from mdms_model.bus_time import worst_bits
-from mdms_protocol import cob
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs import cob
+from mdms_protocol.codecs.frame import Frame
 
 _FRAME_BITS = worst_bits(8)
 #: At most so many frames at once: an adapter's queue takes them, or has room soon.

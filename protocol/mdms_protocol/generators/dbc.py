@@ -1,6 +1,7 @@
 """What is on the bus of an array by default as a CAN database (DBC), for bus monitors."""
 
-from mdms_protocol import cia402, cob, nmt, pdo
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cia402, cob, nmt
 from mdms_protocol.generators import dbc_neighbours, dbc_services
 from mdms_protocol.generators.dbc_lines import Database
 from mdms_protocol.neighbours import frames

@@ -6,7 +6,7 @@ say so: a database shows them as the command that the number happens to equal.
 
 from collections import namedtuple
 
-from mdms_protocol import lss, sdo
+from mdms_protocol.codecs import lss, sdo
 from mdms_protocol.generators.dbc_lines import Database
 
 #: Where the command stands [bits], and its choices by value.

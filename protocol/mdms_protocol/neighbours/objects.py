@@ -1,7 +1,7 @@
 """The objects of the neighbour layer: a cell's place, its neighbours, and what they say."""
 
-from mdms_protocol import cob
 from mdms_protocol import entry as e
+from mdms_protocol.codecs import cob
 from mdms_protocol.entry import I32, READ, U8, U16, U32, Field, field, record, setting
 
 #: Index of what a cell believes of its parcel, and of the motion program that is handed on.

@@ -7,8 +7,8 @@ import numpy as np
 
 from mdms_model.arrays import Floats
 from mdms_model.buses import Addresses
-from mdms_protocol import cob
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs import cob
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.neighbours import frames as wire
 
 #: A cell at a parcel reports at every beat; one that has been silent for so long [s] is at none.

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from mdms_model.buses import Addresses
 from mdms_protocol import pdo
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 
 
 class Presence:

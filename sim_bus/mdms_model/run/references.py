@@ -5,8 +5,8 @@ import numpy as np
 from mdms_model.arrays import Floats
 from mdms_model.buses import Addresses
 from mdms_protocol import pdo
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.entry import steps_per_unit
-from mdms_protocol.frame import Frame
 
 UM_PER_M = steps_per_unit(pdo.TARGET_VELOCITY.entries[0].unit)
 #: What the PDO holds: one for each axis [um/s].

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Container
 from itertools import count
 
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.acceptance import Acceptance, FrameObserver, Observation
 from mdms_sim.bus.controller import Controller, Station
 from mdms_sim.bus.party import Disturbance

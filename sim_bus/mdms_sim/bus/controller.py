@@ -9,7 +9,7 @@ from functools import partial
 from heapq import heapify
 from typing import TYPE_CHECKING, Protocol
 
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.confinement import Confinement, ErrorState
 
 if TYPE_CHECKING:

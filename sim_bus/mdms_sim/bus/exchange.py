@@ -7,7 +7,7 @@ they are followed as one.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.confinement import Confinement, ErrorState
 from mdms_sim.bus.controller import Controller
 from mdms_sim.bus.length import frame_bits

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mdms_model.compiled import compiled, for_types_of
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.wire import (
     CRC_BITS,
     CRC_MASK,

@@ -5,7 +5,7 @@ from hashlib import sha256
 from typing import BinaryIO
 
 from mdms_model.run.folder import INTERFACE, START_S
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.wire import EXTENDED, EXTENDED_MASK, REMOTE, STANDARD_MASK
 
 NS_PER_S = 1_000_000_000

@@ -7,7 +7,7 @@ returns the phase that follows. A counter that makes a node passive does so from
 from collections.abc import Callable, Generator, Iterable
 from functools import partial
 
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.confinement import Confinement, ErrorState
 from mdms_sim.bus.reception import Progress, Reader
 from mdms_sim.bus.wire import EXTENDED, INTERFRAME_BITS, stuffed_bits

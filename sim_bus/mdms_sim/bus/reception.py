@@ -2,7 +2,7 @@
 
 from enum import Enum
 
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.wire import CRC_BITS, CRC_MASK, CRC_POLYNOMIAL, EXTENDED, REMOTE, STUFF_RUN
 
 #: Places in a frame without stuff bits, from start of frame; the header ends with the data length.

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Sequence
 from heapq import heappop, heappush
 from typing import TYPE_CHECKING
 
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.acceptance import Receivers
 from mdms_sim.bus.confinement import ErrorState
 from mdms_sim.bus.controller import Controller, Requests

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from functools import lru_cache
 
 from mdms_model.compiled import compiled
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 
 # The flags of Linux SocketCAN, above the identifier in a `can_id`. A plain 11-bit number is a plain
 # data frame. A remote frame's `data` has the length it asks for.

@@ -5,7 +5,7 @@ from functools import partial
 from random import Random
 
 from mdms_model.scenario.fault import Fault
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.controller import Controller
 from mdms_sim.driver import Driver

@@ -4,7 +4,7 @@ from functools import partial
 from typing import Any
 
 from mdms_gateway.gateway import Gateway
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.controller import Controller
 from mdms_sim.kernel import Kernel

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.acceptance import Acceptance
 from mdms_sim.bus.confinement import Confinement
 from mdms_sim.nodes import lockstep

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from mdms_cell.cell import Cell
 from mdms_cell.drive import speed_loop
 from mdms_model.compiled import compiled
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.acceptance import Acceptance
 from mdms_sim.bus.confinement import Confinement
 from mdms_sim.nodes.condition import Conditions

@@ -8,7 +8,7 @@ except ImportError:
 from mdms_boot.slots import Slots
 from mdms_cell.drive import speed_loop
 from mdms_cell.runner import BUS_OFF
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.update import codes
 
 #: Frames that a board keeps when the bus does not take them.

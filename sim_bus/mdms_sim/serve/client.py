@@ -7,7 +7,7 @@ does not take yet is left in the client's socket.
 import os
 from collections.abc import Callable
 
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.wire import ERROR
 from mdms_sim.serve.codec import Codec, GoneError

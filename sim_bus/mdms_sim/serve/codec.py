@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable
 from typing import Protocol
 
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.wire import ERROR, EXTENDED, EXTENDED_MASK, STANDARD_MASK
 from mdms_sim.serve import packet
 from mdms_sim.serve.slcan import Slcan

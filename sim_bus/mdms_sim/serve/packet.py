@@ -9,7 +9,7 @@ import struct
 import tempfile
 from pathlib import Path
 
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 
 HELLO = b"MDMSBUS1"
 _PACKET = struct.Struct("<dIB3x8s")

@@ -7,7 +7,7 @@ and counted.
 import re
 from collections.abc import Callable
 
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.wire import EXTENDED, EXTENDED_MASK, REMOTE, STANDARD_MASK
 
 OK = b"\r"

@@ -18,7 +18,8 @@ from mdms_boot.files import Files
 from mdms_boot.slots import Slots
 from mdms_cell.cell import Cell
 from mdms_cell.runner import Runner
-from mdms_protocol import cia402, pdo
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cia402
 
 NODE = 5
 SUPPLY_24_V = 24_000 * 65536 // 43_544

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdms_cell.neighbours.angle import ARM_UM, ONE, TURN_UM, resolve, root, wrapped
 from mdms_cell.neighbours.belief import CONTRADICTION, EDGE, Belief
-from mdms_cell.neighbours.outline import (
+from mdms_cell.neighbours.geometry.angle import ARM_UM, ONE, TURN_UM, resolve, root, wrapped
+from mdms_cell.neighbours.geometry.outline import (
     DISC,
     RECTANGLE,
     STEP_UM,

@@ -6,9 +6,10 @@ Where it does, bytecode and the machine code of any board compute the same.
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mdms_cell.neighbours import agreement, belief, outline, twist
-from mdms_cell.neighbours.angle import TURN_UM, resolve, root
-from mdms_cell.neighbours.outline import DISC, RECTANGLE, STEP_UM
+from mdms_cell.neighbours import agreement, belief, twist
+from mdms_cell.neighbours.geometry import outline
+from mdms_cell.neighbours.geometry.angle import TURN_UM, resolve, root
+from mdms_cell.neighbours.geometry.outline import DISC, RECTANGLE, STEP_UM
 
 WORD = 1 << 31
 #: Half of the largest parcel, and how far wheels and sensors of neighbours are [steps].

@@ -16,7 +16,7 @@ from can.interfaces.socketcan import SocketcanBus
 from mdms_host.can_link.link import Link
 from mdms_host.can_link.transmitter import is_full
 from mdms_host.clock import MonotonicClock
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 
 SETPOINT = Frame(0x201, bytes(range(8)))
 FRAME_S = 135e-6

@@ -14,7 +14,7 @@ from can.cli import add_bus_arguments
 
 from mdms_host.can_link.link import DeviceGoneError, Link, NoBusError, open_bus
 from mdms_host.clock import MonotonicClock
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 
 pytestmark = pytest.mark.real_time
 

@@ -9,7 +9,7 @@ from mdms_host.can_link.delays import PAUSES_S
 from mdms_host.can_link.link import DeviceGoneError, drive
 from mdms_host.can_link.links import Links
 from mdms_host.clock import MonotonicClock
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 
 pytestmark = pytest.mark.real_time
 

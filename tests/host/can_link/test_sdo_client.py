@@ -3,8 +3,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdms_host.can_link.sdo_client import Read, SdoClient, Setting
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.entry import OutOfRangeError
-from mdms_protocol.frame import Frame
 
 GAIN = Setting(0x2000, 0, 8_000)
 TIMEOUT = Setting(0x3000, 0, 80)

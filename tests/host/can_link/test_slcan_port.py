@@ -11,7 +11,7 @@ import pytest
 
 from mdms_host.can_link.link import Link
 from mdms_host.clock import MonotonicClock
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 
 pytestmark = pytest.mark.real_time
 

@@ -12,7 +12,7 @@ from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning, Identity
 from mdms_host.commissioning.node_ids import NodeIdError, assign_by_serial, assign_in_order
 from mdms_host.commissioning.scan import scan_bus
-from mdms_protocol import nmt
+from mdms_protocol.codecs import nmt
 from mdms_protocol.dictionary import DEVICE_NAME, PRODUCT_CODE, REVISION, VENDOR_ID
 
 AT_THE_HOSTS = pytest.mark.parametrize("standing_cells", [(1, 2, 127)], indirect=True)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from mdms_cell.canopen.lss import Lss
 from mdms_host.commissioning.lss_master import LssAddress, LssError, LssMaster
-from mdms_protocol import cob, sdo
+from mdms_protocol.codecs import cob, sdo
 from mdms_protocol.dictionary import PRODUCT_CODE, REVISION, VENDOR_ID
 
 OURS = (VENDOR_ID, PRODUCT_CODE, REVISION)

@@ -4,7 +4,7 @@ import pytest
 from rich.console import Console
 
 from mdms_host.commissioning.status import StatusModel, status_table
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 
 WORD, PRESENCE, SUSPECT = 0x6041, 0x3001, 0x3015
 

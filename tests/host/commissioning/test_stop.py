@@ -1,8 +1,8 @@
 from tests.host.cells_link import CellsLink
 
 from mdms_host.commissioning.stop import StopAll, StopReport, stop_all
-from mdms_protocol import nmt
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs import nmt
+from mdms_protocol.codecs.frame import Frame
 
 
 def test_the_command_is_sent_three_times_and_first_of_all() -> None:

@@ -11,7 +11,7 @@ from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.program import FieldProgram
 from mdms_protocol import pdo
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 
 LAYOUT = Layout(6, 3, wheels=(WheelPlace(0.0, (0.0, 0.03)), WheelPlace(np.pi / 2, (0.03, 0.0))))
 ALONG_X = np.tile([1.0, 0.0], LAYOUT.cells)

@@ -17,9 +17,10 @@ from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import FieldProgram, GoalProgram
 from mdms_host.places import all_values
-from mdms_protocol import cia402, cob, indices, nmt, pdo, record, signature
+from mdms_protocol import indices, pdo, record, signature
+from mdms_protocol.codecs import cia402, cob, nmt
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.entry import OutOfRangeError
-from mdms_protocol.frame import Frame
 from mdms_protocol.neighbours import messages
 
 LAYOUT = Layout(6, 3, wheels=(WheelPlace(0.0, (0.0, 0.03)), WheelPlace(np.pi / 2, (0.03, 0.0))))

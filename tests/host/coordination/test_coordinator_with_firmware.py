@@ -10,7 +10,7 @@ from mdms_host.coordination.phase import Phase
 from mdms_host.layout import Layout
 from mdms_host.motion.program import FieldProgram
 from mdms_protocol import pdo
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.nodes.python_bank import PythonBank
 
 LAYOUT = Layout(3, 1)

@@ -10,7 +10,7 @@ from mdms_host.coordination.phase import Phase
 from mdms_host.coordination.schedule import Timing
 from mdms_host.layout import Layout
 from mdms_host.motion.program import FieldProgram
-from mdms_protocol import nmt
+from mdms_protocol.codecs import nmt
 
 LAYOUT = Layout(3, 1)
 

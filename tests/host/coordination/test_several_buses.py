@@ -7,8 +7,9 @@ from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.phase import Phase
 from mdms_host.layout import Layout
 from mdms_host.motion.program import FieldProgram
-from mdms_protocol import cia402, cob, nmt, pdo
-from mdms_protocol.frame import Frame
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cia402, cob, nmt
+from mdms_protocol.codecs.frame import Frame
 
 #: Cells 1 and 3 are on bus 0, cells 2 and 4 on bus 1.
 LAYOUT = Layout(2, 2, node_ids=(1, 2, 2, 1), buses=(0, 1, 0, 1))

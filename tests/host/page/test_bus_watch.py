@@ -5,8 +5,9 @@ import pytest
 
 from mdms_host.layout import Layout
 from mdms_host.page.shown.bus_watch import KINDS, BusWatch, CellState
-from mdms_protocol import cia402, cob, nmt, pdo
-from mdms_protocol.frame import Frame
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cia402, cob, nmt
+from mdms_protocol.codecs.frame import Frame
 
 NODE, OTHER = 1, 2
 #: A neighbour, whose node id is in the first byte of details, contradicts.

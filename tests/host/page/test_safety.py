@@ -13,7 +13,7 @@ from mdms_host.page.shown.bus_watch import CellState
 from mdms_host.page.shown.description import PHASES
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 
 
 def phase(desk: Desk) -> str:

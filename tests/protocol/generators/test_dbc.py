@@ -5,7 +5,7 @@ import logging
 import cantools
 import pytest
 
-from mdms_protocol import cob, lss, nmt, sdo
+from mdms_protocol.codecs import cob, lss, nmt, sdo
 from mdms_protocol.generators import dbc
 from mdms_protocol.neighbours import messages
 

@@ -13,7 +13,7 @@ any flag there are eight recessive bits of delimiter and three of space.
 
 import pytest
 
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.length import frame_bits
 from mdms_sim.bus.wire import stuffed_bits
 

@@ -3,7 +3,7 @@ from itertools import pairwise
 import pytest
 from tests.sim_bus.bus.ear import Ear
 
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.length import frame_bits
 from mdms_sim.bus.wire import EXTENDED, REMOTE

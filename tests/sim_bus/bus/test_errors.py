@@ -5,7 +5,7 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.confinement import ErrorState
 from mdms_sim.bus.length import frame_bits
 from mdms_sim.bus.party import Disturbance

@@ -5,7 +5,7 @@ from io import BytesIO
 from can.io.canutils import CanutilsLogReader
 
 from mdms_model.run.folder import START_S
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.log import BusLog
 from mdms_sim.bus.wire import EXTENDED, REMOTE
 

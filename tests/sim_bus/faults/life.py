@@ -1,8 +1,8 @@
 """Three cells, a box over the middle one, and a tool on their bus, while faults are at work."""
 
 from mdms_model.scenario.scenario import Array, Cell, Parcel, Run, Scenario, Wheel, Wire
-from mdms_protocol import cob, nmt
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs import cob, nmt
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.simulation import Simulation
 

@@ -4,8 +4,8 @@ import pytest
 from tests.sim_bus.faults.life import CELLS, Life
 
 from mdms_model.scenario.fault import Fault
-from mdms_protocol import cob
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs import cob
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.nodes.micropython_bank import MicropythonBank
 
 HEARTBEATS = [cob.HEARTBEAT_BASE + cell for cell in range(1, CELLS + 1)]

@@ -5,7 +5,8 @@ import pytest
 from tests.sim_bus.faults.life import Life
 
 from mdms_model.scenario.fault import Fault
-from mdms_protocol import cob, pdo
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cob
 
 #: What cells 1 and 3 see of the box over cell 2: it reaches over their nearer sensors.
 BESIDE = 0b10010

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdms_model.bus_time import BusTraffic, worst_bits
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.length import frame_bits
 from mdms_sim.bus.wire import INTERFRAME_BITS
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from mdms_protocol import cob, nmt
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs import cob, nmt
+from mdms_protocol.codecs.frame import Frame
 
 CELLS = 3
 BOOT_TICKS = 120

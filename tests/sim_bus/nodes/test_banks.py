@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from tests.sim_bus.nodes.bench import BOOT_TICKS, CELLS, Bench
 
-from mdms_protocol import cob
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs import cob
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.nodes.bank import NodeDied
 from mdms_sim.nodes.micropython_bank import CHECK_TICKS, MicropythonBank
 from mdms_sim.nodes.python_bank import PythonBank

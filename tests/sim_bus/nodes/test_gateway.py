@@ -1,6 +1,6 @@
 """A gateway on two simulated buses, with somebody on each."""
 
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.party import Disturbance
 from mdms_sim.kernel import Kernel

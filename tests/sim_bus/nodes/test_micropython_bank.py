@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from mdms_cell.drive import speed_loop
-from mdms_protocol import cob, nmt
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs import cob, nmt
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.nodes import lockstep, micropython_bank, micropython_process
 from mdms_sim.nodes.bank import NodeDied, NodeHangs
 from mdms_sim.nodes.blocks import Blocks

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import can
 import pytest
 
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.kernel import Kernel
 from mdms_sim.serve.server import Server

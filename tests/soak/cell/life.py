@@ -17,7 +17,7 @@ from boards import pybv11
 from mdms_cell.cell import Cell
 from mdms_cell.drive import speed_loop
 from mdms_cell.runner import Runner
-from mdms_protocol import cob
+from mdms_protocol.codecs import cob
 
 CHAPTERS = (
     services.read_texts,

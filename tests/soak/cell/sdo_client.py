@@ -3,7 +3,7 @@
 The caller resumes them once a millisecond and puts what the cell answers in `Client.responses`.
 """
 
-from mdms_protocol import sdo
+from mdms_protocol.codecs import sdo
 
 _PATIENCE_MS = 200
 _SEGMENT = 7

@@ -3,7 +3,7 @@
 import world
 from watch import NODE
 
-from mdms_protocol import cob, lss, nmt, sdo
+from mdms_protocol.codecs import cob, lss, nmt, sdo
 
 _TEXTS = ((0x1008, b"MDMS cell"), (0x1009, b"2 wheels, 5 sensors"))
 

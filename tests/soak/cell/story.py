@@ -9,7 +9,7 @@ from traffic import HOST, NEIGHBOUR, SYNC_MS
 from watch import EVENT_AT_REST_MS, EVENT_MS, INHIBIT_MS, NODE
 
 from mdms_cell.drive import speed_loop
-from mdms_protocol import cia402, cob, lss, nmt
+from mdms_protocol.codecs import cia402, cob, lss, nmt
 
 _UP = (0, cia402.FAULT_RESET, cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION)
 _PAUSE_MAX_MS = 2000

@@ -3,7 +3,8 @@
 import world
 from watch import NODE
 
-from mdms_protocol import cob, nmt, pdo
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cob, nmt
 
 HOST = 127
 NEIGHBOUR = 1

@@ -5,7 +5,7 @@ from traffic import SYNC_MS
 from watch import NODE
 
 from boards.pybv11 import PINS
-from mdms_protocol import cob, nmt
+from mdms_protocol.codecs import cob, nmt
 
 _SETPOINT_TIMEOUT_MS = 50
 #: Wheels that stand are held for 0.3 s.

@@ -7,7 +7,7 @@ from grid import LATE_MS, Grid
 from wheels import WHEELS
 
 from mdms_cell.drive import speed_loop
-from mdms_protocol import nmt
+from mdms_protocol.codecs import nmt
 
 NODE = 5
 BOOT_UP = b"\x00"

@@ -12,7 +12,7 @@ from mdms_cell.canopen.rules import (
     check_parameter,
     mapped,
 )
-from mdms_protocol import cob, sdo
+from mdms_protocol.codecs import cob, sdo
 
 
 class Pdo:

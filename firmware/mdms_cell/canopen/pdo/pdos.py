@@ -4,7 +4,7 @@ from mdms_cell import ticks
 from mdms_cell.canopen.pdo.rpdo import Rpdo
 from mdms_cell.canopen.pdo.tpdo import Tpdo
 from mdms_cell.canopen.rules import COB_ID, EVENT_MANUFACTURER, EVENT_PROFILE
-from mdms_protocol import cob
+from mdms_protocol.codecs import cob
 
 
 class Pdos:

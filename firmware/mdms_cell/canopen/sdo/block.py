@@ -1,7 +1,7 @@
 """Block SDO transfers (CiA 301, 7.2.4.2.9 to 7.2.4.2.16): many segments to one answer."""
 
 from mdms_cell.canopen.sdo.segmented import answer, check_size, head
-from mdms_protocol import sdo
+from mdms_protocol.codecs import sdo
 
 _SEGMENT = 7
 

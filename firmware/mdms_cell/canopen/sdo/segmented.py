@@ -1,7 +1,7 @@
 """Expedited and segmented SDO transfers (CiA 301, 7.2.4.2.2 to 7.2.4.2.8)."""
 
 from mdms_cell.canopen.objects import find
-from mdms_protocol import sdo
+from mdms_protocol.codecs import sdo
 
 _SEGMENT = 7
 

@@ -6,7 +6,7 @@ A transfer of more than four bytes is an object of its own (`segmented`, `block`
 
 from mdms_cell import ticks
 from mdms_cell.canopen.sdo import block, segmented
-from mdms_protocol import sdo
+from mdms_protocol.codecs import sdo
 
 #: A transfer in which the client is silent for so long is aborted.
 TIMEOUT_MS = 1000

@@ -9,7 +9,8 @@ not taken: the entry has its default, and the value is a misfit to be reported.
 from mdms_cell.canopen import rules
 from mdms_cell.canopen.objects import find
 from mdms_cell.canopen.storage import saved
-from mdms_protocol import cob, indices, record, sdo
+from mdms_protocol import indices, record
+from mdms_protocol.codecs import cob, sdo
 
 _PDOS = (
     (indices.RPDO_PARAMETERS, indices.RPDO_MAPPING, record.IN_RPDO),

@@ -10,7 +10,8 @@ import binascii
 import struct
 
 from mdms_cell.canopen.objects import find
-from mdms_protocol import cob, record, sdo
+from mdms_protocol import record
+from mdms_protocol.codecs import cob, sdo
 
 #: magic, sequence, length of values; then a CRC-32 of all.
 _HEADER = "<III"

@@ -8,7 +8,8 @@ The memory has `read(bank)`, which returns the whole bank, `erase(bank)` and
 """
 
 from mdms_cell.canopen.storage import restoration, saved
-from mdms_protocol import indices, record, sdo
+from mdms_protocol import indices, record
+from mdms_protocol.codecs import sdo
 
 SOURCE_SETTINGS = 8
 SETTINGS_LOST = 0x6310

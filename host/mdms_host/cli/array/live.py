@@ -6,7 +6,6 @@ from collections.abc import Callable
 from mdms_host.can_link.link import AnyLink, DeviceGoneError, drive
 from mdms_host.cli.array.bus import open_links
 from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.interrupted import interrupted
 from mdms_host.cli.paging import opened_page
 from mdms_host.cli.scenario.belief import Belief
 from mdms_host.cli.scenario.coordination import (
@@ -16,6 +15,7 @@ from mdms_host.cli.scenario.coordination import (
     parcels_of,
 )
 from mdms_host.cli.scenario.load import timing_of
+from mdms_host.cli.signals import interrupted
 from mdms_host.cli.streams import say
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
@@ -26,7 +26,7 @@ from mdms_host.page.shown.bus_watch import BusWatch
 from mdms_host.programs.program import Main
 from mdms_host.programs.traffic.planning import ThreadDesk
 from mdms_model.scenario.belief import believed
-from mdms_protocol import nmt
+from mdms_protocol.codecs import nmt
 
 
 def show(belief: Belief, arguments: Namespace, main: Main | None = None) -> Exit:

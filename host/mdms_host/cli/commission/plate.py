@@ -11,8 +11,9 @@ from mdms_host.commissioning.network import Commissioning
 from mdms_host.commissioning.roll_call import RollCall
 from mdms_host.commissioning.sightings import SightingError, Sightings, Spot
 from mdms_host.layout import Layout
-from mdms_protocol import cob, indices, nmt, pdo
-from mdms_protocol.frame import Frame
+from mdms_protocol import indices, pdo
+from mdms_protocol.codecs import cob, nmt
+from mdms_protocol.codecs.frame import Frame
 
 #: Cells that nobody has found yet blink again so often, and a little longer.
 _BLINK_EVERY_S = 4.0

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from mdms_host.cli.options import add_force, add_json
 from mdms_host.cli.parser import Verb
-from mdms_protocol.cob import CELL_NODE_MAX, HOST_NODE, NODE_MAX, NODE_MIN
+from mdms_protocol.codecs.cob import CELL_NODE_MAX, HOST_NODE, NODE_MAX, NODE_MIN
 
 ALL = "all"
 EPILOG = """\

@@ -9,8 +9,8 @@ import can
 
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_model.run.folder import START_S, bus_number, interface_of
-from mdms_protocol import cob
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs import cob
+from mdms_protocol.codecs.frame import Frame
 
 #: What the host alone sends: to all, to each node, and its heartbeat.
 _TO_ALL = (cob.NMT, cob.SYNC, cob.LSS_REQUEST, cob.HEARTBEAT_BASE + cob.NODE_MAX)

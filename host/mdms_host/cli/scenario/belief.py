@@ -22,7 +22,7 @@ from mdms_host.commissioning.wheels.loop_margin import GainError, Observer, chec
 from mdms_model.scenario.belief import believed
 from mdms_model.scenario.rules.every import check_rules
 from mdms_model.scenario.scenario import Scenario, ScenarioError
-from mdms_protocol import cob
+from mdms_protocol.codecs import cob
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,6 @@ from functools import partial
 from time import sleep
 
 from mdms_host.cli.exits import Exit
-from mdms_host.cli.interrupted import interrupted
 from mdms_host.cli.paging import opened_page
 from mdms_host.cli.scenario.coordination import (
     centres_of_mass_m,
@@ -15,6 +14,7 @@ from mdms_host.cli.scenario.coordination import (
     layout_of,
     parcels_of,
 )
+from mdms_host.cli.signals import interrupted
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.page.seat import Seat
 from mdms_host.page.simulated import SLICE_NS, SimulatedTable

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, BinaryIO
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.extras import PAGE, require
 from mdms_host.cli.files import writing
-from mdms_host.cli.interrupted import ENDS, interrupted
 from mdms_host.cli.records.host_log import HostLog
 from mdms_host.cli.records.keep import keep_run, lasting
 from mdms_host.cli.scenario.gain import open_program
+from mdms_host.cli.signals import ENDS, interrupted
 from mdms_host.cli.simulation.compose import Finished
 from mdms_host.cli.simulation.figures import figures_of
 from mdms_host.cli.streams import say

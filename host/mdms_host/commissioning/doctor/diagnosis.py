@@ -8,7 +8,8 @@ from mdms_host.can_link.emergencies import code_text
 from mdms_host.commissioning.array_file import FiledCell
 from mdms_host.commissioning.doctor.examination import Examination, Examined
 from mdms_host.commissioning.doctor.findings import Finding
-from mdms_protocol import cia402, cob, indices
+from mdms_protocol import indices
+from mdms_protocol.codecs import cia402, cob
 from mdms_protocol.dictionary import AXES, AXIS_OFFSET
 from mdms_protocol.update import codes
 from mdms_protocol.version import VERSION

@@ -17,9 +17,10 @@ from mdms_host.commissioning.network import (
     RefusedError,
 )
 from mdms_host.commissioning.roll_call import address
-from mdms_protocol import cob, indices, nmt
+from mdms_protocol import indices
+from mdms_protocol.codecs import cob, nmt
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import AXES, AXIS_OFFSET, ERROR_HISTORY
-from mdms_protocol.frame import Frame
 
 #: Twenty heartbeats at their default period.
 LISTEN_S = 2.0

@@ -12,9 +12,10 @@ from mdms_host.can_link.emergencies import error_text
 from mdms_host.can_link.foreign_stops import ForeignStops
 from mdms_host.can_link.remote_cell import RemoteCell
 from mdms_host.can_link.sdo_client import SdoClient, Setting
-from mdms_protocol import cia402, cob, indices, nmt, pdo
+from mdms_protocol import indices, pdo
+from mdms_protocol.codecs import cia402, cob, nmt
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.entry import MICROMETRES_PER_SECOND, steps_per_unit
-from mdms_protocol.frame import Frame
 
 #: A wheel that is to be looked at turns no faster.
 SPEED_MAX_M_S = 0.2

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from mdms_host.can_link.emergencies import code_text
 from mdms_host.commissioning.network import Commissioning, CommissioningError
 from mdms_host.commissioning.wheels.jog import Jog
-from mdms_protocol import cia402, indices, nmt
+from mdms_protocol import indices
+from mdms_protocol.codecs import cia402, nmt
 
 #: Bit of 0x607E: motor and encoder are mounted the other way round.
 REVERSED = 0x40

@@ -8,7 +8,7 @@ from mdms_host.coordination.care.trouble import Trouble, nature_of
 from mdms_host.coordination.cell_setup.bring_up import BringUpCell
 from mdms_host.coordination.phase import Phase
 from mdms_host.coordination.schedule import Timing
-from mdms_protocol import cob
+from mdms_protocol.codecs import cob
 
 #: What is wrong where a second host sends heartbeats.
 OTHER_HOST = (

@@ -5,7 +5,7 @@ from enum import StrEnum
 
 from mdms_host.coordination.cell_setup.bring_up import BringUpCell
 from mdms_host.coordination.cell_setup.identification import PASSING_CODES
-from mdms_protocol import cia402, nmt
+from mdms_protocol.codecs import cia402, nmt
 
 #: Errors with which drives shut off; others are mere reports.
 _OF_DRIVES = PASSING_CODES | {0x2310, 0x3220, 0x6100, 0x7121, 0x7302, 0x8150, 0x8611}

@@ -11,10 +11,11 @@ from mdms_host.coordination.cell_setup.set_up import SetUp
 from mdms_host.coordination.cell_setup.steering_settings import taken_back
 from mdms_host.coordination.phase import STOPPED, Phase
 from mdms_host.places import Place
-from mdms_protocol import cia402, cob, indices, nmt, pdo
+from mdms_protocol import indices, pdo
+from mdms_protocol.codecs import cia402, cob, nmt
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import ENTRIES
 from mdms_protocol.entry import steps_per_unit
-from mdms_protocol.frame import Frame
 
 _TOWARDS_ENABLED: Mapping[int | None, int] = dict(cia402.TOWARDS_ENABLED.items())
 #: The neighbour layer of a cell takes its drives on from 'switched on', and back.

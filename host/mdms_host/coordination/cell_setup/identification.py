@@ -7,7 +7,7 @@ from mdms_host.can_link.protocol_revision import other_protocol
 from mdms_host.can_link.sdo_client import Read, SdoClient
 from mdms_host.places import Place
 from mdms_protocol import indices
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 
 #: Where a cell reports the revision of its object table, and its serial number.
 REVISION = Read(indices.IDENTITY, 3)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from mdms_host.can_link.sdo_client import Read, SdoClient, Setting
 from mdms_host.coordination.cell_setup.configuration import SIGNATURE, Configuration
 from mdms_host.coordination.cell_setup.steering_settings import PLACES
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 
 
 class SetUp:

@@ -6,8 +6,8 @@ import numpy as np
 
 from mdms_model.arrays import Floats, Ints
 from mdms_protocol import pdo
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.entry import steps_per_unit
-from mdms_protocol.frame import Frame
 
 _TARGET, _ACTUAL = pdo.TARGET_VELOCITY, pdo.ACTUAL_VELOCITY
 #: All axes of a cell have the same type and limits.

@@ -13,9 +13,10 @@ from mdms_model.bus_time import worst_bits
 from mdms_model.buses import Addresses
 from mdms_model.run.cell_reports import CellReports
 from mdms_model.run.references import References
-from mdms_protocol import cia402, cob, nmt, pdo
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cia402, cob, nmt
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.entry import steps_per_unit
-from mdms_protocol.frame import Frame
 
 #: Kinds that frames are counted by, in the order of their numbers.
 KINDS = (

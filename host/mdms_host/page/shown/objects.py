@@ -7,10 +7,10 @@ from typing import Any
 
 from mdms_host.can_link.sdo_client import Read, SdoClient
 from mdms_host.page.shown.readings import name_of, reading_of
-from mdms_protocol import cob
+from mdms_protocol.codecs import cob
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import ENTRIES
 from mdms_protocol.entry import WRITE, Entry
-from mdms_protocol.frame import Frame
 
 #: Between two requests [s]: some 6 % of a bus of 1 Mbit/s while a cell is read.
 PACE_S = 0.004

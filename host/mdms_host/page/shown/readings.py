@@ -3,7 +3,8 @@
 from collections.abc import Callable
 
 from mdms_host.can_link.emergencies import code_text
-from mdms_protocol import cia402, cob, indices
+from mdms_protocol import indices
+from mdms_protocol.codecs import cia402, cob
 from mdms_protocol.dictionary import ENTRIES, OBJECTS
 from mdms_protocol.entry import Entry
 

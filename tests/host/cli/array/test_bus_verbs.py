@@ -11,7 +11,7 @@ from mdms_host.can_link.incidents import LinkCounts
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
 from mdms_host.coordination.operation import Ending, Operation
-from mdms_protocol import cob, nmt
+from mdms_protocol.codecs import cob, nmt
 
 HEARTBEAT_S = 0.05
 

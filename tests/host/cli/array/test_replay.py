@@ -17,8 +17,9 @@ from mdms_host.cli.records.bus_log import (
     is_from_host,
     read_log,
 )
-from mdms_protocol import cob, nmt, pdo
-from mdms_protocol.frame import Frame
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cob, nmt
+from mdms_protocol.codecs.frame import Frame
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,8 @@ import io
 
 import pytest
 
-from mdms_protocol import cob, indices
+from mdms_protocol import indices
+from mdms_protocol.codecs import cob
 
 NONE = cob.NODE_NONE
 GRID = ("--columns", "3", "--rows", "1")

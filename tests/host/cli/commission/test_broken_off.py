@@ -7,7 +7,8 @@ from mdms_host.cli.exits import INTERRUPTED, Exit
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.array_file import read_array
 from mdms_host.commissioning.network import Commissioning
-from mdms_protocol import cob, indices, lss, nmt, sdo
+from mdms_protocol import indices
+from mdms_protocol.codecs import cob, lss, nmt, sdo
 
 
 def lss_frame(command):

@@ -10,7 +10,8 @@ from mdms_host.cli.exits import Exit
 from mdms_host.commissioning.array_file import read_array
 from mdms_host.commissioning.array_writing import array_document
 from mdms_host.commissioning.network import SilentError
-from mdms_protocol import indices, nmt
+from mdms_protocol import indices
+from mdms_protocol.codecs import nmt
 
 
 def neighbours(bus, node_id):

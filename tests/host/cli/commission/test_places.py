@@ -11,7 +11,7 @@ from tests.host.cli.commission.on_the_table import GRID, ORDER, ORDER_6, answere
 from mdms_host.cli.commission.plate import check_corner
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.layout import Layout
-from mdms_protocol import nmt
+from mdms_protocol.codecs import nmt
 
 #: Blank cells get ids from the top for as long as they are being placed.
 TOP = 126

@@ -16,8 +16,8 @@ from mdms_host.commissioning.network import Commissioning, SilentError
 from mdms_host.commissioning.node_ids import address_of
 from mdms_host.commissioning.parameters import PARAMETERS, WIRING
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol import cob, nmt, sdo
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs import cob, nmt, sdo
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.nodes.python_bank import PythonBank
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from mdms_host.cli import main
 from mdms_host.cli.simulation.replay_nodes import ready_s
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 
 
 def told(capsys, *arguments):

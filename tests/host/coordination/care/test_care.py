@@ -12,8 +12,9 @@ from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.phase import HELD, Phase
 from mdms_host.layout import Layout
 from mdms_host.motion.program import FieldProgram
-from mdms_protocol import nmt, pdo
-from mdms_protocol.frame import Frame
+from mdms_protocol import pdo
+from mdms_protocol.codecs import nmt
+from mdms_protocol.codecs.frame import Frame
 
 LAYOUT = Layout(3, 1)
 REFERENCE_UM_S = 50_000

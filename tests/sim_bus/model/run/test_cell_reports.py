@@ -12,7 +12,7 @@ from mdms_model.run.mcap.file import read_record, write_record
 from mdms_model.run.mcap.scene.topics import layers, scene_messages
 from mdms_model.run.record import Contact, Record
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import messages
 

@@ -1,7 +1,7 @@
 """Network management (CiA 301, 7.2.8): commands, states and their frames."""
 
-from mdms_protocol import cob
-from mdms_protocol.frame import Frame
+from mdms_protocol.codecs import cob
+from mdms_protocol.codecs.frame import Frame
 
 # Commands
 START = 0x01

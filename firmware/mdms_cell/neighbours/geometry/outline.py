@@ -13,7 +13,7 @@ except ImportError:
 
 from array import array
 
-from mdms_cell.neighbours.angle import ARM_UM, ONE, resolve, root
+from mdms_cell.neighbours.geometry.angle import ARM_UM, ONE, resolve, root
 from mdms_protocol.words import WIDEN
 
 STEP_UM = const(16)

@@ -9,7 +9,8 @@ for cells like this one, a pitch away: their wheels and sensors are its own, mov
 from array import array
 from math import cos, sin
 
-from mdms_protocol import cob, indices
+from mdms_protocol import indices
+from mdms_protocol.codecs import cob
 
 DIRECTIONS = 8
 #: In the place of a direction: the host.

@@ -8,8 +8,8 @@ needs those whose squares it lies over, which are what it may move within.
 
 from array import array
 
-from mdms_cell.neighbours.outline import STEP_UM, points_within, squares_overlapped
-from mdms_cell.neighbours.place import AXES, DIRECTIONS, SENSORS
+from mdms_cell.neighbours.geometry.outline import STEP_UM, points_within, squares_overlapped
+from mdms_cell.neighbours.geometry.place import AXES, DIRECTIONS, SENSORS
 
 #: A parcel's cells are those under its outline and this much around it [steps].
 MARGIN = 10_000 // STEP_UM

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdms_protocol import cia402, cob, nmt, sdo
+from mdms_protocol.codecs import cia402, cob, nmt, sdo
 
 
 def test_nmt_command_frames():

@@ -1,0 +1,1 @@
+"""Where a cell stands and what lies over it, in integers: places, angles, outlines."""
