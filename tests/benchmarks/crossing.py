@@ -2,7 +2,7 @@
 
 Two on 9 x 6 cells over three buses, four on 12 x 10 over eight, each from a corner to the opposite
 one. A box that has not arrived within 5 mm and 2 degrees is to stand, and a cell under it to report
-that it lacks a promise. `bound` is the upper end of a one-sided confidence interval of the share of
+that it lacks a promise, or (`cut_off`) that its host's heartbeat was lost. `bound` is the upper end of a one-sided confidence interval of the share of
 cases in which boxes touch. `MDMS_CASES` is the number of cases for each share of loss (default 3),
 `MDMS_SEED` the first seed (default 1), `MDMS_BOXES` how many boxes (2 or 4; default: both). Two
 take some 5 s a case, four some 20 s.
@@ -14,7 +14,7 @@ from random import Random
 from typing import Any, NamedTuple
 
 from tests.benchmarks.neighbours import CONFIDENCE, at_least
-from tests.system.neighbour_host import Box, scenario_of
+from tests.system.neighbour_host import Box, Run, scenario_of
 from tests.system.neighbour_host import run as run_cells
 
 #: Columns and rows of the table for so many boxes, and when a case ends.
@@ -25,12 +25,13 @@ LOSSES = (0.0, 0.02, 0.10)
 
 
 class Crossing(NamedTuple):
-    """What came of a case; `held` are boxes that stand and say that they lack a promise."""
+    """What came of a case; `held` and `cut_off` are boxes that stand, and cells report why."""
 
     touches: int
     arrived: int
     held: int
-    silent: int
+    cut_off: int
+    neither: int
 
 
 def boxes_of(boxes: int, seed: int) -> Sequence[Box]:
@@ -69,11 +70,17 @@ def case(boxes: int, seed: int, loss: float) -> Crossing:
     faults = [f"{{kind='loss', probability={loss}, start_s=1.5}}"] if loss else []
     scenario = scenario_of(sent, *TABLES[boxes], seed=seed, faults=faults)
     finished = run_cells(scenario, sent, LIMIT_S[boxes], still_after_s=3.0)
-    arrived = [finished.arrived(box) for box in range(boxes)]
-    held = [
-        not arrived[box] and finished.stands(box) and finished.is_held(box) for box in range(boxes)
-    ]
-    return Crossing(finished.touches, sum(arrived), sum(held), boxes - sum(arrived) - sum(held))
+    ended = [how_it_ended(finished, box) for box in range(boxes)]
+    return Crossing(finished.touches, *(ended.count(how) for how in Crossing._fields[1:]))
+
+
+def how_it_ended(finished: Run, box: int) -> str:
+    """What came of a box, in a word."""
+    if finished.arrived(box):
+        return "arrived"
+    if finished.stands(box) and finished.is_held(box):
+        return "held"
+    return "cut_off" if finished.stands(box) and finished.is_cut_off(box) else "neither"
 
 
 def row(boxes: int, loss: float, seeds: range) -> dict[str, Any]:
@@ -93,7 +100,8 @@ def row(boxes: int, loss: float, seeds: range) -> dict[str, Any]:
         "cases": len(ended),
         "boxes_arrived": sum(one.arrived for one in ended),
         "boxes_held": sum(one.held for one in ended),
-        "boxes_neither": sum(one.silent for one in ended),
+        "boxes_cut_off": sum(one.cut_off for one in ended),
+        "boxes_neither": sum(one.neither for one in ended),
     }
 
 

@@ -18,6 +18,8 @@ SENSORS_UM = ((0, 0), (31_750, 31_750), (-31_750, 31_750), (-31_750, -31_750), (
 IDENTITY = 7
 LENGTH_UM, WIDTH_UM = 360_000, 300_000
 BEAT_MS = 10
+#: Cells repeat their state after so long.
+REPEAT_MS = 200
 
 
 def _u32(number):
@@ -30,6 +32,8 @@ class Middle:
     #: What the cell is told of its neighbours, and where along y the parcel is said to be.
     neighbours = NEIGHBOURS
     placed_y_um = 0
+    #: How sure neighbours are of the parcel, as their estimates have it.
+    certainty = 9
 
     def __init__(self, speed_um_s=100_000):
         self.board = Board()
@@ -42,7 +46,10 @@ class Middle:
         self.sequence = 1
         self.program_flags = 0
         self.lifted = False
+        #: Whether neighbours' states get lost.
+        self.losing = False
         self._bits = [None] * 8
+        self._stated_ms = [0] * 8
         self._boot()
 
     def _boot(self):
@@ -53,6 +60,7 @@ class Middle:
         self._write(indices.PLACE, 2, 1, 2)
         for sub, node_id in enumerate(self.neighbours, 1):
             self._write(indices.NEIGHBOURS, sub, 1, node_id)
+        self._write(indices.TPDO_PARAMETERS + 1, 5, 2, REPEAT_MS)
         self._write(indices.CONTROL, 0, 1, 1)
         cell.on_frame(cob.NMT, bytes((1, NODE)), self.now_ms)
         for word in (cia402.SHUTDOWN, cia402.SWITCH_ON):
@@ -116,7 +124,7 @@ class Middle:
         fields[wire.Y] = -dy * PITCH_UM // wire.STEP_UM
         fields[wire.IDENTITY] = IDENTITY
         fields[wire.STATE] = wire.UNDER
-        fields[wire.CERTAINTY] = 9
+        fields[wire.CERTAINTY] = self.certainty
         fields[wire.HOLD] = wire.HOLD_NONE
         fields[wire.SEQUENCE] = 1
         frame = bytearray(8)
@@ -136,7 +144,11 @@ class Middle:
     def _presence(self, direction):
         dx, dy = STEPS[direction]
         bits = self._covered(dx * PITCH_UM, dy * PITCH_UM)
-        if bits != self._bits[direction]:
+        repeats = self.now_ms - self._stated_ms[direction] >= REPEAT_MS
+        if bits != self._bits[direction] or repeats:
             self._bits[direction] = bits
+            self._stated_ms[direction] = self.now_ms
+            if self.losing:
+                return
             state = bytes((0x33, 2, 0x33, 2, bits))
             self.cell.on_frame(cob.TPDO_BASES[1] + NEIGHBOURS[direction], state, self.now_ms)

@@ -186,3 +186,29 @@ def test_sync_wakes_the_cell_for_its_update_and_not_before():
     assert cell.wake_ms > middle.now_ms + UPDATE_MS
     cell.on_frame(cob.SYNC, b"", middle.now_ms + 10)
     assert estimates(middle)[0][wire.IDENTITY] == IDENTITY
+
+
+class Alone(Middle):
+    """A cell that has nothing but its own sensors, its neighbours' and all wheels to go by."""
+
+    certainty = 0
+
+    def off_um(self):
+        """How far along x the pose is from the truth that was sent last."""
+        self.board.take()
+        self.beat()
+        sent = estimates(self)[-1]
+        assert sent[wire.CERTAINTY]
+        return sent[wire.X] * wire.STEP_UM - self.x_um + self.speed_um_s * 10 // 1000
+
+
+def test_state_that_is_repeated_after_a_lost_one_moves_no_belief():
+    cell = Alone(SPEED_UM_S)
+    run(cell, 75)
+    assert abs(cell.off_um()) < 1_500
+    # The parcel leaves the western sensors, whose cells report it as late as they repeat it.
+    cell.losing = True
+    run(cell, 12)
+    cell.losing = False
+    run(cell, 22)
+    assert abs(cell.off_um()) < 3_000

@@ -34,8 +34,12 @@ _STEP_S = 0.05
 #: At rest for so long it is over; at their goals, where nothing more is to come, for so long.
 _STILL_S = 1.5
 _ARRIVED_S = 0.6
+_HELD_S = 1.0
+#: The code of an emergency about the host's heartbeat.
+_HOST_LOST = 0x8130
 _HEARTBEAT_BEATS = 2
 _CONSUMER_MS = 75
+_REPEAT_MS = 200
 _PAGES_BEATS = (20, 24, 28)
 
 Pose = tuple[float, float, float]
@@ -93,7 +97,10 @@ class NeighbourHost:
             for entry, value in all_values(self.layout, place).items():
                 if value != ENTRIES[entry].default:
                     yield _write(node_id, *entry, value)
+            # As the coordinator sets cells that steer.
+            yield _write(node_id, indices.TPDO_PARAMETERS + 1, 5, _REPEAT_MS)
             yield _write(node_id, indices.CONSUMER_TIMES, 1, HOST_NODE << 16 | _CONSUMER_MS)
+            yield _write(node_id, indices.LEASE, 3, 1)
             yield _write(node_id, indices.CONTROL, 0, 1)
 
     def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
@@ -233,8 +240,28 @@ class Run:
         ]
 
     def is_held(self, parcel: int = 0) -> bool:
-        """Whether a cell under a parcel reports that it lacks a promise."""
-        return any(each.fields[wire.HOLD] == 0 for each in self.last(parcel))
+        """Whether cells under a parcel have just reported that it lacks a promise.
+
+        Two that are in each other's way may be given it in turns.
+        """
+        late_s = self.host.estimates[-1].time_s - _HELD_S if self.host.estimates else 0.0
+        return any(
+            each.time_s > late_s
+            and each.fields[wire.IDENTITY] == parcel + 1
+            and each.fields[wire.STATE] == wire.UNDER
+            and each.fields[wire.HOLD] == 0
+            for each in self.host.estimates
+        )
+
+    def is_cut_off(self, parcel: int = 0) -> bool:
+        """Whether a cell that had a parcel at some time has reported the host's silence."""
+        had = {
+            each.cell for each in self.host.estimates if each.fields[wire.IDENTITY] == parcel + 1
+        }
+        return any(
+            cell in had and int.from_bytes(data[:2], "little") == _HOST_LOST
+            for _, cell, data in self.host.emergencies
+        )
 
     def claims_arrival(self, parcel: int = 0) -> bool:
         """Whether more of the cells under a parcel report that it is at its goal than not."""

@@ -83,6 +83,7 @@ class Layer:
         self._rights = RightOfWay(lease_beats=self._objects.number(indices.LEASE, 1))
         self._period_ms = self._objects.number(indices.LEASE, 2)
         self._heard.reset()
+        self._heard.repeat_ms = self._objects.number(indices.TPDO_PARAMETERS + 1, 5)
         # A millisecond passes until the frame with the edge has come.
         self._tracking.edge_late_ms = 1 + self._objects.number(indices.PRESENCE_DEBOUNCE)
         self._tracking.drop()
