@@ -2,10 +2,10 @@
 
 Two on 9 x 6 cells over three buses, four on 12 x 10 over eight, each from a corner to the opposite
 one. A box that has not arrived within 5 mm and 2 degrees is to stand, and a cell under it to report
-that it lacks a promise, or (`cut_off`) that its host's heartbeat was lost. `bound` is the upper end of a one-sided confidence interval of the share of
-cases in which boxes touch. `MDMS_CASES` is the number of cases for each share of loss (default 3),
-`MDMS_SEED` the first seed (default 1), `MDMS_BOXES` how many boxes (2 or 4; default: both). Two
-take some 5 s a case, four some 20 s.
+that it lacks a promise, or (`cut_off`) that its host's heartbeat was lost. `bound` is the upper end
+of a one-sided confidence interval of the share of cases in which boxes touch. `MDMS_CASES` is the
+number of cases for each share of loss (default 3), `MDMS_SEED` the first seed (default 1),
+`MDMS_BOXES` how many boxes (2 or 4; default: both). Two take some 5 s a case, four some 20 s.
 """
 
 import os
