@@ -46,8 +46,9 @@ class Middle:
         self.sequence = 1
         self.program_flags = 0
         self.lifted = False
-        #: Whether neighbours' states get lost.
+        #: Whether neighbours' states get lost, and of which directions the speeds do.
         self.losing = False
+        self.unheard = ()
         self._bits = [None] * 8
         self._stated_ms = [0] * 8
         self._boot()
@@ -103,7 +104,8 @@ class Middle:
             if node_id == self.silent:
                 continue
             speeds = self._speeds(direction, speed_um_s)
-            cell.on_frame(cob.TPDO_BASES[0] + node_id, speeds, self.now_ms)
+            if direction not in self.unheard:
+                cell.on_frame(cob.TPDO_BASES[0] + node_id, speeds, self.now_ms)
             estimate = self._estimate(direction)
             if estimate:
                 cell.on_frame(cob.TPDO_BASES[2] + node_id, estimate, self.now_ms)
