@@ -58,6 +58,12 @@ class PoseFilter:
         # The first three of the diagonal.
         self.covariance.reshape(-1)[:18:6] += variance_m2 * self._walk
 
+    def place(self, pose: Floats, covariance: Floats) -> None:
+        """The pose is this (3,), whatever it was before, with this covariance (3, 3)."""
+        self.mean[:3] = pose
+        self.covariance[:3, :3] = covariance
+        self.covariance[:3, 3:] = self.covariance[3:, :3] = 0.0
+
     def blur(self, deviation_m: float) -> None:
         """The parcel may have moved by so much any way, a corner's way by turning included."""
         self.covariance[range(3), range(3)] += deviation_m**2 * self._walk
