@@ -14,7 +14,7 @@ from mdms_host.estimation.pose.feeling import turn_to_feel_rad
 from mdms_host.estimation.pose.pose_cloud import PoseCloud
 from mdms_host.estimation.pose.pose_filter import PoseFilter
 from mdms_host.estimation.presence.surroundings import Near, Surroundings
-from mdms_host.estimation.search.locate import GRID, Location
+from mdms_host.estimation.search.locate import Location
 from mdms_model.arrays import Bools, Floats
 
 #: How well an edge is known at the instant a sensor changes.
@@ -115,11 +115,14 @@ class ParcelEstimator:
         )
         self._cloud = None
         if len(found.poses):
-            self._cloud = PoseCloud(found.poses, found.weights, GRID, reach_m)
+            bottom = self.bottom if found.growths is None else self._drawn
+            self._cloud = PoseCloud(bottom, found.poses, found.weights, found.grid, found.growths)
         self._confirmation.find(now_s)
         self.twist = np.zeros(3)
         self._at_s = now_s
         self._corrected()
+        if self._cloud is not None and found.growths is not None:
+            self._settle(self._cloud)
 
     def blur(self, deviation_m: float) -> None:
         """The parcel may have moved by so much unseen, as a standard deviation."""
@@ -245,7 +248,7 @@ class ParcelEstimator:
             return
         late_m = _LATENCY_S * rate_m_s
         if self._cloud is not None:
-            self._cloud.on_edge(self.bottom, point_m, late_m)
+            self._cloud.on_edge(point_m, late_m)
             self._settle(self._cloud)
         elif self._filter.on_edge(off_m, slope, (_EDGE_M**2 + late_m**2) ** 0.5):
             self._corrected()
@@ -262,7 +265,7 @@ class ParcelEstimator:
             wrong = mine & ((distance_m < 0) != covered) & (distance_m < BESIDE_M)
             if self._cloud is not None:
                 asked = wrong | mine & (abs(distance_m) < self._cloud.spread_m)
-                shown &= self._cloud.on_bits(self.bottom, view.near.sensors_m, covered, asked)
+                shown &= self._cloud.on_bits(view.near.sensors_m, covered, asked)
                 self._settle(self._cloud)
             else:
                 for sensor in wrong.nonzero()[0].tolist():

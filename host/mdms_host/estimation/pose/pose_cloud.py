@@ -33,22 +33,36 @@ _NEAR_M = 0.012
 
 
 class PoseCloud:
-    """Poses (N, 3) [m, m, rad; table frame] with weights, of a parcel that reaches `extent_m`.
+    """Poses [m, m, rad; table frame] with weights, of a parcel with this bottom.
 
-    What it is given are the poses of a grid, `grid` (3,) apart. `mean` is of shape (3,) and
-    `covariance` of shape (3, 3).
+    What it is given are those that a search has found, (N, 3), `grid` (3,) apart. Where the size is
+    to be learned each has its `growths` (N, 2), too: how much larger than the bottom the parcel is
+    then, on either side, along its own x and y [m]. `mean` is of the pose, and of the growth where
+    there is one, shape (3,) or (5,); `covariance` is of shape (3, 3) or (5, 5).
     """
 
-    def __init__(self, poses: Floats, weights: Floats, grid: Floats, extent_m: float) -> None:
+    def __init__(
+        self,
+        bottom: Bottom,
+        poses: Floats,
+        weights: Floats,
+        grid: Floats,
+        growths: Floats | None = None,
+    ) -> None:
         # Seeded, so that the same reports lead to the same belief.
         self._chance = np.random.default_rng(0)
-        self._extent_m = extent_m
+        self._bottom = bottom
+        extent_m = bottom.reach_m
+        self._extents_m = np.array([1.0, 1.0, extent_m, 1.0, 1.0])[: 3 if growths is None else 5]
         # Of a disc no sensor shows the yaw: it stays what it was taken for.
         shown = np.array([True, True, np.ptp(poses[:, 2]) > 0.0])
-        self._hidden = np.diag(np.where(shown, 0.0, grid**2 / 3))
-        self._poses = poses[self._drawn(weights)]
-        off = self._chance.uniform(-0.5, 0.5, self._poses.shape)
-        self._poses = self._poses + np.where(shown, grid, 0.0) * off
+        self._hidden = np.zeros((len(self._extents_m),) * 2)
+        np.fill_diagonal(self._hidden[:3, :3], np.where(shown, 0.0, grid**2 / 3))
+        drawn = self._drawn(weights)
+        off = self._chance.uniform(-0.5, 0.5, (_POSES, 3))
+        self._states = poses[drawn] + np.where(shown, grid, 0.0) * off
+        if growths is not None:
+            self._states = np.concatenate((self._states, growths[drawn]), axis=1)
         self._weights: Floats = np.full(_POSES, 1.0 / _POSES)
         # How far a corner has moved since sensors were asked, what they showed, and whether that
         # could be.
@@ -59,14 +73,14 @@ class PoseCloud:
     @property
     def mean(self) -> Floats:
         """Of all poses, as they count."""
-        first = self._poses[0]
-        mean: Floats = first + self._weights @ (self._poses - first)
+        first = self._states[0]
+        mean: Floats = first + self._weights @ (self._states - first)
         return mean
 
     @property
     def covariance(self) -> Floats:
         """Of all poses, as they count."""
-        off = self._poses - self.mean
+        off = self._states - self.mean
         covariance: Floats = (off * self._weights[:, None]).T @ off + self._hidden
         return covariance
 
@@ -83,22 +97,21 @@ class PoseCloud:
     @property
     def _deviation_m(self) -> float:
         """Of a corner, the way it goes by turning included, where that is greatest."""
-        extents_m = np.array([1.0, 1.0, self._extent_m])
-        spread_m2 = (self.covariance - self._hidden) * np.outer(extents_m, extents_m)
+        spread_m2 = (self.covariance - self._hidden) * np.outer(self._extents_m, self._extents_m)
         return float(np.sqrt(max(np.linalg.eigvalsh(spread_m2)[-1], 0.0)))
 
     def move(self, moved: Floats) -> None:
         """The wheels have carried the parcel by so much, shape (3,)."""
-        self._poses = self._poses + moved
-        self._moved_m += float(np.hypot(*moved[:2]) + abs(moved[2]) * self._extent_m)
+        self._states[:, :3] += moved
+        self._moved_m += float(np.hypot(*moved[:2]) + abs(moved[2]) * self._extents_m[2])
 
-    def on_edge(self, bottom: Bottom, point_m: Floats, late_m: float) -> None:
+    def on_edge(self, point_m: Floats, late_m: float) -> None:
         """A point (2,) is on the outline, give or take what the parcel moves on meanwhile."""
-        off_m = self._distances_m(bottom, point_m[None])[:, 0]
+        off_m = self._distances_m(point_m[None])[:, 0]
         variance_m2 = _EDGE_M**2 + late_m**2
         self._weigh(np.log(np.exp(-(off_m**2) / (2 * variance_m2)) + _WRONG))
 
-    def on_bits(self, bottom: Bottom, sensors_m: Floats, covered: Bools, asked: Bools) -> bool:
+    def on_bits(self, sensors_m: Floats, covered: Bools, asked: Bools) -> bool:
         """Sensors (S, 2) are covered, or not, (S,), of which some are asked, (S,).
 
         False if all poses contradict one by much.
@@ -106,20 +119,23 @@ class PoseCloud:
         if self._moved_m < _ASKED_M and np.array_equal(covered, self._covered):
             return self._believable
         self._moved_m, self._covered = 0.0, covered
-        off_m = self._distances_m(bottom, sensors_m[asked])
+        off_m = self._distances_m(sensors_m[asked])
         # How far each sensor is on the wrong side of the edge.
         wrong_m = np.where(covered[asked], off_m, -off_m)
         self._believable = bool(wrong_m.max(axis=1, initial=0.0).min() < _NEAR_M)
         self._weigh(np.log(_agreeing(-wrong_m / _EDGE_M) + _WRONG).sum(axis=1))
         return self._believable
 
-    def _distances_m(self, bottom: Bottom, points_m: Floats) -> Floats:
+    def _distances_m(self, points_m: Floats) -> Floats:
         """How far points (S, 2) are from the edge of the parcel at each pose, (N, S)."""
-        cosine, sine = np.cos(self._poses[:, 2, None]), np.sin(self._poses[:, 2, None])
-        x_m, y_m = points_m.T[:, None] - self._poses.T[:2, :, None]
+        yaw_rad = self._states[:, 2, None]
+        cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
+        x_m, y_m = points_m.T[:, None] - self._states.T[:2, :, None]
         own_m = np.stack((cosine * x_m + sine * y_m, cosine * y_m - sine * x_m), axis=-1)
-        off_m: Floats = bottom.distance_m(own_m.reshape(-1, 2), np.zeros(3)).reshape(x_m.shape)
-        return off_m
+        # A larger parcel is to a point as one that is not, and a point that is so much nearer.
+        own_m -= np.sign(own_m) * self._states[:, None, 3:] if len(self._extents_m) > 3 else 0.0
+        off_m = self._bottom.distance_m(own_m.reshape(-1, 2), np.zeros(3))
+        return off_m.reshape(x_m.shape)
 
     def _weigh(self, log_likelihood: Floats) -> None:
         weights = self._weights * np.exp(log_likelihood - log_likelihood.max())
@@ -128,10 +144,11 @@ class PoseCloud:
             self._draw_anew()
 
     def _draw_anew(self) -> None:
-        deviations = np.linalg.cholesky(self.covariance - self._hidden + _LEAST * np.eye(3))
-        off = self._chance.normal(0.0, _KERNEL, self._poses.shape) @ deviations.T
+        spread = self.covariance - self._hidden
+        deviations = np.linalg.cholesky(spread + _LEAST * np.eye(len(spread)))
+        off = self._chance.normal(0.0, _KERNEL, self._states.shape) @ deviations.T
         off[:, self._hidden.diagonal() > 0.0] = 0.0
-        self._poses = self._poses[self._drawn(self._weights)] + off
+        self._states = self._states[self._drawn(self._weights)] + off
         self._weights = np.full(_POSES, 1.0 / _POSES)
 
     def _drawn(self, weights: Floats) -> Ints:

@@ -58,11 +58,12 @@ class PoseFilter:
         # The first three of the diagonal.
         self.covariance.reshape(-1)[:18:6] += variance_m2 * self._walk
 
-    def place(self, pose: Floats, covariance: Floats) -> None:
-        """The pose is this (3,), whatever it was before, with this covariance (3, 3)."""
-        self.mean[:3] = pose
-        self.covariance[:3, :3] = covariance
-        self.covariance[:3, 3:] = self.covariance[3:, :3] = 0.0
+    def place(self, mean: Floats, covariance: Floats) -> None:
+        """The pose, or pose and growth, are these, (3,) or (5,), whatever they were before."""
+        count = len(mean)
+        self.mean[:count] = mean
+        self.covariance[:count, count:] = self.covariance[count:, :count] = 0.0
+        self.covariance[:count, :count] = covariance
 
     def blur(self, deviation_m: float) -> None:
         """The parcel may have moved by so much any way, a corner's way by turning included."""

@@ -11,7 +11,7 @@ from mdms_model.arrays import Bools, Floats, Ints
 _STEP_M = 0.006
 _YAW_STEP_RAD = np.radians(3.0)
 #: The same of x, y and yaw [m, m, rad].
-GRID = np.array([_STEP_M, _STEP_M, _YAW_STEP_RAD])
+_GRID = np.array([_STEP_M, _STEP_M, _YAW_STEP_RAD])
 #: The grid may miss the few poses that explain all, so those with a few errors count as well, each
 #: error making a pose less likely by a factor exp(-cost).
 _SPARE_ERRORS = 2
@@ -24,7 +24,9 @@ _HINT_RAD = 0.5
 class Location:
     """Mean pose (x, y, yaw) of what the sensors allow, its covariance, and how many disagree.
 
-    `poses` (N, 3) are those of a grid that they allow, `weights` (N,) how likely each of them is.
+    `poses` (N, 3) are those that they allow, `grid` (3,) apart, `weights` (N,) how likely each of
+    them is. Where the size is not known, `growths` (N, 2) are how much larger the parcel is then
+    than it was taken for, on either side, along its own x and y [m].
     """
 
     pose: Floats
@@ -32,6 +34,8 @@ class Location:
     contradictions: int
     poses: Floats = field(default_factory=lambda: np.empty((0, 3)))
     weights: Floats = field(default_factory=lambda: np.empty(0))
+    grid: Floats = field(default_factory=lambda: _GRID)
+    growths: Floats | None = None
 
 
 def locate(

@@ -61,12 +61,12 @@ def test_first_edges_do_not_turn_the_belief_of_a_small_box_away(seed: int) -> No
 
 def lying_either_way() -> PoseCloud:
     poses = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, np.pi / 2]])
-    return PoseCloud(poses, np.ones(2), GRID / 10, TRUE.reach_m)
+    return PoseCloud(TRUE, poses, np.ones(2), GRID / 10)
 
 
 def on_one_bit(cloud: PoseCloud, at_m: tuple[float, float], covered: bool) -> bool:
     one = np.ones(1, dtype=bool)
-    return cloud.on_bits(TRUE, np.array([at_m]), one & covered, one)
+    return cloud.on_bits(np.array([at_m]), one & covered, one)
 
 
 @pytest.mark.parametrize(("covered", "yaw_rad"), [(True, 0.0), (False, np.pi / 2)])
@@ -95,17 +95,17 @@ def test_a_sensor_that_contradicts_all_poses_is_not_believed_for_as_long_as_it_d
 
 def test_an_edge_leaves_the_poses_that_have_it() -> None:
     cloud = lying_either_way()
-    cloud.on_edge(TRUE, np.array([0.14, 0.0]), 0.0)
+    cloud.on_edge(np.array([0.14, 0.0]), 0.0)
     assert cloud.mean[2] == pytest.approx(0.0, abs=0.01)
 
 
 def test_a_disc_keeps_its_yaw_and_how_little_is_known_of_it() -> None:
     disc = Disc(0.3)
     poses = np.array([[x_m, 0.0, 0.7] for x_m in np.arange(-0.03, 0.03, 0.006)])
-    cloud = PoseCloud(poses, np.ones(len(poses)), GRID, disc.reach_m)
+    cloud = PoseCloud(disc, poses, np.ones(len(poses)), GRID)
     assert not cloud.small
     for point_m in ((0.15, 0.0), (0.0, 0.15), (-0.15, 0.0)):
-        cloud.on_edge(disc, np.array(point_m), 0.0)
+        cloud.on_edge(np.array(point_m), 0.0)
     assert cloud.mean[2] == 0.7
     assert cloud.covariance[2, 2] == pytest.approx(GRID[2] ** 2 / 3)
     assert cloud.small
