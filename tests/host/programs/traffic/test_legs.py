@@ -32,7 +32,7 @@ class Road:
         load = Load(BOX, uniform_mass(BOX))
         self.legs = Legs(Order("box", GOAL), route, load, self.send, 0.4)
 
-    def send(self, goal):
+    def send(self, goal, legs):
         self.sent.append((round(goal.x_m, 3), round(goal.y_m, 3)))
         self.followed = Followed(goal, Limits(), BOX.reach_m)
         return self.followed
