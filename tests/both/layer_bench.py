@@ -41,6 +41,9 @@ class Middle:
         self.silent = None
         self.sequence = 1
         self.program_flags = 0
+        #: What all neighbours report of their program.
+        self.its_sequence = 1
+        self.its_flags = 0
         self.lifted = False
         self._bits = [None] * 8
         self._boot()
@@ -118,7 +121,8 @@ class Middle:
         fields[wire.STATE] = wire.UNDER
         fields[wire.CERTAINTY] = 9
         fields[wire.HOLD] = wire.HOLD_NONE
-        fields[wire.SEQUENCE] = 1
+        fields[wire.SEQUENCE] = self.its_sequence
+        fields[wire.FLAGS] = self.its_flags
         frame = bytearray(8)
         wire.pack_estimate(fields, 0, frame)
         return bytes(frame)

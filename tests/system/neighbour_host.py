@@ -34,13 +34,18 @@ _STEP_S = 0.05
 _STILL_S = 1.5
 _HEARTBEAT_BEATS = 2
 _CONSUMER_MS = 75
+#: Sub-index of the lease: whether cells give SYNC where nobody else does.
+_TAKEOVER = 3
 _PAGES_BEATS = (20, 24, 28)
 
 Pose = tuple[float, float, float]
 
 
 class Box(NamedTuple):
-    """A parcel and where it is to go [m, rad; table frame]; `at` is what the host says of it."""
+    """A parcel and where it is to go [m, rad; table frame]; `at` is what the host says of it.
+
+    `legs` are where it goes after its goal, without the host.
+    """
 
     start: Pose
     goal: Pose
@@ -50,6 +55,12 @@ class Box(NamedTuple):
     acceleration_m_s2: float = 0.44
     flags: int = 0
     at: Pose | None = None
+    legs: tuple[Pose, ...] = ()
+
+    @property
+    def end(self) -> Pose:
+        """Where it is to be in the end."""
+        return self.legs[-1] if self.legs else self.goal
 
 
 class Heard(NamedTuple):
@@ -92,6 +103,8 @@ class NeighbourHost:
                 if value != ENTRIES[entry].default:
                     yield _write(node_id, *entry, value)
             yield _write(node_id, indices.CONSUMER_TIMES, 1, HOST_NODE << 16 | _CONSUMER_MS)
+            if any(box.flags & wire.GO_ON for box in self.boxes):
+                yield _write(node_id, indices.LEASE, _TAKEOVER, 1)
             yield _write(node_id, indices.CONTROL, 0, 1)
 
     def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
@@ -165,10 +178,15 @@ def pages(identity: int, box: Box, sequence: int = 1) -> Iterator[Frame]:
     size = (round(box.length_m / 250e-6), round(box.width_m / 250e-6))
     how = (round(box.acceleration_m_s2 * 100), round(box.speed_m_s * 200), box.flags)
     yield _page((identity, wire.PARCEL, sequence, wire.RECTANGLE, *size, *how))
-    for page, (x_m, y_m, yaw_rad) in ((wire.PLACE, box.at or box.start), (wire.GOAL, box.goal)):
-        yaw = round(math.remainder(yaw_rad, 2 * math.pi) / (2 * math.pi) * wire.TURN)
-        place = (round(x_m / 250e-6), round(y_m / 250e-6), yaw, 0, 0, 0)
-        yield _page((identity, page, sequence, *place))
+    yield _page((identity, wire.PLACE, sequence, *_steps(box.at or box.start), 0, 0, 0))
+    for leg, pose in enumerate((box.goal, *box.legs)):
+        yield _page((identity, wire.GOAL, sequence, *_steps(pose), leg, len(box.legs), 0))
+
+
+def _steps(pose: Pose) -> tuple[int, int, int]:
+    x_m, y_m, yaw_rad = pose
+    yaw = round(math.remainder(yaw_rad, 2 * math.pi) / (2 * math.pi) * wire.TURN)
+    return round(x_m / 250e-6), round(y_m / 250e-6), yaw
 
 
 def _page(fields: Sequence[int]) -> Frame:
@@ -198,7 +216,7 @@ class Run:
 
     def error(self, parcel: int = 0) -> tuple[float, float]:
         """How far a parcel lies from its goal in the end [m, rad]; one turned by pi is the same."""
-        goal_x_m, goal_y_m, goal_yaw_rad = self.host.boxes[parcel].goal
+        goal_x_m, goal_y_m, goal_yaw_rad = self.host.boxes[parcel].end
         x_m, y_m, yaw_rad = self.record.pose[-1, parcel]
         turn_rad = math.remainder(yaw_rad - goal_yaw_rad, math.pi)
         return math.hypot(x_m - goal_x_m, y_m - goal_y_m), abs(turn_rad)

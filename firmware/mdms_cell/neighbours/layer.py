@@ -169,7 +169,7 @@ class Layer:
             program.take(page)
             if alone_on_the_way:
                 # Others have gone on by themselves: that gives no more time.
-                self._leading.turn_off()
+                self._leading.next_leg()
             else:
                 self._leading.begin()
 
@@ -318,7 +318,7 @@ class Layer:
             return
         alone = bool(self._consumer.lost)
         allowed = leading.may_go_on(program, self._step_ms, alone=alone)
-        if alone and allowed and program.legs:
+        if alone and allowed:
             self._go_on(program)
         leading.step(tracking, program, allowed and rights.drive_beats > 0, self._step_ms)
 
@@ -327,9 +327,11 @@ class Layer:
 
         The host gives a leg when its way is free; from now on promises alone keep others apart.
         """
+        if not program.legs:
+            return
         follows = self._leading.arrived() or self._is_another_at(next_sequence(program.sequence))
         if follows and program.advance():
-            self._leading.turn_off()
+            self._leading.next_leg()
 
     def _is_another_at(self, sequence):
         """Whether a neighbour under the same parcel has the program of this sequence."""
@@ -374,9 +376,10 @@ class Layer:
         fields[wire.STATE] = rights.state
         fields[wire.WANTS] = asks if rights.state == UNDER else 0
         fields[wire.HOLD] = rights.hold
-        complete = program is not None and program.complete
-        fields[wire.SEQUENCE] = program.sequence if complete else 0
-        flags = 0 if complete and program.whole else wire.LACKING
+        if program is not None and program.complete:
+            fields[wire.SEQUENCE], flags = program.sequence, 0 if program.whole else wire.LACKING
+        else:
+            fields[wire.SEQUENCE], flags = 0, wire.LACKING
         if self._leading.arrived():
             flags |= wire.ARRIVED
         if self._suspect >= 0:

@@ -39,7 +39,7 @@ class Leading:
         self._held_beats = 0
         self._steering.arrived = False
 
-    def turn_off(self):
+    def next_leg(self):
         """The next leg of the same way begins: time for it was planned, and goes on."""
         self._held_beats = 0
         self._steering.arrived = False

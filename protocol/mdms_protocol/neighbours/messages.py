@@ -17,8 +17,8 @@ Parcel = namedtuple(
     "identity sequence shape length width acceleration speed flags",
 )
 Place = namedtuple("Place", "identity sequence x y yaw")
-#: `leg` and `legs` as in `frames`; without them nothing follows the goal.
-Goal = namedtuple("Goal", "identity sequence x y yaw leg legs", defaults=(0, 0))
+#: `leg` and `legs` as in `frames`; where both are 0 nothing follows the goal.
+Goal = namedtuple("Goal", "identity sequence x y yaw leg legs")
 End = namedtuple("End", "identity sequence")
 
 #: Any page of a program.

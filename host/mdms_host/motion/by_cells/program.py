@@ -179,6 +179,7 @@ class CellsProgram:
         self._reports.age(now_s)
         pages: list[Page] = []
         for name in self._parcels:
+            self._check_overtaken(name)
             self._change_goal(name, now_s)
             if name in self._followed:
                 pages += self._follow(name, poses.get(name), now_s, step_s)
@@ -243,7 +244,6 @@ class CellsProgram:
         having = self._cells_having(name)
         if sending.done:
             self._check_gone(name, sending, now_s)
-            self._check_overtaken(name)
             return
         cells = self._cells_of(name, pose)
         lacking = cells - having
@@ -270,13 +270,14 @@ class CellsProgram:
 
     def _check_overtaken(self, name: str) -> None:
         """Take over from cells that missed the host meanwhile, and are on the next leg."""
-        way, under = self._ways.get(name), self._reports.under(self._identities[name]).values()
-        if way is None or not way.legs or name in self._wanted:
+        way = self._ways.get(name)
+        if way is None or not way.legs or not self._sendings[name].done:
             return
+        under = self._reports.under(self._identities[name]).values()
         following = self._sequences[name] % wire.SEQUENCE_MAX + 1
         if 2 * sum(each.sequence == following for each in under) > len(under):
             self._ways[name], self._sequences[name] = way.rest(), following
-            if (followed := self._followed.get(name)) is not None:
+            if name not in self._wanted and (followed := self._followed.get(name)) is not None:
                 followed.goal, followed.overtaken = way.places[1], True
 
     def _cells_having(self, name: str) -> set[int]:
@@ -285,8 +286,7 @@ class CellsProgram:
         return {
             cell
             for cell, estimate in self._reports.of(self._identities[name]).items()
-            if estimate.sequence == sequence
-            and not (sequence and estimate.flags & wire.LACKING)
+            if estimate.sequence == sequence and not (sequence and estimate.flags & wire.LACKING)
         }
 
     def _cells_of(self, name: str, pose: Floats) -> set[int]:

@@ -35,8 +35,8 @@ class Legs:
     """Takes a parcel along a route for an order; see `riding.Riding`. `step` once a cycle.
 
     A leg is straight, and ends at a corner or where the way is not free yet: cells drive straight
-    at what was sent last, with `acceleration_m_s2`. Where the parcel `goes_on` without the host, the
-    legs that follow go with it for that time, unless it is to stop or something is in its way.
+    at what was sent last, with `acceleration_m_s2`. Where it `goes_on` without the host, the legs
+    that follow are sent for that time, unless it is to stop or something is in its way.
     """
 
     def __init__(
@@ -108,6 +108,7 @@ class Legs:
             # Without a host for a moment, its cells have gone on to the next corner by themselves.
             self._followed.overtaken = False
             self._passed_m, self._sent_m = self._sent_m, self._corner_after_m(self._sent_m)
+            self._leads_on = self._may_lead_on(self._sent_m)
         low_m = max(self._passed_m, self.progress_m - _SEARCH_M)
         nearest_m = path.nearest_m(belief.pose, low_m, self._sent_m)
         off_m = path.distance_m(path.off(belief.pose, nearest_m))
