@@ -1,7 +1,7 @@
 """Random well-formed instances, checked by outlines that share no code with the planner."""
 
 import pytest
-from tests.benchmarks.routes import TABLES, faults, instance
+from tests.benchmarks.host.routes import TABLES, faults, instance
 
 COUNTS = (30, 4, 1)
 DRAWS = 6
