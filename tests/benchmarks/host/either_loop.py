@@ -17,7 +17,7 @@ from random import Random
 from typing import Any
 
 import numpy as np
-from tests.benchmarks.neighbours import at_least
+from tests.benchmarks.cells.neighbours import at_least
 
 from mdms_host.cli.simulation.compose import run_scenario
 from mdms_host.cli.simulation.figures import figures_of

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.system.neighbour_host import Box, Run, run, scenario_of
+from tests.system.cells.neighbour_host import Box, Run, run, scenario_of
 
 from mdms_protocol.neighbours import frames as wire
 
