@@ -1,6 +1,6 @@
 """Random well-formed instances of many parcels: does every parcel arrive, and touch no other?
 
-Instances are of `_route_instances`; what is planned is checked by `route_outlines`, which has no
+Instances are of `_route_instances`; what is planned is checked by `_route_outlines`, which has no
 code in common with the planner. Times are of the processor, for all parcels at once (`ours`), and
 for one that is planned anew while the others keep their routes (`one_ms`). Where somebody would
 then have waited for it for ever, all were planned anew: in `anew` instances, the times of which are

@@ -45,6 +45,9 @@ class Middle:
         self.silent = None
         self.sequence = 1
         self.program_flags = 0
+        #: What all neighbours report of their program.
+        self.its_sequence = 1
+        self.its_flags = 0
         self.lifted = False
         #: Whether neighbours' states get lost, and of which directions the speeds do.
         self.losing = False
@@ -128,7 +131,8 @@ class Middle:
         fields[wire.STATE] = wire.UNDER
         fields[wire.CERTAINTY] = self.certainty
         fields[wire.HOLD] = wire.HOLD_NONE
-        fields[wire.SEQUENCE] = 1
+        fields[wire.SEQUENCE] = self.its_sequence
+        fields[wire.FLAGS] = self.its_flags
         frame = bytearray(8)
         wire.pack_estimate(fields, 0, frame)
         return bytes(frame)
