@@ -65,7 +65,8 @@ class Cell:
     `state` is the NMT state and `node_id` the node id, `cob.NODE_NONE` while there is none.
     `accepts` has the identifiers that the cell takes, and what serves each; frames of
     neighbours may be put into `mailboxes` instead. `poll` may be skipped until `wake_ms`, which a
-    frame may bring forward, while presence is unchanged and ATTENTION is 0. `tick()` is one control period.
+    frame may bring forward, while presence is unchanged and ATTENTION is 0. `tick()` is one control
+    period.
     """
 
     def __init__(self, board: "Board", node_id: int):
