@@ -65,14 +65,16 @@ class Runner:
 
     @micropython.native
     def _receive(self, now_ms):
-        """Take frames, no more than `FRAMES_PER_TURN`, so that traffic starves nothing else."""
-        inbox = self._board.inbox
+        """Sort frames; hand over `FRAMES_PER_TURN` at most, so that no traffic starves the rest."""
+        inbox, cell = self._board.inbox, self._cell
+        boxes = cell.mailboxes
         for _ in range(FRAMES_PER_TURN):
+            cell.received += inbox.sort(boxes)
             frame = inbox.peek()
             if frame is None:
                 return
             if not frame[2]:
-                self._cell.on_frame(frame[0], frame[1], now_ms)
+                cell.on_frame(frame[0], frame[1], now_ms)
             inbox.pop()
 
     def _faulty(self):

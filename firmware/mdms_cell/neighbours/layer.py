@@ -39,7 +39,8 @@ class Layer:
     """The layer of one cell, off until it is `active`.
 
     `now()` returns the time [ms], `wake(wait_ms)` has a poll follow in so many milliseconds at the
-    latest, and `changed()` is called when the identifiers have changed.
+    latest, and `changed()` is called when the identifiers have changed. `mailboxes` is where frames
+    of neighbours wait for an update; `nonsense` counts those that were no estimates.
     """
 
     def __init__(self, objects, registers, *, axes, pdos, consumer, emcy, now, wake, changed):
@@ -57,6 +58,8 @@ class Layer:
         self._page = array("i", [0] * wire.PROGRAM_FIELDS)
         self._place = Place(objects, self._on_place)
         self._heard = Heard()
+        self.mailboxes = self._heard.boxes
+        self.nonsense = 0
         self._footprint = Footprint(self._place)
         self._suspicion = Suspicion()
         self._suspect = -1
@@ -132,16 +135,16 @@ class Layer:
         """Pairs of an identifier and what takes its frames."""
         if self.wanted:
             for can_id, kind, direction in self._place.receivers():
-                yield can_id, self._receiver(kind, direction)
+                yield can_id, self._receiver(can_id, kind, direction)
 
-    def _receiver(self, kind, direction):
+    def _receiver(self, can_id, kind, direction):
         heard = self._heard
         if kind == SPEEDS:
-            return heard.speeds_receiver(direction)
+            return heard.speeds_receiver(direction, can_id)
         if kind == STATE:
             return lambda data: heard.on_state(direction, data, self._now())
         if kind == ESTIMATE:
-            return heard.estimate_receiver(direction)
+            return heard.estimate_receiver(direction, can_id)
         return lambda data: not self.active or self._on_page(direction, data)
 
     def _on_page(self, direction, data):
@@ -225,12 +228,13 @@ class Layer:
         step_ms = ticks.diff(now_ms, self._sync_ms)
         if self._due or step_ms > 2 * self._period_ms:
             self._rights.on_gap()
+            self._read()
             self._heard.drop_estimates()
         self._step_ms = max(min(step_ms, _STEP_MAX_MS), 1)
         self._sync_ms = now_ms
         self._due = True
         heard, registers = self._heard, self._registers
-        heard.beat = (heard.beat + 1) & 0xFFFFFF
+        heard.begin_beat()
         heard.take_speeds(
             registers[speed_loop.ACTUAL], registers[speed_loop.AXIS + speed_loop.ACTUAL]
         )
@@ -251,7 +255,12 @@ class Layer:
         self._update(presence)
         return ticks.IDLE_MS
 
+    def _read(self):
+        """Take apart what neighbours have sent since the last time."""
+        self.nonsense += self._heard.read()
+
     def _update(self, presence):
+        self._read()
         sent = self._listen()
         tracking = self._tracking
         self._choose_parcel()

@@ -8,7 +8,8 @@ in any buffer of bytes, from `at` on: nothing is allocated.
 `pack_...` clips what does not fit, for the cell; `messages` checks values for the host.
 `unpack_...` returns False, and leaves the fields as they were, for a frame that no sender makes.
 """
-# MicroPython's module has no types.
+# MicroPython's module has no types; viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
 # mypy: disable-error-code="untyped-decorator"
 
 try:
@@ -103,6 +104,10 @@ IDENTITY_MAX = const(63)
 SEQUENCE_MAX = const(3)
 
 
+#: Of a frame that is read alone; there once, so that nothing is allocated.
+_FRESH = bytearray(1)
+
+
 def clipped(number: int, low: int, high: int) -> int:
     """The number within these limits that is next to it."""
     if number < low:
@@ -130,30 +135,41 @@ def pack_estimate(
 
 def unpack_estimate(frame: "Sequence[int]", fields: "MutableSequence[int]", base: int) -> bool:
     """Read the frame of an estimate into the fields; returns False if it is none."""
-    return read_estimate(frame, len(frame), fields, base)  # type: ignore[no-any-return]
+    if len(frame) != LENGTH:
+        return False
+    _FRESH[0] = 1
+    read_estimates(frame, _FRESH, fields, base, 1)
+    return _FRESH[0] != 0
 
 
 @micropython.viper
-def read_estimate(frame: ptr8, length: int, fields: ptr32, base: int) -> bool:
-    """`unpack_estimate` of a frame of that length, for cells."""
-    if length != LENGTH:
-        return False
-    high = frame[6] | frame[7] << 8
-    if high >> 8 & 7 > HOLD_NONE:
-        return False
-    low = frame[0] | frame[1] << 8 | frame[2] << 16
-    middle = frame[3] | frame[4] << 8 | frame[5] << 16
-    fields[base + X] = ((low & 0xFFF) ^ 0x800) - 0x800
-    fields[base + Y] = (low >> 12 ^ 0x800) - 0x800
-    fields[base + YAW] = ((middle & 0xFFF) ^ 0x800) - 0x800
-    fields[base + IDENTITY] = middle >> 12 & 63
-    fields[base + STATE] = middle >> 18 & 3
-    fields[base + WANTS] = middle >> 20 | (high & 0xF) << 4
-    fields[base + CERTAINTY] = high >> 4 & 15
-    fields[base + HOLD] = high >> 8 & 7
-    fields[base + SEQUENCE] = high >> 11 & 3
-    fields[base + FLAGS] = high >> 13
-    return True
+def read_estimates(frames: ptr8, fresh: ptr8, fields: ptr32, base: int, count: int) -> int:
+    """Read those frames of a row that are `fresh`, each into its place in the fields.
+
+    One that is no estimate changes nothing, and is not fresh any more; returns how many there are.
+    """
+    wrong = 0
+    for number in range(count):
+        at = LENGTH * number
+        high = frames[at + 6] | frames[at + 7] << 8
+        if fresh[number] and high >> 8 & 7 > HOLD_NONE:
+            fresh[number] = 0
+            wrong += 1
+        if fresh[number]:
+            low = frames[at] | frames[at + 1] << 8 | frames[at + 2] << 16
+            middle = frames[at + 3] | frames[at + 4] << 8 | frames[at + 5] << 16
+            fields[base + X] = ((low & 0xFFF) ^ 0x800) - 0x800
+            fields[base + Y] = (low >> 12 ^ 0x800) - 0x800
+            fields[base + YAW] = ((middle & 0xFFF) ^ 0x800) - 0x800
+            fields[base + IDENTITY] = middle >> 12 & 63
+            fields[base + STATE] = middle >> 18 & 3
+            fields[base + WANTS] = middle >> 20 | (high & 0xF) << 4
+            fields[base + CERTAINTY] = high >> 4 & 15
+            fields[base + HOLD] = high >> 8 & 7
+            fields[base + SEQUENCE] = high >> 11 & 3
+            fields[base + FLAGS] = high >> 13
+        base += ESTIMATE_FIELDS
+    return wrong
 
 
 def pack_program(

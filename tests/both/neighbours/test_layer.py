@@ -326,18 +326,3 @@ def test_state_that_is_repeated_after_a_lost_one_moves_no_belief():
     cell.losing = False
     run(cell, 22)
     assert abs(cell.off_um()) < 3_000
-
-
-def test_wheel_joins_a_parcel_under_way_once_others_show_how_it_moves():
-    middle = Middle(SPEED_UM_S)
-    middle.silent = NEIGHBOURS[0]
-    run(middle, 90)
-    assert state(middle) != cia402.OPERATION_ENABLED
-    middle.silent = None
-    middle.unheard = range(8)
-    run(middle, 20)
-    assert state(middle) != cia402.OPERATION_ENABLED
-    middle.unheard = ()
-    run(middle, 5)
-    assert state(middle) == cia402.OPERATION_ENABLED
-    assert targets_um_s(middle)[0] > 90_000
