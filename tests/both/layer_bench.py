@@ -120,7 +120,7 @@ class Middle:
         fields[wire.HOLD] = wire.HOLD_NONE
         fields[wire.SEQUENCE] = 1
         frame = bytearray(8)
-        wire.pack_estimate(fields, 0, frame)
+        wire.pack_estimate(fields, 0, frame, 0)
         return bytes(frame)
 
     def _covered(self, x_um, y_um):

@@ -103,7 +103,7 @@ class RightOfWay:
 
     @micropython.native
     def on_estimates(self, estimates, fresh):
-        """What neighbours sent at most `late_beats` SYNCs ago: a row a direction, where it is fresh.
+        """What neighbours sent, at most `late_beats` SYNCs ago: a row by direction, where fresh.
 
         A cell under a parcel counts what cells of the same parcel say, and promises to it; any
         other counts the cells under a parcel that want it.
@@ -205,10 +205,7 @@ class RightOfWay:
         return self._said[IDENTITIES + direction] if self._said[LEFT + direction] else 0
 
     def _asks(self, identity):
-        for direction in range(DIRECTIONS):
-            if self._says(direction) == identity:
-                return True
-        return False
+        return any(self._says(direction) == identity for direction in range(DIRECTIONS))
 
     def _asker(self, excluded):
         """The lowest identity that asks, but for one; 0 if there is none."""
@@ -268,7 +265,7 @@ def _take_in(  # noqa: PLR0917 - viper takes words
             else:
                 asks = identity != 0 and state == UNDER
                 counts = asks and estimates[at + int(wire.WANTS)] >> (direction ^ 4) & 1 == 1
-                if asks and (near == 0 or near == identity):
+                if asks and (near == 0 or near == identity):  # noqa: PLR1714 - viper has no tuples
                     near = seen = identity
             said[IDENTITIES + direction] = identity if counts else 0
             said[STATES + direction] = state
