@@ -65,7 +65,7 @@ class Runner:
 
     @micropython.native
     def _receive(self, now_ms):
-        """Sort frames; hand over `FRAMES_PER_TURN` at most, so that no traffic starves the rest."""
+        """Sort frames, and hand over `FRAMES_PER_TURN` at most: traffic starves nothing else."""
         inbox, cell = self._board.inbox, self._cell
         boxes = cell.mailboxes
         for _ in range(FRAMES_PER_TURN):

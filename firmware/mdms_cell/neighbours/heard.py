@@ -136,10 +136,23 @@ class Heard:
         self.presence[direction] = bits
         self.seen[direction] = 1
 
+    def passed_on(self):
+        """No estimate is fresh any more; returns the mask of those that were."""
+        return _clear(self.fresh)
+
     def drop_estimates(self):
         """What has come may be of any age: it is not passed on."""
-        for direction in range(DIRECTIONS):
-            self.fresh[direction] = 0
+        _clear(self.fresh)
+
+
+@micropython.viper
+def _clear(fresh: ptr8) -> int:
+    mask = 0
+    for direction in range(int(DIRECTIONS)):
+        if fresh[direction]:
+            fresh[direction] = 0
+            mask |= 1 << direction
+    return mask
 
 
 @micropython.viper

@@ -4,11 +4,6 @@ At SYNC the cell sends its speeds and, if it is at a parcel, its estimate; `UPDA
 of its neighbours have come, and `update` runs in the background. What it decides holds for a beat.
 """
 
-try:
-    import micropython
-except ImportError:
-    from mdms_protocol.cpython import micropython
-
 from array import array
 
 from mdms_cell import ticks
@@ -280,31 +275,11 @@ class Layer:
         if tracking.under and program is not None and program.complete:
             self._hand_on(program, sent)
 
-    @micropython.native
     def _listen(self):
         """Pass on what neighbours sent; returns the mask of those that have."""
-        estimates, fresh, on_message = (
-            self._heard.estimates,
-            self._heard.fresh,
-            self._rights.on_message,
-        )
-        identity, state = wire.IDENTITY, wire.STATE
-        wants, hold = wire.WANTS, wire.HOLD
-        base = mask = 0
-        for direction in range(DIRECTIONS):
-            if fresh[direction]:
-                fresh[direction] = 0
-                mask |= 1 << direction
-                wants_me = estimates[base + wants] >> (direction ^ 4) & 1
-                on_message(
-                    direction,
-                    estimates[base + identity],
-                    estimates[base + state],
-                    wants_me,
-                    estimates[base + hold],
-                )
-            base += wire.ESTIMATE_FIELDS
-        return mask
+        heard = self._heard
+        self._rights.on_estimates(heard.estimates, heard.fresh)
+        return heard.passed_on()
 
     def _choose_parcel(self):
         """Be at the parcel that lies here, or else at the one that the right of way says."""

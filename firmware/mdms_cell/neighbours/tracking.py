@@ -305,17 +305,15 @@ class Tracking:
         self.certainty = 0
         self._sent = None
         if belief.known and self.under and not self._follows:
-            x = (belief.x + _rounded(twist.vx, 1000 // step_ms) + wire.STEP_UM // 2) // wire.STEP_UM
-            y = (belief.y + _rounded(twist.vy, 1000 // step_ms) + wire.STEP_UM // 2) // wire.STEP_UM
-            yaw = wire_yaw(belief.turn + _rounded(twist.turn, 1000 // step_ms))
-            fields[wire.X], fields[wire.Y], fields[wire.YAW] = x, y, yaw
+            per_s = 1000 // step_ms
+            x = belief.x + _rounded(twist.vx, per_s)
+            y = belief.y + _rounded(twist.vy, per_s)
+            turn = belief.turn + _rounded(twist.turn, per_s)
+            fields[wire.X] = (x + wire.STEP_UM // 2) // wire.STEP_UM
+            fields[wire.Y] = (y + wire.STEP_UM // 2) // wire.STEP_UM
+            fields[wire.YAW] = wire_yaw(turn)
             self.certainty = 0 if self.is_doubtful() else belief.certainty()
-            exact = (
-                belief.x + _rounded(twist.vx, 1000 // step_ms),
-                belief.y + _rounded(twist.vy, 1000 // step_ms),
-                wrapped(belief.turn + _rounded(twist.turn, 1000 // step_ms)),
-            )
-            self._sent = exact
+            self._sent = x, y, wrapped(turn)
         fields[wire.CERTAINTY] = self.certainty
 
 

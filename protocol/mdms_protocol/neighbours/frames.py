@@ -18,6 +18,7 @@ try:
 except ImportError:
     from mdms_protocol.cpython import const, micropython, ptr8, ptr32
 
+from mdms_protocol.words import WIDEN
 
 try:
     from typing import TYPE_CHECKING
@@ -115,22 +116,44 @@ def clipped(number: int, low: int, high: int) -> int:
     return high if number > high else number
 
 
-def pack_estimate(
-    fields: "Sequence[int]", base: int, frame: "MutableSequence[int]", at: int = 0
-) -> None:
+@micropython.viper
+def pack_estimate(fields: ptr32, base: int, frame: ptr8, at: int):  # type: ignore[no-untyped-def]
     """Write the frame of an estimate; yaw wraps, and all else is clipped."""
-    yaw = fields[base + YAW] & 0xFFF
-    wants = fields[base + WANTS] & 0xFF
-    low = clipped(fields[base + X], -2048, 2047) & 0xFFF
-    low |= (clipped(fields[base + Y], -2048, 2047) & 0xFFF) << 12
-    middle = yaw | clipped(fields[base + IDENTITY], 0, IDENTITY_MAX) << 12
-    middle |= clipped(fields[base + STATE], 0, UNDER) << 18
+    widen = int(WIDEN)
+    x = fields[base + X] << widen >> widen
+    y = fields[base + Y] << widen >> widen
+    identity = fields[base + IDENTITY] << widen >> widen
+    state = fields[base + STATE] << widen >> widen
+    certainty = fields[base + CERTAINTY] << widen >> widen
+    hold = fields[base + HOLD] << widen >> widen
+    sequence = fields[base + SEQUENCE] << widen >> widen
+    x = x if x > -2048 else -2048
+    y = y if y > -2048 else -2048
+    identity = identity if identity > 0 else 0
+    state = state if state > 0 else 0
+    certainty = certainty if certainty > 0 else 0
+    hold = hold if hold > 0 else 0
+    sequence = sequence if sequence > 0 else 0
+    wants = fields[base + WANTS]
+    low = (x if x < 2047 else 2047) & 0xFFF
+    low |= ((y if y < 2047 else 2047) & 0xFFF) << 12
+    middle = fields[base + YAW] & 0xFFF
+    middle |= (identity if identity < IDENTITY_MAX else IDENTITY_MAX) << 12
+    middle |= (state if state < UNDER else UNDER) << 18
     middle |= (wants & 0xF) << 20
-    high = wants >> 4 | clipped(fields[base + CERTAINTY], 0, 15) << 4
-    high |= clipped(fields[base + HOLD], 0, HOLD_NONE) << 8
-    high |= clipped(fields[base + SEQUENCE], 0, SEQUENCE_MAX) << 11
+    high = wants >> 4 & 0xF
+    high |= (certainty if certainty < 15 else 15) << 4
+    high |= (hold if hold < HOLD_NONE else HOLD_NONE) << 8
+    high |= (sequence if sequence < SEQUENCE_MAX else SEQUENCE_MAX) << 11
     high |= (fields[base + FLAGS] & 7) << 13
-    _write(low, middle, high, frame, at)
+    frame[at] = low & 0xFF
+    frame[at + 1] = low >> 8 & 0xFF
+    frame[at + 2] = low >> 16
+    frame[at + 3] = middle & 0xFF
+    frame[at + 4] = middle >> 8 & 0xFF
+    frame[at + 5] = middle >> 16
+    frame[at + 6] = high & 0xFF
+    frame[at + 7] = high >> 8
 
 
 def unpack_estimate(frame: "Sequence[int]", fields: "MutableSequence[int]", base: int) -> bool:

@@ -61,7 +61,7 @@ def encode_estimate(estimate: Estimate) -> bytes:
     """The data of an estimate's frame; raises OutOfRangeError."""
     _check(estimate)
     frame = bytearray(n.LENGTH)
-    n.pack_estimate(tuple(estimate), 0, frame)
+    n.pack_estimate(tuple(estimate), 0, frame, 0)
     return bytes(frame)
 
 

@@ -134,7 +134,7 @@ class Middle:
         fields[wire.SEQUENCE] = self.its_sequence
         fields[wire.FLAGS] = self.its_flags
         frame = bytearray(8)
-        wire.pack_estimate(fields, 0, frame)
+        wire.pack_estimate(fields, 0, frame, 0)
         return bytes(frame)
 
     def _covered(self, x_um, y_um):
