@@ -10,6 +10,7 @@ except ImportError:
 
 from array import array
 
+from mdms_cell import ticks
 from mdms_cell.neighbours.geometry.place import DIRECTIONS
 from mdms_protocol.neighbours import frames as wire
 
@@ -17,6 +18,8 @@ from mdms_protocol.neighbours import frames as wire
 _PRESENCE_AT = const(4)
 _STATE_LENGTH = const(5)
 _SPEEDS_LENGTH = const(8)
+#: A state that is repeated may be later than its time by this.
+_LATE_MS = const(20)
 #: Edges that may wait for the next update.
 EDGES = 16
 #: The cell itself, in the place of a direction.
@@ -41,6 +44,8 @@ class Heard:
         self.speeds_beat = array("i", [NEVER] * (DIRECTIONS + 1))
         self.presence = bytearray(DIRECTIONS + 1)
         self.seen = bytearray(DIRECTIONS + 1)
+        self.repeat_ms = 0
+        self._state_ms = array("i", [0] * DIRECTIONS)
         self.estimates = array("i", [0] * (wire.ESTIMATE_FIELDS * DIRECTIONS))
         self.estimate_beat = array("i", [NEVER] * DIRECTIONS)
         self.fresh = bytearray(DIRECTIONS)
@@ -98,8 +103,20 @@ class Heard:
         """A neighbour's TPDO 2; returns False if it has another length."""
         if len(data) != _STATE_LENGTH:
             return False
+        if not self.is_current(direction, now_ms):
+            # One before it was lost: what has changed since may have changed long ago.
+            self.seen[direction] = 0
+        self._state_ms[direction] = now_ms
         self.take_presence(direction, data[_PRESENCE_AT], now_ms)
         return True
+
+    def is_current(self, direction, now_ms):
+        """Whether the presence bits of a cell are known; not if its repeated state is overdue."""
+        if not self.seen[direction]:
+            return False
+        if direction == OWN or not self.repeat_ms:
+            return True
+        return abs(ticks.diff(now_ms, self._state_ms[direction])) <= self.repeat_ms + _LATE_MS
 
     def take_presence(self, direction, bits, now_ms):
         """Presence bits as they are now; what has changed are edges."""

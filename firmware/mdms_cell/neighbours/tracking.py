@@ -115,7 +115,7 @@ class Tracking:
                     self._agreement.agree(self.belief, self._sent, self.certainty)
             if self.under:
                 self._correct(sync_ms)
-                self._check_sensors()
+                self._check_sensors(sync_ms)
             self._look()
         self._drop_edges(sync_ms)
 
@@ -205,12 +205,12 @@ class Tracking:
                 kept += 1
         heard.edges = kept
 
-    def _check_sensors(self):
+    def _check_sensors(self, sync_ms):
         """Correct by sensors that contradict: the cell's own and, in turns, a neighbour's."""
         self._turn = (self._turn + 1) % (DIRECTIONS + 1)
-        missing = self._compare(OWN, not self._turn & 3)
+        missing = self._compare(OWN, not self._turn & 3, sync_ms)
         if self._turn != OWN and self._footprint.present >> self._turn & 1:
-            self._compare(self._turn, True)
+            self._compare(self._turn, True, sync_ms)
         if self.is_witnessed() and self._suspicion.has(OWN, PRESENCE):
             missing = False
         self.missing_beats = min(self.missing_beats + 1, LOST_BEATS) if missing else 0
@@ -219,10 +219,10 @@ class Tracking:
         """Whether neighbours have the parcel where this cell believes it."""
         return self._agreement.near >= _WITNESSES
 
-    def _compare(self, direction, correcting):
+    def _compare(self, direction, correcting, sync_ms):
         """Compare a cell's sensors with the belief; returns whether all deep under it are free."""
         heard, footprint = self._heard, self._footprint
-        if not heard.seen[direction] or self._others[direction]:
+        if not heard.is_current(direction, sync_ms) or self._others[direction]:
             return False
         bits = heard.presence[direction]
         deep = footprint.within(self.outline, direction, -_CLEAR) >> AXES

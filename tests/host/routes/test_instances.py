@@ -1,8 +1,8 @@
 """Random well-formed instances, checked by outlines that share no code with the planner."""
 
 import pytest
-from tests.benchmarks.route_instances import TABLES, instance
-from tests.benchmarks.route_outlines import faults
+from tests.benchmarks.host._route_instances import TABLES, instance
+from tests.benchmarks.host._route_outlines import faults
 
 COUNTS = (30, 4, 1)
 

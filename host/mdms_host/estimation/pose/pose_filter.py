@@ -58,6 +58,13 @@ class PoseFilter:
         # The first three of the diagonal.
         self.covariance.reshape(-1)[:18:6] += variance_m2 * self._walk
 
+    def place(self, mean: Floats, covariance: Floats) -> None:
+        """The pose, or pose and growth, are these, (3,) or (5,), whatever they were before."""
+        count = len(mean)
+        self.mean[:count] = mean
+        self.covariance[:count, count:] = self.covariance[count:, :count] = 0.0
+        self.covariance[:count, :count] = covariance
+
     def blur(self, deviation_m: float) -> None:
         """The parcel may have moved by so much any way, a corner's way by turning included."""
         self.covariance[range(3), range(3)] += deviation_m**2 * self._walk
