@@ -17,7 +17,7 @@ from mdms_host.routes.route import Route
 from mdms_host.routes.space.moves import free_runs
 from mdms_model.arrays import Bools, Floats, Ints
 
-#: States of a search: as many as it takes, and where it may be in vain.
+#: Moves that a search tries: as many as it takes, and where it may be in vain.
 MANY, _IN_VAIN = 2**31, 4000
 
 
@@ -31,7 +31,7 @@ class Aside(Enum):
 
 @dataclass(frozen=True)
 class Terms:
-    """What all attempts have in common: `efforts` are weights of a search, with states at most."""
+    """What all attempts have in common: `efforts` are weights of a search, with moves at most."""
 
     ground: Ground
     gap_s: float
@@ -161,12 +161,12 @@ class Attempt:
         stay_s = task.leaves_s + self._terms.gap_s if task.leaves else np.inf
         ends = Errands(roadmap.start_node, roadmap.goal_node, errand.ready_s, stay_s)
         taken, limit = self._table.taken.taken, MANY if self._sure else _IN_VAIN
-        for weight, states in self._terms.efforts:
-            most = min(states, limit)
+        for weight, moves in self._terms.efforts:
+            most = min(moves, limit)
             found = search(roadmap.graph, guide, taken, ends, (weight, most))
             if found.reached:
                 return found
-            if found.states < most:
+            if found.tried < most:
                 break
         return None
 

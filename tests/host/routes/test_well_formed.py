@@ -1,7 +1,7 @@
 """The order in which parcels are planned, so that each has a way that it only needs to wait on."""
 
 import numpy as np
-from tests.benchmarks.route_instances import TABLES, instance
+from tests.benchmarks.host._route_instances import TABLES, instance
 from tests.host.routes.parcels import task
 
 from mdms_host.layout import Layout
