@@ -2,7 +2,8 @@
 
 After M. Phillips and M. Likhachev (ICRA 2011), for moves that take time and bodies that cover many
 tiles: a state is a node and the safe interval in which the parcel stands there, reached as soon as
-it can be; from it every move begins as soon as it can in each safe interval of its end.
+it can be; from it every move begins as soon as it can in each safe interval of its end. When that is
+is looked at only when the move's turn comes, by what it would take if nobody were in its way.
 """
 
 from heapq import heappop, heappush
@@ -12,10 +13,14 @@ import numpy as np
 
 from mdms_host.routes.intervals.cost_to_go import Guide
 from mdms_host.routes.intervals.safe_intervals import INSTANT_S, Taken, first_departure, free_until
-from mdms_host.routes.intervals.states import State, States, doubled, entered, new_states, put_off
+from mdms_host.routes.intervals.states import State, States, doubled, entered, new_states
 from mdms_host.routes.space.roadmap import Graph
 from mdms_model.arrays import Floats, Ints
 from mdms_model.compiled import compiled
+
+
+#: In place of a move's index: a state itself.
+_STATE = -1
 
 
 class Errands(NamedTuple):
@@ -30,7 +35,7 @@ class Errands(NamedTuple):
 class Found(NamedTuple):
     """The moves of a way, in order: nodes (L + 1,), when each move begins and ends [s], (L,).
 
-    `reached` is False where there is no way, `states` counts the work.
+    `reached` is False where there is no way, `tried` counts moves that were looked at.
     """
 
     reached: bool
@@ -39,7 +44,7 @@ class Found(NamedTuple):
     """Kinds of the lattice's moves, or joins as -1 - join."""
     begins_s: Floats
     arrives_s: Floats
-    states: int
+    tried: int
 
 
 class Edge(NamedTuple):
@@ -55,15 +60,17 @@ class Edge(NamedTuple):
 def search(
     graph: Graph, guide: Guide, taken: Taken, errand: Errands, effort: tuple[float, int]
 ) -> Found:
-    """The way from start to goal, given up after so many states, the second of `effort`.
+    """The way from start to goal, given up after so many moves, the second of `effort`.
 
     The first weighs the time that is left to the goal: with more than 1 the search looks at fewer
-    states, and the way may take longer.
+    moves, and the way may take longer.
     """
     weight, most = effort
     head = np.full(graph.joins.first.size - 1, -1, np.int64)
-    states, count, last = new_states(), 0, -1
-    heap = [(0.0, 0.0, 0)]
+    states, count, tried, last = new_states(), 0, 0, -1
+    # What is due, by when the goal would be come to: a state, or its move of an index from 0 on,
+    # which begins no sooner than the last number.
+    heap = [(0.0, 0.0, 0, _STATE, errand.ready_s)]
     until_s = node_free_until(graph, taken, errand.start, errand.ready_s)
     if until_s > -np.inf and guide.cost_s[errand.start] < np.inf:
         first = State(errand.start, -1, 0, errand.ready_s, errand.ready_s, until_s)
@@ -71,44 +78,43 @@ def search(
         count = 1
     # The goal is not come to for good before all others have passed it.
     least_s = node_free_from(graph, taken, errand.goal, errand.stay_s)
-    while 0 < count < most and len(heap) > 0:
-        _, _, number = heappop(heap)
-        if states.stale[number]:
+    while 0 < count and tried < most and len(heap) > 0:
+        _, _, state, index, begin_s = heappop(heap)
+        if states.stale[state]:
             continue
-        here, state, first_edge, begin_s = states.node[number], number, 0, states.at_s[number]
-        if here == errand.goal and states.until_s[state] >= begin_s + errand.stay_s:
-            last = state
-            break
-        last_edge = edges(graph, here) if here >= 0 else 0
-        if here < 0:
-            # A move that was put off: once more, later.
-            state, first_edge = states.came[number], states.by[number]
-            here, last_edge = states.node[state], states.by[number] + 1
-        states.stale[number] = True
-        for index in range(first_edge, last_edge):
-            edge = edge_of(graph, guide, here, index)
-            if edge.there < 0:
-                continue
-            leaves_s = departure(graph, taken, edge, begin_s, states.until_s[state])
-            if leaves_s == np.inf:
-                continue
-            if count + 2 > states.node.size:
+        here = states.node[state]
+        if index == _STATE:
+            if here == errand.goal and states.until_s[state] >= begin_s + errand.stay_s:
+                last = state
+                break
+            for other in range(edges(graph, here)):
+                edge = edge_of(graph, guide, here, other)
+                if edge.there >= 0:
+                    left_s = guide.cost_s[edge.there]
+                    total_s = begin_s + edge.lasts_s + weight * left_s
+                    heappush(heap, (max(total_s, least_s), left_s, state, other, begin_s))
+            continue
+        tried += 1
+        edge = edge_of(graph, guide, here, index)
+        leaves_s = departure(graph, taken, edge, begin_s, states.until_s[state])
+        if leaves_s == np.inf:
+            continue
+        left_s, arrive_s = guide.cost_s[edge.there], leaves_s + edge.lasts_s
+        until_s = node_free_until(graph, taken, edge.there, arrive_s)
+        if sooner(states, head[edge.there], arrive_s, until_s):
+            if count == states.node.size:
                 states = doubled(states)
-            left_s, arrive_s = guide.cost_s[edge.there], leaves_s + edge.lasts_s
-            until_s = node_free_until(graph, taken, edge.there, arrive_s)
-            if sooner(states, head[edge.there], arrive_s, until_s):
-                found = State(edge.there, state, edge.move, leaves_s, arrive_s, until_s)
-                entered(states, head, count, found)
-                heappush(heap, (max(arrive_s + weight * left_s, least_s), left_s, count))
-                count += 1
-            # Once more, for the next safe interval of its end, but not before that is its turn.
-            again_s = max(leaves_s, until_s - edge.lasts_s) + INSTANT_S
-            if again_s <= states.until_s[state] and again_s < np.inf:
-                put_off(states, count, state, index, again_s)
-                total_s = again_s + edge.lasts_s + weight * left_s
-                heappush(heap, (max(total_s, least_s), left_s, count))
-                count += 1
-    return way_to(states, last, errand.start, count)
+            found = State(edge.there, state, edge.move, leaves_s, arrive_s, until_s)
+            entered(states, head, count, found)
+            total_s = arrive_s + weight * left_s
+            heappush(heap, (max(total_s, least_s), left_s, count, _STATE, arrive_s))
+            count += 1
+        # Once more, for the next safe interval of its end, but not before that is its turn.
+        again_s = max(leaves_s, until_s - edge.lasts_s) + INSTANT_S
+        if again_s <= states.until_s[state] and again_s < np.inf:
+            total_s = again_s + edge.lasts_s + weight * left_s
+            heappush(heap, (max(total_s, least_s), left_s, state, index, again_s))
+    return way_to(states, last, errand.start, tried)
 
 
 @compiled
@@ -194,7 +200,7 @@ def node_free_from(graph: Graph, taken: Taken, node: int, stay_s: float) -> floa
 
 
 @compiled
-def way_to(states: States, last: int, start: int, count: int) -> Found:
+def way_to(states: States, last: int, start: int, tried: int) -> Found:
     """The way to a state, -1 for none."""
     length, state = 0, last
     while state > 0:
@@ -206,4 +212,4 @@ def way_to(states: States, last: int, start: int, count: int) -> Found:
         moves[index], nodes[index + 1] = states.by[state], states.node[state]
         begins_s[index], arrives_s[index] = states.begun_s[state], states.at_s[state]
         state = states.came[state]
-    return Found(last >= 0, nodes, moves, begins_s, arrives_s, count)
+    return Found(last >= 0, nodes, moves, begins_s, arrives_s, tried)
