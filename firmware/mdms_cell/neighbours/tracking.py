@@ -213,7 +213,21 @@ class Tracking:
             self._compare(self._turn, True, sync_ms)
         if self.is_witnessed() and self._suspicion.has(OWN, PRESENCE):
             missing = False
+        missing = missing or not self._is_anything_there()
         self.missing_beats = min(self.missing_beats + 1, LOST_BEATS) if missing else 0
+
+    def _is_anything_there(self):
+        """Whether a sensor is covered, here or of a neighbour; of this parcel, as far as is known.
+
+        A cell whose own sensors the parcel does not cover cannot see by them that it is gone.
+        """
+        presence, others = self._heard.presence, self._others
+        if presence[OWN]:
+            return True
+        for direction in range(DIRECTIONS):
+            if presence[direction] and not others[direction] and self._suspicion.trusts(direction):
+                return True
+        return False
 
     def is_witnessed(self):
         """Whether neighbours have the parcel where this cell believes it."""

@@ -29,8 +29,9 @@ def _u32(number):
 class Middle:
     """The cell, and what its neighbours would send while the parcel goes along x at a speed."""
 
-    #: What the cell is told of its neighbours, and where along y the parcel is said to be.
+    #: What the cell is told of its neighbours, and where the parcel lies; along y as is said.
     neighbours = NEIGHBOURS
+    placed_x_um = -60_000
     placed_y_um = 0
     #: How sure neighbours are of the parcel, as their estimates have it.
     certainty = 9
@@ -39,7 +40,7 @@ class Middle:
         self.board = Board()
         self.cell = Cell(self.board, NODE)
         self.now_ms = 0
-        self.x_um = -60_000
+        self.x_um = self.placed_x_um
         self.speed_um_s = speed_um_s
         #: The node id of a neighbour that says nothing, and whether the parcel is off the table.
         self.silent = None

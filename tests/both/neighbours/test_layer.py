@@ -116,6 +116,23 @@ def test_parcel_that_no_sensor_shows_is_not_driven():
     assert targets_um_s(middle) == (0, 0)
 
 
+class AtTheEdge(Middle):
+    """The parcel reaches to 7 mm beyond the western sensors, and the wheel beside them."""
+
+    placed_x_um = -205_000
+
+
+def test_parcel_that_is_gone_is_not_driven_by_a_cell_whose_sensors_it_did_not_cover():
+    """One wheel is under its edge, and no sensor by more than a few mm."""
+    middle = AtTheEdge(0)
+    run(middle, 20)
+    assert state(middle) == cia402.OPERATION_ENABLED
+    middle.lifted = True
+    run(middle, 40)
+    assert targets_um_s(middle) == (0, 0)
+    assert state(middle) != cia402.OPERATION_ENABLED
+
+
 def test_program_that_is_ended_leaves_the_wheels_off():
     middle = Middle(SPEED_UM_S)
     run(middle, 20)
