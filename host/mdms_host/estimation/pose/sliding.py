@@ -15,6 +15,8 @@ _ROLLING_SHARE = 0.08
 _ROLLING_M_S2 = 0.05
 #: They slip once they are so much faster than that explains [m/s].
 _SLIPPING_M_S = 0.018
+#: They roll again where they are no faster than this [m/s].
+_ROLLING_M_S = 0.005
 #: What is not confirmed any more is over after such a time [s].
 _OVER_S = 0.2
 #: Of how much faster they are such a share is not known, which is the same for so long [s].
@@ -33,12 +35,13 @@ class Sliding:
         self._faster: Floats = np.zeros(3)
         # Of that what rolling does not explain [m/s].
         self._unexplained_m_s = 0.0
+        # Whether they do, or have done so, and whether the parcel catches up with them.
+        self._slips = self._slipped = self._catching_up = False
 
     @property
     def twist(self) -> Floats:
         """How much faster the wheels are."""
-        slips = self._unexplained_m_s > _SLIPPING_M_S
-        return self._faster * self._corner_m if slips else np.zeros(3)
+        return self._faster * self._corner_m if self._slips else np.zeros(3)
 
     @property
     def variance_m2_s(self) -> float:
@@ -48,21 +51,32 @@ class Sliding:
 
     def step(self, missing: Floats, gained: Floats, step_s: float) -> None:
         """In a step wheels gained so much a second, `missing` of which did not push the parcel."""
-        missing = missing / self._corner_m
-        rolling_m_s2 = _ROLLING_M_S2 + _ROLLING_SHARE * float(
-            np.linalg.norm(gained / self._corner_m)
-        )
+        before, missing = self._faster, missing / self._corner_m
+        gained_m_s2 = float(np.linalg.norm(gained / self._corner_m))
+        rolling_m_s2 = _ROLLING_M_S2 + _ROLLING_SHARE * gained_m_s2
         missing_m_s2 = float(np.linalg.norm(missing))
-        same_way = float(self._faster @ missing) >= 0.0
-        self._faster = self._faster + missing * step_s
+        self._faster = before + missing * step_s
+        if missing_m_s2 < rolling_m_s2:
+            self._faster = self._faster * exp(-step_s / _OVER_S)
+        slow = float(np.linalg.norm(self._faster)) < _ROLLING_M_S
+        caught_up = self._catching_up and float(before @ self._faster) <= 0.0
+        if self._slipped and (slow or caught_up):
+            self.begin_again()
+        if self._catching_up:
+            # What they lose now is none of a slip the other way.
+            return
+        same_way = float(before @ missing) >= 0.0
         unexplained_m_s2 = (missing_m_s2 if same_way else -missing_m_s2) - rolling_m_s2
         self._unexplained_m_s += unexplained_m_s2 * step_s
-        if missing_m_s2 < rolling_m_s2:
-            over = exp(-step_s / _OVER_S)
-            self._faster, self._unexplained_m_s = self._faster * over, self._unexplained_m_s * over
-        if self._unexplained_m_s <= 0.0:
+        if self._unexplained_m_s > 0.0:
+            self._slips = self._unexplained_m_s > _SLIPPING_M_S
+            self._slipped = self._slipped or self._slips
+        elif self._slipped:
+            self._slips, self._catching_up = False, True
+        else:
             self.begin_again()
 
     def begin_again(self) -> None:
         """The wheels roll, as far as is known."""
         self._faster, self._unexplained_m_s = np.zeros(3), 0.0
+        self._slips = self._slipped = self._catching_up = False
