@@ -53,7 +53,9 @@ class Middle:
         #: Whether neighbours' states get lost, and of which directions the speeds do.
         self.losing = False
         self.unheard = ()
-        self._bits = [None] * 8
+        #: Neighbours' statuswords, as bytes.
+        self.words = bytes((0x33, 2, 0x33, 2))
+        self._states = [None] * 8
         self._stated_ms = [0] * 8
         self._boot()
 
@@ -151,11 +153,11 @@ class Middle:
     def _presence(self, direction):
         dx, dy = STEPS[direction]
         bits = self._covered(dx * PITCH_UM, dy * PITCH_UM)
+        state = self.words + bytes((bits,))
         repeats = self.now_ms - self._stated_ms[direction] >= REPEAT_MS
-        if bits != self._bits[direction] or repeats:
-            self._bits[direction] = bits
+        if state != self._states[direction] or repeats:
+            self._states[direction] = state
             self._stated_ms[direction] = self.now_ms
             if self.losing:
                 return
-            state = bytes((0x33, 2, 0x33, 2, bits))
             self.cell.on_frame(cob.TPDO_BASES[1] + NEIGHBOURS[direction], state, self.now_ms)

@@ -346,13 +346,37 @@ class Alone(Middle):
         return sent[wire.X] * wire.STEP_UM - self.x_um + self.speed_um_s * 10 // 1000
 
 
+def lose(cell, before, beats):
+    """States are lost in some beats; the parcel leaves the first western sensors in them."""
+    run(cell, before)
+    assert abs(cell.off_um()) < 1_500
+    cell.losing = True
+    run(cell, beats)
+    cell.losing = False
+
+
 def test_state_that_is_repeated_after_a_lost_one_moves_no_belief():
     cell = Alone(SPEED_UM_S)
-    run(cell, 75)
-    assert abs(cell.off_um()) < 1_500
-    # The parcel leaves the western sensors, whose cells report it as late as they repeat it.
-    cell.losing = True
-    run(cell, 12)
-    cell.losing = False
+    lose(cell, 75, 12)
     run(cell, 22)
     assert abs(cell.off_um()) < 3_000
+
+
+def test_state_that_is_sent_for_its_statuswords_shows_no_edge():
+    cell = Alone(SPEED_UM_S)
+    lose(cell, 75, 12)
+    run(cell, 5)
+    off_um = cell.off_um()
+    cell.words = bytes((0x37, 2, 0x37, 2))
+    cell.beat()
+    assert abs(cell.off_um() - off_um) < 1_000
+
+
+def test_state_with_an_edge_that_another_has_left_behind_shows_none():
+    cell = Alone(180_000)
+    lose(cell, 40, 10)
+    run(cell, 10)
+    off_um = cell.off_um()
+    # Two sensors were passed by 50 mm ago, and the one behind them now.
+    run(cell, 5)
+    assert abs(cell.off_um() - off_um) < 2_000
