@@ -66,7 +66,7 @@ class Cell:
     `accepts` has the identifiers that the cell takes, and what serves each; frames of
     neighbours may be put into `mailboxes` instead. `poll` may be skipped until `wake_ms`, which a
     frame may bring forward, while presence is unchanged and ATTENTION is 0. `tick()` is one control
-    period.
+    period. `waited_ms` is for how long the frame that `on_frame` takes has waited.
     """
 
     def __init__(self, board: "Board", node_id: int):
@@ -81,6 +81,7 @@ class Cell:
         self._presence = Presence()
         self.now_ms = 0
         self.wake_ms = 0
+        self.waited_ms = 0
         self._due_ms = 0  # of all but the layer
         speed_loop.reset(self._registers)
         self._registers[speed_loop.SUPPLY] = _DEFAULT_SUPPLY_UV
@@ -330,7 +331,7 @@ class Cell:
         taken = self._pdos.on_sync(data)
         if taken:
             self._beat.on_sync(self.now_ms)
-            self._layer.on_sync(self.now_ms)
+            self._layer.on_sync(self.now_ms, self.waited_ms)
         return taken
 
     def _on_sdo(self, data):
@@ -407,7 +408,7 @@ class Cell:
         """Send SYNC, if it is this cell's to send; in how many milliseconds it may be again."""
         if self._beat.poll(now_ms) and self._send(self._objects.number(indices.SYNC_COB_ID), b""):
             self._pdos.on_sync(b"")
-            self._layer.on_sync(now_ms)
+            self._layer.on_sync(now_ms, 0)
             self._attend()
         return self._beat.wait_ms(now_ms)
 

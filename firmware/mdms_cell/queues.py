@@ -11,19 +11,22 @@ except ImportError:
 from array import array
 from struct import unpack_from
 
+from mdms_cell.drive.speed_loop import TICKS
 from mdms_cell.mailboxes import BOXES, KNOWN, STAMP
 
 REMOTE_OR_EXTENDED = 3  # CAN.FLAG_RTR and CAN.FLAG_EXT_ID of `machine.CAN`
 
-# A frame in the ring: two bytes of its identifier, its length, eight of data, flags, errors
+# A frame in the ring: two bytes of its identifier, its length, eight of data, flags, errors, and
+# the last byte of the tick in which it came
 _LENGTH = const(2)
 _DATA = const(3)
 _FLAGS = const(11)
 _ERRORS = const(12)
-_SIZE = const(13)
+_CAME = const(13)
+_SIZE = const(14)
 _DATA_MAX = const(8)
 #: How `struct` reads one, by its length.
-_LAYOUTS = tuple("<Hx%ds%dxBB" % (length, _DATA_MAX - length) for length in range(_DATA_MAX + 1))
+_LAYOUTS = tuple("<Hx%ds%dxBBB" % (length, _DATA_MAX - length) for length in range(_DATA_MAX + 1))
 #: What `machine.CAN.recv` may write, whatever the buffer's length: a DLC of 9 to 15 means 8 bytes
 #: on a classic bus, but the port returns up to 15 (bxCAN, FlexCAN) or 64 (FDCAN).
 _RECV_MAX = const(64)
@@ -39,7 +42,14 @@ _END = const(2)
 
 @micropython.viper
 def _put(  # noqa: PLR0917 - viper takes words
-    ring: ptr8, ends: ptr32, can_id: int, data: ptr8, length: int, flags: int, errors: int
+    ring: ptr8,
+    ends: ptr32,
+    can_id: int,
+    data: ptr8,
+    length: int,
+    flags: int,
+    errors: int,
+    registers: ptr32,
 ) -> bool:
     """Write a frame into the ring; returns whether there was room."""
     start = ends[_HEAD]
@@ -54,6 +64,7 @@ def _put(  # noqa: PLR0917 - viper takes words
     ring[start + _LENGTH] = length
     ring[start + _FLAGS] = flags & 0xFF
     ring[start + _ERRORS] = errors & 0xFF
+    ring[start + _CAME] = registers[int(TICKS)] & 0xFF
     for place in range(length):
         ring[start + _DATA + place] = data[place]
     ends[_HEAD] = following
@@ -99,11 +110,13 @@ def _sort(  # noqa: PLR0917 - viper takes words
 class Inbox:
     """A ring that a hard interrupt fills and the background empties; taking allocates nothing.
 
-    It holds one frame less than its size. At 1 Mbit/s a garbage collection of 11 ms can see 81
-    frames of 8 bytes; the cell's filters let a fraction of them through.
+    A frame is dated by TICKS of the `registers`, where they are given. The ring holds one frame
+    less than its size. At 1 Mbit/s a garbage collection of 11 ms can see 81 frames of 8 bytes; the
+    cell's filters let a fraction of them through.
     """
 
-    def __init__(self, size=64):
+    def __init__(self, size=64, registers=None):
+        self._registers = registers or array("i", [0] * (TICKS + 1))
         self._ring = bytearray(size * _SIZE)
         self._ends = array("i", (0, 0, size * _SIZE))
         self._received = [0, memoryview(bytearray(_RECV_MAX)), 0, 0]
@@ -121,7 +134,17 @@ class Inbox:
             return
         data = frame[1]
         errors = frame[3]
-        if not _put(self._ring, self._ends, frame[0], data, len(data), frame[2], errors):
+        taken = _put(
+            self._ring,
+            self._ends,
+            frame[0],
+            data,
+            len(data),
+            frame[2],
+            errors,
+            self._registers,
+        )
+        if not taken:
             self.lost += 1
         if errors & _OVERRUN:
             self.lost += 1
@@ -144,7 +167,10 @@ class Inbox:
 
     @micropython.native
     def peek(self):
-        """The oldest frame as (identifier, data, flags, errors), None if there is none."""
+        """The oldest frame, None if there is none.
+
+        As (identifier, data, flags, errors, last byte of the tick in which it came).
+        """
         ring = self._ring
         ends = self._ends
         start = ends[_TAIL]

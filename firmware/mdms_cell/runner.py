@@ -72,10 +72,13 @@ class Runner:
             cell.received += inbox.sort(boxes)
             frame = inbox.peek()
             if frame is None:
-                return
+                break
             if not frame[2]:
+                # A frame may have waited, for the end of an update or of a garbage collection.
+                cell.waited_ms = self._registers[speed_loop.TICKS] - frame[4] & 0xFF
                 cell.on_frame(frame[0], frame[1], now_ms)
             inbox.pop()
+        cell.waited_ms = 0
 
     def _faulty(self):
         registers = self._registers

@@ -18,7 +18,7 @@ class Board(CellBoard):
 
     def __init__(self):
         super().__init__()
-        self.inbox = Inbox()
+        self.inbox = Inbox(registers=self.registers)
         self.bus_off = False
         self.fed = 0
         self.cut = 0
@@ -63,6 +63,7 @@ class Cell:
         self.told = []
         self.error = None
         self.received = 0
+        self.waited_ms = None
         self.mailboxes = Mailboxes(1, 0)
         accepts = dict.fromkeys(TAKEN)
         accepts[BOXED] = self.mailboxes.receiver(0, BOXED)
@@ -177,6 +178,23 @@ def test_a_turn_takes_no_more_frames_than_it_may_and_the_next_one_goes_on():
     polls = [place for place, what in enumerate(cell.told) if what[0] == "poll"]
     assert polls == [16, 33, 42]
     assert [what[1][0] for what in cell.told if what[0] == 0x080] == list(range(40))
+
+
+def test_cell_is_told_how_long_a_frame_has_waited():
+    runner, cell, board = bench()
+    take = cell.on_frame
+
+    def note(can_id, data, now_ms):
+        take(can_id, cell.waited_ms.to_bytes(1, "little"), now_ms)
+
+    cell.on_frame = note
+    for tick in (250, 258):
+        board.registers[speed_loop.TICKS] = tick
+        board.receive((0x080, b"", 0))
+    board.registers[speed_loop.TICKS] = 261
+    runner.turn(0)
+    assert cell.told == [(0x080, b"\x0b"), (0x080, b"\x03"), ("poll", 0)]
+    assert cell.waited_ms == 0
 
 
 def test_frame_that_has_a_box_waits_there_and_the_others_keep_their_order():

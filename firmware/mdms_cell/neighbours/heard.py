@@ -92,6 +92,7 @@ class Heard:
             self.estimate_beat,
             self.speeds,
             self.speeds_beat,
+            self.beat,
         )
         return wrong
 
@@ -166,13 +167,24 @@ def _clear(fresh: ptr8) -> int:
 
 @micropython.viper
 def _read(  # noqa: PLR0917 - viper takes words
-    frames: ptr8, fresh: ptr8, stamps: ptr32, estimate_beat: ptr32, speeds: ptr32, beats: ptr32
+    frames: ptr8,
+    fresh: ptr8,
+    stamps: ptr32,
+    estimate_beat: ptr32,
+    speeds: ptr32,
+    beats: ptr32,
+    beat: int,
 ):
-    """Note when estimates have come, and take apart speeds; only estimates stay fresh."""
+    """Note when estimates have come, and take apart speeds.
+
+    Estimates of this beat and the one before stay fresh.
+    """
     directions = int(DIRECTIONS)
     for direction in range(directions):
         if fresh[direction]:
             estimate_beat[direction] = stamps[direction]
+            if (beat - stamps[direction]) & 0xFFFFFF > 1:
+                fresh[direction] = 0
         box = directions + direction
         if fresh[box]:
             fresh[box] = 0

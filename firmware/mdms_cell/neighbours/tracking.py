@@ -29,6 +29,8 @@ from mdms_protocol.neighbours import frames as wire
 _FEW_WHEELS = const(5)
 #: A frame may be this late; the parcel has moved on meanwhile.
 _LATENCY_MS = const(3)
+#: A pose is announced no longer after the SYNC of the belief that it was made of.
+_AHEAD_MAX_MS = const(50)
 #: A cell beside a parcel follows its neighbours for so long after the last of them.
 _FOLLOW_BEATS = const(5)
 #: An edge passes over a sensor no slower.
@@ -341,13 +343,17 @@ class Tracking:
         """Whether this cell is not to steer: its own sensors or its neighbours are against it."""
         return max(self.missing_beats, self._agreement.outvoted_beats) >= DOUBT_BEATS
 
-    def announce(self, fields, step_ms):
-        """Write pose and certainty into an estimate, as they will be at the next SYNC."""
+    def announce(self, fields, ahead_ms):
+        """Write pose and certainty into an estimate, so long after the SYNC of the belief.
+
+        That is no pose where it is too long.
+        """
         belief, twist = self.belief, self.twist
         self.certainty = 0
         self._sent = None
-        if belief.known and self.under and not self._follows:
-            per_s = 1000 // step_ms
+        sure = belief.known and self.under and not self._follows
+        if sure and ahead_ms <= _AHEAD_MAX_MS:
+            per_s = 1000 // ahead_ms
             x = belief.x + _rounded(twist.vx, per_s)
             y = belief.y + _rounded(twist.vy, per_s)
             turn = belief.turn + _rounded(twist.turn, per_s)
