@@ -14,11 +14,15 @@ import numpy as np
 from mdms_host.routes.intervals.cost_to_go import Guide
 from mdms_host.routes.intervals.safe_intervals import INSTANT_S, Taken, first_departure, free_until
 from mdms_host.routes.intervals.states import State, States, doubled, entered, new_states
-from mdms_host.routes.space.roadmap import Graph
+from mdms_host.routes.space.roadmap import Graph, Joins
 from mdms_model.arrays import Floats, Ints
 from mdms_model.compiled import compiled
 
 
+#: When the goal would be come to, and how long before it is left, by which state and index, when.
+Due = tuple[float, float, int, int, float]
+#: A state and when it is gone on from, the weight of the search, and when the goal is free.
+Terms = tuple[int, float, float, float]
 #: In place of a move's index: a state itself.
 _STATE = -1
 
@@ -48,12 +52,16 @@ class Found(NamedTuple):
 
 
 class Edge(NamedTuple):
-    """A move from a node to another, -1 for none that is open; its visits are counted from base."""
+    """A move from a node to another, when it begins and ends at the soonest; inf: not at all.
+
+    `until_s` is up to when the parcel may stand there then.
+    """
 
     there: int
     move: int
-    base: int
-    lasts_s: float
+    leaves_s: float
+    arrives_s: float
+    until_s: float
 
 
 @compiled
@@ -87,78 +95,90 @@ def search(
             if here == errand.goal and states.until_s[state] >= begin_s + errand.stay_s:
                 last = state
                 break
-            for other in range(edges(graph, here)):
-                edge = edge_of(graph, guide, here, other)
-                if edge.there >= 0:
-                    left_s = guide.cost_s[edge.there]
-                    total_s = begin_s + edge.lasts_s + weight * left_s
-                    heappush(heap, (max(total_s, least_s), left_s, state, other, begin_s))
+            offer_joins(graph.joins, guide, here, heap, (state, begin_s, weight, least_s))
+            if here < graph.bases.size:
+                offer_moves(graph, guide, here, heap, (state, begin_s, weight, least_s))
             continue
         tried += 1
-        edge = edge_of(graph, guide, here, index)
-        leaves_s = departure(graph, taken, edge, begin_s, states.until_s[state])
-        if leaves_s == np.inf:
+        edge = tried_move(graph, taken, (here, index), begin_s, states.until_s[state])
+        if edge.leaves_s == np.inf:
             continue
-        left_s, arrive_s = guide.cost_s[edge.there], leaves_s + edge.lasts_s
-        until_s = node_free_until(graph, taken, edge.there, arrive_s)
+        left_s, arrive_s, until_s = guide.cost_s[edge.there], edge.arrives_s, edge.until_s
         if sooner(states, head[edge.there], arrive_s, until_s):
             if count == states.node.size:
                 states = doubled(states)
-            found = State(edge.there, state, edge.move, leaves_s, arrive_s, until_s)
+            found = State(edge.there, state, edge.move, edge.leaves_s, arrive_s, until_s)
             entered(states, head, count, found)
             total_s = arrive_s + weight * left_s
             heappush(heap, (max(total_s, least_s), left_s, count, _STATE, arrive_s))
             count += 1
         # Once more, for the next safe interval of its end, but not before that is its turn.
-        again_s = max(leaves_s, until_s - edge.lasts_s) + INSTANT_S
+        lasts_s = arrive_s - edge.leaves_s
+        again_s = max(edge.leaves_s, until_s - lasts_s) + INSTANT_S
         if again_s <= states.until_s[state] and again_s < np.inf:
-            total_s = again_s + edge.lasts_s + weight * left_s
+            total_s = again_s + lasts_s + weight * left_s
             heappush(heap, (max(total_s, least_s), left_s, state, index, again_s))
     return way_to(states, last, errand.start, tried)
 
 
 @compiled
-def edges(graph: Graph, node: int) -> int:
-    """How many moves there are from a node, open or not."""
-    joins = graph.joins.first[node + 1] - graph.joins.first[node]
-    if node >= graph.bases.size:
-        return int(joins)
-    yaw = node // graph.places
-    return int(joins + graph.moves.first[yaw + 1] - graph.moves.first[yaw])
+def offer_joins(joins: Joins, guide: Guide, here: int, heap: list[Due], terms: Terms) -> None:
+    """Put what is open of a node's joins where their turn comes; they have the first indices."""
+    state, begin_s, weight, least_s = terms
+    first = joins.first[here]
+    for index in range(joins.first[here + 1] - first):
+        join = joins.onward[first + index]
+        left_s = guide.cost_s[joins.end[join]]
+        if not guide.barred[join] and left_s < np.inf:
+            total_s = begin_s + joins.duration_s[join] + weight * left_s
+            heappush(heap, (max(total_s, least_s), left_s, state, index, begin_s))
 
 
 @compiled
-def edge_of(graph: Graph, guide: Guide, here: int, index: int) -> Edge:
-    """One of the moves from a node, joins first."""
+def offer_moves(graph: Graph, guide: Guide, here: int, heap: list[Due], terms: Terms) -> None:
+    """Put what is open of a lattice node's moves where their turn comes."""
+    state, begin_s, weight, least_s = terms
+    # Of large tuples every call costs more than what it does, so all is done within one.
+    far, line, steps = graph.moves.far, graph.moves.line, graph.moves.steps
+    duration_s, runs, often, cost_s = graph.moves.duration_s, guide.runs, guide.often, guide.cost_s
+    aligned = graph.aligned
+    yaw = here // graph.places
+    first = graph.moves.first[yaw]
+    joins = graph.joins.first[here + 1] - graph.joins.first[here]
+    for kind in range(first, graph.moves.first[yaw + 1]):
+        if runs[line[kind], here] < steps[kind]:
+            continue
+        there = here + far[kind]
+        left_s = cost_s[there]
+        if left_s < np.inf and (often[kind] or aligned[there]):
+            total_s = begin_s + duration_s[kind] + weight * left_s
+            due = (max(total_s, least_s), left_s, state, joins + kind - first, begin_s)
+            heappush(heap, due)
+
+
+@compiled
+def tried_move(
+    graph: Graph, taken: Taken, edge: tuple[int, int], from_s: float, to_s: float
+) -> Edge:
+    """A move from a node, by its index, that begins from an instant up to another."""
+    here, index = edge
     joins, moves = graph.joins, graph.moves
     own = joins.first[here + 1] - joins.first[here]
     if index < own:
         join = joins.onward[joins.first[here] + index]
-        there = joins.end[join]
-        if guide.barred[join] or guide.cost_s[there] == np.inf:
-            there = -1
-        return Edge(there, -1 - join, 0, joins.duration_s[join])
-    kind = moves.first[here // graph.places] + index - own
-    there = here + moves.far[kind]
-    if guide.runs[moves.line[kind], here] < moves.steps[kind] or (
-        guide.cost_s[there] == np.inf or not (guide.often[kind] or graph.aligned[there])
-    ):
-        there = -1
-    return Edge(there, kind, graph.bases[here], moves.duration_s[kind])
-
-
-@compiled
-def departure(graph: Graph, taken: Taken, edge: Edge, from_s: float, to_s: float) -> float:
-    """When a move may begin first, from an instant up to another [s]; inf: not at all."""
-    if edge.move < 0:
-        joins, join = graph.joins, -1 - edge.move
-        own = slice(joins.visit[join], joins.visit[join + 1])
-        spans = joins.enters_s[own], joins.leaves_s[own]
-        return first_departure(taken, joins.tile[own], spans, 0, (from_s, to_s))
-    moves = graph.moves
-    own = slice(moves.visit[edge.move], moves.visit[edge.move + 1])
-    spans = moves.enters_s[own], moves.leaves_s[own]
-    return first_departure(taken, moves.tile[own], spans, edge.base, (from_s, to_s))
+        there, move, base, lasts_s = joins.end[join], -1 - join, 0, joins.duration_s[join]
+        met = slice(joins.visit[join], joins.visit[join + 1])
+        tile, spans_s = joins.tile[met], (joins.enters_s[met], joins.leaves_s[met])
+    else:
+        move = moves.first[here // graph.places] + index - own
+        there, base, lasts_s = here + moves.far[move], graph.bases[here], moves.duration_s[move]
+        met = slice(moves.visit[move], moves.visit[move + 1])
+        tile, spans_s = moves.tile[met], (moves.enters_s[met], moves.leaves_s[met])
+    leaves_s = first_departure(taken, tile, spans_s, base, (from_s, to_s))
+    if leaves_s == np.inf:
+        return Edge(there, move, np.inf, np.inf, -np.inf)
+    until_s = node_free_until(graph, taken, there, leaves_s + lasts_s)
+    return Edge(there, move, leaves_s, leaves_s + lasts_s, until_s)
 
 
 @compiled
