@@ -1,4 +1,6 @@
 """Estimates and pages of motion programs as values, for the host: checked before they are sent."""
+# Viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
 
 from array import array
 from collections import namedtuple
