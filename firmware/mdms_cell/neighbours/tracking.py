@@ -29,6 +29,8 @@ from mdms_protocol.neighbours import frames as wire
 _FEW_WHEELS = const(5)
 #: A frame may be this late; the parcel has moved on meanwhile.
 _LATENCY_MS = const(3)
+#: A pose is announced no longer after the SYNC of the belief that it was made of.
+_AHEAD_MAX_MS = const(50)
 #: A cell beside a parcel follows its neighbours for so long after the last of them.
 _FOLLOW_BEATS = const(5)
 #: An edge passes over a sensor no slower.
@@ -236,7 +238,21 @@ class Tracking:
             self._compare(self._turn, True, sync_ms)
         if self.is_witnessed() and self._suspicion.has(OWN, PRESENCE):
             missing = False
+        missing = missing or not self._is_anything_there()
         self.missing_beats = min(self.missing_beats + 1, LOST_BEATS) if missing else 0
+
+    def _is_anything_there(self):
+        """Whether a sensor is covered, here or of a neighbour; of this parcel, as far as is known.
+
+        A cell whose own sensors the parcel does not cover cannot see by them that it is gone.
+        """
+        presence, others = self._heard.presence, self._others
+        if presence[OWN]:
+            return True
+        for direction in range(DIRECTIONS):
+            if presence[direction] and not others[direction] and self._suspicion.trusts(direction):
+                return True
+        return False
 
     def is_witnessed(self):
         """Whether neighbours have the parcel where this cell believes it."""
@@ -327,23 +343,25 @@ class Tracking:
         """Whether this cell is not to steer: its own sensors or its neighbours are against it."""
         return max(self.missing_beats, self._agreement.outvoted_beats) >= DOUBT_BEATS
 
-    def announce(self, fields, step_ms):
-        """Write pose and certainty into an estimate, as they will be at the next SYNC."""
+    def announce(self, fields, ahead_ms):
+        """Write pose and certainty into an estimate, so long after the SYNC of the belief.
+
+        That is no pose where it is too long.
+        """
         belief, twist = self.belief, self.twist
         self.certainty = 0
         self._sent = None
-        if belief.known and self.under and not self._follows:
-            x = (belief.x + _rounded(twist.vx, 1000 // step_ms) + wire.STEP_UM // 2) // wire.STEP_UM
-            y = (belief.y + _rounded(twist.vy, 1000 // step_ms) + wire.STEP_UM // 2) // wire.STEP_UM
-            yaw = wire_yaw(belief.turn + _rounded(twist.turn, 1000 // step_ms))
-            fields[wire.X], fields[wire.Y], fields[wire.YAW] = x, y, yaw
+        sure = belief.known and self.under and not self._follows
+        if sure and ahead_ms <= _AHEAD_MAX_MS:
+            per_s = 1000 // ahead_ms
+            x = belief.x + _rounded(twist.vx, per_s)
+            y = belief.y + _rounded(twist.vy, per_s)
+            turn = belief.turn + _rounded(twist.turn, per_s)
+            fields[wire.X] = (x + wire.STEP_UM // 2) // wire.STEP_UM
+            fields[wire.Y] = (y + wire.STEP_UM // 2) // wire.STEP_UM
+            fields[wire.YAW] = wire_yaw(turn)
             self.certainty = 0 if self.is_doubtful() else belief.certainty()
-            exact = (
-                belief.x + _rounded(twist.vx, 1000 // step_ms),
-                belief.y + _rounded(twist.vy, 1000 // step_ms),
-                wrapped(belief.turn + _rounded(twist.turn, 1000 // step_ms)),
-            )
-            self._sent = exact
+            self._sent = x, y, wrapped(turn)
         fields[wire.CERTAINTY] = self.certainty
 
 

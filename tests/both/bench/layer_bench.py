@@ -29,8 +29,9 @@ def _u32(number):
 class Middle:
     """The cell, and what its neighbours would send while the parcel goes along x at a speed."""
 
-    #: What the cell is told of its neighbours, and where along y the parcel is said to be.
+    #: What the cell is told of its neighbours, and where the parcel lies; along y as is said.
     neighbours = NEIGHBOURS
+    placed_x_um = -60_000
     placed_y_um = 0
     #: How sure neighbours are of the parcel, as their estimates have it.
     certainty = 9
@@ -39,12 +40,15 @@ class Middle:
         self.board = Board()
         self.cell = Cell(self.board, NODE)
         self.now_ms = 0
-        self.x_um = -60_000
+        self.x_um = self.placed_x_um
         self.speed_um_s = speed_um_s
         #: The node id of a neighbour that says nothing, and whether the parcel is off the table.
         self.silent = None
         self.sequence = 1
         self.program_flags = 0
+        #: What all neighbours report of their program.
+        self.its_sequence = 1
+        self.its_flags = 0
         self.lifted = False
         #: Whether neighbours' states get lost, and of which directions the speeds do.
         self.losing = False
@@ -130,9 +134,10 @@ class Middle:
         fields[wire.STATE] = wire.UNDER
         fields[wire.CERTAINTY] = self.certainty
         fields[wire.HOLD] = wire.HOLD_NONE
-        fields[wire.SEQUENCE] = 1
+        fields[wire.SEQUENCE] = self.its_sequence
+        fields[wire.FLAGS] = self.its_flags
         frame = bytearray(8)
-        wire.pack_estimate(fields, 0, frame)
+        wire.pack_estimate(fields, 0, frame, 0)
         return bytes(frame)
 
     def _covered(self, x_um, y_um):

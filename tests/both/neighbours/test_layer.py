@@ -116,6 +116,23 @@ def test_parcel_that_no_sensor_shows_is_not_driven():
     assert targets_um_s(middle) == (0, 0)
 
 
+class AtTheEdge(Middle):
+    """The parcel reaches to 7 mm beyond the western sensors, and the wheel beside them."""
+
+    placed_x_um = -205_000
+
+
+def test_parcel_that_is_gone_is_not_driven_by_a_cell_whose_sensors_it_did_not_cover():
+    """One wheel is under its edge, and no sensor by more than a few mm."""
+    middle = AtTheEdge(0)
+    run(middle, 20)
+    assert state(middle) == cia402.OPERATION_ENABLED
+    middle.lifted = True
+    run(middle, 40)
+    assert targets_um_s(middle) == (0, 0)
+    assert state(middle) != cia402.OPERATION_ENABLED
+
+
 def test_program_that_is_ended_leaves_the_wheels_off():
     middle = Middle(SPEED_UM_S)
     run(middle, 20)
@@ -168,6 +185,120 @@ def test_host_that_is_back_after_the_time_to_go_on_is_over_moves_nothing():
         middle.beat()
     assert targets_um_s(middle) == (0, 0)
     assert state(middle) != cia402.OPERATION_ENABLED
+
+
+#: Where the parcel is put, and north of that, in steps of the wire.
+NEAR, NORTH = (-240, 0, 0), (-240, 400, 0)
+
+
+def goal_fields(place, leg):
+    """A page of the way of two legs."""
+    x, y, yaw = place
+    return (IDENTITY, wire.GOAL, 2, x, y, yaw, leg, 1, 0)
+
+
+def standing(flags=wire.GO_ON):
+    """The parcel stands where the first of two legs ends."""
+    middle = Middle(0)
+    middle.x_um = NEAR[0] * wire.STEP_UM
+    middle._pages()
+    limit = (cob.HOST_NODE << 16) | 75
+    middle._write(indices.CONSUMER_TIMES, 1, 4, limit)
+    heartbeat(middle)
+    middle.sequence, middle.program_flags = 2, flags
+    middle._page((IDENTITY, wire.PARCEL, 2, wire.RECTANGLE, 1440, 1200, 44, 20, flags))
+    middle._page(goal_fields(NEAR, 0))
+    return middle
+
+
+def leg(middle):
+    middle._page(goal_fields(NORTH, 1))
+
+
+def beats(middle, count, with_host):
+    """The last estimate of so many beats."""
+    last = None
+    for _ in range(count):
+        if with_host:
+            heartbeat(middle)
+        middle.beat()
+        last = (estimates(middle) or [last])[-1]
+    return last
+
+
+def test_cell_takes_the_next_leg_when_the_host_is_gone_and_not_before():
+    middle = standing()
+    leg(middle)
+    last = beats(middle, 60, with_host=True)
+    assert (last[wire.SEQUENCE], last[wire.FLAGS] & wire.ARRIVED) == (2, wire.ARRIVED)
+    last = beats(middle, 40, with_host=False)
+    assert (last[wire.SEQUENCE], last[wire.FLAGS] & wire.ARRIVED) == (3, 0)
+    along, across = targets_um_s(middle)
+    assert across > 50_000
+    assert abs(along) < 5_000
+
+
+def test_cell_that_is_not_to_go_on_stays_where_the_leg_ends():
+    middle = standing(flags=0)
+    leg(middle)
+    beats(middle, 60, with_host=True)
+    beats(middle, 40, with_host=False)
+    assert targets_um_s(middle) == (0, 0)
+    assert state(middle) != cia402.OPERATION_ENABLED
+
+
+def test_cell_that_lacks_the_next_leg_says_so_and_stays_until_a_neighbour_hands_it_on():
+    middle = standing()
+    last = beats(middle, 60, with_host=True)
+    assert last[wire.FLAGS] & wire.LACKING
+    last = beats(middle, 40, with_host=False)
+    assert last[wire.SEQUENCE] == 2
+    assert targets_um_s(middle) == (0, 0)
+    frame = bytearray(8)
+    wire.pack_program(array("i", goal_fields(NORTH, 1)), 0, frame)
+    middle.cell.on_frame(cob.PROGRAM_BASE + NEIGHBOURS[0], bytes(frame), middle.now_ms)
+    last = beats(middle, 40, with_host=False)
+    assert (last[wire.SEQUENCE], last[wire.FLAGS] & wire.LACKING) == (3, 0)
+    assert targets_um_s(middle)[1] > 50_000
+
+
+def test_cell_without_a_host_follows_a_neighbour_onto_the_next_leg():
+    middle = standing()
+    leg(middle)
+    beats(middle, 12, with_host=True)
+    middle.its_sequence = 3
+    last = beats(middle, 4, with_host=True)
+    assert last[wire.SEQUENCE] == 2
+    last = beats(middle, 12, with_host=False)
+    assert last[wire.SEQUENCE] == 3
+
+
+def test_program_that_is_ended_takes_its_legs_with_it():
+    middle = standing()
+    leg(middle)
+    beats(middle, 60, with_host=True)
+    middle._page((IDENTITY, wire.END, 2, 0, 0, 0, 0, 0, 0))
+    beats(middle, 40, with_host=False)
+    assert targets_um_s(middle) == (0, 0)
+    assert state(middle) != cia402.OPERATION_ENABLED
+
+
+def test_leg_is_handed_on_to_a_neighbour_that_lacks_it():
+    middle = standing()
+    leg(middle)
+    middle.its_sequence, middle.its_flags = 2, wire.LACKING
+    beats(middle, 8, with_host=True)
+    fields = array("i", [0] * wire.PROGRAM_FIELDS)
+    found = 0
+    for _ in range(8):
+        heartbeat(middle)
+        middle.beat()
+        for can_id, data in middle.board.take():
+            if can_id == cob.PROGRAM_BASE + NODE:
+                assert wire.unpack_program(data, fields, 0)
+                assert tuple(fields)[:8] == goal_fields(NORTH, 1)[:8]
+                found += 1
+    assert found == 2
 
 
 def test_parcel_that_is_not_to_go_on_is_stopped_though_another_is():

@@ -26,7 +26,9 @@ PAGES = (
     ((5, n.PARCEL, 1, 1, 4095, 1120, 255, 200, 63), (6, 2, 2, 2, 12, 12, 8, 8, 6)),
     ((63, n.PARCEL, 3, 0, 1440, 4095, 98, 20, 1), (6, 2, 2, 2, 12, 12, 8, 8, 6)),
     ((1, n.PLACE, 2, -131_072, 131_071, -2048), (6, 2, 2, 18, 18, 12)),
-    ((33, n.GOAL, 3, 54_321, -54_321, 2047), (6, 2, 2, 18, 18, 12)),
+    ((33, n.GOAL, 3, 54_321, -54_321, 2047, 0, 0), (6, 2, 2, 18, 18, 12, 3, 3)),
+    ((34, n.GOAL, 1, -54_321, 54_321, -2048, n.JOINS, 5), (6, 2, 2, 18, 18, 12, 3, 3)),
+    ((35, n.GOAL, 2, 1, -1, 0, 6, n.LEGS_MAX), (6, 2, 2, 18, 18, 12, 3, 3)),
     ((17, n.END, 1), (6, 2, 2)),
 )
 
@@ -84,7 +86,7 @@ def test_pages_lie_in_their_frames_as_laid_down():
 def test_cell_clips_what_does_not_fit_and_lets_yaw_wrap():
     fields = array("i", (5000, -5000, 2049, 99, 9, 0x1FF, 99, 9, 9, 15))
     frame, read = bytearray(8), array("i", [0] * n.ESTIMATE_FIELDS)
-    n.pack_estimate(fields, 0, frame)
+    n.pack_estimate(fields, 0, frame, 0)
     assert n.unpack_estimate(frame, read, 0)
     assert tuple(read) == (2047, -2048, -2047, 63, 3, 255, 15, 5, 3, 7)
     fields = array("i", (70, n.GOAL, 9, 1 << 29, -(1 << 29), -2049, 0, 0, 0))
@@ -100,6 +102,9 @@ def test_frame_that_no_sender_makes_is_dropped():
     no_identity, no_sequence, no_shape = b"\x00\x01", b"\x01\x00", b"\x01\x09"
     for head in (no_identity, no_sequence, no_shape):
         assert not n.unpack_program(head + bytes(6), fields, 0)
+    # Seven legs that follow, and the third of two.
+    for last in (b"\xe0", b"\x4c"):
+        assert not n.unpack_program(b"\x81\x01" + bytes(5) + last, fields, 0)
     for size in (0, 7, 9):
         assert not n.unpack_program((b"\x01\x01" + bytes(7))[:size], fields, 0)
     assert list(fields) == [7] * n.ESTIMATE_FIELDS

@@ -40,13 +40,18 @@ _HOST_LOST = 0x8130
 _HEARTBEAT_BEATS = 2
 _CONSUMER_MS = 75
 _REPEAT_MS = 200
+#: Sub-index of the lease: whether cells give SYNC where nobody else does.
+_TAKEOVER = 3
 _PAGES_BEATS = (20, 24, 28)
 
 Pose = tuple[float, float, float]
 
 
 class Box(NamedTuple):
-    """A parcel and where it is to go [m, rad; table frame]; `at` is what the host says of it."""
+    """A parcel and where it is to go [m, rad; table frame]; `at` is what the host says of it.
+
+    `legs` are where it goes after its goal, without the host.
+    """
 
     start: Pose
     goal: Pose
@@ -56,6 +61,12 @@ class Box(NamedTuple):
     acceleration_m_s2: float = 0.44
     flags: int = 0
     at: Pose | None = None
+    legs: tuple[Pose, ...] = ()
+
+    @property
+    def end(self) -> Pose:
+        """Where it is to be in the end."""
+        return self.legs[-1] if self.legs else self.goal
 
 
 class Heard(NamedTuple):
@@ -100,7 +111,7 @@ class NeighbourHost:
             # As the coordinator sets cells that steer.
             yield _write(node_id, indices.TPDO_PARAMETERS + 1, 5, _REPEAT_MS)
             yield _write(node_id, indices.CONSUMER_TIMES, 1, HOST_NODE << 16 | _CONSUMER_MS)
-            yield _write(node_id, indices.LEASE, 3, 1)
+            yield _write(node_id, indices.LEASE, _TAKEOVER, 1)
             yield _write(node_id, indices.CONTROL, 0, 1)
 
     def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
@@ -174,10 +185,15 @@ def pages(identity: int, box: Box, sequence: int = 1) -> Iterator[Frame]:
     size = (round(box.length_m / 250e-6), round(box.width_m / 250e-6))
     how = (round(box.acceleration_m_s2 * 100), round(box.speed_m_s * 200), box.flags)
     yield _page((identity, wire.PARCEL, sequence, wire.RECTANGLE, *size, *how))
-    for page, (x_m, y_m, yaw_rad) in ((wire.PLACE, box.at or box.start), (wire.GOAL, box.goal)):
-        yaw = round(math.remainder(yaw_rad, 2 * math.pi) / (2 * math.pi) * wire.TURN)
-        place = (round(x_m / 250e-6), round(y_m / 250e-6), yaw, 0, 0, 0)
-        yield _page((identity, page, sequence, *place))
+    yield _page((identity, wire.PLACE, sequence, *_steps(box.at or box.start), 0, 0, 0))
+    for leg, pose in enumerate((box.goal, *box.legs)):
+        yield _page((identity, wire.GOAL, sequence, *_steps(pose), leg, len(box.legs), 0))
+
+
+def _steps(pose: Pose) -> tuple[int, int, int]:
+    x_m, y_m, yaw_rad = pose
+    yaw = round(math.remainder(yaw_rad, 2 * math.pi) / (2 * math.pi) * wire.TURN)
+    return round(x_m / 250e-6), round(y_m / 250e-6), yaw
 
 
 def _page(fields: Sequence[int]) -> Frame:
@@ -219,11 +235,11 @@ class Run:
 
     def error(self, parcel: int = 0) -> tuple[float, float]:
         """How far a parcel lies from its goal in the end [m, rad]; one turned by pi is the same."""
-        return off(self.record.pose[-1, parcel], self.host.boxes[parcel].goal)
+        return off(self.record.pose[-1, parcel], self.host.boxes[parcel].end)
 
     def arrived(self, parcel: int = 0) -> bool:
         """Whether a parcel lies at its goal within 5 mm and 2 degrees."""
-        return is_at(self.record.pose[-1, parcel], self.host.boxes[parcel].goal) and not self.tipped
+        return is_at(self.record.pose[-1, parcel], self.host.boxes[parcel].end) and not self.tipped
 
     def stands(self, parcel: int = 0) -> bool:
         """Whether a parcel has not moved in the last half second."""
@@ -345,6 +361,6 @@ def run(
             poses, twists = simulation.world.motion
             still = abs(twists).max() < 1e-3 and time_s > still_after_s
             still_s = still_s + _STEP_S if still else 0.0
-            if still_s >= _ARRIVED_S and all(map(is_at, poses, (box.goal for box in boxes))):
+            if still_s >= _ARRIVED_S and all(map(is_at, poses, (box.end for box in boxes))):
                 break
         return Run(host, simulation.outcome().record, simulation.tipped)
