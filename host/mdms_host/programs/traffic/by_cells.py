@@ -1,6 +1,6 @@
 """Orders carried out by cells that steer: the host plans, and sends goals as ways become free."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -59,6 +59,15 @@ class CellsTraffic(OrderedTraffic[Legs]):
         self._cells.on_lost_cells(cells)
         super().on_lost_cells(cells)
 
+    def begin_again(self) -> None:
+        """The cells' programs have ended; without the host they may have been on any leg by then.
+
+        What was on its way is planned anew from where it lies.
+        """
+        for name in [name for name, ride in self._rides.items() if not ride.has_come]:
+            self._end_ride(name)
+        self._cells.begin_again()
+
     def take_notices(self) -> list[str]:
         """See `OrderedTraffic`."""
         return super().take_notices() + self._cells.take_notices()
@@ -86,11 +95,12 @@ class CellsTraffic(OrderedTraffic[Legs]):
         return {}
 
     def _set_out(self, order: Order, route: Route) -> Legs:
-        def send(goal: Goal) -> Followed:
-            return self._cells.lead(order.parcel, goal)
+        def send(goal: Goal, legs: Sequence[Goal]) -> Followed:
+            return self._cells.lead(order.parcel, goal, legs)
 
         load = self._loads[order.parcel]
-        return Legs(order, route, load, send, self._limits.acceleration_m_s2)
+        acceleration_m_s2, goes_on = self._limits.acceleration_m_s2, self._cells.goes_on
+        return Legs(order, route, load, send, acceleration_m_s2, goes_on=goes_on)
 
     def _end_ride(self, name: str) -> None:
         super()._end_ride(name)
