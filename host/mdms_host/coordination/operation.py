@@ -6,6 +6,7 @@ from enum import StrEnum
 
 from mdms_host.can_link.incidents import LinkCounts
 from mdms_host.can_link.link import AnyLink, DeviceGoneError, drive
+from mdms_host.can_link.punctuality import punctual
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.phase import HELD, Phase
@@ -70,7 +71,8 @@ def operate(
 
     interrupt: KeyboardInterrupt | None = None
     try:
-        drive(participant, link, clock, lambda: not running())
+        with punctual(clock):
+            drive(participant, link, clock, lambda: not running())
     except KeyboardInterrupt as caught:
         interrupt = caught
     except DeviceGoneError:
