@@ -35,6 +35,8 @@ _FOLLOW_BEATS = const(5)
 _PASSING_UM_S = const(1_000)
 #: A sensor so far inside the outline has to be covered, one so far outside free, 10 mm [steps].
 _CLEAR = const(625)
+#: A sensor so far outside is not covered by this parcel, whatever its place is off, 30 mm [steps].
+_ELSEWHERE = const(1875)
 #: The mask of a cell's sensors.
 _SENSORS = (1 << SENSORS) - 1
 #: So many neighbours that have the parcel show that a cell's own sensors are wrong.
@@ -300,6 +302,13 @@ class Tracking:
         return self.under or (
             self.shaped and self.belief.known and self._footprint.reaches(self.outline)
         )
+
+    def is_of_another(self):
+        """Whether a sensor of the cell is covered by something else, so far is it from the parcel."""
+        if not self._heard.presence[OWN] or not self._suspicion.trusts(OWN):
+            return False
+        near = self._footprint.within(self.outline, OWN, _ELSEWHERE) >> AXES
+        return self._heard.presence[OWN] & ~near != 0
 
     def is_sure(self):
         """Whether this cell has a belief of its own that nothing is against."""

@@ -59,8 +59,22 @@ def operate(
     interrupt (Ctrl-C) ends the run in order; so does any error, which is raised when the array is
     off. A second interrupt breaks the ending off. Raises DeviceGoneError.
     """
+    with punctual(clock):
+        return _operate(
+            coordinator, participant or coordinator, link, clock, limit_s=limit_s, on_event=on_event
+        )
+
+
+def _operate(
+    coordinator: Coordinator,
+    participant: Participant,
+    link: AnyLink,
+    clock: Clock,
+    *,
+    limit_s: float | None,
+    on_event: Callable[[float, str], object],
+) -> Operation:
     start_s = clock.now_s()
-    participant = participant or coordinator
     watch = _Watch(coordinator, link, clock, on_event)
 
     def running() -> bool:
@@ -71,8 +85,7 @@ def operate(
 
     interrupt: KeyboardInterrupt | None = None
     try:
-        with punctual(clock):
-            drive(participant, link, clock, lambda: not running())
+        drive(participant, link, clock, lambda: not running())
     except KeyboardInterrupt as caught:
         interrupt = caught
     except DeviceGoneError:

@@ -104,9 +104,9 @@ def _drive_and_end(
     try:
         with punctual(clock):
             drive(seat, link, clock, over)
-        if seat.busy:
-            seat.stop()
-            drive(seat, link, clock, ended)
+            if seat.busy:
+                seat.stop()
+                drive(seat, link, clock, ended)
     except DeviceGoneError:
         raise
     except BaseException:
