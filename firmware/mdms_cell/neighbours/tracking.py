@@ -304,7 +304,7 @@ class Tracking:
         )
 
     def is_of_another(self):
-        """Whether a sensor of the cell is covered by something else, so far is it from the parcel."""
+        """Whether something else covers a sensor of the cell: one far from the parcel."""
         if not self._heard.presence[OWN] or not self._suspicion.trusts(OWN):
             return False
         near = self._footprint.within(self.outline, OWN, _ELSEWHERE) >> AXES
