@@ -302,6 +302,9 @@ class Layer:
             tracking.drop()
         program = self._programs.find(tracking.identity)
         over = tracking.identity if tracking.is_over() else 0
+        if over and self._rights.state != UNDER and tracking.is_of_another():
+            # A parcel that stands before what nobody knows would come over it mm by mm.
+            over = 0
         leading = self._leading
         needs, asks = leading.look_ahead(tracking, program) if tracking.under else (0, 0)
         self._situation = over, needs, presence != 0

@@ -41,6 +41,8 @@ _CLEAR = const(625)
 _MOST_LATE = const(512)
 #: Sensors that one frame shows to have changed are as far from the edge, 2 mm [steps].
 _TOGETHER = const(125)
+#: A sensor so far outside is not covered by this parcel, whatever its place is off, 30 mm [steps].
+_ELSEWHERE = const(1875)
 #: The mask of a cell's sensors.
 _SENSORS = (1 << SENSORS) - 1
 #: So many neighbours that have the parcel show that a cell's own sensors are wrong.
@@ -330,6 +332,13 @@ class Tracking:
         return self.under or (
             self.shaped and self.belief.known and self._footprint.reaches(self.outline)
         )
+
+    def is_of_another(self):
+        """Whether something else covers a sensor of the cell: one far from the parcel."""
+        if not self._heard.presence[OWN] or not self._suspicion.trusts(OWN):
+            return False
+        near = self._footprint.within(self.outline, OWN, _ELSEWHERE) >> AXES
+        return self._heard.presence[OWN] & ~near != 0
 
     def is_sure(self):
         """Whether this cell has a belief of its own that nothing is against."""

@@ -4,6 +4,7 @@ from argparse import Namespace
 from collections.abc import Callable
 
 from mdms_host.can_link.link import AnyLink, DeviceGoneError, drive
+from mdms_host.can_link.punctuality import punctual
 from mdms_host.cli.array.bus import open_links
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.paging import opened_page
@@ -101,10 +102,11 @@ def _drive_and_end(
         return not seat.busy
 
     try:
-        drive(seat, link, clock, over)
-        if seat.busy:
-            seat.stop()
-            drive(seat, link, clock, ended)
+        with punctual(clock):
+            drive(seat, link, clock, over)
+            if seat.busy:
+                seat.stop()
+                drive(seat, link, clock, ended)
     except DeviceGoneError:
         raise
     except BaseException:
