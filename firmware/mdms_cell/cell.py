@@ -208,6 +208,7 @@ class Cell:
         if not handle(data):
             self.dropped += 1
 
+    @micropython.native
     def poll(self, now_ms):
         """Look after timers and events; `now_ms` wraps at 2**30."""
         self.now_ms = now_ms

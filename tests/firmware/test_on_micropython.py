@@ -7,7 +7,7 @@ import pytest
 BOTH = Path(__file__).parents[1] / "both"
 MODULES = sorted(path.stem for path in BOTH.glob("test_*.py"))
 #: Hundreds of beats fill the heap of the 32-bit build, which collects nothing within a call.
-TOO_LONG = {"test_suspicion"}
+TOO_LONG = {"test_late_updates", "test_suspicion"}
 SHARED = ("run_on_micropython", "cell_bench", "layer_bench", "refusal", "update_bench")
 CODE = "from run_on_micropython import run; run(%r)"
 

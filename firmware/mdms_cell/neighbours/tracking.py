@@ -139,12 +139,11 @@ class Tracking:
         else:
             self.twist.reset()
 
-    def expected_um_s(self, direction, axis):
-        """The speed of a wheel of that cell that turns with the parcel."""
-        x, y, along_x, along_y = self._footprint.wheels
-        wheel, centre = AXES * direction + axis, self.outline.registers
-        lever_x, lever_y = x[wheel] - centre[X], y[wheel] - centre[Y]
-        return self.twist.at(lever_x, lever_y, along_x[axis], along_y[axis])
+    def wheels_against(self, wheels):
+        """What those wheels of a mask show that lie under the parcel; see `TwistFit.against`."""
+        centre, footprint = self.outline.registers, self._footprint
+        speeds = self._heard.speeds
+        return self.twist.against(centre[X], centre[Y], footprint.wheels, speeds, wheels)
 
     def _move(self, before, step_ms):
         """Roll on by the wheels, half by the twist before."""
@@ -227,15 +226,16 @@ class Tracking:
         if not heard.seen[direction] or self._others[direction]:
             return False
         bits = heard.presence[direction]
-        deep = footprint.within(self.outline, direction, -_CLEAR) >> AXES
+        masks = footprint.by_depth(self.outline, direction, _CLEAR)
+        deep = masks >> AXES & _SENSORS
         missing = deep and not deep & bits
         if correcting:
-            near = footprint.within(self.outline, direction, _CLEAR + 1) >> AXES
-            far = _SENSORS & ~near
+            far = _SENSORS & ~(masks >> 20 + AXES)
             if (deep or far) and (direction != OWN or self._turn == OWN):
                 self._judge_sensors(direction, missing or bits & far)
-            if self._suspicion.trusts(direction):
-                self._pull(direction, bits)
+            wrong = (masks >> 10 + AXES ^ bits) & _SENSORS
+            if wrong and self._suspicion.trusts(direction):
+                self._pull(direction, wrong)
         return missing
 
     def _judge_sensors(self, direction, contradict):
@@ -247,10 +247,9 @@ class Tracking:
         if judges and not (contradict and self._suspicion.crowd()):
             self._suspicion.judge(direction, PRESENCE, contradict)
 
-    def _pull(self, direction, bits):
-        """Correct the belief by sensors that are on the wrong side of its edge."""
+    def _pull(self, direction, wrong):
+        """Correct the belief by these sensors, which are on the wrong side of its edge."""
         footprint = self._footprint
-        wrong = (footprint.within(self.outline, direction, 0) >> AXES ^ bits) & _SENSORS
         point = AXES
         while wrong:
             if wrong & 1:
