@@ -134,19 +134,19 @@ class Layer:
         return self._objects.number(indices.CONTROL) == 1 and self._place.known
 
     def receivers(self):
-        """Pairs of an identifier and what takes its frames."""
+        """Pairs of an identifier and what takes its frames: a function, or a mailbox's number."""
         if self.wanted:
             for can_id, kind, direction in self._place.receivers():
-                yield can_id, self._receiver(can_id, kind, direction)
+                yield can_id, self._receiver(kind, direction)
 
-    def _receiver(self, can_id, kind, direction):
+    def _receiver(self, kind, direction):
         heard = self._heard
         if kind == SPEEDS:
-            return heard.speeds_receiver(direction, can_id)
+            return DIRECTIONS + direction
         if kind == STATE:
             return lambda data: heard.on_state(direction, data, self._now())
         if kind == ESTIMATE:
-            return heard.estimate_receiver(direction, can_id)
+            return direction
         return lambda data: not self.active or self._on_page(direction, data)
 
     def _on_page(self, direction, data):
@@ -156,18 +156,18 @@ class Layer:
             return False
         identity = page[wire.PARCEL_IDENTITY]
         if direction == HOST:
-            self._on_host_page(identity, page)
+            self._on_host_page(identity, page, data)
         elif identity == self._tracking.identity:
             program = self._programs.place_for(identity)
             newer = (page[wire.PROGRAM_SEQUENCE] - program.sequence) % wire.SEQUENCE_MAX == 1
             if page[wire.PAGE] == wire.PARCEL and not program.has_parcel:
-                program.take(page)
+                program.take(page, data)
             elif page[wire.PAGE] == wire.GOAL and (not program.has_goal or newer):
-                program.take(page)
+                program.take(page, data)
                 self._leading.begin()
         return True
 
-    def _on_host_page(self, identity, page):
+    def _on_host_page(self, identity, page, data):
         tracking = self._tracking
         if page[wire.PAGE] == wire.END:
             self._programs.drop(identity)
@@ -179,7 +179,7 @@ class Layer:
         else:
             program = self._programs.place_for(identity)
             again = program.has_goal and program.sequence == page[wire.PROGRAM_SEQUENCE]
-            program.take(page)
+            program.take(page, data)
             if page[wire.PAGE] == wire.GOAL and identity == tracking.identity and not again:
                 self._leading.begin()
 
@@ -376,7 +376,7 @@ class Layer:
         for direction in range(DIRECTIONS):
             if sent >> direction & 1 and self._is_behind(direction, program):
                 self._second = not self._second
-                program.pack(self._second, self._objects.data, self._program_at)
+                program.write(self._second, self._objects.data, self._program_at)
                 self._pdos.trigger(_PROGRAM_PDO)
                 return
 

@@ -1,7 +1,5 @@
 """What a parcel is and where it is to go: the pages that a host sends and cells hand on."""
 
-from array import array
-
 from mdms_cell.neighbours.geometry.angle import TURN_UM
 from mdms_protocol.neighbours import frames as wire
 
@@ -18,7 +16,7 @@ class Program:
     def __init__(self):
         self.identity = 0
         self.used = 0
-        self._pages = array("i", [0] * (2 * wire.PROGRAM_FIELDS))
+        self._pages = bytearray(2 * wire.LENGTH)
         self.clear(0)
 
     def clear(self, identity):
@@ -27,8 +25,8 @@ class Program:
         self.sequence = 0
         self.has_parcel = self.has_goal = self.complete = False
 
-    def take(self, fields):
-        """Take a page; returns whether it is one that is kept."""
+    def take(self, fields, frame):
+        """Take a page, by its fields and as it came; returns whether it is one that is kept."""
         page = fields[wire.PAGE]
         sequence = fields[wire.PROGRAM_SEQUENCE]
         if page == wire.PARCEL:
@@ -42,9 +40,8 @@ class Program:
         else:
             return False
         self.complete = self.has_parcel and self.has_goal
-        start = wire.PROGRAM_FIELDS if page == wire.GOAL else 0
-        for place in range(wire.PROGRAM_FIELDS):
-            self._pages[start + place] = fields[place]
+        start = wire.LENGTH if page == wire.GOAL else 0
+        self._pages[start : start + wire.LENGTH] = frame
         return True
 
     def _take_parcel(self, fields):
@@ -57,9 +54,10 @@ class Program:
         self.any_yaw = bool(fields[wire.PROGRAM_FLAGS] & wire.ANY_YAW)
         self.has_parcel = True
 
-    def pack(self, second, frame, at):
-        """Write the page of the parcel, or with `second` that of the goal, as a frame."""
-        wire.pack_program(self._pages, wire.PROGRAM_FIELDS if second else 0, frame, at)
+    def write(self, second, buffer, at):
+        """Write the frame of the parcel's page, or with `second` of the goal's, as it came."""
+        start = wire.LENGTH if second else 0
+        buffer[at : at + wire.LENGTH] = self._pages[start : start + wire.LENGTH]
 
 
 class Programs:
