@@ -5,6 +5,9 @@ sort a whole turn's frames in one call, into the boxes, and nothing more happens
 somebody reads.
 """
 
+# Receivers take the place of None, one by one.
+# pyright: reportArgumentType=false, reportCallIssue=false
+
 from array import array
 
 LENGTH = 8

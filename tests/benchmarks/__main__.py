@@ -1,8 +1,8 @@
 """Runs the benchmarks and prints one table: ours beside a peer in the same run.
 
-`python -m tests.benchmarks [NAME ...]`: each NAME is a module of this folder that has `run()`,
-which returns rows with `name`, `ours`, `peer` (or None), `ratio` (or None), `unit` and whatever
-else tells.
+`python -m tests.benchmarks [NAME ...]`: each NAME is a module somewhere below this folder
+that has `run()`, which returns rows with `name`, `ours`, `peer` (or None), `ratio` (or None),
+`unit` and whatever else tells.
 Everything goes into `build/bench.json` as well.
 """
 
@@ -13,15 +13,20 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-FOLDER = Path(__file__).parent
+ROOT = Path(__file__).parents[2]
 RESULT = Path("build/bench.json")
 
 Row = dict[str, Any]
 
 
-def available() -> list[str]:
-    """Names of all benchmarks."""
-    return sorted(path.stem for path in FOLDER.glob("*.py") if not path.stem.startswith("_"))
+def available() -> dict[str, str]:
+    """Modules of all benchmarks by their names."""
+    paths = Path(__file__).parent.rglob("*.py")
+    return {
+        path.stem: ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        for path in sorted(paths, key=lambda path: path.stem)
+        if not path.stem.startswith("_")
+    }
 
 
 def figure(value: object) -> str:
@@ -49,14 +54,15 @@ def print_rows(rows: list[Row]) -> None:
 
 def main(names: list[str]) -> int:
     """Run the named benchmarks, or all."""
-    unknown = sorted(set(names) - set(available()))
+    modules = available()
+    unknown = sorted(set(names) - set(modules))
     if unknown:
-        print(f"no benchmark {', '.join(unknown)}; there are {', '.join(available())}")
+        print(f"no benchmark {', '.join(unknown)}; there are {', '.join(modules)}")
         return 2
     results: dict[str, list[Row]] = {}
-    for name in names or available():
+    for name in names or modules:
         print(f"{name:<54} {'ours':>11} {'peer':>11} {'ratio':>9}", flush=True)
-        results[name] = import_module(f"tests.benchmarks.{name}").run()
+        results[name] = import_module(modules[name]).run()
         print_rows(results[name])
     RESULT.parent.mkdir(exist_ok=True)
     machine = {"python": platform.python_version(), "machine": platform.machine()}

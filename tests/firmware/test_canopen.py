@@ -9,7 +9,7 @@ import can
 import canopen
 import pytest
 from canopen.objectdictionary import import_od
-from tests.both import cell_bench
+from tests.both.bench import cell_bench
 
 from mdms_cell.cell import Cell
 from mdms_cell.drive import speed_loop

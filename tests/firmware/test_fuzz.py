@@ -8,16 +8,16 @@ from pathlib import Path
 
 import pytest
 
-BOTH = Path(__file__).parents[1] / "both"
+FUZZERS = Path(__file__).parents[1] / "both" / "fuzz"
 SEED = 2026
 
 
 def fuzz(frames, measure=None):
-    sys.path.insert(0, str(BOTH))
+    sys.path.insert(0, str(FUZZERS))
     try:
         from fuzz_cell import fuzz as run
     finally:
-        sys.path.remove(str(BOTH))
+        sys.path.remove(str(FUZZERS))
     return run(SEED, frames, measure)
 
 
@@ -29,7 +29,7 @@ def on_micropython(micropython, frames):
         f"print(*fuzz({SEED}, {frames}, lambda: used.append(gc.mem_alloc())))\n"
         "print(*used)\n"
     )
-    replies, used = micropython(code, *sorted(BOTH.glob("fuzz_*.py"))).splitlines()[-2:]
+    replies, used = micropython(code, *sorted(FUZZERS.glob("fuzz_*.py"))).splitlines()[-2:]
     return tuple(map(int, replies.split())), list(map(int, used.split()))
 
 

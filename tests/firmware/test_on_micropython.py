@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 BOTH = Path(__file__).parents[1] / "both"
-MODULES = sorted(path.stem for path in BOTH.glob("test_*.py"))
+FILES = {path.stem: path for path in BOTH.rglob("*.py")}
+MODULES = sorted(name for name in FILES if name.startswith("test_"))
 #: Hundreds of beats fill the heap of the 32-bit build, which collects nothing within a call.
 TOO_LONG = {"test_late_updates", "test_suspicion"}
 SHARED = ("run_on_micropython", "cell_bench", "layer_bench", "refusal", "update_bench")
@@ -13,7 +14,7 @@ CODE = "from run_on_micropython import run; run(%r)"
 
 
 def files(name: str) -> tuple[Path, ...]:
-    return tuple(BOTH / f"{each}.py" for each in (*SHARED, name))
+    return tuple(FILES[each] for each in (*SHARED, name))
 
 
 @pytest.mark.parametrize("name", MODULES)
@@ -35,6 +36,6 @@ def test_passes_on_32_bit_micropython(micropython32, name):
 def test_failure_is_reported(micropython, tmp_path):
     module = tmp_path / "test_wrong.py"
     module.write_text("def test_wrong():\n    assert 1 == 2\n\ndef test_right():\n    pass\n")
-    printed = micropython(CODE % "test_wrong", BOTH / "run_on_micropython.py", module)
+    printed = micropython(CODE % "test_wrong", FILES["run_on_micropython"], module)
     assert "AssertionError" in printed
     assert printed.splitlines()[-1] == "failed 1 of 2"

@@ -2,7 +2,7 @@
 
 from random import Random
 
-from tests.both import cell_bench
+from tests.both.bench import cell_bench
 
 from mdms_cell import ticks
 from mdms_cell.cell import Cell

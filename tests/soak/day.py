@@ -8,7 +8,7 @@ from pathlib import Path
 from tests.soak.interpreters import ROOT, Run, run
 
 CELL = Path(__file__).with_name("cell")
-FUZZ = tuple(sorted((ROOT / "tests" / "both").glob("fuzz_*.py")))
+FUZZ = tuple(sorted((ROOT / "tests" / "both" / "fuzz").glob("fuzz_*.py")))
 MODULES = (*sorted(CELL.glob("*.py")), *FUZZ)
 # A build that collects garbage here only has 1 MB; 20 ms take 0.3 MB at most.
 _CODE = """

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from tests.system.canopen_network import CELLS, canopen_network
+from tests.system.links.canopen_network import CELLS, canopen_network
 
 
 def main() -> int:

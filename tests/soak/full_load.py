@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import can
-from tests.system.served_array import Served, serve
+from tests.system.links.served_array import Served, serve
 
 MINUTE_FRAMES = 400_000
 PATIENCE_S = 60.0

@@ -88,7 +88,7 @@ def tell_lines(seed: int, frames: int) -> None:
     """Print by module how much of it the frames reach, and what not."""
     import mdms_cell
 
-    sys.path.insert(0, str(ROOT / "tests" / "both"))
+    sys.path.insert(0, str(ROOT / "tests" / "both" / "fuzz"))
     from fuzz_cell import fuzz  # type: ignore[import-not-found]
 
     assert mdms_cell.__file__ is not None

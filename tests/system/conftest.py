@@ -1,8 +1,8 @@
 """Served arrays and boards for the whole system."""
 
 import pytest
-from tests.system.served_array import serve
-from tests.system.unix_board import boards_in
+from tests.system.flashing.unix_board import boards_in
+from tests.system.links.served_array import serve
 
 from mdms_host.clock import MonotonicClock
 from mdms_host.flashing.board_link import BoardLink

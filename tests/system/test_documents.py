@@ -9,10 +9,11 @@ from contextlib import ExitStack, closing, contextmanager, nullcontext, redirect
 from pathlib import Path
 
 import pytest
+from tests.benchmarks.__main__ import available
 from tests.system.document import REASONS, blocks_of, inline_commands, words_of
+from tests.system.flashing.small_firmware import NEW, OLD
+from tests.system.flashing.unix_board import boards_in
 from tests.system.simulated_link import SimulatedLink
-from tests.system.small_firmware import NEW, OLD
-from tests.system.unix_board import boards_in
 from tests.virtual_array import SimulatedArray, virtual_time
 
 from mdms_host.cli import main
@@ -283,8 +284,9 @@ def test_tests_and_benchmarks_that_are_named_exist(path):
     text = path.read_text()
     tests = {each.stem for each in (ROOT / "tests").rglob("test_*.py")}
     assert {*re.findall(r"`(?:[\w/]+/)?(test_\w+)`", text)} <= tests
-    benchmarks = {each.stem for each in (ROOT / "tests" / "benchmarks").glob("*.py")}
-    assert {*re.findall(r"tests\.benchmarks[ .]([a-z]\w*)", text)} <= benchmarks
+    benchmarks = {*available(), *available().values()}
+    assert {*re.findall(r"tests\.benchmarks\s([a-z]\w*)", text)} <= benchmarks
+    assert {*re.findall(r"tests\.benchmarks\.[\w.]+\w", text)} <= benchmarks
 
 
 def test_modules_in_the_tables_of_the_host_exist():

@@ -10,6 +10,7 @@ except ImportError:
 
 from array import array
 
+from mdms_cell import ticks
 from mdms_cell.mailboxes import STAMP, Mailboxes
 from mdms_cell.neighbours.geometry.place import DIRECTIONS
 from mdms_protocol.neighbours import frames as wire
@@ -17,6 +18,8 @@ from mdms_protocol.neighbours import frames as wire
 #: A neighbour's TPDO 2 holds statuswords before the presence bits.
 _PRESENCE_AT = const(4)
 _STATE_LENGTH = const(5)
+#: A state that is repeated may be later than its time by this.
+_LATE_MS = const(20)
 #: Edges that may wait for the next update.
 EDGES = 16
 #: The cell itself, in the place of a direction.
@@ -42,6 +45,9 @@ class Heard:
         self.speeds_beat = array("i", [NEVER] * (DIRECTIONS + 1))
         self.presence = bytearray(DIRECTIONS + 1)
         self.seen = bytearray(DIRECTIONS + 1)
+        self.repeat_ms = 0
+        self._state_ms = array("i", [0] * DIRECTIONS)
+        self._words = array("i", [0] * (2 * DIRECTIONS))
         self.estimates = array("i", [0] * (wire.ESTIMATE_FIELDS * DIRECTIONS))
         self.estimate_beat = array("i", [NEVER] * DIRECTIONS)
         self.fresh = self.boxes.fresh
@@ -92,8 +98,28 @@ class Heard:
         """A neighbour's TPDO 2; returns False if it has another length."""
         if len(data) != _STATE_LENGTH:
             return False
+        first, second = data[0] | data[1] << 8, data[2] | data[3] << 8
+        words, at = self._words, 2 * direction
+        if (words[at], words[at + 1]) != (first, second) or not self.is_current(direction, now_ms):
+            # Sent for another reason than a sensor, as one before it may have been that was lost:
+            # what sensors show may have changed long ago.
+            self.seen[direction] = 0
+        words[at], words[at + 1] = first, second
+        self._state_ms[direction] = now_ms
         self.take_presence(direction, data[_PRESENCE_AT], now_ms)
         return True
+
+    def is_current(self, direction, now_ms):
+        """Whether the presence bits of a cell are known; not if its repeated state is overdue."""
+        if not self.seen[direction]:
+            return False
+        return not self.repeat_ms or self.age_ms(direction, now_ms) <= self.repeat_ms + _LATE_MS
+
+    def age_ms(self, direction, now_ms):
+        """How long ago a cell's presence bits were sent; 0 if they are not repeated."""
+        if direction == OWN or not self.repeat_ms:
+            return 0
+        return abs(ticks.diff(now_ms, self._state_ms[direction]))
 
     def take_presence(self, direction, bits, now_ms):
         """Presence bits as they are now; what has changed are edges."""

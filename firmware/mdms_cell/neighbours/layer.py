@@ -3,6 +3,8 @@
 At SYNC the cell sends its speeds and, if it is at a parcel, its estimate; `UPDATE_MS` later those
 of its neighbours have come, and `update` runs in the background. What it decides holds for a beat.
 """
+# Viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
 
 from array import array
 
@@ -13,7 +15,7 @@ from mdms_cell.neighbours.geometry.footprint import Footprint
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, ESTIMATE, HOST, SPEEDS, STATE, Place
 from mdms_cell.neighbours.heard import OWN, Heard
 from mdms_cell.neighbours.leading import Leading
-from mdms_cell.neighbours.program import Programs, turn_um
+from mdms_cell.neighbours.program import Programs, next_sequence, turn_um
 from mdms_cell.neighbours.right_of_way import NONE, UNDER, RightOfWay
 from mdms_cell.neighbours.suspicion import CODE, SOURCE, Evidence, Suspicion
 from mdms_cell.neighbours.tracking import LOST_BEATS, Tracking
@@ -70,9 +72,8 @@ class Layer:
         self._step_ms = self._period_ms = 10
         self._situation = 0, 0, False
         self._skipped = 0
-        self._updates = 0
         self._due = False
-        self._second = False
+        self._turn = 0
         self._node_id = 0
         self._estimate_at = find(indices.ESTIMATE, 1).place
         self._program_at = find(indices.PROGRAM, 1).place
@@ -87,6 +88,7 @@ class Layer:
         self._rights = RightOfWay(lease_beats=self._objects.number(indices.LEASE, 1))
         self._period_ms = self._objects.number(indices.LEASE, 2)
         self._heard.reset()
+        self._heard.repeat_ms = self._objects.number(indices.TPDO_PARAMETERS + 1, 5)
         # A millisecond passes until the frame with the edge has come.
         self._tracking.edge_late_ms = 1 + self._objects.number(indices.PRESENCE_DEBOUNCE)
         self._tracking.drop()
@@ -156,18 +158,37 @@ class Layer:
             return False
         identity = page[wire.PARCEL_IDENTITY]
         if direction == HOST:
-            self._on_host_page(identity, page, data)
+            self._on_host_page(identity, page)
         elif identity == self._tracking.identity:
-            program = self._programs.place_for(identity)
-            newer = (page[wire.PROGRAM_SEQUENCE] - program.sequence) % wire.SEQUENCE_MAX == 1
-            if page[wire.PAGE] == wire.PARCEL and not program.has_parcel:
-                program.take(page, data)
-            elif page[wire.PAGE] == wire.GOAL and (not program.has_goal or newer):
-                program.take(page, data)
-                self._leading.begin()
+            self._on_page_handed_on(self._programs.place_for(identity), page)
         return True
 
-    def _on_host_page(self, identity, page, data):
+    def _on_page_handed_on(self, program, page):
+        """A page of a neighbour counts where the cell has none, or the one before."""
+        if page[wire.PAGE] == wire.PARCEL:
+            if not program.has_parcel:
+                program.take(page)
+        elif page[wire.PAGE] != wire.GOAL:
+            return
+        elif 0 < page[wire.LEG] < wire.JOINS:
+            self._on_leg(program, page)
+        elif not program.has_goal or page[wire.PROGRAM_SEQUENCE] == next_sequence(program.sequence):
+            alone_on_the_way = program.has_goal and self._consumer.lost
+            program.take(page)
+            if alone_on_the_way:
+                # Others have gone on by themselves: that gives no more time.
+                self._leading.next_leg()
+            else:
+                self._leading.begin()
+
+    def _on_leg(self, program, page):
+        """A leg that follows a goal; one of a goal that the cell does not have is dropped."""
+        if program is None or not program.take(page):
+            return
+        if program.identity == self._tracking.identity:
+            self._leading.plan_again()
+
+    def _on_host_page(self, identity, page):
         tracking = self._tracking
         if page[wire.PAGE] == wire.END:
             self._programs.drop(identity)
@@ -176,10 +197,12 @@ class Layer:
                 self._leading.stop()
         elif page[wire.PAGE] == wire.PLACE:
             self._put(identity, page)
+        elif page[wire.PAGE] == wire.GOAL and 0 < page[wire.LEG] < wire.JOINS:
+            self._on_leg(self._programs.find(identity), page)
         else:
             program = self._programs.place_for(identity)
             again = program.has_goal and program.sequence == page[wire.PROGRAM_SEQUENCE]
-            program.take(page, data)
+            program.take(page)
             if page[wire.PAGE] == wire.GOAL and identity == tracking.identity and not again:
                 self._leading.begin()
 
@@ -268,7 +291,6 @@ class Layer:
         sync_ms = self._came_ms
         self._step_ms = max(min(ticks.diff(sync_ms, self._updated_ms), _STEP_MAX_MS), 1)
         self._updated_ms = sync_ms
-        self._updates += 1
         self._read()
         sent = self._listen()
         tracking = self._tracking
@@ -286,10 +308,10 @@ class Layer:
         self._evidence.judge(tracking, asked)
         self._report()
         self._lead(program)
-        self._skipped = 0
         self._announce(program, asks)
         if tracking.under and program is not None and program.complete:
             self._hand_on(program, sent)
+        self._skipped = 0
 
     def _listen(self):
         """Pass on what neighbours sent; returns the mask of those that have."""
@@ -317,10 +339,38 @@ class Layer:
         if not known or not tracking.under or tracking.is_doubtful():
             leading.stop()
             return
-        allowed = leading.may_go_on(program, self._step_ms, alone=bool(self._consumer.lost))
+        alone = bool(self._consumer.lost)
+        allowed = leading.may_go_on(program, self._step_ms, alone=alone)
+        if alone and allowed:
+            self._go_on(program)
         # As many beats as were skipped before this update may be before the next.
         allowed = allowed and rights.drive_beats > self._skipped
         leading.step(tracking, program, allowed, self._step_ms)
+
+    def _go_on(self, program):
+        """Take the next leg, without the host, at the end of this one; so do all under the parcel.
+
+        The host gives a leg when its way is free; from now on promises alone keep others apart.
+        """
+        if not program.legs:
+            return
+        follows = self._leading.arrived() or self._is_another_at(next_sequence(program.sequence))
+        if follows and program.advance():
+            self._leading.next_leg()
+
+    def _is_another_at(self, sequence):
+        """Whether a neighbour under the same parcel has the program of this sequence."""
+        estimates, left = self._heard.estimates, self._heard.estimate_beat
+        for direction in range(DIRECTIONS):
+            at = direction * wire.ESTIMATE_FIELDS
+            if (
+                left[direction] == self._heard.beat
+                and estimates[at + wire.IDENTITY] == self._tracking.identity
+                and estimates[at + wire.STATE] == UNDER
+                and estimates[at + wire.SEQUENCE] == sequence
+            ):
+                return True
+        return False
 
     # Who is suspected
 
@@ -348,7 +398,7 @@ class Layer:
         fields = self._fields
         fields[wire.WANTS] = asks
         if program is not None and program.complete:
-            fields[wire.SEQUENCE], flags = program.sequence, 0
+            fields[wire.SEQUENCE], flags = program.sequence, 0 if program.whole else wire.LACKING
         else:
             fields[wire.SEQUENCE], flags = 0, wire.LACKING
         if self._leading.arrived():
@@ -370,22 +420,30 @@ class Layer:
         wire.pack_estimate(fields, 0, self._objects.data, self._estimate_at)
 
     def _hand_on(self, program, sent):
-        """Send a page, in this cell's turn, if one of those who have sent an estimate lacks it."""
-        if (self._updates + self._node_id) % _HAND_ON_BEATS:
+        """Send a page, if one of those who have sent an estimate lacks it.
+
+        That is in this cell's turn, or where that came in a beat that was skipped.
+        """
+        if (self._heard.beat + self._node_id) % _HAND_ON_BEATS > self._skipped:
             return
         for direction in range(DIRECTIONS):
-            if sent >> direction & 1 and self._is_behind(direction, program):
-                self._second = not self._second
-                program.write(self._second, self._objects.data, self._program_at)
-                self._pdos.trigger(_PROGRAM_PDO)
-                return
+            if sent >> direction & 1:
+                page = self._page_for(direction, program)
+                if page >= 0 and program.pack(page, self._objects.data, self._program_at):
+                    self._pdos.trigger(_PROGRAM_PDO)
+                    return
 
-    def _is_behind(self, direction, program):
-        """Whether a neighbour lacks this program, of the parcel that it is at."""
+    def _page_for(self, direction, program):
+        """The number of the page to hand on to a neighbour at this parcel, -1 for none."""
         estimates, at = self._heard.estimates, direction * wire.ESTIMATE_FIELDS
         if estimates[at + wire.IDENTITY] != program.identity:
-            return False
-        lacking = estimates[at + wire.FLAGS] & wire.LACKING
-        return (
-            lacking or (program.sequence - estimates[at + wire.SEQUENCE]) % wire.SEQUENCE_MAX == 1
-        )
+            return -1
+        sequence = estimates[at + wire.SEQUENCE]
+        if next_sequence(sequence) == program.sequence and sequence:
+            return 1
+        if not estimates[at + wire.FLAGS] & wire.LACKING:
+            return -1
+        self._turn = self._turn + 1 & 0xFFFF
+        if sequence == program.sequence:
+            return 2 + self._turn % max(program.legs, 1)
+        return self._turn & 1

@@ -7,7 +7,7 @@ except ImportError:
 
 from mdms_cell.neighbours.geometry.angle import ARM_UM, wrapped
 from mdms_cell.neighbours.geometry.outline import STEP_UM
-from mdms_cell.neighbours.steering import Steering, length
+from mdms_cell.neighbours.steering import SETTLED_MS, Steering, length
 
 #: From the wish to brake until all cells under the parcel do: HOPS times the beats that `hold` may
 #: take and counts. And how far ahead a cell asks [ms].
@@ -15,6 +15,10 @@ _REACTION_MS = const(200)
 _ASK_MS = const(500)
 #: At the goal, or where it is held, the wheels hold for so long before they are switched off.
 _HOLD_BEATS = const(50)
+#: To a wheel that is to join in the parcel's motion, fewer wheels do not show it, nor wheels that
+#: are off what is known of it by more than this [um/s].
+_JOIN_WHEELS = const(4)
+_JOIN_OFF_UM_S = const(25_000)
 _ARM = const(8000)
 assert _ARM * STEP_UM == ARM_UM
 
@@ -28,6 +32,7 @@ class Leading:
         self._axes = axes
         self._steering = Steering()
         self._driving = False
+        self._identity = 0
         self.begin()
 
     def begin(self):
@@ -37,6 +42,15 @@ class Leading:
         self._ended = False
         self._held_beats = 0
         self._steering.arrived = False
+
+    def next_leg(self):
+        """The next leg of the same way begins: time for it was planned, and goes on."""
+        self._held_beats = 0
+        self._steering.arrived = False
+
+    def plan_again(self):
+        """More of the way has come: the time that is planned for it counts anew."""
+        self._planned_ms = 0
 
     def stop(self):
         """Switch the wheels off in good order, if they are on."""
@@ -87,8 +101,12 @@ class Leading:
         Once that is over, or the host of one that is not to go on was gone, a new program has to
         come: that the host is back moves nothing.
         """
+        if program.identity != self._identity:
+            # What another parcel took of its time is its own.
+            self._identity = program.identity
+            self.begin()
         if not alone:
-            self._alone_ms = 0
+            self._alone_ms = self._planned_ms = 0
         else:
             self._alone_ms = min(self._alone_ms + step_ms, 1 << 20)
             in_time = not self._planned_ms or self._alone_ms < 2 * self._planned_ms
@@ -108,12 +126,8 @@ class Leading:
         reach_um = tracking.outline.reach_um
         steering.step(program, reach_um, (dx_um, dy_um, dturn_um), may_go=may_go, step_ms=step_ms)
         # A cell that the parcel comes to when the host is gone counts from there.
-        if not self._alone_ms or not self._planned_ms:
-            way_um = length(dx_um, dy_um, dturn_um * reach_um // ARM_UM)
-            speed_mm_s = max(program.speed_um_s // 1000, 1)
-            self._planned_ms = way_um // speed_mm_s + 2 * speed_mm_s * 1000 // max(
-                program.acceleration_mm_s2, 1
-            )
+        if self._alone_ms and not self._planned_ms:
+            self._plan(program, reach_um, length(dx_um, dy_um, dturn_um * reach_um // ARM_UM))
         still = steering.stands() and (steering.arrived or not may_go)
         self._held_beats = min(self._held_beats + 1, _HOLD_BEATS) if still else 0
         if self._held_beats >= _HOLD_BEATS or (still and not self._driving):
@@ -121,8 +135,24 @@ class Leading:
                 self._driving = False
                 self._axes.rest()
             return
+        shown = twist.wheels >= _JOIN_WHEELS and twist.off_um_s < _JOIN_OFF_UM_S
+        if not (shown or self._driving):
+            # Off it rolls along; with a speed of its own it would turn the parcel.
+            return
         self._driving = True
         self._axes.lead(self._target_um_s(0, belief), self._target_um_s(1, belief))
+
+    def _plan(self, program, reach_um, way_um):
+        """Find how long the way takes, to the goal and along the legs that follow."""
+        speed_mm_s = max(program.speed_um_s // 1000, 1)
+        ramps_ms = 2 * speed_mm_s * 1000 // max(program.acceleration_mm_s2, 1)
+        self._planned_ms = way_um // speed_mm_s + ramps_ms
+        for leg in range(program.known_legs()):
+            x_um, y_um, turn = program.place(leg)
+            to_x_um, to_y_um, to_turn = program.place(leg + 1)
+            turning_um = wrapped(to_turn - turn) * reach_um // ARM_UM
+            way_um = length(to_x_um - x_um, to_y_um - y_um, turning_um)
+            self._planned_ms += way_um // speed_mm_s + ramps_ms + SETTLED_MS
 
     def _target_um_s(self, axis, belief):
         """The speed of a wheel that moves with the parcel as commanded."""

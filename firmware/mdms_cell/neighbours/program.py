@@ -1,47 +1,54 @@
 """What a parcel is and where it is to go: the pages that a host sends and cells hand on."""
 
+from array import array
+
 from mdms_cell.neighbours.geometry.angle import TURN_UM
 from mdms_protocol.neighbours import frames as wire
 
 #: A cell is near one parcel, and may be asked for by a few more.
 SLOTS = 4
+#: Numbers of a place: x, y and yaw, as the wire has them.
+_PLACE = 3
 
 
 class Program:
-    """One parcel's data and goal, as their pages have them; lengths in um, angles as in `angle`.
+    """One parcel's data and the way to its goal, as their pages have them.
 
-    `complete` is whether nothing is lacking.
+    Lengths in um, angles as in `angle`. `complete` is whether parcel and goal are there, `whole`
+    whether the legs that follow the goal are, too. These count for the time without a host alone:
+    while there is one, it sets the next goal when that is to be gone to.
     """
 
     def __init__(self):
         self.identity = 0
         self.used = 0
-        self._pages = bytearray(2 * wire.LENGTH)
+        self._pages = array("i", [0] * (2 * wire.PROGRAM_FIELDS))
+        self._places = array("i", [0] * (_PLACE * (wire.LEGS_MAX + 1)))
         self.clear(0)
 
     def clear(self, identity):
         """Begin anew, for this identity."""
         self.identity = identity
         self.sequence = 0
-        self.has_parcel = self.has_goal = self.complete = False
+        self.has_parcel = self.has_goal = self.complete = self.whole = False
+        # How many legs follow the goal, and the mask of places that are there: bit 0 the goal.
+        self.legs = 0
+        self._held = 0
+        self._joins = False
 
-    def take(self, fields, frame):
-        """Take a page, by its fields and as it came; returns whether it is one that is kept."""
+    def take(self, fields):
+        """Take a page; returns whether it is one that is kept."""
         page = fields[wire.PAGE]
-        sequence = fields[wire.PROGRAM_SEQUENCE]
+        leg = fields[wire.LEG] if page == wire.GOAL else 0
         if page == wire.PARCEL:
             self._take_parcel(fields)
-        elif page == wire.GOAL:
-            self.goal_x_um = fields[wire.PLACE_X] * wire.STEP_UM
-            self.goal_y_um = fields[wire.PLACE_Y] * wire.STEP_UM
-            self.goal_turn_um = turn_um(fields[wire.PLACE_YAW])
-            self.has_goal = True
-            self.sequence = sequence
-        else:
+        elif page != wire.GOAL:
             return False
-        self.complete = self.has_parcel and self.has_goal
-        start = wire.LENGTH if page == wire.GOAL else 0
-        self._pages[start : start + wire.LENGTH] = frame
+        elif 0 < leg < wire.JOINS:
+            return self._take_leg(fields, leg)
+        else:
+            self._take_goal(fields, leg == wire.JOINS)
+        self._look()
         return True
 
     def _take_parcel(self, fields):
@@ -53,11 +60,96 @@ class Program:
         self.goes_on = bool(fields[wire.PROGRAM_FLAGS] & wire.GO_ON)
         self.any_yaw = bool(fields[wire.PROGRAM_FLAGS] & wire.ANY_YAW)
         self.has_parcel = True
+        for place in range(wire.PROGRAM_FIELDS):
+            self._pages[place] = fields[place]
 
-    def write(self, second, buffer, at):
-        """Write the frame of the parcel's page, or with `second` of the goal's, as it came."""
-        start = wire.LENGTH if second else 0
-        buffer[at : at + wire.LENGTH] = self._pages[start : start + wire.LENGTH]
+    def _take_goal(self, fields, joins):
+        sequence, legs = fields[wire.PROGRAM_SEQUENCE], fields[wire.LEGS]
+        follows = self.has_goal and next_sequence(self.sequence) == sequence
+        again = self._is_at(fields, 0) and (sequence, legs) == (self.sequence, self.legs)
+        if joins and follows and self._held & 2:
+            if self._is_at(fields, 1):
+                self._shift()
+        elif not again:
+            self._held = 0
+        self._put(fields, 0)
+        self.sequence, self.legs, self._joins = sequence, legs, joins
+        self._held &= (2 << legs) - 1
+
+    def _take_leg(self, fields, leg):
+        """Take a leg of the way that this program has; returns whether it was lacking."""
+        of_this = self.has_goal and fields[wire.PROGRAM_SEQUENCE] == self.sequence
+        if not of_this or leg > self.legs or self._held >> leg & 1:
+            return False
+        self._put(fields, leg)
+        self._look()
+        return True
+
+    def advance(self):
+        """Have the leg that follows for the goal; returns False where it is not there."""
+        if not self._held & 2:
+            return False
+        self._shift()
+        self.sequence = next_sequence(self.sequence)
+        self.legs -= 1
+        self._joins = True
+        self._look()
+        return True
+
+    def _put(self, fields, leg):
+        for place in range(_PLACE):
+            self._places[_PLACE * leg + place] = fields[wire.PLACE_X + place]
+        self._held |= 1 << leg
+
+    def _is_at(self, fields, leg):
+        return self._held >> leg & 1 and all(
+            self._places[_PLACE * leg + place] == fields[wire.PLACE_X + place]
+            for place in range(_PLACE)
+        )
+
+    def _shift(self):
+        for place in range(_PLACE, len(self._places)):
+            self._places[place - _PLACE] = self._places[place]
+        self._held >>= 1
+
+    def _look(self):
+        self.has_goal = bool(self._held & 1)
+        self.goal_x_um, self.goal_y_um, self.goal_turn_um = self.place(0)
+        self.complete = self.has_parcel and self.has_goal
+        self.whole = self.complete and self._held == (2 << self.legs) - 1
+
+    def known_legs(self):
+        """How many legs that follow are there, up to the first that is lacking."""
+        legs = 0
+        while self._held >> legs + 1 & 1:
+            legs += 1
+        return legs
+
+    def place(self, leg):
+        """Where the goal is, or a leg after it ends: x, y and turn."""
+        x, y, yaw = self._places[_PLACE * leg : _PLACE * (leg + 1)]
+        return x * wire.STEP_UM, y * wire.STEP_UM, turn_um(yaw)
+
+    def pack(self, number, frame, at):
+        """Write a page as a frame: the parcel's, or from 1 on those of the goal and the legs.
+
+        Returns False for one that is not there.
+        """
+        pages, base = self._pages, 0
+        if number:
+            leg = number - 1
+            if not self._held >> leg & 1:
+                return False
+            base = wire.PROGRAM_FIELDS
+            pages[base + wire.PARCEL_IDENTITY] = self.identity
+            pages[base + wire.PAGE] = wire.GOAL
+            pages[base + wire.PROGRAM_SEQUENCE] = self.sequence
+            pages[base + wire.LEG] = leg or (wire.JOINS if self._joins else 0)
+            pages[base + wire.LEGS] = self.legs
+            for place in range(_PLACE):
+                pages[base + wire.PLACE_X + place] = self._places[_PLACE * leg + place]
+        wire.pack_program(pages, base, frame, at)
+        return True
 
 
 class Programs:
@@ -99,6 +191,11 @@ class Programs:
         if found is not None:
             found.clear(0)
             found.used = 0
+
+
+def next_sequence(sequence):
+    """The sequence of the program that follows."""
+    return sequence % wire.SEQUENCE_MAX + 1
 
 
 def turn_um(yaw):

@@ -11,6 +11,8 @@ A cell that stopped announcing a promise makes none to another parcel before eve
 have turned by it stands: the lease, and the time that `hold` takes to the last cell under the
 parcel. After a reset it has no record of whom it was promised to, and waits as long.
 """
+# Viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
 
 try:
     import micropython

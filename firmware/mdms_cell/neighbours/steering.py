@@ -11,6 +11,8 @@ from mdms_cell.neighbours.geometry.angle import ARM_UM, root
 _TOLERANCE_UM = const(2_000)
 _TOLERANCE_TURN_UM = const(1_500)
 _SETTLED_BEATS = const(30)
+#: The same as a time [ms].
+SETTLED_MS = const(300)
 #: Near the goal the speed is so many times the way left a second.
 _STIFFNESS_PER_S = const(3)
 #: Parts of a corner's way, in which turning and going are one motion.

@@ -48,7 +48,8 @@ class TwistFit:
     """The rigid twist that most wheels agree on, followed from beat to beat.
 
     `vx`, `vy` and `turn` are speeds [um/s], the last one that of a point at the arm of `angle`;
-    `wheels` is how many showed it at last.
+    `wheels` is how many showed it at last, `off_um_s` how far they were off the twist before, on
+    the average.
     """
 
     def __init__(self):
@@ -64,7 +65,7 @@ class TwistFit:
     def _read(self):
         registers = self._registers
         self.vx, self.vy, self.turn = registers[_VX], registers[_VY], registers[_TURN]
-        self.wheels = registers[_WHEELS]
+        self.wheels, self.off_um_s = registers[_WHEELS], registers[_MEAN]
 
     def against(self, centre_x, centre_y, wheels, speeds, mask):
         """What those wheels of a mask show that lie under the parcel: TURNS, SLIPS, or both.

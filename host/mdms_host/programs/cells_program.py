@@ -24,6 +24,7 @@ class CellsTableProgram(TableProgram):
         cells: CellsProgram,
     ) -> None:
         super().__init__(main, half_m, members, (), traffic)
+        self._by_cells = traffic
         self._cells = cells
 
     def on_estimate(self, cell: int, estimate: Estimate, now_s: float) -> None:
@@ -36,8 +37,8 @@ class CellsTableProgram(TableProgram):
         return self._cells.step(beliefs, now_s, step_s)
 
     def begin_again(self) -> None:
-        """Send every parcel's program anew, from where the parcel is; it was at rest meanwhile."""
-        self._cells.begin_again()
+        """Plan and send every parcel's way anew, from where the parcel is."""
+        self._by_cells.begin_again()
 
     def ends(self) -> list[Page]:
         """The pages that end all programs."""

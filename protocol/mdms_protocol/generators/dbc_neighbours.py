@@ -49,7 +49,7 @@ _PAGES: dict[int, tuple[str, tuple[Part, ...]]] = {
         ),
     ),
     n.PLACE: ("place", _POSE),
-    n.GOAL: ("goal", _POSE),
+    n.GOAL: ("goal", (*_POSE, Part("leg", 3), Part("legs", 3))),
     n.END: ("end", ()),
 }
 _SHAPES = {n.RECTANGLE: "rectangle", n.DISC: "disc"}

@@ -8,7 +8,8 @@ in any buffer of bytes, from `at` on: nothing is allocated.
 `pack_...` clips what does not fit, for the cell; `messages` checks values for the host.
 `unpack_...` returns False, and leaves the fields as they were, for a frame that no sender makes.
 """
-# MicroPython's module has no types.
+# MicroPython's module has no types; viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
 # mypy: disable-error-code="untyped-decorator"
 
 try:
@@ -71,10 +72,13 @@ PARCEL_WIDTH = const(5)
 ACCELERATION = const(6)  # [ACCELERATION_MM_S2], 8 bits
 SPEED = const(7)  # [SPEED_MM_S], 8 bits
 PROGRAM_FLAGS = const(8)  # below, 6 bits
-# ... and these in pages PLACE and GOAL.
+# ... and these in pages PLACE and GOAL ...
 PLACE_X = const(3)  # [STEP_UM; table frame], 18 bits, signed
 PLACE_Y = const(4)
 PLACE_YAW = const(5)  # [turns / TURN], 12 bits, signed
+# ... and these in page GOAL.
+LEG = const(6)  # 0 or JOINS: the goal; 1 to LEGS_MAX: where the leg so many after it ends, 3 bits
+LEGS = const(7)  # how many legs follow the goal, up to LEGS_MAX, 3 bits
 PROGRAM_FIELDS = const(9)
 
 # Values of PAGE
@@ -82,6 +86,12 @@ PARCEL = const(0)
 PLACE = const(1)  # where the parcel is now
 GOAL = const(2)
 END = const(3)  # the identity is dropped, and its programs
+
+#: A way is given to cells up to so many legs beyond its goal.
+LEGS_MAX = const(6)
+#: As LEG: a goal on the way that the program before has; it ends the first leg that followed, or
+#: comes before it, and all further legs stay.
+JOINS = const(7)
 
 # Values of SHAPE
 RECTANGLE = const(0)
@@ -210,6 +220,9 @@ def pack_program(
         middle |= (clipped(fields[base + PLACE_Y], -131_072, 131_071) & 0x3FFFF) << 4
         middle |= (yaw & 3) << 22
         high = yaw >> 2
+        if page == GOAL:
+            high |= clipped(fields[base + LEG], 0, JOINS) << 10
+            high |= clipped(fields[base + LEGS], 0, LEGS_MAX) << 13
     _write(low, middle, high, frame, at)
 
 
@@ -226,6 +239,8 @@ def unpack_program(frame: "Sequence[int]", fields: "MutableSequence[int]", base:
         return False
     middle = frame[3] | frame[4] << 8 | frame[5] << 16
     high = frame[6] | frame[7] << 8
+    if page == GOAL and (high >> 13 > LEGS_MAX or high >> 13 < high >> 10 & 7 < JOINS):
+        return False
     fields[base + PARCEL_IDENTITY] = low & 63
     fields[base + PAGE] = page
     fields[base + PROGRAM_SEQUENCE] = low >> 8 & 3
@@ -240,6 +255,9 @@ def unpack_program(frame: "Sequence[int]", fields: "MutableSequence[int]", base:
         fields[base + PLACE_X] = ((low >> 10 | (middle & 0xF) << 14) ^ 0x20000) - 0x20000
         fields[base + PLACE_Y] = ((middle >> 4 & 0x3FFFF) ^ 0x20000) - 0x20000
         fields[base + PLACE_YAW] = ((middle >> 22 | (high & 0x3FF) << 2) ^ 0x800) - 0x800
+        if page == GOAL:
+            fields[base + LEG] = high >> 10 & 7
+            fields[base + LEGS] = high >> 13
     return True
 
 

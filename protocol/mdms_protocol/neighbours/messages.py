@@ -1,4 +1,6 @@
 """Estimates and pages of motion programs as values, for the host: checked before they are sent."""
+# Viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
 
 from array import array
 from collections import namedtuple
@@ -17,7 +19,8 @@ Parcel = namedtuple(
     "identity sequence shape length width acceleration speed flags",
 )
 Place = namedtuple("Place", "identity sequence x y yaw")
-Goal = namedtuple("Goal", "identity sequence x y yaw")
+#: `leg` and `legs` as in `frames`; where both are 0 nothing follows the goal.
+Goal = namedtuple("Goal", "identity sequence x y yaw leg legs")
 End = namedtuple("End", "identity sequence")
 
 #: Any page of a program.
@@ -51,7 +54,7 @@ _LIMITS: dict[type, dict[str, tuple[int, int]]] = {
         "flags": (0, 63),
     },
     Place: _POSE,
-    Goal: _POSE,
+    Goal: {**_POSE, "leg": (0, n.JOINS), "legs": (0, n.LEGS_MAX)},
     End: _HEAD,
 }
 
@@ -73,6 +76,8 @@ def decode_estimate(data: bytes) -> Estimate | None:
 def encode_page(page: Page) -> bytes:
     """The data of a page's frame; raises OutOfRangeError."""
     _check(page)
+    if isinstance(page, Goal) and page.legs < page.leg < n.JOINS:
+        raise OutOfRangeError(f"Goal.leg: {page.leg} is not in 0..{page.legs}, and not {n.JOINS}")
     fields = [0] * n.PROGRAM_FIELDS
     number = _PAGES.index(type(page))
     head = (page.identity, number, page.sequence)

@@ -139,8 +139,11 @@ def test_program_is_taken_apart_page_by_page(database, can_id):
         "parcel_go_on": 1,
         "parcel_any_yaw": 0,
     }
-    goal = database.decode_message(can_id, messages.encode_page(messages.Goal(5, 2, -800, 4, 512)))
+    page = messages.encode_page(messages.Goal(5, 2, -800, 4, 512, 0, 0))
+    goal = database.decode_message(can_id, page)
     assert (goal["goal_x"], goal["goal_y"]) == (pytest.approx(-0.2), pytest.approx(0.001))
-    assert goal["goal_yaw"] == 45
+    assert (goal["goal_yaw"], goal["goal_leg"], goal["goal_legs"]) == (45, 0, 0)
+    leg = database.decode_message(can_id, messages.encode_page(messages.Goal(5, 2, 0, 0, 0, 2, 6)))
+    assert (leg["goal_leg"], leg["goal_legs"]) == (2, 6)
     end = database.decode_message(can_id, messages.encode_page(messages.End(5, 2)))
     assert end == {"identity": 5, "page": "end", "sequence": 2}

@@ -5,6 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdms_protocol.entry import OutOfRangeError
+from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import messages
 
 
@@ -12,7 +13,11 @@ from mdms_protocol.neighbours import messages
 def made(draw, kinds):
     kind = draw(st.sampled_from(kinds))
     limits = messages._LIMITS[kind]
-    return kind(**{name: draw(st.integers(*limits[name])) for name in kind._fields})
+    made = kind(**{name: draw(st.integers(*limits[name])) for name in kind._fields})
+    if kind is messages.Goal:
+        # A leg is one of those that there are.
+        made = made._replace(leg=draw(st.sampled_from((wire.JOINS, *range(made.legs + 1)))))
+    return made
 
 
 @given(made((messages.Estimate,)))
@@ -39,9 +44,10 @@ def test_garbage_decodes_to_nothing_or_to_what_gives_its_fields_again(data):
 @pytest.mark.parametrize(
     ("page", "says"),
     [
-        (messages.Goal(1, 1, 131_072, 0, 0), r"Goal\.x: 131072 is not in -131072\.\.131071"),
+        (messages.Goal(1, 1, 131_072, 0, 0, 0, 0), r"Goal\.x: 131072 is not in -131072\.\.131071"),
         (messages.Place(64, 1, 0, 0, 0), r"Place\.identity: 64 is not in 1\.\.63"),
         (messages.Parcel(1, 1, 2, 0, 0, 0, 0, 0), r"Parcel\.shape: 2 is not in 0\.\.1"),
+        (messages.Goal(1, 1, 0, 0, 0, leg=3, legs=2), r"Goal\.leg: 3 is not in 0\.\.2, and not 7"),
         (messages.End(1, 0), r"End\.sequence: 0 is not in 1\.\.3"),
     ],
 )

@@ -18,7 +18,7 @@ class Pain:
     tests: tuple[str, ...]
 
 
-_FLASH = "tests/system/test_flash.py::"
+_FLASH = "tests/system/flashing/test_flash.py::"
 _COMMISSION = "tests/host/cli/commission/test_commission.py::"
 _COORDINATOR = "tests/host/coordination/test_coordinator.py::"
 
@@ -42,8 +42,8 @@ PAINS = (
         "that meets a rival later switches its motors off. mdms commission gives each its own, by "
         "serial numbers.",
         (
-            "tests/both/test_claim.py::test_node_id_that_answers_is_not_taken_and_that_is_reported",
-            "tests/both/test_guard.py::test_rival_that_comes_later_switches_the_motors_off",
+            "tests/both/canopen/test_claim.py::test_node_id_that_answers_is_not_taken_and_that_is_reported",
+            "tests/both/canopen/test_guard.py::test_rival_that_comes_later_switches_the_motors_off",
             f"{_COMMISSION}test_two_cells_that_answer_under_one_node_id_both_get_their_own",
         ),
     ),
@@ -57,7 +57,7 @@ PAINS = (
         "configure dump keeps them in a file; load --save writes, verifies and stores them again.",
         (
             f"{_FLASH}test_running_cell_is_stopped_flashed_and_runs_the_new_firmware",
-            "tests/both/test_store.py::"
+            "tests/both/canopen/storage/test_store.py::"
             "test_settings_survive_a_firmware_that_has_other_objects_besides",
             "tests/host/cli/configure/test_configure.py::"
             "test_array_is_backed_up_and_restored_by_serial_number",
@@ -98,11 +98,11 @@ PAINS = (
         "before and says which one runs, and the update has failed. Bundles that are wrong, old, "
         "cut short or another array's are refused with the reason.",
         (
-            "tests/system/test_update.py::test_whole_firmware_comes_over_the_bus_and_stays",
-            "tests/system/test_update.py::test_firmware_that_crashes_makes_way_for_the_one_before",
-            "tests/system/test_update.py::"
+            "tests/system/flashing/test_update.py::test_whole_firmware_comes_over_the_bus_and_stays",
+            "tests/system/flashing/test_update.py::test_firmware_that_crashes_makes_way_for_the_one_before",
+            "tests/system/flashing/test_update.py::"
             "test_supply_may_fail_on_trial_and_the_firmware_before_comes_back",
-            "tests/both/test_update.py::"
+            "tests/both/update/test_update.py::"
             "test_bundle_that_is_not_for_this_cell_is_refused_with_the_reason",
         ),
     ),
@@ -116,7 +116,7 @@ PAINS = (
             f"{_COORDINATOR}test_a_drive_that_trips_is_named_with_its_reason",
             "tests/host/commissioning/test_status.py::"
             "test_a_fault_from_before_is_named_with_its_words",
-            "tests/both/test_axes.py::"
+            "tests/both/drive/test_axes.py::"
             "test_fault_of_the_loop_is_reported_from_its_axis_until_it_is_reset",
         ),
     ),
@@ -130,9 +130,9 @@ PAINS = (
         "low or uneven.",
         (
             "tests/host/coordination/test_operation.py::test_a_fault_names_what_was_held_up",
-            "tests/system/test_power.py::"
+            "tests/system/trouble/test_power.py::"
             "test_coordinator_reports_a_lost_supply_and_stops_the_array",
-            "tests/system/test_doctor.py::test_each_fault_is_found_at_its_cell_and_nothing_else",
+            "tests/system/commissioning/test_doctor.py::test_each_fault_is_found_at_its_cell_and_nothing_else",
         ),
     ),
     Pain(
@@ -169,8 +169,8 @@ PAINS = (
         "Nothing to do: a cell's motors are cut (0x8140), the bus is left alone for 100 ms, and "
         "the controller is restarted until the bus is back; then the host takes the cell back.",
         (
-            "tests/firmware/on_board_bus.py::test_bus_off_cuts_the_motors_and_the_bus_comes_back",
-            "tests/firmware/on_board_bus.py::test_bus_that_goes_off_again_is_tried_again_and_again",
+            "tests/firmware/boards/on_board_bus.py::test_bus_off_cuts_the_motors_and_the_bus_comes_back",
+            "tests/firmware/boards/on_board_bus.py::test_bus_that_goes_off_again_is_tried_again_and_again",
             "tests/host/coordination/care/test_care.py::"
             "test_trouble_that_passes_is_a_pause_and_the_field_goes_on",
         ),

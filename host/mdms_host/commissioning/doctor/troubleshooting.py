@@ -19,7 +19,7 @@ _PAINS = """\
 ## What others ran into
 
 What users of other boards, buses and libraries reported, and how it is here; the tests show it.
-Those of `on_board_bus` run on MicroPython for each board, by `tests/firmware/test_boards.py`.
+Those of `on_board_bus` run on MicroPython for each board, by `test_boards`.
 """
 
 

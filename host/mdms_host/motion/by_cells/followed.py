@@ -13,7 +13,8 @@ class Followed:
 
     `left_m` is what is left to go, a corner's way included, inf before it is known; `speed_m_s` is
     how fast the program has the parcel go from there, 0 while it is not to move. `arrived` is
-    whether the cells report it at its goal and the host's own estimate does not contradict.
+    whether the cells report it at its goal and the host's own estimate does not contradict;
+    `overtaken` is set when they have gone on to the next leg by themselves.
     """
 
     def __init__(self, goal: Goal, limits: Limits, reach_m: float) -> None:
@@ -22,6 +23,7 @@ class Followed:
         self.speed_m_s = 0.0
         self.arrived = False
         self.stopped = False
+        self.overtaken = False
         self.miss: tuple[float, float] | None = None
         self._limits = limits
         self._reach_m = reach_m

@@ -40,9 +40,12 @@ def place_page(identity: int, sequence: int, pose: Floats) -> messages.Place:
     return messages.Place(identity, sequence, *_steps(x_m, y_m, yaw_rad))
 
 
-def goal_page(identity: int, sequence: int, goal: Goal) -> messages.Goal:
-    """Where a parcel is to go."""
-    return messages.Goal(identity, sequence, *_steps(goal.x_m, goal.y_m, goal.yaw_rad or 0.0))
+def goal_page(
+    identity: int, sequence: int, goal: Goal, leg: int = 0, legs: int = 0
+) -> messages.Goal:
+    """Where a parcel is to go, or where a leg of its way ends; `leg` and `legs` as in `frames`."""
+    steps = _steps(goal.x_m, goal.y_m, goal.yaw_rad or 0.0)
+    return messages.Goal(identity, sequence, *steps, leg, legs)
 
 
 def _steps(x_m: float, y_m: float, yaw_rad: float) -> tuple[int, int, int]:

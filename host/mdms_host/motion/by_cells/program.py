@@ -3,7 +3,7 @@
 Without any IO: poses and estimates in; pages, notices and the outcome out.
 """
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from math import degrees, inf
 
 import numpy as np
@@ -13,8 +13,9 @@ from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.followed import Followed
-from mdms_host.motion.by_cells.pages import flags_of, goal_page, parcel_page, place_page
+from mdms_host.motion.by_cells.pages import flags_of, parcel_page, place_page
 from mdms_host.motion.by_cells.reports import Reports
+from mdms_host.motion.by_cells.way import Way
 from mdms_host.motion.goal import Goal, Limits
 from mdms_model.arrays import Floats
 from mdms_protocol.neighbours import frames as wire
@@ -22,6 +23,8 @@ from mdms_protocol.neighbours.messages import End, Estimate, Page
 
 #: Pages are repeated so often [s] until the cells have acknowledged them.
 REPEAT_S = 0.05
+#: And the legs that follow a goal one by one, so far apart [s].
+LEG_S = 0.02
 #: Once most have, for so long for the sake of the rest; they are handed on by the others.
 _REST_S = 0.5
 #: No cell has the parcel any more when none has reported its identity for so long [s].
@@ -44,6 +47,8 @@ class _Sending:
     def __init__(self, since_s: float = -inf) -> None:
         self.since_s = since_s
         self.due_s = -inf
+        self.leg = 0
+        self.leg_due_s = -inf
         self.mostly_s: float | None = None
         self.done = False
         self.gone_s: float | None = None
@@ -53,7 +58,8 @@ class CellsProgram:
     """The goals of parcels for cells that steer; identities count from 1 in the parcels' order.
 
     A parcel without a goal gets an identity too, so that its cells keep others away. One that does
-    not get on although nothing holds it is stopped for good: its identity is dropped.
+    not get on although nothing holds it is stopped for good: its identity is dropped. `goes_on` is
+    whether the cells bring it to its goal without the host.
     """
 
     def __init__(
@@ -66,15 +72,15 @@ class CellsProgram:
         go_on: bool = False,
     ) -> None:
         self._limits = limits or Limits()
-        self._go_on = go_on
-        self._goals = dict(goals)
+        self.goes_on = go_on
+        self._ways = {name: Way((goal,)) for name, goal in goals.items()}
         self._parcels = {parcel.name: parcel for parcel in parcels}
         self._identities = {parcel.name: number for number, parcel in enumerate(parcels, 1)}
         self._bottoms: dict[str, Bottom] = {parcel.name: parcel.bottom for parcel in parcels}
         self._sensors_m = layout.sensor_positions_m
         self._reports = Reports(layout)
         self._sendings = {name: _Sending() for name in self._parcels}
-        self._wanted: dict[str, Goal] = {}
+        self._wanted: dict[str, Way] = {}
         self._sequences = dict.fromkeys(self._parcels, _FIRST)
         self._followed = {
             name: Followed(goals[name], self._limits, bottom.reach_m)
@@ -122,10 +128,14 @@ class CellsProgram:
         """
         self.lead(name, goal)
 
-    def lead(self, name: str, goal: Goal) -> Followed:
-        """The same; returns what follows the parcel to this goal."""
+    def lead(self, name: str, goal: Goal, legs: Sequence[Goal] = ()) -> Followed:
+        """The same; returns what follows the parcel to this goal.
+
+        Where they are to go on without the host, the cells also get the first of the `legs` that
+        follow, and go along them while the host is gone; each leg needs another call until then.
+        """
         self._followed[name] = Followed(goal, self._limits, self._bottoms[name].reach_m)
-        self._wanted[name] = goal
+        self._wanted[name] = Way((goal, *legs[: wire.LEGS_MAX]) if self.goes_on else (goal,))
         return self._followed[name]
 
     def add(self, parcel: Parcel) -> None:
@@ -139,7 +149,7 @@ class CellsProgram:
 
     def end(self, name: str) -> None:
         """Have the cells bring a parcel to rest, and steer it no more; they keep others away."""
-        for kept in (self._followed, self._wanted, self._goals):
+        for kept in (self._followed, self._wanted, self._ways):
             kept.pop(name, None)
         self._ending[name] = _ENDS
 
@@ -148,7 +158,8 @@ class CellsProgram:
         sending = self._sendings[name]
         if name not in self._wanted or not (sending.done or now_s >= sending.since_s + _REST_S):
             return
-        self._goals[name] = self._wanted.pop(name)
+        way = self._wanted.pop(name)
+        self._ways[name] = way.after(self._ways.get(name))
         self._sequences[name] = self._sequences[name] % wire.SEQUENCE_MAX + 1
         self._sendings[name] = _Sending(now_s)
 
@@ -168,6 +179,7 @@ class CellsProgram:
         self._reports.age(now_s)
         pages: list[Page] = []
         for name in self._parcels:
+            self._check_overtaken(name)
             self._change_goal(name, now_s)
             if name in self._followed:
                 pages += self._follow(name, poses.get(name), now_s, step_s)
@@ -209,16 +221,23 @@ class CellsProgram:
         """The pages of one parcel, as long as its cells do not have them."""
         sending = self._sendings[name]
         self._check_acknowledged(name, sending, pose, now_s)
-        if sending.done or now_s < sending.due_s:
+        if sending.done:
+            return
+        identity, way = self._identities[name], self._ways.get(name)
+        sequence = self._sequences[name]
+        if now_s < sending.due_s:
+            if way is not None and way.legs and now_s >= sending.leg_due_s:
+                sending.leg_due_s = now_s + LEG_S
+                sending.leg = sending.leg % way.legs + 1
+                yield way.page(identity, sequence, sending.leg)
             return
         sending.due_s = now_s + REPEAT_S
-        identity, goal = self._identities[name], self._goals.get(name)
-        sequence = self._sequences[name]
-        parcel, flags = self._parcels[name], flags_of(goal, self._go_on)
+        parcel, goal = self._parcels[name], None if way is None else way.goal
+        flags = flags_of(goal, self.goes_on)
         yield parcel_page(identity, sequence, parcel, self._limits, flags)
         yield place_page(identity, sequence, pose)
-        if goal is not None:
-            yield goal_page(identity, sequence, goal)
+        if way is not None:
+            yield way.page(identity, sequence)
 
     def _check_acknowledged(self, name: str, sending: _Sending, pose: Floats, now_s: float) -> None:
         """Send no more when all cells of a parcel have its program; again when none has it."""
@@ -249,13 +268,25 @@ class CellsProgram:
             self._notices.append(f"no cell has {name} any more: its program is sent again")
             self._sendings[name] = _Sending()
 
+    def _check_overtaken(self, name: str) -> None:
+        """Take over from cells that missed the host meanwhile, and are on the next leg."""
+        way = self._ways.get(name)
+        if way is None or not way.legs or not self._sendings[name].done:
+            return
+        under = self._reports.under(self._identities[name]).values()
+        following = self._sequences[name] % wire.SEQUENCE_MAX + 1
+        if 2 * sum(each.sequence == following for each in under) > len(under):
+            self._ways[name], self._sequences[name] = way.rest(), following
+            if name not in self._wanted and (followed := self._followed.get(name)) is not None:
+                followed.goal, followed.overtaken = way.places[1], True
+
     def _cells_having(self, name: str) -> set[int]:
         """The cells that have acknowledged a parcel's program by their estimates."""
-        sequence = self._sequences[name] if name in self._goals else 0
+        sequence = self._sequences[name] if name in self._ways else 0
         return {
             cell
             for cell, estimate in self._reports.of(self._identities[name]).items()
-            if estimate.sequence == sequence
+            if estimate.sequence == sequence and not (sequence and estimate.flags & wire.LACKING)
         }
 
     def _cells_of(self, name: str, pose: Floats) -> set[int]:

@@ -1,10 +1,11 @@
 """Orders carried out by cells that steer: the host plans, and sends goals as ways become free."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.gain import Gain
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.followed import Followed
@@ -58,6 +59,15 @@ class CellsTraffic(OrderedTraffic[Legs]):
         self._cells.on_lost_cells(cells)
         super().on_lost_cells(cells)
 
+    def begin_again(self) -> None:
+        """The cells' programs have ended; without the host they may have been on any leg by then.
+
+        What was on its way is planned anew from where it lies.
+        """
+        for name in [name for name, ride in self._rides.items() if not ride.has_come]:
+            self._end_ride(name)
+        self._cells.begin_again()
+
     def take_notices(self) -> list[str]:
         """See `OrderedTraffic`."""
         return super().take_notices() + self._cells.take_notices()
@@ -79,12 +89,18 @@ class CellsTraffic(OrderedTraffic[Legs]):
         """How fast each wheel is to run, (W,): what cells command is not known."""
         return self._still
 
+    @property
+    def gains(self) -> Mapping[str, Gain]:
+        """Nothing: what cells push with is not known."""
+        return {}
+
     def _set_out(self, order: Order, route: Route) -> Legs:
-        def send(goal: Goal) -> Followed:
-            return self._cells.lead(order.parcel, goal)
+        def send(goal: Goal, legs: Sequence[Goal]) -> Followed:
+            return self._cells.lead(order.parcel, goal, legs)
 
         load = self._loads[order.parcel]
-        return Legs(order, route, load, send, self._limits.acceleration_m_s2)
+        acceleration_m_s2, goes_on = self._limits.acceleration_m_s2, self._cells.goes_on
+        return Legs(order, route, load, send, acceleration_m_s2, goes_on=goes_on)
 
     def _end_ride(self, name: str) -> None:
         super()._end_ride(name)

@@ -1,6 +1,6 @@
 """One parcel under way by cells that steer: its route, sent to them leg by leg as goals."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 
 from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.outlines.disc import Disc
@@ -26,19 +26,28 @@ _SAME_M = 0.002
 _STILL_M_S = 0.004
 _STILL_S = 0.25
 
-#: Has the cells take a parcel to a goal; returns what follows it there.
-Send = Callable[[Goal], Followed]
+#: Has the cells take a parcel to a goal, and, should the host be gone by then, along the legs that
+#: follow; returns what follows it to the goal.
+Send = Callable[[Goal, Sequence[Goal]], Followed]
 
 
 class Legs:
     """Takes a parcel along a route for an order; see `riding.Riding`. `step` once a cycle.
 
     A leg is straight, and ends at a corner or where the way is not free yet: cells drive straight
-    at what was sent last, whatever becomes of the host. They brake with `acceleration_m_s2`.
+    at what was sent last, with `acceleration_m_s2`. Where it `goes_on` without the host, the legs
+    that follow are sent for that time, unless it is to stop or something is in its way.
     """
 
     def __init__(
-        self, order: Order, route: Route, load: Load, send: Send, acceleration_m_s2: float
+        self,
+        order: Order,
+        route: Route,
+        load: Load,
+        send: Send,
+        acceleration_m_s2: float,
+        *,
+        goes_on: bool = False,
     ) -> None:
         self.order = order
         self.route = route
@@ -50,7 +59,9 @@ class Legs:
         self._path = Path(route.poses, load.bottom.reach_m)
         self._send = send
         self._acceleration_m_s2 = acceleration_m_s2
+        self._goes_on = goes_on
         self._sent_m = 0.0
+        self._leads_on = False
         self._passed_m = 0.0
         self._followed: Followed | None = None
         self._still_s = 0.0
@@ -93,6 +104,11 @@ class Legs:
     def _look(self, belief: Belief, step_s: float) -> None:
         """Find the parcel on its route; a corner that it has come to is behind it."""
         path = self._path
+        if self._followed is not None and self._followed.overtaken:
+            # Without a host for a moment, its cells have gone on to the next corner by themselves.
+            self._followed.overtaken = False
+            self._passed_m, self._sent_m = self._sent_m, self._corner_after_m(self._sent_m)
+            self._leads_on = self._may_lead_on(self._sent_m)
         low_m = max(self._passed_m, self.progress_m - _SEARCH_M)
         nearest_m = path.nearest_m(belief.pose, low_m, self._sent_m)
         off_m = path.distance_m(path.off(belief.pose, nearest_m))
@@ -111,21 +127,39 @@ class Legs:
         stop_m = self.progress_m + speed_m_s**2 / (2 * self._acceleration_m_s2)
         if self.stopping or self.off_path:
             return min(self._sent_m, stop_m)
-        ahead = (end_m for end_m in path.corners_m if end_m > self._passed_m)
-        corner_m = next(ahead, path.length_m)
+        corner_m = self._corner_after_m(self._passed_m)
         # A way that is free has the same length as the path, but for rounding.
         free_m = corner_m if limit_m > corner_m - _SAME_M else limit_m
         return max(free_m, min(self._sent_m, stop_m))
 
+    def _corner_after_m(self, along_m: float) -> float:
+        ahead = (end_m for end_m in self._path.corners_m if end_m > along_m)
+        return next(ahead, self._path.length_m)
+
     def _go(self, to_m: float) -> None:
-        """Send a goal, if it is worth the frames."""
+        """Send a goal, if it is worth the frames; or the same once more if legs may not follow."""
         farther_m = to_m - self._sent_m
         ends = to_m in self._path.corners_m or self._passed_m >= self._sent_m
         same = -_SAME_M <= farther_m <= (_SAME_M if ends else _PART_M)
-        if same and (self._followed is not None or to_m < self._path.length_m):
+        leads_on = self._may_lead_on(self._sent_m if same else to_m)
+        if same and self._followed is None and to_m < self._path.length_m:
             return
-        self._sent_m = to_m
-        self._followed = self._send(self._goal_at(to_m))
+        if same and self._followed is not None and leads_on == self._leads_on:
+            return
+        if not same:
+            self._sent_m = to_m
+        self._leads_on = leads_on
+        legs = [*self._legs_after(self._sent_m)] if leads_on else []
+        self._followed = self._send(self._goal_at(self._sent_m), legs)
+
+    def _may_lead_on(self, sent_m: float) -> bool:
+        """Whether cells without a host are to go on after a goal."""
+        clear = not (self.stopping or self.off_path or self.obstructed)
+        return self._goes_on and clear and sent_m < self._path.length_m - _SAME_M
+
+    def _legs_after(self, sent_m: float) -> Iterator[Goal]:
+        """The corners behind a goal, and the end."""
+        return (self._goal_at(end_m) for end_m in self._path.corners_m if end_m > sent_m + _SAME_M)
 
     def _goal_at(self, to_m: float) -> Goal:
         goal = self.order.goal

@@ -59,7 +59,7 @@ def test_pages_are_what_parcel_and_goal_are():
     (_, parcel), (_, place), (_, goal) = Table(go_on=True).run(STEP_S)
     assert parcel == messages.Parcel(1, 1, wire.RECTANGLE, 1440, 1200, 44, 20, wire.GO_ON)
     assert place == messages.Place(1, 1, -400, 0, 0)
-    assert goal == messages.Goal(1, 1, 400, 0, 326)
+    assert goal == messages.Goal(1, 1, 400, 0, 326, 0, 0)
 
 
 def test_yaw_at_the_goal_does_not_matter_where_none_is_given():
@@ -180,7 +180,7 @@ def test_new_goal_is_a_program_of_the_next_sequence_number():
     table.program.set_goal("box", Goal(0.0, 0.0, 0.0))
     sent = table.run(STEP_S, reports=reports())
     assert [page.sequence for _, page in sent] == [2, 2, 2]
-    assert sent[-1][1] == messages.Goal(1, 2, 0, 0, 0)
+    assert sent[-1][1] == messages.Goal(1, 2, 0, 0, 0, 0, 0)
     table.run(0.1, reports=reports(sequence=2))
     assert table.run(0.1, reports=reports(sequence=2)) == []
     assert [page.sequence for page in table.program.ends()] == [2]
@@ -196,7 +196,7 @@ def test_goals_that_follow_each_other_faster_than_cells_take_them_are_left_out()
     assert {page.sequence for _, page in sent} == {2}
     sent = table.run(0.3, reports=reports(sequence=2))
     assert {page.sequence for _, page in sent} == {3}
-    assert sent[-1][1] == messages.Goal(1, 3, 280, 0, 0)
+    assert sent[-1][1] == messages.Goal(1, 3, 280, 0, 0, 0, 0)
 
 
 def test_parcel_that_was_stopped_for_good_goes_on_with_a_new_goal():
@@ -205,7 +205,7 @@ def test_parcel_that_was_stopped_for_good_goes_on_with_a_new_goal():
     assert table.program.stuck
     table.program.set_goal("box", Goal(0.0, 0.0, 0.0))
     assert table.program.stuck is None
-    assert table.run(STEP_S, reports=reports(cells=()))[-1][1] == messages.Goal(1, 2, 0, 0, 0)
+    assert table.run(STEP_S, reports=reports(cells=()))[-1][1] == messages.Goal(1, 2, 0, 0, 0, 0, 0)
 
 
 def test_a_program_that_is_ended_is_ended_often_enough_and_the_parcel_keeps_its_identity():
@@ -218,3 +218,76 @@ def test_a_program_that_is_ended_is_ended_often_enough_and_the_parcel_keeps_its_
     assert sent == [messages.Parcel, messages.Place]
     assert not table.program.controllers
     assert not table.notices
+
+
+#: Three goals of one way, and what cells get of the last two of them.
+WAY = (Goal(0.0, 0.0, 0.0), Goal(0.1, 0.0, 0.0), Goal(0.1, 0.2, 0.5))
+
+
+def led(way=WAY, **options):
+    """A box that is led along a way."""
+    table = Table(None, go_on=True, **options)
+    table.program.lead("box", way[0], way[1:])
+    return table
+
+
+def goals(sent):
+    """Leg and legs of all pages that have a goal."""
+    return [(page.leg, page.legs) for _, page in sent if isinstance(page, messages.Goal)]
+
+
+def test_legs_are_sent_one_by_one_until_all_cells_have_them():
+    table = led()
+    lacking = reports(UNDER, sequence=2, flags=wire.LACKING)
+    sent = table.run(0.1, reports=lacking)
+    assert set(goals(sent)) == {(0, 2), (1, 2), (2, 2)}
+    # At most three pages in 50 ms besides those of a program without legs.
+    assert len(sent) <= 2 * (3 + 3)
+    (ends,) = {page for _, page in sent if isinstance(page, messages.Goal) and page.leg == 2}
+    assert ends == messages.Goal(1, 2, 400, 800, 326, 2, 2)
+    assert table.run(0.3, reports=lacking)
+    assert not table.run(1.0, reports=reports(UNDER, sequence=2))
+    assert not table.notices
+
+
+def test_no_more_legs_are_sent_than_cells_keep():
+    way = [Goal(0.01 * number, 0.0, 0.0) for number in range(12)]
+    legs = {leg for leg, _ in goals(led(way).run(0.5))}
+    assert legs == {0, *range(1, wire.LEGS_MAX + 1)}
+
+
+def test_no_leg_is_sent_for_a_parcel_that_stops_with_the_host():
+    table = Table(None)
+    table.program.lead("box", WAY[0], WAY[1:])
+    assert set(goals(table.run(0.5))) == {(0, 0)}
+
+
+def test_goal_that_is_the_next_of_the_way_joins_it_and_another_does_not():
+    table = led()
+    table.run(0.1, reports=reports(UNDER, sequence=2))
+    table.program.lead("box", WAY[1], WAY[2:])
+    assert goals(table.run(STEP_S, reports=reports(UNDER, sequence=2))) == [(wire.JOINS, 1)]
+    table.run(0.1, reports=reports(UNDER, sequence=3))
+    table.program.lead("box", WAY[0], WAY[1:])
+    assert goals(table.run(STEP_S, reports=reports(UNDER, sequence=3))) == [(0, 2)]
+
+
+def test_goal_on_the_way_to_the_next_one_joins_only_if_all_legs_are_the_same():
+    for legs, leg in ((WAY[1:], wire.JOINS), ((WAY[2], WAY[1]), 0), (WAY[2:], 0)):
+        table = led()
+        table.run(0.1, reports=reports(UNDER, sequence=2))
+        table.program.lead("box", Goal(0.05, 0.0, 0.0), legs)
+        assert goals(table.run(STEP_S, reports=reports(UNDER, sequence=2)))[0] == (leg, len(legs))
+
+
+def test_cells_that_have_gone_on_by_themselves_are_not_sent_back():
+    table = led()
+    table.run(0.1, reports=reports(UNDER, sequence=2))
+    followed = table.program.controllers["box"]
+    assert not table.run(0.5, reports=reports(UNDER, sequence=3))
+    assert followed.overtaken
+    assert followed.goal == WAY[1]
+    table.program.lead("box", WAY[2])
+    (first, *_) = goals(table.run(0.1, reports=reports(UNDER, sequence=3)))
+    assert first == (0, 0)
+    assert table.program.ends() == [messages.End(1, 1)]

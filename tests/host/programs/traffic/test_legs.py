@@ -24,16 +24,20 @@ NOWHERE = Visits(*(np.zeros(0, dtype=kind) for kind in (np.intp, *[float] * 4)))
 class Road:
     """Legs of a box on the cornered route, and the goals that were sent; the box goes by hand."""
 
-    def __init__(self):
+    def __init__(self, goes_on=False):
         self.sent = []
+        #: The legs that followed the goal that was sent last.
+        self.followed_by = []
         self.followed = None
         along_m = np.array([0.0, 0.3, 0.5])
         route = Route("box", CORNERED, along_m, along_m[:2], along_m[1:], NOWHERE, BOX.reach_m)
         load = Load(BOX, uniform_mass(BOX))
-        self.legs = Legs(Order("box", GOAL), route, load, self.send, 0.4)
+        order = Order("box", GOAL)
+        self.legs = Legs(order, route, load, self.send, 0.4, goes_on=goes_on)
 
-    def send(self, goal):
+    def send(self, goal, legs):
         self.sent.append((round(goal.x_m, 3), round(goal.y_m, 3)))
+        self.followed_by = [(round(leg.x_m, 3), round(leg.y_m, 3)) for leg in legs]
         self.followed = Followed(goal, Limits(), BOX.reach_m)
         return self.followed
 
@@ -120,3 +124,41 @@ def test_a_route_without_length_is_a_goal_all_the_same():
     road.legs = Legs(order, route, Load(BOX, uniform_mass(BOX)), road.send, 0.4)
     assert road.at(0.0, 0.0, limit_m=0.0) == [(0.0, 0.0)]
     assert road.legs.progress_m == pytest.approx(0.0)
+
+
+def test_legs_that_follow_go_with_a_goal_for_the_time_without_a_host():
+    road = Road(goes_on=True)
+    assert road.at(0.0, 0.0, limit_m=0.1) == [(0.1, 0.0)]
+    assert road.followed_by == [(0.3, 0.0), (0.3, 0.2)]
+    assert road.at(0.05, 0.0) == [(0.3, 0.0)]
+    assert road.followed_by == [(0.3, 0.2)]
+    assert road.at(0.297, 0.0, cycles=3) == [(0.3, 0.2)]
+    assert road.followed_by == []
+
+
+def test_legs_are_taken_back_while_something_is_in_the_way_and_given_again():
+    road = Road(goes_on=True)
+    road.at(0.0, 0.0)
+    road.legs.obstructed = True
+    assert road.at(0.05, 0.0, cycles=5) == [(0.3, 0.0)]
+    assert road.followed_by == []
+    road.legs.obstructed = False
+    assert road.at(0.05, 0.0, cycles=5) == [(0.3, 0.0)]
+    assert road.followed_by == [(0.3, 0.2)]
+
+
+def test_one_that_is_to_stop_goes_along_no_leg():
+    road = Road(goes_on=True)
+    road.at(0.0, 0.0)
+    road.legs.stopping = True
+    road.at(0.296, 0.0, speed_m_s=0.2, cycles=5)
+    assert road.followed_by == []
+
+
+def test_one_whose_cells_have_gone_on_by_themselves_goes_on_from_there():
+    road = Road(goes_on=True)
+    road.at(0.0, 0.0)
+    road.followed.overtaken = True
+    assert road.at(0.3, 0.1, cycles=3) == []
+    assert road.legs.progress_m == pytest.approx(0.4)
+    assert not road.legs.off_path

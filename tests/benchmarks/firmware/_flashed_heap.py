@@ -1,0 +1,132 @@
+"""The heap that all takes that is flashed, on the 32-bit MicroPython and faked peripherals.
+
+That build makes no machine code, so what a board has as such is bytecode here.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.micropython_builds import EMITTER_LINE, wasm32
+
+from mdms_host.flashing.firmware_build import compile_module, rom_image
+from mdms_host.flashing.firmware_sources import START, sources
+
+HEAP = Path(__file__).parent / "_firmware_heap.py"
+FAKES = tuple(
+    Path(__file__).parents[2] / "firmware" / "fakes" / f"{name}.py"
+    for name in ("machine", "pyb", "world", "can_controller", "can_stm32", "can_bx", "can_fd")
+)
+BOARD = "pybv11"
+#: What only boards load that have room for a second firmware.
+ROOMY = ("mdms_cell.update.update", "mdms_cell.update.receipt", "mdms_cell.update.admission")
+ROOMY += ("mdms_cell.update.signature", "mdms_protocol.update.bundle", "mdms_boot")
+OTHERS = ("boards.nucleo", "boards.weact", "boards.teensy", "boards.mimxrt", *ROOMY)
+WAYS = ("copies", "romfs")
+#: What the interpreter itself has taken.
+_BARE = "import gc; print(gc.mem_alloc())"
+#: What measures, and the peripherals, do not count. That build finds garbage at module level only.
+_MEASURE = """
+import gc, sys
+def note():
+    gc.collect()
+    return gc.mem_alloc()
+def load(name):
+    __import__(name)
+load("pyb")
+load("machine")
+load("_firmware_heap")
+import world
+from _firmware_heap import Driven, Traffic
+if %r:
+    import vfs
+    with open("/input/firmware.romfs", "rb") as file: rom = memoryview(file.read())
+    vfs.mount(vfs.VfsRom(rom), "/rom")
+    sys.path.append("/rom")
+    del file
+before = note()
+load("main")
+load("boards.start")
+load("boards.%s")
+code = note()
+from boards import start
+board = sys.modules["boards.%s"].board()
+cell = start.Cell(board, 5)
+runner = start.Runner(board, cell)
+board.start(runner.tick)
+booted = note()
+traffic = Traffic(Driven(world, runner))
+traffic.boot()
+world.told.clear()
+running = note()
+for _ in range(2):
+    half = note()
+    cycles = %d
+    while cycles > 0:
+        note()
+        traffic.live(min(cycles, 100))
+        cycles -= 100
+lived = note()
+growth = gc.mem_alloc()
+traffic.live(100)
+growth = gc.mem_alloc() - growth
+%s
+whole = note()
+print(code - before, booted - before, running - before, half - before, lived - before)
+print(whole - before)
+print(growth, cell.state)
+"""
+OPERATIONAL = 5
+
+
+@dataclass(frozen=True, slots=True)
+class FlashedHeap:
+    """Bytes in use: code alone, cell made, operational, after traffic, with every module loaded.
+
+    `half` is amid the traffic. All but `code` have in them what the interpreter takes. `garbage` is
+    that of a second.
+    """
+
+    code: int
+    made: int
+    running: int
+    half: int
+    lived: int
+    whole: int
+    garbage: int
+
+
+def flashed_heap(folder: Path, way: str, cycles: int) -> FlashedHeap:
+    """Start what is flashed as `main` does, boot it, and let so many SYNC periods pass."""
+    folder.mkdir()
+    modules = _staged(folder, way)
+    loads = "\n".join(f"load({name!r})" for name in modules)
+    code = _MEASURE % (way == "romfs", BOARD, BOARD, cycles // 2, loads)
+    *figures, state = map(int, wasm32(folder, code, time_limit_s=600).split())
+    assert state == OPERATIONAL
+    bare = int(wasm32(folder, _BARE))
+    inside, *together, garbage = figures
+    return FlashedHeap(inside, *(bare + each for each in together), garbage)
+
+
+def _staged(folder: Path, way: str) -> list[str]:
+    """Put the firmware and what measures into a folder; the names of modules for this board."""
+    compiled = {}
+    for place, path in sources().items():
+        source = folder / "source.py"
+        source.write_text(EMITTER_LINE.sub("", path.read_text(encoding="utf-8")), encoding="utf-8")
+        if place == START:
+            source.rename(folder / START)
+        else:
+            compiled[f"{place[:-3]}.mpy"] = compile_module(place, source, None)
+    (folder / "source.py").unlink()
+    if way == "romfs":
+        (folder / "firmware.romfs").write_bytes(rom_image(compiled))
+    else:
+        for place, data in compiled.items():
+            (folder / place).parent.mkdir(exist_ok=True)
+            (folder / place).write_bytes(data)
+    for path in (*FAKES, HEAP):
+        compiled_path = folder / f"{path.stem}.mpy"
+        compiled_path.write_bytes(compile_module(path.name, path, None))
+    names = [place[: -len(".mpy")].replace("/", ".") for place in compiled]
+    return [name for name in names if not name.startswith(OTHERS) and "_init_" not in name]

@@ -1,0 +1,163 @@
+"""A cell in the middle of nine, all under one parcel, for tests and figures of the layer."""
+
+from array import array
+
+from cell_bench import NODE, Board
+
+from mdms_cell.cell import Cell
+from mdms_cell.drive import speed_loop
+from mdms_protocol import indices, pdo
+from mdms_protocol.codecs import cia402, cob
+from mdms_protocol.neighbours import frames as wire
+
+PITCH_UM = 127_000
+STEPS = ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1))
+#: Node ids of the neighbours by direction.
+NEIGHBOURS = (6, 9, 8, 7, 4, 1, 2, 3)
+SENSORS_UM = ((0, 0), (31_750, 31_750), (-31_750, 31_750), (-31_750, -31_750), (31_750, -31_750))
+IDENTITY = 7
+LENGTH_UM, WIDTH_UM = 360_000, 300_000
+BEAT_MS = 10
+#: Cells repeat their state after so long.
+REPEAT_MS = 200
+
+
+def _u32(number):
+    return (number & 0xFFFFFFFF).to_bytes(4, "little")
+
+
+class Middle:
+    """The cell, and what its neighbours would send while the parcel goes along x at a speed."""
+
+    #: What the cell is told of its neighbours, and where the parcel lies; along y as is said.
+    neighbours = NEIGHBOURS
+    placed_x_um = -60_000
+    placed_y_um = 0
+    #: How sure neighbours are of the parcel, as their estimates have it.
+    certainty = 9
+
+    def __init__(self, speed_um_s=100_000):
+        self.board = Board()
+        self.cell = Cell(self.board, NODE)
+        self.now_ms = 0
+        self.x_um = self.placed_x_um
+        self.speed_um_s = speed_um_s
+        #: The node id of a neighbour that says nothing, and whether the parcel is off the table.
+        self.silent = None
+        self.sequence = 1
+        self.program_flags = 0
+        #: What all neighbours report of their program.
+        self.its_sequence = 1
+        self.its_flags = 0
+        self.lifted = False
+        #: Whether neighbours' states get lost, and of which directions the speeds do.
+        self.losing = False
+        self.unheard = ()
+        #: Neighbours' statuswords, as bytes.
+        self.words = bytes((0x33, 2, 0x33, 2))
+        self._states = [None] * 8
+        self._stated_ms = [0] * 8
+        self._boot()
+
+    def _boot(self):
+        cell = self.cell
+        for _ in range(60):
+            self._pass(1)
+        self._write(indices.PLACE, 1, 1, 2)
+        self._write(indices.PLACE, 2, 1, 2)
+        for sub, node_id in enumerate(self.neighbours, 1):
+            self._write(indices.NEIGHBOURS, sub, 1, node_id)
+        self._write(indices.TPDO_PARAMETERS + 1, 5, 2, REPEAT_MS)
+        self._write(indices.CONTROL, 0, 1, 1)
+        cell.on_frame(cob.NMT, bytes((1, NODE)), self.now_ms)
+        for word in (cia402.SHUTDOWN, cia402.SWITCH_ON):
+            cell.on_frame(cob.RPDO_BASES[1] + NODE, pdo.CONTROLWORD.encode((word, word)), 0)
+        self._pages()
+        for _ in range(40):
+            self.beat(moving=False)
+
+    def _write(self, index, sub, size, number):
+        head = bytes((0x23 | 4 - size << 2, index & 0xFF, index >> 8, sub))
+        self.cell.on_frame(cob.SDO_REQUEST_BASE + NODE, head + _u32(number), self.now_ms)
+        assert self.board.take()[-1][1][0] == 0x60
+
+    def _pages(self):
+        size = (LENGTH_UM // wire.STEP_UM, WIDTH_UM // wire.STEP_UM)
+        shape = wire.RECTANGLE
+        number, flags = self.sequence, self.program_flags
+        self._page((IDENTITY, wire.PARCEL, number, shape, size[0], size[1], 44, 20, flags))
+        y = self.placed_y_um // wire.STEP_UM
+        self._page((IDENTITY, wire.PLACE, 1, self.x_um // wire.STEP_UM, y, 0, 0, 0, 0))
+        self._page((IDENTITY, wire.GOAL, self.sequence, 400, 0, 0, 0, 0, 0))
+
+    def _page(self, fields):
+        frame = bytearray(8)
+        wire.pack_program(array("i", fields), 0, frame)
+        self.cell.on_frame(cob.PROGRAM, bytes(frame), self.now_ms)
+
+    def _pass(self, time_ms):
+        self.now_ms += time_ms
+        self.cell.poll(self.now_ms)
+
+    def beat(self, moving=True):
+        """One SYNC, what follows it from all neighbours, and the update."""
+        cell, speed_um_s = self.cell, self.speed_um_s if moving else 0
+        cell._registers[speed_loop.ACTUAL] = speed_um_s
+        cell.on_frame(cob.SYNC, b"", self.now_ms)
+        self._pass(1)
+        for direction in range(8):
+            node_id = NEIGHBOURS[direction]
+            if node_id == self.silent:
+                continue
+            speeds = self._speeds(direction, speed_um_s)
+            if direction not in self.unheard:
+                cell.on_frame(cob.TPDO_BASES[0] + node_id, speeds, self.now_ms)
+            estimate = self._estimate(direction)
+            if estimate:
+                cell.on_frame(cob.TPDO_BASES[2] + node_id, estimate, self.now_ms)
+            self._presence(direction)
+        self.board.bits = self._covered(0, 0)
+        self._pass(3)
+        self._pass(4)
+        self._pass(BEAT_MS - 8)
+        self.x_um += speed_um_s * BEAT_MS // 1000
+
+    def _speeds(self, _direction, speed_um_s):
+        return _u32(speed_um_s) + _u32(0)
+
+    def _estimate(self, direction):
+        dx, dy = STEPS[direction]
+        fields = array("i", [0] * wire.ESTIMATE_FIELDS)
+        fields[wire.X] = (self.x_um - dx * PITCH_UM) // wire.STEP_UM
+        fields[wire.Y] = -dy * PITCH_UM // wire.STEP_UM
+        fields[wire.IDENTITY] = IDENTITY
+        fields[wire.STATE] = wire.UNDER
+        fields[wire.CERTAINTY] = self.certainty
+        fields[wire.HOLD] = wire.HOLD_NONE
+        fields[wire.SEQUENCE] = self.its_sequence
+        fields[wire.FLAGS] = self.its_flags
+        frame = bytearray(8)
+        wire.pack_estimate(fields, 0, frame, 0)
+        return bytes(frame)
+
+    def _covered(self, x_um, y_um):
+        bits = 0
+        if self.lifted:
+            return bits
+        for sensor, (own_x, own_y) in enumerate(SENSORS_UM):
+            along, across = abs(x_um + own_x - self.x_um), abs(y_um + own_y)
+            if along < LENGTH_UM // 2 and across < WIDTH_UM // 2:
+                bits |= 1 << sensor
+        return bits
+
+    def _presence(self, direction):
+        dx, dy = STEPS[direction]
+        bits = self._covered(dx * PITCH_UM, dy * PITCH_UM)
+        state = self.words + bytes((bits,))
+        repeats = self.now_ms - self._stated_ms[direction] >= REPEAT_MS
+        if state != self._states[direction] or repeats:
+            self._states[direction] = state
+            self._stated_ms[direction] = self.now_ms
+            if self.losing:
+                return
+            self.cell.on_frame(cob.TPDO_BASES[1] + NEIGHBOURS[direction], state, self.now_ms)

@@ -1,0 +1,332 @@
+"""One cell of nine under a parcel, on every interpreter: what it sends, and what its wheels do."""
+
+from array import array
+
+from layer_bench import IDENTITY, NEIGHBOURS, NODE, Middle
+
+from mdms_cell.drive import speed_loop
+from mdms_cell.neighbours.layer import UPDATE_MS
+from mdms_protocol import indices
+from mdms_protocol.codecs import cia402, cob
+from mdms_protocol.neighbours import frames as wire
+
+SPEED_UM_S = 100_000
+
+
+def targets_um_s(middle):
+    registers = middle.cell._registers
+    return registers[speed_loop.TARGET], registers[speed_loop.AXIS + speed_loop.TARGET]
+
+
+def state(middle):
+    """Of axis 1, as the statusword has it."""
+    return middle.cell._objects.reader(indices.STATUSWORD, 0)[0]() & 0x6F
+
+
+def estimates(middle):
+    """The estimates that the cell has sent since the last call."""
+    found = []
+    for can_id, data in middle.board.take():
+        if can_id == cob.TPDO_BASES[2] + NODE:
+            fields = array("i", [0] * wire.ESTIMATE_FIELDS)
+            assert wire.unpack_estimate(data, fields, 0)
+            found.append(list(fields))
+    return found
+
+
+def run(middle, beats, moving=True):
+    for _ in range(beats):
+        middle.beat(moving)
+
+
+def silence(middle, beats):
+    """SYNC goes on, and nobody says anything else."""
+    for _ in range(beats):
+        middle.cell.on_frame(cob.SYNC, b"", middle.now_ms)
+        for _ in range(10):
+            middle._pass(1)
+
+
+def test_cell_leads_its_wheels_towards_the_goal():
+    middle = Middle(SPEED_UM_S)
+    run(middle, 40)
+    along, across = targets_um_s(middle)
+    assert 95_000 < along < 105_000
+    assert abs(across) < 6_000
+    assert state(middle) == cia402.OPERATION_ENABLED
+
+
+def test_estimate_says_where_the_parcel_is_and_whose_the_cell_is():
+    middle = Middle(SPEED_UM_S)
+    run(middle, 40)
+    last = estimates(middle)[-1]
+    # It was sent at the SYNC of the last beat.
+    sent_um = middle.x_um - SPEED_UM_S * 10 // 1000
+    assert abs(last[wire.X] * wire.STEP_UM - sent_um) < 3_000
+    assert abs(last[wire.Y] * wire.STEP_UM) < 3_000
+    assert (last[wire.IDENTITY], last[wire.STATE], last[wire.SEQUENCE]) == (IDENTITY, wire.UNDER, 1)
+    assert last[wire.HOLD] == wire.HOLD_NONE
+    assert last[wire.WANTS] == 0xFF
+
+
+def test_targets_from_the_bus_move_no_wheel_that_the_layer_leads():
+    middle = Middle(SPEED_UM_S)
+    target = (500_000).to_bytes(4, "little") * 2
+    middle.cell.on_frame(cob.RPDO_BASES[0] + NODE, target, middle.now_ms)
+    middle.beat(moving=False)
+    assert max(map(abs, targets_um_s(middle))) < 200_000
+
+
+def test_neighbour_that_is_not_promised_holds_the_parcel():
+    middle = Middle(SPEED_UM_S)
+    run(middle, 10)
+    middle.silent = NEIGHBOURS[0]
+    run(middle, 40)
+    last = estimates(middle)[-1]
+    assert last[wire.HOLD] == 0
+    assert max(map(abs, targets_um_s(middle))) == 0
+
+
+def test_silent_neighbours_end_the_motion():
+    middle = Middle(SPEED_UM_S)
+    run(middle, 20)
+    silence(middle, 120)
+    assert targets_um_s(middle) == (0, 0)
+    assert state(middle) != cia402.OPERATION_ENABLED
+
+
+def test_wheel_brakes_by_itself_when_there_is_no_sync_any_more():
+    middle = Middle(SPEED_UM_S)
+    run(middle, 30)
+    middle.board.take()
+    # The layer is awake, and all its neighbours may send; without an update nothing is fed.
+    for _ in range(60):
+        speed_loop.step(middle.cell._registers)
+        middle._pass(1)
+    assert state(middle) == cia402.FAULT_REACTION
+    errors = [data for can_id, data in middle.board.take() if can_id == cob.EMCY_BASE + NODE]
+    assert {data[0] | data[1] << 8 for data in errors} == {0x8250}
+
+
+def test_parcel_that_no_sensor_shows_is_not_driven():
+    middle = Middle(SPEED_UM_S)
+    run(middle, 20)
+    middle.lifted = True
+    run(middle, 30)
+    assert targets_um_s(middle) == (0, 0)
+
+
+class AtTheEdge(Middle):
+    """The parcel reaches to 7 mm beyond the western sensors, and the wheel beside them."""
+
+    placed_x_um = -205_000
+
+
+def test_parcel_that_is_gone_is_not_driven_by_a_cell_whose_sensors_it_did_not_cover():
+    """One wheel is under its edge, and no sensor by more than a few mm."""
+    middle = AtTheEdge(0)
+    run(middle, 20)
+    assert state(middle) == cia402.OPERATION_ENABLED
+    middle.lifted = True
+    run(middle, 40)
+    assert targets_um_s(middle) == (0, 0)
+    assert state(middle) != cia402.OPERATION_ENABLED
+
+
+def test_program_that_is_ended_leaves_the_wheels_off():
+    middle = Middle(SPEED_UM_S)
+    run(middle, 20)
+    middle._page((IDENTITY, wire.END, 1, 0, 0, 0, 0, 0, 0))
+    middle.beat()
+    assert targets_um_s(middle) == (0, 0)
+    assert state(middle) != cia402.OPERATION_ENABLED
+
+
+def test_cell_that_leaves_operational_forgets_the_parcel():
+    middle = Middle(SPEED_UM_S)
+    run(middle, 20)
+    middle.cell.on_frame(cob.NMT, bytes((0x80, NODE)), middle.now_ms)
+    middle.cell.on_frame(cob.NMT, bytes((0x01, NODE)), middle.now_ms)
+    estimates(middle)
+    middle.cell.on_frame(cob.SYNC, b"", middle.now_ms)
+    assert not estimates(middle)
+    assert targets_um_s(middle) == (0, 0)
+
+
+def heartbeat(middle):
+    middle.cell.on_frame(cob.HEARTBEAT_BASE + cob.HOST_NODE, b"\x05", middle.now_ms)
+
+
+def watched(middle, flags=0):
+    """The host is watched from now on, and its program has these flags."""
+    limit = (cob.HOST_NODE << 16) | 75
+    middle._write(indices.CONSUMER_TIMES, 1, 4, limit)
+    middle.program_flags = flags
+    middle.sequence = 2
+    middle._pages()
+    for _ in range(30):
+        heartbeat(middle)
+        middle.beat()
+    assert targets_um_s(middle)[0] > 90_000
+    return middle
+
+
+def test_host_that_is_back_after_the_time_to_go_on_is_over_moves_nothing():
+    middle = watched(Middle(SPEED_UM_S), wire.GO_ON)
+    middle.speed_um_s = 0
+    run(middle, 20)
+    assert targets_um_s(middle)[0] > 90_000
+    for _ in range(60):
+        run(middle, 10)
+        middle.board.take()
+    assert targets_um_s(middle) == (0, 0)
+    for _ in range(30):
+        heartbeat(middle)
+        middle.beat()
+    assert targets_um_s(middle) == (0, 0)
+    assert state(middle) != cia402.OPERATION_ENABLED
+
+
+#: Where the parcel is put, and north of that, in steps of the wire.
+NEAR, NORTH = (-240, 0, 0), (-240, 400, 0)
+
+
+def goal_fields(place, leg):
+    """A page of the way of two legs."""
+    x, y, yaw = place
+    return (IDENTITY, wire.GOAL, 2, x, y, yaw, leg, 1, 0)
+
+
+def standing(flags=wire.GO_ON):
+    """The parcel stands where the first of two legs ends."""
+    middle = Middle(0)
+    middle.x_um = NEAR[0] * wire.STEP_UM
+    middle._pages()
+    limit = (cob.HOST_NODE << 16) | 75
+    middle._write(indices.CONSUMER_TIMES, 1, 4, limit)
+    heartbeat(middle)
+    middle.sequence, middle.program_flags = 2, flags
+    middle._page((IDENTITY, wire.PARCEL, 2, wire.RECTANGLE, 1440, 1200, 44, 20, flags))
+    middle._page(goal_fields(NEAR, 0))
+    return middle
+
+
+def leg(middle):
+    middle._page(goal_fields(NORTH, 1))
+
+
+def beats(middle, count, with_host):
+    """The last estimate of so many beats."""
+    last = None
+    for _ in range(count):
+        if with_host:
+            heartbeat(middle)
+        middle.beat()
+        last = (estimates(middle) or [last])[-1]
+    return last
+
+
+def test_cell_takes_the_next_leg_when_the_host_is_gone_and_not_before():
+    middle = standing()
+    leg(middle)
+    last = beats(middle, 60, with_host=True)
+    assert (last[wire.SEQUENCE], last[wire.FLAGS] & wire.ARRIVED) == (2, wire.ARRIVED)
+    last = beats(middle, 40, with_host=False)
+    assert (last[wire.SEQUENCE], last[wire.FLAGS] & wire.ARRIVED) == (3, 0)
+    along, across = targets_um_s(middle)
+    assert across > 50_000
+    assert abs(along) < 5_000
+
+
+def test_cell_that_is_not_to_go_on_stays_where_the_leg_ends():
+    middle = standing(flags=0)
+    leg(middle)
+    beats(middle, 60, with_host=True)
+    beats(middle, 40, with_host=False)
+    assert targets_um_s(middle) == (0, 0)
+    assert state(middle) != cia402.OPERATION_ENABLED
+
+
+def test_cell_that_lacks_the_next_leg_says_so_and_stays_until_a_neighbour_hands_it_on():
+    middle = standing()
+    last = beats(middle, 60, with_host=True)
+    assert last[wire.FLAGS] & wire.LACKING
+    last = beats(middle, 40, with_host=False)
+    assert last[wire.SEQUENCE] == 2
+    assert targets_um_s(middle) == (0, 0)
+    frame = bytearray(8)
+    wire.pack_program(array("i", goal_fields(NORTH, 1)), 0, frame)
+    middle.cell.on_frame(cob.PROGRAM_BASE + NEIGHBOURS[0], bytes(frame), middle.now_ms)
+    last = beats(middle, 40, with_host=False)
+    assert (last[wire.SEQUENCE], last[wire.FLAGS] & wire.LACKING) == (3, 0)
+    assert targets_um_s(middle)[1] > 50_000
+
+
+def test_cell_without_a_host_follows_a_neighbour_onto_the_next_leg():
+    middle = standing()
+    leg(middle)
+    beats(middle, 12, with_host=True)
+    middle.its_sequence = 3
+    last = beats(middle, 4, with_host=True)
+    assert last[wire.SEQUENCE] == 2
+    last = beats(middle, 12, with_host=False)
+    assert last[wire.SEQUENCE] == 3
+
+
+def test_program_that_is_ended_takes_its_legs_with_it():
+    middle = standing()
+    leg(middle)
+    beats(middle, 60, with_host=True)
+    middle._page((IDENTITY, wire.END, 2, 0, 0, 0, 0, 0, 0))
+    beats(middle, 40, with_host=False)
+    assert targets_um_s(middle) == (0, 0)
+    assert state(middle) != cia402.OPERATION_ENABLED
+
+
+def test_leg_is_handed_on_to_a_neighbour_that_lacks_it():
+    middle = standing()
+    leg(middle)
+    middle.its_sequence, middle.its_flags = 2, wire.LACKING
+    beats(middle, 8, with_host=True)
+    fields = array("i", [0] * wire.PROGRAM_FIELDS)
+    found = 0
+    for _ in range(8):
+        heartbeat(middle)
+        middle.beat()
+        for can_id, data in middle.board.take():
+            if can_id == cob.PROGRAM_BASE + NODE:
+                assert wire.unpack_program(data, fields, 0)
+                assert tuple(fields)[:8] == goal_fields(NORTH, 1)[:8]
+                found += 1
+    assert found == 2
+
+
+def test_parcel_that_is_not_to_go_on_is_stopped_though_another_is():
+    middle = watched(Middle(SPEED_UM_S))
+    middle._page((9, wire.PARCEL, 1, wire.RECTANGLE, 1200, 1200, 44, 20, wire.GO_ON))
+    middle._page((9, wire.GOAL, 1, 400, 0, 0, 0, 0, 0))
+    run(middle, 12)
+    assert targets_um_s(middle) == (0, 0)
+    assert state(middle) in (cia402.FAULT_REACTION, cia402.FAULT)
+
+
+def test_halt_of_the_host_outlives_a_rest():
+    middle = Middle(SPEED_UM_S)
+    halted = (cia402.SWITCH_ON | cia402.CONTROL_HALT).to_bytes(2, "little") * 2
+    middle.cell.on_frame(cob.RPDO_BASES[1] + NODE, halted, middle.now_ms)
+    run(middle, 30)
+    assert targets_um_s(middle) == (0, 0)
+
+
+def test_sync_wakes_the_cell_for_its_update_and_not_before():
+    middle = Middle()
+    run(middle, 5)
+    cell, registers = middle.cell, middle.board.registers
+    cell.on_frame(cob.SYNC, b"", middle.now_ms)
+    assert registers[speed_loop.ATTENTION] == 0
+    assert cell.wake_ms == middle.now_ms + UPDATE_MS
+    middle.board.take()
+    cell.poll(cell.wake_ms)
+    assert cell.wake_ms > middle.now_ms + UPDATE_MS
+    cell.on_frame(cob.SYNC, b"", middle.now_ms + 10)
+    assert estimates(middle)[0][wire.IDENTITY] == IDENTITY

@@ -1,0 +1,169 @@
+"""The pages of a program, on every interpreter: in any order, twice, late, or never."""
+
+from array import array
+
+from mdms_cell.neighbours.program import Program, Programs
+from mdms_protocol.neighbours import frames as wire
+
+IDENTITY = 5
+#: Where the goal of a way of three lies, and where the legs after it end, in steps of the wire.
+WAY = ((100, 0, 0), (100, 200, 0), (-300, 200, 512))
+
+
+def parcel_page(sequence=1, flags=wire.GO_ON):
+    fields = (IDENTITY, wire.PARCEL, sequence, wire.RECTANGLE, 1200, 1120, 44, 20, flags)
+    return array("i", fields)
+
+
+def goal_page(place, sequence=1, leg=0, legs=2):
+    x, y, yaw = place
+    return array("i", (IDENTITY, wire.GOAL, sequence, x, y, yaw, leg, legs, 0))
+
+
+def leg_page(leg, sequence=1, way=WAY):
+    return goal_page(way[leg], sequence, leg, len(way) - 1)
+
+
+def given(*pages):
+    program = Programs().place_for(IDENTITY)
+    for page in pages:
+        program.take(page)
+    return program
+
+
+def whole():
+    return given(parcel_page(), goal_page(WAY[0]), leg_page(1), leg_page(2))
+
+
+def goal(program):
+    return program.goal_x_um // wire.STEP_UM, program.goal_y_um // wire.STEP_UM
+
+
+def rest(program):
+    """The goal, and those of all legs that can be gone to after it."""
+    goals = [goal(program)]
+    while program.advance():
+        goals.append(goal(program))
+    return goals
+
+
+def test_goal_without_legs_is_all_of_its_way():
+    program = given(parcel_page(), goal_page(WAY[0], legs=0))
+    assert program.whole
+    assert not program.advance()
+    assert (goal(program), program.sequence) == (WAY[0][:2], 1)
+
+
+def test_legs_follow_one_after_the_other_each_as_a_program_of_the_next_sequence():
+    program = whole()
+    sequences = []
+    assert program.whole
+    while program.advance():
+        sequences.append(program.sequence)
+        assert program.whole
+    assert sequences == [2, 3]
+    assert rest(whole()) == [place[:2] for place in WAY]
+
+
+def test_what_is_lacking_is_not_gone_beyond():
+    program = given(parcel_page(), goal_page(WAY[0]), leg_page(2))
+    assert program.complete
+    assert not program.whole
+    assert not program.advance()
+    assert program.take(leg_page(1))
+    assert program.whole
+    assert program.known_legs() == 2
+
+
+def test_leg_that_comes_twice_or_before_its_goal_or_of_another_program_changes_nothing():
+    program = given(parcel_page(), leg_page(1))
+    program.take(goal_page(WAY[0]))
+    assert not program.whole
+    program = whole()
+    for page in (leg_page(1), leg_page(1, way=((0, 0, 0),) * 3), leg_page(2, sequence=2)):
+        assert not program.take(page)
+    assert rest(program) == [place[:2] for place in WAY]
+
+
+def test_goal_that_comes_twice_keeps_the_legs():
+    program = whole()
+    program.take(goal_page(WAY[0]))
+    assert program.whole
+
+
+def test_goal_of_another_way_drops_the_legs():
+    for page in (
+        goal_page((7, 7, 0), sequence=2),
+        goal_page(WAY[1], sequence=2, legs=1),
+        goal_page((7, 7, 0), sequence=1),
+        goal_page((7, 7, 0), sequence=3, leg=wire.JOINS),
+    ):
+        program = whole()
+        program.take(page)
+        assert program.complete
+        assert not program.whole
+        assert not program.advance()
+
+
+def test_legs_that_are_taken_back_are_not_gone():
+    program = whole()
+    program.take(goal_page(WAY[0], sequence=2, legs=0))
+    assert program.whole
+    assert not program.advance()
+
+
+def test_host_that_sets_the_next_goal_of_the_way_leaves_the_rest_of_it():
+    program = whole()
+    program.take(goal_page(WAY[1], sequence=2, leg=wire.JOINS, legs=1))
+    assert program.whole
+    assert rest(program) == [WAY[1][:2], WAY[2][:2]]
+
+
+def test_goal_before_the_next_one_of_the_way_leaves_all_that_follow():
+    program = whole()
+    program.take(goal_page((150, 50, 0), sequence=2, leg=wire.JOINS, legs=2))
+    assert rest(program) == [(150, 50), WAY[1][:2], WAY[2][:2]]
+
+
+def test_way_that_joins_and_is_longer_lacks_what_is_new():
+    program = whole()
+    program.take(goal_page(WAY[1], sequence=2, leg=wire.JOINS, legs=2))
+    assert not program.whole
+    program.take(goal_page((0, 0, 0), sequence=2, leg=2, legs=2))
+    assert rest(program) == [WAY[1][:2], WAY[2][:2], (0, 0)]
+
+
+def test_host_that_sets_the_goal_that_the_cell_has_come_to_by_itself_changes_nothing():
+    program = whole()
+    program.advance()
+    program.take(goal_page(WAY[1], sequence=2, leg=wire.JOINS, legs=1))
+    assert program.whole
+    assert rest(program) == [WAY[1][:2], WAY[2][:2]]
+
+
+def test_pages_that_are_handed_on_make_the_same_program():
+    program, other = whole(), given()
+    program.advance()
+    frame, fields = bytearray(8), array("i", [0] * wire.PROGRAM_FIELDS)
+    handed_on = 0
+    for number in range(wire.LEGS_MAX + 2):
+        if program.pack(number, frame, 0):
+            handed_on += 1
+            assert wire.unpack_program(frame, fields, 0)
+            other.take(fields)
+    assert handed_on == 3
+    assert other.whole
+    assert (other.sequence, other.legs) == (2, 1)
+    assert rest(other) == rest(program)
+
+
+def test_program_that_is_dropped_has_no_way():
+    programs = Programs()
+    program = programs.place_for(IDENTITY)
+    for page in (parcel_page(), goal_page(WAY[0]), leg_page(1), leg_page(2)):
+        program.take(page)
+    programs.drop(IDENTITY)
+    program = programs.place_for(IDENTITY)
+    assert isinstance(program, Program)
+    assert not program.advance()
+    assert (program.complete, program.whole, program.legs) == (False, False, 0)

@@ -1,0 +1,113 @@
+"""The boards on MicroPython, with peripherals that remember what they were told."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+from mdms_host.flashing.board_survey import MACHINES
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[2]
+BOARDS = ROOT / "firmware" / "boards"
+MODULES = ("on_board", "on_board_bus", "on_board_storage")
+#: What only one of the boards has.
+OF_ONE = {"on_sectors": "pybv11", "on_littlefs": "teensy41"}
+NAMES = ("teensy41", "weact_h743", "nucleo_g474re", "pybv11")  # as in the table of the wiring
+WIRED = ("encoders", "pulses", "phases", "wake", "fault", "currents", "supply", "sensors")
+README = (ROOT / "firmware" / "README.md").read_text()
+FILES = (
+    BOARDS,
+    *(HERE / f"{module}.py" for module in (*MODULES, *OF_ONE)),
+    *sorted((HERE.parent / "fakes").glob("*.py")),
+    ROOT / "tests" / "both" / "bench" / "refusal.py",
+)
+
+
+def named_in(module: str) -> list[str]:
+    body = ast.parse((HERE / f"{module}.py").read_text()).body
+    functions = [node.name for node in body if isinstance(node, ast.FunctionDef)]
+    return [name for name in functions if name.startswith("test_")]
+
+
+TESTS = [
+    (board, module, name)
+    for module in (*MODULES, *OF_ONE)
+    for board in NAMES
+    for name in named_in(module)
+    if OF_ONE.get(module, board) == board
+]
+
+
+@pytest.mark.parametrize(("board", "module", "name"), TESTS)
+def test_board(micropython, board, module, name):
+    printed = micropython(f"import {module}; {module}.run({board!r}, {name!r})", *FILES)
+    assert printed.endswith("done\n")
+
+
+def wired(name):
+    """The pins that a board's module names."""
+    for node in ast.parse((BOARDS / f"{name}.py").read_text()).body:
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call):
+            values = {each.arg: each.value for each in node.value.keywords}
+            return {key: ast.literal_eval(values[key]) for key in WIRED}
+    raise AssertionError(name)
+
+
+def table(name):
+    """The same from the table of the wiring, where ports of an STM32 begin with P."""
+    rows = {}
+    for line in README.split("## Wiring")[1].split("\n## ")[0].splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        if len(cells) == len(NAMES) + 1:
+            pins = re.findall(r"\b(?:P(?=[A-E]\d))?([A-EXY]\d+)\b", cells[1 + NAMES.index(name)])
+            rows[cells[0]] = pins
+    return rows
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_wiring_table_is_that_of_the_board(name):
+    pins, rows = wired(name), table(name)
+    assert rows["encoder 1 A, B"] == list(pins["encoders"][0][-2:])
+    assert rows["encoder 2 A, B"] == list(pins["encoders"][1][-2:])
+    for number in range(2):
+        row = rows[f"bridge {number + 1} enable (PWM), phase"]
+        assert row == [pins["pulses"][number], pins["phases"][number]]
+    assert rows["both bridges sleep, 10 kOhm to ground"] == [pins["wake"]]
+    assert rows["both bridges fault"] == [pins["fault"]]
+    assert rows["current sense 1, 2"] == list(pins["currents"])
+    assert rows["motor supply over 100 kOhm / 8.2 kOhm"] == [pins["supply"]]
+    assert rows["presence: centre, +x+y, -x+y, -x-y, +x-y"] == list(pins["sensors"])
+
+
+@pytest.mark.parametrize(
+    ("machine", "name"),
+    [
+        ("Teensy 4.1 with MIMXRT1062DVJ6A", "teensy41"),
+        ("WEACTSTUDIO_MINI_STM32H743 with STM32H743VIT6", "weact_h743"),
+        ("PYBv1.1 with STM32F405RG", "pybv11"),
+        ("NUCLEO-G474RE with STM32G474", "nucleo_g474re"),
+    ],
+)
+def test_board_is_found_by_what_micropython_calls_it(micropython, machine, name):
+    asked = (
+        f"from bench import Bench; Bench({name!r}); "
+        f"from boards.detect import board_module; print(board_module({machine!r}).__name__)"
+    )
+    assert micropython(asked, *FILES).strip() == f"boards.{name}"
+    found = next(module for part, module in MACHINES.items() if part in machine)
+    assert found == name
+
+
+def test_unknown_board_is_refused(micropython):
+    code = """
+from boards.detect import board_module
+try:
+    board_module("Raspberry Pi Pico with RP2040")
+except RuntimeError as error:
+    print(error)
+"""
+    assert micropython(code, *FILES) == (
+        "there is no board module for Raspberry Pi Pico with RP2040\n"
+    )

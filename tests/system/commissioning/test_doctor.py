@@ -1,0 +1,216 @@
+"""`mdms doctor` on an array, in virtual time, in which everything is wrong, one thing a cell."""
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from tests.system.links.serving import serving
+from tests.virtual_array import SimulatedArray, StandingArray, virtual_time
+
+from mdms_cell.canopen.objects import find
+from mdms_host.cli import main
+from mdms_host.cli.exits import Exit
+from mdms_host.commissioning.doctor.findings import KINDS
+from mdms_host.commissioning.doctor.pains import PAINS
+from mdms_protocol import indices
+from mdms_protocol.codecs import cob, nmt, sdo
+from mdms_protocol.codecs.frame import Frame
+from mdms_protocol.update import codes
+from mdms_sim.bus.wire import EXTENDED
+from mdms_sim.nodes.python_bank import PythonBank
+
+BUS = ("-i", "virtual")
+NODE_IDS = (*range(1, 10), 9, cob.NODE_NONE, *range(12, 18), cob.HOST_NODE)
+FAULTS = (
+    "{kind='lift', parcel='box'}",
+    "{kind='supply', cells=[1], supply_v=5.0}",
+    "{kind='supply', cells=[2], supply_v=20.0}",
+    "{kind='drift', cells=[3], drift_ppm=100000}",
+    "{kind='sensor_stuck', cells=[4], sensors=[0]}",
+    "{kind='motor_reversed', cells=[5], axes=[1]}",
+    "{kind='wheel_jammed', cells=[6], axes=[2]}",
+    "{kind='corruption', cells=[14], seen_by=[13], probability=0.15}",
+)
+#: What each kind of finding is found at, without an array file and without a turn of a wheel.
+#: A cell that was off the bus is in fault for that, too.
+EXPECTED = {
+    "bus-errors": [()],
+    # Two that answer under one node id spoil each other's frames.
+    "node-errors": [(9,), (14,)],
+    "adapter": [()],
+    "bus-off": [(14,)],
+    "overrun": [(14,)],
+    "not-sent": [(14,)],
+    "double-id": [(9,)],
+    "twin-serial": [(16, 17)],
+    "host-id": [(127,)],
+    "blank": [()],
+    "stranger": [(61,)],
+    "silent-node": [(60,)],
+    "other-protocol": [(12,)],
+    "versions": [(13,)],
+    "drive-fault": [(14,), (14,), (15,), (15,)],
+    "supply-low": [(1,)],
+    "supply-uneven": [(2,)],
+    "clock": [(3,)],
+    "sensor": [(4,)],
+    "heap": [(14,)],
+    "flash": [(14,)],
+    "rolled-back": [(17,)],
+    "on-trial": [(17,)],
+    "neighbours": [(13,), (16,), (16,)],
+    "suspected": [(8,)],
+}
+OF_WHEELS = {"opposed": [(5,)], "stands": [(6,)], "scale": [(7,)], "no-drive": [(8,)]}
+OF_LIST = {"missing", "unlisted", "settings"}
+ELSEWHERE = {"silence", "other-host"}
+
+
+class Bank(PythonBank):
+    """Cells of which two have the same serial number."""
+
+    def _board(self, cell):
+        board = super()._board(cell)
+        board.serial = 16 if cell == 16 else board.serial
+        return board
+
+
+class Strangers:
+    """A node that sends heartbeats and answers nothing, one that refuses all, frames of 29 bits."""
+
+    SILENT, REFUSING = 60, 61
+
+    def __init__(self, array):
+        self._array = array
+        self._send = array.attach(self.on_frame)
+        self.talk()
+
+    def on_frame(self, frame, _now_s):
+        if frame.can_id == cob.SDO_REQUEST_BASE + self.REFUSING and frame.data[0] != sdo.ABORT:
+            index, sub = int.from_bytes(frame.data[1:3], "little"), frame.data[3]
+            refusal = sdo.abort(index, sub, sdo.NO_SUCH_OBJECT)
+            self._send(Frame(cob.SDO_RESPONSE_BASE + self.REFUSING, refusal))
+
+    def talk(self):
+        self._send(nmt.heartbeat(self.SILENT, nmt.PRE_OPERATIONAL))
+        self._send(Frame(EXTENDED | 0x12345678, b""))
+        kernel = self._array.simulation.kernel
+        kernel.at(kernel.now_ns + 100_000_000, 0, self.talk)
+
+
+@pytest.fixture
+def array():
+    """The array in virtual time, with all its faults."""
+    bank = Bank(NODE_IDS)
+    simulated = SimulatedArray(bank, f"fault=[{', '.join(FAULTS)}]")
+    with virtual_time(simulated) as time:
+        time.sleep(0.5)
+        spoil(bank)
+        Strangers(simulated)
+        yield bank
+
+
+def spoil(bank):
+    """What no fault of a scenario does to a cell."""
+    cells = dict(enumerate(bank._cells, 1))
+    objects = {number: cell._objects for number, cell in cells.items()}
+    objects[7].put(indices.RESOLUTION, 0, 2 * objects[7].number(indices.RESOLUTION))
+    cells[7]._axes.load()
+    objects[8].put(indices.CONTROL, 0, 1)
+    objects[18].put(indices.SUSPECT, 0, 8)
+    objects[18].reads.pop(indices.SUSPECT << 8, None)
+    objects[12].put(indices.IDENTITY, 3, 0x00020000)
+    version = find(indices.SOFTWARE_VERSION, 0).place
+    objects[13].data[version : version + 1] = b"9"
+    bank.set_bus_off(13, True)
+    bank.set_bus_off(13, False)
+    cells[14].not_sent = 7
+    bank._boards[13].inbox = SimpleNamespace(lost=3)
+    objects[14].tie(indices.MEMORY, 1, lambda: 1000)
+    objects[14].tie(indices.MEMORY, 2, lambda: 2000)
+    objects[17].tie(indices.FLASH_STATUS, 1, lambda: codes.status(codes.ROLLED_BACK, False))
+    objects[17].tie(indices.UPDATE, 8, lambda: 1)
+    cells[15]._axes.fail(0x2310)
+    for number, spot in ((13, (1, 1)), (16, (1, 1))):
+        for sub, value in enumerate(spot, 1):
+            objects[number].put(indices.PLACE, sub, value)
+    objects[16].put(indices.NEIGHBOURS, 1, 13)
+
+
+def found(capsys):
+    document = json.loads(capsys.readouterr().out)
+    kinds = {}
+    for finding in document["findings"]:
+        kinds.setdefault(finding["kind"], []).append(tuple(finding["nodes"]))
+    return kinds, document
+
+
+def test_each_fault_is_found_at_its_cell_and_nothing_else(array, capsys):
+    assert main(["doctor", "--json", *BUS]) == Exit.NODE_FAULT
+    kinds, document = found(capsys)
+    assert kinds == EXPECTED
+    (row,) = (each for each in document["findings"] if each["kind"] == "supply-low")
+    assert row["text"] == "5.0 V, 10 V are needed"
+    assert row["serious"]
+    assert row["cause"] == KINDS["supply-low"].cause
+
+
+def test_wheels_that_turn_show_their_faults(array, capsys):
+    assert main(["doctor", "--json", "--turn", "--node", "5-8", *BUS]) == Exit.NODE_FAULT
+    kinds, _ = found(capsys)
+    assert {kind: kinds.get(kind) for kind in OF_WHEELS} == OF_WHEELS
+
+
+def test_cells_and_settings_are_compared_with_a_file(array, tmp_path, capsys):
+    array._cells[5]._objects.put(indices.GAIN, 0, 7_000)
+    path = tmp_path / "array.toml"
+    listed = [(1, 1), (2, 3), (6, 6), (77, 77)]
+    path.write_text(
+        "".join(f'[[cell]]\nserial = "{serial:08X}"\nnode = {node}\n' for serial, node in listed)
+    )
+    assert main(["doctor", "--array", str(path), *BUS]) == Exit.NODE_FAULT
+    printed = capsys.readouterr()
+    assert "     node 77: 0000004D is to be node 77\n" in printed.out
+    assert "     node 5: 00000005 is in no place\n" in printed.out
+    assert "     node 2: 00000002 is to be node 3\n" in printed.out
+    assert "     node 6: axis1.gain is 7 V s/m, the file has 13 V s/m\n" in printed.out
+    assert "   cure:  Release the stop; measure 24 V at the cell's terminals.\n" in printed.out
+    assert "wheels were not turned" in printed.err
+
+
+def test_an_empty_bus_is_a_finding_and_so_is_another_host(capsys):
+    nobody = StandingArray(None, 0)
+    with virtual_time(nobody):
+        assert main(["doctor", "--json", *BUS]) == Exit.NODE_FAULT
+        assert found(capsys)[0] == {"silence": [()]}
+        send = nobody.attach(lambda _frame, _now_s: None)
+        nobody.hand = lambda: send(nmt.heartbeat(cob.HOST_NODE, nmt.OPERATIONAL))
+        assert main(["doctor", "--json", *BUS]) == Exit.NODE_FAULT
+        assert found(capsys)[0] == {"silence": [()], "other-host": [()]}
+
+
+def test_a_healthy_array_has_no_findings(capsys):
+    with virtual_time(SimulatedArray(PythonBank(range(1, 19)))):
+        assert main(["doctor", *BUS]) == Exit.OK
+        assert capsys.readouterr().out == "18 cells: 0 serious findings, 0 warnings\n"
+
+
+@pytest.mark.real_time
+def test_a_served_array_is_examined_over_its_bus(tmp_path, capsys):
+    channel = str(tmp_path / "bus.sock")
+    fault = "fault=[{kind='supply', cells=[7], supply_v=5.0}]"
+    with serving(PythonBank(range(1, 19)), channel, "array18", fault):
+        assert main(["doctor", "--json", "-i", "mdms", "-c", channel]) == Exit.NODE_FAULT
+    assert found(capsys)[0] == {"supply-low": [(7,)]}
+
+
+def test_every_kind_of_finding_is_provoked_here():
+    assert {*EXPECTED, *OF_WHEELS, *OF_LIST, *ELSEWHERE} == {*KINDS}
+
+
+def test_each_pain_of_others_names_tests_that_exist():
+    assert all(pain.tests for pain in PAINS)
+    for test in (test for pain in PAINS for test in pain.tests):
+        path, _, function = test.partition("::")
+        assert f"def {function}(" in (Path(__file__).parents[3] / path).read_text(), test
