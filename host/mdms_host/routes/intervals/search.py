@@ -2,8 +2,8 @@
 
 After M. Phillips and M. Likhachev (ICRA 2011), for moves that take time and bodies that cover many
 tiles: a state is a node and the safe interval in which the parcel stands there, reached as soon as
-it can be; from it every move begins as soon as it can in each safe interval of its end. When that is
-is looked at only when the move's turn comes, by what it would take if nobody were in its way.
+it can be; from it every move begins as soon as it can in each safe interval of its end. When that
+is, is looked at only when the move's turn comes, by what it took if nobody were in its way.
 """
 
 from heapq import heappop, heappush
@@ -17,7 +17,6 @@ from mdms_host.routes.intervals.states import State, States, doubled, entered, n
 from mdms_host.routes.space.roadmap import Graph, Joins
 from mdms_model.arrays import Floats, Ints
 from mdms_model.compiled import compiled
-
 
 #: When the goal would be come to, and how long before it is left, by which state and index, when.
 Due = tuple[float, float, int, int, float]
@@ -86,7 +85,7 @@ def search(
         count = 1
     # The goal is not come to for good before all others have passed it.
     least_s = node_free_from(graph, taken, errand.goal, errand.stay_s)
-    while 0 < count and tried < most and len(heap) > 0:
+    while count > 0 and tried < most and len(heap) > 0:
         _, _, state, index, begin_s = heappop(heap)
         if states.stale[state]:
             continue
