@@ -15,6 +15,10 @@ _REACTION_MS = const(200)
 _ASK_MS = const(500)
 #: At the goal, or where it is held, the wheels hold for so long before they are switched off.
 _HOLD_BEATS = const(50)
+#: To a wheel that is to join in the parcel's motion, fewer wheels do not show it, nor wheels that
+#: are off what is known of it by more than this [um/s].
+_JOIN_WHEELS = const(4)
+_JOIN_OFF_UM_S = const(25_000)
 _ARM = const(8000)
 assert _ARM * STEP_UM == ARM_UM
 
@@ -130,6 +134,10 @@ class Leading:
             if self._driving:
                 self._driving = False
                 self._axes.rest()
+            return
+        shown = twist.wheels >= _JOIN_WHEELS and twist.off_um_s < _JOIN_OFF_UM_S
+        if not (shown or self._driving):
+            # Off it rolls along; with a speed of its own it would turn the parcel.
             return
         self._driving = True
         self._axes.lead(self._target_um_s(0, belief), self._target_um_s(1, belief))

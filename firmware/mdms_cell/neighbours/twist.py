@@ -41,7 +41,8 @@ class TwistFit:
     """The rigid twist that most wheels agree on, followed from beat to beat.
 
     `vx`, `vy` and `turn` are speeds [um/s], the last one that of a point at the arm of `angle`;
-    `wheels` is how many showed it at last.
+    `wheels` is how many showed it at last, `off_um_s` how far they were off the twist before, on
+    the average.
     """
 
     def __init__(self):
@@ -57,7 +58,7 @@ class TwistFit:
     def _read(self):
         registers = self._registers
         self.vx, self.vy, self.turn = registers[_VX], registers[_VY], registers[_TURN]
-        self.wheels = registers[_WHEELS]
+        self.wheels, self.off_um_s = registers[_WHEELS], registers[_MEAN]
 
     def at(self, lever_x, lever_y, along_x, along_y):
         """The speed of the parcel above a wheel so far from its centre, along its direction.

@@ -1,5 +1,7 @@
 """A parcel that the tracker was given, with its estimate: found, sought, or about to leave."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
@@ -10,9 +12,15 @@ from mdms_host.estimation.parcel import Parcel, Region
 from mdms_host.estimation.pose.confirmation import Standing
 from mdms_host.estimation.pose.estimator import ParcelEstimator
 from mdms_host.estimation.presence.surroundings import Surroundings
+from mdms_host.estimation.search.locate import Location
 from mdms_host.estimation.search.roll_call import Sought
 from mdms_host.estimation.size import Size
 from mdms_model.arrays import Bools, Floats
+
+#: A size that is told no better than this is to be learned; it is off by so many deviations at most
+#: [m].
+_LEARNED_M = 0.002
+_DEVIATIONS = 3.0
 
 
 class Known:
@@ -66,6 +74,28 @@ class Known:
         most_m = sides_m[0] + 3 * deviation_m[0], sides_m[1] + 3 * deviation_m[1]
         yaw_rad = self.parcel.yaw_hint_rad if self.place is None else float(self.place[2])
         return Size(*sides_m, deviation_m, least_m, most_m, yaw_rad)
+
+    @property
+    def learns(self) -> bool:
+        """Whether its size is to be learned."""
+        return self.parcel.shape == "rectangle" and self.parcel.spread_m > _LEARNED_M
+
+    def of_any_size(self, found: Location, poses: Floats, sides_m: Floats) -> Location:
+        """A place where it has been found, by the poses and sides that the sensors allow.
+
+        Those that are farther from what was told than can be do not count, all others alike.
+        """
+        off_m = (sides_m - (self.parcel.length_m, self.parcel.width_m)) / 2
+        may_be = (abs(off_m) < _DEVIATIONS * self.parcel.spread_m).all(axis=1)
+        if not may_be.any():
+            return found
+        return replace(
+            found,
+            poses=poses[may_be],
+            weights=np.ones(may_be.sum()),
+            grid=np.zeros(3),
+            growths=off_m[may_be],
+        )
 
     def belief(self, at_s: float, usable: Bools | None) -> Belief | None:
         """What is believed of it at a time near now; None without a pose.

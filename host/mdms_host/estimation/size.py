@@ -78,6 +78,41 @@ def size_of(covered_m: Floats, free_m: Floats) -> Size | None:
     )
 
 
+def rectangles_of(
+    covered_m: Floats, free_m: Floats, yaw_rad: float, count: int
+) -> tuple[Floats, Floats]:
+    """Rectangles that cover the sensors (C, 2) but not (F, 2), drawn as if all counted alike.
+
+    Poses (N, 3) [m, m, rad; table frame] within an eighth of a turn of a yaw, and sides (N, 2) [m],
+    `count` of them; none if there are no such.
+    """
+    chance = np.random.default_rng(0)
+    yaws_rad = yaw_rad + (np.arange(_QUARTER) - _QUARTER // 2) * _YAW_STEP_RAD
+    rows = [_at_yaw(float(yaw), covered_m, free_m) for yaw in yaws_rad]
+    gaps_m = np.array([row[1] for row in rows])
+    weights = np.prod(gaps_m, axis=1)
+    if not weights.any():
+        return np.empty((0, 3)), np.empty((0, 2))
+    which = chance.choice(len(rows), count, p=weights / weights.sum())
+    # Each side lies anywhere between the covered sensors and the free ones: low and high, along
+    # and across.
+    out_m = gaps_m[which] * chance.uniform(0.0, 1.0, (count, 4))
+    extents_m = np.array([row[0] for row in rows])[which]
+    sides_m = extents_m + out_m[:, ::2] + out_m[:, 1::2]
+    poses = np.empty((count, 3))
+    poses[:, 2] = yaws_rad[which]
+    cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    low_m = np.array(
+        [
+            (covered_m @ np.array([[c, -s], [s, c]])).min(axis=0)
+            for c, s in zip(cosine.tolist(), sine.tolist(), strict=True)
+        ]
+    )
+    x_m, y_m = (low_m - out_m[:, ::2] + sides_m / 2).T
+    poses[:, 0], poses[:, 1] = cosine * x_m - sine * y_m, sine * x_m + cosine * y_m
+    return poses, sides_m
+
+
 def _at_yaw(yaw_rad: float, covered_m: Floats, free_m: Floats) -> tuple[list[float], list[float]]:
     """The least extents of a rectangle of this yaw, and how far each of its four sides may move."""
     cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)

@@ -5,13 +5,13 @@ given more patience at once, and is fed from then on; should the host go away, i
 """
 
 import struct
-from ast import literal_eval
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import TracebackType
 from typing import Any
 
 from mdms_host.clock import Clock
+from mdms_host.flashing.parsing import value_of
 
 #: The longest that the watchdog of an STM32 takes is 32 s.
 WATCHDOG_MS = 30_000
@@ -84,7 +84,7 @@ class BoardLink:
         """The value of an expression of plain types. Raises BoardError, NoBoardError."""
         told = self.run(f"print(repr({expression}))")
         try:
-            return literal_eval(told.strip())
+            return value_of(told.strip())
         except (ValueError, SyntaxError):
             raise BoardError(f"cannot make sense of {told.strip()!r}") from None
 

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
+from mdms_host.flashing.parsing import tree_of
+
 START = "main.py"
 #: The packages that a board imports.
 PACKAGES = ("boards", "mdms_boot", "mdms_cell", "mdms_protocol")
@@ -57,7 +59,7 @@ def _place(name: str, path: Path) -> str:
 def _imported_by(path: Path) -> list[str]:
     """The names of ours that a file may import anywhere, and the packages that they lie in."""
     names = []
-    for node in _on_board(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in _on_board(tree_of(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module is not None:

@@ -12,11 +12,12 @@ from mdms_host.routes.errand import Errand, Ground
 from mdms_host.routes.intervals.cost_to_go import Guide, barred_joins, cost_to_go
 from mdms_host.routes.intervals.safe_intervals import TakenTiles
 from mdms_host.routes.intervals.search import Errands, Found, search
+from mdms_host.routes.intervals.way_alone import WayAlone, way_alone
 from mdms_host.routes.route import Route
 from mdms_host.routes.space.moves import free_runs
 from mdms_model.arrays import Bools, Floats, Ints
 
-#: States of a search: as many as it takes, and where it may be in vain.
+#: Moves that a search tries: as many as it takes, and where it may be in vain.
 MANY, _IN_VAIN = 2**31, 4000
 
 
@@ -30,7 +31,7 @@ class Aside(Enum):
 
 @dataclass(frozen=True)
 class Terms:
-    """What all attempts have in common: `efforts` are weights of a search, with states at most."""
+    """What all attempts have in common: `efforts` are weights of a search, with moves at most."""
 
     ground: Ground
     gap_s: float
@@ -94,7 +95,7 @@ class Attempt:
         self._parked = np.zeros(terms.ground.tiles.count, dtype=bool)
         for name, route in kept.items():
             self._table.take(self._owners[name], route)
-            self._parked[route.visits.tile[np.isinf(route.visits.leaves_s)]] = True
+            self._parked[route.stays] = True
         for name, errand in errands.items():
             self._table.stand(errand)
             if len(errand.prefix.begins_s):
@@ -146,8 +147,7 @@ class Attempt:
         if self._sure:
             blocked |= self._parked
         found = self._searched(errand, blocked)
-        if found is not None and not errand.roadmap.safe(found.moves):
-            errand.roadmap.keep_safe()
+        while found is not None and not errand.roadmap.is_safe(found.moves):
             found = self._searched(errand, blocked)
         return None if found is None else errand.route(found)
 
@@ -160,12 +160,12 @@ class Attempt:
         stay_s = task.leaves_s + self._terms.gap_s if task.leaves else np.inf
         ends = Errands(roadmap.start_node, roadmap.goal_node, errand.ready_s, stay_s)
         taken, limit = self._table.taken.taken, MANY if self._sure else _IN_VAIN
-        for weight, states in self._terms.efforts:
-            most = min(states, limit)
+        for weight, moves in self._terms.efforts:
+            most = min(moves, limit)
             found = search(roadmap.graph, guide, taken, ends, (weight, most))
             if found.reached:
                 return found
-            if found.states < most:
+            if found.tried < most:
                 break
         return None
 
@@ -244,9 +244,16 @@ class Attempt:
         return False
 
 
+def way_past(errand: Errand, blocked: Bools) -> WayAlone:
+    """A way of a parcel on its own past these tiles."""
+    roadmap = errand.roadmap
+    ends = roadmap.start_node, roadmap.goal_node
+    return way_alone(roadmap.graph, errand.ways.open_lines, roadmap.away_m, blocked, ends)
+
+
 def is_free(errand: Errand, blocked: Bools) -> bool:
     """Whether a parcel on its own has a way past these tiles."""
-    return bool(np.isfinite(guide_of(errand, blocked).cost_s[errand.roadmap.start_node]))
+    return bool(way_past(errand, blocked).found)
 
 
 def guide_of(errand: Errand, blocked: Bools) -> Guide:

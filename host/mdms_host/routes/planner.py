@@ -13,7 +13,7 @@ from random import Random
 
 import numpy as np
 
-from mdms_host.routes.attempt import MANY, Aside, Attempt, Terms, is_free
+from mdms_host.routes.attempt import MANY, Aside, Attempt, Terms, is_free, way_past
 from mdms_host.routes.authority import Authority
 from mdms_host.routes.blocked import Blocked, Blocker, blockers
 from mdms_host.routes.errand import Errand, Ground, Task, own_ends, turned_rad
@@ -26,7 +26,7 @@ from mdms_host.routes.space.moves import LatticeMoves, lattice_moves
 from mdms_host.routes.space.shape import Shape
 from mdms_host.routes.space.standing import Standing
 from mdms_host.routes.space.tiles import Tiles
-from mdms_host.routes.well_formed import order_of
+from mdms_host.routes.well_formed import Orders
 from mdms_model.arrays import Bools, Floats, Ints
 
 __all__ = ["Plan", "Planner"]
@@ -108,7 +108,7 @@ class Planner:
         errands = {task.parcel: self._errand(task, now_s) for task in tasks}
         moving = [name for name, errand in errands.items() if errand.task.goal is not None]
         best: dict[str, Route] = {}
-        for order, sure, aside in self._orders(errands, moving, closed, seed):
+        for order, sure, aside in self._orders(errands, moving, closed | _ends(kept, closed), seed):
             attempt = Attempt(self._terms, errands, closed, kept, sure)
             found = attempt.run(order, aside)
             if len(found) >= len(best):
@@ -127,17 +127,19 @@ class Planner:
     def _orders(
         self, errands: Mapping[str, Errand], moving: Sequence[str], closed: Bools, seed: int
     ) -> Iterator[tuple[Sequence[str], bool, Aside]]:
-        """Orders of planning: as given, one that the layout is well-formed by, and by chance.
+        """Orders of planning: one that the layout is well-formed by, as given, and by chance.
 
-        With each whether to keep to ways that are sure, as `_planned` has it, and when others go
+        With each whether to keep to ways that are sure, as `Attempt` has it, and when others go
         aside for one that has no way.
         """
-        yield moving, True, Aside.NEVER
         if len(moving) == 1:
+            yield moving, True, Aside.NEVER
             yield moving, False, Aside.NEVER
             return
-        order = order_of(errands, closed, is_free)
-        if order is not None:
+        tried: set[tuple[str, ...]] = set()
+        # Where a parcel would tip on its way, that way is no longer there after an attempt.
+        while (order := Orders(errands, closed, way_past).first()) and order not in tried:
+            tried.add(order)
             yield order, True, Aside.NEVER
         yield moving, True, Aside.LATE
         random = Random(f"orders {seed}")
@@ -186,8 +188,7 @@ class Planner:
             elif other != name:
                 places.append((Blocker(other, "place", its.task.start), its.stand))
         for other, route in kept.items():
-            stays = route.visits.tile[np.isinf(route.visits.leaves_s)]
-            places.append((Blocker(other, "goal", _end(route)), stays))
+            places.append((Blocker(other, "goal", _end(route)), route.stays))
         own = errands[name]
         by = blockers(places, closed, partial(is_free, own))
         return Blocked(name, own.task.start, own.task.goal, *by)
@@ -196,3 +197,11 @@ class Planner:
 def _end(route: Route) -> Floats:
     end: Floats = route.poses[-1]
     return end
+
+
+def _ends(routes: Mapping[str, Route], nothing: Bools) -> Bools:
+    """The tiles on which parcels stay at the ends of routes."""
+    ends = np.zeros_like(nothing)
+    for route in routes.values():
+        ends[route.stays] = True
+    return ends

@@ -53,6 +53,12 @@ class Route:
         """When the parcel is planned to be at the end [s]; -inf when it is there already."""
         return float(self.arrives_s[-1]) if len(self.arrives_s) else -np.inf
 
+    @property
+    def stays(self) -> Ints:
+        """The tiles on which the parcel is at the end for good."""
+        stays: Ints = self.visits.tile[np.isinf(self.visits.leaves_s)]
+        return stays
+
     def pose_at(self, along_m: float) -> Floats:
         """The pose at a path coordinate, shape (3,)."""
         columns = [np.interp(along_m, self.along_m, column) for column in self.poses.T]

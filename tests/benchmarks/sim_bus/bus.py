@@ -3,7 +3,7 @@
 Ours keeps time, arbitrates, counts stuff bits and filters; `virtual` copies every message into the
 queue of every other member. The array is `array18` with its coordinator in closed loop; `cells` and
 `coordinator` are their shares of its time, what is left are bus, log, physics and kernel. Then
-tables that grow, with 18 cells a bus.
+tables that grow, with 18 cells a bus, and what one cell in their middle costs.
 """
 
 import time
@@ -13,6 +13,7 @@ from random import Random
 from typing import Any
 
 import can
+from tests.benchmarks.cells._neighbourhood import neighbourhoods
 from tests.benchmarks.sim_bus._tables import tables
 
 from mdms_host.cli.scenario.coordination import coordinator_of
@@ -40,6 +41,7 @@ def run() -> list[dict[str, Any]]:
         row(f"bus alone, {50 * STATIONS} stations beside {STATIONS}", many, few, "frames/s"),
         *(array(nodes) for nodes in DURATION_S),
         *tables(),
+        *neighbourhoods(),
     ]
 
 

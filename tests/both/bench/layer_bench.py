@@ -18,6 +18,8 @@ SENSORS_UM = ((0, 0), (31_750, 31_750), (-31_750, 31_750), (-31_750, -31_750), (
 IDENTITY = 7
 LENGTH_UM, WIDTH_UM = 360_000, 300_000
 BEAT_MS = 10
+#: Cells repeat their state after so long.
+REPEAT_MS = 200
 
 
 def _u32(number):
@@ -31,6 +33,8 @@ class Middle:
     neighbours = NEIGHBOURS
     placed_x_um = -60_000
     placed_y_um = 0
+    #: How sure neighbours are of the parcel, as their estimates have it.
+    certainty = 9
 
     def __init__(self, speed_um_s=100_000):
         self.board = Board()
@@ -46,7 +50,13 @@ class Middle:
         self.its_sequence = 1
         self.its_flags = 0
         self.lifted = False
-        self._bits = [None] * 8
+        #: Whether neighbours' states get lost, and of which directions the speeds do.
+        self.losing = False
+        self.unheard = ()
+        #: Neighbours' statuswords, as bytes.
+        self.words = bytes((0x33, 2, 0x33, 2))
+        self._states = [None] * 8
+        self._stated_ms = [0] * 8
         self._boot()
 
     def _boot(self):
@@ -57,6 +67,7 @@ class Middle:
         self._write(indices.PLACE, 2, 1, 2)
         for sub, node_id in enumerate(self.neighbours, 1):
             self._write(indices.NEIGHBOURS, sub, 1, node_id)
+        self._write(indices.TPDO_PARAMETERS + 1, 5, 2, REPEAT_MS)
         self._write(indices.CONTROL, 0, 1, 1)
         cell.on_frame(cob.NMT, bytes((1, NODE)), self.now_ms)
         for word in (cia402.SHUTDOWN, cia402.SWITCH_ON):
@@ -99,7 +110,8 @@ class Middle:
             if node_id == self.silent:
                 continue
             speeds = self._speeds(direction, speed_um_s)
-            cell.on_frame(cob.TPDO_BASES[0] + node_id, speeds, self.now_ms)
+            if direction not in self.unheard:
+                cell.on_frame(cob.TPDO_BASES[0] + node_id, speeds, self.now_ms)
             estimate = self._estimate(direction)
             if estimate:
                 cell.on_frame(cob.TPDO_BASES[2] + node_id, estimate, self.now_ms)
@@ -120,12 +132,12 @@ class Middle:
         fields[wire.Y] = -dy * PITCH_UM // wire.STEP_UM
         fields[wire.IDENTITY] = IDENTITY
         fields[wire.STATE] = wire.UNDER
-        fields[wire.CERTAINTY] = 9
+        fields[wire.CERTAINTY] = self.certainty
         fields[wire.HOLD] = wire.HOLD_NONE
         fields[wire.SEQUENCE] = self.its_sequence
         fields[wire.FLAGS] = self.its_flags
         frame = bytearray(8)
-        wire.pack_estimate(fields, 0, frame)
+        wire.pack_estimate(fields, 0, frame, 0)
         return bytes(frame)
 
     def _covered(self, x_um, y_um):
@@ -141,7 +153,11 @@ class Middle:
     def _presence(self, direction):
         dx, dy = STEPS[direction]
         bits = self._covered(dx * PITCH_UM, dy * PITCH_UM)
-        if bits != self._bits[direction]:
-            self._bits[direction] = bits
-            state = bytes((0x33, 2, 0x33, 2, bits))
+        state = self.words + bytes((bits,))
+        repeats = self.now_ms - self._stated_ms[direction] >= REPEAT_MS
+        if state != self._states[direction] or repeats:
+            self._states[direction] = state
+            self._stated_ms[direction] = self.now_ms
+            if self.losing:
+                return
             self.cell.on_frame(cob.TPDO_BASES[1] + NEIGHBOURS[direction], state, self.now_ms)

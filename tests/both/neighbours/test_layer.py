@@ -95,6 +95,19 @@ def test_silent_neighbours_end_the_motion():
     assert state(middle) != cia402.OPERATION_ENABLED
 
 
+def test_wheel_brakes_by_itself_when_there_is_no_sync_any_more():
+    middle = Middle(SPEED_UM_S)
+    run(middle, 30)
+    middle.board.take()
+    # The layer is awake, and all its neighbours may send; without an update nothing is fed.
+    for _ in range(60):
+        speed_loop.step(middle.cell._registers)
+        middle._pass(1)
+    assert state(middle) == cia402.FAULT_REACTION
+    errors = [data for can_id, data in middle.board.take() if can_id == cob.EMCY_BASE + NODE]
+    assert {data[0] | data[1] << 8 for data in errors} == {0x8250}
+
+
 def test_parcel_that_no_sensor_shows_is_not_driven():
     middle = Middle(SPEED_UM_S)
     run(middle, 20)

@@ -31,9 +31,15 @@ HOST_NODE = 127
 SUSPICION = 0xFF01
 _BEGIN_S = 0.3
 _STEP_S = 0.05
+#: At rest for so long it is over; at their goals, where nothing more is to come, for so long.
 _STILL_S = 1.5
+_ARRIVED_S = 0.6
+_HELD_S = 1.0
+#: The code of an emergency about the host's heartbeat.
+_HOST_LOST = 0x8130
 _HEARTBEAT_BEATS = 2
 _CONSUMER_MS = 75
+_REPEAT_MS = 200
 #: Sub-index of the lease: whether cells give SYNC where nobody else does.
 _TAKEOVER = 3
 _PAGES_BEATS = (20, 24, 28)
@@ -102,9 +108,10 @@ class NeighbourHost:
             for entry, value in all_values(self.layout, place).items():
                 if value != ENTRIES[entry].default:
                     yield _write(node_id, *entry, value)
+            # As the coordinator sets cells that steer.
+            yield _write(node_id, indices.TPDO_PARAMETERS + 1, 5, _REPEAT_MS)
             yield _write(node_id, indices.CONSUMER_TIMES, 1, HOST_NODE << 16 | _CONSUMER_MS)
-            if any(box.flags & wire.GO_ON for box in self.boxes):
-                yield _write(node_id, indices.LEASE, _TAKEOVER, 1)
+            yield _write(node_id, indices.LEASE, _TAKEOVER, 1)
             yield _write(node_id, indices.CONTROL, 0, 1)
 
     def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
@@ -201,6 +208,18 @@ def _write(node_id: int, index: int, sub: int, value: int) -> Frame:
     return Frame(cob.SDO_REQUEST_BASE + node_id, head + (value & 0xFFFFFFFF).to_bytes(4, "little"))
 
 
+def off(pose: Sequence[float], goal: Pose) -> tuple[float, float]:
+    """How far a pose is from a goal [m, rad]; one turned by pi is the same."""
+    turn_rad = math.remainder(pose[2] - goal[2], math.pi)
+    return math.hypot(pose[0] - goal[0], pose[1] - goal[1]), abs(turn_rad)
+
+
+def is_at(pose: Sequence[float], goal: Pose) -> bool:
+    """Whether a pose is within 5 mm and 2 degrees of a goal."""
+    off_m, off_rad = off(pose, goal)
+    return off_m < 0.005 and off_rad < math.radians(2)
+
+
 @dataclass
 class Run:
     """A finished run: what the bus showed and what the parcels did."""
@@ -216,15 +235,11 @@ class Run:
 
     def error(self, parcel: int = 0) -> tuple[float, float]:
         """How far a parcel lies from its goal in the end [m, rad]; one turned by pi is the same."""
-        goal_x_m, goal_y_m, goal_yaw_rad = self.host.boxes[parcel].end
-        x_m, y_m, yaw_rad = self.record.pose[-1, parcel]
-        turn_rad = math.remainder(yaw_rad - goal_yaw_rad, math.pi)
-        return math.hypot(x_m - goal_x_m, y_m - goal_y_m), abs(turn_rad)
+        return off(self.record.pose[-1, parcel], self.host.boxes[parcel].end)
 
     def arrived(self, parcel: int = 0) -> bool:
         """Whether a parcel lies at its goal within 5 mm and 2 degrees."""
-        off_m, off_rad = self.error(parcel)
-        return off_m < 0.005 and off_rad < math.radians(2) and not self.tipped
+        return is_at(self.record.pose[-1, parcel], self.host.boxes[parcel].end) and not self.tipped
 
     def stands(self, parcel: int = 0) -> bool:
         """Whether a parcel has not moved in the last half second."""
@@ -241,8 +256,28 @@ class Run:
         ]
 
     def is_held(self, parcel: int = 0) -> bool:
-        """Whether a cell under a parcel reports that it lacks a promise."""
-        return any(each.fields[wire.HOLD] == 0 for each in self.last(parcel))
+        """Whether cells under a parcel have just reported that it lacks a promise.
+
+        Two that are in each other's way may be given it in turns.
+        """
+        late_s = self.host.estimates[-1].time_s - _HELD_S if self.host.estimates else 0.0
+        return any(
+            each.time_s > late_s
+            and each.fields[wire.IDENTITY] == parcel + 1
+            and each.fields[wire.STATE] == wire.UNDER
+            and each.fields[wire.HOLD] == 0
+            for each in self.host.estimates
+        )
+
+    def is_cut_off(self, parcel: int = 0) -> bool:
+        """Whether a cell that had a parcel at some time has reported the host's silence."""
+        had = {
+            each.cell for each in self.host.estimates if each.fields[wire.IDENTITY] == parcel + 1
+        }
+        return any(
+            cell in had and int.from_bytes(data[:2], "little") == _HOST_LOST
+            for _, cell, data in self.host.emergencies
+        )
 
     def claims_arrival(self, parcel: int = 0) -> bool:
         """Whether more of the cells under a parcel report that it is at its goal than not."""
@@ -268,20 +303,18 @@ def scenario_of(
     faults: Sequence[str] = (),
     overrides: Sequence[str] = (),
 ) -> Scenario:
-    """A table with these parcels, on one bus for up to three rows of six, else on one for three
-    columns each; faults are TOML tables.
+    """A table with these parcels, on one bus for up to three rows of six, else on one for each
+    block of three columns and up to six rows; faults are TOML tables.
     """
     several = []
     if columns * rows > 18:
-        stripes = [
-            [
-                row * columns + column + 1
-                for row in range(rows)
-                for column in range(first, first + 3)
-            ]
-            for first in range(0, columns, 3)
+        high = rows // -(-rows // 6)
+        blocks = [
+            [(y + up) * columns + x + along + 1 for up in range(high) for along in range(3)]
+            for y in range(0, rows, high)
+            for x in range(0, columns, 3)
         ]
-        several = [f"array.buses={stripes}", "array.forwarded=[1, 2, 3, 4]"]
+        several = [f"array.buses={blocks}", "array.forwarded=[1, 2, 3, 4]"]
     return load_scenario(
         "array18",
         [
@@ -315,7 +348,8 @@ def run(
 ) -> Run:
     """Run a scenario with cells that steer by themselves.
 
-    It ends before `until_s` if nothing has moved for a while after `still_after_s`.
+    It ends before `until_s` if nothing has moved for a while after `still_after_s`, which is
+    shorter where all have arrived.
     """
     host = NeighbourHost(layout_of(scenario), boxes, places or {})
     with closing(open_bank("cpython", addresses_of(scenario).node_ids)) as bank:
@@ -324,6 +358,9 @@ def run(
         while time_s < until_s and still_s < _STILL_S and not simulation.tipped:
             time_s += _STEP_S
             simulation.run_until(min(time_s, until_s))
-            still = abs(simulation.world.motion[1]).max() < 1e-3 and time_s > still_after_s
+            poses, twists = simulation.world.motion
+            still = abs(twists).max() < 1e-3 and time_s > still_after_s
             still_s = still_s + _STEP_S if still else 0.0
+            if still_s >= _ARRIVED_S and all(map(is_at, poses, (box.end for box in boxes))):
+                break
         return Run(host, simulation.outcome().record, simulation.tipped)

@@ -11,7 +11,9 @@ import numpy as np
 from mdms_host.estimation.outlines.bottom import DRAWN_M, Bottom
 from mdms_host.estimation.pose.confirmation import Confirmation, Standing
 from mdms_host.estimation.pose.feeling import turn_to_feel_rad
+from mdms_host.estimation.pose.pose_cloud import PoseCloud
 from mdms_host.estimation.pose.pose_filter import PoseFilter
+from mdms_host.estimation.pose.sliding import Sliding
 from mdms_host.estimation.presence.surroundings import Near, Surroundings
 from mdms_host.estimation.search.locate import Location
 from mdms_model.arrays import Bools, Floats
@@ -37,8 +39,10 @@ _AROUND = 1.35
 _NEAR_M = 0.012
 #: An edge that is farther off, in standard deviations, is none of this parcel's.
 _GATE = 5.0
-#: Nor is one at which a sensor becomes covered farther beside a parcel that rests [m].
+#: Nor is one at which a sensor becomes covered farther beside a parcel that rests [m], and farther
+#: than so many standard deviations.
 _AT_REST_M = 0.005
+_AT_REST_DEVIATIONS = 2.0
 #: How well an edge is known where it is asked whose it is [m].
 _LIKELY_M = 0.001
 #: A parcel is shown where more of the sensors deep under it are covered.
@@ -82,9 +86,13 @@ class ParcelEstimator:
         self._kept_growths = (self._growth, self._growth)
         self._kept_s = 0.0
         self._filter: PoseFilter | None = None
+        # All poses that the sensors allow, as long as these are far apart.
+        self._cloud: PoseCloud | None = None
         self._confirmation = Confirmation()
         self.bottom = bottom
         self.twist: Floats = np.zeros(3)
+        self._sliding = Sliding(self.corner_m)
+        self._pushed_s = -inf
         self.corrected = False
 
     @property
@@ -108,15 +116,22 @@ class ParcelEstimator:
         self._filter = PoseFilter(
             found.pose, found.covariance, reach_m, self._growth, self._spread_m
         )
+        self._cloud = None
+        if len(found.poses):
+            bottom = self.bottom if found.growths is None else self._drawn
+            self._cloud = PoseCloud(bottom, found.poses, found.weights, found.grid, found.growths)
         self._confirmation.find(now_s)
         self.twist = np.zeros(3)
         self._at_s = now_s
         self._corrected()
+        if self._cloud is not None and found.growths is not None:
+            self._settle(self._cloud)
 
     def blur(self, deviation_m: float) -> None:
         """The parcel may have moved by so much unseen, as a standard deviation."""
         if self._filter is not None:
             self._filter.blur(deviation_m)
+            self._cloud = None
 
     def pose_at(self, now_s: float) -> Floats | None:
         """The pose carried on to a time near now by the present twist, for 0.1 s at most."""
@@ -169,9 +184,11 @@ class ParcelEstimator:
     def comes_up(self, now_s: float, point_m: Floats) -> bool:
         """Whether what has just covered a sensor must be something else: the parcel rests."""
         pose = self.pose_at(now_s)
-        if pose is None or self.twist.any():
+        if self._filter is None or pose is None or self.twist.any():
             return False
-        return self.bottom.edge(point_m, pose)[0] > _AT_REST_M
+        off_m, slope = self._off(pose, point_m)
+        deviation_m = sqrt(float(slope @ self._filter.covariance @ slope))
+        return off_m > max(_AT_REST_M, _AT_REST_DEVIATIONS * deviation_m)
 
     @property
     def growth_deviation_m(self) -> tuple[float, float]:
@@ -206,15 +223,37 @@ class ParcelEstimator:
         """
         if self._filter is None:
             return
-        before = self.twist
+        before, slip = self.twist, self._slip(now_s, twist)
         if twist is not None:
             self.twist, self._rolled_s = twist, now_s
         elif now_s > self._rolled_s + _CARRIED_S:
             self.twist = np.zeros(3)
         step_s = max(0.0, now_s - self._at_s)
         late = (self.twist - before) * _OBSERVER_LAG_S if twist is not None else 0.0
-        self._filter.move((before + self.twist) * (step_s / 2) + late, step_s)
+        moved = ((before + self.twist) / 2 - slip) * step_s + late
+        self._filter.move(moved, step_s, self._sliding.variance_m2_s)
+        if self._cloud is not None:
+            self._cloud.move(moved)
         self._at_s = now_s
+
+    def slide(self, missing: Floats, gained: Floats, step_s: float) -> None:
+        """In the last step the wheels gained so much [a second], so much more than they pushed to.
+
+        Both are twists, shape (3,).
+        """
+        if self._filter is not None:
+            self._sliding.step(missing, gained, step_s)
+            self._pushed_s = self._at_s
+
+    def _slip(self, now_s: float, twist: Floats | None) -> Floats:
+        """How much faster the wheels are than the parcel; zero where they stand, or nothing shows.
+
+        What they push with is not reported for ever.
+        """
+        stand = twist is not None and not twist.any()
+        if stand or now_s > self._pushed_s + _CARRIED_S:
+            self._sliding.begin_again()
+        return self._sliding.twist
 
     def edge(self, now_s: float, point_m: Floats, covered: bool) -> None:
         """A sensor there has just been covered, or not: the edge was over it when the cell saw it.
@@ -230,7 +269,10 @@ class ParcelEstimator:
         if abs(rate_m_s) > _RESTING_M_S and covered != (rate_m_s < 0):
             return
         late_m = _LATENCY_S * rate_m_s
-        if self._filter.on_edge(off_m, slope, (_EDGE_M**2 + late_m**2) ** 0.5):
+        if self._cloud is not None:
+            self._cloud.on_edge(point_m, late_m)
+            self._settle(self._cloud)
+        elif self._filter.on_edge(off_m, slope, (_EDGE_M**2 + late_m**2) ** 0.5):
             self._corrected()
 
     def agree(self, now_s: float, view: View, covered: Bools, mine: Bools) -> Standing:
@@ -243,8 +285,13 @@ class ParcelEstimator:
         if shown and self.standing is Standing.FOUND:
             distance_m = view.distance_m
             wrong = mine & ((distance_m < 0) != covered) & (distance_m < BESIDE_M)
-            for sensor in wrong.nonzero()[0].tolist():
-                shown &= self._bound(now_s, view.near.sensors_m[sensor])
+            if self._cloud is not None:
+                asked = wrong | mine & (abs(distance_m) < self._cloud.spread_m)
+                shown &= self._cloud.on_bits(view.near.sensors_m, covered, asked)
+                self._settle(self._cloud)
+            else:
+                for sensor in wrong.nonzero()[0].tolist():
+                    shown &= self._bound(now_s, view.near.sensors_m[sensor])
         self._confirm(now_s, shown)
         return self.standing
 
@@ -277,8 +324,9 @@ class ParcelEstimator:
 
     def _lose(self) -> None:
         """Where the parcel is is not known any more."""
-        self._filter = None
+        self._filter = self._cloud = None
         self.twist = np.zeros(3)
+        self._sliding.begin_again()
 
     def _shown(self, covered: Bools, mine: Bools, distance_m: Floats) -> bool:
         """Whether most of the sensors that lie deep under the parcel are covered."""
@@ -308,6 +356,14 @@ class ParcelEstimator:
         cosine, sine = cos(pose[2]), sin(pose[2])
         along, across = cosine * x + sine * y, cosine * y - sine * x
         return off_m, np.array([*slope, -along * along, -across * across])
+
+    def _settle(self, cloud: PoseCloud) -> None:
+        """Take the place over from the poses that the sensors allow."""
+        assert self._filter is not None
+        self._filter.place(cloud.mean, cloud.covariance)
+        if cloud.small:
+            self._cloud = None
+        self._corrected()
 
     def _corrected(self) -> None:
         self.corrected = True

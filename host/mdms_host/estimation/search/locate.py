@@ -1,6 +1,6 @@
 """Where a parcel lies, judged from nothing but which presence sensors it covers."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -10,6 +10,8 @@ from mdms_model.arrays import Bools, Floats, Ints
 #: Fineness of the search: how far a neighbouring candidate is.
 _STEP_M = 0.006
 _YAW_STEP_RAD = np.radians(3.0)
+#: The same of x, y and yaw [m, m, rad].
+_GRID = np.array([_STEP_M, _STEP_M, _YAW_STEP_RAD])
 #: The grid may miss the few poses that explain all, so those with a few errors count as well, each
 #: error making a pose less likely by a factor exp(-cost).
 _SPARE_ERRORS = 2
@@ -20,11 +22,20 @@ _HINT_RAD = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Location:
-    """Mean pose (x, y, yaw) of what the sensors allow, its covariance, and how many disagree."""
+    """Mean pose (x, y, yaw) of what the sensors allow, its covariance, and how many disagree.
+
+    `poses` (N, 3) are those that they allow, `grid` (3,) apart, `weights` (N,) how likely each of
+    them is. Where the size is not known, `growths` (N, 2) are how much larger the parcel is then
+    than it was taken for, on either side, along its own x and y [m].
+    """
 
     pose: Floats
     covariance: Floats
     contradictions: int
+    poses: Floats = field(default_factory=lambda: np.empty((0, 3)))
+    weights: Floats = field(default_factory=lambda: np.empty(0))
+    grid: Floats = field(default_factory=lambda: _GRID)
+    growths: Floats | None = None
 
 
 def locate(
@@ -46,9 +57,11 @@ def locate(
     near = wrong <= wrong.min() + _SPARE_ERRORS
     poses, weights = poses[near], np.exp(-_ERROR_COST * (wrong[near] - wrong.min()))
     group = _likeliest_group(poses[:, 2], weights, yaw_hint_rad, bottom.period_rad)
-    pose, covariance = _moments(poses[group], weights[group], bottom.period_rad)
+    poses, weights = poses[group], weights[group]
+    pose, covariance = _moments(poses, weights, bottom.period_rad)
     pose[2] = bottom.nearest_yaw_rad(float(pose[2]), yaw_hint_rad)
-    return Location(pose, covariance, int(wrong.min()))
+    poses[:, 2] -= bottom.period_rad * np.round((poses[:, 2] - pose[2]) / bottom.period_rad)
+    return Location(pose, covariance, int(wrong.min()), poses, weights)
 
 
 def _try_yaw(

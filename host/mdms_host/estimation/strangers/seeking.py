@@ -99,7 +99,13 @@ class Seeking:
     def _start(self, now_s: float, valid: Bools, known: Known, found: Found) -> None:
         """A parcel has been found: sensors that contradict are not believed for now."""
         estimator, covered = known.estimator, self._presence.covered
-        estimator.start(now_s, found.location)
+        location = found.location
+        unknown = known.unknown
+        if known.learns and unknown is not None and unknown in self._unknowns.all:
+            yaw_rad = known.parcel.yaw_hint_rad
+            allowed = self._unknowns.rectangles(unknown, valid & ~covered, yaw_rad)
+            location = known.of_any_size(location, *allowed)
+        estimator.start(now_s, location)
         known.keep_place()
         mine = valid & ~covered
         mine[found.group] = True

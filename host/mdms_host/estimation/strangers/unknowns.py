@@ -11,7 +11,7 @@ from mdms_host.estimation.change import Change, Event
 from mdms_host.estimation.outlines.containing import containing_outline_m, is_convex
 from mdms_host.estimation.outlines.polygon import Polygon
 from mdms_host.estimation.presence.surroundings import Surroundings
-from mdms_host.estimation.size import Size, size_of
+from mdms_host.estimation.size import Size, rectangles_of, size_of
 from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats, Ints
 
@@ -26,6 +26,8 @@ _REPORTED_S = 1.0
 _GONE_S = 0.1
 #: Where no sensor shows how far it reaches, it does so many links of sensors at most.
 _MOST_LINKS = 1.5
+#: So many rectangles are tried for something whose size is to be learned.
+_RECTANGLES = 4000
 
 
 @dataclass(slots=True)
@@ -136,6 +138,13 @@ class Unknowns:
         one = self._all[name]
         near = self._surroundings.of(one.pose[:2], one.outline.reach_m)
         return size_of(self._sensors_m[one.sensors], near.sensors_m[free[near.sensors]])
+
+    def rectangles(self, name: str, free: Bools, yaw_rad: float) -> tuple[Floats, Floats]:
+        """Poses (N, 3) and sides (N, 2) of rectangles that something may be, about a yaw."""
+        one = self._all[name]
+        near = self._surroundings.of(one.pose[:2], one.outline.reach_m)
+        free_m = near.sensors_m[free[near.sensors]]
+        return rectangles_of(self._sensors_m[one.sensors], free_m, yaw_rad, _RECTANGLES)
 
     def explain(self, parcel: str, inside: Bools) -> None:
         """A parcel has been found over the sensors `inside` (S,): what covered them is that."""

@@ -16,7 +16,7 @@ class Guide(NamedTuple):
     runs: Ints
     """How many steps each node may be left by along each line, as `moves.free_runs` has it."""
     barred: Bools
-    """Which joins cross such a tile, (J,)."""
+    """Which joins cross such a tile, or are left out, (J,)."""
     often: Bools
     """Which kinds of move are used from anywhere, others only to nodes aligned with the goal."""
     cost_s: Floats
@@ -30,48 +30,46 @@ def cost_to_go(graph: Graph, runs: Ints, barred: Bools, often: Bools, goal: int)
     cost_s, done = np.full(nodes, np.inf), np.zeros(nodes, dtype=np.bool_)
     cost_s[goal] = 0.0
     heap = [(0.0, goal)]
+    # Of large tuples every call costs more than what it does, so all is done within one.
+    joins, moves, aligned = graph.joins, graph.moves, graph.aligned
+    lattice, places = graph.bases.size, graph.places
     while len(heap) > 0:
         _, node = heappop(heap)
         if done[node]:
             continue
         done[node] = True
-        for index in range(graph.joins.back_first[node], graph.joins.back_first[node + 1]):
-            join = graph.joins.back[index]
-            start = graph.joins.start[join]
-            total_s = cost_s[node] + graph.joins.duration_s[join]
+        for index in range(joins.back_first[node], joins.back_first[node + 1]):
+            join = joins.back[index]
+            start = joins.start[join]
+            total_s = cost_s[node] + joins.duration_s[join]
             if not barred[join] and total_s < cost_s[start]:
                 cost_s[start] = total_s
                 heappush(heap, (total_s, start))
-        if node < graph.bases.size:
-            relax_lattice(graph, Guide(runs, barred, often, cost_s), node, heap)
+        if node >= lattice:
+            continue
+        # The lattice's nodes from which one move leads here.
+        yaw = node // places
+        for index in range(moves.back_first[yaw], moves.back_first[yaw + 1]):
+            kind = moves.back[index]
+            start = node - moves.far[kind]
+            if start < 0 or start >= lattice or not (often[kind] or aligned[node]):
+                continue
+            total_s = cost_s[node] + moves.duration_s[kind]
+            if total_s >= cost_s[start] or runs[moves.line[kind], start] < moves.steps[kind]:
+                continue
+            # A start of another yaw has no such move, though its line is open to others.
+            own = start // places
+            if moves.first[own] <= kind < moves.first[own + 1]:
+                cost_s[start] = total_s
+                heappush(heap, (total_s, start))
     return cost_s
-
-
-@compiled
-def relax_lattice(graph: Graph, guide: Guide, node: int, heap: list[tuple[float, int]]) -> None:
-    """Lower the costs of the lattice nodes from which one move leads to a node."""
-    moves, cost_s = graph.moves, guide.cost_s
-    yaw = node // graph.places
-    for index in range(moves.back_first[yaw], moves.back_first[yaw + 1]):
-        kind = moves.back[index]
-        start = node - moves.far[kind]
-        if start < 0 or start >= graph.bases.size or not (guide.often[kind] or graph.aligned[node]):
-            continue
-        total_s = cost_s[node] + moves.duration_s[kind]
-        if total_s >= cost_s[start] or guide.runs[moves.line[kind], start] < moves.steps[kind]:
-            continue
-        # A start of another yaw has no such kind of move, though its line is open to others.
-        own = start // graph.places
-        if moves.first[own] <= kind < moves.first[own + 1]:
-            cost_s[start] = total_s
-            heappush(heap, (total_s, start))
 
 
 @compiled
 def barred_joins(graph: Graph, blocked: Bools) -> Bools:
     """`Guide.barred` by the tiles that are blocked."""
     joins = graph.joins
-    barred = np.zeros(joins.start.size, dtype=np.bool_)
+    barred = joins.tips.copy()
     for join in range(joins.start.size):
         for visit in range(joins.visit[join], joins.visit[join + 1]):
             if blocked[joins.tile[visit]]:

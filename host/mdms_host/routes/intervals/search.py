@@ -2,7 +2,8 @@
 
 After M. Phillips and M. Likhachev (ICRA 2011), for moves that take time and bodies that cover many
 tiles: a state is a node and the safe interval in which the parcel stands there, reached as soon as
-it can be; from it every move begins as soon as it can in each safe interval of its end.
+it can be; from it every move begins as soon as it can in each safe interval of its end. At what
+time is found only when the move's turn comes, by what it would take if nobody were in its way.
 """
 
 from heapq import heappop, heappush
@@ -12,10 +13,17 @@ import numpy as np
 
 from mdms_host.routes.intervals.cost_to_go import Guide
 from mdms_host.routes.intervals.safe_intervals import INSTANT_S, Taken, first_departure, free_until
-from mdms_host.routes.intervals.states import State, States, doubled, entered, new_states, put_off
-from mdms_host.routes.space.roadmap import Graph
+from mdms_host.routes.intervals.states import State, States, doubled, entered, new_states
+from mdms_host.routes.space.roadmap import Graph, Joins
 from mdms_model.arrays import Floats, Ints
 from mdms_model.compiled import compiled
+
+#: When the goal would be come to, and how long before it is left, by which state and index, when.
+Due = tuple[float, float, int, int, float]
+#: A state and when it is gone on from, the weight of the search, and when the goal is free.
+Terms = tuple[int, float, float, float]
+#: In place of a move's index: a state itself.
+_STATE = -1
 
 
 class Errands(NamedTuple):
@@ -30,7 +38,7 @@ class Errands(NamedTuple):
 class Found(NamedTuple):
     """The moves of a way, in order: nodes (L + 1,), when each move begins and ends [s], (L,).
 
-    `reached` is False where there is no way, `states` counts the work.
+    `reached` is False where there is no way, `tried` counts moves that were looked at.
     """
 
     reached: bool
@@ -39,31 +47,37 @@ class Found(NamedTuple):
     """Kinds of the lattice's moves, or joins as -1 - join."""
     begins_s: Floats
     arrives_s: Floats
-    states: int
+    tried: int
 
 
 class Edge(NamedTuple):
-    """A move from a node to another, -1 for none that is open; its visits are counted from base."""
+    """A move from a node to another, when it begins and ends at the soonest; inf: not at all.
+
+    `until_s` is up to when the parcel may stand there then.
+    """
 
     there: int
     move: int
-    base: int
-    lasts_s: float
+    leaves_s: float
+    arrives_s: float
+    until_s: float
 
 
 @compiled
 def search(
     graph: Graph, guide: Guide, taken: Taken, errand: Errands, effort: tuple[float, int]
 ) -> Found:
-    """The way from start to goal, given up after so many states, the second of `effort`.
+    """The way from start to goal, given up after so many moves, the second of `effort`.
 
     The first weighs the time that is left to the goal: with more than 1 the search looks at fewer
-    states, and the way may take longer.
+    moves, and the way may take longer.
     """
     weight, most = effort
     head = np.full(graph.joins.first.size - 1, -1, np.int64)
-    states, count, last = new_states(), 0, -1
-    heap = [(0.0, 0.0, 0)]
+    states, count, tried, last = new_states(), 0, 0, -1
+    # What is due, by when the goal would be come to: a state, or its move of an index from 0 on,
+    # which begins no sooner than the last number.
+    heap = [(0.0, 0.0, 0, _STATE, errand.ready_s)]
     until_s = node_free_until(graph, taken, errand.start, errand.ready_s)
     if until_s > -np.inf and guide.cost_s[errand.start] < np.inf:
         first = State(errand.start, -1, 0, errand.ready_s, errand.ready_s, until_s)
@@ -71,88 +85,99 @@ def search(
         count = 1
     # The goal is not come to for good before all others have passed it.
     least_s = node_free_from(graph, taken, errand.goal, errand.stay_s)
-    while 0 < count < most and len(heap) > 0:
-        _, _, number = heappop(heap)
-        if states.stale[number]:
+    while count > 0 and tried < most and len(heap) > 0:
+        _, _, state, index, begin_s = heappop(heap)
+        if states.stale[state]:
             continue
-        here, state, first_edge, begin_s = states.node[number], number, 0, states.at_s[number]
-        if here == errand.goal and states.until_s[state] >= begin_s + errand.stay_s:
-            last = state
-            break
-        last_edge = edges(graph, here) if here >= 0 else 0
-        if here < 0:
-            # A move that was put off: once more, later.
-            state, first_edge = states.came[number], states.by[number]
-            here, last_edge = states.node[state], states.by[number] + 1
-        states.stale[number] = True
-        for index in range(first_edge, last_edge):
-            edge = edge_of(graph, guide, here, index)
-            if edge.there < 0:
-                continue
-            leaves_s = departure(graph, taken, edge, begin_s, states.until_s[state])
-            if leaves_s == np.inf:
-                continue
-            if count + 2 > states.node.size:
+        here = states.node[state]
+        if index == _STATE:
+            if here == errand.goal and states.until_s[state] >= begin_s + errand.stay_s:
+                last = state
+                break
+            offer_joins(graph.joins, guide, here, heap, (state, begin_s, weight, least_s))
+            if here < graph.bases.size:
+                offer_moves(graph, guide, here, heap, (state, begin_s, weight, least_s))
+            continue
+        tried += 1
+        edge = tried_move(graph, taken, (here, index), begin_s, states.until_s[state])
+        if edge.leaves_s == np.inf:
+            continue
+        left_s, arrive_s, until_s = guide.cost_s[edge.there], edge.arrives_s, edge.until_s
+        if sooner(states, head[edge.there], arrive_s, until_s):
+            if count == states.node.size:
                 states = doubled(states)
-            left_s, arrive_s = guide.cost_s[edge.there], leaves_s + edge.lasts_s
-            until_s = node_free_until(graph, taken, edge.there, arrive_s)
-            if sooner(states, head[edge.there], arrive_s, until_s):
-                found = State(edge.there, state, edge.move, leaves_s, arrive_s, until_s)
-                entered(states, head, count, found)
-                heappush(heap, (max(arrive_s + weight * left_s, least_s), left_s, count))
-                count += 1
-            # Once more, for the next safe interval of its end, but not before that is its turn.
-            again_s = max(leaves_s, until_s - edge.lasts_s) + INSTANT_S
-            if again_s <= states.until_s[state] and again_s < np.inf:
-                put_off(states, count, state, index, again_s)
-                total_s = again_s + edge.lasts_s + weight * left_s
-                heappush(heap, (max(total_s, least_s), left_s, count))
-                count += 1
-    return way_to(states, last, errand.start, count)
+            found = State(edge.there, state, edge.move, edge.leaves_s, arrive_s, until_s)
+            entered(states, head, count, found)
+            total_s = arrive_s + weight * left_s
+            heappush(heap, (max(total_s, least_s), left_s, count, _STATE, arrive_s))
+            count += 1
+        # Once more, for the next safe interval of its end, but not before that is its turn.
+        lasts_s = arrive_s - edge.leaves_s
+        again_s = max(edge.leaves_s, until_s - lasts_s) + INSTANT_S
+        if again_s <= states.until_s[state] and again_s < np.inf:
+            total_s = again_s + lasts_s + weight * left_s
+            heappush(heap, (max(total_s, least_s), left_s, state, index, again_s))
+    return way_to(states, last, errand.start, tried)
 
 
 @compiled
-def edges(graph: Graph, node: int) -> int:
-    """How many moves there are from a node, open or not."""
-    joins = graph.joins.first[node + 1] - graph.joins.first[node]
-    if node >= graph.bases.size:
-        return int(joins)
-    yaw = node // graph.places
-    return int(joins + graph.moves.first[yaw + 1] - graph.moves.first[yaw])
+def offer_joins(joins: Joins, guide: Guide, here: int, heap: list[Due], terms: Terms) -> None:
+    """Put what is open of a node's joins where their turn comes; they have the first indices."""
+    state, begin_s, weight, least_s = terms
+    first = joins.first[here]
+    for index in range(joins.first[here + 1] - first):
+        join = joins.onward[first + index]
+        left_s = guide.cost_s[joins.end[join]]
+        if not guide.barred[join] and left_s < np.inf:
+            total_s = begin_s + joins.duration_s[join] + weight * left_s
+            heappush(heap, (max(total_s, least_s), left_s, state, index, begin_s))
 
 
 @compiled
-def edge_of(graph: Graph, guide: Guide, here: int, index: int) -> Edge:
-    """One of the moves from a node, joins first."""
+def offer_moves(graph: Graph, guide: Guide, here: int, heap: list[Due], terms: Terms) -> None:
+    """Put what is open of a lattice node's moves where their turn comes."""
+    state, begin_s, weight, least_s = terms
+    # Of large tuples every call costs more than what it does, so all is done within one.
+    far, line, steps = graph.moves.far, graph.moves.line, graph.moves.steps
+    duration_s, runs, often, cost_s = graph.moves.duration_s, guide.runs, guide.often, guide.cost_s
+    aligned = graph.aligned
+    yaw = here // graph.places
+    first = graph.moves.first[yaw]
+    joins = graph.joins.first[here + 1] - graph.joins.first[here]
+    for kind in range(first, graph.moves.first[yaw + 1]):
+        if runs[line[kind], here] < steps[kind]:
+            continue
+        there = here + far[kind]
+        left_s = cost_s[there]
+        if left_s < np.inf and (often[kind] or aligned[there]):
+            total_s = begin_s + duration_s[kind] + weight * left_s
+            due = (max(total_s, least_s), left_s, state, joins + kind - first, begin_s)
+            heappush(heap, due)
+
+
+@compiled
+def tried_move(
+    graph: Graph, taken: Taken, edge: tuple[int, int], from_s: float, to_s: float
+) -> Edge:
+    """A move from a node, by its index, that begins from an instant up to another."""
+    here, index = edge
     joins, moves = graph.joins, graph.moves
     own = joins.first[here + 1] - joins.first[here]
     if index < own:
         join = joins.onward[joins.first[here] + index]
-        there = joins.end[join]
-        if guide.barred[join] or guide.cost_s[there] == np.inf:
-            there = -1
-        return Edge(there, -1 - join, 0, joins.duration_s[join])
-    kind = moves.first[here // graph.places] + index - own
-    there = here + moves.far[kind]
-    if guide.runs[moves.line[kind], here] < moves.steps[kind] or (
-        guide.cost_s[there] == np.inf or not (guide.often[kind] or graph.aligned[there])
-    ):
-        there = -1
-    return Edge(there, kind, graph.bases[here], moves.duration_s[kind])
-
-
-@compiled
-def departure(graph: Graph, taken: Taken, edge: Edge, from_s: float, to_s: float) -> float:
-    """When a move may begin first, from an instant up to another [s]; inf: not at all."""
-    if edge.move < 0:
-        joins, join = graph.joins, -1 - edge.move
-        own = slice(joins.visit[join], joins.visit[join + 1])
-        spans = joins.enters_s[own], joins.leaves_s[own]
-        return first_departure(taken, joins.tile[own], spans, 0, (from_s, to_s))
-    moves = graph.moves
-    own = slice(moves.visit[edge.move], moves.visit[edge.move + 1])
-    spans = moves.enters_s[own], moves.leaves_s[own]
-    return first_departure(taken, moves.tile[own], spans, edge.base, (from_s, to_s))
+        there, move, base, lasts_s = joins.end[join], -1 - join, 0, joins.duration_s[join]
+        met = slice(joins.visit[join], joins.visit[join + 1])
+        tile, spans_s = joins.tile[met], (joins.enters_s[met], joins.leaves_s[met])
+    else:
+        move = moves.first[here // graph.places] + index - own
+        there, base, lasts_s = here + moves.far[move], graph.bases[here], moves.duration_s[move]
+        met = slice(moves.visit[move], moves.visit[move + 1])
+        tile, spans_s = moves.tile[met], (moves.enters_s[met], moves.leaves_s[met])
+    leaves_s = first_departure(taken, tile, spans_s, base, (from_s, to_s))
+    if leaves_s == np.inf:
+        return Edge(there, move, np.inf, np.inf, -np.inf)
+    until_s = node_free_until(graph, taken, there, leaves_s + lasts_s)
+    return Edge(there, move, leaves_s, leaves_s + lasts_s, until_s)
 
 
 @compiled
@@ -194,7 +219,7 @@ def node_free_from(graph: Graph, taken: Taken, node: int, stay_s: float) -> floa
 
 
 @compiled
-def way_to(states: States, last: int, start: int, count: int) -> Found:
+def way_to(states: States, last: int, start: int, tried: int) -> Found:
     """The way to a state, -1 for none."""
     length, state = 0, last
     while state > 0:
@@ -206,4 +231,4 @@ def way_to(states: States, last: int, start: int, count: int) -> Found:
         moves[index], nodes[index + 1] = states.by[state], states.node[state]
         begins_s[index], arrives_s[index] = states.begun_s[state], states.at_s[state]
         state = states.came[state]
-    return Found(last >= 0, nodes, moves, begins_s, arrives_s, count)
+    return Found(last >= 0, nodes, moves, begins_s, arrives_s, tried)

@@ -14,7 +14,6 @@ class States(NamedTuple):
     """By number of the state, in the order in which they were found; there is room for more."""
 
     node: Ints
-    """-1 for a move that was put off: `at_s` is when it may begin, `by` its index."""
     came: Ints
     """The state before it, -1 for the first."""
     by: Ints
@@ -28,7 +27,7 @@ class States(NamedTuple):
     until_s: Floats
     """When its safe interval ends."""
     stale: Bools
-    """Whether it has been gone on from, or is reached sooner by another."""
+    """Whether another reaches the same interval sooner."""
 
 
 @compiled
@@ -80,11 +79,3 @@ def entered(states: States, head: Ints, number: int, state: State) -> None:
     states.until_s[number], states.stale[number] = state.until_s, False
     states.next_of[number] = head[state.node]
     head[state.node] = number
-
-
-@compiled
-def put_off(states: States, number: int, came: int, index: int, begin_s: float) -> None:
-    """Enter a move, the one of this index from a state, that is to begin later than it might."""
-    states.node[number], states.came[number], states.by[number] = -1, came, index
-    states.at_s[number], states.until_s[number] = begin_s, np.inf
-    states.stale[number] = False
