@@ -191,8 +191,8 @@ class Cell:
         Its RPDOs, and what its neighbours send.
         """
         own = dict(self._own_receivers())
-        taken = dict(self._pdos.receivers())
-        taken.update(self._layer.receivers())
+        taken = {can_id for can_id, _ in self._pdos.receivers()}
+        taken.update(can_id for can_id, _ in self._layer.receivers())
         return [can_id for can_id in taken if can_id not in own]
 
     # What the background loop and the timer interrupt call
