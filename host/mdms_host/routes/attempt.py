@@ -147,8 +147,7 @@ class Attempt:
         if self._sure:
             blocked |= self._parked
         found = self._searched(errand, blocked)
-        if found is not None and not errand.roadmap.safe(found.moves):
-            errand.roadmap.keep_safe()
+        while found is not None and not errand.roadmap.is_safe(found.moves):
             found = self._searched(errand, blocked)
         return None if found is None else errand.route(found)
 

@@ -17,6 +17,10 @@ _ROLLING_M_S2 = 0.05
 _SLIPPING_M_S = 0.018
 #: They roll again where they are no faster than this [m/s].
 _ROLLING_M_S = 0.005
+#: They roll, too, where they push with less than this share of what they slipped with, as a mean
+#: over so long [s].
+_ROLLING_PUSH = 0.5
+_MEAN_S = 0.03
 #: What is not confirmed any more is over after such a time [s].
 _OVER_S = 0.2
 #: Of how much faster they are such a share is not known, which is the same for so long [s].
@@ -35,6 +39,9 @@ class Sliding:
         self._faster: Floats = np.zeros(3)
         # Of that what rolling does not explain [m/s].
         self._unexplained_m_s = 0.0
+        # What they push the parcel to, and did when they were found to slip [m/s2].
+        self._pushed: Floats = np.zeros(3)
+        self._most_m_s2 = 0.0
         # Whether they do, or have done so, and whether the parcel catches up with them.
         self._slips = self._slipped = self._catching_up = False
 
@@ -56,11 +63,16 @@ class Sliding:
         rolling_m_s2 = _ROLLING_M_S2 + _ROLLING_SHARE * gained_m_s2
         missing_m_s2 = float(np.linalg.norm(missing))
         self._faster = before + missing * step_s
+        pushed = gained / self._corner_m - missing
+        self._pushed = self._pushed + (pushed - self._pushed) * (1.0 - exp(-step_s / _MEAN_S))
+        push_m_s2 = float(np.linalg.norm(self._pushed))
         if missing_m_s2 < rolling_m_s2:
             self._faster = self._faster * exp(-step_s / _OVER_S)
         slow = float(np.linalg.norm(self._faster)) < _ROLLING_M_S
         caught_up = self._catching_up and float(before @ self._faster) <= 0.0
-        if self._slipped and (slow or caught_up):
+        # Friction gives all it can while they slip.
+        rolls = push_m_s2 < _ROLLING_PUSH * self._most_m_s2
+        if self._slipped and (slow or caught_up or rolls):
             self.begin_again()
         if self._catching_up:
             # What they lose now is none of a slip the other way.
@@ -70,7 +82,8 @@ class Sliding:
         self._unexplained_m_s += unexplained_m_s2 * step_s
         if self._unexplained_m_s > 0.0:
             self._slips = self._unexplained_m_s > _SLIPPING_M_S
-            self._slipped = self._slipped or self._slips
+            if self._slips and not self._slipped:
+                self._slipped, self._most_m_s2 = True, push_m_s2
         elif self._slipped:
             self._slips, self._catching_up = False, True
         else:

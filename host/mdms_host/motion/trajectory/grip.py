@@ -13,11 +13,12 @@ from mdms_model.arrays import Floats
 #: Cells report the speed of a wheel so late [s].
 _LATE_S = 0.002
 #: Means are over so long [s]; slip is judged after so many cycles of pushing with at least this
-#: share of what is planned, for motors that differ make for a tenth.
+#: share of what is planned, and with as much at least [m/s2]: motors that differ make for a tenth.
 _MEAN_S = 0.04
 _CYCLES = 6
 _PUSHING_SHARE = 0.4
-_MISSING_SHARE = 0.15
+_PUSHING_M_S2 = 0.3
+_MISSING_SHARE = 0.22
 _MOST_MISSING = 0.6
 #: Wheels that slip are to push with so much of what they still did, but never less than the least.
 _BACKED_OFF = 0.75
@@ -98,7 +99,8 @@ class Grip:
         weight = 1.0 - exp(-step_s / _MEAN_S)
         self._gained += weight * (gained_m_s2 - self._gained)
         self._pushed += weight * (pushed_m_s2 - self._pushed)
-        if abs(self._gained) < _PUSHING_SHARE * self.share * planned_m_s2:
+        least_m_s2 = max(_PUSHING_SHARE * self.share * planned_m_s2, _PUSHING_M_S2)
+        if abs(self._gained) < least_m_s2:
             self._cycles = 0
             return
         self._cycles += 1

@@ -16,7 +16,7 @@ class Guide(NamedTuple):
     runs: Ints
     """How many steps each node may be left by along each line, as `moves.free_runs` has it."""
     barred: Bools
-    """Which joins cross such a tile, (J,)."""
+    """Which joins cross such a tile, or are left out, (J,)."""
     often: Bools
     """Which kinds of move are used from anywhere, others only to nodes aligned with the goal."""
     cost_s: Floats
@@ -69,7 +69,7 @@ def cost_to_go(graph: Graph, runs: Ints, barred: Bools, often: Bools, goal: int)
 def barred_joins(graph: Graph, blocked: Bools) -> Bools:
     """`Guide.barred` by the tiles that are blocked."""
     joins = graph.joins
-    barred = np.zeros(joins.start.size, dtype=np.bool_)
+    barred = joins.tips.copy()
     for join in range(joins.start.size):
         for visit in range(joins.visit[join], joins.visit[join + 1]):
             if blocked[joins.tile[visit]]:

@@ -44,7 +44,7 @@ def way_alone(
             join = joins.onward[index]
             there = joins.end[join]
             met = joins.tile[joins.visit[join] : joins.visit[join + 1]]
-            if came[there] >= 0:
+            if came[there] >= 0 or joins.tips[join]:
                 continue
             stop = first_blocked(met, 0, blocked)
             if stop >= 0:

@@ -29,6 +29,8 @@ class Joins(NamedTuple):
 
     start: Ints
     end: Ints
+    tips: Bools
+    """Which are left out, for the parcel may tip on them."""
     duration_s: Floats
     visit: Ints
     tile: Ints
@@ -87,7 +89,7 @@ class Roadmap:
         self._need_m = MARGIN_M
         if not self.standing.stands(self.start, self.start):
             self._need_m = self.standing.least_margin_m(self.start, self.start) - SLACK_M
-        self.pairs = [pair for pair in self.pairs if self._on_table(*pair)]
+        self.pairs = self._on_table()
         self.graph = self._graph()
 
     @property
@@ -113,14 +115,15 @@ class Roadmap:
         count = self.ways.lattice.count
         return self.extras[node - count] if node >= count else self._poses[node]
 
-    def safe(self, moves: Ints) -> bool:
-        """Whether the parcel is safe from tipping on the joins of a way, which are -1 - join."""
-        return all(self._safe(*self.pairs[-1 - move]) for move in moves.tolist() if move < 0)
+    def is_safe(self, moves: Ints) -> bool:
+        """Whether the parcel is safe from tipping on the joins of a way, which are -1 - join.
 
-    def keep_safe(self) -> None:
-        """Leave out all joins on which the parcel may tip; what is safe is looked at only then."""
-        self.pairs = [pair for pair in self.pairs if self._safe(*pair)]
-        self.graph = self._graph()
+        Those on which it is not are left out from now on: what is safe is looked at only so.
+        """
+        joins = [-1 - move for move in moves.tolist() if move < 0]
+        tips = [join for join in joins if not self._safe(*self.pairs[join])]
+        self.graph.joins.tips[tips] = True
+        return not tips
 
     @property
     def _poses(self) -> Floats:
@@ -145,14 +148,23 @@ class Roadmap:
             if self.ways.on_table[node]:
                 self.pairs.append((node, self.goal_node))
 
-    def _on_table(self, start: int, end: int) -> bool:
-        """Whether the way between two nodes hangs over the edge no more than the start does."""
-        if self.leaves and end == self.goal_node:
-            return True
-        limit_m = _HAIR_M
-        if start == self.start_node:
-            limit_m += max(self.standing.overhang_m(self.start, self.start), 0.0)
-        return self.standing.overhang_m(self.pose(start), self.pose(end)) <= limit_m
+    def _on_table(self) -> list[tuple[int, int]]:
+        """The pairs between which the way hangs over the edge no more than the start does."""
+        starts, ends = self._ends()
+        over_m = self.standing.overhangs_m(starts, ends)
+        at_start_m = self.standing.overhangs_m(self.start[None], self.start[None])[0]
+        return [
+            (start, end)
+            for (start, end), way_m in zip(self.pairs, over_m.tolist(), strict=True)
+            if (self.leaves and end == self.goal_node)
+            or way_m <= _HAIR_M + (max(at_start_m, 0.0) if start == self.start_node else 0.0)
+        ]
+
+    def _ends(self) -> tuple[Floats, Floats]:
+        """The poses at which the pairs start and end, both (J, 3)."""
+        starts = np.array([self.pose(start) for start, _ in self.pairs]).reshape(-1, 3)
+        ends = np.array([self.pose(end) for _, end in self.pairs]).reshape(-1, 3)
+        return starts, ends
 
     def _safe(self, start: int, end: int) -> bool:
         """Whether the parcel is no nearer to tipping on the way between two nodes than it may be.
@@ -185,20 +197,21 @@ class Roadmap:
         tiles = self.ways.lattice.tiles
         starts = np.array([start for start, _ in self.pairs], dtype=np.int64)
         ends = np.array([end for _, end in self.pairs], dtype=np.int64)
-        from_poses = np.array([self.pose(node) for node, _ in self.pairs]).reshape(-1, 3)
-        to_poses = np.array([self.pose(node) for _, node in self.pairs]).reshape(-1, 3)
+        from_poses, to_poses = self._ends()
         ways = to_poses - from_poses
         lengths_m = np.hypot(ways[:, 0], ways[:, 1])
         turns_m = np.abs(ways[:, 2]) * self.standing.shape.body.bend_m
-        met = [self._swept(*ends) for ends in zip(from_poses, to_poses, strict=True)]
+        met = self._swept(from_poses, to_poses)
         visit, tile, enters, leaves = _visits(met, tiles.columns, tiles.rows)
         own = np.repeat(lengths_m, np.diff(visit)), np.repeat(turns_m, np.diff(visit))
-        stands = [self._swept(pose, pose) for pose in self.extras]
+        extras = np.array(self.extras)
+        stands = self._swept(extras, extras)
         stand, stand_tile, _, _ = _visits(stands, tiles.columns, tiles.rows)
         nodes = np.arange(self.ways.lattice.count + len(self.extras) + 1)
         return Joins(
             start=starts,
             end=ends,
+            tips=np.zeros(len(ends), dtype=bool),
             duration_s=self.pace.times_s(lengths_m, turns_m, np.ones(len(starts))),
             visit=visit,
             tile=tile,
@@ -214,11 +227,12 @@ class Roadmap:
             stand_tile=stand_tile,
         )
 
-    def _swept(self, start: Floats, end: Floats) -> Swept:
+    def _swept(self, starts: Floats, ends: Floats) -> list[Swept]:
         lattice = self.ways.lattice
-        moved = lattice.tiles.moved
+        starts, ends = lattice.tiles.moved(starts), lattice.tiles.moved(ends)
         body, side_m = lattice.shape.body, lattice.tiles.side_m
-        return swept(body, moved(start), moved(end), lattice.clearance_m, side_m)
+        ways = zip(starts, ends, strict=True)
+        return [swept(body, start, end, lattice.clearance_m, side_m) for start, end in ways]
 
 
 def _visits(met: list[Swept], columns: int, rows: int) -> tuple[Ints, Ints, Floats, Floats]:

@@ -9,7 +9,7 @@ import numpy as np
 from mdms_host.layout import Layout
 from mdms_host.motion.footing import INSET_M, MARGIN_M
 from mdms_host.routes.space.shape import Shape
-from mdms_host.routes.space.sweep import overhang_m
+from mdms_host.routes.space.sweep import overhangs_m
 from mdms_model.arrays import Floats
 from mdms_model.outline import Outline, polygon_outline
 from mdms_model.statics.support_margin import support_margins_m
@@ -36,11 +36,11 @@ class Standing:
         """Whether it stands safely all the straight way between two poses that are on the table."""
         return self.least_margin_m(start, end) >= need_m
 
-    def overhang_m(self, start: Floats, end: Floats) -> float:
-        """How far it hangs over the edge of the table at most on the straight way [m]."""
+    def overhangs_m(self, starts: Floats, ends: Floats) -> Floats:
+        """How far it hangs over the edge of the table at most on straight ways (M, 3), (M,)."""
         half_x_m = self.layout.columns * self.layout.pitch_m / 2
         half_y_m = self.layout.rows * self.layout.pitch_m / 2
-        return overhang_m(self.shape.body, start, end, half_x_m, half_y_m)
+        return overhangs_m(self.shape.body, starts, ends, half_x_m, half_y_m)
 
     def _margins_m(self, poses: Floats) -> Floats:
         wheel_m = self.layout.wheel_positions_m

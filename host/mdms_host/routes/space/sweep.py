@@ -111,7 +111,8 @@ def met(
     `away_m` is from the start of the way to the tile's middle.
     """
     low, high = shares
-    for x, y, reach_m in planes:
+    for plane in range(len(planes)):
+        x, y, reach_m = planes[plane, 0], planes[plane, 1], planes[plane, 2]
         # The tile is met while this is above 0: it falls by so much along the way.
         reaching_m = reach_m - x * away_m[0] - y * away_m[1]
         falls_m = -x * way_m[0] - y * way_m[1]
@@ -150,6 +151,17 @@ def half_planes(body: Body, yaw_rad: float, grown_m: float, side_m: float, plane
         # These come first, for they leave out most tiles.
         planes[index, 0], planes[index, 1] = x, y
         planes[index, 2] = reach_m + grown_m + side_m / 2 - TOUCH_M
+
+
+@compiled
+def overhangs_m(
+    body: Body, starts: Floats, ends: Floats, half_x_m: float, half_y_m: float
+) -> Floats:
+    """What `overhang_m` gives for each of several ways (M, 3), shape (M,)."""
+    overhangs = np.empty(len(starts))
+    for way in range(len(starts)):
+        overhangs[way] = overhang_m(body, starts[way], ends[way], half_x_m, half_y_m)
+    return overhangs
 
 
 @compiled

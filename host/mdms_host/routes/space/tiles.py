@@ -85,7 +85,7 @@ class Tiles:
         inside: Bools = (column >= 0) & (row >= 0) & (column < self.columns) & (row < self.rows)
         return inside
 
-    def moved(self, pose: Floats) -> Floats:
-        """A pose in the frame whose origin is the corner of tile 0, shape (3,)."""
-        x_m, y_m = self.corner_m
-        return np.array([pose[0] - x_m, pose[1] - y_m, pose[2]])
+    def moved(self, poses: Floats) -> Floats:
+        """Poses in the frame whose origin is the corner of tile 0, shape (..., 3) as given."""
+        moved: Floats = poses - np.array([*self.corner_m, 0.0])
+        return moved
