@@ -61,15 +61,3 @@ def test_parcel_that_went_on_without_the_host_is_planned_anew_and_not_sent_back(
     assert again
     assert all(page.x * wire.STEP_UM / 1e6 > here_m - 0.02 for page in again)
     assert again[-1].legs >= 1
-
-
-def test_cells_that_overtook_the_host_by_a_leg_are_followed_and_not_sent_back():
-    away = Away()
-    away.traffic.give(Order("box", GOAL))
-    first = away.run(0.3, *START)[-1]
-    corner_m = first.x * wire.STEP_UM / 1e6, first.y * wire.STEP_UM / 1e6
-    # Some mm before the host would have sent them the next leg.
-    away.sequence = first.sequence % wire.SEQUENCE_MAX + 1
-    assert not away.run(0.02, corner_m[0], corner_m[1] + 0.012)
-    for way_m in (0.0, 0.03, 0.06, 0.09):
-        assert not away.run(0.1, corner_m[0] + way_m, corner_m[1])
