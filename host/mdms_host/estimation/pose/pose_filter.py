@@ -119,6 +119,9 @@ class PoseFilter:
             # What rounding has made unlike its mirror image would grow with every surprise.
             self.covariance = (self.covariance + self.covariance.T) * (larger / 2)
             self._limit_growth()
+            # Without what went with growth, the distance may be less sure than by the surprise.
+            believed_m2 = float(slope @ self.covariance @ slope)
+            variance_m2 = max(variance_m2, believed_m2 + sigma_m**2)
         return variance_m2
 
     def _limit_growth(self) -> None:

@@ -34,6 +34,15 @@ def test_a_surprise_makes_the_size_no_less_sure_than_it_was_told() -> None:
     assert np.linalg.eigvalsh(one.covariance).min() > -1e-15
 
 
+def test_a_surprise_takes_from_no_variance_more_than_there_is() -> None:
+    """Where place and growth went together, the place alone is less sure than both were."""
+    one = PoseFilter(np.zeros(3), np.eye(3) * 1e-6, 0.2, np.zeros(2), 0.0005)
+    one.covariance[3, 3] = 1e-6
+    one.covariance[0, 3] = one.covariance[3, 0] = 0.9e-6
+    assert one.on_edge(0.004, np.array([1.0, 0.0, 0.0, -1.0, 0.0]), 0.0002)
+    assert np.linalg.eigvalsh(one.covariance).min() > -1e-15
+
+
 def test_wheels_that_slip_make_a_place_less_sure() -> None:
     rolled, slipped = believing(0.001), believing(0.001)
     for _ in range(10):
