@@ -63,8 +63,8 @@ class Cell:
 
     A node id that was saved by LSS comes before the one given; `cob.NODE_NONE` waits for LSS.
     `state` is the NMT state and `node_id` the node id, `cob.NODE_NONE` while there is none.
-    `accepts` has the identifiers that the cell takes, and what serves each; frames of
-    neighbours may be put into `mailboxes` instead. `poll` may be skipped until `wake_ms`, which a
+    `accepts` has the identifiers that the cell takes, and of each the function that takes its
+    frames, or the number of a box of `mailboxes`. `poll` may be skipped until `wake_ms`, which a
     frame may bring forward, while presence is unchanged and ATTENTION is 0. `tick()` is one control
     period. `waited_ms` is for how long the frame that `on_frame` takes has waited.
     """
@@ -191,8 +191,8 @@ class Cell:
         Its RPDOs, and what its neighbours send.
         """
         own = dict(self._own_receivers())
-        taken = dict(self._pdos.receivers())
-        taken.update(self._layer.receivers())
+        taken = {can_id for can_id, _ in self._pdos.receivers()}
+        taken.update(can_id for can_id, _ in self._layer.receivers())
         return [can_id for can_id in taken if can_id not in own]
 
     # What the background loop and the timer interrupt call
@@ -205,9 +205,11 @@ class Cell:
         if handle is None:
             return
         self.received += 1
-        if not handle(data):
+        taken = self.mailboxes.put(handle, data) if isinstance(handle, int) else handle(data)
+        if not taken:
             self.dropped += 1
 
+    @micropython.native
     def poll(self, now_ms):
         """Look after timers and events; `now_ms` wraps at 2**30."""
         self.now_ms = now_ms

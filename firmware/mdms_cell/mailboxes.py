@@ -34,24 +34,13 @@ class Mailboxes:
         self.fresh = bytearray(boxes)
         self.counts = array("i", (stamp, boxes, 0))
         self.identifiers = array("H")
-        self._served = [(_NOBODY, None)] * boxes
-
-    def receiver(self, box, can_id):
-        """What puts frames with this identifier into a box; it returns False if it refuses one."""
-
-        # Defaults, not variables from around: MicroPython allocates at each call for those.
-        def receive(data, put=self.put, box=box):
-            return put(box, data)
-
-        self._served[box] = can_id, receive
-        return receive
 
     def listen(self, accepts):
-        """Take over which identifiers the cell takes, and which of them a box still serves."""
-        identifiers = [
-            can_id if receive is not None and accepts.get(can_id) is receive else _NOBODY
-            for can_id, receive in self._served
-        ]
+        """Take over what the cell takes: by identifier the number of a box, or anything else."""
+        identifiers = [_NOBODY] * len(self.fresh)
+        for can_id, served_by in accepts.items():
+            if isinstance(served_by, int):
+                identifiers[served_by] = can_id
         identifiers.extend(accepts)
         self.identifiers = array("H", identifiers)
         self.counts[KNOWN] = len(identifiers)

@@ -150,6 +150,12 @@ class Inbox:
             self.lost += 1
 
     @micropython.native
+    def is_empty(self):
+        """Whether no frame waits."""
+        ends = self._ends
+        return ends[_HEAD] == ends[_TAIL]
+
+    @micropython.native
     def sort(self, boxes):
         """Put the oldest frames into their boxes, up to the first that is for the cell itself.
 

@@ -42,6 +42,7 @@ class Runner:
         self._registers[speed_loop.CUT] = 1
         self._board.motors_off()
 
+    @micropython.native
     def turn(self, now_ms):
         """One turn of the background loop; raises what went wrong in the tick."""
         if self.error is not None:
@@ -67,6 +68,8 @@ class Runner:
     def _receive(self, now_ms):
         """Sort frames, and hand over `FRAMES_PER_TURN` at most: traffic starves nothing else."""
         inbox, cell = self._board.inbox, self._cell
+        if inbox.is_empty():
+            return
         boxes = cell.mailboxes
         for _ in range(FRAMES_PER_TURN):
             cell.received += inbox.sort(boxes)

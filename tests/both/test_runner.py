@@ -66,7 +66,7 @@ class Cell:
         self.waited_ms = None
         self.mailboxes = Mailboxes(1, 0)
         accepts = dict.fromkeys(TAKEN)
-        accepts[BOXED] = self.mailboxes.receiver(0, BOXED)
+        accepts[BOXED] = 0
         self.mailboxes.listen(accepts)
 
     def tick(self):

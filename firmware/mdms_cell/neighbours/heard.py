@@ -68,14 +68,6 @@ class Heard:
             self.fresh[box] = 0
         self.edges = 0
 
-    def estimate_receiver(self, direction, can_id):
-        """What takes a neighbour's TPDO 3."""
-        return self.boxes.receiver(direction, can_id)
-
-    def speeds_receiver(self, direction, can_id):
-        """What takes a neighbour's TPDO 1."""
-        return self.boxes.receiver(DIRECTIONS + direction, can_id)
-
     def begin_beat(self):
         """SYNC: what comes from now on is of the next beat."""
         self.beat = self.boxes.counts[STAMP] = (self.beat + 1) & 0xFFFFFF

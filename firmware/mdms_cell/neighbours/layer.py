@@ -72,7 +72,6 @@ class Layer:
         self._step_ms = self._period_ms = 10
         self._situation = 0, 0, False
         self._skipped = 0
-        self._updates = 0
         self._due = False
         self._turn = 0
         self._node_id = 0
@@ -137,19 +136,19 @@ class Layer:
         return self._objects.number(indices.CONTROL) == 1 and self._place.known
 
     def receivers(self):
-        """Pairs of an identifier and what takes its frames."""
+        """Pairs of an identifier and what takes its frames: a function, or a mailbox's number."""
         if self.wanted:
             for can_id, kind, direction in self._place.receivers():
-                yield can_id, self._receiver(can_id, kind, direction)
+                yield can_id, self._receiver(kind, direction)
 
-    def _receiver(self, can_id, kind, direction):
+    def _receiver(self, kind, direction):
         heard = self._heard
         if kind == SPEEDS:
-            return heard.speeds_receiver(direction, can_id)
+            return DIRECTIONS + direction
         if kind == STATE:
             return lambda data: heard.on_state(direction, data, self._now())
         if kind == ESTIMATE:
-            return heard.estimate_receiver(direction, can_id)
+            return direction
         return lambda data: not self.active or self._on_page(direction, data)
 
     def _on_page(self, direction, data):
@@ -292,7 +291,6 @@ class Layer:
         sync_ms = self._came_ms
         self._step_ms = max(min(ticks.diff(sync_ms, self._updated_ms), _STEP_MAX_MS), 1)
         self._updated_ms = sync_ms
-        self._updates += 1
         self._read()
         sent = self._listen()
         tracking = self._tracking
@@ -313,10 +311,10 @@ class Layer:
         self._evidence.judge(tracking, asked)
         self._report()
         self._lead(program)
-        self._skipped = 0
         self._announce(program, asks)
         if tracking.under and program is not None and program.complete:
             self._hand_on(program, sent)
+        self._skipped = 0
 
     def _listen(self):
         """Pass on what neighbours sent; returns the mask of those that have."""
@@ -425,8 +423,11 @@ class Layer:
         wire.pack_estimate(fields, 0, self._objects.data, self._estimate_at)
 
     def _hand_on(self, program, sent):
-        """Send a page, in this cell's turn, if one of those who have sent an estimate lacks it."""
-        if (self._updates + self._node_id) % _HAND_ON_BEATS:
+        """Send a page, if one of those who have sent an estimate lacks it.
+
+        That is in this cell's turn, or where that came in a beat that was skipped.
+        """
+        if (self._heard.beat + self._node_id) % _HAND_ON_BEATS > self._skipped:
             return
         for direction in range(DIRECTIONS):
             if sent >> direction & 1:

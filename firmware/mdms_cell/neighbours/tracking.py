@@ -145,12 +145,11 @@ class Tracking:
         else:
             self.twist.reset()
 
-    def expected_um_s(self, direction, axis):
-        """The speed of a wheel of that cell that turns with the parcel."""
-        x, y, along_x, along_y = self._footprint.wheels
-        wheel, centre = AXES * direction + axis, self.outline.registers
-        lever_x, lever_y = x[wheel] - centre[X], y[wheel] - centre[Y]
-        return self.twist.at(lever_x, lever_y, along_x[axis], along_y[axis])
+    def wheels_against(self, wheels):
+        """What those wheels of a mask show that lie under the parcel; see `TwistFit.against`."""
+        centre, footprint = self.outline.registers, self._footprint
+        speeds = self._heard.speeds
+        return self.twist.against(centre[X], centre[Y], footprint.wheels, speeds, wheels)
 
     def _move(self, before, step_ms):
         """Roll on by the wheels, half by the twist before."""
@@ -266,15 +265,16 @@ class Tracking:
         if not heard.is_current(direction, sync_ms) or self._others[direction]:
             return False
         bits = heard.presence[direction]
-        deep = footprint.within(self.outline, direction, -_CLEAR) >> AXES
+        masks = footprint.by_depth(self.outline, direction, _CLEAR)
+        deep = masks >> AXES & _SENSORS
         missing = deep and not deep & bits
         if correcting:
-            near = footprint.within(self.outline, direction, _CLEAR + 1) >> AXES
-            far = _SENSORS & ~near
+            far = _SENSORS & ~(masks >> 20 + AXES)
             if (deep or far) and (direction != OWN or self._turn == OWN):
                 self._judge_sensors(direction, missing or bits & far)
-            if self._suspicion.trusts(direction):
-                self._pull(direction, bits, heard.age_ms(direction, sync_ms))
+            wrong = (masks >> 10 + AXES ^ bits) & _SENSORS
+            if wrong and self._suspicion.trusts(direction):
+                self._pull(direction, wrong, heard.age_ms(direction, sync_ms))
         return missing
 
     def _judge_sensors(self, direction, contradict):
@@ -286,15 +286,14 @@ class Tracking:
         if judges and not (contradict and self._suspicion.crowd()):
             self._suspicion.judge(direction, PRESENCE, contradict)
 
-    def _pull(self, direction, bits, age_ms):
-        """Correct the belief by sensors that are on the wrong side of its edge.
+    def _pull(self, direction, wrong, age_ms):
+        """Correct the belief by these sensors, which are on the wrong side of its edge.
 
         One may have changed since, and the frame got lost, while the parcel has moved on.
         """
         footprint, twist = self._footprint, self.twist
         speed = abs(twist.vx) + abs(twist.vy) + abs(twist.turn)
         late = min(speed * age_ms // 62_500, _MOST_LATE)
-        wrong = (footprint.within(self.outline, direction, 0) >> AXES ^ bits) & _SENSORS
         point = AXES
         while wrong:
             if wrong & 1:

@@ -10,7 +10,6 @@ from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.paging import opened_page
 from mdms_host.cli.scenario.belief import Belief
 from mdms_host.cli.scenario.coordination import (
-    centres_of_mass_m,
     coordinator_of,
     layout_of,
     parcels_of,
@@ -26,7 +25,6 @@ from mdms_host.page.seat import Seat
 from mdms_host.page.shown.bus_watch import BusWatch
 from mdms_host.programs.program import Main
 from mdms_host.programs.traffic.planning import ThreadDesk
-from mdms_model.scenario.belief import believed
 from mdms_protocol.codecs import nmt
 
 
@@ -80,7 +78,6 @@ def _seated(
         seat=seat,
         watch=watch,
         now_s=clock.now_s,
-        centres_of_mass_m=centres_of_mass_m(believed(belief.scenario)),
         error_frames=lambda: link.counts.error_frames,
         report=lambda time_s, text: say(f"{time_s:8.3f} s  {text}"),
     )

@@ -2,8 +2,8 @@
 
 After M. Phillips and M. Likhachev (ICRA 2011), for moves that take time and bodies that cover many
 tiles: a state is a node and the safe interval in which the parcel stands there, reached as soon as
-it can be; from it every move begins as soon as it can in each safe interval of its end. At what
-time is found only when the move's turn comes, by what it would take if nobody were in its way.
+it can be; from it every move begins as soon as it can in each safe interval of its end. When that
+is, is looked at only when the move's turn comes, by what it took if nobody were in its way.
 """
 
 from heapq import heappop, heappush
