@@ -233,7 +233,8 @@ class Layer:
             return
         came_ms = ticks.after(now_ms, -waited_ms)
         beat_ms = ticks.diff(came_ms, self._came_ms)
-        gap = beat_ms > 2 * self._period_ms or (self._due and 2 * beat_ms < self._period_ms)
+        # Or two beats meet, and what has come is of either.
+        gap = beat_ms > 2 * self._period_ms or (self._due and beat_ms < UPDATE_MS)
         if gap:
             self._updated_ms = self._came_ms
         elif self._due:

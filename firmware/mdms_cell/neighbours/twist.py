@@ -30,6 +30,8 @@ _SWEEPS = const(4)
 
 #: A wheel may be off the parcel's motion by this, and by a quarter of its own [um/s].
 _SLIP_UM_S = const(12_000)
+#: So fast is no wheel, and differences with it fit 32 bits [um/s].
+_WILD_UM_S = const(100_000_000)
 
 # What wheels show: that one or the parcel above it moves, that one does not turn with the parcel
 TURNS = const(1)
@@ -192,6 +194,11 @@ def _against(  # noqa: PLR0917 - viper takes words
             lever = (along_y * x - along_x * y) // _ARM
             expected = along_x * vx + along_y * vy + lever * turn >> 9
             speed = speeds[wheel] << widen >> widen
+            # What a broken neighbour sends may be anything.
+            if speed > _WILD_UM_S:
+                speed = _WILD_UM_S
+            elif speed < -_WILD_UM_S:
+                speed = -_WILD_UM_S
             off = speed - expected if speed > expected else expected - speed
             speed = speed if speed > 0 else 0 - speed
             expected = expected if expected > 0 else 0 - expected

@@ -1,6 +1,7 @@
 """Routes that are under way, with the times that follow from where all really are."""
 
-from collections.abc import Mapping
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -29,23 +30,7 @@ def retimed(
     begins_s = {
         name: _begins_s(route, progress_m[name], now_s, pace) for name, route in routes.items()
     }
-    # A parcel's move comes so long after another's begin, at the least.
-    after: list[tuple[str, int, str, int, float]] = []
-    for name, route in routes.items():
-        for other, its_route in routes.items():
-            waits = [
-                wait
-                for wait in reservations.waits[name]
-                if wait.other == other and progress_m[other] < wait.leaves_m < np.inf
-            ]
-            if not waits:
-                continue
-            before_m, leaves_m = np.array([(wait.before_m, wait.leaves_m) for wait in waits]).T
-            enters, enters_after_s = _within(route, before_m, pace, "right")
-            leaves, leaves_after_s = _within(its_route, leaves_m, pace, "left")
-            apart_s = leaves_after_s - enters_after_s + gap_s
-            rows = zip(enters.tolist(), leaves.tolist(), apart_s.tolist(), strict=True)
-            after += [(name, move, other, others, apart) for move, others, apart in rows]
+    after = _after(reservations, routes, progress_m, pace, gap_s)
     lasts_s = {name: route.arrives_s - route.begins_s for name, route in routes.items()}
     # Each pass settles the next move in the order at least, and the order has no circle.
     for _ in range(sum(map(len, begins_s.values())) + 1):
@@ -65,6 +50,48 @@ def retimed(
         name: _with_times(route, begins_s[name], lasts_s[name], progress_m[name], pace)
         for name, route in routes.items()
     }
+
+
+def _after(
+    reservations: Reservations,
+    routes: Mapping[str, Route],
+    progress_m: Mapping[str, float],
+    pace: Pace,
+    gap_s: float,
+) -> list[tuple[str, int, str, int, float]]:
+    """A parcel's move, and another's that it begins so long after at the least."""
+    waits = [
+        (name, wait)
+        for name in routes
+        for wait in reservations.waits[name]
+        if wait.other in routes and progress_m[wait.other] < wait.leaves_m < np.inf
+    ]
+    enters, after_enters_s = _all_within(
+        routes, [(name, wait.before_m) for name, wait in waits], pace, "right"
+    )
+    leaves, after_leaves_s = _all_within(
+        routes, [(wait.other, wait.leaves_m) for _, wait in waits], pace, "left"
+    )
+    apart_s = (after_leaves_s - after_enters_s + gap_s).tolist()
+    rows = zip(waits, enters.tolist(), leaves.tolist(), apart_s, strict=True)
+    return [(name, move, wait.other, others, apart) for (name, wait), move, others, apart in rows]
+
+
+def _all_within(
+    routes: Mapping[str, Route],
+    places: Sequence[tuple[str, float]],
+    pace: Pace,
+    side: Literal["left", "right"],
+) -> tuple[Ints, Floats]:
+    """What `_within` gives for path coordinates of several parcels, in their sequence."""
+    rows: dict[str, list[int]] = defaultdict(list)
+    for row, (name, _) in enumerate(places):
+        rows[name].append(row)
+    at_m = np.array([at_m for _, at_m in places])
+    moves, after_s = np.zeros(len(places), dtype=np.int64), np.zeros(len(places))
+    for name, own in rows.items():
+        moves[own], after_s[own] = _within(routes[name], at_m[own], pace, side)
+    return moves, after_s
 
 
 def _begins_s(route: Route, progress_m: float, now_s: float, pace: Pace) -> Floats:

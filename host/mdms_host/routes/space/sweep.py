@@ -18,6 +18,8 @@ _SIDES = 4
 
 
 Place = tuple[float, float]
+#: How far an outline reaches from its centre along x and against it, along y and against it [m].
+Reaches = tuple[float, float, float, float]
 
 
 class Body(NamedTuple):
@@ -52,7 +54,7 @@ def swept(body: Body, start: Floats, end: Floats, grown_m: float, side_m: float)
     pieces = max(int(np.ceil(abs(turn_rad) / PIECE_RAD)), 1)
     grown_m = grown_m + body.bend_m * abs(turn_rad) / pieces / 2
     reach_m = np.sqrt((body.corners_m**2).sum(axis=1).max()) + grown_m
-    whole = piece_box(start, end, (0.0, 1.0), reach_m, side_m)
+    whole = piece_box(start, end, (0.0, 1.0), (reach_m, reach_m, reach_m, reach_m), side_m)
     low_column, low_row = whole[0], whole[2]
     columns, rows = whole[1] - low_column + 1, whole[3] - low_row + 1
     enters, leaves = np.full((columns, rows), 2.0), np.full((columns, rows), -1.0)
@@ -63,10 +65,11 @@ def swept(body: Body, start: Floats, end: Floats, grown_m: float, side_m: float)
         yaw_rad = first_rad + turn_rad * (piece + 0.5) / pieces
         half_planes(body, yaw_rad, grown_m, side_m, planes)
         first, last = piece / pieces, (piece + 1) / pieces
-        near = piece_box(start, end, (first, last), reach_m, side_m)
-        for column in range(near[0] - low_column, near[1] - low_column + 1):
+        reaches_m = planes[0, 2], planes[1, 2], planes[2, 2], planes[3, 2]
+        near = piece_box(start, end, (first, last), reaches_m, side_m)
+        for column in range(max(near[0] - low_column, 0), min(near[1] - low_column + 1, columns)):
             x_m = (low_column + column + 0.5) * side_m - start[0]
-            for row in range(near[2] - low_row, near[3] - low_row + 1):
+            for row in range(max(near[2] - low_row, 0), min(near[3] - low_row + 1, rows)):
                 y_m = (low_row + row + 0.5) * side_m - start[1]
                 low, high = met(planes, (x_m, y_m), (way_x_m, way_y_m), (first, last))
                 if low <= high:
@@ -87,7 +90,7 @@ def swept(body: Body, start: Floats, end: Floats, grown_m: float, side_m: float)
 
 @compiled
 def piece_box(
-    start: Floats, end: Floats, shares: tuple[float, float], reach_m: float, side_m: float
+    start: Floats, end: Floats, shares: tuple[float, float], reaches_m: Reaches, side_m: float
 ) -> tuple[int, int, int, int]:
     """First and last column, first and last row that a part of a way may meet."""
     x_m, y_m = start[0], start[1]
@@ -95,10 +98,10 @@ def piece_box(
     from_x_m, to_x_m = x_m + shares[0] * way_x_m, x_m + shares[1] * way_x_m
     from_y_m, to_y_m = y_m + shares[0] * way_y_m, y_m + shares[1] * way_y_m
     return (
-        int(np.floor((min(from_x_m, to_x_m) - reach_m) / side_m)),
-        int(np.floor((max(from_x_m, to_x_m) + reach_m) / side_m)),
-        int(np.floor((min(from_y_m, to_y_m) - reach_m) / side_m)),
-        int(np.floor((max(from_y_m, to_y_m) + reach_m) / side_m)),
+        int(np.floor((min(from_x_m, to_x_m) - reaches_m[1]) / side_m)),
+        int(np.floor((max(from_x_m, to_x_m) + reaches_m[0]) / side_m)),
+        int(np.floor((min(from_y_m, to_y_m) - reaches_m[3]) / side_m)),
+        int(np.floor((max(from_y_m, to_y_m) + reaches_m[2]) / side_m)),
     )
 
 
@@ -134,7 +137,7 @@ def half_planes(body: Body, yaw_rad: float, grown_m: float, side_m: float, plane
     cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
     sides = len(body.distances_m)
     for index in range(sides):
-        own_x, own_y = body.normals[index]
+        own_x, own_y = body.normals[index, 0], body.normals[index, 1]
         x, y = cosine * own_x - sine * own_y, sine * own_x + cosine * own_y
         tile_m = (abs(x) + abs(y)) * side_m / 2
         planes[_SIDES + index, 0], planes[_SIDES + index, 1] = x, y
@@ -144,9 +147,10 @@ def half_planes(body: Body, yaw_rad: float, grown_m: float, side_m: float, plane
         if index % 2:
             x, y = -x, -y
         reach_m = -np.inf
-        for corner in body.corners_m:
-            own_x = cosine * corner[0] - sine * corner[1]
-            own_y = sine * corner[0] + cosine * corner[1]
+        for corner in range(len(body.corners_m)):
+            corner_x_m, corner_y_m = body.corners_m[corner, 0], body.corners_m[corner, 1]
+            own_x = cosine * corner_x_m - sine * corner_y_m
+            own_y = sine * corner_x_m + cosine * corner_y_m
             reach_m = max(reach_m, x * own_x + y * own_y)
         # These come first, for they leave out most tiles.
         planes[index, 0], planes[index, 1] = x, y

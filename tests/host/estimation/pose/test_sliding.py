@@ -36,6 +36,15 @@ def test_wheels_that_the_parcel_catches_up_with_roll() -> None:
     assert not sliding.twist.any()
 
 
+def test_wheels_that_push_less_than_they_slipped_with_roll() -> None:
+    sliding = Sliding(CORNER_M)
+    gaining(sliding, 0.5, 1.0, 0.2)
+    gaining(sliding, 0.0, 0.4, 0.1)
+    assert sliding.twist.any()
+    gaining(sliding, 0.0, 0.1, 0.1)
+    assert not sliding.twist.any()
+
+
 def test_slip_that_nothing_confirms_is_over() -> None:
     sliding = Sliding(CORNER_M)
     gaining(sliding, 0.5, 1.0, 0.2)

@@ -192,6 +192,13 @@ def test_wheels_that_drag_are_not_taken_for_wheels_that_slip() -> None:
     np.testing.assert_allclose(table.pose, path.end, atol=0.003)
 
 
+def test_what_wheels_gain_slowly_shows_no_slip() -> None:
+    grip = Grip()
+    for _ in range(50):
+        grip.step(0.25, 0.1, 0.5, STEP_S)
+    assert grip.slips == 0
+
+
 def test_pushes_that_were_reduced_come_back_slowly() -> None:
     grip = Grip()
     for _ in range(20):
