@@ -4,8 +4,8 @@
 0.1 to 0.2 m/s. A swap is an estimate on the bus with a box's identity whose pose is nearer to the
 other box, or a box that ends at the other's goal. `bound` is the upper end of a one-sided
 confidence interval of the share of passes with a swap or a touch. `MDMS_CASES` is the number of
-passes (default 5), `MDMS_SEED` the first seed (default 1). A pass takes some 3 s; a world without
-inertia (`ideal`) would save a twentieth of that, for nearly all of it is the cells' own work.
+passes (default 5), `MDMS_SEED` the first seed (default 1). A pass takes some 5 s, nearly
+all of it the cells' own work: a world without inertia (`ideal`) would save a fiftieth.
 """
 
 import os
