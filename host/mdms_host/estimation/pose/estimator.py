@@ -223,14 +223,15 @@ class ParcelEstimator:
         """
         if self._filter is None:
             return
-        before, slip = self.twist, self._slip(now_s, twist)
+        before = self.twist
+        self._end_slip(now_s, twist)
         if twist is not None:
             self.twist, self._rolled_s = twist, now_s
         elif now_s > self._rolled_s + _CARRIED_S:
             self.twist = np.zeros(3)
         step_s = max(0.0, now_s - self._at_s)
         late = (self.twist - before) * _OBSERVER_LAG_S if twist is not None else 0.0
-        moved = ((before + self.twist) / 2 - slip) * step_s + late
+        moved = (before + self.twist) * (step_s / 2) + late
         self._filter.move(moved, step_s, self._sliding.variance_m2_s)
         if self._cloud is not None:
             self._cloud.move(moved)
@@ -245,15 +246,11 @@ class ParcelEstimator:
             self._sliding.step(missing, gained, step_s)
             self._pushed_s = self._at_s
 
-    def _slip(self, now_s: float, twist: Floats | None) -> Floats:
-        """How much faster the wheels are than the parcel; zero where they stand, or nothing shows.
-
-        What they push with is not reported for ever.
-        """
+    def _end_slip(self, now_s: float, twist: Floats | None) -> None:
+        """Wheels that stand do not slip; nor do those of whose pushes nothing is reported."""
         stand = twist is not None and not twist.any()
         if stand or now_s > self._pushed_s + _CARRIED_S:
             self._sliding.begin_again()
-        return self._sliding.twist
 
     def edge(self, now_s: float, point_m: Floats, covered: bool) -> None:
         """A sensor there has just been covered, or not: the edge was over it when the cell saw it.

@@ -23,8 +23,7 @@ _ROLLING_PUSH = 0.5
 _MEAN_S = 0.03
 #: What is not confirmed any more is over after such a time [s].
 _OVER_S = 0.2
-#: Of how much faster they are such a share is not known, which is the same for so long [s].
-_UNSURE_SHARE = 0.7
+#: How much faster they are is about the same for so long [s].
 _SAME_S = 0.1
 
 
@@ -52,9 +51,11 @@ class Sliding:
 
     @property
     def variance_m2_s(self) -> float:
-        """What that makes a place unsure by in a second [m2/s]."""
-        off_m_s = _UNSURE_SHARE * float(np.linalg.norm(self.twist / self._corner_m))
-        return off_m_s**2 * _SAME_S
+        """What that makes a place unsure by in a second [m2/s].
+
+        It is no correction: a parcel that is lighter than believed looks the same.
+        """
+        return float(np.linalg.norm(self.twist / self._corner_m)) ** 2 * _SAME_S
 
     def step(self, missing: Floats, gained: Floats, step_s: float) -> None:
         """In a step wheels gained so much a second, `missing` of which did not push the parcel."""
