@@ -28,7 +28,7 @@ class Bus:
     """
 
     def __init__(self, can: CAN, registers):
-        self.inbox = Inbox()
+        self.inbox = Inbox(registers=registers)
         self.off = False
         self._outbox = Outbox()
         self._registers = registers

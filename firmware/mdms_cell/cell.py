@@ -63,9 +63,10 @@ class Cell:
 
     A node id that was saved by LSS comes before the one given; `cob.NODE_NONE` waits for LSS.
     `state` is the NMT state and `node_id` the node id, `cob.NODE_NONE` while there is none.
-    `accepts` has the identifiers that the cell takes, and what serves each. `poll` may be skipped
-    until `wake_ms`, which a frame may bring forward, while presence is unchanged and ATTENTION
-    is 0. `tick()` is one control period.
+    `accepts` has the identifiers that the cell takes, and of each the function that takes its
+    frames, or the number of a box of `mailboxes`. `poll` may be skipped until `wake_ms`, which a
+    frame may bring forward, while presence is unchanged and ATTENTION is 0. `tick()` is one control
+    period. `waited_ms` is for how long the frame that `on_frame` takes has waited.
     """
 
     def __init__(self, board: "Board", node_id: int):
@@ -80,6 +81,8 @@ class Cell:
         self._presence = Presence()
         self.now_ms = 0
         self.wake_ms = 0
+        self.waited_ms = 0
+        self._due_ms = 0  # of all but the layer
         speed_loop.reset(self._registers)
         self._registers[speed_loop.SUPPLY] = _DEFAULT_SUPPLY_UV
         self.tick = _ticking(board.sample, board.drive, self._registers)
@@ -111,6 +114,7 @@ class Cell:
             wake=self._wake,
             changed=self._listen,
         )
+        self.mailboxes = self._layer.mailboxes
         self._guard = Guard(
             objects,
             self._nmt,
@@ -157,7 +161,7 @@ class Cell:
         return self.received
 
     def _read_dropped(self):
-        return self.dropped
+        return self.dropped + self._layer.nonsense
 
     def _read_not_sent(self):
         return self.not_sent
@@ -187,8 +191,8 @@ class Cell:
         Its RPDOs, and what its neighbours send.
         """
         own = dict(self._own_receivers())
-        taken = dict(self._pdos.receivers())
-        taken.update(self._layer.receivers())
+        taken = {can_id for can_id, _ in self._pdos.receivers()}
+        taken.update(can_id for can_id, _ in self._layer.receivers())
         return [can_id for can_id in taken if can_id not in own]
 
     # What the background loop and the timer interrupt call
@@ -201,9 +205,11 @@ class Cell:
         if handle is None:
             return
         self.received += 1
-        if not handle(data):
+        taken = self.mailboxes.put(handle, data) if isinstance(handle, int) else handle(data)
+        if not taken:
             self.dropped += 1
 
+    @micropython.native
     def poll(self, now_ms):
         """Look after timers and events; `now_ms` wraps at 2**30."""
         self.now_ms = now_ms
@@ -212,12 +218,22 @@ class Cell:
         quiet = reading == self._reading and not registers[speed_loop.ATTENTION]
         if quiet and ticks.diff(now_ms, self.wake_ms) < 0:
             return
+        left_ms = ticks.diff(self._due_ms, now_ms)
+        if quiet and left_ms > 0:
+            self.wake_ms = ticks.after(now_ms, min(left_ms, self._update_layer()))
+            return
         # What calls for attention from here on has another poll follow.
         registers[speed_loop.ATTENTION] = 0
         self._reading = reading
         settled_ms = self._presence.step(reading, now_ms)
-        wait_ms = self._initialise() if self.state == nmt.INITIALISING else self._look_after()
-        self.wake_ms = ticks.after(now_ms, min(wait_ms, settled_ms))
+        layer_ms = ticks.IDLE_MS
+        if self.state == nmt.INITIALISING:
+            wait_ms = self._initialise()
+        else:
+            wait_ms, layer_ms = self._look_after()
+        wait_ms = min(wait_ms, settled_ms)
+        self._due_ms = ticks.after(now_ms, wait_ms)
+        self.wake_ms = ticks.after(now_ms, min(wait_ms, layer_ms))
 
     def fail(self, error_code):
         """Switch the motors off for a reason from outside, and report it."""
@@ -299,6 +315,7 @@ class Cell:
                 accepts.update(self._own_receivers())
             accepts[cob.NMT] = self._nmt.on_command
         accepts[cob.LSS_REQUEST] = self._lss.on_request
+        self.mailboxes.listen(accepts)
         listen = getattr(self._board, "listen", None)
         if listen is not None:
             listen(list(accepts))
@@ -316,7 +333,7 @@ class Cell:
         taken = self._pdos.on_sync(data)
         if taken:
             self._beat.on_sync(self.now_ms)
-            self._layer.on_sync(self.now_ms)
+            self._layer.on_sync(self.now_ms, self.waited_ms)
         return taken
 
     def _on_sdo(self, data):
@@ -368,24 +385,32 @@ class Cell:
         return 1
 
     def _look_after(self):
-        """Look after everything; in how many milliseconds again, if nothing happens before."""
+        """Look after everything.
+
+        Returns in how many milliseconds again, if nothing happens before, and the layer apart.
+        """
         now_ms = self.now_ms
         self._axes.poll()
         wait_ms = min(self._guard.poll(now_ms), self._pdos.poll(now_ms))
-        wait_ms = min(wait_ms, self._layer.poll(now_ms, self._presence.bits))
+        layer_ms = self._layer.poll(now_ms, self._presence.bits)
         if self.state != nmt.STOPPED:
             wait_ms = min(wait_ms, self._emcy.poll(now_ms))
         wait_ms = min(wait_ms, self._heartbeat.poll(now_ms, self.node_id, self.state))
         wait_ms = min(wait_ms, self._give_beat(now_ms), self._identification.poll(now_ms))
         wait_ms = min(wait_ms, self._update.poll(now_ms))
         self._sdo.poll(now_ms)
-        return 1 if self._sdo.busy else wait_ms
+        return 1 if self._sdo.busy else wait_ms, layer_ms
+
+    def _update_layer(self):
+        """Look after the layer alone, and what it reports; in how many milliseconds again."""
+        wait_ms = self._layer.poll(self.now_ms, self._presence.bits)
+        return wait_ms if self.state == nmt.STOPPED else min(wait_ms, self._emcy.poll(self.now_ms))
 
     def _give_beat(self, now_ms):
         """Send SYNC, if it is this cell's to send; in how many milliseconds it may be again."""
         if self._beat.poll(now_ms) and self._send(self._objects.number(indices.SYNC_COB_ID), b""):
             self._pdos.on_sync(b"")
-            self._layer.on_sync(now_ms)
+            self._layer.on_sync(now_ms, 0)
             self._attend()
         return self._beat.wait_ms(now_ms)
 

@@ -6,21 +6,27 @@ try:
     import micropython
     from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr8
+    from mdms_protocol.cpython import const, micropython, ptr8, ptr16, ptr32
 
+from array import array
 from struct import unpack_from
+
+from mdms_cell.drive.speed_loop import TICKS
+from mdms_cell.mailboxes import BOXES, KNOWN, STAMP
 
 REMOTE_OR_EXTENDED = 3  # CAN.FLAG_RTR and CAN.FLAG_EXT_ID of `machine.CAN`
 
-# A frame in the ring: two bytes of its identifier, its length, eight of data, flags, errors
+# A frame in the ring: two bytes of its identifier, its length, eight of data, flags, errors, and
+# the last byte of the tick in which it came
 _LENGTH = const(2)
 _DATA = const(3)
 _FLAGS = const(11)
 _ERRORS = const(12)
-_SIZE = const(13)
+_CAME = const(13)
+_SIZE = const(14)
 _DATA_MAX = const(8)
 #: How `struct` reads one, by its length.
-_LAYOUTS = tuple("<Hx%ds%dxBB" % (length, _DATA_MAX - length) for length in range(_DATA_MAX + 1))
+_LAYOUTS = tuple("<Hx%ds%dxBBB" % (length, _DATA_MAX - length) for length in range(_DATA_MAX + 1))
 #: What `machine.CAN.recv` may write, whatever the buffer's length: a DLC of 9 to 15 means 8 bytes
 #: on a classic bus, but the port returns up to 15 (bxCAN, FlexCAN) or 64 (FDCAN).
 _RECV_MAX = const(64)
@@ -28,33 +34,92 @@ _RECV_MAX = const(64)
 _OVERRUN = const(2)
 
 
+# Where the ring begins and ends
+_HEAD = const(0)  # moved by `take` only
+_TAIL = const(1)  # moved by `sort` and `pop` only
+_END = const(2)
+
+
 @micropython.viper
-def _write(  # noqa: PLR0917 - viper takes words
-    ring: ptr8, start: int, can_id: int, data: ptr8, length: int, flags: int, errors: int
-):
+def _put(  # noqa: PLR0917 - viper takes words
+    ring: ptr8,
+    ends: ptr32,
+    can_id: int,
+    data: ptr8,
+    length: int,
+    flags: int,
+    errors: int,
+    registers: ptr32,
+) -> bool:
+    """Write a frame into the ring; returns whether there was room."""
+    start = ends[_HEAD]
+    following = start + _SIZE
+    if following == ends[_END]:
+        following = 0
+    if following == ends[_TAIL]:
+        return False
     length = length if length < _DATA_MAX else _DATA_MAX
     ring[start] = can_id & 0xFF
     ring[start + 1] = can_id >> 8 & 0xFF
     ring[start + _LENGTH] = length
     ring[start + _FLAGS] = flags & 0xFF
     ring[start + _ERRORS] = errors & 0xFF
+    ring[start + _CAME] = registers[int(TICKS)] & 0xFF
     for place in range(length):
         ring[start + _DATA + place] = data[place]
+    ends[_HEAD] = following
+    return True
+
+
+@micropython.viper
+def _sort(  # noqa: PLR0917 - viper takes words
+    ring: ptr8,
+    ends: ptr32,
+    identifiers: ptr16,
+    counts: ptr32,
+    frames: ptr8,
+    stamps: ptr32,
+    fresh: ptr8,
+) -> int:
+    """Take frames until one is for the cell itself; see `Inbox.sort`."""
+    boxes = counts[int(BOXES)]
+    known = counts[int(KNOWN)]
+    stamp = counts[int(STAMP)]
+    filed = 0
+    start = ends[_TAIL]
+    while start != ends[_HEAD] and ring[start + _FLAGS] == 0:
+        can_id = ring[start] | ring[start + 1] << 8
+        box = 0
+        while box < known and identifiers[box] != can_id:
+            box += 1
+        if box < boxes and ring[start + _LENGTH] == _DATA_MAX:
+            for place in range(_DATA_MAX):
+                frames[_DATA_MAX * box + place] = ring[start + _DATA + place]
+            stamps[box] = stamp
+            fresh[box] = 1
+            filed += 1
+        elif box < known:
+            break
+        start += _SIZE
+        if start == ends[_END]:
+            start = 0
+        ends[_TAIL] = start
+    return filed
 
 
 class Inbox:
     """A ring that a hard interrupt fills and the background empties; taking allocates nothing.
 
-    It holds one frame less than its size. At 1 Mbit/s a garbage collection of 11 ms can see 81
-    frames of 8 bytes; the cell's filters let a fraction of them through.
+    A frame is dated by TICKS of the `registers`, where they are given. The ring holds one frame
+    less than its size. At 1 Mbit/s a garbage collection of 11 ms can see 81 frames of 8 bytes; the
+    cell's filters let a fraction of them through.
     """
 
-    def __init__(self, size=64):
-        self._end = size * _SIZE
-        self._ring = bytearray(self._end)
+    def __init__(self, size=64, registers=None):
+        self._registers = registers or array("i", [0] * (TICKS + 1))
+        self._ring = bytearray(size * _SIZE)
+        self._ends = array("i", (0, 0, size * _SIZE))
         self._received = [0, memoryview(bytearray(_RECV_MAX)), 0, 0]
-        self._head = 0  # moved by `take` only
-        self._tail = 0  # moved by `pop` only
         self.lost = 0
 
     @micropython.native
@@ -67,34 +132,64 @@ class Inbox:
         frame = self._received
         if can.recv(frame) is None:
             return
-        start = self._head
-        following = start + _SIZE
-        if following == self._end:
-            following = 0
+        data = frame[1]
         errors = frame[3]
-        if following == self._tail:
+        taken = _put(
+            self._ring,
+            self._ends,
+            frame[0],
+            data,
+            len(data),
+            frame[2],
+            errors,
+            self._registers,
+        )
+        if not taken:
             self.lost += 1
-        else:
-            data = frame[1]
-            _write(self._ring, start, frame[0], data, len(data), frame[2], errors)
-            self._head = following
         if errors & _OVERRUN:
             self.lost += 1
 
     @micropython.native
+    def is_empty(self):
+        """Whether no frame waits."""
+        ends = self._ends
+        return ends[_HEAD] == ends[_TAIL]
+
+    @micropython.native
+    def sort(self, boxes):
+        """Put the oldest frames into their boxes, up to the first that is for the cell itself.
+
+        Drops those that the cell does not take; returns how many it does.
+        """
+        return _sort(
+            self._ring,
+            self._ends,
+            boxes.identifiers,
+            boxes.counts,
+            boxes.frames,
+            boxes.stamps,
+            boxes.fresh,
+        )
+
+    @micropython.native
     def peek(self):
-        """The oldest frame as (identifier, data, flags, errors), None if there is none."""
+        """The oldest frame, None if there is none.
+
+        As (identifier, data, flags, errors, last byte of the tick in which it came).
+        """
         ring = self._ring
-        start = self._tail
-        if start == self._head:
+        ends = self._ends
+        start = ends[_TAIL]
+        if start == ends[_HEAD]:
             return None
         return unpack_from(_LAYOUTS[ring[start + _LENGTH]], ring, start)
 
     @micropython.native
     def pop(self):
         """Give up the oldest frame."""
-        following = self._tail + _SIZE
-        self._tail = 0 if following == self._end else following
+        ends = self._ends
+        following = ends[_TAIL] + _SIZE
+        ends[_TAIL] = 0 if following == ends[_END] else following
 
 
 class Outbox:

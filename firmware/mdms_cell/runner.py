@@ -42,6 +42,7 @@ class Runner:
         self._registers[speed_loop.CUT] = 1
         self._board.motors_off()
 
+    @micropython.native
     def turn(self, now_ms):
         """One turn of the background loop; raises what went wrong in the tick."""
         if self.error is not None:
@@ -65,15 +66,22 @@ class Runner:
 
     @micropython.native
     def _receive(self, now_ms):
-        """Take frames, no more than `FRAMES_PER_TURN`, so that traffic starves nothing else."""
-        inbox = self._board.inbox
+        """Sort frames, and hand over `FRAMES_PER_TURN` at most: traffic starves nothing else."""
+        inbox, cell = self._board.inbox, self._cell
+        if inbox.is_empty():
+            return
+        boxes = cell.mailboxes
         for _ in range(FRAMES_PER_TURN):
+            cell.received += inbox.sort(boxes)
             frame = inbox.peek()
             if frame is None:
-                return
+                break
             if not frame[2]:
-                self._cell.on_frame(frame[0], frame[1], now_ms)
+                # A frame may have waited, for the end of an update or of a garbage collection.
+                cell.waited_ms = self._registers[speed_loop.TICKS] - frame[4] & 0xFF
+                cell.on_frame(frame[0], frame[1], now_ms)
             inbox.pop()
+        cell.waited_ms = 0
 
     def _faulty(self):
         registers = self._registers

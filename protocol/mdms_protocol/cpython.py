@@ -28,3 +28,7 @@ class ptr32(list[int]):  # noqa: N801 - viper's own name
 
 class ptr8(bytearray):  # noqa: N801 - viper's own name
     """The type of a buffer of bytes in a viper function's annotation."""
+
+
+class ptr16(list[int]):  # noqa: N801 - viper's own name
+    """The type of a buffer of 16-bit integers, not negative, in a viper function's annotation."""

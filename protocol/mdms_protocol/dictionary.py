@@ -187,7 +187,7 @@ _AXIS: dict[int, Field] = {
     0x200C: setting("reversal time", U16, 80, e.MILLISECONDS),
     0x200D: setting("contact x", I32, -30_000, e.MICROMETRES, low=-REACH_UM, high=REACH_UM),
     0x200E: setting("contact y", I32, 0, e.MICROMETRES, low=-REACH_UM, high=REACH_UM),
-    0x200F: setting("braking gain", U32, 39_000, e.MILLIVOLT_SECONDS_PER_METRE, high=100_000),
+    0x200F: setting("braking gain", U32, 65_000, e.MILLIVOLT_SECONDS_PER_METRE, high=100_000),
     0x2010: field("trial voltage limit", U32, unit=e.MILLIVOLTS, high=60_000),
     0x603F: field("error code", U16, READ, mappable=e.TPDO),
     0x6040: field("controlword", U16, mappable=e.RPDO),

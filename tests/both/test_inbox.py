@@ -11,6 +11,9 @@ except ImportError:
         """See `heap_lock`."""
 
 
+from array import array
+
+from mdms_cell.drive import speed_loop
 from mdms_cell.queues import Inbox
 
 
@@ -69,9 +72,20 @@ def test_frame_comes_out_as_it_was_received():
     while can.fifo:
         inbox.take(can)
     for frame in frames:
-        assert inbox.peek() == frame
+        assert inbox.peek()[:4] == frame
         inbox.pop()
     assert inbox.peek() is None
+
+
+def test_frame_is_dated_by_the_tick_in_which_it_came():
+    registers = array("i", [0] * speed_loop.REGISTERS)
+    inbox = Inbox(registers=registers)
+    for tick in (3, 254, 258):
+        registers[speed_loop.TICKS] = tick
+        filled(inbox, 5)
+    for tick in (3, 254, 2):
+        assert inbox.peek()[4] == tick
+        inbox.pop()
 
 
 def test_full_inbox_keeps_the_oldest_and_counts_the_rest():

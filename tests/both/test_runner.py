@@ -3,9 +3,12 @@
 from cell_bench import Board as CellBoard
 
 from mdms_cell.drive import speed_loop
+from mdms_cell.mailboxes import STAMP, Mailboxes
 from mdms_cell.queues import Inbox
 from mdms_cell.runner import BUS_OFF, Runner
 
+BOXED = 0x186
+TAKEN = (0x000, 0x080, 0x205, 0x605)
 REMOTE = 1
 EXTENDED = 2
 
@@ -15,7 +18,7 @@ class Board(CellBoard):
 
     def __init__(self):
         super().__init__()
-        self.inbox = Inbox()
+        self.inbox = Inbox(registers=self.registers)
         self.bus_off = False
         self.fed = 0
         self.cut = 0
@@ -49,13 +52,22 @@ class Board(CellBoard):
 
 
 class Cell:
-    """Writes down what it is told; its tick counts, and raises `error` if there is one."""
+    """Writes down what it is told; its tick counts, and raises `error` if there is one.
+
+    It takes what these tests send, and has a box for frames with the identifier `BOXED`.
+    """
 
     def __init__(self, registers):
         self.registers = registers
         self.state = 5
         self.told = []
         self.error = None
+        self.received = 0
+        self.waited_ms = None
+        self.mailboxes = Mailboxes(1, 0)
+        accepts = dict.fromkeys(TAKEN)
+        accepts[BOXED] = 0
+        self.mailboxes.listen(accepts)
 
     def tick(self):
         if self.error is not None:
@@ -166,3 +178,75 @@ def test_a_turn_takes_no_more_frames_than_it_may_and_the_next_one_goes_on():
     polls = [place for place, what in enumerate(cell.told) if what[0] == "poll"]
     assert polls == [16, 33, 42]
     assert [what[1][0] for what in cell.told if what[0] == 0x080] == list(range(40))
+
+
+def test_cell_is_told_how_long_a_frame_has_waited():
+    runner, cell, board = bench()
+    take = cell.on_frame
+
+    def note(can_id, data, now_ms):
+        take(can_id, cell.waited_ms.to_bytes(1, "little"), now_ms)
+
+    cell.on_frame = note
+    for tick in (250, 258):
+        board.registers[speed_loop.TICKS] = tick
+        board.receive((0x080, b"", 0))
+    board.registers[speed_loop.TICKS] = 261
+    runner.turn(0)
+    assert cell.told == [(0x080, b"\x0b"), (0x080, b"\x03"), ("poll", 0)]
+    assert cell.waited_ms == 0
+
+
+def test_frame_that_has_a_box_waits_there_and_the_others_keep_their_order():
+    runner, cell, board = bench()
+    board.receive((BOXED, b"abcdefgh", 0), (0x080, b"", 0), (BOXED, b"12345678", 0))
+    board.receive((0x205, b"", 0))
+    runner.turn(0)
+    assert cell.told == [(0x080, b""), (0x205, b""), ("poll", 0)]
+    assert cell.mailboxes.frames == b"12345678"
+    assert cell.mailboxes.fresh == b"\x01"
+    assert cell.received == 2
+
+
+def test_frame_is_stamped_with_what_held_when_its_turn_came():
+    runner, cell, board = bench()
+    take = cell.on_frame
+
+    def beat(can_id, data, now_ms):
+        cell.mailboxes.counts[STAMP] += 1
+        take(can_id, data, now_ms)
+
+    cell.on_frame = beat
+    board.receive((0x080, b"", 0), (BOXED, b"12345678", 0), (0x080, b"", 0))
+    runner.turn(0)
+    assert cell.mailboxes.counts[STAMP] == 2
+    assert cell.mailboxes.stamps[0] == 1
+
+
+def test_frame_of_another_length_goes_to_the_cell_and_finds_its_box_closed():
+    runner, cell, board = bench()
+    board.receive((BOXED, b"1234567", 0), (BOXED, b"12345678", REMOTE))
+    runner.turn(0)
+    assert cell.told == [(BOXED, b"1234567"), ("poll", 0)]
+    assert not cell.mailboxes.put(0, b"1234567")
+    assert cell.mailboxes.fresh == b"\x00"
+
+
+def test_frames_that_the_cell_does_not_take_are_dropped_unseen_round_and_round():
+    runner, cell, board = bench()
+    for turn in range(20):
+        board.receive(*[(0x1F0 + number, b"12345678", 0) for number in range(8)])
+        board.receive((0x080, bytes((turn,)), 0))
+        runner.turn(turn)
+    assert [what[1] for what in cell.told if what[0] == 0x080] == [bytes((n,)) for n in range(20)]
+    assert len(cell.told) == 40
+    assert board.inbox.peek() is None
+
+
+def test_box_that_no_longer_serves_its_identifier_takes_no_frame():
+    runner, cell, board = bench()
+    cell.mailboxes.listen({BOXED: None})
+    board.receive((BOXED, b"12345678", 0))
+    runner.turn(0)
+    assert cell.told == [(BOXED, b"12345678"), ("poll", 0)]
+    assert cell.received == 0

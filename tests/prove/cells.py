@@ -4,11 +4,13 @@ What a cell does within a beat is a function of its own memory, of the estimates
 of what stands on it, so each such step is run once and kept.
 """
 
+from array import array
 from collections.abc import Iterable
 from itertools import product
 from typing import Any, NamedTuple
 
 from mdms_cell.neighbours import right_of_way
+from mdms_protocol.neighbours import frames as wire
 
 SILENCE = (0, 0, 0, 0)
 Message = tuple[int, int, int, int]  # identity, state, whether the receiver is wanted, hold
@@ -25,6 +27,29 @@ class Rules(NamedTuple):
     hops: int = 1
     patience: int = 8
     disturbed: int | None = None  # links on which estimates may be lost or late within a beat
+
+
+class Delivery:
+    """Estimates as a cell takes them: a row a direction, and whether that one has come."""
+
+    def __init__(self) -> None:
+        self._rows = array("i", [0] * (right_of_way.DIRECTIONS * wire.ESTIMATE_FIELDS))
+        self._fresh = bytearray(right_of_way.DIRECTIONS)
+
+    def put(self, direction: int, message: Message) -> None:
+        """An estimate has come from this direction."""
+        identity, state, wants_me, hold = message
+        at = direction * wire.ESTIMATE_FIELDS
+        self._rows[at + wire.IDENTITY] = identity
+        self._rows[at + wire.STATE] = state
+        self._rows[at + wire.WANTS] = bool(wants_me) << (direction ^ 4)
+        self._rows[at + wire.HOLD] = hold
+        self._fresh[direction] = 1
+
+    def hand_over(self, cell: Any) -> None:
+        """Pass on what has come, once."""
+        cell.on_estimates(self._rows, self._fresh)
+        self._fresh[:] = bytes(right_of_way.DIRECTIONS)
 
 
 class Memory(NamedTuple):
@@ -88,6 +113,7 @@ class Cell:
             patience_beats=rules.patience,
             blocked_beats=1,
         )
+        self._delivery = Delivery()
         self.locals: list[Local] = []
         self._numbers: dict[Local, int] = {}
         self._steps: dict[tuple[int, tuple[Arrivals, ...], Input], tuple[int, ...]] = {}
@@ -192,7 +218,8 @@ class Cell:
             self.runs += 1
             self._restore(memory)
             for direction, message in delivered:
-                self._decider.on_message(direction, *message)
+                self._delivery.put(direction, message)
+            self._delivery.hand_over(self._decider)
             self._decider.on_beat(given.over, given.wants, occupied)
             found = self._decided[key] = self._snapshot(given.wants)
         return found
@@ -207,10 +234,10 @@ class Cell:
         decider._bound = memory.bound
         decider._waiting = memory.waiting
         for direction, identity, state, hold, left in memory.said:
-            decider._identities[direction] = identity
-            decider._states[direction] = state
-            decider._holds[direction] = hold
-            decider._left[direction] = left
+            decider._said[right_of_way.IDENTITIES + direction] = identity
+            decider._said[right_of_way.STATES + direction] = state
+            decider._said[right_of_way.HOLDS + direction] = hold
+            decider._said[right_of_way.LEFT + direction] = left
 
     def _snapshot(self, wants: int) -> Memory:
         decider = self._decider
@@ -228,13 +255,13 @@ class Cell:
             said=tuple(
                 (
                     direction,
-                    decider._identities[direction],
-                    decider._states[direction],
-                    decider._holds[direction],
-                    decider._left[direction],
+                    decider._said[right_of_way.IDENTITIES + direction],
+                    decider._said[right_of_way.STATES + direction],
+                    decider._said[right_of_way.HOLDS + direction],
+                    decider._said[right_of_way.LEFT + direction],
                 )
                 for direction in self._directions
-                if decider._left[direction]
+                if decider._said[right_of_way.LEFT + direction]
             ),
         )
 

@@ -11,13 +11,13 @@ except ImportError:
 from array import array
 
 from mdms_cell import ticks
+from mdms_cell.mailboxes import STAMP, Mailboxes
 from mdms_cell.neighbours.geometry.place import DIRECTIONS
 from mdms_protocol.neighbours import frames as wire
 
-#: What neighbours' frames hold besides: statuswords before the presence bits, and two speeds.
+#: A neighbour's TPDO 2 holds statuswords before the presence bits.
 _PRESENCE_AT = const(4)
 _STATE_LENGTH = const(5)
-_SPEEDS_LENGTH = const(8)
 #: A state that is repeated may be later than its time by this.
 _LATE_MS = const(20)
 #: Edges that may wait for the next update.
@@ -40,15 +40,17 @@ class Heard:
 
     def __init__(self):
         self.beat = 0
+        self.boxes = Mailboxes(2 * DIRECTIONS, NEVER)
         self.speeds = array("i", [0] * (2 * DIRECTIONS + 2))
         self.speeds_beat = array("i", [NEVER] * (DIRECTIONS + 1))
         self.presence = bytearray(DIRECTIONS + 1)
         self.seen = bytearray(DIRECTIONS + 1)
         self.repeat_ms = 0
         self._state_ms = array("i", [0] * DIRECTIONS)
+        self._words = array("i", [0] * (2 * DIRECTIONS))
         self.estimates = array("i", [0] * (wire.ESTIMATE_FIELDS * DIRECTIONS))
         self.estimate_beat = array("i", [NEVER] * DIRECTIONS)
-        self.fresh = bytearray(DIRECTIONS)
+        self.fresh = self.boxes.fresh
         self.edges = 0
         self.edge_direction = bytearray(EDGES)
         self.edge_sensor = bytearray(EDGES)
@@ -62,36 +64,29 @@ class Heard:
             self.seen[direction] = 0
         for direction in range(DIRECTIONS):
             self.estimate_beat[direction] = NEVER
-            self.fresh[direction] = 0
+        for box in range(2 * DIRECTIONS):
+            self.fresh[box] = 0
         self.edges = 0
 
-    # Defaults, not variables from around: MicroPython allocates at each call for more than a few.
+    def begin_beat(self):
+        """SYNC: what comes from now on is of the next beat."""
+        self.beat = self.boxes.counts[STAMP] = (self.beat + 1) & 0xFFFFFF
 
-    def speeds_receiver(self, direction):
-        """What takes a neighbour's TPDO 1; it returns False for one of another length."""
-        at = 2 * direction
-
-        def receive(data, heard=self, direction=direction, at=at):
-            if len(data) != _SPEEDS_LENGTH:
-                return False
-            _read_speeds(data, heard.speeds, at)
-            heard.speeds_beat[direction] = heard.beat
-            return True
-
-        return receive
-
-    def estimate_receiver(self, direction):
-        """What takes a neighbour's TPDO 3; it returns False for one that is none."""
-        at = wire.ESTIMATE_FIELDS * direction
-
-        def receive(data, heard=self, direction=direction, at=at, read=wire.read_estimate):
-            if not read(data, len(data), heard.estimates, at):
-                return False
-            heard.estimate_beat[direction] = heard.beat
-            heard.fresh[direction] = 1
-            return True
-
-        return receive
+    @micropython.native
+    def read(self):
+        """Take apart the estimates and speeds that have come; returns how many make no sense."""
+        boxes = self.boxes
+        wrong = wire.read_estimates(boxes.frames, boxes.fresh, self.estimates, 0, DIRECTIONS)
+        _read(
+            boxes.frames,
+            boxes.fresh,
+            boxes.stamps,
+            self.estimate_beat,
+            self.speeds,
+            self.speeds_beat,
+            self.beat,
+        )
+        return wrong
 
     def take_speeds(self, speeds_um_s, other_um_s):
         """The speeds of the cell's own wheels at the last SYNC."""
@@ -103,9 +98,13 @@ class Heard:
         """A neighbour's TPDO 2; returns False if it has another length."""
         if len(data) != _STATE_LENGTH:
             return False
-        if not self.is_current(direction, now_ms):
-            # One before it was lost: what has changed since may have changed long ago.
+        first, second = data[0] | data[1] << 8, data[2] | data[3] << 8
+        words, at = self._words, 2 * direction
+        if (words[at], words[at + 1]) != (first, second) or not self.is_current(direction, now_ms):
+            # Sent for another reason than a sensor, as one before it may have been that was lost:
+            # what sensors show may have changed long ago.
             self.seen[direction] = 0
+        words[at], words[at + 1] = first, second
         self._state_ms[direction] = now_ms
         self.take_presence(direction, data[_PRESENCE_AT], now_ms)
         return True
@@ -114,9 +113,13 @@ class Heard:
         """Whether the presence bits of a cell are known; not if its repeated state is overdue."""
         if not self.seen[direction]:
             return False
+        return not self.repeat_ms or self.age_ms(direction, now_ms) <= self.repeat_ms + _LATE_MS
+
+    def age_ms(self, direction, now_ms):
+        """How long ago a cell's presence bits were sent; 0 if they are not repeated."""
         if direction == OWN or not self.repeat_ms:
-            return True
-        return abs(ticks.diff(now_ms, self._state_ms[direction])) <= self.repeat_ms + _LATE_MS
+            return 0
+        return abs(ticks.diff(now_ms, self._state_ms[direction]))
 
     def take_presence(self, direction, bits, now_ms):
         """Presence bits as they are now; what has changed are edges."""
@@ -135,13 +138,51 @@ class Heard:
         self.presence[direction] = bits
         self.seen[direction] = 1
 
+    def passed_on(self):
+        """No estimate is fresh any more; returns the mask of those that were."""
+        return _clear(self.fresh)
+
     def drop_estimates(self):
         """What has come may be of any age: it is not passed on."""
-        for direction in range(DIRECTIONS):
-            self.fresh[direction] = 0
+        _clear(self.fresh)
 
 
 @micropython.viper
-def _read_speeds(data: ptr8, speeds: ptr32, at: int):
-    speeds[at] = data[0] | data[1] << 8 | data[2] << 16 | ((data[3] ^ 0x80) - 0x80) << 24
-    speeds[at + 1] = data[4] | data[5] << 8 | data[6] << 16 | ((data[7] ^ 0x80) - 0x80) << 24
+def _clear(fresh: ptr8) -> int:
+    mask = 0
+    for direction in range(int(DIRECTIONS)):
+        if fresh[direction]:
+            fresh[direction] = 0
+            mask |= 1 << direction
+    return mask
+
+
+@micropython.viper
+def _read(  # noqa: PLR0917 - viper takes words
+    frames: ptr8,
+    fresh: ptr8,
+    stamps: ptr32,
+    estimate_beat: ptr32,
+    speeds: ptr32,
+    beats: ptr32,
+    beat: int,
+):
+    """Note when estimates have come, and take apart speeds.
+
+    Estimates of this beat and the one before stay fresh.
+    """
+    directions = int(DIRECTIONS)
+    for direction in range(directions):
+        if fresh[direction]:
+            estimate_beat[direction] = stamps[direction]
+            if (beat - stamps[direction]) & 0xFFFFFF > 1:
+                fresh[direction] = 0
+        box = directions + direction
+        if fresh[box]:
+            fresh[box] = 0
+            beats[direction] = stamps[box]
+            at = 8 * box
+            speed = frames[at] | frames[at + 1] << 8 | frames[at + 2] << 16
+            speeds[2 * direction] = speed | ((frames[at + 3] ^ 0x80) - 0x80) << 24
+            speed = frames[at + 4] | frames[at + 5] << 8 | frames[at + 6] << 16
+            speeds[2 * direction + 1] = speed | ((frames[at + 7] ^ 0x80) - 0x80) << 24

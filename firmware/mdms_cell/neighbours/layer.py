@@ -3,11 +3,8 @@
 At SYNC the cell sends its speeds and, if it is at a parcel, its estimate; `UPDATE_MS` later those
 of its neighbours have come, and `update` runs in the background. What it decides holds for a beat.
 """
-
-try:
-    import micropython
-except ImportError:
-    from mdms_protocol.cpython import micropython
+# Viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
 
 from array import array
 
@@ -27,6 +24,8 @@ from mdms_protocol.neighbours import frames as wire
 
 #: From SYNC until speeds and estimates of all cells of a bus have come.
 UPDATE_MS = 7
+#: A SYNC that has waited for longer is answered, but has no update: the one after it would be late.
+LATE_MS = 2
 #: A step between two SYNCs is counted as no more than this.
 _STEP_MAX_MS = 50
 _ESTIMATE_PDO = 2
@@ -39,7 +38,8 @@ class Layer:
     """The layer of one cell, off until it is `active`.
 
     `now()` returns the time [ms], `wake(wait_ms)` has a poll follow in so many milliseconds at the
-    latest, and `changed()` is called when the identifiers have changed.
+    latest, and `changed()` is called when the identifiers have changed. `mailboxes` is where frames
+    of neighbours wait for an update; `nonsense` counts those that were no estimates.
     """
 
     def __init__(self, objects, registers, *, axes, pdos, consumer, emcy, now, wake, changed):
@@ -57,6 +57,8 @@ class Layer:
         self._page = array("i", [0] * wire.PROGRAM_FIELDS)
         self._place = Place(objects, self._on_place)
         self._heard = Heard()
+        self.mailboxes = self._heard.boxes
+        self.nonsense = 0
         self._footprint = Footprint(self._place)
         self._suspicion = Suspicion()
         self._suspect = -1
@@ -65,8 +67,11 @@ class Layer:
         self._programs = Programs()
         self._leading = Leading(self._place, self._footprint, axes)
         self._rights = RightOfWay()
-        self._sync_ms = 0
+        self._came_ms = 0  # the last SYNC, and the one of the last update
+        self._updated_ms = 0
         self._step_ms = self._period_ms = 10
+        self._situation = 0, 0, False
+        self._skipped = 0
         self._due = False
         self._turn = 0
         self._node_id = 0
@@ -90,6 +95,8 @@ class Layer:
         self._programs = Programs()
         self._leading.stop()
         self._due = False
+        self._situation = 0, 0, False
+        self._skipped = 0
         for place in range(wire.ESTIMATE_FIELDS):
             self._fields[place] = 0
 
@@ -129,7 +136,7 @@ class Layer:
         return self._objects.number(indices.CONTROL) == 1 and self._place.known
 
     def receivers(self):
-        """Pairs of an identifier and what takes its frames."""
+        """Pairs of an identifier and what takes its frames: a function, or a mailbox's number."""
         if self.wanted:
             for can_id, kind, direction in self._place.receivers():
                 yield can_id, self._receiver(kind, direction)
@@ -137,11 +144,11 @@ class Layer:
     def _receiver(self, kind, direction):
         heard = self._heard
         if kind == SPEEDS:
-            return heard.speeds_receiver(direction)
+            return DIRECTIONS + direction
         if kind == STATE:
             return lambda data: heard.on_state(direction, data, self._now())
         if kind == ESTIMATE:
-            return heard.estimate_receiver(direction)
+            return direction
         return lambda data: not self.active or self._on_page(direction, data)
 
     def _on_page(self, direction, data):
@@ -216,25 +223,51 @@ class Layer:
 
     # The beat
 
-    def on_sync(self, now_ms):
-        """SYNC: send the estimate of the last update, and have the next update follow."""
+    def on_sync(self, now_ms, waited_ms):
+        """SYNC: send the estimate of the last update, and have the next update follow.
+
+        That was `waited_ms` ago. Where updates take so long that it has waited for the end of one,
+        it has none itself, so that every second or third is on time, and none is late by chance.
+        """
         if not self.active:
             return
+        came_ms = ticks.after(now_ms, -waited_ms)
+        beat_ms = ticks.diff(came_ms, self._came_ms)
+        # Or two beats meet, and what has come is of either.
+        gap = beat_ms > 2 * self._period_ms or (self._due and beat_ms < UPDATE_MS)
+        if gap:
+            self._updated_ms = self._came_ms
+        elif self._due:
+            self._skip(came_ms)
+        self._came_ms = came_ms
         if self._fields[wire.IDENTITY]:
             self._pdos.trigger(_ESTIMATE_PDO)
-        step_ms = ticks.diff(now_ms, self._sync_ms)
-        if self._due or step_ms > 2 * self._period_ms:
+        if gap:
             self._rights.on_gap()
+            self._read()
             self._heard.drop_estimates()
-        self._step_ms = max(min(step_ms, _STEP_MAX_MS), 1)
-        self._sync_ms = now_ms
-        self._due = True
         heard, registers = self._heard, self._registers
-        heard.beat = (heard.beat + 1) & 0xFFFFFF
+        heard.begin_beat()
+        self._due = waited_ms <= LATE_MS
+        if not self._due:
+            self._skip(ticks.after(came_ms, self._period_ms))
+            return
         heard.take_speeds(
             registers[speed_loop.ACTUAL], registers[speed_loop.AXIS + speed_loop.ACTUAL]
         )
-        self._wake(UPDATE_MS)
+        self._wake(UPDATE_MS - waited_ms)
+
+    def _skip(self, next_ms):
+        """A beat passes without an update, and the next SYNC is at `next_ms`.
+
+        What came since the last one still waits. So for right of way nothing has come, and a lease
+        that ends with this beat ends the motion now; the estimate is of where the parcel will be.
+        """
+        self._skipped += 1
+        self._rights.on_beat(*self._situation)
+        if not self._rights.drive_beats:
+            self._lead(self._programs.find(self._tracking.identity))
+        self._write_estimate(ticks.diff(next_ms, self._updated_ms))
 
     def poll(self, now_ms, presence):
         """Update when it is time; return in how many milliseconds the next update is due."""
@@ -244,25 +277,37 @@ class Layer:
             self._heard.take_presence(OWN, presence, now_ms)
         if not self._due:
             return ticks.IDLE_MS
-        wait_ms = UPDATE_MS - ticks.diff(now_ms, self._sync_ms)
+        wait_ms = UPDATE_MS - ticks.diff(now_ms, self._came_ms)
         if wait_ms > 0:
             return wait_ms
         self._due = False
         self._update(presence)
         return ticks.IDLE_MS
 
+    def _read(self):
+        """Take apart what neighbours have sent since the last time."""
+        self.nonsense += self._heard.read()
+
     def _update(self, presence):
+        sync_ms = self._came_ms
+        self._step_ms = max(min(ticks.diff(sync_ms, self._updated_ms), _STEP_MAX_MS), 1)
+        self._updated_ms = sync_ms
+        self._read()
         sent = self._listen()
         tracking = self._tracking
         self._choose_parcel()
-        tracking.update(self._step_ms, self._sync_ms)
+        tracking.update(self._step_ms, sync_ms)
         if tracking.missing_beats >= LOST_BEATS:
             tracking.drop()
         program = self._programs.find(tracking.identity)
         over = tracking.identity if tracking.is_over() else 0
+        if over and self._rights.state != UNDER and tracking.is_of_another():
+            # A parcel that stands before what nobody knows would come over it mm by mm.
+            over = 0
         leading = self._leading
         needs, asks = leading.look_ahead(tracking, program) if tracking.under else (0, 0)
-        self._rights.on_beat(over, needs, presence != 0)
+        self._situation = over, needs, presence != 0
+        self._rights.on_beat(*self._situation)
         asked = needs if self._rights.state == UNDER else 0
         self._evidence.judge(tracking, asked)
         self._report()
@@ -270,32 +315,13 @@ class Layer:
         self._announce(program, asks)
         if tracking.under and program is not None and program.complete:
             self._hand_on(program, sent)
+        self._skipped = 0
 
-    @micropython.native
     def _listen(self):
         """Pass on what neighbours sent; returns the mask of those that have."""
-        estimates, fresh, on_message = (
-            self._heard.estimates,
-            self._heard.fresh,
-            self._rights.on_message,
-        )
-        identity, state = wire.IDENTITY, wire.STATE
-        wants, hold = wire.WANTS, wire.HOLD
-        base = mask = 0
-        for direction in range(DIRECTIONS):
-            if fresh[direction]:
-                fresh[direction] = 0
-                mask |= 1 << direction
-                wants_me = estimates[base + wants] >> (direction ^ 4) & 1
-                on_message(
-                    direction,
-                    estimates[base + identity],
-                    estimates[base + state],
-                    wants_me,
-                    estimates[base + hold],
-                )
-            base += wire.ESTIMATE_FIELDS
-        return mask
+        heard = self._heard
+        self._rights.on_estimates(heard.estimates, heard.fresh)
+        return heard.passed_on()
 
     def _choose_parcel(self):
         """Be at the parcel that lies here, or else at the one that the right of way says."""
@@ -321,7 +347,9 @@ class Layer:
         allowed = leading.may_go_on(program, self._step_ms, alone=alone)
         if alone and allowed:
             self._go_on(program)
-        leading.step(tracking, program, allowed and rights.drive_beats > 0, self._step_ms)
+        # As many beats as were skipped before this update may be before the next.
+        allowed = allowed and rights.drive_beats > self._skipped
+        leading.step(tracking, program, allowed, self._step_ms)
 
     def _go_on(self, program):
         """Take the next leg, without the host, at the end of this one; so do all under the parcel.
@@ -371,12 +399,8 @@ class Layer:
     # What is sent
 
     def _announce(self, program, asks):
-        fields, rights, tracking = self._fields, self._rights, self._tracking
-        tracking.announce(fields, self._step_ms)
-        fields[wire.IDENTITY] = rights.identity
-        fields[wire.STATE] = rights.state
-        fields[wire.WANTS] = asks if rights.state == UNDER else 0
-        fields[wire.HOLD] = rights.hold
+        fields = self._fields
+        fields[wire.WANTS] = asks
         if program is not None and program.complete:
             fields[wire.SEQUENCE], flags = program.sequence, 0 if program.whole else wire.LACKING
         else:
@@ -386,11 +410,25 @@ class Layer:
         if self._suspect >= 0:
             flags |= wire.CONTRADICTED
         fields[wire.FLAGS] = flags
+        self._write_estimate(self._step_ms)
+
+    def _write_estimate(self, ahead_ms):
+        """Write what the next SYNC is to send, so long after the one that the belief is of."""
+        fields, rights = self._fields, self._rights
+        self._tracking.announce(fields, ahead_ms)
+        fields[wire.IDENTITY] = rights.identity
+        fields[wire.STATE] = rights.state
+        fields[wire.HOLD] = rights.hold
+        if rights.state != UNDER:
+            fields[wire.WANTS] = 0
         wire.pack_estimate(fields, 0, self._objects.data, self._estimate_at)
 
     def _hand_on(self, program, sent):
-        """Send a page, in this cell's turn, if one of those who have sent an estimate lacks it."""
-        if (self._heard.beat + self._node_id) % _HAND_ON_BEATS:
+        """Send a page, if one of those who have sent an estimate lacks it.
+
+        That is in this cell's turn, or where that came in a beat that was skipped.
+        """
+        if (self._heard.beat + self._node_id) % _HAND_ON_BEATS > self._skipped:
             return
         for direction in range(DIRECTIONS):
             if sent >> direction & 1:

@@ -1,7 +1,7 @@
 """Decides which parcel a cell belongs to, whom it promises itself to, and whether it may drive.
 
 Pure: no clock, no bus, integers only. The layer passes every estimate that a neighbour sent to
-`on_message`, calls `on_beat` once after each SYNC, and sends `identity`, `state` and `hold` in
+`on_estimates`, calls `on_beat` once after each SYNC, and sends `identity`, `state` and `hold` in
 its estimate at the next SYNC.
 
 Each cell is the only arbiter of itself. Time is counted in beats, and estimates carry no number:
@@ -11,12 +11,16 @@ A cell that stopped announcing a promise makes none to another parcel before eve
 have turned by it stands: the lease, and the time that `hold` takes to the last cell under the
 parcel. After a reset it has no record of whom it was promised to, and waits as long.
 """
+# Viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
 
 try:
     import micropython
     from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import const, micropython
+    from mdms_protocol.cpython import const, micropython, ptr8, ptr32
+
+from mdms_protocol.neighbours import frames as wire
 
 NONE = const(0)
 NEAR = const(1)
@@ -30,12 +34,20 @@ HOPS = const(4)
 
 DIRECTIONS = const(8)
 
+# What neighbours said that counts, a column of each by direction: identity, state, hold, and for
+# how many more beats it does
+IDENTITIES = const(0)
+STATES = const(8)
+HOLDS = const(16)
+LEFT = const(24)
+_COLUMNS = const(32)
+
 
 class RightOfWay:
     """Promises, leases and identity of one cell.
 
     `lease_beats`: how long a promise counts after the SYNC it was sent at.
-    `late_beats`: an estimate is passed to `on_message` before the update that follows the
+    `late_beats`: an estimate is passed to `on_estimates` before the update that follows the
     `late_beats`-th SYNC after its own (1: no later than the next beat's update).
     `hold_beats`: for how many beats a neighbour's `hold` counts after its arrival.
     `hops`: the most steps between two cells under one parcel; at most HOPS.
@@ -64,11 +76,7 @@ class RightOfWay:
         self._hops = hops
         self._patience_beats = patience_beats
         self._blocked_beats = blocked_beats
-        # What neighbours said that counts, by direction, and for how many more beats
-        self._identities = bytearray(DIRECTIONS)
-        self._states = bytearray(DIRECTIONS)
-        self._holds = bytearray(DIRECTIONS)
-        self._left = bytearray(DIRECTIONS)
+        self._said = bytearray(_COLUMNS)
         self.restart()
 
     def restart(self):
@@ -90,29 +98,24 @@ class RightOfWay:
     def on_gap(self):
         """A SYNC passed without an update of its own: what neighbours said may be of any age."""
         for direction in range(DIRECTIONS):
-            self._left[direction] = 0
+            self._said[LEFT + direction] = 0
         self.drive_beats = 0
         if self._bound:
             self._bound = self._bound_beats + 1
 
     @micropython.native
-    def on_message(self, direction, identity, state, wants_me, hold):
-        """The neighbour in this direction sent this estimate, at most `late_beats` SYNCs ago.
+    def on_estimates(self, estimates, fresh):
+        """What neighbours sent, at most `late_beats` SYNCs ago: a row by direction, where fresh.
 
         A cell under a parcel counts what cells of the same parcel say, and promises to it; any
         other counts the cells under a parcel that want it.
         """
-        if self.state == UNDER:
-            counts = identity == self.identity and state >= PROMISED
-        else:
-            counts = identity and state == UNDER and wants_me
-            if identity and state == UNDER and self._near in (0, identity):
-                self._near = identity
-                self._near_left = self._valid_beats + 1
-        self._identities[direction] = identity if counts else 0
-        self._states[direction] = state
-        self._holds[direction] = hold if hold <= CLEAR else 0
-        self._left[direction] = self._valid_beats + 1 if counts else 0
+        under = self.identity if self.state == UNDER else 0
+        counts_beats = self._valid_beats + 1
+        near = _take_in(estimates, fresh, self._said, under, self._near, counts_beats)
+        if near:
+            self._near = near
+            self._near_left = counts_beats
 
     def on_beat(self, over, wants, occupied):
         """Decide for the next beat.
@@ -138,9 +141,9 @@ class RightOfWay:
     def _drop_others(self):
         """Drop what neighbours said, but for those of the same parcel."""
         for direction in range(DIRECTIONS):
-            if self._identities[direction] != self.identity:
-                self._identities[direction] = 0
-                self._left[direction] = 0
+            if self._said[IDENTITIES + direction] != self.identity:
+                self._said[IDENTITIES + direction] = 0
+                self._said[LEFT + direction] = 0
 
     @micropython.native
     def _count_down(self):
@@ -150,9 +153,7 @@ class RightOfWay:
             self._bound -= 1
             if not self._bound:
                 self._promised = 0
-        for direction in range(DIRECTIONS):
-            if self._left[direction]:
-                self._left[direction] -= 1
+        _age(self._said)
         if self._near_left:
             self._near_left -= 1
         if not self._near_left:
@@ -201,17 +202,18 @@ class RightOfWay:
             self.identity = self._near
             self.state = NEAR if self._near else NONE
 
+    def _says(self, direction):
+        """The identity that counts of this direction; 0 if none does."""
+        return self._said[IDENTITIES + direction] if self._said[LEFT + direction] else 0
+
     def _asks(self, identity):
-        for direction in range(DIRECTIONS):
-            if self._left[direction] and self._identities[direction] == identity:
-                return True
-        return False
+        return any(self._says(direction) == identity for direction in range(DIRECTIONS))
 
     def _asker(self, excluded):
         """The lowest identity that asks, but for one; 0 if there is none."""
         lowest = 0
         for direction in range(DIRECTIONS):
-            identity = self._identities[direction] if self._left[direction] else 0
+            identity = self._says(direction)
             if identity and identity != excluded and (not lowest or identity < lowest):
                 lowest = identity
         return lowest
@@ -219,11 +221,7 @@ class RightOfWay:
     def _is_held(self, identity):
         """Whether the parcel stands for want of a promise, by all of its cells that ask here."""
         for direction in range(DIRECTIONS):
-            if (
-                self._left[direction]
-                and self._identities[direction] == identity
-                and self._holds[direction] == CLEAR
-            ):
+            if self._says(direction) == identity and self._said[HOLDS + direction] == CLEAR:
                 return False
         return True
 
@@ -237,24 +235,75 @@ class RightOfWay:
         self._lacked = min(self._lacked + 1, self._blocked_beats) if self.lacking else 0
         self.blocked = self._lacked >= self._blocked_beats
 
-    @micropython.native
     def _look_around(self, wants):
-        steps = self._hops + 1
-        drive_beats = self._valid_beats
-        for direction in range(DIRECTIONS):
-            left = self._left[direction]
-            wanted = wants & (1 << direction)
-            if not left:
-                self.lacking |= wanted
-                continue
-            if self._states[direction] == UNDER:
-                left = max(0, left - self._stale_beats)
-                steps = min(steps, 1 + self._holds[direction] if left else 1)
-            if wanted:
-                drive_beats = min(drive_beats, left)
+        found = _around(self._said, wants, self._hops, self._valid_beats, self._stale_beats)
+        steps = found >> 8 & 0xFF
+        self.lacking = found & 0xFF
         if self.lacking:
             self.hold = 0
         elif steps <= self._hops:
             self.hold = steps
         else:
-            self.drive_beats = drive_beats
+            self.drive_beats = found >> 16
+
+
+@micropython.viper
+def _take_in(  # noqa: PLR0917 - viper takes words
+    estimates: ptr32, fresh: ptr8, said: ptr8, parcel: int, near: int, counts_beats: int
+) -> int:
+    """Keep what counts of the fresh estimates, for a cell under a parcel or, at 0, under none.
+
+    Returns the identity of the parcel that is near a cell under none, 0 if nobody says so.
+    """
+    seen = 0
+    for direction in range(DIRECTIONS):
+        if fresh[direction]:
+            at = int(wire.ESTIMATE_FIELDS) * direction
+            identity = estimates[at + int(wire.IDENTITY)]
+            state = estimates[at + int(wire.STATE)]
+            hold = estimates[at + int(wire.HOLD)]
+            if parcel:
+                counts = identity == parcel and state >= PROMISED
+            else:
+                asks = identity != 0 and state == UNDER
+                counts = asks and estimates[at + int(wire.WANTS)] >> (direction ^ 4) & 1 == 1
+                if asks and (near == 0 or near == identity):  # noqa: PLR1714 - viper has no tuples
+                    near = seen = identity
+            said[IDENTITIES + direction] = identity if counts else 0
+            said[STATES + direction] = state
+            said[HOLDS + direction] = hold if hold <= CLEAR else 0
+            said[LEFT + direction] = counts_beats if counts else 0
+    return seen
+
+
+@micropython.viper
+def _age(said: ptr8):
+    """A beat has passed."""
+    for direction in range(DIRECTIONS):
+        if said[LEFT + direction]:
+            said[LEFT + direction] -= 1
+
+
+@micropython.viper
+def _around(said: ptr8, wants: int, hops: int, valid_beats: int, stale_beats: int) -> int:
+    """What those around a cell under a parcel say of the parcel.
+
+    A mask of the wanted who have not promised; from bit 8 on how many steps it is to a cell that
+    lacks a promise, `hops` + 1 for none; from bit 16 on for how many beats all promises last.
+    """
+    lacking = 0
+    steps = hops + 1
+    drive_beats = valid_beats
+    for direction in range(DIRECTIONS):
+        left = said[LEFT + direction]
+        wanted = wants & (1 << direction)
+        if left == 0:
+            lacking |= wanted
+        else:
+            if said[STATES + direction] == UNDER:
+                left = left - stale_beats if left > stale_beats else 0
+                step = 1 + said[HOLDS + direction] if left else 1
+                steps = step if step < steps else steps
+            if wanted and left < drive_beats:
+                drive_beats = left
+    return lacking | steps << 8 | drive_beats << 16

@@ -5,7 +5,7 @@ try:
 except ImportError:
     from mdms_protocol.cpython import const
 
-from mdms_cell.neighbours.geometry.angle import ARM_UM, root
+from mdms_cell.neighbours.geometry.angle import ARM_UM, ROOT_MAX, root
 
 #: The parcel has arrived within this, for so many beats; it is steered again outside twice as much.
 _TOLERANCE_UM = const(2_000)
@@ -69,7 +69,7 @@ class Steering:
 
     def _speed_um_s(self, program, way_um):
         """As fast as it may go with this way left: never faster than it can brake."""
-        braking = root(program.acceleration_mm_s2 * way_um) * 316 // 10
+        braking = root(min(program.acceleration_mm_s2 * way_um, ROOT_MAX)) * 316 // 10
         return min(program.speed_um_s, _STIFFNESS_PER_S * way_um, braking)
 
     def _approach(self, vx, vy, vt, corner, most):
@@ -100,5 +100,6 @@ class Steering:
 
 
 def length(x, y, z):
-    """The length of a vector of numbers up to 400,000, within a part in a thousand or 16."""
-    return root((x >> 5) ** 2 + (y >> 5) ** 2 + (z >> 5) ** 2) << 5
+    """The length of a vector of numbers up to 3,000,000, within a part in a thousand or 16."""
+    square = (x >> 5) ** 2 + (y >> 5) ** 2 + (z >> 5) ** 2
+    return root(square) << 5 if square <= ROOT_MAX else root(square >> 4) << 7

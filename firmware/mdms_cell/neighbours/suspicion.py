@@ -11,6 +11,7 @@ except ImportError:
 
 from mdms_cell.neighbours.geometry.outline import STEP_UM
 from mdms_cell.neighbours.geometry.place import AXES, DIRECTIONS
+from mdms_cell.neighbours.twist import SLIPS
 
 # What a neighbour is suspected of; in an emergency, bits
 PRESENCE = const(0)  # its sensors do not show what lies there, or show what does not
@@ -30,10 +31,10 @@ _TIMES = bytes((6, 6, POSE_BEATS, 6))
 _NOTHING = bytes(DIRECTIONS + 1)
 #: So many cells whose sensors contradict at once are right.
 _CROWD = const(3)
-#: A wheel may be off the parcel's motion by this, and by a quarter of its own [um/s].
-_SLIP_UM_S = const(12_000)
 #: A wheel has to be so far inside the outline to be under it [steps].
 _INSIDE = 10_000 // STEP_UM
+#: The mask of a cell's wheels among its points.
+_WHEELS = (1 << AXES) - 1
 #: Wheels that are to agree before one is found wrong.
 _ENOUGH_WHEELS = const(5)
 
@@ -143,19 +144,9 @@ class Evidence:
 
     def _judge_wheels(self, tracking, direction):
         """A wheel well under the parcel is wrong if it does not turn with it."""
-        footprint, twist = self._footprint, tracking.twist
-        if twist.wheels < _ENOUGH_WHEELS:
+        if tracking.twist.wheels < _ENOUGH_WHEELS:
             return
-        inside = footprint.within(tracking.outline, direction, -_INSIDE)
-        under = False
-        wrong = False
-        for axis in range(AXES):
-            if inside >> axis & 1:
-                speed_um_s = self._heard.speeds[2 * direction + axis]
-                expected = tracking.expected_um_s(direction, axis)
-                slip = _SLIP_UM_S + abs(expected) // 4
-                # At rest a wheel that cannot turn agrees with everything.
-                under = under or abs(expected) > slip or abs(speed_um_s) > slip
-                wrong = wrong or abs(speed_um_s - expected) > slip
-        if under or wrong:
-            self._suspicion.judge(direction, WHEELS, wrong)
+        inside = self._footprint.within(tracking.outline, direction, -_INSIDE) & _WHEELS
+        shown = tracking.wheels_against(inside << AXES * direction) if inside else 0
+        if shown:
+            self._suspicion.judge(direction, WHEELS, shown & SLIPS)

@@ -29,12 +29,20 @@ from mdms_protocol.neighbours import frames as wire
 _FEW_WHEELS = const(5)
 #: A frame may be this late; the parcel has moved on meanwhile.
 _LATENCY_MS = const(3)
+#: A pose is announced no longer after the SYNC of the belief that it was made of.
+_AHEAD_MAX_MS = const(50)
 #: A cell beside a parcel follows its neighbours for so long after the last of them.
 _FOLLOW_BEATS = const(5)
 #: An edge passes over a sensor no slower.
 _PASSING_UM_S = const(1_000)
 #: A sensor so far inside the outline has to be covered, one so far outside free, 10 mm [steps].
 _CLEAR = const(625)
+#: A parcel moves on by no more than this while a state is lost, 32 mm [1/16 mm].
+_MOST_LATE = const(512)
+#: Sensors that one frame shows to have changed are as far from the edge, 2 mm [steps].
+_TOGETHER = const(125)
+#: A sensor so far outside is not covered by this parcel, whatever its place is off, 30 mm [steps].
+_ELSEWHERE = const(1875)
 #: The mask of a cell's sensors.
 _SENSORS = (1 << SENSORS) - 1
 #: So many neighbours that have the parcel show that a cell's own sensors are wrong.
@@ -137,12 +145,11 @@ class Tracking:
         else:
             self.twist.reset()
 
-    def expected_um_s(self, direction, axis):
-        """The speed of a wheel of that cell that turns with the parcel."""
-        x, y, along_x, along_y = self._footprint.wheels
-        wheel, centre = AXES * direction + axis, self.outline.registers
-        lever_x, lever_y = x[wheel] - centre[X], y[wheel] - centre[Y]
-        return self.twist.at(lever_x, lever_y, along_x[axis], along_y[axis])
+    def wheels_against(self, wheels):
+        """What those wheels of a mask show that lie under the parcel; see `TwistFit.against`."""
+        centre, footprint = self.outline.registers, self._footprint
+        speeds = self._heard.speeds
+        return self.twist.against(centre[X], centre[Y], footprint.wheels, speeds, wheels)
 
     def _move(self, before, step_ms):
         """Roll on by the wheels, half by the twist before."""
@@ -157,7 +164,7 @@ class Tracking:
 
     def _correct(self, sync_ms):
         """Take in the edges that sensors have seen until the last SYNC."""
-        heard, footprint, twist = self._heard, self._footprint, self.twist
+        heard, twist = self._heard, self.twist
         speed = abs(twist.vx) + abs(twist.vy) + abs(twist.turn)
         late = speed * _LATENCY_MS // 62_500
         for number in range(heard.edges):
@@ -167,17 +174,36 @@ class Tracking:
             direction = heard.edge_direction[number]
             if self._others[direction] or self._suspicion.has(direction, PRESENCE):
                 continue
-            point = AXES + heard.edge_sensor[number]
-            # The parcel has moved on since: so has, with it, the place where its edge was seen.
-            x = footprint.shift_x[direction] + footprint.x[point]
-            y = footprint.shift_y[direction] + footprint.y[point]
-            turned = twist.turn * ago_ms // 128_000
-            x, y = (
-                x + twist.vx * ago_ms // 16_000 - (y - self.belief.y // STEP_UM) * turned // 1000,
-                y + twist.vy * ago_ms // 16_000 + (x - self.belief.x // STEP_UM) * turned // 1000,
-            )
-            if self._passes(x, y, heard.edge_covered[number]):
+            x, y = self._edge_at(number, ago_ms)
+            if self._passes(x, y, heard.edge_covered[number]) and not self._is_late(number, ago_ms):
                 self.belief.correct(x, y, EDGE + late * late)
+
+    def _edge_at(self, number, ago_ms):
+        """Where that edge is now: it has moved on with the parcel since a sensor saw it."""
+        heard, footprint, twist = self._heard, self._footprint, self.twist
+        direction = heard.edge_direction[number]
+        point = AXES + heard.edge_sensor[number]
+        x = footprint.shift_x[direction] + footprint.x[point]
+        y = footprint.shift_y[direction] + footprint.y[point]
+        turned = twist.turn * ago_ms // 128_000
+        return (
+            x + twist.vx * ago_ms // 16_000 - (y - self.belief.y // STEP_UM) * turned // 1000,
+            y + twist.vy * ago_ms // 16_000 + (x - self.belief.x // STEP_UM) * turned // 1000,
+        )
+
+    def _is_late(self, number, ago_ms):
+        """Whether that edge may be older: others of its frame are elsewhere, so one was lost."""
+        heard = self._heard
+        direction, time_ms = heard.edge_direction[number], heard.edge_ms[number]
+        if direction == OWN:
+            return False
+        off = self.outline.edge(*self._edge_at(number, ago_ms))
+        for other in range(heard.edges):
+            if heard.edge_direction[other] == direction and heard.edge_ms[other] == time_ms:
+                between = off - self.outline.edge(*self._edge_at(other, ago_ms))
+                if not -_TOGETHER <= between <= _TOGETHER:
+                    return True
+        return False
 
     def _passes(self, x, y, covered):
         """Whether the parcel's edge passes over a point in the sense in which its sensor changed.
@@ -213,7 +239,21 @@ class Tracking:
             self._compare(self._turn, True, sync_ms)
         if self.is_witnessed() and self._suspicion.has(OWN, PRESENCE):
             missing = False
+        missing = missing or not self._is_anything_there()
         self.missing_beats = min(self.missing_beats + 1, LOST_BEATS) if missing else 0
+
+    def _is_anything_there(self):
+        """Whether a sensor is covered, here or of a neighbour; of this parcel, as far as is known.
+
+        A cell whose own sensors the parcel does not cover cannot see by them that it is gone.
+        """
+        presence, others = self._heard.presence, self._others
+        if presence[OWN]:
+            return True
+        for direction in range(DIRECTIONS):
+            if presence[direction] and not others[direction] and self._suspicion.trusts(direction):
+                return True
+        return False
 
     def is_witnessed(self):
         """Whether neighbours have the parcel where this cell believes it."""
@@ -225,15 +265,16 @@ class Tracking:
         if not heard.is_current(direction, sync_ms) or self._others[direction]:
             return False
         bits = heard.presence[direction]
-        deep = footprint.within(self.outline, direction, -_CLEAR) >> AXES
+        masks = footprint.by_depth(self.outline, direction, _CLEAR)
+        deep = masks >> AXES & _SENSORS
         missing = deep and not deep & bits
         if correcting:
-            near = footprint.within(self.outline, direction, _CLEAR + 1) >> AXES
-            far = _SENSORS & ~near
+            far = _SENSORS & ~(masks >> 20 + AXES)
             if (deep or far) and (direction != OWN or self._turn == OWN):
                 self._judge_sensors(direction, missing or bits & far)
-            if self._suspicion.trusts(direction):
-                self._pull(direction, bits)
+            wrong = (masks >> 10 + AXES ^ bits) & _SENSORS
+            if wrong and self._suspicion.trusts(direction):
+                self._pull(direction, wrong, heard.age_ms(direction, sync_ms))
         return missing
 
     def _judge_sensors(self, direction, contradict):
@@ -245,16 +286,20 @@ class Tracking:
         if judges and not (contradict and self._suspicion.crowd()):
             self._suspicion.judge(direction, PRESENCE, contradict)
 
-    def _pull(self, direction, bits):
-        """Correct the belief by sensors that are on the wrong side of its edge."""
-        footprint = self._footprint
-        wrong = (footprint.within(self.outline, direction, 0) >> AXES ^ bits) & _SENSORS
+    def _pull(self, direction, wrong, age_ms):
+        """Correct the belief by these sensors, which are on the wrong side of its edge.
+
+        One may have changed since, and the frame got lost, while the parcel has moved on.
+        """
+        footprint, twist = self._footprint, self.twist
+        speed = abs(twist.vx) + abs(twist.vy) + abs(twist.turn)
+        late = min(speed * age_ms // 62_500, _MOST_LATE)
         point = AXES
         while wrong:
             if wrong & 1:
                 x = footprint.shift_x[direction] + footprint.x[point]
                 y = footprint.shift_y[direction] + footprint.y[point]
-                self.belief.correct(x, y, CONTRADICTION, False)
+                self.belief.correct(x, y, CONTRADICTION + late * late, False)
             wrong >>= 1
             point += 1
 
@@ -287,6 +332,13 @@ class Tracking:
             self.shaped and self.belief.known and self._footprint.reaches(self.outline)
         )
 
+    def is_of_another(self):
+        """Whether something else covers a sensor of the cell: one far from the parcel."""
+        if not self._heard.presence[OWN] or not self._suspicion.trusts(OWN):
+            return False
+        near = self._footprint.within(self.outline, OWN, _ELSEWHERE) >> AXES
+        return self._heard.presence[OWN] & ~near != 0
+
     def is_sure(self):
         """Whether this cell has a belief of its own that nothing is against."""
         return (
@@ -299,23 +351,25 @@ class Tracking:
         """Whether this cell is not to steer: its own sensors or its neighbours are against it."""
         return max(self.missing_beats, self._agreement.outvoted_beats) >= DOUBT_BEATS
 
-    def announce(self, fields, step_ms):
-        """Write pose and certainty into an estimate, as they will be at the next SYNC."""
+    def announce(self, fields, ahead_ms):
+        """Write pose and certainty into an estimate, so long after the SYNC of the belief.
+
+        That is no pose where it is too long.
+        """
         belief, twist = self.belief, self.twist
         self.certainty = 0
         self._sent = None
-        if belief.known and self.under and not self._follows:
-            x = (belief.x + _rounded(twist.vx, 1000 // step_ms) + wire.STEP_UM // 2) // wire.STEP_UM
-            y = (belief.y + _rounded(twist.vy, 1000 // step_ms) + wire.STEP_UM // 2) // wire.STEP_UM
-            yaw = wire_yaw(belief.turn + _rounded(twist.turn, 1000 // step_ms))
-            fields[wire.X], fields[wire.Y], fields[wire.YAW] = x, y, yaw
+        sure = belief.known and self.under and not self._follows
+        if sure and ahead_ms <= _AHEAD_MAX_MS:
+            per_s = 1000 // ahead_ms
+            x = belief.x + _rounded(twist.vx, per_s)
+            y = belief.y + _rounded(twist.vy, per_s)
+            turn = belief.turn + _rounded(twist.turn, per_s)
+            fields[wire.X] = (x + wire.STEP_UM // 2) // wire.STEP_UM
+            fields[wire.Y] = (y + wire.STEP_UM // 2) // wire.STEP_UM
+            fields[wire.YAW] = wire_yaw(turn)
             self.certainty = 0 if self.is_doubtful() else belief.certainty()
-            exact = (
-                belief.x + _rounded(twist.vx, 1000 // step_ms),
-                belief.y + _rounded(twist.vy, 1000 // step_ms),
-                wrapped(belief.turn + _rounded(twist.turn, 1000 // step_ms)),
-            )
-            self._sent = exact
+            self._sent = x, y, wrapped(turn)
         fields[wire.CERTAINTY] = self.certainty
 
 

@@ -28,6 +28,15 @@ _MOST_TURN_UM_S = const(500_000)
 _RIDGE = const(8)
 _SWEEPS = const(4)
 
+#: A wheel may be off the parcel's motion by this, and by a quarter of its own [um/s].
+_SLIP_UM_S = const(12_000)
+#: So fast is no wheel, and differences with it fit 32 bits [um/s].
+_WILD_UM_S = const(100_000_000)
+
+# What wheels show: that one or the parcel above it moves, that one does not turn with the parcel
+TURNS = const(1)
+SLIPS = const(2)
+
 # Registers of a twist
 _VX = const(0)  # speeds [um/s], the last one that of a point at the arm of `angle`
 _VY = const(1)
@@ -60,13 +69,13 @@ class TwistFit:
         self.vx, self.vy, self.turn = registers[_VX], registers[_VY], registers[_TURN]
         self.wheels, self.off_um_s = registers[_WHEELS], registers[_MEAN]
 
-    def at(self, lever_x, lever_y, along_x, along_y):
-        """The speed of the parcel above a wheel so far from its centre, along its direction.
+    def against(self, centre_x, centre_y, wheels, speeds, mask):
+        """What those wheels of a mask show that lie under the parcel: TURNS, SLIPS, or both.
 
-        That is in 1/512, the lever in steps [um/s].
+        See `fit`.
         """
-        lever = (along_y * lever_x - along_x * lever_y) // _ARM
-        return along_x * self.vx + along_y * self.vy + lever * self.turn >> 9
+        x, y, along_x, along_y = wheels
+        return _against(self._registers, x, y, along_x, along_y, speeds, mask, centre_x, centre_y)
 
     def fit(self, centre_x, centre_y, wheels, speeds, mask):
         """Move the twist towards what those wheels of a mask say that lie under the parcel.
@@ -155,3 +164,49 @@ def _fit(  # noqa: PLR0915, PLR0917 - viper takes words
     twist[_VX] = vx
     twist[_VY] = vy
     twist[_TURN] = turn
+
+
+@micropython.viper
+def _against(  # noqa: PLR0917 - viper takes words
+    twist: ptr32,
+    wheel_x: ptr32,
+    wheel_y: ptr32,
+    along_xs: ptr32,
+    along_ys: ptr32,
+    speeds: ptr32,
+    mask: int,
+    centre_x: int,
+    centre_y: int,
+) -> int:
+    widen = int(WIDEN)
+    vx = twist[_VX] << widen >> widen
+    vy = twist[_VY] << widen >> widen
+    turn = twist[_TURN] << widen >> widen
+    shown = 0
+    wheel = 0
+    while mask >> wheel:
+        if mask >> wheel & 1:
+            axis = wheel & 1
+            along_x = along_xs[axis] << widen >> widen
+            along_y = along_ys[axis] << widen >> widen
+            x = (wheel_x[wheel] << widen >> widen) - centre_x
+            y = (wheel_y[wheel] << widen >> widen) - centre_y
+            lever = (along_y * x - along_x * y) // _ARM
+            expected = along_x * vx + along_y * vy + lever * turn >> 9
+            speed = speeds[wheel] << widen >> widen
+            # What a broken neighbour sends may be anything.
+            if speed > _WILD_UM_S:
+                speed = _WILD_UM_S
+            elif speed < -_WILD_UM_S:
+                speed = -_WILD_UM_S
+            off = speed - expected if speed > expected else expected - speed
+            speed = speed if speed > 0 else 0 - speed
+            expected = expected if expected > 0 else 0 - expected
+            slip = _SLIP_UM_S + expected // 4
+            # At rest a wheel that cannot turn agrees with everything.
+            if expected > slip or speed > slip:
+                shown |= TURNS
+            if off > slip:
+                shown |= SLIPS
+        wheel += 1
+    return shown

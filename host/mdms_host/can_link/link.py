@@ -21,6 +21,7 @@ from can.interfaces.slcan import slcanBus
 from mdms_host.can_link.delays import Delays
 from mdms_host.can_link.drivers import remedy
 from mdms_host.can_link.incidents import Incidents, LinkCounts
+from mdms_host.can_link.punctuality import first_in_line
 from mdms_host.can_link.slcan_port import GarbledError, SlcanPort
 from mdms_host.can_link.transmitter import Transmitter
 from mdms_host.clock import Clock
@@ -198,9 +199,13 @@ class Link:
             self._note(f"the device could not be closed: {error}")
 
     def _start_reader(self) -> Thread:
-        reader = Thread(target=self._read, name="CAN reader", daemon=True)
+        reader = Thread(target=self._read_first, name="CAN reader", daemon=True)
         reader.start()
         return reader
+
+    def _read_first(self) -> None:
+        with first_in_line():
+            self._read()
 
     def _read(self) -> None:
         """The reader's thread: ends when the link is closed, the device gone, or after garbage."""

@@ -108,6 +108,7 @@ class ControlCycle:
             return np.zeros(self.references_m_s.shape)
         beliefs = self._tracker.beliefs(sync_s, now_s, program.near)
         references_m_s = program.references_m_s(beliefs, self._step_s)
+        self._tracker.on_pushes(program.gains, self._step_s)
         self._commanded_m_s = np.where(self._roster.wheels_out, 0.0, program.speeds_m_s)
         self._report(beliefs, now_s)
         return references_m_s

@@ -4,6 +4,7 @@ Frames and time are passed in: the simulation and a real bus drive it alike.
 """
 
 from collections.abc import Iterator, Mapping
+from dataclasses import astuple
 from types import MappingProxyType
 
 import numpy as np
@@ -30,6 +31,7 @@ from mdms_host.motion.by_cells.steering import ByCells
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.lost_cells import MindsLostCells
 from mdms_host.motion.program import Program
+from mdms_host.motion.safe_goals import Places, SafeGoals
 from mdms_model.arrays import Floats
 from mdms_model.bus_time import WATCHED_HEARTBEAT_S
 from mdms_protocol.codecs import cob, nmt
@@ -49,7 +51,8 @@ class Coordinator:
     the run goes on. `settings` are written to every cell, `own_settings` to the cell of that number
     besides; all other stored settings must be at their defaults. Cells that steer (the program is a
     `ByCells`) are written their places, too; others may have any. `policy` is what is done
-    about cells that fall out of action. Raises ValueError for cells of more wheels than the wire
+    about cells that fall out of action; `centres_of_mass_m` are those of parcels that have them
+    beside their origins, in their frames. Raises ValueError for cells of more wheels than the wire
     has axes.
     """
 
@@ -64,11 +67,13 @@ class Coordinator:
         timing: Timing | None = None,
         host_node_id: int = cob.NODE_MAX,
         policy: Policy | None = None,
+        centres_of_mass_m: Places = MappingProxyType({}),
     ) -> None:
         axes = len(layout.wheels)
         self.layout = layout
         self._timing = timing = timing or Timing()
         self._program = program
+        self._safe_goals = SafeGoals(layout, centres_of_mass_m)
         self._journal = journal = Journal()
         self._velocities = VelocityFrames(layout.node_ids, axes)
         by_cells = isinstance(program, ByCells)
@@ -235,8 +240,17 @@ class Coordinator:
     def set_goal(self, parcel: str, goal: Goal) -> None:
         """Steer a parcel to another goal from the next setpoints on.
 
-        Raises ValueError where the program steers no parcels, and KeyError for one it has not.
+        Raises TippingError for a goal at which the parcel would tip, or on the straight way to it
+        if it goes that way; ValueError where the program steers no parcels, and KeyError for one it
+        has not. The parcel keeps the goal that it has then.
         """
+        known = self.tracker.parcels.get(parcel)
+        if known is not None:
+            estimate = self.estimate(parcel)
+            start = None if estimate is None else np.array(astuple(estimate))
+            # Programs that plan ways plan none on which a parcel tips.
+            straight = not hasattr(type(self._program), "ways")
+            self._safe_goals.check(known, start, goal, straight=straight)
         self._program.set_goal(parcel, goal)
 
     # What drives it

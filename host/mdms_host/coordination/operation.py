@@ -6,6 +6,7 @@ from enum import StrEnum
 
 from mdms_host.can_link.incidents import LinkCounts
 from mdms_host.can_link.link import AnyLink, DeviceGoneError, drive
+from mdms_host.can_link.punctuality import punctual
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.phase import HELD, Phase
@@ -58,8 +59,22 @@ def operate(
     interrupt (Ctrl-C) ends the run in order; so does any error, which is raised when the array is
     off. A second interrupt breaks the ending off. Raises DeviceGoneError.
     """
+    with punctual(clock):
+        return _operate(
+            coordinator, participant or coordinator, link, clock, limit_s=limit_s, on_event=on_event
+        )
+
+
+def _operate(
+    coordinator: Coordinator,
+    participant: Participant,
+    link: AnyLink,
+    clock: Clock,
+    *,
+    limit_s: float | None,
+    on_event: Callable[[float, str], object],
+) -> Operation:
     start_s = clock.now_s()
-    participant = participant or coordinator
     watch = _Watch(coordinator, link, clock, on_event)
 
     def running() -> bool:

@@ -1,6 +1,7 @@
 """A parcel as given to the host, and a region of the table where one is expected."""
 
 from dataclasses import dataclass
+from math import cos, sin
 
 import numpy as np
 
@@ -9,6 +10,8 @@ from mdms_host.estimation.outlines.disc import Disc
 from mdms_host.estimation.outlines.polygon import Polygon
 from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_model.arrays import Bools, Floats
+
+_DISC_CORNERS = 48
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +42,18 @@ class Parcel:
         if self.shape == "polygon":
             return Polygon(self.corners_m)
         return Rectangle(self.length_m, self.width_m)
+
+
+def outline_corners_m(parcel: Parcel) -> tuple[tuple[float, float], ...]:
+    """The corners of a parcel's outline in its own frame; a disc has many."""
+    if parcel.shape == "polygon":
+        return parcel.corners_m
+    if parcel.shape == "disc":
+        turns = np.linspace(0.0, 2 * np.pi, _DISC_CORNERS, endpoint=False)
+        radius_m = parcel.length_m / 2
+        return tuple((radius_m * cos(turn), radius_m * sin(turn)) for turn in turns.tolist())
+    half_m = parcel.length_m / 2, parcel.width_m / 2
+    return tuple((x * half_m[0], y * half_m[1]) for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1)))
 
 
 @dataclass(frozen=True, slots=True)

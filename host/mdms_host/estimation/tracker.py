@@ -6,6 +6,7 @@ from math import inf
 
 from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.change import Change, Event
+from mdms_host.estimation.gain import Gain
 from mdms_host.estimation.gate import Gate
 from mdms_host.estimation.known import Known
 from mdms_host.estimation.parcel import Parcel, Region
@@ -173,6 +174,12 @@ class Tracker:
         misfits = self._seeking.take_misfits()
         self._changes += misfits
         return found
+
+    def on_pushes(self, gains: Mapping[str, Gain], step_s: float) -> None:
+        """What the wheels under parcels have gained in the last step, and pushed them to."""
+        for name, gain in gains.items():
+            if name in self._known:
+                self._known[name].estimator.slide(gain.missing, gain.gained, step_s)
 
     # What goes out
 

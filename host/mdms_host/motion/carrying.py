@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from mdms_host.estimation.gain import Gain
 from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_host.layout import Layout
 from mdms_host.motion.allocation import Claim, allocate
@@ -16,13 +17,15 @@ class Carrying:
     """The wheels of a layout with their drives, as they carry parcels, by name.
 
     `speeds_m_s` (W,) is how fast each is to run for its parcel's way under the references that
-    were returned last; what these hold besides is push, under which a wheel may well stand.
+    were returned last; what these hold besides is push, under which a wheel may well stand. `gains`
+    are what the wheels under each parcel gained before, by its name.
     """
 
     def __init__(self, layout: Layout, drives: WheelDrives) -> None:
         self._layout = layout
         self._drives = drives
         self.speeds_m_s: Floats = np.zeros(len(layout.wheel_positions_m))
+        self.gains: Mapping[str, Gain] = {}
 
     def references_m_s(
         self,
@@ -40,6 +43,7 @@ class Carrying:
         serves = allocate(self._layout.wheel_positions_m, claims)
         references_m_s = np.zeros(len(serves))
         self.speeds_m_s = np.zeros(len(serves))
+        self.gains = {name: one.gain for name, one in carried.items() if one.gain is not None}
         for number, name in enumerate(places):
             one = carried.get(name)
             if one is not None:

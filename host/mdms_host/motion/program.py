@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.gain import Gain
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.motion.carrying import Carrying
 from mdms_host.motion.contact import Body, Contacts, gap_m, has_room
@@ -90,6 +91,11 @@ class Program(AnyProgram, Protocol):
         """How fast each wheel is to run under the references that were returned last, (W,)."""
         ...
 
+    @property
+    def gains(self) -> Mapping[str, Gain]:
+        """What the wheels under parcels gained in the step before these, and pushed them to."""
+        ...
+
 
 class FieldProgram:
     """An open-loop field: the same references for as long as it runs."""
@@ -130,6 +136,11 @@ class FieldProgram:
     def speeds_m_s(self) -> Floats:
         """A wheel runs near its reference."""
         return self._references_m_s
+
+    @property
+    def gains(self) -> Mapping[str, Gain]:
+        """Nothing: a field carries no parcel."""
+        return {}
 
     def set_goal(self, name: str, goal: Goal) -> None:
         """Raises ValueError: a field has no goals."""
@@ -248,6 +259,11 @@ class GoalProgram:
     def speeds_m_s(self) -> Floats:
         """See `Program`."""
         return self._carrying.speeds_m_s
+
+    @property
+    def gains(self) -> Mapping[str, Gain]:
+        """See `Program`."""
+        return self._carrying.gains
 
     def _see_obstacles(self, beliefs: Mapping[str, Belief]) -> None:
         """What is no parcel of this program is parked where it lies, as long as it is there."""

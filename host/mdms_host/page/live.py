@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from math import inf
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from mdms_host.page import commands
 from mdms_host.page.believed_signals import believed_signals
 from mdms_host.page.bus_rates import BusRates
 from mdms_host.page.commands import Command, RefusedError
-from mdms_host.page.parcels_by_hand import ParcelsByHand, Places
+from mdms_host.page.parcels_by_hand import ParcelsByHand
 from mdms_host.page.seat import Seat
 from mdms_host.page.shown.bus_watch import KINDS, BusWatch
 from mdms_host.page.shown.description import OTHER_HOST, PHASES, describe
@@ -52,7 +51,6 @@ class LiveTable:
         watch: BusWatch,
         now_s: Callable[[], float],
         wall_s: Callable[[], float] | None = None,
-        centres_of_mass_m: Places = MappingProxyType({}),
         error_frames: Callable[[], int] | None = None,
         report: Callable[[float, str], object] = lambda _time_s, _text: None,
     ) -> None:
@@ -75,7 +73,7 @@ class LiveTable:
         self._planned_s = -inf
         self._rates = BusRates(layout.bus_count, len(KINDS))
         self._jitter_s = 0.0
-        self._by_hand = ParcelsByHand(layout, wall_s or now_s, centres_of_mass_m)
+        self._by_hand = ParcelsByHand(wall_s or now_s)
 
     # What is shown
 

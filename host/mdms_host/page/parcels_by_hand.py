@@ -3,46 +3,24 @@
 A parcel follows a goal that is dragged only as long as there is a hand on it.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import astuple, replace
-from types import MappingProxyType
-
-import numpy as np
+from collections.abc import Callable
+from dataclasses import replace
 
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.parcel import Parcel
-from mdms_host.layout import Layout
-from mdms_host.motion.footing import MARGIN_M, Load, least_footing
 from mdms_host.motion.goal import Goal
 from mdms_host.page import commands
 from mdms_host.page.commands import RefusedError
-from mdms_host.page.shown.things import corners_m
-from mdms_model.arrays import Floats
-from mdms_model.outline import polygon_outline
 
 #: A goal that is dragged is sent again at least this often by a page that is there [s].
 HELD_S = 1.0
-#: Supports that are farther from a parcel's way do not matter.
-_BESIDE_M = 0.01
-
-Places = Mapping[str, tuple[float, float]]
 
 
 class ParcelsByHand:
-    """Sets goals of a coordinator's parcels, and names them; `wall_s` returns the machine's time.
+    """Sets goals of a coordinator's parcels, and names them; `wall_s` is the machine's time."""
 
-    `centres_of_mass_m` are those of parcels that have them beside their origins, in their frames.
-    """
-
-    def __init__(
-        self,
-        layout: Layout,
-        wall_s: Callable[[], float],
-        centres_of_mass_m: Places = MappingProxyType({}),
-    ) -> None:
-        self._layout = layout
+    def __init__(self, wall_s: Callable[[], float]) -> None:
         self._wall_s = wall_s
-        self._centres_of_mass_m = centres_of_mass_m
         #: When each goal that is dragged came last, and whose parcels these are.
         self._held: dict[str, float] = {}
         self._holder: Coordinator | None = None
@@ -57,8 +35,6 @@ class ParcelsByHand:
             self._held[command.parcel] = self._wall_s()
         goal = _goal_of(coordinator, command)
         parcel = coordinator.tracker.parcels.get(command.parcel)
-        if parcel is not None:
-            self._check(coordinator, parcel, goal)
         try:
             coordinator.set_goal(command.parcel, goal)
         except KeyError:
@@ -105,38 +81,6 @@ class ParcelsByHand:
             raise RefusedError(f"nothing unknown is called {command.parcel!r:.60}") from None
         except ValueError as error:
             raise RefusedError(str(error)) from None
-
-    def _check(self, coordinator: Coordinator, parcel: Parcel, goal: Goal) -> None:
-        """Raises `RefusedError` where a parcel would tip at its goal, or on its way."""
-        estimate = coordinator.estimate(parcel.name)
-        start = None if estimate is None else np.array(astuple(estimate))
-        turned_rad = 0.0 if start is None else float(start[2])
-        yaw_rad = turned_rad if goal.yaw_rad is None else goal.yaw_rad
-        if self._margin_m(parcel, np.array([goal.x_m, goal.y_m, yaw_rad]), None) < MARGIN_M:
-            raise RefusedError(
-                f"{parcel.name} would tip there: its centre of mass would not be "
-                f"{1e3 * MARGIN_M:.0f} mm inside the wheels under it"
-            )
-        # Programs that plan ways plan none on which a parcel tips; one that tips already may go on.
-        if start is None or hasattr(type(coordinator.program), "ways"):
-            return
-        if self._margin_m(parcel, start, None) >= MARGIN_M > self._margin_m(parcel, start, goal):
-            raise RefusedError(f"{parcel.name} would tip on the straight way there")
-
-    def _margin_m(self, parcel: Parcel, start: Floats, goal: Goal | None) -> float:
-        """How far the centre of mass stays inside the supports at a pose, or on the way from it."""
-        outline = polygon_outline(np.array(corners_m(parcel)))
-        load = Load(outline, self._centres_of_mass_m.get(parcel.name, (0.0, 0.0)))
-        ends_m = np.array([start[:2], start[:2] if goal is None else [goal.x_m, goal.y_m]])
-        wheels_m = _near(self._layout.wheel_positions_m, ends_m, outline.radius_m + _BESIDE_M)
-        return least_footing(wheels_m, load, start, goal).margin_m
-
-
-def _near(wheels_m: Floats, ends_m: Floats, reach_m: float) -> Floats:
-    """The wheels about a way; all where these are a single row, which counts for a table of one."""
-    low_m, high_m = ends_m.min(axis=0) - reach_m, ends_m.max(axis=0) + reach_m
-    near: Floats = wheels_m[((wheels_m >= low_m) & (wheels_m <= high_m)).all(axis=1)]
-    return near if len(near) > 1 and np.ptp(near, axis=0).all() else wheels_m
 
 
 def _goal_of(coordinator: Coordinator, command: commands.Goal) -> Goal:

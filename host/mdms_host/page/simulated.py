@@ -1,7 +1,6 @@
 """A simulated table as the page sees it: with its truth, its faults, and its time."""
 
 from collections.abc import Callable
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ from mdms_host.page import commands
 from mdms_host.page.commands import Command
 from mdms_host.page.faults_by_hand import FaultsByHand
 from mdms_host.page.live import LiveTable
-from mdms_host.page.parcels_by_hand import Places
 from mdms_host.page.seat import Seat
 from mdms_host.page.shown.bus_watch import BusWatch
 from mdms_host.page.shown.events import events_of
@@ -42,7 +40,6 @@ class SimulatedTable(LiveTable):
         seat: Seat,
         simulation: Simulation,
         time: RealTime,
-        centres_of_mass_m: Places = MappingProxyType({}),
     ) -> None:
         kernel = simulation.kernel
         watch = BusWatch(layout)
@@ -54,7 +51,6 @@ class SimulatedTable(LiveTable):
             watch=watch,
             now_s=lambda: kernel.now_ns / NS_PER_S,
             wall_s=lambda: time.wall_ns() / NS_PER_S,
-            centres_of_mass_m=centres_of_mass_m,
         )
         for number, bus in enumerate(simulation.buses):
             bus.observe(_on_bus(watch, number))

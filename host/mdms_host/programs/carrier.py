@@ -4,6 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Protocol
 
 from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.gain import Gain
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.motion.program import Steered
 from mdms_host.motion.trajectory.mass import Mass
@@ -33,6 +34,11 @@ class Traffic(Orders, Protocol):
     @property
     def speeds_m_s(self) -> Floats:
         """How fast each wheel is to run under the references that were returned last, (W,)."""
+        ...
+
+    @property
+    def gains(self) -> Mapping[str, Gain]:
+        """What the wheels under parcels gained in the step before these, and pushed them to."""
         ...
 
     def take_left(self) -> list[str]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.gain import Gain
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import Steered
@@ -180,6 +181,11 @@ class TableProgram:
     def speeds_m_s(self) -> Floats:
         """How fast each wheel is to run under the references that were returned last, (W,)."""
         return self._traffic.speeds_m_s
+
+    @property
+    def gains(self) -> Mapping[str, Gain]:
+        """What the wheels under parcels gained in the step before these, and pushed them to."""
+        return self._traffic.gains
 
     def _take_out(self, beliefs: Mapping[str, Belief]) -> None:
         """Parcels that have left are no more on the table, though they may still be believed."""

@@ -8,7 +8,8 @@ in any buffer of bytes, from `at` on: nothing is allocated.
 `pack_...` clips what does not fit, for the cell; `messages` checks values for the host.
 `unpack_...` returns False, and leaves the fields as they were, for a frame that no sender makes.
 """
-# MicroPython's module has no types.
+# MicroPython's module has no types; viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
 # mypy: disable-error-code="untyped-decorator"
 
 try:
@@ -17,6 +18,7 @@ try:
 except ImportError:
     from mdms_protocol.cpython import const, micropython, ptr8, ptr32
 
+from mdms_protocol.words import WIDEN
 
 try:
     from typing import TYPE_CHECKING
@@ -103,6 +105,10 @@ IDENTITY_MAX = const(63)
 SEQUENCE_MAX = const(3)
 
 
+#: Of a frame that is read alone; there once, so that nothing is allocated.
+_FRESH = bytearray(1)
+
+
 def clipped(number: int, low: int, high: int) -> int:
     """The number within these limits that is next to it."""
     if number < low:
@@ -110,50 +116,83 @@ def clipped(number: int, low: int, high: int) -> int:
     return high if number > high else number
 
 
-def pack_estimate(
-    fields: "Sequence[int]", base: int, frame: "MutableSequence[int]", at: int = 0
-) -> None:
+@micropython.viper
+def pack_estimate(fields: ptr32, base: int, frame: ptr8, at: int):  # type: ignore[no-untyped-def]
     """Write the frame of an estimate; yaw wraps, and all else is clipped."""
-    yaw = fields[base + YAW] & 0xFFF
-    wants = fields[base + WANTS] & 0xFF
-    low = clipped(fields[base + X], -2048, 2047) & 0xFFF
-    low |= (clipped(fields[base + Y], -2048, 2047) & 0xFFF) << 12
-    middle = yaw | clipped(fields[base + IDENTITY], 0, IDENTITY_MAX) << 12
-    middle |= clipped(fields[base + STATE], 0, UNDER) << 18
+    widen = int(WIDEN)
+    x = fields[base + X] << widen >> widen
+    y = fields[base + Y] << widen >> widen
+    identity = fields[base + IDENTITY] << widen >> widen
+    state = fields[base + STATE] << widen >> widen
+    certainty = fields[base + CERTAINTY] << widen >> widen
+    hold = fields[base + HOLD] << widen >> widen
+    sequence = fields[base + SEQUENCE] << widen >> widen
+    x = x if x > -2048 else -2048
+    y = y if y > -2048 else -2048
+    identity = identity if identity > 0 else 0
+    state = state if state > 0 else 0
+    certainty = certainty if certainty > 0 else 0
+    hold = hold if hold > 0 else 0
+    sequence = sequence if sequence > 0 else 0
+    wants = fields[base + WANTS]
+    low = (x if x < 2047 else 2047) & 0xFFF
+    low |= ((y if y < 2047 else 2047) & 0xFFF) << 12
+    middle = fields[base + YAW] & 0xFFF
+    middle |= (identity if identity < IDENTITY_MAX else IDENTITY_MAX) << 12
+    middle |= (state if state < UNDER else UNDER) << 18
     middle |= (wants & 0xF) << 20
-    high = wants >> 4 | clipped(fields[base + CERTAINTY], 0, 15) << 4
-    high |= clipped(fields[base + HOLD], 0, HOLD_NONE) << 8
-    high |= clipped(fields[base + SEQUENCE], 0, SEQUENCE_MAX) << 11
+    high = wants >> 4 & 0xF
+    high |= (certainty if certainty < 15 else 15) << 4
+    high |= (hold if hold < HOLD_NONE else HOLD_NONE) << 8
+    high |= (sequence if sequence < SEQUENCE_MAX else SEQUENCE_MAX) << 11
     high |= (fields[base + FLAGS] & 7) << 13
-    _write(low, middle, high, frame, at)
+    frame[at] = low & 0xFF
+    frame[at + 1] = low >> 8 & 0xFF
+    frame[at + 2] = low >> 16
+    frame[at + 3] = middle & 0xFF
+    frame[at + 4] = middle >> 8 & 0xFF
+    frame[at + 5] = middle >> 16
+    frame[at + 6] = high & 0xFF
+    frame[at + 7] = high >> 8
 
 
 def unpack_estimate(frame: "Sequence[int]", fields: "MutableSequence[int]", base: int) -> bool:
     """Read the frame of an estimate into the fields; returns False if it is none."""
-    return read_estimate(frame, len(frame), fields, base)  # type: ignore[no-any-return]
+    if len(frame) != LENGTH:
+        return False
+    _FRESH[0] = 1
+    read_estimates(frame, _FRESH, fields, base, 1)
+    return _FRESH[0] != 0
 
 
 @micropython.viper
-def read_estimate(frame: ptr8, length: int, fields: ptr32, base: int) -> bool:
-    """`unpack_estimate` of a frame of that length, for cells."""
-    if length != LENGTH:
-        return False
-    high = frame[6] | frame[7] << 8
-    if high >> 8 & 7 > HOLD_NONE:
-        return False
-    low = frame[0] | frame[1] << 8 | frame[2] << 16
-    middle = frame[3] | frame[4] << 8 | frame[5] << 16
-    fields[base + X] = ((low & 0xFFF) ^ 0x800) - 0x800
-    fields[base + Y] = (low >> 12 ^ 0x800) - 0x800
-    fields[base + YAW] = ((middle & 0xFFF) ^ 0x800) - 0x800
-    fields[base + IDENTITY] = middle >> 12 & 63
-    fields[base + STATE] = middle >> 18 & 3
-    fields[base + WANTS] = middle >> 20 | (high & 0xF) << 4
-    fields[base + CERTAINTY] = high >> 4 & 15
-    fields[base + HOLD] = high >> 8 & 7
-    fields[base + SEQUENCE] = high >> 11 & 3
-    fields[base + FLAGS] = high >> 13
-    return True
+def read_estimates(frames: ptr8, fresh: ptr8, fields: ptr32, base: int, count: int) -> int:
+    """Read those frames of a row that are `fresh`, each into its place in the fields.
+
+    One that is no estimate changes nothing, and is not fresh any more; returns how many there are.
+    """
+    wrong = 0
+    for number in range(count):
+        at = LENGTH * number
+        high = frames[at + 6] | frames[at + 7] << 8
+        if fresh[number] and high >> 8 & 7 > HOLD_NONE:
+            fresh[number] = 0
+            wrong += 1
+        if fresh[number]:
+            low = frames[at] | frames[at + 1] << 8 | frames[at + 2] << 16
+            middle = frames[at + 3] | frames[at + 4] << 8 | frames[at + 5] << 16
+            fields[base + X] = ((low & 0xFFF) ^ 0x800) - 0x800
+            fields[base + Y] = (low >> 12 ^ 0x800) - 0x800
+            fields[base + YAW] = ((middle & 0xFFF) ^ 0x800) - 0x800
+            fields[base + IDENTITY] = middle >> 12 & 63
+            fields[base + STATE] = middle >> 18 & 3
+            fields[base + WANTS] = middle >> 20 | (high & 0xF) << 4
+            fields[base + CERTAINTY] = high >> 4 & 15
+            fields[base + HOLD] = high >> 8 & 7
+            fields[base + SEQUENCE] = high >> 11 & 3
+            fields[base + FLAGS] = high >> 13
+        base += ESTIMATE_FIELDS
+    return wrong
 
 
 def pack_program(

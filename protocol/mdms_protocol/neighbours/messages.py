@@ -1,4 +1,6 @@
 """Estimates and pages of motion programs as values, for the host: checked before they are sent."""
+# Viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
 
 from array import array
 from collections import namedtuple
@@ -61,7 +63,7 @@ def encode_estimate(estimate: Estimate) -> bytes:
     """The data of an estimate's frame; raises OutOfRangeError."""
     _check(estimate)
     frame = bytearray(n.LENGTH)
-    n.pack_estimate(tuple(estimate), 0, frame)
+    n.pack_estimate(tuple(estimate), 0, frame, 0)
     return bytes(frame)
 
 

@@ -24,7 +24,7 @@ from typing import Any
 
 from tests.benchmarks.firmware._flashed_heap import HEAP, WAYS, flashed_heap
 from tests.firmware.conftest import ROOT, stage, unix
-from tests.micropython_builds import unix_command
+from tests.micropython_builds import compile_staged, unix_command, wasm32
 
 from mdms_cell.drive import speed_loop
 from mdms_host.flashing.board_way import COPIES_HEAP, ROM_HEAP
@@ -39,6 +39,13 @@ EMITTERS = ("viper", "native", "bytecode")
 CYCLES = 2.1
 ARCHITECTURE = "armv7emsp"
 STM32F405_HZ = 168_000_000
+#: Boards: clock, and cycles an instruction; those of a Cortex-M7 by CoreMark a MHz, 5.01 to 3.40.
+BOARDS = {
+    "PYBv1.1": (STM32F405_HZ, CYCLES),
+    "NUCLEO-G474RE": (170_000_000, CYCLES),
+    "WeAct STM32H743": (480_000_000, 1.43),
+    "Teensy 4.1": (600_000_000, 1.43),
+}
 #: Instructions of a Cortex-M4 for one of the unix port, where MicroPython interprets.
 CORTEX_M4_SHARE = 426 / 660
 SYNC_HZ = 100
@@ -139,7 +146,14 @@ def _layer(folder: Path) -> list[Row]:
         _row(beat, ours["beat_us"], "us", peer=_measured(peer)["beat_us"]),
         *_share(folder / "layer"),
         _row("data of the neighbour layer, 64 bits", ours["layer_bytes"] / 1024, "KB"),
+        _row("data of it, 32 bits", _layer_bytes32(folder / "layer32") / 1024, "KB", bound=4),
     ]
+
+
+def _layer_bytes32(folder: Path) -> int:
+    stage(folder, [LAYER, *STAGE], viper=False)
+    compile_staged(folder)
+    return int(wasm32(folder, "from _layer_measure import layer_bytes; print(layer_bytes())"))
 
 
 def _share(folder: Path) -> list[Row]:
@@ -149,11 +163,15 @@ def _share(folder: Path) -> list[Row]:
     few, many = LAYER_BEATS
     counted = (_instructions(folder, many) - _instructions(folder, few)) / (many - few)
     expected = counted * CORTEX_M4_SHARE
-    share = expected * CYCLES * SYNC_HZ / STM32F405_HZ
     how = {"counted": round(counted), "counted_by": "valgrind, unix port", "cycles_each": CYCLES}
     return [
         _row("a beat of it, estimate for a Cortex-M4", expected, "", bound=210_000, **how),
-        _row("its share of a Cortex-M4 at 168 MHz, 100 Hz", share, "", bound=0.3),
+        *(
+            _row(
+                f"its share of a {board} at 100 Hz", expected * cycles * SYNC_HZ / hz, "", bound=0.3
+            )
+            for board, (hz, cycles) in BOARDS.items()
+        ),
     ]
 
 

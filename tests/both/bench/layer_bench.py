@@ -29,8 +29,9 @@ def _u32(number):
 class Middle:
     """The cell, and what its neighbours would send while the parcel goes along x at a speed."""
 
-    #: What the cell is told of its neighbours, and where along y the parcel is said to be.
+    #: What the cell is told of its neighbours, and where the parcel lies; along y as is said.
     neighbours = NEIGHBOURS
+    placed_x_um = -60_000
     placed_y_um = 0
     #: How sure neighbours are of the parcel, as their estimates have it.
     certainty = 9
@@ -39,7 +40,7 @@ class Middle:
         self.board = Board()
         self.cell = Cell(self.board, NODE)
         self.now_ms = 0
-        self.x_um = -60_000
+        self.x_um = self.placed_x_um
         self.speed_um_s = speed_um_s
         #: The node id of a neighbour that says nothing, and whether the parcel is off the table.
         self.silent = None
@@ -52,7 +53,9 @@ class Middle:
         #: Whether neighbours' states get lost, and of which directions the speeds do.
         self.losing = False
         self.unheard = ()
-        self._bits = [None] * 8
+        #: Neighbours' statuswords, as bytes.
+        self.words = bytes((0x33, 2, 0x33, 2))
+        self._states = [None] * 8
         self._stated_ms = [0] * 8
         self._boot()
 
@@ -134,7 +137,7 @@ class Middle:
         fields[wire.SEQUENCE] = self.its_sequence
         fields[wire.FLAGS] = self.its_flags
         frame = bytearray(8)
-        wire.pack_estimate(fields, 0, frame)
+        wire.pack_estimate(fields, 0, frame, 0)
         return bytes(frame)
 
     def _covered(self, x_um, y_um):
@@ -150,11 +153,11 @@ class Middle:
     def _presence(self, direction):
         dx, dy = STEPS[direction]
         bits = self._covered(dx * PITCH_UM, dy * PITCH_UM)
+        state = self.words + bytes((bits,))
         repeats = self.now_ms - self._stated_ms[direction] >= REPEAT_MS
-        if bits != self._bits[direction] or repeats:
-            self._bits[direction] = bits
+        if state != self._states[direction] or repeats:
+            self._states[direction] = state
             self._stated_ms[direction] = self.now_ms
             if self.losing:
                 return
-            state = bytes((0x33, 2, 0x33, 2, bits))
             self.cell.on_frame(cob.TPDO_BASES[1] + NEIGHBOURS[direction], state, self.now_ms)

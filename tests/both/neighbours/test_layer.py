@@ -95,12 +95,42 @@ def test_silent_neighbours_end_the_motion():
     assert state(middle) != cia402.OPERATION_ENABLED
 
 
+def test_wheel_brakes_by_itself_when_there_is_no_sync_any_more():
+    middle = Middle(SPEED_UM_S)
+    run(middle, 30)
+    middle.board.take()
+    # The layer is awake, and all its neighbours may send; without an update nothing is fed.
+    for _ in range(60):
+        speed_loop.step(middle.cell._registers)
+        middle._pass(1)
+    assert state(middle) == cia402.FAULT_REACTION
+    errors = [data for can_id, data in middle.board.take() if can_id == cob.EMCY_BASE + NODE]
+    assert {data[0] | data[1] << 8 for data in errors} == {0x8250}
+
+
 def test_parcel_that_no_sensor_shows_is_not_driven():
     middle = Middle(SPEED_UM_S)
     run(middle, 20)
     middle.lifted = True
     run(middle, 30)
     assert targets_um_s(middle) == (0, 0)
+
+
+class AtTheEdge(Middle):
+    """The parcel reaches to 7 mm beyond the western sensors, and the wheel beside them."""
+
+    placed_x_um = -205_000
+
+
+def test_parcel_that_is_gone_is_not_driven_by_a_cell_whose_sensors_it_did_not_cover():
+    """One wheel is under its edge, and no sensor by more than a few mm."""
+    middle = AtTheEdge(0)
+    run(middle, 20)
+    assert state(middle) == cia402.OPERATION_ENABLED
+    middle.lifted = True
+    run(middle, 40)
+    assert targets_um_s(middle) == (0, 0)
+    assert state(middle) != cia402.OPERATION_ENABLED
 
 
 def test_program_that_is_ended_leaves_the_wheels_off():
@@ -300,44 +330,3 @@ def test_sync_wakes_the_cell_for_its_update_and_not_before():
     assert cell.wake_ms > middle.now_ms + UPDATE_MS
     cell.on_frame(cob.SYNC, b"", middle.now_ms + 10)
     assert estimates(middle)[0][wire.IDENTITY] == IDENTITY
-
-
-class Alone(Middle):
-    """A cell that has nothing but its own sensors, its neighbours' and all wheels to go by."""
-
-    certainty = 0
-
-    def off_um(self):
-        """How far along x the pose is from the truth that was sent last."""
-        self.board.take()
-        self.beat()
-        sent = estimates(self)[-1]
-        assert sent[wire.CERTAINTY]
-        return sent[wire.X] * wire.STEP_UM - self.x_um + self.speed_um_s * 10 // 1000
-
-
-def test_state_that_is_repeated_after_a_lost_one_moves_no_belief():
-    cell = Alone(SPEED_UM_S)
-    run(cell, 75)
-    assert abs(cell.off_um()) < 1_500
-    # The parcel leaves the western sensors, whose cells report it as late as they repeat it.
-    cell.losing = True
-    run(cell, 12)
-    cell.losing = False
-    run(cell, 22)
-    assert abs(cell.off_um()) < 3_000
-
-
-def test_wheel_joins_a_parcel_under_way_once_others_show_how_it_moves():
-    middle = Middle(SPEED_UM_S)
-    middle.silent = NEIGHBOURS[0]
-    run(middle, 90)
-    assert state(middle) != cia402.OPERATION_ENABLED
-    middle.silent = None
-    middle.unheard = range(8)
-    run(middle, 20)
-    assert state(middle) != cia402.OPERATION_ENABLED
-    middle.unheard = ()
-    run(middle, 5)
-    assert state(middle) == cia402.OPERATION_ENABLED
-    assert targets_um_s(middle)[0] > 90_000

@@ -86,7 +86,7 @@ def test_pages_lie_in_their_frames_as_laid_down():
 def test_cell_clips_what_does_not_fit_and_lets_yaw_wrap():
     fields = array("i", (5000, -5000, 2049, 99, 9, 0x1FF, 99, 9, 9, 15))
     frame, read = bytearray(8), array("i", [0] * n.ESTIMATE_FIELDS)
-    n.pack_estimate(fields, 0, frame)
+    n.pack_estimate(fields, 0, frame, 0)
     assert n.unpack_estimate(frame, read, 0)
     assert tuple(read) == (2047, -2048, -2047, 63, 3, 255, 15, 5, 3, 7)
     fields = array("i", (70, n.GOAL, 9, 1 << 29, -(1 << 29), -2049, 0, 0, 0))

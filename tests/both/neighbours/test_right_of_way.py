@@ -1,6 +1,9 @@
 """A cell's right of way on either interpreter: one sequence of decisions from seeded estimates."""
 
+from array import array
+
 from mdms_cell.neighbours.right_of_way import RightOfWay
+from mdms_protocol.neighbours import frames as wire
 
 
 def test_same_estimates_lead_to_the_same_decisions():
@@ -8,6 +11,8 @@ def test_same_estimates_lead_to_the_same_decisions():
     seed = 1
     digest = 0
     states = [0, 0, 0, 0]
+    estimates = array("i", [0] * (8 * wire.ESTIMATE_FIELDS))
+    fresh = bytearray(8)
     for beat in range(4000):
         if beat % 1000 == 999:
             cell.restart()
@@ -16,11 +21,14 @@ def test_same_estimates_lead_to_the_same_decisions():
         for direction in range(8):
             seed = (seed * 1103 + 12345) % 1048573
             kind = seed >> 4
-            if kind % 3:
-                phase = beat // 40 + direction // 3
-                cell.on_message(
-                    direction, phase % 3, 3 - kind % 2, kind % 5 < 4, 5 if kind % 11 else kind % 6
-                )
+            fresh[direction] = 1 if kind % 3 else 0
+            phase = beat // 40 + direction // 3
+            at = direction * wire.ESTIMATE_FIELDS
+            estimates[at + wire.IDENTITY] = phase % 3
+            estimates[at + wire.STATE] = 3 - kind % 2
+            estimates[at + wire.WANTS] = 0xFF if kind % 5 < 4 else 0
+            estimates[at + wire.HOLD] = 5 if kind % 11 else kind % 6
+        cell.on_estimates(estimates, fresh)
         over = (beat // 60 % 4) % 3
         cell.on_beat(over, seed % 256 & seed // 256, beat % 7 == 0)
         states[cell.state] += 1

@@ -189,7 +189,7 @@ class Corner(Broken):
         wire.unpack_estimate(frame, fields, 0)
         fields[wire.IDENTITY], fields[wire.HOLD], fields[wire.WANTS] = identity, hold, 0xFF
         data = bytearray(8)
-        wire.pack_estimate(fields, 0, data)
+        wire.pack_estimate(fields, 0, data, 0)
         return bytes(data)
 
 

@@ -8,6 +8,8 @@ import pytest
 
 HERE = Path(__file__).parent
 FIRMWARE = HERE.parents[2] / "firmware"
+#: Where the tests of the rows about cells that steer are.
+STEERING = (HERE.parents[1] / "both" / "neighbours", HERE.parents[1] / "system" / "cells")
 #: Where the tests of the rows are.
 MODULES = ("fail_safe_bus", "fail_safe_wheels", "fail_safe_program")
 FILES = (
@@ -39,6 +41,17 @@ def functions() -> dict[str, str]:
 
 def test_every_row_has_a_test_and_every_test_a_row():
     assert set(rows()) == set(functions())
+
+
+def test_every_row_about_cells_that_steer_has_its_test():
+    text = (FIRMWARE / "README.md").read_text().split("What feeds the wheels")[1].split("\n\n")[1]
+    lines = text.splitlines()[2:]
+    names = [re.findall(r"\| `(test_\w+)` \|$", line) for line in lines]
+    sources = [path.read_text() for folder in STEERING for path in folder.glob("test_*.py")]
+    assert len(lines) > 10
+    for line, name in zip(lines, names, strict=True):
+        assert name, f"no test: {line}"
+        assert any(f"def {name[0]}(" in source for source in sources), name
 
 
 @pytest.mark.parametrize("board", ["pybv11", "teensy41"])

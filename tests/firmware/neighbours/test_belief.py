@@ -13,6 +13,8 @@ from mdms_cell.neighbours.geometry.outline import (
     RECTANGLE,
     STEP_UM,
     Outline,
+    points_by_depth,
+    points_within,
     squares_overlapped,
 )
 
@@ -74,6 +76,16 @@ def test_square_that_a_point_of_the_bottom_lies_in_is_overlapped(along, across, 
     x = along * cos(angle_rad) - across * sin(angle_rad)
     y = along * sin(angle_rad) + across * cos(angle_rad)
     assert overlaps(found, int(x) // STEP_UM, int(y) // STEP_UM, 100)
+
+
+@given(st.sampled_from([RECTANGLE, DISC]), places, turns, places, places)
+def test_masks_by_depth_are_those_of_each_limit_alone(shape, x_um, turn_um, at_x, at_y):
+    found = outline(shape, x_um=x_um // 4, y_um=x_um // 5, turn_um=turn_um).registers
+    x = [at_x * number // (6 * STEP_UM) for number in range(7)]
+    y = [at_y * number // (6 * STEP_UM) for number in range(7)]
+    masks = points_by_depth(found, x, y, 7, 100, -100, 625)
+    for place, limit in ((0, -625), (10, 0), (20, 626)):
+        assert masks >> place & 0x7F == points_within(found, x, y, 7, 100, -100, limit)
 
 
 @pytest.mark.parametrize("shape", [RECTANGLE, DISC])

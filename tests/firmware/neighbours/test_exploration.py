@@ -54,19 +54,19 @@ MUTANTS = {
         "lease",
     ),
     "a promise to another parcel counts": (
-        "identity == self.identity and state >= PROMISED",
+        "identity == parcel and state >= PROMISED",
         "state >= PROMISED",
         PAIR,
         "two parcels",
     ),
     "a promise that is lacked is not missed": (
-        "self.lacking |= wanted",
-        "self.lacking |= 0",
+        "lacking |= wanted",
+        "lacking |= 0",
         ALONE,
         "the lease of",
     ),
     "wheels turn beyond the lease": (
-        "drive_beats = min(drive_beats, left)",
+        "drive_beats = left",
         "pass",
         ALONE,
         "lease",
@@ -78,7 +78,7 @@ MUTANTS = {
         "promised to two",
     ),
     "hold is not passed on": (
-        "steps = min(steps, 1 + self._holds[direction] if left else 1)",
+        "steps = step if step < steps else steps",
         "pass",
         LONG_PARCEL,
         "lease",

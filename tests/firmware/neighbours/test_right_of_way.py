@@ -1,6 +1,7 @@
 """Promises, leases, hold and identity of one cell, as its neighbours and its wheels see them."""
 
 import pytest
+from tests.prove.cells import Delivery
 
 from mdms_cell.neighbours.right_of_way import CLEAR, NEAR, NONE, PROMISED, UNDER, RightOfWay
 
@@ -24,8 +25,10 @@ def rest(cell, beats, **given):
 
 def beat(cell, *messages, over=0, wants=0, occupied=False):
     """A beat in which these estimates arrive."""
-    for message in messages:
-        cell.on_message(*message)
+    delivery = Delivery()
+    for direction, *message in messages:
+        delivery.put(direction, message)
+    delivery.hand_over(cell)
     cell.on_beat(over, wants, occupied)
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+from tests.prove.cells import Delivery
 from tests.prove.parcels import Grid, Situation
 
 from mdms_cell.neighbours.right_of_way import CLEAR, PROMISED, UNDER, RightOfWay
@@ -61,20 +62,25 @@ class Table(RuleBasedStateMachine):
             for number, cell in enumerate(self.cells)
         ]
         for (there, direction), estimate in late.items():
-            self.cells[there].on_message(direction ^ 4, *estimate)
+            self.hand_over(there, direction, estimate)
         for number, (identity, state, wants, hold) in enumerate(sent):
             for direction, there in GRID.neighbours[number].items():
                 if not identity:
                     continue
                 estimate = identity, state, wants >> direction & 1, hold
                 if not disturbed.get(number, 0) >> direction & 1:
-                    self.cells[there].on_message(direction ^ 4, *estimate)
+                    self.hand_over(there, direction, estimate)
                 elif not lost:
                     self.in_flight[there, direction] = estimate
         for number, cell in enumerate(self.cells):
             over, wants = self.stands_on(number)
             cell.on_beat(over, wants, bool(over))
             self.wants[number] = wants if cell.state == UNDER else 0
+
+    def hand_over(self, there, direction, estimate):
+        delivery = Delivery()
+        delivery.put(direction ^ 4, estimate)
+        delivery.hand_over(self.cells[there])
 
     def stands_on(self, cell):
         for identity, parcel in enumerate(self.parcels, 1):

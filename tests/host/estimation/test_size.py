@@ -4,7 +4,7 @@ from tests.host.estimation.lying import WHEELS, Lying
 
 from mdms_host.estimation.change import Event
 from mdms_host.estimation.outlines.rectangle import Rectangle
-from mdms_host.estimation.size import size_of
+from mdms_host.estimation.size import rectangles_of, size_of
 from mdms_host.layout import Layout
 
 LAYOUT = Layout(9, 6, wheels=WHEELS)
@@ -30,6 +30,36 @@ def test_what_no_rectangle_covers_has_no_size() -> None:
     corner = (SENSORS_M > -0.02).all(axis=1) & (SENSORS_M < 0.3).all(axis=1)
     covered = corner & ~(SENSORS_M > 0.14).all(axis=1)
     assert size_of(SENSORS_M[covered], SENSORS_M[~covered]) is None
+
+
+def test_rectangles_that_sensors_allow_cover_these_and_no_free_one() -> None:
+    covered = Rectangle(0.33, 0.26).distance_m(SENSORS_M, np.array([0.03, -0.02, 0.4])) < 0
+    poses, sides_m = rectangles_of(SENSORS_M[covered], SENSORS_M[~covered], 0.4, 200)
+    for pose, (length_m, width_m) in zip(poses, sides_m.tolist(), strict=True):
+        inside = Rectangle(length_m, width_m).distance_m(SENSORS_M, pose) < 1e-9
+        np.testing.assert_array_equal(inside, covered)
+    assert np.ptp(poses[:, 2]) > 0.05
+    assert (sides_m.min(axis=0) < (0.33, 0.26)).all()
+    assert (sides_m.max(axis=0) > (0.33, 0.26)).all()
+
+
+def test_a_size_is_learned_though_nothing_shows_at_rest_where_two_sides_are() -> None:
+    """The box is nearly as wide as the table is."""
+    box = Rectangle(0.394, 0.333)
+    table = Lying(Layout(6, 3, wheels=WHEELS))
+    table.put("box", box, -0.06, -0.001, -0.066)
+    table.run(0.25)
+    rough = table.tracker.size("unknown-1")
+    assert rough is not None
+    assert rough.length_m - 0.394 > 0.05
+    table.tracker.name("unknown-1", rough.parcel("box"))
+    table.run(0.15)
+    for twist in ((0.05, 0.0, 0.0), (0.0, 0.04, 0.0), (-0.05, 0.0, 0.0), (0.0, -0.04, 0.0)):
+        table.run(1.0, {"box": twist})
+    size = table.tracker.size("box")
+    assert size is not None
+    sides_m = sorted((size.length_m, size.width_m))
+    np.testing.assert_allclose(sides_m, [0.333, 0.394], atol=0.002)
 
 
 def test_a_size_that_is_not_told_is_learned_within_a_millimetre_as_edges_pass() -> None:

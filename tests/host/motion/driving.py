@@ -78,7 +78,7 @@ class Table:
 
     def belief(self) -> Belief:
         """What is believed of the parcel at the end of the cycle."""
-        twist = self._rolling_twist()
+        twist = self.rolling_twist()
         ahead = self.pose + twist * STEP_S
         return beliefs({self.parcel.name: ahead}, [self.parcel], twist=twist)[self.parcel.name]
 
@@ -93,7 +93,7 @@ class Table:
         self.slipping += int((slips_m_s > 0.005).sum())
         self.carrying += int((self._world.normal_n > 0.0).sum())
 
-    def _rolling_twist(self) -> Floats:
+    def rolling_twist(self) -> Floats:
         """The twist that the speeds of the wheels under the parcel show; the lost report none."""
         under = (self._world.normal_n > 0.0) & ~self._lost
         rows = self._layout.surface_jacobian(*self.pose[:2].tolist())[under]

@@ -239,7 +239,7 @@ class Run:
 
     def arrived(self, parcel: int = 0) -> bool:
         """Whether a parcel lies at its goal within 5 mm and 2 degrees."""
-        return is_at(self.record.pose[-1, parcel], self.host.boxes[parcel].goal) and not self.tipped
+        return is_at(self.record.pose[-1, parcel], self.host.boxes[parcel].end) and not self.tipped
 
     def stands(self, parcel: int = 0) -> bool:
         """Whether a parcel has not moved in the last half second."""
@@ -361,6 +361,6 @@ def run(
             poses, twists = simulation.world.motion
             still = abs(twists).max() < 1e-3 and time_s > still_after_s
             still_s = still_s + _STEP_S if still else 0.0
-            if still_s >= _ARRIVED_S and all(map(is_at, poses, (box.goal for box in boxes))):
+            if still_s >= _ARRIVED_S and all(map(is_at, poses, (box.end for box in boxes))):
                 break
         return Run(host, simulation.outcome().record, simulation.tipped)

@@ -25,6 +25,8 @@ SHORT = tuple(
 HOST_HEARTBEAT = cob.HEARTBEAT_BASE + cob.HOST_NODE
 LOST = 0x8130
 GONE_S = 1.1
+#: What friction allows where the wheels along the way carry half of the weight: mu g / 2.
+FRICTION_M_S2 = 0.3 * 9.81 / 2
 
 
 def run(until_s, *overrides):
@@ -114,6 +116,11 @@ def test_motion_ends_when_the_host_is_gone():
     assert speed_m_s(record)[braking][0] < speed_m_s(record)[before][-1]
     assert speed_m_s(record)[-1] < 1e-3
     assert away(record)[0] > 0.01
+    reacted_s = min(errors.values())
+    speed = np.interp(reacted_s, record.time_s, speed_m_s(record))
+    start = [np.interp(reacted_s, record.time_s, record.pose[:, 0, axis]) for axis in (0, 1)]
+    way_m = hypot(*(record.pose[-1, 0, :2] - start))
+    assert way_m < 1.3 * speed**2 / (2 * FRICTION_M_S2)
 
 
 def test_box_that_is_to_go_on_gets_to_its_goal_without_the_host():

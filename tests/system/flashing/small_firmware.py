@@ -1,9 +1,13 @@
 """A small firmware in two versions, and what becomes of a board that it is flashed onto."""
 
 import random
+from contextlib import suppress
+
+import pytest
 
 from mdms_host.clock import MonotonicClock
-from mdms_host.flashing.board_link import BoardLink
+from mdms_host.flashing import board_link
+from mdms_host.flashing.board_link import BoardLink, NoBoardError
 from mdms_host.flashing.board_survey import identify, survey
 from mdms_host.flashing.firmware_build import Firmware
 from mdms_host.flashing.flashing import carry_out, plan_flash
@@ -64,6 +68,22 @@ def flash(board, firmware, force=False):
         assert survey(link, firmware).has(firmware)
         link.restart()
     return plan
+
+
+def traffic_of(boards, firmware):
+    """How many bytes a board receives while it is flashed, once its prompt answers at once.
+
+    One that has to be asked again, on a busy machine, receives more than others will.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(board_link, "_ATTEMPTS", 1)
+        for board in boards:
+            board.wait_for("motors", "on old")
+            board.fuse_bytes = plenty = 1 << 30
+            with suppress(NoBoardError):
+                flash(board, firmware)
+                return plenty - board.fuse_bytes
+    raise AssertionError("no board answered at once")
 
 
 def files_of(board):

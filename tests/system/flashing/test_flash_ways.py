@@ -12,6 +12,7 @@ from tests.system.flashing.small_firmware import (
     firmware_on,
     flash,
     imported_from,
+    traffic_of,
 )
 from tests.system.flashing.unix_board import ROM_SIZE, boards_in
 
@@ -68,10 +69,8 @@ def test_running_cell_is_stopped_and_runs_the_new_image(plug_in):
 def traffic_bytes(tmp_path_factory):
     """How many bytes a board receives while its ROMFS is flashed."""
     with boards_in(tmp_path_factory.mktemp("boards")) as plug_in:
-        board = plug_in({**OLD_ROM.files, **STALE_FILE}, rom=OLD_ROM.rom)
-        board.fuse_bytes = plenty = 1 << 30
-        flash(board, NEW_ROM)
-        return plenty - board.fuse_bytes
+        files = {**OLD_ROM.files, **STALE_FILE}
+        return traffic_of((plug_in(files, rom=OLD_ROM.rom) for _ in range(5)), NEW_ROM)
 
 
 @pytest.mark.parametrize("share", [0.05, 0.2, 0.35, 0.5, 0.6, 0.7, 0.8, 0.97])
@@ -164,6 +163,7 @@ def test_board_with_other_firmware_frozen_in_is_left_as_it_is(plug_in, freeze, c
 
 def test_copies_are_refused_where_they_do_not_fit_into_the_heap(plug_in, capsys):
     board = plug_in(OLD.files, heap_bytes=SMALL_HEAP)
+    board.wait_for("motors", "on old")
     assert command(board) == Exit.FAILURE
     told = capsys.readouterr().err
     assert f"copied firmware takes {COPIES_HEAP // 1024} KB" in told

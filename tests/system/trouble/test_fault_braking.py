@@ -108,7 +108,7 @@ def write(index, number, size):
 
 
 @pytest.mark.parametrize(
-    ("mass_kg", "speed_m_s"), [(2, 0.1), (2, 0.2), (2, 0.4), (10, 0.2), (10, 0.4)]
+    ("mass_kg", "speed_m_s"), [(2, 0.1), (2, 0.2), (2, 0.4), (10, 0.1), (10, 0.2), (10, 0.4)]
 )
 def test_parcel_stops_nearly_as_soon_as_friction_allows_when_setpoints_end(mass_kg, speed_m_s):
     stop = Stop(mass_kg, speed_m_s)

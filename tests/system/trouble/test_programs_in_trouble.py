@@ -2,10 +2,10 @@
 
 import re
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.system.trouble.documented import messages
 
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.simulation.compose import Finished, run_scenario
@@ -16,7 +16,7 @@ from mdms_host.programs.table import Table
 from mdms_model.run.record import Record
 from mdms_model.scenario.file import load_scenario
 
-README = Path(__file__).parents[3] / "host" / "README.md"
+HEADING = "When things break."
 #: 12 cells, of which the sixth lies under the box all the way, at the speed of `swap2`.
 TABLE = (
     "array.columns=4",
@@ -102,7 +102,7 @@ def test_a_program_ends_as_it_should_and_what_broke_is_reported(row: Row) -> Non
     texts = " / ".join(event.detail for event in finished.record.events)
     assert row.says in texts
     assert ("contradict" in texts) == (row.what == "sensor stuck")
-    for message in messages()[row.what]:
+    for message in messages(HEADING)[row.what]:
         assert re.search(message, texts), f"{message}: {texts}"
     assert moved_without_command_m_s(finished, row) < STANDS_M_S
 
@@ -158,21 +158,5 @@ def ended_s(record: Record) -> float:
     return next(faults, START_S)
 
 
-def messages() -> dict[str, list[str]]:
-    """The messages of the table, by what breaks; those after an 'or' are for other cases."""
-    text = README.read_text("utf-8").split("**When things break.**")[1].split("\n\n")[1]
-    found = {}
-    for line in text.splitlines()[2:]:
-        what, _, _, message, _ = re.split(r" *\| *", line.strip("| "))
-        found[what] = [pattern(each) for each in message.split(", or ")[0].split("`")[1::2]]
-    return found
-
-
-def pattern(message: str) -> str:
-    """What finds a message of the table: numbers may be any, and `...` anything."""
-    anything = ".*".join(map(re.escape, message.split("...")))
-    return re.sub(r"\d+(\\\.\d+)?", r"[\\d.]+", anything)
-
-
 def test_every_row_of_the_table_is_tried() -> None:
-    assert [row.what for row in ROWS] == list(messages())
+    assert [row.what for row in ROWS] == list(messages(HEADING))

@@ -15,6 +15,8 @@ ONE = const(8192)
 #: A right angle is 201,061.93 um; a full turn is rounded once, so that the error does not add up.
 QUARTER_UM = const(201_062)
 TURN_UM = const(804_248)
+#: A 32-bit board takes a larger number for a negative one.
+ROOT_MAX = const(2_000_000_000)
 
 
 def wrapped(turn_um):
@@ -42,7 +44,7 @@ def resolve(turn_um: int, into: ptr32, at: int):
 
 @micropython.viper
 def root(number: int) -> int:
-    """The square root of a number from 0 to 2,000,000,000, rounded down."""
+    """The square root of a number from 0 to ROOT_MAX, rounded down."""
     if number < 2:
         return number
     guess = 1

@@ -8,7 +8,12 @@ needs those whose squares it lies over, which are what it may move within.
 
 from array import array
 
-from mdms_cell.neighbours.geometry.outline import STEP_UM, points_within, squares_overlapped
+from mdms_cell.neighbours.geometry.outline import (
+    STEP_UM,
+    points_by_depth,
+    points_within,
+    squares_overlapped,
+)
 from mdms_cell.neighbours.geometry.place import AXES, DIRECTIONS, SENSORS
 
 #: A parcel's cells are those under its outline and this much around it [steps].
@@ -79,6 +84,11 @@ class Footprint:
         """The mask of that cell's points that are less than `limit` outside the outline [steps]."""
         x, y = self.shift_x[direction], self.shift_y[direction]
         return points_within(outline.registers, self.x, self.y, POINTS, x, y, limit)
+
+    def by_depth(self, outline, direction, clear):
+        """Three masks of that cell's points in one number; see `points_by_depth`."""
+        x, y = self.shift_x[direction], self.shift_y[direction]
+        return points_by_depth(outline.registers, self.x, self.y, POINTS, x, y, clear)
 
     def wheels_under(self, outline):
         """The mask of all wheels that the parcel lies over, two a direction."""

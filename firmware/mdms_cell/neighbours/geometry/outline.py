@@ -139,6 +139,53 @@ def points_within(  # noqa: PLR0917 - viper takes words
 
 
 @micropython.viper
+def points_by_depth(  # noqa: PLR0917 - viper takes words
+    outline: ptr32, xs: ptr32, ys: ptr32, points: int, shift_x: int, shift_y: int, clear: int
+) -> int:
+    """Three masks of up to ten points, moved by a shift, in one number.
+
+    Those that are more than `clear` inside an outline, from bit 10 on those that are inside, from
+    bit 20 on those that are no more than `clear` outside; as by three calls of `points_within`.
+    """
+    widen = int(WIDEN)
+    shift_x -= outline[X] << widen >> widen
+    shift_y -= outline[Y] << widen >> widen
+    cosine = outline[COSINE] << widen >> widen
+    sine = outline[SINE] << widen >> widen
+    length = outline[HALF_LENGTH]
+    width = outline[HALF_WIDTH]
+    deep = length - clear + 3 >> 2
+    deep = deep if deep > 0 else 0
+    inside = length + 3 >> 2
+    near = length + clear + 4 >> 2
+    masks = 0
+    for point in range(points):
+        x = (xs[point] << widen >> widen) + shift_x
+        y = (ys[point] << widen >> widen) + shift_y
+        if outline[SHAPE] == DISC:
+            square = (x >> 2) * (x >> 2) + (y >> 2) * (y >> 2)
+            if square < deep * deep:
+                masks |= 1 << point
+            if square < inside * inside:
+                masks |= 1 << 10 + point
+            if square < near * near:
+                masks |= 1 << 20 + point
+        else:
+            along = cosine * x + sine * y >> 13
+            across = cosine * y - sine * x >> 13
+            along = (along if along > 0 else 0 - along) - length
+            across = (across if across > 0 else 0 - across) - width
+            outside = along if along > across else across
+            if outside < 0 - clear:
+                masks |= 1 << point
+            if outside < 0:
+                masks |= 1 << 10 + point
+            if outside <= clear:
+                masks |= 1 << 20 + point
+    return masks
+
+
+@micropython.viper
 def squares_overlapped(
     outline: ptr32, centres_x: ptr32, centres_y: ptr32, half: int, asked: int
 ) -> int:

@@ -4,12 +4,12 @@ from argparse import Namespace
 from collections.abc import Callable
 
 from mdms_host.can_link.link import AnyLink, DeviceGoneError, drive
+from mdms_host.can_link.punctuality import punctual
 from mdms_host.cli.array.bus import open_links
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.paging import opened_page
 from mdms_host.cli.scenario.belief import Belief
 from mdms_host.cli.scenario.coordination import (
-    centres_of_mass_m,
     coordinator_of,
     layout_of,
     parcels_of,
@@ -25,7 +25,6 @@ from mdms_host.page.seat import Seat
 from mdms_host.page.shown.bus_watch import BusWatch
 from mdms_host.programs.program import Main
 from mdms_host.programs.traffic.planning import ThreadDesk
-from mdms_model.scenario.belief import believed
 from mdms_protocol.codecs import nmt
 
 
@@ -79,7 +78,6 @@ def _seated(
         seat=seat,
         watch=watch,
         now_s=clock.now_s,
-        centres_of_mass_m=centres_of_mass_m(believed(belief.scenario)),
         error_frames=lambda: link.counts.error_frames,
         report=lambda time_s, text: say(f"{time_s:8.3f} s  {text}"),
     )
@@ -101,10 +99,11 @@ def _drive_and_end(
         return not seat.busy
 
     try:
-        drive(seat, link, clock, over)
-        if seat.busy:
-            seat.stop()
-            drive(seat, link, clock, ended)
+        with punctual(clock):
+            drive(seat, link, clock, over)
+            if seat.busy:
+                seat.stop()
+                drive(seat, link, clock, ended)
     except DeviceGoneError:
         raise
     except BaseException:

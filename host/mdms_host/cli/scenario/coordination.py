@@ -81,6 +81,7 @@ def coordinator_of(
         own_settings=cells.settings,
         timing=timing_of(scenario.wire),
         policy=policy_of(scenario.run),
+        centres_of_mass_m=centres_of_mass_m(scenario),
     )
     if isinstance(program, TableProgram):
         program.attend(coordinator.tracker)

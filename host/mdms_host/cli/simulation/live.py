@@ -9,7 +9,6 @@ from time import sleep
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.paging import opened_page
 from mdms_host.cli.scenario.coordination import (
-    centres_of_mass_m,
     coordinator_of,
     layout_of,
     parcels_of,
@@ -57,7 +56,6 @@ def table_of(
         seat=seat,
         simulation=simulation,
         time=time,
-        centres_of_mass_m=centres_of_mass_m(told),
     )
 
 

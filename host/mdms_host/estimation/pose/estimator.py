@@ -13,6 +13,7 @@ from mdms_host.estimation.pose.confirmation import Confirmation, Standing
 from mdms_host.estimation.pose.feeling import turn_to_feel_rad
 from mdms_host.estimation.pose.pose_cloud import PoseCloud
 from mdms_host.estimation.pose.pose_filter import PoseFilter
+from mdms_host.estimation.pose.sliding import Sliding
 from mdms_host.estimation.presence.surroundings import Near, Surroundings
 from mdms_host.estimation.search.locate import Location
 from mdms_model.arrays import Bools, Floats
@@ -90,6 +91,8 @@ class ParcelEstimator:
         self._confirmation = Confirmation()
         self.bottom = bottom
         self.twist: Floats = np.zeros(3)
+        self._sliding = Sliding(self.corner_m)
+        self._pushed_s = -inf
         self.corrected = False
 
     @property
@@ -220,18 +223,37 @@ class ParcelEstimator:
         """
         if self._filter is None:
             return
-        before = self.twist
+        before, slip = self.twist, self._slip(now_s, twist)
         if twist is not None:
             self.twist, self._rolled_s = twist, now_s
         elif now_s > self._rolled_s + _CARRIED_S:
             self.twist = np.zeros(3)
         step_s = max(0.0, now_s - self._at_s)
         late = (self.twist - before) * _OBSERVER_LAG_S if twist is not None else 0.0
-        moved = (before + self.twist) * (step_s / 2) + late
-        self._filter.move(moved, step_s)
+        moved = ((before + self.twist) / 2 - slip) * step_s + late
+        self._filter.move(moved, step_s, self._sliding.variance_m2_s)
         if self._cloud is not None:
             self._cloud.move(moved)
         self._at_s = now_s
+
+    def slide(self, missing: Floats, gained: Floats, step_s: float) -> None:
+        """In the last step the wheels gained so much [a second], so much more than they pushed to.
+
+        Both are twists, shape (3,).
+        """
+        if self._filter is not None:
+            self._sliding.step(missing, gained, step_s)
+            self._pushed_s = self._at_s
+
+    def _slip(self, now_s: float, twist: Floats | None) -> Floats:
+        """How much faster the wheels are than the parcel; zero where they stand, or nothing shows.
+
+        What they push with is not reported for ever.
+        """
+        stand = twist is not None and not twist.any()
+        if stand or now_s > self._pushed_s + _CARRIED_S:
+            self._sliding.begin_again()
+        return self._sliding.twist
 
     def edge(self, now_s: float, point_m: Floats, covered: bool) -> None:
         """A sensor there has just been covered, or not: the edge was over it when the cell saw it.
@@ -304,6 +326,7 @@ class ParcelEstimator:
         """Where the parcel is is not known any more."""
         self._filter = self._cloud = None
         self.twist = np.zeros(3)
+        self._sliding.begin_again()
 
     def _shown(self, covered: Bools, mine: Bools, distance_m: Floats) -> bool:
         """Whether most of the sensors that lie deep under the parcel are covered."""

@@ -23,6 +23,8 @@ _NEAR_M = 0.012
 #: Bounds do not make the filter surer of a distance than this: one that is met again a moment later
 #: is the same measurement [m].
 _BOUND_M = 0.003
+#: A size is told no better than this, when edges surprise [m].
+_LEAST_SPREAD_M = 0.001
 #: No variance becomes smaller [m2, rad2].
 _LEAST_M2 = 1e-12
 
@@ -47,14 +49,18 @@ class PoseFilter:
         self.covariance[:3, :3] = covariance
         self.covariance[3, 3] = self.covariance[4, 4] = spread_m**2
         self._extent_m = extent_m
+        self._spread_m = max(spread_m, _LEAST_SPREAD_M)
         self._walk = np.array([1.0, 1.0, 1.0 / extent_m**2])
 
-    def move(self, moved: Floats, step_s: float) -> None:
-        """The wheels have carried the parcel by so much, shape (3,)."""
+    def move(self, moved: Floats, step_s: float, slip_m2_s: float = 0.0) -> None:
+        """The wheels have carried the parcel by so much, shape (3,), and slipped.
+
+        What that makes the place unsure by in a second is given.
+        """
         x_m, y_m, yaw_rad = moved.tolist()
         way_m = hypot(x_m, y_m) + abs(yaw_rad) * self._extent_m
         self.mean[:3] += moved
-        variance_m2 = _SLIP_M * way_m + _DRIFT_M2_S * step_s
+        variance_m2 = _SLIP_M * way_m + (_DRIFT_M2_S + slip_m2_s) * step_s
         # The first three of the diagonal.
         self.covariance.reshape(-1)[:18:6] += variance_m2 * self._walk
 
@@ -112,7 +118,21 @@ class PoseFilter:
             larger = (variance_m2 - sigma_m**2) / believed_m2
             # What rounding has made unlike its mirror image would grow with every surprise.
             self.covariance = (self.covariance + self.covariance.T) * (larger / 2)
+            self._limit_growth()
+            # Without what went with growth, the distance may be less sure than by the surprise.
+            believed_m2 = float(slope @ self.covariance @ slope)
+            variance_m2 = max(variance_m2, believed_m2 + sigma_m**2)
         return variance_m2
+
+    def _limit_growth(self) -> None:
+        """A surprise is sooner the wheels' slip than another size: this is not unsurer than told.
+
+        Of a size that is told far too well each edge shows a little more.
+        """
+        deviations = np.sqrt(self.covariance.diagonal()[3:])
+        scale = np.ones(5)
+        scale[3:] = np.minimum(1.0, self._spread_m / np.maximum(deviations, 1e-9))
+        self.covariance *= np.outer(scale, scale)
 
     def _correct(self, gain: Floats, toward_m: float, less_m2: float) -> None:
         """Shift the distance by `toward_m`, and take `less_m2` from its variance."""

@@ -100,9 +100,10 @@ class Seeking:
         """A parcel has been found: sensors that contradict are not believed for now."""
         estimator, covered = known.estimator, self._presence.covered
         location = found.location
-        if known.learns and known.unknown in self._unknowns.all:
+        unknown = known.unknown
+        if known.learns and unknown is not None and unknown in self._unknowns.all:
             yaw_rad = known.parcel.yaw_hint_rad
-            allowed = self._unknowns.rectangles(known.unknown, valid & ~covered, yaw_rad)
+            allowed = self._unknowns.rectangles(unknown, valid & ~covered, yaw_rad)
             location = known.of_any_size(location, *allowed)
         estimator.start(now_s, location)
         known.keep_place()

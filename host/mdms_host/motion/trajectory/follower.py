@@ -16,6 +16,7 @@ from math import inf
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.gain import Gain
 from mdms_host.motion.trajectory.grip import Given, Grip
 from mdms_host.motion.trajectory.path import Path
 from mdms_host.motion.trajectory.reference import Reference
@@ -49,7 +50,7 @@ class Carried:
     `reference` (3,) is how the parcel is to move along its path, `twist` the same with what is fed
     back, and `expected` how it is expected to move, all in the middle of the step; `acceleration`
     is that of the reference. `wheels` (n,) carry the parcel, and at the expected twist are to push
-    with `force_n` (n,).
+    with `force_n` (n,). `gain` is what they have gained before.
     """
 
     pose: Floats
@@ -59,6 +60,7 @@ class Carried:
     acceleration: Floats
     wheels: Ints
     force_n: Floats
+    gain: Gain | None = None
 
 
 class Follower:
@@ -66,12 +68,14 @@ class Follower:
 
     `paused` brings it to rest on its path, for as long as it is set. `off_path` is whether the
     parcel has left its path by so much that it is brought to rest, for somebody to plan anew.
-    `grip` is what is made of slip, and may be that which an earlier follower of the parcel had.
+    `grip` is what is made of slip, and may be that which an earlier follower of the parcel had;
+    `gain` is what the wheels gained in the step before the last call, where that is known.
     """
 
     def __init__(self, traction: Traction, profile: SpeedProfile, grip: Grip | None = None) -> None:
         self.profile = profile
         self.grip = grip or Grip()
+        self.gain: Gain | None = None
         self.paused = False
         self.off_path = False
         self._traction = traction
@@ -158,6 +162,7 @@ class Follower:
         """
         ended, before, last, twist = self._ended, self._twist, self._pose, belief.twist
         self._twist, self._pose = twist, belief.pose
+        self.gain = None
         if ended is None or before is None or last is None:
             return
         jumped = belief.pose - last - twist * step_s
@@ -166,6 +171,9 @@ class Follower:
             return
         gained_m_s2 = self._along(ended, twist - before) / step_s
         pushed_m_s2 = ended.acceleration_m_s2((twist + before) / 2, gained_m_s2)
+        pushed_m_s2 -= ended.taken_m_s2(gained_m_s2)
+        missing_m_s2 = gained_m_s2 - pushed_m_s2
+        self.gain = Gain(gained_m_s2 * ended.along, missing_m_s2 * ended.along)
         planned_m_s2 = self.profile.acceleration_at(self.s_m)
         self.grip.step(gained_m_s2, pushed_m_s2, planned_m_s2, step_s)
         self._reference.share = self.grip.share
@@ -202,9 +210,11 @@ class Follower:
         b = self._traction.drives.b_n_s_per_m[wheels]
         hurried = self._hurry(b) * b * (rows @ (twist - expected))
         force_n = np.clip(push_n + hurried, -most_n, most_n)
-        given = Given(rows, force_n, expected, b, along, *resists) if along.any() else None
+        planned_m_s2 = (speed_m_s - before_m_s) / step_s
+        rims = self._traction.drives.rim_mass_kg, planned_m_s2
+        given = Given(rows, force_n, expected, b, along, *resists, *rims) if along.any() else None
         self._ended, self._going = self._going, given
-        return Carried(pose, reference, twist, expected, rate, wheels, force_n)
+        return Carried(pose, reference, twist, expected, rate, wheels, force_n, self.gain)
 
     def _hurry(self, b_n_s_per_m: Floats) -> float:
         """How much more a speed that is off is to be fed back than by the wheels' own law.

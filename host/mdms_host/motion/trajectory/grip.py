@@ -10,12 +10,15 @@ from math import exp
 
 from mdms_model.arrays import Floats
 
+#: Cells report the speed of a wheel so late [s].
+_LATE_S = 0.002
 #: Means are over so long [s]; slip is judged after so many cycles of pushing with at least this
-#: share of what is planned, for motors that differ make for a tenth.
+#: share of what is planned, and with as much at least [m/s2]: motors that differ make for a tenth.
 _MEAN_S = 0.04
 _CYCLES = 6
 _PUSHING_SHARE = 0.4
-_MISSING_SHARE = 0.15
+_PUSHING_M_S2 = 0.3
+_MISSING_SHARE = 0.22
 _MOST_MISSING = 0.6
 #: Wheels that slip are to push with so much of what they still did, but never less than the least.
 _BACKED_OFF = 0.75
@@ -31,7 +34,8 @@ class Given:
     Their `rows` (n, 3) map a twist to speeds, and at the twist `expected` (3,) they push with
     `force_n` (n,), less by b (n,) times what they are faster. `along` (3,) is the direction of the
     path, `inertia_kg` what is to be sped up along it, and `drag_n` the most that wheels which do
-    not push drag with against it: less where they turn easily.
+    not push drag with against it: less where they turn easily. Their rims, of `rim_mass_kg` each,
+    take part of the push where they gain more than `planned_m_s2`.
     """
 
     rows: Floats
@@ -41,6 +45,8 @@ class Given:
     along: Floats
     inertia_kg: float
     drag_n: float
+    rim_mass_kg: float = 0.0
+    planned_m_s2: float = 0.0
 
     def acceleration_m_s2(self, twist: Floats, gained_m_s2: float) -> float:
         """What the wheels have sped the parcel up by along its path, at this mean twist.
@@ -51,6 +57,17 @@ class Given:
         pushed_m_s2 = float((self.rows @ self.along) @ force_n) / self.inertia_kg
         dragged_m_s2 = max(0.0, min(pushed_m_s2 - gained_m_s2, self.drag_n / self.inertia_kg))
         return pushed_m_s2 - dragged_m_s2
+
+    def taken_m_s2(self, gained_m_s2: float) -> float:
+        """What of that does not get to the parcel where the wheels gain so much.
+
+        Speeds are reported late, and the wheels' own rims have to be sped up.
+        """
+        per_m2 = (self.rows @ self.along) ** 2
+        faster_m_s2 = gained_m_s2 - self.planned_m_s2
+        late_n = _LATE_S * gained_m_s2 * float(per_m2 @ self.b_n_s_per_m)
+        rims_n = self.rim_mass_kg * faster_m_s2 * float(per_m2.sum())
+        return (late_n + rims_n) / self.inertia_kg
 
 
 class Grip:
@@ -82,7 +99,8 @@ class Grip:
         weight = 1.0 - exp(-step_s / _MEAN_S)
         self._gained += weight * (gained_m_s2 - self._gained)
         self._pushed += weight * (pushed_m_s2 - self._pushed)
-        if abs(self._gained) < _PUSHING_SHARE * self.share * planned_m_s2:
+        least_m_s2 = max(_PUSHING_SHARE * self.share * planned_m_s2, _PUSHING_M_S2)
+        if abs(self._gained) < least_m_s2:
             self._cycles = 0
             return
         self._cycles += 1

@@ -1,16 +1,14 @@
 """What lies on a table by name: parcels that were given, that have come, and what is unknown."""
 
 from dataclasses import dataclass, field, replace
-from math import cos, sin
 from typing import Any
 
 import numpy as np
 
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.estimation.parcel import Parcel
+from mdms_host.estimation.parcel import Parcel, outline_corners_m
 from mdms_host.estimation.size import Size
 
-_DISC_CORNERS = 48
 #: An outline that changes by less is the same for the eye [m].
 _STEP_M = 0.005
 
@@ -29,12 +27,12 @@ class Thing:
 
 def things_of(told: tuple[Parcel, ...], coordinator: Coordinator | None) -> dict[str, Thing]:
     """All that a coordinator has to do with, those first that it was told of at the start."""
-    things = {parcel.name: Thing(corners_m(parcel)) for parcel in told}
+    things = {parcel.name: Thing(outline_corners_m(parcel)) for parcel in told}
     if coordinator is None:
         return things
     for name, parcel in coordinator.tracker.parcels.items():
         if name not in things:
-            things[name] = Thing(corners_m(parcel))
+            things[name] = Thing(outline_corners_m(parcel))
     for name, unknown in coordinator.tracker.unknown.items():
         rounded = (np.array(unknown.outline.corners_m) / _STEP_M).round() * _STEP_M
         things[name] = Thing(tuple((x, y) for x, y in rounded.tolist()), unknown=True)
@@ -70,15 +68,3 @@ def _described_size(size: Size) -> dict[str, float]:
         "width_m": round(size.width_m, 4),
         "spread_m": round(max(size.deviation_m) / 2, 4),
     }
-
-
-def corners_m(parcel: Parcel) -> tuple[tuple[float, float], ...]:
-    """The corners of a parcel's outline in its own frame; a disc has many."""
-    if parcel.shape == "polygon":
-        return parcel.corners_m
-    if parcel.shape == "disc":
-        turns = np.linspace(0.0, 2 * np.pi, _DISC_CORNERS, endpoint=False)
-        radius_m = parcel.length_m / 2
-        return tuple((radius_m * cos(turn), radius_m * sin(turn)) for turn in turns.tolist())
-    half_m = parcel.length_m / 2, parcel.width_m / 2
-    return tuple((x * half_m[0], y * half_m[1]) for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1)))

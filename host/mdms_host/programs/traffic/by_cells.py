@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.gain import Gain
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.followed import Followed
@@ -87,6 +88,11 @@ class CellsTraffic(OrderedTraffic[Legs]):
     def speeds_m_s(self) -> Floats:
         """How fast each wheel is to run, (W,): what cells command is not known."""
         return self._still
+
+    @property
+    def gains(self) -> Mapping[str, Gain]:
+        """Nothing: what cells push with is not known."""
+        return {}
 
     def _set_out(self, order: Order, route: Route) -> Legs:
         def send(goal: Goal, legs: Sequence[Goal]) -> Followed:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.gain import Gain
 from mdms_host.motion.carrying import Carrying
 from mdms_host.motion.trajectory.follower import Carried
 from mdms_host.motion.trajectory.grip import Grip
@@ -62,6 +63,11 @@ class TableTraffic(OrderedTraffic[Ride]):
     def speeds_m_s(self) -> Floats:
         """How fast each wheel is to run under the references that were returned last, (W,)."""
         return self._carrying.speeds_m_s
+
+    @property
+    def gains(self) -> Mapping[str, Gain]:
+        """What the wheels under parcels gained in the step before these, and pushed them to."""
+        return self._carrying.gains
 
     def _set_out(self, order: Order, route: Route) -> Ride:
         grip = self._grips.setdefault(order.parcel, Grip())

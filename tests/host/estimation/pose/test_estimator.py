@@ -66,6 +66,39 @@ def test_wheels_that_slip_hardly_change_the_twist() -> None:
     np.testing.assert_allclose(estimator.twist, twist, atol=0.004)
 
 
+def slipping() -> ParcelEstimator:
+    """Of a parcel whose wheels have gained 0.1 m/s in 0.2 s, half of which did not push it."""
+    estimator = resting_at(0.0, 0.0, 0.0)
+    for step in range(1, 21):
+        twist = np.array([0.005 * step, 0.0, 0.0])
+        roll_on([estimator], 0.01 * step, Speeds(LAYOUT.surface_jacobian(0.0, 0.0) @ twist))
+        estimator.slide(np.array([0.25, 0.0, 0.0]), np.array([0.5, 0.0, 0.0]), 0.01)
+    return estimator
+
+
+def test_way_that_wheels_slip_does_not_count() -> None:
+    estimator = slipping()
+    assert estimator.pose is not None
+    before_m, sure_m2 = float(estimator.pose[0]), float(estimator.covariance[1, 1])
+    roll_on([estimator], 0.21, Speeds(LAYOUT.surface_jacobian(0.0, 0.0) @ (0.1, 0.0, 0.0)))
+    assert estimator.pose[0] - before_m == pytest.approx(0.0005, rel=0.05)
+    assert estimator.covariance[1, 1] > sure_m2 + 1e-7
+
+
+@pytest.mark.parametrize(("speed_m_s", "until_s"), [(0.0, 0.21), (0.1, 0.35)])
+def test_wheels_that_stand_or_push_nothing_do_not_slip(speed_m_s: float, until_s: float) -> None:
+    estimator = slipping()
+    standing = np.full(len(LAYOUT.wheel_cells), speed_m_s == 0.0)
+    speeds_m_s = LAYOUT.surface_jacobian(0.0, 0.0) @ (speed_m_s, 0.0, 0.0)
+    for now_s in np.arange(0.21, until_s + 0.001, 0.01).tolist():
+        roll_on([estimator], now_s, Speeds(speeds_m_s, standing=standing))
+    assert estimator.pose is not None
+    before_m = float(estimator.pose[0])
+    roll_on([estimator], until_s + 0.02, Speeds(speeds_m_s, standing=standing))
+    moved_m = float(estimator.pose[0]) - before_m
+    assert moved_m == pytest.approx(0.02 * speed_m_s, abs=0.0002)
+
+
 def test_wheels_beside_the_parcel_tell_nothing() -> None:
     estimator = resting_at(0.0, 0.0, 0.0)
     beside = BOTTOM.distance_m(LAYOUT.wheel_positions_m, estimator.pose) > 0

@@ -24,6 +24,34 @@ def test_a_surprise_makes_it_as_unsure_as_it_should_have_been() -> None:
     assert one.covariance[1, 1] ** 0.5 > 0.002
 
 
+def test_a_surprise_makes_the_size_no_less_sure_than_it_was_told() -> None:
+    """Where wheels slip unseen every edge is one, and none shows a growth of centimetres."""
+    one = PoseFilter(np.zeros(3), np.eye(3) * 1e-6, 0.2, np.zeros(2), 0.001)
+    for way in range(20):
+        slope = np.array([1.0 if way % 2 else -1.0, 0.0, 0.0, -1.0, 0.0])
+        one.on_edge(0.006, slope, 0.0002)
+        assert one.covariance[3, 3] ** 0.5 <= 0.001 + 1e-12
+    assert np.linalg.eigvalsh(one.covariance).min() > -1e-15
+
+
+def test_a_surprise_takes_from_no_variance_more_than_there_is() -> None:
+    """Where place and growth went together, the place alone is less sure than both were."""
+    one = PoseFilter(np.zeros(3), np.eye(3) * 1e-6, 0.2, np.zeros(2), 0.0005)
+    one.covariance[3, 3] = 1e-6
+    one.covariance[0, 3] = one.covariance[3, 0] = 0.9e-6
+    assert one.on_edge(0.004, np.array([1.0, 0.0, 0.0, -1.0, 0.0]), 0.0002)
+    assert np.linalg.eigvalsh(one.covariance).min() > -1e-15
+
+
+def test_wheels_that_slip_make_a_place_less_sure() -> None:
+    rolled, slipped = believing(0.001), believing(0.001)
+    for _ in range(10):
+        rolled.move(np.array([0.002, 0.0, 0.0]), 0.01)
+        slipped.move(np.array([0.002, 0.0, 0.0]), 0.01, 1e-4)
+    assert slipped.covariance[1, 1] == pytest.approx(rolled.covariance[1, 1] + 1e-5)
+    assert slipped.covariance[3, 3] == rolled.covariance[3, 3]
+
+
 def test_an_edge_too_far_away_is_not_believed() -> None:
     one = believing(0.001)
     assert not one.on_edge(0.05, ACROSS, 0.0002)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from tests.host.motion.driving import BOX, STEP_S, Table, mass_of, traction_of
 
+from mdms_host.estimation.pose.sliding import Sliding
 from mdms_host.motion.trajectory.follower import Follower
 from mdms_host.motion.trajectory.grip import Grip
 from mdms_host.motion.trajectory.path import Path, straight
@@ -155,6 +156,29 @@ def test_wheels_that_slip_push_less_and_the_parcel_arrives() -> None:
     assert table.slipping < 0.02 * table.carrying
 
 
+def test_what_wheels_gain_more_than_they_push_to_is_how_much_faster_they_are() -> None:
+    path = straight(np.array([-0.15, 0.0, 0.0]), np.array([0.15, 0.0, 0.0]), REACH_M)
+    follower, table = follower_of(path), Table(path.start, friction=0.08)
+    faster_m_s = missing_m_s = 0.0
+    for _ in range(12):
+        table.step(follower.step)
+        faster_m_s = float(table.rolling_twist()[0] - table.twist[0])
+        if follower.gain is not None:
+            missing_m_s += float(follower.gain.missing[0]) * STEP_S
+    assert faster_m_s > 0.02
+    assert missing_m_s == pytest.approx(faster_m_s, rel=0.35)
+
+
+def test_wheels_that_roll_gain_what_they_push_to() -> None:
+    follower, table = follower_of(STRAIGHT), Table(STRAIGHT.start)
+    sliding = Sliding(np.array([1.0, 1.0, 1.0 / REACH_M]))
+    for _ in range(250):
+        table.step(follower.step)
+        if follower.gain is not None:
+            sliding.step(follower.gain.missing, follower.gain.gained, STEP_S)
+            assert not sliding.twist.any()
+
+
 def test_wheels_that_drag_are_not_taken_for_wheels_that_slip() -> None:
     cells = (10,)
     traction = traction_of(speed_m_s=0.4)
@@ -166,6 +190,13 @@ def test_wheels_that_drag_are_not_taken_for_wheels_that_slip() -> None:
         table.step(follower.step)
     assert follower.grip.slips == 0
     np.testing.assert_allclose(table.pose, path.end, atol=0.003)
+
+
+def test_what_wheels_gain_slowly_shows_no_slip() -> None:
+    grip = Grip()
+    for _ in range(50):
+        grip.step(0.25, 0.1, 0.5, STEP_S)
+    assert grip.slips == 0
 
 
 def test_pushes_that_were_reduced_come_back_slowly() -> None:

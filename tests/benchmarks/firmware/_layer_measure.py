@@ -56,7 +56,7 @@ class Loop:
         middle = Middle()
         self.cell, self._board = middle.cell, middle.board
         self._can = Controller()
-        self._board.inbox = Inbox()
+        self._board.inbox = Inbox(registers=self._board.registers)
         self._board.bus_off = False
         self._board.service = self._board.feed = self._board.show = lambda *_: None
         self._board.send = lambda _can_id, _data: True
@@ -138,4 +138,5 @@ def main(arguments):
         print("beat_us", beat_us(turns))
 
 
-main(sys.argv[1:])
+if __name__ == "__main__":
+    main(sys.argv[1:])

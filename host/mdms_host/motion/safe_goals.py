@@ -1,0 +1,71 @@
+"""Refuses goals at which a parcel would tip, or on the straight way to which."""
+
+from collections.abc import Mapping
+from math import inf
+from types import MappingProxyType
+
+import numpy as np
+
+from mdms_host.estimation.parcel import Parcel, outline_corners_m
+from mdms_host.layout import Layout
+from mdms_host.motion.footing import MARGIN_M, Load, least_footing
+from mdms_host.motion.goal import Goal
+from mdms_model.arrays import Floats
+from mdms_model.outline import polygon_outline
+
+#: Supports that are farther from a parcel's way do not matter.
+_BESIDE_M = 0.01
+#: A parcel that stands no safer than this may go to where it stands as it does [m].
+_SAME_M = 0.001
+
+Places = Mapping[str, tuple[float, float]]
+
+
+class TippingError(ValueError):
+    """A parcel would tip at a goal, or on its way there."""
+
+
+class SafeGoals:
+    """Checks goals of parcels on a layout.
+
+    `centres_of_mass_m` are those of parcels that have them beside their origins, in their frames.
+    """
+
+    def __init__(self, layout: Layout, centres_of_mass_m: Places = MappingProxyType({})) -> None:
+        self._layout = layout
+        self._centres_of_mass_m = centres_of_mass_m
+
+    def check(self, parcel: Parcel, start: Floats | None, goal: Goal, *, straight: bool) -> None:
+        """Raises `TippingError` where the parcel would tip that lies at `start`, None: anywhere.
+
+        The way counts too if it is `straight`. A parcel that is about to tip where it is may stay
+        there, and be taken to where it stands no worse.
+        """
+        turned_rad = 0.0 if start is None else float(start[2])
+        yaw_rad = turned_rad if goal.yaw_rad is None else goal.yaw_rad
+        there_m = self._margin_m(parcel, np.array([goal.x_m, goal.y_m, yaw_rad]), None)
+        here_m = inf if start is None else self._margin_m(parcel, start, None)
+        if there_m < min(MARGIN_M, here_m - _SAME_M):
+            raise TippingError(
+                f"{parcel.name} would tip there: its centre of mass would not be "
+                f"{1e3 * MARGIN_M:.0f} mm inside the wheels under it"
+            )
+        if start is None or not straight or here_m < MARGIN_M:
+            return
+        if self._margin_m(parcel, start, goal) < MARGIN_M:
+            raise TippingError(f"{parcel.name} would tip on the straight way there")
+
+    def _margin_m(self, parcel: Parcel, start: Floats, goal: Goal | None) -> float:
+        """How far the centre of mass stays inside the supports at a pose, or on the way from it."""
+        outline = polygon_outline(np.array(outline_corners_m(parcel)))
+        load = Load(outline, self._centres_of_mass_m.get(parcel.name, (0.0, 0.0)))
+        ends_m = np.array([start[:2], start[:2] if goal is None else [goal.x_m, goal.y_m]])
+        wheels_m = _near(self._layout.wheel_positions_m, ends_m, outline.radius_m + _BESIDE_M)
+        return least_footing(wheels_m, load, start, goal).margin_m
+
+
+def _near(wheels_m: Floats, ends_m: Floats, reach_m: float) -> Floats:
+    """The wheels about a way; all where these are a single row, which counts for a table of one."""
+    low_m, high_m = ends_m.min(axis=0) - reach_m, ends_m.max(axis=0) + reach_m
+    near: Floats = wheels_m[((wheels_m >= low_m) & (wheels_m <= high_m)).all(axis=1)]
+    return near if len(near) > 1 and np.ptp(near, axis=0).all() else wheels_m

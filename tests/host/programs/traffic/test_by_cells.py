@@ -1,0 +1,63 @@
+"""Routes for parcels whose cells steer, when the host has been away for a while."""
+
+import numpy as np
+from tests.host.motion.believing import beliefs
+
+from mdms_host.estimation.parcel import Parcel
+from mdms_host.layout import Layout
+from mdms_host.motion.by_cells.program import CellsProgram
+from mdms_host.motion.goal import Goal, Limits
+from mdms_host.motion.trajectory.mass import uniform_mass
+from mdms_host.programs.order import Order
+from mdms_host.programs.traffic.by_cells import CellsTraffic
+from mdms_host.programs.traffic.planning import VirtualDesk
+from mdms_host.programs.traffic.ride import Load
+from mdms_protocol.neighbours import frames as wire
+from mdms_protocol.neighbours import messages
+
+BOX = Parcel("box", 0.28, 0.28)
+START, GOAL = (-0.22, 0.08), Goal(0.22, 0.08, 0.0)
+STEP_S = 0.01
+
+
+class Away:
+    """A box on 7 x 4 cells, whose way leads around a dead cell, in three legs."""
+
+    def __init__(self):
+        layout, limits = Layout(7, 4), Limits()
+        self.cells = CellsProgram(layout, (BOX,), {}, limits, go_on=True)
+        loads = {"box": Load(BOX.bottom, uniform_mass(BOX.bottom))}
+        self.traffic = CellsTraffic(layout, VirtualDesk(), loads, self.cells, limits)
+        self.traffic.on_lost_cells(frozenset({25}))
+        self.now_s = 0.0
+        self.sequence = 0
+
+    def run(self, duration_s, x_m, y_m):
+        """The pages with goals that are sent while the box lies there; all cells have the last."""
+        found = []
+        for _ in range(round(duration_s / STEP_S)):
+            self.now_s += STEP_S
+            usual = (0, 0, 0, 1, wire.UNDER, 0, 9, wire.HOLD_NONE, self.sequence, 0)
+            for cell in range(1, 29):
+                self.cells.on_estimate(cell, messages.Estimate(*usual), self.now_s)
+            there = beliefs({"box": np.array([x_m, y_m, 0.0])}, [BOX])
+            self.traffic.step(there, STEP_S)
+            pages = self.cells.step(there, self.now_s, STEP_S)
+            goals = [page for page in pages if isinstance(page, messages.Goal)]
+            self.sequence = goals[-1].sequence if goals else self.sequence
+            found += goals
+        return found
+
+
+def test_parcel_that_went_on_without_the_host_is_planned_anew_and_not_sent_back():
+    away = Away()
+    away.traffic.give(Order("box", GOAL))
+    first = away.run(0.3, *START)[-1]
+    assert (first.legs, first.y < 0) == (2, True)
+    # The host was gone, and its cells are on the second leg; all has been held since.
+    away.traffic.begin_again()
+    here_m = 0.07
+    again = away.run(0.3, here_m, -0.0635)
+    assert again
+    assert all(page.x * wire.STEP_UM / 1e6 > here_m - 0.02 for page in again)
+    assert again[-1].legs >= 1

@@ -1,0 +1,29 @@
+"""Something breaks under a box that its cells steer: what the table in host/README.md says.
+
+`python -m tests.benchmarks trouble_by_cells` tries all rows, at any instant.
+"""
+
+import re
+
+import pytest
+from tests.system.trouble.documented import messages
+from tests.system.trouble.rows_by_cells import HEADING, ROWS, STANDS_M_S, Row, run_row
+
+
+@pytest.mark.parametrize(
+    "row", [row for row in ROWS if row.always], ids=lambda row: row.what.replace(" ", "-")
+)
+def test_run_ends_as_it_should_and_what_broke_is_reported(row: Row) -> None:
+    ended = run_row(row, seed=row.seed)
+    assert ended.ends is row.ends
+    assert ended.finished.pauses in row.pauses
+    assert ended.finished.lost_cells == row.lost
+    for message in messages(HEADING)[row.what]:
+        assert re.search(message, ended.texts), f"{message}: {ended.texts}"
+    assert ended.moved_m_s < STANDS_M_S
+    assert ended.strayed_m_s < STANDS_M_S
+    assert not ended.touches
+
+
+def test_every_row_of_the_table_is_tried() -> None:
+    assert [row.what for row in ROWS] == list(messages(HEADING))
