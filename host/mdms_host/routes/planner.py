@@ -50,7 +50,7 @@ class Planner:
     `clearance_m` is how much every outline is grown by, `gap_s` how long a tile is free between two
     parcels, `step` how many tiles lattice places are apart; `tries` is how many orders of the
     parcels are tried where one does not do. `efforts` are weights of the search (`search`), and
-    after how many states the next effort is made.
+    after how many moves the next effort is made.
     """
 
     def __init__(

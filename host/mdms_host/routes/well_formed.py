@@ -43,15 +43,17 @@ class Orders:
         self._errands = errands
         self._way_past = way_past
         self._moving = [name for name, each in errands.items() if each.task.goal is not None]
-        #: Tiles that are never free: of those that stay where they are, too.
-        self._closed = closed.copy()
-        standing = [each.stand for each in errands.values() if each.task.goal is None]
+        self._closed = closed
         self._standing = np.zeros_like(closed)
-        for stand in standing:
-            self._standing[stand] = True
+        for errand in errands.values():
+            if errand.task.goal is None:
+                self._standing[errand.stand] = True
         self._ways: dict[str, list[Ints]] = {name: [] for name in self._moving}
         self._bars: dict[str, list[Bar]] = {name: [] for name in self._moving}
         self._in_vain: set[frozenset[str]] = set()
+        #: The tiles of those who were last asked about: often the same for all.
+        self._taken_by: tuple[frozenset[str], frozenset[str]] = frozenset(), frozenset()
+        self._taken = self._standing.copy()
         self._left = 0
 
     def first(self) -> tuple[str, ...] | None:
@@ -178,9 +180,12 @@ class Orders:
         """The tiles that a parcel has to keep off; what is closed under it does not count."""
         blocked = self._closed.copy()
         blocked[self._errands[name].stand] = False
-        blocked |= self._standing
-        for other in at_goals:
-            blocked[self._errands[other].goal_stand] = True
-        for other in at_starts:
-            blocked[self._errands[other].stand] = True
+        if (at_goals, at_starts) != self._taken_by:
+            self._taken_by = at_goals, at_starts
+            self._taken = self._standing.copy()
+            for other in at_goals:
+                self._taken[self._errands[other].goal_stand] = True
+            for other in at_starts:
+                self._taken[self._errands[other].stand] = True
+        blocked |= self._taken
         return blocked
