@@ -57,6 +57,8 @@ class SimulatedLink(Link):
         self._bank.close()
 
     def _pass_until(self, end_s, over):
-        kernel, end_ns = self.simulation.kernel, ceil(end_s * NS_PER_S)
+        kernel = self.simulation.kernel
+        # A wait that is shorter than a nanosecond ends too.
+        end_ns = max(ceil(end_s * NS_PER_S), kernel.now_ns + 1)
         while not over() and kernel.now_ns < end_ns:
             kernel.run_until(min(kernel.now_ns + STEP_NS, end_ns))
