@@ -65,12 +65,19 @@ class PipeBoard:
     def show(self, now_ms, state, faulty):
         pass
 
+    def is_empty(self):
+        return not self._ready.poll(0)
+
+    def sort(self, _boxes):
+        """Nothing is for a box: it has no neighbours."""
+        return 0
+
     def peek(self):
         """The next frame that the cell takes."""
         while self._ready.poll(0):
             can_id, length, _, data = struct.unpack(RECORD, self._pipe.read(SIZE))
             if can_id in self._identifiers:
-                return can_id, data[:length], 0, 0
+                return can_id, data[:length], 0, 0, self.registers[speed_loop.TICKS] & 0xFF
         return None
 
     def pop(self):
