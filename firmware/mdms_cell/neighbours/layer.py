@@ -12,10 +12,11 @@ from mdms_cell import ticks
 from mdms_cell.canopen.objects import find
 from mdms_cell.drive import speed_loop
 from mdms_cell.neighbours.geometry.footprint import Footprint
-from mdms_cell.neighbours.geometry.place import DIRECTIONS, ESTIMATE, HOST, SPEEDS, STATE, Place
+from mdms_cell.neighbours.geometry.place import DIRECTIONS, ESTIMATE, SPEEDS, STATE, Place
 from mdms_cell.neighbours.heard import OWN, Heard
 from mdms_cell.neighbours.leading import Leading
-from mdms_cell.neighbours.program import Programs, next_sequence, turn_um
+from mdms_cell.neighbours.pages import Pages
+from mdms_cell.neighbours.program import next_sequence
 from mdms_cell.neighbours.right_of_way import NONE, UNDER, RightOfWay
 from mdms_cell.neighbours.suspicion import CODE, SOURCE, Evidence, Suspicion
 from mdms_cell.neighbours.tracking import LOST_BEATS, Tracking
@@ -29,9 +30,6 @@ LATE_MS = 2
 #: A step between two SYNCs is counted as no more than this.
 _STEP_MAX_MS = 50
 _ESTIMATE_PDO = 2
-_PROGRAM_PDO = 3
-#: Of the cells that could hand a program on, each does so in one of so many beats.
-_HAND_ON_BEATS = 4
 
 
 class Layer:
@@ -54,7 +52,6 @@ class Layer:
         self._changed = changed
         self.active = False
         self._fields = array("i", [0] * wire.ESTIMATE_FIELDS)
-        self._page = array("i", [0] * wire.PROGRAM_FIELDS)
         self._place = Place(objects, self._on_place)
         self._heard = Heard()
         self.mailboxes = self._heard.boxes
@@ -64,8 +61,16 @@ class Layer:
         self._suspect = -1
         self._evidence = Evidence(self._footprint, self._heard, self._suspicion)
         self._tracking = Tracking(self._place, self._footprint, self._heard, self._suspicion)
-        self._programs = Programs()
         self._leading = Leading(self._place, self._footprint, axes)
+        self._pages = Pages(
+            objects,
+            self._place,
+            self._heard,
+            tracking=self._tracking,
+            leading=self._leading,
+            consumer=consumer,
+            pdos=pdos,
+        )
         self._rights = RightOfWay()
         self._came_ms = 0  # the last SYNC, and the one of the last update
         self._updated_ms = 0
@@ -73,14 +78,12 @@ class Layer:
         self._situation = 0, 0, False
         self._skipped = 0
         self._due = False
-        self._turn = 0
         self._node_id = 0
         self._estimate_at = find(indices.ESTIMATE, 1).place
-        self._program_at = find(indices.PROGRAM, 1).place
         objects.watch(indices.CONTROL, self._on_place)
 
     def start(self, node_id):
-        """The cell is 'operational'; what it knew before is gone."""
+        """The cell is 'operational'; nothing of before counts."""
         self._node_id = node_id
         # A cell that finds itself among its neighbours has been given another's place.
         self.active = self.wanted and not self._place.names(node_id)
@@ -92,7 +95,7 @@ class Layer:
         # A millisecond passes until the frame with the edge has come.
         self._tracking.edge_late_ms = 1 + self._objects.number(indices.PRESENCE_DEBOUNCE)
         self._tracking.drop()
-        self._programs = Programs()
+        self._pages.start(node_id)
         self._leading.stop()
         self._due = False
         self._situation = 0, 0, False
@@ -117,10 +120,11 @@ class Layer:
 
         Where no parcel lies, one that goes on may come by; one that does not go on is stopped.
         """
-        program = self._programs.find(self._tracking.identity if self._tracking.is_over() else 0)
+        tracking = self._tracking
+        program = self._pages.programs.find(tracking.identity if tracking.is_over() else 0)
         if program is not None and program.complete and not program.goes_on:
             return False
-        return self.active and self._programs.go_on()
+        return self.active and self._pages.programs.go_on()
 
     def _on_place(self, _index=0, _sub=0):
         self._footprint.load()
@@ -149,77 +153,7 @@ class Layer:
             return lambda data: heard.on_state(direction, data, self._now())
         if kind == ESTIMATE:
             return direction
-        return lambda data: not self.active or self._on_page(direction, data)
-
-    def _on_page(self, direction, data):
-        """A page of a program, from the host or handed on by a neighbour."""
-        page = self._page
-        if not wire.unpack_program(data, page, 0):
-            return False
-        identity = page[wire.PARCEL_IDENTITY]
-        if direction == HOST:
-            self._on_host_page(identity, page)
-        elif identity == self._tracking.identity:
-            self._on_page_handed_on(self._programs.place_for(identity), page)
-        return True
-
-    def _on_page_handed_on(self, program, page):
-        """A page of a neighbour counts where the cell has none, or the one before."""
-        if page[wire.PAGE] == wire.PARCEL:
-            if not program.has_parcel:
-                program.take(page)
-        elif page[wire.PAGE] != wire.GOAL:
-            return
-        elif 0 < page[wire.LEG] < wire.JOINS:
-            self._on_leg(program, page)
-        elif not program.has_goal or page[wire.PROGRAM_SEQUENCE] == next_sequence(program.sequence):
-            alone_on_the_way = program.has_goal and self._consumer.lost
-            program.take(page)
-            if alone_on_the_way:
-                # Others have gone on by themselves: that gives no more time.
-                self._leading.next_leg()
-            else:
-                self._leading.begin()
-
-    def _on_leg(self, program, page):
-        """A leg that follows a goal; one of a goal that the cell does not have is dropped."""
-        if program is None or not program.take(page):
-            return
-        if program.identity == self._tracking.identity:
-            self._leading.plan_again()
-
-    def _on_host_page(self, identity, page):
-        tracking = self._tracking
-        if page[wire.PAGE] == wire.END:
-            self._programs.drop(identity)
-            if tracking.identity == identity:
-                tracking.drop()
-                self._leading.stop()
-        elif page[wire.PAGE] == wire.PLACE:
-            self._put(identity, page)
-        elif page[wire.PAGE] == wire.GOAL and 0 < page[wire.LEG] < wire.JOINS:
-            self._on_leg(self._programs.find(identity), page)
-        else:
-            program = self._programs.place_for(identity)
-            again = program.has_goal and program.sequence == page[wire.PROGRAM_SEQUENCE]
-            program.take(page)
-            if page[wire.PAGE] == wire.GOAL and identity == tracking.identity and not again:
-                self._leading.begin()
-
-    def _put(self, identity, page):
-        """A parcel lies where the host says, perhaps on this cell; one that it has stays."""
-        tracking, place = self._tracking, self._place
-        program = self._programs.find(identity)
-        if program is None or not program.has_parcel or tracking.under:
-            return
-        tracking.adopt(identity)
-        tracking.take_shape(program)
-        x_um = page[wire.PLACE_X] * wire.STEP_UM - place.x_um
-        y_um = page[wire.PLACE_Y] * wire.STEP_UM - place.y_um
-        if max(abs(x_um), abs(y_um)) < 4 * place.pitch_um:
-            tracking.place(x_um, y_um, turn_um(page[wire.PLACE_YAW]))
-        if not tracking.under:
-            tracking.drop()
+        return lambda data: not self.active or self._pages.on_page(direction, data)
 
     # The beat
 
@@ -266,7 +200,7 @@ class Layer:
         self._skipped += 1
         self._rights.on_beat(*self._situation)
         if not self._rights.drive_beats:
-            self._lead(self._programs.find(self._tracking.identity))
+            self._lead(self._pages.programs.find(self._tracking.identity))
         self._write_estimate(ticks.diff(next_ms, self._updated_ms))
 
     def poll(self, now_ms, presence):
@@ -299,7 +233,7 @@ class Layer:
         tracking.update(self._step_ms, sync_ms)
         if tracking.missing_beats >= LOST_BEATS:
             tracking.drop()
-        program = self._programs.find(tracking.identity)
+        program = self._pages.programs.find(tracking.identity)
         over = tracking.identity if tracking.is_over() else 0
         if over and self._rights.state != UNDER and tracking.is_of_another():
             # A parcel that stands before what nobody knows would come over it mm by mm.
@@ -314,7 +248,7 @@ class Layer:
         self._lead(program)
         self._announce(program, asks)
         if tracking.under and program is not None and program.complete:
-            self._hand_on(program, sent)
+            self._pages.hand_on(program, sent, self._skipped)
         self._skipped = 0
 
     def _listen(self):
@@ -332,7 +266,7 @@ class Layer:
             elif not rights.identity and rights.state == NONE and not tracking.belief.known:
                 tracking.drop()
         if tracking.identity and not tracking.shaped:
-            program = self._programs.find(tracking.identity)
+            program = self._pages.programs.find(tracking.identity)
             if program is not None and program.has_parcel:
                 tracking.take_shape(program)
 
@@ -364,11 +298,11 @@ class Layer:
 
     def _is_another_at(self, sequence):
         """Whether a neighbour under the same parcel has the program of this sequence."""
-        estimates, left = self._heard.estimates, self._heard.estimate_beat
+        estimates, came = self._heard.estimates, self._heard.estimate_beat
         for direction in range(DIRECTIONS):
             at = direction * wire.ESTIMATE_FIELDS
             if (
-                left[direction] == self._heard.beat
+                came[direction] == self._heard.beat
                 and estimates[at + wire.IDENTITY] == self._tracking.identity
                 and estimates[at + wire.STATE] == UNDER
                 and estimates[at + wire.SEQUENCE] == sequence
@@ -422,32 +356,3 @@ class Layer:
         if rights.state != UNDER:
             fields[wire.WANTS] = 0
         wire.pack_estimate(fields, 0, self._objects.data, self._estimate_at)
-
-    def _hand_on(self, program, sent):
-        """Send a page, if one of those who have sent an estimate lacks it.
-
-        That is in this cell's turn, or where that came in a beat that was skipped.
-        """
-        if (self._heard.beat + self._node_id) % _HAND_ON_BEATS > self._skipped:
-            return
-        for direction in range(DIRECTIONS):
-            if sent >> direction & 1:
-                page = self._page_for(direction, program)
-                if page >= 0 and program.pack(page, self._objects.data, self._program_at):
-                    self._pdos.trigger(_PROGRAM_PDO)
-                    return
-
-    def _page_for(self, direction, program):
-        """The number of the page to hand on to a neighbour at this parcel, -1 for none."""
-        estimates, at = self._heard.estimates, direction * wire.ESTIMATE_FIELDS
-        if estimates[at + wire.IDENTITY] != program.identity:
-            return -1
-        sequence = estimates[at + wire.SEQUENCE]
-        if next_sequence(sequence) == program.sequence and sequence:
-            return 1
-        if not estimates[at + wire.FLAGS] & wire.LACKING:
-            return -1
-        self._turn = self._turn + 1 & 0xFFFF
-        if sequence == program.sequence:
-            return 2 + self._turn % max(program.legs, 1)
-        return self._turn & 1

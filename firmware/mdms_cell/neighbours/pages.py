@@ -1,0 +1,138 @@
+"""Takes in the pages of programs, and hands them on to neighbours at the parcel that lack them."""
+
+from array import array
+
+from mdms_cell.canopen.objects import find
+from mdms_cell.neighbours.geometry.place import DIRECTIONS, HOST
+from mdms_cell.neighbours.program import Programs, next_sequence, turn_um
+from mdms_protocol import indices
+from mdms_protocol.neighbours import frames as wire
+
+_PROGRAM_PDO = 3
+#: Of the cells that could hand a program on, each does so in one of so many beats.
+_HAND_ON_BEATS = 4
+
+
+class Pages:
+    """The programs of one cell, by the pages that come and go; `programs` are those it keeps."""
+
+    def __init__(self, objects, place, heard, *, tracking, leading, consumer, pdos):
+        self._objects = objects
+        self._place = place
+        self._heard = heard
+        self._tracking = tracking
+        self._leading = leading
+        self._consumer = consumer
+        self._pdos = pdos
+        self._page = array("i", [0] * wire.PROGRAM_FIELDS)
+        self._frame_at = find(indices.PROGRAM, 1).place
+        self._turn = 0
+        self.start(0)
+
+    def start(self, node_id):
+        """Begin without any program."""
+        self._node_id = node_id
+        self.programs = Programs()
+
+    # What comes
+
+    def on_page(self, direction, data):
+        """Take a page, from the host or handed on by a neighbour; returns False if it is none."""
+        page = self._page
+        if not wire.unpack_program(data, page, 0):
+            return False
+        identity = page[wire.PARCEL_IDENTITY]
+        if direction == HOST:
+            self._on_host_page(identity, page)
+        elif identity == self._tracking.identity:
+            self._on_page_handed_on(self.programs.place_for(identity), page)
+        return True
+
+    def _on_page_handed_on(self, program, page):
+        """A page of a neighbour counts where the cell has none, or the one before."""
+        if page[wire.PAGE] == wire.PARCEL:
+            if not program.has_parcel:
+                program.take(page)
+        elif page[wire.PAGE] != wire.GOAL:
+            return
+        elif 0 < page[wire.LEG] < wire.JOINS:
+            self._on_leg(program, page)
+        elif not program.has_goal or page[wire.PROGRAM_SEQUENCE] == next_sequence(program.sequence):
+            alone_on_the_way = program.has_goal and self._consumer.lost
+            program.take(page)
+            if alone_on_the_way:
+                # Others have gone on by themselves: that gives no more time.
+                self._leading.next_leg()
+            else:
+                self._leading.begin()
+
+    def _on_leg(self, program, page):
+        """A leg that follows a goal; one of a goal that the cell does not have is dropped."""
+        if program is None or not program.take(page):
+            return
+        if program.identity == self._tracking.identity:
+            self._leading.plan_again()
+
+    def _on_host_page(self, identity, page):
+        tracking = self._tracking
+        if page[wire.PAGE] == wire.END:
+            self.programs.drop(identity)
+            if tracking.identity == identity:
+                tracking.drop()
+                self._leading.stop()
+        elif page[wire.PAGE] == wire.PLACE:
+            self._put(identity, page)
+        elif page[wire.PAGE] == wire.GOAL and 0 < page[wire.LEG] < wire.JOINS:
+            self._on_leg(self.programs.find(identity), page)
+        else:
+            program = self.programs.place_for(identity)
+            again = program.has_goal and program.sequence == page[wire.PROGRAM_SEQUENCE]
+            program.take(page)
+            if page[wire.PAGE] == wire.GOAL and identity == tracking.identity and not again:
+                self._leading.begin()
+
+    def _put(self, identity, page):
+        """A parcel lies where the host says, perhaps on this cell; one that it has stays."""
+        tracking, place = self._tracking, self._place
+        program = self.programs.find(identity)
+        if program is None or not program.has_parcel or tracking.under:
+            return
+        tracking.adopt(identity)
+        tracking.take_shape(program)
+        x_um = page[wire.PLACE_X] * wire.STEP_UM - place.x_um
+        y_um = page[wire.PLACE_Y] * wire.STEP_UM - place.y_um
+        if max(abs(x_um), abs(y_um)) < 4 * place.pitch_um:
+            tracking.place(x_um, y_um, turn_um(page[wire.PLACE_YAW]))
+        if not tracking.under:
+            tracking.drop()
+
+    # What is sent
+
+    def hand_on(self, program, sent, skipped):
+        """Send a page, if one of those in the mask `sent`, who have sent an estimate, lacks it.
+
+        That is in this cell's turn, or where that came in one of the beats `skipped` before.
+        """
+        if (self._heard.beat + self._node_id) % _HAND_ON_BEATS > skipped:
+            return
+        for direction in range(DIRECTIONS):
+            if sent >> direction & 1:
+                page = self._page_for(direction, program)
+                if page >= 0 and program.pack(page, self._objects.data, self._frame_at):
+                    self._pdos.trigger(_PROGRAM_PDO)
+                    return
+
+    def _page_for(self, direction, program):
+        """The number of the page to hand on to a neighbour at this parcel, -1 for none."""
+        estimates, at = self._heard.estimates, direction * wire.ESTIMATE_FIELDS
+        if estimates[at + wire.IDENTITY] != program.identity:
+            return -1
+        sequence = estimates[at + wire.SEQUENCE]
+        if next_sequence(sequence) == program.sequence and sequence:
+            return 1
+        if not estimates[at + wire.FLAGS] & wire.LACKING:
+            return -1
+        self._turn = self._turn + 1 & 0xFFFF
+        if sequence == program.sequence:
+            return 2 + self._turn % max(program.legs, 1)
+        return self._turn & 1
