@@ -55,7 +55,7 @@ class Sliding:
 
         It is no correction: a parcel that is lighter than believed looks the same.
         """
-        return float(np.linalg.norm(self.twist / self._corner_m)) ** 2 * _SAME_S
+        return float(self._faster @ self._faster) * _SAME_S if self._slips else 0.0
 
     def step(self, missing: Floats, gained: Floats, step_s: float) -> None:
         """In a step wheels gained so much a second, `missing` of which did not push the parcel."""
