@@ -55,8 +55,7 @@ def try_one(table: Table, seed: int, count: Count) -> None:
     count.full += len(tasks) == table.parcels
     one = Random(seed).choice(tasks)
     begun_s = process_time()
-    others_m = {task.parcel: 0.0 for task in tasks if task is not one}
-    again = table.planner.plan([one], kept=table.planner.kept(plan, others_m, 0.0))
+    again = table.planner.plan([one], kept=table.planner.kept(plan, begun_m(plan), 0.0))
     times_ms = count.one_ms
     if again.blocked or held(again):
         # As on a table: who waits for it for ever is stopped, and all are planned anew.
@@ -71,7 +70,12 @@ def try_one(table: Table, seed: int, count: Count) -> None:
 
 def held(plan: Plan) -> frozenset[str]:
     """Who never arrives while all keep to the order over tiles, from the begin of their routes."""
-    return plan.authority.held(dict.fromkeys(plan.routes, 0.0), ())
+    return plan.authority.held(begun_m(plan), ())
+
+
+def begun_m(plan: Plan) -> dict[str, float]:
+    """How far all have come on their routes when they begin."""
+    return dict.fromkeys(plan.routes, 0.0)
 
 
 def share_bound(bad: int, runs: int) -> float:
