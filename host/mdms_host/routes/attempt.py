@@ -97,7 +97,7 @@ class Attempt:
             self._parked[route.stays] = True
         for name, errand in errands.items():
             self._table.stand(errand)
-            if len(errand.prefix.begins_s):
+            if not errand.is_at_rest:
                 self._table.take(self._owners[name], errand.prefix)
 
     def run(self, order: Sequence[str], aside: Aside) -> dict[str, Route]:
@@ -136,7 +136,7 @@ class Attempt:
         route = self._found(errand)
         if route is None:
             table.stand(errand)
-        if route is not None or len(errand.prefix.begins_s):
+        if route is not None or not errand.is_at_rest:
             table.take(owner, errand.prefix if route is None else route)
         return route
 

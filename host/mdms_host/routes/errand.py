@@ -95,9 +95,14 @@ class Errand:
         return self._route(self.task.ahead, self.now_s, np.zeros(0), np.inf)
 
     @property
+    def is_at_rest(self) -> bool:
+        """Whether it is where it can be planned anew."""
+        return self.so_far is None and len(self.task.ahead) == 1
+
+    @property
     def ready_s(self) -> float:
         """When it is where it can be planned anew [s]."""
-        return max(self.prefix.end_s, self.now_s)
+        return self.now_s if self.is_at_rest else max(self.prefix.end_s, self.now_s)
 
     def route(self, found: Found) -> Route:
         """The route along what a search has found."""

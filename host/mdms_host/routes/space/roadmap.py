@@ -162,9 +162,9 @@ class Roadmap:
 
     def _ends(self) -> tuple[Floats, Floats]:
         """The poses at which the pairs start and end, both (J, 3)."""
-        starts = np.array([self.pose(start) for start, _ in self.pairs]).reshape(-1, 3)
-        ends = np.array([self.pose(end) for _, end in self.pairs]).reshape(-1, 3)
-        return starts, ends
+        starts, ends = np.array(self.pairs, dtype=np.int64).reshape(-1, 2).T
+        poses = np.concatenate((self._poses, np.array(self.extras)))
+        return poses[starts], poses[ends]
 
     def _safe(self, start: int, end: int) -> bool:
         """Whether the parcel is no nearer to tipping on the way between two nodes than it may be.
