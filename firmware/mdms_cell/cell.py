@@ -31,8 +31,8 @@ from mdms_cell.canopen.rules import check_plain
 from mdms_cell.canopen.sdo.server import SdoServer
 from mdms_cell.canopen.storage.store import Parameters, Store
 from mdms_cell.drive import speed_loop, tuning
-from mdms_cell.drive.speed_loop import ATTENTION
 from mdms_cell.drive.axes import Axes
+from mdms_cell.drive.speed_loop import ATTENTION
 from mdms_cell.identification import Identification
 from mdms_cell.neighbours.beat import Beat
 from mdms_cell.neighbours.layer import Layer

@@ -56,7 +56,7 @@ def _put(ring: ptr8, ends: ptr32, frame, data: ptr8, registers: ptr32) -> int:
     if following == ends[_TAIL]:
         return lost + 1
     can_id = int(frame[0])
-    length = int(len(frame[1]))
+    length = int(len(frame[1]))  # noqa: RUF046 - viper takes words
     length = length if length < _DATA_MAX else _DATA_MAX
     ring[start] = can_id & 0xFF
     ring[start + 1] = can_id >> 8 & 0xFF
@@ -181,9 +181,9 @@ def _taking(inbox, ring, ends, registers):
     received = [0, memoryview(bytearray(_RECV_MAX)), 0, 0]
 
     @micropython.native
-    def take(can, inbox=inbox, frame=received, put=_put, ring=ring, ends=ends, registers=registers):
+    def take(can, inbox=inbox, frame=received, ring=ring, ends=ends, registers=registers):  # noqa: PLR0917
         if can.recv(frame) is not None:
-            lost = put(ring, ends, frame, frame[1], registers)
+            lost = _put(ring, ends, frame, frame[1], registers)
             if lost:
                 inbox.lost += lost
 
