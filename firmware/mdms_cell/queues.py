@@ -181,9 +181,11 @@ def _taking(inbox, ring, ends, registers):
     received = [0, memoryview(bytearray(_RECV_MAX)), 0, 0]
 
     @micropython.native
-    def take(can, inbox=inbox, frame=received, ring=ring, ends=ends, registers=registers):  # noqa: PLR0917
+    def take(  # noqa: PLR0917 - all is at hand
+        can, inbox=inbox, frame=received, put=_put, ring=ring, ends=ends, registers=registers
+    ):
         if can.recv(frame) is not None:
-            lost = _put(ring, ends, frame, frame[1], registers)
+            lost = put(ring, ends, frame, frame[1], registers)
             if lost:
                 inbox.lost += lost
 
