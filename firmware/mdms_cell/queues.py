@@ -30,6 +30,8 @@ _LAYOUTS = tuple("<Hx%ds%dxBBB" % (length, _DATA_MAX - length) for length in ran
 #: What `machine.CAN.recv` may write, whatever the buffer's length: a DLC of 9 to 15 means 8 bytes
 #: on a classic bus, but the port returns up to 15 (bxCAN, FlexCAN) or 64 (FDCAN).
 _RECV_MAX = const(64)
+_TICKS = const(102)
+assert _TICKS == TICKS
 #: CAN.RECV_ERR_OVERRUN: a frame was lost before this one. The other error, a full FIFO, lost none.
 _OVERRUN = const(2)
 
@@ -41,13 +43,20 @@ _END = const(2)
 
 
 @micropython.viper
-def _put(ring: ptr8, ends: ptr32, frame, data: ptr8, registers: ptr32) -> int:
-    """Write a frame and its data, as `machine.CAN.recv` gives it, into the ring.
+def _put(  # noqa: PLR0917 - viper takes words
+    ring: ptr8,
+    ends: ptr32,
+    registers: ptr32,
+    can_id: int,
+    data: ptr8,
+    length: int,
+    flags: int,
+    errors: int,
+) -> int:
+    """Write a frame into the ring; returns how many are lost.
 
-    Returns how many are lost: this one, where there is no room, and one before it, where the
-    controller says so.
+    That is this one, where there is no room, and one before it, where the controller says so.
     """
-    errors = int(frame[3])
     lost = 1 if errors & _OVERRUN else 0
     start = ends[_HEAD]
     following = start + _SIZE
@@ -55,17 +64,16 @@ def _put(ring: ptr8, ends: ptr32, frame, data: ptr8, registers: ptr32) -> int:
         following = 0
     if following == ends[_TAIL]:
         return lost + 1
-    can_id = int(frame[0])
-    length = int(len(frame[1]))  # noqa: RUF046 - viper takes words
     length = length if length < _DATA_MAX else _DATA_MAX
     ring[start] = can_id & 0xFF
     ring[start + 1] = can_id >> 8 & 0xFF
     ring[start + _LENGTH] = length
-    ring[start + _FLAGS] = int(frame[2]) & 0xFF
+    ring[start + _FLAGS] = flags & 0xFF
     ring[start + _ERRORS] = errors & 0xFF
-    ring[start + _CAME] = registers[int(TICKS)] & 0xFF
+    ring[start + _CAME] = registers[_TICKS] & 0xFF
+    start += _DATA
     for place in range(length):
-        ring[start + _DATA + place] = data[place]
+        ring[start + place] = data[place]
     ends[_HEAD] = following
     return lost
 
@@ -182,10 +190,18 @@ def _taking(inbox, ring, ends, registers):
 
     @micropython.native
     def take(  # noqa: PLR0917 - all is at hand
-        can, inbox=inbox, frame=received, put=_put, ring=ring, ends=ends, registers=registers
+        can,
+        inbox=inbox,
+        frame=received,
+        put=_put,
+        ring=ring,
+        ends=ends,
+        registers=registers,
+        size=len,
     ):
         if can.recv(frame) is not None:
-            lost = put(ring, ends, frame, frame[1], registers)
+            data = frame[1]
+            lost = put(ring, ends, registers, frame[0], data, size(data), frame[2], frame[3])
             if lost:
                 inbox.lost += lost
 

@@ -57,10 +57,17 @@ class Agreement:
         self.near = 0
         self._peers = self._near_mask = 0
 
-    def gather(self, mask):
-        """Take the poses that these neighbours sent."""
-        self.near = self._near_mask = 0
+    def gather(self, mask, sent):
+        """Take the poses that these neighbours sent; returns whether this cell is outvoted.
+
+        That is by the pose that it sent at the same SYNC; without one (None) nobody is judged.
+        """
         self._peers = _gather(self._heard.estimates, self._place.shifts, mask, self._poses)
+        if sent is None:
+            self.near = self._near_mask = 0
+            return False
+        self._judge(sent)
+        return self.outvoted_beats >= POSE_BEATS
 
     def _near_peer(self, peer):
         """The mask of the poses that are near that of a peer."""
@@ -82,12 +89,14 @@ class Agreement:
                         break
         return middle, most
 
-    def judge(self, sent):
-        """Find who is wrong by number, by the pose that this cell sent at the same SYNC."""
+    @micropython.native
+    def _judge(self, sent):
+        """Find who is wrong by number."""
         mask = self._near_mask = _near(self._poses, self._peers, sent, 0)
         suspicion = self._suspicion
-        self.near = near = self._peers
+        near = self._peers
         if mask + 1 == 1 << near:
+            self.near = near
             # As nearly always.
             self.outvoted_beats = 0
             if suspicion.is_quiet(POSE):
@@ -103,7 +112,10 @@ class Agreement:
                 suspicion.judge(self._poses[_COLUMNS * peer + _DIRECTION], POSE, far)
 
     def agree(self, belief, sent, certainty):
-        """Move the belief towards those near what this cell sent at the same SYNC."""
+        """Move the belief towards those near what this cell sent at the same SYNC.
+
+        Its outline is left to be placed.
+        """
         sums = self._sums
         _sum_up(self._poses, self._near_mask, self._suspicion.out, sent, certainty, sums)
         if sums[0]:

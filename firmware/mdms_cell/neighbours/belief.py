@@ -91,6 +91,7 @@ class Belief:
         registers[X], registers[Y], registers[TURN] = x_um, y_um, turn_um
         registers[_XX] = registers[_YY] = registers[_TT] = variance
 
+    @micropython.native
     def place(self):
         """Place the outline where the parcel is."""
         registers = self.registers
@@ -105,9 +106,9 @@ class Belief:
         """The parcel has moved by a twist, and by the one before, each for half of the time.
 
         `twist` is the registers of a `TwistFit`; halves of that time go so often into a second.
+        `place` is left to the caller.
         """
         _roll(self.registers, twist, halves_per_s)
-        self.place()
 
     def correct(self, x, y, error, exact=True):
         """The parcel's edge is over a point [steps]; returns False if that is not believed.
@@ -125,10 +126,9 @@ class Belief:
 
         `sums` are those of their weights, of weighted differences from this belief [4 um], and of
         variances. The mean of two beliefs is at least as good as the mean of their variances,
-        however much they have in common.
+        however much they have in common. `place` is left to the caller.
         """
         _agree(self.registers, sums, own_weight)
-        self.place()
 
     def send(self, twist, per_s, fields, sent):
         """Write the pose into an estimate, rolled on by a twist for a part of a second.

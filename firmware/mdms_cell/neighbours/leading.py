@@ -8,7 +8,7 @@ except ImportError:
 
 from mdms_cell.neighbours.belief import TURN, X, Y
 from mdms_cell.neighbours.geometry.angle import ARM_UM, wrapped
-from mdms_cell.neighbours.geometry.outline import STEP_UM
+from mdms_cell.neighbours.geometry.outline import STEP_UM, place
 from mdms_cell.neighbours.geometry.outline import X as CENTRE_X
 from mdms_cell.neighbours.geometry.outline import Y as CENTRE_Y
 from mdms_cell.neighbours.geometry.place import AXES
@@ -68,10 +68,12 @@ class Leading:
         self._held_beats = 0
         self._steering.reset()
 
+    @micropython.native
     def arrived(self):
         """Whether the parcel stands at its goal."""
         return self._steering.arrived and self._steering.stands()
 
+    @micropython.native
     def look_ahead(self, tracking, program):
         """Masks of the neighbours that the parcel covers or will before it can stand, and of those
         that it will cover soon.
@@ -80,15 +82,18 @@ class Leading:
         here = footprint.mask(outline)
         if program is None or not program.complete:
             return here, here
-        belief, acceleration_mm_s2 = tracking.belief, max(program.acceleration_mm_s2, 1)
-        _move_on(outline, belief, tracking.twist.speeds(), _REACTION_MS, acceleration_mm_s2)
+        belief, acceleration_mm_s2 = tracking.belief, program.acceleration_mm_s2
+        _move_on(
+            outline, belief.registers, tracking.twist.speeds(), _REACTION_MS, acceleration_mm_s2
+        )
         asks = needs = footprint.mask(outline, here)
         if wish != _NOWHERE:
-            _move_on(outline, belief, wish, _ASK_MS, acceleration_mm_s2)
+            _move_on(outline, belief.registers, wish, _ASK_MS, acceleration_mm_s2)
             asks = footprint.mask(outline, needs)
         belief.place()
         return needs, asks
 
+    @micropython.native
     def may_go_on(self, program, step_ms, *, alone):
         """Whether a parcel may go on; without its host for twice its planned time, if it is to.
 
@@ -107,6 +112,7 @@ class Leading:
             self._ended = self._ended or not (program.goes_on and in_time)
         return not self._ended
 
+    @micropython.native
     def step(self, tracking, program, may_go, step_ms):
         """Lead the wheels for a beat; without `may_go` bring the parcel to rest, and switch off."""
         steering, twist = self._steering, tracking.twist
@@ -114,9 +120,9 @@ class Leading:
             # A wheel that is off stays so while there is nowhere to go.
             going = may_go and not steering.arrived
             steering.join(*(twist.speeds() if going else _NOWHERE))
-        place, pose = self._place, tracking.belief.registers
-        dx_um = program.goal_x_um - place.x_um - pose[X]
-        dy_um = program.goal_y_um - place.y_um - pose[Y]
+        here, pose = self._place, tracking.belief.registers
+        dx_um = program.goal_x_um - here.x_um - pose[X]
+        dy_um = program.goal_y_um - here.y_um - pose[Y]
         dturn_um = wrapped(program.goal_turn_um - pose[TURN])
         reach_um = tracking.outline.reach_um
         steering.step(program, reach_um, (dx_um, dy_um, dturn_um), may_go=may_go, step_ms=step_ms)
@@ -167,12 +173,13 @@ class Leading:
         return targets
 
 
-def _move_on(outline, belief, twist_um_s, ahead_ms, acceleration_mm_s2):
+@micropython.native
+def _move_on(outline, pose, twist_um_s, ahead_ms, acceleration_mm_s2):
     """Place an outline where the parcel will be, having braked after a time ahead."""
     vx, vy, turn = twist_um_s
-    pose = belief.registers
-    ahead_ms += length(vx, vy, turn) // (2 * acceleration_mm_s2)
-    outline.place(
+    ahead_ms += length(vx, vy, turn) // (2 * (acceleration_mm_s2 or 1))
+    place(
+        outline.registers,
         pose[X] + vx * ahead_ms // 1000,
         pose[Y] + vy * ahead_ms // 1000,
         pose[TURN] + turn * ahead_ms // 1000,

@@ -31,7 +31,7 @@ CODE = const(0xFF01)
 #: Poses are compared in each beat, all else of one cell a beat: so many times all evidence has to
 #: be against a verdict until it turns, which is half a second.
 POSE_BEATS = const(50)
-_TIMES = bytes((6, 6, POSE_BEATS, 6))
+_TIMES = const(6)
 #: The eight neighbours, and the cell itself.
 _CELLS = const(9)
 assert _CELLS == DIRECTIONS + 1
@@ -69,6 +69,7 @@ class Suspicion:
         for place in range(KINDS * _CELLS):
             self._against[place] = 0
 
+    @micropython.native
     def has(self, direction, kind):
         """Whether this is left out of that direction."""
         return self.out[direction] >> kind & 1
@@ -77,9 +78,10 @@ class Suspicion:
         """Whether nobody is suspected, and no evidence of this kind is against anybody."""
         return _is_quiet(self.out, self._against, kind)
 
+    @micropython.native
     def judge(self, direction, kind, contradicts):
         """The evidence of one beat; it contradicts (1, True), or not."""
-        _judge(self.out, self._against, direction, kind, contradicts, _TIMES[kind])
+        _judge(self.out, self._against, direction, kind, contradicts)
 
     def misleads(self, direction):
         """Whether a pose is left out: it is wrong, or made by sensors that are."""
@@ -112,10 +114,9 @@ def _is_quiet(out: ptr8, against: ptr8, kind: int) -> bool:
 
 
 @micropython.viper
-def _judge(  # noqa: PLR0917 - viper takes words
-    out: ptr8, against: ptr8, cell: int, kind: int, contradicts: int, times: int
-):
-    """Count the evidence against a verdict, which turns after so many `times`."""
+def _judge(out: ptr8, against: ptr8, cell: int, kind: int, contradicts: int):
+    """Count the evidence against a verdict, which turns after so many times."""
+    times = POSE_BEATS if kind == POSE else _TIMES
     place = _CELLS * kind + cell
     count = against[place] + 1
     if contradicts == out[cell] >> kind & 1:
@@ -153,6 +154,7 @@ class Evidence:
         self._suspicion = suspicion
         self._turn = 0
 
+    @micropython.native
     def judge(self, tracking, asked):
         """One cell, by what it sent; `asked` is the mask of those asked for the parcel."""
         direction = self._turn = (self._turn + 1) % _CELLS
@@ -170,6 +172,7 @@ class Evidence:
                 return
         self._judge_wheels(tracking, direction)
 
+    @micropython.native
     def _judge_wheels(self, tracking, direction):
         """A wheel well under the parcel is wrong if it does not turn with it."""
         twist, outline = tracking.twist, tracking.outline

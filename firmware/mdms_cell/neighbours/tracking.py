@@ -18,11 +18,20 @@ from array import array
 from mdms_cell import ticks
 from mdms_cell.neighbours.agreement import Agreement
 from mdms_cell.neighbours.belief import CONTRADICTION, EDGE, Belief
-from mdms_cell.neighbours.geometry.outline import LEVER, NORMAL_X, NORMAL_Y, X, Y
+from mdms_cell.neighbours.geometry.footprint import ALL_WHEELS, POINTS
+from mdms_cell.neighbours.geometry.outline import (
+    LEVER,
+    NORMAL_X,
+    NORMAL_Y,
+    X,
+    Y,
+    points_by_depth,
+    points_within,
+)
 from mdms_cell.neighbours.geometry.place import AXES, DIRECTIONS, SENSORS
 from mdms_cell.neighbours.heard import NEVER, OWN
 from mdms_cell.neighbours.right_of_way import PROMISED, UNDER
-from mdms_cell.neighbours.suspicion import POSE_BEATS, PRESENCE, WHEELS
+from mdms_cell.neighbours.suspicion import PRESENCE, WHEELS
 from mdms_cell.neighbours.twist import WHEELS as TWIST_WHEELS
 from mdms_cell.neighbours.twist import TwistFit
 from mdms_protocol.neighbours import frames as wire
@@ -111,18 +120,23 @@ class Tracking:
     def _look(self):
         self.under = self.shaped and self.belief.known and self._footprint.covers(self.outline)
 
+    @micropython.native
     def update(self, step_ms, sync_ms):
         """Bring the belief to the last SYNC, `step_ms` after that of the last update."""
         heard = self._heard
         if self.identity and self.shaped:
-            peers = self._fit()
+            belief, agreement, twist = self.belief, self._agreement, self.twist.registers
+            masks = self._sort()
+            self._fit(masks >> DIRECTIONS)
             # A few wheels, all on one side, do not show how a parcel turns.
-            self._follows = not self.under or self.twist.registers[TWIST_WHEELS] < _FEW_WHEELS
-            self._agreement.gather(peers)
-            if not (self._follows or self._is_outvoted()) or not self._follow():
-                self.belief.roll(self.twist.registers, 2000 // step_ms)
-                if self._sent is not None:
-                    self._agreement.agree(self.belief, self._sent, self.certainty)
+            self._follows = follows = not self.under or twist[TWIST_WHEELS] < _FEW_WHEELS
+            sent = self._sent
+            outvoted = agreement.gather(masks & _ALL, None if follows else sent)
+            if not (follows or outvoted) or not self._follow():
+                belief.roll(twist, 2000 // step_ms)
+                if sent is not None:
+                    agreement.agree(belief, sent, self.certainty)
+                belief.place()
             if self.under:
                 if heard.edges:
                     self._correct(sync_ms)
@@ -131,14 +145,11 @@ class Tracking:
         if heard.edges:
             self._drop_edges(sync_ms)
 
-    def _fit(self):
-        """Find the twist by the wheels under the parcel, as believed at the SYNC before.
-
-        Finds out what each neighbour is at: the same parcel, another, or none; returns the mask of
-        those at the same one.
-        """
+    @micropython.native
+    def _sort(self):
+        """Find out what each neighbour is at: the same parcel, another, or none; see `_sort`."""
         heard = self._heard
-        masks = _sort(
+        return _sort(
             heard.estimates,
             heard.estimate_beat,
             heard.speeds_beat,
@@ -147,13 +158,17 @@ class Tracking:
             self._others,
             self._suspicion.out,
         )
-        if self.belief.known:
-            outline, footprint = self.outline, self._footprint
-            wheels = masks >> DIRECTIONS & footprint.wheels_under(outline)
-            self.twist.fit(outline.registers, footprint, heard.speeds, wheels)
-        else:
+
+    @micropython.native
+    def _fit(self, wheels):
+        """Find the twist by those wheels that lie under the parcel, by the belief of before."""
+        if not self.belief.known:
             self.twist.reset()
-        return masks & _ALL
+            return
+        outline, footprint = self.outline.registers, self._footprint
+        xs, ys = footprint.wheel_x, footprint.wheel_y
+        wheels &= points_within(outline, xs, ys, ALL_WHEELS, 0, 0, 0)
+        self.twist.fit(outline, footprint, self._heard.speeds, wheels)
 
     def _correct(self, sync_ms):
         """Take in the edges that sensors have seen until the last SYNC."""
@@ -223,6 +238,7 @@ class Tracking:
                 kept += 1
         heard.edges = kept
 
+    @micropython.native
     def _check_sensors(self, sync_ms):
         """Correct by sensors that contradict: the cell's own and, in turns, a neighbour's."""
         heard, footprint = self._heard, self._footprint
@@ -253,10 +269,13 @@ class Tracking:
         """Whether neighbours have the parcel where this cell believes it."""
         return self._agreement.near >= _WITNESSES
 
+    @micropython.native
     def _compare(self, direction, correcting, age_ms):
         """Compare a cell's sensors with the belief; returns whether all deep under it are free."""
         bits = self._heard.presence[direction]
-        masks = self._footprint.by_depth(self.outline, direction, _CLEAR)
+        outline, footprint = self.outline.registers, self._footprint
+        x, y = footprint.shift_x[direction], footprint.shift_y[direction]
+        masks = points_by_depth(outline, footprint.x, footprint.y, POINTS, x, y, _CLEAR)
         deep = masks >> AXES & _SENSORS
         missing = deep != 0 and not deep & bits
         if correcting:
@@ -268,6 +287,7 @@ class Tracking:
                 self._pull(direction, wrong, age_ms)
         return missing
 
+    @micropython.native
     def _judge_sensors(self, direction, contradict):
         """A cell's sensors do or do not contradict by far what others than that cell believe, too.
 
@@ -297,14 +317,6 @@ class Tracking:
         """Whether that cell's wheels and sensors serve another parcel."""
         return self._others[direction]
 
-    def _is_outvoted(self):
-        """Whether this cell is to take what the others believe for its own."""
-        agreement = self._agreement
-        if self._sent is None:
-            return False
-        agreement.judge(self._sent)
-        return agreement.outvoted_beats >= POSE_BEATS
-
     def _follow(self):
         """Take what those under the parcel believe; returns whether there are any."""
         if self._agreement.follow(self.belief):
@@ -329,6 +341,7 @@ class Tracking:
         near = self._footprint.within(self.outline, OWN, _ELSEWHERE) >> AXES
         return self._heard.presence[OWN] & ~near != 0
 
+    @micropython.native
     def is_sure(self):
         """Whether this cell has a belief of its own that nothing is against."""
         return (
@@ -337,10 +350,12 @@ class Tracking:
             and not (self.missing_beats or self._agreement.outvoted_beats)
         )
 
+    @micropython.native
     def is_doubtful(self):
         """Whether this cell is not to steer: its own sensors or its neighbours are against it."""
-        return max(self.missing_beats, self._agreement.outvoted_beats) >= DOUBT_BEATS
+        return self.missing_beats >= DOUBT_BEATS or self._agreement.outvoted_beats >= DOUBT_BEATS
 
+    @micropython.native
     def announce(self, fields, ahead_ms):
         """Write pose and certainty into an estimate, so long after the SYNC of the belief.
 

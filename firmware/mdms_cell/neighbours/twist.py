@@ -58,6 +58,7 @@ class TwistFit:
         for number in range(_REGISTERS):
             self.registers[number] = 0
 
+    @micropython.native
     def speeds(self):
         """The twist: `VX`, `VY` and `TURN` of the registers."""
         registers = self.registers
@@ -68,6 +69,7 @@ class TwistFit:
         vx, vy, turn = self.speeds()
         return abs(vx) + abs(vy) + abs(turn)
 
+    @micropython.native
     def against(self, outline, footprint, speeds, mask):
         """What those wheels of a mask show that lie under the parcel: TURNS, SLIPS, or both.
 
@@ -84,6 +86,7 @@ class TwistFit:
             outline,
         )
 
+    @micropython.native
     def fit(self, outline, footprint, speeds, mask):
         """Move the twist towards what those wheels of a mask say that lie under the parcel.
 

@@ -114,6 +114,7 @@ def roll(belief, dx_um, dy_um, dturn_um):
     """The parcel goes so far in a second, as fast as in the one before."""
     speeds = dx_um, dy_um, dturn_um
     belief.roll((*speeds, 0, 0, *speeds), 2)
+    belief.place()
 
 
 @given(st.integers(-8000, 8000), st.integers(-8000, 8000), st.integers(-4000, 4000))

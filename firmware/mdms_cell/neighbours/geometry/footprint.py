@@ -6,11 +6,15 @@ needs those whose squares it lies over, which are what it may move within.
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
+try:
+    import micropython
+except ImportError:
+    from mdms_protocol.cpython import micropython
+
 from array import array
 
 from mdms_cell.neighbours.geometry.outline import (
     STEP_UM,
-    points_by_depth,
     points_within,
     squares_overlapped,
 )
@@ -21,7 +25,7 @@ MARGIN = 10_000 // STEP_UM
 #: A parcel keeps this away from the squares of cells that are not promised to it [steps].
 CLEARANCE = 4_000 // STEP_UM
 POINTS = AXES + SENSORS
-_WHEELS = AXES * (DIRECTIONS + 1)
+ALL_WHEELS = AXES * (DIRECTIONS + 1)
 
 
 class Footprint:
@@ -41,8 +45,8 @@ class Footprint:
         self.shift_y = array("i", [0] * (DIRECTIONS + 1))
         self.along_x = array("i", [0] * AXES)
         self.along_y = array("i", [0] * AXES)
-        self.wheel_x = array("i", [0] * _WHEELS)
-        self.wheel_y = array("i", [0] * _WHEELS)
+        self.wheel_x = array("i", [0] * ALL_WHEELS)
+        self.wheel_y = array("i", [0] * ALL_WHEELS)
         self.load()
 
     def load(self):
@@ -76,29 +80,23 @@ class Footprint:
         self.x[point] = lengths_um[2 * number] // STEP_UM
         self.y[point] = lengths_um[2 * number + 1] // STEP_UM
 
+    @micropython.native
     def covers(self, outline):
         """Whether the parcel covers a wheel or a sensor of the cell, or nearly."""
         return points_within(outline.registers, self.x, self.y, POINTS, 0, 0, MARGIN) != 0
 
+    @micropython.native
     def within(self, outline, direction, limit, points=POINTS):
         """The mask of that cell's points that are less than `limit` outside the outline [steps]."""
         x, y = self.shift_x[direction], self.shift_y[direction]
         return points_within(outline.registers, self.x, self.y, points, x, y, limit)
-
-    def by_depth(self, outline, direction, clear):
-        """Three masks of that cell's points in one number; see `points_by_depth`."""
-        x, y = self.shift_x[direction], self.shift_y[direction]
-        return points_by_depth(outline.registers, self.x, self.y, POINTS, x, y, clear)
-
-    def wheels_under(self, outline):
-        """The mask of all wheels that the parcel lies over, two a direction."""
-        return points_within(outline.registers, self.wheel_x, self.wheel_y, _WHEELS, 0, 0, 0)
 
     def reaches(self, outline):
         """Whether the parcel lies over the cell's own square, or nearly."""
         x, y = self.shift_x, self.shift_y
         return squares_overlapped(outline.registers, x, y, self._half, 1 << DIRECTIONS) != 0
 
+    @micropython.native
     def mask(self, outline, mask=0):
         """The neighbours whose squares the parcel lies over, or nearly, besides those of a mask.
 
