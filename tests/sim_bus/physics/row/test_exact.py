@@ -1,4 +1,4 @@
-"""The row against an independent integration that knows nothing of events.
+"""The row against an independent integration that has no events.
 
 The reference is written from eqs (1), (7) and (12) directly, wheel by wheel, and solved by
 Gragg-Bulirsch-Stoer steps whose error control finds the discontinuities by itself.
