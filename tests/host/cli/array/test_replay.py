@@ -71,6 +71,7 @@ def test_database_beside_the_log_knows_every_frame(recorded):
         database.decode_message(frame.can_id, frame.data)
 
 
+@pytest.mark.compiles
 def test_run_without_a_bus_takes_the_database_away(tmp_path):
     folder = tmp_path / "run"
     for fidelity in ("firmware", "row"):
