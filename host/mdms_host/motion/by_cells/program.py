@@ -12,6 +12,7 @@ from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
+from mdms_host.motion.by_cells.blocked import Blocked
 from mdms_host.motion.by_cells.followed import Followed
 from mdms_host.motion.by_cells.pages import flags_of, parcel_page, place_page
 from mdms_host.motion.by_cells.reports import Reports
@@ -88,6 +89,7 @@ class CellsProgram:
             if name in goals
         }
         self._since_s: dict[tuple[str, str], float | None] = {}
+        self._blocked: dict[str, Blocked] = {}
         self._ending: dict[str, int] = {}
         self._lost: frozenset[int] = frozenset()
         self._notices: list[str] = []
@@ -193,6 +195,7 @@ class CellsProgram:
         """Send every parcel's program anew, from where the parcel is; it was at rest meanwhile."""
         self._sendings = {name: _Sending() for name in self._parcels}
         self._since_s.clear()
+        self._blocked.clear()
         for followed in self._followed.values():
             followed.lose()
 
@@ -305,13 +308,6 @@ class CellsProgram:
         if pose is None:
             followed.lose()
             return
-        held = self._reports.held(identity)
-        if self._lasts(name, "blocked", bool(held), now_s):
-            lacked = set().union(*held.values())
-            lacks = f" and lack {_cells(lacked)}" if lacked else ""
-            self._notices.append(
-                f"{name} is blocked: {_cells(set(held))} want the way ahead{lacks}"
-            )
         arrived = self._reports.have_arrived(identity)
         under = self._reports.under(identity).values()
         clear = bool(under) and all(each.hold == wire.HOLD_NONE for each in under)
@@ -320,6 +316,13 @@ class CellsProgram:
             followed.stopped = True
             self._notices.append(f"{name} does not move as its cells command: stopped")
             yield from [End(identity, self._sequences[name])] * _ENDS
+        blocked = self._blocked.setdefault(name, Blocked())
+        if blocked.step(self._reports.held(identity), followed.left_m, now_s):
+            lacked = set().union(*blocked.held.values())
+            lacks = f" and lack {_cells(lacked)}" if lacked else ""
+            self._notices.append(
+                f"{name} is blocked: {_cells(set(blocked.held))} want the way ahead{lacks}"
+            )
         if self._lasts(name, "apart", arrived and not followed.arrived, now_s) and followed.miss:
             off_m, off_rad = followed.miss
             self._notices.append(
