@@ -201,8 +201,3 @@ def next_sequence(sequence):
 def turn_um(yaw):
     """An angle of the wire as the way of a point at the arm [um]."""
     return yaw * (TURN_UM // 8) // (wire.TURN // 8)
-
-
-def wire_yaw(turn):
-    """The angle of the wire that is nearest to a turn [um at the arm]."""
-    return (turn * (wire.TURN // 8) + TURN_UM // 16) // (TURN_UM // 8)

@@ -255,18 +255,23 @@ def _take_in(  # noqa: PLR0917 - viper takes words
 
     Returns the identity of the parcel that is near a cell under none, 0 if nobody says so.
     """
+    fields = int(wire.ESTIMATE_FIELDS)
+    identity_at = int(wire.IDENTITY)
+    state_at = int(wire.STATE)
+    hold_at = int(wire.HOLD)
+    wants_at = int(wire.WANTS)
     seen = 0
     for direction in range(DIRECTIONS):
         if fresh[direction]:
-            at = int(wire.ESTIMATE_FIELDS) * direction
-            identity = estimates[at + int(wire.IDENTITY)]
-            state = estimates[at + int(wire.STATE)]
-            hold = estimates[at + int(wire.HOLD)]
+            at = fields * direction
+            identity = estimates[at + identity_at]
+            state = estimates[at + state_at]
+            hold = estimates[at + hold_at]
             if parcel:
                 counts = identity == parcel and state >= PROMISED
             else:
                 asks = identity != 0 and state == UNDER
-                counts = asks and estimates[at + int(wire.WANTS)] >> (direction ^ 4) & 1 == 1
+                counts = asks and estimates[at + wants_at] >> (direction ^ 4) & 1 == 1
                 if asks and (near == 0 or near == identity):  # noqa: PLR1714 - viper has no tuples
                     near = seen = identity
             said[IDENTITIES + direction] = identity if counts else 0

@@ -37,7 +37,7 @@ def agree(estimator: ParcelEstimator, now_s: float, covered: np.ndarray) -> None
 def carry(
     estimator: ParcelEstimator, pose: np.ndarray, twist: np.ndarray, seconds: float, scale: float
 ) -> np.ndarray:
-    """Move the true parcel, telling the wheels' speeds scaled, and each edge as it happens."""
+    """Move the true parcel, giving the wheels' speeds scaled, and each edge as it happens."""
     covered, step_s = covered_by(pose), 0.01
     for step in range(1, round(seconds / step_s) + 1):
         pose = pose + twist * step_s
