@@ -142,10 +142,6 @@ class Heard:
         """No estimate is fresh any more; returns the mask of those that were."""
         return _clear(self.fresh)
 
-    def drop_estimates(self):
-        """What has come may be of any age: it is not passed on."""
-        _clear(self.fresh)
-
 
 @micropython.viper
 def _clear(fresh: ptr8) -> int:
