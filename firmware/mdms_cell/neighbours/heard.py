@@ -10,9 +10,9 @@ except ImportError:
 
 from array import array
 
-from mdms_cell import ticks
 from mdms_cell.mailboxes import STAMP, Mailboxes
 from mdms_cell.neighbours.geometry.place import DIRECTIONS
+from mdms_cell.ticks import diff
 from mdms_protocol.neighbours import frames as wire
 
 #: A neighbour's TPDO 2 holds statuswords before the presence bits.
@@ -100,7 +100,7 @@ class Heard:
             return False
         first, second = data[0] | data[1] << 8, data[2] | data[3] << 8
         words, at = self._words, 2 * direction
-        if (words[at], words[at + 1]) != (first, second) or not self.is_current(direction, now_ms):
+        if (words[at], words[at + 1]) != (first, second) or self.age_ms(direction, now_ms) < 0:
             # Sent for another reason than a sensor, as one before it may have been that was lost:
             # what sensors show may have changed long ago.
             self.seen[direction] = 0
@@ -109,17 +109,19 @@ class Heard:
         self.take_presence(direction, data[_PRESENCE_AT], now_ms)
         return True
 
-    def is_current(self, direction, now_ms):
-        """Whether the presence bits of a cell are known; not if its repeated state is overdue."""
-        if not self.seen[direction]:
-            return False
-        return not self.repeat_ms or self.age_ms(direction, now_ms) <= self.repeat_ms + _LATE_MS
-
+    @micropython.native
     def age_ms(self, direction, now_ms):
-        """How long ago a cell's presence bits were sent; 0 if they are not repeated."""
-        if direction == OWN or not self.repeat_ms:
+        """How long ago a cell's presence bits were sent; 0 if they are its own, or not repeated.
+
+        Negative if they are not known, as when its repeated state is overdue.
+        """
+        if not self.seen[direction]:
+            return -1
+        repeat_ms = self.repeat_ms
+        if direction == OWN or not repeat_ms:
             return 0
-        return abs(ticks.diff(now_ms, self._state_ms[direction]))
+        age_ms = abs(diff(now_ms, self._state_ms[direction]))
+        return age_ms if age_ms <= repeat_ms + _LATE_MS else -1
 
     def take_presence(self, direction, bits, now_ms):
         """Presence bits as they are now; what has changed are edges."""

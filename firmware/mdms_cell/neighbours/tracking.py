@@ -244,9 +244,10 @@ class Tracking:
         heard, footprint = self._heard, self._footprint
         turn = self._turn = (self._turn + 1) % (DIRECTIONS + 1)
         missing = heard.seen[OWN] and self._compare(OWN, not turn & 3, 0)
-        there = turn != OWN and footprint.present >> turn & 1 and not self._others[turn]
-        if there and heard.is_current(turn, sync_ms):
-            self._compare(turn, True, heard.age_ms(turn, sync_ms))
+        if turn != OWN and footprint.present >> turn & 1 and not self._others[turn]:
+            age_ms = heard.age_ms(turn, sync_ms)
+            if age_ms >= 0:
+                self._compare(turn, True, age_ms)
         if missing and self.is_witnessed() and self._suspicion.has(OWN, PRESENCE):
             missing = False
         if missing or not (heard.presence[OWN] or self._is_anything_there()):
