@@ -47,7 +47,7 @@ class Heard:
         self.seen = bytearray(DIRECTIONS + 1)
         self.repeat_ms = 0
         self._state_ms = array("i", [0] * DIRECTIONS)
-        self._words = array("i", [0] * (2 * DIRECTIONS))
+        self._words = array("H", [0] * (2 * DIRECTIONS))
         self.estimates = array("i", [0] * (wire.ESTIMATE_FIELDS * DIRECTIONS))
         self.estimate_beat = array("i", [NEVER] * DIRECTIONS)
         self.fresh = self.boxes.fresh

@@ -15,8 +15,9 @@ from array import array
 
 from mdms_cell.canopen.objects import find
 from mdms_cell.drive.speed_loop import ACTUAL, AXIS
+from mdms_cell.neighbours.geometry import place
 from mdms_cell.neighbours.geometry.footprint import Footprint
-from mdms_cell.neighbours.geometry.place import DIRECTIONS, ESTIMATE, SPEEDS, STATE, Place
+from mdms_cell.neighbours.geometry.place import DIRECTIONS, Place
 from mdms_cell.neighbours.heard import OWN, Heard
 from mdms_cell.neighbours.leading import Leading
 from mdms_cell.neighbours.pages import Pages
@@ -27,6 +28,16 @@ from mdms_cell.neighbours.tracking import LOST_BEATS, Tracking
 from mdms_cell.ticks import IDLE_MS, after, diff
 from mdms_protocol import indices
 from mdms_protocol.neighbours import frames as wire
+from mdms_protocol.neighbours.frames import (
+    FLAGS,
+    HOLD,
+    IDENTITY,
+    LACKING,
+    SEQUENCE,
+    STATE,
+    WANTS,
+    pack_estimate,
+)
 
 #: From SYNC until speeds and estimates of all cells of a bus have come.
 UPDATE_MS = 7
@@ -108,8 +119,8 @@ class Layer:
         self._due = False
         self._situation = 0, 0, False
         self._skipped = 0
-        for place in range(wire.ESTIMATE_FIELDS):
-            self._fields[place] = 0
+        for field in range(wire.ESTIMATE_FIELDS):
+            self._fields[field] = 0
 
     def stop(self):
         """The cell is not 'operational' any more."""
@@ -155,11 +166,11 @@ class Layer:
 
     def _receiver(self, kind, direction):
         heard = self._heard
-        if kind == SPEEDS:
+        if kind == place.SPEEDS:
             return DIRECTIONS + direction
-        if kind == STATE:
+        if kind == place.STATE:
             return lambda data: heard.on_state(direction, data, self._now())
-        if kind == ESTIMATE:
+        if kind == place.ESTIMATE:
             return direction
         return lambda data: not self.active or self._pages.on_page(direction, data)
 
@@ -183,7 +194,7 @@ class Layer:
         elif self._due:
             self._skip(came_ms)
         self._came_ms = came_ms
-        if self._fields[wire.IDENTITY]:
+        if self._fields[IDENTITY]:
             self._pdos.trigger(_ESTIMATE_PDO)
         if gap:
             self._rights.on_gap()
@@ -306,9 +317,9 @@ class Layer:
             at = direction * wire.ESTIMATE_FIELDS
             if (
                 came[direction] == self._heard.beat
-                and estimates[at + wire.IDENTITY] == self._tracking.identity
-                and estimates[at + wire.STATE] == UNDER
-                and estimates[at + wire.SEQUENCE] == sequence
+                and estimates[at + IDENTITY] == self._tracking.identity
+                and estimates[at + STATE] == UNDER
+                and estimates[at + SEQUENCE] == sequence
             ):
                 return True
         return False
@@ -336,16 +347,16 @@ class Layer:
     @micropython.native
     def _announce(self, program, asks):
         fields = self._fields
-        fields[wire.WANTS] = asks
+        fields[WANTS] = asks
         if program is not None and program.complete:
-            fields[wire.SEQUENCE], flags = program.sequence, 0 if program.whole else wire.LACKING
+            fields[SEQUENCE], flags = program.sequence, 0 if program.whole else LACKING
         else:
-            fields[wire.SEQUENCE], flags = 0, wire.LACKING
+            fields[SEQUENCE], flags = 0, LACKING
         if self._leading.arrived():
             flags |= wire.ARRIVED
         if self._suspect >= 0:
             flags |= wire.CONTRADICTED
-        fields[wire.FLAGS] = flags
+        fields[FLAGS] = flags
         self._write_estimate(self._step_ms)
 
     @micropython.native
@@ -353,9 +364,9 @@ class Layer:
         """Write what the next SYNC is to send, so long after the one that the belief is of."""
         fields, rights = self._fields, self._rights
         self._tracking.announce(fields, ahead_ms)
-        fields[wire.IDENTITY] = rights.identity
-        fields[wire.STATE] = rights.state
-        fields[wire.HOLD] = rights.hold
+        fields[IDENTITY] = rights.identity
+        fields[STATE] = rights.state
+        fields[HOLD] = rights.hold
         if rights.state != UNDER:
-            fields[wire.WANTS] = 0
-        wire.pack_estimate(fields, 0, self._objects.data, self._estimate_at)
+            fields[WANTS] = 0
+        pack_estimate(fields, 0, self._objects.data, self._estimate_at)
