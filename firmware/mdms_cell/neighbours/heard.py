@@ -11,7 +11,7 @@ except ImportError:
 from array import array
 
 from mdms_cell.mailboxes import STAMP, Mailboxes
-from mdms_cell.neighbours.geometry.place import DIRECTIONS
+from mdms_cell.neighbours.geometry.place import DIRECTIONS, SENSORS
 from mdms_cell.ticks import diff
 from mdms_protocol.neighbours import frames as wire
 
@@ -34,8 +34,8 @@ class Heard:
     `beat` is the present one. `speeds[2 * d]` and the next are those of direction d [um/s], valid
     where `speeds_beat[d]` is the present beat. `presence[d]` are its sensors' bits, valid where
     `seen[d]`. `estimates` has the fields of `neighbours.frames`, `estimate_beat[d]` the beat in
-    which they came; they are to be passed on once, while `fresh[d]`. An edge is a direction, a
-    sensor, what it shows now and a time [ms].
+    which they came; they are to be passed on once, while `fresh[d]`. Of the `edges` that wait,
+    `edge_ms` has the times; see `edge`.
     """
 
     def __init__(self):
@@ -52,9 +52,7 @@ class Heard:
         self.estimate_beat = array("i", [NEVER] * DIRECTIONS)
         self.fresh = self.boxes.fresh
         self.edges = 0
-        self.edge_direction = bytearray(EDGES)
-        self.edge_sensor = bytearray(EDGES)
-        self.edge_covered = bytearray(EDGES)
+        self._edge = bytearray(EDGES)  # direction, sensor and what it shows now, in one byte
         self.edge_ms = array("i", [0] * EDGES)
 
     def reset(self):
@@ -95,8 +93,8 @@ class Heard:
         self.speeds_beat[OWN] = self.beat
 
     def on_state(self, direction, data, now_ms):
-        """A neighbour's TPDO 2; returns False if it has another length."""
-        if len(data) != _STATE_LENGTH:
+        """A neighbour's TPDO 2; returns False if it is none: cells alike have no more sensors."""
+        if len(data) != _STATE_LENGTH or data[_PRESENCE_AT] >> SENSORS:
             return False
         first, second = data[0] | data[1] << 8, data[2] | data[3] << 8
         words, at = self._words, 2 * direction
@@ -130,15 +128,24 @@ class Heard:
             sensor = 0
             while changed:
                 if changed & 1 and self.edges < EDGES:
-                    self.edge_direction[self.edges] = direction
-                    self.edge_sensor[self.edges] = sensor
-                    self.edge_covered[self.edges] = bits >> sensor & 1
+                    shown = bits >> sensor & 1
+                    self._edge[self.edges] = direction << 4 | sensor << 1 | shown
                     self.edge_ms[self.edges] = now_ms
                     self.edges += 1
                 changed >>= 1
                 sensor += 1
         self.presence[direction] = bits
         self.seen[direction] = 1
+
+    def edge(self, number):
+        """The direction of an edge that waits, its sensor, and what that shows now."""
+        edge = self._edge[number]
+        return edge >> 4, edge >> 1 & 7, edge & 1
+
+    def keep_edge(self, number, place):
+        """Have an edge wait in another place."""
+        self._edge[place] = self._edge[number]
+        self.edge_ms[place] = self.edge_ms[number]
 
     def passed_on(self):
         """No estimate is fresh any more; returns the mask of those that were."""
