@@ -15,15 +15,23 @@ from mdms_host.flashing.parsing import value_of
 
 #: The longest that the watchdog of an STM32 takes is 32 s.
 WATCHDOG_MS = 30_000
-_INTERRUPT, _RAW, _RESET = b"\r\x03", b"\r\x01", b"\x04"
+_ASK, _RAW, _RESET = b"\r\x03\r\x01", b"\r\x01", b"\x04"
+_PROMPT = b">>> "
 _BANNER = b"raw REPL; CTRL-B to exit\r\n"
 _REBOOT = b"soft reboot\r\n"
-_READ_S = 2.0
-_PROMPT_S = 5.0
-#: A watchdog that was faster than we were resets the board, which then comes back.
-_ATTEMPTS = 3
+_END = b"\x04"
+#: A board that is being reset loses what it is sent, and until `main.py` runs, Ctrl-C ends nothing.
+#: So it is asked again, but not sooner: that would cut the farewell of its firmware short.
+_ASK_S = 2.0
+#: It may be reset meanwhile, by a watchdog that was faster than we were, and start anew.
+_PATIENCE_S = 20.0
+_ANSWER_S = 5.0
+_RUN_S = 10.0
+#: Over USB of its own a port is away while its board is reset.
 _RETURN_S = 4.0
-_LOOK_S = 0.02
+_LOOK_S = 0.01
+#: No program has so much more to say once it is interrupted.
+_MUCH_BYTES = 4096
 _CHUNK = 1024
 _GUARD = f"""\
 try:
@@ -57,6 +65,7 @@ class BoardLink:
         self.device = device
         self._clock = clock
         self._transport: Any = None
+        self._holds = 0
         self._connect()
 
     def __enter__(self) -> "BoardLink":
@@ -73,7 +82,7 @@ class BoardLink:
     def run(self, code: str) -> str:
         """What a piece of MicroPython prints. Raises BoardError, NoBoardError."""
         try:
-            printed, failure = self._transport.exec_raw(code)
+            printed, failure = self._transport.exec_raw(code, timeout=_RUN_S)
         except _troubles() as error:
             raise NoBoardError(f"the board is gone; flash it again ({error})") from None
         if failure:
@@ -128,32 +137,20 @@ class BoardLink:
             self._transport.close()
 
     def _connect(self) -> None:
-        self._transport = _open(self.device)
-        for attempt in range(_ATTEMPTS):
+        end_s = self._clock.now_s() + _PATIENCE_S
+        while True:
+            self._transport = self._opened()
             try:
                 self._take_over()
                 return
             except _troubles() as error:
                 self.close()
-                if attempt == _ATTEMPTS - 1:
+                if self._clock.now_s() > end_s:
                     raise NoBoardError(f"no MicroPython prompt answers: {error}") from None
-            self._transport = self._reopened()
+            self._clock.sleep(_LOOK_S)
 
-    def _take_over(self) -> None:
-        """End what runs, hold the watchdog, and begin anew without `main.py`."""
-        # Once only: a second Ctrl-C would cut the firmware's farewell short.
-        self._transport.serial.write(_INTERRUPT)
-        self._transport.serial.write(_RAW)
-        self._await(_BANNER)
-        self._exec(_GUARD)
-        self._await(b">")
-        self._transport.serial.write(_RESET)
-        self._await(_REBOOT)
-        self._await(_BANNER)
-        self._exec(_GUARD)
-
-    def _reopened(self) -> Any:
-        """The port, as soon as it is back: a board is easiest to interrupt while it starts."""
+    def _opened(self) -> Any:
+        """The port, as soon as it is there: a board is easiest to interrupt while it starts."""
         end_s = self._clock.now_s() + _RETURN_S
         while True:
             try:
@@ -163,15 +160,45 @@ class BoardLink:
                     raise
             self._clock.sleep(_LOOK_S)
 
-    def _await(self, ending: bytes) -> None:
-        told = self._transport.read_until(1, ending, timeout=_READ_S, timeout_overall=_PROMPT_S)
-        if not told.endswith(ending):
-            raise TimeoutError(f"it says {told[-40:]!r}" if told else "it says nothing")
+    def _take_over(self) -> None:
+        """End what runs, hold the watchdog, and begin anew without `main.py`."""
+        self._transport.serial.write(_ASK)
+        if self._await(_BANNER, _PROMPT, limit_s=_ASK_S).endswith(_PROMPT):
+            # It has come to its prompt by itself, perhaps, and was not there to be asked.
+            self._transport.serial.write(_RAW)
+            self._await(_BANNER, limit_s=_ASK_S)
+        self._hold()
+        self._transport.serial.write(_RESET)
+        self._await(_REBOOT)
+        self._await(_BANNER)
+        self._hold()
 
-    def _exec(self, code: str) -> None:
-        _printed, failure = self._transport.exec_raw(code)
-        if failure:
-            raise TimeoutError(failure.decode("utf-8", "replace").strip().splitlines()[-1])
+    def _hold(self) -> None:
+        """Give the watchdog patience; what the board was asked before is answered then."""
+        self._holds += 1
+        mark = f"held {self._holds}"
+        self._transport.serial.write(f"{_GUARD}print({mark!r})\n".encode() + _RESET)
+        printed, failure = self._await(_END), self._await(_END)
+        if not printed.removesuffix(_END).rstrip().endswith(mark.encode()):
+            raise TimeoutError(_said(printed + failure))
+
+    def _await(self, *endings: bytes, limit_s: float | None = None) -> bytes:
+        """What comes until one of the endings. Raises TimeoutError."""
+        end_s = self._clock.now_s() + (_ANSWER_S if limit_s is None else limit_s)
+        told = b""
+        while not told.endswith(endings):
+            waiting = self._transport.serial.in_waiting
+            if self._clock.now_s() > end_s and (not waiting or len(told) > _MUCH_BYTES):
+                raise TimeoutError(_said(told))
+            if waiting:
+                told += self._transport.serial.read(1)
+            else:
+                self._clock.sleep(_LOOK_S)
+        return told
+
+
+def _said(told: bytes) -> str:
+    return f"it says {told[-40:]!r}" if told else "it says nothing"
 
 
 def _open(device: str) -> Any:
@@ -183,12 +210,12 @@ def _open(device: str) -> Any:
             "mpremote is not installed; it comes with pip install 'mdms-array[boards]'"
         ) from None
     try:
-        transport = SerialTransport(device, timeout=_READ_S)
+        transport = SerialTransport(device, timeout=_ANSWER_S)
     except (TransportError, OSError):
         raise NoBoardError(
             "cannot be opened; is it there, and does no other program use it?"
         ) from None
-    transport.serial.write_timeout = _READ_S
+    transport.serial.write_timeout = _ANSWER_S
     return transport
 
 

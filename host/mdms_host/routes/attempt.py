@@ -18,7 +18,7 @@ from mdms_host.routes.space.moves import free_runs
 from mdms_model.arrays import Bools, Floats, Ints
 
 #: Moves that a search tries: as many as it takes, and where it may be in vain.
-MANY, _IN_VAIN = 2**31, 4000
+MANY, _IN_VAIN = 2**31, 16_000
 
 
 class Aside(Enum):

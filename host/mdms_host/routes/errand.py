@@ -148,11 +148,13 @@ class Errand:
             along_m.append(along_m[-1] + way_m)
             arrives.append(now)
         stand = self.ground.stand(self.task.shape, poses[-1])
+        waits = np.flatnonzero(begins_s[1:] > arrives[:-1]) + 1
+        rests = [(along_m[k], self.ground.stand(self.task.shape, poses[k])) for k in waits.tolist()]
         if not columns:
             zeros = np.zeros(len(stand))
             columns.append((stand, zeros, zeros, zeros + now_s, zeros + now_s))
         visits = Visits(*(np.concatenate(column) for column in zip(*columns, strict=True)))
-        visits = merged(visits, stand, along_m[-1], gone_s)
+        visits = merged(visits, rests, stand, along_m[-1], gone_s)
         # Where it stands at the start it has been before; a turn sweeps more as it begins.
         begin = self.ground.stand(self.task.shape, poses[0])
         visits.enters_s[(visits.enters_m <= 0.0) & np.isin(visits.tile, begin)] = -np.inf

@@ -2,7 +2,7 @@
 
 The estimate for an STM32F405 at 168 MHz rests on the Thumb-2 code that mpy-cross makes of
 `speed_loop.step`: its instructions are counted, the largest share of its lines that a tick has
-executed on the stream of extreme settings tells how many of them run, and `CYCLES` comes from viper
+executed on the stream of extreme settings is the share that runs, and `CYCLES` comes from viper
 code counted on an emulated Cortex-M4, calibrated with published scores of boards (480 instructions
 in 6 us). It leaves out the calls around it and the peripherals.
 

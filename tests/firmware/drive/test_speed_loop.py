@@ -87,9 +87,8 @@ def test_numba_computes_the_same(expected):
 @pytest.mark.parametrize("viper", [True, False], ids=["viper", "bytecode"])
 @pytest.mark.parametrize("emit", ["bytecode", "native"])
 def test_64_bit_micropython_computes_the_same(micropython, expected, viper, emit):
-    options = ("-X", f"emit={emit}")
     code = STREAM % (0, len(SEEDS))
-    printed = micropython(code, BENCH / "speed_loop_stream.py", options=options, viper=viper)
+    printed = micropython(code, BENCH / "speed_loop_stream.py", emit=emit, viper=viper)
     assert [int(line) for line in printed.split()] == expected
 
 

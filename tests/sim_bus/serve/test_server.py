@@ -106,7 +106,7 @@ def test_time_that_a_terminal_takes_from_the_array_is_reported(machine, tmp_path
 
     def over() -> bool:
         machine.turn()
-        return machine.now_ns >= 2000 * MS
+        return machine.now_ns >= 1500 * MS
 
     with Server(bare_simulation(), str(tmp_path / "bus.sock"), report=told.append) as server:
         server.run(over)

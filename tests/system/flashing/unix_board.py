@@ -2,13 +2,17 @@
 
 The unix port is the board: a folder is its flash, and a relay stands for the USB cable, the power
 supply, the reset and the watchdog. A soft reset ends a unix process, so the relay starts another.
+
+As on an STM32 (ports/stm32/main.c, shared/runtime/pyexec.c), what comes while it is reset is lost,
+and Ctrl-C interrupts nothing before `main.py` runs: it is a byte like any other. Left out: it does
+so only where `main.py` feeds its watchdog, and not at all at the prompt. A signal would interrupt
+anything, but the unix port raises it amid its C code, with locks held, and hangs then.
 """
 
 import os
 import pty
 import select
 import shutil
-import signal
 import subprocess
 import threading
 import time
@@ -16,18 +20,23 @@ import tty
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import pytest
 from tests.micropython_builds import skipping_without_micropython, unix_command
 
+from mdms_host.flashing import board_link
 from mdms_sim.nodes.micropython_process import find_micropython
 
-PATIENCE_S = 20
+#: Longer than any machine is busy; only a board that hangs takes so long.
+PATIENCE_S = 120.0
 POWER_UP = Path(__file__).parent / "on_board" / "power_up.py"
 #: As `power_up.py` has it.
 ROM_SIZE = 64 * 4096
 #: What the boards have in `machine`; the relay reads the files.
 MACHINE = """
-import sys, time
+import os, sys
 OUTSIDE = %r
+#: Whether Ctrl-C interrupts.
+interruptible = False
 
 def tell(name, text):
     with open(OUTSIDE + "/" + name, "w") as file:
@@ -42,13 +51,18 @@ def reset():
 
 class WDT:
     def __init__(self, timeout=5000):
-        self.timeout = timeout
         with open(OUTSIDE + "/timeouts", "a") as file:
             file.write("%%d " %% timeout)
+        tell("watchdog", str(timeout))
         self.feed()
 
     def feed(self):
-        tell("watchdog", str(self.timeout))
+        if interruptible:
+            try:
+                os.remove(OUTSIDE + "/interrupt")
+            except OSError:
+                return
+            raise KeyboardInterrupt
 """
 
 
@@ -67,7 +81,9 @@ class UnixBoard:
         shutil.copy(POWER_UP, self._outside)
         self.resets = 0
         self.fuse_bytes = None
+        self._is_starved = False
         self._thread = None
+        self._lines = []
 
     @property
     def timeouts_ms(self):
@@ -84,35 +100,52 @@ class UnixBoard:
         (self._outside / "rom.bin").write_bytes(content.ljust(ROM_SIZE, b"\xff"))
 
     def plug_in(self):
-        self._host, self._line = pty.openpty()
-        tty.setraw(self._line)
-        self.port = os.ttyname(self._line)
+        """Give it power; returns when it is at its prompt or runs `main.py`."""
+        self._host, line = pty.openpty()
+        tty.setraw(line)
+        self.port = os.ttyname(line)
+        # Until it is thrown away, no other board gets a port of this name.
+        self._lines.append(line)
         self._plugged = True
-        self._start(with_main=True)
+        self._start()
         self._thread = threading.Thread(target=self._relay)
         self._thread.start()
+        _until((self._outside / "up").exists)
 
     def unplug(self):
         self._plugged = False
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join()
 
+    def throw_away(self):
+        self.unplug()
+        while self._lines:
+            os.close(self._lines.pop())
+
     def wait_for(self, name, text):
         """Until a file in the flash has this text."""
-        end = time.monotonic() + PATIENCE_S
         path = self.flash / name
-        while not (path.exists() and path.read_text() == text):
-            assert time.monotonic() < end, (name, path.exists() and path.read_text())
-            time.sleep(0.01)
+        _until(lambda: path.exists() and path.read_text() == text)
 
-    def _start(self, with_main):
-        (self._outside / "watchdog").unlink(missing_ok=True)
-        (self._outside / "reset").unlink(missing_ok=True)
-        self._runs_main = with_main and (self.flash / "main.py").exists()
+    def starve(self, duration_ms):
+        """Feed the watchdog of a board at its prompt for so long not at all.
+
+        No other time passes for it, so no machine is too slow for it.
+        """
+        dog, before = self._outside / "watchdog", self.resets
+        if dog.exists() and int(dog.read_text()) < duration_ms:
+            self._is_starved = True
+            _until(lambda: self.resets > before)
+
+    def _start(self, after_reset=True):
+        for name in ("watchdog", "reset", "interrupt", "main", "up"):
+            (self._outside / name).unlink(missing_ok=True)
+        if after_reset:
+            (self._outside / "on").unlink(missing_ok=True)
         self._ours, theirs = pty.openpty()
         tty.setraw(theirs)
         self._child = subprocess.Popen(
-            [*unix_command(), *self._arguments()],
+            [*unix_command(), *self._arguments(after_reset)],
             cwd=self.flash,
             stdin=theirs,
             stdout=theirs,
@@ -122,12 +155,12 @@ class UnixBoard:
         )
         os.close(theirs)
 
-    def _arguments(self):
+    def _arguments(self, with_main):
         heap = () if self._heap_bytes is None else ("-X", f"heapsize={self._heap_bytes}")
-        if self._has_rom:
-            power_up = str(self._outside / POWER_UP.name)
-            return (*heap, "-i", power_up, *(("main",) if self._runs_main else ()))
-        return (*heap, *(("-i", "main.py") if self._runs_main else ()))
+        does = ("rom",) if self._has_rom else ()
+        if with_main and (self.flash / "main.py").exists():
+            does += ("main",)
+        return (*heap, "-i", str(self._outside / POWER_UP.name), *does)
 
     def _relay(self):
         while self._plugged:
@@ -139,51 +172,59 @@ class UnixBoard:
             self._watch()
         self._child.kill()
         self._child.wait()
-        for end in (self._host, self._line, self._ours):
-            os.close(end)
+        os.close(self._host)
+        os.close(self._ours)
 
     def _from_host(self, data):
         if self.fuse_bytes is not None:
             self.fuse_bytes -= len(data)
             self._plugged = self.fuse_bytes > 0
-        if self._runs_main and b"\x03" in data:
-            # A program has no terminal that would turn the key into a signal.
+        if not (self._outside / "on").exists():
+            return
+        if b"\x03" in data and (self._outside / "main").exists():
             data = data.replace(b"\x03", b"")
-            self._child.send_signal(signal.SIGINT)
+            (self._outside / "interrupt").touch()
         if self._plugged:
             os.write(self._ours, data)
 
     def _from_board(self):
         with suppress(OSError):
             data = os.read(self._ours, 4096)
-            self._runs_main = self._runs_main and b">>> " not in data
             os.write(self._host, data)
             return
         self._child.wait()
         os.close(self._ours)
         hard = (self._outside / "reset").exists()
         if hard:
-            self._start(with_main=True)
+            self._start()
         else:
             os.write(self._host, b"soft reboot\r\n")
-            self._start(with_main=False)
+            self._start(after_reset=False)
             os.write(self._ours, b"\x01")
 
     def _watch(self):
-        with suppress(FileNotFoundError, ValueError):
-            dog = self._outside / "watchdog"
-            overdue_s = time.time() - dog.stat().st_mtime - int(dog.read_text()) / 1000
-            if overdue_s > 0:
-                self.resets += 1
-                self._child.kill()
-                self._child.wait()
-                os.close(self._ours)
-                self._start(with_main=True)
+        if self._is_starved:
+            self._is_starved = False
+            self._child.kill()
+            self._child.wait()
+            os.close(self._ours)
+            self._start()
+            self.resets += 1
+
+
+def _until(is_so):
+    end_s = time.monotonic() + PATIENCE_S
+    while not is_so():
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
 
 
 @contextmanager
 def boards_in(folder):
-    """Gives a function that plugs in a board with these files in its flash, and `rom` in ROMFS."""
+    """Gives a function that plugs in a board with these files in its flash, and `rom` in ROMFS.
+
+    On a busy machine they are slower than any board, so what is asked of them has patience.
+    """
     with skipping_without_micropython():
         find_micropython()
     boards = []
@@ -199,8 +240,11 @@ def boards_in(folder):
         boards.append(board)
         return board
 
-    try:
-        yield plug_in
-    finally:
-        for board in boards:
-            board.unplug()
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("_PATIENCE_S", "_ANSWER_S", "_RUN_S", "_RETURN_S"):
+            patch.setattr(board_link, name, PATIENCE_S)
+        try:
+            yield plug_in
+        finally:
+            for board in boards:
+                board.throw_away()

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mdms_host.motion.footing import MARGIN_M
+from mdms_host.motion.footholds import MARGIN_M
 from mdms_host.routes.pace import Pace
 from mdms_host.routes.space.moves import LatticeMoves, Moves
 from mdms_host.routes.space.standing import SLACK_M, Standing

@@ -1,12 +1,15 @@
-"""What a board with a ROMFS partition does at power-up, for the unix port, which has none.
+"""What a board does at power-up, for the unix port: `power_up.py [rom] [main]`.
 
-As ports/stm32/vfs_rom_ioctl.c of MicroPython 1.29 has it for SPI flash: blocks are erased to ones,
-writing makes zeros of ones, numbers below 0 are errors. What is left out: waiting, and wear. The
-content outlives the process in a file, which is as whole as the flash would be.
+The port has no ROMFS partition; with `rom` there is one as ports/stm32/vfs_rom_ioctl.c of
+MicroPython 1.29 has it for SPI flash: blocks are erased to ones, writing makes zeros of ones,
+numbers below 0 are errors. What is left out: waiting, and wear. The content outlives the process in
+a file, which is as whole as the flash would be. With `main`, the board's program is run.
 """
 
+import os
 import sys
 
+import machine
 import vfs
 
 BLOCK = 4096
@@ -15,12 +18,12 @@ EINVAL = 22
 OUTSIDE = sys.path[0]  # of a script, its folder
 FILE = OUTSIDE + "/rom.bin"
 
+# From now on it keeps what it is sent.
+machine.tell("on", "")
 sys.path[0] = ""
 
 
-rom = bytearray(BLOCK * BLOCKS)
-with open(FILE, "rb") as file:
-    file.readinto(rom)
+rom = bytearray(BLOCK * BLOCKS if "rom" in sys.argv else 0)
 segment = memoryview(rom)
 
 
@@ -73,12 +76,35 @@ class Vfs:
     rom_ioctl = rom_ioctl
 
 
-sys.modules["vfs"] = Vfs
-try:
-    vfs.mount(vfs.VfsRom(segment), "/rom")
-    sys.path += ["/rom", "/rom/lib"]
-except OSError:
-    pass
-if "main" in sys.argv:
+def plug_rom():
+    """Mount the partition as MicroPython does before anything else is imported."""
+    with open(FILE, "rb") as file:
+        file.readinto(rom)
+    sys.modules["vfs"] = Vfs
+    try:
+        vfs.mount(vfs.VfsRom(segment), "/rom")
+        sys.path += ["/rom", "/rom/lib"]
+    except OSError:
+        pass
+
+
+def run_main():
+    """Run `main.py`, which alone is interrupted, in the name space that the prompt has then."""
     with open("main.py") as file:
-        exec(file.read())
+        program = compile(file.read(), "main.py", "exec")
+    machine.interruptible = True
+    machine.tell("main", "")
+    machine.tell("up", "")
+    try:
+        exec(program, globals())
+    finally:
+        machine.interruptible = False
+        os.remove(OUTSIDE + "/main")
+
+
+if "rom" in sys.argv:
+    plug_rom()
+if "main" in sys.argv:
+    run_main()
+else:
+    machine.tell("up", "")
