@@ -9,7 +9,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 
 class RevisionHook(BuildHookInterface):  # type: ignore[type-arg]
-    """Adds `mdms_host/revision.txt` where git knows the revision."""
+    """Adds `mdms_host/revision.txt` where git has a revision."""
 
     PLUGIN_NAME = "custom"
 

@@ -35,6 +35,8 @@ TIME_LIMIT_S = 60
 _MEMORY_BYTES = 1 << 28
 _STACK_BYTES = 512 * 1024
 EMITS = platform.machine() in EMITTERS
+#: For which mpy-cross makes machine code that the unix port runs here; None: bytecode only.
+ARCHITECTURE = "x64" if EMITS else None
 _LAUNCH = (
     "import sys; sys.path.append(sys.argv.pop(1)); "
     "from micropython_run import run_main; sys.exit(run_main(sys.argv))"
@@ -75,26 +77,28 @@ def stage(folder: Path, more: Iterable[Path] = (), *, viper: bool = True) -> Non
             path.write_text(EMITTER_LINE.sub("", path.read_text()))
 
 
-def compile_staged(folder: Path) -> None:
-    """Make bytecode of what was staged without viper; what only CPython can compile stays as it is.
+def compile_staged(folder: Path, architecture: str | None = None) -> None:
+    """Make `.mpy` files of what was staged, as boards get them; what is for CPython alone stays.
 
-    The 32-bit build imports it several times as fast, and has room for more in its heap.
+    Either build imports them several times as fast, and the 32-bit one has room for more in its
+    heap. Without an architecture what is staged is to be without viper.
     """
     for path in folder.rglob("*.py"):
-        bytecode = _bytecode(path.relative_to(folder).as_posix(), path.read_text(encoding="utf-8"))
+        place = path.relative_to(folder).as_posix()
+        bytecode = _bytecode(place, path.read_text(encoding="utf-8"), architecture)
         if bytecode is not None:
             path.with_suffix(".mpy").write_bytes(bytecode)
             path.unlink()
 
 
 @cache
-def _bytecode(place: str, source: str) -> bytes | None:
+def _bytecode(place: str, source: str, architecture: str | None) -> bytes | None:
     """A module as bytecode, None if it is not for MicroPython; each is compiled once a process."""
     with TemporaryDirectory() as folder:
         path = Path(folder, "module.py")
         path.write_text(source, encoding="utf-8")
         with suppress(FirmwareError):
-            return compile_module(place, path, None)
+            return compile_module(place, path, architecture)
     return None
 
 
@@ -104,13 +108,16 @@ def unix_command() -> list[str]:
 
 
 def unix(
-    folder: Path, *arguments: object, options: Iterable[str] = ()
+    folder: Path, *arguments: object, options: Iterable[str] = (), inside: Path | None = None
 ) -> subprocess.CompletedProcess[str]:
-    """Run the unix port with `folder` as its only library; MicropythonMissing without it."""
+    """Run the unix port with `folder` as its only library, inside it or elsewhere.
+
+    Raises MicropythonMissing where it is not installed.
+    """
     return subprocess.run(
         [*unix_command(), *options, *map(str, arguments)],
         env={**os.environ, "MICROPYPATH": str(folder)},
-        cwd=folder,
+        cwd=inside or folder,
         capture_output=True,
         text=True,
         timeout=TIME_LIMIT_S,

@@ -7,8 +7,9 @@ frame has left something to look after; while it is 0, there are only timers and
 
 try:
     import micropython
+    from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import micropython
+    from mdms_protocol.cpython import const, micropython
 
 try:
     from typing import TYPE_CHECKING
@@ -53,6 +54,12 @@ _WATCHED = (
     indices.BRAKING_TIME,
     indices.PRESENCE_DEBOUNCE,
 )
+#: A register that is read in every turn; a constant of another module would be looked up.
+_ATTENTION = const(110)
+assert _ATTENTION == speed_loop.ATTENTION
+#: A difference of two instants is negative from here on, within a turn of the clock; see `ticks`.
+_BEFORE = const(1 << 29)
+_WRAP = const((1 << 30) - 1)
 _DEFAULT_SUPPLY_UV = 24_000_000
 #: In place of a size that is not known.
 _UNKNOWN = 0xFFFFFFFF
@@ -215,15 +222,16 @@ class Cell:
         self.now_ms = now_ms
         registers = self._registers
         reading = self._board.presence()
-        quiet = reading == self._reading and not registers[speed_loop.ATTENTION]
-        if quiet and ticks.diff(now_ms, self.wake_ms) < 0:
-            return
-        left_ms = ticks.diff(self._due_ms, now_ms)
-        if quiet and left_ms > 0:
-            self.wake_ms = ticks.after(now_ms, min(left_ms, self._update_layer()))
-            return
+        quiet = reading == self._reading and not registers[_ATTENTION]
+        if quiet:
+            if now_ms - self.wake_ms & _WRAP >= _BEFORE:
+                return
+            left_ms = ticks.diff(self._due_ms, now_ms)
+            if left_ms > 0:
+                self.wake_ms = ticks.after(now_ms, min(left_ms, self._update_layer()))
+                return
         # What calls for attention from here on has another poll follow.
-        registers[speed_loop.ATTENTION] = 0
+        registers[_ATTENTION] = 0
         self._reading = reading
         settled_ms = self._presence.step(reading, now_ms)
         layer_ms = ticks.IDLE_MS
@@ -418,7 +426,7 @@ class Cell:
 
     def _attend(self):
         """Have a poll follow that looks after everything; the time."""
-        self._registers[speed_loop.ATTENTION] = 1
+        self._registers[_ATTENTION] = 1
         return self.now_ms
 
     def _now(self):

@@ -11,39 +11,39 @@ somebody reads.
 from array import array
 
 LENGTH = 8
-#: In the place of an identifier: a box that no frame is for.
-_NOBODY = 0xFFFF
+#: Below an identifier of 11 bits, in 16: the number of its box, or none.
+BOX_BITS = 5
+NO_BOX = (1 << BOX_BITS) - 1
 
 # Numbers of `counts`
 STAMP = 0  # what frames are stamped with from now on
-BOXES = 1  # so many of the identifiers have a box
-KNOWN = 2  # so many identifiers are taken at all
+KNOWN = 1  # so many identifiers are taken
 
 
 class Mailboxes:
     """Boxes for frames of eight bytes; those of another length are refused.
 
     Of box b, `frames` has the data from `LENGTH * b` on, `stamps[b]` what the frame was stamped
-    with, and `fresh[b]` is set until who reads it clears it. `identifiers` begins with those of the
-    boxes, and goes on with all that the cell takes.
+    with, and `fresh[b]` is set until who reads it clears it. `accepted` are the identifiers of all
+    that the cell takes, in their order, with the numbers of their boxes.
     """
 
     def __init__(self, boxes, stamp):
         self.frames = bytearray(LENGTH * boxes)
         self.stamps = array("i", [stamp] * boxes)
         self.fresh = bytearray(boxes)
-        self.counts = array("i", (stamp, boxes, 0))
-        self.identifiers = array("H")
+        self.counts = array("i", (stamp, 0))
+        self.accepted = array("H")
 
     def listen(self, accepts):
         """Take over what the cell takes: by identifier the number of a box, or anything else."""
-        identifiers = [_NOBODY] * len(self.fresh)
+        accepted = []
         for can_id, served_by in accepts.items():
-            if isinstance(served_by, int):
-                identifiers[served_by] = can_id
-        identifiers.extend(accepts)
-        self.identifiers = array("H", identifiers)
-        self.counts[KNOWN] = len(identifiers)
+            box = served_by if isinstance(served_by, int) else NO_BOX
+            accepted.append(can_id << BOX_BITS | box)
+        accepted.sort()
+        self.accepted = array("H", accepted)
+        self.counts[KNOWN] = len(accepted)
 
     def put(self, box, data):
         """Put a frame into a box; returns False if its length is another."""

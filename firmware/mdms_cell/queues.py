@@ -12,7 +12,7 @@ from array import array
 from struct import unpack_from
 
 from mdms_cell.drive.speed_loop import TICKS
-from mdms_cell.mailboxes import BOXES, KNOWN, STAMP
+from mdms_cell.mailboxes import BOX_BITS, KNOWN, NO_BOX, STAMP
 
 REMOTE_OR_EXTENDED = 3  # CAN.FLAG_RTR and CAN.FLAG_EXT_ID of `machine.CAN`
 
@@ -30,6 +30,8 @@ _LAYOUTS = tuple("<Hx%ds%dxBBB" % (length, _DATA_MAX - length) for length in ran
 #: What `machine.CAN.recv` may write, whatever the buffer's length: a DLC of 9 to 15 means 8 bytes
 #: on a classic bus, but the port returns up to 15 (bxCAN, FlexCAN) or 64 (FDCAN).
 _RECV_MAX = const(64)
+_TICKS = const(102)
+assert _TICKS == TICKS
 #: CAN.RECV_ERR_OVERRUN: a frame was lost before this one. The other error, a full FIFO, lost none.
 _OVERRUN = const(2)
 
@@ -44,62 +46,74 @@ _END = const(2)
 def _put(  # noqa: PLR0917 - viper takes words
     ring: ptr8,
     ends: ptr32,
+    registers: ptr32,
     can_id: int,
     data: ptr8,
     length: int,
     flags: int,
     errors: int,
-    registers: ptr32,
-) -> bool:
-    """Write a frame into the ring; returns whether there was room."""
+) -> int:
+    """Write a frame into the ring; returns how many are lost.
+
+    That is this one, where there is no room, and one before it, where the controller says so.
+    """
+    lost = 1 if errors & _OVERRUN else 0
     start = ends[_HEAD]
     following = start + _SIZE
     if following == ends[_END]:
         following = 0
     if following == ends[_TAIL]:
-        return False
+        return lost + 1
     length = length if length < _DATA_MAX else _DATA_MAX
     ring[start] = can_id & 0xFF
     ring[start + 1] = can_id >> 8 & 0xFF
     ring[start + _LENGTH] = length
     ring[start + _FLAGS] = flags & 0xFF
     ring[start + _ERRORS] = errors & 0xFF
-    ring[start + _CAME] = registers[int(TICKS)] & 0xFF
+    ring[start + _CAME] = registers[_TICKS] & 0xFF
+    start += _DATA
     for place in range(length):
-        ring[start + _DATA + place] = data[place]
+        ring[start + place] = data[place]
     ends[_HEAD] = following
-    return True
+    return lost
 
 
 @micropython.viper
 def _sort(  # noqa: PLR0917 - viper takes words
     ring: ptr8,
     ends: ptr32,
-    identifiers: ptr16,
+    accepted: ptr16,
     counts: ptr32,
     frames: ptr8,
     stamps: ptr32,
     fresh: ptr8,
 ) -> int:
     """Take frames until one is for the cell itself; see `Inbox.sort`."""
-    boxes = counts[int(BOXES)]
+    box_bits = int(BOX_BITS)
+    no_box = int(NO_BOX)
     known = counts[int(KNOWN)]
     stamp = counts[int(STAMP)]
     filed = 0
     start = ends[_TAIL]
     while start != ends[_HEAD] and ring[start + _FLAGS] == 0:
         can_id = ring[start] | ring[start + 1] << 8
-        box = 0
-        while box < known and identifiers[box] != can_id:
-            box += 1
-        if box < boxes and ring[start + _LENGTH] == _DATA_MAX:
+        first = 0
+        past = known
+        while first < past:
+            middle = first + past >> 1
+            if accepted[middle] >> box_bits < can_id:
+                first = middle + 1
+            else:
+                past = middle
+        if first < known and accepted[first] >> box_bits == can_id:
+            box = accepted[first] & no_box
+            if box == no_box or ring[start + _LENGTH] != _DATA_MAX:
+                break
             for place in range(_DATA_MAX):
                 frames[_DATA_MAX * box + place] = ring[start + _DATA + place]
             stamps[box] = stamp
             fresh[box] = 1
             filed += 1
-        elif box < known:
-            break
         start += _SIZE
         if start == ends[_END]:
             start = 0
@@ -116,38 +130,12 @@ class Inbox:
     """
 
     def __init__(self, size=64, registers=None):
-        self._registers = registers or array("i", [0] * (TICKS + 1))
         self._ring = bytearray(size * _SIZE)
         self._ends = array("i", (0, 0, size * _SIZE))
-        self._received = [0, memoryview(bytearray(_RECV_MAX)), 0, 0]
         self.lost = 0
-
-    @micropython.native
-    def take(self, can):
-        """Take one frame that the controller has received, as `machine.CAN.recv` gives it.
-
-        One at a time, for MicroPython's controller of an STM32F4 sleeps, in the interrupt, for up
-        to a millisecond when it is asked for a frame that it does not have.
-        """
-        frame = self._received
-        if can.recv(frame) is None:
-            return
-        data = frame[1]
-        errors = frame[3]
-        taken = _put(
-            self._ring,
-            self._ends,
-            frame[0],
-            data,
-            len(data),
-            frame[2],
-            errors,
-            self._registers,
-        )
-        if not taken:
-            self.lost += 1
-        if errors & _OVERRUN:
-            self.lost += 1
+        registers = registers or array("i", [0] * (TICKS + 1))
+        #: Takes one frame that a controller has received.
+        self.take = _taking(self, self._ring, self._ends, registers)
 
     @micropython.native
     def is_empty(self):
@@ -164,7 +152,7 @@ class Inbox:
         return _sort(
             self._ring,
             self._ends,
-            boxes.identifiers,
+            boxes.accepted,
             boxes.counts,
             boxes.frames,
             boxes.stamps,
@@ -190,6 +178,34 @@ class Inbox:
         ends = self._ends
         following = ends[_TAIL] + _SIZE
         ends[_TAIL] = 0 if following == ends[_END] else following
+
+
+def _taking(inbox, ring, ends, registers):
+    """What takes a frame, in an interrupt, with nothing to be looked up.
+
+    One at a time, for MicroPython's controller of an STM32F4 sleeps, in the interrupt, for up to a
+    millisecond when it is asked for a frame that it does not have.
+    """
+    received = [0, memoryview(bytearray(_RECV_MAX)), 0, 0]
+
+    @micropython.native
+    def take(  # noqa: PLR0917 - all is at hand
+        can,
+        inbox=inbox,
+        frame=received,
+        put=_put,
+        ring=ring,
+        ends=ends,
+        registers=registers,
+        size=len,
+    ):
+        if can.recv(frame) is not None:
+            data = frame[1]
+            lost = put(ring, ends, registers, frame[0], data, size(data), frame[2], frame[3])
+            if lost:
+                inbox.lost += lost
+
+    return take
 
 
 class Outbox:

@@ -6,11 +6,19 @@ the background in the registers, and received frames wait in the inbox.
 
 try:
     import micropython
+    from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import micropython
+    from mdms_protocol.cpython import const, micropython
 
 from mdms_cell.drive import speed_loop
+from mdms_cell.drive.speed_loop import CUT
 
+# Registers that are read in every turn; constants of another module would be looked up.
+_FAULTS = const(34)
+_OTHER_FAULTS = const(85)
+_TICKS = const(102)
+assert (_FAULTS, _TICKS) == (speed_loop.FAULTS, speed_loop.TICKS)
+assert _OTHER_FAULTS == speed_loop.AXIS + speed_loop.FAULTS
 BUS_OFF = 0x8140
 INTERNAL_ERROR = 0x6100
 
@@ -39,7 +47,7 @@ class Runner:
 
     def cut(self):
         """Take the voltage from the motors, whatever the tick does; awake bridges brake."""
-        self._registers[speed_loop.CUT] = 1
+        self._registers[CUT] = 1
         self._board.motors_off()
 
     @micropython.native
@@ -47,29 +55,32 @@ class Runner:
         """One turn of the background loop; raises what went wrong in the tick."""
         if self.error is not None:
             raise self.error
-        self._board.service(now_ms)
-        self._watch_bus()
-        self._receive(now_ms)
-        self._cell.poll(now_ms)
-        self._board.show(now_ms, self._cell.state, self._faulty())
-        self._feed()
+        board, cell, registers = self._board, self._cell, self._registers
+        board.service(now_ms)
+        if board.bus_off != self._bus_off:
+            self._watch_bus()
+        if not board.inbox.is_empty():
+            self._receive(now_ms)
+        cell.poll(now_ms)
+        board.show(now_ms, cell.state, registers[_FAULTS] | registers[_OTHER_FAULTS] != 0)
+        tick = registers[_TICKS]
+        if tick != self._fed_tick:
+            # The watchdog is fed while the tick is alive.
+            self._fed_tick = tick
+            board.feed()
 
     def _watch_bus(self):
-        if self._board.bus_off == self._bus_off:
-            return
         self._bus_off = self._board.bus_off
         if self._bus_off:
             self._cell.fail(BUS_OFF)
         else:
             self._cell.recover()
-            self._registers[speed_loop.CUT] = 0
+            self._registers[CUT] = 0
 
     @micropython.native
     def _receive(self, now_ms):
         """Sort frames, and hand over `FRAMES_PER_TURN` at most: traffic starves nothing else."""
         inbox, cell = self._board.inbox, self._cell
-        if inbox.is_empty():
-            return
         boxes = cell.mailboxes
         for _ in range(FRAMES_PER_TURN):
             cell.received += inbox.sort(boxes)
@@ -78,21 +89,10 @@ class Runner:
                 break
             if not frame[2]:
                 # A frame may have waited, for the end of an update or of a garbage collection.
-                cell.waited_ms = self._registers[speed_loop.TICKS] - frame[4] & 0xFF
+                cell.waited_ms = self._registers[_TICKS] - frame[4] & 0xFF
                 cell.on_frame(frame[0], frame[1], now_ms)
             inbox.pop()
         cell.waited_ms = 0
-
-    def _faulty(self):
-        registers = self._registers
-        return bool(registers[speed_loop.FAULTS] or registers[speed_loop.AXIS + speed_loop.FAULTS])
-
-    def _feed(self):
-        """Feed the watchdog while the tick is alive."""
-        tick = self._registers[speed_loop.TICKS]
-        if tick != self._fed_tick:
-            self._fed_tick = tick
-            self._board.feed()
 
 
 def _guarded(tick, runner):

@@ -2,7 +2,7 @@
 
 `python -m tests.benchmarks [NAME ...]`: each NAME is a module somewhere below this folder
 that has `run()`, which returns rows with `name`, `ours`, `peer` (or None), `ratio` (or None),
-`unit` and whatever else tells.
+`unit` and whatever else is of use.
 Everything goes into `build/bench.json` as well.
 """
 

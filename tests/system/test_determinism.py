@@ -7,25 +7,33 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.micropython_builds import skipping_without_micropython
 
+from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
+from mdms_sim.nodes.micropython_process import find_micropython
 
 MDMS = Path(sys.executable).with_name("mdms")
 
 
-def run_of(*arguments, hash_seed="0", scenario="array18", duration_s=1.2):
-    """What comes over the bus, and where parcels are, in a run in a process of its own."""
-    short = ("--set", f"run.duration_s={duration_s}")
-    done = subprocess.run(
-        [str(MDMS), "simulate", scenario, *short, "--json", *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | {"PYTHONHASHSEED": hash_seed},
-    )
-    # So short a run ends before the box is at its goal.
-    assert done.returncode == Exit.TIME_LIMIT
-    return told(done.stdout)
+#: The box is carried from half a second on, and so short a run ends before it is at its goal.
+BY_HOST = ["simulate", "array18", "--json", "--set", "run.duration_s=1.0"]
+#: The box is under way after 0.8 s, led by cells that have found and agreed where it is.
+BY_CELLS = ["simulate", "neighbours", "--json", "--set", "run.duration_s=1.4"]
+BY_CELLS += ["--set", "array.columns=4"]
+
+
+@pytest.fixture
+def run_of(capsys):
+    """What comes over the bus, and where parcels are."""
+
+    def run(command, *arguments, nodes="cpython"):
+        assert main([*command, "--nodes", nodes, *arguments]) == Exit.TIME_LIMIT
+        printed = capsys.readouterr().out
+        assert json.loads(printed)["nodes"] == nodes
+        return told(printed)
+
+    return run
 
 
 def told(printed):
@@ -33,26 +41,26 @@ def told(printed):
     return {name: figures[name] for name in ("bus", "parcels")}
 
 
-@pytest.fixture(scope="module")
-def first():
-    return run_of()
+def test_processes_at_the_same_time_with_other_orders_of_sets_give_the_same(run_of):
+    runs = [
+        subprocess.Popen(
+            [str(MDMS), *BY_HOST],
+            stdout=subprocess.PIPE,
+            text=True,
+            env=os.environ | {"PYTHONHASHSEED": hash_seed},
+        )
+        for hash_seed in "01"
+    ]
+    assert [told(run.communicate()[0]) for run in runs] == [run_of(BY_HOST)] * 2
 
 
-def test_another_process_with_another_order_of_sets_gives_the_same(first):
-    assert run_of(hash_seed="1") == first
+@pytest.mark.parametrize("command", [BY_HOST, BY_CELLS], ids=["by host", "by cells"])
+def test_kind_of_cells_has_no_say(run_of, command):
+    with skipping_without_micropython():
+        find_micropython()
+    assert run_of(command, nodes="micropython") == run_of(command)
 
 
-def test_kind_of_cells_that_steer_has_no_say():
-    """The box is under way after 1.6 s, led by cells that have found and agreed where it is."""
-    by_cells = {"scenario": "neighbours", "duration_s": 1.8}
-    assert run_of("--nodes", "micropython", **by_cells) == run_of(**by_cells)
-
-
-def test_runs_at_the_same_time_do_not_touch_each_other(first):
-    command = [str(MDMS), "simulate", "array18", "--set", "run.duration_s=1.2", "--json"]
-    runs = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
-    assert [told(run.communicate()[0]) for run in runs] == [first] * 2
-
-
-def test_another_seed_gives_other_bytes(first):
-    assert run_of("--seed", "2")["bus"]["log_sha256"] != first["bus"]["log_sha256"]
+def test_another_seed_gives_other_bytes(run_of):
+    one, other = (run_of(BY_HOST, "--seed", seed) for seed in "12")
+    assert one["bus"]["log_sha256"] != other["bus"]["log_sha256"]

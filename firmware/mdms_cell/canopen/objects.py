@@ -187,6 +187,20 @@ class Objects:
             return lambda: struct.unpack_from(entry.format, self.data, entry.place)[0], entry.format
         return live, entry.format
 
+    def stored(self, entries):
+        """The bytes of entries, as they are at any time; None if they do not lie in a row.
+
+        Nor does one that is tied to `reads`. Entries begin with index and sub-index.
+        """
+        start = end = 0
+        for index, sub, *_ in entries:
+            entry = find(index, sub)
+            if key(index, sub) in self.reads or (end and entry.place != end):
+                return None
+            start = start if end else entry.place
+            end = entry.place + entry.size
+        return memoryview(self.data)[start:end]
+
     def writer(self, index, sub):
         """A function that takes an entry's number, and its format."""
         entry = find(index, sub)

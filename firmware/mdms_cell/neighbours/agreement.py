@@ -57,14 +57,21 @@ class Agreement:
         self.near = 0
         self._peers = self._near_mask = 0
 
-    def gather(self, mask):
-        """Take the poses that these neighbours sent."""
-        self.near = self._near_mask = 0
-        self._peers = _gather(self._heard.estimates, self._place.shifts, mask, self._poses)
+    def gather(self, mask, sent):
+        """Take the poses that these neighbours sent; returns whether this cell is outvoted.
 
-    def _near(self, x_um, y_um, turn):
-        """The mask of the poses that are near this one."""
-        return _near(self._poses, self._peers, x_um, y_um, turn)
+        That is by the pose that it sent at the same SYNC; without one (None) nobody is judged.
+        """
+        self._peers = _gather(self._heard.estimates, self._place.shifts, mask, self._poses)
+        if sent is None:
+            self.near = self._near_mask = 0
+            return False
+        self._judge(sent)
+        return self.outvoted_beats >= POSE_BEATS
+
+    def _near_peer(self, peer):
+        """The mask of the poses that are near that of a peer."""
+        return _near(self._poses, self._peers, self._poses, _COLUMNS * peer)
 
     def _pose(self, peer):
         poses, at = self._poses, _COLUMNS * peer
@@ -75,20 +82,21 @@ class Agreement:
         middle = most = 0
         for peer in range(self._peers):
             if not self._suspicion.misleads(self._poses[_COLUMNS * peer + _DIRECTION]):
-                near = _count(self._near(*self._pose(peer)))
+                near = _count(self._near_peer(peer))
                 if near > most:
                     middle, most = peer, near
                     if near == self._peers:
                         break
         return middle, most
 
-    def judge(self, sent):
-        """Find who is wrong by number, by the pose that this cell sent at the same SYNC."""
-        x_um, y_um, turn = sent
-        mask = self._near_mask = self._near(x_um, y_um, turn)
+    @micropython.native
+    def _judge(self, sent):
+        """Find who is wrong by number."""
+        mask = self._near_mask = _near(self._poses, self._peers, sent, 0)
         suspicion = self._suspicion
-        self.near = near = self._peers
+        near = self._peers
         if mask + 1 == 1 << near:
+            self.near = near
             # As nearly always.
             self.outvoted_beats = 0
             if suspicion.is_quiet(POSE):
@@ -104,15 +112,14 @@ class Agreement:
                 suspicion.judge(self._poses[_COLUMNS * peer + _DIRECTION], POSE, far)
 
     def agree(self, belief, sent, certainty):
-        """Move the belief towards those near what this cell sent at the same SYNC."""
-        x, y, turn = sent
-        sums, out = self._sums, self._suspicion.out
-        _sum_up(self._poses, self._near_mask, out, x, y, turn, certainty, sums)
-        total, x, y, turn, variance = sums
-        if total:
-            mean = variance // total
-            x, y, turn = x * 4 // total, y * 4 // total, turn * 4 // total
-            belief.agree(total, total + _OWN_WEIGHT, x, y, turn, mean)
+        """Move the belief towards those near what this cell sent at the same SYNC.
+
+        Its outline is left to be placed.
+        """
+        sums = self._sums
+        _sum_up(self._poses, self._near_mask, self._suspicion.out, sent, certainty, sums)
+        if sums[0]:
+            belief.agree(sums, _OWN_WEIGHT)
 
     def follow(self, belief):
         """Take the mean of those that most are near to; returns whether there are any."""
@@ -120,7 +127,7 @@ class Agreement:
         if not total:
             return False
         middle_x, middle_y, middle_turn = self._pose(middle)
-        mask = self._near(middle_x, middle_y, middle_turn)
+        mask = self._near_peer(middle)
         x = y = turn = best = total = 0
         for peer in range(self._peers):
             if mask >> peer & 1:
@@ -180,10 +187,13 @@ def _gather(estimates: ptr32, shifts: ptr32, mask: int, poses: ptr32) -> int:
 
 
 @micropython.viper
-def _near(poses: ptr32, peers: int, x_um: int, y_um: int, turn: int) -> int:
-    """The mask of the peers whose pose is near this one."""
+def _near(poses: ptr32, peers: int, pose: ptr32, at: int) -> int:
+    """The mask of the peers whose pose is near the one that begins there."""
     widen = int(WIDEN)
     full = int(TURN_UM)
+    x_um = pose[at + _X] << widen >> widen
+    y_um = pose[at + _Y] << widen >> widen
+    turn = pose[at + _TURN] << widen >> widen
     mask = 0
     for peer in range(peers):
         at = _COLUMNS * peer
@@ -201,9 +211,7 @@ def _sum_up(  # noqa: PLR0917 - viper takes words
     poses: ptr32,
     mask: int,
     out: ptr8,
-    x_um: int,
-    y_um: int,
-    turn: int,
+    pose: ptr32,
     certainty: int,
     sums: ptr32,
 ):
@@ -213,6 +221,9 @@ def _sum_up(  # noqa: PLR0917 - viper takes words
     """
     widen = int(WIDEN)
     full = int(TURN_UM)
+    x_um = pose[_X] << widen >> widen
+    y_um = pose[_Y] << widen >> widen
+    turn = pose[_TURN] << widen >> widen
     misleading = int(MISLEADING)
     total = x = y = t = variance = 0
     peer = 0

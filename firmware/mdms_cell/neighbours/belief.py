@@ -15,7 +15,16 @@ except ImportError:
 from array import array
 
 from mdms_cell.neighbours.geometry.angle import TURN_UM
-from mdms_cell.neighbours.geometry.outline import LEVER, NORMAL_X, NORMAL_Y, STEP_UM, Outline
+from mdms_cell.neighbours.geometry.outline import (
+    LEVER,
+    NORMAL_X,
+    NORMAL_Y,
+    STEP_UM,
+    Outline,
+    place,
+)
+from mdms_cell.neighbours.twist import BEFORE
+from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.words import WIDEN
 
 #: How well an edge is known at the instant a sensor changes, and while one contradicts.
@@ -35,10 +44,14 @@ _FAR = const(2500)
 _STEP = const(16)
 assert _STEP == STEP_UM
 
+#: In the registers of a twist, where the one before begins; its speeds are in the order of a pose.
+_BEFORE = const(5)
+assert _BEFORE == BEFORE
+
 # Registers of a belief
-_X = const(0)  # the pose [um]
-_Y = const(1)
-_TURN = const(2)
+X = const(0)  # the pose [um]
+Y = const(1)
+TURN = const(2)
 _XX = const(3)  # variances and covariances
 _YY = const(4)
 _TT = const(5)
@@ -52,12 +65,12 @@ _REGISTERS = const(10)
 class Belief:
     """Pose and variances of the parcel with this outline.
 
-    `x`, `y` and `turn` are the pose, if it is `known`.
+    X, Y and TURN of its `registers` are the pose, if it is `known`.
     """
 
     def __init__(self, outline=None):
         self.outline = outline or Outline()
-        self._registers = array("i", [0] * _REGISTERS)
+        self.registers = array("i", [0] * _REGISTERS)
         self.drop()
 
     def drop(self):
@@ -69,37 +82,33 @@ class Belief:
         """Take a pose from somebody else."""
         self.known = True
         self._begin(x_um, y_um, turn_um, min(variance, _MOST))
-        self._place()
+        self.place()
 
     def _begin(self, x_um, y_um, turn_um, variance):
-        registers = self._registers
-        for place in range(_REGISTERS):
-            registers[place] = 0
-        registers[_X], registers[_Y], registers[_TURN] = x_um, y_um, turn_um
+        registers = self.registers
+        for number in range(_REGISTERS):
+            registers[number] = 0
+        registers[X], registers[Y], registers[TURN] = x_um, y_um, turn_um
         registers[_XX] = registers[_YY] = registers[_TT] = variance
-        self._read()
 
-    def _read(self):
-        registers = self._registers
-        self.x, self.y, self.turn = registers[_X], registers[_Y], registers[_TURN]
-
-    def _place(self):
-        self._read()
-        self.outline.place(self.x, self.y, self.turn)
+    @micropython.native
+    def place(self):
+        """Place the outline where the parcel is."""
+        registers = self.registers
+        place(self.outline.registers, registers[X], registers[Y], registers[TURN])
 
     def variance(self):
         """The mean of the three variances."""
-        registers = self._registers
+        registers = self.registers
         return (registers[_XX] + registers[_YY] + registers[_TT]) // 3
 
-    def certainty(self):
-        """As it is sent, 1 to 15: each step halves the variance."""
-        return _certainty(self.variance())
+    def roll(self, twist, halves_per_s):
+        """The parcel has moved by a twist, and by the one before, each for half of the time.
 
-    def roll(self, dx_um, dy_um, dturn_um):
-        """The parcel has moved."""
-        _roll(self._registers, dx_um, dy_um, dturn_um)
-        self._place()
+        `twist` is the registers of a `TwistFit`; halves of that time go so often into a second.
+        `place` is left to the caller.
+        """
+        _roll(self.registers, twist, halves_per_s)
 
     def correct(self, x, y, error, exact=True):
         """The parcel's edge is over a point [steps]; returns False if that is not believed.
@@ -107,25 +116,44 @@ class Belief:
         `error` is the variance of that.
         """
         off = self.outline.edge(x, y)
-        if not _correct(self._registers, self.outline.registers, off, error, exact):
+        if not _correct(self.registers, self.outline.registers, off, error, exact):
             return False
-        self._place()
+        self.place()
         return True
 
-    def agree(  # noqa: PLR0917 - as in `_agree`
-        self, weight, total, x_um, y_um, turn_um, variance
-    ):
-        """Move by a share weight/total of what the neighbours' beliefs differ on the average.
+    def agree(self, sums, own_weight):
+        """Move towards the beliefs of neighbours, this one having a weight of its own.
 
-        That is by `x_um`, `y_um` and `turn_um`; `variance` is their mean. The mean of two beliefs
-        is at least as good as the mean of their variances, however much they have in common.
+        `sums` are those of their weights, of weighted differences from this belief [4 um], and of
+        variances. The mean of two beliefs is at least as good as the mean of their variances,
+        however much they have in common. `place` is left to the caller.
         """
-        _agree(self._registers, x_um, y_um, turn_um, weight, total, variance)
-        self._place()
+        _agree(self.registers, sums, own_weight)
+
+    def send(self, twist, per_s, fields, sent):
+        """Write the pose into an estimate, rolled on by a twist for a part of a second.
+
+        Leaves it in `sent`, too [um]; returns the certainty.
+        """
+        return _send(self.registers, twist, per_s, fields, sent)
 
 
 @micropython.viper
-def _certainty(variance: int) -> int:
+def _send(belief: ptr32, twist: ptr32, per_s: int, fields: ptr32, sent: ptr32) -> int:
+    """See `Belief.send`; of certainty, 1 to 15, each step halves the variance."""
+    widen = int(WIDEN)
+    full = int(TURN_UM)
+    step_um = int(wire.STEP_UM)
+    for axis in range(3):
+        speed = twist[axis] << widen >> widen
+        sent[axis] = (belief[axis] << widen >> widen) + (speed + per_s // 2) // per_s
+    fields[int(wire.X)] = ((sent[X] << widen >> widen) + step_um // 2) // step_um
+    fields[int(wire.Y)] = ((sent[Y] << widen >> widen) + step_um // 2) // step_um
+    turn = sent[TURN] << widen >> widen
+    # The nearest angle of the wire; as in `program.turn_um`.
+    fields[int(wire.YAW)] = (turn * (int(wire.TURN) // 8) + full // 16) // (full // 8)
+    sent[TURN] = (turn + full // 2) % full - full // 2
+    variance = (belief[_XX] + belief[_YY] + belief[_TT]) // 3
     certainty = 17
     while variance and certainty > 1:
         variance >>= 1
@@ -134,20 +162,21 @@ def _certainty(variance: int) -> int:
 
 
 @micropython.viper
-def _roll(belief: ptr32, dx_um: int, dy_um: int, dturn_um: int):
+def _roll(belief: ptr32, twist: ptr32, halves_per_s: int):
     widen = int(WIDEN)
     full = int(TURN_UM)
-    turn = (belief[_TURN] << widen >> widen) + dturn_um
-    belief[_X] += dx_um
-    belief[_Y] += dy_um
-    belief[_TURN] = (turn + full // 2) % full - full // 2
-    way = belief[_WAY] + (dx_um if dx_um > 0 else 0 - dx_um)
-    way += dy_um if dy_um > 0 else 0 - dy_um
-    way += dturn_um if dturn_um > 0 else 0 - dturn_um
+    way = belief[_WAY]
+    for axis in range(3):
+        speed = (twist[axis] << widen >> widen) + (twist[_BEFORE + axis] << widen >> widen)
+        moved = (speed + halves_per_s // 2) // halves_per_s
+        belief[axis] += moved
+        way += moved if moved > 0 else 0 - moved
+    turn = belief[TURN] << widen >> widen
+    belief[TURN] = (turn + full // 2) % full - full // 2
     belief[_WAY] = way % _WAY_UM
-    for place in range(_XX, _TT + 1):
-        variance = belief[place] + way // _WAY_UM
-        belief[place] = variance if variance < _MOST else _MOST
+    for number in range(_XX, _TT + 1):
+        variance = belief[number] + way // _WAY_UM
+        belief[number] = variance if variance < _MOST else _MOST
 
 
 @micropython.viper
@@ -169,18 +198,18 @@ def _correct(belief: ptr32, outline: ptr32, off: int, error: int, exact: bool) -
     sixteenths = off * _STEP // 62
     square = sixteenths * sixteenths
     if square > _GATE * variance:
-        for place in range(_XX, _TT + 1):
-            doubted = belief[place] + (square >> 3)
-            belief[place] = doubted if doubted < _MOST else _MOST
+        for number in range(_XX, _TT + 1):
+            doubted = belief[number] + (square >> 3)
+            belief[number] = doubted if doubted < _MOST else _MOST
         return False
     gx = (sx << 10) // variance
     gy = (sy << 10) // variance
     gt = (st << 10) // variance
     full = int(TURN_UM)
-    turn = (belief[_TURN] << widen >> widen) + (gt * off >> 6)
-    belief[_X] += gx * off >> 6
-    belief[_Y] += gy * off >> 6
-    belief[_TURN] = (turn + full // 2) % full - full // 2
+    turn = (belief[TURN] << widen >> widen) + (gt * off >> 6)
+    belief[X] += gx * off >> 6
+    belief[Y] += gy * off >> 6
+    belief[TURN] = (turn + full // 2) % full - full // 2
     if exact:
         xx = belief[_XX] - (gx * sx >> 10)
         yy = belief[_YY] - (gy * sy >> 10)
@@ -195,17 +224,18 @@ def _correct(belief: ptr32, outline: ptr32, off: int, error: int, exact: bool) -
 
 
 @micropython.viper
-def _agree(  # noqa: PLR0917 - viper takes words
-    belief: ptr32, x_um: int, y_um: int, turn_um: int, weight: int, total: int, variance: int
-):
+def _agree(belief: ptr32, sums: ptr32, own: int):
     widen = int(WIDEN)
     full = int(TURN_UM)
-    own = total - weight
-    turn = (belief[_TURN] << widen >> widen) + turn_um * weight // total
-    belief[_X] += x_um * weight // total
-    belief[_Y] += y_um * weight // total
-    belief[_TURN] = (turn + full // 2) % full - full // 2
-    for place in range(_XX, _TT + 1):
-        belief[place] = (belief[place] * own + variance * weight) // total
-    for place in range(_XY, _YT + 1):
-        belief[place] = (belief[place] << widen >> widen) * own // total
+    weight = sums[0]
+    total = weight + own
+    for axis in range(3):
+        off = (sums[1 + axis] << widen >> widen) * 4 // weight
+        belief[axis] += off * weight // total
+    turn = belief[TURN] << widen >> widen
+    belief[TURN] = (turn + full // 2) % full - full // 2
+    variance = sums[4] // weight
+    for number in range(_XX, _TT + 1):
+        belief[number] = (belief[number] * own + variance * weight) // total
+    for number in range(_XY, _YT + 1):
+        belief[number] = (belief[number] << widen >> widen) * own // total

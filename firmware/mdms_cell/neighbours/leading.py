@@ -1,13 +1,19 @@
 """Leads the cell's two wheels: finds the cells that the parcel needs next, steers, and rests."""
 
 try:
+    import micropython
     from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import const
+    from mdms_protocol.cpython import const, micropython
 
+from mdms_cell.neighbours.belief import TURN, X, Y
 from mdms_cell.neighbours.geometry.angle import ARM_UM, wrapped
-from mdms_cell.neighbours.geometry.outline import STEP_UM
+from mdms_cell.neighbours.geometry.outline import STEP_UM, place
+from mdms_cell.neighbours.geometry.outline import X as CENTRE_X
+from mdms_cell.neighbours.geometry.outline import Y as CENTRE_Y
+from mdms_cell.neighbours.geometry.place import AXES
 from mdms_cell.neighbours.steering import SETTLED_MS, Steering, length
+from mdms_cell.neighbours.twist import OFF, WHEELS
 
 #: From the wish to brake until all cells under the parcel do: HOPS times the beats that `hold` may
 #: take and counts. And how far ahead a cell asks [ms].
@@ -19,6 +25,8 @@ _HOLD_BEATS = const(50)
 #: are off what is known of it by more than this [um/s].
 _JOIN_WHEELS = const(4)
 _JOIN_OFF_UM_S = const(25_000)
+#: No speed at all.
+_NOWHERE = (0, 0, 0)
 _ARM = const(8000)
 assert _ARM * STEP_UM == ARM_UM
 
@@ -60,41 +68,32 @@ class Leading:
         self._held_beats = 0
         self._steering.reset()
 
+    @micropython.native
     def arrived(self):
         """Whether the parcel stands at its goal."""
         return self._steering.arrived and self._steering.stands()
 
+    @micropython.native
     def look_ahead(self, tracking, program):
         """Masks of the neighbours that the parcel covers or will before it can stand, and of those
         that it will cover soon.
         """
-        here = self._footprint.mask(tracking.outline)
+        footprint, outline, wish = self._footprint, tracking.outline, self._steering.wish
+        here = footprint.mask(outline)
         if program is None or not program.complete:
             return here, here
-        twist, steering, belief = tracking.twist, self._steering, tracking.belief
-        acceleration = program.acceleration_mm_s2
-        moving = twist.vx, twist.vy, twist.turn
-        self._move_on(tracking, moving, _REACTION_MS, acceleration)
-        needs = self._footprint.mask(tracking.outline, here)
-        if steering.wish == (0, 0, 0):
-            tracking.outline.place(belief.x, belief.y, belief.turn)
-            return needs, needs
-        self._move_on(tracking, steering.wish, _ASK_MS, acceleration)
-        asks = self._footprint.mask(tracking.outline, needs)
-        tracking.outline.place(belief.x, belief.y, belief.turn)
+        belief, acceleration_mm_s2 = tracking.belief, program.acceleration_mm_s2
+        _move_on(
+            outline, belief.registers, tracking.twist.speeds(), _REACTION_MS, acceleration_mm_s2
+        )
+        asks = needs = footprint.mask(outline, here)
+        if wish != _NOWHERE:
+            _move_on(outline, belief.registers, wish, _ASK_MS, acceleration_mm_s2)
+            asks = footprint.mask(outline, needs)
+        belief.place()
         return needs, asks
 
-    def _move_on(self, tracking, twist_um_s, ahead_ms, acceleration_mm_s2):
-        """Place the outline where the parcel will be, having braked after a time ahead."""
-        vx, vy, turn = twist_um_s
-        ahead_ms += length(vx, vy, turn) // (2 * max(acceleration_mm_s2, 1))
-        belief = tracking.belief
-        tracking.outline.place(
-            belief.x + vx * ahead_ms // 1000,
-            belief.y + vy * ahead_ms // 1000,
-            belief.turn + turn * ahead_ms // 1000,
-        )
-
+    @micropython.native
     def may_go_on(self, program, step_ms, *, alone):
         """Whether a parcel may go on; without its host for twice its planned time, if it is to.
 
@@ -113,34 +112,39 @@ class Leading:
             self._ended = self._ended or not (program.goes_on and in_time)
         return not self._ended
 
+    @micropython.native
     def step(self, tracking, program, may_go, step_ms):
         """Lead the wheels for a beat; without `may_go` bring the parcel to rest, and switch off."""
-        steering, belief, twist = self._steering, tracking.belief, tracking.twist
+        steering, twist = self._steering, tracking.twist
         if not self._driving:
             # A wheel that is off stays so while there is nowhere to go.
             going = may_go and not steering.arrived
-            steering.join(*((twist.vx, twist.vy, twist.turn) if going else (0, 0, 0)))
-        dx_um = program.goal_x_um - self._place.x_um - belief.x
-        dy_um = program.goal_y_um - self._place.y_um - belief.y
-        dturn_um = wrapped(program.goal_turn_um - belief.turn)
+            steering.join(*(twist.speeds() if going else _NOWHERE))
+        here, pose = self._place, tracking.belief.registers
+        dx_um = program.goal_x_um - here.x_um - pose[X]
+        dy_um = program.goal_y_um - here.y_um - pose[Y]
+        dturn_um = wrapped(program.goal_turn_um - pose[TURN])
         reach_um = tracking.outline.reach_um
         steering.step(program, reach_um, (dx_um, dy_um, dturn_um), may_go=may_go, step_ms=step_ms)
         # A cell that the parcel comes to when the host is gone counts from there.
         if self._alone_ms and not self._planned_ms:
             self._plan(program, reach_um, length(dx_um, dy_um, dturn_um * reach_um // ARM_UM))
-        still = steering.stands() and (steering.arrived or not may_go)
-        self._held_beats = min(self._held_beats + 1, _HOLD_BEATS) if still else 0
-        if self._held_beats >= _HOLD_BEATS or (still and not self._driving):
-            if self._driving:
-                self._driving = False
-                self._axes.rest()
-            return
-        shown = twist.wheels >= _JOIN_WHEELS and twist.off_um_s < _JOIN_OFF_UM_S
-        if not (shown or self._driving):
-            # Off it rolls along; with a speed of its own it would turn the parcel.
-            return
-        self._driving = True
-        self._axes.lead(self._target_um_s(0, belief), self._target_um_s(1, belief))
+        if steering.stands() and (steering.arrived or not may_go):
+            self._held_beats = min(self._held_beats + 1, _HOLD_BEATS)
+            if self._held_beats >= _HOLD_BEATS or not self._driving:
+                if self._driving:
+                    self._driving = False
+                    self._axes.rest()
+                return
+        else:
+            self._held_beats = 0
+        if not self._driving:
+            shown = twist.registers
+            if shown[WHEELS] < _JOIN_WHEELS or shown[OFF] >= _JOIN_OFF_UM_S:
+                # Off it rolls along; with a speed of its own it would turn the parcel.
+                return
+            self._driving = True
+        self._axes.lead(self._targets_um_s(tracking.outline.registers))
 
     def _plan(self, program, reach_um, way_um):
         """Find how long the way takes, to the goal and along the legs that follow."""
@@ -154,10 +158,29 @@ class Leading:
             way_um = length(to_x_um - x_um, to_y_um - y_um, turning_um)
             self._planned_ms += way_um // speed_mm_s + ramps_ms + SETTLED_MS
 
-    def _target_um_s(self, axis, belief):
-        """The speed of a wheel that moves with the parcel as commanded."""
+    @micropython.native
+    def _targets_um_s(self, centre):
+        """The speeds of wheels that move with the parcel as commanded."""
         footprint, steering = self._footprint, self._steering
-        along_x, along_y = footprint.along_x[axis], footprint.along_y[axis]
-        lever = along_y * (footprint.x[axis] - belief.x // STEP_UM)
-        lever = (lever - along_x * (footprint.y[axis] - belief.y // STEP_UM)) // _ARM
-        return along_x * steering.vx + along_y * steering.vy + lever * steering.turn >> 9
+        along_xs, along_ys, xs, ys = footprint.along_x, footprint.along_y, footprint.x, footprint.y
+        centre_x, centre_y = centre[CENTRE_X], centre[CENTRE_Y]
+        vx, vy, turn = steering.vx, steering.vy, steering.turn
+        targets = [0, 0]
+        for axis in range(AXES):
+            along_x, along_y = along_xs[axis], along_ys[axis]
+            lever = (along_y * (xs[axis] - centre_x) - along_x * (ys[axis] - centre_y)) // _ARM
+            targets[axis] = along_x * vx + along_y * vy + lever * turn >> 9
+        return targets
+
+
+@micropython.native
+def _move_on(outline, pose, twist_um_s, ahead_ms, acceleration_mm_s2):
+    """Place an outline where the parcel will be, having braked after a time ahead."""
+    vx, vy, turn = twist_um_s
+    ahead_ms += length(vx, vy, turn) // (2 * (acceleration_mm_s2 or 1))
+    place(
+        outline.registers,
+        pose[X] + vx * ahead_ms // 1000,
+        pose[Y] + vy * ahead_ms // 1000,
+        pose[TURN] + turn * ahead_ms // 1000,
+    )

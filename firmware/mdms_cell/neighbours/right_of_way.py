@@ -117,6 +117,7 @@ class RightOfWay:
             self._near = near
             self._near_left = counts_beats
 
+    @micropython.native
     def on_beat(self, over, wants, occupied):
         """Decide for the next beat.
 
@@ -225,26 +226,27 @@ class RightOfWay:
                 return False
         return True
 
+    @micropython.native
     def _clear_the_wheels(self, wants):
         """Find out whether all that the parcel covers or needs is promised, here and around."""
-        self.lacking = 0
-        self.hold = CLEAR
-        self.drive_beats = 0
+        lacking = drive_beats = 0
+        hold = CLEAR
         if self.state == UNDER:
-            self._look_around(wants)
-        self._lacked = min(self._lacked + 1, self._blocked_beats) if self.lacking else 0
+            hops = self._hops
+            found = _around(self._said, wants, hops, self._valid_beats, self._stale_beats)
+            steps = found >> 8 & 0xFF
+            lacking = found & 0xFF
+            if lacking:
+                hold = 0
+            elif steps <= hops:
+                hold = steps
+            else:
+                drive_beats = found >> 16
+        self.lacking = lacking
+        self.hold = hold
+        self.drive_beats = drive_beats
+        self._lacked = min(self._lacked + 1, self._blocked_beats) if lacking else 0
         self.blocked = self._lacked >= self._blocked_beats
-
-    def _look_around(self, wants):
-        found = _around(self._said, wants, self._hops, self._valid_beats, self._stale_beats)
-        steps = found >> 8 & 0xFF
-        self.lacking = found & 0xFF
-        if self.lacking:
-            self.hold = 0
-        elif steps <= self._hops:
-            self.hold = steps
-        else:
-            self.drive_beats = found >> 16
 
 
 @micropython.viper
@@ -255,18 +257,23 @@ def _take_in(  # noqa: PLR0917 - viper takes words
 
     Returns the identity of the parcel that is near a cell under none, 0 if nobody says so.
     """
+    fields = int(wire.ESTIMATE_FIELDS)
+    identity_at = int(wire.IDENTITY)
+    state_at = int(wire.STATE)
+    hold_at = int(wire.HOLD)
+    wants_at = int(wire.WANTS)
     seen = 0
     for direction in range(DIRECTIONS):
         if fresh[direction]:
-            at = int(wire.ESTIMATE_FIELDS) * direction
-            identity = estimates[at + int(wire.IDENTITY)]
-            state = estimates[at + int(wire.STATE)]
-            hold = estimates[at + int(wire.HOLD)]
+            at = fields * direction
+            identity = estimates[at + identity_at]
+            state = estimates[at + state_at]
+            hold = estimates[at + hold_at]
             if parcel:
                 counts = identity == parcel and state >= PROMISED
             else:
                 asks = identity != 0 and state == UNDER
-                counts = asks and estimates[at + int(wire.WANTS)] >> (direction ^ 4) & 1 == 1
+                counts = asks and estimates[at + wants_at] >> (direction ^ 4) & 1 == 1
                 if asks and (near == 0 or near == identity):  # noqa: PLR1714 - viper has no tuples
                     near = seen = identity
             said[IDENTITIES + direction] = identity if counts else 0

@@ -3,15 +3,19 @@
 A verdict turns when all evidence of half a second has been against it, either way: a suspect is
 taken in again when it has agreed for as long. A beat without evidence counts for nothing.
 """
+# Viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
 
 try:
+    import micropython
     from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import const
+    from mdms_protocol.cpython import const, micropython, ptr8
 
 from mdms_cell.neighbours.geometry.outline import STEP_UM
 from mdms_cell.neighbours.geometry.place import AXES, DIRECTIONS
 from mdms_cell.neighbours.twist import SLIPS
+from mdms_cell.neighbours.twist import WHEELS as TWIST_WHEELS
 
 # What a neighbour is suspected of; in an emergency, bits
 PRESENCE = const(0)  # its sensors do not show what lies there, or show what does not
@@ -27,14 +31,14 @@ CODE = const(0xFF01)
 #: Poses are compared in each beat, all else of one cell a beat: so many times all evidence has to
 #: be against a verdict until it turns, which is half a second.
 POSE_BEATS = const(50)
-_TIMES = bytes((6, 6, POSE_BEATS, 6))
-_NOTHING = bytes(DIRECTIONS + 1)
+_TIMES = const(6)
+#: The eight neighbours, and the cell itself.
+_CELLS = const(9)
+assert _CELLS == DIRECTIONS + 1
 #: So many cells whose sensors contradict at once are right.
 _CROWD = const(3)
 #: A wheel has to be so far inside the outline to be under it [steps].
 _INSIDE = 10_000 // STEP_UM
-#: The mask of a cell's wheels among its points.
-_WHEELS = (1 << AXES) - 1
 #: Wheels that are to agree before one is found wrong.
 _ENOUGH_WHEELS = const(5)
 
@@ -54,34 +58,30 @@ class Suspicion:
     """
 
     def __init__(self):
-        self.out = bytearray(DIRECTIONS + 1)
-        self._against = [bytearray(DIRECTIONS + 1) for _ in range(KINDS)]
+        self.out = bytearray(_CELLS)
+        # For each kind the evidence against the cells.
+        self._against = bytearray(KINDS * _CELLS)
 
     def reset(self):
         """Nobody is suspected."""
-        for place in range(DIRECTIONS + 1):
-            self.out[place] = 0
-            for against in self._against:
-                against[place] = 0
+        for cell in range(_CELLS):
+            self.out[cell] = 0
+        for place in range(KINDS * _CELLS):
+            self._against[place] = 0
 
+    @micropython.native
     def has(self, direction, kind):
         """Whether this is left out of that direction."""
         return self.out[direction] >> kind & 1
 
     def is_quiet(self, kind):
         """Whether nobody is suspected, and no evidence of this kind is against anybody."""
-        return self._against[kind] == _NOTHING and self.out == _NOTHING
+        return _is_quiet(self.out, self._against, kind)
 
+    @micropython.native
     def judge(self, direction, kind, contradicts):
-        """The evidence of one beat."""
-        against = self._against[kind]
-        if bool(contradicts) == bool(self.has(direction, kind)):
-            against[direction] = 0
-            return
-        against[direction] += 1
-        if against[direction] >= _TIMES[kind]:
-            against[direction] = 0
-            self.out[direction] ^= 1 << kind
+        """The evidence of one beat; it contradicts (1, True), or not."""
+        _judge(self.out, self._against, direction, kind, contradicts)
 
     def misleads(self, direction):
         """Whether a pose is left out: it is wrong, or made by sensors that are."""
@@ -94,26 +94,55 @@ class Suspicion:
         """
         if self.has(direction, PRESENCE):
             return False
-        return not self._against[PRESENCE][direction] or self.crowd()
+        return not self._against[_CELLS * PRESENCE + direction] or self.crowd()
 
     def crowd(self):
         """Whether so many contradict by their presence bits that it is not they who are wrong."""
-        against = self._against[PRESENCE]
-        if against == _NOTHING:
-            return False
-        count = 0
-        for direction in range(DIRECTIONS + 1):
-            if against[direction] and not self.has(direction, PRESENCE):
-                count += 1
-        return count >= _CROWD
+        return _crowd(self.out, self._against) >= _CROWD
 
     def first(self):
         """The first direction that is suspected of anything; -1 for none."""
-        if self.out != _NOTHING:
-            for direction in range(DIRECTIONS + 1):
-                if self.out[direction]:
-                    return direction
-        return -1
+        return _first(self.out)
+
+
+@micropython.viper
+def _is_quiet(out: ptr8, against: ptr8, kind: int) -> bool:
+    any_bits = 0
+    for cell in range(_CELLS):
+        any_bits |= out[cell] | against[_CELLS * kind + cell]
+    return any_bits == 0
+
+
+@micropython.viper
+def _judge(out: ptr8, against: ptr8, cell: int, kind: int, contradicts: int):
+    """Count the evidence against a verdict, which turns after so many times."""
+    times = POSE_BEATS if kind == POSE else _TIMES
+    place = _CELLS * kind + cell
+    count = against[place] + 1
+    if contradicts == out[cell] >> kind & 1:
+        count = 0
+    elif count >= times:
+        count = 0
+        out[cell] ^= 1 << kind
+    against[place] = count
+
+
+@micropython.viper
+def _crowd(out: ptr8, against: ptr8) -> int:
+    """How many cells contradict by their presence bits, and are not suspected for them."""
+    count = 0
+    for cell in range(_CELLS):
+        if against[_CELLS * PRESENCE + cell] and not out[cell] >> PRESENCE & 1:
+            count += 1
+    return count
+
+
+@micropython.viper
+def _first(out: ptr8) -> int:
+    for cell in range(_CELLS):
+        if out[cell]:
+            return cell
+    return -1
 
 
 class Evidence:
@@ -125,28 +154,33 @@ class Evidence:
         self._suspicion = suspicion
         self._turn = 0
 
+    @micropython.native
     def judge(self, tracking, asked):
         """One cell, by what it sent; `asked` is the mask of those asked for the parcel."""
-        direction = self._turn = (self._turn + 1) % (DIRECTIONS + 1)
-        if direction == _OWN:
-            if tracking.is_sure():
-                self._judge_wheels(tracking, _OWN)
-        elif tracking.is_sure() and self._footprint.present >> direction & 1:
-            self._judge_neighbour(tracking, direction, asked >> direction & 1)
+        direction = self._turn = (self._turn + 1) % _CELLS
+        if not tracking.is_sure():
+            return
+        if direction != _OWN:
+            if not self._footprint.present >> direction & 1:
+                return
+            heard = self._heard
+            beat = heard.beat
+            silent = (beat - heard.estimate_beat[direction]) & 0xFFFFFF > _LATE_BEATS
+            if asked >> direction & 1 or not silent:
+                self._suspicion.judge(direction, SILENCE, silent)
+            if heard.speeds_beat[direction] != beat or tracking.is_other(direction):
+                return
+        self._judge_wheels(tracking, direction)
 
-    def _judge_neighbour(self, tracking, direction, asked):
-        suspicion, heard, beat = self._suspicion, self._heard, self._heard.beat
-        silent = (beat - heard.estimate_beat[direction]) & 0xFFFFFF > _LATE_BEATS
-        if asked or not silent:
-            suspicion.judge(direction, SILENCE, silent)
-        if heard.speeds_beat[direction] == beat and not tracking.is_other(direction):
-            self._judge_wheels(tracking, direction)
-
+    @micropython.native
     def _judge_wheels(self, tracking, direction):
         """A wheel well under the parcel is wrong if it does not turn with it."""
-        if tracking.twist.wheels < _ENOUGH_WHEELS:
+        twist, outline = tracking.twist, tracking.outline
+        if twist.registers[TWIST_WHEELS] < _ENOUGH_WHEELS:
             return
-        inside = self._footprint.within(tracking.outline, direction, -_INSIDE) & _WHEELS
-        shown = tracking.wheels_against(inside << AXES * direction) if inside else 0
-        if shown:
-            self._suspicion.judge(direction, WHEELS, shown & SLIPS)
+        inside = self._footprint.within(outline, direction, -_INSIDE, AXES)
+        if inside:
+            mask = inside << AXES * direction
+            shown = twist.against(outline.registers, self._footprint, self._heard.speeds, mask)
+            if shown:
+                self._suspicion.judge(direction, WHEELS, shown & SLIPS != 0)

@@ -13,16 +13,26 @@ try:
 except ImportError:
     from mdms_protocol.cpython import const, micropython, ptr8, ptr32
 
+from array import array
+
 from mdms_cell import ticks
 from mdms_cell.neighbours.agreement import Agreement
 from mdms_cell.neighbours.belief import CONTRADICTION, EDGE, Belief
-from mdms_cell.neighbours.geometry.angle import wrapped
-from mdms_cell.neighbours.geometry.outline import LEVER, NORMAL_X, NORMAL_Y, STEP_UM, X, Y
+from mdms_cell.neighbours.geometry.footprint import ALL_WHEELS, POINTS
+from mdms_cell.neighbours.geometry.outline import (
+    LEVER,
+    NORMAL_X,
+    NORMAL_Y,
+    X,
+    Y,
+    points_by_depth,
+    points_within,
+)
 from mdms_cell.neighbours.geometry.place import AXES, DIRECTIONS, SENSORS
 from mdms_cell.neighbours.heard import NEVER, OWN
-from mdms_cell.neighbours.program import wire_yaw
 from mdms_cell.neighbours.right_of_way import PROMISED, UNDER
-from mdms_cell.neighbours.suspicion import POSE_BEATS, PRESENCE, WHEELS
+from mdms_cell.neighbours.suspicion import PRESENCE, WHEELS
+from mdms_cell.neighbours.twist import WHEELS as TWIST_WHEELS
 from mdms_cell.neighbours.twist import TwistFit
 from mdms_protocol.neighbours import frames as wire
 
@@ -43,6 +53,8 @@ _MOST_LATE = const(512)
 _TOGETHER = const(125)
 #: A sensor so far outside is not covered by this parcel, whatever its place is off, 30 mm [steps].
 _ELSEWHERE = const(1875)
+#: The mask of all directions.
+_ALL = (1 << DIRECTIONS) - 1
 #: The mask of a cell's sensors.
 _SENSORS = (1 << SENSORS) - 1
 #: So many neighbours that have the parcel show that a cell's own sensors are wrong.
@@ -63,14 +75,14 @@ class Tracking:
         self._heard = heard
         self._suspicion = suspicion
         self._agreement = Agreement(place, heard, suspicion)
-        # By direction who is at another parcel; masks of who is at this one, and of their wheels.
+        # By direction who is at another parcel.
         self._others = bytearray(DIRECTIONS + 1)
-        self._peers = 0
-        self._turning = 0
         self.edge_late_ms = 1
         self.belief = Belief()
         self.outline = self.belief.outline
         self.twist = TwistFit()
+        # The pose that was sent last [um]; `_sent` is None where none was.
+        self._pose = array("i", (0, 0, 0))
         self.drop()
 
     def drop(self):
@@ -108,98 +120,94 @@ class Tracking:
     def _look(self):
         self.under = self.shaped and self.belief.known and self._footprint.covers(self.outline)
 
+    @micropython.native
     def update(self, step_ms, sync_ms):
         """Bring the belief to the last SYNC, `step_ms` after that of the last update."""
+        heard = self._heard
         if self.identity and self.shaped:
-            before = self.twist.vx, self.twist.vy, self.twist.turn
-            self._sort()
-            self._fit()
+            belief, agreement, twist = self.belief, self._agreement, self.twist.registers
+            masks = self._sort()
+            self._fit(masks >> DIRECTIONS)
             # A few wheels, all on one side, do not show how a parcel turns.
-            self._follows = not self.under or self.twist.wheels < _FEW_WHEELS
-            self._agreement.gather(self._peers)
-            if not (self._follows or self._is_outvoted()) or not self._follow():
-                self._move(before, step_ms)
-                if self._sent is not None:
-                    self._agreement.agree(self.belief, self._sent, self.certainty)
+            self._follows = follows = not self.under or twist[TWIST_WHEELS] < _FEW_WHEELS
+            sent = self._sent
+            outvoted = agreement.gather(masks & _ALL, None if follows else sent)
+            if not (follows or outvoted) or not self._follow():
+                belief.roll(twist, 2000 // step_ms)
+                if sent is not None:
+                    agreement.agree(belief, sent, self.certainty)
+                belief.place()
             if self.under:
-                self._correct(sync_ms)
+                if heard.edges:
+                    self._correct(sync_ms)
                 self._check_sensors(sync_ms)
             self._look()
-        self._drop_edges(sync_ms)
+        if heard.edges:
+            self._drop_edges(sync_ms)
 
+    @micropython.native
     def _sort(self):
-        """Find out what each neighbour is at: the same parcel, another, or none."""
-        heard, out = self._heard, self._suspicion.out
-        self._peers = _peers(
-            heard.estimates, heard.estimate_beat, heard.beat, self.identity, self._others
+        """Find out what each neighbour is at: the same parcel, another, or none; see `_sort`."""
+        heard = self._heard
+        return _sort(
+            heard.estimates,
+            heard.estimate_beat,
+            heard.speeds_beat,
+            heard.beat,
+            self.identity,
+            self._others,
+            self._suspicion.out,
         )
-        self._turning = _turning(heard.speeds_beat, heard.beat, self._others, out)
 
-    def _fit(self):
-        """Find the twist by the wheels under the parcel, as believed at the SYNC before."""
-        if self.belief.known:
-            outline, footprint = self.outline, self._footprint
-            mask = self._turning & footprint.wheels_under(outline)
-            x, y = outline.registers[X], outline.registers[Y]
-            self.twist.fit(x, y, footprint.wheels, self._heard.speeds, mask)
-        else:
+    @micropython.native
+    def _fit(self, wheels):
+        """Find the twist by those wheels that lie under the parcel, by the belief of before."""
+        if not self.belief.known:
             self.twist.reset()
-
-    def wheels_against(self, wheels):
-        """What those wheels of a mask show that lie under the parcel; see `TwistFit.against`."""
-        centre, footprint = self.outline.registers, self._footprint
-        speeds = self._heard.speeds
-        return self.twist.against(centre[X], centre[Y], footprint.wheels, speeds, wheels)
-
-    def _move(self, before, step_ms):
-        """Roll on by the wheels, half by the twist before."""
-        vx, vy, turn = before
-        twist = self.twist
-        half_ms = 2000 // step_ms
-        self.belief.roll(
-            _rounded(vx + twist.vx, half_ms),
-            _rounded(vy + twist.vy, half_ms),
-            _rounded(turn + twist.turn, half_ms),
-        )
+            return
+        outline, footprint = self.outline.registers, self._footprint
+        xs, ys = footprint.wheel_x, footprint.wheel_y
+        wheels &= points_within(outline, xs, ys, ALL_WHEELS, 0, 0, 0)
+        self.twist.fit(outline, footprint, self._heard.speeds, wheels)
 
     def _correct(self, sync_ms):
         """Take in the edges that sensors have seen until the last SYNC."""
-        heard, twist = self._heard, self.twist
-        speed = abs(twist.vx) + abs(twist.vy) + abs(twist.turn)
-        late = speed * _LATENCY_MS // 62_500
+        heard = self._heard
+        late = self.twist.size() * _LATENCY_MS // 62_500
         for number in range(heard.edges):
             ago_ms = ticks.diff(sync_ms, heard.edge_ms[number]) + self.edge_late_ms
             if ago_ms <= 0:
                 continue
-            direction = heard.edge_direction[number]
+            direction, _, covered = heard.edge(number)
             if self._others[direction] or self._suspicion.has(direction, PRESENCE):
                 continue
             x, y = self._edge_at(number, ago_ms)
-            if self._passes(x, y, heard.edge_covered[number]) and not self._is_late(number, ago_ms):
+            if self._passes(x, y, covered) and not self._is_late(number, ago_ms):
                 self.belief.correct(x, y, EDGE + late * late)
 
     def _edge_at(self, number, ago_ms):
         """Where that edge is now: it has moved on with the parcel since a sensor saw it."""
-        heard, footprint, twist = self._heard, self._footprint, self.twist
-        direction = heard.edge_direction[number]
-        point = AXES + heard.edge_sensor[number]
+        heard, footprint, centre = self._heard, self._footprint, self.outline.registers
+        direction, sensor, _ = heard.edge(number)
+        point = AXES + sensor
         x = footprint.shift_x[direction] + footprint.x[point]
         y = footprint.shift_y[direction] + footprint.y[point]
-        turned = twist.turn * ago_ms // 128_000
+        vx, vy, turn = self.twist.speeds()
+        turned = turn * ago_ms // 128_000
         return (
-            x + twist.vx * ago_ms // 16_000 - (y - self.belief.y // STEP_UM) * turned // 1000,
-            y + twist.vy * ago_ms // 16_000 + (x - self.belief.x // STEP_UM) * turned // 1000,
+            x + vx * ago_ms // 16_000 - (y - centre[Y]) * turned // 1000,
+            y + vy * ago_ms // 16_000 + (x - centre[X]) * turned // 1000,
         )
 
     def _is_late(self, number, ago_ms):
         """Whether that edge may be older: others of its frame are elsewhere, so one was lost."""
         heard = self._heard
-        direction, time_ms = heard.edge_direction[number], heard.edge_ms[number]
+        direction, time_ms = heard.edge(number)[0], heard.edge_ms[number]
         if direction == OWN:
             return False
         off = self.outline.edge(*self._edge_at(number, ago_ms))
         for other in range(heard.edges):
-            if heard.edge_direction[other] == direction and heard.edge_ms[other] == time_ms:
+            if heard.edge_ms[other] == time_ms and heard.edge(other)[0] == direction:
                 between = off - self.outline.edge(*self._edge_at(other, ago_ms))
                 if not -_TOGETHER <= between <= _TOGETHER:
                     return True
@@ -210,46 +218,46 @@ class Tracking:
 
         An edge at rest, or against the motion, comes from the sensor, not from the parcel.
         """
-        twist, edge = self.twist, self.outline.registers
+        vx, vy, turn = self.twist.speeds()
+        edge = self.outline.registers
         self.outline.edge(x, y)
-        outwards = edge[NORMAL_X] * twist.vx + edge[NORMAL_Y] * twist.vy >> 10
-        outwards += edge[LEVER] * twist.turn >> 10
+        outwards = edge[NORMAL_X] * vx + edge[NORMAL_Y] * vy >> 10
+        outwards += edge[LEVER] * turn >> 10
         return outwards > _PASSING_UM_S if covered else outwards < -_PASSING_UM_S
 
     def _drop_edges(self, sync_ms):
         """Keep the edges that came after the last SYNC for the next update."""
         heard = self._heard
-        if not heard.edges:
-            return
         kept = 0
         for number in range(heard.edges):
             if ticks.diff(sync_ms, heard.edge_ms[number]) + self.edge_late_ms <= 0:
-                heard.edge_direction[kept] = heard.edge_direction[number]
-                heard.edge_sensor[kept] = heard.edge_sensor[number]
-                heard.edge_covered[kept] = heard.edge_covered[number]
-                heard.edge_ms[kept] = heard.edge_ms[number]
+                heard.keep_edge(number, kept)
                 kept += 1
         heard.edges = kept
 
+    @micropython.native
     def _check_sensors(self, sync_ms):
         """Correct by sensors that contradict: the cell's own and, in turns, a neighbour's."""
-        self._turn = (self._turn + 1) % (DIRECTIONS + 1)
-        missing = self._compare(OWN, not self._turn & 3, sync_ms)
-        if self._turn != OWN and self._footprint.present >> self._turn & 1:
-            self._compare(self._turn, True, sync_ms)
-        if self.is_witnessed() and self._suspicion.has(OWN, PRESENCE):
+        heard, footprint = self._heard, self._footprint
+        turn = self._turn = (self._turn + 1) % (DIRECTIONS + 1)
+        missing = heard.seen[OWN] and self._compare(OWN, not turn & 3, 0)
+        if turn != OWN and footprint.present >> turn & 1 and not self._others[turn]:
+            age_ms = heard.age_ms(turn, sync_ms)
+            if age_ms >= 0:
+                self._compare(turn, True, age_ms)
+        if missing and self.is_witnessed() and self._suspicion.has(OWN, PRESENCE):
             missing = False
-        missing = missing or not self._is_anything_there()
-        self.missing_beats = min(self.missing_beats + 1, LOST_BEATS) if missing else 0
+        if missing or not (heard.presence[OWN] or self._is_anything_there()):
+            self.missing_beats = min(self.missing_beats + 1, LOST_BEATS)
+        else:
+            self.missing_beats = 0
 
     def _is_anything_there(self):
-        """Whether a sensor is covered, here or of a neighbour; of this parcel, as far as is known.
+        """Whether a sensor of a neighbour is covered; by this parcel, as far as is known.
 
         A cell whose own sensors the parcel does not cover cannot see by them that it is gone.
         """
         presence, others = self._heard.presence, self._others
-        if presence[OWN]:
-            return True
         for direction in range(DIRECTIONS):
             if presence[direction] and not others[direction] and self._suspicion.trusts(direction):
                 return True
@@ -259,24 +267,25 @@ class Tracking:
         """Whether neighbours have the parcel where this cell believes it."""
         return self._agreement.near >= _WITNESSES
 
-    def _compare(self, direction, correcting, sync_ms):
+    @micropython.native
+    def _compare(self, direction, correcting, age_ms):
         """Compare a cell's sensors with the belief; returns whether all deep under it are free."""
-        heard, footprint = self._heard, self._footprint
-        if not heard.is_current(direction, sync_ms) or self._others[direction]:
-            return False
-        bits = heard.presence[direction]
-        masks = footprint.by_depth(self.outline, direction, _CLEAR)
+        bits = self._heard.presence[direction]
+        outline, footprint = self.outline.registers, self._footprint
+        x, y = footprint.shift_x[direction], footprint.shift_y[direction]
+        masks = points_by_depth(outline, footprint.x, footprint.y, POINTS, x, y, _CLEAR)
         deep = masks >> AXES & _SENSORS
-        missing = deep and not deep & bits
+        missing = deep != 0 and not deep & bits
         if correcting:
             far = _SENSORS & ~(masks >> 20 + AXES)
             if (deep or far) and (direction != OWN or self._turn == OWN):
-                self._judge_sensors(direction, missing or bits & far)
+                self._judge_sensors(direction, missing or bits & far != 0)
             wrong = (masks >> 10 + AXES ^ bits) & _SENSORS
             if wrong and self._suspicion.trusts(direction):
-                self._pull(direction, wrong, heard.age_ms(direction, sync_ms))
+                self._pull(direction, wrong, age_ms)
         return missing
 
+    @micropython.native
     def _judge_sensors(self, direction, contradict):
         """A cell's sensors do or do not contradict by far what others than that cell believe, too.
 
@@ -291,9 +300,8 @@ class Tracking:
 
         One may have changed since, and the frame got lost, while the parcel has moved on.
         """
-        footprint, twist = self._footprint, self.twist
-        speed = abs(twist.vx) + abs(twist.vy) + abs(twist.turn)
-        late = min(speed * age_ms // 62_500, _MOST_LATE)
+        footprint = self._footprint
+        late = min(self.twist.size() * age_ms // 62_500, _MOST_LATE)
         point = AXES
         while wrong:
             if wrong & 1:
@@ -306,14 +314,6 @@ class Tracking:
     def is_other(self, direction):
         """Whether that cell's wheels and sensors serve another parcel."""
         return self._others[direction]
-
-    def _is_outvoted(self):
-        """Whether this cell is to take what the others believe for its own."""
-        agreement = self._agreement
-        if self._sent is None:
-            return False
-        agreement.judge(self._sent)
-        return agreement.outvoted_beats >= POSE_BEATS
 
     def _follow(self):
         """Take what those under the parcel believe; returns whether there are any."""
@@ -339,6 +339,7 @@ class Tracking:
         near = self._footprint.within(self.outline, OWN, _ELSEWHERE) >> AXES
         return self._heard.presence[OWN] & ~near != 0
 
+    @micropython.native
     def is_sure(self):
         """Whether this cell has a belief of its own that nothing is against."""
         return (
@@ -347,36 +348,41 @@ class Tracking:
             and not (self.missing_beats or self._agreement.outvoted_beats)
         )
 
+    @micropython.native
     def is_doubtful(self):
         """Whether this cell is not to steer: its own sensors or its neighbours are against it."""
-        return max(self.missing_beats, self._agreement.outvoted_beats) >= DOUBT_BEATS
+        return self.missing_beats >= DOUBT_BEATS or self._agreement.outvoted_beats >= DOUBT_BEATS
 
+    @micropython.native
     def announce(self, fields, ahead_ms):
         """Write pose and certainty into an estimate, so long after the SYNC of the belief.
 
         That is no pose where it is too long.
         """
-        belief, twist = self.belief, self.twist
         self.certainty = 0
         self._sent = None
-        sure = belief.known and self.under and not self._follows
+        sure = self.belief.known and self.under and not self._follows
         if sure and ahead_ms <= _AHEAD_MAX_MS:
-            per_s = 1000 // ahead_ms
-            x = belief.x + _rounded(twist.vx, per_s)
-            y = belief.y + _rounded(twist.vy, per_s)
-            turn = belief.turn + _rounded(twist.turn, per_s)
-            fields[wire.X] = (x + wire.STEP_UM // 2) // wire.STEP_UM
-            fields[wire.Y] = (y + wire.STEP_UM // 2) // wire.STEP_UM
-            fields[wire.YAW] = wire_yaw(turn)
-            self.certainty = 0 if self.is_doubtful() else belief.certainty()
-            self._sent = x, y, wrapped(turn)
+            sent = self._sent = self._pose
+            certainty = self.belief.send(self.twist.registers, 1000 // ahead_ms, fields, sent)
+            if not self.is_doubtful():
+                self.certainty = certainty
         fields[wire.CERTAINTY] = self.certainty
 
 
 @micropython.viper
-def _peers(estimates: ptr32, estimate_beat: ptr32, beat: int, parcel: int, others: ptr8) -> int:
-    """The mask of those whose estimate of this parcel came in this beat.
+def _sort(  # noqa: PLR0917 - viper takes words
+    estimates: ptr32,
+    estimate_beat: ptr32,
+    speeds_beat: ptr32,
+    beat: int,
+    parcel: int,
+    others: ptr8,
+    out: ptr8,
+) -> int:
+    """The mask of the directions whose estimate of this parcel came in this beat.
 
+    From bit 8 on that of the wheels whose speeds came in this beat and count, two a direction.
     Marks in `others` who is at another parcel.
     """
     never = int(NEVER)
@@ -386,32 +392,22 @@ def _peers(estimates: ptr32, estimate_beat: ptr32, beat: int, parcel: int, other
     certainty_at = int(wire.CERTAINTY)
     promised = int(PROMISED)
     under = int(UNDER)
-    mask = 0
-    at = 0
-    for direction in range(int(DIRECTIONS)):
-        came = estimate_beat[direction]
-        state = estimates[at + state_at]
-        others[direction] = 0
-        if estimates[at + identity_at] != parcel:
-            if came != never and state >= promised:
-                others[direction] = 1
-        elif came == beat and state == under and estimates[at + certainty_at] > 0:
-            mask |= 1 << direction
-        at += fields
-    return mask
-
-
-@micropython.viper
-def _turning(speeds_beat: ptr32, beat: int, others: ptr8, out: ptr8) -> int:
-    """The mask of the wheels whose speeds came in this beat and count, two a direction."""
     suspected = 1 << int(WHEELS)
-    mask = 0
-    for direction in range(int(DIRECTIONS) + 1):
-        left_out = others[direction] | out[direction] & suspected
-        if speeds_beat[direction] == beat and not left_out:
-            mask |= 3 << 2 * direction
-    return mask
-
-
-def _rounded(number, divisor):
-    return (number + divisor // 2) // divisor
+    own = int(OWN)
+    masks = 0
+    at = 0
+    for direction in range(own + 1):
+        other = 0
+        if direction != own:
+            came = estimate_beat[direction]
+            state = estimates[at + state_at]
+            if estimates[at + identity_at] != parcel:
+                if came != never and state >= promised:
+                    other = 1
+            elif came == beat and state == under and estimates[at + certainty_at] > 0:
+                masks |= 1 << direction
+            others[direction] = other
+            at += fields
+        if speeds_beat[direction] == beat and not other | out[direction] & suspected:
+            masks |= 3 << own + 2 * direction
+    return masks

@@ -11,7 +11,7 @@ except ImportError:
 from array import array
 
 from mdms_cell.neighbours.geometry.angle import ARM_UM
-from mdms_cell.neighbours.geometry.outline import STEP_UM
+from mdms_cell.neighbours.geometry.outline import STEP_UM, X, Y
 from mdms_protocol.words import WIDEN
 
 _ARM = const(8000)
@@ -38,54 +38,71 @@ TURNS = const(1)
 SLIPS = const(2)
 
 # Registers of a twist
-_VX = const(0)  # speeds [um/s], the last one that of a point at the arm of `angle`
-_VY = const(1)
-_TURN = const(2)
-_WHEELS = const(3)  # how many wheels showed it at last
-_MEAN = const(4)  # their mean error [um/s]
-_REGISTERS = const(5)
+VX = const(0)  # speeds [um/s], the last one that of a point at the arm of `angle`
+VY = const(1)
+TURN = const(2)
+WHEELS = const(3)  # how many wheels showed it at last
+OFF = const(4)  # how far these were off the twist before, on the average [um/s]
+BEFORE = const(5)  # the three speeds before
+_REGISTERS = const(8)
 
 
 class TwistFit:
-    """The rigid twist that most wheels agree on, followed from beat to beat.
-
-    `vx`, `vy` and `turn` are speeds [um/s], the last one that of a point at the arm of `angle`;
-    `wheels` is how many showed it at last, `off_um_s` how far they were off the twist before, on
-    the average.
-    """
+    """The rigid twist that most wheels agree on, followed from beat to beat, in its `registers`."""
 
     def __init__(self):
-        self._registers = array("i", [0] * _REGISTERS)
-        self.reset()
+        self.registers = array("i", [0] * _REGISTERS)
 
     def reset(self):
         """At rest."""
-        for place in range(_REGISTERS):
-            self._registers[place] = 0
-        self._read()
+        for number in range(_REGISTERS):
+            self.registers[number] = 0
 
-    def _read(self):
-        registers = self._registers
-        self.vx, self.vy, self.turn = registers[_VX], registers[_VY], registers[_TURN]
-        self.wheels, self.off_um_s = registers[_WHEELS], registers[_MEAN]
+    @micropython.native
+    def speeds(self):
+        """The twist: `VX`, `VY` and `TURN` of the registers."""
+        registers = self.registers
+        return registers[VX], registers[VY], registers[TURN]
 
-    def against(self, centre_x, centre_y, wheels, speeds, mask):
+    def size(self):
+        """The sum of the sizes of the three speeds."""
+        vx, vy, turn = self.speeds()
+        return abs(vx) + abs(vy) + abs(turn)
+
+    @micropython.native
+    def against(self, outline, footprint, speeds, mask):
         """What those wheels of a mask show that lie under the parcel: TURNS, SLIPS, or both.
 
         See `fit`.
         """
-        x, y, along_x, along_y = wheels
-        return _against(self._registers, x, y, along_x, along_y, speeds, mask, centre_x, centre_y)
+        return _against(
+            self.registers,
+            footprint.wheel_x,
+            footprint.wheel_y,
+            footprint.along_x,
+            footprint.along_y,
+            speeds,
+            mask,
+            outline,
+        )
 
-    def fit(self, centre_x, centre_y, wheels, speeds, mask):
+    @micropython.native
+    def fit(self, outline, footprint, speeds, mask):
         """Move the twist towards what those wheels of a mask say that lie under the parcel.
 
-        `wheels` are as in `Footprint`, their speeds in um/s. A direction that no wheel shows stays
-        as it was.
+        `outline` is the registers of one, and speeds are in um/s. A direction that no wheel shows
+        stays as it was.
         """
-        x, y, along_x, along_y = wheels
-        _fit(self._registers, x, y, along_x, along_y, speeds, mask, centre_x, centre_y)
-        self._read()
+        _fit(
+            self.registers,
+            footprint.wheel_x,
+            footprint.wheel_y,
+            footprint.along_x,
+            footprint.along_y,
+            speeds,
+            mask,
+            outline,
+        )
 
 
 @micropython.viper
@@ -97,14 +114,18 @@ def _fit(  # noqa: PLR0915, PLR0917 - viper takes words
     along_ys: ptr32,
     speeds: ptr32,
     mask: int,
-    centre_x: int,
-    centre_y: int,
+    outline: ptr32,
 ):
     widen = int(WIDEN)
-    vx = twist[_VX] << widen >> widen
-    vy = twist[_VY] << widen >> widen
-    turn = twist[_TURN] << widen >> widen
-    slip = twist[_MEAN] * 3 // 2
+    vx = twist[VX] << widen >> widen
+    vy = twist[VY] << widen >> widen
+    turn = twist[TURN] << widen >> widen
+    twist[BEFORE + VX] = vx
+    twist[BEFORE + VY] = vy
+    twist[BEFORE + TURN] = turn
+    centre_x = outline[int(X)] << widen >> widen
+    centre_y = outline[int(Y)] << widen >> widen
+    slip = twist[OFF] * 3 // 2
     slip = slip if slip > _SLIPPING_UM_S else _SLIPPING_UM_S
     # Sums of the normal equations: of products of directions, and of directions with errors.
     xx = xy = xt = yy = yt = tt = 0
@@ -144,10 +165,10 @@ def _fit(  # noqa: PLR0915, PLR0917 - viper takes words
             ry += along_y * error
             rt += lever * error
         wheel += 1
-    twist[_WHEELS] = count
+    twist[WHEELS] = count
     dx = dy = dt = 0
     if count:
-        twist[_MEAN] = errors // count
+        twist[OFF] = errors // count
         for _ in range(_SWEEPS):
             dx = (rx - xy * dy - xt * dt) // (xx + _RIDGE)
             dy = (ry - xy * dx - yt * dt) // (yy + _RIDGE)
@@ -161,9 +182,9 @@ def _fit(  # noqa: PLR0915, PLR0917 - viper takes words
         vx = vy = turn = 0
     if turn > _MOST_TURN_UM_S or turn < -_MOST_TURN_UM_S:
         turn = 0
-    twist[_VX] = vx
-    twist[_VY] = vy
-    twist[_TURN] = turn
+    twist[VX] = vx
+    twist[VY] = vy
+    twist[TURN] = turn
 
 
 @micropython.viper
@@ -175,13 +196,14 @@ def _against(  # noqa: PLR0917 - viper takes words
     along_ys: ptr32,
     speeds: ptr32,
     mask: int,
-    centre_x: int,
-    centre_y: int,
+    outline: ptr32,
 ) -> int:
     widen = int(WIDEN)
-    vx = twist[_VX] << widen >> widen
-    vy = twist[_VY] << widen >> widen
-    turn = twist[_TURN] << widen >> widen
+    vx = twist[VX] << widen >> widen
+    vy = twist[VY] << widen >> widen
+    turn = twist[TURN] << widen >> widen
+    centre_x = outline[int(X)] << widen >> widen
+    centre_y = outline[int(Y)] << widen >> widen
     shown = 0
     wheel = 0
     while mask >> wheel:

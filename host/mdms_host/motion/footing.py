@@ -6,6 +6,7 @@ from math import ceil, hypot
 import numpy as np
 from numpy.typing import NDArray
 
+from mdms_host.motion.footholds import INSET_M, MARGIN_M
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.trajectory.path import shorter_turn_rad
 from mdms_model.outline import Outline
@@ -13,10 +14,6 @@ from mdms_model.statics.support_margin import support_margins_m
 
 Floats = NDArray[np.float64]
 
-#: The centre of mass stays this far inside the hull of the supports.
-MARGIN_M = 0.010
-#: Wheels count as supports only this far under the parcel, which may be as much beside its way.
-INSET_M = 0.002
 #: How far a corner moves from one place of the way that is checked to the next, at most.
 _STEP_M = 0.002
 

@@ -6,11 +6,13 @@ from math import hypot, inf
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
+from mdms_host.motion.footholds import Footholds
 from mdms_host.motion.trajectory.follower import STIFFNESS_PER_S, Carried, Follower
 from mdms_host.motion.trajectory.grip import Grip
 from mdms_host.motion.trajectory.mass import Mass
-from mdms_host.motion.trajectory.path import shorter_turn_rad, straight
+from mdms_host.motion.trajectory.path import Path, shorter_turn_rad
 from mdms_host.motion.trajectory.traction import Traction
+from mdms_host.motion.way_search import WaySearch
 from mdms_model.arrays import Floats
 
 #: A parcel is about to be at its goal within so many tolerances.
@@ -61,14 +63,15 @@ class Limits:
 
 
 class GoalController:
-    """Takes one parcel to a goal on the straight way; `arrived` once it is there.
+    """Takes one parcel to a goal, straight where it can; `arrived` once it is there.
 
     Translation and rotation are one motion, so that both end together. A parcel that has arrived is
     held until a sensor shows it outside twice the tolerance; one that is `stopped` is brought to
     rest and not steered any more, and one that is `paused` is brought to rest meanwhile. One that
     has left its way comes to rest, and takes another from there. A place is not sure enough while a
     turn by `feel_rad` would show it better: a parcel there turns so first, three times at most, and
-    back; `leg` counts these ways, and where the parcel has been put elsewhere.
+    back; `leg` counts these ways, and where the parcel has been put elsewhere. Where it might tip
+    on the straight way it stands until another has been found.
     """
 
     def __init__(self, goal: Goal, traction: Traction, mass: Mass) -> None:
@@ -84,6 +87,7 @@ class GoalController:
         self._turns = 0
         self.leg = 0
         self._follower: Follower | None = None
+        self._search: WaySearch | None = None
         self._left_m = inf
         self._within_s = 0.0
         self._pose: Floats | None = None
@@ -142,16 +146,16 @@ class GoalController:
     def _put_elsewhere(self) -> None:
         """What was taken for slip may have been the parcel's leaving; its way begins anew."""
         self.grip = Grip()
+        self._search = None
         self.leg += 1
 
     def step(self, belief: Belief, step_s: float) -> Carried | None:
         """What the parcel's wheels are to do in the next step; None: stand still."""
-        reach_m = belief.outline.reach_m
         if self._pose is not None and hypot(*(belief.pose - self._pose)[:2].tolist()) > _PUT_M:
             self._put_elsewhere()
         self._pose = belief.pose
         off = self._target(belief.pose) - belief.pose
-        self._left_m = hypot(off[0], off[1], off[2] * reach_m)
+        self._left_m = self._left_along_m(off, belief)
         if belief.corrected or not self.arrived:
             self._check_arrival(off, float(belief.pose[2]), step_s)
         follower = self._following(belief)
@@ -160,22 +164,49 @@ class GoalController:
         follower.paused = self._still or self._leads_elsewhere(follower, belief.pose)
         return follower.step(belief, step_s)
 
+    def way_from(self, belief: Belief) -> Path:
+        """What is left of the way; straight to the goal as long as none has been found."""
+        ends, follower = [self._target(belief.pose)], self.follower
+        if follower is not None:
+            pieces = [one for one in follower.path.pieces if one.end_s_m > follower.s_m]
+            ends = [one.pose_at(one.end_s_m) for one in pieces]
+        return Path(np.array([belief.pose, *ends]), belief.outline.reach_m)
+
+    def _left_along_m(self, off: Floats, belief: Belief) -> float:
+        """What is left to go straight to the target, or on a way with corners along that."""
+        follower = self.follower
+        if follower is None or len(follower.path.pieces) < 2:
+            return hypot(off[0], off[1], off[2] * belief.outline.reach_m)
+        path, s_m = follower.path, follower.s_m
+        return path.length_m - s_m + path.distance_m(path.off(belief.pose, s_m))
+
     def _following(self, belief: Belief) -> Follower | None:
         """What follows the way to where the parcel is to be now; None where it is to stand."""
         follower = self._follower
         if follower is not None and not follower.at_rest:
             return follower
         if self._still:
-            self._follower = None
+            self._follower = self._search = None
             return None
         if follower is None or follower.off_path or self._leads_elsewhere(follower, belief.pose):
             if follower is not None and follower.off_path:
                 self.leg += 1
-            target = self._target(belief.pose)
-            path = straight(belief.pose, target, belief.outline.reach_m)
-            profile = self._traction.profile(path, belief.outline, self._mass)
-            self._follower = Follower(self._traction, profile, self.grip)
+            self._follower = self._found(belief)
         return self._follower
+
+    def _found(self, belief: Belief) -> Follower | None:
+        """What follows the way from here; None while it is looked for."""
+        if self._search is None:
+            footholds = Footholds(self._traction.layout, belief.outline, self._mass.centre_m)
+            self._search = WaySearch(footholds, belief, self._target(belief.pose))
+        path = self._search.step()
+        if path is None:
+            return None
+        self._search = None
+        if len(path.pieces) > 1:
+            self.leg += 1
+        profile = self._traction.profile(path, belief.outline, self._mass)
+        return Follower(self._traction, profile, self.grip)
 
     def _leads_elsewhere(self, follower: Follower, pose: Floats) -> bool:
         """Whether a way does not end where the parcel is to be now, or with the wheels of now."""

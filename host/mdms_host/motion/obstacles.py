@@ -3,12 +3,9 @@
 from collections.abc import Iterator, Mapping
 from math import hypot
 
-import numpy as np
-
 from mdms_host.estimation.belief import Belief
 from mdms_host.motion.contact import gap_m
-from mdms_host.motion.goal import Goal
-from mdms_host.motion.trajectory.path import straight
+from mdms_host.motion.trajectory.path import Path
 from mdms_model.arrays import Floats
 
 #: A parcel comes no nearer than this to an outline in which something unknown lies [m].
@@ -38,14 +35,14 @@ class Obstacles:
         notices, self._notices = self._notices, []
         return notices
 
-    def hold(self, parcel: Belief, goal: Goal, stopping_m: float) -> bool:
-        """Whether a parcel must not go on straight to its goal.
+    def hold(self, parcel: Belief, way: Path, stopping_m: float) -> bool:
+        """Whether a parcel must not go on along its way, which begins where it is.
 
         `stopping_m` is the way that it makes to a stop at least, a corner's way included.
         """
         held = parcel.name in self._held
         ahead_m = stopping_m + (_HELD_AHEAD_M if held else _AHEAD_M)
-        poses = list(_poses_ahead(parcel, goal, ahead_m))
+        poses = list(_poses_ahead(way, ahead_m))
         for name, obstacle in self.all.items():
             if _is_in_the_way(parcel, obstacle, poses, ahead_m):
                 if not held:
@@ -56,14 +53,11 @@ class Obstacles:
         return False
 
 
-def _poses_ahead(parcel: Belief, goal: Goal, ahead_m: float) -> Iterator[Floats]:
-    """Poses on the next `ahead_m` of the straight way to the goal, a corner's way included."""
-    yaw_rad = float(parcel.pose[2]) if goal.yaw_rad is None else goal.yaw_rad
-    end = np.array([goal.x_m, goal.y_m, yaw_rad])
-    path = straight(parcel.pose, end, parcel.outline.reach_m)
-    far_m = min(ahead_m, path.length_m)
+def _poses_ahead(way: Path, ahead_m: float) -> Iterator[Floats]:
+    """Poses on the next `ahead_m` of a way, a corner's way included."""
+    far_m = min(ahead_m, way.length_m)
     for step in range(1, int(far_m / _STEP_M) + 2):
-        yield path.pose_at(min(step * _STEP_M, far_m))
+        yield way.pose_at(min(step * _STEP_M, far_m))
 
 
 def _is_in_the_way(parcel: Belief, obstacle: Belief, poses: list[Floats], ahead_m: float) -> bool:

@@ -278,7 +278,7 @@ class GoalProgram:
         if controller.arrived or controller.stopped:
             return False
         stopping_m = controller.speed_m_s * controller.stopping_s / 2
-        return self._obstacles.hold(belief, controller.goal, stopping_m)
+        return self._obstacles.hold(belief, controller.way_from(belief), stopping_m)
 
     def _steer(
         self, beliefs: Mapping[str, Belief], step_s: float

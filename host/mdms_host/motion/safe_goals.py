@@ -6,15 +6,13 @@ from types import MappingProxyType
 
 import numpy as np
 
-from mdms_host.estimation.parcel import Parcel, outline_corners_m
+from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
-from mdms_host.motion.footing import MARGIN_M, Load, least_footing
+from mdms_host.motion.footholds import INSET_M, MARGIN_M, Footholds
+from mdms_host.motion.footing import straight_way
 from mdms_host.motion.goal import Goal
 from mdms_model.arrays import Floats
-from mdms_model.outline import polygon_outline
 
-#: Supports that are farther from a parcel's way do not matter.
-_BESIDE_M = 0.01
 #: A parcel that stands no safer than this may go to where it stands as it does [m].
 _SAME_M = 0.001
 
@@ -57,15 +55,7 @@ class SafeGoals:
 
     def _margin_m(self, parcel: Parcel, start: Floats, goal: Goal | None) -> float:
         """How far the centre of mass stays inside the supports at a pose, or on the way from it."""
-        outline = polygon_outline(np.array(outline_corners_m(parcel)))
-        load = Load(outline, self._centres_of_mass_m.get(parcel.name, (0.0, 0.0)))
-        ends_m = np.array([start[:2], start[:2] if goal is None else [goal.x_m, goal.y_m]])
-        wheels_m = _near(self._layout.wheel_positions_m, ends_m, outline.radius_m + _BESIDE_M)
-        return least_footing(wheels_m, load, start, goal).margin_m
-
-
-def _near(wheels_m: Floats, ends_m: Floats, reach_m: float) -> Floats:
-    """The wheels about a way; all where these are a single row, which counts for a table of one."""
-    low_m, high_m = ends_m.min(axis=0) - reach_m, ends_m.max(axis=0) + reach_m
-    near: Floats = wheels_m[((wheels_m >= low_m) & (wheels_m <= high_m)).all(axis=1)]
-    return near if len(near) > 1 and np.ptp(near, axis=0).all() else wheels_m
+        centre_m = self._centres_of_mass_m.get(parcel.name, (0.0, 0.0))
+        footholds = Footholds(self._layout, parcel.bottom, centre_m)
+        poses = straight_way(start, goal, parcel.bottom.reach_m)
+        return float(footholds.margins_m(poses, INSET_M).min())

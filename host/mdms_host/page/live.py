@@ -65,7 +65,7 @@ class LiveTable:
         self._report = report
         self._error_frames = error_frames
         self._signals = Signals.of(layout, len(parcels), len(KINDS))
-        self._news: list[dict[str, Any]] = []
+        self._new_messages: list[dict[str, Any]] = []
         self._events = EventList()
         self._stopped_s = -inf
         self._reported: tuple[Coordinator | None, int] = (None, 0)
@@ -91,7 +91,7 @@ class LiveTable:
             plan = plan_of(self._seat.coordinator)
             if plan != self._plan:
                 self._plan = plan
-                self._news.append(plan)
+                self._new_messages.append(plan)
 
     def _look_for_things(self) -> None:
         """Parcels come and go, and with them the shape of a snapshot."""
@@ -168,15 +168,15 @@ class LiveTable:
             self._report(event["time_s"], event["text"])
         self._events.add(events)
 
-    def news(self) -> list[dict[str, Any]]:
+    def take_messages(self) -> list[dict[str, Any]]:
         """See `Table`."""
         for name in self._by_hand.let_go(self._seat.coordinator):
             self.note("page", f"{name} stays where it is: the hand that dragged its goal is gone")
         self._look()
         self._look_for_things()
         self._look_for_plans()
-        news, self._news = self._news, []
-        return news + self._events.take_message()
+        messages, self._new_messages = self._new_messages, []
+        return messages + self._events.take_message()
 
     def story(self) -> list[dict[str, Any]]:
         """See `Table`."""
@@ -197,7 +197,7 @@ class LiveTable:
             rows = reader.take_rows()
             if rows or reader.over:
                 message = {"kind": "objects", "cell": reader.cell, "rows": rows}
-                self._news.append(message | {"over": reader.over})
+                self._new_messages.append(message | {"over": reader.over})
             if reader.over:
                 self._seat.reader = None
 

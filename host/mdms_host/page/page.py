@@ -149,12 +149,12 @@ class Page:
         elif self._vacant_s is not None and now_s >= self._vacant_s + GRACE_S:
             self._vacant_s = None
             self._table.abandon()
-        news = self._table.news()
+        messages = self._table.take_messages()
         if self._table.version != self._version:
             self._version = self._table.version
-            news = [self._table.description(), *news]
-        if news:
-            self._call(self._hub.send, news)
+            messages = [self._table.description(), *messages]
+        if messages:
+            self._call(self._hub.send, messages)
 
     def _call(self, function: Callable[[Any], object], value: Any) -> None:
         if self._loop is not None and not self._loop.is_closed():

@@ -122,7 +122,7 @@ class RecordedTable:
             shown["cell_promise_state"] = record.state[instant]
         return shown | self._bus.values(index)
 
-    def news(self) -> list[dict[str, Any]]:
+    def take_messages(self) -> list[dict[str, Any]]:
         """See `Table`: all is known from the start but which plan is in force."""
         plan = self._plan()
         if plan == self._shown_plan:

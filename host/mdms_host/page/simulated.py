@@ -61,7 +61,7 @@ class SimulatedTable(LiveTable):
         self._pause_ns: int | None = None
         self._paused = False
         self._faults = FaultsByHand(
-            simulation, scenario, lambda: self._news.append(self._faults.message())
+            simulation, scenario, lambda: self._new_messages.append(self._faults.message())
         )
         self._seen = {"world": 0, "faults": 0}
         self._pace = _Pace(time)
@@ -104,13 +104,13 @@ class SimulatedTable(LiveTable):
         """See `Table`."""
         return [*super().story(), self._faults.message()]
 
-    def news(self) -> list[dict[str, Any]]:
+    def take_messages(self) -> list[dict[str, Any]]:
         """See `Table`."""
         sources = {"world": self._simulation.world.events, "faults": self._simulation.faults.events}
         for name, events in sources.items():
             self.add_events(events_of(events[self._seen[name] :]))
             self._seen[name] = len(events)
-        return super().news()
+        return super().take_messages()
 
     # Time ----------------------------------------------------------------------------------------
 

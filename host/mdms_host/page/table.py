@@ -9,7 +9,7 @@ class Table(Protocol):
     """Shows itself, and does what it is asked; called by one thread only, the one that drives it.
 
     `offers` are the names of the commands that it takes. `version` counts the changes of what
-    `description` returns. What `news` returns are messages for every client, as they are sent.
+    `description` returns. What `take_messages` returns goes to every client as it is.
     """
 
     offers: tuple[str, ...]
@@ -27,7 +27,7 @@ class Table(Protocol):
         """Snapshots of a whole recorded run, one behind the other; nothing of one that goes on."""
         ...
 
-    def news(self) -> list[dict[str, Any]]:
+    def take_messages(self) -> list[dict[str, Any]]:
         """Messages since the last call: events, faults, objects."""
         ...
 

@@ -99,12 +99,13 @@ class Planner:
 
         Tiles that are `closed` are not crossed, but those under a parcel are left. Routes that
         are `kept` are those of other parcels, with their times from now on (`retiming`); they are
-        planned around, and part of the plan.
+        planned around, and part of the plan. One of a parcel that is planned anew is not kept.
         Where a parcel stays that one of these was to pass after it, because it is blocked or has no
         goal any more, that one is held (`Authority.held`): it is to be stopped and planned anew.
         """
         closed = self._nothing() if closed is None else closed
-        kept = kept or {}
+        named = {task.parcel for task in tasks}
+        kept = {name: route for name, route in (kept or {}).items() if name not in named}
         errands = {task.parcel: self._errand(task, now_s) for task in tasks}
         moving = [name for name, errand in errands.items() if errand.task.goal is not None]
         best: dict[str, Route] = {}
@@ -115,7 +116,8 @@ class Planner:
                 best = found
             if len(best) == len(moving):
                 break
-        routes = {**kept, **{name: errand.prefix for name, errand in errands.items()}, **best}
+        own = {name: best[name] if name in best else errands[name].prefix for name in errands}
+        routes = {**kept, **own}
         blocked = {
             name: self._blocked(errands, name, best, closed, kept)
             for name in moving
@@ -165,7 +167,8 @@ class Planner:
     def kept(self, plan: Plan, progress_m: Mapping[str, float], now_s: float) -> dict[str, Route]:
         """The routes of a plan from where these parcels are now, for others to be planned around.
 
-        `progress_m` is without those that are to be planned anew, and without those that are gone.
+        `progress_m` is without those that are gone. Where one that is to be planned anew is with
+        them, those that waited for it leave it time for its way as it was, so that it may find one.
         """
         return retimed(plan.reservations, progress_m, now_s, self._ground.pace, self._gap_s)
 

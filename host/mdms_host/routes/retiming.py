@@ -8,9 +8,12 @@ from typing import Literal
 import numpy as np
 
 from mdms_host.routes.pace import Pace
-from mdms_host.routes.reservations import Reservations
+from mdms_host.routes.reservations import REST_M, Reservations
 from mdms_host.routes.route import Route, Visits
 from mdms_model.arrays import Floats, Ints
+
+#: Routes are this much farther apart than they have to be: a search adds such hairs to its own [s].
+_HAIR_S = 1e-6
 
 
 def retimed(
@@ -24,7 +27,7 @@ def retimed(
 
     The order over every tile stays, and so do poses and path coordinates; tiles that are left are
     left out. Parcels without progress are no longer on the table. The soonest times are the least
-    that no order contradicts: the plan's own, so much later, are among those.
+    that no order contradicts: each route is free at its own among all others at theirs.
     """
     routes = {name: route for name, route in reservations.routes.items() if name in progress_m}
     begins_s = {
@@ -59,7 +62,10 @@ def _after(
     pace: Pace,
     gap_s: float,
 ) -> list[tuple[str, int, str, int, float]]:
-    """A parcel's move, and another's that it begins so long after at the least."""
+    """A parcel's move, and another's that it begins so long after at the least.
+
+    A tile is really left up to `REST_M` farther on than those who wait for it are to see it left.
+    """
     waits = [
         (name, wait)
         for name in routes
@@ -70,9 +76,9 @@ def _after(
         routes, [(name, wait.before_m) for name, wait in waits], pace, "right"
     )
     leaves, after_leaves_s = _all_within(
-        routes, [(wait.other, wait.leaves_m) for _, wait in waits], pace, "left"
+        routes, [(wait.other, wait.leaves_m + REST_M) for _, wait in waits], pace, "left"
     )
-    apart_s = (after_leaves_s - after_enters_s + gap_s).tolist()
+    apart_s = (after_leaves_s - after_enters_s + gap_s + _HAIR_S).tolist()
     rows = zip(waits, enters.tolist(), leaves.tolist(), apart_s, strict=True)
     return [(name, move, wait.other, others, apart) for (name, wait), move, others, apart in rows]
 

@@ -1,5 +1,6 @@
 """One parcel's route: poses with straight moves between, and when each tile on it is met."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -84,20 +85,30 @@ class Route:
         return np.concatenate((ends_s[:1], planned_s[between], ends_s[1:]))
 
 
-def merged(visits: Visits, stand: Ints, end_m: float, gone_s: float) -> Visits:
+def merged(
+    visits: Visits,
+    rests: Sequence[tuple[float, Ints]],
+    stand: Ints,
+    end_m: float,
+    gone_s: float,
+) -> Visits:
     """Visits of the moves of a route, in any order, with one for each time a tile is met.
 
-    The tiles `stand` under the parcel at the end are left at `gone_s`, when it is taken off the
-    table; inf: never.
+    Where it `rests` between moves, at path coordinates, no tiles but those given are under it.
+    The tiles `stand` under it at the end are left at `gone_s`, when it is taken off the table; inf:
+    never.
     """
     order = np.lexsort((visits.enters_m, visits.tile))
     tile, enters_m, leaves_m = visits.tile[order], visits.enters_m[order], visits.leaves_m[order]
     enters_s, leaves_s = visits.enters_s[order], visits.leaves_s[order]
-    # A turn is taken to sweep a little more than stays under the parcel when it ends.
+    # A turn is taken to sweep a little more than stays under the parcel when it ends or begins.
     stays = (leaves_m >= end_m - _SAME_M) & np.isin(tile, stand)
     leaves_m, leaves_s = np.where(stays, np.inf, leaves_m), np.where(stays, gone_s, leaves_s)
     new = np.ones(len(tile), dtype=bool)
     new[1:] = (tile[1:] != tile[:-1]) | (enters_m[1:] > leaves_m[:-1] + _SAME_M)
+    for rest_m, under in rests:
+        # Others may pass meanwhile: as one visit, each would be before the other.
+        new[1:] |= (np.abs(enters_m[1:] - rest_m) <= _SAME_M) & ~np.isin(tile[1:], under)
     first = np.flatnonzero(new)
     if not len(first):
         return Visits(tile, enters_m, leaves_m, enters_s, leaves_s)

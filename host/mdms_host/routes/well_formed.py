@@ -5,7 +5,9 @@ before it and the starts of those after it: planned in this order each finds a r
 it waits until those before it have come to their goals.
 """
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from itertools import compress
 from random import Random
 from typing import NamedTuple
 
@@ -13,20 +15,52 @@ import numpy as np
 
 from mdms_host.routes.errand import Errand
 from mdms_host.routes.intervals.way_alone import WayAlone
-from mdms_model.arrays import Bools, Ints
+from mdms_model.arrays import Bools
 
 #: A way of a parcel alone past blocked tiles.
 WayPast = Callable[[Errand, Bools], WayAlone]
 
 #: Orders are begun anew so often, and so many beginnings of one, for each parcel, are looked at.
 _TRIES, _BEGINNINGS = 60, 2
+_NONE = np.zeros(0, dtype=np.int64)
 
 
-class Bar(NamedTuple):
-    """A parcel has no way while all of some are at their goals, and all of others at starts."""
+class Places(NamedTuple):
+    """Parcels at their goals, and others at their starts."""
 
     at_goals: frozenset[str]
     at_starts: frozenset[str]
+
+    def without(self, parcel: str) -> "Places":
+        """The places of all others."""
+        return Places(self.at_goals - {parcel}, self.at_starts - {parcel})
+
+    def all_in(self, other: "Places") -> bool:
+        """Whether these are all among others."""
+        return self.at_goals <= other.at_goals and self.at_starts <= other.at_starts
+
+    def none_in(self, other: "Places") -> bool:
+        """Whether none of these is among others."""
+        return self.at_goals.isdisjoint(other.at_goals) and self.at_starts.isdisjoint(
+            other.at_starts
+        )
+
+
+class Precedence:
+    """Who must go before whom, of some parcels, and all that follows from it."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self.before: dict[str, set[str]] = {name: set() for name in names}
+        self.after: dict[str, set[str]] = {name: set() for name in names}
+
+    def add(self, first: str, second: str) -> bool:
+        """One must go before another; False: it must go after it as well."""
+        firsts, seconds = {first, *self.before[first]}, {second, *self.after[second]}
+        for name in firsts:
+            self.after[name] |= seconds
+        for name in seconds:
+            self.before[name] |= firsts
+        return firsts.isdisjoint(seconds)
 
 
 class Orders:
@@ -35,8 +69,8 @@ class Orders:
     Depth first: who can go next is tried in the sequence that is given, and goes on from after who
     went before. What comes after some that have gone does not depend on the order they went in
     (R. Wang, K. Gao, D. Nakhimovich, J. Yu, K. Bekris, 2021), and is in vain where one that is left
-    has no way past their goals even if it were alone. Ways that were found, and by whom one was
-    barred from any, are kept: most questions are answered by them.
+    has no way past their goals even if it were alone. Of ways that were found is kept whose places
+    they meet, and of parcels who barred them from any: most questions are answered by that.
     """
 
     def __init__(self, errands: Mapping[str, Errand], closed: Bools, way_past: WayPast) -> None:
@@ -48,12 +82,14 @@ class Orders:
         for errand in errands.values():
             if errand.task.goal is None:
                 self._standing[errand.stand] = True
-        self._ways: dict[str, list[Ints]] = {name: [] for name in self._moving}
-        self._bars: dict[str, list[Bar]] = {name: [] for name in self._moving}
+        #: Whose goal and whose start each tile is under, (tiles, 2, moving).
+        self._under = np.zeros((len(closed), 2, len(self._moving)), dtype=bool)
+        for index, name in enumerate(self._moving):
+            self._under[errands[name].goal_stand, 0, index] = True
+            self._under[errands[name].stand, 1, index] = True
+        self._ways: dict[str, list[Places]] = {name: [] for name in self._moving}
+        self._bars: dict[str, list[Places]] = {name: [] for name in self._moving}
         self._in_vain: set[frozenset[str]] = set()
-        #: The tiles of those who were last asked about: often the same for all.
-        self._taken_by: tuple[frozenset[str], frozenset[str]] = frozenset(), frozenset()
-        self._taken = self._standing.copy()
         self._left = 0
 
     def first(self) -> tuple[str, ...] | None:
@@ -79,113 +115,94 @@ class Orders:
         ):
             return None
         self._left -= 1
-        untried = list(rest)
+        untried, bars = list(rest), -1
         while untried:
-            # By what has been found out since.
-            before = self._must_go_before(at_goals, rest)
-            if before is None or self._left <= 0:
+            if bars != (bars := sum(len(self._bars[name]) for name in rest)):
+                precedence = self._precedence(at_goals, rest)
+                harm = self._harm(at_goals, rest)
+            if precedence is None or self._left <= 0:
                 break
-            name = min(untried, key=lambda each: self._harm(each, at_goals, rest))
+            name = min(untried, key=harm.__getitem__)
             untried.remove(name)
             index = rest.index(name)
             others = [*rest[index + 1 :], *rest[:index]]
-            if before[name] or not self._has_way(name, at_goals, frozenset(others)):
+            if precedence.before[name] or not self._has_way(name, at_goals, frozenset(others)):
                 continue
             order = self._from((*gone, name), others)
             if order is not None:
                 return order
-            if not self._harm(name, at_goals, rest):
+            if not self._harm(at_goals, rest)[name]:
                 break
         if self._left > 0:
             self._in_vain.add(at_goals)
         return None
 
-    def _harm(self, name: str, at_goals: frozenset[str], rest: Sequence[str]) -> int:
+    def _harm(self, at_goals: frozenset[str], rest: Sequence[str]) -> Counter[str]:
         """How many known bars of the rest a parcel may be part of once it is at its goal."""
-        return sum(
-            name in bar.at_goals and not bar.at_starts & at_goals
-            for other in rest
-            for bar in self._bars[other]
-        )
+        harm: Counter[str] = Counter()
+        for name in rest:
+            for bar in self._bars[name]:
+                if bar.at_starts.isdisjoint(at_goals):
+                    harm.update(bar.at_goals)
+        return harm
 
-    def _must_go_before(
-        self, at_goals: frozenset[str], rest: Sequence[str]
-    ) -> dict[str, set[str]] | None:
-        """Who of the rest must go before each, as far as is known; None: there is no such order.
+    def _precedence(self, at_goals: frozenset[str], rest: Sequence[str]) -> Precedence | None:
+        """Who of the rest must go before whom, as far as is known; None: there is no such order.
 
         Of a bar one has to be elsewhere: where it can be only one any more, it must.
         """
-        before: dict[str, set[str]] = {name: set() for name in rest}
-        pairs = -1
-        while pairs != (pairs := sum(map(len, before.values()))):
+        found, more = Precedence(rest), True
+        while more:
+            more = False
             for name in rest:
-                after = {other for other in rest if name in before[other]}
-                gone = at_goals | before[name]
+                before, after = found.before[name], found.after[name]
                 for bar in self._bars[name]:
-                    if bar.at_goals & after or bar.at_starts & gone:
+                    gone = not (
+                        at_goals.isdisjoint(bar.at_starts) and before.isdisjoint(bar.at_starts)
+                    )
+                    if gone or not after.isdisjoint(bar.at_goals):
                         continue
-                    later, sooner = bar.at_goals - gone, bar.at_starts - after
-                    if not later and not sooner:
+                    later, sooner = bar.at_goals - at_goals - before, bar.at_starts - after
+                    if len(later) + len(sooner) > 1:
+                        continue
+                    more = True
+                    pairs = [
+                        *((name, other) for other in later),
+                        *((other, name) for other in sooner),
+                    ]
+                    if not pairs or not found.add(*pairs[0]):
                         return None
-                    if len(later) + len(sooner) == 1:
-                        before[name] |= sooner
-                        for other in later:
-                            before[other].add(name)
-            for name in rest:
-                before[name] = before[name].union(*(before[other] for other in before[name]))
-                if name in before[name]:
-                    return None
-        return before
-
-    def _is_barred(self, name: str, at_goals: frozenset[str], at_starts: frozenset[str]) -> bool:
-        """Whether it is known that a parcel has no way past these."""
-        return any(
-            bar.at_goals <= at_goals and bar.at_starts <= at_starts for bar in self._bars[name]
-        )
+        return found
 
     def _has_way(self, name: str, at_goals: frozenset[str], at_starts: frozenset[str]) -> bool:
         """Whether a parcel has a way past some at their goals and others at their starts."""
-        if self._is_barred(name, at_goals, at_starts):
+        places = Places(at_goals, at_starts)
+        if any(bar.all_in(places) for bar in self._bars[name]):
             return False
-        blocked = self._blocked(name, at_goals, at_starts)
-        if any(not blocked[way].any() for way in self._ways[name]):
+        bar = self._bar(name, places)
+        if bar is None:
             return True
-        stops = self._stops(name, at_goals, at_starts)
-        if stops is not None:
-            self._bars[name].append(self._bar(name, stops))
-        return stops is None
+        # Without those who bar it in vain.
+        for other in (*sorted(bar.at_goals), *sorted(bar.at_starts)):
+            if other in bar.at_goals | bar.at_starts:
+                bar = self._bar(name, bar.without(other)) or bar
+        self._bars[name].append(bar)
+        return False
 
-    def _bar(self, name: str, bar: Bar) -> Bar:
-        """The same without those who bar a parcel in vain."""
-        for other in sorted(bar.at_goals):
-            bar = self._stops(name, bar.at_goals - {other}, bar.at_starts) or bar
-        for other in sorted(bar.at_starts):
-            bar = self._stops(name, bar.at_goals, bar.at_starts - {other}) or bar
-        return bar
-
-    def _stops(self, name: str, at_goals: frozenset[str], at_starts: frozenset[str]) -> Bar | None:
+    def _bar(self, name: str, places: Places) -> Places | None:
         """Those of these who bar a parcel from any way; None: it has one, which is kept."""
-        way = self._way_past(self._errands[name], self._blocked(name, at_goals, at_starts))
-        if way.found:
-            self._ways[name].append(way.tiles)
+        if any(way.none_in(places) for way in self._ways[name]):
             return None
-        stops = np.zeros_like(self._closed)
-        stops[way.tiles] = True
-        return Bar(
-            frozenset(other for other in at_goals if stops[self._errands[other].goal_stand].any()),
-            frozenset(other for other in at_starts if stops[self._errands[other].stand].any()),
-        )
-
-    def _blocked(self, name: str, at_goals: frozenset[str], at_starts: frozenset[str]) -> Bools:
-        """The tiles that a parcel has to keep off; what is closed under it does not count."""
         blocked = self._closed.copy()
         blocked[self._errands[name].stand] = False
-        if (at_goals, at_starts) != self._taken_by:
-            self._taken_by = at_goals, at_starts
-            self._taken = self._standing.copy()
-            for other in at_goals:
-                self._taken[self._errands[other].goal_stand] = True
-            for other in at_starts:
-                self._taken[self._errands[other].stand] = True
-        blocked |= self._taken
-        return blocked
+        blocked |= self._standing
+        goals = [self._errands[other].goal_stand for other in places.at_goals]
+        starts = [self._errands[other].stand for other in places.at_starts]
+        blocked[np.concatenate([*goals, *starts, _NONE])] = True
+        way = self._way_past(self._errands[name], blocked)
+        ends = self._under[way.tiles].any(axis=0).tolist()
+        met = Places(*(frozenset(compress(self._moving, own)) for own in ends))
+        if way.found:
+            self._ways[name].append(met)
+            return None
+        return Places(met.at_goals & places.at_goals, met.at_starts & places.at_starts)

@@ -31,7 +31,8 @@ from tests.benchmarks.cells.neighbours import CONFIDENCE, at_least
 from mdms_host.cli.scenario.coordination import coordinator_of
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.tracker import Tracker
-from mdms_host.motion.footing import MARGIN_M, Load, least_footing
+from mdms_host.motion.footholds import MARGIN_M
+from mdms_host.motion.footing import Load, least_footing
 from mdms_host.motion.goal import Goal
 from mdms_model.array import build_wheels
 from mdms_model.outline import outline_of

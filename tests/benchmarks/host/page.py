@@ -293,7 +293,7 @@ class Dancing:
         """See `Table`."""
         return b""
 
-    def news(self) -> list[dict[str, Any]]:
+    def take_messages(self) -> list[dict[str, Any]]:
         """See `Table`."""
         return []
 

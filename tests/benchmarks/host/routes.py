@@ -24,6 +24,8 @@ import numpy as np
 from tests.benchmarks.host._route_instances import TABLES, Table, instance
 from tests.benchmarks.host._route_outlines import faults
 
+from mdms_host.routes.planner import Plan
+
 CONFIDENCE = 0.95
 
 
@@ -53,17 +55,27 @@ def try_one(table: Table, seed: int, count: Count) -> None:
     count.full += len(tasks) == table.parcels
     one = Random(seed).choice(tasks)
     begun_s = process_time()
-    others_m = {task.parcel: 0.0 for task in tasks if task is not one}
-    again = table.planner.plan([one], kept=table.planner.kept(plan, others_m, 0.0))
+    again = table.planner.plan([one], kept=table.planner.kept(plan, begun_m(plan), 0.0))
     times_ms = count.one_ms
-    if again.blocked or again.authority.held(dict.fromkeys(again.routes, 0.0), ()):
+    if again.blocked or held(again):
         # As on a table: who waits for it for ever is stopped, and all are planned anew.
         again, times_ms = table.planner.plan(tasks), count.anew_ms
     assert len(again.reservations.waits) == len(tasks)
     times_ms.append((process_time() - begun_s) * 1e3)
     wrong = faults(table.size_m, tasks, plan) + faults(table.size_m, tasks, again)
+    wrong += [f"{name} waits for ever" for name in sorted(held(plan) | held(again))]
     if wrong:
         count.bad.append(f"seed {seed}: {'; '.join(wrong)}")
+
+
+def held(plan: Plan) -> frozenset[str]:
+    """Who never arrives while all keep to the order over tiles, from the begin of their routes."""
+    return plan.authority.held(begun_m(plan), ())
+
+
+def begun_m(plan: Plan) -> dict[str, float]:
+    """How far all have come on their routes when they begin."""
+    return dict.fromkeys(plan.routes, 0.0)
 
 
 def share_bound(bad: int, runs: int) -> float:

@@ -58,7 +58,7 @@ class Ear:
         self.count = 0
 
     def on_frame(self, frame: Frame, now_ns: int) -> None:
-        """Hears a frame."""
+        """Receives a frame."""
         self.count += 1
 
 

@@ -35,7 +35,7 @@ FIELDS = {
 
 def run() -> list[Row]:
     """All rows of the table."""
-    # All cells alike: neither MuJoCo's scene nor the independent truth knows of spreads.
+    # All cells alike: neither MuJoCo's scene nor the independent truth has spreads.
     scenario = load_scenario("array18", ["cell.motor_spread=0", "cell.friction_spread=0"])
     rows = [row for name in FIELDS for row in beside_mujoco(scenario, name)]
     return [*rows, *cost_per_wheel(scenario), *order_of_convergence(scenario)]

@@ -23,7 +23,7 @@ _MS_MASK = (1 << 30) - 1
 #: In a pause the background makes a turn only so often.
 _PAUSE_STEP_MS = 5
 _LOST_FRAMES = 500
-_SLICE = 10_000
+_SLICE = 2_500
 _BANK_SIZE = 1024
 _OVER_CURRENT_MA = 1_000_000
 _STATES = (nmt.INITIALISING, nmt.STOPPED, nmt.OPERATIONAL, nmt.PRE_OPERATIONAL)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from mdms_cell.neighbours import agreement, belief, twist
 from mdms_cell.neighbours.geometry import outline
-from mdms_cell.neighbours.geometry.angle import TURN_UM, resolve, root
+from mdms_cell.neighbours.geometry.angle import TURN_UM, root
 from mdms_cell.neighbours.geometry.outline import DISC, RECTANGLE, STEP_UM
 
 WORD = 1 << 31
@@ -67,8 +67,8 @@ def test_root_fits(number):
 
 def placed(shape, pose, halves):
     x, y, turn = pose
-    registers = Words([x, y, 0, 0, shape, *halves, 0, 0, 0])
-    resolve(turn, registers, outline.COSINE)
+    registers = Words([0, 0, 0, 0, shape, *halves, 0, 0, 0])
+    outline.place(registers, x * STEP_UM, y * STEP_UM, turn)
     return registers
 
 
@@ -88,7 +88,7 @@ def test_outline_fits_wherever_the_parcel_lies(shape, pose, halves):
 @settings(max_examples=60)
 @given(st.lists(speeds, min_size=3, max_size=8), numbers(HALF), numbers(HALF), st.data())
 def test_twist_fits_whatever_speeds_come(beats, centre_x, centre_y, data):
-    registers = Words([0] * 5)
+    registers, centre = Words([0] * 8), Words([centre_x, centre_y])
     along = st.tuples(numbers(362), numbers(362))
     along_x, along_y = (
         Words(each) for each in zip(*data.draw(st.tuples(along, along)), strict=True)
@@ -97,9 +97,9 @@ def test_twist_fits_whatever_speeds_come(beats, centre_x, centre_y, data):
     wheel_x, wheel_y = Words(data.draw(reach)), Words(data.draw(reach))
     for beat in beats:
         mask = Word(data.draw(st.integers(0, (1 << 18) - 1)))
-        twist._fit(
-            registers, wheel_x, wheel_y, along_x, along_y, Words(beat), mask, centre_x, centre_y
-        )
+        args = registers, wheel_x, wheel_y, along_x, along_y, Words(beat), mask, centre
+        twist._fit(*args)
+        twist._against(*args)
 
 
 @given(
@@ -110,12 +110,14 @@ def test_twist_fits_whatever_speeds_come(beats, centre_x, centre_y, data):
 )
 def test_belief_fits_whatever_sensors_say(edges, x_um, y_um, turn):
     registers = Words([x_um, y_um, turn, *[belief._START] * 3, 0, 0, 0, 0])
+    moving = Words([1_300_000, -1_300_000, 500_000, 0, 0, 1_300_000, -1_300_000, 500_000])
     for x, y, exact in edges:
         pose = registers[0] // STEP_UM, registers[1] // STEP_UM, registers[2]
         bottom = placed(RECTANGLE, pose, (HALF, HALF))
         off = outline._side(bottom, x, y)
         belief._correct(registers, bottom, off, Word(belief.EDGE), exact)
-        belief._roll(registers, Word(13_000), Word(-13_000), Word(5_000))
+        belief._roll(registers, moving, Word(2 * 1000 // 10))
+        belief._send(registers, moving, Word(1000 // 50), Words([0] * 10), Words([0] * 3))
 
 
 @given(
@@ -131,11 +133,8 @@ def test_agreement_fits_whatever_neighbours_say(poses, certainties, certainty):
     shifts = Words([127_000, -127_000] * 8)
     estimates = Words([each for row in fields for each in row])
     assert agreement._gather(estimates, shifts, Word(255), table) == len(poses)
-    x_um, y_um, turn = table[:3]
-    near = agreement._near(table, 8, x_um, y_um, turn)
-    agreement._sum_up(table, Word(near), bytes(9), x_um, y_um, turn, certainty, sums)
+    near = agreement._near(table, 8, table, 0)
+    agreement._sum_up(table, Word(near), bytes(9), table, certainty, sums)
     if sums[0]:
-        registers = Words([x_um, y_um, turn, *[belief._MOST] * 3, 0, 0, 0, 0])
-        total = sums[0] + agreement._OWN_WEIGHT
-        off = (each * 4 // sums[0] for each in sums[1:4])
-        belief._agree(registers, *off, sums[0], total, sums[4] // sums[0])
+        registers = Words([*table[:3], *[belief._MOST] * 3, 0, 0, 0, 0])
+        belief._agree(registers, sums, Word(agreement._OWN_WEIGHT))

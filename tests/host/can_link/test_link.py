@@ -22,7 +22,7 @@ PATIENCE_S = 60.0
 
 
 class ScriptedBus(can.BusABC):
-    """Receives what a test tells it to: messages, or the errors of an adapter."""
+    """Receives what a test puts into it: messages, or the errors of an adapter."""
 
     def __init__(self, *script: can.Message | Exception) -> None:
         self.script: SimpleQueue = SimpleQueue()

@@ -84,7 +84,7 @@ def compile_something():
 
 @pytest.fixture
 def slow(monkeypatch):
-    """Any compiling takes long enough to be worth telling."""
+    """Any compiling takes long enough to be worth a line."""
     monkeypatch.setattr("mdms_host.cli.compiling.REPORTED_S", 0.0)
 
 

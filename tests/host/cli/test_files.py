@@ -15,7 +15,7 @@ BEGINS = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF", "gif": b"GIF8"}
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("files") / "run"
-    short = ("--set", "run.duration_s=0.5")
+    short = ("--set", "run.duration_s=0.1")
     assert main(["simulate", "paper-fig7", *short, "--out", str(folder)]) == 0
     return str(folder)
 

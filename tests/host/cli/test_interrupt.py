@@ -13,7 +13,7 @@ from mdms_host.cli.exits import Exit
 
 MDMS = Path(sys.executable).with_name("mdms")
 #: Hours of virtual time; the test ends it.
-LONG = ("--set", "run.duration_s=1e4")
+LONG = ("--set", "run.duration_s=1e4", "--set", "array.columns=3", "--set", "array.rows=1")
 
 
 def wait_for_frames(process, folder):

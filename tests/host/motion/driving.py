@@ -93,6 +93,11 @@ class Table:
         self.slipping += int((slips_m_s > 0.005).sum())
         self.carrying += int((self._world.normal_n > 0.0).sum())
 
+    @property
+    def tipped(self) -> bool:
+        """Whether the parcel has tipped off its wheels."""
+        return any(event.kind == "tip" for event in self._world.events)
+
     def rolling_twist(self) -> Floats:
         """The twist that the speeds of the wheels under the parcel show; the lost report none."""
         under = (self._world.normal_n > 0.0) & ~self._lost

@@ -8,6 +8,7 @@ from tests.host.motion.believing import beliefs
 from tests.host.motion.driving import BOX, STEP_S, Table, mass_of, traction_of
 
 from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.tracker import Parcel
 from mdms_host.motion.goal import Goal, GoalController
 from mdms_host.motion.trajectory.follower import Carried
 
@@ -190,3 +191,16 @@ def test_a_goal_that_is_changed_on_the_way_is_gone_to_from_rest_without_slip() -
     assert controller.arrived
     assert table.pose == pytest.approx((-0.1, 0.02, 0.2), abs=0.003)
     assert table.most_slip_m_s < 0.005
+
+
+def test_a_box_that_would_tip_on_the_straight_way_goes_around_and_gets_on_all_the_time() -> None:
+    parcel = Parcel("box", 0.28, 0.22)
+    controller = GoalController(Goal(-0.08, -0.026, -0.8), traction_of(), mass_of(parcel))
+    table = Table(np.array([0.14, -0.008, 0.3]), parcel)
+    left_m = []
+    for _ in range(800):
+        table.step(controller.step)
+        assert not table.tipped
+        left_m.append(controller.left_m)
+    assert controller.arrived
+    assert max(np.diff(left_m[30:])) < 0.002

@@ -12,6 +12,7 @@ from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.obstacles import Obstacles
 from mdms_host.motion.program import GoalProgram
+from mdms_host.motion.trajectory.path import Path, straight
 
 LAYOUT = Layout(9, 3, wheels=(WheelPlace(0.0, (-0.03, 0.0)), WheelPlace(np.pi / 2, (0.03, 0.0))))
 BOX = Parcel("box", 0.30, 0.26)
@@ -27,29 +28,42 @@ def box(x_m: float) -> Belief:
     return beliefs({"box": np.array([x_m, 0.0, 0.0])}, (BOX,))["box"]
 
 
+def way_to(*end: float) -> Path:
+    return straight(np.zeros(3), np.array(end), BOX.bottom.reach_m)
+
+
 @pytest.mark.parametrize(
-    ("goal", "waits"),
+    ("end", "waits"),
     [
-        (Goal(0.4, 0.0), True),
-        (Goal(-0.4, 0.0), False),
-        (Goal(0.0, 0.1), False),
-        (Goal(0.0, 0.0, 0.8), True),
+        ((0.4, 0.0, 0.0), True),
+        ((-0.4, 0.0, 0.0), False),
+        ((0.0, 0.1, 0.0), False),
+        ((0.0, 0.0, 0.8), True),
     ],
 )
-def test_a_parcel_waits_only_where_it_would_come_nearer(goal: Goal, waits: bool) -> None:
+def test_a_parcel_waits_only_where_it_would_come_nearer(
+    end: tuple[float, float, float], waits: bool
+) -> None:
     obstacles = Obstacles()
     obstacles.see({"box": box(0.0), "unknown-1": thing(0.265)}, {"box": None})
-    assert obstacles.hold(box(0.0), goal, 0.0) is waits
+    assert obstacles.hold(box(0.0), way_to(*end), 0.0) is waits
+
+
+def test_a_parcel_goes_on_around_what_is_beside_its_way_and_before_its_goal() -> None:
+    obstacles = Obstacles()
+    obstacles.see({"unknown-1": thing(0.265)}, {"box": None})
+    corners = np.array([(0.0, 0.0, 0.0), (0.0, 0.3, 0.0), (0.4, 0.3, 0.0), (0.6, 0.0, 0.0)])
+    assert not obstacles.hold(box(0.0), Path(corners, BOX.bottom.reach_m), 0.0)
 
 
 def test_waiting_is_reported_once_and_ends_when_the_way_is_free() -> None:
-    obstacles, goal = Obstacles(), Goal(0.4, 0.0)
+    obstacles, way = Obstacles(), way_to(0.4, 0.0, 0.0)
     obstacles.see({"unknown-1": thing(0.27)}, {"box": None})
-    assert obstacles.hold(box(0.0), goal, 0.0)
-    assert obstacles.hold(box(0.0), goal, 0.0)
+    assert obstacles.hold(box(0.0), way, 0.0)
+    assert obstacles.hold(box(0.0), way, 0.0)
     assert obstacles.take_notices() == ["box waits: unknown-1 is in its way"]
     obstacles.see({}, {"box": None})
-    assert not obstacles.hold(box(0.0), goal, 0.0)
+    assert not obstacles.hold(box(0.0), way, 0.0)
     assert obstacles.take_notices() == []
 
 

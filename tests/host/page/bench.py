@@ -62,7 +62,7 @@ class Desk:
         for _ in range(round(seconds * 1000)):
             self.wall_ns += 1_000_000
             self.table.advance()
-        self.messages += self.table.news()
+        self.messages += self.table.take_messages()
 
     def run_until(self, holds, limit_s: float) -> None:
         """Until it holds, looked at every 20 ms."""
@@ -116,7 +116,7 @@ class Recorder:
     def history(self) -> bytes:
         return b""
 
-    def news(self) -> list[dict[str, Any]]:
+    def take_messages(self) -> list[dict[str, Any]]:
         return []
 
     def story(self) -> list[dict[str, Any]]:

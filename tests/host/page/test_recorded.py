@@ -107,13 +107,13 @@ def test_plan_in_force_is_shown_at_its_time_and_sent_when_it_changes(run):
     table = table_of(replace(run, record=replace(run.record, plans=plans)))
     table.advance(0.0)
     table.do(commands.Pause())
-    assert table.news() == []
+    assert table.take_messages() == []
     for time_s, x_m, squares in ((1.5, 0.1, 1), (2.5, 0.2, 0), (1.0, 0.1, 1)):
         table.do(commands.Seek(time_s))
-        (plan,) = table.news()
+        (plan,) = table.take_messages()
         assert plan["paths"] == {"box": [[0.0, 0.0, 0.0], [x_m, 0.0, 0.0]]}
         assert len(plan["tiles"]) == squares
-        assert table.news() == []
+        assert table.take_messages() == []
         assert table.story()[1] == plan
 
 

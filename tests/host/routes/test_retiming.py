@@ -58,6 +58,22 @@ def test_a_kept_route_over_the_place_of_one_that_is_blocked_is_held(planner: Pla
     assert not held(free)
 
 
+def test_who_was_to_pass_first_finds_a_way_again_before_others_close_it() -> None:
+    planner = Planner(Tiles(Layout(15, 8)))
+    closed = np.zeros(planner.tiles.count, dtype=bool)
+    for row in (0, 1, 2, 6, 7):
+        closed[planner.tiles.of_cell(row * 15 + 8)] = True
+    far = task("far", (-0.7, -0.3, 0.0), (0.6, 0.06, 0.0))
+    near = task("near", (-0.5, 0.35, 0.0), (0.0, 0.06, 0.0))
+    plan = planner.plan([far, near], closed=closed)
+    kept = planner.kept(plan, {"far": 0.0, "near": 0.0}, 0.0)
+    again = planner.plan([far], closed=closed, kept=kept)
+    assert not again.blocked
+    assert again.routes["far"].end_s == pytest.approx(plan.routes["far"].end_s, abs=0.1)
+    alone = planner.kept(plan, {"near": 0.0}, 0.0)
+    assert planner.plan([far], closed=closed, kept=alone).blocked
+
+
 def held(plan):
     return plan.authority.held(dict.fromkeys(plan.routes, 0.0), plan.routes.keys() - plan.order)
 

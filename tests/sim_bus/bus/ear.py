@@ -2,7 +2,7 @@
 
 
 class Ear:
-    """Writes down what it hears and when."""
+    """Writes down what it receives and when."""
 
     def __init__(self):
         self.heard = []

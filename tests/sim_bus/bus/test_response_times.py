@@ -1,7 +1,7 @@
 """Response times on the bus against the analysis of Davis, Burns, Bril and Lukkien (2007).
 
 Times are in bits. A message's transmission time C includes the inter-frame space, as in the paper;
-the simulation tells when a frame ends, which is three bits earlier.
+the simulation reports when a frame ends, which is three bits earlier.
 """
 
 from collections import deque

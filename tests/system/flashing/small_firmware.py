@@ -35,7 +35,7 @@ finally:
 
 
 def version(text):
-    """A small firmware that tells its version."""
+    """A small firmware that reports its version."""
     files = {
         "main.py": CELL,
         "mdms_protocol/__init__.py": b"",

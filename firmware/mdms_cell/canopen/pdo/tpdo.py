@@ -1,6 +1,11 @@
 """Transmit PDOs (CiA 301, 7.2.2.3): values sent at SYNC, on change, or by the event timer."""
 
-import struct
+try:
+    import micropython
+except ImportError:
+    from mdms_protocol.cpython import micropython
+
+from struct import pack
 
 from mdms_cell import ticks
 from mdms_cell.canopen.pdo.base import Pdo
@@ -37,6 +42,8 @@ class Tpdo(Pdo):
         entries = self.entries()
         readers = [self._objects.reader(index, sub) for index, sub, _ in entries]
         self._reads = [read for read, _ in readers]
+        self._values = [0] * len(readers)
+        self._stored = self._objects.stored(entries)
         formats = [form[1] for _, form in readers]
         self._layout = "<" + "".join(formats)
         announced = all(index in _ANNOUNCED for index, _, _ in entries)
@@ -106,6 +113,12 @@ class Tpdo(Pdo):
             return min(self._pace_ms, self._event_ms - elapsed_ms)
         return self._pace_ms
 
+    @micropython.native
     def _data(self):
-        values = [read() for read in self._reads]
-        return struct.pack(self._layout, *values)
+        if self._stored is not None:
+            return bytes(self._stored)
+        values, number = self._values, 0
+        for read in self._reads:
+            values[number] = read()
+            number += 1  # noqa: SIM113 - machine code has no `enumerate` of its own
+        return pack(self._layout, *values)

@@ -6,11 +6,15 @@ needs those whose squares it lies over, which are what it may move within.
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
+try:
+    import micropython
+except ImportError:
+    from mdms_protocol.cpython import micropython
+
 from array import array
 
 from mdms_cell.neighbours.geometry.outline import (
     STEP_UM,
-    points_by_depth,
     points_within,
     squares_overlapped,
 )
@@ -21,6 +25,7 @@ MARGIN = 10_000 // STEP_UM
 #: A parcel keeps this away from the squares of cells that are not promised to it [steps].
 CLEARANCE = 4_000 // STEP_UM
 POINTS = AXES + SENSORS
+ALL_WHEELS = AXES * (DIRECTIONS + 1)
 
 
 class Footprint:
@@ -28,8 +33,8 @@ class Footprint:
 
     Wheels come before sensors; `x` and `y` are of POINTS points. `present` is the mask of the
     neighbours that there are. Neighbours are cells alike, at `shift_x` and `shift_y` by direction.
-    `wheels` is of all wheels that may be heard of, the cell's own last: two arrays of their
-    places, and by axis two of their directions [1/512].
+    All wheels that may be heard of are at `wheel_x` and `wheel_y`, the cell's own last; `along_x`
+    and `along_y` are their directions by axis [1/512].
     """
 
     def __init__(self, place):
@@ -40,21 +45,20 @@ class Footprint:
         self.shift_y = array("i", [0] * (DIRECTIONS + 1))
         self.along_x = array("i", [0] * AXES)
         self.along_y = array("i", [0] * AXES)
-        wheels = AXES * (DIRECTIONS + 1)
-        wheel_x, wheel_y = array("i", [0] * wheels), array("i", [0] * wheels)
-        self.wheels = wheel_x, wheel_y, self.along_x, self.along_y
+        self.wheel_x = array("i", [0] * ALL_WHEELS)
+        self.wheel_y = array("i", [0] * ALL_WHEELS)
         self.load()
 
     def load(self):
         """Take over the place's tables."""
         place = self._place
         for axis in range(AXES):
-            self._put(axis, place.contacts, axis)
+            self._put(axis, place.contact_um(axis))
             # Of 1 / place.UNITY, in 1/512.
-            self.along_x[axis] = place.drives[2 * axis] >> 5
-            self.along_y[axis] = place.drives[2 * axis + 1] >> 5
+            along_x, along_y = place.drive(axis)
+            self.along_x[axis], self.along_y[axis] = along_x >> 5, along_y >> 5
         for sensor in range(SENSORS):
-            self._put(AXES + sensor, place.sensors, sensor)
+            self._put(AXES + sensor, place.sensor_um(sensor))
         for direction in range(DIRECTIONS):
             self.shift_x[direction] = place.shifts[2 * direction] // STEP_UM
             self.shift_y[direction] = place.shifts[2 * direction + 1] // STEP_UM
@@ -66,46 +70,40 @@ class Footprint:
         self._half = self._place.pitch_um // (2 * STEP_UM) + CLEARANCE
 
     def _load_wheels(self):
-        wheel_x, wheel_y, _, _ = self.wheels
+        wheel_x, wheel_y = self.wheel_x, self.wheel_y
         for direction in range(DIRECTIONS + 1):
             for axis in range(AXES):
                 wheel_x[AXES * direction + axis] = self.shift_x[direction] + self.x[axis]
                 wheel_y[AXES * direction + axis] = self.shift_y[direction] + self.y[axis]
 
-    def _put(self, point, lengths_um, number):
-        self.x[point] = lengths_um[2 * number] // STEP_UM
-        self.y[point] = lengths_um[2 * number + 1] // STEP_UM
+    def _put(self, point, place_um):
+        x_um, y_um = place_um
+        self.x[point], self.y[point] = x_um // STEP_UM, y_um // STEP_UM
 
+    @micropython.native
     def covers(self, outline):
         """Whether the parcel covers a wheel or a sensor of the cell, or nearly."""
-        return self.within(outline, DIRECTIONS, MARGIN) != 0
+        return points_within(outline.registers, self.x, self.y, POINTS, 0, 0, MARGIN) != 0
 
-    def within(self, outline, direction, limit):
+    @micropython.native
+    def within(self, outline, direction, limit, points=POINTS):
         """The mask of that cell's points that are less than `limit` outside the outline [steps]."""
         x, y = self.shift_x[direction], self.shift_y[direction]
-        return points_within(outline.registers, self.x, self.y, POINTS, x, y, limit)
-
-    def by_depth(self, outline, direction, clear):
-        """Three masks of that cell's points in one number; see `points_by_depth`."""
-        x, y = self.shift_x[direction], self.shift_y[direction]
-        return points_by_depth(outline.registers, self.x, self.y, POINTS, x, y, clear)
-
-    def wheels_under(self, outline):
-        """The mask of all wheels that the parcel lies over, two a direction."""
-        x, y, _, _ = self.wheels
-        return points_within(outline.registers, x, y, AXES * (DIRECTIONS + 1), 0, 0, 0)
+        return points_within(outline.registers, self.x, self.y, points, x, y, limit)
 
     def reaches(self, outline):
         """Whether the parcel lies over the cell's own square, or nearly."""
-        return self._squares(outline, 1 << DIRECTIONS) != 0
+        x, y = self.shift_x, self.shift_y
+        return squares_overlapped(outline.registers, x, y, self._half, 1 << DIRECTIONS) != 0
 
+    @micropython.native
     def mask(self, outline, mask=0):
         """The neighbours whose squares the parcel lies over, or nearly, besides those of a mask.
 
         Squares, not points: two parcels may not meet between the sensors of two cells either.
         """
-        return mask | self._squares(outline, self.present & ~mask)
-
-    def _squares(self, outline, asked):
+        asked = self.present & ~mask
+        if not asked:
+            return mask
         x, y = self.shift_x, self.shift_y
-        return squares_overlapped(outline.registers, x, y, self._half, asked)
+        return mask | squares_overlapped(outline.registers, x, y, self._half, asked)

@@ -13,7 +13,7 @@ except ImportError:
 
 from array import array
 
-from mdms_cell.neighbours.geometry.angle import ARM_UM, ONE, resolve, root
+from mdms_cell.neighbours.geometry.angle import ARM_UM, ONE, QUARTER_UM, root
 from mdms_protocol.words import WIDEN
 
 STEP_UM = const(16)
@@ -57,10 +57,7 @@ class Outline:
 
     def place(self, x_um, y_um, turn_um):
         """Take a pose."""
-        registers = self.registers
-        registers[X] = x_um // STEP_UM
-        registers[Y] = y_um // STEP_UM
-        resolve(turn_um, registers, COSINE)
+        place(self.registers, x_um, y_um, turn_um)
 
     def edge(self, x, y):
         """How far a point is outside, negative inside [steps]; outside a corner a little less.
@@ -81,6 +78,28 @@ class Outline:
         registers[NORMAL_Y] = y * ONE // most >> 3
         registers[LEVER] = 0
         return from_centre - registers[HALF_LENGTH]
+
+
+@micropython.viper
+def place(outline: ptr32, x_um: int, y_um: int, turn_um: int):
+    """Set the pose of an outline; cosine and sine are within 2 of those of its turn."""
+    one = int(ONE)
+    quarter_um = int(QUARTER_UM)
+    outline[X] = x_um // STEP_UM
+    outline[Y] = y_um // STEP_UM
+    quarter = (turn_um + quarter_um // 2) // quarter_um
+    # Radians in 1/8192, at most an eighth of a turn from a multiple of the right angle.
+    near = (turn_um - quarter * quarter_um) * 8 // 125
+    square = near * near >> 13
+    most = (one // 12 - square // 360) * square >> 13
+    cosine = one - (square * (one // 2 - most // 2) >> 13)
+    sine = near * (one - (square * (one - square // 20) >> 13) // 6) >> 13
+    if quarter & 1:
+        cosine, sine = 0 - sine, cosine
+    if quarter & 2:
+        cosine, sine = 0 - cosine, 0 - sine
+    outline[COSINE] = cosine
+    outline[SINE] = sine
 
 
 @micropython.viper

@@ -5,7 +5,8 @@ from math import degrees
 import numpy as np
 
 from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.motion.footing import MARGIN_M, Footing, Load, least_footing
+from mdms_host.motion.footholds import MARGIN_M
+from mdms_host.motion.footing import Footing, Load, least_footing
 from mdms_host.motion.goal import Goal
 from mdms_model.array import build_wheels
 from mdms_model.outline import outline_of

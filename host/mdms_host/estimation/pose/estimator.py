@@ -219,7 +219,8 @@ class ParcelEstimator:
     def roll(self, now_s: float, twist: Floats | None) -> None:
         """Go on to a time at which this was the twist; None where no wheel shows it.
 
-        Then it stays for 0.1 s: by then cells that nobody commands have braked.
+        Then it stays for 0.1 s: by then cells that nobody commands have braked. A parcel that rests
+        after a longer time without speeds has been braked at its beginning, give or take as much.
         """
         if self._filter is None:
             return
@@ -231,7 +232,11 @@ class ParcelEstimator:
             self.twist = np.zeros(3)
         step_s = max(0.0, now_s - self._at_s)
         late = (self.twist - before) * _OBSERVER_LAG_S if twist is not None else 0.0
-        moved = (before + self.twist) * (step_s / 2) + late
+        if step_s > _CARRIED_S and not self.twist.any():
+            moved = before * (_CARRIED_S / 2)
+            self._filter.blur(float(np.linalg.norm(moved / self.corner_m)))
+        else:
+            moved = (before + self.twist) * (step_s / 2) + late
         self._filter.move(moved, step_s, self._sliding.variance_m2_s)
         if self._cloud is not None:
             self._cloud.move(moved)

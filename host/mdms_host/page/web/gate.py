@@ -58,7 +58,7 @@ class Gate:
             return False
         return name == socket.gethostname() or _is_in_numbers(name)
 
-    def knows(self, token: object) -> bool:
+    def accepts(self, token: object) -> bool:
         """Whether this is the token."""
         if not isinstance(token, str):
             return False

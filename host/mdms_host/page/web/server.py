@@ -127,7 +127,7 @@ class PageApp:
         """Its first message has the token, if it has one."""
         hello = await asyncio.wait_for(_message(socket), HELLO_LIMIT_S)
         token = hello.get("token") if isinstance(hello, dict) else None
-        client.may_control = self._gate.knows(token)
+        client.may_control = self._gate.accepts(token)
         for message in await self._story():
             client.send(message)
         self._hub.come(client)

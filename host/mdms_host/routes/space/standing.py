@@ -7,7 +7,7 @@ from math import ceil, hypot
 import numpy as np
 
 from mdms_host.layout import Layout
-from mdms_host.motion.footing import INSET_M, MARGIN_M
+from mdms_host.motion.footholds import INSET_M, MARGIN_M
 from mdms_host.routes.space.shape import Shape
 from mdms_host.routes.space.sweep import overhangs_m
 from mdms_model.arrays import Floats

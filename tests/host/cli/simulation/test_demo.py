@@ -1,4 +1,4 @@
-"""`mdms demo` does the main job and tells how it went."""
+"""`mdms demo` does the main job and reports how it went."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""`mdms map` draws a field and tells where it holds a parcel."""
+"""`mdms map` draws a field and reports where it holds a parcel."""
 
 import json
 

@@ -37,7 +37,7 @@ def agree(estimator: ParcelEstimator, now_s: float, covered: np.ndarray) -> None
 def carry(
     estimator: ParcelEstimator, pose: np.ndarray, twist: np.ndarray, seconds: float, scale: float
 ) -> np.ndarray:
-    """Move the true parcel, telling the wheels' speeds scaled, and each edge as it happens."""
+    """Move the true parcel, giving the wheels' speeds scaled, and each edge as it happens."""
     covered, step_s = covered_by(pose), 0.01
     for step in range(1, round(seconds / step_s) + 1):
         pose = pose + twist * step_s
@@ -167,3 +167,23 @@ def test_one_stuck_sensor_does_not_pull_the_estimate_away() -> None:
         roll_on([estimator], now_s, Speeds(np.zeros(36)))
         agree(estimator, now_s, stuck)
     np.testing.assert_allclose(estimator.pose, before, atol=1e-3)
+
+
+def test_a_parcel_that_rests_after_a_silence_has_been_braked_at_its_beginning() -> None:
+    # From 0.1 m/s within 0.1 s, however long nothing is heard of it then: 5 mm, give or take 5.
+    for silence_s in (0.2, 0.6):
+        estimator, twist = resting_at(0.0, 0.0, 0.0), np.array([0.1, 0.0, 0.0])
+        roll_on([estimator], 0.01, Speeds(LAYOUT.surface_jacobian(*estimator.pose[:2]) @ twist))
+        x_m = estimator.pose[0]
+        nothing = np.zeros(len(LAYOUT.wheel_cells))
+        roll_on([estimator], 0.01 + silence_s, Speeds(nothing, nothing > 0.0))
+        assert estimator.pose[0] - x_m == pytest.approx(0.005, abs=1e-6)
+        assert estimator.covariance[0, 0] >= 0.005**2
+
+
+def test_a_parcel_that_still_moves_after_a_silence_has_moved_all_the_time() -> None:
+    estimator, twist = resting_at(0.0, 0.0, 0.0), np.array([0.1, 0.0, 0.0])
+    for now_s in (0.01, 0.31):
+        x_m = estimator.pose[0]
+        roll_on([estimator], now_s, Speeds(LAYOUT.surface_jacobian(*estimator.pose[:2]) @ twist))
+    assert estimator.pose[0] - x_m == pytest.approx(0.03, abs=1e-4)

@@ -5,7 +5,7 @@ import pytest
 from tests.host.routes.parcels import BOX, task
 
 from mdms_host.layout import Layout
-from mdms_host.motion.footing import MARGIN_M
+from mdms_host.motion.footholds import MARGIN_M
 from mdms_host.routes.planner import Planner
 from mdms_host.routes.space.standing import Standing
 from mdms_host.routes.space.tiles import Tiles

@@ -1,4 +1,4 @@
-"""The row against an independent integration that knows nothing of events.
+"""The row against an independent integration that has no events.
 
 The reference is written from eqs (1), (7) and (12) directly, wheel by wheel, and solved by
 Gragg-Bulirsch-Stoer steps whose error control finds the discontinuities by itself.
@@ -35,7 +35,7 @@ class RowReference:
             (i - (array.columns - 1) / 2) * array.pitch_m + cell.wheel[0].offset_m[0]
             for i, cell in enumerate(self.cells)
         ]
-        self.known = {}
+        self._spreads = {}
 
     def normals(self, x_m):
         """(wheel, N) of every support, by eq (1) over the set that pulls nowhere."""
@@ -43,12 +43,13 @@ class RowReference:
         covered = tuple(i for i, w in enumerate(self.wheel_x_m) if abs(w - x_m) <= half)
         com_m = x_m + self.parcel.centre_of_mass_m[0]
         for supports in self._runs(covered):
-            places = [self.wheel_x_m[i] for i in supports]
-            loads = self._eq1(places, com_m)
-            if len(supports) < 2 or min(loads) < -1e-12:
+            if len(supports) < 2:
+                continue
+            loads = [self._line(supports, com_m, self.wheel_x_m[i]) for i in supports]
+            if min(loads) < -1e-12:
                 continue
             rest = [i for i in covered if i not in supports]
-            if all(self._line(places, com_m, self.wheel_x_m[i]) <= 1e-12 for i in rest):
+            if all(self._line(supports, com_m, self.wheel_x_m[i]) <= 1e-12 for i in rest):
                 return list(zip(supports, loads, strict=True))
         return []
 
@@ -60,13 +61,16 @@ class RowReference:
             if 2 <= j - i < n:
                 yield covered[i:j]
 
-    def _eq1(self, places, com_m):
-        return [self._line(places, com_m, place) for place in places]
+    def _line(self, supports, com_m, at):
+        """Eq (1), continued to any place."""
+        mean, spread = self._spreads.get(supports) or self._spread(supports)
+        return self.weight_n * (1 / len(supports) + (com_m - mean) * (at - mean) / spread)
 
-    def _line(self, places, com_m, at):
+    def _spread(self, supports):
+        places = [self.wheel_x_m[i] for i in supports]
         mean = sum(places) / len(places)
-        spread = sum((p - mean) ** 2 for p in places)
-        return self.weight_n * (1 / len(places) + (com_m - mean) * (at - mean) / spread)
+        self._spreads[supports] = mean, sum((p - mean) ** 2 for p in places)
+        return self._spreads[supports]
 
     def wheel_force_n(self, i, parcel_m_s, normal_n):
         """Eq (7) for a wheel that turns with the parcel, limited by friction (eq 12)."""

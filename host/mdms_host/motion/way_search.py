@@ -1,0 +1,129 @@
+"""A way between two poses on which a parcel does not tip, even where it is not quite believed."""
+
+from collections.abc import Iterator
+from math import ceil, sqrt
+
+import numpy as np
+
+from mdms_host.estimation.belief import Belief
+from mdms_host.motion.footholds import INSET_M, MARGIN_M, Footholds
+from mdms_host.motion.trajectory.path import Path, shorter_turn_rad
+from mdms_model.arrays import Floats
+
+#: A parcel may be so far beside its way where its wheels slip, and what its belief is off besides;
+#: but no more than so much is kept from tipping for that [m].
+_BESIDE_M = 0.006
+_MOST_M = 0.012
+#: What is kept at the ends of a way is found in so many steps.
+_INSETS = 6
+#: A corner moves so far from one pose that is looked at to the next, at most [m].
+_STEP_M = 0.006
+#: Ways lead so far around a place that is not safe [m], or over it turned by so much.
+_ASIDE_M = (0.025, 0.050)
+_TURNED_RAD = (0.5, 1.0)
+#: A metre on which the parcel might tip though it kept to its way is as bad as so many on which it
+#: might only beside it, and a metre that is safe is as bad as so much of these.
+_TIPPING = 5.0
+_SAFE = 0.2
+
+
+class WaySearch:
+    """Looks for a way of a parcel from where it is believed to rest to another pose.
+
+    The straight way does where nothing on it is less safe than its ends, and to an end that is not
+    safe itself. Else ways are looked at that turn first, turn last or lead around, one a step, so
+    that no cycle is held up: the first safe one is taken, or where there is none that which is safe
+    for most of its length.
+    """
+
+    def __init__(self, footholds: Footholds, belief: Belief, target: Floats) -> None:
+        self._footholds = footholds
+        self._reach_m = belief.outline.reach_m
+        self._start = belief.pose
+        turn_rad = shorter_turn_rad(float(belief.pose[2]), float(target[2]))
+        self._end = np.array([target[0], target[1], belief.pose[2] + turn_rad])
+        off_m = sqrt(float(belief.covariance[0, 0] + belief.covariance[1, 1]) / 2)
+        wanted_m = min(_BESIDE_M + off_m, _MOST_M)
+        # How far inside the outline wheels count as supports: as far as both ends are safe. A start
+        # that is not safe at all is to be left.
+        self._goal_m = self._safe_inset_m(self._end, wanted_m)
+        self._inset_m = min(self._goal_m, self._safe_inset_m(self._start, wanted_m) or wanted_m)
+        self._ways: Iterator[list[Floats]] | None = None
+        self._best: Path | None = None
+        self._least = 0.0
+
+    def step(self) -> Path | None:
+        """The way, once it is found; another one has been looked at if not."""
+        if self._ways is None:
+            return self._begin()
+        poses = next(self._ways, None)
+        if poses is None:
+            return self._best
+        path = Path(np.array(poses), self._reach_m)
+        unsafe_m, _ = self._unsafe(path)
+        badness = unsafe_m + _SAFE * path.length_m
+        if badness < self._least:
+            self._best, self._least = path, badness
+        return None if unsafe_m else path
+
+    def _begin(self) -> Path | None:
+        """Look at the straight way."""
+        path = Path(np.array([self._start, self._end]), self._reach_m)
+        if self._footholds.in_line or not self._goal_m:
+            return path
+        unsafe_m, worst = self._unsafe(path)
+        if not unsafe_m:
+            return path
+        self._ways = self._around(worst)
+        self._best, self._least = path, unsafe_m + _SAFE * path.length_m
+        return None
+
+    def _safe_inset_m(self, pose: Floats, wanted_m: float) -> float:
+        """With supports how far inside the outline a pose is safe; 0 where it is not at all."""
+        for inset_m in np.linspace(wanted_m, INSET_M, _INSETS).tolist():
+            if self._footholds.margins_m(pose[None], inset_m)[0] >= MARGIN_M:
+                return float(inset_m)
+        return 0.0
+
+    def _unsafe(self, path: Path) -> tuple[float, Floats]:
+        """For how much of a way the parcel is not safe, counted as above [m]; a pose amid that."""
+        poses = _poses_on(path)
+        unsafe = self._footholds.margins_m(poses, self._inset_m) < MARGIN_M
+        if not unsafe.any():
+            return 0.0, path.start
+        unsafe_poses = poses[unsafe]
+        tips = self._footholds.margins_m(unsafe_poses, INSET_M) < MARGIN_M
+        step_m = path.length_m / len(poses)
+        unsafe_m = step_m * (len(unsafe_poses) + _TIPPING * int(tips.sum()))
+        return unsafe_m, unsafe_poses[len(unsafe_poses) // 2]
+
+    def _around(self, worst: Floats) -> Iterator[list[Floats]]:
+        """Poses of ways that turn first, turn last, or lead around a pose, the shorter first."""
+        start, end = self._start, self._end
+        turn_rad = np.array([0.0, 0.0, end[2] - start[2]])
+        yield [start, start + turn_rad, end]
+        yield [start, end - turn_rad, end]
+        asides = [
+            np.array([sign * x, sign * y, 0.0])
+            for aside_m in _ASIDE_M
+            for x, y in ((aside_m, 0.0), (0.0, aside_m))
+            for sign in (1, -1)
+        ]
+        for aside in asides:
+            yield [start, worst + aside, end]
+        for aside in asides:
+            yield [start, start + aside, start + aside + turn_rad, end]
+        for turned_rad in _TURNED_RAD:
+            for sign in (1, -1):
+                turn = np.array([0.0, 0.0, sign * turned_rad])
+                yield [start, start + turn, end + turn, end]
+
+
+def _poses_on(path: Path) -> Floats:
+    """Poses on a path, `_STEP_M` apart at most, its corners among them, (K, 3)."""
+    poses = [path.start[None]]
+    for piece in path.pieces:
+        length_m = piece.end_s_m - piece.start_s_m
+        along_m = np.linspace(0.0, length_m, ceil(length_m / _STEP_M) + 1)[1:]
+        poses.append(piece.start + along_m[:, None] * piece.direction)
+    return np.concatenate(poses)
