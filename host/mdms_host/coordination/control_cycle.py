@@ -140,7 +140,7 @@ class ControlCycle:
         self.references_m_s = by_cells.references_m_s
         self._odometry.on_references(self.references_m_s)
         if phase == Phase.RUNNING and not self._odometry.silent:
-            beliefs = self._tracker.beliefs(sync_s, now_s)
+            beliefs = self._tracker.beliefs(sync_s, now_s, self._program.near)
             for frame in by_cells.frames(beliefs, now_s, self._step_s):
                 yield None, frame
             self._report(beliefs, now_s)

@@ -225,7 +225,10 @@ def _program(
     goals = {parcel.name: goal for parcel, goal in steered if goal is not None}
     if scenario.motion.control == "cells":
         limits = limits_of(scenario)
-        return CellsProgram(layout, parcels, goals, limits, go_on=scenario.motion.go_on)
+        centres_m, go_on = centres_of_mass_m(scenario), scenario.motion.go_on
+        return CellsProgram(
+            layout, parcels, goals, limits, go_on=go_on, centres_of_mass_m=centres_m
+        )
     return GoalProgram(traction_of(scenario, layout, cells), parcels, goals, masses_of(scenario))
 
 

@@ -12,15 +12,18 @@ class Followed:
     """Compares what is seen of a parcel with what its program asks of the cells.
 
     `left_m` is what is left to go, a corner's way included, inf before it is known; `speed_m_s` is
-    how fast the program has the parcel go from there, 0 while it is not to move. `arrived` is
-    whether the cells report it at its goal and the host's own estimate does not contradict;
-    `overtaken` is set when they have gone on to the next leg by themselves.
+    how fast the program has the parcel go from there, 0 while it is not to move; both are of the
+    `place` that it is taken to now, which may be one on the way to its `goal`. `there` is whether
+    the cells report it at that place and the host's own estimate does not contradict, and `arrived`
+    whether it is at its goal; `overtaken` is set when they have gone on to the next leg.
     """
 
     def __init__(self, goal: Goal, limits: Limits, reach_m: float) -> None:
         self.goal = goal
+        self.place = goal
         self.left_m = inf
         self.speed_m_s = 0.0
+        self.there = False
         self.arrived = False
         self.stopped = False
         self.overtaken = False
@@ -31,18 +34,26 @@ class Followed:
 
     def lose(self) -> None:
         """Where the parcel is is not known."""
-        self.left_m, self.speed_m_s, self.arrived, self.miss = inf, 0.0, False, None
+        self.left_m, self.speed_m_s, self.miss = inf, 0.0, None
+        self.there = self.arrived = False
         self._standstill.clear()
+
+    def lead(self, place: Goal) -> None:
+        """The cells are to take it there now."""
+        if place != self.place:
+            self.place = place
+            self._standstill.clear()
 
     def see(self, pose: Floats, arrived: bool, may_move: bool, step_s: float) -> bool:
         """Take in where the parcel is believed to be; returns whether it stands against the plan.
 
-        `arrived` is what the cells report, `may_move` whether nothing holds them.
+        `arrived` is what the cells report of the place, `may_move` whether nothing holds them.
         """
-        self.miss = miss_of(self.goal, *pose.tolist())
+        self.miss = miss_of(self.place, *pose.tolist())
         off_m, off_rad = self.miss
         self.left_m = hypot(off_m, off_rad * self._reach_m)
-        self.arrived = arrived and off_m <= REACHED_M and abs(off_rad) <= REACHED_RAD
+        self.there = arrived and off_m <= REACHED_M and abs(off_rad) <= REACHED_RAD
+        self.arrived = self.there and self.place is self.goal
         steered = may_move and not arrived and not self.stopped
         self.speed_m_s = self._planned_m_s() if steered else 0.0
         if not steered:

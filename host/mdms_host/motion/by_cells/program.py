@@ -4,7 +4,9 @@ Without any IO: poses and estimates in; pages, notices and the outcome out.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from math import degrees, inf
+from types import MappingProxyType
 
 import numpy as np
 
@@ -12,11 +14,16 @@ from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
+from mdms_host.motion.by_cells.blocked import Blocked
 from mdms_host.motion.by_cells.followed import Followed
 from mdms_host.motion.by_cells.pages import flags_of, parcel_page, place_page
 from mdms_host.motion.by_cells.reports import Reports
+from mdms_host.motion.by_cells.stages import Stages
 from mdms_host.motion.by_cells.way import Way
+from mdms_host.motion.contact import has_room
+from mdms_host.motion.footholds import Footholds
 from mdms_host.motion.goal import Goal, Limits
+from mdms_host.motion.safe_goals import Places
 from mdms_model.arrays import Floats
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours.messages import End, Estimate, Page
@@ -33,6 +40,8 @@ _GONE_S = 0.3
 _REPORTED_S = 1.0
 #: A cell has a parcel when one of its sensors lies so deep under it by the host's estimate [m].
 _DEEP_M = 0.01
+#: A parcel is about to be at its goal within this, a corner's way included [m].
+_NEAR_M = 0.01
 #: A parcel's first program; each change of its goal counts on, round and round.
 _FIRST = 1
 
@@ -70,7 +79,10 @@ class CellsProgram:
         limits: Limits | None = None,
         *,
         go_on: bool = False,
+        centres_of_mass_m: Places = MappingProxyType({}),
     ) -> None:
+        self._layout = layout
+        self._centres_of_mass_m = centres_of_mass_m
         self._limits = limits or Limits()
         self.goes_on = go_on
         self._ways = {name: Way((goal,)) for name, goal in goals.items()}
@@ -87,7 +99,9 @@ class CellsProgram:
             for name, bottom in self._bottoms.items()
             if name in goals
         }
+        self._stages = {name: self._stages_to(name, goal) for name, goal in goals.items()}
         self._since_s: dict[tuple[str, str], float | None] = {}
+        self._blocked: dict[str, Blocked] = {}
         self._ending: dict[str, int] = {}
         self._lost: frozenset[int] = frozenset()
         self._notices: list[str] = []
@@ -112,8 +126,12 @@ class CellsProgram:
 
     @property
     def near(self) -> Collection[str]:
-        """None: the host turns no parcel to have its place shown better."""
-        return ()
+        """See `Program`: parcels of which the host leads their cells place by place."""
+        return [
+            name
+            for name, stages in self._stages.items()
+            if stages.turned or self._followed[name].left_m <= _NEAR_M
+        ]
 
     @property
     def endless(self) -> bool:
@@ -126,14 +144,22 @@ class CellsProgram:
         Its cells get a program of the next sequence number, which takes the place of the old one;
         but not before they have that, for they tell apart no more than three.
         """
-        self.lead(name, goal)
+        followed = Followed(goal, self._limits, self._bottoms[name].reach_m)
+        self._stages[name] = self._stages_to(name, goal)
+        self._wanted.pop(name, None)
+        self._followed[name] = followed
+
+    def _stages_to(self, name: str, goal: Goal) -> Stages:
+        centre_m = self._centres_of_mass_m.get(name, (0.0, 0.0))
+        return Stages(goal, Footholds(self._layout, self._bottoms[name], centre_m))
 
     def lead(self, name: str, goal: Goal, legs: Sequence[Goal] = ()) -> Followed:
-        """The same; returns what follows the parcel to this goal.
+        """The same, on a way that is the caller's; returns what follows the parcel to this goal.
 
         Where they are to go on without the host, the cells also get the first of the `legs` that
         follow, and go along them while the host is gone; each leg needs another call until then.
         """
+        self._stages.pop(name, None)
         self._followed[name] = Followed(goal, self._limits, self._bottoms[name].reach_m)
         self._wanted[name] = Way((goal, *legs[: wire.LEGS_MAX]) if self.goes_on else (goal,))
         return self._followed[name]
@@ -149,7 +175,7 @@ class CellsProgram:
 
     def end(self, name: str) -> None:
         """Have the cells bring a parcel to rest, and steer it no more; they keep others away."""
-        for kept in (self._followed, self._wanted, self._ways):
+        for kept in (self._followed, self._stages, self._wanted, self._ways):
             kept.pop(name, None)
         self._ending[name] = _ENDS
 
@@ -175,24 +201,31 @@ class CellsProgram:
     def step(self, beliefs: Mapping[str, Belief], now_s: float, step_s: float) -> list[Page]:
         """The pages to send now, given what is believed; once a cycle."""
         # A doubtful place is neither sent nor compared with what cells report.
-        poses = {name: each.pose for name, each in beliefs.items() if not each.doubtful}
+        sure = {name: each for name, each in beliefs.items() if not each.doubtful}
+        asked = self.near
         self._reports.age(now_s)
         pages: list[Page] = []
         for name in self._parcels:
             self._check_overtaken(name)
-            self._change_goal(name, now_s)
             if name in self._followed:
-                pages += self._follow(name, poses.get(name), now_s, step_s)
+                pages += self._follow(name, sure.get(name), now_s, step_s)
+            if name in self._stages and name in sure:
+                self._guide(name, _felt(name, beliefs), name in asked)
+            self._change_goal(name, now_s)
             if name in self._ending:
                 pages += self._end(name)
-            elif name in poses and not self._is_stopped(name):
-                pages += self._send(name, poses[name], now_s)
+            elif name in sure and self._may_send(name):
+                pages += self._send(name, sure[name].pose, now_s)
         return pages
 
     def begin_again(self) -> None:
         """Send every parcel's program anew, from where the parcel is; it was at rest meanwhile."""
         self._sendings = {name: _Sending() for name in self._parcels}
         self._since_s.clear()
+        self._blocked.clear()
+        self._stages = {
+            name: self._stages_to(name, self._followed[name].goal) for name in self._stages
+        }
         for followed in self._followed.values():
             followed.lose()
 
@@ -214,8 +247,28 @@ class CellsProgram:
             self._sendings[name] = _Sending()
         yield End(self._identities[name], self._sequences[name])
 
-    def _is_stopped(self, name: str) -> bool:
-        return name in self._followed and self._followed[name].stopped
+    def _may_send(self, name: str) -> bool:
+        """Whether a parcel is not stopped, nor its way looked for."""
+        stopped = name in self._followed and self._followed[name].stopped
+        return not stopped and (name not in self._stages or bool(self._stages[name].places))
+
+    def _guide(self, name: str, belief: Belief, asked: bool) -> None:
+        """Have a parcel taken to the next place on its way to its goal, if it is time.
+
+        It is at its goal only where it was `asked` whether that is sure.
+        """
+        stages, followed = self._stages[name], self._followed[name]
+        has_it = self._sendings[name].done and name not in self._wanted
+        followed.arrived = stages.step(
+            belief, followed.there and (asked if stages.final else has_it)
+        )
+        if not stages.places:
+            return
+        way = Way(stages.places[: wire.LEGS_MAX + 1] if self.goes_on else stages.places[:1])
+        latest = self._wanted.get(name) or self._ways.get(name)
+        if latest is None or latest.places != way.places:
+            self._wanted[name] = way
+        followed.lead(stages.places[0])
 
     def _send(self, name: str, pose: Floats, now_s: float) -> Iterator[Page]:
         """The pages of one parcel, as long as its cells do not have them."""
@@ -277,8 +330,13 @@ class CellsProgram:
         following = self._sequences[name] % wire.SEQUENCE_MAX + 1
         if 2 * sum(each.sequence == following for each in under) > len(under):
             self._ways[name], self._sequences[name] = way.rest(), following
-            if name not in self._wanted and (followed := self._followed.get(name)) is not None:
+            if name in self._wanted or (followed := self._followed.get(name)) is None:
+                return
+            if name in self._stages:
+                self._stages[name].overtaken()
+            else:
                 followed.goal, followed.overtaken = way.places[1], True
+                followed.lead(followed.goal)
 
     def _cells_having(self, name: str) -> set[int]:
         """The cells that have acknowledged a parcel's program by their estimates."""
@@ -298,29 +356,29 @@ class CellsProgram:
     # What is seen
 
     def _follow(
-        self, name: str, pose: Floats | None, now_s: float, step_s: float
+        self, name: str, belief: Belief | None, now_s: float, step_s: float
     ) -> Iterator[Page]:
         """Compare a parcel's way with its program; the page that stops it, if it has to be."""
         followed, identity = self._followed[name], self._identities[name]
-        if pose is None:
+        if belief is None:
             followed.lose()
             return
-        held = self._reports.held(identity)
-        if self._lasts(name, "blocked", bool(held), now_s):
-            lacked = set().union(*held.values())
-            lacks = f" and lack {_cells(lacked)}" if lacked else ""
-            self._notices.append(
-                f"{name} is blocked: {_cells(set(held))} want the way ahead{lacks}"
-            )
         arrived = self._reports.have_arrived(identity)
         under = self._reports.under(identity).values()
         clear = bool(under) and all(each.hold == wire.HOLD_NONE for each in under)
         may_move = self._sendings[name].done and clear
-        if followed.see(pose, arrived, may_move, step_s):
+        if followed.see(belief.pose, arrived, may_move, step_s):
             followed.stopped = True
             self._notices.append(f"{name} does not move as its cells command: stopped")
             yield from [End(identity, self._sequences[name])] * _ENDS
-        if self._lasts(name, "apart", arrived and not followed.arrived, now_s) and followed.miss:
+        blocked = self._blocked.setdefault(name, Blocked())
+        if blocked.step(self._reports.held(identity), followed.left_m, now_s):
+            lacked = set().union(*blocked.held.values())
+            lacks = f" and lack {_cells(lacked)}" if lacked else ""
+            self._notices.append(
+                f"{name} is blocked: {_cells(set(blocked.held))} want the way ahead{lacks}"
+            )
+        if self._lasts(name, "apart", arrived and not followed.there, now_s) and followed.miss:
             off_m, off_rad = followed.miss
             self._notices.append(
                 f"the cells report {name} at its goal, but it is believed {1e3 * off_m:.1f} mm and "
@@ -338,6 +396,16 @@ class CellsProgram:
             self._since_s[name, what] = inf
             return True
         return False
+
+
+def _felt(name: str, beliefs: Mapping[str, Belief]) -> Belief:
+    """What is believed of a parcel, without the wish to turn it where that has no room."""
+    poses = {other: each.pose for other, each in beliefs.items()}
+    outlines = {other: each.outline for other, each in beliefs.items()}
+    belief = beliefs[name]
+    if belief.feel_rad is None or has_room(name, poses, outlines):
+        return belief
+    return replace(belief, feel_rad=None)
 
 
 def _cells(numbers: set[int]) -> str:

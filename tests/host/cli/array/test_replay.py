@@ -89,7 +89,6 @@ def test_form_of_a_log_that_is_not_there_is_refused(tmp_path, monkeypatch, capsy
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.real_time
 @pytest.mark.parametrize(("options", "sender"), [((), "host"), (("--all",), "all")])
 def test_frames_are_sent_again_in_order_and_then_all_is_off(recorded, capsys, options, sender):
     folder = recorded / "blf"

@@ -32,14 +32,14 @@ class Table:
         self.now_s = 0.0
         self.notices = []
 
-    def run(self, duration_s, poses=AT, reports=None):
+    def run(self, duration_s, poses=AT, reports=None, **believed):
         """The pages sent meanwhile, as (time [s], page)."""
         sent = []
         for _ in range(round(duration_s / STEP_S)):
             self.now_s += STEP_S
             for cell, estimate in (reports or {}).items():
                 self.program.on_estimate(cell, estimate, self.now_s)
-            pages = self.program.step(beliefs(poses, [BOX]), self.now_s, STEP_S)
+            pages = self.program.step(beliefs(poses, [BOX], **believed), self.now_s, STEP_S)
             sent += [(self.now_s, page) for page in pages]
             self.notices += self.program.take_notices()
         return sent
@@ -291,3 +291,38 @@ def test_cells_that_have_gone_on_by_themselves_are_not_sent_back():
     (first, *_) = goals(table.run(0.1, reports=reports(UNDER, sequence=3)))
     assert first == (0, 0)
     assert table.program.ends() == [messages.End(1, 1)]
+
+
+def test_box_that_would_tip_gets_a_corner_before_its_goal():
+    small = Parcel("box", 0.28, 0.22)
+    start, goal = np.array([0.14, -0.008, 0.3]), Goal(-0.08, -0.026, -0.8)
+    program = CellsProgram(LAYOUT, (small,), {"box": goal})
+    places, pose, now_s = [], start, 0.0
+    for _ in range(200):
+        now_s += STEP_S
+        sequence = places[-1].sequence if places else 1
+        for cell in range(1, 19):
+            program.on_estimate(cell, estimate(sequence=sequence, hold=wire.HOLD_NONE), now_s)
+        for page in program.step(beliefs({"box": pose}, [small]), now_s, STEP_S):
+            if isinstance(page, messages.Goal):
+                pose = np.array([page.x, page.y, page.yaw * np.pi / 2048]) * (25e-5, 25e-5, 1.0)
+                places.append(page)
+    corner, last = dict.fromkeys(places)
+    assert corner.sequence + 1 == last.sequence
+    assert (last.x, last.y) == (-320, -104)
+
+
+def test_box_is_not_called_arrived_where_a_turn_would_show_its_place_better():
+    table = Table()
+    arrived = reports(flags=wire.ARRIVED)
+    table.run(0.2, poses=THERE, reports=reports())
+    (turned, *_) = [
+        page
+        for _, page in table.run(0.1, poses=THERE, reports=arrived, feel_rad=0.2)
+        if isinstance(page, messages.Goal)
+    ]
+    assert not table.program.finished
+    assert turned.yaw == round((0.5 + 0.2) * 2048 / np.pi)
+    arrived = reports(flags=wire.ARRIVED, sequence=3)
+    table.run(1.0, poses=THERE, reports=arrived)
+    assert table.program.finished

@@ -1,0 +1,91 @@
+"""Where cells are to take a parcel that has a goal: around what it might tip on, and turned there.
+
+Cells go straight at one place, and report a parcel at its goal by what they believe. So the host
+gives them the corners of a safe way one after another, and where the place at the goal is not sure
+enough, has them turn the parcel until an edge has shown it, as `motion.goal` does.
+"""
+
+from math import hypot
+
+import numpy as np
+
+from mdms_host.estimation.belief import Belief
+from mdms_host.motion.footholds import Footholds
+from mdms_host.motion.goal import Goal
+from mdms_host.motion.outcome import miss_of
+from mdms_host.motion.way_search import WaySearch
+
+#: A parcel is at a corner, from where it goes on to the next place, within this [m].
+_CORNER_M = 0.008
+#: So often a parcel turns to have its place made sure; a goal without a yaw is where it is then.
+_TURNS = 3
+
+
+class Stages:
+    """The places that a parcel is still to be taken to; `places` is empty while they are sought.
+
+    The goal is the last of them; `turned` is whether it is to be turned there now. A belief that
+    says by which turn it would be surer (`feel_rad`) does so only where there is room for that.
+    """
+
+    def __init__(self, goal: Goal, footholds: Footholds) -> None:
+        self.places: tuple[Goal, ...] = ()
+        self._goal = goal
+        self._footholds = footholds
+        self._search: WaySearch | None = None
+        self._turns = 0
+        self.turned = False
+
+    @property
+    def final(self) -> bool:
+        """Whether the parcel is taken to its goal now."""
+        return len(self.places) == 1
+
+    def step(self, belief: Belief, there: bool) -> bool:
+        """Take in what is believed, and whether the cells report the parcel at the first place.
+
+        Returns whether it is at its goal, as surely as can be.
+        """
+        if not self.places:
+            self._seek(belief)
+        elif self.turned:
+            self._turn_back(belief, there)
+        elif not self.final:
+            if there or _away_m(self.places[0], belief) <= _CORNER_M:
+                self.places = self.places[1:]
+        elif there and belief.feel_rad is not None and self._turns < _TURNS:
+            self._turn(belief, belief.feel_rad)
+        else:
+            return there
+        return False
+
+    def overtaken(self) -> None:
+        """The cells have gone on to the next place by themselves."""
+        self.places, self.turned = self.places[1:] or self.places, False
+
+    def _seek(self, belief: Belief) -> None:
+        goal, pose = self._goal, belief.pose
+        yaw_rad = float(pose[2]) if goal.yaw_rad is None else goal.yaw_rad
+        if self._search is None:
+            end = np.array([goal.x_m, goal.y_m, yaw_rad])
+            self._search = WaySearch(self._footholds, belief, end)
+        path = self._search.step()
+        if path is not None:
+            corners = (path.pose_at(s_m).tolist() for s_m in path.corners_m[:-1])
+            self.places = (*(Goal(*corner) for corner in corners), goal)
+
+    def _turn(self, belief: Belief, turn_rad: float) -> None:
+        goal, yaw_rad = self._goal, float(belief.pose[2])
+        self.places = (Goal(goal.x_m, goal.y_m, yaw_rad + turn_rad), goal)
+        self.turned = True
+        self._turns += 1
+
+    def _turn_back(self, belief: Belief, there: bool) -> None:
+        if there or belief.feel_rad is None:
+            self.places, self.turned = (self._goal,), False
+
+
+def _away_m(place: Goal, belief: Belief) -> float:
+    """How far a parcel is from a place, a corner's way included [m]."""
+    off_m, off_rad = miss_of(place, *belief.pose.tolist())
+    return hypot(off_m, off_rad * belief.outline.reach_m)

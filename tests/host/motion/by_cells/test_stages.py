@@ -1,0 +1,76 @@
+from typing import Any
+
+import numpy as np
+from tests.host.motion.believing import beliefs
+from tests.host.motion.driving import LAYOUT
+
+from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.tracker import Parcel
+from mdms_host.motion.by_cells.stages import Stages
+from mdms_host.motion.footholds import Footholds
+from mdms_host.motion.goal import Goal
+
+BOX, SMALL = Parcel("box", 0.36, 0.30), Parcel("box", 0.28, 0.22)
+GOAL = Goal(-0.08, -0.026, -0.8)
+AT_GOAL = (GOAL.x_m, GOAL.y_m, -0.8)
+
+
+def stages(parcel: Parcel = BOX) -> Stages:
+    return Stages(GOAL, Footholds(LAYOUT, parcel.bottom, (0.0, 0.0)))
+
+
+def at(*pose: float, parcel: Parcel = BOX, **others: Any) -> Belief:
+    return beliefs({"box": np.array(pose)}, [parcel], **others)["box"]
+
+
+def test_a_box_that_tips_nowhere_is_taken_straight_to_its_goal() -> None:
+    box = stages()
+    assert not box.step(at(0.14, -0.008, 0.3), there=False)
+    assert box.places == (GOAL,)
+    assert not box.step(at(0.0, 0.0, 0.0), there=False)
+    assert box.step(at(*AT_GOAL), there=True)
+
+
+def test_a_box_that_would_tip_is_taken_around_corner_by_corner() -> None:
+    box, start = stages(SMALL), at(0.14, -0.008, 0.3, parcel=SMALL)
+    while not box.places:
+        assert not box.step(start, there=True)
+    corner, goal = box.places
+    assert goal == GOAL
+    assert not box.step(start, there=False)
+    assert box.places == (corner, goal)
+    assert corner.yaw_rad is not None
+    box.step(at(corner.x_m, corner.y_m + 0.005, corner.yaw_rad, parcel=SMALL), there=False)
+    assert box.places == (goal,)
+
+
+def test_a_box_has_not_arrived_before_a_turn_has_made_its_place_sure() -> None:
+    box, unsure = stages(), at(*AT_GOAL, feel_rad=0.2)
+    box.step(unsure, there=False)
+    assert not box.step(unsure, there=True)
+    turned, goal = box.places
+    assert (turned.x_m, turned.y_m, turned.yaw_rad) == (GOAL.x_m, GOAL.y_m, -0.8 + 0.2)
+    # As soon as an edge has shown it, it turns back.
+    assert not box.step(at(-0.08, -0.026, -0.7), there=False)
+    assert box.places == (goal,)
+    assert box.step(at(*AT_GOAL), there=True)
+
+
+def test_a_box_that_no_turn_makes_sure_has_arrived_after_three() -> None:
+    box, unsure = stages(), at(*AT_GOAL, feel_rad=0.2)
+    turns = 0
+    for _ in range(20):
+        arrived = box.step(unsure, there=True)
+        turns += len(box.places) == 2
+    assert arrived
+    assert turns == 3
+
+
+def test_the_way_is_the_rest_where_cells_have_gone_on_by_themselves() -> None:
+    box = stages(SMALL)
+    while not box.places:
+        box.step(at(0.14, -0.008, 0.3, parcel=SMALL), there=False)
+    box.overtaken()
+    assert box.places == (GOAL,)
+    box.overtaken()
+    assert box.places == (GOAL,)
