@@ -23,6 +23,19 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 MDMS = Path(sys.executable).with_name("mdms")
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """In a fresh clone one process at a time compiles, for a minute, and others wait for it.
+
+    So one worker begins with what compiles most. The firmware's tests, which come next and need
+    nothing that is compiled, are for the others.
+    """
+    for item in items:
+        if item.get_closest_marker("compiles"):
+            item.add_marker(pytest.mark.xdist_group("compiles"))
+    items.sort(key=lambda item: item.get_closest_marker("compiles") is None)
+
+
 @pytest.fixture
 def mdms(tmp_path) -> Callable[..., subprocess.CompletedProcess[str]]:
     """Run `mdms` with some arguments in an empty folder."""

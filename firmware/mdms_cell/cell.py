@@ -32,7 +32,6 @@ from mdms_cell.canopen.sdo.server import SdoServer
 from mdms_cell.canopen.storage.store import Parameters, Store
 from mdms_cell.drive import speed_loop, tuning
 from mdms_cell.drive.axes import Axes
-from mdms_cell.drive.speed_loop import ATTENTION
 from mdms_cell.identification import Identification
 from mdms_cell.neighbours.beat import Beat
 from mdms_cell.neighbours.layer import Layer
@@ -55,6 +54,9 @@ _WATCHED = (
     indices.BRAKING_TIME,
     indices.PRESENCE_DEBOUNCE,
 )
+#: A register that is read in every turn; a constant of another module would be looked up.
+_ATTENTION = const(110)
+assert _ATTENTION == speed_loop.ATTENTION
 #: A difference of two instants is negative from here on, within a turn of the clock; see `ticks`.
 _BEFORE = const(1 << 29)
 _WRAP = const((1 << 30) - 1)
@@ -220,7 +222,7 @@ class Cell:
         self.now_ms = now_ms
         registers = self._registers
         reading = self._board.presence()
-        quiet = reading == self._reading and not registers[ATTENTION]
+        quiet = reading == self._reading and not registers[_ATTENTION]
         if quiet:
             if now_ms - self.wake_ms & _WRAP >= _BEFORE:
                 return
@@ -229,7 +231,7 @@ class Cell:
                 self.wake_ms = ticks.after(now_ms, min(left_ms, self._update_layer()))
                 return
         # What calls for attention from here on has another poll follow.
-        registers[ATTENTION] = 0
+        registers[_ATTENTION] = 0
         self._reading = reading
         settled_ms = self._presence.step(reading, now_ms)
         layer_ms = ticks.IDLE_MS
@@ -424,7 +426,7 @@ class Cell:
 
     def _attend(self):
         """Have a poll follow that looks after everything; the time."""
-        self._registers[ATTENTION] = 1
+        self._registers[_ATTENTION] = 1
         return self.now_ms
 
     def _now(self):

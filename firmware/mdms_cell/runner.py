@@ -6,12 +6,19 @@ the background in the registers, and received frames wait in the inbox.
 
 try:
     import micropython
+    from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import micropython
+    from mdms_protocol.cpython import const, micropython
 
-from mdms_cell.drive.speed_loop import AXIS, CUT, FAULTS, TICKS
+from mdms_cell.drive import speed_loop
+from mdms_cell.drive.speed_loop import CUT
 
-_OTHER_FAULTS = AXIS + FAULTS
+# Registers that are read in every turn; constants of another module would be looked up.
+_FAULTS = const(34)
+_OTHER_FAULTS = const(85)
+_TICKS = const(102)
+assert (_FAULTS, _TICKS) == (speed_loop.FAULTS, speed_loop.TICKS)
+assert _OTHER_FAULTS == speed_loop.AXIS + speed_loop.FAULTS
 BUS_OFF = 0x8140
 INTERNAL_ERROR = 0x6100
 
@@ -55,8 +62,8 @@ class Runner:
         if not board.inbox.is_empty():
             self._receive(now_ms)
         cell.poll(now_ms)
-        board.show(now_ms, cell.state, bool(registers[FAULTS] or registers[_OTHER_FAULTS]))
-        tick = registers[TICKS]
+        board.show(now_ms, cell.state, registers[_FAULTS] | registers[_OTHER_FAULTS] != 0)
+        tick = registers[_TICKS]
         if tick != self._fed_tick:
             # The watchdog is fed while the tick is alive.
             self._fed_tick = tick
@@ -82,7 +89,7 @@ class Runner:
                 break
             if not frame[2]:
                 # A frame may have waited, for the end of an update or of a garbage collection.
-                cell.waited_ms = self._registers[TICKS] - frame[4] & 0xFF
+                cell.waited_ms = self._registers[_TICKS] - frame[4] & 0xFF
                 cell.on_frame(frame[0], frame[1], now_ms)
             inbox.pop()
         cell.waited_ms = 0

@@ -1,7 +1,13 @@
 """The cell's clock: whole milliseconds that wrap at 2**30, as MicroPython's `ticks_ms` does."""
 
-_PERIOD = 1 << 30
-_HALF = 1 << 29
+try:
+    import micropython
+    from micropython import const
+except ImportError:
+    from mdms_protocol.cpython import const, micropython
+
+_LAST = const((1 << 30) - 1)
+_HALF = const(1 << 29)
 
 #: Who could not send tries again after so long; so often is looked at what may change at any time.
 RETRY_MS = 5
@@ -9,11 +15,13 @@ RETRY_MS = 5
 IDLE_MS = 1000
 
 
+@micropython.native
 def after(start_ms, delay_ms):
     """The instant `delay_ms` after another; delays may be up to 2**29 - 1."""
-    return (start_ms + delay_ms) & (_PERIOD - 1)
+    return (start_ms + delay_ms) & _LAST
 
 
+@micropython.native
 def diff(later_ms, earlier_ms):
     """How much later one instant is than another, negative if it is earlier."""
-    return ((later_ms - earlier_ms + _HALF) & (_PERIOD - 1)) - _HALF
+    return ((later_ms - earlier_ms + _HALF) & _LAST) - _HALF

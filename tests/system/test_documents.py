@@ -60,6 +60,8 @@ class Reader:
         self._folder, self._patch, self._capsys, self._stack = folder, monkeypatch, capsys, stack
         self._boards = False
         self._table = None
+        # Documents are not about how long the animation of several parcels is.
+        monkeypatch.setattr("mdms_sim.plots.moving.animation.MOST_FRAMES", 5)
         monkeypatch.chdir(folder)
         monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
         monkeypatch.setattr("mdms_host.cli.array.run.open_links", simulated_table)

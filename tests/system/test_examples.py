@@ -40,7 +40,7 @@ def test_54_cells_on_three_buses_sort_what_comes(capsys):
 
 
 def test_the_same_seed_gives_the_same_bytes(capsys):
-    short = ("--set", "task.0.count=2")
+    short = ("--set", "run.duration_s=3")
     runs = [
         simulated(capsys, EXAMPLES / "sort.toml", *short, "--seed", str(seed)) for seed in (3, 3, 4)
     ]

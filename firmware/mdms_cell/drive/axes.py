@@ -1,8 +1,14 @@
 """All axes of a cell: commanded, stopped and watched together."""
 
+try:
+    import micropython
+except ImportError:
+    from mdms_protocol.cpython import micropython
+
 from mdms_cell.drive import speed_loop
 from mdms_cell.drive.axis import Axis
 from mdms_protocol.codecs import cia402
+from mdms_protocol.codecs.cia402 import SWITCHED_ON
 
 _DRIVING = (cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE, cia402.FAULT_REACTION)
 _FAILED = (cia402.FAULT, cia402.FAULT_REACTION)
@@ -29,12 +35,15 @@ class Axes:
         for drive in self._drives:
             drive.led = led
 
-    def lead(self, *targets_um_s):
+    @micropython.native
+    def lead(self, targets_um_s):
         """Set the targets of axes that the host has switched on, and enable them."""
-        for drive, target_um_s in zip(self._drives, targets_um_s):  # noqa: B905
-            if drive.state == cia402.SWITCHED_ON:
+        axis = 0
+        for drive in self._drives:
+            if drive.state == SWITCHED_ON:
                 drive.control(cia402.ENABLE_OPERATION | _halt(drive))
-            drive.set_target(target_um_s)
+            drive.set_target(targets_um_s[axis])
+            axis += 1  # noqa: SIM113 - as an object it is not looked up
 
     def rest(self):
         """Take axes back to 'switched on': 0 V, and braked."""

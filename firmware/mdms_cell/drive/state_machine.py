@@ -10,8 +10,15 @@ A target is valid in the 'operation enabled' in which it came: every way into an
 sets it to 0.
 """
 
+try:
+    import micropython
+except ImportError:
+    from mdms_protocol.cpython import micropython
+
 from mdms_cell.drive import speed_loop
+from mdms_cell.drive.speed_loop import AGE, SPEED_MAX_UM_S, TARGET
 from mdms_protocol.codecs import cia402
+from mdms_protocol.codecs.cia402 import CONTROL_HALT, OPERATION_ENABLED
 
 # Events besides the controlword's commands, which stand for themselves
 FAILURE = 0x100
@@ -125,18 +132,19 @@ class Drive:
         if not self.led:
             self.set_target(target_um_s)
 
+    @micropython.native
     def set_target(self, target_um_s):
         """Take a target velocity [um/s], clipped to what the speed loop bears, as fresh.
 
         It moves the wheel in 'operation enabled' only; the next such state begins with 0.
         """
-        if target_um_s > speed_loop.SPEED_MAX_UM_S:
-            target_um_s = speed_loop.SPEED_MAX_UM_S
-        elif target_um_s < -speed_loop.SPEED_MAX_UM_S:
-            target_um_s = -speed_loop.SPEED_MAX_UM_S
+        if target_um_s > SPEED_MAX_UM_S:
+            target_um_s = SPEED_MAX_UM_S
+        elif target_um_s < -SPEED_MAX_UM_S:
+            target_um_s = -SPEED_MAX_UM_S
         self.target_um_s = target_um_s
         self._aim()
-        self.registers[self.base + speed_loop.AGE] = 0
+        self.registers[self.base + AGE] = 0
 
     def reset(self):
         """Switch off, and drop the fault, the controlword and the target."""
@@ -233,8 +241,7 @@ class Drive:
         registers[base + speed_loop.MODE] = mode
         registers[speed_loop.ATTENTION] = 1
 
+    @micropython.native
     def _aim(self):
-        driven = self.state == cia402.OPERATION_ENABLED
-        halted = self.controlword & cia402.CONTROL_HALT
-        target_um_s = self.target_um_s if driven and not halted else 0
-        self.registers[self.base + speed_loop.TARGET] = target_um_s
+        driven = self.state == OPERATION_ENABLED and not self.controlword & CONTROL_HALT
+        self.registers[self.base + TARGET] = self.target_um_s if driven else 0

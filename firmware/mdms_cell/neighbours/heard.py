@@ -10,9 +10,9 @@ except ImportError:
 
 from array import array
 
-from mdms_cell import ticks
 from mdms_cell.mailboxes import STAMP, Mailboxes
-from mdms_cell.neighbours.geometry.place import DIRECTIONS
+from mdms_cell.neighbours.geometry.place import DIRECTIONS, SENSORS
+from mdms_cell.ticks import diff
 from mdms_protocol.neighbours import frames as wire
 
 #: A neighbour's TPDO 2 holds statuswords before the presence bits.
@@ -34,8 +34,8 @@ class Heard:
     `beat` is the present one. `speeds[2 * d]` and the next are those of direction d [um/s], valid
     where `speeds_beat[d]` is the present beat. `presence[d]` are its sensors' bits, valid where
     `seen[d]`. `estimates` has the fields of `neighbours.frames`, `estimate_beat[d]` the beat in
-    which they came; they are to be passed on once, while `fresh[d]`. An edge is a direction, a
-    sensor, what it shows now and a time [ms].
+    which they came; they are to be passed on once, while `fresh[d]`. Of the `edges` that wait,
+    `edge_ms` has the times; see `edge`.
     """
 
     def __init__(self):
@@ -47,14 +47,12 @@ class Heard:
         self.seen = bytearray(DIRECTIONS + 1)
         self.repeat_ms = 0
         self._state_ms = array("i", [0] * DIRECTIONS)
-        self._words = array("i", [0] * (2 * DIRECTIONS))
+        self._words = array("H", [0] * (2 * DIRECTIONS))
         self.estimates = array("i", [0] * (wire.ESTIMATE_FIELDS * DIRECTIONS))
         self.estimate_beat = array("i", [NEVER] * DIRECTIONS)
         self.fresh = self.boxes.fresh
         self.edges = 0
-        self.edge_direction = bytearray(EDGES)
-        self.edge_sensor = bytearray(EDGES)
-        self.edge_covered = bytearray(EDGES)
+        self._edge = bytearray(EDGES)  # direction, sensor and what it shows now, in one byte
         self.edge_ms = array("i", [0] * EDGES)
 
     def reset(self):
@@ -95,12 +93,12 @@ class Heard:
         self.speeds_beat[OWN] = self.beat
 
     def on_state(self, direction, data, now_ms):
-        """A neighbour's TPDO 2; returns False if it has another length."""
-        if len(data) != _STATE_LENGTH:
+        """A neighbour's TPDO 2; returns False if it is none: cells alike have no more sensors."""
+        if len(data) != _STATE_LENGTH or data[_PRESENCE_AT] >> SENSORS:
             return False
         first, second = data[0] | data[1] << 8, data[2] | data[3] << 8
         words, at = self._words, 2 * direction
-        if (words[at], words[at + 1]) != (first, second) or not self.is_current(direction, now_ms):
+        if (words[at], words[at + 1]) != (first, second) or self.age_ms(direction, now_ms) < 0:
             # Sent for another reason than a sensor, as one before it may have been that was lost:
             # what sensors show may have changed long ago.
             self.seen[direction] = 0
@@ -109,17 +107,19 @@ class Heard:
         self.take_presence(direction, data[_PRESENCE_AT], now_ms)
         return True
 
-    def is_current(self, direction, now_ms):
-        """Whether the presence bits of a cell are known; not if its repeated state is overdue."""
-        if not self.seen[direction]:
-            return False
-        return not self.repeat_ms or self.age_ms(direction, now_ms) <= self.repeat_ms + _LATE_MS
-
+    @micropython.native
     def age_ms(self, direction, now_ms):
-        """How long ago a cell's presence bits were sent; 0 if they are not repeated."""
-        if direction == OWN or not self.repeat_ms:
+        """How long ago a cell's presence bits were sent; 0 if they are its own, or not repeated.
+
+        Negative if they are not known, as when its repeated state is overdue.
+        """
+        if not self.seen[direction]:
+            return -1
+        repeat_ms = self.repeat_ms
+        if direction == OWN or not repeat_ms:
             return 0
-        return abs(ticks.diff(now_ms, self._state_ms[direction]))
+        age_ms = abs(diff(now_ms, self._state_ms[direction]))
+        return age_ms if age_ms <= repeat_ms + _LATE_MS else -1
 
     def take_presence(self, direction, bits, now_ms):
         """Presence bits as they are now; what has changed are edges."""
@@ -128,9 +128,8 @@ class Heard:
             sensor = 0
             while changed:
                 if changed & 1 and self.edges < EDGES:
-                    self.edge_direction[self.edges] = direction
-                    self.edge_sensor[self.edges] = sensor
-                    self.edge_covered[self.edges] = bits >> sensor & 1
+                    shown = bits >> sensor & 1
+                    self._edge[self.edges] = direction << 4 | sensor << 1 | shown
                     self.edge_ms[self.edges] = now_ms
                     self.edges += 1
                 changed >>= 1
@@ -138,13 +137,19 @@ class Heard:
         self.presence[direction] = bits
         self.seen[direction] = 1
 
+    def edge(self, number):
+        """The direction of an edge that waits, its sensor, and what that shows now."""
+        edge = self._edge[number]
+        return edge >> 4, edge >> 1 & 7, edge & 1
+
+    def keep_edge(self, number, place):
+        """Have an edge wait in another place."""
+        self._edge[place] = self._edge[number]
+        self.edge_ms[place] = self.edge_ms[number]
+
     def passed_on(self):
         """No estimate is fresh any more; returns the mask of those that were."""
         return _clear(self.fresh)
-
-    def drop_estimates(self):
-        """What has come may be of any age: it is not passed on."""
-        _clear(self.fresh)
 
 
 @micropython.viper

@@ -6,13 +6,18 @@ of its neighbours have come, and `update` runs in the background. What it decide
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
+try:
+    import micropython
+except ImportError:
+    from mdms_protocol.cpython import micropython
+
 from array import array
 
-from mdms_cell import ticks
 from mdms_cell.canopen.objects import find
-from mdms_cell.drive import speed_loop
+from mdms_cell.drive.speed_loop import ACTUAL, AXIS
+from mdms_cell.neighbours.geometry import place
 from mdms_cell.neighbours.geometry.footprint import Footprint
-from mdms_cell.neighbours.geometry.place import DIRECTIONS, ESTIMATE, SPEEDS, STATE, Place
+from mdms_cell.neighbours.geometry.place import DIRECTIONS, Place
 from mdms_cell.neighbours.heard import OWN, Heard
 from mdms_cell.neighbours.leading import Leading
 from mdms_cell.neighbours.pages import Pages
@@ -20,8 +25,19 @@ from mdms_cell.neighbours.program import next_sequence
 from mdms_cell.neighbours.right_of_way import NONE, UNDER, RightOfWay
 from mdms_cell.neighbours.suspicion import CODE, SOURCE, Evidence, Suspicion
 from mdms_cell.neighbours.tracking import LOST_BEATS, Tracking
+from mdms_cell.ticks import IDLE_MS, after, diff
 from mdms_protocol import indices
 from mdms_protocol.neighbours import frames as wire
+from mdms_protocol.neighbours.frames import (
+    FLAGS,
+    HOLD,
+    IDENTITY,
+    LACKING,
+    SEQUENCE,
+    STATE,
+    WANTS,
+    pack_estimate,
+)
 
 #: From SYNC until speeds and estimates of all cells of a bus have come.
 UPDATE_MS = 7
@@ -30,6 +46,9 @@ LATE_MS = 2
 #: A step between two SYNCs is counted as no more than this.
 _STEP_MAX_MS = 50
 _ESTIMATE_PDO = 2
+_OTHER_ACTUAL = AXIS + ACTUAL
+#: Whom a parcel needs and asks that does not lie here.
+_NOBODY = (0, 0)
 
 
 class Layer:
@@ -100,8 +119,8 @@ class Layer:
         self._due = False
         self._situation = 0, 0, False
         self._skipped = 0
-        for place in range(wire.ESTIMATE_FIELDS):
-            self._fields[place] = 0
+        for field in range(wire.ESTIMATE_FIELDS):
+            self._fields[field] = 0
 
     def stop(self):
         """The cell is not 'operational' any more."""
@@ -147,16 +166,17 @@ class Layer:
 
     def _receiver(self, kind, direction):
         heard = self._heard
-        if kind == SPEEDS:
+        if kind == place.SPEEDS:
             return DIRECTIONS + direction
-        if kind == STATE:
+        if kind == place.STATE:
             return lambda data: heard.on_state(direction, data, self._now())
-        if kind == ESTIMATE:
+        if kind == place.ESTIMATE:
             return direction
         return lambda data: not self.active or self._pages.on_page(direction, data)
 
     # The beat
 
+    @micropython.native
     def on_sync(self, now_ms, waited_ms):
         """SYNC: send the estimate of the last update, and have the next update follow.
 
@@ -165,8 +185,8 @@ class Layer:
         """
         if not self.active:
             return
-        came_ms = ticks.after(now_ms, -waited_ms)
-        beat_ms = ticks.diff(came_ms, self._came_ms)
+        came_ms = after(now_ms, -waited_ms)
+        beat_ms = diff(came_ms, self._came_ms)
         # Or two beats meet, and what has come is of either.
         gap = beat_ms > 2 * self._period_ms or (self._due and beat_ms < UPDATE_MS)
         if gap:
@@ -174,21 +194,20 @@ class Layer:
         elif self._due:
             self._skip(came_ms)
         self._came_ms = came_ms
-        if self._fields[wire.IDENTITY]:
+        if self._fields[IDENTITY]:
             self._pdos.trigger(_ESTIMATE_PDO)
         if gap:
             self._rights.on_gap()
-            self._read()
-            self._heard.drop_estimates()
+            self.nonsense += self._heard.read()
+            # What has come may be of any age: it is not passed on.
+            self._heard.passed_on()
         heard, registers = self._heard, self._registers
         heard.begin_beat()
         self._due = waited_ms <= LATE_MS
         if not self._due:
-            self._skip(ticks.after(came_ms, self._period_ms))
+            self._skip(after(came_ms, self._period_ms))
             return
-        heard.take_speeds(
-            registers[speed_loop.ACTUAL], registers[speed_loop.AXIS + speed_loop.ACTUAL]
-        )
+        heard.take_speeds(registers[ACTUAL], registers[_OTHER_ACTUAL])
         self._wake(UPDATE_MS - waited_ms)
 
     def _skip(self, next_ms):
@@ -201,62 +220,56 @@ class Layer:
         self._rights.on_beat(*self._situation)
         if not self._rights.drive_beats:
             self._lead(self._pages.programs.find(self._tracking.identity))
-        self._write_estimate(ticks.diff(next_ms, self._updated_ms))
+        self._write_estimate(diff(next_ms, self._updated_ms))
 
+    @micropython.native
     def poll(self, now_ms, presence):
         """Update when it is time; return in how many milliseconds the next update is due."""
         if not self.active:
-            return ticks.IDLE_MS
+            return IDLE_MS
         if presence != self._heard.presence[OWN] or not self._heard.seen[OWN]:
             self._heard.take_presence(OWN, presence, now_ms)
         if not self._due:
-            return ticks.IDLE_MS
-        wait_ms = UPDATE_MS - ticks.diff(now_ms, self._came_ms)
+            return IDLE_MS
+        wait_ms = UPDATE_MS - diff(now_ms, self._came_ms)
         if wait_ms > 0:
             return wait_ms
         self._due = False
         self._update(presence)
-        return ticks.IDLE_MS
+        return IDLE_MS
 
-    def _read(self):
-        """Take apart what neighbours have sent since the last time."""
-        self.nonsense += self._heard.read()
-
+    @micropython.native
     def _update(self, presence):
         sync_ms = self._came_ms
-        self._step_ms = max(min(ticks.diff(sync_ms, self._updated_ms), _STEP_MAX_MS), 1)
+        step_ms = self._step_ms = max(min(diff(sync_ms, self._updated_ms), _STEP_MAX_MS), 1)
         self._updated_ms = sync_ms
-        self._read()
-        sent = self._listen()
-        tracking = self._tracking
+        heard, rights, tracking = self._heard, self._rights, self._tracking
+        self.nonsense += heard.read()
+        rights.on_estimates(heard.estimates, heard.fresh)
+        sent = heard.passed_on()
         self._choose_parcel()
-        tracking.update(self._step_ms, sync_ms)
+        tracking.update(step_ms, sync_ms)
         if tracking.missing_beats >= LOST_BEATS:
             tracking.drop()
         program = self._pages.programs.find(tracking.identity)
-        over = tracking.identity if tracking.is_over() else 0
-        if over and self._rights.state != UNDER and tracking.is_of_another():
+        under = tracking.under
+        over = tracking.identity if under or tracking.is_over() else 0
+        if over and rights.state != UNDER and tracking.is_of_another():
             # A parcel that stands before what nobody knows would come over it mm by mm.
             over = 0
-        leading = self._leading
-        needs, asks = leading.look_ahead(tracking, program) if tracking.under else (0, 0)
+        needs, asks = self._leading.look_ahead(tracking, program) if under else _NOBODY
         self._situation = over, needs, presence != 0
-        self._rights.on_beat(*self._situation)
-        asked = needs if self._rights.state == UNDER else 0
-        self._evidence.judge(tracking, asked)
-        self._report()
+        rights.on_beat(over, needs, presence != 0)
+        self._evidence.judge(tracking, needs if rights.state == UNDER else 0)
+        if self._suspicion.first() != self._suspect:
+            self._report()
         self._lead(program)
         self._announce(program, asks)
-        if tracking.under and program is not None and program.complete:
+        if under and program is not None and program.complete:
             self._pages.hand_on(program, sent, self._skipped)
         self._skipped = 0
 
-    def _listen(self):
-        """Pass on what neighbours sent; returns the mask of those that have."""
-        heard = self._heard
-        self._rights.on_estimates(heard.estimates, heard.fresh)
-        return heard.passed_on()
-
+    @micropython.native
     def _choose_parcel(self):
         """Be at the parcel that lies here, or else at the one that the right of way says."""
         tracking, rights = self._tracking, self._rights
@@ -270,6 +283,7 @@ class Layer:
             if program is not None and program.has_parcel:
                 tracking.take_shape(program)
 
+    @micropython.native
     def _lead(self, program):
         """Lead the wheels towards the goal while all is clear; else bring them to rest."""
         tracking, rights, leading = self._tracking, self._rights, self._leading
@@ -303,9 +317,9 @@ class Layer:
             at = direction * wire.ESTIMATE_FIELDS
             if (
                 came[direction] == self._heard.beat
-                and estimates[at + wire.IDENTITY] == self._tracking.identity
-                and estimates[at + wire.STATE] == UNDER
-                and estimates[at + wire.SEQUENCE] == sequence
+                and estimates[at + IDENTITY] == self._tracking.identity
+                and estimates[at + STATE] == UNDER
+                and estimates[at + SEQUENCE] == sequence
             ):
                 return True
         return False
@@ -313,11 +327,8 @@ class Layer:
     # Who is suspected
 
     def _report(self):
-        """Report the suspect in an emergency and in its object, if it is another than before."""
-        direction = self._suspicion.first()
-        if direction == self._suspect:
-            return
-        self._suspect = direction
+        """Report another suspect than before, in an emergency and in its object."""
+        direction = self._suspect = self._suspicion.first()
         self._emcy.clear(SOURCE)
         node_id = 0
         if direction >= 0:
@@ -328,31 +339,34 @@ class Layer:
     def _acquit(self):
         """Suspect nobody."""
         self._suspicion.reset()
-        self._report()
+        if self._suspect >= 0:
+            self._report()
 
     # What is sent
 
+    @micropython.native
     def _announce(self, program, asks):
         fields = self._fields
-        fields[wire.WANTS] = asks
+        fields[WANTS] = asks
         if program is not None and program.complete:
-            fields[wire.SEQUENCE], flags = program.sequence, 0 if program.whole else wire.LACKING
+            fields[SEQUENCE], flags = program.sequence, 0 if program.whole else LACKING
         else:
-            fields[wire.SEQUENCE], flags = 0, wire.LACKING
+            fields[SEQUENCE], flags = 0, LACKING
         if self._leading.arrived():
             flags |= wire.ARRIVED
         if self._suspect >= 0:
             flags |= wire.CONTRADICTED
-        fields[wire.FLAGS] = flags
+        fields[FLAGS] = flags
         self._write_estimate(self._step_ms)
 
+    @micropython.native
     def _write_estimate(self, ahead_ms):
         """Write what the next SYNC is to send, so long after the one that the belief is of."""
         fields, rights = self._fields, self._rights
         self._tracking.announce(fields, ahead_ms)
-        fields[wire.IDENTITY] = rights.identity
-        fields[wire.STATE] = rights.state
-        fields[wire.HOLD] = rights.hold
+        fields[IDENTITY] = rights.identity
+        fields[STATE] = rights.state
+        fields[HOLD] = rights.hold
         if rights.state != UNDER:
-            fields[wire.WANTS] = 0
-        wire.pack_estimate(fields, 0, self._objects.data, self._estimate_at)
+            fields[WANTS] = 0
+        pack_estimate(fields, 0, self._objects.data, self._estimate_at)

@@ -144,7 +144,7 @@ class Leading:
                 # Off it rolls along; with a speed of its own it would turn the parcel.
                 return
             self._driving = True
-        self._axes.lead(*self._targets_um_s(tracking.outline.registers))
+        self._axes.lead(self._targets_um_s(tracking.outline.registers))
 
     def _plan(self, program, reach_um, way_um):
         """Find how long the way takes, to the goal and along the legs that follow."""

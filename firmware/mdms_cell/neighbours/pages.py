@@ -1,5 +1,13 @@
 """Takes in the pages of programs, and hands them on to neighbours at the parcel that lack them."""
 
+# Viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
+
+try:
+    import micropython
+except ImportError:
+    from mdms_protocol.cpython import micropython, ptr32
+
 from array import array
 
 from mdms_cell.canopen.objects import find
@@ -115,24 +123,44 @@ class Pages:
         """
         if (self._heard.beat + self._node_id) % _HAND_ON_BEATS > skipped:
             return
+        lacking = _lacking(self._heard.estimates, sent, program.identity, program.sequence)
         for direction in range(DIRECTIONS):
-            if sent >> direction & 1:
+            if lacking >> direction & 1:
                 page = self._page_for(direction, program)
-                if page >= 0 and program.pack(page, self._objects.data, self._frame_at):
+                if program.pack(page, self._objects.data, self._frame_at):
                     self._pdos.trigger(_PROGRAM_PDO)
                     return
 
     def _page_for(self, direction, program):
-        """The number of the page to hand on to a neighbour at this parcel, -1 for none."""
-        estimates, at = self._heard.estimates, direction * wire.ESTIMATE_FIELDS
-        if estimates[at + wire.IDENTITY] != program.identity:
-            return -1
-        sequence = estimates[at + wire.SEQUENCE]
+        """The number of the page to hand on to a neighbour that lacks one."""
+        sequence = self._heard.estimates[direction * wire.ESTIMATE_FIELDS + wire.SEQUENCE]
         if next_sequence(sequence) == program.sequence and sequence:
             return 1
-        if not estimates[at + wire.FLAGS] & wire.LACKING:
-            return -1
         self._turn = self._turn + 1 & 0xFFFF
         if sequence == program.sequence:
             return 2 + self._turn % max(program.legs, 1)
         return self._turn & 1
+
+
+@micropython.viper
+def _lacking(estimates: ptr32, sent: int, parcel: int, sequence: int) -> int:
+    """The mask of those that have `sent` that they are at this parcel, and lack of its program.
+
+    That is all or a part of it, or they have the one before.
+    """
+    fields = int(wire.ESTIMATE_FIELDS)
+    identity_at = int(wire.IDENTITY)
+    sequence_at = int(wire.SEQUENCE)
+    flags_at = int(wire.FLAGS)
+    lacking = int(wire.LACKING)
+    most = int(wire.SEQUENCE_MAX)
+    mask = 0
+    direction = 0
+    while sent >> direction:
+        at = fields * direction
+        if sent >> direction & 1 and estimates[at + identity_at] == parcel:
+            its = estimates[at + sequence_at]
+            if estimates[at + flags_at] & lacking or (its and its % most + 1 == sequence):
+                mask |= 1 << direction
+        direction += 1
+    return mask

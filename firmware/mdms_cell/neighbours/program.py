@@ -9,6 +9,10 @@ from mdms_protocol.neighbours import frames as wire
 SLOTS = 4
 #: Numbers of a place: x, y and yaw, as the wire has them.
 _PLACE = 3
+#: Where the places begin behind the fields of the parcel's page.
+_PLACES = wire.PROGRAM_FIELDS
+#: The page of a goal or a leg that is sent; there once, so that nothing is allocated.
+_PAGE = array("i", [0] * wire.PROGRAM_FIELDS)
 
 
 class Program:
@@ -22,8 +26,7 @@ class Program:
     def __init__(self):
         self.identity = 0
         self.used = 0
-        self._pages = array("i", [0] * (2 * wire.PROGRAM_FIELDS))
-        self._places = array("i", [0] * (_PLACE * (wire.LEGS_MAX + 1)))
+        self._fields = array("i", [0] * (_PLACES + _PLACE * (wire.LEGS_MAX + 1)))
         self.clear(0)
 
     def clear(self, identity):
@@ -61,7 +64,7 @@ class Program:
         self.any_yaw = bool(fields[wire.PROGRAM_FLAGS] & wire.ANY_YAW)
         self.has_parcel = True
         for place in range(wire.PROGRAM_FIELDS):
-            self._pages[place] = fields[place]
+            self._fields[place] = fields[place]
 
     def _take_goal(self, fields, joins):
         sequence, legs = fields[wire.PROGRAM_SEQUENCE], fields[wire.LEGS]
@@ -98,18 +101,18 @@ class Program:
 
     def _put(self, fields, leg):
         for place in range(_PLACE):
-            self._places[_PLACE * leg + place] = fields[wire.PLACE_X + place]
+            self._fields[_PLACES + _PLACE * leg + place] = fields[wire.PLACE_X + place]
         self._held |= 1 << leg
 
     def _is_at(self, fields, leg):
         return self._held >> leg & 1 and all(
-            self._places[_PLACE * leg + place] == fields[wire.PLACE_X + place]
+            self._fields[_PLACES + _PLACE * leg + place] == fields[wire.PLACE_X + place]
             for place in range(_PLACE)
         )
 
     def _shift(self):
-        for place in range(_PLACE, len(self._places)):
-            self._places[place - _PLACE] = self._places[place]
+        for place in range(_PLACES + _PLACE, len(self._fields)):
+            self._fields[place - _PLACE] = self._fields[place]
         self._held >>= 1
 
     def _look(self):
@@ -127,7 +130,8 @@ class Program:
 
     def place(self, leg):
         """Where the goal is, or a leg after it ends: x, y and turn."""
-        x, y, yaw = self._places[_PLACE * leg : _PLACE * (leg + 1)]
+        start = _PLACES + _PLACE * leg
+        x, y, yaw = self._fields[start : start + _PLACE]
         return x * wire.STEP_UM, y * wire.STEP_UM, turn_um(yaw)
 
     def pack(self, number, frame, at):
@@ -135,20 +139,20 @@ class Program:
 
         Returns False for one that is not there.
         """
-        pages, base = self._pages, 0
-        if number:
-            leg = number - 1
-            if not self._held >> leg & 1:
-                return False
-            base = wire.PROGRAM_FIELDS
-            pages[base + wire.PARCEL_IDENTITY] = self.identity
-            pages[base + wire.PAGE] = wire.GOAL
-            pages[base + wire.PROGRAM_SEQUENCE] = self.sequence
-            pages[base + wire.LEG] = leg or (wire.JOINS if self._joins else 0)
-            pages[base + wire.LEGS] = self.legs
-            for place in range(_PLACE):
-                pages[base + wire.PLACE_X + place] = self._places[_PLACE * leg + place]
-        wire.pack_program(pages, base, frame, at)
+        if not number:
+            wire.pack_program(self._fields, 0, frame, at)
+            return True
+        leg = number - 1
+        if not self._held >> leg & 1:
+            return False
+        _PAGE[wire.PARCEL_IDENTITY] = self.identity
+        _PAGE[wire.PAGE] = wire.GOAL
+        _PAGE[wire.PROGRAM_SEQUENCE] = self.sequence
+        _PAGE[wire.LEG] = leg or (wire.JOINS if self._joins else 0)
+        _PAGE[wire.LEGS] = self.legs
+        for place in range(_PLACE):
+            _PAGE[wire.PLACE_X + place] = self._fields[_PLACES + _PLACE * leg + place]
+        wire.pack_program(_PAGE, 0, frame, at)
         return True
 
 

@@ -117,6 +117,7 @@ class RightOfWay:
             self._near = near
             self._near_left = counts_beats
 
+    @micropython.native
     def on_beat(self, over, wants, occupied):
         """Decide for the next beat.
 
@@ -225,26 +226,27 @@ class RightOfWay:
                 return False
         return True
 
+    @micropython.native
     def _clear_the_wheels(self, wants):
         """Find out whether all that the parcel covers or needs is promised, here and around."""
-        self.lacking = 0
-        self.hold = CLEAR
-        self.drive_beats = 0
+        lacking = drive_beats = 0
+        hold = CLEAR
         if self.state == UNDER:
-            self._look_around(wants)
-        self._lacked = min(self._lacked + 1, self._blocked_beats) if self.lacking else 0
+            hops = self._hops
+            found = _around(self._said, wants, hops, self._valid_beats, self._stale_beats)
+            steps = found >> 8 & 0xFF
+            lacking = found & 0xFF
+            if lacking:
+                hold = 0
+            elif steps <= hops:
+                hold = steps
+            else:
+                drive_beats = found >> 16
+        self.lacking = lacking
+        self.hold = hold
+        self.drive_beats = drive_beats
+        self._lacked = min(self._lacked + 1, self._blocked_beats) if lacking else 0
         self.blocked = self._lacked >= self._blocked_beats
-
-    def _look_around(self, wants):
-        found = _around(self._said, wants, self._hops, self._valid_beats, self._stale_beats)
-        steps = found >> 8 & 0xFF
-        self.lacking = found & 0xFF
-        if self.lacking:
-            self.hold = 0
-        elif steps <= self._hops:
-            self.hold = steps
-        else:
-            self.drive_beats = found >> 16
 
 
 @micropython.viper

@@ -178,18 +178,18 @@ class Tracking:
             ago_ms = ticks.diff(sync_ms, heard.edge_ms[number]) + self.edge_late_ms
             if ago_ms <= 0:
                 continue
-            direction = heard.edge_direction[number]
+            direction, _, covered = heard.edge(number)
             if self._others[direction] or self._suspicion.has(direction, PRESENCE):
                 continue
             x, y = self._edge_at(number, ago_ms)
-            if self._passes(x, y, heard.edge_covered[number]) and not self._is_late(number, ago_ms):
+            if self._passes(x, y, covered) and not self._is_late(number, ago_ms):
                 self.belief.correct(x, y, EDGE + late * late)
 
     def _edge_at(self, number, ago_ms):
         """Where that edge is now: it has moved on with the parcel since a sensor saw it."""
         heard, footprint, centre = self._heard, self._footprint, self.outline.registers
-        direction = heard.edge_direction[number]
-        point = AXES + heard.edge_sensor[number]
+        direction, sensor, _ = heard.edge(number)
+        point = AXES + sensor
         x = footprint.shift_x[direction] + footprint.x[point]
         y = footprint.shift_y[direction] + footprint.y[point]
         vx, vy, turn = self.twist.speeds()
@@ -202,12 +202,12 @@ class Tracking:
     def _is_late(self, number, ago_ms):
         """Whether that edge may be older: others of its frame are elsewhere, so one was lost."""
         heard = self._heard
-        direction, time_ms = heard.edge_direction[number], heard.edge_ms[number]
+        direction, time_ms = heard.edge(number)[0], heard.edge_ms[number]
         if direction == OWN:
             return False
         off = self.outline.edge(*self._edge_at(number, ago_ms))
         for other in range(heard.edges):
-            if heard.edge_direction[other] == direction and heard.edge_ms[other] == time_ms:
+            if heard.edge_ms[other] == time_ms and heard.edge(other)[0] == direction:
                 between = off - self.outline.edge(*self._edge_at(other, ago_ms))
                 if not -_TOGETHER <= between <= _TOGETHER:
                     return True
@@ -231,10 +231,7 @@ class Tracking:
         kept = 0
         for number in range(heard.edges):
             if ticks.diff(sync_ms, heard.edge_ms[number]) + self.edge_late_ms <= 0:
-                heard.edge_direction[kept] = heard.edge_direction[number]
-                heard.edge_sensor[kept] = heard.edge_sensor[number]
-                heard.edge_covered[kept] = heard.edge_covered[number]
-                heard.edge_ms[kept] = heard.edge_ms[number]
+                heard.keep_edge(number, kept)
                 kept += 1
         heard.edges = kept
 
@@ -244,9 +241,10 @@ class Tracking:
         heard, footprint = self._heard, self._footprint
         turn = self._turn = (self._turn + 1) % (DIRECTIONS + 1)
         missing = heard.seen[OWN] and self._compare(OWN, not turn & 3, 0)
-        there = turn != OWN and footprint.present >> turn & 1 and not self._others[turn]
-        if there and heard.is_current(turn, sync_ms):
-            self._compare(turn, True, heard.age_ms(turn, sync_ms))
+        if turn != OWN and footprint.present >> turn & 1 and not self._others[turn]:
+            age_ms = heard.age_ms(turn, sync_ms)
+            if age_ms >= 0:
+                self._compare(turn, True, age_ms)
         if missing and self.is_witnessed() and self._suspicion.has(OWN, PRESENCE):
             missing = False
         if missing or not (heard.presence[OWN] or self._is_anything_there()):

@@ -9,12 +9,11 @@ import numpy as np
 
 from mdms_host.routes.aside import places_aside
 from mdms_host.routes.errand import Errand, Ground
-from mdms_host.routes.intervals.cost_to_go import Guide, barred_joins, cost_to_go
+from mdms_host.routes.intervals.cost_to_go import Guide, barred_joins, cost_to_go, free_runs
 from mdms_host.routes.intervals.safe_intervals import TakenTiles
 from mdms_host.routes.intervals.search import Errands, Found, search
 from mdms_host.routes.intervals.way_alone import WayAlone, way_alone
 from mdms_host.routes.route import Route
-from mdms_host.routes.space.moves import free_runs
 from mdms_model.arrays import Bools, Floats, Ints
 
 #: Moves that a search tries: as many as it takes, and where it may be in vain.
@@ -98,7 +97,7 @@ class Attempt:
             self._parked[route.stays] = True
         for name, errand in errands.items():
             self._table.stand(errand)
-            if len(errand.prefix.begins_s):
+            if not errand.is_at_rest:
                 self._table.take(self._owners[name], errand.prefix)
 
     def run(self, order: Sequence[str], aside: Aside) -> dict[str, Route]:
@@ -137,7 +136,7 @@ class Attempt:
         route = self._found(errand)
         if route is None:
             table.stand(errand)
-        if route is not None or len(errand.prefix.begins_s):
+        if route is not None or not errand.is_at_rest:
             table.take(owner, errand.prefix if route is None else route)
         return route
 
@@ -259,8 +258,7 @@ def is_free(errand: Errand, blocked: Bools) -> bool:
 def guide_of(errand: Errand, blocked: Bools) -> Guide:
     """What is open to a parcel past these tiles."""
     ways, roadmap = errand.ways, errand.roadmap
-    lattice = ways.lattice
-    runs = free_runs(ways.moves, lattice.bases, lattice.places, ways.open_lines, blocked)
+    runs = free_runs(roadmap.graph, ways.open_lines, blocked)
     barred = barred_joins(roadmap.graph, blocked)
     cost_s = cost_to_go(roadmap.graph, runs, barred, ways.often, roadmap.goal_node)
     return Guide(runs, barred, ways.often, cost_s)

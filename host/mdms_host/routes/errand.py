@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
-from math import hypot
 
 import numpy as np
 
@@ -15,7 +13,6 @@ from mdms_host.routes.space.moves import LatticeMoves
 from mdms_host.routes.space.roadmap import Roadmap
 from mdms_host.routes.space.shape import Shape
 from mdms_host.routes.space.standing import Standing
-from mdms_host.routes.space.sweep import swept
 from mdms_host.routes.space.tiles import Tiles
 from mdms_model.arrays import Floats, Ints
 
@@ -56,11 +53,7 @@ class Ground:
 
     def stand(self, shape: Shape, pose: Floats) -> Ints:
         """The tiles under a parcel at a pose, those beyond the rim left out."""
-        at = self.tiles.moved(pose)
-        places = swept(shape.body, at, at, self.clearance_m, self.tiles.side_m).places
-        column, row = places[self.tiles.inside(places)].T
-        tiles: Ints = row * self.tiles.columns + column
-        return tiles
+        return self.tiles.swept(shape.body, pose[None], pose[None], self.clearance_m).tile
 
 
 @dataclass(eq=False)
@@ -102,9 +95,14 @@ class Errand:
         return self._route(self.task.ahead, self.now_s, np.zeros(0), np.inf)
 
     @property
+    def is_at_rest(self) -> bool:
+        """Whether it is where it can be planned anew."""
+        return self.so_far is None and len(self.task.ahead) == 1
+
+    @property
     def ready_s(self) -> float:
         """When it is where it can be planned anew [s]."""
-        return max(self.prefix.end_s, self.now_s)
+        return self.now_s if self.is_at_rest else max(self.prefix.end_s, self.now_s)
 
     def route(self, found: Found) -> Route:
         """The route along what a search has found."""
@@ -124,36 +122,32 @@ class Errand:
         begins_s = np.full(len(poses) - 1, -np.inf)
         begins_s[len(begins_s) - len(planned_s) :] = planned_s
         poses, begins_s = poses[kept], begins_s[kept[1:]]
-        body, side_m = self.task.shape.body, self.ground.tiles.side_m
-        along_m, now, arrives = [0.0], now_s, []
-        columns: list[tuple[Ints, Floats, Floats, Floats, Floats]] = []
-        for index, (start, end) in enumerate(pairwise(poses)):
-            moved = self.ground.tiles.moved
-            met = swept(body, moved(start), moved(end), self.ground.clearance_m, side_m)
-            inside = self.ground.tiles.inside(met.places)
-            column, row = met.places[inside].T
-            shares = np.column_stack((met.enters[inside], met.leaves[inside]))
-            length_m = hypot(*(end - start)[:2].tolist())
-            turn_m = abs(float(end[2] - start[2])) * body.bend_m
-            way_m = hypot(length_m, turn_m)
-            like = np.ones((len(shares) + 1, 2))
-            times_s = self.ground.pace.times_s(
-                like * length_m, like * turn_m, np.vstack((shares, [[1.0, 1.0]]))
-            )
-            begins_s[index] = max(begins_s[index], now)
-            now = float(begins_s[index] + times_s[-1, 0])
-            met_m, met_s = along_m[-1] + shares * way_m, begins_s[index] + times_s[:-1]
-            tile = row * self.ground.tiles.columns + column
-            columns.append((tile, met_m[:, 0], met_m[:, 1], met_s[:, 0], met_s[:, 1]))
-            along_m.append(along_m[-1] + way_m)
-            arrives.append(now)
+        body, pace = self.task.shape.body, self.ground.pace
+        ways = np.diff(poses, axis=0)
+        lengths_m, turns_m = np.hypot(ways[:, 0], ways[:, 1]), np.abs(ways[:, 2]) * body.bend_m
+        ways_m = np.hypot(lengths_m, turns_m)
+        along_m = np.concatenate(([0.0], np.cumsum(ways_m)))
+        lasts_s = pace.times_s(lengths_m, turns_m, np.ones(len(ways)))
+        arrives_s, ready_s = np.empty(len(ways)), now_s
+        for index, last_s in enumerate(lasts_s.tolist()):
+            begins_s[index] = max(begins_s[index], ready_s)
+            arrives_s[index] = ready_s = begins_s[index] + last_s
+        met = self.ground.tiles.swept(body, poses[:-1], poses[1:], self.ground.clearance_m)
+        move = np.repeat(np.arange(len(ways)), np.diff(met.first))
+        own = lengths_m[move], turns_m[move]
+        visits = Visits(
+            met.tile,
+            along_m[move] + met.enters * ways_m[move],
+            along_m[move] + met.leaves * ways_m[move],
+            begins_s[move] + pace.times_s(*own, met.enters),
+            begins_s[move] + pace.times_s(*own, met.leaves),
+        )
         stand = self.ground.stand(self.task.shape, poses[-1])
-        waits = np.flatnonzero(begins_s[1:] > arrives[:-1]) + 1
+        waits = np.flatnonzero(begins_s[1:] > arrives_s[:-1]) + 1
         rests = [(along_m[k], self.ground.stand(self.task.shape, poses[k])) for k in waits.tolist()]
-        if not columns:
+        if not len(ways):
             zeros = np.zeros(len(stand))
-            columns.append((stand, zeros, zeros, zeros + now_s, zeros + now_s))
-        visits = Visits(*(np.concatenate(column) for column in zip(*columns, strict=True)))
+            visits = Visits(stand, zeros, zeros, zeros + now_s, zeros + now_s)
         visits = merged(visits, rests, stand, along_m[-1], gone_s)
         # Where it stands at the start it has been before; a turn sweeps more as it begins.
         begin = self.ground.stand(self.task.shape, poses[0])
@@ -161,9 +155,9 @@ class Errand:
         return Route(
             self.task.parcel,
             poses,
-            np.array(along_m),
+            along_m,
             begins_s,
-            np.array(arrives),
+            arrives_s,
             visits,
             self.task.shape.body.bend_m,
             self.task.leaves and bool(len(planned_s)),

@@ -116,7 +116,8 @@ class Planner:
                 best = found
             if len(best) == len(moving):
                 break
-        routes = {**kept, **{name: errand.prefix for name, errand in errands.items()}, **best}
+        own = {name: best[name] if name in best else errands[name].prefix for name in errands}
+        routes = {**kept, **own}
         blocked = {
             name: self._blocked(errands, name, best, closed, kept)
             for name in moving

@@ -22,6 +22,7 @@ WayPast = Callable[[Errand, Bools], WayAlone]
 
 #: Orders are begun anew so often, and so many beginnings of one, for each parcel, are looked at.
 _TRIES, _BEGINNINGS = 60, 2
+_NONE = np.zeros(0, dtype=np.int64)
 
 
 class Places(NamedTuple):
@@ -195,15 +196,12 @@ class Orders:
         blocked = self._closed.copy()
         blocked[self._errands[name].stand] = False
         blocked |= self._standing
-        for other in places.at_goals:
-            blocked[self._errands[other].goal_stand] = True
-        for other in places.at_starts:
-            blocked[self._errands[other].stand] = True
+        goals = [self._errands[other].goal_stand for other in places.at_goals]
+        starts = [self._errands[other].stand for other in places.at_starts]
+        blocked[np.concatenate([*goals, *starts, _NONE])] = True
         way = self._way_past(self._errands[name], blocked)
-        goals, starts = self._under[way.tiles].any(axis=0)
-        met = Places(
-            frozenset(compress(self._moving, goals)), frozenset(compress(self._moving, starts))
-        )
+        ends = self._under[way.tiles].any(axis=0).tolist()
+        met = Places(*(frozenset(compress(self._moving, own)) for own in ends))
         if way.found:
             self._ways[name].append(met)
             return None

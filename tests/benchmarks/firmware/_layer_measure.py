@@ -2,7 +2,7 @@
 
 Frames go the way that they go on a board: the interrupt puts them into the inbox, and turns of the
 background loop take them. With a number of beats as its argument it replays those and no more, for
-who counts instructions.
+who counts instructions; with `apart` behind it the stand-ins for controller and board work alone.
 """
 
 import gc
@@ -62,13 +62,27 @@ class Loop:
         self._board.send = lambda _can_id, _data: True
         self._runner = Runner(self._board, self.cell)
 
-    def replay(self, turns):
-        can, inbox, runner = self._can, self._board.inbox, self._runner
+    def replay(self, turns, apart=None):
+        can = self._can
+        inbox, runner = (apart, apart) if apart else (self._board.inbox, self._runner)
         for now_ms, frames in turns:
             can.frames = iter(frames)
             for _ in frames:
                 inbox.take(can)
             runner.turn(now_ms)
+
+
+class Apart:
+    """The stand-ins' own part: frames that nobody takes, and turns in which nobody is called."""
+
+    def __init__(self):
+        self._frame = [0, b"", 0, 0]
+
+    def take(self, can):
+        can.recv(self._frame)
+
+    def turn(self, now_ms):
+        pass
 
 
 def now_us():
@@ -131,8 +145,8 @@ def layer_bytes():
 def main(arguments):
     turns = recorded(BEATS)
     if arguments:
-        loop = Loop()
-        loop.replay(turns[: int(arguments[0]) * len(turns) // BEATS])
+        apart = Apart() if arguments[1:] == ["apart"] else None
+        Loop().replay(turns[: int(arguments[0]) * len(turns) // BEATS], apart)
     else:
         print("layer_bytes", layer_bytes())
         print("beat_us", beat_us(turns))

@@ -330,3 +330,15 @@ def test_sync_wakes_the_cell_for_its_update_and_not_before():
     assert cell.wake_ms > middle.now_ms + UPDATE_MS
     cell.on_frame(cob.SYNC, b"", middle.now_ms + 10)
     assert estimates(middle)[0][wire.IDENTITY] == IDENTITY
+
+
+def test_state_of_sensors_that_no_cell_has_is_counted_and_dropped():
+    middle = Middle()
+    run(middle, 10)
+    dropped = middle.cell.dropped
+    for bits in (0x80, 0x1F, 0xE0):
+        state_of_one = bytes((0x33, 2, 0x33, 2, bits))
+        middle.cell.on_frame(cob.TPDO_BASES[1] + NEIGHBOURS[0], state_of_one, middle.now_ms)
+        run(middle, 2)
+    assert middle.cell.dropped == dropped + 2
+    assert targets_um_s(middle)[0] > 0

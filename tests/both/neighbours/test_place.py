@@ -54,16 +54,16 @@ def test_neighbours_stand_a_pitch_away():
 
 def test_wheels_and_sensors_are_the_prototypes_until_they_are_set():
     objects, place, _ = made()
-    assert list(place.contacts) == [-30_000, 0, 30_000, 0]
-    assert list(place.drives) == [p.UNITY, 0, 0, p.UNITY]
-    assert list(place.sensors)[:4] == [0, 0, 31_750, 31_750]
+    assert [place.contact_um(axis) for axis in range(2)] == [(-30_000, 0), (30_000, 0)]
+    assert [place.drive(axis) for axis in range(2)] == [(p.UNITY, 0), (0, p.UNITY)]
+    assert [place.sensor_um(number) for number in range(2)] == [(0, 0), (31_750, 31_750)]
     assert place.pitch_um == 127_000
     write(objects, indices.CONTACT_Y + indices.AXIS_OFFSET, 0, 7_000)
     write(objects, indices.DIRECTION, 0, 3_141_593)
     write(objects, indices.SENSOR_OFFSETS, 10, 5)
-    assert list(place.contacts) == [-30_000, 0, 30_000, 7_000]
-    assert list(place.drives) == [-p.UNITY, 0, 0, p.UNITY]
-    assert list(place.sensors)[-2:] == [31_750, 5]
+    assert place.contact_um(1) == (30_000, 7_000)
+    assert place.drive(0) == (-p.UNITY, 0)
+    assert place.sensor_um(4) == (31_750, 5)
 
 
 def test_only_neighbours_that_there_are_and_the_host_are_listened_to():

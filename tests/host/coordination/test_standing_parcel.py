@@ -13,7 +13,7 @@ ARRIVED_S = 4.0
 @pytest.mark.slow
 def test_a_parcel_that_stands_for_half_a_minute_stays_and_so_does_its_belief() -> None:
     overrides = (
-        "array.columns=9",
+        "array.columns=5",
         "array.rows=2",
         "parcel.0.x_m=0.05",
         "parcel.0.goal.x_m=0.1",

@@ -54,7 +54,7 @@ def test_parcel_that_is_not_there_is_reported_within_two_seconds(array) -> None:
     coordinator = carrying()
     array.presence = lambda: np.zeros(18, dtype=int)
     started_s = start(array, coordinator)
-    array.run(coordinator, started_s + 4.0)
+    array.run(coordinator, started_s + 3.0)
     ((time_s, text),) = coordinator.troubles
     assert time_s - started_s < 2.0
     assert text.startswith("box has not been found")
@@ -64,7 +64,7 @@ def test_parcel_that_stands_is_reported_within_two_seconds(array) -> None:
     coordinator = carrying()
     started_s = start(array, coordinator)
     array._move = lambda: None
-    array.run(coordinator, started_s + 4.0)
+    array.run(coordinator, started_s + 3.0)
     (standstill,) = [each for each in coordinator.troubles if "does not get on" in each[1]]
     assert standstill[0] - started_s < 2.0
     assert standstill[1].startswith("box does not get on, ")

@@ -265,6 +265,7 @@ def test_ways_and_tiles_are_shown_where_a_program_has_them(running, monkeypatch)
 
 
 @pytest.mark.slow
+@pytest.mark.compiles
 def test_ways_of_a_program_lead_from_where_its_parcels_are_to_their_goals(monkeypatch):
     desk = Desk(monkeypatch, load_scenario("swap2"))
     desk.table.do(commands.Start())

@@ -17,7 +17,7 @@ from mdms_host.cli.exits import Exit
 from mdms_host.page.shown.bus_watch import CellState
 
 MDMS = Path(sys.executable).with_name("mdms")
-WITHIN_S = 30.0
+WITHIN_S = 60.0
 
 
 @contextmanager

@@ -12,7 +12,7 @@ FLAGS = (
     *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
     *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
 )
-WITHIN_S = 20.0
+WITHIN_S = 60.0
 #: Marks of tests in a browser.
 IN_A_BROWSER = [
     pytest.mark.real_time,

@@ -66,13 +66,7 @@ def said(process):
 
 
 @needs_numba
-def test_nothing_is_compiled_twice(probe):
-    assert said(probe("1", "2.5")) == ["[2, 5.0]", "2 compiled"]
-    assert said(probe("1", "2.5")) == ["[2, 5.0]", "0 compiled"]
-
-
-@needs_numba
-def test_processes_compile_one_after_the_other(probe, tmp_path):
+def test_processes_compile_one_after_the_other_and_nothing_twice(probe, tmp_path):
     (tmp_path / "cache").mkdir()
     with (tmp_path / "cache" / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -97,35 +91,35 @@ def test_a_change_in_another_module_is_noticed_and_code_of_older_sources_goes(pr
 
 
 LOADS = """
-import json, sys
-if sys.argv[1] == "plain":
-    sys.modules["numba"] = None
+import json
 import numpy as np
 from mdms_model.compiled import COMPILING
 from mdms_model.statics.limits import parcel_limits
 from mdms_model.statics.normal_bounds import centred_normal_n
 from mdms_model.scenario.file import load_scenario
 from mdms_model.statics.supports import press
-assert COMPILING == (sys.argv[1] == "compiled")
 box = load_scenario("array18", ["parcel.0.centre_of_mass_m=[0.02, 0.01]"])
 row = load_scenario("paper-fig7", ["parcel.0.centre_of_mass_m=[0.02, 0.0]"])
 loads = np.zeros(9)
 press(np.random.default_rng(1).uniform(-0.2, 0.3, (9, 2)), 20.0, loads)
 found = parcel_limits(row, row.parcel[0])
-print(json.dumps([*loads, centred_normal_n(box, box.parcel[0]), found.supports_max,
+print(json.dumps([COMPILING, *loads, centred_normal_n(box, box.parcel[0]), found.supports_max,
                   found.normal_min_n, found.normal_max_n]))
 """
 
 
 @needs_numba
-def test_the_model_gives_the_same_without_numba():
-    def loads(how):
-        done = subprocess.run(
-            [sys.executable, "-c", LOADS, how], capture_output=True, text=True, check=True
-        )
-        return json.loads(done.stdout)
-
-    assert loads("plain") == pytest.approx(loads("compiled"), rel=1e-12)
+def test_the_model_gives_the_same_without_numba(capsys):
+    without = f"import sys\nsys.modules['numba'] = None\n{LOADS}"
+    done = subprocess.run(
+        [sys.executable, "-c", without], capture_output=True, text=True, check=True
+    )
+    exec(LOADS, {})
+    (plain, *loads), (compiles, *compiled_loads) = map(
+        json.loads, (done.stdout, capsys.readouterr().out)
+    )
+    assert (plain, compiles) == (False, True)
+    assert loads == pytest.approx(compiled_loads, rel=1e-12)
 
 
 @compiled

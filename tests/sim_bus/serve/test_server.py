@@ -105,8 +105,9 @@ def test_time_that_a_terminal_takes_from_the_array_is_reported(machine, tmp_path
     told = []
 
     def over() -> bool:
-        machine.turn()
-        return machine.now_ns >= 1500 * MS
+        for _ in range(SLICE_NS // TURN_NS):
+            machine.turn()
+        return machine.now_ns >= 1250 * MS
 
     with Server(bare_simulation(), str(tmp_path / "bus.sock"), report=told.append) as server:
         server.run(over)

@@ -27,7 +27,7 @@ from mdms_host.flashing.board_link import WATCHDOG_MS, BoardError, BoardLink, No
 from mdms_host.flashing.board_survey import identify, survey
 from mdms_protocol.version import VERSION
 
-pytestmark = pytest.mark.real_time
+pytestmark = pytest.mark.xdist_group("flash")
 
 
 @pytest.fixture(scope="module")

@@ -28,7 +28,7 @@ from mdms_host.flashing.firmware_build import rom_image
 from mdms_host.flashing.firmware_sources import START
 from mdms_protocol.version import VERSION
 
-pytestmark = pytest.mark.real_time
+pytestmark = pytest.mark.xdist_group("flash_ways")
 
 OLD_ROM, NEW_ROM = OLD.in_rom(), NEW.in_rom()
 STALE_FILE = {"mdms_gone.mpy": b"M\x06"}

@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import resource
 import select
 import signal
 import socket
@@ -11,8 +10,6 @@ import stat
 import subprocess
 import sys
 import time
-from collections import Counter
-from contextlib import suppress
 from pathlib import Path
 
 import can
@@ -20,32 +17,14 @@ import canopen
 import pyte
 import pytest
 import serial
+from tests.system.links.heartbeats import CELLS, HEARTBEATS, all_heartbeats, listen
 
 from mdms_sim.serve.packet import HELLO
 
 pytestmark = pytest.mark.real_time
 
 FOLDER = Path(sys.executable).parent
-CELLS = 18
-
-
-PATIENCE_S = 20
-HEARTBEATS = {0x700 + node for node in range(1, CELLS + 1)}
-
-
-def listen(bus, enough):
-    """Identifiers that a python-can bus receives, counted, until they are enough."""
-    counts = Counter()
-    end = time.monotonic() + PATIENCE_S
-    while not enough(counts) and (left := end - time.monotonic()) > 0:
-        message = bus.recv(left)
-        if message is not None and not message.is_error_frame:
-            counts[message.arbitration_id] += 1
-    return counts
-
-
-def all_heartbeats(counts):
-    return set(counts) >= HEARTBEATS
+PATIENCE_S = 60
 
 
 def test_socket_is_the_users_alone(served):
@@ -72,7 +51,10 @@ def test_every_door_shows_all_cells_by_their_heartbeats(served, door):
 def door_options(served, door):
     return {
         "mdms": ("-i", "mdms", "-c", served.channel),
-        "terminal": ("-i", "slcan", "-c", served.device, "-b", "1000000"),
+        "terminal": (
+            *("-i", "slcan", "-c", served.device, "-b", "1000000"),
+            *("--bus-kwargs", "sleep_after_open=0"),
+        ),
     }[door]
 
 
@@ -104,52 +86,6 @@ def test_settings_are_changed_over_a_serial_line(served):
     assert done.stdout == (
         "axis2.stall_time: 0.08 -> 0.4 s  (node 18)\n1 settings written and verified\n"
     )
-
-
-def test_nothing_served_under_a_name_is_told_with_what_to_do(served):
-    done = served.run("mdms", "scan", "-i", "mdms", "-c", "nobody")
-    assert done.returncode == 4
-    assert "mdms serve array18" in done.stderr
-    assert "Traceback" not in done.stderr
-
-
-def test_second_server_of_a_name_is_refused(served):
-    done = served.run("mdms", "serve", "array18", "--name", served.channel)
-    assert done.returncode == 1
-    assert "in use" in done.stderr
-
-
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
-def test_sockets_go_with_the_server_however_it_is_ended(serve_array, number):
-    array = serve_array(name=f"ended-by-{number}")
-    path = Path(array.environment["XDG_RUNTIME_DIR"]) / "mdms" / f"{array.channel}.sock"
-    assert path.is_socket()
-    array.process.send_signal(number)
-    _, said = array.process.communicate(timeout=PATIENCE_S)
-    assert (array.process.returncode, said) == (0, "")
-    assert not path.exists()
-
-
-def test_server_goes_on_and_refuses_when_it_is_out_of_file_descriptors(serve_array):
-    array = serve_array(name="few")
-    with can.Bus(interface="mdms", channel=array.channel) as bus:
-        open_now = len(os.listdir(f"/proc/{array.process.pid}/fd"))
-        resource.prlimit(array.process.pid, resource.RLIMIT_NOFILE, (open_now + 3, open_now + 3))
-        path = os.path.join(array.environment["XDG_RUNTIME_DIR"], "mdms", "few.sock")
-        many = [socket.socket(socket.AF_UNIX) for _ in range(12)]
-        for one in many:
-            one.settimeout(PATIENCE_S)
-            one.connect(path)
-        greetings = []
-        for one in many:
-            with suppress(ConnectionResetError):
-                greetings.append(one.recv(len(HELLO)))
-        assert greetings[:3] == [HELLO] * 3
-        assert HELLO not in greetings[3:]
-        for one in many:
-            one.close()
-        assert all_heartbeats(listen(bus, all_heartbeats))
-    assert "refused: no file descriptor" in array.stop()
 
 
 def test_logger_and_player_carry_every_frame(served, tmp_path):

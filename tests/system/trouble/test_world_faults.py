@@ -96,7 +96,7 @@ def test_a_box_that_is_longer_than_believed_is_carried_by_its_believed_edges():
 @pytest.mark.parametrize("kind", ["encoder_stuck", "wheel_jammed"])
 def test_a_parcel_gets_past_a_wheel_that_stands_and_the_wheel_is_named(kind, cell):
     fault = f'fault=[{{kind="{kind}", cells=[{cell}], axes=[1], start_s=0.45}}]'
-    scenario = load_scenario("array18", ["run.duration_s=4", fault])
+    scenario = load_scenario("array18", ["run.duration_s=3", fault])
     coordinator = coordinator_of(scenario)
     record = simulate(scenario, [coordinator]).record
     name = f"cell {cell} (node {cell}) axis 1 does not follow"
@@ -120,7 +120,7 @@ def test_a_wheel_that_stands_at_a_reference_is_named_within_half_a_second(kind):
 
 def wrong_place(cell, as_cell):
     fault = f"fault=[{{kind='wrong_place', cells=[{cell}], as_cell={as_cell}}}]"
-    scenario = load_scenario("array18", ["run.duration_s=5", fault])
+    scenario = load_scenario("array18", ["run.duration_s=4", fault])
     coordinator = coordinator_of(scenario)
     return simulate(scenario, [coordinator]).record, coordinator
 

@@ -53,12 +53,12 @@ class Footprint:
         """Take over the place's tables."""
         place = self._place
         for axis in range(AXES):
-            self._put(axis, place.contacts, axis)
+            self._put(axis, place.contact_um(axis))
             # Of 1 / place.UNITY, in 1/512.
-            self.along_x[axis] = place.drives[2 * axis] >> 5
-            self.along_y[axis] = place.drives[2 * axis + 1] >> 5
+            along_x, along_y = place.drive(axis)
+            self.along_x[axis], self.along_y[axis] = along_x >> 5, along_y >> 5
         for sensor in range(SENSORS):
-            self._put(AXES + sensor, place.sensors, sensor)
+            self._put(AXES + sensor, place.sensor_um(sensor))
         for direction in range(DIRECTIONS):
             self.shift_x[direction] = place.shifts[2 * direction] // STEP_UM
             self.shift_y[direction] = place.shifts[2 * direction + 1] // STEP_UM
@@ -76,9 +76,9 @@ class Footprint:
                 wheel_x[AXES * direction + axis] = self.shift_x[direction] + self.x[axis]
                 wheel_y[AXES * direction + axis] = self.shift_y[direction] + self.y[axis]
 
-    def _put(self, point, lengths_um, number):
-        self.x[point] = lengths_um[2 * number] // STEP_UM
-        self.y[point] = lengths_um[2 * number + 1] // STEP_UM
+    def _put(self, point, place_um):
+        x_um, y_um = place_um
+        self.x[point], self.y[point] = x_um // STEP_UM, y_um // STEP_UM
 
     @micropython.native
     def covers(self, outline):

@@ -22,7 +22,7 @@ STATE = 1
 ESTIMATE = 2
 PROGRAM = 3
 
-#: Parts of one in the cosines of `drives`.
+#: Parts of one in the cosines of `drive`.
 UNITY = 1 << 14
 
 AXES = 2
@@ -37,9 +37,7 @@ class Place:
 
     `column` and `row` count from 1; where one is 0 the place is unknown. `x_um` and `y_um` are the
     cell's centre [table frame]. Of direction d, `nodes[d]` is the node id, 0 for none, and
-    `shifts[2 * d]` and the next are where that neighbour's centre is. Of axis a, `contacts[2 * a]`
-    and the next are where the wheel touches, `drives[2 * a]` and the next the direction in which it
-    pushes [1 / UNITY]. Of sensor s, `sensors[2 * s]` and the next are its place.
+    `shifts[2 * d]` and the next are where that neighbour's centre is.
     """
 
     def __init__(self, objects, changed):
@@ -47,9 +45,6 @@ class Place:
         self._changed = changed
         self.nodes = array("B", bytes(DIRECTIONS))
         self.shifts = array("i", bytes(8 * DIRECTIONS))
-        self.contacts = array("i", bytes(8 * AXES))
-        self.drives = array("i", bytes(8 * AXES))
-        self.sensors = array("i", bytes(8 * SENSORS))
         on_setting = self._on_setting
         for index in (indices.PLACE, indices.NEIGHBOURS, indices.SENSOR_OFFSETS):
             objects.watch(index, on_setting)
@@ -77,18 +72,21 @@ class Place:
             self.nodes[direction] = number(indices.NEIGHBOURS, direction + 1)
         for place, step in enumerate(_STEPS):
             self.shifts[place] = step * self.pitch_um
-        for place in range(2 * SENSORS):
-            self.sensors[place] = number(indices.SENSOR_OFFSETS, place + 1)
-        for axis in range(AXES):
-            self._load_axis(axis, axis * indices.AXIS_OFFSET)
 
-    def _load_axis(self, axis, offset):
+    def contact_um(self, axis):
+        """Where the wheel of an axis touches [from the cell's own centre]."""
+        number, offset = self._objects.number, axis * indices.AXIS_OFFSET
+        return number(indices.CONTACT_X + offset), number(indices.CONTACT_Y + offset)
+
+    def drive(self, axis):
+        """The direction in which that wheel pushes [1 / UNITY]."""
+        angle_rad = self._objects.number(indices.DIRECTION + axis * indices.AXIS_OFFSET) / _MICRO
+        return round(cos(angle_rad) * UNITY), round(sin(angle_rad) * UNITY)
+
+    def sensor_um(self, sensor):
+        """Where a sensor is [from the cell's own centre]."""
         number = self._objects.number
-        self.contacts[2 * axis] = number(indices.CONTACT_X + offset)
-        self.contacts[2 * axis + 1] = number(indices.CONTACT_Y + offset)
-        angle_rad = number(indices.DIRECTION + offset) / _MICRO
-        self.drives[2 * axis] = round(cos(angle_rad) * UNITY)
-        self.drives[2 * axis + 1] = round(sin(angle_rad) * UNITY)
+        return tuple(number(indices.SENSOR_OFFSETS, 2 * sensor + place) for place in (1, 2))
 
     def receivers(self):
         """Identifier, kind and direction of all that the cell takes from its neighbours and host.

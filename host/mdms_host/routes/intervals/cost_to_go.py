@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mdms_host.routes.space.lattice import STRAIGHTS
 from mdms_host.routes.space.roadmap import Graph
 from mdms_model.arrays import Bools, Floats, Ints
 from mdms_model.compiled import compiled
@@ -14,7 +15,7 @@ class Guide(NamedTuple):
     """What of a graph is open past tiles that are blocked for all time, and where to it leads."""
 
     runs: Ints
-    """How many steps each node may be left by along each line, as `moves.free_runs` has it."""
+    """How many steps each node may be left by along each line, (lines, nodes)."""
     barred: Bools
     """Which joins cross such a tile, or are left out, (J,)."""
     often: Bools
@@ -66,13 +67,60 @@ def cost_to_go(graph: Graph, runs: Ints, barred: Bools, often: Bools, goal: int)
 
 
 @compiled
+def free_runs(graph: Graph, open_lines: Bools, blocked: Bools) -> Ints:
+    """`Guide.runs` by the tiles that are blocked, along lines that are open without these."""
+    moves, bases, places = graph.moves, graph.bases, graph.places
+    lines, nodes = open_lines.shape
+    is_free = free_stands(graph, blocked)
+    runs = np.zeros((lines, nodes), dtype=np.int64)
+    for line in range(lines):
+        for yaw in range(nodes // places):
+            kind = moves.unit[yaw, line]
+            if kind < 0:
+                continue
+            far, straight = moves.far[kind], line < STRAIGHTS
+            beyond = moves.beyond_tile[moves.beyond[kind] : moves.beyond[kind + 1]]
+            for index in range(places):
+                # The next place along the line comes before this one.
+                place = places - 1 - index if far > 0 else index
+                node = yaw * places + place
+                if not open_lines[line, node] or not is_free[node] or not is_free[node + far]:
+                    continue
+                if first_blocked(beyond, bases[node], blocked) < 0:
+                    runs[line, node] = 1 + runs[line, node + far] if straight else 1
+    return runs
+
+
+@compiled
+def free_stands(graph: Graph, blocked: Bools) -> Bools:
+    """At which nodes of the lattice a parcel is on no blocked tile; off the table: at none."""
+    bases, places = graph.bases, graph.places
+    is_free = np.zeros(bases.size, dtype=np.bool_)
+    for yaw in range(bases.size // places):
+        own = graph.stand_tile[graph.stand[yaw] : graph.stand[yaw + 1]]
+        low, high = own.min(), own.max()
+        for node in range(yaw * places, (yaw + 1) * places):
+            base = bases[node]
+            if base + low >= 0 and base + high < blocked.size:
+                is_free[node] = first_blocked(own, base, blocked) < 0
+    return is_free
+
+
+@compiled
 def barred_joins(graph: Graph, blocked: Bools) -> Bools:
     """`Guide.barred` by the tiles that are blocked."""
     joins = graph.joins
     barred = joins.tips.copy()
     for join in range(joins.start.size):
-        for visit in range(joins.visit[join], joins.visit[join + 1]):
-            if blocked[joins.tile[visit]]:
-                barred[join] = True
-                break
+        met = joins.tile[joins.visit[join] : joins.visit[join + 1]]
+        barred[join] |= first_blocked(met, 0, blocked) >= 0
     return barred
+
+
+@compiled
+def first_blocked(tiles: Ints, base: int, blocked: Bools) -> int:
+    """The first of these tiles, numbered from a base, that is blocked; -1: none is."""
+    for tile in tiles:
+        if blocked[base + tile]:
+            return int(base + tile)
+    return -1

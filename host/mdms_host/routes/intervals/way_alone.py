@@ -5,9 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mdms_host.routes.intervals.cost_to_go import first_blocked
 from mdms_host.routes.space.roadmap import Graph
 from mdms_model.arrays import Bools, Floats, Ints
 from mdms_model.compiled import compiled
+
+_NOT_LOOKED_FOR = -2
 
 
 class WayAlone(NamedTuple):
@@ -37,6 +40,8 @@ def way_alone(
     came, by = np.full(nodes, -1, np.int64), np.full(nodes, none, np.int64)
     came[start] = start
     stops = np.zeros(blocked.size, dtype=np.bool_)
+    # The first blocked tile under the parcel at each node, once that has been looked for.
+    under = np.full(graph.bases.size, _NOT_LOOKED_FOR, np.int64)
     heap = [(0.0, start)]
     while len(heap) > 0 and came[goal] < 0:
         _, node = heappop(heap)
@@ -60,25 +65,22 @@ def way_alone(
             if kind < 0 or not open_lines[line, node] or came[node + moves.far[kind]] >= 0:
                 continue
             there = node + moves.far[kind]
-            met = moves.tile[moves.visit[kind] : moves.visit[kind + 1]]
-            stop = first_blocked(met, graph.bases[node], blocked)
+            if under[there] == _NOT_LOOKED_FOR:
+                turned = there // graph.places
+                own = graph.stand_tile[graph.stand[turned] : graph.stand[turned + 1]]
+                under[there] = first_blocked(own, graph.bases[there], blocked)
+            stop = under[there]
+            if stop < 0:
+                beyond = moves.beyond_tile[moves.beyond[kind] : moves.beyond[kind + 1]]
+                stop = first_blocked(beyond, graph.bases[node], blocked)
             if stop >= 0:
                 stops[stop] = True
             else:
                 came[there], by[there] = node, kind
                 heappush(heap, (away_m[there], there))
-    if came[goal] < 0:
-        return WayAlone(False, np.flatnonzero(stops))
-    return WayAlone(True, tiles_to(graph, came, by, start, goal))
-
-
-@compiled
-def first_blocked(tiles: Ints, base: int, blocked: Bools) -> int:
-    """The first of these tiles, numbered from a base, that is blocked; -1: none is."""
-    for tile in tiles:
-        if blocked[base + tile]:
-            return int(base + tile)
-    return -1
+    found = bool(came[goal] >= 0)
+    met = tiles_to(graph, came, by, start, goal) if found else np.flatnonzero(stops)
+    return WayAlone(found, met)
 
 
 @compiled

@@ -12,6 +12,7 @@ from mdms_model.arrays import Floats, Ints
 
 #: Columns and rows to the next place along each of eight lines, counterclockwise from +x.
 LINES = ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1))
+STRAIGHTS = len(LINES)
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """All moves of a shape along its lattice: how long they take, and when they are on which tiles."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,7 +11,6 @@ from mdms_host.routes.space.lattice import LINES, Lattice
 from mdms_host.routes.space.standing import Standing
 from mdms_host.routes.space.sweep import PIECE_RAD, Swept, swept
 from mdms_model.arrays import Bools, Floats, Ints
-from mdms_model.compiled import compiled
 
 #: Lines of moves: eight straight ones, then a turn to the next yaw and one to the yaw before.
 TURNS = (len(LINES), len(LINES) + 1)
@@ -44,6 +44,10 @@ class Moves(NamedTuple):
     back: Ints
     unit: Ints
     """The kind of one step along each line of a yaw, -1 for none, (yaws, lines)."""
+    beyond: Ints
+    """The first of `beyond_tile` of each kind, and their number, (K + 1,)."""
+    beyond_tile: Ints
+    """Tiles of kinds of one step that are under a parcel neither before it nor after it."""
 
 
 class Kind(NamedTuple):
@@ -87,8 +91,8 @@ def lattice_moves(lattice: Lattice, standing: Standing, pace: Pace) -> LatticeMo
     kinds = [kind for yaw in range(len(lattice.yaws_rad)) for kind in _kinds_of(lattice, yaw)]
     on_table = _on_table(lattice)
     open_lines = _open_lines(lattice, standing, kinds, on_table)
-    moves = _together(lattice, kinds, pace)
     stands = [_standing_tiles(lattice, yaw) for yaw in range(len(lattice.yaws_rad))]
+    moves = _together(lattice, kinds, stands, pace)
     return LatticeMoves(
         lattice,
         moves,
@@ -153,8 +157,20 @@ def _turn_kind(lattice: Lattice, yaw: int, other: int, line: int) -> Kind:
     return Kind(yaw, other, (other - yaw) * lattice.places, line, 1, length_m, turn_m, met)
 
 
-def _together(lattice: Lattice, kinds: list[Kind], pace: Pace) -> Moves:
+def _beyond(lattice: Lattice, kind: Kind, stands: Sequence[Ints]) -> Ints:
+    """`Moves.beyond_tile` of one kind."""
+    if kind.steps > 1:
+        return np.zeros(0, dtype=np.int64)
+    columns = lattice.tiles.columns
+    along, across = LINES[kind.line] if kind.line < len(LINES) else (0, 0)
+    after = stands[kind.ends_at] + (across * columns + along) * lattice.step
+    met = kind.swept.places[:, 1] * columns + kind.swept.places[:, 0]
+    return np.setdiff1d(met, np.concatenate((stands[kind.yaw], after)))
+
+
+def _together(lattice: Lattice, kinds: list[Kind], stands: Sequence[Ints], pace: Pace) -> Moves:
     """All kinds in arrays."""
+    beyond = [_beyond(lattice, kind, stands) for kind in kinds]
     yaws = len(lattice.yaws_rad)
     counts = [len(kind.swept.enters) for kind in kinds]
     lengths_m = np.array([kind.length_m for kind in kinds])
@@ -183,6 +199,8 @@ def _together(lattice: Lattice, kinds: list[Kind], pace: Pace) -> Moves:
         back_first=np.searchsorted(np.sort(ends), np.arange(yaws + 1)).astype(np.int64),
         back=np.argsort(ends, kind="stable").astype(np.int64),
         unit=unit,
+        beyond=np.cumsum([0, *map(len, beyond)]).astype(np.int64),
+        beyond_tile=np.concatenate([np.zeros(0, np.int64), *beyond]),
     )
 
 
@@ -252,34 +270,3 @@ def _standing(lattice: Lattice, standing: Standing, nodes: Ints, far: int) -> In
         )
     ]
     return np.concatenate([np.zeros(0, np.int64), *fit])
-
-
-@compiled
-def free_runs(moves: Moves, bases: Ints, places: int, open_lines: Bools, blocked: Bools) -> Ints:
-    """How many steps each node may be left by along each line without a blocked tile.
-
-    Shape (lines, nodes); `blocked` is by tile, for all time.
-    """
-    lines, nodes = open_lines.shape
-    runs = np.zeros((lines, nodes), dtype=np.int64)
-    for line in range(lines):
-        for yaw in range(len(moves.first) - 1):
-            kind = moves.unit[yaw, line]
-            if kind < 0:
-                continue
-            far, straight = moves.far[kind], line < 8
-            first, last = moves.visit[kind], moves.visit[kind + 1]
-            for index in range(places):
-                # The next place along the line comes before this one.
-                place = places - 1 - index if far > 0 else index
-                node = yaw * places + place
-                if not open_lines[line, node]:
-                    continue
-                base, free = bases[node], True
-                for visit in range(first, last):
-                    if blocked[base + moves.tile[visit]]:
-                        free = False
-                        break
-                if free:
-                    runs[line, node] = 1 + runs[line, node + far] if straight else 1
-    return runs

@@ -10,7 +10,7 @@ from mdms_host.motion.footholds import MARGIN_M
 from mdms_host.routes.pace import Pace
 from mdms_host.routes.space.moves import LatticeMoves, Moves
 from mdms_host.routes.space.standing import SLACK_M, Standing
-from mdms_host.routes.space.sweep import Swept, swept
+from mdms_host.routes.space.sweep import Sweeps
 from mdms_model.arrays import Bools, Floats, Ints
 
 #: Start and goal are joined to so many places of the lattice along x, and so many along y.
@@ -162,9 +162,9 @@ class Roadmap:
 
     def _ends(self) -> tuple[Floats, Floats]:
         """The poses at which the pairs start and end, both (J, 3)."""
-        starts = np.array([self.pose(start) for start, _ in self.pairs]).reshape(-1, 3)
-        ends = np.array([self.pose(end) for _, end in self.pairs]).reshape(-1, 3)
-        return starts, ends
+        starts, ends = np.array(self.pairs, dtype=np.int64).reshape(-1, 2).T
+        poses = np.concatenate((self._poses, np.array(self.extras)))
+        return poses[starts], poses[ends]
 
     def _safe(self, start: int, end: int) -> bool:
         """Whether the parcel is no nearer to tipping on the way between two nodes than it may be.
@@ -194,7 +194,6 @@ class Roadmap:
         )
 
     def _joins(self) -> Joins:
-        tiles = self.ways.lattice.tiles
         starts = np.array([start for start, _ in self.pairs], dtype=np.int64)
         ends = np.array([end for _, end in self.pairs], dtype=np.int64)
         from_poses, to_poses = self._ends()
@@ -202,47 +201,29 @@ class Roadmap:
         lengths_m = np.hypot(ways[:, 0], ways[:, 1])
         turns_m = np.abs(ways[:, 2]) * self.standing.shape.body.bend_m
         met = self._swept(from_poses, to_poses)
-        visit, tile, enters, leaves = _visits(met, tiles.columns, tiles.rows)
-        own = np.repeat(lengths_m, np.diff(visit)), np.repeat(turns_m, np.diff(visit))
+        own = np.repeat(lengths_m, np.diff(met.first)), np.repeat(turns_m, np.diff(met.first))
         extras = np.array(self.extras)
         stands = self._swept(extras, extras)
-        stand, stand_tile, _, _ = _visits(stands, tiles.columns, tiles.rows)
         nodes = np.arange(self.ways.lattice.count + len(self.extras) + 1)
         return Joins(
             start=starts,
             end=ends,
             tips=np.zeros(len(ends), dtype=bool),
             duration_s=self.pace.times_s(lengths_m, turns_m, np.ones(len(starts))),
-            visit=visit,
-            tile=tile,
-            enters_s=self.pace.times_s(*own, enters),
-            leaves_s=self.pace.times_s(*own, leaves),
-            enters=enters,
-            leaves=leaves,
+            visit=met.first,
+            tile=met.tile,
+            enters_s=self.pace.times_s(*own, met.enters),
+            leaves_s=self.pace.times_s(*own, met.leaves),
+            enters=met.enters,
+            leaves=met.leaves,
             first=np.searchsorted(np.sort(starts), nodes).astype(np.int64),
             onward=np.argsort(starts, kind="stable").astype(np.int64),
             back_first=np.searchsorted(np.sort(ends), nodes).astype(np.int64),
             back=np.argsort(ends, kind="stable").astype(np.int64),
-            stand=stand,
-            stand_tile=stand_tile,
+            stand=stands.first,
+            stand_tile=stands.tile,
         )
 
-    def _swept(self, starts: Floats, ends: Floats) -> list[Swept]:
+    def _swept(self, starts: Floats, ends: Floats) -> Sweeps:
         lattice = self.ways.lattice
-        starts, ends = lattice.tiles.moved(starts), lattice.tiles.moved(ends)
-        body, side_m = lattice.shape.body, lattice.tiles.side_m
-        ways = zip(starts, ends, strict=True)
-        return [swept(body, start, end, lattice.clearance_m, side_m) for start, end in ways]
-
-
-def _visits(met: list[Swept], columns: int, rows: int) -> tuple[Ints, Ints, Floats, Floats]:
-    """First visit of each, tiles by number, and shares; places beyond all tiles are left out."""
-    places = np.concatenate([np.zeros((0, 2), np.int64), *(each.places for each in met)])
-    enters = np.concatenate([np.zeros(0), *(each.enters for each in met)])
-    leaves = np.concatenate([np.zeros(0), *(each.leaves for each in met)])
-    ends = np.cumsum([0, *(len(each.enters) for each in met)])
-    column, row = places.T
-    inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
-    kept = np.concatenate([[0], np.cumsum(inside)])
-    tile = (row * columns + column)[inside]
-    return kept[ends].astype(np.int64), tile, enters[inside], leaves[inside]
+        return lattice.tiles.swept(lattice.shape.body, starts, ends, lattice.clearance_m)

@@ -20,6 +20,8 @@ _SIDES = 4
 Place = tuple[float, float]
 #: How far an outline reaches from its centre along x and against it, along y and against it [m].
 Reaches = tuple[float, float, float, float]
+#: The side of tiles [m], and how many columns and rows of them there are.
+Grid = tuple[float, int, int]
 
 
 class Body(NamedTuple):
@@ -43,6 +45,43 @@ class Swept(NamedTuple):
     leaves: Floats
 
 
+class Sweeps(NamedTuple):
+    """Tiles (V,) by number that are met on several ways, from one share of each to another.
+
+    `first` has the first of each way, and their number, (M + 1,).
+    """
+
+    first: Ints
+    tile: Ints
+    enters: Floats
+    leaves: Floats
+
+
+@compiled
+def sweeps(body: Body, starts: Floats, ends: Floats, grown_m: float, grid: Grid) -> Sweeps:
+    """What `swept` gives for each of several ways (M, 3), by numbers along x first.
+
+    Tiles beyond the grid are left out.
+    """
+    side_m, columns, rows = grid
+    parts = [swept(body, starts[way], ends[way], grown_m, side_m) for way in range(len(starts))]
+    most = 0
+    for part in parts:
+        most += len(part.enters)
+    first, tile = np.zeros(len(parts) + 1, np.int64), np.empty(most, np.int64)
+    enters, leaves = np.empty(most), np.empty(most)
+    count = 0
+    for way, part in enumerate(parts):
+        for index in range(len(part.enters)):
+            column, row = part.places[index, 0], part.places[index, 1]
+            if 0 <= column < columns and 0 <= row < rows:
+                tile[count] = row * columns + column
+                enters[count], leaves[count] = part.enters[index], part.leaves[index]
+                count += 1
+        first[way + 1] = count
+    return Sweeps(first, tile[:count], enters[:count], leaves[:count])
+
+
 @compiled
 def swept(body: Body, start: Floats, end: Floats, grown_m: float, side_m: float) -> Swept:
     """The tiles met by an outline, grown by `grown_m`, on the straight way between two poses.
@@ -61,7 +100,9 @@ def swept(body: Body, start: Floats, end: Floats, grown_m: float, side_m: float)
     way_x_m, way_y_m = end[0] - start[0], end[1] - start[1]
     planes = np.empty((len(body.distances_m) + _SIDES, 3))
     first_rad = start[2] if body.bend_m > 0.0 else 0.0
-    for piece in range(pieces):
+    # Forth for when tiles are entered, back for when they are left: between they count as met.
+    for index in range(1 if pieces == 1 else 2 * pieces):
+        forth, piece = index < pieces, index if index < pieces else 2 * pieces - 1 - index
         yaw_rad = first_rad + turn_rad * (piece + 0.5) / pieces
         half_planes(body, yaw_rad, grown_m, side_m, planes)
         first, last = piece / pieces, (piece + 1) / pieces
@@ -70,11 +111,14 @@ def swept(body: Body, start: Floats, end: Floats, grown_m: float, side_m: float)
         for column in range(max(near[0] - low_column, 0), min(near[1] - low_column + 1, columns)):
             x_m = (low_column + column + 0.5) * side_m - start[0]
             for row in range(max(near[2] - low_row, 0), min(near[3] - low_row + 1, rows)):
+                entered = leaves[column, row] >= 0.0
+                if entered == forth or (entered and leaves[column, row] > first):
+                    continue
                 y_m = (low_row + row + 0.5) * side_m - start[1]
                 low, high = met(planes, (x_m, y_m), (way_x_m, way_y_m), (first, last))
                 if low <= high:
                     enters[column, row] = min(enters[column, row], low)
-                    leaves[column, row] = max(leaves[column, row], high)
+                    leaves[column, row] = high
     count = (leaves >= 0.0).sum()
     found = Swept(np.empty((count, 2), np.int64), np.empty(count), np.empty(count))
     index = 0

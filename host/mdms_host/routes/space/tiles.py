@@ -7,7 +7,8 @@ from math import ceil
 import numpy as np
 
 from mdms_host.layout import Layout
-from mdms_model.arrays import Bools, Floats, Ints
+from mdms_host.routes.space.sweep import Body, Sweeps, sweeps
+from mdms_model.arrays import Floats, Ints
 
 #: Parcels that hang over the edge are on tiles of a rim this wide [m].
 RIM_M = 0.05
@@ -79,11 +80,13 @@ class Tiles:
         x_m, y_m = self.corner_m
         return x_m + (column + 0.5) * self.side_m, y_m + (row + 0.5) * self.side_m
 
-    def inside(self, places: Ints) -> Bools:
-        """Which of these (column, row), shape (N, 2), are tiles at all."""
-        column, row = places.T
-        inside: Bools = (column >= 0) & (row >= 0) & (column < self.columns) & (row < self.rows)
-        return inside
+    def swept(self, body: Body, starts: Floats, ends: Floats, grown_m: float) -> Sweeps:
+        """The tiles that an outline meets on straight ways (M, 3) [table frame], grown by so much.
+
+        Those beyond the rim are left out.
+        """
+        grid = self.side_m, self.columns, self.rows
+        return sweeps(body, self.moved(starts), self.moved(ends), grown_m, grid)
 
     def moved(self, poses: Floats) -> Floats:
         """Poses in the frame whose origin is the corner of tile 0, shape (..., 3) as given."""

@@ -71,6 +71,7 @@ def test_database_beside_the_log_knows_every_frame(recorded):
         database.decode_message(frame.can_id, frame.data)
 
 
+@pytest.mark.compiles
 def test_run_without_a_bus_takes_the_database_away(tmp_path):
     folder = tmp_path / "run"
     for fidelity in ("firmware", "row"):
@@ -88,7 +89,6 @@ def test_form_of_a_log_that_is_not_there_is_refused(tmp_path, monkeypatch, capsy
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.real_time
 @pytest.mark.parametrize(("options", "sender"), [((), "host"), (("--all",), "all")])
 def test_frames_are_sent_again_in_order_and_then_all_is_off(recorded, capsys, options, sender):
     folder = recorded / "blf"

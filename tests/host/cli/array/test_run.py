@@ -45,6 +45,7 @@ def test_what_was_seen_until_then_is_kept(on_a_bus_that_ends, tmp_path):
     assert (tmp_path / "run" / "bus.log").read_text().count("77F#05") == 2
 
 
+@pytest.mark.compiles
 @pytest.mark.parametrize(
     "case",
     [

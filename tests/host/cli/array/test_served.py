@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.held_up import until_not_held_up
 
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
@@ -38,23 +39,24 @@ def served(tmp_path_factory):
             line = process.stdout.readline().decode()
             assert line, process.stderr.read()
             port = re.search(r"socket://[\d.]+:\d+", line)
-        yield ("-i", "slcan", "-c", port[0], "-b", "1000000")
+        # Nothing has to be waited for as for an adapter that is reset when it is opened.
+        yield ("-i", "slcan", "-c", port[0], "-b", "1000000", "--bus-kwargs", "sleep_after_open=0")
         process.send_signal(signal.SIGINT)
         assert process.wait(timeout=20) == Exit.OK
 
 
-#: A run that a busy machine held up says so, and may be tried again.
-HELD_UP = ("held up", "too busy or too slow")
-CHANCES = 5
+def run_here(capsys, *arguments):
+    """The figures of a run in this process that comes to its end."""
+    printed = []
 
+    def run():
+        code = main(["run", *arguments, "--json"])
+        printed.append(capsys.readouterr())
+        return code, printed[-1].err
 
-def until_not_held_up(run):
-    """The exit code of the first run that does not fault by a delay of the machine."""
-    for _ in range(CHANCES):
-        code, told = run()
-        if not any(text in told for text in HELD_UP):
-            break
-    return code, told
+    code, told = until_not_held_up(run)
+    assert code == Exit.OK, told
+    return json.loads(printed[-1].out)
 
 
 def test_scan_finds_all_cells(served, capsys):
@@ -121,40 +123,26 @@ def test_run_on_an_array_file_needs_no_simulator_and_keeps_what_it_saw(served, t
 
 
 @pytest.mark.slow
-def test_serve_keeps_the_truth_of_what_was_done_to_it(tmp_path):
+def test_run_carries_the_box_stop_finds_all_off_and_serve_keeps_the_truth(tmp_path, capsys):
     out, name = tmp_path / "run", str(tmp_path / "sock")
     command = [str(MDMS), "serve", "array18", "--name", name, "--tcp", "0", "--out", str(out)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         while b"slcan" not in process.stdout.readline():
             assert process.poll() is None
-        assert main(["run", "array18", "-i", "mdms", "-c", name, "--limit", "60"]) == Exit.OK
+        figures = run_here(capsys, "array18", "-i", "mdms", "-c", name, "--limit", "60")
+        assert main(["stop", "-i", "mdms", "-c", name]) == Exit.OK
+        assert capsys.readouterr().out == "18 cells are off\n"
         process.send_signal(signal.SIGINT)
         assert process.wait(timeout=60) == Exit.OK, process.stderr.read()
+    assert figures["ending"] == "done"
+    (box,) = figures["parcels"]
+    assert box["estimate"]["x_m"] == pytest.approx(0.10, abs=0.01)
     stored = read_run(out)
     assert not stored.record.is_belief
     assert stored.record.pose[-1, 0, 0] == pytest.approx(0.10, abs=0.01)
     assert stored.figures["bus"]["frames"] > 1000
     assert stored.scenario.run.duration_s == stored.record.time_s[-1]
     assert (out / "picture.png").exists()
-
-
-@pytest.mark.slow
-def test_run_carries_the_box_and_stop_finds_all_off(served, capsys):
-    printed = []
-
-    def run():
-        code = main(["run", "array18", *served, "--limit", "60", "--json"])
-        printed.append(capsys.readouterr())
-        return code, printed[-1].err
-
-    code, told = until_not_held_up(run)
-    assert code == Exit.OK, told
-    figures = json.loads(printed[-1].out)
-    assert figures["ending"] == "done"
-    (box,) = figures["parcels"]
-    assert box["estimate"]["x_m"] == pytest.approx(0.10, abs=0.01)
-    assert main(["stop", *served]) == Exit.OK
-    assert capsys.readouterr().out == "18 cells are off\n"
 
 
 def test_run_that_is_terminated_leaves_every_motor_off(served):
@@ -191,10 +179,10 @@ def halves(tmp_path_factory):
         assert process.wait(timeout=20) == Exit.OK
 
 
-def test_run_drives_cells_on_several_buses(halves, tmp_path):
+def test_run_drives_cells_on_several_buses(halves, tmp_path, capsys):
     out = tmp_path / "run"
-    command = ["run", "array18", "--set", HALVES, "-i", "mdms", "-c", halves, "--out", str(out)]
-    assert main([*command, *AT_REST]) == Exit.OK
+    command = ["array18", "--set", HALVES, "-i", "mdms", "-c", halves, "--out", str(out)]
+    run_here(capsys, *command, *AT_REST)
     names = [line.split()[1] for line in (out / "bus.log").read_text().splitlines()]
     assert {*names} == {"can0", "can1"}
     assert min(names.count(name) for name in {*names}) > 1000
@@ -210,9 +198,7 @@ def test_run_takes_the_channels_of_several_buses_from_the_array_file(halves, tmp
         for number in range(1, 19)
     )
     array.write_text(f"[array]\nchannels = ['{halves}.1', '{halves}.0']\n{cells}")
-    command = ["run", "array18", "-i", "mdms", "--array", str(array), "--json"]
-    assert main([*command, *AT_REST]) == Exit.OK
-    ran = json.loads(capsys.readouterr().out)
+    ran = run_here(capsys, "array18", "-i", "mdms", "--array", str(array), *AT_REST)
     assert ran["ending"] == "done"
     # Taken for each other, the halves would show the box elsewhere.
     assert ran["parcels"][0]["estimate"]["x_m"] == pytest.approx(-0.10, abs=0.02)

@@ -53,6 +53,7 @@ def test_limits_have_the_references_of_the_field_beside_those_of_its_policy(caps
     assert "wheels outside it, refused" in said
 
 
+@pytest.mark.compiles
 def test_limits_of_a_run_to_goals_have_no_field(capsys):
     assert main(["limits", "array18", "--json"]) == 0
     assert "motion" not in json.loads(capsys.readouterr().out)

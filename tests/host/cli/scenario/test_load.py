@@ -100,7 +100,7 @@ def test_the_bit_rate_that_counts_is_that_of_the_options():
 
 
 def test_the_host_sends_sync_as_often_as_the_scenario_says():
-    overrides = ["run.duration_s=3", "wire.bitrate=500000", "wire.sync_period_s=0.02"]
+    overrides = ["run.duration_s=1.5", "wire.bitrate=500000", "wire.sync_period_s=0.02"]
     slow = run_scenario(open_program("array18", overrides)[0])
     fast = run_scenario(open_program("array18", overrides[:1])[0])
     assert slow.fault is None

@@ -44,6 +44,7 @@ def test_a_wanted_yaw_is_where_it_ends(capsys):
     assert plan["steps"][0]["heading_rad"] == pytest.approx(0.6)
 
 
+@pytest.mark.compiles
 def test_trials_are_counted_step_by_step_and_are_the_seeds(capsys):
     arguments = ("--corners", TRIANGLE, "--poses", "5", *SLOW)
     first = figures(capsys, *arguments)

@@ -93,7 +93,8 @@ def test_same_seed_same_figures(capsys):
 def test_goal_that_is_not_reached_is_told_with_the_way_left_and_by_the_exit_code(capsys):
     """A box that no friction moves stands where it was put, though its wheels turn."""
     slippery = ("--set", "cell.friction=0.0001", "--set", "belief.friction=0.3")
-    assert main(["simulate", "array18", *slippery, "--json"]) == 3
+    short = ("--set", "run.duration_s=4")
+    assert main(["simulate", "array18", *slippery, *short, "--json"]) == 3
     told = capsys.readouterr()
     figures = json.loads(told.out)
     (goal,) = figures["goals"]

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mdms_cell.drive import speed_loop, tuning
@@ -80,6 +80,7 @@ FED = st.just(0.0) | st.floats(0.001, 65.0)
 OBSERVERS = st.builds(Observer, st.floats(0.0005, 0.02), FED)
 
 
+@settings(max_examples=25)
 @given(st.floats(0.05, 20.0), OBSERVERS, st.floats(SHARES[1], SHARES[0]))
 def test_any_share_between_the_two_leaves_no_smaller_gain(mass_factor, observer, share):
     motor = replace(PAPER, mass_kg=PAPER.mass_kg * mass_factor)
@@ -89,6 +90,7 @@ def test_any_share_between_the_two_leaves_no_smaller_gain(mass_factor, observer,
     assert between >= 0.999 * largest_gain(motor, observer)
 
 
+@settings(max_examples=25)
 @given(st.floats(1.0, 1000.0), OBSERVERS)
 def test_any_load_leaves_no_smaller_gain(mass_factor, observer):
     loaded = replace(PAPER, mass_kg=PAPER.mass_kg * mass_factor)
@@ -111,6 +113,7 @@ def test_slow_loop_has_the_margin_of_a_first_order_lag():
     assert phase_margin(heavy, gain, by_encoder) == pytest.approx(expected, abs=0.01)
 
 
+@settings(max_examples=25)
 @given(st.floats(0.05, 20.0), st.floats(0.2, 5.0), OBSERVERS)
 def test_any_motor_keeps_the_margin_up_to_its_largest_gain(
     mass_factor, resistance_factor, observer

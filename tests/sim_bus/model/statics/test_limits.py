@@ -107,11 +107,16 @@ def plane(parcel, wheels=TWO_WHEELS):
     return Scenario("plane", Array(6, 3), Cell(wheel=wheels), (parcel,))
 
 
-def loads_by_least_squares(scenario, x_m, y_m, yaw_rad):
-    """Loads of the wheels under the parcel, or None where one would pull or it tips."""
-    parcel, steps = scenario.parcel[0], np.arange(-5, 6) * PITCH_M
+def wheels_around(scenario):
+    """Where the wheels of cells in all directions are."""
+    steps = np.arange(-5, 6) * PITCH_M
     centres = np.array([(x, y) for x in steps for y in steps])
-    wheels_m = lay_out(centres, [scenario.cell] * len(centres)).position_m
+    return lay_out(centres, [scenario.cell] * len(centres)).position_m
+
+
+def loads_by_least_squares(scenario, wheels_m, x_m, y_m, yaw_rad):
+    """Loads of the wheels under the parcel, or None where one would pull or it tips."""
+    parcel = scenario.parcel[0]
     cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
     own_m = (wheels_m - (x_m, y_m)) @ np.array([[cosine, -sine], [sine, cosine]])
     if parcel.shape == "disc":
@@ -138,7 +143,8 @@ def test_bounds_in_the_plane_hold_in_random_poses_and_are_nearly_reached(parcel)
     found = search_normals(scenario, parcel)
     chance = np.random.default_rng(7)
     poses = chance.uniform([-0.5, -0.5, -30.0], [0.5, 0.5, 30.0], (3000, 3)) * (PITCH_M, PITCH_M, 1)
-    loads = [loads_by_least_squares(scenario, *pose) for pose in poses]
+    wheels_m = wheels_around(scenario)
+    loads = [loads_by_least_squares(scenario, wheels_m, *pose) for pose in poses]
     standing = [each for each in loads if each is not None]
     least, most = min(each.min() for each in standing), max(each.max() for each in standing)
     assert found.normal_min_n <= least + 1e-6
@@ -150,8 +156,9 @@ def test_bounds_in_the_plane_hold_in_random_poses_and_are_nearly_reached(parcel)
 
 def test_parcel_at_the_origin_loads_its_wheels_by_least_squares():
     parcel = Parcel("box", 2.0, 0.36, 0.30, yaw_rad=0.2)
-    loads = loads_by_least_squares(plane(parcel), PITCH_M / 2, 0.0, 0.2)
-    assert centred_normal_n(plane(parcel), parcel) == pytest.approx(loads.max())
+    scenario = plane(parcel)
+    loads = loads_by_least_squares(scenario, wheels_around(scenario), PITCH_M / 2, 0.0, 0.2)
+    assert centred_normal_n(scenario, parcel) == pytest.approx(loads.max())
 
 
 def test_a_parcel_that_tips_everywhere_has_no_bounds():
