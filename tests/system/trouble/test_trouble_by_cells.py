@@ -4,10 +4,12 @@
 """
 
 import re
+from dataclasses import replace
+from math import hypot
 
 import pytest
 from tests.system.trouble.documented import messages
-from tests.system.trouble.rows_by_cells import HEADING, ROWS, STANDS_M_S, Row, run_row
+from tests.system.trouble.rows_by_cells import GOAL, HEADING, ROWS, STANDS_M_S, Row, run_row
 
 
 @pytest.mark.parametrize(
@@ -23,6 +25,14 @@ def test_run_ends_as_it_should_and_what_broke_is_reported(row: Row) -> None:
     assert ended.moved_m_s < STANDS_M_S
     assert ended.strayed_m_s < STANDS_M_S
     assert not ended.touches
+
+
+def test_box_that_moved_when_the_host_was_cut_off_is_not_called_arrived_beside_its_goal() -> None:
+    (row,) = (row for row in ROWS if row.what == "host cut off for 0.4 s")
+    ended = run_row(replace(row, until_s=6.0), start_s=1.785)
+    x_m, y_m, _ = ended.finished.record.pose[-1, 0]
+    assert "box has arrived" in ended.texts
+    assert hypot(x_m - GOAL[0], y_m - GOAL[1]) < 0.003
 
 
 def test_every_row_of_the_table_is_tried() -> None:
