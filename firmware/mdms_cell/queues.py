@@ -96,21 +96,23 @@ def _sort(  # noqa: PLR0917 - viper takes words
     filed = 0
     start = ends[_TAIL]
     while start != ends[_HEAD] and ring[start + _FLAGS] == 0:
-        can_id = ring[start] | ring[start + 1] << 8
+        wanted = (ring[start] | ring[start + 1] << 8) << box_bits
         first = 0
         past = known
         while first < past:
             middle = first + past >> 1
-            if accepted[middle] >> box_bits < can_id:
+            if accepted[middle] < wanted:
                 first = middle + 1
             else:
                 past = middle
-        if first < known and accepted[first] >> box_bits == can_id:
-            box = accepted[first] & no_box
+        box = accepted[first] - wanted if first < known else no_box + 1
+        if box <= no_box:
             if box == no_box or ring[start + _LENGTH] != _DATA_MAX:
                 break
+            data = start + _DATA
+            to = _DATA_MAX * box
             for place in range(_DATA_MAX):
-                frames[_DATA_MAX * box + place] = ring[start + _DATA + place]
+                frames[to + place] = ring[data + place]
             stamps[box] = stamp
             fresh[box] = 1
             filed += 1

@@ -1,5 +1,7 @@
 """Served arrays and boards for the whole system."""
 
+from functools import cache
+
 import pytest
 from tests.system.flashing.unix_board import boards_in
 from tests.system.links.served_array import serve
@@ -8,6 +10,8 @@ from mdms_host.clock import MonotonicClock
 from mdms_host.flashing.board_link import BoardLink
 from mdms_host.flashing.board_survey import identify
 from mdms_host.flashing.firmware_build import compiled_firmware
+
+compiled_once = cache(compiled_firmware)
 
 
 @pytest.fixture(scope="module")
@@ -42,10 +46,11 @@ def plug_in(tmp_path):
 
 
 @pytest.fixture
-def copies(plug_in):
-    """The real firmware as it is compiled for those boards."""
+def copies(plug_in, monkeypatch):
+    """The real firmware as it is compiled for those boards, once for all tests that ask for it."""
+    monkeypatch.setattr("mdms_host.flashing.firmware_build.compiled_firmware", compiled_once)
     with BoardLink(plug_in({}).port, MonotonicClock()) as link:
         architecture = identify(link).architecture
     if architecture is None:
         pytest.skip("MicroPython makes no machine code here")
-    return compiled_firmware(architecture)
+    return compiled_once(architecture)

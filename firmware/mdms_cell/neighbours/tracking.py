@@ -126,7 +126,15 @@ class Tracking:
         heard = self._heard
         if self.identity and self.shaped:
             belief, agreement, twist = self.belief, self._agreement, self.twist.registers
-            masks = self._sort()
+            masks = _sort(
+                heard.estimates,
+                heard.estimate_beat,
+                heard.speeds_beat,
+                heard.beat,
+                self.identity,
+                self._others,
+                self._suspicion.out,
+            )
             self._fit(masks >> DIRECTIONS)
             # A few wheels, all on one side, do not show how a parcel turns.
             self._follows = follows = not self.under or twist[TWIST_WHEELS] < _FEW_WHEELS
@@ -144,20 +152,6 @@ class Tracking:
             self._look()
         if heard.edges:
             self._drop_edges(sync_ms)
-
-    @micropython.native
-    def _sort(self):
-        """Find out what each neighbour is at: the same parcel, another, or none; see `_sort`."""
-        heard = self._heard
-        return _sort(
-            heard.estimates,
-            heard.estimate_beat,
-            heard.speeds_beat,
-            heard.beat,
-            self.identity,
-            self._others,
-            self._suspicion.out,
-        )
 
     @micropython.native
     def _fit(self, wheels):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mdms_host.routes.route import Route
-from mdms_model.arrays import Floats
+from mdms_model.arrays import Floats, Ints
 
 #: A parcel that is this near to a pose of its route may have come to rest there [m].
 REST_M = 0.005
@@ -74,18 +74,16 @@ class Reservations:
         order = np.lexsort((leaves_s, enters_s, tile))
         tile, owner = tile[order], owner[order]
         enters_m, leaves_m = enters_m[order], leaves_m[order]
-        found: dict[tuple[int, int], list[tuple[float, float]]] = defaultdict(list)
+        pairs = [np.zeros((2, 0), dtype=np.int64)]
         for apart in range(1, int(np.bincount(tile).max(initial=0))):
-            pairs = np.flatnonzero(
+            later = np.flatnonzero(
                 (tile[apart:] == tile[:-apart]) & (owner[apart:] != owner[:-apart])
             )
-            rows = owner[apart:][pairs], owner[pairs], enters_m[apart:][pairs], leaves_m[pairs]
-            for later, former, before, leaves in zip(*(row.tolist() for row in rows), strict=True):
-                found[later, former].append((before, leaves))
-        for (parcel, other), stairs in found.items():
-            waits[names[parcel]] += [
-                Wait(before, names[other], leaves) for before, leaves in _stairs(stairs)
-            ]
+            pairs.append(np.array((later + apart, later)))
+        later, former = np.concatenate(pairs, axis=1)
+        rows = owner[later], owner[former], enters_m[later], leaves_m[former]
+        for parcel, other, before, leaves in zip(*_stairs(*rows), strict=True):
+            waits[names[parcel]].append(Wait(before, names[other], leaves))
         return {name: tuple(sorted(own)) for name, own in waits.items()}
 
 
@@ -99,12 +97,15 @@ def _left_m(route: Route) -> Floats:
     return left_m
 
 
-def _stairs(pairs: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Of (before, leaves) those that none with an earlier `before` and later `leaves` implies."""
-    stairs: list[tuple[float, float]] = []
-    highest = -np.inf
-    for before_m, leaves_m in sorted(pairs, key=lambda pair: (pair[0], -pair[1])):
-        if leaves_m > highest:
-            stairs.append((before_m, leaves_m))
-            highest = leaves_m
-    return stairs
+def _stairs(parcel: Ints, other: Ints, before_m: Floats, leaves_m: Floats) -> list[list[float]]:
+    """Of these columns the rows that none with an earlier `before` and later `leaves` implies."""
+    order = np.lexsort((-leaves_m, before_m, other, parcel))
+    columns = [column[order] for column in (parcel, other, before_m, leaves_m)]
+    _, pair = np.unique(
+        parcel[order] * (other.max(initial=0) + 1) + other[order], return_inverse=True
+    )
+    values_m, rank = np.unique(columns[3], return_inverse=True)
+    # The latest so far of each two parcels: those of the next two count as later than all of these.
+    latest = np.maximum.accumulate(pair * len(values_m) + rank)
+    kept = np.diff(latest, prepend=-1) > 0
+    return [column[kept].tolist() for column in columns]

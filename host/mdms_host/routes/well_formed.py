@@ -7,7 +7,6 @@ it waits until those before it have come to their goals.
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from itertools import compress
 from random import Random
 from typing import NamedTuple
 
@@ -200,9 +199,12 @@ class Orders:
         starts = [self._errands[other].stand for other in places.at_starts]
         blocked[np.concatenate([*goals, *starts, _NONE])] = True
         way = self._way_past(self._errands[name], blocked)
-        ends = self._under[way.tiles].any(axis=0).tolist()
-        met = Places(*(frozenset(compress(self._moving, own)) for own in ends))
+        met = Places(*(self._on(self._under[way.tiles, end]) for end in (0, 1)))
         if way.found:
             self._ways[name].append(met)
             return None
         return Places(met.at_goals & places.at_goals, met.at_starts & places.at_starts)
+
+    def _on(self, under: Bools) -> frozenset[str]:
+        """Those of whose places some of these tiles are, (tiles, moving)."""
+        return frozenset(self._moving[index] for index in np.flatnonzero(under.any(axis=0)))

@@ -62,27 +62,21 @@ class Loop:
         self._board.send = lambda _can_id, _data: True
         self._runner = Runner(self._board, self.cell)
 
-    def replay(self, turns, apart=None):
-        can = self._can
-        inbox, runner = (apart, apart) if apart else (self._board.inbox, self._runner)
+    def replay(self, turns):
+        can, inbox, runner = self._can, self._board.inbox, self._runner
         for now_ms, frames in turns:
             can.frames = iter(frames)
             for _ in frames:
                 inbox.take(can)
             runner.turn(now_ms)
 
-
-class Apart:
-    """The stand-ins' own part: frames that nobody takes, and turns in which nobody is called."""
-
-    def __init__(self):
-        self._frame = [0, b"", 0, 0]
-
-    def take(self, can):
-        can.recv(self._frame)
-
-    def turn(self, now_ms):
-        pass
+    def replay_apart(self, turns):
+        """The stand-ins' own part: the controller gives its frames, and nobody is called."""
+        can, into = self._can, [0, b"", 0, 0]
+        for _, frames in turns:
+            can.frames = iter(frames)
+            for _ in frames:
+                can.recv(into)
 
 
 def now_us():
@@ -145,8 +139,9 @@ def layer_bytes():
 def main(arguments):
     turns = recorded(BEATS)
     if arguments:
-        apart = Apart() if arguments[1:] == ["apart"] else None
-        Loop().replay(turns[: int(arguments[0]) * len(turns) // BEATS], apart)
+        loop = Loop()
+        replay = loop.replay_apart if arguments[1:] else loop.replay
+        replay(turns[: int(arguments[0]) * len(turns) // BEATS])
     else:
         print("layer_bytes", layer_bytes())
         print("beat_us", beat_us(turns))

@@ -12,6 +12,7 @@ prints more of it, by table.
 """
 
 import argparse
+import gc
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -106,6 +107,9 @@ def rows_of(
     for table in tables:
         count = Count()
         try_one(table, seed - 1, Count())  # what is worked out once a shape, and compiled
+        # As in runs in real time: what is there already is not looked through for garbage.
+        gc.collect()
+        gc.freeze()
         end_s = monotonic() + seconds
         for number in range(instances):
             if monotonic() < end_s:

@@ -74,7 +74,7 @@ def test_stream_of_ascii_takes_everything(tmp_path):
     assert "?? ?tag?re: box" in done.stdout
 
 
-LONG = ("simulate", "array18", "--set", "run.duration_s=1e4")
+LONG = ("simulate", "array18", "--set", "run.duration_s=1e4", "--set", "array.columns=3")
 
 
 def ended_by(number, folder):

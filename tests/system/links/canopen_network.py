@@ -5,7 +5,7 @@ in real time. A blank cell has nothing but its serial number.
 """
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import chain, repeat
 from pathlib import Path
@@ -44,10 +44,18 @@ def canopen_network(channel: str, blank: int) -> Iterator[canopen.Network]:
                     commission(network, node_id)
                 node = network.add_node(node_id, import_od(EDS, node_id))
                 node.sdo.RESPONSE_TIMEOUT = ANSWER_S
-                node.nmt.wait_for_heartbeat(PATIENCE_S)
+            wait_until(lambda: all(node.nmt.timestamp is not None for node in network.values()))
             yield network
         finally:
             network.disconnect()
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    """Wait, with patience."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline_s, condition
+        time.sleep(0.01)
 
 
 def commission(network: canopen.Network, node_id: int) -> None:

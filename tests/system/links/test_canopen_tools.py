@@ -7,7 +7,7 @@ import time
 
 import pytest
 from tests.micropython_builds import skipping_without_micropython
-from tests.system.links.canopen_network import NODE_IDS, PATIENCE_S, canopen_network
+from tests.system.links.canopen_network import NODE_IDS, PATIENCE_S, canopen_network, wait_until
 
 from mdms_protocol.codecs import cia402
 
@@ -17,13 +17,6 @@ pytestmark = [pytest.mark.slow, pytest.mark.real_time]
 BLANK = 2
 CHANCES = 10
 SILENCE_S = 0.5
-
-
-def wait_until(condition):
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline_s, condition
-        time.sleep(0.01)
 
 
 @pytest.fixture(scope="module")

@@ -119,10 +119,15 @@ class Dispatch:
         self._closed_since[:] = False
         self._timetable.asked()
         plan = self._timetable.plan
-        kept = {} if plan is None else self._planner.kept(plan, riding_m, now_s)
         under = self._where.under()
         near = self._too_near(under)
         tasks = [*self._tasks(riding_m.keys() | near), *self._kept_free(under.values())]
+        # Those that stopped on their ways are left time for what they had yet to go of these.
+        stopped_m = self._timetable.stopped_m(
+            {task.parcel: task.start for task in tasks if task.parcel in wanting}
+        )
+        come_m = {**stopped_m, **riding_m}
+        kept = {} if plan is None else self._planner.kept(plan, come_m, now_s)
         never = np.zeros_like(self._closed)
         for name in near:
             never[under[name]] = True

@@ -48,6 +48,14 @@ class Timetable:
         planned = self.plan.routes[name].pose_at(self.progress_m.get(name, 0.0))
         return bool(hypot(*(planned - place)[:2].tolist()) < _ASTRAY_M)
 
+    def stopped_m(self, places: Mapping[str, Floats]) -> dict[str, float]:
+        """How far those have come that stand where the plan has them, of these."""
+        return {
+            name: self.progress_m.get(name, 0.0)
+            for name, place in places.items()
+            if self.has_at(name, place)
+        }
+
     def limits_m(self, there: Iterable[str]) -> dict[str, float]:
         """How far each may go, of those that are on the table."""
         return {} if self.plan is None else self.plan.authority.limits_m(self._come_m(there))

@@ -1,0 +1,40 @@
+"""Plans are asked for around all that rides, and give those that stopped their ways again."""
+
+import numpy as np
+from tests.host.programs.traffic.test_legs import BOX
+
+from mdms_host.layout import Layout
+from mdms_host.motion.goal import Goal
+from mdms_host.motion.trajectory.mass import uniform_mass
+from mdms_host.programs.order import Order
+from mdms_host.programs.traffic.dispatch import Dispatch
+from mdms_host.programs.traffic.planning import DELAY_CYCLES, VirtualDesk
+from mdms_host.programs.traffic.ride import Load
+from mdms_host.programs.traffic.timetable import Timetable
+from mdms_host.programs.traffic.whereabouts import Whereabouts
+from mdms_host.routes.planner import Planner
+from mdms_host.routes.space.tiles import Tiles
+
+#: Cells from south to north in the middle of 15 x 8, but for three.
+WALL = [row * 15 + 8 for row in (0, 1, 2, 6, 7)]
+
+
+def taken(dispatch):
+    """Who has a route by the plan that has been asked for."""
+    for _ in range(DELAY_CYCLES):
+        routes = {order.parcel for order, _ in dispatch.take()}
+    return routes
+
+
+def test_who_stopped_before_a_gap_passes_it_before_another_comes_to_stay_there():
+    planner = Planner(Tiles(Layout(15, 8)))
+    loads = dict.fromkeys(("far", "near"), Load(BOX, uniform_mass(BOX)))
+    where, timetable = Whereabouts(loads, planner.stand), Timetable()
+    where.places = {"far": np.array([-0.7, -0.3, 0.0]), "near": np.array([-0.5, 0.35, 0.0])}
+    dispatch = Dispatch(planner, VirtualDesk(), loads, where, timetable, over_lost=False)
+    dispatch.close(WALL)
+    far = Order("far", Goal(0.6, 0.06, 0.0))
+    dispatch.ask({"far": far, "near": Order("near", Goal(0.0, 0.06, 0.0))}, {}, 0.0)
+    assert taken(dispatch) == {"far", "near"}
+    dispatch.ask({"far": far}, {"near": 0.0}, 0.0)
+    assert taken(dispatch) == {"far"}
