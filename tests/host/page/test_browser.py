@@ -41,7 +41,7 @@ def serve() -> Iterator[Callable[..., str]]:
     for process in processes:
         process.send_signal(signal.SIGINT)
     for process in processes:
-        _, errors = process.communicate(timeout=20)
+        _, errors = process.communicate(timeout=120)
         assert process.returncode == 0, errors
 
 

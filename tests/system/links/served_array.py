@@ -20,7 +20,7 @@ class Served(NamedTuple):
     environment: dict[str, str]
     process: subprocess.Popen[str]
 
-    def run(self, *arguments, timeout=60, **options):
+    def run(self, *arguments, timeout=300, **options):
         """Run a tool of the environment to its end."""
         return subprocess.run(
             [str(FOLDER / arguments[0]), *map(str, arguments[1:])],
@@ -43,7 +43,7 @@ class Served(NamedTuple):
     def stop(self):
         """End the server as Ctrl-C does; return what it said on stderr."""
         self.process.send_signal(signal.SIGINT)
-        return self.process.communicate(timeout=20)[1]
+        return self.process.communicate(timeout=120)[1]
 
 
 def serve(runtime_folder, *options, scenario="array18", name="array18"):

@@ -106,7 +106,7 @@ def test_logger_and_player_carry_every_frame(served, tmp_path):
         while last not in log.read_text() and time.monotonic() < end:
             time.sleep(0.1)
     logger.send_signal(signal.SIGINT)
-    logger.wait(timeout=10)
+    logger.wait(timeout=60)
     logged = [m for m in can.CanutilsLogReader(str(log)) if m.arbitration_id == 0x7A0]
     assert [int.from_bytes(m.data, "big") for m in logged] == list(range(frames))
 
@@ -117,7 +117,7 @@ def test_logger_and_player_carry_every_frame(served, tmp_path):
     with can.Bus(interface="mdms", channel=served.channel) as bus:
         player = served.start("can_player", "-i", "mdms", "-c", served.channel, played)
         assert listen(bus, lambda counts: counts[0x7A0] == frames)[0x7A0] == frames
-        assert player.wait(timeout=10) == 0
+        assert player.wait(timeout=60) == 0
 
 
 def screen_of(command, environment, enough):
@@ -142,7 +142,7 @@ def screen_of(command, environment, enough):
             except OSError:
                 break
     process.terminate()
-    process.wait(timeout=10)
+    process.wait(timeout=60)
     os.close(ours)
     return "\n".join(screen.display)
 
