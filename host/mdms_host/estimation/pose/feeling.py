@@ -18,8 +18,6 @@ _BEYOND = 2.5
 _SAFE_M = 0.14
 #: How well an edge that is felt is known [m].
 _EDGE_M = 0.0005
-#: Where no edge makes a place sure enough, one is felt for that leaves so much of the variance.
-_LEFT_SHARE = 0.5
 
 
 def turn_to_feel_rad(
@@ -28,9 +26,8 @@ def turn_to_feel_rad(
     """The least turn about the centre after which an edge has made the place sure enough [rad].
 
     Of `sensors_m` (S, 2) those that are `usable` (S,) count; the covariance (3, 3) is of the pose.
-    Where no edge does, the turn after which one leaves the least to be known; None where the place
-    is sure, or where no turn makes it much surer. A turn moves no centre of mass; one of a parcel
-    that does not stand safely however it is turned is not made.
+    None where the place is sure, or where no turn makes it so. A turn moves no centre of mass; one
+    of a parcel that does not stand safely however it is turned is not made.
     """
     if -bottom.distance_m(pose[None, :2], pose)[0] < _SAFE_M:
         return None
@@ -38,22 +35,17 @@ def turn_to_feel_rad(
     if variances[1] <= SURE_M**2:
         return None
     unsure = covariance[:, :2] @ axes[:, 1]
-    best_rad = surest_rad = None
-    least_m2 = _LEFT_SHARE * variances[1]
+    best_rad = None
     near = usable & (abs(bottom.distance_m(sensors_m, pose)) < _MOST_RAD * bottom.reach_m)
     for sensor in np.flatnonzero(near).tolist():
         off_m, slope = bottom.edge(sensors_m[sensor], pose)
         variance_m2 = float(slope @ covariance @ slope)
         left_m2 = variances[1] - float(slope @ unsure) ** 2 / (variance_m2 + _EDGE_M**2)
-        if left_m2 > max(SURE_M**2, least_m2) or not slope[2]:
+        if left_m2 > SURE_M**2 or not slope[2]:
             continue
-        beyond_rad = _BEYOND * sqrt(variance_m2) / abs(float(slope[2]))
-        turn_rad = -float(off_m) / float(slope[2])
+        beyond_rad = _BEYOND * sqrt(variance_m2) / abs(slope[2])
+        turn_rad = -off_m / float(slope[2])
         turn_rad += beyond_rad if turn_rad > 0 else -beyond_rad
-        if abs(turn_rad) >= _MOST_RAD:
-            continue
-        if left_m2 < least_m2:
-            surest_rad, least_m2 = turn_rad, left_m2
-        if left_m2 <= SURE_M**2 and abs(turn_rad) < (abs(best_rad) if best_rad else _MOST_RAD):
+        if abs(turn_rad) < min(_MOST_RAD, abs(best_rad) if best_rad else _MOST_RAD):
             best_rad = turn_rad
-    return best_rad or surest_rad
+    return best_rad

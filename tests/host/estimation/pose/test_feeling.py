@@ -29,11 +29,3 @@ def test_nothing_is_felt_for_with_no_sensors_or_round_parcels_or_those_that_migh
     assert turn_to_feel_rad(Disc(0.34), SENSORS_M, ALL, pose, UNSURE_ACROSS) is None
     small = Rectangle(0.30, 0.25)
     assert turn_to_feel_rad(small, SENSORS_M, ALL, pose, UNSURE_ACROSS) is None
-
-
-def test_where_no_edge_makes_a_place_sure_one_is_felt_for_that_makes_it_much_surer() -> None:
-    pose, unsure = np.array([0.01, 0.012, 0.0]), np.diag([1e-5, 6e-5, 1e-3])
-    turn_rad = turn_to_feel_rad(BOX, SENSORS_M, ALL, pose, unsure)
-    assert turn_rad is not None
-    before = BOX.distance_m(SENSORS_M, pose) < 0
-    assert (before != (BOX.distance_m(SENSORS_M, pose + np.array([0.0, 0.0, turn_rad])) < 0)).any()
