@@ -14,8 +14,9 @@ _OVERLAP_M = 0.005
 _DEEP_M = 0.02
 #: Between the two it must be at least this share of the way to a stop that brings them closer.
 _CLOSING_SHARE = 0.3
-#: Room that a parcel needs around it to turn on the spot [m].
+#: Room that a parcel needs around it to turn on the spot, and beside its way to go around [m].
 _NEAR_M = 0.015
+_BESIDE_M = 0.05
 #: How long two parcels must be on their way into each other.
 _PRESSING_S = 0.05
 
@@ -85,3 +86,19 @@ def has_room(name: str, places: Mapping[str, Floats], outlines: Mapping[str, Bot
         for other, place in places.items()
         if other != name
     )
+
+
+def has_room_to(
+    end: Floats, name: str, places: Mapping[str, Floats], outlines: Mapping[str, Bottom]
+) -> bool:
+    """Whether no other parcel that has a place is near the straight way of one to a pose."""
+    mine, reach_m = places[name][:2], outlines[name].reach_m + _NEAR_M + _BESIDE_M
+    along = end[:2] - mine
+    length_m = max(hypot(*along.tolist()), _NEAR_M)
+    for other, place in places.items():
+        share = float((place[:2] - mine) @ along) / length_m**2
+        nearest = mine + min(max(share, 0.0), 1.0) * along
+        off_m = hypot(*(place[:2] - nearest).tolist())
+        if other != name and off_m < reach_m + outlines[other].reach_m:
+            return False
+    return True

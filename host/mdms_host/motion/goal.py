@@ -1,5 +1,6 @@
 """Closed-loop steering of one parcel to a goal pose, as fast as its wheels still roll."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import hypot, inf
 
@@ -71,10 +72,17 @@ class GoalController:
     has left its way comes to rest, and takes another from there. A place is not sure enough while a
     turn by `feel_rad` would show it better: a parcel there turns so first, three times at most, and
     back; `leg` counts these ways, and where the parcel has been put elsewhere. Where it might tip
-    on the straight way it stands until another has been found.
+    on the straight way it stands until another has been found; `has_room` is whether one may lead
+    around, given the pose to go to.
     """
 
-    def __init__(self, goal: Goal, traction: Traction, mass: Mass) -> None:
+    def __init__(
+        self,
+        goal: Goal,
+        traction: Traction,
+        mass: Mass,
+        has_room: Callable[[Floats], bool] = lambda _: True,
+    ) -> None:
         self.goal = goal
         self.arrived = False
         self.stopped = False
@@ -83,6 +91,7 @@ class GoalController:
         self.grip = Grip()
         self._traction = traction
         self._mass = mass
+        self._has_room = has_room
         self._turned_rad: float | None = None
         self._turns = 0
         self.leg = 0
@@ -198,7 +207,8 @@ class GoalController:
         """What follows the way from here; None while it is looked for."""
         if self._search is None:
             footholds = Footholds(self._traction.layout, belief.outline, self._mass.centre_m)
-            self._search = WaySearch(footholds, belief, self._target(belief.pose))
+            target = self._target(belief.pose)
+            self._search = WaySearch(footholds, belief, target, room=self._has_room(target))
         path = self._search.step()
         if path is None:
             return None

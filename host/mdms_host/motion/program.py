@@ -10,7 +10,7 @@ from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.gain import Gain
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.motion.carrying import Carrying
-from mdms_host.motion.contact import Body, Contacts, gap_m, has_room
+from mdms_host.motion.contact import Body, Contacts, gap_m, has_room, has_room_to
 from mdms_host.motion.goal import Goal, GoalController
 from mdms_host.motion.obstacles import Obstacles
 from mdms_host.motion.standstill import Standstill
@@ -208,7 +208,12 @@ class GoalProgram:
 
     def _controller_of(self, name: str, goal: Goal) -> GoalController:
         mass = self._masses.get(name) or uniform_mass(self._bottoms[name])
-        return GoalController(goal, self._traction, mass)
+        return GoalController(
+            goal,
+            self._traction,
+            mass,
+            lambda end: has_room_to(end, name, self._places, self._bottoms),
+        )
 
     @property
     def stuck(self) -> str | None:

@@ -1,21 +1,20 @@
 """A way between two poses on which a parcel does not tip, even where it is not quite believed."""
 
 from collections.abc import Iterator
-from math import ceil, sqrt
+from math import ceil
 
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
 from mdms_host.motion.footholds import INSET_M, MARGIN_M, Footholds
 from mdms_host.motion.trajectory.path import Path, shorter_turn_rad
-from mdms_model.arrays import Floats
+from mdms_model.arrays import Bools, Floats
 
-#: A parcel may be so far beside its way where its wheels slip, and what its belief is off besides;
-#: but no more than so much is kept from tipping for that [m].
+#: A parcel may be so far beside its way [m], where its wheels slip and as its belief is off; a box
+#: with sides of 0.28 m does not tip so far beside any.
 _BESIDE_M = 0.006
-_MOST_M = 0.012
 #: What is kept at the ends of a way is found in so many steps.
-_INSETS = 6
+_STEPS = 6
 #: A corner moves so far from one pose that is looked at to the next, at most [m].
 _STEP_M = 0.006
 #: Ways lead so far around a place that is not safe [m], or over it turned by so much.
@@ -31,23 +30,25 @@ class WaySearch:
     """Looks for a way of a parcel from where it is believed to rest to another pose.
 
     The straight way does where nothing on it is less safe than its ends, and to an end that is not
-    safe itself. Else ways are looked at that turn first, turn last or lead around, one a step, so
-    that no cycle is held up: the first safe one is taken, or where there is none that which is safe
-    for most of its length.
+    safe itself; without `room` beside it, it also does where a parcel that kept to it would not
+    tip. Else ways are looked at that turn first, turn last or lead around, one a step, so that no
+    cycle is held up: the first safe one is taken, or where there is none that which is safe for
+    most of its length.
     """
 
-    def __init__(self, footholds: Footholds, belief: Belief, target: Floats) -> None:
+    def __init__(
+        self, footholds: Footholds, belief: Belief, target: Floats, *, room: bool = True
+    ) -> None:
         self._footholds = footholds
         self._reach_m = belief.outline.reach_m
         self._start = belief.pose
         turn_rad = shorter_turn_rad(float(belief.pose[2]), float(target[2]))
         self._end = np.array([target[0], target[1], belief.pose[2] + turn_rad])
-        off_m = sqrt(float(belief.covariance[0, 0] + belief.covariance[1, 1]) / 2)
-        wanted_m = min(_BESIDE_M + off_m, _MOST_M)
-        # How far inside the outline wheels count as supports: as far as both ends are safe. A start
-        # that is not safe at all is to be left.
-        self._goal_m = self._safe_inset_m(self._end, wanted_m)
-        self._inset_m = min(self._goal_m, self._safe_inset_m(self._start, wanted_m) or wanted_m)
+        # How far the parcel may be beside its way: as far as both ends are safe. A start that is
+        # not safe at all is to be left.
+        self._goal_m = self._safe_within_m(self._end)
+        self._within_m = min(self._goal_m, self._safe_within_m(self._start) or _BESIDE_M)
+        self._room = room
         self._ways: Iterator[list[Floats]] | None = None
         self._best: Path | None = None
         self._least = 0.0
@@ -72,30 +73,41 @@ class WaySearch:
         if self._footholds.in_line or not self._goal_m:
             return path
         unsafe_m, worst = self._unsafe(path)
-        if not unsafe_m:
+        if not unsafe_m or not (self._room or self._tips(_poses_on(path)).any()):
             return path
         self._ways = self._around(worst)
         self._best, self._least = path, unsafe_m + _SAFE * path.length_m
         return None
 
-    def _safe_inset_m(self, pose: Floats, wanted_m: float) -> float:
-        """With supports how far inside the outline a pose is safe; 0 where it is not at all."""
-        for inset_m in np.linspace(wanted_m, INSET_M, _INSETS).tolist():
-            if self._footholds.margins_m(pose[None], inset_m)[0] >= MARGIN_M:
-                return float(inset_m)
+    def _safe_within_m(self, pose: Floats) -> float:
+        """How far the parcel may be beside a pose without tipping; 0 where it might tip there."""
+        for within_m in np.linspace(_BESIDE_M, INSET_M, _STEPS).tolist():
+            if self._are_safe(pose[None], within_m)[0]:
+                return float(within_m)
         return 0.0
+
+    def _are_safe(self, poses: Floats, within_m: float) -> Bools:
+        """Whether a parcel so far beside each of these poses (K, 3) does not tip, (K,).
+
+        Wheels that deep inside the outline support it there, and its centre of mass is that much
+        nearer to the edge of what they span.
+        """
+        return self._footholds.margins_m(poses, within_m) >= within_m
 
     def _unsafe(self, path: Path) -> tuple[float, Floats]:
         """For how much of a way the parcel is not safe, counted as above [m]; a pose amid that."""
         poses = _poses_on(path)
-        unsafe = self._footholds.margins_m(poses, self._inset_m) < MARGIN_M
+        unsafe = ~self._are_safe(poses, self._within_m)
         if not unsafe.any():
             return 0.0, path.start
         unsafe_poses = poses[unsafe]
-        tips = self._footholds.margins_m(unsafe_poses, INSET_M) < MARGIN_M
-        step_m = path.length_m / len(poses)
-        unsafe_m = step_m * (len(unsafe_poses) + _TIPPING * int(tips.sum()))
+        tips = int(self._tips(unsafe_poses).sum())
+        unsafe_m = path.length_m / len(poses) * (len(unsafe_poses) + _TIPPING * tips)
         return unsafe_m, unsafe_poses[len(unsafe_poses) // 2]
+
+    def _tips(self, poses: Floats) -> Bools:
+        """Whether a parcel at each of these poses (K, 3) might tip there, (K,)."""
+        return self._footholds.margins_m(poses, INSET_M) < MARGIN_M
 
     def _around(self, worst: Floats) -> Iterator[list[Floats]]:
         """Poses of ways that turn first, turn last, or lead around a pose, the shorter first."""

@@ -20,7 +20,7 @@ from mdms_host.motion.by_cells.pages import flags_of, parcel_page, place_page
 from mdms_host.motion.by_cells.reports import Reports
 from mdms_host.motion.by_cells.stages import Stages
 from mdms_host.motion.by_cells.way import Way
-from mdms_host.motion.contact import has_room
+from mdms_host.motion.contact import has_room, has_room_to
 from mdms_host.motion.footholds import Footholds
 from mdms_host.motion.goal import Goal, Limits
 from mdms_host.motion.safe_goals import Places
@@ -104,6 +104,7 @@ class CellsProgram:
         self._blocked: dict[str, Blocked] = {}
         self._ending: dict[str, int] = {}
         self._lost: frozenset[int] = frozenset()
+        self._poses: dict[str, Floats] = {}
         self._notices: list[str] = []
 
     @property
@@ -151,7 +152,10 @@ class CellsProgram:
 
     def _stages_to(self, name: str, goal: Goal) -> Stages:
         centre_m = self._centres_of_mass_m.get(name, (0.0, 0.0))
-        return Stages(goal, Footholds(self._layout, self._bottoms[name], centre_m))
+        footholds = Footholds(self._layout, self._bottoms[name], centre_m)
+        return Stages(
+            goal, footholds, lambda end: has_room_to(end, name, self._poses, self._bottoms)
+        )
 
     def lead(self, name: str, goal: Goal, legs: Sequence[Goal] = ()) -> Followed:
         """The same, on a way that is the caller's; returns what follows the parcel to this goal.
@@ -202,6 +206,7 @@ class CellsProgram:
         """The pages to send now, given what is believed; once a cycle."""
         # A doubtful place is neither sent nor compared with what cells report.
         sure = {name: each for name, each in beliefs.items() if not each.doubtful}
+        self._poses = {name: each.pose for name, each in beliefs.items() if name in self._bottoms}
         asked = self.near
         self._reports.age(now_s)
         pages: list[Page] = []

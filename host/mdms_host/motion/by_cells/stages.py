@@ -5,6 +5,7 @@ gives them the corners of a safe way one after another, and where the place at t
 enough, has them turn the parcel until an edge has shown it, as `motion.goal` does.
 """
 
+from collections.abc import Callable
 from math import hypot
 
 import numpy as np
@@ -14,6 +15,7 @@ from mdms_host.motion.footholds import Footholds
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.outcome import miss_of
 from mdms_host.motion.way_search import WaySearch
+from mdms_model.arrays import Floats
 
 #: A parcel is at a corner, from where it goes on to the next place, within this [m].
 _CORNER_M = 0.008
@@ -25,13 +27,20 @@ class Stages:
     """The places that a parcel is still to be taken to; `places` is empty while they are sought.
 
     The goal is the last of them; `turned` is whether it is to be turned there now. A belief that
-    says by which turn it would be surer (`feel_rad`) does so only where there is room for that.
+    says by which turn it would be surer (`feel_rad`) does so only where there is room for that;
+    `has_room` is whether a way may lead around, given the pose to go to.
     """
 
-    def __init__(self, goal: Goal, footholds: Footholds) -> None:
+    def __init__(
+        self,
+        goal: Goal,
+        footholds: Footholds,
+        has_room: Callable[[Floats], bool] = lambda _: True,
+    ) -> None:
         self.places: tuple[Goal, ...] = ()
         self._goal = goal
         self._footholds = footholds
+        self._has_room = has_room
         self._search: WaySearch | None = None
         self._turns = 0
         self.turned = False
@@ -68,7 +77,7 @@ class Stages:
         yaw_rad = float(pose[2]) if goal.yaw_rad is None else goal.yaw_rad
         if self._search is None:
             end = np.array([goal.x_m, goal.y_m, yaw_rad])
-            self._search = WaySearch(self._footholds, belief, end)
+            self._search = WaySearch(self._footholds, belief, end, room=self._has_room(end))
         path = self._search.step()
         if path is not None:
             corners = (path.pose_at(s_m).tolist() for s_m in path.corners_m[:-1])

@@ -142,8 +142,13 @@ class Ride:
         goal = self.order.goal
         if isinstance(goal, Goal):
             mass, grip = self._load.mass, self.follower.grip
-            self.controller = GoalController(goal, self._traction, mass)
+            self.controller = GoalController(goal, self._traction, mass, _no_room)
             self.controller.grip = grip
+
+
+def _no_room(_: Floats) -> bool:
+    """A parcel's goal is near the end of its route, and the tiles around may be others'."""
+    return False
 
 
 def _driven_on(profile: SpeedProfile) -> SpeedProfile:
