@@ -379,10 +379,9 @@ class CellsProgram:
         blocked = self._blocked.setdefault(name, Blocked())
         if blocked.step(self._reports.held(identity), followed.left_m, now_s):
             lacked = set().union(*blocked.held.values())
-            s = "s" if len(blocked.held) == 1 else ""
-            lacks = f" and lack{s} {_cells(lacked)}" if lacked else ""
+            lacks = f" and lack {_cells(lacked)}" if lacked else ""
             self._notices.append(
-                f"{name} is blocked: {_cells(set(blocked.held))} want{s} the way ahead{lacks}"
+                f"{name} is blocked: {_cells(set(blocked.held))} want the way ahead{lacks}"
             )
         if self._lasts(name, "apart", arrived and not followed.there, now_s) and followed.miss:
             off_m, off_rad = followed.miss

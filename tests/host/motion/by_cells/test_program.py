@@ -141,7 +141,7 @@ def test_box_that_is_held_is_reported_with_who_wants_whom():
     table.run(0.5, reports=reports(UNDER))
     held = reports(UNDER) | reports((10,), hold=0, wants=east)
     table.run(3.0, reports=held)
-    assert table.notices == ["box is blocked: cell 10 wants the way ahead and lacks cell 11"]
+    assert table.notices == ["box is blocked: cell 10 want the way ahead and lack cell 11"]
     assert not table.program.controllers["box"].stopped
 
 
