@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from mdms_host.estimation.outlines.rectangle import Rectangle
-from mdms_host.motion.contact import Body, Contacts, gap_m
+from mdms_host.motion.contact import Body, Contacts, gap_m, has_room_to
 
 BOX = Rectangle(0.30, 0.20)
 STEP_S = 0.01
@@ -50,3 +50,21 @@ def test_parcels_that_stand_may_touch() -> None:
 
 def test_what_is_so_for_a_moment_only_is_not_reported() -> None:
     assert pairs(body(0.0, speed_m_s=0.1), body(0.304), steps=3) == []
+
+
+@pytest.mark.parametrize(
+    ("other_m", "room"),
+    [((0.6, 0.0), False), ((0.3, 0.40), False), ((0.3, 0.45), True), ((1.1, 0.0), True)],
+)
+def test_a_parcel_has_room_where_no_other_is_near_its_way(other_m, room) -> None:
+    # Corners reach 0.18 m from the centre, and 65 mm more are to be beside the way.
+    places = {"a": np.zeros(3), "b": np.array([*other_m, 0.5])}
+    end = np.array([0.6, 0.0, 1.0])
+    assert has_room_to(end, "a", places, {"a": BOX, "b": BOX}) == room
+
+
+def test_a_parcel_that_only_turns_has_room_as_far_as_it_reaches() -> None:
+    places = {"a": np.zeros(3), "b": np.array([0.42, 0.0, 0.0])}
+    assert not has_room_to(np.array([0.0, 0.0, 1.0]), "a", places, {"a": BOX, "b": BOX})
+    places["b"][0] = 0.44
+    assert has_room_to(np.array([0.0, 0.0, 1.0]), "a", places, {"a": BOX, "b": BOX})

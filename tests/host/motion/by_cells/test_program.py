@@ -326,3 +326,17 @@ def test_box_is_not_called_arrived_where_a_turn_would_show_its_place_better():
     arrived = reports(flags=wire.ARRIVED, sequence=3)
     table.run(1.0, poses=THERE, reports=arrived)
     assert table.program.finished
+
+
+@pytest.mark.parametrize(("other_x_m", "corners"), [(0.26, 0), (0.70, 2)])
+def test_box_that_might_tip_beside_its_way_leaves_it_only_where_no_other_is_near(
+    other_x_m, corners
+):
+    small, other = Parcel("box", 0.28, 0.22), Parcel("other", 0.28, 0.28)
+    poses = {"box": np.array([-0.13, 0.03, -0.99]), "other": np.array([other_x_m, 0.0, 0.0])}
+    program = CellsProgram(LAYOUT, (small, other), {"box": Goal(-0.01, 0.02, 0.26)}, go_on=True)
+    sent = []
+    for beat in range(30):
+        sent += program.step(beliefs(poses, [small, other]), beat * STEP_S, STEP_S)
+    legs = {page.legs for page in sent if isinstance(page, messages.Goal)}
+    assert legs == {corners}

@@ -74,3 +74,13 @@ def test_the_way_is_the_rest_where_cells_have_gone_on_by_themselves() -> None:
     assert box.places == (GOAL,)
     box.overtaken()
     assert box.places == (GOAL,)
+
+
+def test_a_box_that_would_not_tip_on_its_way_is_not_led_around_without_room() -> None:
+    goal, start = Goal(-0.19, -0.03, 1.68), at(0.16, -0.01, -1.41, parcel=SMALL)
+    footholds = Footholds(LAYOUT, SMALL.bottom, (0.0, 0.0))
+    for room, corners in ((True, 1), (False, 0)):
+        box = Stages(goal, footholds, lambda _, room=room: room)
+        while not box.places:
+            box.step(start, there=False)
+        assert len(box.places) == corners + 1
