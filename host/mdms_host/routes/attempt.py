@@ -12,7 +12,7 @@ from mdms_host.routes.errand import Errand, Ground
 from mdms_host.routes.intervals.cost_to_go import Guide, barred_joins, cost_to_go, free_runs
 from mdms_host.routes.intervals.safe_intervals import TakenTiles
 from mdms_host.routes.intervals.search import Errands, Found, search
-from mdms_host.routes.intervals.way_alone import WayAlone, way_alone
+from mdms_host.routes.intervals.way_alone import Alone, places_under, steps_of, with_closed
 from mdms_host.routes.route import Route
 from mdms_model.arrays import Bools, Floats, Ints
 
@@ -243,16 +243,16 @@ class Attempt:
         return False
 
 
-def way_past(errand: Errand, blocked: Bools) -> WayAlone:
-    """A way of a parcel on its own past these tiles."""
+def ways_alone(errand: Errand, closed: Bools, under: Ints) -> Alone:
+    """The ways of a parcel on its own past tiles that are closed, and over places."""
     roadmap = errand.roadmap
-    ends = roadmap.start_node, roadmap.goal_node
-    return way_alone(roadmap.graph, errand.ways.open_lines, roadmap.away_m, blocked, ends)
+    steps = steps_of(roadmap.graph, errand.ways.open_lines, with_closed(under, closed))
+    return Alone(steps, roadmap.away_m, (roadmap.start_node, roadmap.goal_node))
 
 
-def is_free(errand: Errand, blocked: Bools) -> bool:
+def is_free(errand: Errand, closed: Bools) -> bool:
     """Whether a parcel on its own has a way past these tiles."""
-    return bool(way_past(errand, blocked).found)
+    return ways_alone(errand, closed, places_under(len(closed), ())).past(0).found
 
 
 def guide_of(errand: Errand, blocked: Bools) -> Guide:

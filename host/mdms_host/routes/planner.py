@@ -13,7 +13,7 @@ from random import Random
 
 import numpy as np
 
-from mdms_host.routes.attempt import MANY, Aside, Attempt, Terms, is_free, way_past
+from mdms_host.routes.attempt import MANY, Aside, Attempt, Terms, is_free
 from mdms_host.routes.authority import Authority
 from mdms_host.routes.blocked import Blocked, Blocker, blockers
 from mdms_host.routes.errand import Errand, Ground, Task, own_ends, turned_rad
@@ -140,7 +140,7 @@ class Planner:
             return
         tried: set[tuple[str, ...]] = set()
         # Where a parcel would tip on its way, that way is no longer there after an attempt.
-        while (order := Orders(errands, closed, way_past).first()) and order not in tried:
+        while (order := Orders(errands, closed).first()) and order not in tried:
             tried.add(order)
             yield order, True, Aside.NEVER
         yield moving, True, Aside.LATE
