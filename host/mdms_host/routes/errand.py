@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import floor
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from mdms_model.arrays import Floats, Ints
 
 #: Poses that are this near are one [m, m, rad].
 _SAME = 1e-7
+#: What is this little less than a whole number of turns is that [turns].
+_WHOLE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +61,7 @@ class Ground:
 
 @dataclass(eq=False)
 class Errand:
-    """A task with its way map, in yaws that lie about 0: turned by `turned_rad` they are true."""
+    """A task with its way map, in yaws of its own: turned by `turned_rad` they are true."""
 
     task: Task
     ground: Ground
@@ -174,7 +177,7 @@ class Errand:
 
 
 def own_ends(task: Task, turned_rad: float) -> tuple[Floats, Floats]:
-    """Start and goal with yaws about 0, the goal's by the shorter turn from the start's."""
+    """Start and goal turned back by so much, the goal's by the shorter turn from the start's."""
     start = task.start - [0.0, 0.0, turned_rad]
     goal = start if task.goal is None else np.array(task.goal, dtype=np.float64)
     turn_rad = 0.0 if task.shape.round else shorter_turn_rad(task.start[2], goal[2])
@@ -184,8 +187,12 @@ def own_ends(task: Task, turned_rad: float) -> tuple[Floats, Floats]:
 
 
 def turned_rad(task: Task) -> float:
-    """The yaw that planning takes for 0: of a disc its own, else turns that look the same."""
+    """The yaw that planning takes for 0: of a disc its own, else by turns that change nothing.
+
+    By as many that the least yaw of the lattice is soon above 0, so that few lattices are needed.
+    """
     if task.shape.round:
         return float(task.start[2])
-    period_rad = task.shape.bottom.period_rad
-    return float(round(task.start[2] / period_rad) * period_rad)
+    start, goal = own_ends(task, 0.0)
+    least_rad = task.shape.yaws_rad(float(start[2]), float(goal[2]))[0]
+    return floor(least_rad / task.shape.period_rad + _WHOLE) * task.shape.period_rad

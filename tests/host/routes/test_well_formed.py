@@ -37,17 +37,3 @@ def test_who_is_in_the_way_at_its_start_goes_before_who_comes_first() -> None:
     behind = task("behind", (-0.4, 0.0, 0.0), (0.0, 0.0, 0.0))
     ahead = task("ahead", (0.05, 0.0, 0.0), (0.4, 0.0, 0.0))
     assert planner.plan([behind, ahead]).order == ("ahead", "behind")
-
-
-def test_forty_in_rows_go_on_one_after_another_from_the_front() -> None:
-    layout = Layout(30, 20, node_ids=(1,) * 600, buses=tuple(range(600)))
-    planner, apart_m = Planner(Tiles(layout), step=2), 3 * layout.pitch_m
-    tasks = [
-        task(f"{row} {place}", (x_m, y_m, 0.0), (x_m + apart_m, y_m, 0.0))
-        for row, y_m in enumerate((apart_m * np.arange(-2, 3)).tolist())
-        for place, x_m in enumerate((apart_m * np.arange(-4, 4)).tolist())
-    ]
-    order = planner.plan(tasks).order
-    for row in range(5):
-        own = [name for name in order if name.startswith(f"{row} ")]
-        assert own == [f"{row} {place}" for place in range(7, -1, -1)]
