@@ -2,13 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from heapq import heappop, heappush
 from typing import NamedTuple
 
 import numpy as np
 
 from mdms_host.routes.space.roadmap import Graph
-from mdms_model.arrays import Bools, Floats, Ints
+from mdms_model.arrays import Bools, Ints
 from mdms_model.compiled import compiled
 
 #: Places in one word of a set of them.
@@ -43,17 +42,16 @@ class WayAlone(NamedTuple):
 
 @dataclass(frozen=True)
 class Alone:
-    """All ways of a parcel between two nodes, nearest to the goal by `away_m` (nodes,) first."""
+    """All ways of a parcel between two nodes, those of the fewest steps first."""
 
     steps: Steps
-    away_m: Floats
     ends: tuple[int, int]
 
     def past(self, places: int) -> WayAlone:
         """A way that meets none of these places, which are bits, and nothing that is closed."""
         words, taken = range(self.steps.met.shape[1]), places << 1 | _CLOSED
         own = np.array([taken >> _BITS * word & (1 << _BITS) - 1 for word in words])
-        found, met = way_past(self.steps, self.away_m, own, self.ends)
+        found, met = way_past(self.steps, own, self.ends)
         bits = sum(bits << _BITS * word for word, bits in enumerate(met.tolist()))
         return WayAlone(found, bits >> 1)
 
@@ -125,20 +123,22 @@ def stands_met(graph: Graph, under: Ints) -> Ints:
 
 
 @compiled
-def way_past(steps: Steps, away_m: Floats, taken: Ints, ends: tuple[int, int]) -> tuple[bool, Ints]:
+def way_past(steps: Steps, taken: Ints, ends: tuple[int, int]) -> tuple[bool, Ints]:
     """What `Alone.past` gives, for words of bits."""
     start, goal = ends
     # By which step each node was come to, and from which node; -1: it was not.
-    by, came = np.full(away_m.size, -1, np.int64), np.full(away_m.size, -1, np.int64)
+    by, came = np.full(steps.first.size - 1, -1), np.full(steps.first.size - 1, -1)
     came[start] = start
-    heap = [(0.0, start)]
-    while len(heap) > 0 and came[goal] < 0:
-        _, node = heappop(heap)
+    queue, count, gone_on = np.full(came.size, start), 1, 0
+    while gone_on < count and came[goal] < 0:
+        node = queue[gone_on]
+        gone_on += 1
         for step in range(steps.first[node], steps.first[node + 1]):
             there = steps.end[step]
             if came[there] < 0 and first_met(steps.met, step, taken) < 0:
                 came[there], by[there] = node, step
-                heappush(heap, (away_m[there], there))
+                queue[count] = there
+                count += 1
     if came[goal] < 0:
         return False, bar(steps, came, taken)
     met, node = np.zeros_like(taken), goal

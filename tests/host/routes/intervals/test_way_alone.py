@@ -16,7 +16,7 @@ def test_of_two_ways_the_one_is_found_that_meets_none_of_the_places_asked() -> N
         np.array([1, 2, 3, 3]),
         np.array([under[0], under[1], nothing, nothing]),
     )
-    ways = Alone(steps, np.array([2.0, 1.0, 1.0, 0.0]), (0, 3))
+    ways = Alone(steps, (0, 3))
     assert ways.past(1 << 10) == WayAlone(found=True, met=1 << 150)
     assert ways.past(1 << 150 | 1 << 199) == WayAlone(found=True, met=1 << 10)
     barred = 1 << 10 | 1 << 150
