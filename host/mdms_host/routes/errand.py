@@ -9,7 +9,7 @@ import numpy as np
 from mdms_host.motion.trajectory.path import shorter_turn_rad
 from mdms_host.routes.intervals.search import Found
 from mdms_host.routes.pace import Pace
-from mdms_host.routes.route import Route, Visits, merged
+from mdms_host.routes.route import Route, Visits, among, merged
 from mdms_host.routes.space.moves import LatticeMoves
 from mdms_host.routes.space.roadmap import Roadmap
 from mdms_host.routes.space.shape import Shape
@@ -154,7 +154,7 @@ class Errand:
         visits = merged(visits, rests, stand, along_m[-1], gone_s)
         # Where it stands at the start it has been before; a turn sweeps more as it begins.
         begin = self.ground.stand(self.task.shape, poses[0])
-        visits.enters_s[(visits.enters_m <= 0.0) & np.isin(visits.tile, begin)] = -np.inf
+        visits.enters_s[(visits.enters_m <= 0.0) & among(visits.tile, begin)] = -np.inf
         return Route(
             self.task.parcel,
             poses,

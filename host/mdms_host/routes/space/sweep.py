@@ -216,8 +216,14 @@ def overhangs_m(
 def overhang_m(body: Body, start: Floats, end: Floats, half_x_m: float, half_y_m: float) -> float:
     """How far the outline hangs over the edge of a table about the origin at most on a way [m].
 
-    Negative: so far inside. Poses are in the table frame.
+    Negative: at least so far inside. Poses are in the table frame.
     """
+    corners_m2 = (body.corners_m**2).sum(axis=1).max()
+    over_x_m = max(abs(start[0]), abs(end[0])) - half_x_m
+    over_y_m = max(abs(start[1]), abs(end[1])) - half_y_m
+    most_m = max(over_x_m, over_y_m) + np.sqrt(corners_m2)
+    if most_m <= 0.0:
+        return float(most_m)
     turn_rad = end[2] - start[2] if body.bend_m > 0.0 else 0.0
     pieces = max(int(np.ceil(abs(turn_rad) / FINE_RAD)), 1)
     worst_m = -np.inf
