@@ -63,7 +63,8 @@ class Orders:
             others[errand.stand] = False
             self._alone.append(ways_alone(errand, others | standing, under))
         self._ways: list[list[int]] = [[] for _ in moving]
-        self._bars: list[list[int]] = [[] for _ in moving]
+        #: Of each bar who is part of it at its goal, and who at its start.
+        self._bars: list[list[tuple[int, int]]] = [[] for _ in moving]
         self._in_vain: set[int] = set()
         self._left = 0
 
@@ -114,8 +115,7 @@ class Orders:
         """How many known bars of the rest a parcel may be part of once it is at its goal."""
         harm: Counter[int] = Counter()
         for each in rest:
-            for bar in self._bars[each]:
-                goals, starts = self._split(bar)
+            for goals, starts in self._bars[each]:
                 if not starts & at_goals:
                     harm.update(numbers(goals))
         return harm
@@ -130,8 +130,7 @@ class Orders:
             more = False
             for each in rest:
                 before, after = found.before[each], found.after[each]
-                for bar in self._bars[each]:
-                    goals, starts = self._split(bar)
+                for goals, starts in self._bars[each]:
                     if (at_goals | before) & starts or after & goals:
                         continue
                     later, sooner = goals & ~at_goals & ~before, starts & ~after
@@ -148,10 +147,9 @@ class Orders:
 
     def _has_way(self, each: int, at_goals: int, at_starts: int) -> bool:
         """Whether a parcel has a way past some at their goals and others at their starts."""
-        places = at_goals | at_starts << len(self._names)
-        if any(not bar & ~places for bar in self._bars[each]):
+        if any(not (g & ~at_goals or s & ~at_starts) for g, s in self._bars[each]):
             return False
-        bar = self._bar(each, places)
+        bar = self._bar(each, at_goals | at_starts << len(self._names))
         if bar is None:
             return True
         # Without those who bar it in vain.
@@ -159,7 +157,7 @@ class Orders:
             if bar >> other & 1:
                 without = self._bar(each, bar & ~(1 << other))
                 bar = bar if without is None else without
-        self._bars[each].append(bar)
+        self._bars[each].append((bar & (1 << len(self._names)) - 1, bar >> len(self._names)))
         return False
 
     def _bar(self, each: int, places: int) -> int | None:
@@ -171,10 +169,6 @@ class Orders:
             self._ways[each].append(way.met)
             return None
         return way.met
-
-    def _split(self, places: int) -> tuple[int, int]:
-        """Who is at its goal, and who is at its start."""
-        return places & (1 << len(self._names)) - 1, places >> len(self._names)
 
 
 def bits(parcels: Sequence[int]) -> int:
