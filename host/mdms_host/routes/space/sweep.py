@@ -98,13 +98,15 @@ def swept(body: Body, start: Floats, end: Floats, grown_m: float, side_m: float)
     columns, rows = whole[1] - low_column + 1, whole[3] - low_row + 1
     enters, leaves = np.full((columns, rows), 2.0), np.full((columns, rows), -1.0)
     way_x_m, way_y_m = end[0] - start[0], end[1] - start[1]
-    planes = np.empty((len(body.distances_m) + _SIDES, 3))
     first_rad = start[2] if body.bend_m > 0.0 else 0.0
+    all_planes = np.empty((pieces, len(body.distances_m) + _SIDES, 3))
+    for piece in range(pieces):
+        yaw_rad = first_rad + turn_rad * (piece + 0.5) / pieces
+        half_planes(body, yaw_rad, grown_m, side_m, all_planes[piece])
     # Forth for when tiles are entered, back for when they are left: between they count as met.
     for index in range(1 if pieces == 1 else 2 * pieces):
         forth, piece = index < pieces, index if index < pieces else 2 * pieces - 1 - index
-        yaw_rad = first_rad + turn_rad * (piece + 0.5) / pieces
-        half_planes(body, yaw_rad, grown_m, side_m, planes)
+        planes = all_planes[piece]
         first, last = piece / pieces, (piece + 1) / pieces
         reaches_m = planes[0, 2], planes[1, 2], planes[2, 2], planes[3, 2]
         near = piece_box(start, end, (first, last), reaches_m, side_m)
