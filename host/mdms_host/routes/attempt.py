@@ -103,10 +103,11 @@ class Attempt:
     def run(self, order: Sequence[str], aside: Aside) -> dict[str, Route]:
         """Routes of as many as can be planned, in this order where that does.
 
-        Where nobody goes aside, the first that has no way is the end of it. None have routes where
-        one went aside for others and has no way on from there.
+        Where nobody goes aside, the first that has no way is the end of it. Where one went aside
+        for others and has no way on from there, they are those found before anybody went.
         """
         found: dict[str, Route] = {}
+        unaided: dict[str, Route] = {}
         waiting = list(order)
         while waiting:
             before = len(found)
@@ -120,12 +121,17 @@ class Attempt:
                 elif aside is Aside.EARLY:
                     self._made_way([other for other in waiting if other not in found], [name])
             waiting = [name for name in waiting if name not in found]
+            if not self._anybody_aside():
+                unaided = dict(found)
             stuck = len(found) == before
             if stuck and not self._made_way(waiting, waiting) and not self._both_aside(waiting):
                 break
         if any(self._errands[name].so_far is not None for name in waiting):
-            return {}
+            return unaided
         return found
+
+    def _anybody_aside(self) -> bool:
+        return any(errand.so_far is not None for errand in self._errands.values())
 
     def _planned(self, name: str, errand: Errand) -> Route | None:
         """The route of one parcel, which then takes its tiles; None: it stays where it stood."""

@@ -74,3 +74,15 @@ def test_two_parcels_change_places_when_both_stand_aside(planner: Planner) -> No
     plan = planner.plan(tasks)
     assert not plan.blocked
     assert all(np.allclose(plan.routes[t.parcel].poses[-1], t.goal) for t in tasks)
+
+
+def test_a_goal_that_cannot_be_reached_leaves_others_their_ways() -> None:
+    planner = Planner(Tiles(Layout(15, 3)))
+    free = task("free", (-0.75, 0.0, 0.0), (-0.7, 0.0, 0.0))
+    behind = task("behind", (-0.3, 0.0, 0.0), (0.05, 0.0, 0.0))
+    lost = task("lost", (0.1, 0.0, 0.0), (0.95, 0.0, 0.0))
+    plan = planner.plan([free, behind, lost])
+    assert set(plan.blocked) == {"behind", "lost"}
+    assert np.allclose(plan.routes["free"].poses[-1], free.goal)
+    assert [blocker.parcel for blocker in plan.blocked["behind"].by] == ["lost"]
+    assert not plan.blocked["lost"].by
