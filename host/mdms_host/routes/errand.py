@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -54,6 +55,18 @@ class Ground:
     def stand(self, shape: Shape, pose: Floats) -> Ints:
         """The tiles under a parcel at a pose, those beyond the rim left out."""
         return self.tiles.swept(shape.body, pose[None], pose[None], self.clearance_m).tile
+
+
+class Move(NamedTuple):
+    """A straight move from rest to rest, which takes so long, and the tiles that it meets.
+
+    A tile is met from one time after its begin to another [s]; all (T,).
+    """
+
+    lasts_s: float
+    tile: Ints
+    enters_s: Floats
+    leaves_s: Floats
 
 
 @dataclass(eq=False)
@@ -114,6 +127,22 @@ class Errand:
         before_s = np.zeros(0) if self.so_far is None else self.so_far.begins_s
         begins_s = np.concatenate((before_s, found.begins_s))
         return self._route(ahead, self.now_s, begins_s, gone_s)
+
+    def along(self, poses: Floats, begins_s: Floats) -> Route:
+        """The route along these poses, with moves that begin then, to the end of the errand."""
+        route = self._route(poses, self.now_s, begins_s, np.inf)
+        if not self.task.leaves:
+            return route
+        return self._route(poses, self.now_s, begins_s, route.end_s + self.task.leaves_s)
+
+    def move(self, start: Floats, end: Floats) -> Move:
+        """The straight move between two poses."""
+        body, pace = self.task.shape.body, self.ground.pace
+        way = end - start
+        met = self.ground.tiles.swept(body, start[None], end[None], self.ground.clearance_m)
+        own = np.hypot(way[:1], way[1:2]), np.abs(way[2:]) * body.bend_m
+        enters_s, leaves_s = pace.times_s(*own, met.enters), pace.times_s(*own, met.leaves)
+        return Move(float(pace.times_s(*own, np.ones(1))[0]), met.tile, enters_s, leaves_s)
 
     def _route(self, poses: Floats, now_s: float, planned_s: Floats, gone_s: float) -> Route:
         """A route along poses; its last moves begin as planned, those before them at once."""
