@@ -15,6 +15,7 @@ from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.blocked import Blocked
+from mdms_host.motion.by_cells.elsewhere import Elsewhere
 from mdms_host.motion.by_cells.followed import Followed
 from mdms_host.motion.by_cells.pages import flags_of, parcel_page, place_page
 from mdms_host.motion.by_cells.reports import Reports
@@ -102,6 +103,7 @@ class CellsProgram:
         self._stages = {name: self._stages_to(name, goal) for name, goal in goals.items()}
         self._since_s: dict[tuple[str, str], float | None] = {}
         self._blocked: dict[str, Blocked] = {}
+        self._elsewhere = {name: Elsewhere(bottom) for name, bottom in self._bottoms.items()}
         self._ending: dict[str, int] = {}
         self._lost: frozenset[int] = frozenset()
         self._poses: dict[str, Floats] = {}
@@ -173,6 +175,7 @@ class CellsProgram:
         name = parcel.name
         self._parcels[name] = parcel
         self._bottoms[name] = parcel.bottom
+        self._elsewhere[name] = Elsewhere(parcel.bottom)
         self._identities.setdefault(name, len(self._identities) + 1)
         self._sequences.setdefault(name, _FIRST)
         self._sendings[name] = _Sending()
@@ -217,6 +220,7 @@ class CellsProgram:
             if name in self._stages and name in sure:
                 self._guide(name, _felt(name, beliefs), name in asked)
             self._change_goal(name, now_s)
+            self._check_elsewhere(name, sure.get(name), now_s)
             if name in self._ending:
                 pages += self._end(name)
             elif name in sure and self._may_send(name):
@@ -250,6 +254,7 @@ class CellsProgram:
         if not self._ending[name]:
             del self._ending[name]
             self._sendings[name] = _Sending()
+            self._reports.drop(self._identities[name])
         yield End(self._identities[name], self._sequences[name])
 
     def _may_send(self, name: str) -> bool:
@@ -359,6 +364,16 @@ class CellsProgram:
         return {int(cell) + 1 for cell in np.flatnonzero(deep)} - self._lost
 
     # What is seen
+
+    def _check_elsewhere(self, name: str, belief: Belief | None, now_s: float) -> None:
+        """Have the cells drop a parcel that they have elsewhere; they get it anew where it is."""
+        theirs = self._reports.poses(self._identities[name])
+        pose = None if belief is None else belief.pose
+        if wrong := self._elsewhere[name].step(pose, theirs, now_s):
+            self._notices.append(
+                f"{_cells({*wrong})} have {name} elsewhere: its program is sent again"
+            )
+            self._ending[name] = _ENDS
 
     def _follow(
         self, name: str, belief: Belief | None, now_s: float, step_s: float

@@ -1,6 +1,7 @@
 """What the cells report of the parcels that they steer: who has which, how it is, what it lacks."""
 
 from collections.abc import Iterator
+from math import pi
 
 from mdms_host.layout import Layout
 from mdms_host.places import neighbours_of
@@ -21,6 +22,7 @@ class Reports:
         self._neighbours = {
             number: tuple(neighbours_of(layout, number)) for number in range(1, layout.cells + 1)
         }
+        self._places_m = layout.cell_positions_m.tolist()
         self._last: dict[int, tuple[float, Estimate]] = {}
 
     def take(self, cell: int, estimate: Estimate, now_s: float) -> None:
@@ -33,6 +35,14 @@ class Reports:
             cell: (time_s, estimate)
             for cell, (time_s, estimate) in self._last.items()
             if now_s - time_s <= FRESH_S
+        }
+
+    def drop(self, identity: int) -> None:
+        """What was reported of this identity counts no more: it was taken from the cells since."""
+        self._last = {
+            cell: (time_s, estimate)
+            for cell, (time_s, estimate) in self._last.items()
+            if estimate.identity != identity
         }
 
     def of(self, identity: int) -> dict[int, Estimate]:
@@ -50,6 +60,20 @@ class Reports:
             for cell, estimate in self.of(identity).items()
             if estimate.state == wire.UNDER
         }
+
+    def poses(self, identity: int) -> dict[int, tuple[float, float, float]]:
+        """Where those under a parcel that have a pose of it believe it to be [table frame]."""
+        return {
+            cell: self._pose(cell, estimate)
+            for cell, estimate in self.under(identity).items()
+            if estimate.certainty
+        }
+
+    def _pose(self, cell: int, estimate: Estimate) -> tuple[float, float, float]:
+        x_m, y_m = self._places_m[cell - 1]
+        step_m = wire.STEP_UM * 1e-6
+        turn_rad = 2 * pi / wire.TURN
+        return x_m + estimate.x * step_m, y_m + estimate.y * step_m, estimate.yaw * turn_rad
 
     def have_arrived(self, identity: int) -> bool:
         """Whether most of the cells under a parcel report that it stands at its goal.

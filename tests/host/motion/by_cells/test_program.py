@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from tests.host.motion.believing import beliefs
 
+from mdms_host.estimation.pose.confirmation import Standing
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.program import CellsProgram
@@ -24,7 +25,7 @@ HELD = 1
 
 
 class Table:
-    """A program, and cells that report what they are to."""
+    """A program, and cells that report what they are to; where the box lies they find by it."""
 
     def __init__(self, goal=GOAL, **options):
         goals = {} if goal is None else {"box": goal}
@@ -32,13 +33,14 @@ class Table:
         self.now_s = 0.0
         self.notices = []
 
-    def run(self, duration_s, poses=AT, reports=None, **believed):
-        """The pages sent meanwhile, as (time [s], page)."""
+    def run(self, duration_s, poses=AT, reports=None, elsewhere=(), **believed):
+        """The pages sent meanwhile, as (time [s], page); these cells have the box 0.1 m beside."""
         sent = []
         for _ in range(round(duration_s / STEP_S)):
             self.now_s += STEP_S
             for cell, estimate in (reports or {}).items():
-                self.program.on_estimate(cell, estimate, self.now_s)
+                pose = poses.get("box", AT["box"]) + np.array([0.1 * (cell in elsewhere), 0, 0])
+                self.program.on_estimate(cell, seen_from(cell, pose, estimate), self.now_s)
             pages = self.program.step(beliefs(poses, [BOX], **believed), self.now_s, STEP_S)
             sent += [(self.now_s, page) for page in pages]
             self.notices += self.program.take_notices()
@@ -49,6 +51,13 @@ def estimate(**fields):
     usual = {"x": 0, "y": 0, "yaw": 0, "identity": 1, "state": wire.UNDER, "wants": 0}
     usual |= {"certainty": 9, "hold": HELD, "sequence": 1, "flags": 0}
     return messages.Estimate(**usual | fields)
+
+
+def seen_from(cell, pose, estimate):
+    """The same estimate with the box at a pose."""
+    x_m, y_m = pose[:2] - LAYOUT.cell_positions_m[cell - 1]
+    steps = round(x_m / 25e-5), round(y_m / 25e-5), round(pose[2] * 2048 / np.pi)
+    return estimate._replace(x=steps[0], y=steps[1], yaw=steps[2])
 
 
 def reports(cells=range(1, 19), **fields):
@@ -129,10 +138,32 @@ def test_cells_without_a_pose_of_the_parcel_have_no_say_in_its_arrival():
 
 
 def test_cells_that_take_the_parcel_for_arrived_elsewhere_are_contradicted_once():
-    table = Table()
-    table.run(3.0, reports=reports(UNDER, flags=wire.ARRIVED))
+    table, beside = Table(), {"box": THERE["box"] - (0.03, 0.0, 0.0)}
+    table.run(3.0, poses=beside, reports=reports(flags=wire.ARRIVED))
     (notice,) = table.notices
-    assert notice.startswith("the cells report box at its goal, but it is believed 200.0 mm and")
+    assert notice.startswith("the cells report box at its goal, but it is believed 30.0 mm and")
+
+
+def test_cells_that_have_a_parcel_elsewhere_drop_it_and_get_it_where_it_is():
+    table, wrong = Table(), (9, 10)
+    table.run(0.2, reports=reports(UNDER))
+    assert not table.run(0.09, reports=reports(UNDER), elsewhere=wrong)
+    sent = [page for _, page in table.run(0.03, reports=reports(UNDER), elsewhere=wrong)]
+    assert sent == [messages.End(1, 1)] * 2
+    assert table.notices == ["cells 9, 10 have box elsewhere: its program is sent again"]
+    # They have dropped it, and some get it again before others.
+    sent = [page for _, page in table.run(0.1)]
+    assert sent[0] == messages.End(1, 1)
+    assert sent[1:4] == [page for _, page in Table().run(STEP_S)]
+    assert not table.run(1.0, reports=reports(UNDER))[4:]
+    assert len(table.notices) == 1
+
+
+def test_cells_are_not_contradicted_by_a_host_that_is_not_sure_itself():
+    table = Table()
+    table.run(0.2, reports=reports(UNDER))
+    doubtful = {"standing": Standing.DOUBTFUL}
+    assert not table.run(0.5, reports=reports(UNDER), elsewhere=UNDER, **doubtful)
 
 
 def test_box_that_is_held_is_reported_with_who_wants_whom():
