@@ -48,7 +48,9 @@ from mdms_sim.simulation import Simulation, addresses_of, open_bank
 #: Of a way in each run: at least so many legs. The host is killed from the first plan on, up to so
 #: much of the planned time [s].
 LEAST, FIRST_S, SHARE = 4, 1.2, 0.8
-WITHIN_M, WITHIN_RAD, STILL, STILL_S, STEP_S = 0.005, 2.0 * pi / 180, 2e-3, 4.0, 0.05
+WITHIN_M, WITHIN_RAD, STEP_S = 0.005, 2.0 * pi / 180, 0.05
+#: All is over when nothing has moved for so long, or for less where all are at their goals.
+STILL, STILL_S, ARRIVED_S = 2e-3, 4.0, 0.6
 SPEED_M_S, LIMIT_S = 0.4, 60.0
 
 
@@ -207,6 +209,7 @@ def alone(tasks: Sequence[Task], seed: int, gone_s: float) -> Mapping[str, str]:
         simulation = Simulation(scenario, bank, [coordinator_of(scenario)])
         simulation.bus.observe(given.watch)
         time_s = still_s = 0.0
+        ended: dict[str, str] = {}
         while time_s < LIMIT_S and still_s < STILL_S and not simulation.tipped:
             time_s += STEP_S
             simulation.run_until(time_s)
@@ -214,21 +217,22 @@ def alone(tasks: Sequence[Task], seed: int, gone_s: float) -> Mapping[str, str]:
                 return {}
             still = time_s > gone_s and abs(simulation.world.motion[1]).max() < STILL
             still_s = still_s + STEP_S if still else 0.0
-        poses = simulation.world.motion[0]
-        harmed = simulation.tipped or still_s < STILL_S
+            poses = simulation.world.motion[0]
+            ended = {
+                task.parcel: outcome(task, poses[index], index + 1, given)
+                for index, task in enumerate(tasks)
+            }
+            if still_s >= ARRIVED_S and {*ended.values()} <= {"arrived", "waiting"}:
+                break
         events = simulation.outcome().record.events
-        harmed = harmed or any(event.kind in ("touch", "tip") for event in events)
-    return {
-        task.parcel: outcome(task, poses[index], index + 1, given, harmed)
-        for index, task in enumerate(tasks)
-    }
+        touched = any(event.kind in ("touch", "tip") for event in events)
+        harmed = simulation.tipped or touched or time_s >= LIMIT_S
+    return dict.fromkeys(ended, "failed") if harmed else ended
 
 
-def outcome(task: Task, pose: Sequence[float], identity: int, given: Given, harmed: bool) -> str:
-    """What has become of one parcel."""
+def outcome(task: Task, pose: Sequence[float], identity: int, given: Given) -> str:
+    """What has become of one parcel that stands."""
     assert task.goal is not None
-    if harmed:
-        return "failed"
     if identity not in given.places:
         return "waiting"
     period_rad = task.shape.bottom.period_rad if isinstance(task.shape.bottom, Rectangle) else 1e-9

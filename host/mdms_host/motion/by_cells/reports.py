@@ -3,25 +3,34 @@
 from collections.abc import Iterator
 from math import pi
 
+import numpy as np
+
+from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_host.layout import Layout
 from mdms_host.places import neighbours_of
+from mdms_model.arrays import Floats
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours.messages import Estimate
 
 #: A cell at a parcel reports at every SYNC; what it reported so long ago [s] counts for nothing.
 FRESH_S = 0.05
+#: A parcel lies on a cell when one of its sensors is so deep under it by the host's estimate [m].
+_DEEP_M = 0.01
 
 
 class Reports:
     """The estimates that came last from the cells (numbers from 1) of a layout.
 
-    All that is returned is as of `now_s`, the time of the last call of `age`.
+    Those that are `lost` are not expected to send any. All that is returned is as of `now_s`, the
+    time of the last call of `age`.
     """
 
     def __init__(self, layout: Layout) -> None:
         self._neighbours = {
             number: tuple(neighbours_of(layout, number)) for number in range(1, layout.cells + 1)
         }
+        self.lost: frozenset[int] = frozenset()
+        self._sensors_m = layout.sensor_positions_m
         self._places_m = layout.cell_positions_m.tolist()
         self._last: dict[int, tuple[float, Estimate]] = {}
 
@@ -60,6 +69,12 @@ class Reports:
             for cell, estimate in self.of(identity).items()
             if estimate.state == wire.UNDER
         }
+
+    def expected(self, bottom: Bottom, pose: Floats) -> set[int]:
+        """The cells that a parcel lies on at a pose, so that they are to report it."""
+        away_m = bottom.distance_m(self._sensors_m.reshape(-1, 2), pose)
+        deep = (away_m.reshape(self._sensors_m.shape[:2]) < -_DEEP_M).any(axis=1)
+        return {int(cell) + 1 for cell in np.flatnonzero(deep)} - self.lost
 
     def poses(self, identity: int) -> dict[int, tuple[float, float, float]]:
         """Where those under a parcel that have a pose of it believe it to be [table frame]."""
