@@ -251,6 +251,8 @@ class Layer:
         tracking.update(step_ms, sync_ms)
         if tracking.missing_beats >= LOST_BEATS:
             tracking.drop()
+        if self._consumer.lost:
+            self._pages.programs.outdate(tracking.identity)
         program = self._pages.programs.find(tracking.identity)
         under = tracking.under
         over = tracking.identity if under or tracking.is_over() else 0

@@ -51,7 +51,7 @@ LEAST, FIRST_S, SHARE = 4, 1.2, 0.8
 WITHIN_M, WITHIN_RAD, STEP_S = 0.005, 2.0 * pi / 180, 0.05
 #: All is over when nothing has moved for so long, or for less where all are at their goals.
 STILL, STILL_S, ARRIVED_S = 2e-3, 4.0, 0.6
-SPEED_M_S, LIMIT_S = 0.4, 60.0
+SPEED_M_S, LIMIT_S = 0.4, 45.0
 
 
 @dataclass(frozen=True)
