@@ -19,7 +19,7 @@ SHORTER = (
     "parcel.1.x_m=0.11",
     "parcel.1.goal={x_m=-0.11, y_m=-0.16}",
     "motion.speed_m_s=0.3",
-    "run.duration_s=3.2",
+    "run.duration_s=3.8",
 )
 
 
