@@ -48,9 +48,11 @@ from mdms_sim.simulation import Simulation, addresses_of, open_bank
 #: Of a way in each run: at least so many legs. The host is killed from the first plan on, up to so
 #: much of the planned time [s].
 LEAST, FIRST_S, SHARE = 4, 1.2, 0.8
+#: A way of many legs has been given by then, or there is another one from where parcels are found.
+GIVEN_S = 1.5
 WITHIN_M, WITHIN_RAD, STEP_S = 0.005, 2.0 * pi / 180, 0.05
 #: All is over when nothing has moved for so long, or for less where all are at their goals.
-STILL, STILL_S, ARRIVED_S = 2e-3, 4.0, 0.6
+STILL, STILL_S, ARRIVED_S = 2e-3, 3.0, 0.6
 SPEED_M_S, LIMIT_S = 0.4, 45.0
 
 
@@ -187,8 +189,8 @@ def winding(table: CellsTable, first: int) -> Iterator[tuple[int, Sequence[Task]
 def alone(tasks: Sequence[Task], seed: int, gone_s: float) -> Mapping[str, str]:
     """What becomes of each parcel when the host is killed then.
 
-    Nothing, where none has been given a way of many legs by then: where parcels are found some mm
-    from where they lie there may be another way, or none.
+    Nothing, where none has been given a way of many legs by then: from where parcels are found,
+    some mm beside, there may be another way, or none.
     """
     scenario = load_scenario(
         "swap2",
@@ -213,7 +215,7 @@ def alone(tasks: Sequence[Task], seed: int, gone_s: float) -> Mapping[str, str]:
         while time_s < LIMIT_S and still_s < STILL_S and not simulation.tipped:
             time_s += STEP_S
             simulation.run_until(time_s)
-            if time_s > gone_s and given.most < LEAST:
+            if time_s > min(gone_s, GIVEN_S) and given.most < LEAST:
                 return {}
             still = time_s > gone_s and abs(simulation.world.motion[1]).max() < STILL
             still_s = still_s + STEP_S if still else 0.0
