@@ -34,8 +34,13 @@ class Cut(NamedTuple):
 
 
 def legs_of(route: Route) -> int:
-    """How many straight legs a route has; one on which it comes to rest meanwhile is one leg."""
-    return len(Path(route.poses, route.reach_m).pieces)
+    """How many straight legs a route has, as `Path.legs_m`; resting on its way makes none more."""
+    return _legs_of(route.poses, route.reach_m)
+
+
+def _legs_of(poses: Floats, reach_m: float) -> int:
+    path = Path(poses, reach_m)
+    return len(path.legs_m) if path.pieces else 0
 
 
 class Straightening:
@@ -57,7 +62,7 @@ class Straightening:
         least = [Cut(0, 0, ())]
         for last in range(1, len(self._route.poses)):
             ways = [
-                Cut(before.legs + 1, before.new + new, (*before.way, leg))
+                Cut(before.legs + self._count(first, leg), before.new + new, (*before.way, leg))
                 for first, before in enumerate(least)
                 for leg, new in self._legs(first, last)
             ]
@@ -65,6 +70,11 @@ class Straightening:
         way = least[-1].way
         poses = np.concatenate([self._route.poses[:1], *(leg.poses for leg in way)])
         return self._errand.along(poses, np.concatenate([leg.begins_s for leg in way]))
+
+    def _count(self, first: int, leg: Leg) -> int:
+        """How many legs that leg from a pose of the route is, which may turn by a half."""
+        start = self._route.poses[first : first + 1]
+        return _legs_of(np.concatenate((start, leg.poses)), self._route.reach_m)
 
     def _legs(self, first: int, last: int) -> list[tuple[Leg, bool]]:
         """The leg from one pose of the route to another, if there is one, and whether it is new."""
