@@ -10,7 +10,7 @@ of four legs or more when the host is killed for good, at an instant that is dra
 parcels that had a way by then, `arrived` are those within 5 mm and 2 degrees of their goals at
 rest; `blocked` ones stand though they had all of their way, `short` ones at the end of what they
 had; `failed` ones are of cases in which a parcel tipped, touched another, or still moves, and
-`waiting` ones had no way yet. `bound` is the lower end of a one-sided 95 % confidence interval of
+`waiting` ones had no way then. `bound` is the lower end of a one-sided 95 % confidence interval of
 the share that arrives (Clopper and Pearson). `MDMS_CASES` is the number of cases (default 2),
 `MDMS_SEED` the first seed (default 1).
 """
@@ -42,7 +42,7 @@ from mdms_model.scenario.file import load_scenario
 from mdms_protocol.codecs import cob
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.neighbours import frames as wire
-from mdms_protocol.neighbours.messages import Goal, decode_page
+from mdms_protocol.neighbours.messages import End, Goal, decode_page
 from mdms_sim.simulation import Simulation, addresses_of, open_bank
 
 #: Of a way in each run: at least so many legs. The host is killed from the first plan on, up to so
@@ -129,6 +129,8 @@ class Given:
     def watch(self, frame: Frame, now_ns: int) -> None:
         """Take in a frame."""
         page = decode_page(frame.data) if frame.can_id == cob.PROGRAM else None
+        if isinstance(page, End):
+            self.places.pop(page.identity, None)
         if not isinstance(page, Goal) or now_ns > self.until_s * 1e9:
             return
         leg = page.leg if page.leg < wire.JOINS else 0
