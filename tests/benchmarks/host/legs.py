@@ -8,8 +8,9 @@ with. `MDMS_INSTANCES` is the number of instances a table (default 60).
 The last row is of firmware and buses of 54 cells: instances in which a parcel has been given a way
 of four legs or more when the host is killed for good, at an instant that is drawn by seed. Of the
 parcels that had a way by then, `arrived` are those within 5 mm and 2 degrees of their goals at
-rest; `blocked` ones stand though they had all of their way, `short` ones at the end of what they
-had; `failed` ones are of cases in which a parcel tipped, touched another, or still moves, and
+rest; `beside` are those that stand within 40 mm of them, for their places were not known better;
+`blocked` ones stand elsewhere though they had all of their way, `short` ones at the end of what
+they had; `failed` ones are of cases in which a parcel tipped, touched another, or still moves, and
 `waiting` ones had no way then. `bound` is the lower end of a one-sided 95 % confidence interval of
 the share that arrives (Clopper and Pearson). `MDMS_CASES` is the number of cases (default 2),
 `MDMS_SEED` the first seed (default 1).
@@ -50,7 +51,8 @@ from mdms_sim.simulation import Simulation, addresses_of, open_bank
 LEAST, FIRST_S, SHARE = 4, 1.2, 0.8
 #: A way of many legs has been given by then, or there is another one from where parcels are found.
 GIVEN_S = 1.5
-WITHIN_M, WITHIN_RAD, STEP_S = 0.005, 2.0 * pi / 180, 0.05
+OUTCOMES = ("arrived", "beside", "blocked", "short", "failed", "waiting")
+WITHIN_M, WITHIN_RAD, BESIDE_M, STEP_S = 0.005, 2.0 * pi / 180, 0.04, 0.05
 #: All is over when nothing has moved for so long, or for less where all are at their goals.
 STILL, STILL_S, ARRIVED_S = 2e-3, 3.0, 0.6
 SPEED_M_S, LIMIT_S = 0.4, 45.0
@@ -172,7 +174,7 @@ def killed(table: CellsTable, first: int, cases: int) -> dict[str, Any]:
         "ratio": None,
         "unit": "%",
         "bound": 100 * at_least(ended["arrived"], given),
-        **{name: ended[name] for name in ("arrived", "blocked", "short", "failed", "waiting")},
+        **{name: ended[name] for name in OUTCOMES},
         "cases": run,
         "all_arrived": whole,
         "cases_bound": 100 * at_least(whole, run),
@@ -241,8 +243,11 @@ def outcome(task: Task, pose: Sequence[float], identity: int, given: Given) -> s
         return "waiting"
     period_rad = task.shape.bottom.period_rad if isinstance(task.shape.bottom, Rectangle) else 1e-9
     off_rad = abs(remainder(pose[2] - task.goal[2], period_rad))
-    if hypot(pose[0] - task.goal[0], pose[1] - task.goal[1]) < WITHIN_M and off_rad < WITHIN_RAD:
+    off_m = hypot(pose[0] - task.goal[0], pose[1] - task.goal[1])
+    if off_m < WITHIN_M and off_rad < WITHIN_RAD:
         return "arrived"
+    if off_m < BESIDE_M:
+        return "beside"
     return "blocked" if given.has_end(identity, task.goal) else "short"
 
 
