@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -55,18 +54,6 @@ class Ground:
     def stand(self, shape: Shape, pose: Floats) -> Ints:
         """The tiles under a parcel at a pose, those beyond the rim left out."""
         return self.tiles.swept(shape.body, pose[None], pose[None], self.clearance_m).tile
-
-
-class Move(NamedTuple):
-    """A straight move from rest to rest, which takes so long, and the tiles that it meets.
-
-    A tile is met from one time after its begin to another [s]; all (T,).
-    """
-
-    lasts_s: float
-    tile: Ints
-    enters_s: Floats
-    leaves_s: Floats
 
 
 @dataclass(eq=False)
@@ -134,15 +121,6 @@ class Errand:
         if not self.task.leaves:
             return route
         return self._route(poses, self.now_s, begins_s, route.end_s + self.task.leaves_s)
-
-    def move(self, start: Floats, end: Floats) -> Move:
-        """The straight move between two poses."""
-        body, pace = self.task.shape.body, self.ground.pace
-        way = end - start
-        met = self.ground.tiles.swept(body, start[None], end[None], self.ground.clearance_m)
-        own = np.hypot(way[:1], way[1:2]), np.abs(way[2:]) * body.bend_m
-        enters_s, leaves_s = pace.times_s(*own, met.enters), pace.times_s(*own, met.leaves)
-        return Move(float(pace.times_s(*own, np.ones(1))[0]), met.tile, enters_s, leaves_s)
 
     def _route(self, poses: Floats, now_s: float, planned_s: Floats, gone_s: float) -> Route:
         """A route along poses; its last moves begin as planned, those before them at once."""

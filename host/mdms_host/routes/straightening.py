@@ -18,6 +18,18 @@ from mdms_model.arrays import Bools, Floats, Ints
 _HAIR_M = 1e-6
 
 
+class Move(NamedTuple):
+    """A straight move from rest to rest, which takes so long, and the tiles that it meets.
+
+    A tile is met from one time after its begin to another [s]; all (T,).
+    """
+
+    lasts_s: float
+    tile: Ints
+    enters_s: Floats
+    leaves_s: Floats
+
+
 class Leg(NamedTuple):
     """A straight part of a way: the poses that its moves end at, (M, 3), and when they begin."""
 
@@ -31,6 +43,17 @@ class Cut(NamedTuple):
     legs: int
     new: int
     way: tuple[Leg, ...]
+
+
+def move_of(errand: Errand, start: Floats, end: Floats) -> Move:
+    """The straight move of a parcel between two poses."""
+    body, ground = errand.task.shape.body, errand.ground
+    way = end - start
+    met = ground.tiles.swept(body, start[None], end[None], ground.clearance_m)
+    own = np.hypot(way[:1], way[1:2]), np.abs(way[2:]) * body.bend_m
+    lasts_s = float(ground.pace.times_s(*own, np.ones(1))[0])
+    enters_s, leaves_s = (ground.pace.times_s(*own, each) for each in (met.enters, met.leaves))
+    return Move(lasts_s, met.tile, enters_s, leaves_s)
 
 
 def legs_of(route: Route) -> int:
@@ -91,7 +114,7 @@ class Straightening:
         """When the straight way between two poses of the route may begin; None: not at all."""
         errand, route = self._errand, self._route
         start, end = route.poses[first], route.poses[last]
-        move = errand.move(start, end)
+        move = move_of(errand, start, end)
         if self._closed[move.tile].any():
             return None
         from_s, to_s = float(route.begins_s[first]), float(route.arrives_s[last - 1])
