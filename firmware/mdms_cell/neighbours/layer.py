@@ -112,7 +112,7 @@ class Layer:
         self._heard.reset()
         self._heard.repeat_ms = self._objects.number(indices.TPDO_PARAMETERS + 1, 5)
         # A millisecond passes until the frame with the edge has come.
-        self._tracking.edge_late_ms = 1 + self._objects.number(indices.PRESENCE_DEBOUNCE)
+        self._tracking.sensing.edge_late_ms = 1 + self._objects.number(indices.PRESENCE_DEBOUNCE)
         self._tracking.drop()
         self._pages.start(node_id)
         self._leading.stop()
@@ -251,6 +251,8 @@ class Layer:
         tracking.update(step_ms, sync_ms)
         if tracking.missing_beats >= LOST_BEATS:
             tracking.drop()
+        if self._consumer.lost:
+            self._pages.programs.outdate(tracking.identity)
         program = self._pages.programs.find(tracking.identity)
         under = tracking.under
         over = tracking.identity if under or tracking.is_over() else 0

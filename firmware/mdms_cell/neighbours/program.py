@@ -20,7 +20,8 @@ class Program:
 
     Lengths in um, angles as in `angle`. `complete` is whether parcel and goal are there, `whole`
     whether the legs that follow the goal are, too. These count for the time without a host alone:
-    while there is one, it sets the next goal when that is to be gone to.
+    while there is one, it sets the next goal when that is to be gone to. `outdated` is whether a
+    goal was there, and others may be on any leg after it by now.
     """
 
     def __init__(self):
@@ -33,7 +34,7 @@ class Program:
         """Begin anew, for this identity."""
         self.identity = identity
         self.sequence = 0
-        self.has_parcel = self.has_goal = self.complete = self.whole = False
+        self.has_parcel = self.has_goal = self.complete = self.whole = self.outdated = False
         # How many legs follow the goal, and the mask of places that are there: bit 0 the goal.
         self.legs = 0
         self._held = 0
@@ -76,6 +77,7 @@ class Program:
         elif not again:
             self._held = 0
         self._put(fields, 0)
+        self.outdated = False
         self.sequence, self.legs, self._joins = sequence, legs, joins
         self._held &= (2 << legs) - 1
 
@@ -98,6 +100,16 @@ class Program:
         self._joins = True
         self._look()
         return True
+
+    def outdate(self):
+        """Have no goal until somebody hands on the one that the parcel is on its way to.
+
+        Sequence numbers come round again after three legs, so that they do not tell.
+        """
+        if self.complete:
+            self._held = 0
+            self._look()
+            self.outdated = True
 
     def _put(self, fields, leg):
         for place in range(_PLACE):
@@ -187,7 +199,16 @@ class Programs:
 
     def go_on(self):
         """Whether a parcel is on its way that goes on without the host."""
-        return any(slot.identity and slot.complete and slot.goes_on for slot in self._slots)
+        return any(
+            slot.identity and (slot.complete or slot.outdated) and slot.goes_on
+            for slot in self._slots
+        )
+
+    def outdate(self, identity):
+        """Without the host, keep no goal of any parcel but this one, where this cell is at it."""
+        for slot in self._slots:
+            if slot.identity != identity:
+                slot.outdate()
 
     def drop(self, identity):
         """Keep nothing of an identity."""
