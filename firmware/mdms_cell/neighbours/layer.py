@@ -22,7 +22,10 @@ from mdms_cell.neighbours.heard import OWN, Heard
 from mdms_cell.neighbours.leading import Leading
 from mdms_cell.neighbours.pages import Pages
 from mdms_cell.neighbours.program import next_sequence
-from mdms_cell.neighbours.right_of_way import NONE, UNDER, RightOfWay
+from mdms_cell.neighbours.right_of_way import DRIVE_BEATS, NONE, UNDER, RightOfWay
+from mdms_cell.neighbours.right_of_way import HOLD as RIGHT_HOLD
+from mdms_cell.neighbours.right_of_way import IDENTITY as RIGHT_IDENTITY
+from mdms_cell.neighbours.right_of_way import STATE as RIGHT_STATE
 from mdms_cell.neighbours.suspicion import CODE, SOURCE, Evidence, Suspicion
 from mdms_cell.neighbours.tracking import LOST_BEATS, Tracking
 from mdms_cell.ticks import IDLE_MS, after, diff
@@ -91,6 +94,7 @@ class Layer:
             pdos=pdos,
         )
         self._rights = RightOfWay()
+        self._right = self._rights.registers
         self._came_ms = 0  # the last SYNC, and the one of the last update
         self._updated_ms = 0
         self._step_ms = self._period_ms = 10
@@ -107,7 +111,8 @@ class Layer:
         # A cell that finds itself among its neighbours has been given another's place.
         self.active = self.wanted and not self._place.names(node_id)
         self._acquit()
-        self._rights = RightOfWay(lease_beats=self._objects.number(indices.LEASE, 1))
+        self._rights.set_lease(self._objects.number(indices.LEASE, 1))
+        self._rights.restart()
         self._period_ms = self._objects.number(indices.LEASE, 2)
         self._heard.reset()
         self._heard.repeat_ms = self._objects.number(indices.TPDO_PARAMETERS + 1, 5)
@@ -218,7 +223,7 @@ class Layer:
         """
         self._skipped += 1
         self._rights.on_beat(*self._situation)
-        if not self._rights.drive_beats:
+        if not self._right[DRIVE_BEATS]:
             self._lead(self._pages.programs.find(self._tracking.identity))
         self._write_estimate(diff(next_ms, self._updated_ms))
 
@@ -254,13 +259,13 @@ class Layer:
         program = self._pages.programs.find(tracking.identity)
         under = tracking.under
         over = tracking.identity if under or tracking.is_over() else 0
-        if over and rights.state != UNDER and tracking.is_of_another():
+        if over and self._right[RIGHT_STATE] != UNDER and tracking.is_of_another():
             # A parcel that stands before what nobody knows would come over it mm by mm.
             over = 0
         needs, asks = self._leading.look_ahead(tracking, program) if under else _NOBODY
         self._situation = over, needs, presence != 0
         rights.on_beat(over, needs, presence != 0)
-        self._evidence.judge(tracking, needs if rights.state == UNDER else 0)
+        self._evidence.judge(tracking, needs if self._right[RIGHT_STATE] == UNDER else 0)
         if self._suspicion.first() != self._suspect:
             self._report()
         self._lead(program)
@@ -272,11 +277,12 @@ class Layer:
     @micropython.native
     def _choose_parcel(self):
         """Be at the parcel that lies here, or else at the one that the right of way says."""
-        tracking, rights = self._tracking, self._rights
+        tracking = self._tracking
         if not tracking.under:
-            if rights.identity and rights.identity != tracking.identity:
-                tracking.adopt(rights.identity)
-            elif not rights.identity and rights.state == NONE and not tracking.belief.known:
+            identity = self._right[RIGHT_IDENTITY]
+            if identity and identity != tracking.identity:
+                tracking.adopt(identity)
+            elif not identity and self._right[RIGHT_STATE] == NONE and not tracking.belief.known:
                 tracking.drop()
         if tracking.identity and not tracking.shaped:
             program = self._pages.programs.find(tracking.identity)
@@ -286,8 +292,8 @@ class Layer:
     @micropython.native
     def _lead(self, program):
         """Lead the wheels towards the goal while all is clear; else bring them to rest."""
-        tracking, rights, leading = self._tracking, self._rights, self._leading
-        known = rights.state == UNDER and program is not None and program.complete
+        tracking, right, leading = self._tracking, self._right, self._leading
+        known = right[RIGHT_STATE] == UNDER and program is not None and program.complete
         if not known or not tracking.under or tracking.is_doubtful():
             leading.stop()
             return
@@ -296,7 +302,7 @@ class Layer:
         if alone and allowed:
             self._go_on(program)
         # As many beats as were skipped before this update may be before the next.
-        allowed = allowed and rights.drive_beats > self._skipped
+        allowed = allowed and right[DRIVE_BEATS] > self._skipped
         leading.step(tracking, program, allowed, self._step_ms)
 
     def _go_on(self, program):
@@ -362,11 +368,11 @@ class Layer:
     @micropython.native
     def _write_estimate(self, ahead_ms):
         """Write what the next SYNC is to send, so long after the one that the belief is of."""
-        fields, rights = self._fields, self._rights
+        fields, right = self._fields, self._right
         self._tracking.announce(fields, ahead_ms)
-        fields[IDENTITY] = rights.identity
-        fields[STATE] = rights.state
-        fields[HOLD] = rights.hold
-        if rights.state != UNDER:
+        fields[IDENTITY] = right[RIGHT_IDENTITY]
+        fields[STATE] = right[RIGHT_STATE]
+        fields[HOLD] = right[RIGHT_HOLD]
+        if right[RIGHT_STATE] != UNDER:
             fields[WANTS] = 0
         pack_estimate(fields, 0, self._objects.data, self._estimate_at)
