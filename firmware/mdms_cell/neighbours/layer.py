@@ -50,8 +50,6 @@ LATE_MS = 2
 _STEP_MAX_MS = 50
 _ESTIMATE_PDO = 2
 _OTHER_ACTUAL = AXIS + ACTUAL
-#: Whom a parcel needs and asks that does not lie here.
-_NOBODY = (0, 0)
 
 
 class Layer:
@@ -83,7 +81,7 @@ class Layer:
         self._suspect = -1
         self._evidence = Evidence(self._footprint, self._heard, self._suspicion)
         self._tracking = Tracking(self._place, self._footprint, self._heard, self._suspicion)
-        self._leading = Leading(self._place, self._footprint, axes)
+        self._leading = Leading(self._place, self._footprint, self._tracking, axes)
         self._pages = Pages(
             objects,
             self._place,
@@ -262,14 +260,15 @@ class Layer:
         if over and self._right[RIGHT_STATE] != UNDER and tracking.is_of_another():
             # A parcel that stands before what nobody knows would come over it mm by mm.
             over = 0
-        needs, asks = self._leading.look_ahead(tracking, program) if under else _NOBODY
+        ahead = self._leading.look_ahead(program) if under else 0
+        needs = ahead & 0xFF
         self._situation = over, needs, presence != 0
         rights.on_beat(over, needs, presence != 0)
         self._evidence.judge(tracking, needs if self._right[RIGHT_STATE] == UNDER else 0)
         if self._suspicion.first() != self._suspect:
             self._report()
         self._lead(program)
-        self._announce(program, asks)
+        self._announce(program, ahead >> 8)
         if under and program is not None and program.complete:
             self._pages.hand_on(program, sent, self._skipped)
         self._skipped = 0
@@ -298,12 +297,12 @@ class Layer:
             leading.stop()
             return
         alone = bool(self._consumer.lost)
-        allowed = leading.may_go_on(program, self._step_ms, alone=alone)
+        allowed = leading.may_go_on(program, self._step_ms, alone)
         if alone and allowed:
             self._go_on(program)
         # As many beats as were skipped before this update may be before the next.
         allowed = allowed and right[DRIVE_BEATS] > self._skipped
-        leading.step(tracking, program, allowed, self._step_ms)
+        leading.step(program, allowed, self._step_ms)
 
     def _go_on(self, program):
         """Take the next leg, without the host, at the end of this one; so do all under the parcel.

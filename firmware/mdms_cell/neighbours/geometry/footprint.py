@@ -32,7 +32,9 @@ class Footprint:
     """The points of a cell and its neighbours [steps of 16 um; from the cell's own centre].
 
     Wheels come before sensors; `x` and `y` are of POINTS points. `present` is the mask of the
-    neighbours that there are. Neighbours are cells alike, at `shift_x` and `shift_y` by direction.
+    neighbours that there are. Neighbours are cells alike, at `shift_x` and `shift_y` by direction;
+    a parcel that comes within `half` a square of their centres needs them. Squares, not points: two
+    parcels may not meet between the sensors of two cells either.
     All wheels that may be heard of are at `wheel_x` and `wheel_y`, the cell's own last; `along_x`
     and `along_y` are their directions by axis [1/512].
     """
@@ -67,7 +69,7 @@ class Footprint:
         for direction in range(DIRECTIONS):
             if place.nodes[direction]:
                 self.present |= 1 << direction
-        self._half = self._place.pitch_um // (2 * STEP_UM) + CLEARANCE
+        self.half = self._place.pitch_um // (2 * STEP_UM) + CLEARANCE
 
     def _load_wheels(self):
         wheel_x, wheel_y = self.wheel_x, self.wheel_y
@@ -94,16 +96,4 @@ class Footprint:
     def reaches(self, outline):
         """Whether the parcel lies over the cell's own square, or nearly."""
         x, y = self.shift_x, self.shift_y
-        return squares_overlapped(outline.registers, x, y, self._half, 1 << DIRECTIONS) != 0
-
-    @micropython.native
-    def mask(self, outline, mask=0):
-        """The neighbours whose squares the parcel lies over, or nearly, besides those of a mask.
-
-        Squares, not points: two parcels may not meet between the sensors of two cells either.
-        """
-        asked = self.present & ~mask
-        if not asked:
-            return mask
-        x, y = self.shift_x, self.shift_y
-        return mask | squares_overlapped(outline.registers, x, y, self._half, asked)
+        return squares_overlapped(outline.registers, x, y, self.half, 1 << DIRECTIONS) != 0
