@@ -336,13 +336,16 @@ class Cell:
         yield cob.SDO_RESPONSE_BASE + self.node_id, self._on_rival
         yield cob.HEARTBEAT_BASE + self.node_id, self._on_rival
 
+    @micropython.native
     def _on_sync(self, data):
         """SYNC from somebody else."""
-        taken = self._pdos.on_sync(data)
-        if taken:
-            self._beat.on_sync(self.now_ms)
-            self._layer.on_sync(self.now_ms, self.waited_ms)
-        return taken
+        if not self._pdos.on_sync(data):
+            return False
+        now_ms = self.now_ms
+        if self._beat.enabled:
+            self._beat.on_sync(now_ms)
+        self._layer.on_sync(now_ms, self.waited_ms)
+        return True
 
     def _on_sdo(self, data):
         """A client may change what is due, and begins to be waited for."""
@@ -432,14 +435,17 @@ class Cell:
     def _now(self):
         return self.now_ms
 
+    @micropython.native
     def _wake(self, wait_ms):
         """Have such a poll follow in so many milliseconds at the latest."""
-        if ticks.diff(self.wake_ms, self.now_ms) > wait_ms:
-            self.wake_ms = ticks.after(self.now_ms, wait_ms)
+        now_ms = self.now_ms
+        if wait_ms < (self.wake_ms - now_ms & _WRAP) < _BEFORE:
+            self.wake_ms = now_ms + wait_ms & _WRAP
 
     def _respond(self, data):
         return self._send(cob.SDO_RESPONSE_BASE + self.node_id, data)
 
+    @micropython.native
     def _send(self, can_id, data):
         sent = self._board.send(can_id, data)
         if not sent:

@@ -8,13 +8,13 @@ of its neighbours have come, and `update` runs in the background. What it decide
 
 try:
     import micropython
+    from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import micropython
+    from mdms_protocol.cpython import const, micropython
 
 from array import array
 
 from mdms_cell.canopen.objects import find
-from mdms_cell.drive.speed_loop import ACTUAL, AXIS
 from mdms_cell.neighbours.geometry import place
 from mdms_cell.neighbours.geometry.footprint import Footprint
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, Place
@@ -43,13 +43,17 @@ from mdms_protocol.neighbours.frames import (
 )
 
 #: From SYNC until speeds and estimates of all cells of a bus have come.
-UPDATE_MS = 7
+UPDATE_MS = const(7)
 #: A SYNC that has waited for longer is answered, but has no update: the one after it would be late.
-LATE_MS = 2
+LATE_MS = const(2)
 #: A step between two SYNCs is counted as no more than this.
 _STEP_MAX_MS = 50
-_ESTIMATE_PDO = 2
-_OTHER_ACTUAL = AXIS + ACTUAL
+_ESTIMATE_PDO = const(2)
+# Constants of other modules that are used in every beat; they would be looked up.
+_IDLE_MS = const(1000)
+_OWN = const(8)
+_IDENTITY = const(3)
+assert (_IDLE_MS, _OWN, _IDENTITY) == (IDLE_MS, OWN, IDENTITY)
 
 
 class Layer:
@@ -188,29 +192,30 @@ class Layer:
         """
         if not self.active:
             return
+        due = self._due
         came_ms = after(now_ms, -waited_ms)
         beat_ms = diff(came_ms, self._came_ms)
         # Or two beats meet, and what has come is of either.
-        gap = beat_ms > 2 * self._period_ms or (self._due and beat_ms < UPDATE_MS)
+        gap = beat_ms > 2 * self._period_ms or (due and beat_ms < UPDATE_MS)
         if gap:
             self._updated_ms = self._came_ms
-        elif self._due:
+        elif due:
             self._skip(came_ms)
         self._came_ms = came_ms
-        if self._fields[IDENTITY]:
+        if self._fields[_IDENTITY]:
             self._pdos.trigger(_ESTIMATE_PDO)
         if gap:
             self._rights.on_gap()
             self.nonsense += self._heard.read()
             # What has come may be of any age: it is not passed on.
             self._heard.passed_on()
-        heard, registers = self._heard, self._registers
+        heard = self._heard
         heard.begin_beat()
-        self._due = waited_ms <= LATE_MS
-        if not self._due:
+        self._due = due = waited_ms <= LATE_MS
+        if not due:
             self._skip(after(came_ms, self._period_ms))
             return
-        heard.take_speeds(registers[ACTUAL], registers[_OTHER_ACTUAL])
+        heard.take_speeds(self._registers)
         self._wake(UPDATE_MS - waited_ms)
 
     def _skip(self, next_ms):
@@ -229,17 +234,18 @@ class Layer:
     def poll(self, now_ms, presence):
         """Update when it is time; return in how many milliseconds the next update is due."""
         if not self.active:
-            return IDLE_MS
-        if presence != self._heard.presence[OWN] or not self._heard.seen[OWN]:
-            self._heard.take_presence(OWN, presence, now_ms)
+            return _IDLE_MS
+        heard = self._heard
+        if presence != heard.presence[_OWN] or not heard.seen[_OWN]:
+            heard.take_presence(_OWN, presence, now_ms)
         if not self._due:
-            return IDLE_MS
+            return _IDLE_MS
         wait_ms = UPDATE_MS - diff(now_ms, self._came_ms)
         if wait_ms > 0:
             return wait_ms
         self._due = False
         self._update(presence)
-        return IDLE_MS
+        return _IDLE_MS
 
     @micropython.native
     def _update(self, presence):

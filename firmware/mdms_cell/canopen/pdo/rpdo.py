@@ -21,6 +21,8 @@ class Rpdo(Pdo):
         super().__init__(objects, parameters, mapping, record.IN_RPDO, changed)
         self._attend = attend
         self._received_ms = None
+        #: What has come for the next SYNC.
+        self.held = None
         self.late = False
         self.short = False
         self._was_short = False
@@ -29,7 +31,7 @@ class Rpdo(Pdo):
     def load(self):
         """Take over everything from the dictionary."""
         super().load()
-        self._held = None
+        self.held = None
         self._writes = []
         layout = "<"
         for index, sub, bits in self.entries():
@@ -57,25 +59,25 @@ class Rpdo(Pdo):
             self._received_ms = self._attend()
             self.late = False
         if self.synchronous:
-            self._held = data
+            self.held = data
         else:
             self._take(data)
         return True
 
     def on_sync(self):
         """Take over what is held."""
-        held = self._held
+        held = self.held
         if held is not None:
-            self._held = None
+            self.held = None
             self._take(held)
 
     def discard(self):
         """Drop what is held."""
-        self._held = None
+        self.held = None
 
     def start(self):
         """Forget what came before 'operational'."""
-        self._held = None
+        self.held = None
         self._received_ms = None
         self.late = False
         self.short = False

@@ -61,6 +61,7 @@ class Tpdo(Pdo):
         self._refused = None
         self._syncs = 0
 
+    @micropython.native
     def on_sync(self):
         """Send, if the transmission type says so: 0 on change, n at every n-th SYNC.
 
@@ -68,11 +69,13 @@ class Tpdo(Pdo):
         is not repeated: the next comes by itself, and late ones would only fill the bus further.
         """
         data = self._data()
-        if self.type:
-            self._syncs += 1
-            if self._syncs >= self.type:
-                self._syncs = 0
+        period = self.type
+        if period:
+            syncs = self._syncs + 1
+            if syncs >= period:
+                syncs = 0
                 self._send(self.can_id, data)
+            self._syncs = syncs
             return True
         self._refused = None if data == self._sent else data
         return self.retry()
@@ -88,10 +91,12 @@ class Tpdo(Pdo):
         self._refused = None
         return True
 
+    @micropython.native
     def trigger(self):
         """Send what is mapped; return False if there was no room."""
         return self._send(self.can_id, self._data())
 
+    @micropython.native
     def poll(self, now_ms):
         """Send what has changed or has not been sent for long, but not too often.
 
