@@ -6,7 +6,7 @@ Where it does, bytecode and the machine code of any board compute the same.
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mdms_cell.neighbours import agreement, belief, twist
+from mdms_cell.neighbours import agreement, belief, sensors, twist
 from mdms_cell.neighbours.geometry import outline
 from mdms_cell.neighbours.geometry.angle import TURN_UM, root
 from mdms_cell.neighbours.geometry.outline import DISC, RECTANGLE, STEP_UM
@@ -67,7 +67,7 @@ def test_root_fits(number):
 
 def placed(shape, pose, halves):
     x, y, turn = pose
-    registers = Words([0, 0, 0, 0, shape, *halves, 0, 0, 0])
+    registers = Words([0, 0, 0, 0, shape, *halves, *[0] * 24])
     outline.place(registers, x * STEP_UM, y * STEP_UM, turn)
     return registers
 
@@ -82,13 +82,15 @@ def test_outline_fits_wherever_the_parcel_lies(shape, pose, halves):
     xs, ys = Words([NEAR, -NEAR]), Words([NEAR, NEAR])
     outline.points_within(registers, xs, ys, 2, Word(NEAR), Word(-NEAR), Word(625))
     outline.squares_overlapped(registers, xs, ys, Word(4000), Word(3))
-    outline._side(registers, Word(NEAR), Word(-NEAR))
+    outline.edge(registers, Word(NEAR), Word(-NEAR))
+    xs, ys = Words([NEAR, -NEAR, 0, 0, NEAR, 0, 0]), Words([NEAR, NEAR, 0, -NEAR, 0, 0, 0])
+    sensors._compare(registers, xs, ys, Word(NEAR), Word(-NEAR), Word(31))
 
 
 @settings(max_examples=60)
 @given(st.lists(speeds, min_size=3, max_size=8), numbers(HALF), numbers(HALF), st.data())
 def test_twist_fits_whatever_speeds_come(beats, centre_x, centre_y, data):
-    registers, centre = Words([0] * 8), Words([centre_x, centre_y])
+    registers = Words([centre_x, centre_y, *[0] * 29])
     along = st.tuples(numbers(362), numbers(362))
     along_x, along_y = (
         Words(each) for each in zip(*data.draw(st.tuples(along, along)), strict=True)
@@ -97,9 +99,9 @@ def test_twist_fits_whatever_speeds_come(beats, centre_x, centre_y, data):
     wheel_x, wheel_y = Words(data.draw(reach)), Words(data.draw(reach))
     for beat in beats:
         mask = Word(data.draw(st.integers(0, (1 << 18) - 1)))
-        args = registers, wheel_x, wheel_y, along_x, along_y, Words(beat), mask, centre
-        twist._fit(*args)
-        twist._against(*args)
+        args = registers, wheel_x, wheel_y, along_x, along_y, Words(beat), mask
+        twist.fit(*args)
+        twist.against(*args)
 
 
 @given(
@@ -109,15 +111,17 @@ def test_twist_fits_whatever_speeds_come(beats, centre_x, centre_y, data):
     turns,
 )
 def test_belief_fits_whatever_sensors_say(edges, x_um, y_um, turn):
-    registers = Words([x_um, y_um, turn, *[belief._START] * 3, 0, 0, 0, 0])
-    moving = Words([1_300_000, -1_300_000, 500_000, 0, 0, 1_300_000, -1_300_000, 500_000])
+    registers = placed(RECTANGLE, (0, 0, 0), (HALF, HALF))
+    believed = (x_um, y_um, turn, *[belief._START] * 3, *[0] * 7)
+    moving = (1_300_000, -1_300_000, 500_000, 0, 0, 1_300_000, -1_300_000, 500_000)
+    registers = Words([*registers[: belief.X], *believed, *moving])
     for x, y, exact in edges:
-        pose = registers[0] // STEP_UM, registers[1] // STEP_UM, registers[2]
-        bottom = placed(RECTANGLE, pose, (HALF, HALF))
-        off = outline._side(bottom, x, y)
-        belief._correct(registers, bottom, off, Word(belief.EDGE), exact)
-        belief._roll(registers, moving, Word(2 * 1000 // 10))
-        belief._send(registers, moving, Word(1000 // 50), Words([0] * 10), Words([0] * 3))
+        x_um, y_um, turn = registers[belief.X : belief.TURN + 1]
+        outline.place(registers, x_um, y_um, turn)
+        off = outline.edge(registers, x, y)
+        belief._correct(registers, off, Word(belief.EDGE), exact)
+        belief.roll(registers, Word(2 * 1000 // 10))
+        belief.send(registers, Word(1000 // 50), Words([0] * 10))
 
 
 @given(
@@ -129,12 +133,14 @@ def test_agreement_fits_whatever_neighbours_say(poses, certainties, certainty):
     fields = [
         (*pose, 7, 3, 0, sure, 5, 1, 0) for pose, sure in zip(poses, certainties, strict=True)
     ]
-    table, sums = Words([0] * 40), Words([0] * 5)
+    peers = Words([0] * (agreement._ROWS + 40))
     shifts = Words([127_000, -127_000] * 8)
     estimates = Words([each for row in fields for each in row])
-    assert agreement._gather(estimates, shifts, Word(255), table) == len(poses)
-    near = agreement._near(table, 8, table, 0)
-    agreement._sum_up(table, Word(near), bytes(9), table, certainty, sums)
-    if sums[0]:
-        registers = Words([*table[:3], *[belief._MOST] * 3, 0, 0, 0, 0])
-        belief._agree(registers, sums, Word(agreement._OWN_WEIGHT))
+    sent = [each * number for each, number in zip(poses[0], (250, 250, 196), strict=True)]
+    registers = placed(RECTANGLE, (0, 0, 0), (HALF, HALF))
+    believed = (*sent, *[belief._MOST] * 3, 0, 0, 0, 0, *sent)
+    registers = Words([*registers[: belief.X], *believed, *[0] * 8])
+    agreement.gather(estimates, shifts, Word(255), peers, registers)
+    assert peers[agreement._PEERS] == len(poses)
+    if agreement.sum_up(peers, bytes(9), registers, certainty):
+        belief.agree(registers, peers, Word(agreement.OWN_WEIGHT))
