@@ -10,24 +10,13 @@ except ImportError:
 
 from array import array
 
+from mdms_cell.neighbours import belief, steering, twist
+from mdms_cell.neighbours.geometry import outline
 from mdms_cell.neighbours.geometry.angle import ARM_UM, wrapped
 from mdms_cell.neighbours.geometry.outline import STEP_UM, place, squares_overlapped
 from mdms_cell.neighbours.geometry.place import AXES
 from mdms_cell.neighbours.program import GOAL
-from mdms_cell.neighbours.steering import (
-    ARRIVED,
-    LEFT,
-    REGISTERS,
-    SETTLED_MS,
-    TURN,
-    VX,
-    VY,
-    WISH,
-    approach,
-    find_wish,
-    has_arrived,
-    length,
-)
+from mdms_cell.neighbours.steering import approach, find_wish, has_arrived, length
 from mdms_cell.neighbours.twist import OFF, WHEELS
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.words import WIDEN
@@ -45,25 +34,28 @@ _JOIN_OFF_UM_S = const(25_000)
 _ARM = const(8000)
 assert _ARM * STEP_UM == ARM_UM
 
-# Shared constants, which would be looked up
+# Shared constants, which would be looked up: of a program, ...
 _GOAL = const(9)
 _ACCELERATION = const(6)
 _ACCELERATION_MM_S2 = const(10)
 assert (_GOAL, _ACCELERATION) == (GOAL, wire.ACCELERATION)
 assert _ACCELERATION_MM_S2 == wire.ACCELERATION_MM_S2
-_VX = const(0)
-_VY = const(1)
-_TURN = const(2)
-assert (_VX, _VY, _TURN) == (VX, VY, TURN)
-_ARRIVED = const(9)
+# ... where three numbers begin in the registers of a parcel ...
+_CENTRE = const(0)
+_BELIEF = const(10)
+_TWIST = const(23)
+assert (_CENTRE, _BELIEF, _TWIST) == (outline.X, belief.X, twist.VX)
+# ... and in those of a steering.
+_COMMANDED = const(0)
 _WISH = const(3)
-assert (_ARRIVED, _WISH) == (ARRIVED, WISH)
+_ARRIVED = const(9)
+assert (_COMMANDED, _WISH, _ARRIVED) == (steering.VX, steering.WISH, steering.ARRIVED)
 
 # Registers of a cell's wheels, after those of its steering
 _DRIVING = const(14)  # 1 while the wheels are on
 _HELD_BEATS = const(15)  # for so long they have held, up to _HOLD_BEATS
 _REGISTERS = const(16)
-assert _DRIVING == REGISTERS
+assert _DRIVING == steering.REGISTERS
 
 
 class Leading:
@@ -76,8 +68,7 @@ class Leading:
         self._place = place
         self._footprint = footprint
         self._outline = tracking.outline
-        self._pose = tracking.belief.registers
-        self._twist = tracking.twist.registers
+        self._parcel = tracking.outline.registers
         self._axes = axes
         self.registers = array("i", [0] * _REGISTERS)
         self._targets_um_s = array("i", [0] * AXES)
@@ -118,15 +109,14 @@ class Leading:
         """Masks of the neighbours that the parcel covers or will before it can stand and, from bit
         8 on, of those that it will cover soon.
         """
-        footprint, outline = self._footprint, self._outline.registers
+        footprint, parcel = self._footprint, self._parcel
         xs, ys = footprint.shift_x, footprint.shift_y
         if program is None or not program.complete:
-            here = squares_overlapped(outline, xs, ys, footprint.half, footprint.present)
+            here = squares_overlapped(parcel, xs, ys, footprint.half, footprint.present)
             return here | here << 8
         return _look_ahead(
-            outline,
-            self._pose,
-            self._twist,
+            parcel,
+            parcel,
             self.registers,
             program.fields,
             xs,
@@ -157,11 +147,11 @@ class Leading:
     @micropython.native
     def step(self, program, may_go, step_ms):
         """Lead the wheels for a beat; without `may_go` bring the parcel to rest, and switch off."""
-        registers, here, outline = self.registers, self._place, self._outline
-        fields, reach_um = program.fields, outline.reach_um
+        registers, parcel, here = self.registers, self._parcel, self._place
+        fields, reach_um = program.fields, self._outline.reach_um
         if not registers[_DRIVING]:
             self._join(may_go)
-        find_wish(registers, fields, _GOAL, self._pose, here.x_um, here.y_um, reach_um)
+        find_wish(registers, fields, _GOAL, parcel, here.x_um, here.y_um, reach_um)
         stands = approach(registers, fields, reach_um, may_go, step_ms)
         # A cell that the parcel comes to when the host is gone counts from there.
         if self._alone_ms and not self._planned_ms:
@@ -172,15 +162,14 @@ class Leading:
         else:
             registers[_HELD_BEATS] = 0
         if not registers[_DRIVING]:
-            shown = self._twist
-            if shown[WHEELS] < _JOIN_WHEELS or shown[OFF] >= _JOIN_OFF_UM_S:
+            if parcel[WHEELS] < _JOIN_WHEELS or parcel[OFF] >= _JOIN_OFF_UM_S:
                 # Off it rolls along; with a speed of its own it would turn the parcel.
                 return
             registers[_DRIVING] = 1
         footprint, targets_um_s = self._footprint, self._targets_um_s
         _aim(
             registers,
-            outline.registers,
+            parcel,
             footprint.along_x,
             footprint.along_y,
             footprint.x,
@@ -193,8 +182,8 @@ class Leading:
         """Begin with the twist that the parcel has; a wheel without anywhere to go stays off."""
         registers = self.registers
         going = may_go and not registers[_ARRIVED]
-        for axis in (VX, VY, TURN):
-            registers[axis] = self._twist[axis] if going else 0
+        for axis in range(3):
+            registers[_COMMANDED + axis] = self._parcel[_TWIST + axis] if going else 0
 
     def _has_held(self):
         """The wheels hold the parcel, which stands; returns whether for long, and they are off."""
@@ -213,7 +202,7 @@ class Leading:
         speed_mm_s = max(fields[wire.SPEED] * wire.SPEED_MM_S, 1)
         acceleration_mm_s2 = fields[_ACCELERATION] * _ACCELERATION_MM_S2
         ramps_ms = 2 * speed_mm_s * 1000 // max(acceleration_mm_s2, 1)
-        x_um, y_um, turn = self.registers[LEFT : LEFT + 3]
+        x_um, y_um, turn = self.registers[steering.LEFT : steering.LEFT + 3]
         way_um = length(x_um, y_um, turn * reach_um // ARM_UM)
         self._planned_ms = way_um // speed_mm_s + ramps_ms
         for leg in range(program.known_legs()):
@@ -221,40 +210,42 @@ class Leading:
             to_x_um, to_y_um, to_turn = program.place(leg + 1)
             turning_um = wrapped(to_turn - turn) * reach_um // ARM_UM
             way_um = length(to_x_um - x_um, to_y_um - y_um, turning_um)
-            self._planned_ms += way_um // speed_mm_s + ramps_ms + SETTLED_MS
+            self._planned_ms += way_um // speed_mm_s + ramps_ms + steering.SETTLED_MS
 
 
 @micropython.viper
 def _look_ahead(  # noqa: PLR0917 - viper takes words
-    outline,
-    pose: ptr32,
-    twist: ptr32,
-    steering: ptr32,
+    bottom,
+    parcel: ptr32,
+    registers: ptr32,
     fields: ptr32,
     xs,
     ys,
     half: int,
     asked: int,
 ) -> int:
-    """See `Leading.look_ahead`; of the cells in the mask `asked`."""
+    """See `Leading.look_ahead`; of the cells in the mask `asked`.
+
+    `bottom` is the parcel's registers too, to be passed on.
+    """
     widen = int(WIDEN)
-    x = pose[_VX] << widen >> widen
-    y = pose[_VY] << widen >> widen
-    around = pose[_TURN] << widen >> widen
+    x = parcel[_BELIEF] << widen >> widen
+    y = parcel[_BELIEF + 1] << widen >> widen
+    around = parcel[_BELIEF + 2] << widen >> widen
     twice_mm_s2 = 2 * _ACCELERATION_MM_S2 * fields[_ACCELERATION]
     twice_mm_s2 = twice_mm_s2 if twice_mm_s2 else 2
-    covered = int(squares_overlapped(outline, xs, ys, half, asked))
+    covered = int(squares_overlapped(bottom, xs, ys, half, asked))
     needs = covered
     for ahead in range(2):
-        vx = twist[_VX] << widen >> widen
-        vy = twist[_VY] << widen >> widen
-        turn = twist[_TURN] << widen >> widen
+        vx = parcel[_TWIST] << widen >> widen
+        vy = parcel[_TWIST + 1] << widen >> widen
+        turn = parcel[_TWIST + 2] << widen >> widen
         time_ms = _REACTION_MS
         if ahead:
             needs = covered
-            vx = steering[_WISH] << widen >> widen
-            vy = steering[_WISH + 1] << widen >> widen
-            turn = steering[_WISH + 2] << widen >> widen
+            vx = registers[_WISH] << widen >> widen
+            vy = registers[_WISH + 1] << widen >> widen
+            turn = registers[_WISH + 2] << widen >> widen
             time_ms = _ASK_MS
         rest = asked ^ covered
         if rest and (ahead == 0 or vx or vy or turn):
@@ -264,16 +255,16 @@ def _look_ahead(  # noqa: PLR0917 - viper takes words
             ahead_x = x + vx // 1000 * time_ms + vx % 1000 * time_ms // 1000
             ahead_y = y + vy // 1000 * time_ms + vy % 1000 * time_ms // 1000
             ahead_turn = around + turn // 1000 * time_ms + turn % 1000 * time_ms // 1000
-            place(outline, ahead_x, ahead_y, ahead_turn)
-            covered |= int(squares_overlapped(outline, xs, ys, half, rest))
-    place(outline, x, y, around)
+            place(bottom, ahead_x, ahead_y, ahead_turn)
+            covered |= int(squares_overlapped(bottom, xs, ys, half, rest))
+    place(bottom, x, y, around)
     return needs | covered << 8
 
 
 @micropython.viper
 def _aim(  # noqa: PLR0917 - viper takes words
-    steering: ptr32,
-    centre: ptr32,
+    registers: ptr32,
+    parcel: ptr32,
     along_xs: ptr32,
     along_ys: ptr32,
     xs: ptr32,
@@ -282,11 +273,11 @@ def _aim(  # noqa: PLR0917 - viper takes words
 ):
     """Find the speeds of wheels that move with the parcel as commanded [um/s]."""
     widen = int(WIDEN)
-    vx = steering[_VX] << widen >> widen
-    vy = steering[_VY] << widen >> widen
-    turn = steering[_TURN] << widen >> widen
-    centre_x = centre[0] << widen >> widen
-    centre_y = centre[1] << widen >> widen
+    vx = registers[_COMMANDED] << widen >> widen
+    vy = registers[_COMMANDED + 1] << widen >> widen
+    turn = registers[_COMMANDED + 2] << widen >> widen
+    centre_x = parcel[_CENTRE] << widen >> widen
+    centre_y = parcel[_CENTRE + 1] << widen >> widen
     for axis in range(2):
         along_x = along_xs[axis] << widen >> widen
         along_y = along_ys[axis] << widen >> widen

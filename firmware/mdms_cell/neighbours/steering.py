@@ -8,6 +8,7 @@ try:
 except ImportError:
     from mdms_protocol.cpython import const, micropython, ptr32
 
+from mdms_cell.neighbours import belief
 from mdms_cell.neighbours.geometry.angle import ARM_UM, ROOT_MAX, TURN_UM, root
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.words import WIDEN
@@ -39,6 +40,10 @@ _FAR = const(1 << 19)
 _LONG = const(3_000_000)
 
 # Shared constants, which would be looked up
+_BELIEF_X = const(10)
+_BELIEF_Y = const(11)
+_BELIEF_TURN = const(12)
+assert (_BELIEF_X, _BELIEF_Y, _BELIEF_TURN) == (belief.X, belief.Y, belief.TURN)
 _ARM_UM = const(128_000)
 _TURN_UM = const(804_248)
 assert (_ARM_UM, _TURN_UM) == (ARM_UM, TURN_UM)
@@ -58,19 +63,23 @@ assert (_FLAGS, _ANY_YAW) == (wire.PROGRAM_FLAGS, wire.ANY_YAW)
 
 @micropython.viper
 def find_wish(  # noqa: PLR0915, PLR0917 - viper takes words
-    registers: ptr32, fields: ptr32, goal: int, pose: ptr32, x_um: int, y_um: int, reach_um: int
+    registers: ptr32, fields: ptr32, goal: int, parcel: ptr32, x_um: int, y_um: int, reach_um: int
 ):
     """Find what is left to go, whether the parcel has arrived, and the twist that takes it there.
 
-    The goal begins there in the fields of a program. The pose is from the cell's own centre, which
-    is at `x_um` and `y_um`; `reach_um` is how far the parcel's corners are from its centre.
+    The goal begins there in the fields of a program. The parcel's pose is from the cell's own
+    centre, which is at `x_um` and `y_um`; its corners are `reach_um` from its own.
     """
     widen = int(WIDEN)
-    x = (fields[goal] << widen >> widen) * _STEP_UM - x_um - (pose[VX] << widen >> widen)
-    y = (fields[goal + 1] << widen >> widen) * _STEP_UM - y_um - (pose[VY] << widen >> widen)
+    x = (fields[goal] << widen >> widen) * _STEP_UM - x_um - (parcel[_BELIEF_X] << widen >> widen)
+    y = (
+        (fields[goal + 1] << widen >> widen) * _STEP_UM
+        - y_um
+        - (parcel[_BELIEF_Y] << widen >> widen)
+    )
     # As `program.turn_um`, within half a turn.
     turn = (fields[goal + 2] << widen >> widen) * (_TURN_UM // 8) // (_TURN // 8)
-    turn += _TURN_UM // 2 - (pose[TURN] << widen >> widen)
+    turn += _TURN_UM // 2 - (parcel[_BELIEF_TURN] << widen >> widen)
     turn = turn % _TURN_UM - _TURN_UM // 2
     registers[LEFT] = x
     registers[LEFT + 1] = y

@@ -14,7 +14,7 @@ except ImportError:
 
 from mdms_cell.neighbours.geometry.outline import STEP_UM
 from mdms_cell.neighbours.geometry.place import AXES, DIRECTIONS
-from mdms_cell.neighbours.twist import SLIPS
+from mdms_cell.neighbours.twist import SLIPS, against
 from mdms_cell.neighbours.twist import WHEELS as TWIST_WHEELS
 
 # What a neighbour is suspected of; in an emergency, bits
@@ -54,13 +54,16 @@ MISLEADING = 1 << POSE | 1 << PRESENCE
 class Suspicion:
     """Verdicts on the eight neighbours and, in the place of a ninth, on the cell's own sensors.
 
-    `out[d]` has a bit for each kind that is left out of direction d.
+    `out[d]` has a bit for each kind that is left out of direction d. `cases` is the mask of those
+    kinds of which somebody is suspected, or evidence is counted: of the others evidence counts that
+    contradicts, and no other.
     """
 
     def __init__(self):
         self.out = bytearray(_CELLS)
         # For each kind the evidence against the cells.
         self._against = bytearray(KINDS * _CELLS)
+        self.cases = 0
 
     def reset(self):
         """Nobody is suspected."""
@@ -68,20 +71,19 @@ class Suspicion:
             self.out[cell] = 0
         for place in range(KINDS * _CELLS):
             self._against[place] = 0
+        self.cases = 0
 
     @micropython.native
     def has(self, direction, kind):
         """Whether this is left out of that direction."""
         return self.out[direction] >> kind & 1
 
-    def is_quiet(self, kind):
-        """Whether nobody is suspected, and no evidence of this kind is against anybody."""
-        return _is_quiet(self.out, self._against, kind)
-
     @micropython.native
     def judge(self, direction, kind, contradicts):
         """The evidence of one beat; it contradicts (1, True), or not."""
-        _judge(self.out, self._against, direction, kind, contradicts)
+        cases = self.cases
+        if contradicts or cases >> kind & 1:
+            self.cases = _judge(self.out, self._against, direction, kind, contradicts, cases)
 
     def misleads(self, direction):
         """Whether a pose is left out: it is wrong, or made by sensors that are."""
@@ -106,16 +108,13 @@ class Suspicion:
 
 
 @micropython.viper
-def _is_quiet(out: ptr8, against: ptr8, kind: int) -> bool:
-    any_bits = 0
-    for cell in range(_CELLS):
-        any_bits |= out[cell] | against[_CELLS * kind + cell]
-    return any_bits == 0
+def _judge(  # noqa: PLR0917 - viper takes words
+    out: ptr8, against: ptr8, cell: int, kind: int, contradicts: int, cases: int
+) -> int:
+    """Count the evidence against a verdict, which turns after so many times.
 
-
-@micropython.viper
-def _judge(out: ptr8, against: ptr8, cell: int, kind: int, contradicts: int):
-    """Count the evidence against a verdict, which turns after so many times."""
+    Returns the mask of the kinds of which there are cases now.
+    """
     times = POSE_BEATS if kind == POSE else _TIMES
     place = _CELLS * kind + cell
     count = against[place] + 1
@@ -125,6 +124,11 @@ def _judge(out: ptr8, against: ptr8, cell: int, kind: int, contradicts: int):
         count = 0
         out[cell] ^= 1 << kind
     against[place] = count
+    left = 0
+    for each in range(_CELLS):
+        left |= out[each] >> kind & 1 | against[_CELLS * kind + each]
+    others = cases & ~(1 << kind)
+    return others | 1 << kind if left else others
 
 
 @micropython.viper
@@ -181,6 +185,15 @@ class Evidence:
         inside = self._footprint.within(outline, direction, -_INSIDE, AXES)
         if inside:
             mask = inside << AXES * direction
-            shown = twist.against(outline.registers, self._footprint, self._heard.speeds, mask)
+            footprint = self._footprint
+            shown = against(
+                outline.registers,
+                footprint.wheel_x,
+                footprint.wheel_y,
+                footprint.along_x,
+                footprint.along_y,
+                self._heard.speeds,
+                mask,
+            )
             if shown:
                 self._suspicion.judge(direction, WHEELS, shown & SLIPS != 0)

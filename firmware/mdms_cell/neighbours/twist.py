@@ -8,8 +8,6 @@ try:
 except ImportError:
     from mdms_protocol.cpython import const, micropython, ptr32
 
-from array import array
-
 from mdms_cell.neighbours.geometry.angle import ARM_UM
 from mdms_cell.neighbours.geometry.outline import STEP_UM, X, Y
 from mdms_protocol.words import WIDEN
@@ -37,25 +35,28 @@ _WILD_UM_S = const(100_000_000)
 TURNS = const(1)
 SLIPS = const(2)
 
-# Registers of a twist
-VX = const(0)  # speeds [um/s], the last one that of a point at the arm of `angle`
-VY = const(1)
-TURN = const(2)
-WHEELS = const(3)  # how many wheels showed it at last
-OFF = const(4)  # how far these were off the twist before, on the average [um/s]
-BEFORE = const(5)  # the three speeds before
-_REGISTERS = const(8)
+# Registers of a twist, behind those of the parcel's outline and belief
+VX = const(23)  # speeds [um/s], the last one that of a point at the arm of `angle`
+VY = const(24)
+TURN = const(25)
+WHEELS = const(26)  # how many wheels showed it at last
+OFF = const(27)  # how far these were off the twist before, on the average [um/s]
+BEFORE = const(28)  # the three speeds before
+_END = const(31)
 
 
 class TwistFit:
-    """The rigid twist that most wheels agree on, followed from beat to beat, in its `registers`."""
+    """The rigid twist that most wheels agree on, followed from beat to beat, in its `registers`.
 
-    def __init__(self):
-        self.registers = array("i", [0] * _REGISTERS)
+    These are those of the parcel's outline.
+    """
+
+    def __init__(self, registers):
+        self.registers = registers
 
     def reset(self):
         """At rest."""
-        for number in range(_REGISTERS):
+        for number in range(VX, _END):
             self.registers[number] = 0
 
     @micropython.native
@@ -69,44 +70,9 @@ class TwistFit:
         vx, vy, turn = self.speeds()
         return abs(vx) + abs(vy) + abs(turn)
 
-    @micropython.native
-    def against(self, outline, footprint, speeds, mask):
-        """What those wheels of a mask show that lie under the parcel: TURNS, SLIPS, or both.
-
-        See `fit`.
-        """
-        return _against(
-            self.registers,
-            footprint.wheel_x,
-            footprint.wheel_y,
-            footprint.along_x,
-            footprint.along_y,
-            speeds,
-            mask,
-            outline,
-        )
-
-    @micropython.native
-    def fit(self, outline, footprint, speeds, mask):
-        """Move the twist towards what those wheels of a mask say that lie under the parcel.
-
-        `outline` is the registers of one, and speeds are in um/s. A direction that no wheel shows
-        stays as it was.
-        """
-        _fit(
-            self.registers,
-            footprint.wheel_x,
-            footprint.wheel_y,
-            footprint.along_x,
-            footprint.along_y,
-            speeds,
-            mask,
-            outline,
-        )
-
 
 @micropython.viper
-def _fit(  # noqa: PLR0915, PLR0917 - viper takes words
+def fit(  # noqa: PLR0915, PLR0917 - viper takes words
     twist: ptr32,
     wheel_x: ptr32,
     wheel_y: ptr32,
@@ -114,17 +80,21 @@ def _fit(  # noqa: PLR0915, PLR0917 - viper takes words
     along_ys: ptr32,
     speeds: ptr32,
     mask: int,
-    outline: ptr32,
 ):
+    """Move the twist towards what the wheels of a mask show, which lie under the parcel.
+
+    Wheels and their directions are those of a `Footprint`, and speeds are in um/s. A direction that
+    no wheel shows stays as it was.
+    """
     widen = int(WIDEN)
     vx = twist[VX] << widen >> widen
     vy = twist[VY] << widen >> widen
     turn = twist[TURN] << widen >> widen
-    twist[BEFORE + VX] = vx
-    twist[BEFORE + VY] = vy
-    twist[BEFORE + TURN] = turn
-    centre_x = outline[int(X)] << widen >> widen
-    centre_y = outline[int(Y)] << widen >> widen
+    twist[BEFORE] = vx
+    twist[BEFORE + 1] = vy
+    twist[BEFORE + 2] = turn
+    centre_x = twist[int(X)] << widen >> widen
+    centre_y = twist[int(Y)] << widen >> widen
     slip = twist[OFF] * 3 // 2
     slip = slip if slip > _SLIPPING_UM_S else _SLIPPING_UM_S
     # Sums of the normal equations: of products of directions, and of directions with errors.
@@ -188,7 +158,7 @@ def _fit(  # noqa: PLR0915, PLR0917 - viper takes words
 
 
 @micropython.viper
-def _against(  # noqa: PLR0917 - viper takes words
+def against(  # noqa: PLR0917 - viper takes words
     twist: ptr32,
     wheel_x: ptr32,
     wheel_y: ptr32,
@@ -196,14 +166,14 @@ def _against(  # noqa: PLR0917 - viper takes words
     along_ys: ptr32,
     speeds: ptr32,
     mask: int,
-    outline: ptr32,
 ) -> int:
+    """What those wheels of a mask show: TURNS, SLIPS, or both; see `fit`."""
     widen = int(WIDEN)
     vx = twist[VX] << widen >> widen
     vy = twist[VY] << widen >> widen
     turn = twist[TURN] << widen >> widen
-    centre_x = outline[int(X)] << widen >> widen
-    centre_y = outline[int(Y)] << widen >> widen
+    centre_x = twist[int(X)] << widen >> widen
+    centre_y = twist[int(Y)] << widen >> widen
     shown = 0
     wheel = 0
     while mask >> wheel:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from mdms_cell.neighbours import steering
 from mdms_cell.neighbours.geometry.angle import ROOT_MAX, root
+from mdms_cell.neighbours.geometry.outline import Outline
 from mdms_cell.neighbours.program import GOAL
 from mdms_cell.neighbours.steering import REGISTERS, VX, VY, approach, find_wish, length
 from mdms_protocol.neighbours import frames as wire
@@ -29,9 +30,9 @@ def steered(x, y, beats):
     fields = array("i", [0] * (GOAL + 3))
     fields[wire.ACCELERATION] = fields[wire.SPEED] = 255
     fields[GOAL], fields[GOAL + 1] = x, y
-    registers, pose = array("i", [0] * REGISTERS), array("i", [0, 0, 0])
+    registers, parcel = array("i", [0] * REGISTERS), Outline().registers
     for _ in range(beats):
-        find_wish(registers, fields, GOAL, pose, 0, 0, REACH_UM)
+        find_wish(registers, fields, GOAL, parcel, 0, 0, REACH_UM)
         approach(registers, fields, REACH_UM, 1, STEP_MS)
     return registers
 
