@@ -10,11 +10,12 @@ try:
     import micropython
     from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import const, micropython
+    from mdms_protocol.cpython import const, micropython, ptr32
 
 from array import array
 
 from mdms_cell.canopen.objects import find
+from mdms_cell.neighbours import right_of_way, steering
 from mdms_cell.neighbours.geometry import place
 from mdms_cell.neighbours.geometry.footprint import Footprint
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, Place
@@ -22,38 +23,49 @@ from mdms_cell.neighbours.heard import OWN, Heard
 from mdms_cell.neighbours.leading import Leading
 from mdms_cell.neighbours.pages import Pages
 from mdms_cell.neighbours.program import next_sequence
-from mdms_cell.neighbours.right_of_way import DRIVE_BEATS, NONE, UNDER, RightOfWay
-from mdms_cell.neighbours.right_of_way import HOLD as RIGHT_HOLD
-from mdms_cell.neighbours.right_of_way import IDENTITY as RIGHT_IDENTITY
-from mdms_cell.neighbours.right_of_way import STATE as RIGHT_STATE
+from mdms_cell.neighbours.right_of_way import NONE, UNDER, RightOfWay
 from mdms_cell.neighbours.suspicion import CODE, SOURCE, Evidence, Suspicion
 from mdms_cell.neighbours.tracking import LOST_BEATS, Tracking
 from mdms_cell.ticks import IDLE_MS, after, diff
 from mdms_protocol import indices
 from mdms_protocol.neighbours import frames as wire
-from mdms_protocol.neighbours.frames import (
-    FLAGS,
-    HOLD,
-    IDENTITY,
-    LACKING,
-    SEQUENCE,
-    STATE,
-    WANTS,
-    pack_estimate,
-)
+from mdms_protocol.neighbours.frames import pack_estimate
 
 #: From SYNC until speeds and estimates of all cells of a bus have come.
 UPDATE_MS = const(7)
 #: A SYNC that has waited for longer is answered, but has no update: the one after it would be late.
 LATE_MS = const(2)
 #: A step between two SYNCs is counted as no more than this.
-_STEP_MAX_MS = 50
+_STEP_MAX_MS = const(50)
 _ESTIMATE_PDO = const(2)
 # Constants of other modules that are used in every beat; they would be looked up.
 _IDLE_MS = const(1000)
 _OWN = const(8)
+_LOST_BEATS = const(100)
+_UNDER = const(3)
+assert (_IDLE_MS, _OWN, _LOST_BEATS, _UNDER) == (IDLE_MS, OWN, LOST_BEATS, UNDER)
+# Fields of an estimate, ...
 _IDENTITY = const(3)
-assert (_IDLE_MS, _OWN, _IDENTITY) == (IDLE_MS, OWN, IDENTITY)
+_STATE = const(4)
+_WANTS = const(5)
+_HOLD = const(7)
+_SEQUENCE = const(8)
+_FLAGS = const(9)
+assert (_IDENTITY, _STATE, _WANTS) == (wire.IDENTITY, wire.STATE, wire.WANTS)
+assert (_HOLD, _SEQUENCE, _FLAGS) == (wire.HOLD, wire.SEQUENCE, wire.FLAGS)
+_ARRIVED = const(1)
+_LACKING = const(2)
+_CONTRADICTED = const(4)
+assert (_ARRIVED, _LACKING, _CONTRADICTED) == (wire.ARRIVED, wire.LACKING, wire.CONTRADICTED)
+# ... and registers of a right of way and of a steering.
+_RIGHT_IDENTITY = const(0)
+_RIGHT_STATE = const(1)
+_RIGHT_HOLD = const(2)
+_DRIVE_BEATS = const(3)
+_STEERING_ARRIVED = const(9)
+assert _STEERING_ARRIVED == steering.ARRIVED
+assert (_RIGHT_IDENTITY, _RIGHT_STATE) == (right_of_way.IDENTITY, right_of_way.STATE)
+assert (_RIGHT_HOLD, _DRIVE_BEATS) == (right_of_way.HOLD, right_of_way.DRIVE_BEATS)
 
 
 class Layer:
@@ -226,8 +238,8 @@ class Layer:
         """
         self._skipped += 1
         self._rights.on_beat(*self._situation)
-        if not self._right[DRIVE_BEATS]:
-            self._lead(self._pages.programs.find(self._tracking.identity))
+        if not self._right[_DRIVE_BEATS]:
+            self._lead(self._pages.programs.complete(self._tracking.identity))
         self._write_estimate(diff(next_ms, self._updated_ms))
 
     @micropython.native
@@ -253,42 +265,41 @@ class Layer:
         step_ms = self._step_ms = max(min(diff(sync_ms, self._updated_ms), _STEP_MAX_MS), 1)
         self._updated_ms = sync_ms
         heard, rights, tracking = self._heard, self._rights, self._tracking
-        self.nonsense += heard.read()
-        rights.on_estimates(heard.estimates, heard.fresh)
-        sent = heard.passed_on()
-        self._choose_parcel()
+        wrong = heard.read()
+        if wrong:
+            self.nonsense += wrong
+        sent = rights.on_estimates(heard.estimates, heard.fresh)
+        if not tracking.under:
+            self._choose_parcel()
         tracking.update(step_ms, sync_ms)
-        if tracking.missing_beats >= LOST_BEATS:
+        if tracking.missing_beats >= _LOST_BEATS:
             tracking.drop()
-        program = self._pages.programs.find(tracking.identity)
-        under = tracking.under
-        over = tracking.identity if under or tracking.is_over() else 0
-        if over and self._right[RIGHT_STATE] != UNDER and tracking.is_of_another():
-            # A parcel that stands before what nobody knows would come over it mm by mm.
-            over = 0
+        identity, under, right = tracking.identity, tracking.under, self._right
+        program = self._pages.programs.complete(identity)
         ahead = self._leading.look_ahead(program) if under else 0
         needs = ahead & 0xFF
+        over = identity if under or (identity and tracking.is_over()) else 0
+        if over and right[_RIGHT_STATE] != _UNDER and tracking.is_of_another():
+            # A parcel that stands before what nobody knows would come over it mm by mm.
+            over = 0
         self._situation = over, needs, presence != 0
         rights.on_beat(over, needs, presence != 0)
-        self._evidence.judge(tracking, needs if self._right[RIGHT_STATE] == UNDER else 0)
-        if self._suspicion.first() != self._suspect:
+        self._evidence.judge(tracking, needs if right[_RIGHT_STATE] == _UNDER else 0)
+        if self._suspicion.cases or self._suspect >= 0:
             self._report()
         self._lead(program)
         self._announce(program, ahead >> 8)
-        if under and program is not None and program.complete:
+        if sent and under and program is not None:
             self._pages.hand_on(program, sent, self._skipped)
         self._skipped = 0
 
-    @micropython.native
     def _choose_parcel(self):
         """Be at the parcel that lies here, or else at the one that the right of way says."""
-        tracking = self._tracking
-        if not tracking.under:
-            identity = self._right[RIGHT_IDENTITY]
-            if identity and identity != tracking.identity:
-                tracking.adopt(identity)
-            elif not identity and self._right[RIGHT_STATE] == NONE and not tracking.belief.known:
-                tracking.drop()
+        tracking, identity = self._tracking, self._right[_RIGHT_IDENTITY]
+        if identity and identity != tracking.identity:
+            tracking.adopt(identity)
+        elif not identity and self._right[_RIGHT_STATE] == NONE and not tracking.belief.known:
+            tracking.drop()
         if tracking.identity and not tracking.shaped:
             program = self._pages.programs.find(tracking.identity)
             if program is not None and program.has_parcel:
@@ -296,18 +307,18 @@ class Layer:
 
     @micropython.native
     def _lead(self, program):
-        """Lead the wheels towards the goal while all is clear; else bring them to rest."""
+        """Lead the wheels towards the goal of a program while all is clear; else rest."""
         tracking, right, leading = self._tracking, self._right, self._leading
-        known = right[RIGHT_STATE] == UNDER and program is not None and program.complete
-        if not known or not tracking.under or tracking.is_doubtful():
+        under = right[_RIGHT_STATE] == _UNDER and tracking.under
+        if program is None or not under or tracking.is_doubtful():
             leading.stop()
             return
-        alone = bool(self._consumer.lost)
+        alone = self._consumer.lost
         allowed = leading.may_go_on(program, self._step_ms, alone)
         if alone and allowed:
             self._go_on(program)
         # As many beats as were skipped before this update may be before the next.
-        allowed = allowed and right[DRIVE_BEATS] > self._skipped
+        allowed = allowed and right[_DRIVE_BEATS] > self._skipped
         leading.step(program, allowed, self._step_ms)
 
     def _go_on(self, program):
@@ -328,9 +339,9 @@ class Layer:
             at = direction * wire.ESTIMATE_FIELDS
             if (
                 came[direction] == self._heard.beat
-                and estimates[at + IDENTITY] == self._tracking.identity
-                and estimates[at + STATE] == UNDER
-                and estimates[at + SEQUENCE] == sequence
+                and estimates[at + _IDENTITY] == self._tracking.identity
+                and estimates[at + _STATE] == _UNDER
+                and estimates[at + _SEQUENCE] == sequence
             ):
                 return True
         return False
@@ -338,8 +349,11 @@ class Layer:
     # Who is suspected
 
     def _report(self):
-        """Report another suspect than before, in an emergency and in its object."""
-        direction = self._suspect = self._suspicion.first()
+        """Report a suspect if there is another than before, in an emergency and in its object."""
+        direction = self._suspicion.first()
+        if direction == self._suspect:
+            return
+        self._suspect = direction
         self._emcy.clear(SOURCE)
         node_id = 0
         if direction >= 0:
@@ -350,34 +364,43 @@ class Layer:
     def _acquit(self):
         """Suspect nobody."""
         self._suspicion.reset()
-        if self._suspect >= 0:
-            self._report()
+        self._report()
 
     # What is sent
 
     @micropython.native
     def _announce(self, program, asks):
-        fields = self._fields
-        fields[WANTS] = asks
-        if program is not None and program.complete:
-            fields[SEQUENCE], flags = program.sequence, 0 if program.whole else LACKING
-        else:
-            fields[SEQUENCE], flags = 0, LACKING
-        if self._leading.arrived():
-            flags |= wire.ARRIVED
+        """Write what the next SYNC is to send, with that program or the lack of one."""
+        flags = sequence = 0
+        if program is None or not program.whole:
+            flags = _LACKING
+        if program is not None:
+            sequence = program.sequence
+        leading = self._leading.registers
+        if leading[_STEERING_ARRIVED] and steering.has_arrived(leading):
+            flags |= _ARRIVED
         if self._suspect >= 0:
-            flags |= wire.CONTRADICTED
-        fields[FLAGS] = flags
+            flags |= _CONTRADICTED
+        fields = self._fields
+        fields[_WANTS] = asks
+        fields[_SEQUENCE] = sequence
+        fields[_FLAGS] = flags
         self._write_estimate(self._step_ms)
 
     @micropython.native
     def _write_estimate(self, ahead_ms):
         """Write what the next SYNC is to send, so long after the one that the belief is of."""
-        fields, right = self._fields, self._right
+        fields = self._fields
         self._tracking.announce(fields, ahead_ms)
-        fields[IDENTITY] = right[RIGHT_IDENTITY]
-        fields[STATE] = right[RIGHT_STATE]
-        fields[HOLD] = right[RIGHT_HOLD]
-        if right[RIGHT_STATE] != UNDER:
-            fields[WANTS] = 0
+        _write_right(fields, self._right)
         pack_estimate(fields, 0, self._objects.data, self._estimate_at)
+
+
+@micropython.viper
+def _write_right(fields: ptr32, right: ptr32):
+    """Write into an estimate what a right of way has to say."""
+    fields[_IDENTITY] = right[_RIGHT_IDENTITY]
+    fields[_STATE] = right[_RIGHT_STATE]
+    fields[_HOLD] = right[_RIGHT_HOLD]
+    if right[_RIGHT_STATE] != _UNDER:
+        fields[_WANTS] = 0

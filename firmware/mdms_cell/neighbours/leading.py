@@ -111,7 +111,7 @@ class Leading:
         """
         footprint, parcel = self._footprint, self._parcel
         xs, ys = footprint.shift_x, footprint.shift_y
-        if program is None or not program.complete:
+        if program is None:
             here = squares_overlapped(parcel, xs, ys, footprint.half, footprint.present)
             return here | here << 8
         return _look_ahead(

@@ -185,16 +185,17 @@ class Programs:
         self._uses = 0
 
     @micropython.native
+    def complete(self, identity):
+        """The program of an identity; None if there is none that is complete."""
+        program = self._latest
+        if program.identity != identity:
+            program = self.find(identity)
+        return program if program is not None and program.complete else None
+
     def find(self, identity):
         """The program of an identity; None if there is none."""
-        if not identity:
-            return None
-        latest = self._latest
-        return latest if latest.identity == identity else self._look_for(identity)
-
-    def _look_for(self, identity):
         for slot in self._slots:
-            if slot.identity == identity:
+            if identity and slot.identity == identity:
                 self._use(slot)
                 return slot
         return None

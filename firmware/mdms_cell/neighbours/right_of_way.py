@@ -164,9 +164,10 @@ class RightOfWay:
         """What neighbours sent, at most `late_beats` SYNCs ago: a row by direction, where fresh.
 
         A cell under a parcel counts what cells of the same parcel say, and promises to it; any
-        other counts the cells under a parcel that want it.
+        other counts the cells under a parcel that want it. Returns the mask of those that were
+        fresh; none is after this.
         """
-        _take_in(self.registers, self.said, estimates, fresh)
+        return _take_in(self.registers, self.said, estimates, fresh)
 
     @micropython.native
     def on_beat(self, over, wants, occupied):
@@ -276,8 +277,11 @@ class RightOfWay:
 
 
 @micropython.viper
-def _take_in(registers: ptr32, said: ptr8, estimates: ptr32, fresh: ptr8):
-    """Keep what counts of the fresh estimates, and which parcel is near a cell under none."""
+def _take_in(registers: ptr32, said: ptr8, estimates: ptr32, fresh: ptr8) -> int:
+    """Keep what counts of the fresh estimates, and which parcel is near a cell under none.
+
+    Returns the mask of their directions.
+    """
     fields = int(wire.ESTIMATE_FIELDS)
     identity_at = int(wire.IDENTITY)
     state_at = int(wire.STATE)
@@ -285,9 +289,12 @@ def _take_in(registers: ptr32, said: ptr8, estimates: ptr32, fresh: ptr8):
     wants_at = int(wire.WANTS)
     parcel = registers[IDENTITY] if registers[STATE] == UNDER else 0
     counts_beats = registers[_VALID_BEATS] + 1
+    taken = 0
     at = 0
     for direction in range(DIRECTIONS):
         if fresh[direction]:
+            fresh[direction] = 0
+            taken |= 1 << direction
             identity = estimates[at + identity_at]
             state = estimates[at + state_at]
             hold = estimates[at + hold_at]
@@ -305,6 +312,7 @@ def _take_in(registers: ptr32, said: ptr8, estimates: ptr32, fresh: ptr8):
             said[HOLDS + direction] = hold if hold <= CLEAR else 0
             said[LEFT + direction] = counts_beats if counts else 0
         at += fields
+    return taken
 
 
 @micropython.viper
