@@ -116,7 +116,9 @@ class Layer:
         self._skipped = 0
         self._due = False
         self._node_id = 0
-        self._estimate_at = find(indices.ESTIMATE, 1).place
+        self._lead = _leading_on(self)
+        self._announce, self._write_estimate = _announcing(self)
+        self._update = _updating(self)
         objects.watch(indices.CONTROL, self._on_place)
 
     def start(self, node_id):
@@ -239,7 +241,8 @@ class Layer:
         self._skipped += 1
         self._rights.on_beat(*self._situation)
         if not self._right[_DRIVE_BEATS]:
-            self._lead(self._pages.programs.complete(self._tracking.identity))
+            program = self._pages.programs.complete(self._tracking.identity)
+            self._lead(program, self._step_ms, self._skipped)
         self._write_estimate(diff(next_ms, self._updated_ms))
 
     @micropython.native
@@ -259,40 +262,6 @@ class Layer:
         self._update(presence)
         return _IDLE_MS
 
-    @micropython.native
-    def _update(self, presence):
-        sync_ms = self._came_ms
-        step_ms = self._step_ms = max(min(diff(sync_ms, self._updated_ms), _STEP_MAX_MS), 1)
-        self._updated_ms = sync_ms
-        heard, rights, tracking = self._heard, self._rights, self._tracking
-        wrong = heard.read()
-        if wrong:
-            self.nonsense += wrong
-        sent = rights.on_estimates(heard.estimates, heard.fresh)
-        if not tracking.under:
-            self._choose_parcel()
-        tracking.update(step_ms, sync_ms)
-        if tracking.missing_beats >= _LOST_BEATS:
-            tracking.drop()
-        identity, under, right = tracking.identity, tracking.under, self._right
-        program = self._pages.programs.complete(identity)
-        ahead = self._leading.look_ahead(program) if under else 0
-        needs = ahead & 0xFF
-        over = identity if under or (identity and tracking.is_over()) else 0
-        if over and right[_RIGHT_STATE] != _UNDER and tracking.is_of_another():
-            # A parcel that stands before what nobody knows would come over it mm by mm.
-            over = 0
-        self._situation = over, needs, presence != 0
-        rights.on_beat(over, needs, presence != 0)
-        self._evidence.judge(tracking, needs if right[_RIGHT_STATE] == _UNDER else 0)
-        if self._suspicion.cases or self._suspect >= 0:
-            self._report()
-        self._lead(program)
-        self._announce(program, ahead >> 8)
-        if sent and under and program is not None:
-            self._pages.hand_on(program, sent, self._skipped)
-        self._skipped = 0
-
     def _choose_parcel(self):
         """Be at the parcel that lies here, or else at the one that the right of way says."""
         tracking, identity = self._tracking, self._right[_RIGHT_IDENTITY]
@@ -304,22 +273,6 @@ class Layer:
             program = self._pages.programs.find(tracking.identity)
             if program is not None and program.has_parcel:
                 tracking.take_shape(program)
-
-    @micropython.native
-    def _lead(self, program):
-        """Lead the wheels towards the goal of a program while all is clear; else rest."""
-        tracking, right, leading = self._tracking, self._right, self._leading
-        under = right[_RIGHT_STATE] == _UNDER and tracking.under
-        if program is None or not under or tracking.is_doubtful():
-            leading.stop()
-            return
-        alone = self._consumer.lost
-        allowed = leading.may_go_on(program, self._step_ms, alone)
-        if alone and allowed:
-            self._go_on(program)
-        # As many beats as were skipped before this update may be before the next.
-        allowed = allowed and right[_DRIVE_BEATS] > self._skipped
-        leading.step(program, allowed, self._step_ms)
 
     def _go_on(self, program):
         """Take the next leg, without the host, at the end of this one; so do all under the parcel.
@@ -349,11 +302,8 @@ class Layer:
     # Who is suspected
 
     def _report(self):
-        """Report a suspect if there is another than before, in an emergency and in its object."""
-        direction = self._suspicion.first()
-        if direction == self._suspect:
-            return
-        self._suspect = direction
+        """Report another suspect than before, in an emergency and in its object."""
+        direction = self._suspect = self._suspicion.first()
         self._emcy.clear(SOURCE)
         node_id = 0
         if direction >= 0:
@@ -364,36 +314,152 @@ class Layer:
     def _acquit(self):
         """Suspect nobody."""
         self._suspicion.reset()
-        self._report()
+        if self._suspect >= 0:
+            self._report()
 
-    # What is sent
+
+def _updating(layer):
+    """What updates a layer after SYNC, with little to be looked up."""
+    heard, rights, tracking = layer._heard, layer._rights, layer._tracking
 
     @micropython.native
-    def _announce(self, program, asks):
-        """Write what the next SYNC is to send, with that program or the lack of one."""
+    def update(  # noqa: PLR0917 - all is at hand
+        presence,
+        layer=layer,
+        tracking=tracking,
+        right=layer._right,
+        estimates=heard.estimates,
+        fresh=heard.fresh,
+        read=heard.read,
+        take_estimates=rights.on_estimates,
+        track=tracking.update,
+        find_complete=layer._pages.programs.complete,
+        look_ahead=layer._leading.look_ahead,
+        decide=rights.on_beat,
+        judge=layer._evidence.judge,
+        first_suspect=layer._suspicion.first,
+        lead=layer._lead,
+        announce=layer._announce,
+        hand_on=layer._pages.hand_on,
+    ):
+        sync_ms = layer._came_ms
+        step_ms = diff(sync_ms, layer._updated_ms)
+        step_ms = 1 if step_ms < 1 else _STEP_MAX_MS if step_ms > _STEP_MAX_MS else step_ms
+        layer._step_ms = step_ms
+        layer._updated_ms = sync_ms
+        wrong = read()
+        if wrong:
+            layer.nonsense += wrong
+        sent = take_estimates(estimates, fresh)
+        if not tracking.under:
+            layer._choose_parcel()
+        track(step_ms, sync_ms)
+        if tracking.missing_beats >= _LOST_BEATS:
+            tracking.drop()
+        identity, under = tracking.identity, tracking.under
+        program = find_complete(identity)
+        ahead = look_ahead(program) if under else 0
+        needs = ahead & 0xFF
+        over = identity if under or tracking.is_over() else 0
+        if over and right[_RIGHT_STATE] != _UNDER and tracking.is_of_another():
+            # A parcel that stands before what nobody knows would come over it mm by mm.
+            over = 0
+        occupied = presence != 0
+        layer._situation = over, needs, occupied
+        decide(over, needs, occupied)
+        judge(tracking, needs if right[_RIGHT_STATE] == _UNDER else 0)
+        if first_suspect() != layer._suspect:
+            layer._report()
+        skipped = layer._skipped
+        lead(program, step_ms, skipped)
+        announce(program, ahead >> 8, step_ms)
+        if sent and under and program is not None:
+            hand_on(program, sent, skipped)
+        if skipped:
+            layer._skipped = 0
+
+    return update
+
+
+def _leading_on(layer):
+    """What leads the wheels towards the goal of a program while all is clear; else they rest."""
+    tracking, leading = layer._tracking, layer._leading
+
+    @micropython.native
+    def lead(  # noqa: PLR0917 - all is at hand
+        program,
+        step_ms,
+        skipped,
+        layer=layer,
+        right=layer._right,
+        tracking=tracking,
+        is_doubtful=tracking.is_doubtful,
+        stop=leading.stop,
+        may_go_on=leading.may_go_on,
+        step=leading.step,
+        consumer=layer._consumer,
+    ):
+        under = right[_RIGHT_STATE] == _UNDER and tracking.under
+        if program is None or not under or is_doubtful():
+            stop()
+            return
+        alone = consumer.lost
+        allowed = may_go_on(program, step_ms, alone)
+        if alone and allowed:
+            layer._go_on(program)
+        # As many beats as were skipped before this update may be before the next.
+        step(program, allowed and right[_DRIVE_BEATS] > skipped, step_ms)
+
+    return lead
+
+
+def _announcing(layer):
+    """What writes the estimate that the next SYNC is to send: all of it, and but what passes."""
+    fields = layer._fields
+    at = find(indices.ESTIMATE, 1).place
+
+    @micropython.native
+    def write(  # noqa: PLR0917 - all is at hand
+        ahead_ms,
+        fields=fields,
+        right=layer._right,
+        announce=layer._tracking.announce,
+        put_right=_write_right,
+        pack=pack_estimate,
+        frames=layer._objects.data,
+        at=at,
+    ):
+        """So long after the SYNC that the belief is of."""
+        announce(fields, ahead_ms)
+        put_right(fields, right)
+        pack(fields, 0, frames, at)
+
+    @micropython.native
+    def announce(  # noqa: PLR0917 - all is at hand
+        program,
+        asks,
+        ahead_ms,
+        layer=layer,
+        fields=fields,
+        steered=layer._leading.registers,
+        write=write,
+    ):
+        """With that program, or the lack of one."""
         flags = sequence = 0
         if program is None or not program.whole:
             flags = _LACKING
         if program is not None:
             sequence = program.sequence
-        leading = self._leading.registers
-        if leading[_STEERING_ARRIVED] and steering.has_arrived(leading):
+        if steered[_STEERING_ARRIVED] and steering.has_arrived(steered):
             flags |= _ARRIVED
-        if self._suspect >= 0:
+        if layer._suspect >= 0:
             flags |= _CONTRADICTED
-        fields = self._fields
         fields[_WANTS] = asks
         fields[_SEQUENCE] = sequence
         fields[_FLAGS] = flags
-        self._write_estimate(self._step_ms)
+        write(ahead_ms)
 
-    @micropython.native
-    def _write_estimate(self, ahead_ms):
-        """Write what the next SYNC is to send, so long after the one that the belief is of."""
-        fields = self._fields
-        self._tracking.announce(fields, ahead_ms)
-        _write_right(fields, self._right)
-        pack_estimate(fields, 0, self._objects.data, self._estimate_at)
+    return announce, write
 
 
 @micropython.viper

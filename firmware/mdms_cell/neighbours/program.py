@@ -181,6 +181,13 @@ class Programs:
 
     def __init__(self):
         self._slots = [Program() for _ in range(SLOTS)]
+        self.clear()
+
+    def clear(self):
+        """Keep none."""
+        for slot in self._slots:
+            slot.clear(0)
+            slot.used = 0
         self._latest = self._slots[0]
         self._uses = 0
 
