@@ -117,7 +117,7 @@ class Layer:
         self._due = False
         self._node_id = 0
         self._lead = _leading_on(self)
-        self._announce, self._write_estimate = _announcing(self)
+        self._write_estimate = _announcing(self)
         self._update = _updating(self)
         objects.watch(indices.CONTROL, self._on_place)
 
@@ -339,7 +339,9 @@ def _updating(layer):
         judge=layer._evidence.judge,
         first_suspect=layer._suspicion.first,
         lead=layer._lead,
-        announce=layer._announce,
+        fields=layer._fields,
+        steered=layer._leading.registers,
+        write_estimate=layer._write_estimate,
         hand_on=layer._pages.hand_on,
     ):
         sync_ms = layer._came_ms
@@ -372,7 +374,15 @@ def _updating(layer):
             layer._report()
         skipped = layer._skipped
         lead(program, step_ms, skipped)
-        announce(program, ahead >> 8, step_ms)
+        flags = _CONTRADICTED if layer._suspect >= 0 else 0
+        if steered[_STEERING_ARRIVED] and steering.has_arrived(steered):
+            flags |= _ARRIVED
+        if program is None or not program.whole:
+            flags |= _LACKING
+        fields[_WANTS] = ahead >> 8
+        fields[_SEQUENCE] = 0 if program is None else program.sequence
+        fields[_FLAGS] = flags
+        write_estimate(step_ms)
         if sent and under and program is not None:
             hand_on(program, sent, skipped)
         if skipped:
@@ -414,7 +424,7 @@ def _leading_on(layer):
 
 
 def _announcing(layer):
-    """What writes the estimate that the next SYNC is to send: all of it, and but what passes."""
+    """What writes the estimate that the next SYNC is to send."""
     fields = layer._fields
     at = find(indices.ESTIMATE, 1).place
 
@@ -434,32 +444,7 @@ def _announcing(layer):
         put_right(fields, right)
         pack(fields, 0, frames, at)
 
-    @micropython.native
-    def announce(  # noqa: PLR0917 - all is at hand
-        program,
-        asks,
-        ahead_ms,
-        layer=layer,
-        fields=fields,
-        steered=layer._leading.registers,
-        write=write,
-    ):
-        """With that program, or the lack of one."""
-        flags = sequence = 0
-        if program is None or not program.whole:
-            flags = _LACKING
-        if program is not None:
-            sequence = program.sequence
-        if steered[_STEERING_ARRIVED] and steering.has_arrived(steered):
-            flags |= _ARRIVED
-        if layer._suspect >= 0:
-            flags |= _CONTRADICTED
-        fields[_WANTS] = asks
-        fields[_SEQUENCE] = sequence
-        fields[_FLAGS] = flags
-        write(ahead_ms)
-
-    return announce, write
+    return write
 
 
 @micropython.viper

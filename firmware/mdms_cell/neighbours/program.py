@@ -47,25 +47,11 @@ class Program:
         self._held = 0
         self._joins = False
 
-    @property
-    def shape(self):
-        """RECTANGLE or DISC."""
-        return self.fields[wire.SHAPE]
-
-    @property
-    def length_um(self):
-        """Of a rectangle; the diameter of a disc."""
-        return self.fields[wire.PARCEL_LENGTH] * wire.STEP_UM
-
-    @property
-    def width_um(self):
-        """Of a rectangle."""
-        return self.fields[wire.PARCEL_WIDTH] * wire.STEP_UM
-
-    @property
-    def goes_on(self):
-        """Whether the host's silence does not end its motion."""
-        return self.fields[wire.PROGRAM_FLAGS] & wire.GO_ON != 0
+    def size(self):
+        """RECTANGLE or DISC, length or diameter, and width."""
+        fields = self.fields
+        length_um = fields[wire.PARCEL_LENGTH] * wire.STEP_UM
+        return fields[wire.SHAPE], length_um, fields[wire.PARCEL_WIDTH] * wire.STEP_UM
 
     def take(self, fields):
         """Take a page; returns whether it is one that is kept."""
@@ -83,6 +69,7 @@ class Program:
         return True
 
     def _take_parcel(self, fields):
+        self.goes_on = bool(fields[wire.PROGRAM_FLAGS] & wire.GO_ON)
         self.has_parcel = True
         for place in range(wire.PROGRAM_FIELDS):
             self.fields[place] = fields[place]
