@@ -82,12 +82,12 @@ def run() -> list[Row]:
     """All figures, one row each."""
     with tempfile.TemporaryDirectory() as folder:
         here = Path(folder)
-        figures = {each: _measured(_unix(here / each, each)) for each in EMITTERS}
-        figures["CPython"] = _measured(_cpython())
+        figures = {each: measured(_unix(here / each, each)) for each in EMITTERS}
+        figures["CPython"] = measured(_cpython())
         return [*_times(figures), *_layer(here), *_heap(here), *_sizes(), _estimate()]
 
 
-def _measured(printed: str) -> dict[str, float]:
+def measured(printed: str) -> dict[str, float]:
     pairs = [line.split() for line in printed.splitlines()]
     return {name: float(value) for name, value in pairs if value not in ("True", "False")}
 
@@ -120,12 +120,12 @@ def _times(figures: dict[str, dict[str, float]]) -> list[Row]:
     for key, name in names.items():
         for kind in EMITTERS:
             ours, peer = figures[kind][key], figures["CPython"][key]
-            rows.append(_row(f"{name}, MicroPython {kind}", ours, "us", peer=peer))
+            rows.append(row(f"{name}, MicroPython {kind}", ours, "us", peer=peer))
     best = figures["viper"]
     together = best["tick_us"] + best["frame_us"] + best["sync_us"]
-    rows.append(_row("tick and SYNC cycle, MicroPython viper", together, "us", bound=40))
-    rows.append(_row("allocated a tick", best["tick_bytes"], "bytes", bound=0))
-    rows.append(_row("allocated a SYNC period of 10 ms", best["cycle_bytes"], "bytes"))
+    rows.append(row("tick and SYNC cycle, MicroPython viper", together, "us", bound=40))
+    rows.append(row("allocated a tick", best["tick_bytes"], "bytes", bound=0))
+    rows.append(row("allocated a SYNC period of 10 ms", best["cycle_bytes"], "bytes"))
     return rows
 
 
@@ -134,7 +134,7 @@ def _layer(folder: Path) -> list[Row]:
     stage(folder / "layer", [LAYER, *STAGE])
     done = unix(folder / "layer", LAYER.name)
     assert done.returncode == 0, done.stdout + done.stderr
-    ours = _measured(done.stdout)
+    ours = measured(done.stdout)
     search = os.pathsep.join([str(STAGE[0].parent), os.environ.get("PYTHONPATH", "")])
     peer = subprocess.run(
         [sys.executable, str(LAYER)],
@@ -145,10 +145,10 @@ def _layer(folder: Path) -> list[Row]:
     ).stdout
     beat = "a beat of the neighbour layer, MicroPython"
     return [
-        _row(beat, ours["beat_us"], "us", peer=_measured(peer)["beat_us"]),
+        row(beat, ours["beat_us"], "us", peer=measured(peer)["beat_us"]),
         *_share(folder / "layer"),
-        _row("data of the neighbour layer, 64 bits", ours["layer_bytes"] / 1024, "KB"),
-        _row("data of it, 32 bits", _layer_bytes32(folder / "layer32") / 1024, "KB", bound=4),
+        row("data of the neighbour layer, 64 bits", ours["layer_bytes"] / 1024, "KB"),
+        row("data of it, 32 bits", _layer_bytes32(folder / "layer32") / 1024, "KB", bound=4),
     ]
 
 
@@ -168,9 +168,9 @@ def _share(folder: Path) -> list[Row]:
     how = {"counted": round(counted), "counted_by": "valgrind, unix port", "cycles_each": CYCLES}
     how["stand_ins"] = round(stand_ins)
     return [
-        _row("a beat of it, estimate for a Cortex-M4", expected, "", bound=210_000, **how),
+        row("a beat of it, estimate for a Cortex-M4", expected, "", bound=210_000, **how),
         *(
-            _row(
+            row(
                 f"its share of a {board} at 100 Hz", expected * cycles * SYNC_HZ / hz, "", bound=0.3
             )
             for board, (hz, cycles) in BOARDS.items()
@@ -200,7 +200,7 @@ def _instructions(folder: Path, beats: int, *how: str) -> int:
     return int(found[1].replace(",", ""))
 
 
-def _row(name: str, ours: float, unit: str, peer: float | None = None, **more: object) -> Row:
+def row(name: str, ours: float, unit: str, peer: float | None = None, **more: object) -> Row:
     ratio = None if peer is None else ours / peer
     return {"name": name, "ours": ours, "peer": peer, "ratio": ratio, "unit": unit, **more}
 
@@ -217,10 +217,10 @@ def _flashed(folder: Path, way: str) -> list[Row]:
     where = f"32 bits, all that is flashed, {way}"
     need = NEEDS[way] / 1024
     return [
-        _row(f"heap after boot, {where}", heap.made / 1024, "KB", bound=need),
-        _row(f"heap after an hour of traffic, {where}", heap.lived / 1024, "KB", bound=need),
-        _row(f"heap with every module loaded, {where}", heap.whole / 1024, "KB", bound=need),
-        _row("of it, code that the start loads", heap.code / 1024, "KB"),
+        row(f"heap after boot, {where}", heap.made / 1024, "KB", bound=need),
+        row(f"heap after an hour of traffic, {where}", heap.lived / 1024, "KB", bound=need),
+        row(f"heap with every module loaded, {where}", heap.whole / 1024, "KB", bound=need),
+        row("of it, code that the start loads", heap.code / 1024, "KB"),
     ]
 
 
@@ -230,9 +230,9 @@ def _full_hour(folder: Path) -> list[Row]:
     done = unix(folder, "-c", _HOUR)
     booted, last, most = (int(each) / 1024 for each in done.stdout.split())
     return [
-        _row("heap after boot, 64 bits", booted, "KB"),
-        _row("heap after an hour with every tick and poll, 64 bits", last, "KB"),
-        _row("heap before a collection in that hour, 64 bits", most, "KB"),
+        row("heap after boot, 64 bits", booted, "KB"),
+        row("heap after an hour with every tick and poll, 64 bits", last, "KB"),
+        row("heap before a collection in that hour, 64 bits", most, "KB"),
     ]
 
 
@@ -240,8 +240,8 @@ def _sizes() -> list[Row]:
     firmware = compiled_firmware(ARCHITECTURE)
     in_rom = firmware.in_rom()
     return [
-        _row("files for a PYBv1.1", sum(map(len, firmware.files.values())) / 1024, "KB"),
-        _row("image for its ROMFS, if it had one", len(in_rom.rom or b"") / 1024, "KB"),
+        row("files for a PYBv1.1", sum(map(len, firmware.files.values())) / 1024, "KB"),
+        row("image for its ROMFS, if it had one", len(in_rom.rom or b"") / 1024, "KB"),
     ]
 
 
@@ -250,7 +250,7 @@ def _estimate() -> Row:
     code = _viper_code(compile_module(source.name, source, ARCHITECTURE))
     instructions = speed_loop.AXES * count_thumb(code) * _executed_share()
     tick_us = instructions * CYCLES / STM32F405_HZ * 1e6
-    return _row(
+    return row(
         "arithmetic of a tick at worst, estimate for STM32F405",
         tick_us,
         "us",

@@ -1,0 +1,109 @@
+"""A beat of the neighbour layer on an emulated Cortex-M4: instructions, and the layer's data.
+
+Runs the firmware frozen into MicroPython's port for QEMU, as it is frozen into a PYBv1.1. The
+emulator counts each instruction as a nanosecond, so the microseconds that its clock shows are
+thousands of instructions. Needs `qemu-system-arm`, `arm-none-eabi-gcc` with newlib, and in
+MICROPYTHON the path of a checkout of MicroPython, prepared by `make -C mpy-cross` and
+`make -C ports/qemu submodules`; without them there are no rows.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from tests.benchmarks.firmware.firmware import BOARDS, LAYER, STAGE, SYNC_HZ, measured, row
+from tests.micropython_builds import stage
+
+TOOLS = ("qemu-system-arm", "arm-none-eabi-gcc")
+MACHINE = "mps2-an386"
+CORE = "cortex-m4"
+#: Of the protocol, what MicroPython does not compile, besides the generators.
+HOST_ALONE = ("mdms_protocol/neighbours/messages.py",)
+HEAP_BYTES = 2_500_000
+TIME_LIMIT_S = 300
+#: What MicroPython's build reads of a board.
+_BOARD = f"""
+QEMU_ARCH = arm
+CFLAGS += -mthumb -mcpu={CORE} -mfloat-abi=soft -DQEMU_SOC_MPS2
+CFLAGS += -DMICROPY_HW_MCU_NAME='"{CORE}"'
+LDSCRIPT = mcu/arm/mps2.ld
+SRC_BOARD_O = shared/runtime/gchelper_native.o shared/runtime/gchelper_thumb2.o
+MPY_CROSS_FLAGS += -march=armv7em
+"""
+_RUN = """
+import machine, sys
+try:
+    import _layer_measure
+    _layer_measure.main(())
+except Exception as error:
+    sys.print_exception(error)
+machine.reset()
+"""
+_FIGURE = re.compile(r"\w+ [\d.]+")
+Row = dict[str, Any]
+
+
+def run() -> list[Row]:
+    """Instructions of a beat, its share of each board, and data."""
+    tree = os.environ.get("MICROPYTHON")
+    if tree is None or None in map(shutil.which, TOOLS):
+        print("  not counted: it needs", *TOOLS, "and MICROPYTHON, a checkout of it")
+        return []
+    with tempfile.TemporaryDirectory() as folder:
+        found = measured(_emulated(_built(Path(tree), Path(folder))))
+    beat = 1000 * (found["beat_us"] - found["apart_us"])
+    return [
+        row(
+            "a beat of the layer, emulated Cortex-M4", beat, "", stand_ins=1000 * found["apart_us"]
+        ),
+        *(
+            row(f"its share of a {board} at 100 Hz", beat * cycles * SYNC_HZ / hz, "", bound=0.3)
+            for board, (hz, cycles) in BOARDS.items()
+        ),
+        row("data of the layer", found["layer_bytes"] / 1024, "KB", bound=4),
+    ]
+
+
+def _built(micropython: Path, folder: Path) -> Path:
+    """MicroPython with the firmware and what measures it frozen in."""
+    frozen = folder / "frozen"
+    stage(frozen, [LAYER, *STAGE])
+    for name in HOST_ALONE:
+        (frozen / name).unlink()
+    shutil.rmtree(frozen / "mdms_protocol" / "generators")
+    (folder / "mpconfigboard.mk").write_text(_BOARD)
+    manifest = folder / "manifest.py"
+    manifest.write_text(f"freeze({str(frozen)!r})\n")
+    settings = {
+        "BOARD": MACHINE,
+        "BOARD_DIR": folder,
+        "BUILD": folder / "build",
+        "FROZEN_MANIFEST": manifest,
+        "MICROPY_HEAP_SIZE": HEAP_BYTES,
+    }
+    given = [f"{name}={setting}" for name, setting in settings.items()]
+    port = str(micropython / "ports" / "qemu")
+    made = subprocess.run(["make", "-C", port, *given], capture_output=True, text=True, check=False)
+    assert made.returncode == 0, made.stdout + made.stderr
+    return folder / "build" / "firmware.elf"
+
+
+def _emulated(firmware: Path) -> str:
+    """What the measurement prints; it is typed at MicroPython's prompt."""
+    clock = ["-icount", "shift=0,sleep=off"]
+    quiet = ["-nographic", "-monitor", "none", "-serial", "stdio", "-semihosting"]
+    done = subprocess.run(
+        ["qemu-system-arm", "-machine", MACHINE, *quiet, *clock, "-kernel", str(firmware)],
+        input="\x05" + _RUN + "\x04",
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=TIME_LIMIT_S,
+    )
+    figures = [line for line in done.stdout.splitlines() if _FIGURE.fullmatch(line)]
+    assert figures, done.stdout
+    return "\n".join(figures)
