@@ -50,6 +50,9 @@ _ESTIMATE_PDO = const(2)
 _IDLE_MS = const(1000)
 _OWN = const(8)
 _IDENTITY = const(3)
+# The clock wraps, see `ticks`; a difference of two instants is negative from here on.
+_WRAP = const((1 << 30) - 1)
+_BEFORE = const(1 << 29)
 assert (_IDLE_MS, _OWN, _IDENTITY) == (IDLE_MS, OWN, IDENTITY)
 #: Whom a parcel needs and asks that does not lie here.
 _NOBODY = (0, 0)
@@ -190,8 +193,8 @@ class Layer:
         if not self.active:
             return
         due = self._due
-        came_ms = after(now_ms, -waited_ms)
-        beat_ms = diff(came_ms, self._came_ms)
+        came_ms = now_ms - waited_ms & _WRAP
+        beat_ms = (came_ms - self._came_ms + _BEFORE & _WRAP) - _BEFORE
         # Or two beats meet, and what has come is of either.
         gap = beat_ms > 2 * self._period_ms or (due and beat_ms < UPDATE_MS)
         if gap:
@@ -237,7 +240,7 @@ class Layer:
             heard.take_presence(_OWN, presence, now_ms)
         if not self._due:
             return _IDLE_MS
-        wait_ms = UPDATE_MS - diff(now_ms, self._came_ms)
+        wait_ms = UPDATE_MS - (now_ms - self._came_ms + _BEFORE & _WRAP) + _BEFORE
         if wait_ms > 0:
             return wait_ms
         self._due = False
