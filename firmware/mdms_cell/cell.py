@@ -78,6 +78,7 @@ class Cell:
 
     def __init__(self, board: "Board", node_id: int):
         self._board = board
+        self._read_presence = board.presence
         self._registers = board.registers
         self.accepts = {}
         self.received = 0
@@ -221,14 +222,14 @@ class Cell:
         """Look after timers and events; `now_ms` wraps at 2**30."""
         self.now_ms = now_ms
         registers = self._registers
-        reading = self._board.presence()
-        quiet = reading == self._reading and not registers[_ATTENTION]
-        if quiet:
+        reading = self._read_presence()
+        if reading == self._reading and not registers[_ATTENTION]:
             if now_ms - self.wake_ms & _WRAP >= _BEFORE:
                 return
-            left_ms = ticks.diff(self._due_ms, now_ms)
-            if left_ms > 0:
-                self.wake_ms = ticks.after(now_ms, min(left_ms, self._update_layer()))
+            left_ms = self._due_ms - now_ms & _WRAP
+            if 0 < left_ms < _BEFORE:
+                wait_ms = self._update_layer(now_ms)
+                self.wake_ms = now_ms + (wait_ms if wait_ms < left_ms else left_ms) & _WRAP
                 return
         # What calls for attention from here on has another poll follow.
         registers[_ATTENTION] = 0
@@ -395,6 +396,7 @@ class Cell:
             self._emcy.poll(self.now_ms)
         return 1
 
+    @micropython.native
     def _look_after(self):
         """Look after everything.
 
@@ -412,10 +414,13 @@ class Cell:
         self._sdo.poll(now_ms)
         return 1 if self._sdo.busy else wait_ms, layer_ms
 
-    def _update_layer(self):
+    @micropython.native
+    def _update_layer(self, now_ms):
         """Look after the layer alone, and what it reports; in how many milliseconds again."""
-        wait_ms = self._layer.poll(self.now_ms, self._presence.bits)
-        return wait_ms if self.state == nmt.STOPPED else min(wait_ms, self._emcy.poll(self.now_ms))
+        wait_ms = self._layer.poll(now_ms, self._presence.bits)
+        if self._emcy.queue and self.state != nmt.STOPPED:
+            wait_ms = min(wait_ms, self._emcy.poll(now_ms))
+        return wait_ms
 
     def _give_beat(self, now_ms):
         """Send SYNC, if it is this cell's to send; in how many milliseconds it may be again."""

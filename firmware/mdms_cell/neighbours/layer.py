@@ -66,6 +66,10 @@ _STEERING_ARRIVED = const(9)
 assert _STEERING_ARRIVED == steering.ARRIVED
 assert (_RIGHT_IDENTITY, _RIGHT_STATE) == (right_of_way.IDENTITY, right_of_way.STATE)
 assert (_RIGHT_HOLD, _DRIVE_BEATS) == (right_of_way.HOLD, right_of_way.DRIVE_BEATS)
+# The clock wraps, see `ticks`; a difference of two instants is negative from here on.
+_WRAP = const((1 << 30) - 1)
+_BEFORE = const(1 << 29)
+assert (_IDLE_MS, _OWN, _IDENTITY) == (IDLE_MS, OWN, IDENTITY)
 
 
 class Layer:
@@ -207,8 +211,8 @@ class Layer:
         if not self.active:
             return
         due = self._due
-        came_ms = after(now_ms, -waited_ms)
-        beat_ms = diff(came_ms, self._came_ms)
+        came_ms = now_ms - waited_ms & _WRAP
+        beat_ms = (came_ms - self._came_ms + _BEFORE & _WRAP) - _BEFORE
         # Or two beats meet, and what has come is of either.
         gap = beat_ms > 2 * self._period_ms or (due and beat_ms < UPDATE_MS)
         if gap:
@@ -255,7 +259,7 @@ class Layer:
             heard.take_presence(_OWN, presence, now_ms)
         if not self._due:
             return _IDLE_MS
-        wait_ms = UPDATE_MS - diff(now_ms, self._came_ms)
+        wait_ms = UPDATE_MS - (now_ms - self._came_ms + _BEFORE & _WRAP) + _BEFORE
         if wait_ms > 0:
             return wait_ms
         self._due = False

@@ -107,6 +107,7 @@ class Pdos:
         for rpdo in self._held:
             rpdo.discard()
 
+    @micropython.native
     def poll(self, now_ms):
         """Send what has changed; return in how many milliseconds to poll again."""
         wait_ms = ticks.IDLE_MS
@@ -114,27 +115,35 @@ class Pdos:
             for tpdo in self._spontaneous:
                 wait_ms = min(wait_ms, tpdo.poll(now_ms))
             for tpdo in self._sampled:
-                if not tpdo.retry():
+                if tpdo.refused is not None and not tpdo.retry():
                     wait_ms = min(wait_ms, ticks.RETRY_MS)
             for rpdo in self._awaited:
                 wait_ms = min(wait_ms, rpdo.wait_ms(now_ms))
         return wait_ms
 
-    @property
+    @micropython.native
     def late(self):
         """Whether a frame that is waited for has still not come."""
-        return any(rpdo.late for rpdo in self._awaited)
+        for rpdo in self._awaited:  # noqa: SIM110 - no generator
+            if rpdo.late:
+                return True
+        return False
 
-    @property
+    @micropython.native
     def short(self):
         """Whether the last frame of an RPDO was too short for it."""
-        return any(rpdo.short for rpdo in self._received)
+        for rpdo in self._received:  # noqa: SIM110 - no generator
+            if rpdo.short:
+                return True
+        return False
 
+    @micropython.native
     def take_short(self):
         """Whether a frame too short for its RPDO has come, since this was asked last."""
         short = False
         for rpdo in self._received:
-            short = rpdo.take_short() or short
+            if rpdo.was_short:
+                short = rpdo.take_short()
         return short
 
     def overdue(self, now_ms):

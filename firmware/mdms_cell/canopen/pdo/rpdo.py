@@ -24,8 +24,9 @@ class Rpdo(Pdo):
         #: What has come for the next SYNC.
         self.held = None
         self.late = False
+        #: Whether the last frame was too short, and whether one was that is still to be reported.
         self.short = False
-        self._was_short = False
+        self.was_short = False
         self.load()
 
     def load(self):
@@ -49,7 +50,7 @@ class Rpdo(Pdo):
     def on_frame(self, data):
         """Take or hold the values; return False if the frame is too short for them."""
         if len(data) < self._length:
-            self.short = self._was_short = True
+            self.short = self.was_short = True
             self._attend()
             return False
         if self.short:
@@ -81,11 +82,11 @@ class Rpdo(Pdo):
         self._received_ms = None
         self.late = False
         self.short = False
-        self._was_short = False
+        self.was_short = False
 
     def take_short(self):
         """Whether a frame has come that is too short, since this was asked last."""
-        was_short, self._was_short = self._was_short, False
+        was_short, self.was_short = self.was_short, False
         return was_short
 
     def overdue(self, now_ms):

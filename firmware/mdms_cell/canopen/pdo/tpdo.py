@@ -25,7 +25,7 @@ class Tpdo(Pdo):
     """Transmit PDO `number`, counted from 0.
 
     `on_sync` is for a synchronous one, `trigger` for one of type 254, `poll` for one of type 255;
-    see `Pdo` for `changed`.
+    see `Pdo` for `changed`. `refused` is the change for which there was no room at SYNC.
     """
 
     def __init__(self, number, objects, send, changed):
@@ -49,7 +49,7 @@ class Tpdo(Pdo):
         announced = all(index in _ANNOUNCED for index, _, _ in entries)
         self._pace_ms = ticks.IDLE_MS if announced else ticks.RETRY_MS
         self._sent = None
-        self._refused = None
+        self.refused = None
         # The clock has no finer ticks: the time is rounded up.
         self._inhibit_ms = -(-self._parameter(INHIBIT_TIME) // _INHIBIT_UNITS_PER_MS)
         self._event_ms = self._parameter(EVENT_TIMER)
@@ -58,7 +58,7 @@ class Tpdo(Pdo):
         """Begin anew, on entering 'operational'."""
         self._sent = None
         self._sent_ms = None
-        self._refused = None
+        self.refused = None
         self._syncs = 0
 
     @micropython.native
@@ -77,18 +77,18 @@ class Tpdo(Pdo):
                 self._send(self.can_id, data)
             self._syncs = syncs
             return True
-        self._refused = None if data == self._sent else data
+        self.refused = None if data == self._sent else data
         return self.retry()
 
     def retry(self):
         """Send the change that there was no room for at SYNC; return False if there is none yet."""
-        data = self._refused
+        data = self.refused
         if data is None:
             return True
         if not self._send(self.can_id, data):
             return False
         self._sent = data
-        self._refused = None
+        self.refused = None
         return True
 
     @micropython.native
