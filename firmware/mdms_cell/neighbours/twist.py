@@ -12,6 +12,10 @@ from mdms_cell.neighbours.geometry.angle import ARM_UM
 from mdms_cell.neighbours.geometry.outline import STEP_UM, X, Y
 from mdms_protocol.words import WIDEN
 
+# What is used in every beat; constants of another module would be looked up.
+_X = const(0)
+_Y = const(1)
+assert (_X, _Y) == (X, Y)
 _ARM = const(8000)
 assert _ARM * STEP_UM == ARM_UM
 #: An error of this size halves a wheel's weight, at least [um/s].
@@ -72,7 +76,7 @@ class TwistFit:
 
 
 @micropython.viper
-def fit(  # noqa: PLR0915, PLR0917 - viper takes words
+def fit(  # noqa: PLR0912, PLR0915, PLR0917 - viper takes words
     twist: ptr32,
     wheel_x: ptr32,
     wheel_y: ptr32,
@@ -93,8 +97,8 @@ def fit(  # noqa: PLR0915, PLR0917 - viper takes words
     twist[BEFORE] = vx
     twist[BEFORE + 1] = vy
     twist[BEFORE + 2] = turn
-    centre_x = twist[int(X)] << widen >> widen
-    centre_y = twist[int(Y)] << widen >> widen
+    centre_x = twist[_X] << widen >> widen
+    centre_y = twist[_Y] << widen >> widen
     slip = twist[OFF] * 3 // 2
     slip = slip if slip > _SLIPPING_UM_S else _SLIPPING_UM_S
     # Sums of the normal equations: of products of directions, and of directions with errors.
@@ -125,14 +129,18 @@ def fit(  # noqa: PLR0915, PLR0917 - viper takes words
             elif error < -_CLIP_UM_S:
                 error = -_CLIP_UM_S
             error = weight * error >> 6
-            xx += weight * along_x * along_x >> 15
-            xy += weight * along_x * along_y >> 15
-            xt += weight * along_x * lever >> 15
-            yy += weight * along_y * along_y >> 15
-            yt += weight * along_y * lever >> 15
+            # Wheels that lie along an axis, as nearly all do, add nothing to the sums of the other.
+            if along_x:
+                xx += weight * along_x * along_x >> 15
+                xt += weight * along_x * lever >> 15
+                rx += along_x * error
+                if along_y:
+                    xy += weight * along_x * along_y >> 15
+            if along_y:
+                yy += weight * along_y * along_y >> 15
+                yt += weight * along_y * lever >> 15
+                ry += along_y * error
             tt += weight * lever * lever >> 15
-            rx += along_x * error
-            ry += along_y * error
             rt += lever * error
         wheel += 1
     twist[WHEELS] = count
@@ -172,8 +180,8 @@ def against(  # noqa: PLR0917 - viper takes words
     vx = twist[VX] << widen >> widen
     vy = twist[VY] << widen >> widen
     turn = twist[TURN] << widen >> widen
-    centre_x = twist[int(X)] << widen >> widen
-    centre_y = twist[int(Y)] << widen >> widen
+    centre_x = twist[_X] << widen >> widen
+    centre_y = twist[_Y] << widen >> widen
     shown = 0
     wheel = 0
     while mask >> wheel:
