@@ -186,9 +186,10 @@ class Evidence:
             # A wheel well under the parcel is wrong if it does not turn with it.
             xs, ys = footprint.x, footprint.y
             x, y = footprint.shift_x[direction], footprint.shift_y[direction]
-            wheels = points_within(registers, xs, ys, _AXES, x, y, -_INSIDE) << _AXES * direction
-            xs, ys = footprint.wheel_x, footprint.wheel_y
-            along_xs, along_ys = footprint.along_x, footprint.along_y
-            shown = against(registers, xs, ys, along_xs, along_ys, heard.speeds, wheels)
+            wheels = points_within(registers, xs, ys, _AXES, x, y, -_INSIDE)
+            along_xs, along_ys, first = footprint.along_x, footprint.along_y, _AXES * direction
+            shown = against(
+                registers, xs, ys, x, y, along_xs, along_ys, heard.speeds, first, wheels
+            )
             if shown & _SLIPS or (shown and suspicion.cases >> WHEELS & 1):
                 suspicion.judge(direction, WHEELS, shown & _SLIPS != 0)

@@ -15,8 +15,6 @@ except ImportError:
 
 from mdms_cell.neighbours.agreement import OWN_WEIGHT, Agreement, gather, sum_up
 from mdms_cell.neighbours.belief import Belief, agree, roll, send
-from mdms_cell.neighbours.geometry.footprint import ALL_WHEELS
-from mdms_cell.neighbours.geometry.outline import points_within
 from mdms_cell.neighbours.geometry.place import AXES, DIRECTIONS
 from mdms_cell.neighbours.heard import NEVER, OWN
 from mdms_cell.neighbours.right_of_way import PROMISED, UNDER
@@ -44,13 +42,12 @@ _CERTAINTY = const(6)
 _PROMISED = const(2)
 _UNDER = const(3)
 _WHEEL = const(1)
-_WHEELS = const(18)
 _WHEELS_SHOWN = const(26)
 _OWN_WEIGHT = const(1280)
 assert (_OWN, _ALL, _NEVER) == (OWN, (1 << DIRECTIONS) - 1, NEVER)
 assert (_FIELDS, _IDENTITY, _STATE) == (wire.ESTIMATE_FIELDS, wire.IDENTITY, wire.STATE)
 assert (_CERTAINTY, _PROMISED, _UNDER) == (wire.CERTAINTY, PROMISED, UNDER)
-assert (_WHEEL, _WHEELS, _WHEELS_SHOWN) == (WHEELS, ALL_WHEELS, TWIST_WHEELS)
+assert (_WHEEL, _WHEELS_SHOWN) == (WHEELS, TWIST_WHEELS)
 assert _OWN_WEIGHT == OWN_WEIGHT
 #: So many neighbours that have the parcel show that a cell's own sensors are wrong.
 _WITNESSES = const(2)
@@ -191,8 +188,10 @@ def _updating(tracking, place, footprint, heard, suspicion):
         others=tracking.others,
         out=suspicion.out,
         shifts=place.shifts,
-        wheel_x=footprint.wheel_x,
-        wheel_y=footprint.wheel_y,
+        xs=footprint.x,
+        ys=footprint.y,
+        shift_x=footprint.shift_x,
+        shift_y=footprint.shift_y,
         along_x=footprint.along_x,
         along_y=footprint.along_y,
         estimates=heard.estimates,
@@ -200,7 +199,6 @@ def _updating(tracking, place, footprint, heard, suspicion):
         speeds=heard.speeds,
         speeds_beat=heard.speeds_beat,
         sort=_sort,
-        within=points_within,
         fit=fit,
         gather=gather,
         roll=roll,
@@ -213,8 +211,8 @@ def _updating(tracking, place, footprint, heard, suspicion):
             masks = sort(estimates, estimate_beat, speeds_beat, heard.beat, identity, others, out)
             if belief.known:
                 # By the belief of before.
-                wheels = within(registers, wheel_x, wheel_y, _WHEELS, 0, 0, 0) & masks >> _OWN
-                fit(registers, wheel_x, wheel_y, along_x, along_y, speeds, wheels)
+                cells = masks >> _OWN
+                fit(registers, xs, ys, shift_x, shift_y, along_x, along_y, speeds, cells)
             else:
                 tracking.twist.reset()
             gather(estimates, shifts, masks & _ALL, peers, registers)
@@ -252,8 +250,8 @@ def _sort(  # noqa: PLR0917 - viper takes words
 ) -> int:
     """The mask of the directions whose estimate of this parcel came in this beat.
 
-    From bit 8 on that of the wheels whose speeds came in this beat and count, two a direction.
-    Marks in `others` who is at another parcel.
+    From bit 8 on that of the cells whose speeds came in this beat, and count. Marks in `others` who
+    is at another parcel.
     """
     masks = 0
     at = 0
@@ -270,5 +268,5 @@ def _sort(  # noqa: PLR0917 - viper takes words
             others[direction] = other
             at += _FIELDS
         if speeds_beat[direction] == beat and not other | out[direction] >> _WHEEL & 1:
-            masks |= 3 << _OWN + 2 * direction
+            masks |= 1 << _OWN + direction
     return masks
