@@ -28,6 +28,23 @@ _PEER_WEIGHT = const(16)
 #: Poses farther apart than this contradict each other [um, and um at the arm of `angle`].
 _FAR_UM = const(25_000)
 
+# What is used in every beat; constants of another module would be looked up.
+_SENT = const(20)
+_FULL = const(804_248)  # a full turn
+_YAW_FULL = const(4096)
+_STEP_UM = const(250)
+_FIELDS = const(10)  # of an estimate
+_X_AT = const(0)
+_Y_AT = const(1)
+_YAW_AT = const(2)
+_CERTAINTY_AT = const(6)
+_MISLEADING = const(5)
+_POSE = const(2)
+assert (_SENT, _FULL, _YAW_FULL, _STEP_UM) == (SENT, TURN_UM, wire.TURN, wire.STEP_UM)
+assert (_FIELDS, _X_AT, _Y_AT) == (wire.ESTIMATE_FIELDS, wire.X, wire.Y)
+assert (_YAW_AT, _CERTAINTY_AT) == (wire.YAW, wire.CERTAINTY)
+assert (_MISLEADING, _POSE) == (MISLEADING, POSE)
+
 # Registers of an agreement: five sums over those that agree, as for `belief.agree`, ...
 # ... how many peers have sent a pose, the mask of those near the one that this cell sent ...
 _PEERS = const(5)
@@ -67,7 +84,7 @@ class Agreement:
         """
         registers = self.registers
         near = registers[_PEERS]
-        if registers[_NEAR_MASK] + 1 == 1 << near and not self._suspicion.cases >> POSE & 1:
+        if registers[_NEAR_MASK] + 1 == 1 << near and not self._suspicion.cases >> _POSE & 1:
             # As nearly always.
             self.near = near
             self.outvoted_beats = 0
@@ -148,41 +165,34 @@ def _count(mask):
 def gather(estimates: ptr32, shifts: ptr32, mask: int, peers: ptr32, belief: ptr32):
     """Write the poses of the neighbours of a mask into an agreement, and who is near this cell."""
     widen = int(WIDEN)
-    fields = int(wire.ESTIMATE_FIELDS)
-    x_at = int(wire.X)
-    y_at = int(wire.Y)
-    yaw_at = int(wire.YAW)
-    certainty_at = int(wire.CERTAINTY)
-    step_um = int(wire.STEP_UM)
     # As in `program.turn_um`.
-    turn_8 = int(TURN_UM) // 8
-    yaw_8 = int(wire.TURN) // 8
+    turn_8 = _FULL // 8
+    yaw_8 = _YAW_FULL // 8
     count = 0
     to = _ROWS
     direction = 0
     while mask >> direction:
         if mask >> direction & 1:
-            at = fields * direction
+            at = _FIELDS * direction
             shift = shifts[2 * direction] << widen >> widen
-            peers[to + _X] = (estimates[at + x_at] << widen >> widen) * step_um + shift
+            peers[to + _X] = (estimates[at + _X_AT] << widen >> widen) * _STEP_UM + shift
             shift = shifts[2 * direction + 1] << widen >> widen
-            peers[to + _Y] = (estimates[at + y_at] << widen >> widen) * step_um + shift
-            yaw = estimates[at + yaw_at] << widen >> widen
+            peers[to + _Y] = (estimates[at + _Y_AT] << widen >> widen) * _STEP_UM + shift
+            yaw = estimates[at + _YAW_AT] << widen >> widen
             peers[to + _TURN] = yaw * turn_8 // yaw_8
-            peers[to + _CERTAINTY] = estimates[at + certainty_at]
+            peers[to + _CERTAINTY] = estimates[at + _CERTAINTY_AT]
             peers[to + _DIRECTION] = direction
             count += 1
             to += _COLUMNS
         direction += 1
     peers[_PEERS] = count
-    peers[_NEAR_MASK] = int(near_mask(peers, belief, int(SENT)))
+    peers[_NEAR_MASK] = int(near_mask(peers, belief, _SENT))
 
 
 @micropython.viper
 def near_mask(peers: ptr32, pose: ptr32, at: int) -> int:
     """The mask of the peers whose pose is near the one that begins there."""
     widen = int(WIDEN)
-    full = int(TURN_UM)
     x_um = pose[at + _X] << widen >> widen
     y_um = pose[at + _Y] << widen >> widen
     turn = pose[at + _TURN] << widen >> widen
@@ -191,7 +201,7 @@ def near_mask(peers: ptr32, pose: ptr32, at: int) -> int:
     for peer in range(peers[_PEERS]):
         x = (peers[at + _X] << widen >> widen) - x_um
         y = (peers[at + _Y] << widen >> widen) - y_um
-        t = ((peers[at + _TURN] << widen >> widen) - turn + full // 2) % full - full // 2
+        t = ((peers[at + _TURN] << widen >> widen) - turn + _FULL // 2) % _FULL - _FULL // 2
         near = -_FAR_UM < x < _FAR_UM and -_FAR_UM < y < _FAR_UM
         if near and -_FAR_UM < t < _FAR_UM:
             mask |= 1 << peer
@@ -206,17 +216,14 @@ def sum_up(peers: ptr32, out: ptr8, belief: ptr32, certainty: int) -> int:
     Those that are suspected, by `Suspicion.out`, are left out; returns the sum of weights.
     """
     widen = int(WIDEN)
-    full = int(TURN_UM)
-    sent = int(SENT)
-    x_um = belief[sent + _X] << widen >> widen
-    y_um = belief[sent + _Y] << widen >> widen
-    turn = belief[sent + _TURN] << widen >> widen
-    misleading = int(MISLEADING)
+    x_um = belief[_SENT + _X] << widen >> widen
+    y_um = belief[_SENT + _Y] << widen >> widen
+    turn = belief[_SENT + _TURN] << widen >> widen
     mask = peers[_NEAR_MASK]
     total = x = y = t = variance = 0
     at = _ROWS
     while mask:
-        if mask & 1 and out[peers[at + _DIRECTION]] & misleading == 0:
+        if mask & 1 and out[peers[at + _DIRECTION]] & _MISLEADING == 0:
             its = peers[at + _CERTAINTY]
             more = its - certainty
             if more >= 0:
@@ -227,7 +234,7 @@ def sum_up(peers: ptr32, out: ptr8, belief: ptr32, certainty: int) -> int:
             x += weight * ((peers[at + _X] << widen >> widen) - x_um >> 2)
             y += weight * ((peers[at + _Y] << widen >> widen) - y_um >> 2)
             off = (peers[at + _TURN] << widen >> widen) - turn
-            t += weight * ((off + full // 2) % full - full // 2 >> 2)
+            t += weight * ((off + _FULL // 2) % _FULL - _FULL // 2 >> 2)
             variance += weight * (1 << 16 - its)
         mask >>= 1
         at += _COLUMNS

@@ -39,6 +39,16 @@ _WAY_UM = const(15)
 _GATE = const(25)
 _FAR = const(2500)
 
+# What is used in every beat; constants of another module would be looked up.
+_FULL = const(804_248)  # a full turn
+_X_AT = const(0)  # fields of an estimate
+_Y_AT = const(1)
+_YAW_AT = const(2)
+_YAW_FULL = const(4096)
+_STEP_UM = const(250)
+assert (_FULL, _YAW_FULL, _STEP_UM) == (TURN_UM, wire.TURN, wire.STEP_UM)
+assert (_X_AT, _Y_AT, _YAW_AT) == (wire.X, wire.Y, wire.YAW)
+
 #: `STEP_UM` in 1/16 mm is so many parts of 62.
 _STEP = const(16)
 assert _STEP == STEP_UM
@@ -120,8 +130,6 @@ def send(belief: ptr32, per_s: int, fields: ptr32) -> int:
     Leaves it in `SENT`, too; returns the certainty, 1 to 15: each step halves the variance.
     """
     widen = int(WIDEN)
-    full = int(TURN_UM)
-    step_um = int(wire.STEP_UM)
     for axis in range(3):
         speed = belief[_TWIST + axis] << widen >> widen
         pose = (belief[X + axis] << widen >> widen) + (speed + per_s // 2) // per_s
@@ -129,11 +137,11 @@ def send(belief: ptr32, per_s: int, fields: ptr32) -> int:
     x = belief[SENT] << widen >> widen
     y = belief[SENT + 1] << widen >> widen
     turn = belief[SENT + 2] << widen >> widen
-    belief[SENT + 2] = (turn + full // 2) % full - full // 2
-    fields[int(wire.X)] = (x + step_um // 2) // step_um
-    fields[int(wire.Y)] = (y + step_um // 2) // step_um
+    belief[SENT + 2] = (turn + _FULL // 2) % _FULL - _FULL // 2
+    fields[_X_AT] = (x + _STEP_UM // 2) // _STEP_UM
+    fields[_Y_AT] = (y + _STEP_UM // 2) // _STEP_UM
     # The nearest angle of the wire; as in `program.turn_um`.
-    fields[int(wire.YAW)] = (turn * (int(wire.TURN) // 8) + full // 16) // (full // 8)
+    fields[_YAW_AT] = (turn * (_YAW_FULL // 8) + _FULL // 16) // (_FULL // 8)
     variance = (belief[_XX] + belief[_YY] + belief[_TT]) // 3
     certainty = 17
     while variance and certainty > 1:
@@ -149,7 +157,6 @@ def roll(belief: ptr32, halves_per_s: int):
     Halves of that time go so often into a second. Its outline is left to be placed.
     """
     widen = int(WIDEN)
-    full = int(TURN_UM)
     way = belief[_WAY]
     for axis in range(3):
         speed = belief[_TWIST + axis] << widen >> widen
@@ -158,7 +165,7 @@ def roll(belief: ptr32, halves_per_s: int):
         belief[X + axis] += moved
         way += moved if moved > 0 else 0 - moved
     turn = belief[TURN] << widen >> widen
-    belief[TURN] = (turn + full // 2) % full - full // 2
+    belief[TURN] = (turn + _FULL // 2) % _FULL - _FULL // 2
     belief[_WAY] = way % _WAY_UM
     for number in range(_XX, _TT + 1):
         variance = belief[number] + way // _WAY_UM
@@ -191,11 +198,10 @@ def _correct(belief: ptr32, off: int, error: int, exact: bool) -> bool:
     gx = (sx << 10) // variance
     gy = (sy << 10) // variance
     gt = (st << 10) // variance
-    full = int(TURN_UM)
     turn = (belief[TURN] << widen >> widen) + (gt * off >> 6)
     belief[X] += gx * off >> 6
     belief[Y] += gy * off >> 6
-    belief[TURN] = (turn + full // 2) % full - full // 2
+    belief[TURN] = (turn + _FULL // 2) % _FULL - _FULL // 2
     if exact:
         xx = belief[_XX] - (gx * sx >> 10)
         yy = belief[_YY] - (gy * sy >> 10)
@@ -218,14 +224,13 @@ def agree(belief: ptr32, sums: ptr32, own: int):
     much they have in common. The outline is left to be placed.
     """
     widen = int(WIDEN)
-    full = int(TURN_UM)
     weight = sums[0]
     total = weight + own
     for axis in range(3):
         off = (sums[1 + axis] << widen >> widen) * 4 // weight
         belief[X + axis] += off * weight // total
     turn = belief[TURN] << widen >> widen
-    belief[TURN] = (turn + full // 2) % full - full // 2
+    belief[TURN] = (turn + _FULL // 2) % _FULL - _FULL // 2
     variance = sums[4] // weight
     for number in range(_XX, _TT + 1):
         belief[number] = (belief[number] * own + variance * weight) // total

@@ -69,7 +69,6 @@ assert (_RIGHT_HOLD, _DRIVE_BEATS) == (right_of_way.HOLD, right_of_way.DRIVE_BEA
 # The clock wraps, see `ticks`; a difference of two instants is negative from here on.
 _WRAP = const((1 << 30) - 1)
 _BEFORE = const(1 << 29)
-assert (_IDLE_MS, _OWN, _IDENTITY) == (IDLE_MS, OWN, IDENTITY)
 
 
 class Layer:

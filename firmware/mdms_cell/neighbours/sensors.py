@@ -40,6 +40,23 @@ _MOST_LATE = const(512)
 #: Sensors that one frame shows to have changed are as far from the edge, 2 mm [steps].
 _TOGETHER = const(125)
 
+# What is used in every beat; constants of another module would be looked up.
+_OWN = const(8)
+_PRESENCE = const(0)
+_AXES = const(2)
+_POINTS = const(7)
+_X = const(0)
+_Y = const(1)
+_COSINE = const(2)
+_SINE = const(3)
+_SHAPE = const(4)
+_HALF_LENGTH = const(5)
+_HALF_WIDTH = const(6)
+_DISC = const(1)
+assert (_OWN, _PRESENCE, _AXES, _POINTS) == (OWN, PRESENCE, AXES, POINTS)
+assert (_X, _Y, _COSINE, _SINE, _SHAPE) == (X, Y, COSINE, SINE, SHAPE)
+assert (_HALF_LENGTH, _HALF_WIDTH, _DISC) == (HALF_LENGTH, HALF_WIDTH, DISC)
+
 # What `_compare` finds: the mask of sensors on the wrong side of the outline, and bits
 _WRONG = const(31)
 _MISSING = const(32)  # all sensors deep under it are free
@@ -61,6 +78,8 @@ class Sensors:
         self._suspicion = suspicion
         self.edge_late_ms = 1
         self.turn = 0
+        #: Corrects the belief until the last SYNC; the cell is under the parcel.
+        self.check = _checking(self, tracking, footprint, heard, suspicion)
 
     # Edges
 
@@ -74,7 +93,7 @@ class Sensors:
             if ago_ms <= 0:
                 continue
             direction, _, covered = heard.edge(number)
-            if tracking.is_other(direction) or suspicion.has(direction, PRESENCE):
+            if tracking.others[direction] or suspicion.has(direction, PRESENCE):
                 continue
             x, y = self._edge_at(number, ago_ms)
             if self._passes(x, y, covered) and not self._is_late(number, ago_ms):
@@ -137,39 +156,7 @@ class Sensors:
 
     # Contradictions
 
-    @micropython.native
-    def check(self, sync_ms):
-        """Correct by sensors that contradict: the cell's own and, in turns, a neighbour's.
-
-        Returns whether the parcel is seen, by the cell's own sensors or, where it covers none of
-        them, by any around; and sets whether the cell is `under` it.
-        """
-        tracking, footprint, heard = self._tracking, self._footprint, self._heard
-        cases = self._suspicion.cases >> PRESENCE & 1
-        registers, presence = tracking.outline.registers, heard.presence
-        xs, ys = footprint.x, footprint.y
-        turn = self.turn = (self.turn + 1) % (DIRECTIONS + 1)
-        moved = missing = False
-        own = _compare(registers, xs, ys, 0, 0, presence[OWN])
-        if heard.seen[OWN]:
-            missing = own & _MISSING
-            if not turn & 3 and (own & (_WRONG | _MISSING | _FAR) or cases):
-                moved = self._weigh(OWN, own, 0)
-        if turn != OWN and footprint.present >> turn & 1 and not tracking.is_other(turn):
-            x, y = footprint.shift_x[turn], footprint.shift_y[turn]
-            its = _compare(registers, xs, ys, x, y, presence[turn])
-            if its & (_WRONG | _MISSING | _FAR) or cases:
-                age_ms = heard.age_ms(turn, sync_ms)
-                if age_ms >= 0:
-                    moved |= self._weigh(turn, its, age_ms)
-        if moved:
-            own = _compare(registers, xs, ys, 0, 0, presence[OWN])
-        tracking.under = own & _NEARLY != 0
-        if missing and not (tracking.is_witnessed() and self._suspicion.has(OWN, PRESENCE)):
-            return False
-        return presence[OWN] != 0 or self._is_anything_there()
-
-    def _is_anything_there(self):
+    def is_anything_there(self):
         """Whether a sensor of a neighbour is covered; by this parcel, as far as is known.
 
         A cell whose own sensors the parcel does not cover cannot see by them that it is gone.
@@ -178,13 +165,13 @@ class Sensors:
         for direction in range(DIRECTIONS):
             if (
                 presence[direction]
-                and not tracking.is_other(direction)
+                and not tracking.others[direction]
                 and self._suspicion.trusts(direction)
             ):
                 return True
         return False
 
-    def _weigh(self, direction, found, age_ms):
+    def weigh(self, direction, found, age_ms):
         """Judge a cell's sensors by what was found, or correct the belief by them.
 
         Returns whether that may have moved it.
@@ -224,6 +211,61 @@ class Sensors:
             point += 1
 
 
+def _checking(sensors, tracking, footprint, heard, suspicion):
+    """What corrects a belief; it looks up what changes, and nothing else.
+
+    Contradictions count of the cell's own sensors and, in turns, of a neighbour's. The parcel is
+    seen by the cell's own sensors or, where it covers none of them, by any around.
+    """
+
+    @micropython.native
+    def check(  # noqa: PLR0917 - all is at hand
+        sync_ms,
+        sensors=sensors,
+        tracking=tracking,
+        footprint=footprint,
+        heard=heard,
+        suspicion=suspicion,
+        registers=tracking.outline.registers,
+        others=tracking.others,
+        xs=footprint.x,
+        ys=footprint.y,
+        presence=heard.presence,
+        seen=heard.seen,
+        compare=_compare,
+    ):
+        if heard.edges:
+            sensors.take_edges(sync_ms)
+        cases = suspicion.cases >> _PRESENCE & 1
+        turn = sensors.turn
+        turn = sensors.turn = turn + 1 if turn < _OWN else 0
+        moved = missing = False
+        bits = presence[_OWN]
+        own = compare(registers, xs, ys, 0, 0, bits)
+        if seen[_OWN]:
+            missing = own & _MISSING != 0
+            if not turn & 3 and (own & _WRONG or cases):
+                moved = sensors.weigh(_OWN, own, 0)
+        if turn != _OWN and footprint.present >> turn & 1 and not others[turn]:
+            x, y = footprint.shift_x[turn], footprint.shift_y[turn]
+            its = compare(registers, xs, ys, x, y, presence[turn])
+            if its & _WRONG or cases:
+                age_ms = heard.age_ms(turn, sync_ms)
+                if age_ms >= 0:
+                    moved |= sensors.weigh(turn, its, age_ms)
+        if moved:
+            own = compare(registers, xs, ys, 0, 0, bits)
+        tracking.under = own & _NEARLY != 0
+        if missing:
+            missing = not (tracking.is_witnessed() and suspicion.has(_OWN, _PRESENCE))
+        if missing or not (bits or sensors.is_anything_there()):
+            tracking.miss()
+        else:
+            tracking.missing_beats = 0
+
+    return check
+
+
 @micropython.viper
 def _of_one_frame(edges: ptr8, edge_ms: ptr32, count: int, number: int) -> int:
     """The mask of the edges that came in the same frame as this one; the cell's own in none."""
@@ -245,13 +287,13 @@ def _compare(  # noqa: PLR0917 - viper takes words
     The cell's points are those of a `Footprint`, moved by a shift.
     """
     widen = int(WIDEN)
-    shift_x -= outline[int(X)] << widen >> widen
-    shift_y -= outline[int(Y)] << widen >> widen
-    disc = outline[int(SHAPE)] == int(DISC)
-    cosine = outline[int(COSINE)] << widen >> widen
-    sine = outline[int(SINE)] << widen >> widen
-    length = outline[int(HALF_LENGTH)]
-    width = outline[int(HALF_WIDTH)]
+    shift_x -= outline[_X] << widen >> widen
+    shift_y -= outline[_Y] << widen >> widen
+    disc = outline[_SHAPE] == _DISC
+    cosine = outline[_COSINE] << widen >> widen
+    sine = outline[_SINE] << widen >> widen
+    length = outline[_HALF_LENGTH]
+    width = outline[_HALF_WIDTH]
     deep = -_CLEAR
     inside = 0
     nearly = _CLEAR
@@ -265,8 +307,8 @@ def _compare(  # noqa: PLR0917 - viper takes words
         near = (length + _CLEAR + 4 >> 2) * (length + _CLEAR + 4 >> 2)
     found = 0
     covered = 0
-    sensor = 0 - int(AXES)
-    for point in range(int(POINTS)):
+    sensor = 0 - _AXES
+    for point in range(_POINTS):
         x = (xs[point] << widen >> widen) + shift_x
         y = (ys[point] << widen >> widen) + shift_y
         if disc:

@@ -12,7 +12,7 @@ try:
 except ImportError:
     from mdms_protocol.cpython import const, micropython, ptr8
 
-from mdms_cell.neighbours.geometry.outline import STEP_UM
+from mdms_cell.neighbours.geometry.outline import points_within
 from mdms_cell.neighbours.geometry.place import AXES, DIRECTIONS
 from mdms_cell.neighbours.twist import SLIPS, against
 from mdms_cell.neighbours.twist import WHEELS as TWIST_WHEELS
@@ -37,16 +37,22 @@ _CELLS = const(9)
 assert _CELLS == DIRECTIONS + 1
 #: So many cells whose sensors contradict at once are right.
 _CROWD = const(3)
-#: A wheel has to be so far inside the outline to be under it [steps].
-_INSIDE = 10_000 // STEP_UM
 #: Wheels that are to agree before one is found wrong.
 _ENOUGH_WHEELS = const(5)
 
 #: Who has been silent for less has lost a frame.
 _LATE_BEATS = const(3)
 
+#: A wheel has to be so far inside the outline to be under it, 10 mm [steps].
+_INSIDE = const(625)
 #: The cell itself, in the place of a direction.
-_OWN = DIRECTIONS
+_OWN = const(8)
+assert _OWN == DIRECTIONS
+# What is used in every beat; constants of another module would be looked up.
+_AXES = const(2)
+_WHEELS_SHOWN = const(26)
+_SLIPS = const(2)
+assert (_AXES, _WHEELS_SHOWN, _SLIPS) == (AXES, TWIST_WHEELS, SLIPS)
 #: Whose pose is left out: it is wrong, or made by sensors that are.
 MISLEADING = 1 << POSE | 1 << PRESENCE
 
@@ -161,39 +167,29 @@ class Evidence:
     @micropython.native
     def judge(self, tracking, asked):
         """One cell, by what it sent; `asked` is the mask of those asked for the parcel."""
-        direction = self._turn = (self._turn + 1) % _CELLS
+        direction = self._turn
+        direction = self._turn = direction + 1 if direction < _OWN else 0
         if not tracking.is_sure():
             return
+        footprint, heard, suspicion = self._footprint, self._heard, self._suspicion
         if direction != _OWN:
-            if not self._footprint.present >> direction & 1:
+            if not footprint.present >> direction & 1:
                 return
-            heard = self._heard
             beat = heard.beat
             silent = (beat - heard.estimate_beat[direction]) & 0xFFFFFF > _LATE_BEATS
-            if asked >> direction & 1 or not silent:
-                self._suspicion.judge(direction, SILENCE, silent)
-            if heard.speeds_beat[direction] != beat or tracking.is_other(direction):
+            if asked >> direction & 1 if silent else suspicion.cases >> SILENCE & 1:
+                suspicion.judge(direction, SILENCE, silent)
+            if heard.speeds_beat[direction] != beat or tracking.others[direction]:
                 return
-        self._judge_wheels(tracking, direction)
-
-    @micropython.native
-    def _judge_wheels(self, tracking, direction):
-        """A wheel well under the parcel is wrong if it does not turn with it."""
-        twist, outline = tracking.twist, tracking.outline
-        if twist.registers[TWIST_WHEELS] < _ENOUGH_WHEELS:
-            return
-        inside = self._footprint.within(outline, direction, -_INSIDE, AXES)
-        if inside:
-            mask = inside << AXES * direction
-            footprint = self._footprint
+        registers = tracking.belief.registers
+        if registers[_WHEELS_SHOWN] >= _ENOUGH_WHEELS:
+            # A wheel well under the parcel is wrong if it does not turn with it.
+            xs, ys = footprint.x, footprint.y
+            x, y = footprint.shift_x[direction], footprint.shift_y[direction]
+            wheels = points_within(registers, xs, ys, _AXES, x, y, -_INSIDE)
+            along_xs, along_ys, first = footprint.along_x, footprint.along_y, _AXES * direction
             shown = against(
-                outline.registers,
-                footprint.wheel_x,
-                footprint.wheel_y,
-                footprint.along_x,
-                footprint.along_y,
-                self._heard.speeds,
-                mask,
+                registers, xs, ys, x, y, along_xs, along_ys, heard.speeds, first, wheels
             )
-            if shown:
-                self._suspicion.judge(direction, WHEELS, shown & SLIPS != 0)
+            if shown & _SLIPS or (shown and suspicion.cases >> WHEELS & 1):
+                suspicion.judge(direction, WHEELS, shown & _SLIPS != 0)

@@ -90,20 +90,21 @@ def test_outline_fits_wherever_the_parcel_lies(shape, pose, halves):
 
 
 @settings(max_examples=60)
-@given(st.lists(speeds, min_size=3, max_size=8), numbers(HALF), numbers(HALF), st.data())
-def test_twist_fits_whatever_speeds_come(beats, centre_x, centre_y, data):
-    registers = Words([centre_x, centre_y, *[0] * 29])
+@given(st.lists(speeds, min_size=3, max_size=8), numbers(HALF), numbers(HALF), turns, st.data())
+def test_twist_fits_whatever_speeds_come(beats, centre_x, centre_y, turn, data):
+    registers = placed(RECTANGLE, (centre_x, centre_y, turn), (Word(2 * HALF), Word(2 * HALF)))
     along = st.tuples(numbers(362), numbers(362))
     along_x, along_y = (
         Words(each) for each in zip(*data.draw(st.tuples(along, along)), strict=True)
     )
-    reach = st.lists(numbers(NEAR), min_size=18, max_size=18)
-    wheel_x, wheel_y = Words(data.draw(reach)), Words(data.draw(reach))
+    wheels, cells = (st.lists(numbers(NEAR // 2), min_size=size, max_size=size) for size in (2, 9))
+    xs, ys = Words(data.draw(wheels)), Words(data.draw(wheels))
+    shift_xs, shift_ys = Words(data.draw(cells)), Words(data.draw(cells))
     for beat in beats:
-        mask = Word(data.draw(st.integers(0, (1 << 18) - 1)))
-        args = registers, wheel_x, wheel_y, along_x, along_y, Words(beat), mask
-        twist.fit(*args)
-        twist.against(*args)
+        mask = Word(data.draw(st.integers(0, (1 << 9) - 1)))
+        twist.fit(registers, xs, ys, shift_xs, shift_ys, along_x, along_y, Words(beat), mask)
+        x, y = Word(shift_xs[4]), Word(shift_ys[4])
+        twist.against(registers, xs, ys, x, y, along_x, along_y, Words(beat), Word(8), Word(3))
 
 
 @given(

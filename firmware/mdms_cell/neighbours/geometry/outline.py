@@ -17,8 +17,11 @@ from mdms_cell.neighbours.geometry.angle import ARM_UM, ONE, QUARTER_UM, root
 from mdms_protocol.words import WIDEN
 
 STEP_UM = const(16)
+# What is used in every beat; constants of another module would be looked up.
 _ARM = const(8000)
-assert _ARM * STEP_UM == ARM_UM
+_ONE = const(8192)
+_QUARTER_UM = const(201_062)
+assert (_ARM * STEP_UM, _ONE, _QUARTER_UM) == (ARM_UM, ONE, QUARTER_UM)
 
 RECTANGLE = const(0)
 DISC = const(1)
@@ -72,17 +75,15 @@ class Outline:
 @micropython.viper
 def place(outline: ptr32, x_um: int, y_um: int, turn_um: int):
     """Set the pose of an outline; cosine and sine are within 2 of those of its turn."""
-    one = int(ONE)
-    quarter_um = int(QUARTER_UM)
     outline[X] = x_um // STEP_UM
     outline[Y] = y_um // STEP_UM
-    quarter = (turn_um + quarter_um // 2) // quarter_um
+    quarter = (turn_um + _QUARTER_UM // 2) // _QUARTER_UM
     # Radians in 1/8192, at most an eighth of a turn from a multiple of the right angle.
-    near = (turn_um - quarter * quarter_um) * 8 // 125
+    near = (turn_um - quarter * _QUARTER_UM) * 8 // 125
     square = near * near >> 13
-    most = (one // 12 - square // 360) * square >> 13
-    cosine = one - (square * (one // 2 - most // 2) >> 13)
-    sine = near * (one - (square * (one - square // 20) >> 13) // 6) >> 13
+    most = (_ONE // 12 - square // 360) * square >> 13
+    cosine = _ONE - (square * (_ONE // 2 - most // 2) >> 13)
+    sine = near * (_ONE - (square * (_ONE - square // 20) >> 13) // 6) >> 13
     if quarter & 1:
         cosine, sine = 0 - sine, cosine
     if quarter & 2:
@@ -100,8 +101,8 @@ def edge(outline: ptr32, x: int, y: int) -> int:
     if outline[SHAPE] == DISC:
         from_centre = int(root((x >> 2) * (x >> 2) + (y >> 2) * (y >> 2))) * 4
         most = from_centre if from_centre > 1 else 1
-        outline[NORMAL_X] = x * int(ONE) // most >> 3
-        outline[NORMAL_Y] = y * int(ONE) // most >> 3
+        outline[NORMAL_X] = x * _ONE // most >> 3
+        outline[NORMAL_Y] = y * _ONE // most >> 3
         outline[LEVER] = 0
         return from_centre - outline[HALF_LENGTH]
     cosine = outline[COSINE] << widen >> widen
@@ -137,19 +138,24 @@ def points_within(  # noqa: PLR0917 - viper takes words
     sine = outline[SINE] << widen >> widen
     length = outline[HALF_LENGTH] + limit
     width = outline[HALF_WIDTH] + limit
-    radius = length + 3 >> 2
+    radius = length + 3 >> 2 if length > 0 else 0
+    square = radius * radius
+    disc = outline[SHAPE] == DISC
     mask = 0
+    bit = 1
     for point in range(points):
         x = (xs[point] << widen >> widen) + shift_x
         y = (ys[point] << widen >> widen) + shift_y
-        if outline[SHAPE] == DISC:
-            within = radius > 0 and (x >> 2) * (x >> 2) + (y >> 2) * (y >> 2) < radius * radius
+        if disc:
+            if (x >> 2) * (x >> 2) + (y >> 2) * (y >> 2) < square:
+                mask |= bit
         else:
             along = cosine * x + sine * y >> 13
-            across = cosine * y - sine * x >> 13
-            within = 0 - length < along < length and 0 - width < across < width
-        if within:
-            mask |= 1 << point
+            if along < length and along > 0 - length:
+                across = cosine * y - sine * x >> 13
+                if across < width and across > 0 - width:
+                    mask |= bit
+        bit <<= 1
     return mask
 
 
