@@ -13,19 +13,15 @@ try:
 except ImportError:
     from mdms_protocol.cpython import const, micropython, ptr8, ptr32
 
-from array import array
-
-from mdms_cell.neighbours.agreement import Agreement
-from mdms_cell.neighbours.belief import Belief
-from mdms_cell.neighbours.geometry.footprint import ALL_WHEELS
-from mdms_cell.neighbours.geometry.outline import points_within
+from mdms_cell.neighbours.agreement import OWN_WEIGHT, Agreement, gather, sum_up
+from mdms_cell.neighbours.belief import Belief, agree, roll, send
 from mdms_cell.neighbours.geometry.place import AXES, DIRECTIONS
 from mdms_cell.neighbours.heard import NEVER, OWN
 from mdms_cell.neighbours.right_of_way import PROMISED, UNDER
-from mdms_cell.neighbours.sensing import Sensing
+from mdms_cell.neighbours.sensors import Sensors
 from mdms_cell.neighbours.suspicion import WHEELS
 from mdms_cell.neighbours.twist import WHEELS as TWIST_WHEELS
-from mdms_cell.neighbours.twist import TwistFit
+from mdms_cell.neighbours.twist import TwistFit, fit
 from mdms_protocol.neighbours import frames as wire
 
 _FEW_WHEELS = const(5)
@@ -35,37 +31,49 @@ _AHEAD_MAX_MS = const(50)
 _FOLLOW_BEATS = const(5)
 #: A sensor so far outside is not covered by this parcel, whatever its place is off, 30 mm [steps].
 _ELSEWHERE = const(1875)
-#: The mask of all directions.
-_ALL = (1 << DIRECTIONS) - 1
+# What is used in every beat; constants of another module would be looked up.
+_OWN = const(8)
+_ALL = const(255)  # the mask of all directions
+_NEVER = const(1 << 24)
+_FIELDS = const(10)
+_IDENTITY = const(3)
+_STATE = const(4)
+_CERTAINTY = const(6)
+_PROMISED = const(2)
+_UNDER = const(3)
+_WHEEL = const(1)
+_WHEELS_SHOWN = const(26)
+_OWN_WEIGHT = const(1280)
+assert (_OWN, _ALL, _NEVER) == (OWN, (1 << DIRECTIONS) - 1, NEVER)
+assert (_FIELDS, _IDENTITY, _STATE) == (wire.ESTIMATE_FIELDS, wire.IDENTITY, wire.STATE)
+assert (_CERTAINTY, _PROMISED, _UNDER) == (wire.CERTAINTY, PROMISED, UNDER)
+assert (_WHEEL, _WHEELS_SHOWN) == (WHEELS, TWIST_WHEELS)
+assert _OWN_WEIGHT == OWN_WEIGHT
+#: So many neighbours that have the parcel show that a cell's own sensors are wrong.
+_WITNESSES = const(2)
 #: A cell whose sensors miss the parcel for so long steers no more, and then has it no longer.
 DOUBT_BEATS = const(20)
 LOST_BEATS = const(100)
 
 
 class Tracking:
-    """The belief of one parcel; `identity` is 0 without one, `missing_beats` since it was seen."""
+    """The belief of one parcel; `identity` is 0 without one, `missing_beats` since it was seen.
+
+    Of direction d `others[d]` is set where that cell's wheels and sensors serve another parcel.
+    """
 
     def __init__(self, place, footprint, heard, suspicion):
         self._footprint = footprint
         self._heard = heard
         self._suspicion = suspicion
-        self._agreement = Agreement(place, heard, suspicion)
-        # By direction who is at another parcel.
-        self._others = bytearray(DIRECTIONS + 1)
+        self.agreement = Agreement(suspicion)
+        self.others = bytearray(DIRECTIONS + 1)
         self.belief = Belief()
         self.outline = self.belief.outline
-        self.twist = TwistFit()
-        self.sensing = Sensing(
-            footprint,
-            heard,
-            suspicion,
-            agreement=self._agreement,
-            belief=self.belief,
-            twist=self.twist,
-            others=self._others,
-        )
-        # The pose that was sent last [um]; `_sent` is None where none was.
-        self._pose = array("i", (0, 0, 0))
+        self.twist = TwistFit(self.outline.registers)
+        self.sensors = Sensors(self, footprint, heard, suspicion)
+        #: Brings the belief to the last SYNC, so many milliseconds after that of the last update.
+        self.update = _updating(self, place, footprint, heard, suspicion)
         self.drop()
 
     def drop(self):
@@ -75,13 +83,14 @@ class Tracking:
         self.under = False
         self.missing_beats = 0
         self._followed_beats = 0
-        self._follows = False
-        self._sent = None
-        self.sensing.reset()
+        self.follows = False
+        # Whether a pose was sent last, and how certain.
+        self.sent = False
+        self.sensors.turn = 0
         self.certainty = 0
         self.belief.drop()
         self.twist.reset()
-        self._agreement.reset()
+        self.agreement.reset()
 
     def adopt(self, identity):
         """Follow this parcel from now on."""
@@ -90,71 +99,31 @@ class Tracking:
 
     def take_shape(self, program):
         """The parcel's outline is known now."""
-        self.outline.set(program.shape, program.length_um, program.width_um)
+        self.outline.set(*program.size())
         self.shaped = True
-        self._look()
+        self.look()
 
     def place(self, x_um, y_um, turn):
         """The parcel was put there [um; from the cell's own centre]."""
         self.belief.start(x_um, y_um, turn)
         self.twist.reset()
-        self._look()
+        self.look()
 
-    def _look(self):
+    def look(self):
+        """Find whether the cell is under the parcel, or nearly."""
         self.under = self.shaped and self.belief.known and self._footprint.covers(self.outline)
 
-    @micropython.native
-    def update(self, step_ms, sync_ms):
-        """Bring the belief to the last SYNC, `step_ms` after that of the last update."""
-        heard = self._heard
-        if self.identity and self.shaped:
-            belief, agreement, twist = self.belief, self._agreement, self.twist.registers
-            masks = _sort(
-                heard.estimates,
-                heard.estimate_beat,
-                heard.speeds_beat,
-                heard.beat,
-                self.identity,
-                self._others,
-                self._suspicion.out,
-            )
-            self._fit(masks >> DIRECTIONS)
-            # A few wheels, all on one side, do not show how a parcel turns.
-            self._follows = follows = not self.under or twist[TWIST_WHEELS] < _FEW_WHEELS
-            sent = self._sent
-            outvoted = agreement.gather(masks & _ALL, None if follows else sent)
-            if not (follows or outvoted) or not self._follow():
-                belief.roll(twist, 2000 // step_ms)
-                if sent is not None:
-                    agreement.agree(belief, sent, self.certainty)
-                belief.place()
-            if self.under:
-                if heard.edges:
-                    self.sensing.correct(sync_ms)
-                missing = self.sensing.contradict(sync_ms, self.is_sure())
-                self.missing_beats = min(self.missing_beats + 1, LOST_BEATS) if missing else 0
-            self._look()
-        if heard.edges:
-            self.sensing.drop_edges(sync_ms)
+    def miss(self):
+        """The parcel is not seen in this beat."""
+        self.missing_beats = min(self.missing_beats + 1, LOST_BEATS)
 
-    @micropython.native
-    def _fit(self, wheels):
-        """Find the twist by those wheels that lie under the parcel, by the belief of before."""
-        if not self.belief.known:
-            self.twist.reset()
-            return
-        outline, footprint = self.outline.registers, self._footprint
-        xs, ys = footprint.wheel_x, footprint.wheel_y
-        wheels &= points_within(outline, xs, ys, ALL_WHEELS, 0, 0, 0)
-        self.twist.fit(outline, footprint, self._heard.speeds, wheels)
+    def is_witnessed(self):
+        """Whether neighbours have the parcel where this cell believes it."""
+        return self.agreement.near >= _WITNESSES
 
-    def is_other(self, direction):
-        """Whether that cell's wheels and sensors serve another parcel."""
-        return self._others[direction]
-
-    def _follow(self):
+    def follow(self):
         """Take what those under the parcel believe; returns whether there are any."""
-        if self._agreement.follow(self.belief):
+        if self.agreement.follow(self.belief):
             self._followed_beats = 0
             return True
         if not self.under:
@@ -180,15 +149,13 @@ class Tracking:
     def is_sure(self):
         """Whether this cell has a belief of its own that nothing is against."""
         return (
-            self._sent is not None
-            and self.under
-            and not (self.missing_beats or self._agreement.outvoted_beats)
+            self.sent and self.under and not (self.missing_beats or self.agreement.outvoted_beats)
         )
 
     @micropython.native
     def is_doubtful(self):
         """Whether this cell is not to steer: its own sensors or its neighbours are against it."""
-        return self.missing_beats >= DOUBT_BEATS or self._agreement.outvoted_beats >= DOUBT_BEATS
+        return self.missing_beats >= DOUBT_BEATS or self.agreement.outvoted_beats >= DOUBT_BEATS
 
     @micropython.native
     def announce(self, fields, ahead_ms):
@@ -196,15 +163,79 @@ class Tracking:
 
         That is no pose where it is too long.
         """
-        self.certainty = 0
-        self._sent = None
-        sure = self.belief.known and self.under and not self._follows
-        if sure and ahead_ms <= _AHEAD_MAX_MS:
-            sent = self._sent = self._pose
-            certainty = self.belief.send(self.twist.registers, 1000 // ahead_ms, fields, sent)
-            if not self.is_doubtful():
-                self.certainty = certainty
-        fields[wire.CERTAINTY] = self.certainty
+        certainty = 0
+        sent = self.sent = self.under and not self.follows and ahead_ms <= _AHEAD_MAX_MS
+        if sent:
+            certainty = send(self.belief.registers, 1000 // ahead_ms, fields)
+            if self.is_doubtful():
+                certainty = 0
+        fields[_CERTAINTY] = self.certainty = certainty
+
+
+def _updating(tracking, place, footprint, heard, suspicion):
+    """What updates a belief; it looks up what changes, and nothing else."""
+
+    @micropython.native
+    def update(  # noqa: PLR0917 - all is at hand
+        step_ms,
+        sync_ms,
+        tracking=tracking,
+        agreement=tracking.agreement,
+        heard=heard,
+        belief=tracking.belief,
+        registers=tracking.outline.registers,
+        peers=tracking.agreement.registers,
+        others=tracking.others,
+        out=suspicion.out,
+        shifts=place.shifts,
+        xs=footprint.x,
+        ys=footprint.y,
+        shift_x=footprint.shift_x,
+        shift_y=footprint.shift_y,
+        along_x=footprint.along_x,
+        along_y=footprint.along_y,
+        estimates=heard.estimates,
+        estimate_beat=heard.estimate_beat,
+        speeds=heard.speeds,
+        speeds_beat=heard.speeds_beat,
+        sort=_sort,
+        fit=fit,
+        gather=gather,
+        roll=roll,
+        sum_up=sum_up,
+        agree=agree,
+        check=tracking.sensors.check,
+    ):
+        identity = tracking.identity
+        if identity and tracking.shaped:
+            masks = sort(estimates, estimate_beat, speeds_beat, heard.beat, identity, others, out)
+            if belief.known:
+                # By the belief of before.
+                cells = masks >> _OWN
+                fit(registers, xs, ys, shift_x, shift_y, along_x, along_y, speeds, cells)
+            else:
+                tracking.twist.reset()
+            gather(estimates, shifts, masks & _ALL, peers, registers)
+            # A few wheels, all on one side, do not show how a parcel turns.
+            under = tracking.under
+            follows = tracking.follows = not under or registers[_WHEELS_SHOWN] < _FEW_WHEELS
+            agrees = not follows and tracking.sent
+            if not agrees:
+                agreement.near = 0
+            outvoted = agrees and agreement.is_outvoted()
+            if not (follows or outvoted) or not tracking.follow():
+                roll(registers, 2000 // step_ms)
+                if agrees and sum_up(peers, out, registers, tracking.certainty):
+                    agree(registers, peers, _OWN_WEIGHT)
+                belief.place()
+            if under:
+                check(sync_ms)
+            else:
+                tracking.look()
+        if heard.edges:
+            tracking.sensors.drop_edges(sync_ms)
+
+    return update
 
 
 @micropython.viper
@@ -219,32 +250,23 @@ def _sort(  # noqa: PLR0917 - viper takes words
 ) -> int:
     """The mask of the directions whose estimate of this parcel came in this beat.
 
-    From bit 8 on that of the wheels whose speeds came in this beat and count, two a direction.
-    Marks in `others` who is at another parcel.
+    From bit 8 on that of the cells whose speeds came in this beat, and count. Marks in `others` who
+    is at another parcel.
     """
-    never = int(NEVER)
-    fields = int(wire.ESTIMATE_FIELDS)
-    identity_at = int(wire.IDENTITY)
-    state_at = int(wire.STATE)
-    certainty_at = int(wire.CERTAINTY)
-    promised = int(PROMISED)
-    under = int(UNDER)
-    suspected = 1 << int(WHEELS)
-    own = int(OWN)
     masks = 0
     at = 0
-    for direction in range(own + 1):
+    for direction in range(_OWN + 1):
         other = 0
-        if direction != own:
+        if direction != _OWN:
             came = estimate_beat[direction]
-            state = estimates[at + state_at]
-            if estimates[at + identity_at] != parcel:
-                if came != never and state >= promised:
+            state = estimates[at + _STATE]
+            if estimates[at + _IDENTITY] != parcel:
+                if came != _NEVER and state >= _PROMISED:
                     other = 1
-            elif came == beat and state == under and estimates[at + certainty_at] > 0:
+            elif came == beat and state == _UNDER and estimates[at + _CERTAINTY] > 0:
                 masks |= 1 << direction
             others[direction] = other
-            at += fields
-        if speeds_beat[direction] == beat and not other | out[direction] & suspected:
-            masks |= 3 << own + 2 * direction
+            at += _FIELDS
+        if speeds_beat[direction] == beat and not other | out[direction] >> _WHEEL & 1:
+            masks |= 1 << _OWN + direction
     return masks

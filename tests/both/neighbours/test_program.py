@@ -36,7 +36,8 @@ def whole():
 
 
 def goal(program):
-    return program.goal_x_um // wire.STEP_UM, program.goal_y_um // wire.STEP_UM
+    x_um, y_um, _ = program.place(0)
+    return x_um // wire.STEP_UM, y_um // wire.STEP_UM
 
 
 def rest(program):
