@@ -118,6 +118,13 @@ class Errand:
         begins_s = np.concatenate((before_s, found.begins_s))
         return self._route(ahead, self.now_s, begins_s, gone_s)
 
+    def along(self, poses: Floats, begins_s: Floats) -> Route:
+        """The route along these poses, with moves that begin then, to the end of the errand."""
+        route = self._route(poses, self.now_s, begins_s, np.inf)
+        if not self.task.leaves:
+            return route
+        return self._route(poses, self.now_s, begins_s, route.end_s + self.task.leaves_s)
+
     def _route(self, poses: Floats, now_s: float, planned_s: Floats, gone_s: float) -> Route:
         """A route along poses; its last moves begin as planned, those before them at once."""
         kept = np.ones(len(poses), dtype=bool)
