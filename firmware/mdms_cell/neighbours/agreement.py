@@ -15,6 +15,7 @@ except ImportError:
 
 from array import array
 
+from mdms_cell.neighbours.belief import SENT
 from mdms_cell.neighbours.geometry.angle import TURN_UM, wrapped
 from mdms_cell.neighbours.geometry.place import DIRECTIONS
 from mdms_cell.neighbours.suspicion import MISLEADING, POSE, POSE_BEATS
@@ -22,12 +23,34 @@ from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.words import WIDEN
 
 #: A belief of one's own weighs as much as so many of others.
-_OWN_WEIGHT = const(1280)
+OWN_WEIGHT = const(1280)
 _PEER_WEIGHT = const(16)
 #: Poses farther apart than this contradict each other [um, and um at the arm of `angle`].
 _FAR_UM = const(25_000)
 
-# Columns of a peer: its pose [um; from this cell's centre], certainty and direction
+# What is used in every beat; constants of another module would be looked up.
+_SENT = const(20)
+_FULL = const(804_248)  # a full turn
+_YAW_FULL = const(4096)
+_STEP_UM = const(250)
+_FIELDS = const(10)  # of an estimate
+_X_AT = const(0)
+_Y_AT = const(1)
+_YAW_AT = const(2)
+_CERTAINTY_AT = const(6)
+_MISLEADING = const(5)
+_POSE = const(2)
+assert (_SENT, _FULL, _YAW_FULL, _STEP_UM) == (SENT, TURN_UM, wire.TURN, wire.STEP_UM)
+assert (_FIELDS, _X_AT, _Y_AT) == (wire.ESTIMATE_FIELDS, wire.X, wire.Y)
+assert (_YAW_AT, _CERTAINTY_AT) == (wire.YAW, wire.CERTAINTY)
+assert (_MISLEADING, _POSE) == (MISLEADING, POSE)
+
+# Registers of an agreement: five sums over those that agree, as for `belief.agree`, ...
+# ... how many peers have sent a pose, the mask of those near the one that this cell sent ...
+_PEERS = const(5)
+_NEAR_MASK = const(6)
+# ... and a row for each: its pose [um; from this cell's centre], certainty and direction.
+_ROWS = const(7)
 _X = const(0)
 _Y = const(1)
 _TURN = const(2)
@@ -43,100 +66,84 @@ class Agreement:
     one another.
     """
 
-    def __init__(self, place, heard, suspicion):
-        self._place = place
-        self._heard = heard
+    def __init__(self, suspicion):
         self._suspicion = suspicion
+        self.registers = array("i", [0] * (_ROWS + _COLUMNS * DIRECTIONS))
         self.reset()
-        self._poses = array("i", [0] * (_COLUMNS * DIRECTIONS))
-        self._sums = array("i", [0] * 5)
 
     def reset(self):
         """Another parcel, or none."""
         self.outvoted_beats = 0
         self.near = 0
-        self._peers = self._near_mask = 0
 
-    def gather(self, mask, sent):
-        """Take the poses that these neighbours sent; returns whether this cell is outvoted.
+    @micropython.native
+    def is_outvoted(self):
+        """Whether this cell is outvoted by the poses gathered.
 
-        That is by the pose that it sent at the same SYNC; without one (None) nobody is judged.
+        That is by the pose that it sent at the same SYNC.
         """
-        self._peers = _gather(self._heard.estimates, self._place.shifts, mask, self._poses)
-        if sent is None:
-            self.near = self._near_mask = 0
+        registers = self.registers
+        near = registers[_PEERS]
+        if registers[_NEAR_MASK] + 1 == 1 << near and not self._suspicion.cases >> _POSE & 1:
+            # As nearly always.
+            self.near = near
+            self.outvoted_beats = 0
             return False
-        self._judge(sent)
+        self._judge()
         return self.outvoted_beats >= POSE_BEATS
+
+    def _judge(self):
+        """Find who is wrong by number."""
+        suspicion = self._suspicion
+        registers = self.registers
+        peers, mask = registers[_PEERS], registers[_NEAR_MASK]
+        self.near = near = _count(mask)
+        outvoted = False
+        if near < peers:
+            middle, most = self._middle()
+            outvoted = most > near + 1 and not mask >> middle & 1
+        self.outvoted_beats = min(self.outvoted_beats + 1, POSE_BEATS) if outvoted else 0
+        if near and 2 * near >= peers:
+            for peer in range(peers):
+                far = not mask >> peer & 1
+                suspicion.judge(self._of(peer, _DIRECTION), POSE, far)
+
+    def _of(self, peer, column):
+        return self.registers[_ROWS + _COLUMNS * peer + column]
 
     def _near_peer(self, peer):
         """The mask of the poses that are near that of a peer."""
-        return _near(self._poses, self._peers, self._poses, _COLUMNS * peer)
-
-    def _pose(self, peer):
-        poses, at = self._poses, _COLUMNS * peer
-        return poses[at + _X], poses[at + _Y], poses[at + _TURN]
+        return near_mask(self.registers, self.registers, _ROWS + _COLUMNS * peer)
 
     def _middle(self):
         """The number of the peer that most others are near to, and how many, itself included."""
         middle = most = 0
-        for peer in range(self._peers):
-            if not self._suspicion.misleads(self._poses[_COLUMNS * peer + _DIRECTION]):
+        peers = self.registers[_PEERS]
+        for peer in range(peers):
+            if not self._suspicion.misleads(self._of(peer, _DIRECTION)):
                 near = _count(self._near_peer(peer))
                 if near > most:
                     middle, most = peer, near
-                    if near == self._peers:
+                    if near == peers:
                         break
         return middle, most
-
-    @micropython.native
-    def _judge(self, sent):
-        """Find who is wrong by number."""
-        mask = self._near_mask = _near(self._poses, self._peers, sent, 0)
-        suspicion = self._suspicion
-        near = self._peers
-        if mask + 1 == 1 << near:
-            self.near = near
-            # As nearly always.
-            self.outvoted_beats = 0
-            if suspicion.is_quiet(POSE):
-                return
-        else:
-            self.near = near = _count(mask)
-            middle, most = self._middle()
-            outvoted = most > near + 1 and not mask >> middle & 1
-            self.outvoted_beats = min(self.outvoted_beats + 1, POSE_BEATS) if outvoted else 0
-        if near and 2 * near >= self._peers:
-            for peer in range(self._peers):
-                far = not mask >> peer & 1
-                suspicion.judge(self._poses[_COLUMNS * peer + _DIRECTION], POSE, far)
-
-    def agree(self, belief, sent, certainty):
-        """Move the belief towards those near what this cell sent at the same SYNC.
-
-        Its outline is left to be placed.
-        """
-        sums = self._sums
-        _sum_up(self._poses, self._near_mask, self._suspicion.out, sent, certainty, sums)
-        if sums[0]:
-            belief.agree(sums, _OWN_WEIGHT)
 
     def follow(self, belief):
         """Take the mean of those that most are near to; returns whether there are any."""
         middle, total = self._middle()
         if not total:
             return False
-        middle_x, middle_y, middle_turn = self._pose(middle)
+        middle_x, middle_y = self._of(middle, _X), self._of(middle, _Y)
+        middle_turn = self._of(middle, _TURN)
         mask = self._near_peer(middle)
         x = y = turn = best = total = 0
-        for peer in range(self._peers):
+        for peer in range(self.registers[_PEERS]):
             if mask >> peer & 1:
-                its_x, its_y, its_turn = self._pose(peer)
                 total += 1
-                x += its_x - middle_x
-                y += its_y - middle_y
-                turn += wrapped(its_turn - middle_turn)
-                best = max(best, self._poses[_COLUMNS * peer + _CERTAINTY])
+                x += self._of(peer, _X) - middle_x
+                y += self._of(peer, _Y) - middle_y
+                turn += wrapped(self._of(peer, _TURN) - middle_turn)
+                best = max(best, self._of(peer, _CERTAINTY))
         belief.start(
             middle_x + x // total,
             middle_y + y // total,
@@ -155,96 +162,85 @@ def _count(mask):
 
 
 @micropython.viper
-def _gather(estimates: ptr32, shifts: ptr32, mask: int, poses: ptr32) -> int:
-    """Write the poses of the neighbours of a mask; returns how many."""
+def gather(estimates: ptr32, shifts: ptr32, mask: int, peers: ptr32, belief: ptr32):
+    """Write the poses of the neighbours of a mask into an agreement, and who is near this cell."""
     widen = int(WIDEN)
-    fields = int(wire.ESTIMATE_FIELDS)
-    x_at = int(wire.X)
-    y_at = int(wire.Y)
-    yaw_at = int(wire.YAW)
-    certainty_at = int(wire.CERTAINTY)
-    step_um = int(wire.STEP_UM)
     # As in `program.turn_um`.
-    turn_8 = int(TURN_UM) // 8
-    yaw_8 = int(wire.TURN) // 8
-    peers = 0
+    turn_8 = _FULL // 8
+    yaw_8 = _YAW_FULL // 8
+    count = 0
+    to = _ROWS
     direction = 0
     while mask >> direction:
         if mask >> direction & 1:
-            at = fields * direction
-            to = _COLUMNS * peers
+            at = _FIELDS * direction
             shift = shifts[2 * direction] << widen >> widen
-            poses[to + _X] = (estimates[at + x_at] << widen >> widen) * step_um + shift
+            peers[to + _X] = (estimates[at + _X_AT] << widen >> widen) * _STEP_UM + shift
             shift = shifts[2 * direction + 1] << widen >> widen
-            poses[to + _Y] = (estimates[at + y_at] << widen >> widen) * step_um + shift
-            yaw = estimates[at + yaw_at] << widen >> widen
-            poses[to + _TURN] = yaw * turn_8 // yaw_8
-            poses[to + _CERTAINTY] = estimates[at + certainty_at]
-            poses[to + _DIRECTION] = direction
-            peers += 1
+            peers[to + _Y] = (estimates[at + _Y_AT] << widen >> widen) * _STEP_UM + shift
+            yaw = estimates[at + _YAW_AT] << widen >> widen
+            peers[to + _TURN] = yaw * turn_8 // yaw_8
+            peers[to + _CERTAINTY] = estimates[at + _CERTAINTY_AT]
+            peers[to + _DIRECTION] = direction
+            count += 1
+            to += _COLUMNS
         direction += 1
-    return peers
+    peers[_PEERS] = count
+    peers[_NEAR_MASK] = int(near_mask(peers, belief, _SENT))
 
 
 @micropython.viper
-def _near(poses: ptr32, peers: int, pose: ptr32, at: int) -> int:
+def near_mask(peers: ptr32, pose: ptr32, at: int) -> int:
     """The mask of the peers whose pose is near the one that begins there."""
     widen = int(WIDEN)
-    full = int(TURN_UM)
     x_um = pose[at + _X] << widen >> widen
     y_um = pose[at + _Y] << widen >> widen
     turn = pose[at + _TURN] << widen >> widen
     mask = 0
-    for peer in range(peers):
-        at = _COLUMNS * peer
-        x = (poses[at + _X] << widen >> widen) - x_um
-        y = (poses[at + _Y] << widen >> widen) - y_um
-        t = ((poses[at + _TURN] << widen >> widen) - turn + full // 2) % full - full // 2
+    at = _ROWS
+    for peer in range(peers[_PEERS]):
+        x = (peers[at + _X] << widen >> widen) - x_um
+        y = (peers[at + _Y] << widen >> widen) - y_um
+        t = ((peers[at + _TURN] << widen >> widen) - turn + _FULL // 2) % _FULL - _FULL // 2
         near = -_FAR_UM < x < _FAR_UM and -_FAR_UM < y < _FAR_UM
         if near and -_FAR_UM < t < _FAR_UM:
             mask |= 1 << peer
+        at += _COLUMNS
     return mask
 
 
 @micropython.viper
-def _sum_up(  # noqa: PLR0917 - viper takes words
-    poses: ptr32,
-    mask: int,
-    out: ptr8,
-    pose: ptr32,
-    certainty: int,
-    sums: ptr32,
-):
-    """Sum up weights, weighted differences from a pose [4 um] and variances of the peers of a mask.
+def sum_up(peers: ptr32, out: ptr8, belief: ptr32, certainty: int) -> int:
+    """Sum up weights, weighted differences from the pose sent [4 um] and variances of those near.
 
-    Those that are suspected, by `Suspicion.out`, are left out.
+    Those that are suspected, by `Suspicion.out`, are left out; returns the sum of weights.
     """
     widen = int(WIDEN)
-    full = int(TURN_UM)
-    x_um = pose[_X] << widen >> widen
-    y_um = pose[_Y] << widen >> widen
-    turn = pose[_TURN] << widen >> widen
-    misleading = int(MISLEADING)
+    x_um = belief[_SENT + _X] << widen >> widen
+    y_um = belief[_SENT + _Y] << widen >> widen
+    turn = belief[_SENT + _TURN] << widen >> widen
+    mask = peers[_NEAR_MASK]
     total = x = y = t = variance = 0
-    peer = 0
-    while mask >> peer:
-        at = _COLUMNS * peer
-        if mask >> peer & 1 and out[poses[at + _DIRECTION]] & misleading == 0:
-            its = poses[at + _CERTAINTY]
+    at = _ROWS
+    while mask:
+        if mask & 1 and out[peers[at + _DIRECTION]] & _MISLEADING == 0:
+            its = peers[at + _CERTAINTY]
             more = its - certainty
             if more >= 0:
                 weight = _PEER_WEIGHT << (more if more < 3 else 3)
             else:
                 weight = _PEER_WEIGHT >> (0 - more if more > -4 else 4)
             total += weight
-            x += weight * ((poses[at + _X] << widen >> widen) - x_um >> 2)
-            y += weight * ((poses[at + _Y] << widen >> widen) - y_um >> 2)
-            off = (poses[at + _TURN] << widen >> widen) - turn
-            t += weight * ((off + full // 2) % full - full // 2 >> 2)
+            x += weight * ((peers[at + _X] << widen >> widen) - x_um >> 2)
+            y += weight * ((peers[at + _Y] << widen >> widen) - y_um >> 2)
+            off = (peers[at + _TURN] << widen >> widen) - turn
+            t += weight * ((off + _FULL // 2) % _FULL - _FULL // 2 >> 2)
             variance += weight * (1 << 16 - its)
-        peer += 1
-    sums[0] = total
-    sums[1] = x
-    sums[2] = y
-    sums[3] = t
-    sums[4] = variance
+        mask >>= 1
+        at += _COLUMNS
+    peers[0] = total
+    peers[1] = x
+    peers[2] = y
+    peers[3] = t
+    peers[4] = variance
+    return total

@@ -12,18 +12,17 @@ try:
 except ImportError:
     from mdms_protocol.cpython import const, micropython, ptr32
 
-from array import array
-
 from mdms_cell.neighbours.geometry.angle import TURN_UM
 from mdms_cell.neighbours.geometry.outline import (
     LEVER,
     NORMAL_X,
     NORMAL_Y,
+    REGISTERS,
     STEP_UM,
     Outline,
     place,
 )
-from mdms_cell.neighbours.twist import BEFORE
+from mdms_cell.neighbours.twist import BEFORE, VX
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.words import WIDEN
 
@@ -40,37 +39,47 @@ _WAY_UM = const(15)
 _GATE = const(25)
 _FAR = const(2500)
 
+# What is used in every beat; constants of another module would be looked up.
+_FULL = const(804_248)  # a full turn
+_X_AT = const(0)  # fields of an estimate
+_Y_AT = const(1)
+_YAW_AT = const(2)
+_YAW_FULL = const(4096)
+_STEP_UM = const(250)
+assert (_FULL, _YAW_FULL, _STEP_UM) == (TURN_UM, wire.TURN, wire.STEP_UM)
+assert (_X_AT, _Y_AT, _YAW_AT) == (wire.X, wire.Y, wire.YAW)
+
 #: `STEP_UM` in 1/16 mm is so many parts of 62.
 _STEP = const(16)
 assert _STEP == STEP_UM
 
-#: In the registers of a twist, where the one before begins; its speeds are in the order of a pose.
-_BEFORE = const(5)
-assert _BEFORE == BEFORE
-
-# Registers of a belief
-X = const(0)  # the pose [um]
-Y = const(1)
-TURN = const(2)
-_XX = const(3)  # variances and covariances
-_YY = const(4)
-_TT = const(5)
-_XY = const(6)
-_XT = const(7)
-_YT = const(8)
-_WAY = const(9)  # that has made nothing less sure yet [um]
-_REGISTERS = const(10)
+# Registers of a belief, behind those of its outline; speeds of a twist are in the order of a pose
+X = const(10)  # the pose [um]
+Y = const(11)
+TURN = const(12)
+_XX = const(13)  # variances and covariances
+_YY = const(14)
+_TT = const(15)
+_XY = const(16)
+_XT = const(17)
+_YT = const(18)
+_WAY = const(19)  # that has made nothing less sure yet [um]
+SENT = const(20)  # three: the pose that was sent last
+assert (X, SENT + 3) == (REGISTERS, VX)
+_TWIST = const(23)
+_BEFORE = const(28)
+assert (_TWIST, _BEFORE) == (VX, BEFORE)
 
 
 class Belief:
-    """Pose and variances of the parcel with this outline.
+    """Pose and variances of the parcel with this outline, whose registers it shares.
 
     X, Y and TURN of its `registers` are the pose, if it is `known`.
     """
 
     def __init__(self, outline=None):
         self.outline = outline or Outline()
-        self.registers = array("i", [0] * _REGISTERS)
+        self.registers = self.outline.registers
         self.drop()
 
     def drop(self):
@@ -86,7 +95,7 @@ class Belief:
 
     def _begin(self, x_um, y_um, turn_um, variance):
         registers = self.registers
-        for number in range(_REGISTERS):
+        for number in range(_XY, _WAY + 1):
             registers[number] = 0
         registers[X], registers[Y], registers[TURN] = x_um, y_um, turn_um
         registers[_XX] = registers[_YY] = registers[_TT] = variance
@@ -95,20 +104,12 @@ class Belief:
     def place(self):
         """Place the outline where the parcel is."""
         registers = self.registers
-        place(self.outline.registers, registers[X], registers[Y], registers[TURN])
+        place(registers, registers[X], registers[Y], registers[TURN])
 
     def variance(self):
         """The mean of the three variances."""
         registers = self.registers
         return (registers[_XX] + registers[_YY] + registers[_TT]) // 3
-
-    def roll(self, twist, halves_per_s):
-        """The parcel has moved by a twist, and by the one before, each for half of the time.
-
-        `twist` is the registers of a `TwistFit`; halves of that time go so often into a second.
-        `place` is left to the caller.
-        """
-        _roll(self.registers, twist, halves_per_s)
 
     def correct(self, x, y, error, exact=True):
         """The parcel's edge is over a point [steps]; returns False if that is not believed.
@@ -116,43 +117,31 @@ class Belief:
         `error` is the variance of that.
         """
         off = self.outline.edge(x, y)
-        if not _correct(self.registers, self.outline.registers, off, error, exact):
+        if not _correct(self.registers, off, error, exact):
             return False
         self.place()
         return True
 
-    def agree(self, sums, own_weight):
-        """Move towards the beliefs of neighbours, this one having a weight of its own.
-
-        `sums` are those of their weights, of weighted differences from this belief [4 um], and of
-        variances. The mean of two beliefs is at least as good as the mean of their variances,
-        however much they have in common. `place` is left to the caller.
-        """
-        _agree(self.registers, sums, own_weight)
-
-    def send(self, twist, per_s, fields, sent):
-        """Write the pose into an estimate, rolled on by a twist for a part of a second.
-
-        Leaves it in `sent`, too [um]; returns the certainty.
-        """
-        return _send(self.registers, twist, per_s, fields, sent)
-
 
 @micropython.viper
-def _send(belief: ptr32, twist: ptr32, per_s: int, fields: ptr32, sent: ptr32) -> int:
-    """See `Belief.send`; of certainty, 1 to 15, each step halves the variance."""
+def send(belief: ptr32, per_s: int, fields: ptr32) -> int:
+    """Write the pose into an estimate, rolled on by the twist for a part of a second.
+
+    Leaves it in `SENT`, too; returns the certainty, 1 to 15: each step halves the variance.
+    """
     widen = int(WIDEN)
-    full = int(TURN_UM)
-    step_um = int(wire.STEP_UM)
     for axis in range(3):
-        speed = twist[axis] << widen >> widen
-        sent[axis] = (belief[axis] << widen >> widen) + (speed + per_s // 2) // per_s
-    fields[int(wire.X)] = ((sent[X] << widen >> widen) + step_um // 2) // step_um
-    fields[int(wire.Y)] = ((sent[Y] << widen >> widen) + step_um // 2) // step_um
-    turn = sent[TURN] << widen >> widen
+        speed = belief[_TWIST + axis] << widen >> widen
+        pose = (belief[X + axis] << widen >> widen) + (speed + per_s // 2) // per_s
+        belief[SENT + axis] = pose
+    x = belief[SENT] << widen >> widen
+    y = belief[SENT + 1] << widen >> widen
+    turn = belief[SENT + 2] << widen >> widen
+    belief[SENT + 2] = (turn + _FULL // 2) % _FULL - _FULL // 2
+    fields[_X_AT] = (x + _STEP_UM // 2) // _STEP_UM
+    fields[_Y_AT] = (y + _STEP_UM // 2) // _STEP_UM
     # The nearest angle of the wire; as in `program.turn_um`.
-    fields[int(wire.YAW)] = (turn * (int(wire.TURN) // 8) + full // 16) // (full // 8)
-    sent[TURN] = (turn + full // 2) % full - full // 2
+    fields[_YAW_AT] = (turn * (_YAW_FULL // 8) + _FULL // 16) // (_FULL // 8)
     variance = (belief[_XX] + belief[_YY] + belief[_TT]) // 3
     certainty = 17
     while variance and certainty > 1:
@@ -162,17 +151,21 @@ def _send(belief: ptr32, twist: ptr32, per_s: int, fields: ptr32, sent: ptr32) -
 
 
 @micropython.viper
-def _roll(belief: ptr32, twist: ptr32, halves_per_s: int):
+def roll(belief: ptr32, halves_per_s: int):
+    """The parcel has moved by its twist, and by the one before, each for half of the time.
+
+    Halves of that time go so often into a second. Its outline is left to be placed.
+    """
     widen = int(WIDEN)
-    full = int(TURN_UM)
     way = belief[_WAY]
     for axis in range(3):
-        speed = (twist[axis] << widen >> widen) + (twist[_BEFORE + axis] << widen >> widen)
+        speed = belief[_TWIST + axis] << widen >> widen
+        speed += belief[_BEFORE + axis] << widen >> widen
         moved = (speed + halves_per_s // 2) // halves_per_s
-        belief[axis] += moved
+        belief[X + axis] += moved
         way += moved if moved > 0 else 0 - moved
     turn = belief[TURN] << widen >> widen
-    belief[TURN] = (turn + full // 2) % full - full // 2
+    belief[TURN] = (turn + _FULL // 2) % _FULL - _FULL // 2
     belief[_WAY] = way % _WAY_UM
     for number in range(_XX, _TT + 1):
         variance = belief[number] + way // _WAY_UM
@@ -180,13 +173,13 @@ def _roll(belief: ptr32, twist: ptr32, halves_per_s: int):
 
 
 @micropython.viper
-def _correct(belief: ptr32, outline: ptr32, off: int, error: int, exact: bool) -> bool:
+def _correct(belief: ptr32, off: int, error: int, exact: bool) -> bool:
     widen = int(WIDEN)
     if off > _FAR or off < -_FAR:
         return False
-    hx = outline[int(NORMAL_X)] << widen >> widen
-    hy = outline[int(NORMAL_Y)] << widen >> widen
-    ht = outline[int(LEVER)] << widen >> widen
+    hx = belief[int(NORMAL_X)] << widen >> widen
+    hy = belief[int(NORMAL_Y)] << widen >> widen
+    ht = belief[int(LEVER)] << widen >> widen
     xy = belief[_XY] << widen >> widen
     xt = belief[_XT] << widen >> widen
     yt = belief[_YT] << widen >> widen
@@ -205,11 +198,10 @@ def _correct(belief: ptr32, outline: ptr32, off: int, error: int, exact: bool) -
     gx = (sx << 10) // variance
     gy = (sy << 10) // variance
     gt = (st << 10) // variance
-    full = int(TURN_UM)
     turn = (belief[TURN] << widen >> widen) + (gt * off >> 6)
     belief[X] += gx * off >> 6
     belief[Y] += gy * off >> 6
-    belief[TURN] = (turn + full // 2) % full - full // 2
+    belief[TURN] = (turn + _FULL // 2) % _FULL - _FULL // 2
     if exact:
         xx = belief[_XX] - (gx * sx >> 10)
         yy = belief[_YY] - (gy * sy >> 10)
@@ -224,16 +216,21 @@ def _correct(belief: ptr32, outline: ptr32, off: int, error: int, exact: bool) -
 
 
 @micropython.viper
-def _agree(belief: ptr32, sums: ptr32, own: int):
+def agree(belief: ptr32, sums: ptr32, own: int):
+    """Move towards the beliefs of neighbours, this one having a weight of its own.
+
+    `sums` are those of their weights, of weighted differences from this belief [4 um], and of
+    variances. The mean of two beliefs is at least as good as the mean of their variances, however
+    much they have in common. The outline is left to be placed.
+    """
     widen = int(WIDEN)
-    full = int(TURN_UM)
     weight = sums[0]
     total = weight + own
     for axis in range(3):
         off = (sums[1 + axis] << widen >> widen) * 4 // weight
-        belief[axis] += off * weight // total
+        belief[X + axis] += off * weight // total
     turn = belief[TURN] << widen >> widen
-    belief[TURN] = (turn + full // 2) % full - full // 2
+    belief[TURN] = (turn + _FULL // 2) % _FULL - _FULL // 2
     variance = sums[4] // weight
     for number in range(_XX, _TT + 1):
         belief[number] = (belief[number] * own + variance * weight) // total

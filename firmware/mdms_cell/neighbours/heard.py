@@ -46,7 +46,8 @@ class Heard:
     where `speeds_beat[d]` is the present beat. `presence[d]` are its sensors' bits, valid where
     `seen[d]`. `estimates` has the fields of `neighbours.frames`, `estimate_beat[d]` the beat in
     which they came; they are to be passed on once, while `fresh[d]`. Of the `edges` that wait,
-    `edge_ms` has the times; see `edge`.
+    `edge_ms` has the times and
+    `edge_bytes` the rest; see `edge`.
     """
 
     def __init__(self):
@@ -65,7 +66,7 @@ class Heard:
         #: Takes apart estimates and speeds that have come; returns how many make no sense.
         self.read = _reading(self, self.boxes)
         self.edges = 0
-        self._edge = bytearray(EDGES)  # direction, sensor and what it shows now, in one byte
+        self.edge_bytes = bytearray(EDGES)  # direction, sensor and what it shows now, in one byte
         self.edge_ms = array("i", [0] * EDGES)
 
     def reset(self):
@@ -133,7 +134,7 @@ class Heard:
             while changed:
                 if changed & 1 and self.edges < EDGES:
                     shown = bits >> sensor & 1
-                    self._edge[self.edges] = direction << 4 | sensor << 1 | shown
+                    self.edge_bytes[self.edges] = direction << 4 | sensor << 1 | shown
                     self.edge_ms[self.edges] = now_ms
                     self.edges += 1
                 changed >>= 1
@@ -143,12 +144,12 @@ class Heard:
 
     def edge(self, number):
         """The direction of an edge that waits, its sensor, and what that shows now."""
-        edge = self._edge[number]
+        edge = self.edge_bytes[number]
         return edge >> 4, edge >> 1 & 7, edge & 1
 
     def keep_edge(self, number, place):
         """Have an edge wait in another place."""
-        self._edge[place] = self._edge[number]
+        self.edge_bytes[place] = self.edge_bytes[number]
         self.edge_ms[place] = self.edge_ms[number]
 
     def passed_on(self):

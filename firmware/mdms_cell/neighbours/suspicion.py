@@ -12,9 +12,9 @@ try:
 except ImportError:
     from mdms_protocol.cpython import const, micropython, ptr8
 
-from mdms_cell.neighbours.geometry.outline import STEP_UM
+from mdms_cell.neighbours.geometry.outline import points_within
 from mdms_cell.neighbours.geometry.place import AXES, DIRECTIONS
-from mdms_cell.neighbours.twist import SLIPS
+from mdms_cell.neighbours.twist import SLIPS, against
 from mdms_cell.neighbours.twist import WHEELS as TWIST_WHEELS
 
 # What a neighbour is suspected of; in an emergency, bits
@@ -37,16 +37,22 @@ _CELLS = const(9)
 assert _CELLS == DIRECTIONS + 1
 #: So many cells whose sensors contradict at once are right.
 _CROWD = const(3)
-#: A wheel has to be so far inside the outline to be under it [steps].
-_INSIDE = 10_000 // STEP_UM
 #: Wheels that are to agree before one is found wrong.
 _ENOUGH_WHEELS = const(5)
 
 #: Who has been silent for less has lost a frame.
 _LATE_BEATS = const(3)
 
+#: A wheel has to be so far inside the outline to be under it, 10 mm [steps].
+_INSIDE = const(625)
 #: The cell itself, in the place of a direction.
-_OWN = DIRECTIONS
+_OWN = const(8)
+assert _OWN == DIRECTIONS
+# What is used in every beat; constants of another module would be looked up.
+_AXES = const(2)
+_WHEELS_SHOWN = const(26)
+_SLIPS = const(2)
+assert (_AXES, _WHEELS_SHOWN, _SLIPS) == (AXES, TWIST_WHEELS, SLIPS)
 #: Whose pose is left out: it is wrong, or made by sensors that are.
 MISLEADING = 1 << POSE | 1 << PRESENCE
 
@@ -54,13 +60,16 @@ MISLEADING = 1 << POSE | 1 << PRESENCE
 class Suspicion:
     """Verdicts on the eight neighbours and, in the place of a ninth, on the cell's own sensors.
 
-    `out[d]` has a bit for each kind that is left out of direction d.
+    `out[d]` has a bit for each kind that is left out of direction d. `cases` is the mask of those
+    kinds of which somebody is suspected, or evidence is counted: of the others evidence counts that
+    contradicts, and no other.
     """
 
     def __init__(self):
         self.out = bytearray(_CELLS)
         # For each kind the evidence against the cells.
         self._against = bytearray(KINDS * _CELLS)
+        self.cases = 0
 
     def reset(self):
         """Nobody is suspected."""
@@ -68,20 +77,19 @@ class Suspicion:
             self.out[cell] = 0
         for place in range(KINDS * _CELLS):
             self._against[place] = 0
+        self.cases = 0
 
     @micropython.native
     def has(self, direction, kind):
         """Whether this is left out of that direction."""
         return self.out[direction] >> kind & 1
 
-    def is_quiet(self, kind):
-        """Whether nobody is suspected, and no evidence of this kind is against anybody."""
-        return _is_quiet(self.out, self._against, kind)
-
     @micropython.native
     def judge(self, direction, kind, contradicts):
         """The evidence of one beat; it contradicts (1, True), or not."""
-        _judge(self.out, self._against, direction, kind, contradicts)
+        cases = self.cases
+        if contradicts or cases >> kind & 1:
+            self.cases = _judge(self.out, self._against, direction, kind, contradicts, cases)
 
     def misleads(self, direction):
         """Whether a pose is left out: it is wrong, or made by sensors that are."""
@@ -106,16 +114,13 @@ class Suspicion:
 
 
 @micropython.viper
-def _is_quiet(out: ptr8, against: ptr8, kind: int) -> bool:
-    any_bits = 0
-    for cell in range(_CELLS):
-        any_bits |= out[cell] | against[_CELLS * kind + cell]
-    return any_bits == 0
+def _judge(  # noqa: PLR0917 - viper takes words
+    out: ptr8, against: ptr8, cell: int, kind: int, contradicts: int, cases: int
+) -> int:
+    """Count the evidence against a verdict, which turns after so many times.
 
-
-@micropython.viper
-def _judge(out: ptr8, against: ptr8, cell: int, kind: int, contradicts: int):
-    """Count the evidence against a verdict, which turns after so many times."""
+    Returns the mask of the kinds of which there are cases now.
+    """
     times = POSE_BEATS if kind == POSE else _TIMES
     place = _CELLS * kind + cell
     count = against[place] + 1
@@ -125,6 +130,11 @@ def _judge(out: ptr8, against: ptr8, cell: int, kind: int, contradicts: int):
         count = 0
         out[cell] ^= 1 << kind
     against[place] = count
+    left = 0
+    for each in range(_CELLS):
+        left |= out[each] >> kind & 1 | against[_CELLS * kind + each]
+    others = cases & ~(1 << kind)
+    return others | 1 << kind if left else others
 
 
 @micropython.viper
@@ -157,30 +167,29 @@ class Evidence:
     @micropython.native
     def judge(self, tracking, asked):
         """One cell, by what it sent; `asked` is the mask of those asked for the parcel."""
-        direction = self._turn = (self._turn + 1) % _CELLS
+        direction = self._turn
+        direction = self._turn = direction + 1 if direction < _OWN else 0
         if not tracking.is_sure():
             return
+        footprint, heard, suspicion = self._footprint, self._heard, self._suspicion
         if direction != _OWN:
-            if not self._footprint.present >> direction & 1:
+            if not footprint.present >> direction & 1:
                 return
-            heard = self._heard
             beat = heard.beat
             silent = (beat - heard.estimate_beat[direction]) & 0xFFFFFF > _LATE_BEATS
-            if asked >> direction & 1 or not silent:
-                self._suspicion.judge(direction, SILENCE, silent)
-            if heard.speeds_beat[direction] != beat or tracking.is_other(direction):
+            if asked >> direction & 1 if silent else suspicion.cases >> SILENCE & 1:
+                suspicion.judge(direction, SILENCE, silent)
+            if heard.speeds_beat[direction] != beat or tracking.others[direction]:
                 return
-        self._judge_wheels(tracking, direction)
-
-    @micropython.native
-    def _judge_wheels(self, tracking, direction):
-        """A wheel well under the parcel is wrong if it does not turn with it."""
-        twist, outline = tracking.twist, tracking.outline
-        if twist.registers[TWIST_WHEELS] < _ENOUGH_WHEELS:
-            return
-        inside = self._footprint.within(outline, direction, -_INSIDE, AXES)
-        if inside:
-            mask = inside << AXES * direction
-            shown = twist.against(outline.registers, self._footprint, self._heard.speeds, mask)
-            if shown:
-                self._suspicion.judge(direction, WHEELS, shown & SLIPS != 0)
+        registers = tracking.belief.registers
+        if registers[_WHEELS_SHOWN] >= _ENOUGH_WHEELS:
+            # A wheel well under the parcel is wrong if it does not turn with it.
+            xs, ys = footprint.x, footprint.y
+            x, y = footprint.shift_x[direction], footprint.shift_y[direction]
+            wheels = points_within(registers, xs, ys, _AXES, x, y, -_INSIDE)
+            along_xs, along_ys, first = footprint.along_x, footprint.along_y, _AXES * direction
+            shown = against(
+                registers, xs, ys, x, y, along_xs, along_ys, heard.speeds, first, wheels
+            )
+            if shown & _SLIPS or (shown and suspicion.cases >> WHEELS & 1):
+                suspicion.judge(direction, WHEELS, shown & _SLIPS != 0)

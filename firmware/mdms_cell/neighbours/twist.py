@@ -8,12 +8,31 @@ try:
 except ImportError:
     from mdms_protocol.cpython import const, micropython, ptr32
 
-from array import array
-
 from mdms_cell.neighbours.geometry.angle import ARM_UM
-from mdms_cell.neighbours.geometry.outline import STEP_UM, X, Y
+from mdms_cell.neighbours.geometry.outline import (
+    COSINE,
+    DISC,
+    HALF_LENGTH,
+    HALF_WIDTH,
+    SHAPE,
+    SINE,
+    STEP_UM,
+    X,
+    Y,
+)
 from mdms_protocol.words import WIDEN
 
+# What is used in every beat; constants of another module would be looked up.
+_X = const(0)
+_Y = const(1)
+_COSINE = const(2)
+_SINE = const(3)
+_SHAPE = const(4)
+_HALF_LENGTH = const(5)
+_HALF_WIDTH = const(6)
+_DISC = const(1)
+assert (_X, _Y, _COSINE, _SINE, _SHAPE) == (X, Y, COSINE, SINE, SHAPE)
+assert (_HALF_LENGTH, _HALF_WIDTH, _DISC) == (HALF_LENGTH, HALF_WIDTH, DISC)
 _ARM = const(8000)
 assert _ARM * STEP_UM == ARM_UM
 #: An error of this size halves a wheel's weight, at least [um/s].
@@ -37,25 +56,28 @@ _WILD_UM_S = const(100_000_000)
 TURNS = const(1)
 SLIPS = const(2)
 
-# Registers of a twist
-VX = const(0)  # speeds [um/s], the last one that of a point at the arm of `angle`
-VY = const(1)
-TURN = const(2)
-WHEELS = const(3)  # how many wheels showed it at last
-OFF = const(4)  # how far these were off the twist before, on the average [um/s]
-BEFORE = const(5)  # the three speeds before
-_REGISTERS = const(8)
+# Registers of a twist, behind those of the parcel's outline and belief
+VX = const(23)  # speeds [um/s], the last one that of a point at the arm of `angle`
+VY = const(24)
+TURN = const(25)
+WHEELS = const(26)  # how many wheels showed it at last
+OFF = const(27)  # how far these were off the twist before, on the average [um/s]
+BEFORE = const(28)  # the three speeds before
+_END = const(31)
 
 
 class TwistFit:
-    """The rigid twist that most wheels agree on, followed from beat to beat, in its `registers`."""
+    """The rigid twist that most wheels agree on, followed from beat to beat, in its `registers`.
 
-    def __init__(self):
-        self.registers = array("i", [0] * _REGISTERS)
+    These are those of the parcel's outline.
+    """
+
+    def __init__(self, registers):
+        self.registers = registers
 
     def reset(self):
         """At rest."""
-        for number in range(_REGISTERS):
+        for number in range(VX, _END):
             self.registers[number] = 0
 
     @micropython.native
@@ -69,62 +91,40 @@ class TwistFit:
         vx, vy, turn = self.speeds()
         return abs(vx) + abs(vy) + abs(turn)
 
-    @micropython.native
-    def against(self, outline, footprint, speeds, mask):
-        """What those wheels of a mask show that lie under the parcel: TURNS, SLIPS, or both.
-
-        See `fit`.
-        """
-        return _against(
-            self.registers,
-            footprint.wheel_x,
-            footprint.wheel_y,
-            footprint.along_x,
-            footprint.along_y,
-            speeds,
-            mask,
-            outline,
-        )
-
-    @micropython.native
-    def fit(self, outline, footprint, speeds, mask):
-        """Move the twist towards what those wheels of a mask say that lie under the parcel.
-
-        `outline` is the registers of one, and speeds are in um/s. A direction that no wheel shows
-        stays as it was.
-        """
-        _fit(
-            self.registers,
-            footprint.wheel_x,
-            footprint.wheel_y,
-            footprint.along_x,
-            footprint.along_y,
-            speeds,
-            mask,
-            outline,
-        )
-
 
 @micropython.viper
-def _fit(  # noqa: PLR0915, PLR0917 - viper takes words
+def fit(  # noqa: PLR0912, PLR0915, PLR0917 - viper takes words
     twist: ptr32,
-    wheel_x: ptr32,
-    wheel_y: ptr32,
+    xs: ptr32,
+    ys: ptr32,
+    shift_xs: ptr32,
+    shift_ys: ptr32,
     along_xs: ptr32,
     along_ys: ptr32,
     speeds: ptr32,
     mask: int,
-    outline: ptr32,
 ):
+    """Move the twist towards what those wheels show that lie under the parcel.
+
+    That is of the directions of a mask; wheels and shifts are those of a `Footprint`, and speeds
+    are in um/s. A direction that no wheel shows stays as it was.
+    """
     widen = int(WIDEN)
     vx = twist[VX] << widen >> widen
     vy = twist[VY] << widen >> widen
     turn = twist[TURN] << widen >> widen
-    twist[BEFORE + VX] = vx
-    twist[BEFORE + VY] = vy
-    twist[BEFORE + TURN] = turn
-    centre_x = outline[int(X)] << widen >> widen
-    centre_y = outline[int(Y)] << widen >> widen
+    twist[BEFORE] = vx
+    twist[BEFORE + 1] = vy
+    twist[BEFORE + 2] = turn
+    # As in `outline.points_within`.
+    centre_x = twist[_X] << widen >> widen
+    centre_y = twist[_Y] << widen >> widen
+    cosine = twist[_COSINE] << widen >> widen
+    sine = twist[_SINE] << widen >> widen
+    length = twist[_HALF_LENGTH]
+    width = twist[_HALF_WIDTH]
+    disc = twist[_SHAPE] == _DISC
+    radius = length + 3 >> 2
     slip = twist[OFF] * 3 // 2
     slip = slip if slip > _SLIPPING_UM_S else _SLIPPING_UM_S
     # Sums of the normal equations: of products of directions, and of directions with errors.
@@ -132,38 +132,50 @@ def _fit(  # noqa: PLR0915, PLR0917 - viper takes words
     rx = ry = rt = 0
     errors = count = 0
     wheel = 0
-    while mask >> wheel:
-        if mask >> wheel & 1:
+    while mask >> (wheel >> 1):
+        if mask >> (wheel >> 1) & 1:
             axis = wheel & 1
-            along_x = along_xs[axis] << widen >> widen
-            along_y = along_ys[axis] << widen >> widen
-            x = (wheel_x[wheel] << widen >> widen) - centre_x
-            y = (wheel_y[wheel] << widen >> widen) - centre_y
-            lever = (along_y * x - along_x * y) // _ARM
-            speed = speeds[wheel] << widen >> widen
-            if speed > _MOST_UM_S:
-                speed = _MOST_UM_S
-            elif speed < -_MOST_UM_S:
-                speed = -_MOST_UM_S
-            error = speed - (along_x * vx + along_y * vy + lever * turn >> 9)
-            size = error if error > 0 else 0 - error
-            errors += size
-            count += 1
-            weight = 64 * slip // (slip + size) * slip // (slip + size)
-            if error > _CLIP_UM_S:
-                error = _CLIP_UM_S
-            elif error < -_CLIP_UM_S:
-                error = -_CLIP_UM_S
-            error = weight * error >> 6
-            xx += weight * along_x * along_x >> 15
-            xy += weight * along_x * along_y >> 15
-            xt += weight * along_x * lever >> 15
-            yy += weight * along_y * along_y >> 15
-            yt += weight * along_y * lever >> 15
-            tt += weight * lever * lever >> 15
-            rx += along_x * error
-            ry += along_y * error
-            rt += lever * error
+            x = (xs[axis] << widen >> widen) - centre_x
+            y = (ys[axis] << widen >> widen) - centre_y
+            x += shift_xs[wheel >> 1] << widen >> widen
+            y += shift_ys[wheel >> 1] << widen >> widen
+            if disc:
+                under = (x >> 2) * (x >> 2) + (y >> 2) * (y >> 2) < radius * radius
+            else:
+                along = cosine * x + sine * y >> 13
+                across = cosine * y - sine * x >> 13
+                under = 0 - length < along < length and 0 - width < across < width
+            if under:
+                along_x = along_xs[axis] << widen >> widen
+                along_y = along_ys[axis] << widen >> widen
+                lever = (along_y * x - along_x * y) // _ARM
+                speed = speeds[wheel] << widen >> widen
+                if speed > _MOST_UM_S:
+                    speed = _MOST_UM_S
+                elif speed < -_MOST_UM_S:
+                    speed = -_MOST_UM_S
+                error = speed - (along_x * vx + along_y * vy + lever * turn >> 9)
+                size = error if error > 0 else 0 - error
+                errors += size
+                count += 1
+                weight = 64 * slip // (slip + size) * slip // (slip + size)
+                if error > _CLIP_UM_S:
+                    error = _CLIP_UM_S
+                elif error < -_CLIP_UM_S:
+                    error = -_CLIP_UM_S
+                error = weight * error >> 6
+                # Wheels that lie along an axis, as nearly all do, add nothing to the other's sums.
+                if along_x:
+                    xx += weight * along_x * along_x >> 15
+                    xt += weight * along_x * lever >> 15
+                    rx += along_x * error
+                if along_y:
+                    xy += weight * along_x * along_y >> 15
+                    yy += weight * along_y * along_y >> 15
+                    yt += weight * along_y * lever >> 15
+                    ry += along_y * error
+                tt += weight * lever * lever >> 15
+                rt += lever * error
         wheel += 1
     twist[WHEELS] = count
     dx = dy = dt = 0
@@ -188,34 +200,39 @@ def _fit(  # noqa: PLR0915, PLR0917 - viper takes words
 
 
 @micropython.viper
-def _against(  # noqa: PLR0917 - viper takes words
+def against(  # noqa: PLR0917 - viper takes words
     twist: ptr32,
-    wheel_x: ptr32,
-    wheel_y: ptr32,
+    xs: ptr32,
+    ys: ptr32,
+    shift_x: int,
+    shift_y: int,
     along_xs: ptr32,
     along_ys: ptr32,
     speeds: ptr32,
+    first: int,
     mask: int,
-    outline: ptr32,
 ) -> int:
+    """What those wheels of a cell show that are in a mask: TURNS, SLIPS, or both; see `fit`.
+
+    Its speeds begin with the `first`.
+    """
     widen = int(WIDEN)
     vx = twist[VX] << widen >> widen
     vy = twist[VY] << widen >> widen
     turn = twist[TURN] << widen >> widen
-    centre_x = outline[int(X)] << widen >> widen
-    centre_y = outline[int(Y)] << widen >> widen
+    shift_x -= twist[_X] << widen >> widen
+    shift_y -= twist[_Y] << widen >> widen
     shown = 0
-    wheel = 0
-    while mask >> wheel:
-        if mask >> wheel & 1:
-            axis = wheel & 1
+    axis = 0
+    while mask >> axis:
+        if mask >> axis & 1:
             along_x = along_xs[axis] << widen >> widen
             along_y = along_ys[axis] << widen >> widen
-            x = (wheel_x[wheel] << widen >> widen) - centre_x
-            y = (wheel_y[wheel] << widen >> widen) - centre_y
+            x = (xs[axis] << widen >> widen) + shift_x
+            y = (ys[axis] << widen >> widen) + shift_y
             lever = (along_y * x - along_x * y) // _ARM
             expected = along_x * vx + along_y * vy + lever * turn >> 9
-            speed = speeds[wheel] << widen >> widen
+            speed = speeds[first + axis] << widen >> widen
             # What a broken neighbour sends may be anything.
             if speed > _WILD_UM_S:
                 speed = _WILD_UM_S
@@ -230,5 +247,5 @@ def _against(  # noqa: PLR0917 - viper takes words
                 shown |= TURNS
             if off > slip:
                 shown |= SLIPS
-        wheel += 1
+        axis += 1
     return shown

@@ -6,8 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdms_cell.neighbours.belief import CONTRADICTION, EDGE, Belief
+from mdms_cell.neighbours import belief as beliefs
+from mdms_cell.neighbours import sensors
+from mdms_cell.neighbours.belief import CONTRADICTION, EDGE, TURN, Belief, X
 from mdms_cell.neighbours.geometry.angle import ARM_UM, ONE, TURN_UM, root, wrapped
+from mdms_cell.neighbours.geometry.footprint import MARGIN, POINTS
 from mdms_cell.neighbours.geometry.outline import (
     COSINE,
     DISC,
@@ -15,12 +18,14 @@ from mdms_cell.neighbours.geometry.outline import (
     SINE,
     STEP_UM,
     Outline,
-    points_by_depth,
     points_within,
     squares_overlapped,
 )
+from mdms_cell.neighbours.geometry.place import AXES, SENSORS
+from mdms_cell.neighbours.twist import BEFORE, VX
 
 SMALL_INT = 1 << 30
+SENSORS_MASK = (1 << SENSORS) - 1
 LENGTH_UM, WIDTH_UM = 360_000, 300_000
 places = st.integers(-500_000, 500_000)
 turns = st.integers(-TURN_UM // 2, TURN_UM // 2)
@@ -79,14 +84,26 @@ def test_square_that_a_point_of_the_bottom_lies_in_is_overlapped(along, across, 
     assert overlaps(found, int(x) // STEP_UM, int(y) // STEP_UM, 100)
 
 
-@given(st.sampled_from([RECTANGLE, DISC]), places, turns, places, places)
-def test_masks_by_depth_are_those_of_each_limit_alone(shape, x_um, turn_um, at_x, at_y):
+@given(
+    st.sampled_from([RECTANGLE, DISC]), places, turns, places, places, st.integers(0, SENSORS_MASK)
+)
+def test_sensors_are_compared_with_the_outline_at_each_limit(  # noqa: PLR0917
+    shape, x_um, turn_um, at_x, at_y, bits
+):
     found = outline(shape, x_um=x_um // 4, y_um=x_um // 5, turn_um=turn_um).registers
-    x = [at_x * number // (6 * STEP_UM) for number in range(7)]
-    y = [at_y * number // (6 * STEP_UM) for number in range(7)]
-    masks = points_by_depth(found, x, y, 7, 100, -100, 625)
-    for place, limit in ((0, -625), (10, 0), (20, 626)):
-        assert masks >> place & 0x7F == points_within(found, x, y, 7, 100, -100, limit)
+    x = [at_x * number // (6 * STEP_UM) for number in range(POINTS)]
+    y = [at_y * number // (6 * STEP_UM) for number in range(POINTS)]
+
+    def within(limit):
+        return points_within(found, x, y, POINTS, 100, -100, limit)
+
+    deep, far = within(-625) >> AXES, SENSORS_MASK & ~(within(626) >> AXES)
+    wanted = within(0) >> AXES ^ bits
+    wanted |= sensors._MISSING if deep and not deep & bits else 0
+    wanted |= sensors._FAR if far & bits else 0
+    wanted |= sensors._CLEARLY if deep or far else 0
+    wanted |= sensors._NEARLY if within(MARGIN) else 0
+    assert sensors._compare(found, x, y, 100, -100, bits) == wanted
 
 
 @pytest.mark.parametrize("shape", [RECTANGLE, DISC])
@@ -113,7 +130,9 @@ def believing(x_um, y_um, turn_um):
 def roll(belief, dx_um, dy_um, dturn_um):
     """The parcel goes so far in a second, as fast as in the one before."""
     speeds = dx_um, dy_um, dturn_um
-    belief.roll((*speeds, 0, 0, *speeds), 2)
+    for number, speed in enumerate(speeds):
+        belief.registers[VX + number] = belief.registers[BEFORE + number] = speed
+    beliefs.roll(belief.registers, 2)
     belief.place()
 
 
@@ -124,8 +143,8 @@ def test_three_edges_show_where_a_parcel_is(x_um, y_um, turn_um):
     sides = ((180_000, -90_000), (180_000, 100_000), (60_000, 150_000))
     for sensor_um in sides + sides:
         crossing(belief, (0, 0, 0), sensor_um)
-    assert hypot(*belief.registers[:2]) < 1_500
-    assert degrees(abs(belief.registers[2]) / ARM_UM) < 0.8
+    assert hypot(*belief.registers[X:TURN]) < 1_500
+    assert degrees(abs(belief.registers[TURN]) / ARM_UM) < 0.8
 
 
 def test_edge_far_away_is_not_believed_but_makes_unsure():
@@ -134,7 +153,7 @@ def test_edge_far_away_is_not_believed_but_makes_unsure():
         crossing(belief, (0, 0, 0), sensor_um)
     before = belief.variance()
     assert not crossing(belief, (0, 0, 0), (150_000, 0))
-    assert belief.registers[:3].tolist() == pytest.approx([0, 0, 0], abs=50)
+    assert belief.registers[X : TURN + 1].tolist() == pytest.approx([0, 0, 0], abs=50)
     assert belief.variance() > before
 
 
@@ -142,7 +161,7 @@ def test_contradiction_moves_the_belief_and_makes_it_no_surer():
     belief = believing(5_000, 0, 0)
     before = belief.variance()
     belief.correct(182_000 // STEP_UM, 0, CONTRADICTION, False)
-    assert belief.registers[0] < 3_500
+    assert belief.registers[X] < 3_500
     assert belief.variance() == before
 
 
@@ -156,7 +175,7 @@ def test_way_makes_unsure_and_standing_does_not():
     assert belief.variance() == before
     for _ in range(100):
         roll(belief, 1_000, 0, 0)
-    assert belief.registers[0] == pytest.approx(100_000, abs=100)
+    assert belief.registers[X] == pytest.approx(100_000, abs=100)
     assert belief.variance() > before
 
 
@@ -164,8 +183,8 @@ def test_agreement_meets_between_beliefs_and_is_no_surer_than_both():
     belief = believing(0, 0, 0)
     before = belief.variance()
     off = (100 * each // 4 for each in (2_000, -1_000, 500))
-    belief.agree((100, *off, 100 * (before // 4)), 100)
-    assert belief.registers[:3].tolist() == [1_000, -500, 250]
+    beliefs.agree(belief.registers, (100, *off, 100 * (before // 4)), 100)
+    assert belief.registers[X : TURN + 1].tolist() == [1_000, -500, 250]
     assert before // 4 < belief.variance() < before
 
 
@@ -176,10 +195,10 @@ def test_numbers_stay_small_whatever_sensors_say(sensors_um, x_um, y_um, turn_um
     for at_um in sensors_um:
         belief.correct(at_um[0] // STEP_UM, at_um[1] // STEP_UM, EDGE)
         roll(belief, 4_000, -4_000, 2_000)
-        numbers = belief.registers[3:9]  # variances before covariances
+        numbers = belief.registers[TURN + 1 : TURN + 7]  # variances before covariances
         assert max(map(abs, numbers)) < 1 << 19
         assert min(numbers[:3]) > 0
-        assert max(map(abs, belief.registers[:2])) < 2_000_000
+        assert max(map(abs, belief.registers[X:TURN])) < 2_000_000
 
 
 def test_full_turn_is_a_full_turn():

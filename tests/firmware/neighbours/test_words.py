@@ -6,10 +6,12 @@ Where it does, bytecode and the machine code of any board compute the same.
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mdms_cell.neighbours import agreement, belief, twist
+from mdms_cell.neighbours import agreement, belief, leading, sensors, steering, twist
 from mdms_cell.neighbours.geometry import outline
 from mdms_cell.neighbours.geometry.angle import TURN_UM, root
 from mdms_cell.neighbours.geometry.outline import DISC, RECTANGLE, STEP_UM
+from mdms_cell.neighbours.program import GOAL
+from mdms_protocol.neighbours import frames as wire
 
 WORD = 1 << 31
 #: Half of the largest parcel, and how far wheels and sensors of neighbours are [steps].
@@ -67,7 +69,7 @@ def test_root_fits(number):
 
 def placed(shape, pose, halves):
     x, y, turn = pose
-    registers = Words([0, 0, 0, 0, shape, *halves, 0, 0, 0])
+    registers = Words([0, 0, 0, 0, shape, *halves, *[0] * 24])
     outline.place(registers, x * STEP_UM, y * STEP_UM, turn)
     return registers
 
@@ -82,24 +84,27 @@ def test_outline_fits_wherever_the_parcel_lies(shape, pose, halves):
     xs, ys = Words([NEAR, -NEAR]), Words([NEAR, NEAR])
     outline.points_within(registers, xs, ys, 2, Word(NEAR), Word(-NEAR), Word(625))
     outline.squares_overlapped(registers, xs, ys, Word(4000), Word(3))
-    outline._side(registers, Word(NEAR), Word(-NEAR))
+    outline.edge(registers, Word(NEAR), Word(-NEAR))
+    xs, ys = Words([NEAR, -NEAR, 0, 0, NEAR, 0, 0]), Words([NEAR, NEAR, 0, -NEAR, 0, 0, 0])
+    sensors._compare(registers, xs, ys, Word(NEAR), Word(-NEAR), Word(31))
 
 
 @settings(max_examples=60)
-@given(st.lists(speeds, min_size=3, max_size=8), numbers(HALF), numbers(HALF), st.data())
-def test_twist_fits_whatever_speeds_come(beats, centre_x, centre_y, data):
-    registers, centre = Words([0] * 8), Words([centre_x, centre_y])
+@given(st.lists(speeds, min_size=3, max_size=8), numbers(HALF), numbers(HALF), turns, st.data())
+def test_twist_fits_whatever_speeds_come(beats, centre_x, centre_y, turn, data):
+    registers = placed(RECTANGLE, (centre_x, centre_y, turn), (Word(2 * HALF), Word(2 * HALF)))
     along = st.tuples(numbers(362), numbers(362))
     along_x, along_y = (
         Words(each) for each in zip(*data.draw(st.tuples(along, along)), strict=True)
     )
-    reach = st.lists(numbers(NEAR), min_size=18, max_size=18)
-    wheel_x, wheel_y = Words(data.draw(reach)), Words(data.draw(reach))
+    wheels, cells = (st.lists(numbers(NEAR // 2), min_size=size, max_size=size) for size in (2, 9))
+    xs, ys = Words(data.draw(wheels)), Words(data.draw(wheels))
+    shift_xs, shift_ys = Words(data.draw(cells)), Words(data.draw(cells))
     for beat in beats:
-        mask = Word(data.draw(st.integers(0, (1 << 18) - 1)))
-        args = registers, wheel_x, wheel_y, along_x, along_y, Words(beat), mask, centre
-        twist._fit(*args)
-        twist._against(*args)
+        mask = Word(data.draw(st.integers(0, (1 << 9) - 1)))
+        twist.fit(registers, xs, ys, shift_xs, shift_ys, along_x, along_y, Words(beat), mask)
+        x, y = Word(shift_xs[4]), Word(shift_ys[4])
+        twist.against(registers, xs, ys, x, y, along_x, along_y, Words(beat), Word(8), Word(3))
 
 
 @given(
@@ -109,15 +114,17 @@ def test_twist_fits_whatever_speeds_come(beats, centre_x, centre_y, data):
     turns,
 )
 def test_belief_fits_whatever_sensors_say(edges, x_um, y_um, turn):
-    registers = Words([x_um, y_um, turn, *[belief._START] * 3, 0, 0, 0, 0])
-    moving = Words([1_300_000, -1_300_000, 500_000, 0, 0, 1_300_000, -1_300_000, 500_000])
+    registers = placed(RECTANGLE, (0, 0, 0), (HALF, HALF))
+    believed = (x_um, y_um, turn, *[belief._START] * 3, *[0] * 7)
+    moving = (1_300_000, -1_300_000, 500_000, 0, 0, 1_300_000, -1_300_000, 500_000)
+    registers = Words([*registers[: belief.X], *believed, *moving])
     for x, y, exact in edges:
-        pose = registers[0] // STEP_UM, registers[1] // STEP_UM, registers[2]
-        bottom = placed(RECTANGLE, pose, (HALF, HALF))
-        off = outline._side(bottom, x, y)
-        belief._correct(registers, bottom, off, Word(belief.EDGE), exact)
-        belief._roll(registers, moving, Word(2 * 1000 // 10))
-        belief._send(registers, moving, Word(1000 // 50), Words([0] * 10), Words([0] * 3))
+        x_um, y_um, turn = registers[belief.X : belief.TURN + 1]
+        outline.place(registers, x_um, y_um, turn)
+        off = outline.edge(registers, x, y)
+        belief._correct(registers, off, Word(belief.EDGE), exact)
+        belief.roll(registers, Word(2 * 1000 // 10))
+        belief.send(registers, Word(1000 // 50), Words([0] * 10))
 
 
 @given(
@@ -129,12 +136,43 @@ def test_agreement_fits_whatever_neighbours_say(poses, certainties, certainty):
     fields = [
         (*pose, 7, 3, 0, sure, 5, 1, 0) for pose, sure in zip(poses, certainties, strict=True)
     ]
-    table, sums = Words([0] * 40), Words([0] * 5)
+    peers = Words([0] * (agreement._ROWS + 40))
     shifts = Words([127_000, -127_000] * 8)
     estimates = Words([each for row in fields for each in row])
-    assert agreement._gather(estimates, shifts, Word(255), table) == len(poses)
-    near = agreement._near(table, 8, table, 0)
-    agreement._sum_up(table, Word(near), bytes(9), table, certainty, sums)
-    if sums[0]:
-        registers = Words([*table[:3], *[belief._MOST] * 3, 0, 0, 0, 0])
-        belief._agree(registers, sums, Word(agreement._OWN_WEIGHT))
+    sent = [each * number for each, number in zip(poses[0], (250, 250, 196), strict=True)]
+    registers = placed(RECTANGLE, (0, 0, 0), (HALF, HALF))
+    believed = (*sent, *[belief._MOST] * 3, 0, 0, 0, 0, *sent)
+    registers = Words([*registers[: belief.X], *believed, *[0] * 8])
+    agreement.gather(estimates, shifts, Word(255), peers, registers)
+    assert peers[agreement._PEERS] == len(poses)
+    if agreement.sum_up(peers, bytes(9), registers, certainty):
+        belief.agree(registers, peers, Word(agreement.OWN_WEIGHT))
+
+
+@given(
+    st.lists(st.tuples(numbers((1 << 17) - 1), numbers((1 << 17) - 1), numbers(2047)), min_size=4),
+    st.lists(st.tuples(numbers(HALF), numbers(HALF), turns), min_size=4),
+    st.tuples(numbers(100_000_000), numbers(100_000_000)),
+    st.lists(st.integers(0, 255).map(Word), min_size=2, max_size=2),
+    halves,
+)
+def test_steering_fits_wherever_the_goal_is(goals, poses, place_um, limits, half):
+    """Limits are those of the acceleration and of the speed."""
+    registers, targets = Words([0] * steering.REGISTERS), Words([0, 0])
+    reach = Words([NEAR, -NEAR])
+    for goal, pose in zip(goals, poses, strict=False):
+        fields = Words([0] * 6 + limits + [0] + list(goal))
+        x, y, turn = pose
+        bottom = placed(RECTANGLE, pose, (half, half))
+        believed = x * STEP_UM, y * STEP_UM, turn, *[0] * 10
+        parcel = Words([*bottom[: belief.X], *believed, 1_300_000, -1_300_000, 500_000])
+        steering.find_wish(registers, fields, GOAL, parcel, *place_um, half * STEP_UM)
+        for step_ms in (1, 50):
+            steering.approach(registers, fields, half * STEP_UM, 1, Word(step_ms))
+        leading._aim(
+            registers, parcel, Words([362, -362]), Words([362, 362]), reach, reach, targets
+        )
+        # With less the parcel moves on for tens of metres, where squares leave words and are apart.
+        fields[wire.ACCELERATION] = 255
+        args = parcel, parcel, registers, fields, reach, reach
+        leading._look_ahead(*args, Word(4000), Word(3))

@@ -25,16 +25,16 @@ MARGIN = 10_000 // STEP_UM
 #: A parcel keeps this away from the squares of cells that are not promised to it [steps].
 CLEARANCE = 4_000 // STEP_UM
 POINTS = AXES + SENSORS
-ALL_WHEELS = AXES * (DIRECTIONS + 1)
 
 
 class Footprint:
     """The points of a cell and its neighbours [steps of 16 um; from the cell's own centre].
 
     Wheels come before sensors; `x` and `y` are of POINTS points. `present` is the mask of the
-    neighbours that there are. Neighbours are cells alike, at `shift_x` and `shift_y` by direction.
-    All wheels that may be heard of are at `wheel_x` and `wheel_y`, the cell's own last; `along_x`
-    and `along_y` are their directions by axis [1/512].
+    neighbours that there are. Neighbours are cells alike, at `shift_x` and `shift_y` by direction,
+    where the cell itself comes last; a parcel that comes within `half` a square of their centres
+    needs them. Squares, not points: two parcels may not meet between the sensors of two cells
+    either. `along_x` and `along_y` are the directions of wheels by axis [1/512].
     """
 
     def __init__(self, place):
@@ -45,8 +45,6 @@ class Footprint:
         self.shift_y = array("i", [0] * (DIRECTIONS + 1))
         self.along_x = array("i", [0] * AXES)
         self.along_y = array("i", [0] * AXES)
-        self.wheel_x = array("i", [0] * ALL_WHEELS)
-        self.wheel_y = array("i", [0] * ALL_WHEELS)
         self.load()
 
     def load(self):
@@ -62,19 +60,11 @@ class Footprint:
         for direction in range(DIRECTIONS):
             self.shift_x[direction] = place.shifts[2 * direction] // STEP_UM
             self.shift_y[direction] = place.shifts[2 * direction + 1] // STEP_UM
-        self._load_wheels()
         self.present = 0
         for direction in range(DIRECTIONS):
             if place.nodes[direction]:
                 self.present |= 1 << direction
-        self._half = self._place.pitch_um // (2 * STEP_UM) + CLEARANCE
-
-    def _load_wheels(self):
-        wheel_x, wheel_y = self.wheel_x, self.wheel_y
-        for direction in range(DIRECTIONS + 1):
-            for axis in range(AXES):
-                wheel_x[AXES * direction + axis] = self.shift_x[direction] + self.x[axis]
-                wheel_y[AXES * direction + axis] = self.shift_y[direction] + self.y[axis]
+        self.half = self._place.pitch_um // (2 * STEP_UM) + CLEARANCE
 
     def _put(self, point, place_um):
         x_um, y_um = place_um
@@ -94,16 +84,4 @@ class Footprint:
     def reaches(self, outline):
         """Whether the parcel lies over the cell's own square, or nearly."""
         x, y = self.shift_x, self.shift_y
-        return squares_overlapped(outline.registers, x, y, self._half, 1 << DIRECTIONS) != 0
-
-    @micropython.native
-    def mask(self, outline, mask=0):
-        """The neighbours whose squares the parcel lies over, or nearly, besides those of a mask.
-
-        Squares, not points: two parcels may not meet between the sensors of two cells either.
-        """
-        asked = self.present & ~mask
-        if not asked:
-            return mask
-        x, y = self.shift_x, self.shift_y
-        return mask | squares_overlapped(outline.registers, x, y, self._half, asked)
+        return squares_overlapped(outline.registers, x, y, self.half, 1 << DIRECTIONS) != 0

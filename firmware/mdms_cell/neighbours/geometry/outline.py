@@ -17,8 +17,11 @@ from mdms_cell.neighbours.geometry.angle import ARM_UM, ONE, QUARTER_UM, root
 from mdms_protocol.words import WIDEN
 
 STEP_UM = const(16)
+# What is used in every beat; constants of another module would be looked up.
 _ARM = const(8000)
-assert _ARM * STEP_UM == ARM_UM
+_ONE = const(8192)
+_QUARTER_UM = const(201_062)
+assert (_ARM * STEP_UM, _ONE, _QUARTER_UM) == (ARM_UM, ONE, QUARTER_UM)
 
 RECTANGLE = const(0)
 DISC = const(1)
@@ -34,14 +37,16 @@ HALF_WIDTH = const(6)
 NORMAL_X = const(7)  # of the edge that `edge` found last: the derivative of its distance by the
 NORMAL_Y = const(8)  # pose, its sign changed [1/1024]
 LEVER = const(9)
+#: Those of its belief and of its twist follow in the same array; see `belief` and `twist`.
 REGISTERS = const(10)
+_ALL_REGISTERS = const(31)
 
 
 class Outline:
     """A rectangle about its centre, or a disc; `place` sets its pose [um; any frame]."""
 
     def __init__(self):
-        self.registers = array("i", [0] * REGISTERS)
+        self.registers = array("i", [0] * _ALL_REGISTERS)
         self.set(RECTANGLE, 0, 0)
         self.place(0, 0, 0)
 
@@ -64,36 +69,21 @@ class Outline:
 
         Leaves where the edge that is nearest to it lies in NORMAL_X, NORMAL_Y and LEVER.
         """
-        if self.registers[SHAPE] == DISC:
-            return self._rim(x, y)
-        return _side(self.registers, x, y)
-
-    def _rim(self, x, y):
-        registers = self.registers
-        x -= registers[X]
-        y -= registers[Y]
-        from_centre = root((x >> 2) ** 2 + (y >> 2) ** 2) * 4
-        most = max(from_centre, 1)
-        registers[NORMAL_X] = x * ONE // most >> 3
-        registers[NORMAL_Y] = y * ONE // most >> 3
-        registers[LEVER] = 0
-        return from_centre - registers[HALF_LENGTH]
+        return edge(self.registers, x, y)
 
 
 @micropython.viper
 def place(outline: ptr32, x_um: int, y_um: int, turn_um: int):
     """Set the pose of an outline; cosine and sine are within 2 of those of its turn."""
-    one = int(ONE)
-    quarter_um = int(QUARTER_UM)
     outline[X] = x_um // STEP_UM
     outline[Y] = y_um // STEP_UM
-    quarter = (turn_um + quarter_um // 2) // quarter_um
+    quarter = (turn_um + _QUARTER_UM // 2) // _QUARTER_UM
     # Radians in 1/8192, at most an eighth of a turn from a multiple of the right angle.
-    near = (turn_um - quarter * quarter_um) * 8 // 125
+    near = (turn_um - quarter * _QUARTER_UM) * 8 // 125
     square = near * near >> 13
-    most = (one // 12 - square // 360) * square >> 13
-    cosine = one - (square * (one // 2 - most // 2) >> 13)
-    sine = near * (one - (square * (one - square // 20) >> 13) // 6) >> 13
+    most = (_ONE // 12 - square // 360) * square >> 13
+    cosine = _ONE - (square * (_ONE // 2 - most // 2) >> 13)
+    sine = near * (_ONE - (square * (_ONE - square // 20) >> 13) // 6) >> 13
     if quarter & 1:
         cosine, sine = 0 - sine, cosine
     if quarter & 2:
@@ -103,11 +93,18 @@ def place(outline: ptr32, x_um: int, y_um: int, turn_um: int):
 
 
 @micropython.viper
-def _side(outline: ptr32, x: int, y: int) -> int:
-    """The distance of a point to the nearest side of a rectangle; see `Outline.edge`."""
+def edge(outline: ptr32, x: int, y: int) -> int:
+    """How far a point is outside; see `Outline.edge`."""
     widen = int(WIDEN)
     x -= outline[X] << widen >> widen
     y -= outline[Y] << widen >> widen
+    if outline[SHAPE] == DISC:
+        from_centre = int(root((x >> 2) * (x >> 2) + (y >> 2) * (y >> 2))) * 4
+        most = from_centre if from_centre > 1 else 1
+        outline[NORMAL_X] = x * _ONE // most >> 3
+        outline[NORMAL_Y] = y * _ONE // most >> 3
+        outline[LEVER] = 0
+        return from_centre - outline[HALF_LENGTH]
     cosine = outline[COSINE] << widen >> widen
     sine = outline[SINE] << widen >> widen
     along = cosine * x + sine * y >> 13
@@ -141,67 +138,25 @@ def points_within(  # noqa: PLR0917 - viper takes words
     sine = outline[SINE] << widen >> widen
     length = outline[HALF_LENGTH] + limit
     width = outline[HALF_WIDTH] + limit
-    radius = length + 3 >> 2
+    radius = length + 3 >> 2 if length > 0 else 0
+    square = radius * radius
+    disc = outline[SHAPE] == DISC
     mask = 0
+    bit = 1
     for point in range(points):
         x = (xs[point] << widen >> widen) + shift_x
         y = (ys[point] << widen >> widen) + shift_y
-        if outline[SHAPE] == DISC:
-            within = radius > 0 and (x >> 2) * (x >> 2) + (y >> 2) * (y >> 2) < radius * radius
+        if disc:
+            if (x >> 2) * (x >> 2) + (y >> 2) * (y >> 2) < square:
+                mask |= bit
         else:
             along = cosine * x + sine * y >> 13
-            across = cosine * y - sine * x >> 13
-            within = 0 - length < along < length and 0 - width < across < width
-        if within:
-            mask |= 1 << point
+            if along < length and along > 0 - length:
+                across = cosine * y - sine * x >> 13
+                if across < width and across > 0 - width:
+                    mask |= bit
+        bit <<= 1
     return mask
-
-
-@micropython.viper
-def points_by_depth(  # noqa: PLR0917 - viper takes words
-    outline: ptr32, xs: ptr32, ys: ptr32, points: int, shift_x: int, shift_y: int, clear: int
-) -> int:
-    """Three masks of up to ten points, moved by a shift, in one number.
-
-    Those that are more than `clear` inside an outline, from bit 10 on those that are inside, from
-    bit 20 on those that are no more than `clear` outside; as by three calls of `points_within`.
-    """
-    widen = int(WIDEN)
-    shift_x -= outline[X] << widen >> widen
-    shift_y -= outline[Y] << widen >> widen
-    cosine = outline[COSINE] << widen >> widen
-    sine = outline[SINE] << widen >> widen
-    length = outline[HALF_LENGTH]
-    width = outline[HALF_WIDTH]
-    deep = length - clear + 3 >> 2
-    deep = deep if deep > 0 else 0
-    inside = length + 3 >> 2
-    near = length + clear + 4 >> 2
-    masks = 0
-    for point in range(points):
-        x = (xs[point] << widen >> widen) + shift_x
-        y = (ys[point] << widen >> widen) + shift_y
-        if outline[SHAPE] == DISC:
-            square = (x >> 2) * (x >> 2) + (y >> 2) * (y >> 2)
-            if square < deep * deep:
-                masks |= 1 << point
-            if square < inside * inside:
-                masks |= 1 << 10 + point
-            if square < near * near:
-                masks |= 1 << 20 + point
-        else:
-            along = cosine * x + sine * y >> 13
-            across = cosine * y - sine * x >> 13
-            along = (along if along > 0 else 0 - along) - length
-            across = (across if across > 0 else 0 - across) - width
-            outside = along if along > across else across
-            if outside < 0 - clear:
-                masks |= 1 << point
-            if outside < 0:
-                masks |= 1 << 10 + point
-            if outside <= clear:
-                masks |= 1 << 20 + point
-    return masks
 
 
 @micropython.viper
