@@ -30,11 +30,12 @@ NEVER = const(1 << 24)
 
 # What is used in every beat; constants of another module would be looked up.
 _OWN = const(8)
+_DIRECTIONS = const(8)
 _SENSORS = const(5)
 _STAMP = const(0)
 _ACTUAL = const(30)
 _OTHER_ACTUAL = const(81)
-assert (_OWN, _SENSORS, _STAMP) == (OWN, SENSORS, STAMP)
+assert (_OWN, _DIRECTIONS, _SENSORS, _STAMP) == (OWN, DIRECTIONS, SENSORS, STAMP)
 assert (_ACTUAL, _OTHER_ACTUAL) == (speed_loop.ACTUAL, speed_loop.AXIS + speed_loop.ACTUAL)
 
 
@@ -172,7 +173,7 @@ def _reading(heard, boxes):
         read_estimates=wire.read_estimates,
         read_speeds=_read,
     ):
-        wrong = read_estimates(frames, fresh, estimates, 0, _OWN)
+        wrong = read_estimates(frames, fresh, estimates, 0, _DIRECTIONS)
         read_speeds(frames, fresh, stamps, estimate_beat, speeds, speeds_beat, counts[_STAMP])
         return wrong
 
@@ -182,7 +183,7 @@ def _reading(heard, boxes):
 @micropython.viper
 def _clear(fresh: ptr8) -> int:
     mask = 0
-    for direction in range(int(DIRECTIONS)):
+    for direction in range(_DIRECTIONS):
         if fresh[direction]:
             fresh[direction] = 0
             mask |= 1 << direction
@@ -203,13 +204,12 @@ def _read(  # noqa: PLR0917 - viper takes words
 
     Estimates of this beat and the one before stay fresh.
     """
-    directions = int(DIRECTIONS)
-    for direction in range(directions):
+    for direction in range(_DIRECTIONS):
         if fresh[direction]:
             estimate_beat[direction] = stamps[direction]
             if (beat - stamps[direction]) & 0xFFFFFF > 1:
                 fresh[direction] = 0
-        box = directions + direction
+        box = _DIRECTIONS + direction
         if fresh[box]:
             fresh[box] = 0
             beats[direction] = stamps[box]
