@@ -106,7 +106,7 @@ class FlexCanBus(Bus):
         overruns = self._can.get_counters(self._counters)[_OVERRUNS]
         if overruns != self._overruns:
             interrupts = machine.disable_irq()  # the interrupt counts there too
-            self.inbox.lost += max(overruns - self._overruns, 0)
+            self.inbox.lose(max(overruns - self._overruns, 0))
             machine.enable_irq(interrupts)
             self._overruns = overruns
         super().service(now_ms)

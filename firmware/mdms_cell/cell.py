@@ -78,6 +78,7 @@ class Cell:
 
     def __init__(self, board: "Board", node_id: int):
         self._board = board
+        self._read_presence = board.presence
         self._registers = board.registers
         self.accepts = {}
         self.received = 0
@@ -221,14 +222,14 @@ class Cell:
         """Look after timers and events; `now_ms` wraps at 2**30."""
         self.now_ms = now_ms
         registers = self._registers
-        reading = self._board.presence()
-        quiet = reading == self._reading and not registers[_ATTENTION]
-        if quiet:
+        reading = self._read_presence()
+        if reading == self._reading and not registers[_ATTENTION]:
             if now_ms - self.wake_ms & _WRAP >= _BEFORE:
                 return
-            left_ms = ticks.diff(self._due_ms, now_ms)
-            if left_ms > 0:
-                self.wake_ms = ticks.after(now_ms, min(left_ms, self._update_layer()))
+            left_ms = self._due_ms - now_ms & _WRAP
+            if 0 < left_ms < _BEFORE:
+                wait_ms = self._update_layer(now_ms)
+                self.wake_ms = now_ms + (wait_ms if wait_ms < left_ms else left_ms) & _WRAP
                 return
         # What calls for attention from here on has another poll follow.
         registers[_ATTENTION] = 0
@@ -336,13 +337,16 @@ class Cell:
         yield cob.SDO_RESPONSE_BASE + self.node_id, self._on_rival
         yield cob.HEARTBEAT_BASE + self.node_id, self._on_rival
 
+    @micropython.native
     def _on_sync(self, data):
         """SYNC from somebody else."""
-        taken = self._pdos.on_sync(data)
-        if taken:
-            self._beat.on_sync(self.now_ms)
-            self._layer.on_sync(self.now_ms, self.waited_ms)
-        return taken
+        if not self._pdos.on_sync(data):
+            return False
+        now_ms = self.now_ms
+        if self._beat.enabled:
+            self._beat.on_sync(now_ms)
+        self._layer.on_sync(now_ms, self.waited_ms)
+        return True
 
     def _on_sdo(self, data):
         """A client may change what is due, and begins to be waited for."""
@@ -392,6 +396,7 @@ class Cell:
             self._emcy.poll(self.now_ms)
         return 1
 
+    @micropython.native
     def _look_after(self):
         """Look after everything.
 
@@ -409,10 +414,13 @@ class Cell:
         self._sdo.poll(now_ms)
         return 1 if self._sdo.busy else wait_ms, layer_ms
 
-    def _update_layer(self):
+    @micropython.native
+    def _update_layer(self, now_ms):
         """Look after the layer alone, and what it reports; in how many milliseconds again."""
-        wait_ms = self._layer.poll(self.now_ms, self._presence.bits)
-        return wait_ms if self.state == nmt.STOPPED else min(wait_ms, self._emcy.poll(self.now_ms))
+        wait_ms = self._layer.poll(now_ms, self._presence.bits)
+        if self._emcy.queue and self.state != nmt.STOPPED:
+            wait_ms = min(wait_ms, self._emcy.poll(now_ms))
+        return wait_ms
 
     def _give_beat(self, now_ms):
         """Send SYNC, if it is this cell's to send; in how many milliseconds it may be again."""
@@ -432,14 +440,17 @@ class Cell:
     def _now(self):
         return self.now_ms
 
+    @micropython.native
     def _wake(self, wait_ms):
         """Have such a poll follow in so many milliseconds at the latest."""
-        if ticks.diff(self.wake_ms, self.now_ms) > wait_ms:
-            self.wake_ms = ticks.after(self.now_ms, wait_ms)
+        now_ms = self.now_ms
+        if wait_ms < (self.wake_ms - now_ms & _WRAP) < _BEFORE:
+            self.wake_ms = now_ms + wait_ms & _WRAP
 
     def _respond(self, data):
         return self._send(cob.SDO_RESPONSE_BASE + self.node_id, data)
 
+    @micropython.native
     def _send(self, can_id, data):
         sent = self._board.send(can_id, data)
         if not sent:

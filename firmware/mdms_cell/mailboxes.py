@@ -25,7 +25,7 @@ class Mailboxes:
 
     Of box b, `frames` has the data from `LENGTH * b` on, `stamps[b]` what the frame was stamped
     with, and `fresh[b]` is set until who reads it clears it. `accepted` are the identifiers of all
-    that the cell takes, in their order, with the numbers of their boxes.
+    that the cell takes, in their order, with the numbers of their boxes; `counts[KNOWN]` of them.
     """
 
     def __init__(self, boxes, stamp):
@@ -42,8 +42,12 @@ class Mailboxes:
             box = served_by if isinstance(served_by, int) else NO_BOX
             accepted.append(can_id << BOX_BITS | box)
         accepted.sort()
-        self.accepted = array("H", accepted)
         self.counts[KNOWN] = len(accepted)
+        # In place, for who sorts holds on to the array.
+        while len(self.accepted) < len(accepted):
+            self.accepted.append(0)
+        for place, entry in enumerate(accepted):
+            self.accepted[place] = entry
 
     def put(self, box, data):
         """Put a frame into a box; returns False if its length is another."""

@@ -6,13 +6,14 @@ try:
     import micropython
     from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr8, ptr16, ptr32
+    from mdms_protocol.cpython import const, micropython
 
 from array import array
 from struct import unpack_from
 
 from mdms_cell.drive.speed_loop import TICKS
 from mdms_cell.mailboxes import BOX_BITS, KNOWN, NO_BOX, STAMP
+from mdms_protocol.words import ptr8, ptr16, ptr32
 
 REMOTE_OR_EXTENDED = 3  # CAN.FLAG_RTR and CAN.FLAG_EXT_ID of `machine.CAN`
 
@@ -36,130 +37,44 @@ assert _TICKS == TICKS
 _OVERRUN = const(2)
 
 
-# Where the ring begins and ends
-_HEAD = const(0)  # moved by `take` only
-_TAIL = const(1)  # moved by `sort` and `pop` only
+# Numbers of `ends`: where the ring begins and ends, and what did not fit into it
+HEAD = const(0)  # moved by `take` only
+TAIL = const(1)  # moved by `sort` and `pop` only
 _END = const(2)
-
-
-@micropython.viper
-def _put(  # noqa: PLR0917 - viper takes words
-    ring: ptr8,
-    ends: ptr32,
-    registers: ptr32,
-    can_id: int,
-    data: ptr8,
-    length: int,
-    flags: int,
-    errors: int,
-) -> int:
-    """Write a frame into the ring; returns how many are lost.
-
-    That is this one, where there is no room, and one before it, where the controller says so.
-    """
-    lost = 1 if errors & _OVERRUN else 0
-    start = ends[_HEAD]
-    following = start + _SIZE
-    if following == ends[_END]:
-        following = 0
-    if following == ends[_TAIL]:
-        return lost + 1
-    length = length if length < _DATA_MAX else _DATA_MAX
-    ring[start] = can_id & 0xFF
-    ring[start + 1] = can_id >> 8 & 0xFF
-    ring[start + _LENGTH] = length
-    ring[start + _FLAGS] = flags & 0xFF
-    ring[start + _ERRORS] = errors & 0xFF
-    ring[start + _CAME] = registers[_TICKS] & 0xFF
-    start += _DATA
-    for place in range(length):
-        ring[start + place] = data[place]
-    ends[_HEAD] = following
-    return lost
-
-
-@micropython.viper
-def _sort(  # noqa: PLR0917 - viper takes words
-    ring: ptr8,
-    ends: ptr32,
-    accepted: ptr16,
-    counts: ptr32,
-    frames: ptr8,
-    stamps: ptr32,
-    fresh: ptr8,
-) -> int:
-    """Take frames until one is for the cell itself; see `Inbox.sort`."""
-    box_bits = int(BOX_BITS)
-    no_box = int(NO_BOX)
-    known = counts[int(KNOWN)]
-    stamp = counts[int(STAMP)]
-    filed = 0
-    start = ends[_TAIL]
-    while start != ends[_HEAD] and ring[start + _FLAGS] == 0:
-        wanted = (ring[start] | ring[start + 1] << 8) << box_bits
-        first = 0
-        past = known
-        while first < past:
-            middle = first + past >> 1
-            if accepted[middle] < wanted:
-                first = middle + 1
-            else:
-                past = middle
-        box = accepted[first] - wanted if first < known else no_box + 1
-        if box <= no_box:
-            if box == no_box or ring[start + _LENGTH] != _DATA_MAX:
-                break
-            data = start + _DATA
-            to = _DATA_MAX * box
-            for place in range(_DATA_MAX):
-                frames[to + place] = ring[data + place]
-            stamps[box] = stamp
-            fresh[box] = 1
-            filed += 1
-        start += _SIZE
-        if start == ends[_END]:
-            start = 0
-        ends[_TAIL] = start
-    return filed
+_LOST = const(3)
 
 
 class Inbox:
     """A ring that a hard interrupt fills and the background empties; taking allocates nothing.
 
     A frame is dated by TICKS of the `registers`, where they are given. The ring holds one frame
-    less than its size. At 1 Mbit/s a garbage collection of 11 ms can see 81 frames of 8 bytes; the
-    cell's filters let a fraction of them through.
+    less than its size; it is empty while `ends[HEAD] == ends[TAIL]`. At 1 Mbit/s a garbage
+    collection of 11 ms can see 81 frames of 8 bytes; the cell's filters let a fraction of them
+    through.
     """
 
     def __init__(self, size=64, registers=None):
         self._ring = bytearray(size * _SIZE)
-        self._ends = array("i", (0, 0, size * _SIZE))
-        self.lost = 0
+        self.ends = array("i", (0, 0, size * _SIZE, 0))
         registers = registers or array("i", [0] * (TICKS + 1))
         #: Takes one frame that a controller has received.
-        self.take = _taking(self, self._ring, self._ends, registers)
+        self.take = _taking(self._ring, self.ends, registers)
 
-    @micropython.native
-    def is_empty(self):
-        """Whether no frame waits."""
-        ends = self._ends
-        return ends[_HEAD] == ends[_TAIL]
+    @property
+    def lost(self):
+        """How many frames have been lost, here or in the controller."""
+        return self.ends[_LOST]
 
-    @micropython.native
-    def sort(self, boxes):
-        """Put the oldest frames into their boxes, up to the first that is for the cell itself.
+    def lose(self, count):
+        """Count frames that are lost; not while `take` may interrupt it."""
+        self.ends[_LOST] += count
 
-        Drops those that the cell does not take; returns how many it does.
+    def sorter(self, boxes):
+        """A function that puts the oldest frames into their boxes, up to the first that has none.
+
+        It drops those that the cell does not take, and returns how many it has put into boxes.
         """
-        return _sort(
-            self._ring,
-            self._ends,
-            boxes.accepted,
-            boxes.counts,
-            boxes.frames,
-            boxes.stamps,
-            boxes.fresh,
-        )
+        return _sorting(self._ring, self.ends, boxes)
 
     @micropython.native
     def peek(self):
@@ -168,46 +83,132 @@ class Inbox:
         As (identifier, data, flags, errors, last byte of the tick in which it came).
         """
         ring = self._ring
-        ends = self._ends
-        start = ends[_TAIL]
-        if start == ends[_HEAD]:
+        ends = self.ends
+        start = ends[TAIL]
+        if start == ends[HEAD]:
             return None
         return unpack_from(_LAYOUTS[ring[start + _LENGTH]], ring, start)
 
     @micropython.native
     def pop(self):
         """Give up the oldest frame."""
-        ends = self._ends
-        following = ends[_TAIL] + _SIZE
-        ends[_TAIL] = 0 if following == ends[_END] else following
+        ends = self.ends
+        following = ends[TAIL] + _SIZE
+        ends[TAIL] = 0 if following == ends[_END] else following
 
 
-def _taking(inbox, ring, ends, registers):
-    """What takes a frame, in an interrupt, with nothing to be looked up.
+# Viper functions that hold their buffers: nothing is looked up. MicroPython would call one through
+# the heap if what it holds and its arguments were more than five.
+
+
+def _taking(ring, ends, registers):
+    """What takes a frame, in an interrupt.
 
     One at a time, for MicroPython's controller of an STM32F4 sleeps, in the interrupt, for up to a
     millisecond when it is asked for a frame that it does not have.
     """
     received = [0, memoryview(bytearray(_RECV_MAX)), 0, 0]
 
-    @micropython.native
-    def take(  # noqa: PLR0917 - all is at hand
-        can,
-        inbox=inbox,
-        frame=received,
-        put=_put,
-        ring=ring,
-        ends=ends,
-        registers=registers,
-        size=len,
-    ):
-        if can.recv(frame) is not None:
-            data = frame[1]
-            lost = put(ring, ends, registers, frame[0], data, size(data), frame[2], frame[3])
-            if lost:
-                inbox.lost += lost
+    @micropython.viper
+    def take(can):
+        if not can.recv(received):
+            return
+        can_id, data, flags, errors = received
+        bounds = ptr32(ends)
+        if int(errors) & _OVERRUN:
+            bounds[_LOST] += 1
+        start = bounds[HEAD]
+        following = start + _SIZE
+        if following == bounds[_END]:
+            following = 0
+        if following == bounds[TAIL]:
+            bounds[_LOST] += 1
+            return
+        length = int(len(data))  # noqa: RUF046 - viper has an object
+        length = length if length < _DATA_MAX else _DATA_MAX
+        frame = ptr8(ring)
+        frame[start] = int(can_id) & 0xFF
+        frame[start + 1] = int(can_id) >> 8 & 0xFF
+        frame[start + _LENGTH] = length
+        frame[start + _FLAGS] = int(flags) & 0xFF
+        frame[start + _ERRORS] = int(errors) & 0xFF
+        frame[start + _CAME] = ptr32(registers)[_TICKS] & 0xFF
+        start += _DATA
+        came = ptr8(data)
+        if length == _DATA_MAX:  # as nearly all have; a loop would take twice as long
+            frame[start] = came[0]
+            frame[start + 1] = came[1]
+            frame[start + 2] = came[2]
+            frame[start + 3] = came[3]
+            frame[start + 4] = came[4]
+            frame[start + 5] = came[5]
+            frame[start + 6] = came[6]
+            frame[start + 7] = came[7]
+        else:
+            for place in range(length):
+                frame[start + place] = came[place]
+        bounds[HEAD] = following
 
     return take
+
+
+def _sorting(ring, ends, boxes):
+    """What sorts frames into boxes; see `Inbox.sorter`."""
+    parts = boxes.accepted, boxes.counts, boxes.frames, boxes.stamps, boxes.fresh
+
+    @micropython.viper
+    def sort() -> int:
+        bounds = ptr32(ends)
+        start = bounds[TAIL]
+        if start == bounds[HEAD]:
+            return 0
+        accepted_, counts_, frames_, stamps_, fresh_ = parts
+        frame = ptr8(ring)
+        accepted = ptr16(accepted_)
+        counts = ptr32(counts_)
+        frames = ptr8(frames_)
+        stamps = ptr32(stamps_)
+        fresh = ptr8(fresh_)
+        box_bits = int(BOX_BITS)
+        no_box = int(NO_BOX)
+        known = counts[int(KNOWN)]
+        stamp = counts[int(STAMP)]
+        filed = 0
+        while start != bounds[HEAD] and frame[start + _FLAGS] == 0:
+            wanted = (frame[start] | frame[start + 1] << 8) << box_bits
+            first = 0
+            past = known
+            while first < past:
+                middle = first + past >> 1
+                if accepted[middle] < wanted:
+                    first = middle + 1
+                else:
+                    past = middle
+            box = accepted[first] - wanted if first < known else no_box + 1
+            if box <= no_box:
+                if box == no_box or frame[start + _LENGTH] != _DATA_MAX:
+                    break
+                data = start + _DATA
+                to = _DATA_MAX * box
+                # A loop would take twice as long.
+                frames[to] = frame[data]
+                frames[to + 1] = frame[data + 1]
+                frames[to + 2] = frame[data + 2]
+                frames[to + 3] = frame[data + 3]
+                frames[to + 4] = frame[data + 4]
+                frames[to + 5] = frame[data + 5]
+                frames[to + 6] = frame[data + 6]
+                frames[to + 7] = frame[data + 7]
+                stamps[box] = stamp
+                fresh[box] = 1
+                filed += 1
+            start += _SIZE
+            if start == bounds[_END]:
+                start = 0
+            bounds[TAIL] = start
+        return filed
+
+    return sort
 
 
 class Outbox:

@@ -10,6 +10,7 @@ try:
 except ImportError:
     from mdms_protocol.cpython import const, micropython
 
+from mdms_cell import queues
 from mdms_cell.drive import speed_loop
 from mdms_cell.drive.speed_loop import CUT
 
@@ -22,8 +23,11 @@ assert _OTHER_FAULTS == speed_loop.AXIS + speed_loop.FAULTS
 BUS_OFF = 0x8140
 INTERNAL_ERROR = 0x6100
 
+_HEAD = const(0)
+_TAIL = const(1)
+assert (_HEAD, _TAIL) == (queues.HEAD, queues.TAIL)
 #: A millisecond of a full bus has 8 frames with data.
-FRAMES_PER_TURN = 16
+FRAMES_PER_TURN = const(16)
 
 
 class Runner:
@@ -40,59 +44,89 @@ class Runner:
         self._board = board
         self._cell = cell
         self._registers = board.registers
-        self._bus_off = False
-        self._fed_tick = -1
+        self.bus_off = False
+        self.fed_tick = -1
         self.error = None
         self.tick = _guarded(cell.tick, self)
+        self.turn = _turning(self, board, cell)
 
     def cut(self):
         """Take the voltage from the motors, whatever the tick does; awake bridges brake."""
         self._registers[CUT] = 1
         self._board.motors_off()
 
-    @micropython.native
-    def turn(self, now_ms):
-        """One turn of the background loop; raises what went wrong in the tick."""
-        if self.error is not None:
-            raise self.error
-        board, cell, registers = self._board, self._cell, self._registers
-        board.service(now_ms)
-        if board.bus_off != self._bus_off:
-            self._watch_bus()
-        if not board.inbox.is_empty():
-            self._receive(now_ms)
-        cell.poll(now_ms)
-        board.show(now_ms, cell.state, registers[_FAULTS] | registers[_OTHER_FAULTS] != 0)
-        tick = registers[_TICKS]
-        if tick != self._fed_tick:
-            # The watchdog is fed while the tick is alive.
-            self._fed_tick = tick
-            board.feed()
-
-    def _watch_bus(self):
-        self._bus_off = self._board.bus_off
-        if self._bus_off:
+    def watch_bus(self):
+        """The bus has gone off, or is back."""
+        self.bus_off = self._board.bus_off
+        if self.bus_off:
             self._cell.fail(BUS_OFF)
         else:
             self._cell.recover()
             self._registers[CUT] = 0
 
+
+def _turning(runner, board, cell):
+    """One turn of the background loop; raises what went wrong in the tick."""
+    inbox = board.inbox
+    receive = _receiving(inbox, cell, board.registers)
+
     @micropython.native
-    def _receive(self, now_ms):
-        """Sort frames, and hand over `FRAMES_PER_TURN` at most: traffic starves nothing else."""
-        inbox, cell = self._board.inbox, self._cell
-        boxes = cell.mailboxes
+    def turn(  # noqa: PLR0917 - all is at hand
+        now_ms,
+        runner=runner,
+        board=board,
+        cell=cell,
+        registers=board.registers,
+        ends=inbox.ends,
+        service=board.service,
+        receive=receive,
+        poll=cell.poll,
+    ):
+        if runner.error is not None:
+            raise runner.error
+        service(now_ms)
+        if board.bus_off != runner.bus_off:
+            runner.watch_bus()
+        if ends[_HEAD] != ends[_TAIL]:
+            receive(now_ms)
+        poll(now_ms)
+        board.show(now_ms, cell.state, registers[_FAULTS] | registers[_OTHER_FAULTS] != 0)
+        tick = registers[_TICKS]
+        if tick != runner.fed_tick:
+            # The watchdog is fed while the tick is alive.
+            runner.fed_tick = tick
+            board.feed()
+
+    return turn
+
+
+def _receiving(inbox, cell, registers):
+    """What sorts frames, and hands over `FRAMES_PER_TURN` at most: traffic starves nothing else."""
+    sort = inbox.sorter(cell.mailboxes)
+
+    @micropython.native
+    def receive(  # noqa: PLR0917 - all is at hand
+        now_ms,
+        cell=cell,
+        registers=registers,
+        sort=sort,
+        ends=inbox.ends,
+        peek=inbox.peek,
+        pop=inbox.pop,
+    ):
         for _ in range(FRAMES_PER_TURN):
-            cell.received += inbox.sort(boxes)
-            frame = inbox.peek()
-            if frame is None:
+            cell.received += sort()
+            if ends[_HEAD] == ends[_TAIL]:
                 break
-            if not frame[2]:
+            can_id, data, flags, _errors, came = peek()
+            if not flags:
                 # A frame may have waited, for the end of an update or of a garbage collection.
-                cell.waited_ms = self._registers[_TICKS] - frame[4] & 0xFF
-                cell.on_frame(frame[0], frame[1], now_ms)
-            inbox.pop()
+                cell.waited_ms = registers[_TICKS] - came & 0xFF
+                cell.on_frame(can_id, data, now_ms)
+            pop()
         cell.waited_ms = 0
+
+    return receive
 
 
 def _guarded(tick, runner):

@@ -227,20 +227,22 @@ class Cell:
     def _restore(self, memory: Memory) -> None:
         decider = self._decider
         decider.restart()
-        decider.identity = memory.identity
-        decider.state = memory.state
-        decider.hold = memory.hold
-        decider._promised = memory.promised
-        decider._bound = memory.bound
-        decider._waiting = memory.waiting
+        registers = decider.registers
+        registers[right_of_way.IDENTITY] = memory.identity
+        registers[right_of_way.STATE] = memory.state
+        registers[right_of_way.HOLD] = memory.hold
+        registers[right_of_way.PROMISED_TO] = memory.promised
+        registers[right_of_way.BOUND] = memory.bound
+        registers[right_of_way.WAITING] = memory.waiting
         for direction, identity, state, hold, left in memory.said:
-            decider._said[right_of_way.IDENTITIES + direction] = identity
-            decider._said[right_of_way.STATES + direction] = state
-            decider._said[right_of_way.HOLDS + direction] = hold
-            decider._said[right_of_way.LEFT + direction] = left
+            decider.said[right_of_way.IDENTITIES + direction] = identity
+            decider.said[right_of_way.STATES + direction] = state
+            decider.said[right_of_way.HOLDS + direction] = hold
+            decider.said[right_of_way.LEFT + direction] = left
 
     def _snapshot(self, wants: int) -> Memory:
         decider = self._decider
+        registers = decider.registers
         shown = decider.state >= right_of_way.PROMISED
         return Memory(
             down=False,
@@ -249,19 +251,19 @@ class Cell:
             hold=decider.hold,
             drive=decider.drive_beats,
             wants=wants if decider.state == right_of_way.UNDER else 0,
-            promised=decider._promised,
-            bound=decider._bound,
-            waiting=decider._waiting,
+            promised=registers[right_of_way.PROMISED_TO],
+            bound=registers[right_of_way.BOUND],
+            waiting=registers[right_of_way.WAITING],
             said=tuple(
                 (
                     direction,
-                    decider._said[right_of_way.IDENTITIES + direction],
-                    decider._said[right_of_way.STATES + direction],
-                    decider._said[right_of_way.HOLDS + direction],
-                    decider._said[right_of_way.LEFT + direction],
+                    decider.said[right_of_way.IDENTITIES + direction],
+                    decider.said[right_of_way.STATES + direction],
+                    decider.said[right_of_way.HOLDS + direction],
+                    decider.said[right_of_way.LEFT + direction],
                 )
                 for direction in self._directions
-                if decider._said[right_of_way.LEFT + direction]
+                if decider.said[right_of_way.LEFT + direction]
             ),
         )
 

@@ -16,13 +16,16 @@ _REGISTER_BITS = {0x2: 0x02, 0x3: 0x04, 0x4: 0x08, 0x7: 0x20, 0x8: 0x10, 0xF: 0x
 
 
 class Emcy:
-    """The errors of the cell, by what they come from; one source has one error at a time."""
+    """The errors of the cell, by what they come from; one source has one error at a time.
+
+    `errors` has their codes by their sources, and `queue` the messages that wait to be sent.
+    """
 
     def __init__(self, objects, send):
         self._objects = objects
         self._send = send
-        self._errors = {}
-        self._queue = []
+        self.errors = {}
+        self.queue = []
         self._sent_ms = None
         objects.tie(indices.ERROR_REGISTER, 0, read=self.register)
         objects.tie(indices.ERROR_HISTORY, 0, write=self._clear_history)
@@ -41,33 +44,33 @@ class Emcy:
     def register(self):
         """The error register."""
         bits = 0
-        for code in self._errors.values():
+        for code in self.errors.values():
             bits |= _GENERIC | _REGISTER_BITS.get(code >> 12, 0)
         return bits
 
     def report(self, source, code, detail=bytes(4)):
         """An error has come up; four bytes may give details."""
-        if self._errors.get(source) == code:
+        if self.errors.get(source) == code:
             return
-        self._errors[source] = code
+        self.errors[source] = code
         self._remember(source << 16 | code)
         self._post(source, code, detail)
 
     def clear(self, source):
         """The error of this source is gone, if there was one."""
-        if source in self._errors:
-            del self._errors[source]
+        if source in self.errors:
+            del self.errors[source]
             self._post(source, _NO_ERROR, bytes(4))
 
     def poll(self, now_ms):
         """Send what waits, one message an inhibit time; return when to go on, in milliseconds."""
-        while self._queue and self.can_id is not None:
+        while self.queue and self.can_id is not None:
             wait_ms = self._inhibited_ms(now_ms)
             if wait_ms:
                 return wait_ms
-            if not self._send(self.can_id, self._queue[0]):
+            if not self._send(self.can_id, self.queue[0]):
                 return ticks.RETRY_MS
-            self._queue.pop(0)
+            self.queue.pop(0)
             self._sent_ms = now_ms
         return ticks.IDLE_MS
 
@@ -78,9 +81,9 @@ class Emcy:
         return self._inhibit_ms - elapsed_ms if 0 <= elapsed_ms < self._inhibit_ms else 0
 
     def _post(self, source, code, detail):
-        if len(self._queue) == _QUEUE_SIZE:
-            self._queue.pop(0)
-        self._queue.append(bytes((code & 0xFF, code >> 8, self.register(), source)) + detail)
+        if len(self.queue) == _QUEUE_SIZE:
+            self.queue.pop(0)
+        self.queue.append(bytes((code & 0xFF, code >> 8, self.register(), source)) + detail)
 
     def _remember(self, error):
         objects = self._objects

@@ -4,6 +4,11 @@ An error of communication switches the motors off, whatever the error behaviour 
 heartbeat is lost, they may brake first (0x605E).
 """
 
+try:
+    import micropython
+except ImportError:
+    from mdms_protocol.cpython import micropython
+
 from mdms_protocol import indices
 from mdms_protocol.codecs import nmt
 
@@ -41,24 +46,25 @@ class Guard:
         """The node id is this node's own."""
         self._emcy.clear(SOURCE_NODE_ID)
 
+    @micropython.native
     def poll(self, now_ms):
         """Find out what is missing; return in how many milliseconds something may be."""
-        consumer = self._consumer
+        consumer, pdos, emcy = self._consumer, self._pdos, self._emcy
         if consumer.poll(now_ms):
-            self._emcy.report(SOURCE_CONSUMER, HEARTBEAT_LOST)
+            emcy.report(SOURCE_CONSUMER, HEARTBEAT_LOST)
             if not self._goes_on():
                 self._axes.fall_silent(HEARTBEAT_LOST)
                 self._enter()
         elif not consumer.lost:
-            self._emcy.clear(SOURCE_CONSUMER)
-        if self._pdos.overdue(now_ms):
-            self._emcy.report(SOURCE_RPDO, RPDO_OVERDUE)
-        elif not self._pdos.late:
-            self._emcy.clear(SOURCE_RPDO)
-        if self._pdos.take_short():
-            self._emcy.report(SOURCE_RPDO_LENGTH, RPDO_TOO_SHORT)
-        if not self._pdos.short:
-            self._emcy.clear(SOURCE_RPDO_LENGTH)
+            emcy.clear(SOURCE_CONSUMER)
+        if pdos.overdue(now_ms):
+            emcy.report(SOURCE_RPDO, RPDO_OVERDUE)
+        elif not pdos.late():
+            emcy.clear(SOURCE_RPDO)
+        if pdos.take_short():
+            emcy.report(SOURCE_RPDO_LENGTH, RPDO_TOO_SHORT)
+        if not pdos.short():
+            emcy.clear(SOURCE_RPDO_LENGTH)
         return consumer.wait_ms(now_ms)
 
     def on_rival(self):

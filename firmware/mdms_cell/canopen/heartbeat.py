@@ -1,5 +1,10 @@
 """Heartbeats: the producer (0x1017) and the consumer (0x1016) of CiA 301, 7.2.8.2.2.3."""
 
+try:
+    import micropython
+except ImportError:
+    from mdms_protocol.cpython import micropython
+
 from mdms_cell import ticks
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob, nmt, sdo
@@ -28,6 +33,7 @@ class Heartbeat:
         """Have one more heartbeat sent, as soon as there is room."""
         self._owed = True
 
+    @micropython.native
     def poll(self, now_ms, node_id, state):
         """Send a heartbeat if it is due; return in how many milliseconds the next one is.
 
@@ -39,6 +45,7 @@ class Heartbeat:
         wait_ms = self._poll_period(now_ms, node_id, state)
         return min(wait_ms, ticks.RETRY_MS) if self._owed else wait_ms
 
+    @micropython.native
     def _poll_period(self, now_ms, node_id, state):
         if not self._period_ms:
             return ticks.IDLE_MS

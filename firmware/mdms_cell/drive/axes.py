@@ -2,14 +2,16 @@
 
 try:
     import micropython
+    from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import micropython
+    from mdms_protocol.cpython import const, micropython
 
 from mdms_cell.drive import speed_loop
 from mdms_cell.drive.axis import Axis
 from mdms_protocol.codecs import cia402
-from mdms_protocol.codecs.cia402 import SWITCHED_ON
 
+_SWITCHED_ON = const(0x23)
+assert _SWITCHED_ON == cia402.SWITCHED_ON
 _DRIVING = (cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE, cia402.FAULT_REACTION)
 _FAILED = (cia402.FAULT, cia402.FAULT_REACTION)
 
@@ -40,7 +42,7 @@ class Axes:
         """Set the targets of axes that the host has switched on, and enable them."""
         axis = 0
         for drive in self._drives:
-            if drive.state == SWITCHED_ON:
+            if drive.state == _SWITCHED_ON:
                 drive.control(cia402.ENABLE_OPERATION | _halt(drive))
             drive.set_target(targets_um_s[axis])
             axis += 1  # noqa: SIM113 - as an object it is not looked up
@@ -56,14 +58,18 @@ class Axes:
         for axis in self._axes:
             axis.load()
 
+    @micropython.native
     def poll(self):
         """Follow what the speed loop did."""
-        for source, drive in enumerate(self._drives, 1):
+        emcy = self._emcy
+        source = 0
+        for drive in self._drives:
+            source += 1  # noqa: SIM113 - see `lead`
             code = drive.poll()
             if code:
-                self._emcy.report(source, code)
-            elif drive.state not in _FAILED:
-                self._emcy.clear(source)
+                emcy.report(source, code)
+            elif emcy.errors and drive.state not in _FAILED:
+                emcy.clear(source)
 
     def driving(self):
         """Whether any motor is on."""

@@ -13,12 +13,19 @@ cannot be given one. What a cell can see is that a SYNC comes which is not its o
 Two that begin at the same bit send one frame, and are one beat.
 """
 
+try:
+    import micropython
+    from micropython import const
+except ImportError:
+    from mdms_protocol.cpython import const, micropython
+
 from mdms_cell import ticks
 
 #: Beats missed, in halves: before a cell takes over, and before one that has just yielded returns.
 MISSED_HALVES = 5
 YIELDED_HALVES = 3
 RANK_MS = 1
+_WRAP = const((1 << 30) - 1)  # of the clock, see `ticks`
 
 
 class Beat:
@@ -31,30 +38,35 @@ class Beat:
         self.producing = False
         self.enabled = False
         self._alive = False
-        self._rank = 0
         self._period_ms = 10
+        # From a SYNC on: until this cell takes over, and until it returns where it has yielded.
+        self._missed_ms = self._yielded_ms = 0
         self._due_ms = 0
 
     def configure(self, enabled, rank, period_ms, now_ms):
         """Take settings: whether to take over at all, which in line, the period of SYNC."""
         self.enabled = enabled
-        self._rank = rank
         self._period_ms = period_ms
-        self._wait(now_ms, MISSED_HALVES)
+        self._missed_ms = MISSED_HALVES * period_ms // 2 + rank * RANK_MS
+        self._yielded_ms = YIELDED_HALVES * period_ms // 2 + rank * RANK_MS
+        self._follow(now_ms)
 
     def start(self, now_ms):
         """The cell is 'operational' from now on."""
         self._alive = True
-        self._wait(now_ms, MISSED_HALVES)
+        self._follow(now_ms)
 
     def stop(self):
         """The cell is not 'operational' any more."""
         self._alive = False
         self.producing = False
 
+    @micropython.native
     def on_sync(self, now_ms):
         """A SYNC has come from elsewhere."""
-        self._wait(now_ms, YIELDED_HALVES if self.producing else MISSED_HALVES)
+        delay_ms = self._yielded_ms if self.producing else self._missed_ms
+        self.producing = False
+        self._due_ms = now_ms + delay_ms & _WRAP
 
     def poll(self, now_ms):
         """Whether to send SYNC now; one that finds no room is left out."""
@@ -72,8 +84,7 @@ class Beat:
             return ticks.IDLE_MS
         return max(ticks.diff(self._due_ms, now_ms), 0)
 
-    def _wait(self, now_ms, halves):
-        """Follow: take over when so many halves of a beat have been missed."""
+    def _follow(self, now_ms):
+        """Send nothing until so many beats have been missed that this cell takes over."""
         self.producing = False
-        delay_ms = halves * self._period_ms // 2 + self._rank * RANK_MS
-        self._due_ms = ticks.after(now_ms, delay_ms)
+        self._due_ms = ticks.after(now_ms, self._missed_ms)

@@ -10,6 +10,7 @@ except ImportError:
 
 from array import array
 
+from mdms_cell.drive import speed_loop
 from mdms_cell.mailboxes import STAMP, Mailboxes
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, SENSORS
 from mdms_cell.ticks import diff
@@ -26,6 +27,15 @@ EDGES = 16
 OWN = DIRECTIONS
 #: The beat of what has never come; beats count below it.
 NEVER = const(1 << 24)
+
+# What is used in every beat; constants of another module would be looked up.
+_OWN = const(8)
+_SENSORS = const(5)
+_STAMP = const(0)
+_ACTUAL = const(30)
+_OTHER_ACTUAL = const(81)
+assert (_OWN, _SENSORS, _STAMP) == (OWN, SENSORS, STAMP)
+assert (_ACTUAL, _OTHER_ACTUAL) == (speed_loop.ACTUAL, speed_loop.AXIS + speed_loop.ACTUAL)
 
 
 class Heard:
@@ -52,6 +62,8 @@ class Heard:
         self.estimates = array("i", [0] * (wire.ESTIMATE_FIELDS * DIRECTIONS))
         self.estimate_beat = array("i", [NEVER] * DIRECTIONS)
         self.fresh = self.boxes.fresh
+        #: Takes apart estimates and speeds that have come; returns how many make no sense.
+        self.read = _reading(self, self.boxes)
         self.edges = 0
         self.edge_bytes = bytearray(EDGES)  # direction, sensor and what it shows now, in one byte
         self.edge_ms = array("i", [0] * EDGES)
@@ -67,43 +79,33 @@ class Heard:
             self.fresh[box] = 0
         self.edges = 0
 
+    @micropython.native
     def begin_beat(self):
         """SYNC: what comes from now on is of the next beat."""
-        self.beat = self.boxes.counts[STAMP] = (self.beat + 1) & 0xFFFFFF
+        self.beat = self.boxes.counts[_STAMP] = self.beat + 1 & 0xFFFFFF
 
     @micropython.native
-    def read(self):
-        """Take apart the estimates and speeds that have come; returns how many make no sense."""
-        boxes = self.boxes
-        wrong = wire.read_estimates(boxes.frames, boxes.fresh, self.estimates, 0, DIRECTIONS)
-        _read(
-            boxes.frames,
-            boxes.fresh,
-            boxes.stamps,
-            self.estimate_beat,
-            self.speeds,
-            self.speeds_beat,
-            self.beat,
-        )
-        return wrong
+    def take_speeds(self, registers):
+        """The speeds of the cell's own wheels at the last SYNC, from those of the speed loop."""
+        speeds = self.speeds
+        speeds[2 * _OWN] = registers[_ACTUAL]
+        speeds[2 * _OWN + 1] = registers[_OTHER_ACTUAL]
+        self.speeds_beat[_OWN] = self.beat
 
-    def take_speeds(self, speeds_um_s, other_um_s):
-        """The speeds of the cell's own wheels at the last SYNC."""
-        self.speeds[2 * OWN] = speeds_um_s
-        self.speeds[2 * OWN + 1] = other_um_s
-        self.speeds_beat[OWN] = self.beat
-
+    @micropython.native
     def on_state(self, direction, data, now_ms):
         """A neighbour's TPDO 2; returns False if it is none: cells alike have no more sensors."""
-        if len(data) != _STATE_LENGTH or data[_PRESENCE_AT] >> SENSORS:
+        if len(data) != _STATE_LENGTH or data[_PRESENCE_AT] >> _SENSORS:
             return False
         first, second = data[0] | data[1] << 8, data[2] | data[3] << 8
         words, at = self._words, 2 * direction
-        if (words[at], words[at + 1]) != (first, second) or self.age_ms(direction, now_ms) < 0:
+        known = words[at] == first and words[at + 1] == second
+        if not known or self.age_ms(direction, now_ms) < 0:
             # Sent for another reason than a sensor, as one before it may have been that was lost:
             # what sensors show may have changed long ago.
             self.seen[direction] = 0
-        words[at], words[at + 1] = first, second
+        words[at] = first
+        words[at + 1] = second
         self._state_ms[direction] = now_ms
         self.take_presence(direction, data[_PRESENCE_AT], now_ms)
         return True
@@ -117,11 +119,12 @@ class Heard:
         if not self.seen[direction]:
             return -1
         repeat_ms = self.repeat_ms
-        if direction == OWN or not repeat_ms:
+        if direction == _OWN or not repeat_ms:
             return 0
         age_ms = abs(diff(now_ms, self._state_ms[direction]))
         return age_ms if age_ms <= repeat_ms + _LATE_MS else -1
 
+    @micropython.native
     def take_presence(self, direction, bits, now_ms):
         """Presence bits as they are now; what has changed are edges."""
         changed = bits ^ self.presence[direction]
@@ -151,6 +154,29 @@ class Heard:
     def passed_on(self):
         """No estimate is fresh any more; returns the mask of those that were."""
         return _clear(self.fresh)
+
+
+def _reading(heard, boxes):
+    """What takes apart estimates and speeds; it looks nothing up."""
+
+    @micropython.native
+    def read(  # noqa: PLR0917 - all is at hand
+        frames=boxes.frames,
+        fresh=boxes.fresh,
+        stamps=boxes.stamps,
+        counts=boxes.counts,
+        estimates=heard.estimates,
+        estimate_beat=heard.estimate_beat,
+        speeds=heard.speeds,
+        speeds_beat=heard.speeds_beat,
+        read_estimates=wire.read_estimates,
+        read_speeds=_read,
+    ):
+        wrong = read_estimates(frames, fresh, estimates, 0, _OWN)
+        read_speeds(frames, fresh, stamps, estimate_beat, speeds, speeds_beat, counts[_STAMP])
+        return wrong
+
+    return read
 
 
 @micropython.viper

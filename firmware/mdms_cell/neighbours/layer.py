@@ -8,13 +8,14 @@ of its neighbours have come, and `update` runs in the background. What it decide
 
 try:
     import micropython
+    from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import micropython
+    from mdms_protocol.cpython import const, micropython, ptr32
 
 from array import array
 
 from mdms_cell.canopen.objects import find
-from mdms_cell.drive.speed_loop import ACTUAL, AXIS
+from mdms_cell.neighbours import right_of_way, steering
 from mdms_cell.neighbours.geometry import place
 from mdms_cell.neighbours.geometry.footprint import Footprint
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, Place
@@ -28,27 +29,46 @@ from mdms_cell.neighbours.tracking import LOST_BEATS, Tracking
 from mdms_cell.ticks import IDLE_MS, after, diff
 from mdms_protocol import indices
 from mdms_protocol.neighbours import frames as wire
-from mdms_protocol.neighbours.frames import (
-    FLAGS,
-    HOLD,
-    IDENTITY,
-    LACKING,
-    SEQUENCE,
-    STATE,
-    WANTS,
-    pack_estimate,
-)
+from mdms_protocol.neighbours.frames import pack_estimate
 
 #: From SYNC until speeds and estimates of all cells of a bus have come.
-UPDATE_MS = 7
+UPDATE_MS = const(7)
 #: A SYNC that has waited for longer is answered, but has no update: the one after it would be late.
-LATE_MS = 2
+LATE_MS = const(2)
 #: A step between two SYNCs is counted as no more than this.
-_STEP_MAX_MS = 50
-_ESTIMATE_PDO = 2
-_OTHER_ACTUAL = AXIS + ACTUAL
-#: Whom a parcel needs and asks that does not lie here.
-_NOBODY = (0, 0)
+_STEP_MAX_MS = const(50)
+_ESTIMATE_PDO = const(2)
+# Constants of other modules that are used in every beat; they would be looked up.
+_IDLE_MS = const(1000)
+_OWN = const(8)
+_LOST_BEATS = const(100)
+_UNDER = const(3)
+assert (_IDLE_MS, _OWN, _LOST_BEATS, _UNDER) == (IDLE_MS, OWN, LOST_BEATS, UNDER)
+# Fields of an estimate, ...
+_IDENTITY = const(3)
+_STATE = const(4)
+_WANTS = const(5)
+_HOLD = const(7)
+_SEQUENCE = const(8)
+_FLAGS = const(9)
+assert (_IDENTITY, _STATE, _WANTS) == (wire.IDENTITY, wire.STATE, wire.WANTS)
+assert (_HOLD, _SEQUENCE, _FLAGS) == (wire.HOLD, wire.SEQUENCE, wire.FLAGS)
+_ARRIVED = const(1)
+_LACKING = const(2)
+_CONTRADICTED = const(4)
+assert (_ARRIVED, _LACKING, _CONTRADICTED) == (wire.ARRIVED, wire.LACKING, wire.CONTRADICTED)
+# ... and registers of a right of way and of a steering.
+_RIGHT_IDENTITY = const(0)
+_RIGHT_STATE = const(1)
+_RIGHT_HOLD = const(2)
+_DRIVE_BEATS = const(3)
+_STEERING_ARRIVED = const(9)
+assert _STEERING_ARRIVED == steering.ARRIVED
+assert (_RIGHT_IDENTITY, _RIGHT_STATE) == (right_of_way.IDENTITY, right_of_way.STATE)
+assert (_RIGHT_HOLD, _DRIVE_BEATS) == (right_of_way.HOLD, right_of_way.DRIVE_BEATS)
+# The clock wraps, see `ticks`; a difference of two instants is negative from here on.
+_WRAP = const((1 << 30) - 1)
+_BEFORE = const(1 << 29)
 
 
 class Layer:
@@ -80,7 +100,7 @@ class Layer:
         self._suspect = -1
         self._evidence = Evidence(self._footprint, self._heard, self._suspicion)
         self._tracking = Tracking(self._place, self._footprint, self._heard, self._suspicion)
-        self._leading = Leading(self._place, self._footprint, axes)
+        self._leading = Leading(self._place, self._footprint, self._tracking, axes)
         self._pages = Pages(
             objects,
             self._place,
@@ -91,6 +111,7 @@ class Layer:
             pdos=pdos,
         )
         self._rights = RightOfWay()
+        self._right = self._rights.registers
         self._came_ms = 0  # the last SYNC, and the one of the last update
         self._updated_ms = 0
         self._step_ms = self._period_ms = 10
@@ -98,7 +119,9 @@ class Layer:
         self._skipped = 0
         self._due = False
         self._node_id = 0
-        self._estimate_at = find(indices.ESTIMATE, 1).place
+        self._lead = _leading_on(self)
+        self._write_estimate = _announcing(self)
+        self._update = _updating(self)
         objects.watch(indices.CONTROL, self._on_place)
 
     def start(self, node_id):
@@ -107,7 +130,8 @@ class Layer:
         # A cell that finds itself among its neighbours has been given another's place.
         self.active = self.wanted and not self._place.names(node_id)
         self._acquit()
-        self._rights = RightOfWay(lease_beats=self._objects.number(indices.LEASE, 1))
+        self._rights.set_lease(self._objects.number(indices.LEASE, 1))
+        self._rights.restart()
         self._period_ms = self._objects.number(indices.LEASE, 2)
         self._heard.reset()
         self._heard.repeat_ms = self._objects.number(indices.TPDO_PARAMETERS + 1, 5)
@@ -185,29 +209,30 @@ class Layer:
         """
         if not self.active:
             return
-        came_ms = after(now_ms, -waited_ms)
-        beat_ms = diff(came_ms, self._came_ms)
+        due = self._due
+        came_ms = now_ms - waited_ms & _WRAP
+        beat_ms = (came_ms - self._came_ms + _BEFORE & _WRAP) - _BEFORE
         # Or two beats meet, and what has come is of either.
-        gap = beat_ms > 2 * self._period_ms or (self._due and beat_ms < UPDATE_MS)
+        gap = beat_ms > 2 * self._period_ms or (due and beat_ms < UPDATE_MS)
         if gap:
             self._updated_ms = self._came_ms
-        elif self._due:
+        elif due:
             self._skip(came_ms)
         self._came_ms = came_ms
-        if self._fields[IDENTITY]:
+        if self._fields[_IDENTITY]:
             self._pdos.trigger(_ESTIMATE_PDO)
         if gap:
             self._rights.on_gap()
             self.nonsense += self._heard.read()
             # What has come may be of any age: it is not passed on.
             self._heard.passed_on()
-        heard, registers = self._heard, self._registers
+        heard = self._heard
         heard.begin_beat()
-        self._due = waited_ms <= LATE_MS
-        if not self._due:
+        self._due = due = waited_ms <= LATE_MS
+        if not due:
             self._skip(after(came_ms, self._period_ms))
             return
-        heard.take_speeds(registers[ACTUAL], registers[_OTHER_ACTUAL])
+        heard.take_speeds(self._registers)
         self._wake(UPDATE_MS - waited_ms)
 
     def _skip(self, next_ms):
@@ -218,86 +243,39 @@ class Layer:
         """
         self._skipped += 1
         self._rights.on_beat(*self._situation)
-        if not self._rights.drive_beats:
-            self._lead(self._pages.programs.find(self._tracking.identity))
+        if not self._right[_DRIVE_BEATS]:
+            program = self._pages.programs.complete(self._tracking.identity)
+            self._lead(program, self._step_ms, self._skipped)
         self._write_estimate(diff(next_ms, self._updated_ms))
 
     @micropython.native
     def poll(self, now_ms, presence):
         """Update when it is time; return in how many milliseconds the next update is due."""
         if not self.active:
-            return IDLE_MS
-        if presence != self._heard.presence[OWN] or not self._heard.seen[OWN]:
-            self._heard.take_presence(OWN, presence, now_ms)
+            return _IDLE_MS
+        heard = self._heard
+        if presence != heard.presence[_OWN] or not heard.seen[_OWN]:
+            heard.take_presence(_OWN, presence, now_ms)
         if not self._due:
-            return IDLE_MS
-        wait_ms = UPDATE_MS - diff(now_ms, self._came_ms)
+            return _IDLE_MS
+        wait_ms = UPDATE_MS - (now_ms - self._came_ms + _BEFORE & _WRAP) + _BEFORE
         if wait_ms > 0:
             return wait_ms
         self._due = False
         self._update(presence)
-        return IDLE_MS
+        return _IDLE_MS
 
-    @micropython.native
-    def _update(self, presence):
-        sync_ms = self._came_ms
-        step_ms = self._step_ms = max(min(diff(sync_ms, self._updated_ms), _STEP_MAX_MS), 1)
-        self._updated_ms = sync_ms
-        heard, rights, tracking = self._heard, self._rights, self._tracking
-        self.nonsense += heard.read()
-        rights.on_estimates(heard.estimates, heard.fresh)
-        sent = heard.passed_on()
-        self._choose_parcel()
-        tracking.update(step_ms, sync_ms)
-        if tracking.missing_beats >= LOST_BEATS:
-            tracking.drop()
-        program = self._pages.programs.find(tracking.identity)
-        under = tracking.under
-        over = tracking.identity if under or tracking.is_over() else 0
-        if over and rights.state != UNDER and tracking.is_of_another():
-            # A parcel that stands before what nobody knows would come over it mm by mm.
-            over = 0
-        needs, asks = self._leading.look_ahead(tracking, program) if under else _NOBODY
-        self._situation = over, needs, presence != 0
-        rights.on_beat(over, needs, presence != 0)
-        self._evidence.judge(tracking, needs if rights.state == UNDER else 0)
-        if self._suspicion.first() != self._suspect:
-            self._report()
-        self._lead(program)
-        self._announce(program, asks)
-        if under and program is not None and program.complete:
-            self._pages.hand_on(program, sent, self._skipped)
-        self._skipped = 0
-
-    @micropython.native
     def _choose_parcel(self):
         """Be at the parcel that lies here, or else at the one that the right of way says."""
-        tracking, rights = self._tracking, self._rights
-        if not tracking.under:
-            if rights.identity and rights.identity != tracking.identity:
-                tracking.adopt(rights.identity)
-            elif not rights.identity and rights.state == NONE and not tracking.belief.known:
-                tracking.drop()
+        tracking, identity = self._tracking, self._right[_RIGHT_IDENTITY]
+        if identity and identity != tracking.identity:
+            tracking.adopt(identity)
+        elif not identity and self._right[_RIGHT_STATE] == NONE and not tracking.belief.known:
+            tracking.drop()
         if tracking.identity and not tracking.shaped:
             program = self._pages.programs.find(tracking.identity)
             if program is not None and program.has_parcel:
                 tracking.take_shape(program)
-
-    @micropython.native
-    def _lead(self, program):
-        """Lead the wheels towards the goal while all is clear; else bring them to rest."""
-        tracking, rights, leading = self._tracking, self._rights, self._leading
-        known = rights.state == UNDER and program is not None and program.complete
-        if not known or not tracking.under or tracking.is_doubtful():
-            leading.stop()
-            return
-        alone = bool(self._consumer.lost)
-        allowed = leading.may_go_on(program, self._step_ms, alone=alone)
-        if alone and allowed:
-            self._go_on(program)
-        # As many beats as were skipped before this update may be before the next.
-        allowed = allowed and rights.drive_beats > self._skipped
-        leading.step(tracking, program, allowed, self._step_ms)
 
     def _go_on(self, program):
         """Take the next leg, without the host, at the end of this one; so do all under the parcel.
@@ -317,9 +295,9 @@ class Layer:
             at = direction * wire.ESTIMATE_FIELDS
             if (
                 came[direction] == self._heard.beat
-                and estimates[at + IDENTITY] == self._tracking.identity
-                and estimates[at + STATE] == UNDER
-                and estimates[at + SEQUENCE] == sequence
+                and estimates[at + _IDENTITY] == self._tracking.identity
+                and estimates[at + _STATE] == _UNDER
+                and estimates[at + _SEQUENCE] == sequence
             ):
                 return True
         return False
@@ -342,31 +320,144 @@ class Layer:
         if self._suspect >= 0:
             self._report()
 
-    # What is sent
+
+def _updating(layer):
+    """What updates a layer after SYNC, with little to be looked up."""
+    heard, rights, tracking = layer._heard, layer._rights, layer._tracking
 
     @micropython.native
-    def _announce(self, program, asks):
-        fields = self._fields
-        fields[WANTS] = asks
-        if program is not None and program.complete:
-            fields[SEQUENCE], flags = program.sequence, 0 if program.whole else LACKING
-        else:
-            fields[SEQUENCE], flags = 0, LACKING
-        if self._leading.arrived():
-            flags |= wire.ARRIVED
-        if self._suspect >= 0:
-            flags |= wire.CONTRADICTED
-        fields[FLAGS] = flags
-        self._write_estimate(self._step_ms)
+    def update(  # noqa: PLR0917 - all is at hand
+        presence,
+        layer=layer,
+        tracking=tracking,
+        right=layer._right,
+        estimates=heard.estimates,
+        fresh=heard.fresh,
+        read=heard.read,
+        take_estimates=rights.on_estimates,
+        track=tracking.update,
+        consumer=layer._consumer,
+        programs=layer._pages.programs,
+        look_ahead=layer._leading.look_ahead,
+        decide=rights.on_beat,
+        judge=layer._evidence.judge,
+        first_suspect=layer._suspicion.first,
+        lead=layer._lead,
+        fields=layer._fields,
+        steered=layer._leading.registers,
+        write_estimate=layer._write_estimate,
+        hand_on=layer._pages.hand_on,
+    ):
+        sync_ms = layer._came_ms
+        step_ms = diff(sync_ms, layer._updated_ms)
+        step_ms = 1 if step_ms < 1 else _STEP_MAX_MS if step_ms > _STEP_MAX_MS else step_ms
+        layer._step_ms = step_ms
+        layer._updated_ms = sync_ms
+        wrong = read()
+        if wrong:
+            layer.nonsense += wrong
+        sent = take_estimates(estimates, fresh)
+        if not tracking.under:
+            layer._choose_parcel()
+        track(step_ms, sync_ms)
+        if tracking.missing_beats >= _LOST_BEATS:
+            tracking.drop()
+        identity, under = tracking.identity, tracking.under
+        if consumer.lost:
+            programs.outdate(identity)
+        program = programs.complete(identity)
+        ahead = look_ahead(program) if under else 0
+        needs = ahead & 0xFF
+        over = identity if under or tracking.is_over() else 0
+        if over and right[_RIGHT_STATE] != _UNDER and tracking.is_of_another():
+            # A parcel that stands before what nobody knows would come over it mm by mm.
+            over = 0
+        occupied = presence != 0
+        layer._situation = over, needs, occupied
+        decide(over, needs, occupied)
+        judge(tracking, needs if right[_RIGHT_STATE] == _UNDER else 0)
+        if first_suspect() != layer._suspect:
+            layer._report()
+        skipped = layer._skipped
+        lead(program, step_ms, skipped)
+        flags = _CONTRADICTED if layer._suspect >= 0 else 0
+        if steered[_STEERING_ARRIVED] and steering.has_arrived(steered):
+            flags |= _ARRIVED
+        if program is None or not program.whole:
+            flags |= _LACKING
+        fields[_WANTS] = ahead >> 8
+        fields[_SEQUENCE] = 0 if program is None else program.sequence
+        fields[_FLAGS] = flags
+        write_estimate(step_ms)
+        if sent and under and program is not None:
+            hand_on(program, sent, skipped)
+        if skipped:
+            layer._skipped = 0
+
+    return update
+
+
+def _leading_on(layer):
+    """What leads the wheels towards the goal of a program while all is clear; else they rest."""
+    tracking, leading = layer._tracking, layer._leading
 
     @micropython.native
-    def _write_estimate(self, ahead_ms):
-        """Write what the next SYNC is to send, so long after the one that the belief is of."""
-        fields, rights = self._fields, self._rights
-        self._tracking.announce(fields, ahead_ms)
-        fields[IDENTITY] = rights.identity
-        fields[STATE] = rights.state
-        fields[HOLD] = rights.hold
-        if rights.state != UNDER:
-            fields[WANTS] = 0
-        pack_estimate(fields, 0, self._objects.data, self._estimate_at)
+    def lead(  # noqa: PLR0917 - all is at hand
+        program,
+        step_ms,
+        skipped,
+        layer=layer,
+        right=layer._right,
+        tracking=tracking,
+        is_doubtful=tracking.is_doubtful,
+        stop=leading.stop,
+        may_go_on=leading.may_go_on,
+        step=leading.step,
+        consumer=layer._consumer,
+    ):
+        under = right[_RIGHT_STATE] == _UNDER and tracking.under
+        if program is None or not under or is_doubtful():
+            stop()
+            return
+        alone = consumer.lost
+        allowed = may_go_on(program, step_ms, alone)
+        if alone and allowed:
+            layer._go_on(program)
+        # As many beats as were skipped before this update may be before the next.
+        step(program, allowed and right[_DRIVE_BEATS] > skipped, step_ms)
+
+    return lead
+
+
+def _announcing(layer):
+    """What writes the estimate that the next SYNC is to send."""
+    fields = layer._fields
+    at = find(indices.ESTIMATE, 1).place
+
+    @micropython.native
+    def write(  # noqa: PLR0917 - all is at hand
+        ahead_ms,
+        fields=fields,
+        right=layer._right,
+        announce=layer._tracking.announce,
+        put_right=_write_right,
+        pack=pack_estimate,
+        frames=layer._objects.data,
+        at=at,
+    ):
+        """So long after the SYNC that the belief is of."""
+        announce(fields, ahead_ms)
+        put_right(fields, right)
+        pack(fields, 0, frames, at)
+
+    return write
+
+
+@micropython.viper
+def _write_right(fields: ptr32, right: ptr32):
+    """Write into an estimate what a right of way has to say."""
+    fields[_IDENTITY] = right[_RIGHT_IDENTITY]
+    fields[_STATE] = right[_RIGHT_STATE]
+    fields[_HOLD] = right[_RIGHT_HOLD]
+    if right[_RIGHT_STATE] != _UNDER:
+        fields[_WANTS] = 0

@@ -1,19 +1,25 @@
 """Leads the cell's two wheels: finds the cells that the parcel needs next, steers, and rests."""
+# Viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
 
 try:
     import micropython
     from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import const, micropython
+    from mdms_protocol.cpython import const, micropython, ptr32
 
-from mdms_cell.neighbours.belief import TURN, X, Y
+from array import array
+
+from mdms_cell.neighbours import belief, steering, twist
+from mdms_cell.neighbours.geometry import outline
 from mdms_cell.neighbours.geometry.angle import ARM_UM, wrapped
-from mdms_cell.neighbours.geometry.outline import STEP_UM, place
-from mdms_cell.neighbours.geometry.outline import X as CENTRE_X
-from mdms_cell.neighbours.geometry.outline import Y as CENTRE_Y
+from mdms_cell.neighbours.geometry.outline import STEP_UM, place, squares_overlapped
 from mdms_cell.neighbours.geometry.place import AXES
-from mdms_cell.neighbours.steering import SETTLED_MS, Steering, length
+from mdms_cell.neighbours.program import GOAL
+from mdms_cell.neighbours.steering import approach, find_wish, has_arrived, length
 from mdms_cell.neighbours.twist import OFF, WHEELS
+from mdms_protocol.neighbours import frames as wire
+from mdms_protocol.words import WIDEN
 
 #: From the wish to brake until all cells under the parcel do: HOPS times the beats that `hold` may
 #: take and counts. And how far ahead a cell asks [ms].
@@ -25,21 +31,47 @@ _HOLD_BEATS = const(50)
 #: are off what is known of it by more than this [um/s].
 _JOIN_WHEELS = const(4)
 _JOIN_OFF_UM_S = const(25_000)
-#: No speed at all.
-_NOWHERE = (0, 0, 0)
 _ARM = const(8000)
 assert _ARM * STEP_UM == ARM_UM
 
+# Shared constants, which would be looked up: of a program, ...
+_GOAL = const(9)
+_ACCELERATION = const(6)
+_ACCELERATION_MM_S2 = const(10)
+assert (_GOAL, _ACCELERATION) == (GOAL, wire.ACCELERATION)
+assert _ACCELERATION_MM_S2 == wire.ACCELERATION_MM_S2
+# ... where three numbers begin in the registers of a parcel ...
+_CENTRE = const(0)
+_BELIEF = const(10)
+_TWIST = const(23)
+assert (_CENTRE, _BELIEF, _TWIST) == (outline.X, belief.X, twist.VX)
+# ... and in those of a steering.
+_COMMANDED = const(0)
+_WISH = const(3)
+_ARRIVED = const(9)
+assert (_COMMANDED, _WISH, _ARRIVED) == (steering.VX, steering.WISH, steering.ARRIVED)
+
+# Registers of a cell's wheels, after those of its steering
+_DRIVING = const(14)  # 1 while the wheels are on
+_HELD_BEATS = const(15)  # for so long they have held, up to _HOLD_BEATS
+_REGISTERS = const(16)
+assert _DRIVING == steering.REGISTERS
+
 
 class Leading:
-    """The wheels of one cell under one parcel, by its program."""
+    """The wheels of one cell under one parcel, by its program.
 
-    def __init__(self, place, footprint, axes):
+    Its `registers` begin with those of a steering.
+    """
+
+    def __init__(self, place, footprint, tracking, axes):
         self._place = place
         self._footprint = footprint
+        self._outline = tracking.outline
+        self._parcel = tracking.outline.registers
         self._axes = axes
-        self._steering = Steering()
-        self._driving = False
+        self.registers = array("i", [0] * _REGISTERS)
+        self._targets_um_s = array("i", [0] * AXES)
         self._identity = 0
         self.begin()
 
@@ -48,53 +80,53 @@ class Leading:
         self._alone_ms = 0
         self._planned_ms = 0
         self._ended = False
-        self._held_beats = 0
-        self._steering.arrived = False
+        self.next_leg()
 
     def next_leg(self):
         """The next leg of the same way begins: time for it was planned, and goes on."""
-        self._held_beats = 0
-        self._steering.arrived = False
+        self.registers[_HELD_BEATS] = 0
+        self.registers[_ARRIVED] = 0
 
     def plan_again(self):
         """More of the way has come: the time that is planned for it counts anew."""
         self._planned_ms = 0
 
+    @micropython.native
     def stop(self):
         """Switch the wheels off in good order, if they are on."""
-        if self._driving:
-            self._driving = False
+        registers = self.registers
+        if registers[_DRIVING]:
             self._axes.rest()
-        self._held_beats = 0
-        self._steering.reset()
+        for number in range(_REGISTERS):
+            registers[number] = 0
 
-    @micropython.native
     def arrived(self):
         """Whether the parcel stands at its goal."""
-        return self._steering.arrived and self._steering.stands()
+        return has_arrived(self.registers)
 
     @micropython.native
-    def look_ahead(self, tracking, program):
-        """Masks of the neighbours that the parcel covers or will before it can stand, and of those
-        that it will cover soon.
+    def look_ahead(self, program):
+        """Masks of the neighbours that the parcel covers or will before it can stand and, from bit
+        8 on, of those that it will cover soon.
         """
-        footprint, outline, wish = self._footprint, tracking.outline, self._steering.wish
-        here = footprint.mask(outline)
-        if program is None or not program.complete:
-            return here, here
-        belief, acceleration_mm_s2 = tracking.belief, program.acceleration_mm_s2
-        _move_on(
-            outline, belief.registers, tracking.twist.speeds(), _REACTION_MS, acceleration_mm_s2
+        footprint, parcel = self._footprint, self._parcel
+        xs, ys = footprint.shift_x, footprint.shift_y
+        if program is None:
+            here = squares_overlapped(parcel, xs, ys, footprint.half, footprint.present)
+            return here | here << 8
+        return _look_ahead(
+            parcel,
+            parcel,
+            self.registers,
+            program.fields,
+            xs,
+            ys,
+            footprint.half,
+            footprint.present,
         )
-        asks = needs = footprint.mask(outline, here)
-        if wish != _NOWHERE:
-            _move_on(outline, belief.registers, wish, _ASK_MS, acceleration_mm_s2)
-            asks = footprint.mask(outline, needs)
-        belief.place()
-        return needs, asks
 
     @micropython.native
-    def may_go_on(self, program, step_ms, *, alone):
+    def may_go_on(self, program, step_ms, alone):
         """Whether a parcel may go on; without its host for twice its planned time, if it is to.
 
         Once that is over, or the host of one that is not to go on was gone, a new program has to
@@ -104,83 +136,154 @@ class Leading:
             # What another parcel took of its time is its own.
             self._identity = program.identity
             self.begin()
-        if not alone:
-            self._alone_ms = self._planned_ms = 0
-        else:
+        if alone:
             self._alone_ms = min(self._alone_ms + step_ms, 1 << 20)
             in_time = not self._planned_ms or self._alone_ms < 2 * self._planned_ms
             self._ended = self._ended or not (program.goes_on and in_time)
+        elif self._alone_ms:
+            self._alone_ms = self._planned_ms = 0
         return not self._ended
 
     @micropython.native
-    def step(self, tracking, program, may_go, step_ms):
+    def step(self, program, may_go, step_ms):
         """Lead the wheels for a beat; without `may_go` bring the parcel to rest, and switch off."""
-        steering, twist = self._steering, tracking.twist
-        if not self._driving:
-            # A wheel that is off stays so while there is nowhere to go.
-            going = may_go and not steering.arrived
-            steering.join(*(twist.speeds() if going else _NOWHERE))
-        here, pose = self._place, tracking.belief.registers
-        dx_um = program.goal_x_um - here.x_um - pose[X]
-        dy_um = program.goal_y_um - here.y_um - pose[Y]
-        dturn_um = wrapped(program.goal_turn_um - pose[TURN])
-        reach_um = tracking.outline.reach_um
-        steering.step(program, reach_um, (dx_um, dy_um, dturn_um), may_go=may_go, step_ms=step_ms)
+        registers, parcel, here = self.registers, self._parcel, self._place
+        fields, reach_um = program.fields, self._outline.reach_um
+        if not registers[_DRIVING]:
+            self._join(may_go)
+        find_wish(registers, fields, _GOAL, parcel, here.x_um, here.y_um, reach_um)
+        stands = approach(registers, fields, reach_um, may_go, step_ms)
         # A cell that the parcel comes to when the host is gone counts from there.
         if self._alone_ms and not self._planned_ms:
-            self._plan(program, reach_um, length(dx_um, dy_um, dturn_um * reach_um // ARM_UM))
-        if steering.stands() and (steering.arrived or not may_go):
-            self._held_beats = min(self._held_beats + 1, _HOLD_BEATS)
-            if self._held_beats >= _HOLD_BEATS or not self._driving:
-                if self._driving:
-                    self._driving = False
-                    self._axes.rest()
+            self._plan(program, reach_um)
+        if stands and (registers[_ARRIVED] or not may_go):
+            if self._has_held():
                 return
         else:
-            self._held_beats = 0
-        if not self._driving:
-            shown = twist.registers
-            if shown[WHEELS] < _JOIN_WHEELS or shown[OFF] >= _JOIN_OFF_UM_S:
+            registers[_HELD_BEATS] = 0
+        if not registers[_DRIVING]:
+            if parcel[WHEELS] < _JOIN_WHEELS or parcel[OFF] >= _JOIN_OFF_UM_S:
                 # Off it rolls along; with a speed of its own it would turn the parcel.
                 return
-            self._driving = True
-        self._axes.lead(self._targets_um_s(tracking.outline.registers))
+            registers[_DRIVING] = 1
+        footprint, targets_um_s = self._footprint, self._targets_um_s
+        _aim(
+            registers,
+            parcel,
+            footprint.along_x,
+            footprint.along_y,
+            footprint.x,
+            footprint.y,
+            targets_um_s,
+        )
+        self._axes.lead(targets_um_s)
 
-    def _plan(self, program, reach_um, way_um):
+    def _join(self, may_go):
+        """Begin with the twist that the parcel has; a wheel without anywhere to go stays off."""
+        registers = self.registers
+        going = may_go and not registers[_ARRIVED]
+        for axis in range(3):
+            registers[_COMMANDED + axis] = self._parcel[_TWIST + axis] if going else 0
+
+    def _has_held(self):
+        """The wheels hold the parcel, which stands; returns whether for long, and they are off."""
+        registers = self.registers
+        registers[_HELD_BEATS] = min(registers[_HELD_BEATS] + 1, _HOLD_BEATS)
+        if registers[_DRIVING] and registers[_HELD_BEATS] < _HOLD_BEATS:
+            return False
+        if registers[_DRIVING]:
+            registers[_DRIVING] = 0
+            self._axes.rest()
+        return True
+
+    def _plan(self, program, reach_um):
         """Find how long the way takes, to the goal and along the legs that follow."""
-        speed_mm_s = max(program.speed_um_s // 1000, 1)
-        ramps_ms = 2 * speed_mm_s * 1000 // max(program.acceleration_mm_s2, 1)
+        fields = program.fields
+        speed_mm_s = max(fields[wire.SPEED] * wire.SPEED_MM_S, 1)
+        acceleration_mm_s2 = fields[_ACCELERATION] * _ACCELERATION_MM_S2
+        ramps_ms = 2 * speed_mm_s * 1000 // max(acceleration_mm_s2, 1)
+        x_um, y_um, turn = self.registers[steering.LEFT : steering.LEFT + 3]
+        way_um = length(x_um, y_um, turn * reach_um // ARM_UM)
         self._planned_ms = way_um // speed_mm_s + ramps_ms
         for leg in range(program.known_legs()):
             x_um, y_um, turn = program.place(leg)
             to_x_um, to_y_um, to_turn = program.place(leg + 1)
             turning_um = wrapped(to_turn - turn) * reach_um // ARM_UM
             way_um = length(to_x_um - x_um, to_y_um - y_um, turning_um)
-            self._planned_ms += way_um // speed_mm_s + ramps_ms + SETTLED_MS
-
-    @micropython.native
-    def _targets_um_s(self, centre):
-        """The speeds of wheels that move with the parcel as commanded."""
-        footprint, steering = self._footprint, self._steering
-        along_xs, along_ys, xs, ys = footprint.along_x, footprint.along_y, footprint.x, footprint.y
-        centre_x, centre_y = centre[CENTRE_X], centre[CENTRE_Y]
-        vx, vy, turn = steering.vx, steering.vy, steering.turn
-        targets = [0, 0]
-        for axis in range(AXES):
-            along_x, along_y = along_xs[axis], along_ys[axis]
-            lever = (along_y * (xs[axis] - centre_x) - along_x * (ys[axis] - centre_y)) // _ARM
-            targets[axis] = along_x * vx + along_y * vy + lever * turn >> 9
-        return targets
+            self._planned_ms += way_um // speed_mm_s + ramps_ms + steering.SETTLED_MS
 
 
-@micropython.native
-def _move_on(outline, pose, twist_um_s, ahead_ms, acceleration_mm_s2):
-    """Place an outline where the parcel will be, having braked after a time ahead."""
-    vx, vy, turn = twist_um_s
-    ahead_ms += length(vx, vy, turn) // (2 * (acceleration_mm_s2 or 1))
-    place(
-        outline.registers,
-        pose[X] + vx * ahead_ms // 1000,
-        pose[Y] + vy * ahead_ms // 1000,
-        pose[TURN] + turn * ahead_ms // 1000,
-    )
+@micropython.viper
+def _look_ahead(  # noqa: PLR0917 - viper takes words
+    bottom,
+    parcel: ptr32,
+    registers: ptr32,
+    fields: ptr32,
+    xs,
+    ys,
+    half: int,
+    asked: int,
+) -> int:
+    """See `Leading.look_ahead`; of the cells in the mask `asked`.
+
+    `bottom` is the parcel's registers too, to be passed on.
+    """
+    widen = int(WIDEN)
+    x = parcel[_BELIEF] << widen >> widen
+    y = parcel[_BELIEF + 1] << widen >> widen
+    around = parcel[_BELIEF + 2] << widen >> widen
+    twice_mm_s2 = 2 * _ACCELERATION_MM_S2 * fields[_ACCELERATION]
+    twice_mm_s2 = twice_mm_s2 if twice_mm_s2 else 2
+    covered = int(squares_overlapped(bottom, xs, ys, half, asked))
+    needs = covered
+    for ahead in range(2):
+        vx = parcel[_TWIST] << widen >> widen
+        vy = parcel[_TWIST + 1] << widen >> widen
+        turn = parcel[_TWIST + 2] << widen >> widen
+        time_ms = _REACTION_MS
+        if ahead:
+            needs = covered
+            vx = registers[_WISH] << widen >> widen
+            vy = registers[_WISH + 1] << widen >> widen
+            turn = registers[_WISH + 2] << widen >> widen
+            time_ms = _ASK_MS
+        rest = asked ^ covered
+        if rest and (ahead == 0 or vx or vy or turn):
+            # It moves on until it brakes, and then by half as much as it would in that time.
+            time_ms += int(length(vx, vy, turn)) // twice_mm_s2
+            # Ways in pieces, for speeds times that time may be more than a word has room for.
+            ahead_x = x + vx // 1000 * time_ms + vx % 1000 * time_ms // 1000
+            ahead_y = y + vy // 1000 * time_ms + vy % 1000 * time_ms // 1000
+            ahead_turn = around + turn // 1000 * time_ms + turn % 1000 * time_ms // 1000
+            place(bottom, ahead_x, ahead_y, ahead_turn)
+            covered |= int(squares_overlapped(bottom, xs, ys, half, rest))
+    place(bottom, x, y, around)
+    return needs | covered << 8
+
+
+@micropython.viper
+def _aim(  # noqa: PLR0917 - viper takes words
+    registers: ptr32,
+    parcel: ptr32,
+    along_xs: ptr32,
+    along_ys: ptr32,
+    xs: ptr32,
+    ys: ptr32,
+    targets: ptr32,
+):
+    """Find the speeds of wheels that move with the parcel as commanded [um/s]."""
+    widen = int(WIDEN)
+    vx = registers[_COMMANDED] << widen >> widen
+    vy = registers[_COMMANDED + 1] << widen >> widen
+    turn = registers[_COMMANDED + 2] << widen >> widen
+    centre_x = parcel[_CENTRE] << widen >> widen
+    centre_y = parcel[_CENTRE + 1] << widen >> widen
+    for axis in range(2):
+        along_x = along_xs[axis] << widen >> widen
+        along_y = along_ys[axis] << widen >> widen
+        x = (xs[axis] << widen >> widen) - centre_x
+        y = (ys[axis] << widen >> widen) - centre_y
+        lever = (along_y * x - along_x * y) // _ARM
+        # The product of lever and turn alone may be more than a word.
+        speed = along_x * vx + along_y * vy + lever * (turn & 0x1FF) >> 9
+        targets[axis] = speed + lever * (turn >> 9)

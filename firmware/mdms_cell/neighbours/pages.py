@@ -5,8 +5,9 @@
 
 try:
     import micropython
+    from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import micropython, ptr32
+    from mdms_protocol.cpython import const, micropython, ptr32
 
 from array import array
 
@@ -18,7 +19,7 @@ from mdms_protocol.neighbours import frames as wire
 
 _PROGRAM_PDO = 3
 #: Of the cells that could hand a program on, each does so in one of so many beats.
-_HAND_ON_BEATS = 4
+_HAND_ON_BEATS = const(4)
 
 
 class Pages:
@@ -35,12 +36,13 @@ class Pages:
         self._page = array("i", [0] * wire.PROGRAM_FIELDS)
         self._frame_at = find(indices.PROGRAM, 1).place
         self._turn = 0
-        self.start(0)
+        self._node_id = 0
+        self.programs = Programs()
 
     def start(self, node_id):
         """Begin without any program."""
         self._node_id = node_id
-        self.programs = Programs()
+        self.programs.clear()
 
     # What comes
 
@@ -116,6 +118,7 @@ class Pages:
 
     # What is sent
 
+    @micropython.native
     def hand_on(self, program, sent, skipped):
         """Send a page, if one of those in the mask `sent`, who have sent an estimate, lacks it.
 
@@ -124,7 +127,7 @@ class Pages:
         if (self._heard.beat + self._node_id) % _HAND_ON_BEATS > skipped:
             return
         lacking = _lacking(self._heard.estimates, sent, program.identity, program.sequence)
-        for direction in range(DIRECTIONS):
+        for direction in range(DIRECTIONS if lacking else 0):
             if lacking >> direction & 1:
                 page = self._page_for(direction, program)
                 if program.pack(page, self._objects.data, self._frame_at):

@@ -1,5 +1,11 @@
 """What a parcel is and where it is to go: the pages that a host sends and cells hand on."""
 
+try:
+    import micropython
+    from micropython import const
+except ImportError:
+    from mdms_protocol.cpython import const, micropython
+
 from array import array
 
 from mdms_cell.neighbours.geometry.angle import TURN_UM
@@ -9,35 +15,44 @@ from mdms_protocol.neighbours import frames as wire
 SLOTS = 4
 #: Numbers of a place: x, y and yaw, as the wire has them.
 _PLACE = 3
-#: Where the places begin behind the fields of the parcel's page.
-_PLACES = wire.PROGRAM_FIELDS
+#: Where the places begin behind the fields of the parcel's page: first that of the goal.
+GOAL = const(9)
+assert GOAL == wire.PROGRAM_FIELDS
 #: The page of a goal or a leg that is sent; there once, so that nothing is allocated.
 _PAGE = array("i", [0] * wire.PROGRAM_FIELDS)
 
 
 class Program:
-    """One parcel's data and the way to its goal, as their pages have them.
+    """One parcel's data and the way to its goal, in `fields` as their pages have them.
 
-    Lengths in um, angles as in `angle`. `complete` is whether parcel and goal are there, `whole`
-    whether the legs that follow the goal are, too. These count for the time without a host alone:
-    while there is one, it sets the next goal when that is to be gone to.
+    Those of the parcel's page come first, then x, y and yaw of the goal and of the legs. `complete`
+    is whether parcel and goal are there, `whole` whether the legs that follow the goal are, too.
+    These count for the time without a host alone: while there is one, it sets the next goal when
+    that is to be gone to. `outdated` is whether a goal was there, and others may be on any leg
+    after it by now.
     """
 
     def __init__(self):
         self.identity = 0
         self.used = 0
-        self._fields = array("i", [0] * (_PLACES + _PLACE * (wire.LEGS_MAX + 1)))
+        self.fields = array("i", [0] * (GOAL + _PLACE * (wire.LEGS_MAX + 1)))
         self.clear(0)
 
     def clear(self, identity):
         """Begin anew, for this identity."""
         self.identity = identity
         self.sequence = 0
-        self.has_parcel = self.has_goal = self.complete = self.whole = False
+        self.has_parcel = self.has_goal = self.complete = self.whole = self.outdated = False
         # How many legs follow the goal, and the mask of places that are there: bit 0 the goal.
         self.legs = 0
         self._held = 0
         self._joins = False
+
+    def size(self):
+        """RECTANGLE or DISC, length or diameter, and width."""
+        fields = self.fields
+        length_um = fields[wire.PARCEL_LENGTH] * wire.STEP_UM
+        return fields[wire.SHAPE], length_um, fields[wire.PARCEL_WIDTH] * wire.STEP_UM
 
     def take(self, fields):
         """Take a page; returns whether it is one that is kept."""
@@ -55,16 +70,10 @@ class Program:
         return True
 
     def _take_parcel(self, fields):
-        self.shape = fields[wire.SHAPE]
-        self.length_um = fields[wire.PARCEL_LENGTH] * wire.STEP_UM
-        self.width_um = fields[wire.PARCEL_WIDTH] * wire.STEP_UM
-        self.acceleration_mm_s2 = fields[wire.ACCELERATION] * wire.ACCELERATION_MM_S2
-        self.speed_um_s = fields[wire.SPEED] * wire.SPEED_MM_S * 1000
         self.goes_on = bool(fields[wire.PROGRAM_FLAGS] & wire.GO_ON)
-        self.any_yaw = bool(fields[wire.PROGRAM_FLAGS] & wire.ANY_YAW)
         self.has_parcel = True
         for place in range(wire.PROGRAM_FIELDS):
-            self._fields[place] = fields[place]
+            self.fields[place] = fields[place]
 
     def _take_goal(self, fields, joins):
         sequence, legs = fields[wire.PROGRAM_SEQUENCE], fields[wire.LEGS]
@@ -76,6 +85,7 @@ class Program:
         elif not again:
             self._held = 0
         self._put(fields, 0)
+        self.outdated = False
         self.sequence, self.legs, self._joins = sequence, legs, joins
         self._held &= (2 << legs) - 1
 
@@ -99,25 +109,34 @@ class Program:
         self._look()
         return True
 
+    def outdate(self):
+        """Have no goal until somebody hands on the one that the parcel is on its way to.
+
+        Sequence numbers come round again after three legs, so that they do not tell.
+        """
+        if self.complete:
+            self._held = 0
+            self._look()
+            self.outdated = True
+
     def _put(self, fields, leg):
         for place in range(_PLACE):
-            self._fields[_PLACES + _PLACE * leg + place] = fields[wire.PLACE_X + place]
+            self.fields[GOAL + _PLACE * leg + place] = fields[wire.PLACE_X + place]
         self._held |= 1 << leg
 
     def _is_at(self, fields, leg):
         return self._held >> leg & 1 and all(
-            self._fields[_PLACES + _PLACE * leg + place] == fields[wire.PLACE_X + place]
+            self.fields[GOAL + _PLACE * leg + place] == fields[wire.PLACE_X + place]
             for place in range(_PLACE)
         )
 
     def _shift(self):
-        for place in range(_PLACES + _PLACE, len(self._fields)):
-            self._fields[place - _PLACE] = self._fields[place]
+        for place in range(GOAL + _PLACE, len(self.fields)):
+            self.fields[place - _PLACE] = self.fields[place]
         self._held >>= 1
 
     def _look(self):
         self.has_goal = bool(self._held & 1)
-        self.goal_x_um, self.goal_y_um, self.goal_turn_um = self.place(0)
         self.complete = self.has_parcel and self.has_goal
         self.whole = self.complete and self._held == (2 << self.legs) - 1
 
@@ -130,8 +149,8 @@ class Program:
 
     def place(self, leg):
         """Where the goal is, or a leg after it ends: x, y and turn."""
-        start = _PLACES + _PLACE * leg
-        x, y, yaw = self._fields[start : start + _PLACE]
+        start = GOAL + _PLACE * leg
+        x, y, yaw = self.fields[start : start + _PLACE]
         return x * wire.STEP_UM, y * wire.STEP_UM, turn_um(yaw)
 
     def pack(self, number, frame, at):
@@ -140,7 +159,7 @@ class Program:
         Returns False for one that is not there.
         """
         if not number:
-            wire.pack_program(self._fields, 0, frame, at)
+            wire.pack_program(self.fields, 0, frame, at)
             return True
         leg = number - 1
         if not self._held >> leg & 1:
@@ -151,7 +170,7 @@ class Program:
         _PAGE[wire.LEG] = leg or (wire.JOINS if self._joins else 0)
         _PAGE[wire.LEGS] = self.legs
         for place in range(_PLACE):
-            _PAGE[wire.PLACE_X + place] = self._fields[_PLACES + _PLACE * leg + place]
+            _PAGE[wire.PLACE_X + place] = self.fields[GOAL + _PLACE * leg + place]
         wire.pack_program(_PAGE, 0, frame, at)
         return True
 
@@ -161,16 +180,36 @@ class Programs:
 
     def __init__(self):
         self._slots = [Program() for _ in range(SLOTS)]
+        self.clear()
+
+    def clear(self):
+        """Keep none."""
+        for slot in self._slots:
+            slot.clear(0)
+            slot.used = 0
+        self._latest = self._slots[0]
         self._uses = 0
+
+    @micropython.native
+    def complete(self, identity):
+        """The program of an identity; None if there is none that is complete."""
+        program = self._latest
+        if program.identity != identity:
+            program = self.find(identity)
+        return program if program is not None and program.complete else None
 
     def find(self, identity):
         """The program of an identity; None if there is none."""
         for slot in self._slots:
             if identity and slot.identity == identity:
-                self._uses += 1
-                slot.used = self._uses
+                self._use(slot)
                 return slot
         return None
+
+    def _use(self, slot):
+        self._latest = slot
+        self._uses += 1
+        slot.used = self._uses
 
     def place_for(self, identity):
         """The program of an identity, begun anew if there is none."""
@@ -181,13 +220,21 @@ class Programs:
                 if slot.used < found.used:
                     found = slot
             found.clear(identity)
-            self._uses += 1
-            found.used = self._uses
+            self._use(found)
         return found
 
     def go_on(self):
         """Whether a parcel is on its way that goes on without the host."""
-        return any(slot.identity and slot.complete and slot.goes_on for slot in self._slots)
+        return any(
+            slot.identity and (slot.complete or slot.outdated) and slot.goes_on
+            for slot in self._slots
+        )
+
+    def outdate(self, identity):
+        """Without the host, keep no goal of any parcel but this one, where this cell is at it."""
+        for slot in self._slots:
+            if slot.identity != identity:
+                slot.outdate()
 
     def drop(self, identity):
         """Keep nothing of an identity."""

@@ -20,6 +20,8 @@ try:
 except ImportError:
     from mdms_protocol.cpython import const, micropython, ptr8, ptr32
 
+from array import array
+
 from mdms_protocol.neighbours import frames as wire
 
 NONE = const(0)
@@ -34,6 +36,30 @@ HOPS = const(4)
 
 DIRECTIONS = const(8)
 
+# Registers of a cell. To be sent:
+IDENTITY = const(0)
+STATE = const(1)
+HOLD = const(2)
+# For the wheels, and to be reported:
+DRIVE_BEATS = const(3)
+LACKING = const(4)
+_LACKED = const(5)  # beats for which a promise has been lacked, up to _BLOCKED_BEATS
+# Its memory:
+PROMISED_TO = const(6)  # identity that this cell is bound to, announced or not; 0: unknown
+_PREVIOUS = const(7)  # the same, as it was before the present beat
+BOUND = const(8)  # beats until another may be promised
+WAITING = const(9)  # beats for which the one promised to is held while another asks
+_NEAR = const(10)  # identity of a parcel on a neighbour
+_NEAR_LEFT = const(11)
+# Its times:
+_VALID_BEATS = const(12)
+_STALE_BEATS = const(13)
+_BOUND_BEATS = const(14)
+_HOPS = const(15)
+_PATIENCE_BEATS = const(16)
+_BLOCKED_BEATS = const(17)
+_REGISTERS = const(18)
+
 # What neighbours said that counts, a column of each by direction: identity, state, hold, and for
 # how many more beats it does
 IDENTITIES = const(0)
@@ -44,7 +70,7 @@ _COLUMNS = const(32)
 
 
 class RightOfWay:
-    """Promises, leases and identity of one cell.
+    """Promises, leases and identity of one cell, in its `registers`.
 
     `lease_beats`: how long a promise counts after the SYNC it was sent at.
     `late_beats`: an estimate is passed to `on_estimates` before the update that follows the
@@ -70,52 +96,78 @@ class RightOfWay:
         patience_beats=100,
         blocked_beats=100,
     ):
-        self._valid_beats = lease_beats - late_beats
-        self._stale_beats = max(0, self._valid_beats - hold_beats)
-        self._bound_beats = lease_beats + hops * (late_beats + hold_beats)
-        self._hops = hops
-        self._patience_beats = patience_beats
-        self._blocked_beats = blocked_beats
-        self._said = bytearray(_COLUMNS)
+        registers = self.registers = array("i", [0] * _REGISTERS)
+        registers[_HOPS] = hops
+        registers[_PATIENCE_BEATS] = patience_beats
+        registers[_BLOCKED_BEATS] = blocked_beats
+        self.said = bytearray(_COLUMNS)
+        self.set_lease(lease_beats, late_beats, hold_beats)
         self.restart()
+
+    def set_lease(self, lease_beats, late_beats=2, hold_beats=3):
+        """Set how long promises count; a restart is to follow."""
+        registers = self.registers
+        valid_beats = registers[_VALID_BEATS] = lease_beats - late_beats
+        registers[_STALE_BEATS] = max(0, valid_beats - hold_beats)
+        registers[_BOUND_BEATS] = lease_beats + registers[_HOPS] * (late_beats + hold_beats)
 
     def restart(self):
         """Begin after a reset: belong to no parcel, and be silent about promises for a while."""
-        self.identity = 0
-        self.state = NONE
-        self.hold = CLEAR
-        self.drive_beats = 0
-        self.lacking = 0
-        self.blocked = False
-        self._promised = 0  # identity that this cell is bound to, announced or not; 0: unknown
-        self._bound = self._bound_beats + 1  # beats until another may be promised
-        self._waiting = 0  # beats for which the one promised to is held while another asks
-        self._lacked = 0  # beats for which a promise has been lacked
-        self._near = 0  # identity of a parcel on a neighbour
-        self._near_left = 0
+        registers = self.registers
+        for number in range(_VALID_BEATS):
+            registers[number] = 0
+        registers[HOLD] = CLEAR
+        registers[BOUND] = registers[_BOUND_BEATS] + 1  # beats; the last promise is unknown
         self._drop_others()
+
+    @property
+    def identity(self):
+        """The parcel that the cell belongs to, 0 for none."""
+        return self.registers[IDENTITY]
+
+    @property
+    def state(self):
+        """NONE, NEAR, PROMISED or UNDER."""
+        return self.registers[STATE]
+
+    @property
+    def hold(self):
+        """How many steps it is to a cell that lacks a promise; CLEAR for none."""
+        return self.registers[HOLD]
+
+    @property
+    def drive_beats(self):
+        """For how many beats the wheels may turn."""
+        return self.registers[DRIVE_BEATS]
+
+    @property
+    def lacking(self):
+        """The mask of neighbours whose promise is wanted and not held."""
+        return self.registers[LACKING]
+
+    @property
+    def blocked(self):
+        """Whether a promise has been lacked for long."""
+        return self.registers[_LACKED] >= self.registers[_BLOCKED_BEATS]
 
     def on_gap(self):
         """A SYNC passed without an update of its own: what neighbours said may be of any age."""
+        registers = self.registers
         for direction in range(DIRECTIONS):
-            self._said[LEFT + direction] = 0
-        self.drive_beats = 0
-        if self._bound:
-            self._bound = self._bound_beats + 1
+            self.said[LEFT + direction] = 0
+        registers[DRIVE_BEATS] = 0
+        if registers[BOUND]:
+            registers[BOUND] = registers[_BOUND_BEATS] + 1
 
     @micropython.native
     def on_estimates(self, estimates, fresh):
         """What neighbours sent, at most `late_beats` SYNCs ago: a row by direction, where fresh.
 
         A cell under a parcel counts what cells of the same parcel say, and promises to it; any
-        other counts the cells under a parcel that want it.
+        other counts the cells under a parcel that want it. Returns the mask of those that were
+        fresh; none is after this.
         """
-        under = self.identity if self.state == UNDER else 0
-        counts_beats = self._valid_beats + 1
-        near = _take_in(estimates, fresh, self._said, under, self._near, counts_beats)
-        if near:
-            self._near = near
-            self._near_left = counts_beats
+        return _take_in(self.registers, self.said, estimates, fresh)
 
     @micropython.native
     def on_beat(self, over, wants, occupied):
@@ -125,87 +177,84 @@ class RightOfWay:
         `wants`: mask of the neighbours which that parcel covers or needs next, as seen from here;
         `occupied`: a presence sensor of this cell is covered.
         """
-        before = self.state
-        previous = self._promised
-        self._count_down()
+        registers, said = self.registers, self.said
+        if not _stays_under(registers, said, over):
+            self._change(over, occupied)
+        _clear_the_wheels(registers, said, wants)
+
+    def _change(self, over, occupied):
+        """The cell is not under the parcel that it is promised to, or was not before."""
+        registers = self.registers
+        before = registers[STATE]
         if over:
             self._be_under(over)
         elif before >= PROMISED and self._keeps():
-            self.identity = self._promised
-            self.state = PROMISED
+            registers[IDENTITY] = registers[PROMISED_TO]
+            registers[STATE] = PROMISED
         else:
-            self._be_free(previous, occupied)
-        if (before == UNDER) != (self.state == UNDER):
+            self._be_free(occupied)
+        if (before == UNDER) != (registers[STATE] == UNDER):
             self._drop_others()
-        self._clear_the_wheels(wants)
 
     def _drop_others(self):
         """Drop what neighbours said, but for those of the same parcel."""
+        said = self.said
         for direction in range(DIRECTIONS):
-            if self._said[IDENTITIES + direction] != self.identity:
-                self._said[IDENTITIES + direction] = 0
-                self._said[LEFT + direction] = 0
-
-    @micropython.native
-    def _count_down(self):
-        if self.state >= PROMISED:
-            self._bound = self._bound_beats
-        elif self._bound:
-            self._bound -= 1
-            if not self._bound:
-                self._promised = 0
-        _age(self._said)
-        if self._near_left:
-            self._near_left -= 1
-        if not self._near_left:
-            self._near = 0
+            if said[IDENTITIES + direction] != self.identity:
+                said[IDENTITIES + direction] = 0
+                said[LEFT + direction] = 0
 
     def _be_under(self, identity):
         """A parcel stands here, promised to or not; it drives once no other may come."""
-        self._waiting = 0
-        self._near = self.identity = identity
-        self._near_left = self._valid_beats
-        self.state = NEAR
-        if self._promised == identity or not self._bound:
+        registers = self.registers
+        registers[WAITING] = 0
+        registers[_NEAR] = registers[IDENTITY] = identity
+        registers[_NEAR_LEFT] = registers[_VALID_BEATS]
+        registers[STATE] = NEAR
+        if registers[PROMISED_TO] == identity or not registers[BOUND]:
             self._promise(identity)
-            self.state = UNDER
+            registers[STATE] = UNDER
 
     def _promise(self, identity):
-        self._promised = identity
-        self._bound = self._bound_beats
+        registers = self.registers
+        registers[PROMISED_TO] = identity
+        registers[BOUND] = registers[_BOUND_BEATS]
 
     def _keeps(self):
         """Whether the promise that is announced is to be announced again."""
-        promised = self._promised
+        registers = self.registers
+        promised = registers[PROMISED_TO]
         if not self._asks(promised):
             return False
         other = self._asker(promised)
         if not other or not self._is_held(promised):
-            self._waiting = 0
+            registers[WAITING] = 0
             return True
-        self._waiting += 1
-        patience_beats = self._patience_beats
-        return self._waiting < (patience_beats >> 2 if other < promised else patience_beats)
+        registers[WAITING] += 1
+        patience_beats = registers[_PATIENCE_BEATS]
+        return registers[WAITING] < (patience_beats >> 2 if other < promised else patience_beats)
 
-    def _be_free(self, previous, occupied):
+    def _be_free(self, occupied):
         """No parcel stands here by belief, and no promise is to be kept: promise to who asks.
 
         The parcel that had the promise before goes last. What covers a sensor and belongs to no
         parcel keeps all others away.
         """
-        self._waiting = 0
-        asker = self._asker(previous) or self._asker(0)
-        if asker and (asker == self._promised or not (self._bound or occupied)):
+        registers = self.registers
+        registers[WAITING] = 0
+        asker = self._asker(registers[_PREVIOUS]) or self._asker(0)
+        bound = registers[BOUND]
+        if asker and (asker == registers[PROMISED_TO] or not (bound or occupied)):
             self._promise(asker)
-            self.identity = asker
-            self.state = PROMISED
+            registers[IDENTITY] = asker
+            registers[STATE] = PROMISED
         else:
-            self.identity = self._near
-            self.state = NEAR if self._near else NONE
+            registers[IDENTITY] = registers[_NEAR]
+            registers[STATE] = NEAR if registers[_NEAR] else NONE
 
     def _says(self, direction):
         """The identity that counts of this direction; 0 if none does."""
-        return self._said[IDENTITIES + direction] if self._said[LEFT + direction] else 0
+        return self.said[IDENTITIES + direction] if self.said[LEFT + direction] else 0
 
     def _asks(self, identity):
         return any(self._says(direction) == identity for direction in range(DIRECTIONS))
@@ -222,50 +271,30 @@ class RightOfWay:
     def _is_held(self, identity):
         """Whether the parcel stands for want of a promise, by all of its cells that ask here."""
         for direction in range(DIRECTIONS):
-            if self._says(direction) == identity and self._said[HOLDS + direction] == CLEAR:
+            if self._says(direction) == identity and self.said[HOLDS + direction] == CLEAR:
                 return False
         return True
 
-    @micropython.native
-    def _clear_the_wheels(self, wants):
-        """Find out whether all that the parcel covers or needs is promised, here and around."""
-        lacking = drive_beats = 0
-        hold = CLEAR
-        if self.state == UNDER:
-            hops = self._hops
-            found = _around(self._said, wants, hops, self._valid_beats, self._stale_beats)
-            steps = found >> 8 & 0xFF
-            lacking = found & 0xFF
-            if lacking:
-                hold = 0
-            elif steps <= hops:
-                hold = steps
-            else:
-                drive_beats = found >> 16
-        self.lacking = lacking
-        self.hold = hold
-        self.drive_beats = drive_beats
-        self._lacked = min(self._lacked + 1, self._blocked_beats) if lacking else 0
-        self.blocked = self._lacked >= self._blocked_beats
-
 
 @micropython.viper
-def _take_in(  # noqa: PLR0917 - viper takes words
-    estimates: ptr32, fresh: ptr8, said: ptr8, parcel: int, near: int, counts_beats: int
-) -> int:
-    """Keep what counts of the fresh estimates, for a cell under a parcel or, at 0, under none.
+def _take_in(registers: ptr32, said: ptr8, estimates: ptr32, fresh: ptr8) -> int:
+    """Keep what counts of the fresh estimates, and which parcel is near a cell under none.
 
-    Returns the identity of the parcel that is near a cell under none, 0 if nobody says so.
+    Returns the mask of their directions.
     """
     fields = int(wire.ESTIMATE_FIELDS)
     identity_at = int(wire.IDENTITY)
     state_at = int(wire.STATE)
     hold_at = int(wire.HOLD)
     wants_at = int(wire.WANTS)
-    seen = 0
+    parcel = registers[IDENTITY] if registers[STATE] == UNDER else 0
+    counts_beats = registers[_VALID_BEATS] + 1
+    taken = 0
+    at = 0
     for direction in range(DIRECTIONS):
         if fresh[direction]:
-            at = fields * direction
+            fresh[direction] = 0
+            taken |= 1 << direction
             identity = estimates[at + identity_at]
             state = estimates[at + state_at]
             hold = estimates[at + hold_at]
@@ -274,43 +303,73 @@ def _take_in(  # noqa: PLR0917 - viper takes words
             else:
                 asks = identity != 0 and state == UNDER
                 counts = asks and estimates[at + wants_at] >> (direction ^ 4) & 1 == 1
+                near = registers[_NEAR]
                 if asks and (near == 0 or near == identity):  # noqa: PLR1714 - viper has no tuples
-                    near = seen = identity
+                    registers[_NEAR] = identity
+                    registers[_NEAR_LEFT] = counts_beats
             said[IDENTITIES + direction] = identity if counts else 0
             said[STATES + direction] = state
             said[HOLDS + direction] = hold if hold <= CLEAR else 0
             said[LEFT + direction] = counts_beats if counts else 0
-    return seen
+        at += fields
+    return taken
 
 
 @micropython.viper
-def _age(said: ptr8):
-    """A beat has passed."""
+def _stays_under(registers: ptr32, said: ptr8, over: int) -> bool:
+    """A beat has passed; returns whether the cell stays under the parcel that it is promised to."""
     for direction in range(DIRECTIONS):
         if said[LEFT + direction]:
             said[LEFT + direction] -= 1
+    registers[_PREVIOUS] = registers[PROMISED_TO]
+    if registers[STATE] >= PROMISED:
+        registers[BOUND] = registers[_BOUND_BEATS]
+    elif registers[BOUND]:
+        registers[BOUND] -= 1
+        if registers[BOUND] == 0:
+            registers[PROMISED_TO] = 0
+    if registers[STATE] == UNDER and registers[PROMISED_TO] == over:
+        registers[_NEAR] = over
+        registers[_NEAR_LEFT] = registers[_VALID_BEATS]
+        return True
+    if registers[_NEAR_LEFT]:
+        registers[_NEAR_LEFT] -= 1
+    if registers[_NEAR_LEFT] == 0:
+        registers[_NEAR] = 0
+    return False
 
 
 @micropython.viper
-def _around(said: ptr8, wants: int, hops: int, valid_beats: int, stale_beats: int) -> int:
-    """What those around a cell under a parcel say of the parcel.
-
-    A mask of the wanted who have not promised; from bit 8 on how many steps it is to a cell that
-    lacks a promise, `hops` + 1 for none; from bit 16 on for how many beats all promises last.
-    """
-    lacking = 0
-    steps = hops + 1
-    drive_beats = valid_beats
-    for direction in range(DIRECTIONS):
-        left = said[LEFT + direction]
-        wanted = wants & (1 << direction)
-        if left == 0:
-            lacking |= wanted
-        else:
-            if said[STATES + direction] == UNDER:
-                left = left - stale_beats if left > stale_beats else 0
-                step = 1 + said[HOLDS + direction] if left else 1
-                steps = step if step < steps else steps
-            if wanted and left < drive_beats:
-                drive_beats = left
-    return lacking | steps << 8 | drive_beats << 16
+def _clear_the_wheels(registers: ptr32, said: ptr8, wants: int):
+    """Find out whether all that the parcel covers or needs is promised, here and around."""
+    lacking = drive_beats = 0
+    hold = CLEAR
+    if registers[STATE] == UNDER:
+        hops = registers[_HOPS]
+        stale_beats = registers[_STALE_BEATS]
+        drive_beats = registers[_VALID_BEATS]
+        # How many steps it is to a cell that lacks a promise.
+        steps = hops + 1
+        for direction in range(DIRECTIONS):
+            left = said[LEFT + direction]
+            wanted = wants & (1 << direction)
+            if left == 0:
+                lacking |= wanted
+            else:
+                if said[STATES + direction] == UNDER:
+                    left = left - stale_beats if left > stale_beats else 0
+                    step = 1 + said[HOLDS + direction] if left else 1
+                    steps = step if step < steps else steps
+                if wanted and left < drive_beats:
+                    drive_beats = left
+        if lacking:
+            hold = drive_beats = 0
+        elif steps <= hops:
+            hold = steps
+            drive_beats = 0
+    registers[LACKING] = lacking
+    registers[HOLD] = hold
+    registers[DRIVE_BEATS] = drive_beats
+    lacked = registers[_LACKED] + 1 if lacking else 0
+    most = registers[_BLOCKED_BEATS]
+    registers[_LACKED] = lacked if lacked < most else most

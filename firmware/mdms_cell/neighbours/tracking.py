@@ -93,7 +93,7 @@ class Tracking:
 
     def take_shape(self, program):
         """The parcel's outline is known now."""
-        self.outline.set(program.shape, program.length_um, program.width_um)
+        self.outline.set(*program.size())
         self.shaped = True
         self.look()
 

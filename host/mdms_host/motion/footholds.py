@@ -1,8 +1,9 @@
 """How far a parcel's centre of mass is inside what supports it, at many poses at once.
 
-The same as `mdms_model.statics.support_margin`, which is compiled; this takes no longer without
-numba, so that it may be asked within a cycle. The first and the last wheel that is covered in each
-row span what all of them do.
+The same as `mdms_model.statics.support_margin`, which is compiled: at 40 poses that takes 0.05 to
+0.08 ms, and 2.5 to 6 ms without numba, a cycle's time; this takes 0.25 to 0.5 ms, always. So the
+planner asks that, and what may be asked within a cycle is here. The first and the last wheel that
+is covered in each row span what all of them do.
 """
 
 from typing import NamedTuple

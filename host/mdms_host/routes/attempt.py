@@ -12,7 +12,7 @@ from mdms_host.routes.errand import Errand, Ground
 from mdms_host.routes.intervals.cost_to_go import Guide, barred_joins, cost_to_go, free_runs
 from mdms_host.routes.intervals.safe_intervals import TakenTiles
 from mdms_host.routes.intervals.search import Errands, Found, search
-from mdms_host.routes.intervals.way_alone import WayAlone, way_alone
+from mdms_host.routes.intervals.way_alone import Alone, places_under, steps_of, with_closed
 from mdms_host.routes.route import Route
 from mdms_model.arrays import Bools, Floats, Ints
 
@@ -103,7 +103,8 @@ class Attempt:
     def run(self, order: Sequence[str], aside: Aside) -> dict[str, Route]:
         """Routes of as many as can be planned, in this order where that does.
 
-        None have routes where one went aside for others and has no way on from there.
+        Where nobody goes aside, the first that has no way is the end of it. None have routes where
+        one went aside for others and has no way on from there.
         """
         found: dict[str, Route] = {}
         waiting = list(order)
@@ -114,15 +115,13 @@ class Attempt:
                 if way is not None:
                     found[name] = way
                     self._parked[self._errands[name].goal_stand] = True
+                elif aside is Aside.NEVER:
+                    return found
                 elif aside is Aside.EARLY:
                     self._made_way([other for other in waiting if other not in found], [name])
             waiting = [name for name in waiting if name not in found]
             stuck = len(found) == before
-            if not stuck:
-                continue
-            if aside is Aside.NEVER:
-                break
-            if not self._made_way(waiting, waiting) and not self._both_aside(waiting):
+            if stuck and not self._made_way(waiting, waiting) and not self._both_aside(waiting):
                 break
         if any(self._errands[name].so_far is not None for name in waiting):
             return {}
@@ -243,22 +242,22 @@ class Attempt:
         return False
 
 
-def way_past(errand: Errand, blocked: Bools) -> WayAlone:
-    """A way of a parcel on its own past these tiles."""
+def ways_alone(errand: Errand, closed: Bools, under: Ints) -> Alone:
+    """The ways of a parcel on its own past tiles that are closed, and over places."""
     roadmap = errand.roadmap
-    ends = roadmap.start_node, roadmap.goal_node
-    return way_alone(roadmap.graph, errand.ways.open_lines, roadmap.away_m, blocked, ends)
+    steps = steps_of(roadmap.graph, errand.ways.open_lines, with_closed(under, closed))
+    return Alone(steps, (roadmap.start_node, roadmap.goal_node))
 
 
-def is_free(errand: Errand, blocked: Bools) -> bool:
+def is_free(errand: Errand, closed: Bools) -> bool:
     """Whether a parcel on its own has a way past these tiles."""
-    return bool(way_past(errand, blocked).found)
+    return ways_alone(errand, closed, places_under(len(closed), ())).past(0).found
 
 
 def guide_of(errand: Errand, blocked: Bools) -> Guide:
     """What is open to a parcel past these tiles."""
-    ways, roadmap = errand.ways, errand.roadmap
-    runs = free_runs(roadmap.graph, ways.open_lines, blocked)
+    roadmap = errand.roadmap
+    runs = free_runs(roadmap.graph, errand.ways.open_lines, blocked)
     barred = barred_joins(roadmap.graph, blocked)
-    cost_s = cost_to_go(roadmap.graph, runs, barred, ways.often, roadmap.goal_node)
-    return Guide(runs, barred, ways.often, cost_s)
+    cost_s = cost_to_go(roadmap.graph, runs, barred, roadmap.goal_node)
+    return Guide(runs, barred, cost_s)

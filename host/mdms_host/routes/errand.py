@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import floor
 
 import numpy as np
 
 from mdms_host.motion.trajectory.path import shorter_turn_rad
 from mdms_host.routes.intervals.search import Found
 from mdms_host.routes.pace import Pace
-from mdms_host.routes.route import Route, Visits, merged
+from mdms_host.routes.route import Route, Visits, among, merged
 from mdms_host.routes.space.moves import LatticeMoves
 from mdms_host.routes.space.roadmap import Roadmap
 from mdms_host.routes.space.shape import Shape
@@ -18,6 +19,8 @@ from mdms_model.arrays import Floats, Ints
 
 #: Poses that are this near are one [m, m, rad].
 _SAME = 1e-7
+#: What is this little less than a whole number of turns is that [turns].
+_WHOLE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +61,7 @@ class Ground:
 
 @dataclass(eq=False)
 class Errand:
-    """A task with its way map, in yaws that lie about 0: turned by `turned_rad` they are true."""
+    """A task with its way map, in yaws of its own: turned by `turned_rad` they are true."""
 
     task: Task
     ground: Ground
@@ -115,6 +118,13 @@ class Errand:
         begins_s = np.concatenate((before_s, found.begins_s))
         return self._route(ahead, self.now_s, begins_s, gone_s)
 
+    def along(self, poses: Floats, begins_s: Floats) -> Route:
+        """The route along these poses, with moves that begin then, to the end of the errand."""
+        route = self._route(poses, self.now_s, begins_s, np.inf)
+        if not self.task.leaves:
+            return route
+        return self._route(poses, self.now_s, begins_s, route.end_s + self.task.leaves_s)
+
     def _route(self, poses: Floats, now_s: float, planned_s: Floats, gone_s: float) -> Route:
         """A route along poses; its last moves begin as planned, those before them at once."""
         kept = np.ones(len(poses), dtype=bool)
@@ -151,7 +161,7 @@ class Errand:
         visits = merged(visits, rests, stand, along_m[-1], gone_s)
         # Where it stands at the start it has been before; a turn sweeps more as it begins.
         begin = self.ground.stand(self.task.shape, poses[0])
-        visits.enters_s[(visits.enters_m <= 0.0) & np.isin(visits.tile, begin)] = -np.inf
+        visits.enters_s[(visits.enters_m <= 0.0) & among(visits.tile, begin)] = -np.inf
         return Route(
             self.task.parcel,
             poses,
@@ -174,7 +184,7 @@ class Errand:
 
 
 def own_ends(task: Task, turned_rad: float) -> tuple[Floats, Floats]:
-    """Start and goal with yaws about 0, the goal's by the shorter turn from the start's."""
+    """Start and goal turned back by so much, the goal's by the shorter turn from the start's."""
     start = task.start - [0.0, 0.0, turned_rad]
     goal = start if task.goal is None else np.array(task.goal, dtype=np.float64)
     turn_rad = 0.0 if task.shape.round else shorter_turn_rad(task.start[2], goal[2])
@@ -184,8 +194,12 @@ def own_ends(task: Task, turned_rad: float) -> tuple[Floats, Floats]:
 
 
 def turned_rad(task: Task) -> float:
-    """The yaw that planning takes for 0: of a disc its own, else turns that look the same."""
+    """The yaw that planning takes for 0: of a disc its own, else by turns that change nothing.
+
+    By as many that the least yaw of the lattice is soon above 0, so that few lattices are needed.
+    """
     if task.shape.round:
         return float(task.start[2])
-    period_rad = task.shape.bottom.period_rad
-    return float(round(task.start[2] / period_rad) * period_rad)
+    start, goal = own_ends(task, 0.0)
+    least_rad = task.shape.yaws_rad(float(start[2]), float(goal[2]))[0]
+    return floor(least_rad / task.shape.period_rad + _WHOLE) * task.shape.period_rad

@@ -6,6 +6,7 @@ from typing import Protocol
 import numpy as np
 
 from mdms_model.arrays import Floats
+from mdms_model.compiled import compiled
 
 
 class Pace(Protocol):
@@ -39,13 +40,23 @@ class TrapezoidPace:
 
     def times_s(self, lengths_m: Floats, turns_m: Floats, shares: Floats) -> Floats:
         """When a share of a move is done, after its begin [s]."""
-        speed, acceleration = self.speed_m_s, self.acceleration_m_s2
-        ways_m = np.hypot(lengths_m, turns_m)
-        ramps_m = np.minimum(ways_m / 2, speed**2 / (2 * acceleration))
-        durations_s = 2 * np.sqrt(2 * ramps_m / acceleration) + (ways_m - 2 * ramps_m) / speed
-        done_m = shares * ways_m
-        nearer_m = np.minimum(done_m, ways_m - done_m)
-        on_ramp_s = np.sqrt(2 * np.maximum(np.minimum(nearer_m, ramps_m), 0.0) / acceleration)
-        from_end_s = on_ramp_s + np.maximum(nearer_m - ramps_m, 0.0) / speed
-        times_s: Floats = np.where(2 * done_m <= ways_m, from_end_s, durations_s - from_end_s)
-        return times_s
+        most = self.speed_m_s, self.acceleration_m_s2
+        return trapezoid_times_s(lengths_m, turns_m, shares, most)
+
+
+@compiled
+def trapezoid_times_s(
+    lengths_m: Floats, turns_m: Floats, shares: Floats, most: tuple[float, float]
+) -> Floats:
+    """`TrapezoidPace.times_s` for the greatest speed [m/s] and the acceleration [m/s2]."""
+    speed_m_s, acceleration_m_s2 = most
+    ways_m = np.sqrt(lengths_m**2 + turns_m**2)
+    ramps_m = np.minimum(ways_m / 2, speed_m_s**2 / (2 * acceleration_m_s2))
+    ramps_s = np.sqrt(2 * ramps_m / acceleration_m_s2)
+    durations_s = 2 * ramps_s + (ways_m - 2 * ramps_m) / speed_m_s
+    done_m = shares * ways_m
+    nearer_m = np.minimum(done_m, ways_m - done_m)
+    on_ramp_s = np.sqrt(2 * np.maximum(np.minimum(nearer_m, ramps_m), 0.0) / acceleration_m_s2)
+    from_end_s = on_ramp_s + np.maximum(nearer_m - ramps_m, 0.0) / speed_m_s
+    times_s: Floats = np.where(2 * done_m <= ways_m, from_end_s, durations_s - from_end_s)
+    return times_s

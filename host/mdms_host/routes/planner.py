@@ -13,10 +13,11 @@ from random import Random
 
 import numpy as np
 
-from mdms_host.routes.attempt import MANY, Aside, Attempt, Terms, is_free, way_past
+from mdms_host.routes.attempt import MANY, Aside, Attempt, Terms, is_free
 from mdms_host.routes.authority import Authority
 from mdms_host.routes.blocked import Blocked, Blocker, blockers
 from mdms_host.routes.errand import Errand, Ground, Task, own_ends, turned_rad
+from mdms_host.routes.intervals.safe_intervals import TakenTiles
 from mdms_host.routes.pace import Pace, TrapezoidPace
 from mdms_host.routes.reservations import Reservations
 from mdms_host.routes.retiming import retimed
@@ -26,6 +27,7 @@ from mdms_host.routes.space.moves import LatticeMoves, lattice_moves
 from mdms_host.routes.space.shape import Shape
 from mdms_host.routes.space.standing import Standing
 from mdms_host.routes.space.tiles import Tiles
+from mdms_host.routes.straightening import Straightening, legs_of
 from mdms_host.routes.well_formed import Orders
 from mdms_model.arrays import Bools, Floats, Ints
 
@@ -50,7 +52,8 @@ class Planner:
     `clearance_m` is how much every outline is grown by, `gap_s` how long a tile is free between two
     parcels, `step` how many tiles lattice places are apart; `tries` is how many orders of the
     parcels are tried where one does not do. `efforts` are weights of the search (`search`), and
-    after how many moves the next effort is made.
+    after how many moves the next effort is made. A route that has more than `legs` straight ones is
+    given as few as it can have past the others (`straightening`).
     """
 
     def __init__(
@@ -63,6 +66,7 @@ class Planner:
         gap_s: float = 0.2,
         tries: int = 6,
         efforts: tuple[tuple[float, int], ...] = ((1.5, 300), (8.0, MANY)),
+        legs: int = MANY,
     ) -> None:
         if tiles.per_pitch % step:
             raise ValueError(
@@ -73,6 +77,7 @@ class Planner:
         self._step = step
         self._gap_s = gap_s
         self._tries = tries
+        self._legs = legs
         self._terms = Terms(self._ground, gap_s, efforts)
         self._standings: dict[Shape, Standing] = {}
         self._ways: dict[tuple[Shape, tuple[float, ...]], LatticeMoves] = {}
@@ -118,6 +123,9 @@ class Planner:
                 break
         own = {name: best[name] if name in best else errands[name].prefix for name in errands}
         routes = {**kept, **own}
+        for name in best:
+            if legs_of(routes[name]) > self._legs and errands[name].is_at_rest:
+                routes[name] = self._straightened(errands[name], routes, closed)
         blocked = {
             name: self._blocked(errands, name, best, closed, kept)
             for name in moving
@@ -140,7 +148,7 @@ class Planner:
             return
         tried: set[tuple[str, ...]] = set()
         # Where a parcel would tip on its way, that way is no longer there after an attempt.
-        while (order := Orders(errands, closed, way_past).first()) and order not in tried:
+        while (order := Orders(errands, closed).first()) and order not in tried:
             tried.add(order)
             yield order, True, Aside.NEVER
         yield moving, True, Aside.LATE
@@ -163,6 +171,16 @@ class Planner:
             )
             self._ways[key] = lattice_moves(lattice, standing, self._ground.pace)
         return Errand(task, self._ground, self._ways[key], standing, base_rad, now_s)
+
+    def _straightened(self, errand: Errand, routes: Mapping[str, Route], closed: Bools) -> Route:
+        """The route of an errand among all others, with fewer legs if it can have them."""
+        name = errand.task.parcel
+        tiles = TakenTiles(self._ground.tiles.count)
+        for owner, (other, route) in enumerate(routes.items()):
+            if other != name:
+                tile, _, _, enters_s, leaves_s = route.visits
+                tiles.take(owner, tile, enters_s - self._gap_s, leaves_s + self._gap_s)
+        return Straightening(errand, routes[name], tiles.taken, closed).route()
 
     def kept(self, plan: Plan, progress_m: Mapping[str, float], now_s: float) -> dict[str, Route]:
         """The routes of a plan from where these parcels are now, for others to be planned around.

@@ -11,6 +11,7 @@ from mdms_host.routes.pace import Pace
 from mdms_host.routes.reservations import REST_M, Reservations
 from mdms_host.routes.route import Route, Visits
 from mdms_model.arrays import Floats, Ints
+from mdms_model.compiled import compiled
 
 #: Routes are this much farther apart than they have to be: a search adds such hairs to its own [s].
 _HAIR_S = 1e-6
@@ -117,15 +118,25 @@ def _within(
 
     `side` is of the two moves at a pose the one that ends there, or the one that begins.
     """
-    moves = len(route.begins_s)
-    if not moves:
+    if not len(route.begins_s):
         return np.zeros(len(at_m), dtype=np.int64), np.zeros(len(at_m))
-    move = np.clip(np.searchsorted(route.along_m, at_m, side=side) - 1, 0, moves - 1)
-    ways = np.diff(route.poses, axis=0)[move]
-    spans_m = np.diff(route.along_m)[move]
-    shares = np.clip((at_m - route.along_m[move]) / np.maximum(spans_m, 1e-12), 0.0, 1.0)
-    lengths_m, turns_m = np.hypot(ways[:, 0], ways[:, 1]), np.abs(ways[:, 2]) * route.reach_m
-    return move, pace.times_s(lengths_m, turns_m, shares)
+    move = np.searchsorted(route.along_m[1:-1], at_m, side=side)
+    ways, shares = ways_at(route.poses, route.along_m, move, at_m)
+    return move, pace.times_s(ways[0], ways[1] * route.reach_m, shares)
+
+
+@compiled
+def ways_at(poses: Floats, along_m: Floats, move: Ints, at_m: Floats) -> tuple[Floats, Floats]:
+    """Lengths and turns of these moves [m, rad], (2, N), and shares of them at path coordinates."""
+    ways, shares = np.empty((2, move.size)), np.empty(move.size)
+    for index in range(move.size):
+        here = move[index]
+        way_x_m, way_y_m = poses[here + 1, 0] - poses[here, 0], poses[here + 1, 1] - poses[here, 1]
+        ways[0, index] = np.sqrt(way_x_m**2 + way_y_m**2)
+        ways[1, index] = abs(poses[here + 1, 2] - poses[here, 2])
+        span_m = max(along_m[here + 1] - along_m[here], 1e-12)
+        shares[index] = min(max((at_m[index] - along_m[here]) / span_m, 0.0), 1.0)
+    return ways, shares
 
 
 def _with_times(

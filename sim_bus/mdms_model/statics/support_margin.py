@@ -28,6 +28,21 @@ class _Body(NamedTuple):
     centre_m: Floats
 
 
+class Contacts(NamedTuple):
+    """A parcel on a table: all wheels (W, 2), the line on which they all stand, and its outline."""
+
+    wheel_m: Floats
+    line: Floats
+    body: _Body
+
+
+def contacts(wheel_m: Floats, outline: Outline, centre_of_mass_m: tuple[float, float]) -> Contacts:
+    """What `margins_m` needs of a parcel and a table, worked out once for both."""
+    edges, centre_m = np.ascontiguousarray(outline.edges[:, :3]), np.array(centre_of_mass_m)
+    body = _Body(edges, outline.radius_m, centre_m.astype(np.float64))
+    return Contacts(np.ascontiguousarray(wheel_m), _line_of(wheel_m), body)
+
+
 def support_margin_m(
     wheel_m: Floats,
     outline: Outline,
@@ -46,15 +61,7 @@ def support_margins_m(
     wheel_m: Floats, outline: Outline, centre_of_mass_m: tuple[float, float], poses: Floats
 ) -> Floats:
     """`support_margin_m` at many poses (P, 3), shape (P,)."""
-    edges, centre_m = np.ascontiguousarray(outline.edges[:, :3]), np.array(centre_of_mass_m)
-    body = _Body(edges, outline.radius_m, centre_m.astype(np.float64))
-    margins_m: Floats = _margins_m(
-        np.ascontiguousarray(wheel_m),
-        _line_of(wheel_m),
-        body,
-        np.ascontiguousarray(poses),
-    )
-    return margins_m
+    return margins_m(contacts(wheel_m, outline, centre_of_mass_m), np.ascontiguousarray(poses))
 
 
 def _line_of(wheel_m: Floats) -> Floats:
@@ -67,9 +74,11 @@ def _line_of(wheel_m: Floats) -> Floats:
 
 
 @compiled
-def _margins_m(wheel_m: Floats, line: Floats, body: _Body, poses: Floats) -> Floats:
-    """The margin at each pose, shape (P,)."""
+def margins_m(parcel: Contacts, poses: Floats) -> Floats:
+    """`support_margins_m` of a parcel, poses (P, 3) contiguous, shape (P,)."""
+    _, line, body = parcel
     margins_m = np.full(len(poses), -inf)
+    wheel_m = _near(parcel.wheel_m, poses, body.radius_m + EDGE_M)
     supports_m = np.empty_like(wheel_m)
     for number in range(len(poses)):
         count = _supports(wheel_m, body, poses[number], supports_m)
@@ -80,6 +89,21 @@ def _margins_m(wheel_m: Floats, line: Floats, body: _Body, poses: Floats) -> Flo
         else:
             margins_m[number] = _inside_hull_m(supports_m, count)
     return margins_m
+
+
+@compiled
+def _near(wheel_m: Floats, poses: Floats, reach_m: float) -> Floats:
+    """The wheels that may be within reach of any of these poses, (N, 2)."""
+    x_m, y_m = poses[:, 0], poses[:, 1]
+    low_x_m, high_x_m = x_m.min() - reach_m, x_m.max() + reach_m
+    low_y_m, high_y_m = y_m.min() - reach_m, y_m.max() + reach_m
+    near_m, count = np.empty_like(wheel_m), 0
+    for wheel in range(len(wheel_m)):
+        within_x = low_x_m <= wheel_m[wheel, 0] <= high_x_m
+        if within_x and low_y_m <= wheel_m[wheel, 1] <= high_y_m:
+            near_m[count] = wheel_m[wheel]
+            count += 1
+    return near_m[:count]
 
 
 @compiled

@@ -36,7 +36,8 @@ def whole():
 
 
 def goal(program):
-    return program.goal_x_um // wire.STEP_UM, program.goal_y_um // wire.STEP_UM
+    x_um, y_um, _ = program.place(0)
+    return x_um // wire.STEP_UM, y_um // wire.STEP_UM
 
 
 def rest(program):
@@ -167,3 +168,22 @@ def test_program_that_is_dropped_has_no_way():
     assert isinstance(program, Program)
     assert not program.advance()
     assert (program.complete, program.whole, program.legs) == (False, False, 0)
+
+
+def test_goal_that_others_may_have_passed_is_none_until_it_is_handed_on():
+    programs = Programs()
+    program = programs.place_for(IDENTITY)
+    for page in (parcel_page(), goal_page(WAY[0]), leg_page(1), leg_page(2)):
+        program.take(page)
+    programs.outdate(IDENTITY)
+    assert program.whole
+    programs.outdate(0)
+    assert (program.complete, program.has_parcel) == (False, True)
+    assert not program.advance()
+    # The wheels wait for it all the same when the host is gone.
+    assert programs.go_on()
+    # Three legs on sequence numbers are the same again.
+    program.take(goal_page((7, 8, 0), 1, legs=0))
+    assert (goal(program), program.whole) == ((7, 8), True)
+    programs.drop(IDENTITY)
+    assert not programs.go_on()

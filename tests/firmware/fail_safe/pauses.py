@@ -18,7 +18,10 @@ FRAMES_PER_MS = 5
 
 
 class Pausing:
-    """Another object, with a step of the background before everything that is asked of it."""
+    """Another object, with a step of the background before everything that is asked of it.
+
+    Its functions have one before each of their calls too, for who holds on to them.
+    """
 
     def __init__(self, target, step):
         self._target = target
@@ -26,7 +29,17 @@ class Pausing:
 
     def __getattr__(self, name):
         self._step()
-        return getattr(self._target, name)
+        return self._pausing(getattr(self._target, name))
+
+    def _pausing(self, found):
+        if not callable(found):
+            return found
+
+        def call(*arguments):
+            self._step()
+            return self._pausing(found(*arguments))
+
+        return call
 
 
 class Background:

@@ -8,7 +8,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from tests.prove.cells import Delivery
 from tests.prove.parcels import Grid, Situation
 
-from mdms_cell.neighbours.right_of_way import CLEAR, PROMISED, UNDER, RightOfWay
+from mdms_cell.neighbours.right_of_way import BOUND, CLEAR, PROMISED, PROMISED_TO, UNDER, RightOfWay
 
 GRID = Grid(5, 4)
 CELLS = range(20)
@@ -111,9 +111,9 @@ class Table(RuleBasedStateMachine):
         for number, cell in enumerate(self.cells):
             for direction, there in GRID.neighbours[number].items():
                 if cell.drive_beats and self.wants[number] >> direction & 1:
-                    other = self.cells[there]
-                    assert other._promised in (0, cell.identity)
-                    assert other._bound >= cell.drive_beats
+                    other = self.cells[there].registers
+                    assert other[PROMISED_TO] in (0, cell.identity)
+                    assert other[BOUND] >= cell.drive_beats
 
     def teardown(self):
         """Once all arrives and nobody wishes to go, every parcel may drive where it stands."""

@@ -1,7 +1,7 @@
 """From a pose and a goal to a twist, in numbers that a 32-bit board bears."""
 
+from array import array
 from math import hypot, sqrt
-from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -9,15 +9,32 @@ from hypothesis import strategies as st
 
 from mdms_cell.neighbours import steering
 from mdms_cell.neighbours.geometry.angle import ROOT_MAX, root
-from mdms_cell.neighbours.steering import Steering, length
+from mdms_cell.neighbours.geometry.outline import Outline
+from mdms_cell.neighbours.program import GOAL
+from mdms_cell.neighbours.steering import REGISTERS, VX, VY, approach, find_wish, length
+from mdms_protocol.neighbours import frames as wire
 
 ways = st.integers(-3_000_000, 3_000_000)
+REACH_UM = 250_000
+STEP_MS = 10
 
 
 @given(ways, ways, ways)
 def test_length_is_that_of_the_vector_however_far_it_goes(x, y, z):
     wanted = sqrt(x * x + y * y + z * z)
     assert length(x, y, z) == pytest.approx(wanted, rel=2e-3, abs=180)
+
+
+def steered(x, y, beats):
+    """The registers after so many beats on the way to a goal [steps of the wire]."""
+    fields = array("i", [0] * (GOAL + 3))
+    fields[wire.ACCELERATION] = fields[wire.SPEED] = 255
+    fields[GOAL], fields[GOAL + 1] = x, y
+    registers, parcel = array("i", [0] * REGISTERS), Outline().registers
+    for _ in range(beats):
+        find_wish(registers, fields, GOAL, parcel, 0, 0, REACH_UM)
+        approach(registers, fields, REACH_UM, 1, STEP_MS)
+    return registers
 
 
 def test_goal_at_the_far_end_of_a_large_table_asks_for_no_root_that_a_board_cannot_take(
@@ -30,9 +47,12 @@ def test_goal_at_the_far_end_of_a_large_table_asks_for_no_root_that_a_board_cann
         return root(number)
 
     monkeypatch.setattr(steering, "root", noted)
-    program = SimpleNamespace(acceleration_mm_s2=2_550, speed_um_s=1_275_000, any_yaw=False)
-    steered = Steering()
-    for _ in range(100):
-        steered.step(program, 250_000, (1_500_000, 1_270_000, 0), may_go=True, step_ms=10)
+    registers = steered(6_000, 5_080, 100)
     assert max(asked) <= ROOT_MAX
-    assert hypot(steered.vx, steered.vy) == pytest.approx(1_275_000, rel=5e-3)
+    assert hypot(registers[VX], registers[VY]) == pytest.approx(1_275_000, rel=5e-3)
+
+
+def test_goal_beyond_what_lengths_are_exact_for_is_gone_to_as_fast_as_may_be():
+    registers = steered(-120_000, 90_000, 100)
+    assert registers[VX] == pytest.approx(-1_020_000, rel=5e-3)
+    assert registers[VY] == pytest.approx(765_000, rel=5e-3)

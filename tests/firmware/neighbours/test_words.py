@@ -6,10 +6,12 @@ Where it does, bytecode and the machine code of any board compute the same.
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mdms_cell.neighbours import agreement, belief, sensors, twist
+from mdms_cell.neighbours import agreement, belief, leading, sensors, steering, twist
 from mdms_cell.neighbours.geometry import outline
 from mdms_cell.neighbours.geometry.angle import TURN_UM, root
 from mdms_cell.neighbours.geometry.outline import DISC, RECTANGLE, STEP_UM
+from mdms_cell.neighbours.program import GOAL
+from mdms_protocol.neighbours import frames as wire
 
 WORD = 1 << 31
 #: Half of the largest parcel, and how far wheels and sensors of neighbours are [steps].
@@ -145,3 +147,32 @@ def test_agreement_fits_whatever_neighbours_say(poses, certainties, certainty):
     assert peers[agreement._PEERS] == 255
     if agreement.sum_up(peers, bytes(9), registers, certainty):
         belief.agree(registers, peers, Word(agreement.OWN_WEIGHT))
+
+
+@given(
+    st.lists(st.tuples(numbers((1 << 17) - 1), numbers((1 << 17) - 1), numbers(2047)), min_size=4),
+    st.lists(st.tuples(numbers(HALF), numbers(HALF), turns), min_size=4),
+    st.tuples(numbers(100_000_000), numbers(100_000_000)),
+    st.lists(st.integers(0, 255).map(Word), min_size=2, max_size=2),
+    halves,
+)
+def test_steering_fits_wherever_the_goal_is(goals, poses, place_um, limits, half):
+    """Limits are those of the acceleration and of the speed."""
+    registers, targets = Words([0] * steering.REGISTERS), Words([0, 0])
+    reach = Words([NEAR, -NEAR])
+    for goal, pose in zip(goals, poses, strict=False):
+        fields = Words([0] * 6 + limits + [0] + list(goal))
+        x, y, turn = pose
+        bottom = placed(RECTANGLE, pose, (half, half))
+        believed = x * STEP_UM, y * STEP_UM, turn, *[0] * 10
+        parcel = Words([*bottom[: belief.X], *believed, 1_300_000, -1_300_000, 500_000])
+        steering.find_wish(registers, fields, GOAL, parcel, *place_um, half * STEP_UM)
+        for step_ms in (1, 50):
+            steering.approach(registers, fields, half * STEP_UM, 1, Word(step_ms))
+        leading._aim(
+            registers, parcel, Words([362, -362]), Words([362, 362]), reach, reach, targets
+        )
+        # With less the parcel moves on for tens of metres, where squares leave words and are apart.
+        fields[wire.ACCELERATION] = 255
+        args = parcel, parcel, registers, fields, reach, reach
+        leading._look_ahead(*args, Word(4000), Word(3))

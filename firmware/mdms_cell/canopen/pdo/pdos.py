@@ -1,5 +1,10 @@
 """All PDOs of a cell, alive in 'operational' only."""
 
+try:
+    import micropython
+except ImportError:
+    from mdms_protocol.cpython import micropython
+
 from mdms_cell import ticks
 from mdms_cell.canopen.pdo.rpdo import Rpdo
 from mdms_cell.canopen.pdo.tpdo import Tpdo
@@ -38,6 +43,7 @@ class Pdos:
         sent = [tpdo for tpdo in self._tpdos if tpdo.can_id is not None]
         self._sampled = [tpdo for tpdo in sent if tpdo.synchronous]
         self._spontaneous = [tpdo for tpdo in sent if tpdo.type == EVENT_PROFILE]
+        self._triggered = [tpdo.type == EVENT_MANUFACTURER and tpdo in sent for tpdo in self._tpdos]
 
     def _on_change(self, sub):
         self._choose()
@@ -72,33 +78,36 @@ class Pdos:
 
         return receive
 
+    @micropython.native
     def on_sync(self, data):
         """SYNC: take over what is held, and send; return False if it is none."""
         if len(data) > 1:
             return False
         if self._alive:
             for rpdo in self._held:
-                rpdo.on_sync()
+                if rpdo.held is not None:
+                    rpdo.on_sync()
             for tpdo in self._sampled:
                 if not tpdo.on_sync():
                     self._attend()
         return True
 
+    @micropython.native
     def trigger(self, number):
         """Send transmit PDO `number`, counted from 0, as it is now; return whether it was sent.
 
         Nothing is sent unless its type, 254, leaves it to the caller and the cell is 'operational'.
         """
-        tpdo = self._tpdos[number]
-        if not self._alive or tpdo.can_id is None or tpdo.type != EVENT_MANUFACTURER:
+        if not self._alive or not self._triggered[number]:
             return False
-        return tpdo.trigger()
+        return self._tpdos[number].trigger()
 
     def discard_held(self):
         """Drop what is held for SYNC: it came before the state that has just begun."""
         for rpdo in self._held:
             rpdo.discard()
 
+    @micropython.native
     def poll(self, now_ms):
         """Send what has changed; return in how many milliseconds to poll again."""
         wait_ms = ticks.IDLE_MS
@@ -106,27 +115,35 @@ class Pdos:
             for tpdo in self._spontaneous:
                 wait_ms = min(wait_ms, tpdo.poll(now_ms))
             for tpdo in self._sampled:
-                if not tpdo.retry():
+                if tpdo.refused is not None and not tpdo.retry():
                     wait_ms = min(wait_ms, ticks.RETRY_MS)
             for rpdo in self._awaited:
                 wait_ms = min(wait_ms, rpdo.wait_ms(now_ms))
         return wait_ms
 
-    @property
+    @micropython.native
     def late(self):
         """Whether a frame that is waited for has still not come."""
-        return any(rpdo.late for rpdo in self._awaited)
+        for rpdo in self._awaited:  # noqa: SIM110 - no generator
+            if rpdo.late:
+                return True
+        return False
 
-    @property
+    @micropython.native
     def short(self):
         """Whether the last frame of an RPDO was too short for it."""
-        return any(rpdo.short for rpdo in self._received)
+        for rpdo in self._received:  # noqa: SIM110 - no generator
+            if rpdo.short:
+                return True
+        return False
 
+    @micropython.native
     def take_short(self):
         """Whether a frame too short for its RPDO has come, since this was asked last."""
         short = False
         for rpdo in self._received:
-            short = rpdo.take_short() or short
+            if rpdo.was_short:
+                short = rpdo.take_short()
         return short
 
     def overdue(self, now_ms):

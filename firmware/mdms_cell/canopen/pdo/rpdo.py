@@ -21,15 +21,18 @@ class Rpdo(Pdo):
         super().__init__(objects, parameters, mapping, record.IN_RPDO, changed)
         self._attend = attend
         self._received_ms = None
+        #: What has come for the next SYNC.
+        self.held = None
         self.late = False
+        #: Whether the last frame was too short, and whether one was that is still to be reported.
         self.short = False
-        self._was_short = False
+        self.was_short = False
         self.load()
 
     def load(self):
         """Take over everything from the dictionary."""
         super().load()
-        self._held = None
+        self.held = None
         self._writes = []
         layout = "<"
         for index, sub, bits in self.entries():
@@ -47,7 +50,7 @@ class Rpdo(Pdo):
     def on_frame(self, data):
         """Take or hold the values; return False if the frame is too short for them."""
         if len(data) < self._length:
-            self.short = self._was_short = True
+            self.short = self.was_short = True
             self._attend()
             return False
         if self.short:
@@ -57,33 +60,33 @@ class Rpdo(Pdo):
             self._received_ms = self._attend()
             self.late = False
         if self.synchronous:
-            self._held = data
+            self.held = data
         else:
             self._take(data)
         return True
 
     def on_sync(self):
         """Take over what is held."""
-        held = self._held
+        held = self.held
         if held is not None:
-            self._held = None
+            self.held = None
             self._take(held)
 
     def discard(self):
         """Drop what is held."""
-        self._held = None
+        self.held = None
 
     def start(self):
         """Forget what came before 'operational'."""
-        self._held = None
+        self.held = None
         self._received_ms = None
         self.late = False
         self.short = False
-        self._was_short = False
+        self.was_short = False
 
     def take_short(self):
         """Whether a frame has come that is too short, since this was asked last."""
-        was_short, self._was_short = self._was_short, False
+        was_short, self.was_short = self.was_short, False
         return was_short
 
     def overdue(self, now_ms):

@@ -25,7 +25,7 @@ class Tpdo(Pdo):
     """Transmit PDO `number`, counted from 0.
 
     `on_sync` is for a synchronous one, `trigger` for one of type 254, `poll` for one of type 255;
-    see `Pdo` for `changed`.
+    see `Pdo` for `changed`. `refused` is the change for which there was no room at SYNC.
     """
 
     def __init__(self, number, objects, send, changed):
@@ -49,7 +49,7 @@ class Tpdo(Pdo):
         announced = all(index in _ANNOUNCED for index, _, _ in entries)
         self._pace_ms = ticks.IDLE_MS if announced else ticks.RETRY_MS
         self._sent = None
-        self._refused = None
+        self.refused = None
         # The clock has no finer ticks: the time is rounded up.
         self._inhibit_ms = -(-self._parameter(INHIBIT_TIME) // _INHIBIT_UNITS_PER_MS)
         self._event_ms = self._parameter(EVENT_TIMER)
@@ -58,9 +58,10 @@ class Tpdo(Pdo):
         """Begin anew, on entering 'operational'."""
         self._sent = None
         self._sent_ms = None
-        self._refused = None
+        self.refused = None
         self._syncs = 0
 
+    @micropython.native
     def on_sync(self):
         """Send, if the transmission type says so: 0 on change, n at every n-th SYNC.
 
@@ -68,30 +69,34 @@ class Tpdo(Pdo):
         is not repeated: the next comes by itself, and late ones would only fill the bus further.
         """
         data = self._data()
-        if self.type:
-            self._syncs += 1
-            if self._syncs >= self.type:
-                self._syncs = 0
+        period = self.type
+        if period:
+            syncs = self._syncs + 1
+            if syncs >= period:
+                syncs = 0
                 self._send(self.can_id, data)
+            self._syncs = syncs
             return True
-        self._refused = None if data == self._sent else data
+        self.refused = None if data == self._sent else data
         return self.retry()
 
     def retry(self):
         """Send the change that there was no room for at SYNC; return False if there is none yet."""
-        data = self._refused
+        data = self.refused
         if data is None:
             return True
         if not self._send(self.can_id, data):
             return False
         self._sent = data
-        self._refused = None
+        self.refused = None
         return True
 
+    @micropython.native
     def trigger(self):
         """Send what is mapped; return False if there was no room."""
         return self._send(self.can_id, self._data())
 
+    @micropython.native
     def poll(self, now_ms):
         """Send what has changed or has not been sent for long, but not too often.
 

@@ -32,8 +32,9 @@ class Footprint:
 
     Wheels come before sensors; `x` and `y` are of POINTS points. `present` is the mask of the
     neighbours that there are. Neighbours are cells alike, at `shift_x` and `shift_y` by direction,
-    where the cell itself comes last. `along_x` and `along_y` are the directions of wheels by axis
-    [1/512].
+    where the cell itself comes last; a parcel that comes within `half` a square of their centres
+    needs them. Squares, not points: two parcels may not meet between the sensors of two cells
+    either. `along_x` and `along_y` are the directions of wheels by axis [1/512].
     """
 
     def __init__(self, place):
@@ -63,7 +64,7 @@ class Footprint:
         for direction in range(DIRECTIONS):
             if place.nodes[direction]:
                 self.present |= 1 << direction
-        self._half = self._place.pitch_um // (2 * STEP_UM) + CLEARANCE
+        self.half = self._place.pitch_um // (2 * STEP_UM) + CLEARANCE
 
     def _put(self, point, place_um):
         x_um, y_um = place_um
@@ -83,16 +84,4 @@ class Footprint:
     def reaches(self, outline):
         """Whether the parcel lies over the cell's own square, or nearly."""
         x, y = self.shift_x, self.shift_y
-        return squares_overlapped(outline.registers, x, y, self._half, 1 << DIRECTIONS) != 0
-
-    @micropython.native
-    def mask(self, outline, mask=0):
-        """The neighbours whose squares the parcel lies over, or nearly, besides those of a mask.
-
-        Squares, not points: two parcels may not meet between the sensors of two cells either.
-        """
-        asked = self.present & ~mask
-        if not asked:
-            return mask
-        x, y = self.shift_x, self.shift_y
-        return mask | squares_overlapped(outline.registers, x, y, self._half, asked)
+        return squares_overlapped(outline.registers, x, y, self.half, 1 << DIRECTIONS) != 0

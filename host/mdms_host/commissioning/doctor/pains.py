@@ -20,6 +20,7 @@ class Pain:
 
 _FLASH = "tests/system/flashing/test_flash.py::"
 _COMMISSION = "tests/host/cli/commission/test_commission.py::"
+_BRING_UP = "tests/host/coordination/test_bring_up.py::"
 _COORDINATOR = "tests/host/coordination/test_coordinator.py::"
 
 PAINS = (
@@ -83,9 +84,8 @@ PAINS = (
         "The protocol has a revision of its own (0x1018:3). A run refuses cells of another one by "
         "name, before anything is written to any cell; a later one that only adds is taken.",
         (
-            f"{_COORDINATOR}"
-            "test_cells_of_another_protocol_are_named_and_nothing_is_written_to_any_cell",
-            f"{_COORDINATOR}test_a_later_revision_of_the_same_protocol_is_taken",
+            f"{_BRING_UP}test_cells_of_another_protocol_are_named_and_nothing_is_written_to_any_cell",
+            f"{_BRING_UP}test_a_later_revision_of_the_same_protocol_is_taken",
         ),
     ),
     Pain(

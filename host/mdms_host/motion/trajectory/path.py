@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from math import hypot, pi
+from math import ceil, hypot, pi
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from mdms_model.arrays import Floats
 _STRAIGHT = 1e-6
 #: Poses nearer to each other than this are one [m].
 _SAME_M = 1e-9
+#: Who has a pose to go to turns the shorter way: that is the way of a path for as much of a turn.
+_CLEAR_RAD = 0.9 * pi
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +61,21 @@ class Path:
     def corners_m(self) -> tuple[float, ...]:
         """Path coordinates at which the direction changes, and that of the end."""
         return tuple(piece.end_s_m for piece in self.pieces) or (0.0,)
+
+    @property
+    def legs_m(self) -> tuple[float, ...]:
+        """Path coordinates of poses to go to one by one: the corners, and halfway of a half turn.
+
+        So much of a turn might as well be taken the other way round.
+        """
+        ends_m: list[float] = []
+        for piece in self.pieces:
+            length_m = piece.end_s_m - piece.start_s_m
+            turn_rad = abs(float(piece.direction[2])) * length_m
+            parts = max(ceil(turn_rad / _CLEAR_RAD), 1)
+            ends_m += [piece.start_s_m + length_m * part / parts for part in range(1, parts)]
+            ends_m.append(piece.end_s_m)
+        return tuple(ends_m) or (0.0,)
 
     def piece_at(self, s_m: float) -> Piece | None:
         """The piece that goes on from a path coordinate; None on a path without length."""

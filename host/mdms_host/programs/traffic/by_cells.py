@@ -22,6 +22,7 @@ from mdms_host.routes.planner import Planner
 from mdms_host.routes.route import Route
 from mdms_host.routes.space.tiles import Tiles
 from mdms_model.arrays import Floats
+from mdms_protocol.neighbours import frames as wire
 
 #: A cell is promised to one parcel at a time, so that tiles are no smaller than cells.
 _TILES = 1
@@ -29,6 +30,8 @@ _TILES = 1
 #: and 4 mm around it.
 _CLEARANCE_M = 0.01
 _GAP_S = 0.2
+#: Cells are given a whole way of so many legs, even while the first is gone along in parts.
+_LEGS = wire.LEGS_MAX
 
 
 class CellsTraffic(OrderedTraffic[Legs]):
@@ -43,7 +46,13 @@ class CellsTraffic(OrderedTraffic[Legs]):
         limits: Limits,
     ) -> None:
         pace = TrapezoidPace(limits.speed_m_s, limits.acceleration_m_s2)
-        planner = Planner(Tiles(layout, _TILES), pace, clearance_m=_CLEARANCE_M, gap_s=_GAP_S)
+        planner = Planner(
+            Tiles(layout, _TILES),
+            pace,
+            clearance_m=_CLEARANCE_M,
+            gap_s=_GAP_S,
+            legs=_LEGS,
+        )
         super().__init__(planner, desk, loads, over_lost=False)
         self._cells = cells
         self._limits = limits

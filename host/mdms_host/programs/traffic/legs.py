@@ -34,9 +34,10 @@ Send = Callable[[Goal, Sequence[Goal]], Followed]
 class Legs:
     """Takes a parcel along a route for an order; see `riding.Riding`. `step` once a cycle.
 
-    A leg is straight, and ends at a corner or where the way is not free yet: cells drive straight
-    at what was sent last, with `acceleration_m_s2`. Where it `goes_on` without the host, the legs
-    that follow are sent for that time, unless it is to stop or something is in its way.
+    A leg is straight, and ends at a corner, amid a half turn, or where the way is not free yet:
+    cells drive straight at what was sent last, with `acceleration_m_s2`. Where it `goes_on` without
+    the host, the legs that follow are sent for that time, unless it is to stop or something is in
+    its way.
     """
 
     def __init__(
@@ -133,13 +134,13 @@ class Legs:
         return max(free_m, min(self._sent_m, stop_m))
 
     def _corner_after_m(self, along_m: float) -> float:
-        ahead = (end_m for end_m in self._path.corners_m if end_m > along_m)
+        ahead = (end_m for end_m in self._path.legs_m if end_m > along_m)
         return next(ahead, self._path.length_m)
 
     def _go(self, to_m: float) -> None:
         """Send a goal, if it is worth the frames; or the same once more if legs may not follow."""
         farther_m = to_m - self._sent_m
-        ends = to_m in self._path.corners_m or self._passed_m >= self._sent_m
+        ends = to_m in self._path.legs_m or self._passed_m >= self._sent_m
         same = -_SAME_M <= farther_m <= (_SAME_M if ends else _PART_M)
         leads_on = self._may_lead_on(self._sent_m if same else to_m)
         if same and self._followed is None and to_m < self._path.length_m:
@@ -159,7 +160,7 @@ class Legs:
 
     def _legs_after(self, sent_m: float) -> Iterator[Goal]:
         """The corners behind a goal, and the end."""
-        return (self._goal_at(end_m) for end_m in self._path.corners_m if end_m > sent_m + _SAME_M)
+        return (self._goal_at(end_m) for end_m in self._path.legs_m if end_m > sent_m + _SAME_M)
 
     def _goal_at(self, to_m: float) -> Goal:
         goal = self.order.goal

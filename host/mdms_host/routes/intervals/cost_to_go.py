@@ -18,14 +18,12 @@ class Guide(NamedTuple):
     """How many steps each node may be left by along each line, (lines, nodes)."""
     barred: Bools
     """Which joins cross such a tile, or are left out, (J,)."""
-    often: Bools
-    """Which kinds of move are used from anywhere, others only to nodes aligned with the goal."""
     cost_s: Floats
     """Least time to the goal from each node [s], inf where no way is; waiting is never needed."""
 
 
 @compiled
-def cost_to_go(graph: Graph, runs: Ints, barred: Bools, often: Bools, goal: int) -> Floats:
+def cost_to_go(graph: Graph, runs: Ints, barred: Bools, goal: int) -> Floats:
     """`Guide.cost_s` by the rest of a guide (Dijkstra's algorithm from the goal)."""
     nodes = graph.joins.first.size - 1
     cost_s, done = np.full(nodes, np.inf), np.zeros(nodes, dtype=np.bool_)
@@ -50,10 +48,11 @@ def cost_to_go(graph: Graph, runs: Ints, barred: Bools, often: Bools, goal: int)
             continue
         # The lattice's nodes from which one move leads here.
         yaw = node // places
-        for index in range(moves.back_first[yaw], moves.back_first[yaw + 1]):
+        last = moves.back_first[yaw + 1] if aligned[node] else moves.back_often[yaw]
+        for index in range(moves.back_first[yaw], last):
             kind = moves.back[index]
             start = node - moves.far[kind]
-            if start < 0 or start >= lattice or not (often[kind] or aligned[node]):
+            if start < 0 or start >= lattice:
                 continue
             total_s = cost_s[node] + moves.duration_s[kind]
             if total_s >= cost_s[start] or runs[moves.line[kind], start] < moves.steps[kind]:

@@ -139,8 +139,8 @@ def offer_moves(graph: Graph, guide: Guide, here: int, heap: list[Due], terms: T
     state, begin_s, weight, least_s = terms
     # Of large tuples every call costs more than what it does, so all is done within one.
     far, line, steps = graph.moves.far, graph.moves.line, graph.moves.steps
-    duration_s, runs, often, cost_s = graph.moves.duration_s, guide.runs, guide.often, guide.cost_s
-    aligned = graph.aligned
+    duration_s, runs, cost_s = graph.moves.duration_s, guide.runs, guide.cost_s
+    often, aligned = graph.moves.often, graph.aligned
     yaw = here // graph.places
     first = graph.moves.first[yaw]
     joins = graph.joins.first[here + 1] - graph.joins.first[here]

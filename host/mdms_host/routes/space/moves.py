@@ -39,9 +39,14 @@ class Moves(NamedTuple):
     enters: Floats
     """The same as shares of the move, (V,)."""
     leaves: Floats
+    often: Bools
+    """Which kinds are used from anywhere, (K,); others only lead to where the goal is in line."""
     back_first: Ints
     """The first of `back` by the yaw that a kind ends at, (yaws + 1,)."""
     back: Ints
+    """Kinds by that yaw, those that are used often first."""
+    back_often: Ints
+    """Where of each yaw these end, (yaws,)."""
     unit: Ints
     """The kind of one step along each line of a yaw, -1 for none, (yaws, lines)."""
     beyond: Ints
@@ -75,14 +80,12 @@ class LatticeMoves:
     open_lines: Bools
     on_table: Bools
     poses: Floats
-    often: Bools
-    """Which kinds are used from anywhere, (K,)."""
     stand: Ints
     stand_tile: Ints
     """The tiles under a parcel at rest, less the node's own; `stand` has the first of each yaw."""
 
 
-#: Steps of moves that are used anywhere; others only lead to where the goal is in line.
+#: Steps of moves that are used often.
 _OFTEN = (1, 2, 4, 8, 16, 32, 64)
 
 
@@ -99,7 +102,6 @@ def lattice_moves(lattice: Lattice, standing: Standing, pace: Pace) -> LatticeMo
         open_lines,
         on_table,
         poses=lattice.poses,
-        often=np.isin(moves.steps, _OFTEN),
         stand=np.cumsum([0, *map(len, stands)]).astype(np.int64),
         stand_tile=np.concatenate(stands),
     )
@@ -180,6 +182,9 @@ def _together(lattice: Lattice, kinds: list[Kind], stands: Sequence[Ints], pace:
     leaves = np.concatenate([np.zeros(0), *(kind.swept.leaves for kind in kinds)])
     own = np.repeat(lengths_m, counts), np.repeat(turns_m, counts)
     ends = np.array([kind.ends_at for kind in kinds], dtype=np.int64)
+    steps = np.array([kind.steps for kind in kinds], dtype=np.int64)
+    often = np.isin(steps, _OFTEN)
+    back_first = np.searchsorted(np.sort(ends), np.arange(yaws + 1)).astype(np.int64)
     unit = np.full((yaws, LINE_COUNT), -1, dtype=np.int64)
     for index, kind in enumerate(kinds):
         if kind.steps == 1:
@@ -188,7 +193,7 @@ def _together(lattice: Lattice, kinds: list[Kind], stands: Sequence[Ints], pace:
         first=np.searchsorted([kind.yaw for kind in kinds], np.arange(yaws + 1)).astype(np.int64),
         far=np.array([kind.far for kind in kinds], dtype=np.int64),
         line=np.array([kind.line for kind in kinds], dtype=np.int64),
-        steps=np.array([kind.steps for kind in kinds], dtype=np.int64),
+        steps=steps,
         duration_s=pace.times_s(lengths_m, turns_m, np.ones(len(kinds))),
         visit=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
         tile=places[:, 1] * lattice.tiles.columns + places[:, 0],
@@ -196,8 +201,10 @@ def _together(lattice: Lattice, kinds: list[Kind], stands: Sequence[Ints], pace:
         leaves_s=pace.times_s(*own, leaves),
         enters=enters,
         leaves=leaves,
-        back_first=np.searchsorted(np.sort(ends), np.arange(yaws + 1)).astype(np.int64),
-        back=np.argsort(ends, kind="stable").astype(np.int64),
+        often=often,
+        back_first=back_first,
+        back=np.lexsort((~often, ends)).astype(np.int64),
+        back_often=back_first[:-1] + np.bincount(ends[often], minlength=yaws),
         unit=unit,
         beyond=np.cumsum([0, *map(len, beyond)]).astype(np.int64),
         beyond_tile=np.concatenate([np.zeros(0, np.int64), *beyond]),

@@ -1,7 +1,6 @@
 """One parcel's way map: the lattice of its shape, with its start and its goal joined to it."""
 
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -101,14 +100,6 @@ class Roadmap:
     def goal_node(self) -> int:
         """The number of the goal."""
         return self.ways.lattice.count + 1
-
-    @cached_property
-    def away_m(self) -> Floats:
-        """From each node to the goal, its turn as far as the farthest corner goes, (nodes,)."""
-        ways = np.concatenate((self._poses, np.array(self.extras))) - self.goal
-        turns_m = ways[:, 2] * self.standing.shape.body.bend_m
-        away_m: Floats = np.sqrt(ways[:, 0] ** 2 + ways[:, 1] ** 2 + turns_m**2)
-        return away_m
 
     def pose(self, node: int) -> Floats:
         """The pose of a node [table frame], shape (3,)."""

@@ -40,6 +40,11 @@ class Shape:
         return polygon_outline(self.bottom.outline_m(np.zeros(3)))
 
     @property
+    def period_rad(self) -> float:
+        """The turn after which it lies as before, and its centre of mass too."""
+        return 2 * pi if any(self.centre_of_mass_m) else self.bottom.period_rad
+
+    @property
     def quarters(self) -> int:
         """How many quarter turns differ: 1 for discs and squares, 2 for boxes, up to 4."""
         if self.round:

@@ -11,8 +11,8 @@ from mdms_host.motion.footholds import INSET_M, MARGIN_M
 from mdms_host.routes.space.shape import Shape
 from mdms_host.routes.space.sweep import overhangs_m
 from mdms_model.arrays import Floats
-from mdms_model.outline import Outline, polygon_outline
-from mdms_model.statics.support_margin import support_margins_m
+from mdms_model.outline import polygon_outline
+from mdms_model.statics.support_margin import Contacts, contacts, margins_m
 
 #: How far a corner moves from one pose that is checked to the next, at most [m]: what supports it
 #: by `INSET_M` at the one still does halfway to the next.
@@ -30,7 +30,8 @@ class Standing:
 
     def least_margin_m(self, start: Floats, end: Floats) -> float:
         """The least margin of the centre of mass on the straight way between two poses [m]."""
-        return float(self._margins_m(_between(start, end, self.shape.bottom.reach_m)).min())
+        poses = _between(start, end, self.shape.bottom.reach_m)
+        return float(margins_m(self._contacts, poses).min())
 
     def stands(self, start: Floats, end: Floats, need_m: float = MARGIN_M) -> bool:
         """Whether it stands safely all the straight way between two poses that are on the table."""
@@ -42,29 +43,21 @@ class Standing:
         half_y_m = self.layout.rows * self.layout.pitch_m / 2
         return overhangs_m(self.shape.body, starts, ends, half_x_m, half_y_m)
 
-    def _margins_m(self, poses: Floats) -> Floats:
-        wheel_m = self.layout.wheel_positions_m
-        low_m = poses[:, :2].min(axis=0) - self.shape.bottom.reach_m
-        high_m = poses[:, :2].max(axis=0) + self.shape.bottom.reach_m
-        near = ((wheel_m >= low_m) & (wheel_m <= high_m)).all(axis=1)
-        if near.sum() < 2:
-            return np.full(len(poses), -np.inf)
-        return support_margins_m(wheel_m[near], self._inset, self.shape.centre_of_mass_m, poses)
-
     @cached_property
-    def _inset(self) -> Outline:
-        """The outline under which wheels count as supports."""
+    def _contacts(self) -> Contacts:
+        """The wheels of the table under an outline that is inset."""
         edges = self.shape.outline.edges
         distances_m = edges[:, 2] - INSET_M
         corners_m = edges[:, 3:5] * (1 - INSET_M / distances_m.min())
         outline = polygon_outline(corners_m)
         outline.edges[:, 2] = distances_m
-        return outline
+        return contacts(self.layout.wheel_positions_m, outline, self.shape.centre_of_mass_m)
 
 
 def _between(start: Floats, end: Floats, reach_m: float) -> Floats:
     """Poses of the straight way between two, shape (P, 3)."""
     way_m = hypot(end[0] - start[0], end[1] - start[1]) + abs(end[2] - start[2]) * reach_m
-    shares = np.linspace(0.0, 1.0, max(ceil(way_m / _STEP_M), 1) + 1)
+    steps = max(ceil(way_m / _STEP_M), 1)
+    shares = np.arange(steps + 1) / steps
     poses: Floats = start + shares[:, None] * (end - start)
     return poses

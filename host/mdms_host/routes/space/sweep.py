@@ -98,13 +98,15 @@ def swept(body: Body, start: Floats, end: Floats, grown_m: float, side_m: float)
     columns, rows = whole[1] - low_column + 1, whole[3] - low_row + 1
     enters, leaves = np.full((columns, rows), 2.0), np.full((columns, rows), -1.0)
     way_x_m, way_y_m = end[0] - start[0], end[1] - start[1]
-    planes = np.empty((len(body.distances_m) + _SIDES, 3))
     first_rad = start[2] if body.bend_m > 0.0 else 0.0
+    all_planes = np.empty((pieces, len(body.distances_m) + _SIDES, 3))
+    for piece in range(pieces):
+        yaw_rad = first_rad + turn_rad * (piece + 0.5) / pieces
+        half_planes(body, yaw_rad, grown_m, side_m, all_planes[piece])
     # Forth for when tiles are entered, back for when they are left: between they count as met.
     for index in range(1 if pieces == 1 else 2 * pieces):
         forth, piece = index < pieces, index if index < pieces else 2 * pieces - 1 - index
-        yaw_rad = first_rad + turn_rad * (piece + 0.5) / pieces
-        half_planes(body, yaw_rad, grown_m, side_m, planes)
+        planes = all_planes[piece]
         first, last = piece / pieces, (piece + 1) / pieces
         reaches_m = planes[0, 2], planes[1, 2], planes[2, 2], planes[3, 2]
         near = piece_box(start, end, (first, last), reaches_m, side_m)
@@ -216,8 +218,14 @@ def overhangs_m(
 def overhang_m(body: Body, start: Floats, end: Floats, half_x_m: float, half_y_m: float) -> float:
     """How far the outline hangs over the edge of a table about the origin at most on a way [m].
 
-    Negative: so far inside. Poses are in the table frame.
+    Negative: at least so far inside. Poses are in the table frame.
     """
+    corners_m2 = (body.corners_m**2).sum(axis=1).max()
+    over_x_m = max(abs(start[0]), abs(end[0])) - half_x_m
+    over_y_m = max(abs(start[1]), abs(end[1])) - half_y_m
+    most_m = max(over_x_m, over_y_m) + np.sqrt(corners_m2)
+    if most_m <= 0.0:
+        return float(most_m)
     turn_rad = end[2] - start[2] if body.bend_m > 0.0 else 0.0
     pieces = max(int(np.ceil(abs(turn_rad) / FINE_RAD)), 1)
     worst_m = -np.inf

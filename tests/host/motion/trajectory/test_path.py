@@ -68,3 +68,10 @@ def test_the_straight_path_takes_the_shorter_turn(start, end) -> None:
 def test_what_is_no_path_is_refused(poses: np.ndarray) -> None:
     with pytest.raises(ValueError, match="finite poses"):
         Path(poses, REACH_M)
+
+
+def test_a_leg_that_might_as_well_turn_the_other_way_round_is_two() -> None:
+    half = Path(np.array([(0.0, 0.0, 1.0), (0.2, 0.0, 1.0 + pi)]), REACH_M)
+    assert half.legs_m == pytest.approx((half.length_m / 2, half.length_m))
+    less = Path(np.array([(0.0, 0.0, 1.0), (0.2, 0.0, 3.8), (0.2, 0.1, 3.8)]), REACH_M)
+    assert less.legs_m == less.corners_m

@@ -12,6 +12,7 @@ from mdms_host.programs.order import Order
 from mdms_host.programs.traffic.by_cells import CellsTraffic
 from mdms_host.programs.traffic.planning import VirtualDesk
 from mdms_host.programs.traffic.ride import Load
+from mdms_host.routes.straightening import legs_of
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import messages
 
@@ -61,3 +62,20 @@ def test_parcel_that_went_on_without_the_host_is_planned_anew_and_not_sent_back(
     assert again
     assert all(page.x * wire.STEP_UM / 1e6 > here_m - 0.02 for page in again)
     assert again[-1].legs >= 1
+
+
+def test_a_way_for_cells_has_no_more_legs_than_they_are_given():
+    disc, box = Parcel("disc", 0.30, 0.30, shape="disc"), Parcel("box", 0.40, 0.30)
+    limits, cells = Limits(), CellsProgram(Layout(9, 6), (disc, box), {}, go_on=True)
+    loads = {each.name: Load(each.bottom, uniform_mass(each.bottom)) for each in (disc, box)}
+    traffic = CellsTraffic(Layout(9, 6), VirtualDesk(), loads, cells, limits)
+    traffic.give(Order("disc", Goal(-0.2611, -0.2303, None)))
+    traffic.give(Order("box", Goal(-0.2407, 0.2310, np.pi)))
+    # They pass each other, and the box turns on its way where it has room.
+    places = {"disc": (0.2573, 0.2303, 1.5708), "box": (0.2686, -0.2310, 0.0)}
+    there = beliefs({name: np.array(place) for name, place in places.items()}, [disc, box])
+    for _ in range(10):
+        traffic.step(there, STEP_S)
+    routes = traffic.plan.routes
+    assert 1 < legs_of(routes["box"]) <= wire.LEGS_MAX
+    assert np.allclose(routes["box"].poses[-1][:2], (-0.2407, 0.2310))

@@ -162,3 +162,21 @@ def test_one_whose_cells_have_gone_on_by_themselves_goes_on_from_there():
     assert road.at(0.3, 0.1, cycles=3) == []
     assert road.legs.progress_m == pytest.approx(0.4)
     assert not road.legs.off_path
+
+
+def test_half_a_turn_is_sent_as_two_quarters_so_that_cells_turn_as_is_planned():
+    turned = np.array([(0.0, 0.0, 0.0), (0.0, 0.0, np.pi)])
+    along_m = np.array([0.0, np.pi * BOX.reach_m])
+    route = Route("box", turned, along_m, along_m[:1], along_m[1:], NOWHERE, BOX.reach_m)
+    sent = []
+
+    def send(goal, legs):
+        sent.append([goal.yaw_rad, *(leg.yaw_rad for leg in legs)])
+        return Followed(goal, Limits(), BOX.reach_m)
+
+    order = Order("box", Goal(0.0, 0.0, np.pi))
+    legs = Legs(order, route, Load(BOX, uniform_mass(BOX)), send, 0.4, goes_on=True)
+    for yaw_rad in (0.0, 0.1, np.pi / 2, np.pi / 2):
+        pose = np.array([0.0, 0.0, yaw_rad])
+        legs.step(Belief("box", BOX, pose, np.zeros(3), np.zeros((3, 3))), STEP_S, 10.0)
+    assert sent == [pytest.approx([np.pi / 2, np.pi]), pytest.approx([np.pi])]

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from tests.host.routes.parcels import BOX, task
 
+from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.layout import Layout
 from mdms_host.motion.footholds import MARGIN_M
 from mdms_host.routes.planner import Planner
+from mdms_host.routes.space.shape import Shape
 from mdms_host.routes.space.standing import Standing
 from mdms_host.routes.space.tiles import Tiles
 
@@ -38,3 +40,15 @@ def test_a_way_leads_around_a_pose_near_to_tipping(planner: Planner) -> None:
 def test_a_parcel_that_stands_near_to_tipping_may_leave(planner: Planner) -> None:
     plan = planner.plan([task("a", UNSAFE, (0.3, 0.0, 0.0))])
     assert not plan.blocked
+
+
+def test_turned_by_half_a_centre_of_mass_is_on_the_other_side(planner: Planner) -> None:
+    heavy_ahead = Shape(Rectangle(0.40, 0.30), centre_of_mass_m=(0.09, 0.0))
+    standing, blocked = Standing(planner.tiles.layout, heavy_ahead), {}
+    for yaw_rad in (0.0, np.pi):
+        goal = -0.34, 0.05, yaw_rad
+        plan = planner.plan([task("a", (0.2, 0.05, yaw_rad), goal, heavy_ahead)])
+        blocked[yaw_rad] = bool(plan.blocked)
+        tips = standing.least_margin_m(np.array(goal), np.array(goal)) < MARGIN_M
+        assert blocked[yaw_rad] == tips
+    assert blocked == {0.0: True, np.pi: False}

@@ -1,0 +1,36 @@
+"""Coordinators of 18 cells and a box, as tests of coordination need them."""
+
+import numpy as np
+from tests.host.motion.driving import traction_of
+
+from mdms_host.coordination.care.policy import Policy
+from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.coordination.phase import Phase
+from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.tracker import Parcel
+from mdms_host.layout import Layout, WheelPlace
+from mdms_host.motion.goal import Goal
+from mdms_host.motion.program import FieldProgram, GoalProgram
+
+LAYOUT = Layout(6, 3, wheels=(WheelPlace(0.0, (0.0, 0.03)), WheelPlace(np.pi / 2, (0.03, 0.0))))
+BOX = Parcel("box", 0.36, 0.30)
+BOTTOM = Rectangle(0.36, 0.30)
+#: No trouble passes.
+STRICT = Policy(pauses=0)
+
+
+def still(layout: Layout = LAYOUT) -> FieldProgram:
+    return FieldProgram(np.zeros(len(layout.wheel_cells)))
+
+
+def steering(goal: Goal) -> Coordinator:
+    return Coordinator(
+        LAYOUT, GoalProgram(traction_of(LAYOUT), (BOX,), {"box": goal}), parcels=(BOX,)
+    )
+
+
+def running(rolling_array, coordinator: Coordinator, layout: Layout = LAYOUT):
+    array = rolling_array(layout, BOTTOM, (0.0, 0.0, 0.0))
+    array.run(coordinator, 1.0, lambda: coordinator.phase == Phase.RUNNING)
+    assert coordinator.phase == Phase.RUNNING
+    return array

@@ -1,0 +1,119 @@
+"""What is different where the cells steer: places, heartbeats, and the end."""
+
+from tests.host.coordination.arrays import BOTTOM, LAYOUT, still
+
+from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.coordination.phase import Phase
+from mdms_host.estimation.tracker import Parcel
+from mdms_host.motion.by_cells.program import CellsProgram
+from mdms_host.motion.goal import Goal
+from mdms_host.places import all_values
+from mdms_protocol import indices, pdo
+from mdms_protocol.codecs import cia402, cob
+from mdms_protocol.codecs.frame import Frame
+from mdms_protocol.neighbours import messages
+
+
+def tell_place(array, row: int) -> None:
+    """All cells believe to stand in this row, with node 9 in the east."""
+    for cell in array.cells:
+        cell.objects.put(indices.PLACE, 1, 1)
+        cell.objects.put(indices.PLACE, 2, row)
+        cell.objects.put(indices.NEIGHBOURS, 1, 9)
+
+
+def test_place_that_a_cell_was_told_does_not_matter_where_the_host_steers(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, still())
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    tell_place(array, row=7)
+    array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
+    assert coordinator.phase == Phase.RUNNING
+    assert {cell.objects.number(indices.PLACE, 2) for cell in array.cells} == {7}
+    assert {cell.objects.number(indices.CONTROL) for cell in array.cells} == {0}
+
+
+def test_right_places_cost_no_reading_of_all_settings(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, still())
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    for number, cell in enumerate(array.cells, 1):
+        for place, value in all_values(LAYOUT, number).items():
+            cell.objects.put(*place, value)
+    array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
+    assert coordinator.phase == Phase.RUNNING
+    assert all(len(cell.reads) < 10 for cell in array.cells)
+
+
+def test_cells_that_steer_are_told_their_places_whatever_they_had(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, CellsProgram(LAYOUT, (), {}))
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    tell_place(array, row=7)
+    array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
+    assert coordinator.phase == Phase.RUNNING
+    for number, cell in enumerate(array.cells, 1):
+        for place, value in all_values(LAYOUT, number).items():
+            assert cell.objects.number(*place) == value
+        assert cell.objects.number(indices.CONTROL) == 1
+        written = [int.from_bytes(data[1:3], "little") for data in cell.writes]
+        assert written[-1] == indices.CONTROL
+
+
+def test_cell_that_was_left_to_steer_by_itself_is_made_to_obey(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, still())
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    left = array.cells[2].objects
+    left.put(indices.CONTROL, 0, 1)
+    left.put(indices.LEASE, 3, 1)
+    left.put(indices.CONSUMER_TIMES, 1, 127 << 16 | 75)
+    array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
+    assert coordinator.phase == Phase.RUNNING
+    for place in ((indices.CONTROL, 0), (indices.LEASE, 3), (indices.CONSUMER_TIMES, 1)):
+        assert left.number(*place) == 0
+
+
+def test_settings_of_a_run_that_cells_steer_are_taken_back_at_its_end(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, CellsProgram(LAYOUT, (), {}))
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
+    coordinator.stop()
+    array.run(coordinator, array.now_s + 1.0, lambda: coordinator.stopped)
+    assert coordinator.stopped
+    for cell in array.cells:
+        for place in ((indices.CONTROL, 0), (indices.LEASE, 3), (indices.CONSUMER_TIMES, 1)):
+            assert cell.objects.number(*place) == 0
+
+
+def test_programs_end_behind_the_quick_stop(rolling_array) -> None:
+    box = Parcel("box", 0.36, 0.30)
+    coordinator = Coordinator(LAYOUT, CellsProgram(LAYOUT, (box,), {"box": Goal(0.1, 0.0)}))
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
+    coordinator.stop()
+    frames = coordinator.poll(array.now_s)
+    end = frames.index(Frame(cob.PROGRAM, messages.encode_page(messages.End(1, 1))))
+    stops = [place for place, frame in enumerate(frames) if is_quick_stop(frame)]
+    assert len(stops) == LAYOUT.cells
+    assert max(stops) < end
+
+
+def is_quick_stop(frame: Frame) -> bool:
+    words = (cia402.QUICK_STOP,) * len(pdo.CONTROLWORD.entries)
+    return frame.data == pdo.CONTROLWORD.encode(words)
+
+
+def test_host_sends_heartbeats_often_enough_for_cells_that_steer(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, CellsProgram(LAYOUT, (), {}))
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
+    sent = [frame for step in range(300) for frame in coordinator.poll(array.now_s + 0.001 * step)]
+    assert sum(frame.can_id == cob.HEARTBEAT_BASE + 127 for frame in sent) == 12
+    limits = {cell.objects.number(indices.CONSUMER_TIMES, 1) for cell in array.cells}
+    assert limits == {127 << 16 | 75}
+
+
+def test_cells_that_steer_are_left_to_enable_their_drives(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, CellsProgram(LAYOUT, (), {}))
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
+    array.run(coordinator, array.now_s + 0.5)
+    assert coordinator.fault is None
+    assert all(cell.states == [cia402.SWITCHED_ON] * 2 for cell in array.cells)
