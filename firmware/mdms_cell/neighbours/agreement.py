@@ -29,6 +29,7 @@ _PEER_WEIGHT = const(16)
 _FAR_UM = const(25_000)
 
 # What is used in every beat; constants of another module would be looked up.
+_DIRECTIONS = const(8)
 _SENT = const(20)
 _FULL = const(804_248)  # a full turn
 _YAW_FULL = const(4096)
@@ -43,27 +44,26 @@ _POSE = const(2)
 assert (_SENT, _FULL, _YAW_FULL, _STEP_UM) == (SENT, TURN_UM, wire.TURN, wire.STEP_UM)
 assert (_FIELDS, _X_AT, _Y_AT) == (wire.ESTIMATE_FIELDS, wire.X, wire.Y)
 assert (_YAW_AT, _CERTAINTY_AT) == (wire.YAW, wire.CERTAINTY)
-assert (_MISLEADING, _POSE) == (MISLEADING, POSE)
+assert (_MISLEADING, _POSE, _DIRECTIONS) == (MISLEADING, POSE, DIRECTIONS)
 
 # Registers of an agreement: five sums over those that agree, as for `belief.agree`, ...
-# ... how many peers have sent a pose, the mask of those near the one that this cell sent ...
+# ... masks of the peers that have sent a pose, and of those near the one that this cell sent ...
 _PEERS = const(5)
-_NEAR_MASK = const(6)
-# ... and a row for each: its pose [um; from this cell's centre], certainty and direction.
+_NEAR = const(6)
+# ... and by direction a row for each: its pose [um; from this cell's centre] and certainty.
 _ROWS = const(7)
 _X = const(0)
 _Y = const(1)
 _TURN = const(2)
 _CERTAINTY = const(3)
-_DIRECTION = const(4)
-_COLUMNS = const(5)
+_COLUMNS = const(4)
 
 
 class Agreement:
     """The poses of the neighbours under the same parcel, as they came in a beat.
 
-    `near` of them agree with this cell, and `outvoted_beats` counts how long more have agreed with
-    one another.
+    `near` is the mask of those that agree with this cell, and `outvoted_beats` counts how long more
+    have agreed with one another.
     """
 
     def __init__(self, suspicion):
@@ -83,67 +83,63 @@ class Agreement:
         That is by the pose that it sent at the same SYNC.
         """
         registers = self.registers
-        near = registers[_PEERS]
-        if registers[_NEAR_MASK] + 1 == 1 << near and not self._suspicion.cases >> _POSE & 1:
+        near = self.near = registers[_NEAR]
+        if near == registers[_PEERS] and not self._suspicion.cases >> _POSE & 1:
             # As nearly always.
-            self.near = near
             self.outvoted_beats = 0
             return False
-        self._judge()
+        self._judge(registers[_PEERS], near)
         return self.outvoted_beats >= POSE_BEATS
 
-    def _judge(self):
+    def _judge(self, peers, near):
         """Find who is wrong by number."""
-        suspicion = self._suspicion
-        registers = self.registers
-        peers, mask = registers[_PEERS], registers[_NEAR_MASK]
-        self.near = near = _count(mask)
         outvoted = False
-        if near < peers:
+        count = _count(near)
+        if near != peers:
             middle, most = self._middle()
-            outvoted = most > near + 1 and not mask >> middle & 1
+            outvoted = most > count + 1 and not near >> middle & 1
         self.outvoted_beats = min(self.outvoted_beats + 1, POSE_BEATS) if outvoted else 0
-        if near and 2 * near >= peers:
-            for peer in range(peers):
-                far = not mask >> peer & 1
-                suspicion.judge(self._of(peer, _DIRECTION), POSE, far)
-
-    def _of(self, peer, column):
-        return self.registers[_ROWS + _COLUMNS * peer + column]
+        if near and 2 * count >= _count(peers):
+            for peer in range(DIRECTIONS):
+                if peers >> peer & 1:
+                    self._suspicion.judge(peer, POSE, not near >> peer & 1)
 
     def _near_peer(self, peer):
         """The mask of the poses that are near that of a peer."""
         return near_mask(self.registers, self.registers, _ROWS + _COLUMNS * peer)
 
     def _middle(self):
-        """The number of the peer that most others are near to, and how many, itself included."""
+        """The peer that most others are near to, and how many are, itself included."""
         middle = most = 0
         peers = self.registers[_PEERS]
-        for peer in range(peers):
-            if not self._suspicion.misleads(self._of(peer, _DIRECTION)):
-                near = _count(self._near_peer(peer))
-                if near > most:
-                    middle, most = peer, near
-                    if near == peers:
+        for peer in range(DIRECTIONS):
+            if peers >> peer & 1 and not self._suspicion.misleads(peer):
+                mask = self._near_peer(peer)
+                if _count(mask) > most:
+                    middle, most = peer, _count(mask)
+                    if mask == peers:
                         break
         return middle, most
+
+    def _row(self, peer):
+        at = _ROWS + _COLUMNS * peer
+        return self.registers[at : at + _COLUMNS]
 
     def follow(self, belief):
         """Take the mean of those that most are near to; returns whether there are any."""
         middle, total = self._middle()
         if not total:
             return False
-        middle_x, middle_y = self._of(middle, _X), self._of(middle, _Y)
-        middle_turn = self._of(middle, _TURN)
+        middle_x, middle_y, middle_turn, best = self._row(middle)
         mask = self._near_peer(middle)
-        x = y = turn = best = total = 0
-        for peer in range(self.registers[_PEERS]):
+        x = y = turn = 0
+        for peer in range(DIRECTIONS):
             if mask >> peer & 1:
-                total += 1
-                x += self._of(peer, _X) - middle_x
-                y += self._of(peer, _Y) - middle_y
-                turn += wrapped(self._of(peer, _TURN) - middle_turn)
-                best = max(best, self._of(peer, _CERTAINTY))
+                its_x, its_y, its_turn, certainty = self._row(peer)
+                x += its_x - middle_x
+                y += its_y - middle_y
+                turn += wrapped(its_turn - middle_turn)
+                best = max(best, certainty)
         belief.start(
             middle_x + x // total,
             middle_y + y // total,
@@ -168,12 +164,10 @@ def gather(estimates: ptr32, shifts: ptr32, mask: int, peers: ptr32, belief: ptr
     # As in `program.turn_um`.
     turn_8 = _FULL // 8
     yaw_8 = _YAW_FULL // 8
-    count = 0
+    at = 0
     to = _ROWS
-    direction = 0
-    while mask >> direction:
+    for direction in range(_DIRECTIONS):
         if mask >> direction & 1:
-            at = _FIELDS * direction
             shift = shifts[2 * direction] << widen >> widen
             peers[to + _X] = (estimates[at + _X_AT] << widen >> widen) * _STEP_UM + shift
             shift = shifts[2 * direction + 1] << widen >> widen
@@ -181,12 +175,10 @@ def gather(estimates: ptr32, shifts: ptr32, mask: int, peers: ptr32, belief: ptr
             yaw = estimates[at + _YAW_AT] << widen >> widen
             peers[to + _TURN] = yaw * turn_8 // yaw_8
             peers[to + _CERTAINTY] = estimates[at + _CERTAINTY_AT]
-            peers[to + _DIRECTION] = direction
-            count += 1
-            to += _COLUMNS
-        direction += 1
-    peers[_PEERS] = count
-    peers[_NEAR_MASK] = int(near_mask(peers, belief, _SENT))
+        at += _FIELDS
+        to += _COLUMNS
+    peers[_PEERS] = mask
+    peers[_NEAR] = int(near_mask(peers, belief, _SENT))
 
 
 @micropython.viper
@@ -196,17 +188,21 @@ def near_mask(peers: ptr32, pose: ptr32, at: int) -> int:
     x_um = pose[at + _X] << widen >> widen
     y_um = pose[at + _Y] << widen >> widen
     turn = pose[at + _TURN] << widen >> widen
-    mask = 0
+    mask = peers[_PEERS]
+    near = mask
+    peer = 0
     at = _ROWS
-    for peer in range(peers[_PEERS]):
-        x = (peers[at + _X] << widen >> widen) - x_um
-        y = (peers[at + _Y] << widen >> widen) - y_um
-        t = ((peers[at + _TURN] << widen >> widen) - turn + _FULL // 2) % _FULL - _FULL // 2
-        near = -_FAR_UM < x < _FAR_UM and -_FAR_UM < y < _FAR_UM
-        if near and -_FAR_UM < t < _FAR_UM:
-            mask |= 1 << peer
+    while mask >> peer:
+        if mask >> peer & 1:
+            x = (peers[at + _X] << widen >> widen) - x_um
+            y = (peers[at + _Y] << widen >> widen) - y_um
+            t = ((peers[at + _TURN] << widen >> widen) - turn + _FULL // 2) % _FULL - _FULL // 2
+            is_near = -_FAR_UM < x < _FAR_UM and -_FAR_UM < y < _FAR_UM
+            if not (is_near and -_FAR_UM < t < _FAR_UM):
+                near &= ~(1 << peer)
+        peer += 1
         at += _COLUMNS
-    return mask
+    return near
 
 
 @micropython.viper
@@ -219,11 +215,12 @@ def sum_up(peers: ptr32, out: ptr8, belief: ptr32, certainty: int) -> int:
     x_um = belief[_SENT + _X] << widen >> widen
     y_um = belief[_SENT + _Y] << widen >> widen
     turn = belief[_SENT + _TURN] << widen >> widen
-    mask = peers[_NEAR_MASK]
+    mask = peers[_NEAR]
     total = x = y = t = variance = 0
+    peer = 0
     at = _ROWS
-    while mask:
-        if mask & 1 and out[peers[at + _DIRECTION]] & _MISLEADING == 0:
+    while mask >> peer:
+        if mask >> peer & 1 and out[peer] & _MISLEADING == 0:
             its = peers[at + _CERTAINTY]
             more = its - certainty
             if more >= 0:
@@ -236,7 +233,7 @@ def sum_up(peers: ptr32, out: ptr8, belief: ptr32, certainty: int) -> int:
             off = (peers[at + _TURN] << widen >> widen) - turn
             t += weight * ((off + _FULL // 2) % _FULL - _FULL // 2 >> 2)
             variance += weight * (1 << 16 - its)
-        mask >>= 1
+        peer += 1
         at += _COLUMNS
     peers[0] = total
     peers[1] = x

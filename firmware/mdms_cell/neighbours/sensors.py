@@ -35,6 +35,8 @@ _LATENCY_MS = const(3)
 _PASSING_UM_S = const(1_000)
 #: A sensor so far inside the outline has to be covered, one so far outside free, 10 mm [steps].
 _CLEAR = const(625)
+#: A sensor so far outside is not covered by this parcel, whatever its place is off, 30 mm [steps].
+_ELSEWHERE = const(1875)
 #: A parcel moves on by no more than this while a state is lost, 32 mm [1/16 mm].
 _MOST_LATE = const(512)
 #: Sensors that one frame shows to have changed are as far from the edge, 2 mm [steps].
@@ -155,6 +157,14 @@ class Sensors:
         heard.edges = kept
 
     # Contradictions
+
+    def show_another(self):
+        """Whether something else covers a sensor of the cell: one far from the parcel."""
+        bits = self._heard.presence[OWN]
+        if not bits or not self._suspicion.trusts(OWN):
+            return False
+        near = self._footprint.within(self._tracking.outline, OWN, _ELSEWHERE) >> AXES
+        return bits & ~near != 0
 
     def is_anything_there(self):
         """Whether a sensor of a neighbour is covered; by this parcel, as far as is known.

@@ -15,7 +15,7 @@ except ImportError:
 
 from mdms_cell.neighbours.agreement import OWN_WEIGHT, Agreement, gather, sum_up
 from mdms_cell.neighbours.belief import Belief, agree, roll, send
-from mdms_cell.neighbours.geometry.place import AXES, DIRECTIONS
+from mdms_cell.neighbours.geometry.place import DIRECTIONS
 from mdms_cell.neighbours.heard import NEVER, OWN
 from mdms_cell.neighbours.right_of_way import PROMISED, UNDER
 from mdms_cell.neighbours.sensors import Sensors
@@ -29,8 +29,6 @@ _FEW_WHEELS = const(5)
 _AHEAD_MAX_MS = const(50)
 #: A cell beside a parcel follows its neighbours for so long after the last of them.
 _FOLLOW_BEATS = const(5)
-#: A sensor so far outside is not covered by this parcel, whatever its place is off, 30 mm [steps].
-_ELSEWHERE = const(1875)
 # What is used in every beat; constants of another module would be looked up.
 _OWN = const(8)
 _ALL = const(255)  # the mask of all directions
@@ -49,8 +47,6 @@ assert (_FIELDS, _IDENTITY, _STATE) == (wire.ESTIMATE_FIELDS, wire.IDENTITY, wir
 assert (_CERTAINTY, _PROMISED, _UNDER) == (wire.CERTAINTY, PROMISED, UNDER)
 assert (_WHEEL, _WHEELS_SHOWN) == (WHEELS, TWIST_WHEELS)
 assert _OWN_WEIGHT == OWN_WEIGHT
-#: So many neighbours that have the parcel show that a cell's own sensors are wrong.
-_WITNESSES = const(2)
 #: A cell whose sensors miss the parcel for so long steers no more, and then has it no longer.
 DOUBT_BEATS = const(20)
 LOST_BEATS = const(100)
@@ -64,8 +60,6 @@ class Tracking:
 
     def __init__(self, place, footprint, heard, suspicion):
         self._footprint = footprint
-        self._heard = heard
-        self._suspicion = suspicion
         self.agreement = Agreement(suspicion)
         self.others = bytearray(DIRECTIONS + 1)
         self.belief = Belief()
@@ -118,8 +112,9 @@ class Tracking:
         self.missing_beats = min(self.missing_beats + 1, LOST_BEATS)
 
     def is_witnessed(self):
-        """Whether neighbours have the parcel where this cell believes it."""
-        return self.agreement.near >= _WITNESSES
+        """Whether two neighbours or more have the parcel where this cell believes it."""
+        near = self.agreement.near
+        return near & near - 1 != 0
 
     def follow(self):
         """Take what those under the parcel believe; returns whether there are any."""
@@ -140,10 +135,7 @@ class Tracking:
 
     def is_of_another(self):
         """Whether something else covers a sensor of the cell: one far from the parcel."""
-        if not self._heard.presence[OWN] or not self._suspicion.trusts(OWN):
-            return False
-        near = self._footprint.within(self.outline, OWN, _ELSEWHERE) >> AXES
-        return self._heard.presence[OWN] & ~near != 0
+        return self.sensors.show_another()
 
     @micropython.native
     def is_sure(self):
