@@ -7,11 +7,10 @@ code counted on an emulated Cortex-M4, calibrated with published scores of board
 in 6 us). It leaves out the calls around it and the peripherals.
 
 The estimate for the neighbour layer rests on the instructions of the unix port under valgrind that
-a beat takes, and on what a call of an empty function takes there (660) and on an emulated
-Cortex-M4 (426). Beats are replayed as a board gets them: each frame from the controller through
-the inbox, with five that filters let through and the cell drops, and turns of the background loop.
-What stands for the controller, which on a board is C, and what replays is counted apart, and left
-out.
+a beat takes, and on how many of an emulated Cortex-M4 it takes for each (`emulated`). Beats are
+replayed as a board gets them: each frame from the controller through the inbox, with five that
+filters let through and the cell drops, and turns of the background loop. What stands for the
+controller, which on a board is C, and what replays is counted apart, and left out.
 """
 
 import os
@@ -48,8 +47,8 @@ BOARDS = {
     "WeAct STM32H743": (480_000_000, 1.43),
     "Teensy 4.1": (600_000_000, 1.43),
 }
-#: Instructions of a Cortex-M4 for one of the unix port, where MicroPython interprets.
-CORTEX_M4_SHARE = 426 / 660
+#: Instructions of a Cortex-M4 for one of the unix port: a beat, counted on both; see `emulated`.
+CORTEX_M4_SHARE = 252 / 331
 SYNC_HZ = 100
 #: Counts of beats whose difference is counted.
 LAYER_BEATS = (20, 60)

@@ -30,7 +30,7 @@ from mdms_sim.nodes.micropython_process import find_micropython
 PATIENCE_S = 120.0
 POWER_UP = Path(__file__).parent / "on_board" / "power_up.py"
 #: As `power_up.py` has it.
-ROM_SIZE = 64 * 4096
+ROM_SIZE = 80 * 4096
 #: What the boards have in `machine`; the relay reads the files.
 MACHINE = """
 import os, sys

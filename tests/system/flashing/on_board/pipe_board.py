@@ -17,6 +17,8 @@ from file_flash import FileFlash
 
 from boards import flash
 from mdms_cell.drive import speed_loop
+from mdms_cell.queues import Inbox
+from mdms_cell.runner import FRAMES_PER_TURN
 from mdms_protocol.update import codes
 
 RECORD = "<HBB8s"
@@ -35,7 +37,7 @@ class PipeBoard:
     def __init__(self, read_fd, write_fd, tell_fd):
         self.registers = array("i", [0] * speed_loop.REGISTERS)
         self.settings = flash.memory("/flash", self.asleep)
-        self.inbox = self
+        self.inbox = Inbox(registers=self.registers)
         self._pipe = open(read_fd, "rb")  # noqa: SIM115 - open as long as the process lives
         self._out = open(write_fd, "wb")  # noqa: SIM115
         self._teller = open(tell_fd, "wb")  # noqa: SIM115
@@ -54,33 +56,27 @@ class PipeBoard:
         self._tick = None
 
     def service(self, now_ms):
-        """All ticks that the timer would have made meanwhile."""
+        """All ticks and frames that interrupts would have brought meanwhile."""
         while self._tick is not None and time.ticks_diff(now_ms, self._ticked_ms) > 0:
             self._ticked_ms = time.ticks_add(self._ticked_ms, 1)
             self._tick()
+        for _ in range(FRAMES_PER_TURN):
+            if not self._ready.poll(0):
+                break
+            self.inbox.take(self)
+
+    def recv(self, into):
+        """The next frame, as a controller gives it; None if the cell does not take it."""
+        can_id, length, _, data = struct.unpack(RECORD, self._pipe.read(SIZE))
+        if can_id not in self._identifiers:
+            return None
+        into[0], into[1] = can_id, data[:length]
+        return into
 
     def feed(self):
         pass
 
     def show(self, now_ms, state, faulty):
-        pass
-
-    def is_empty(self):
-        return not self._ready.poll(0)
-
-    def sort(self, _boxes):
-        """Nothing is for a box: it has no neighbours."""
-        return 0
-
-    def peek(self):
-        """The next frame that the cell takes."""
-        while self._ready.poll(0):
-            can_id, length, _, data = struct.unpack(RECORD, self._pipe.read(SIZE))
-            if can_id in self._identifiers:
-                return can_id, data[:length], 0, 0, self.registers[speed_loop.TICKS] & 0xFF
-        return None
-
-    def pop(self):
         pass
 
     # What the cell asks for

@@ -13,7 +13,7 @@ import machine
 import vfs
 
 BLOCK = 4096
-BLOCKS = 64
+BLOCKS = 80
 EINVAL = 22
 OUTSIDE = sys.path[0]  # of a script, its folder
 FILE = OUTSIDE + "/rom.bin"
