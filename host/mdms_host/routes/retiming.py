@@ -102,12 +102,16 @@ def _all_within(
 
 
 def _begins_s(route: Route, progress_m: float, now_s: float, pace: Pace) -> Floats:
-    """When each move begins at the soonest; one under way began as if it had kept its pace."""
+    """When each move begins at the soonest.
+
+    The one under way, and those that are done, began as if the parcel had kept its pace.
+    """
     begins_s = np.full(len(route.begins_s), now_s)
     if len(begins_s):
-        move, since_s = _within(route, np.array([progress_m]), pace, "right")
-        begins_s[: move[0]] = -np.inf
-        begins_s[move[0]] -= since_s[0]
+        moves, since_s = _within(route, np.array([progress_m]), pace, "right")
+        move = moves[0]
+        begins_s[move] -= since_s[0]
+        begins_s[:move] = route.begins_s[:move] + begins_s[move] - route.begins_s[move]
     return begins_s
 
 

@@ -1,6 +1,7 @@
 """One parcel is planned anew among the others, which keep their routes and their order."""
 
 from itertools import pairwise
+from math import pi
 
 import numpy as np
 import pytest
@@ -29,6 +30,18 @@ def test_who_waits_for_one_that_is_late_is_late_as_well(planner: Planner) -> Non
     kept = planner.kept(plan, {first: 0.0, second: 0.0}, 3.0)
     late_s = kept[second].end_s - plan.routes[second].end_s
     assert late_s == pytest.approx(3.0, abs=0.05)
+
+
+def test_planned_times_are_known_however_often_a_route_is_planned_around(planner: Planner) -> None:
+    plan = planner.plan([task("a", (-0.4, -0.2, 0.0), (0.4, 0.2, pi / 2))])
+    along_m = plan.routes["a"].along_m
+    for now_s in (1.5, 1.8):
+        progress_m = along_m[1] + now_s * 0.1
+        kept = planner.kept(plan, {"a": progress_m}, now_s)
+        plan = planner.plan([task("b", (0.0, -0.3, 0.0), (0.1, -0.3, 0.0))], now_s, kept=kept)
+        due_s = plan.routes["a"].ahead_s(progress_m, along_m[-1])
+        assert np.isfinite(due_s).all()
+        assert due_s[0] <= now_s < due_s[-1]
 
 
 def test_a_goal_that_changes_is_planned_around_the_others(planner: Planner) -> None:
