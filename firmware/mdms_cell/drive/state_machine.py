@@ -158,10 +158,8 @@ class Drive:
         elif target_um_s < -_SPEED_MAX_UM_S:
             target_um_s = -_SPEED_MAX_UM_S
         self.target_um_s = target_um_s
-        registers, base = self.registers, self.base
-        driven = self.state == _OPERATION_ENABLED and not self.controlword & _HALT
-        registers[base + _TARGET] = target_um_s if driven else 0
-        registers[base + _AGE] = 0
+        self._aim()
+        self.registers[self.base + _AGE] = 0
 
     def reset(self):
         """Switch off, and drop the fault, the controlword and the target."""
@@ -261,6 +259,7 @@ class Drive:
         registers[base + speed_loop.MODE] = mode
         registers[speed_loop.ATTENTION] = 1
 
+    @micropython.native
     def _aim(self):
         driven = self.state == _OPERATION_ENABLED and not self.controlword & _HALT
         self.registers[self.base + _TARGET] = self.target_um_s if driven else 0

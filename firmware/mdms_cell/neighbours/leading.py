@@ -15,7 +15,6 @@ from mdms_cell.neighbours.geometry import outline
 from mdms_cell.neighbours.geometry.angle import ARM_UM, wrapped
 from mdms_cell.neighbours.geometry.outline import STEP_UM, place, squares_overlapped
 from mdms_cell.neighbours.geometry.place import AXES
-from mdms_cell.neighbours.program import GOAL
 from mdms_cell.neighbours.steering import approach, find_wish, has_arrived, length
 from mdms_cell.neighbours.twist import OFF, WHEELS
 from mdms_protocol.neighbours import frames as wire
@@ -35,11 +34,9 @@ _ARM = const(8000)
 assert _ARM * STEP_UM == ARM_UM
 
 # Shared constants, which would be looked up: of a program, ...
-_GOAL = const(9)
 _ACCELERATION = const(6)
 _ACCELERATION_MM_S2 = const(10)
-assert (_GOAL, _ACCELERATION) == (GOAL, wire.ACCELERATION)
-assert _ACCELERATION_MM_S2 == wire.ACCELERATION_MM_S2
+assert (_ACCELERATION, _ACCELERATION_MM_S2) == (wire.ACCELERATION, wire.ACCELERATION_MM_S2)
 # ... where three numbers begin in the registers of a parcel ...
 _CENTRE = const(0)
 _BELIEF = const(10)
@@ -151,7 +148,7 @@ class Leading:
         fields, reach_um = program.fields, self._outline.reach_um
         if not registers[_DRIVING]:
             self._join(may_go)
-        find_wish(registers, fields, _GOAL, parcel, here.x_um, here.y_um, reach_um)
+        find_wish(registers, fields, parcel, here.x_um, here.y_um, reach_um)
         stands = approach(registers, fields, reach_um, may_go, step_ms)
         # A cell that the parcel comes to when the host is gone counts from there.
         if self._alone_ms and not self._planned_ms:

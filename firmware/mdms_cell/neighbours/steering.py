@@ -10,6 +10,7 @@ except ImportError:
 
 from mdms_cell.neighbours import belief
 from mdms_cell.neighbours.geometry.angle import ARM_UM, ROOT_MAX, TURN_UM, root
+from mdms_cell.neighbours.program import GOAL
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.words import WIDEN
 
@@ -56,29 +57,30 @@ assert _SPEED_UM_S == wire.SPEED_MM_S * 1000
 _ACCELERATION = const(6)
 _SPEED = const(7)
 _FLAGS = const(8)
+_GOAL = const(9)
 _ANY_YAW = const(2)
 assert (_ACCELERATION, _SPEED) == (wire.ACCELERATION, wire.SPEED)
-assert (_FLAGS, _ANY_YAW) == (wire.PROGRAM_FLAGS, wire.ANY_YAW)
+assert (_FLAGS, _GOAL, _ANY_YAW) == (wire.PROGRAM_FLAGS, GOAL, wire.ANY_YAW)
 
 
 @micropython.viper
 def find_wish(  # noqa: PLR0915, PLR0917 - viper takes words
-    registers: ptr32, fields: ptr32, goal: int, parcel: ptr32, x_um: int, y_um: int, reach_um: int
+    registers: ptr32, fields: ptr32, parcel: ptr32, x_um: int, y_um: int, reach_um: int
 ):
     """Find what is left to go, whether the parcel has arrived, and the twist that takes it there.
 
-    The goal begins there in the fields of a program. The parcel's pose is from the cell's own
-    centre, which is at `x_um` and `y_um`; its corners are `reach_um` from its own.
+    `fields` are a program's. The parcel's pose is from the cell's own centre, which is at `x_um`
+    and `y_um`; its corners are `reach_um` from its own.
     """
     widen = int(WIDEN)
-    x = (fields[goal] << widen >> widen) * _STEP_UM - x_um - (parcel[_BELIEF_X] << widen >> widen)
+    x = (fields[_GOAL] << widen >> widen) * _STEP_UM - x_um - (parcel[_BELIEF_X] << widen >> widen)
     y = (
-        (fields[goal + 1] << widen >> widen) * _STEP_UM
+        (fields[_GOAL + 1] << widen >> widen) * _STEP_UM
         - y_um
         - (parcel[_BELIEF_Y] << widen >> widen)
     )
     # As `program.turn_um`, within half a turn.
-    turn = (fields[goal + 2] << widen >> widen) * (_TURN_UM // 8) // (_TURN // 8)
+    turn = (fields[_GOAL + 2] << widen >> widen) * (_TURN_UM // 8) // (_TURN // 8)
     turn += _TURN_UM // 2 - (parcel[_BELIEF_TURN] << widen >> widen)
     turn = turn % _TURN_UM - _TURN_UM // 2
     registers[LEFT] = x

@@ -32,7 +32,7 @@ def steered(x, y, beats):
     fields[GOAL], fields[GOAL + 1] = x, y
     registers, parcel = array("i", [0] * REGISTERS), Outline().registers
     for _ in range(beats):
-        find_wish(registers, fields, GOAL, parcel, 0, 0, REACH_UM)
+        find_wish(registers, fields, parcel, 0, 0, REACH_UM)
         approach(registers, fields, REACH_UM, 1, STEP_MS)
     return registers
 

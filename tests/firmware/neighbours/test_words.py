@@ -10,7 +10,6 @@ from mdms_cell.neighbours import agreement, belief, leading, sensors, steering, 
 from mdms_cell.neighbours.geometry import outline
 from mdms_cell.neighbours.geometry.angle import TURN_UM, root
 from mdms_cell.neighbours.geometry.outline import DISC, RECTANGLE, STEP_UM
-from mdms_cell.neighbours.program import GOAL
 from mdms_protocol.neighbours import frames as wire
 
 WORD = 1 << 31
@@ -166,7 +165,7 @@ def test_steering_fits_wherever_the_goal_is(goals, poses, place_um, limits, half
         bottom = placed(RECTANGLE, pose, (half, half))
         believed = x * STEP_UM, y * STEP_UM, turn, *[0] * 10
         parcel = Words([*bottom[: belief.X], *believed, 1_300_000, -1_300_000, 500_000])
-        steering.find_wish(registers, fields, GOAL, parcel, *place_um, half * STEP_UM)
+        steering.find_wish(registers, fields, parcel, *place_um, half * STEP_UM)
         for step_ms in (1, 50):
             steering.approach(registers, fields, half * STEP_UM, 1, Word(step_ms))
         leading._aim(
