@@ -1,4 +1,4 @@
-"""A beat of the neighbour layer on an emulated Cortex-M4: instructions, and the layer's data.
+"""A beat of the neighbour layer on an emulated Cortex-M4: instructions, data, and a cell's heap.
 
 Runs the firmware frozen into MicroPython's port for QEMU, as it is frozen into a PYBv1.1. The
 emulator counts each instruction as a nanosecond, so the microseconds that its clock shows are
@@ -18,7 +18,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from tests.benchmarks.firmware.firmware import BOARDS, LAYER, STAGE, SYNC_HZ, measured, row
+from tests.benchmarks.firmware.firmware import BOARDS, HEAP, LAYER, STAGE, SYNC_HZ, measured, row
 from tests.micropython_builds import stage
 
 TOOLS = ("qemu-system-arm", "arm-none-eabi-gcc")
@@ -40,8 +40,15 @@ SRC_BOARD_O = shared/runtime/gchelper_native.o shared/runtime/gchelper_thumb2.o
 MPY_CROSS_FLAGS += -march=armv7em
 """
 _RUN = """
-import machine, sys
+import gc, machine, sys
 try:
+    from _firmware_heap import Board
+    from mdms_cell.cell import Cell
+    from mdms_cell.queues import Inbox, Outbox
+    cell = Cell(Board(Inbox(), Outbox()), 5)
+    for now_ms in range(1000): cell.poll(now_ms)
+    gc.collect()
+    print("heap_bytes", gc.mem_alloc())
     import _layer_measure
     _layer_measure.main(())
 except Exception as error:
@@ -53,7 +60,7 @@ Row = dict[str, Any]
 
 
 def run() -> list[Row]:
-    """Instructions of a beat, its share of each board, and data."""
+    """Instructions of a beat, its share of each board, data, and heap."""
     tree = os.environ.get("MICROPYTHON")
     if tree is None or None in map(shutil.which, TOOLS):
         print("  not counted: it needs", *TOOLS, "and MICROPYTHON, a checkout of it")
@@ -74,13 +81,14 @@ def _counted(micropython: Path, kept: int) -> list[Row]:
             for board, (hz, cycles) in BOARDS.items()
         ),
         row("data of the layer", found["layer_bytes"] / 1024, "KB", bound=4),
+        row("heap of a cell with its queues", found["heap_bytes"] / 1024, "KB"),
     ]
 
 
 def _built(micropython: Path, folder: Path, kept: int) -> Path:
     """MicroPython with the firmware and what measures it frozen in."""
     frozen = folder / "frozen"
-    stage(frozen, [LAYER, *STAGE])
+    stage(frozen, [LAYER, HEAP, *STAGE])
     for name in HOST_ALONE:
         (frozen / name).unlink()
     shutil.rmtree(frozen / "mdms_protocol" / "generators")
