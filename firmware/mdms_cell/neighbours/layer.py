@@ -420,11 +420,12 @@ def _leading_on(layer):
             stop()
             return
         alone = consumer.lost
-        allowed = may_go_on(program, step_ms, alone)
+        # As many beats as were skipped before this update may be before the next.
+        held = right[_DRIVE_BEATS] <= skipped
+        allowed = may_go_on(program, step_ms, alone, held)
         if alone and allowed:
             layer._go_on(program)
-        # As many beats as were skipped before this update may be before the next.
-        step(program, allowed and right[_DRIVE_BEATS] > skipped, step_ms)
+        step(program, allowed and not held, step_ms)
 
     return lead
 

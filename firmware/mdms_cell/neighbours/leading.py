@@ -26,6 +26,8 @@ _REACTION_MS = const(200)
 _ASK_MS = const(500)
 #: At the goal, or where it is held, the wheels hold for so long before they are switched off.
 _HOLD_BEATS = const(50)
+#: Without its host a parcel stands for so long in all, while others have the right of way [ms].
+_WAIT_MS = const(20_000)
 #: To a wheel that is to join in the parcel's motion, fewer wheels do not show it, nor wheels that
 #: are off what is known of it by more than this [um/s].
 _JOIN_WHEELS = const(4)
@@ -75,6 +77,7 @@ class Leading:
     def begin(self):
         """A new program has come."""
         self._alone_ms = 0
+        self._waited_ms = 0
         self._planned_ms = 0
         self._ended = False
         self.next_leg()
@@ -123,22 +126,26 @@ class Leading:
         )
 
     @micropython.native
-    def may_go_on(self, program, step_ms, alone):
+    def may_go_on(self, program, step_ms, alone, held):
         """Whether a parcel may go on; without its host for twice its planned time, if it is to.
 
-        Once that is over, or the host of one that is not to go on was gone, a new program has to
-        come: that the host is back moves nothing.
+        That it is `held`, for want of a promise, does not count, up to `_WAIT_MS`. Once the time is
+        over, or the host of one that is not to go on was gone, a new program has to come: that the
+        host is back moves nothing.
         """
         if program.identity != self._identity:
             # What another parcel took of its time is its own.
             self._identity = program.identity
             self.begin()
         if alone:
-            self._alone_ms = min(self._alone_ms + step_ms, 1 << 20)
+            if held and self._alone_ms and self._waited_ms < _WAIT_MS:
+                self._waited_ms += step_ms
+            else:
+                self._alone_ms = min(self._alone_ms + step_ms, 1 << 20)
             in_time = not self._planned_ms or self._alone_ms < 2 * self._planned_ms
             self._ended = self._ended or not (program.goes_on and in_time)
         elif self._alone_ms:
-            self._alone_ms = self._planned_ms = 0
+            self._alone_ms = self._waited_ms = self._planned_ms = 0
         return not self._ended
 
     @micropython.native
