@@ -15,7 +15,7 @@ except ImportError:
 from array import array
 
 from mdms_cell.canopen.objects import find
-from mdms_cell.neighbours import right_of_way, steering
+from mdms_cell.neighbours import precedence, right_of_way, steering
 from mdms_cell.neighbours.geometry import place
 from mdms_cell.neighbours.geometry.footprint import Footprint
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, Place
@@ -66,6 +66,8 @@ _STEERING_ARRIVED = const(9)
 assert _STEERING_ARRIVED == steering.ARRIVED
 assert (_RIGHT_IDENTITY, _RIGHT_STATE) == (right_of_way.IDENTITY, right_of_way.STATE)
 assert (_RIGHT_HOLD, _DRIVE_BEATS) == (right_of_way.HOLD, right_of_way.DRIVE_BEATS)
+_FIRST_OF_ORDER = const(5)
+assert precedence.FIRST == _FIRST_OF_ORDER
 # The clock wraps, see `ticks`; a difference of two instants is negative from here on.
 _WRAP = const((1 << 30) - 1)
 _BEFORE = const(1 << 29)
@@ -280,7 +282,8 @@ class Layer:
     def _go_on(self, program):
         """Take the next leg, without the host, at the end of this one; so do all under the parcel.
 
-        The host gives a leg when its way is free; from now on promises alone keep others apart.
+        The host gives a leg when its way is free; from now on promises alone keep others apart, in
+        the order of `precedence`.
         """
         if not program.legs:
             return
@@ -347,6 +350,7 @@ def _updating(layer):
         steered=layer._leading.registers,
         write_estimate=layer._write_estimate,
         hand_on=layer._pages.hand_on,
+        order=layer._pages.order,
     ):
         sync_ms = layer._came_ms
         step_ms = diff(sync_ms, layer._updated_ms)
@@ -356,6 +360,8 @@ def _updating(layer):
         wrong = read()
         if wrong:
             layer.nonsense += wrong
+        if order[_FIRST_OF_ORDER]:
+            precedence.keep(order, right, estimates, fresh, consumer.lost)
         sent = take_estimates(estimates, fresh)
         if not tracking.under:
             layer._choose_parcel()

@@ -27,7 +27,7 @@ _ASK_MS = const(500)
 #: At the goal, or where it is held, the wheels hold for so long before they are switched off.
 _HOLD_BEATS = const(50)
 #: Without its host a parcel stands for so long in all, while others have the right of way [ms].
-_WAIT_MS = const(20_000)
+_WAIT_MS = const(30_000)
 #: To a wheel that is to join in the parcel's motion, fewer wheels do not show it, nor wheels that
 #: are off what is known of it by more than this [um/s].
 _JOIN_WHEELS = const(4)

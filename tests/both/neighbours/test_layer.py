@@ -209,7 +209,7 @@ def test_parcel_that_stood_without_its_host_while_others_had_the_right_of_way_go
 
 
 def test_parcel_that_others_held_for_too_long_without_its_host_moves_no_more():
-    middle = held(2600)
+    middle = held(3600)
     run(middle, 100)
     assert targets_um_s(middle) == (0, 0)
     assert state(middle) != cia402.OPERATION_ENABLED
