@@ -12,6 +12,7 @@ from mdms_host.motion.trajectory.path import Path
 from mdms_host.routes.errand import Errand
 from mdms_host.routes.intervals.safe_intervals import Taken, first_departure, free_until
 from mdms_host.routes.route import Route
+from mdms_host.routes.space.moves import Met
 from mdms_model.arrays import Bools, Floats, Ints
 
 #: A parcel hangs over the edge of the table by no more than a hair on a way that is cut [m].
@@ -19,15 +20,10 @@ _HAIR_M = 1e-6
 
 
 class Move(NamedTuple):
-    """A straight move from rest to rest, which takes so long, and the tiles that it meets.
-
-    A tile is met from one time after its begin to another [s]; all (T,).
-    """
+    """A straight move from rest to rest, which takes so long, and the tiles that it meets."""
 
     lasts_s: float
-    tile: Ints
-    enters_s: Floats
-    leaves_s: Floats
+    met: Met
 
 
 class Leg(NamedTuple):
@@ -53,7 +49,7 @@ def move_of(errand: Errand, start: Floats, end: Floats) -> Move:
     own = np.hypot(way[:1], way[1:2]), np.abs(way[2:]) * body.bend_m
     lasts_s = float(ground.pace.times_s(*own, np.ones(1))[0])
     enters_s, leaves_s = (ground.pace.times_s(*own, each) for each in (met.enters, met.leaves))
-    return Move(lasts_s, met.tile, enters_s, leaves_s)
+    return Move(lasts_s, Met(met.first, met.tile, enters_s, leaves_s))
 
 
 def legs_of(route: Route) -> int:
@@ -115,13 +111,12 @@ class Straightening:
         errand, route = self._errand, self._route
         start, end = route.poses[first], route.poses[last]
         move = move_of(errand, start, end)
-        if self._closed[move.tile].any():
+        if self._closed[move.met.tile].any():
             return None
         from_s, to_s = float(route.begins_s[first]), float(route.arrives_s[last - 1])
         latest_s = to_s - move.lasts_s
         for earliest_s in (from_s, latest_s):
-            spans_s = move.enters_s, move.leaves_s
-            begin_s = first_departure(self._taken, move.tile, spans_s, 0, (earliest_s, latest_s))
+            begin_s = first_departure(self._taken, move.met, 0, 0, (earliest_s, latest_s))
             stays = (start, from_s, begin_s), (end, begin_s + move.lasts_s, to_s)
             if begin_s < np.inf and all(self._may_stand(*stay) for stay in stays):
                 return begin_s if self._is_safe(start, end) else None

@@ -111,8 +111,8 @@ def barred_joins(graph: Graph, blocked: Bools) -> Bools:
     joins = graph.joins
     barred = joins.tips.copy()
     for join in range(joins.start.size):
-        met = joins.tile[joins.visit[join] : joins.visit[join + 1]]
-        barred[join] |= first_blocked(met, 0, blocked) >= 0
+        tiles = joins.met.tile[joins.met.first[join] : joins.met.first[join + 1]]
+        barred[join] |= first_blocked(tiles, 0, blocked) >= 0
     return barred
 
 

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mdms_host.routes.space.moves import Met
 from mdms_model.arrays import Floats, Ints
 from mdms_model.compiled import compiled
 
@@ -88,35 +89,31 @@ def copy(taken: Taken, tile: int, at: int, to: int) -> None:
 
 @compiled
 def first_departure(
-    taken: Taken,
-    tile: Ints,
-    spans_s: tuple[Floats, Floats],
-    base: int,
-    within_s: tuple[float, float],
+    taken: Taken, met: Met, move: int, base: int, within_s: tuple[float, float]
 ) -> float:
-    """The first instant at which a move may begin so that all its visits are free [s].
+    """The first instant at which one of these moves may begin so that its tiles are free [s].
 
-    Visits are of tiles (V,), by their numbers less `base`, and in `spans_s` from and to when after
-    its begin. It begins from one instant up to another, `within_s`; inf: in none between.
+    They are by their numbers less `base`. It begins from one instant up to another, `within_s`;
+    inf: in none between.
     """
-    enters_s, leaves_s = spans_s
-    begin_s, settled, visit = within_s[0], 0, 0
-    while settled < len(tile):
-        place = base + tile[visit]
+    first, end = met.first[move], met.first[move + 1]
+    begin_s, settled, visit = within_s[0], 0, first
+    while settled < end - first:
+        place = base + met.tile[visit]
         settled += 1
-        if begin_s + enters_s[visit] >= taken.last_s[place]:
-            visit = visit + 1 if visit + 1 < len(tile) else 0
+        enter_s, leave_s = met.enters_s[visit], met.leaves_s[visit]
+        visit = visit + 1 if visit + 1 < end else first
+        if begin_s + enter_s >= taken.last_s[place]:
             continue
         for at in range(taken.number[place]):
-            if begin_s + leaves_s[visit] <= taken.from_s[place, at]:
+            if begin_s + leave_s <= taken.from_s[place, at]:
                 break
-            end_s = taken.to_s[place, at]
-            if begin_s + enters_s[visit] < end_s:
-                begin_s = end_s - enters_s[visit] + INSTANT_S
-                if begin_s == np.inf:
+            free_s = taken.to_s[place, at]
+            if begin_s + enter_s < free_s:
+                begin_s = free_s - enter_s + INSTANT_S
+                if begin_s > within_s[1]:
                     return np.inf
                 settled = 0
-        visit = visit + 1 if visit + 1 < len(tile) else 0
     return begin_s if begin_s <= within_s[1] else np.inf
 
 

@@ -18,11 +18,11 @@ from mdms_host.routes.space.roadmap import Graph, Joins
 from mdms_model.arrays import Floats, Ints
 from mdms_model.compiled import compiled
 
-#: When the goal would be come to, and how long before it is left, by which state and index, when.
+#: When the goal would be come to, and how long before it is left, by which state and move, when.
 Due = tuple[float, float, int, int, float]
 #: A state and when it is gone on from, the weight of the search, and when the goal is free.
 Terms = tuple[int, float, float, float]
-#: In place of a move's index: a state itself.
+#: In place of a move: a state itself.
 _STATE = -1
 
 
@@ -44,23 +44,10 @@ class Found(NamedTuple):
     reached: bool
     nodes: Ints
     moves: Ints
-    """Kinds of the lattice's moves, or joins as -1 - join."""
+    """Joins by their numbers; from the number of joins on, kinds of the lattice's moves."""
     begins_s: Floats
     arrives_s: Floats
     tried: int
-
-
-class Edge(NamedTuple):
-    """A move from a node to another, when it begins and ends at the soonest; inf: not at all.
-
-    `until_s` is up to when the parcel may stand there then.
-    """
-
-    there: int
-    move: int
-    leaves_s: float
-    arrives_s: float
-    until_s: float
 
 
 @compiled
@@ -73,10 +60,12 @@ def search(
     moves, and the way may take longer.
     """
     weight, most = effort
-    head = np.full(graph.joins.first.size - 1, -1, np.int64)
+    # Of large tuples every call costs more than what it does, so moves are tried within.
+    joins, moves, bases = graph.joins, graph.moves, graph.bases
+    head = np.full(joins.first.size - 1, -1, np.int64)
     states, count, tried, last = new_states(), 0, 0, -1
-    # What is due, by when the goal would be come to: a state, or its move of an index from 0 on,
-    # which begins no sooner than the last number.
+    # What is due, by when the goal would be come to: a state, or a move of it, from 0 on, which
+    # begins no sooner than the last number.
     heap = [(0.0, 0.0, 0, _STATE, errand.ready_s)]
     until_s = node_free_until(graph, taken, errand.start, errand.ready_s)
     if until_s > -np.inf and guide.cost_s[errand.start] < np.inf:
@@ -86,51 +75,55 @@ def search(
     # The goal is not come to for good before all others have passed it.
     least_s = node_free_from(graph, taken, errand.goal, errand.stay_s)
     while count > 0 and tried < most and len(heap) > 0:
-        _, _, state, index, begin_s = heappop(heap)
+        _, _, state, move, begin_s = heappop(heap)
         if states.stale[state]:
             continue
         here = states.node[state]
-        if index == _STATE:
+        if move == _STATE:
             if here == errand.goal and states.until_s[state] >= begin_s + errand.stay_s:
                 last = state
                 break
-            offer_joins(graph.joins, guide, here, heap, (state, begin_s, weight, least_s))
-            if here < graph.bases.size:
+            offer_joins(joins, guide, here, heap, (state, begin_s, weight, least_s))
+            if here < bases.size:
                 offer_moves(graph, guide, here, heap, (state, begin_s, weight, least_s))
             continue
         tried += 1
-        edge = tried_move(graph, taken, (here, index), begin_s, states.until_s[state])
-        if edge.leaves_s == np.inf:
+        within_s = begin_s, states.until_s[state]
+        if move < joins.end.size:
+            there, lasts_s = joins.end[move], joins.duration_s[move]
+            leave_s = first_departure(taken, joins.met, move, 0, within_s)
+        else:
+            kind = move - joins.end.size
+            there, lasts_s = here + moves.far[kind], moves.duration_s[kind]
+            leave_s = first_departure(taken, moves.met, kind, bases[here], within_s)
+        if leave_s == np.inf:
             continue
-        left_s, arrive_s, until_s = guide.cost_s[edge.there], edge.arrives_s, edge.until_s
-        if sooner(states, head[edge.there], arrive_s, until_s):
+        left_s, arrive_s = guide.cost_s[there], leave_s + lasts_s
+        until_s = node_free_until(graph, taken, there, arrive_s)
+        if sooner(states, head[there], arrive_s, until_s):
             if count == states.node.size:
                 states = doubled(states)
-            found = State(edge.there, state, edge.move, edge.leaves_s, arrive_s, until_s)
-            entered(states, head, count, found)
+            entered(states, head, count, State(there, state, move, leave_s, arrive_s, until_s))
             total_s = arrive_s + weight * left_s
             heappush(heap, (max(total_s, least_s), left_s, count, _STATE, arrive_s))
             count += 1
         # Once more, for the next safe interval of its end, but not before that is its turn.
-        lasts_s = arrive_s - edge.leaves_s
-        again_s = max(edge.leaves_s, until_s - lasts_s) + INSTANT_S
+        again_s = max(leave_s, until_s - lasts_s) + INSTANT_S
         if again_s <= states.until_s[state] and again_s < np.inf:
             total_s = again_s + lasts_s + weight * left_s
-            heappush(heap, (max(total_s, least_s), left_s, state, index, again_s))
+            heappush(heap, (max(total_s, least_s), left_s, state, move, again_s))
     return way_to(states, last, errand.start, tried)
 
 
 @compiled
 def offer_joins(joins: Joins, guide: Guide, here: int, heap: list[Due], terms: Terms) -> None:
-    """Put what is open of a node's joins where their turn comes; they have the first indices."""
+    """Put what is open of a node's joins where their turn comes."""
     state, begin_s, weight, least_s = terms
-    first = joins.first[here]
-    for index in range(joins.first[here + 1] - first):
-        join = joins.onward[first + index]
+    for join in joins.onward[joins.first[here] : joins.first[here + 1]]:
         left_s = guide.cost_s[joins.end[join]]
         if not guide.barred[join] and left_s < np.inf:
             total_s = begin_s + joins.duration_s[join] + weight * left_s
-            heappush(heap, (max(total_s, least_s), left_s, state, index, begin_s))
+            heappush(heap, (max(total_s, least_s), left_s, state, join, begin_s))
 
 
 @compiled
@@ -142,42 +135,15 @@ def offer_moves(graph: Graph, guide: Guide, here: int, heap: list[Due], terms: T
     duration_s, runs, cost_s = graph.moves.duration_s, guide.runs, guide.cost_s
     often, aligned = graph.moves.often, graph.aligned
     yaw = here // graph.places
-    first = graph.moves.first[yaw]
-    joins = graph.joins.first[here + 1] - graph.joins.first[here]
-    for kind in range(first, graph.moves.first[yaw + 1]):
+    joins = graph.joins.end.size
+    for kind in range(graph.moves.first[yaw], graph.moves.first[yaw + 1]):
         if runs[line[kind], here] < steps[kind]:
             continue
         there = here + far[kind]
         left_s = cost_s[there]
         if left_s < np.inf and (often[kind] or aligned[there]):
             total_s = begin_s + duration_s[kind] + weight * left_s
-            due = (max(total_s, least_s), left_s, state, joins + kind - first, begin_s)
-            heappush(heap, due)
-
-
-@compiled
-def tried_move(
-    graph: Graph, taken: Taken, edge: tuple[int, int], from_s: float, to_s: float
-) -> Edge:
-    """A move from a node, by its index, that begins from an instant up to another."""
-    here, index = edge
-    joins, moves = graph.joins, graph.moves
-    own = joins.first[here + 1] - joins.first[here]
-    if index < own:
-        join = joins.onward[joins.first[here] + index]
-        there, move, base, lasts_s = joins.end[join], -1 - join, 0, joins.duration_s[join]
-        met = slice(joins.visit[join], joins.visit[join + 1])
-        tile, spans_s = joins.tile[met], (joins.enters_s[met], joins.leaves_s[met])
-    else:
-        move = moves.first[here // graph.places] + index - own
-        there, base, lasts_s = here + moves.far[move], graph.bases[here], moves.duration_s[move]
-        met = slice(moves.visit[move], moves.visit[move + 1])
-        tile, spans_s = moves.tile[met], (moves.enters_s[met], moves.leaves_s[met])
-    leaves_s = first_departure(taken, tile, spans_s, base, (from_s, to_s))
-    if leaves_s == np.inf:
-        return Edge(there, move, np.inf, np.inf, -np.inf)
-    until_s = node_free_until(graph, taken, there, leaves_s + lasts_s)
-    return Edge(there, move, leaves_s, leaves_s + lasts_s, until_s)
+            heappush(heap, (max(total_s, least_s), left_s, state, joins + kind, begin_s))
 
 
 @compiled

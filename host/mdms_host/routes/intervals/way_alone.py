@@ -86,9 +86,9 @@ def steps_of(graph: Graph, open_lines: Bools, under: Ints) -> Steps:
             join = joins.onward[index]
             end[count] = joins.end[join]
             met[count, 0] = _CLOSED if joins.tips[join] else 0
-            for visit in range(joins.visit[join], joins.visit[join + 1]):
+            for visit in range(joins.met.first[join], joins.met.first[join + 1]):
                 for word in range(words):
-                    met[count, word] |= under[joins.tile[visit], word]
+                    met[count, word] |= under[joins.met.tile[visit], word]
             count += 1
         for line in range(len(open_lines) if node < bases.size else 0):
             kind = moves.unit[node // graph.places, line]

@@ -17,11 +17,20 @@ TURNS = (len(LINES), len(LINES) + 1)
 LINE_COUNT = len(LINES) + len(TURNS)
 
 
-class Moves(NamedTuple):
-    """Kinds of moves (K,), by the yaw of the node that they start at, and their visits (V,).
+class Met(NamedTuple):
+    """The tiles that each of several moves meets, and from when to when after its begin, (V,)."""
 
-    A visit is a tile, by its number less that of the node's own, and when it is met, after the
-    move's begin.
+    first: Ints
+    """The first of each move, and their number, (M + 1,)."""
+    tile: Ints
+    enters_s: Floats
+    leaves_s: Floats
+
+
+class Moves(NamedTuple):
+    """Kinds of moves (K,), by the yaw of the node that they start at.
+
+    The tiles that they meet are by their numbers less that of the node's own.
     """
 
     first: Ints
@@ -31,14 +40,7 @@ class Moves(NamedTuple):
     line: Ints
     steps: Ints
     duration_s: Floats
-    visit: Ints
-    """The first visit of each kind, and their number, (K + 1,)."""
-    tile: Ints
-    enters_s: Floats
-    leaves_s: Floats
-    enters: Floats
-    """The same as shares of the move, (V,)."""
-    leaves: Floats
+    met: Met
     often: Bools
     """Which kinds are used from anywhere, (K,); others only lead to where the goal is in line."""
     back_first: Ints
@@ -195,12 +197,12 @@ def _together(lattice: Lattice, kinds: list[Kind], stands: Sequence[Ints], pace:
         line=np.array([kind.line for kind in kinds], dtype=np.int64),
         steps=steps,
         duration_s=pace.times_s(lengths_m, turns_m, np.ones(len(kinds))),
-        visit=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
-        tile=places[:, 1] * lattice.tiles.columns + places[:, 0],
-        enters_s=pace.times_s(*own, enters),
-        leaves_s=pace.times_s(*own, leaves),
-        enters=enters,
-        leaves=leaves,
+        met=Met(
+            first=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+            tile=places[:, 1] * lattice.tiles.columns + places[:, 0],
+            enters_s=pace.times_s(*own, enters),
+            leaves_s=pace.times_s(*own, leaves),
+        ),
         often=often,
         back_first=back_first,
         back=np.lexsort((~often, ends)).astype(np.int64),

@@ -7,7 +7,7 @@ import numpy as np
 
 from mdms_host.motion.footholds import MARGIN_M
 from mdms_host.routes.pace import Pace
-from mdms_host.routes.space.moves import LatticeMoves, Moves
+from mdms_host.routes.space.moves import LatticeMoves, Met, Moves
 from mdms_host.routes.space.standing import SLACK_M, Standing
 from mdms_host.routes.space.sweep import Sweeps
 from mdms_model.arrays import Bools, Floats, Ints
@@ -21,7 +21,7 @@ _HAIR_M = 1e-6
 
 
 class Joins(NamedTuple):
-    """Single moves (J,) between nodes of which at least one is no lattice node, and their visits.
+    """Single moves (J,) between nodes of which at least one is no lattice node.
 
     Nodes that are not of the lattice have their tiles in `stand_tile`, by `stand` (extras + 1,).
     """
@@ -31,12 +31,7 @@ class Joins(NamedTuple):
     tips: Bools
     """Which are left out, for the parcel may tip on them."""
     duration_s: Floats
-    visit: Ints
-    tile: Ints
-    enters_s: Floats
-    leaves_s: Floats
-    enters: Floats
-    leaves: Floats
+    met: Met
     first: Ints
     """The first of `onward` of each node, and their number, (nodes + 1,)."""
     onward: Ints
@@ -107,11 +102,11 @@ class Roadmap:
         return self.extras[node - count] if node >= count else self._poses[node]
 
     def is_safe(self, moves: Ints) -> bool:
-        """Whether the parcel is safe from tipping on the joins of a way, which are -1 - join.
+        """Whether the parcel is safe from tipping on the joins among the moves of a way.
 
         Those on which it is not are left out from now on: what is safe is looked at only so.
         """
-        joins = [-1 - move for move in moves.tolist() if move < 0]
+        joins = [move for move in moves.tolist() if move < len(self.pairs)]
         tips = [join for join in joins if not self._safe(*self.pairs[join])]
         self.graph.joins.tips[tips] = True
         return not tips
@@ -201,12 +196,12 @@ class Roadmap:
             end=ends,
             tips=np.zeros(len(ends), dtype=bool),
             duration_s=self.pace.times_s(lengths_m, turns_m, np.ones(len(starts))),
-            visit=met.first,
-            tile=met.tile,
-            enters_s=self.pace.times_s(*own, met.enters),
-            leaves_s=self.pace.times_s(*own, met.leaves),
-            enters=met.enters,
-            leaves=met.leaves,
+            met=Met(
+                met.first,
+                met.tile,
+                enters_s=self.pace.times_s(*own, met.enters),
+                leaves_s=self.pace.times_s(*own, met.leaves),
+            ),
             first=np.searchsorted(np.sort(starts), nodes).astype(np.int64),
             onward=np.argsort(starts, kind="stable").astype(np.int64),
             back_first=np.searchsorted(np.sort(ends), nodes).astype(np.int64),
