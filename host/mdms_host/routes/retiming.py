@@ -3,18 +3,30 @@
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Literal
+from itertools import pairwise
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from mdms_host.routes.pace import Pace
-from mdms_host.routes.reservations import REST_M, Reservations
+from mdms_host.routes.reservations import REST_M, Reservations, Wait
 from mdms_host.routes.route import Route, Visits
 from mdms_model.arrays import Floats, Ints
 from mdms_model.compiled import compiled
 
 #: Routes are this much farther apart than they have to be: a search adds such hairs to its own [s].
 _HAIR_S = 1e-6
+
+#: A parcel and a path coordinate of its route [m].
+Place = tuple[str, float]
+
+
+class After(NamedTuple):
+    """Moves that begin so long after others at the least, by numbers over all routes; all (A,)."""
+
+    move: Ints
+    other: Ints
+    apart_s: Floats
 
 
 def retimed(
@@ -31,75 +43,92 @@ def retimed(
     that no order contradicts: each route is free at its own among all others at theirs.
     """
     routes = {name: route for name, route in reservations.routes.items() if name in progress_m}
-    begins_s = {
-        name: _begins_s(route, progress_m[name], now_s, pace) for name, route in routes.items()
-    }
-    after = _after(reservations, routes, progress_m, pace, gap_s)
-    lasts_s = {name: route.arrives_s - route.begins_s for name, route in routes.items()}
-    # Each pass settles the next move in the order at least, and the order has no circle.
-    for _ in range(sum(map(len, begins_s.values())) + 1):
-        changed = False
-        for name, own_s in begins_s.items():
-            for move in range(1, len(own_s)):
-                least_s = own_s[move - 1] + lasts_s[name][move - 1]
-                changed |= bool(own_s[move] < least_s)
-                own_s[move] = max(own_s[move], least_s)
-        for name, move, other, others, apart in after:
-            least_s = begins_s[other][others] + apart
-            changed |= bool(begins_s[name][move] < least_s)
-            begins_s[name][move] = max(begins_s[name][move], least_s)
-        if not changed:
-            break
+    moves = _numbers(routes)
+    begins_s = np.empty(sum(map(len, moves.values())))
+    for name, route in routes.items():
+        begins_s[moves[name]] = _begins_s(route, progress_m[name], now_s, pace)
+    places = _places(reservations.waits, moves, progress_m)
+    settle(begins_s, _after(routes, moves, places, pace, gap_s))
     return {
-        name: _with_times(route, begins_s[name], lasts_s[name], progress_m[name], pace)
+        name: _with_times(route, begins_s[moves[name]], progress_m[name], pace)
         for name, route in routes.items()
     }
 
 
-def _after(
-    reservations: Reservations,
-    routes: Mapping[str, Route],
-    progress_m: Mapping[str, float],
-    pace: Pace,
-    gap_s: float,
-) -> list[tuple[str, int, str, int, float]]:
-    """A parcel's move, and another's that it begins so long after at the least.
+def _numbers(routes: Mapping[str, Route]) -> dict[str, Ints]:
+    """The numbers of each route's moves over all of them."""
+    ends = np.cumsum([0, *(len(route.begins_s) for route in routes.values())]).tolist()
+    return {name: np.arange(*ends) for name, ends in zip(routes, pairwise(ends), strict=True)}
+
+
+@compiled
+def settle(begins_s: Floats, after: After) -> None:
+    """Make the begins of moves as much later as what they come after asks for."""
+    # Each pass settles the next move in the order at least, and the order has no circle.
+    for _ in range(begins_s.size + 1):
+        changed = False
+        for row in range(after.move.size):
+            least_s = begins_s[after.other[row]] + after.apart_s[row]
+            if begins_s[after.move[row]] < least_s:
+                begins_s[after.move[row]], changed = least_s, True
+        if not changed:
+            break
+
+
+def _places(
+    waits: Mapping[str, Sequence[Wait]], moves: Mapping[str, Ints], progress_m: Mapping[str, float]
+) -> tuple[list[Place], list[Place]]:
+    """Where parcels wait for others, and where these are by the time they need not.
 
     A tile is really left up to `REST_M` farther on than those who wait for it are to see it left.
     Who stays has no move to wait with, though it may have been set down where another stands.
     """
-    waits = [
-        (name, wait)
-        for name, route in routes.items()
-        for wait in (reservations.waits[name] if len(route.begins_s) else ())
-        if wait.other in routes and progress_m[wait.other] < wait.leaves_m < np.inf
-    ]
-    enters, after_enters_s = _all_within(
-        routes, [(name, wait.before_m) for name, wait in waits], pace, "right"
+    enters: list[Place] = []
+    leaves: list[Place] = []
+    for name, own in moves.items():
+        for before_m, other, leaves_m in waits[name] if len(own) else ():
+            if other in moves and progress_m[other] < leaves_m < np.inf:
+                enters.append((name, before_m))
+                leaves.append((other, leaves_m + REST_M))
+    return enters, leaves
+
+
+def _after(
+    routes: Mapping[str, Route],
+    moves: Mapping[str, Ints],
+    places: tuple[Sequence[Place], Sequence[Place]],
+    pace: Pace,
+    gap_s: float,
+) -> After:
+    """Each move after the one before it on its route, and after those that are waited for."""
+    enter, after_enter_s = _all_within(routes, moves, places[0], pace, "right")
+    leave, after_leave_s = _all_within(routes, moves, places[1], pace, "left")
+    apart_s = after_leave_s - after_enter_s + gap_s + _HAIR_S
+    lasts_s = [(route.arrives_s - route.begins_s)[:-1] for route in routes.values()]
+    return After(
+        np.concatenate([*(own[1:] for own in moves.values()), enter]),
+        np.concatenate([*(own[:-1] for own in moves.values()), leave]),
+        np.concatenate([*lasts_s, apart_s]),
     )
-    leaves, after_leaves_s = _all_within(
-        routes, [(wait.other, wait.leaves_m + REST_M) for _, wait in waits], pace, "left"
-    )
-    apart_s = (after_leaves_s - after_enters_s + gap_s + _HAIR_S).tolist()
-    rows = zip(waits, enters.tolist(), leaves.tolist(), apart_s, strict=True)
-    return [(name, move, wait.other, others, apart) for (name, wait), move, others, apart in rows]
 
 
 def _all_within(
     routes: Mapping[str, Route],
-    places: Sequence[tuple[str, float]],
+    moves: Mapping[str, Ints],
+    places: Sequence[Place],
     pace: Pace,
     side: Literal["left", "right"],
 ) -> tuple[Ints, Floats]:
-    """What `_within` gives for path coordinates of several parcels, in their sequence."""
+    """What `_within` gives for path coordinates of several parcels, by numbers over all routes."""
     rows: dict[str, list[int]] = defaultdict(list)
     for row, (name, _) in enumerate(places):
         rows[name].append(row)
     at_m = np.array([at_m for _, at_m in places])
-    moves, after_s = np.zeros(len(places), dtype=np.int64), np.zeros(len(places))
+    numbers, after_s = np.zeros(len(places), dtype=np.int64), np.zeros(len(places))
     for name, own in rows.items():
-        moves[own], after_s[own] = _within(routes[name], at_m[own], pace, side)
-    return moves, after_s
+        move, after_s[own] = _within(routes[name], at_m[own], pace, side)
+        numbers[own] = moves[name][move]
+    return numbers, after_s
 
 
 def _begins_s(route: Route, progress_m: float, now_s: float, pace: Pace) -> Floats:
@@ -144,15 +173,13 @@ def ways_at(poses: Floats, along_m: Floats, move: Ints, at_m: Floats) -> tuple[F
     return ways, shares
 
 
-def _with_times(
-    route: Route, begins_s: Floats, lasts_s: Floats, progress_m: float, pace: Pace
-) -> Route:
+def _with_times(route: Route, begins_s: Floats, progress_m: float, pace: Pace) -> Route:
     """The route with moves at these times, and without the tiles that are left."""
     kept = route.visits.leaves_m > progress_m
     visits = route.visits
     enters_m, leaves_m = visits.enters_m[kept], visits.leaves_m[kept]
     enters_s, leaves_s = visits.enters_s[kept], visits.leaves_s[kept]
-    arrives_s = begins_s + lasts_s
+    arrives_s = begins_s + (route.arrives_s - route.begins_s)
     if len(begins_s):
         move, after_s = _within(route, np.where(np.isinf(leaves_m), 0.0, leaves_m), pace, "left")
         stays_s = leaves_s + arrives_s[-1] - route.arrives_s[-1]
