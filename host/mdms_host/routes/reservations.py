@@ -10,9 +10,13 @@ import numpy as np
 
 from mdms_host.routes.route import Route
 from mdms_model.arrays import Floats, Ints
+from mdms_model.compiled import compiled
 
 #: A parcel that is this near to a pose of its route may have come to rest there [m].
 REST_M = 0.005
+
+#: What `Wait` has, with both parcels by number, the one that waits first.
+Row = tuple[int, int, float, float]
 
 
 class Visit(NamedTuple):
@@ -72,18 +76,9 @@ class Reservations:
             np.arange(len(names)), [len(route.visits.tile) for route in self.routes.values()]
         )
         order = np.lexsort((leaves_s, enters_s, tile))
-        tile, owner = tile[order], owner[order]
-        enters_m, leaves_m = enters_m[order], leaves_m[order]
-        pairs = [np.zeros((2, 0), dtype=np.int64)]
-        for apart in range(1, int(np.bincount(tile).max(initial=0))):
-            later = np.flatnonzero(
-                (tile[apart:] == tile[:-apart]) & (owner[apart:] != owner[:-apart])
-            )
-            pairs.append(np.array((later + apart, later)))
-        later, former = np.concatenate(pairs, axis=1)
-        rows = owner[later], owner[former], enters_m[later], leaves_m[former]
-        for parcel, other, before, leaves in zip(*_stairs(*rows), strict=True):
-            waits[names[parcel]].append(Wait(before, names[other], leaves))
+        rows = stairs(tile[order], owner[order], enters_m[order], leaves_m[order])
+        for parcel, other, before_m, left_m in rows:
+            waits[names[parcel]].append(Wait(before_m, names[other], left_m))
         return {name: tuple(sorted(own)) for name, own in waits.items()}
 
 
@@ -97,15 +92,24 @@ def _left_m(route: Route) -> Floats:
     return left_m
 
 
-def _stairs(parcel: Ints, other: Ints, before_m: Floats, leaves_m: Floats) -> list[list[float]]:
-    """Of these columns the rows that none with an earlier `before` and later `leaves` implies."""
-    order = np.lexsort((-leaves_m, before_m, other, parcel))
-    columns = [column[order] for column in (parcel, other, before_m, leaves_m)]
-    _, pair = np.unique(
-        parcel[order] * (other.max(initial=0) + 1) + other[order], return_inverse=True
-    )
-    values_m, rank = np.unique(columns[3], return_inverse=True)
-    # The latest so far of each two parcels: those of the next two count as later than all of these.
-    latest = np.maximum.accumulate(pair * len(values_m) + rank)
-    kept = np.diff(latest, prepend=-1) > 0
-    return [column[kept].tolist() for column in columns]
+@compiled
+def stairs(tile: Ints, owner: Ints, enters_m: Floats, leaves_m: Floats) -> list[Row]:
+    """What owners of visits wait for, these by tile and time; what follows from another left out.
+
+    One wait follows from another of the same two that has an earlier `before` and a later `leaves`.
+    """
+    rows: list[Row] = []
+    owners = owner.max() + 1
+    # The last row of each two owners; -1: there is none yet.
+    last = np.full((owners, owners), -1)
+    for later in np.argsort(enters_m):
+        former, parcel = later - 1, owner[later]
+        while former >= 0 and tile[former] == tile[later]:
+            other, row = owner[former], last[parcel, owner[former]]
+            if other != parcel and (row < 0 or rows[row][3] < leaves_m[former]):
+                if row < 0 or rows[row][2] < enters_m[later]:
+                    row = last[parcel, other] = len(rows)
+                    rows.append((parcel, other, 0.0, 0.0))
+                rows[row] = parcel, other, enters_m[later], leaves_m[former]
+            former -= 1
+    return rows
