@@ -178,6 +178,10 @@ class Errand:
         task = replace(self.task, goal=pose, leaves=False)
         return replace(self, task=task)
 
+    def staying(self) -> "Errand":
+        """The same parcel where it stays as one without a goal."""
+        return replace(self, task=replace(self.task, goal=None, leaves=False))
+
     def onward(self, route: Route) -> "Errand":
         """The same errand from the end of what is planned of it."""
         return replace(self, task=replace(self.task, ahead=route.poses), so_far=route)

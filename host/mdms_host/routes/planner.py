@@ -28,7 +28,7 @@ from mdms_host.routes.space.shape import Shape
 from mdms_host.routes.space.standing import Standing
 from mdms_host.routes.space.tiles import Tiles
 from mdms_host.routes.straightening import Straightening, legs_of
-from mdms_host.routes.well_formed import Orders
+from mdms_host.routes.well_formed import Orders, stuck
 from mdms_model.arrays import Bools, Floats, Ints
 
 __all__ = ["Plan", "Planner"]
@@ -112,14 +112,13 @@ class Planner:
         named = {task.parcel for task in tasks}
         kept = {name: route for name, route in (kept or {}).items() if name not in named}
         errands = {task.parcel: self._errand(task, now_s) for task in tasks}
-        moving = [name for name, errand in errands.items() if errand.task.goal is not None]
         best: dict[str, Route] = {}
-        for order, sure, aside in self._orders(errands, moving, closed | _ends(kept, closed), seed):
-            attempt = Attempt(self._terms, errands, closed, kept, sure)
+        for going, order, sure, aside in self._orders(errands, closed, kept, seed):
+            attempt = Attempt(self._terms, going, closed, kept, sure)
             found = attempt.run(order, aside)
             if len(found) >= len(best):
                 best = found
-            if len(best) == len(moving):
+            if len(best) == len(order):
                 break
         own = {name: best[name] if name in best else errands[name].prefix for name in errands}
         routes = {**kept, **own}
@@ -128,34 +127,47 @@ class Planner:
                 routes[name] = self._straightened(errands[name], routes, closed)
         blocked = {
             name: self._blocked(errands, name, best, closed, kept)
-            for name in moving
+            for name in _moving(errands)
             if name not in best
         }
         reservations = Reservations(routes)
         return Plan(routes, blocked, (*kept, *best), reservations, Authority(reservations))
 
     def _orders(
-        self, errands: Mapping[str, Errand], moving: Sequence[str], closed: Bools, seed: int
-    ) -> Iterator[tuple[Sequence[str], bool, Aside]]:
+        self,
+        errands: Mapping[str, Errand],
+        closed: Bools,
+        kept: Mapping[str, Route],
+        seed: int,
+    ) -> Iterator[tuple[Mapping[str, Errand], Sequence[str], bool, Aside]]:
         """Orders of planning: one that the layout is well-formed by, as given, and by chance.
 
         With each whether to keep to ways that are sure, as `Attempt` has it, and when others go
-        aside for one that has no way.
+        aside for one that has no way. Where there is none at first, those that cannot come to their
+        goals at all stay where they are.
         """
+        moving = _moving(errands)
         if len(moving) == 1:
-            yield moving, True, Aside.NEVER
-            yield moving, False, Aside.NEVER
+            yield errands, moving, True, Aside.NEVER
+            yield errands, moving, False, Aside.NEVER
             return
+        ends = closed | _ends(kept, closed)
         tried: set[tuple[str, ...]] = set()
         # Where a parcel would tip on its way, that way is no longer there after an attempt.
-        while (order := Orders(errands, closed).first()) and order not in tried:
-            tried.add(order)
-            yield order, True, Aside.NEVER
-        yield moving, True, Aside.LATE
+        while (order := Orders(errands, ends).first()) not in tried:
+            if order is not None:
+                tried.add(order)
+                yield errands, order, True, Aside.NEVER
+            elif names := stuck(errands, closed):
+                errands = {**errands, **{name: errands[name].staying() for name in names}}
+            else:
+                break
+        moving = _moving(errands)
+        yield errands, moving, True, Aside.LATE
         random = Random(f"orders {seed}")
         for number in range(self._tries):
             aside = Aside.EARLY if number % 3 == 0 else Aside.LATE
-            yield random.sample(list(moving), len(moving)), number % 3 < 2, aside
+            yield errands, random.sample(moving, len(moving)), number % 3 < 2, aside
 
     def _errand(self, task: Task, now_s: float) -> Errand:
         base_rad = turned_rad(task)
@@ -213,6 +225,11 @@ class Planner:
         own = errands[name]
         by = blockers(places, closed, partial(is_free, own))
         return Blocked(name, own.task.start, own.task.goal, *by)
+
+
+def _moving(errands: Mapping[str, Errand]) -> list[str]:
+    """The parcels that have goals."""
+    return [name for name, errand in errands.items() if errand.task.goal is not None]
 
 
 def _end(route: Route) -> Floats:

@@ -11,7 +11,7 @@ from random import Random
 
 import numpy as np
 
-from mdms_host.routes.attempt import ways_alone
+from mdms_host.routes.attempt import is_free, ways_alone
 from mdms_host.routes.errand import Errand
 from mdms_host.routes.intervals.way_alone import places_under
 from mdms_model.arrays import Bools
@@ -169,6 +169,21 @@ class Orders:
             self._ways[each].append(way.met)
             return None
         return way.met
+
+
+def stuck(errands: Mapping[str, Errand], closed: Bools) -> list[str]:
+    """The parcels that have no way to their goals even if all others with goals were gone."""
+    standing = np.zeros_like(closed)
+    for errand in errands.values():
+        if errand.task.goal is None:
+            standing[errand.stand] = True
+    found = []
+    for name, errand in errands.items():
+        others = closed.copy()
+        others[errand.stand] = False
+        if errand.task.goal is not None and not is_free(errand, others | standing):
+            found.append(name)
+    return found
 
 
 def bits(parcels: Sequence[int]) -> int:

@@ -1,5 +1,7 @@
 """The order in which parcels are planned, so that each has a way that it only needs to wait on."""
 
+from dataclasses import replace
+
 import numpy as np
 from tests.benchmarks.host._route_instances import TABLES, instance
 from tests.host.routes.parcels import task
@@ -37,3 +39,18 @@ def test_who_is_in_the_way_at_its_start_goes_before_who_comes_first() -> None:
     behind = task("behind", (-0.4, 0.0, 0.0), (0.0, 0.0, 0.0))
     ahead = task("ahead", (0.05, 0.0, 0.0), (0.4, 0.0, 0.0))
     assert planner.plan([behind, ahead]).order == ("ahead", "behind")
+
+
+def test_nobody_is_blocked_but_by_those_that_cannot_come_to_their_goals() -> None:
+    table = TABLES[1]
+    stays, lost, *others = instance(table, 58)
+    tasks = [replace(stays, goal=None), replace(lost, goal=stays.start), *others]
+    plan = table.planner.plan(tasks)
+    assert lost.parcel in plan.blocked
+    standing = {each.parcel: each for each in tasks if each.parcel not in plan.order}
+    assert len(standing) < len(tasks)
+    for name in plan.blocked:
+        taken = np.zeros(table.planner.tiles.count, dtype=bool)
+        for other in standing.keys() - {name}:
+            taken[table.planner.stand(standing[other].shape, standing[other].start)] = True
+        assert table.planner.plan([standing[name]], closed=taken).blocked
