@@ -62,7 +62,7 @@ _RIGHT_IDENTITY = const(0)
 _RIGHT_STATE = const(1)
 _RIGHT_HOLD = const(2)
 _DRIVE_BEATS = const(3)
-_STEERING_ARRIVED = const(9)
+_STEERING_ARRIVED = const(12)
 assert _STEERING_ARRIVED == steering.ARRIVED
 assert (_RIGHT_IDENTITY, _RIGHT_STATE) == (right_of_way.IDENTITY, right_of_way.STATE)
 assert (_RIGHT_HOLD, _DRIVE_BEATS) == (right_of_way.HOLD, right_of_way.DRIVE_BEATS)

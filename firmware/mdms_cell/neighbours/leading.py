@@ -18,6 +18,7 @@ from mdms_cell.neighbours.geometry.place import AXES
 from mdms_cell.neighbours.steering import approach, find_wish, has_arrived, length
 from mdms_cell.neighbours.twist import OFF, WHEELS
 from mdms_protocol.neighbours import frames as wire
+from mdms_protocol.neighbours.frames import read_way
 from mdms_protocol.words import WIDEN
 
 #: From the wish to brake until all cells under the parcel do: HOPS times the beats that `hold` may
@@ -34,9 +35,8 @@ _ARM = const(8000)
 assert _ARM * STEP_UM == ARM_UM
 
 # Shared constants, which would be looked up: of a program, ...
-_ACCELERATION = const(6)
 _ACCELERATION_MM_S2 = const(10)
-assert (_ACCELERATION, _ACCELERATION_MM_S2) == (wire.ACCELERATION, wire.ACCELERATION_MM_S2)
+assert _ACCELERATION_MM_S2 == wire.ACCELERATION_MM_S2
 # ... where three numbers begin in the registers of a parcel ...
 _CENTRE = const(0)
 _BELIEF = const(10)
@@ -45,13 +45,16 @@ assert (_CENTRE, _BELIEF, _TWIST) == (outline.X, belief.X, twist.VX)
 # ... and in those of a steering.
 _COMMANDED = const(0)
 _WISH = const(3)
-_ARRIVED = const(9)
+_WAY = const(6)
+_ACCELERATION = const(9)
+_ARRIVED = const(12)
 assert (_COMMANDED, _WISH, _ARRIVED) == (steering.VX, steering.WISH, steering.ARRIVED)
+assert (_WAY, _ACCELERATION) == (steering.LEFT, steering.ACCELERATION)
 
 # Registers of a cell's wheels, after those of its steering
-_DRIVING = const(14)  # 1 while the wheels are on
-_HELD_BEATS = const(15)  # for so long they have held, up to _HOLD_BEATS
-_REGISTERS = const(16)
+_DRIVING = const(17)  # 1 while the wheels are on
+_HELD_BEATS = const(18)  # for so long they have held, up to _HOLD_BEATS
+_REGISTERS = const(19)
 assert _DRIVING == steering.REGISTERS
 
 
@@ -111,16 +114,9 @@ class Leading:
         if program is None:
             here = squares_overlapped(parcel, xs, ys, footprint.half, footprint.present)
             return here | here << 8
-        return _look_ahead(
-            parcel,
-            parcel,
-            self.registers,
-            program.fields,
-            xs,
-            ys,
-            footprint.half,
-            footprint.present,
-        )
+        registers = self.registers
+        read_way(program.pages, registers, _WAY)
+        return _look_ahead(parcel, parcel, registers, xs, ys, footprint.half, footprint.present)
 
     @micropython.native
     def may_go_on(self, program, step_ms, alone):
@@ -145,11 +141,12 @@ class Leading:
     def step(self, program, may_go, step_ms):
         """Lead the wheels for a beat; without `may_go` bring the parcel to rest, and switch off."""
         registers, parcel, here = self.registers, self._parcel, self._place
-        fields, reach_um = program.fields, self._outline.reach_um
+        reach_um = self._outline.reach_um
         if not registers[_DRIVING]:
             self._join(may_go)
-        find_wish(registers, fields, parcel, here.x_um, here.y_um, reach_um)
-        stands = approach(registers, fields, reach_um, may_go, step_ms)
+        read_way(program.pages, registers, _WAY)
+        find_wish(registers, parcel, here.x_um, here.y_um, reach_um)
+        stands = approach(registers, reach_um, may_go, step_ms)
         # A cell that the parcel comes to when the host is gone counts from there.
         if self._alone_ms and not self._planned_ms:
             self._plan(program, reach_um)
@@ -195,11 +192,11 @@ class Leading:
 
     def _plan(self, program, reach_um):
         """Find how long the way takes, to the goal and along the legs that follow."""
-        fields = program.fields
-        speed_mm_s = max(fields[wire.SPEED] * wire.SPEED_MM_S, 1)
-        acceleration_mm_s2 = fields[_ACCELERATION] * _ACCELERATION_MM_S2
+        registers = self.registers
+        speed_mm_s = max(registers[steering.SPEED] * wire.SPEED_MM_S, 1)
+        acceleration_mm_s2 = registers[_ACCELERATION] * _ACCELERATION_MM_S2
         ramps_ms = 2 * speed_mm_s * 1000 // max(acceleration_mm_s2, 1)
-        x_um, y_um, turn = self.registers[steering.LEFT : steering.LEFT + 3]
+        x_um, y_um, turn = registers[_WAY : _WAY + 3]
         way_um = length(x_um, y_um, turn * reach_um // ARM_UM)
         self._planned_ms = way_um // speed_mm_s + ramps_ms
         for leg in range(program.known_legs()):
@@ -215,7 +212,6 @@ def _look_ahead(  # noqa: PLR0917 - viper takes words
     bottom,
     parcel: ptr32,
     registers: ptr32,
-    fields: ptr32,
     xs,
     ys,
     half: int,
@@ -229,7 +225,7 @@ def _look_ahead(  # noqa: PLR0917 - viper takes words
     x = parcel[_BELIEF] << widen >> widen
     y = parcel[_BELIEF + 1] << widen >> widen
     around = parcel[_BELIEF + 2] << widen >> widen
-    twice_mm_s2 = 2 * _ACCELERATION_MM_S2 * fields[_ACCELERATION]
+    twice_mm_s2 = 2 * _ACCELERATION_MM_S2 * registers[_ACCELERATION]
     twice_mm_s2 = twice_mm_s2 if twice_mm_s2 else 2
     covered = int(squares_overlapped(bottom, xs, ys, half, asked))
     needs = covered

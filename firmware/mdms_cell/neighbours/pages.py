@@ -9,8 +9,6 @@ try:
 except ImportError:
     from mdms_protocol.cpython import const, micropython, ptr32
 
-from array import array
-
 from mdms_cell.canopen.objects import find
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, HOST
 from mdms_cell.neighbours.program import Programs, next_sequence, turn_um
@@ -33,7 +31,6 @@ class Pages:
         self._leading = leading
         self._consumer = consumer
         self._pdos = pdos
-        self._page = array("i", [0] * wire.PROGRAM_FIELDS)
         self._frame_at = find(indices.PROGRAM, 1).place
         self._turn = 0
         self._node_id = 0
@@ -48,7 +45,7 @@ class Pages:
 
     def on_page(self, direction, data):
         """Take a page, from the host or handed on by a neighbour; returns False if it is none."""
-        page = self._page
+        page = [0] * wire.PROGRAM_FIELDS
         if not wire.unpack_program(data, page, 0):
             return False
         identity = page[wire.PARCEL_IDENTITY]

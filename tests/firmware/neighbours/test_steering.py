@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from mdms_cell.neighbours import steering
 from mdms_cell.neighbours.geometry.angle import ROOT_MAX, root
 from mdms_cell.neighbours.geometry.outline import Outline
-from mdms_cell.neighbours.program import GOAL
+from mdms_cell.neighbours.program import Program
 from mdms_cell.neighbours.steering import REGISTERS, VX, VY, approach, find_wish, length
 from mdms_protocol.neighbours import frames as wire
 
@@ -27,13 +27,14 @@ def test_length_is_that_of_the_vector_however_far_it_goes(x, y, z):
 
 def steered(x, y, beats):
     """The registers after so many beats on the way to a goal [steps of the wire]."""
-    fields = array("i", [0] * (GOAL + 3))
-    fields[wire.ACCELERATION] = fields[wire.SPEED] = 255
-    fields[GOAL], fields[GOAL + 1] = x, y
+    program = Program()
+    program.take((1, wire.PARCEL, 1, wire.RECTANGLE, 0, 0, 255, 255, 0))
+    program.take((1, wire.GOAL, 1, x, y, 0, 0, 0, 0))
     registers, parcel = array("i", [0] * REGISTERS), Outline().registers
     for _ in range(beats):
-        find_wish(registers, fields, parcel, 0, 0, REACH_UM)
-        approach(registers, fields, REACH_UM, 1, STEP_MS)
+        wire.read_way(program.pages, registers, steering.LEFT)
+        find_wish(registers, parcel, 0, 0, REACH_UM)
+        approach(registers, REACH_UM, 1, STEP_MS)
     return registers
 
 
