@@ -158,8 +158,13 @@ def _count(mask):
 
 
 @micropython.viper
-def gather(estimates: ptr32, shifts: ptr32, mask: int, peers: ptr32, belief: ptr32):
-    """Write the poses of the neighbours of a mask into an agreement, and who is near this cell."""
+def gather(  # noqa: PLR0917 - viper takes words
+    estimates: ptr32, steps: ptr8, pitch_um: int, mask: int, peers: ptr32, belief: ptr32
+):
+    """Write the poses of the neighbours of a mask into an agreement, and who is near this cell.
+
+    They are `place.STEPS` away.
+    """
     widen = int(WIDEN)
     # As in `program.turn_um`.
     turn_8 = _FULL // 8
@@ -168,9 +173,9 @@ def gather(estimates: ptr32, shifts: ptr32, mask: int, peers: ptr32, belief: ptr
     to = _ROWS
     for direction in range(_DIRECTIONS):
         if mask >> direction & 1:
-            shift = shifts[2 * direction] << widen >> widen
+            shift = (steps[2 * direction] - 1) * pitch_um
             peers[to + _X] = (estimates[at + _X_AT] << widen >> widen) * _STEP_UM + shift
-            shift = shifts[2 * direction + 1] << widen >> widen
+            shift = (steps[2 * direction + 1] - 1) * pitch_um
             peers[to + _Y] = (estimates[at + _Y_AT] << widen >> widen) * _STEP_UM + shift
             yaw = estimates[at + _YAW_AT] << widen >> widen
             peers[to + _TURN] = yaw * turn_8 // yaw_8

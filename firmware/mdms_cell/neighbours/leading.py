@@ -13,7 +13,15 @@ from array import array
 from mdms_cell.neighbours import belief, steering, twist
 from mdms_cell.neighbours.geometry import outline
 from mdms_cell.neighbours.geometry.angle import ARM_UM, wrapped
-from mdms_cell.neighbours.geometry.outline import STEP_UM, place, squares_overlapped
+from mdms_cell.neighbours.geometry.footprint import (
+    ALONG_X,
+    ALONG_Y,
+    POINT_X,
+    POINT_Y,
+    PRESENT,
+    squares_overlapped,
+)
+from mdms_cell.neighbours.geometry.outline import STEP_UM, place
 from mdms_cell.neighbours.geometry.place import AXES
 from mdms_cell.neighbours.steering import approach, find_wish, has_arrived, length
 from mdms_cell.neighbours.twist import OFF, WHEELS
@@ -42,7 +50,7 @@ _CENTRE = const(0)
 _BELIEF = const(10)
 _TWIST = const(23)
 assert (_CENTRE, _BELIEF, _TWIST) == (outline.X, belief.X, twist.VX)
-# ... and in those of a steering.
+# ... in those of a steering ...
 _COMMANDED = const(0)
 _WISH = const(3)
 _WAY = const(6)
@@ -50,6 +58,14 @@ _ACCELERATION = const(9)
 _ARRIVED = const(12)
 assert (_COMMANDED, _WISH, _ARRIVED) == (steering.VX, steering.WISH, steering.ARRIVED)
 assert (_WAY, _ACCELERATION) == (steering.LEFT, steering.ACCELERATION)
+
+# ... and in those of a footprint.
+_POINT_Y = const(7)
+_ALONG_X = const(14)
+_ALONG_Y = const(16)
+_PRESENT = const(36)
+assert (0, _POINT_Y, _PRESENT) == (POINT_X, POINT_Y, PRESENT)
+assert (_ALONG_X, _ALONG_Y) == (ALONG_X, ALONG_Y)
 
 # Registers of a cell's wheels, after those of its steering
 _DRIVING = const(17)  # 1 while the wheels are on
@@ -66,7 +82,7 @@ class Leading:
 
     def __init__(self, place, footprint, tracking, axes):
         self._place = place
-        self._footprint = footprint
+        self._footprint = footprint.registers
         self._outline = tracking.outline
         self._parcel = tracking.outline.registers
         self._axes = axes
@@ -110,13 +126,13 @@ class Leading:
         8 on, of those that it will cover soon.
         """
         footprint, parcel = self._footprint, self._parcel
-        xs, ys = footprint.shift_x, footprint.shift_y
+        present = footprint[_PRESENT]
         if program is None:
-            here = squares_overlapped(parcel, xs, ys, footprint.half, footprint.present)
+            here = squares_overlapped(parcel, footprint, present)
             return here | here << 8
         registers = self.registers
         read_way(program.pages, registers, _WAY)
-        return _look_ahead(parcel, parcel, registers, xs, ys, footprint.half, footprint.present)
+        return _look_ahead(parcel, parcel, registers, footprint, present)
 
     @micropython.native
     def may_go_on(self, program, step_ms, alone):
@@ -160,16 +176,8 @@ class Leading:
                 # Off it rolls along; with a speed of its own it would turn the parcel.
                 return
             registers[_DRIVING] = 1
-        footprint, targets_um_s = self._footprint, self._targets_um_s
-        _aim(
-            registers,
-            parcel,
-            footprint.along_x,
-            footprint.along_y,
-            footprint.x,
-            footprint.y,
-            targets_um_s,
-        )
+        targets_um_s = self._targets_um_s
+        _aim(registers, parcel, self._footprint, targets_um_s)
         self._axes.lead(targets_um_s)
 
     def _join(self, may_go):
@@ -208,15 +216,7 @@ class Leading:
 
 
 @micropython.viper
-def _look_ahead(  # noqa: PLR0917 - viper takes words
-    bottom,
-    parcel: ptr32,
-    registers: ptr32,
-    xs,
-    ys,
-    half: int,
-    asked: int,
-) -> int:
+def _look_ahead(bottom, parcel: ptr32, registers: ptr32, footprint, asked: int) -> int:
     """See `Leading.look_ahead`; of the cells in the mask `asked`.
 
     `bottom` is the parcel's registers too, to be passed on.
@@ -227,7 +227,7 @@ def _look_ahead(  # noqa: PLR0917 - viper takes words
     around = parcel[_BELIEF + 2] << widen >> widen
     twice_mm_s2 = 2 * _ACCELERATION_MM_S2 * registers[_ACCELERATION]
     twice_mm_s2 = twice_mm_s2 if twice_mm_s2 else 2
-    covered = int(squares_overlapped(bottom, xs, ys, half, asked))
+    covered = int(squares_overlapped(bottom, footprint, asked))
     needs = covered
     for ahead in range(2):
         vx = parcel[_TWIST] << widen >> widen
@@ -249,21 +249,13 @@ def _look_ahead(  # noqa: PLR0917 - viper takes words
             ahead_y = y + vy // 1000 * time_ms + vy % 1000 * time_ms // 1000
             ahead_turn = around + turn // 1000 * time_ms + turn % 1000 * time_ms // 1000
             place(bottom, ahead_x, ahead_y, ahead_turn)
-            covered |= int(squares_overlapped(bottom, xs, ys, half, rest))
+            covered |= int(squares_overlapped(bottom, footprint, rest))
     place(bottom, x, y, around)
     return needs | covered << 8
 
 
 @micropython.viper
-def _aim(  # noqa: PLR0917 - viper takes words
-    registers: ptr32,
-    parcel: ptr32,
-    along_xs: ptr32,
-    along_ys: ptr32,
-    xs: ptr32,
-    ys: ptr32,
-    targets: ptr32,
-):
+def _aim(registers: ptr32, parcel: ptr32, footprint: ptr32, targets: ptr32):
     """Find the speeds of wheels that move with the parcel as commanded [um/s]."""
     widen = int(WIDEN)
     vx = registers[_COMMANDED] << widen >> widen
@@ -272,10 +264,10 @@ def _aim(  # noqa: PLR0917 - viper takes words
     centre_x = parcel[_CENTRE] << widen >> widen
     centre_y = parcel[_CENTRE + 1] << widen >> widen
     for axis in range(2):
-        along_x = along_xs[axis] << widen >> widen
-        along_y = along_ys[axis] << widen >> widen
-        x = (xs[axis] << widen >> widen) - centre_x
-        y = (ys[axis] << widen >> widen) - centre_y
+        along_x = footprint[_ALONG_X + axis] << widen >> widen
+        along_y = footprint[_ALONG_Y + axis] << widen >> widen
+        x = (footprint[axis] << widen >> widen) - centre_x
+        y = (footprint[_POINT_Y + axis] << widen >> widen) - centre_y
         lever = (along_y * x - along_x * y) // _ARM
         # The product of lever and turn alone may be more than a word.
         speed = along_x * vx + along_y * vy + lever * (turn & 0x1FF) >> 9

@@ -9,7 +9,7 @@ except ImportError:
     from mdms_protocol.cpython import const, micropython, ptr8, ptr32
 
 from mdms_cell.neighbours.belief import CONTRADICTION, EDGE
-from mdms_cell.neighbours.geometry.footprint import POINTS
+from mdms_cell.neighbours.geometry.footprint import POINT_X, POINT_Y, POINTS, PRESENT, SHIFT
 from mdms_cell.neighbours.geometry.outline import (
     COSINE,
     DISC,
@@ -55,6 +55,10 @@ _SHAPE = const(4)
 _HALF_LENGTH = const(5)
 _HALF_WIDTH = const(6)
 _DISC = const(1)
+_POINT_Y = const(7)
+_SHIFT = const(18)
+_PRESENT = const(36)
+assert (0, _POINT_Y, _SHIFT, _PRESENT) == (POINT_X, POINT_Y, SHIFT, PRESENT)
 assert (_OWN, _PRESENCE, _AXES, _POINTS) == (OWN, PRESENCE, AXES, POINTS)
 assert (_X, _Y, _COSINE, _SINE, _SHAPE) == (X, Y, COSINE, SINE, SHAPE)
 assert (_HALF_LENGTH, _HALF_WIDTH, _DISC) == (HALF_LENGTH, HALF_WIDTH, DISC)
@@ -104,12 +108,10 @@ class Sensors:
     @micropython.native
     def _edge_at(self, number, ago_ms):
         """Where that edge is now: it has moved on with the parcel since a sensor saw it."""
-        footprint, tracking = self._footprint, self._tracking
+        tracking = self._tracking
         centre = tracking.outline.registers
         direction, sensor, _ = self._heard.edge(number)
-        point = AXES + sensor
-        x = footprint.shift_x[direction] + footprint.x[point]
-        y = footprint.shift_y[direction] + footprint.y[point]
+        x, y = self._footprint.point(direction, AXES + sensor)
         vx, vy, turn = tracking.twist.speeds()
         turned = turn * ago_ms // 128_000
         return (
@@ -209,13 +211,12 @@ class Sensors:
 
         One may have changed since, and the frame got lost, while the parcel has moved on.
         """
-        footprint, tracking = self._footprint, self._tracking
+        tracking = self._tracking
         late = min(tracking.twist.size() * age_ms // 62_500, _MOST_LATE)
         point = AXES
         while wrong:
             if wrong & 1:
-                x = footprint.shift_x[direction] + footprint.x[point]
-                y = footprint.shift_y[direction] + footprint.y[point]
+                x, y = self._footprint.point(direction, point)
                 tracking.belief.correct(x, y, CONTRADICTION + late * late, False)
             wrong >>= 1
             point += 1
@@ -233,13 +234,11 @@ def _checking(sensors, tracking, footprint, heard, suspicion):
         sync_ms,
         sensors=sensors,
         tracking=tracking,
-        footprint=footprint,
+        footprint=footprint.registers,
         heard=heard,
         suspicion=suspicion,
         registers=tracking.outline.registers,
         others=tracking.others,
-        xs=footprint.x,
-        ys=footprint.y,
         presence=heard.presence,
         seen=heard.seen,
         compare=_compare,
@@ -251,20 +250,19 @@ def _checking(sensors, tracking, footprint, heard, suspicion):
         turn = sensors.turn = turn + 1 if turn < _OWN else 0
         moved = missing = False
         bits = presence[_OWN]
-        own = compare(registers, xs, ys, 0, 0, bits)
+        own = compare(registers, footprint, _OWN, bits)
         if seen[_OWN]:
             missing = own & _MISSING != 0
             if not turn & 3 and (own & _WRONG or cases):
                 moved = sensors.weigh(_OWN, own, 0)
-        if turn != _OWN and footprint.present >> turn & 1 and not others[turn]:
-            x, y = footprint.shift_x[turn], footprint.shift_y[turn]
-            its = compare(registers, xs, ys, x, y, presence[turn])
+        if turn != _OWN and footprint[_PRESENT] >> turn & 1 and not others[turn]:
+            its = compare(registers, footprint, turn, presence[turn])
             if its & _WRONG or cases:
                 age_ms = heard.age_ms(turn, sync_ms)
                 if age_ms >= 0:
                     moved |= sensors.weigh(turn, its, age_ms)
         if moved:
-            own = compare(registers, xs, ys, 0, 0, bits)
+            own = compare(registers, footprint, _OWN, bits)
         tracking.under = own & _NEARLY != 0
         if missing:
             missing = not (tracking.is_witnessed() and suspicion.has(_OWN, _PRESENCE))
@@ -289,14 +287,11 @@ def _of_one_frame(edges: ptr8, edge_ms: ptr32, count: int, number: int) -> int:
 
 
 @micropython.viper
-def _compare(  # noqa: PLR0917 - viper takes words
-    outline: ptr32, xs: ptr32, ys: ptr32, shift_x: int, shift_y: int, bits: int
-) -> int:
-    """Compare a cell's presence bits with an outline; returns what is found, as above.
-
-    The cell's points are those of a `Footprint`, moved by a shift.
-    """
+def _compare(outline: ptr32, footprint: ptr32, direction: int, bits: int) -> int:
+    """Compare a cell's presence bits with an outline; returns what is found, as above."""
     widen = int(WIDEN)
+    shift_x = footprint[_SHIFT + 2 * direction] << widen >> widen
+    shift_y = footprint[_SHIFT + 2 * direction + 1] << widen >> widen
     shift_x -= outline[_X] << widen >> widen
     shift_y -= outline[_Y] << widen >> widen
     disc = outline[_SHAPE] == _DISC
@@ -319,8 +314,8 @@ def _compare(  # noqa: PLR0917 - viper takes words
     covered = 0
     sensor = 0 - _AXES
     for point in range(_POINTS):
-        x = (xs[point] << widen >> widen) + shift_x
-        y = (ys[point] << widen >> widen) + shift_y
+        x = (footprint[point] << widen >> widen) + shift_x
+        y = (footprint[_POINT_Y + point] << widen >> widen) + shift_y
         if disc:
             outside = (x >> 2) * (x >> 2) + (y >> 2) * (y >> 2)
         else:

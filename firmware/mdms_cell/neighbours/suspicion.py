@@ -12,7 +12,7 @@ try:
 except ImportError:
     from mdms_protocol.cpython import const, micropython, ptr8
 
-from mdms_cell.neighbours.geometry.outline import points_within
+from mdms_cell.neighbours.geometry.footprint import PRESENT, points_within
 from mdms_cell.neighbours.geometry.place import AXES, DIRECTIONS
 from mdms_cell.neighbours.twist import SLIPS, against
 from mdms_cell.neighbours.twist import WHEELS as TWIST_WHEELS
@@ -52,6 +52,8 @@ assert _OWN == DIRECTIONS
 _AXES = const(2)
 _WHEELS_SHOWN = const(26)
 _SLIPS = const(2)
+_PRESENT = const(36)
+assert _PRESENT == PRESENT
 assert (_AXES, _WHEELS_SHOWN, _SLIPS) == (AXES, TWIST_WHEELS, SLIPS)
 #: Whose pose is left out: it is wrong, or made by sensors that are.
 MISLEADING = 1 << POSE | 1 << PRESENCE
@@ -171,9 +173,9 @@ class Evidence:
         direction = self._turn = direction + 1 if direction < _OWN else 0
         if not tracking.is_sure():
             return
-        footprint, heard, suspicion = self._footprint, self._heard, self._suspicion
+        footprint, heard, suspicion = self._footprint.registers, self._heard, self._suspicion
         if direction != _OWN:
-            if not footprint.present >> direction & 1:
+            if not footprint[_PRESENT] >> direction & 1:
                 return
             beat = heard.beat
             silent = (beat - heard.estimate_beat[direction]) & 0xFFFFFF > _LATE_BEATS
@@ -184,12 +186,7 @@ class Evidence:
         registers = tracking.belief.registers
         if registers[_WHEELS_SHOWN] >= _ENOUGH_WHEELS:
             # A wheel well under the parcel is wrong if it does not turn with it.
-            xs, ys = footprint.x, footprint.y
-            x, y = footprint.shift_x[direction], footprint.shift_y[direction]
-            wheels = points_within(registers, xs, ys, _AXES, x, y, -_INSIDE)
-            along_xs, along_ys, first = footprint.along_x, footprint.along_y, _AXES * direction
-            shown = against(
-                registers, xs, ys, x, y, along_xs, along_ys, heard.speeds, first, wheels
-            )
+            wheels = points_within(registers, footprint, direction, _AXES, -_INSIDE)
+            shown = against(registers, footprint, heard.speeds, direction, wheels)
             if shown & _SLIPS or (shown and suspicion.cases >> WHEELS & 1):
                 suspicion.judge(direction, WHEELS, shown & _SLIPS != 0)

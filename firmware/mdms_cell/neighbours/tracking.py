@@ -15,7 +15,7 @@ except ImportError:
 
 from mdms_cell.neighbours.agreement import OWN_WEIGHT, Agreement, gather, sum_up
 from mdms_cell.neighbours.belief import Belief, agree, roll, send
-from mdms_cell.neighbours.geometry.place import DIRECTIONS
+from mdms_cell.neighbours.geometry.place import DIRECTIONS, STEPS
 from mdms_cell.neighbours.heard import NEVER, OWN
 from mdms_cell.neighbours.right_of_way import PROMISED, UNDER
 from mdms_cell.neighbours.sensors import Sensors
@@ -179,13 +179,9 @@ def _updating(tracking, place, footprint, heard, suspicion):
         peers=tracking.agreement.registers,
         others=tracking.others,
         out=suspicion.out,
-        shifts=place.shifts,
-        xs=footprint.x,
-        ys=footprint.y,
-        shift_x=footprint.shift_x,
-        shift_y=footprint.shift_y,
-        along_x=footprint.along_x,
-        along_y=footprint.along_y,
+        place=place,
+        steps=STEPS,
+        footprint=footprint.registers,
         estimates=heard.estimates,
         estimate_beat=heard.estimate_beat,
         speeds=heard.speeds,
@@ -204,10 +200,10 @@ def _updating(tracking, place, footprint, heard, suspicion):
             if belief.known:
                 # By the belief of before.
                 cells = masks >> _OWN
-                fit(registers, xs, ys, shift_x, shift_y, along_x, along_y, speeds, cells)
+                fit(registers, footprint, speeds, cells)
             else:
                 tracking.twist.reset()
-            gather(estimates, shifts, masks & _ALL, peers, registers)
+            gather(estimates, steps, place.pitch_um, masks & _ALL, peers, registers)
             # A few wheels, all on one side, do not show how a parcel turns.
             under = tracking.under
             follows = tracking.follows = not under or registers[_WHEELS_SHOWN] < _FEW_WHEELS

@@ -10,7 +10,14 @@ from mdms_cell.neighbours import belief as beliefs
 from mdms_cell.neighbours import sensors
 from mdms_cell.neighbours.belief import CONTRADICTION, EDGE, TURN, Belief, X
 from mdms_cell.neighbours.geometry.angle import ARM_UM, ONE, TURN_UM, root, wrapped
-from mdms_cell.neighbours.geometry.footprint import MARGIN, POINTS
+from mdms_cell.neighbours.geometry.footprint import (
+    HALF,
+    MARGIN,
+    POINTS,
+    SHIFT,
+    points_within,
+    squares_overlapped,
+)
 from mdms_cell.neighbours.geometry.outline import (
     COSINE,
     DISC,
@@ -18,8 +25,6 @@ from mdms_cell.neighbours.geometry.outline import (
     SINE,
     STEP_UM,
     Outline,
-    points_within,
-    squares_overlapped,
 )
 from mdms_cell.neighbours.geometry.place import AXES, SENSORS
 from mdms_cell.neighbours.twist import BEFORE, VX
@@ -70,7 +75,9 @@ def test_distance_is_that_to_the_nearest_side(x_um, y_um, turn_um, at_x, at_y):
 
 
 def overlaps(found, x, y, half):
-    return squares_overlapped(found.registers, [x], [y], half, 1) == 1
+    footprint = [0] * (HALF + 1)
+    footprint[SHIFT], footprint[SHIFT + 1], footprint[HALF] = x, y, half
+    return squares_overlapped(found.registers, footprint, 1) == 1
 
 
 @given(places, places, turns)
@@ -93,9 +100,10 @@ def test_sensors_are_compared_with_the_outline_at_each_limit(  # noqa: PLR0917
     found = outline(shape, x_um=x_um // 4, y_um=x_um // 5, turn_um=turn_um).registers
     x = [at_x * number // (6 * STEP_UM) for number in range(POINTS)]
     y = [at_y * number // (6 * STEP_UM) for number in range(POINTS)]
+    footprint = [*x, *y, *[0] * (SHIFT + 2 - 2 * POINTS), 100, -100]
 
     def within(limit):
-        return points_within(found, x, y, POINTS, 100, -100, limit)
+        return points_within(found, footprint, 1, POINTS, limit)
 
     deep, far = within(-625) >> AXES, SENSORS_MASK & ~(within(626) >> AXES)
     wanted = within(0) >> AXES ^ bits
@@ -103,7 +111,7 @@ def test_sensors_are_compared_with_the_outline_at_each_limit(  # noqa: PLR0917
     wanted |= sensors._FAR if far & bits else 0
     wanted |= sensors._CLEARLY if deep or far else 0
     wanted |= sensors._NEARLY if within(MARGIN) else 0
-    assert sensors._compare(found, x, y, 100, -100, bits) == wanted
+    assert sensors._compare(found, footprint, 1, bits) == wanted
 
 
 @pytest.mark.parametrize("shape", [RECTANGLE, DISC])
