@@ -11,7 +11,7 @@ try:
     import micropython
     from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr8, ptr32
+    from mdms_protocol.cpython import const, micropython, ptr8, ptr16, ptr32
 
 from array import array
 
@@ -159,13 +159,12 @@ def _count(mask):
 
 @micropython.viper
 def gather(  # noqa: PLR0917 - viper takes words
-    estimates: ptr32, steps: ptr8, pitch_um: int, mask: int, peers: ptr32, belief: ptr32
+    estimates: ptr16, steps: ptr8, pitch_um: int, mask: int, peers: ptr32, belief: ptr32
 ):
     """Write the poses of the neighbours of a mask into an agreement, and who is near this cell.
 
     They are `place.STEPS` away.
     """
-    widen = int(WIDEN)
     # As in `program.turn_um`.
     turn_8 = _FULL // 8
     yaw_8 = _YAW_FULL // 8
@@ -173,11 +172,12 @@ def gather(  # noqa: PLR0917 - viper takes words
     to = _ROWS
     for direction in range(_DIRECTIONS):
         if mask >> direction & 1:
-            shift = (steps[2 * direction] - 1) * pitch_um
-            peers[to + _X] = (estimates[at + _X_AT] << widen >> widen) * _STEP_UM + shift
-            shift = (steps[2 * direction + 1] - 1) * pitch_um
-            peers[to + _Y] = (estimates[at + _Y_AT] << widen >> widen) * _STEP_UM + shift
-            yaw = estimates[at + _YAW_AT] << widen >> widen
+            # Fields of 16 bits: viper reads them without their sign.
+            x = (estimates[at + _X_AT] & 0xFFFF ^ 0x8000) - 0x8000
+            y = (estimates[at + _Y_AT] & 0xFFFF ^ 0x8000) - 0x8000
+            yaw = (estimates[at + _YAW_AT] & 0xFFFF ^ 0x8000) - 0x8000
+            peers[to + _X] = x * _STEP_UM + (steps[2 * direction] - 1) * pitch_um
+            peers[to + _Y] = y * _STEP_UM + (steps[2 * direction + 1] - 1) * pitch_um
             peers[to + _TURN] = yaw * turn_8 // yaw_8
             peers[to + _CERTAINTY] = estimates[at + _CERTAINTY_AT]
         at += _FIELDS

@@ -19,7 +19,7 @@ from mdms_cell.neighbours import right_of_way, steering
 from mdms_cell.neighbours.geometry import place
 from mdms_cell.neighbours.geometry.footprint import Footprint
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, Place
-from mdms_cell.neighbours.heard import OWN, Heard
+from mdms_cell.neighbours.heard import OWN, SEEN, Heard
 from mdms_cell.neighbours.leading import Leading
 from mdms_cell.neighbours.pages import Pages
 from mdms_cell.neighbours.program import next_sequence
@@ -41,9 +41,11 @@ _ESTIMATE_PDO = const(2)
 # Constants of other modules that are used in every beat; they would be looked up.
 _IDLE_MS = const(1000)
 _OWN = const(8)
+_SEEN = const(0x80)
 _LOST_BEATS = const(100)
 _UNDER = const(3)
-assert (_IDLE_MS, _OWN, _LOST_BEATS, _UNDER) == (IDLE_MS, OWN, LOST_BEATS, UNDER)
+assert (_IDLE_MS, _OWN, _SEEN) == (IDLE_MS, OWN, SEEN)
+assert (_LOST_BEATS, _UNDER) == (LOST_BEATS, UNDER)
 # Fields of an estimate, ...
 _IDENTITY = const(3)
 _STATE = const(4)
@@ -254,7 +256,7 @@ class Layer:
         if not self.active:
             return _IDLE_MS
         heard = self._heard
-        if presence != heard.presence[_OWN] or not heard.seen[_OWN]:
+        if presence | _SEEN != heard.presence[_OWN]:
             heard.take_presence(_OWN, presence, now_ms)
         if not self._due:
             return _IDLE_MS
@@ -332,7 +334,7 @@ def _updating(layer):
         tracking=tracking,
         right=layer._right,
         estimates=heard.estimates,
-        fresh=heard.fresh,
+        fresh=heard.boxes.fresh,
         read=heard.read,
         take_estimates=rights.on_estimates,
         track=tracking.update,

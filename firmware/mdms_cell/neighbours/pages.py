@@ -7,7 +7,7 @@ try:
     import micropython
     from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr32
+    from mdms_protocol.cpython import const, micropython, ptr16
 
 from mdms_cell.canopen.objects import find
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, HOST
@@ -143,7 +143,7 @@ class Pages:
 
 
 @micropython.viper
-def _lacking(estimates: ptr32, sent: int, parcel: int, sequence: int) -> int:
+def _lacking(estimates: ptr16, sent: int, parcel: int, sequence: int) -> int:
     """The mask of those that have `sent` that they are at this parcel, and lack of its program.
 
     That is all or a part of it, or they have the one before.

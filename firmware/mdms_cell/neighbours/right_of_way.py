@@ -18,7 +18,7 @@ try:
     import micropython
     from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr8, ptr32
+    from mdms_protocol.cpython import const, micropython, ptr8, ptr16, ptr32
 
 from array import array
 
@@ -277,7 +277,7 @@ class RightOfWay:
 
 
 @micropython.viper
-def _take_in(registers: ptr32, said: ptr8, estimates: ptr32, fresh: ptr8) -> int:
+def _take_in(registers: ptr32, said: ptr8, estimates: ptr16, fresh: ptr8) -> int:
     """Keep what counts of the fresh estimates, and which parcel is near a cell under none.
 
     Returns the mask of their directions.

@@ -24,7 +24,7 @@ from mdms_cell.neighbours.geometry.outline import (
     Y,
 )
 from mdms_cell.neighbours.geometry.place import AXES, DIRECTIONS
-from mdms_cell.neighbours.heard import OWN
+from mdms_cell.neighbours.heard import BITS, OWN, SEEN
 from mdms_cell.neighbours.suspicion import PRESENCE
 from mdms_cell.ticks import diff
 from mdms_protocol.words import WIDEN
@@ -57,6 +57,9 @@ _HALF_WIDTH = const(6)
 _DISC = const(1)
 _POINT_Y = const(7)
 _SHIFT = const(18)
+_SEEN = const(0x80)
+_BITS = const(0x1F)
+assert (_SEEN, _BITS) == (SEEN, BITS)
 _PRESENT = const(36)
 assert (0, _POINT_Y, _SHIFT, _PRESENT) == (POINT_X, POINT_Y, SHIFT, PRESENT)
 assert (_OWN, _PRESENCE, _AXES, _POINTS) == (OWN, PRESENCE, AXES, POINTS)
@@ -99,7 +102,7 @@ class Sensors:
             if ago_ms <= 0:
                 continue
             direction, _, covered = heard.edge(number)
-            if tracking.others[direction] or suspicion.has(direction, PRESENCE):
+            if tracking.others >> direction & 1 or suspicion.has(direction, PRESENCE):
                 continue
             x, y = self._edge_at(number, ago_ms)
             if self._passes(x, y, covered) and not self._is_late(number, ago_ms):
@@ -162,7 +165,7 @@ class Sensors:
 
     def show_another(self):
         """Whether something else covers a sensor of the cell: one far from the parcel."""
-        bits = self._heard.presence[OWN]
+        bits = self._heard.presence[OWN] & _BITS
         if not bits or not self._suspicion.trusts(OWN):
             return False
         near = self._footprint.within(self._tracking.outline, OWN, _ELSEWHERE) >> AXES
@@ -176,8 +179,8 @@ class Sensors:
         presence, tracking = self._heard.presence, self._tracking
         for direction in range(DIRECTIONS):
             if (
-                presence[direction]
-                and not tracking.others[direction]
+                presence[direction] & _BITS
+                and not tracking.others >> direction & 1
                 and self._suspicion.trusts(direction)
             ):
                 return True
@@ -238,9 +241,7 @@ def _checking(sensors, tracking, footprint, heard, suspicion):
         heard=heard,
         suspicion=suspicion,
         registers=tracking.outline.registers,
-        others=tracking.others,
         presence=heard.presence,
-        seen=heard.seen,
         compare=_compare,
     ):
         if heard.edges:
@@ -251,11 +252,11 @@ def _checking(sensors, tracking, footprint, heard, suspicion):
         moved = missing = False
         bits = presence[_OWN]
         own = compare(registers, footprint, _OWN, bits)
-        if seen[_OWN]:
+        if bits & _SEEN:
             missing = own & _MISSING != 0
             if not turn & 3 and (own & _WRONG or cases):
                 moved = sensors.weigh(_OWN, own, 0)
-        if turn != _OWN and footprint[_PRESENT] >> turn & 1 and not others[turn]:
+        if turn != _OWN and footprint[_PRESENT] >> turn & 1 and not tracking.others >> turn & 1:
             its = compare(registers, footprint, turn, presence[turn])
             if its & _WRONG or cases:
                 age_ms = heard.age_ms(turn, sync_ms)
@@ -266,7 +267,7 @@ def _checking(sensors, tracking, footprint, heard, suspicion):
         tracking.under = own & _NEARLY != 0
         if missing:
             missing = not (tracking.is_witnessed() and suspicion.has(_OWN, _PRESENCE))
-        if missing or not (bits or sensors.is_anything_there()):
+        if missing or not (bits & _BITS or sensors.is_anything_there()):
             tracking.miss()
         else:
             tracking.missing_beats = 0

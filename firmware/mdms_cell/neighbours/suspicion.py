@@ -47,7 +47,8 @@ _LATE_BEATS = const(3)
 _INSIDE = const(625)
 #: The cell itself, in the place of a direction.
 _OWN = const(8)
-assert _OWN == DIRECTIONS
+_DIRECTIONS = const(8)
+assert _OWN == _DIRECTIONS == DIRECTIONS
 # What is used in every beat; constants of another module would be looked up.
 _AXES = const(2)
 _WHEELS_SHOWN = const(26)
@@ -181,12 +182,13 @@ class Evidence:
             silent = (beat - heard.estimate_beat[direction]) & 0xFFFFFF > _LATE_BEATS
             if asked >> direction & 1 if silent else suspicion.cases >> SILENCE & 1:
                 suspicion.judge(direction, SILENCE, silent)
-            if heard.speeds_beat[direction] != beat or tracking.others[direction]:
+            stamps = heard.boxes.stamps
+            if stamps[_DIRECTIONS + direction] != beat or tracking.others >> direction & 1:
                 return
         registers = tracking.belief.registers
         if registers[_WHEELS_SHOWN] >= _ENOUGH_WHEELS:
             # A wheel well under the parcel is wrong if it does not turn with it.
             wheels = points_within(registers, footprint, direction, _AXES, -_INSIDE)
-            shown = against(registers, footprint, heard.speeds, direction, wheels)
+            shown = against(registers, footprint, heard.boxes.frames, direction, wheels)
             if shown & _SLIPS or (shown and suspicion.cases >> WHEELS & 1):
                 suspicion.judge(direction, WHEELS, shown & _SLIPS != 0)

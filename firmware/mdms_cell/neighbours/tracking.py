@@ -11,7 +11,7 @@ try:
     import micropython
     from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr8, ptr32
+    from mdms_protocol.cpython import const, micropython, ptr8, ptr16, ptr32
 
 from mdms_cell.neighbours.agreement import OWN_WEIGHT, Agreement, gather, sum_up
 from mdms_cell.neighbours.belief import Belief, agree, roll, send
@@ -31,7 +31,10 @@ _AHEAD_MAX_MS = const(50)
 _FOLLOW_BEATS = const(5)
 # What is used in every beat; constants of another module would be looked up.
 _OWN = const(8)
+_DIRECTIONS = const(8)
+_OTHERS = const(17)
 _ALL = const(255)  # the mask of all directions
+_CELLS = const(511)  # and of the cell itself
 _NEVER = const(1 << 24)
 _FIELDS = const(10)
 _IDENTITY = const(3)
@@ -42,7 +45,7 @@ _UNDER = const(3)
 _WHEEL = const(1)
 _WHEELS_SHOWN = const(26)
 _OWN_WEIGHT = const(1280)
-assert (_OWN, _ALL, _NEVER) == (OWN, (1 << DIRECTIONS) - 1, NEVER)
+assert (_OWN, _DIRECTIONS, _NEVER) == (OWN, DIRECTIONS, NEVER)
 assert (_FIELDS, _IDENTITY, _STATE) == (wire.ESTIMATE_FIELDS, wire.IDENTITY, wire.STATE)
 assert (_CERTAINTY, _PROMISED, _UNDER) == (wire.CERTAINTY, PROMISED, UNDER)
 assert (_WHEEL, _WHEELS_SHOWN) == (WHEELS, TWIST_WHEELS)
@@ -55,13 +58,13 @@ LOST_BEATS = const(100)
 class Tracking:
     """The belief of one parcel; `identity` is 0 without one, `missing_beats` since it was seen.
 
-    Of direction d `others[d]` is set where that cell's wheels and sensors serve another parcel.
+    `others` is the mask of the directions of cells whose wheels and sensors serve another parcel.
     """
 
     def __init__(self, place, footprint, heard, suspicion):
         self._footprint = footprint
         self.agreement = Agreement(suspicion)
-        self.others = bytearray(DIRECTIONS + 1)
+        self.others = 0
         self.belief = Belief()
         self.outline = self.belief.outline
         self.twist = TwistFit(self.outline.registers)
@@ -177,15 +180,14 @@ def _updating(tracking, place, footprint, heard, suspicion):
         belief=tracking.belief,
         registers=tracking.outline.registers,
         peers=tracking.agreement.registers,
-        others=tracking.others,
         out=suspicion.out,
         place=place,
         steps=STEPS,
         footprint=footprint.registers,
         estimates=heard.estimates,
         estimate_beat=heard.estimate_beat,
-        speeds=heard.speeds,
-        speeds_beat=heard.speeds_beat,
+        frames=heard.boxes.frames,
+        stamps=heard.boxes.stamps,
         sort=_sort,
         fit=fit,
         gather=gather,
@@ -196,11 +198,11 @@ def _updating(tracking, place, footprint, heard, suspicion):
     ):
         identity = tracking.identity
         if identity and tracking.shaped:
-            masks = sort(estimates, estimate_beat, speeds_beat, heard.beat, identity, others, out)
+            masks = sort(estimates, estimate_beat, stamps, heard.beat, identity, out)
+            tracking.others = masks >> _OTHERS
             if belief.known:
                 # By the belief of before.
-                cells = masks >> _OWN
-                fit(registers, footprint, speeds, cells)
+                fit(registers, footprint, frames, masks >> _OWN & _CELLS)
             else:
                 tracking.twist.reset()
             gather(estimates, steps, place.pitch_um, masks & _ALL, peers, registers)
@@ -228,18 +230,17 @@ def _updating(tracking, place, footprint, heard, suspicion):
 
 @micropython.viper
 def _sort(  # noqa: PLR0917 - viper takes words
-    estimates: ptr32,
+    estimates: ptr16,
     estimate_beat: ptr32,
-    speeds_beat: ptr32,
+    stamps: ptr32,
     beat: int,
     parcel: int,
-    others: ptr8,
     out: ptr8,
 ) -> int:
     """The mask of the directions whose estimate of this parcel came in this beat.
 
-    From bit 8 on that of the cells whose speeds came in this beat, and count. Marks in `others` who
-    is at another parcel.
+    From bit 8 on that of the cells whose speeds came in this beat, and count; from bit 17 on that
+    of those who are at another parcel.
     """
     masks = 0
     at = 0
@@ -253,8 +254,8 @@ def _sort(  # noqa: PLR0917 - viper takes words
                     other = 1
             elif came == beat and state == _UNDER and estimates[at + _CERTAINTY] > 0:
                 masks |= 1 << direction
-            others[direction] = other
+            masks |= other << _OTHERS + direction
             at += _FIELDS
-        if speeds_beat[direction] == beat and not other | out[direction] >> _WHEEL & 1:
+        if stamps[_DIRECTIONS + direction] == beat and not other | out[direction] >> _WHEEL & 1:
             masks |= 1 << _OWN + direction
     return masks

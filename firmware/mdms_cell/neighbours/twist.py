@@ -6,7 +6,7 @@ try:
     import micropython
     from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr32
+    from mdms_protocol.cpython import const, micropython, ptr8, ptr32
 
 from mdms_cell.neighbours.geometry.angle import ARM_UM
 from mdms_cell.neighbours.geometry.footprint import ALONG_X, ALONG_Y, POINT_X, POINT_Y, SHIFT
@@ -40,6 +40,8 @@ _ALONG_Y = const(16)
 _SHIFT = const(18)
 assert (0, _POINT_Y, _SHIFT) == (POINT_X, POINT_Y, SHIFT)
 assert (_ALONG_X, _ALONG_Y) == (ALONG_X, ALONG_Y)
+#: Where frames of speeds begin, see `heard`.
+_SPEEDS = const(64)
 _ARM = const(8000)
 assert _ARM * STEP_UM == ARM_UM
 #: An error of this size halves a wheel's weight, at least [um/s].
@@ -101,12 +103,12 @@ class TwistFit:
 
 @micropython.viper
 def fit(  # noqa: PLR0912, PLR0915 - it is one thought
-    twist: ptr32, footprint: ptr32, speeds: ptr32, mask: int
+    twist: ptr32, footprint: ptr32, frames: ptr8, mask: int
 ):
     """Move the twist towards what those wheels show that lie under the parcel.
 
-    That is of the directions of a mask; speeds are in um/s. A direction that no wheel shows stays
-    as it was.
+    That is of the directions of a mask; the frames are those of a `Heard`. A direction that no
+    wheel shows stays as it was.
     """
     widen = int(WIDEN)
     vx = twist[VX] << widen >> widen
@@ -149,7 +151,9 @@ def fit(  # noqa: PLR0912, PLR0915 - it is one thought
                 along_x = footprint[_ALONG_X + axis] << widen >> widen
                 along_y = footprint[_ALONG_Y + axis] << widen >> widen
                 lever = (along_y * x - along_x * y) // _ARM
-                speed = speeds[wheel] << widen >> widen
+                at = _SPEEDS + 4 * wheel
+                speed = frames[at] | frames[at + 1] << 8 | frames[at + 2] << 16
+                speed |= ((frames[at + 3] ^ 0x80) - 0x80) << 24
                 if speed > _MOST_UM_S:
                     speed = _MOST_UM_S
                 elif speed < -_MOST_UM_S:
@@ -200,7 +204,7 @@ def fit(  # noqa: PLR0912, PLR0915 - it is one thought
 
 
 @micropython.viper
-def against(twist: ptr32, footprint: ptr32, speeds: ptr32, direction: int, mask: int) -> int:
+def against(twist: ptr32, footprint: ptr32, frames: ptr8, direction: int, mask: int) -> int:
     """What those wheels of a cell show that are in a mask: TURNS, SLIPS, or both; see `fit`."""
     widen = int(WIDEN)
     vx = twist[VX] << widen >> widen
@@ -220,7 +224,9 @@ def against(twist: ptr32, footprint: ptr32, speeds: ptr32, direction: int, mask:
             y = (footprint[_POINT_Y + axis] << widen >> widen) + shift_y
             lever = (along_y * x - along_x * y) // _ARM
             expected = along_x * vx + along_y * vy + lever * turn >> 9
-            speed = speeds[2 * direction + axis] << widen >> widen
+            at = _SPEEDS + 8 * direction + 4 * axis
+            speed = frames[at] | frames[at + 1] << 8 | frames[at + 2] << 16
+            speed |= ((frames[at + 3] ^ 0x80) - 0x80) << 24
             # What a broken neighbour sends may be anything.
             if speed > _WILD_UM_S:
                 speed = _WILD_UM_S

@@ -3,7 +3,7 @@
 A frame is one little-endian number; its fields lie from bit 0 on in the order of the constants. It
 is taken apart and put together in three pieces of 24, 24 and 16 bits, so that no number on the way
 leaves a small int of 31 bits. Fields stand in any buffer of integers, from `base` on, and the frame
-in any buffer of bytes, from `at` on: nothing is allocated.
+in any buffer of bytes, from `at` on: writing, and reading a row of frames, allocate nothing.
 
 `pack_...` clips what does not fit, for the cell; `messages` checks values for the host.
 `unpack_...` returns False, and leaves the fields as they were, for a frame that no sender makes.
@@ -16,7 +16,9 @@ try:
     import micropython  # type: ignore[import-not-found,unused-ignore]
     from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr8, ptr32
+    from mdms_protocol.cpython import const, micropython, ptr8, ptr16, ptr32
+
+from array import array
 
 from mdms_protocol.words import WIDEN
 
@@ -105,10 +107,6 @@ IDENTITY_MAX = const(63)
 SEQUENCE_MAX = const(3)
 
 
-#: Of a frame that is read alone; there once, so that nothing is allocated.
-_FRESH = bytearray(1)
-
-
 def clipped(number: int, low: int, high: int) -> int:
     """The number within these limits that is next to it."""
     if number < low:
@@ -160,18 +158,22 @@ def unpack_estimate(frame: "Sequence[int]", fields: "MutableSequence[int]", base
     """Read the frame of an estimate into the fields; returns False if it is none."""
     if len(frame) != LENGTH:
         return False
-    _FRESH[0] = 1
-    read_estimates(frame, _FRESH, fields, base, 1)
-    return _FRESH[0] != 0
+    row = array("h", [0] * ESTIMATE_FIELDS)
+    if read_estimates(frame, bytearray(b"\x01"), row, 1):
+        return False
+    for field in range(ESTIMATE_FIELDS):
+        fields[base + field] = row[field]
+    return True
 
 
 @micropython.viper
-def read_estimates(frames: ptr8, fresh: ptr8, fields: ptr32, base: int, count: int) -> int:
-    """Read those frames of a row that are `fresh`, each into its place in the fields.
+def read_estimates(frames: ptr8, fresh: ptr8, fields: ptr16, count: int) -> int:
+    """Read those frames of a row that are `fresh`, each into its place in fields of 16 bits.
 
     One that is no estimate changes nothing, and is not fresh any more; returns how many there are.
     """
     wrong = 0
+    base = 0
     for number in range(count):
         at = LENGTH * number
         high = frames[at + 6] | frames[at + 7] << 8

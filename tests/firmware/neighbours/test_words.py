@@ -58,7 +58,7 @@ def numbers(most):
 turns = numbers(TURN_UM // 2)
 halves = st.integers(2_000, HALF)
 #: What a frame may say of a wheel [um/s].
-speeds = st.lists(numbers(WORD - 1), min_size=18, max_size=18)
+speeds = st.binary(min_size=18 * 4, max_size=18 * 4)
 
 
 @given(st.integers(0, 2_000_000_000))
@@ -105,8 +105,9 @@ def test_twist_fits_whatever_speeds_come(beats, centre_x, centre_y, turn, data):
     cells = cells_around(data.draw(wheels), data.draw(wheels), along, data.draw(shifts))
     for beat in beats:
         mask = Word(data.draw(st.integers(0, (1 << 9) - 1)))
-        twist.fit(registers, cells, Words(beat), mask)
-        twist.against(registers, cells, Words(beat), Word(4), Word(3))
+        frames = Words([*bytes(64), *beat])
+        twist.fit(registers, cells, frames, mask)
+        twist.against(registers, cells, frames, Word(4), Word(3))
 
 
 @given(
