@@ -83,8 +83,7 @@ class Leading:
     def __init__(self, place, footprint, tracking, axes):
         self._place = place
         self._footprint = footprint.registers
-        self._outline = tracking.outline
-        self._parcel = tracking.outline.registers
+        self._parcel = tracking.belief.registers
         self._axes = axes
         self.registers = array("i", [0] * _REGISTERS)
         self._targets_um_s = array("i", [0] * AXES)
@@ -157,15 +156,14 @@ class Leading:
     def step(self, program, may_go, step_ms):
         """Lead the wheels for a beat; without `may_go` bring the parcel to rest, and switch off."""
         registers, parcel, here = self.registers, self._parcel, self._place
-        reach_um = self._outline.reach_um
         if not registers[_DRIVING]:
             self._join(may_go)
         read_way(program.pages, registers, _WAY)
-        find_wish(registers, parcel, here.x_um, here.y_um, reach_um)
-        stands = approach(registers, reach_um, may_go, step_ms)
+        find_wish(registers, parcel, here.x_um, here.y_um)
+        stands = approach(registers, parcel, may_go, step_ms)
         # A cell that the parcel comes to when the host is gone counts from there.
         if self._alone_ms and not self._planned_ms:
-            self._plan(program, reach_um)
+            self._plan(program)
         if stands and (registers[_ARRIVED] or not may_go):
             if self._has_held():
                 return
@@ -198,9 +196,9 @@ class Leading:
             self._axes.rest()
         return True
 
-    def _plan(self, program, reach_um):
+    def _plan(self, program):
         """Find how long the way takes, to the goal and along the legs that follow."""
-        registers = self.registers
+        registers, reach_um = self.registers, self._parcel[outline.REACH]
         speed_mm_s = max(registers[steering.SPEED] * wire.SPEED_MM_S, 1)
         acceleration_mm_s2 = registers[_ACCELERATION] * _ACCELERATION_MM_S2
         ramps_ms = 2 * speed_mm_s * 1000 // max(acceleration_mm_s2, 1)

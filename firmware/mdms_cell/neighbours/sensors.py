@@ -25,7 +25,7 @@ from mdms_cell.neighbours.geometry.outline import (
 )
 from mdms_cell.neighbours.geometry.place import AXES, DIRECTIONS
 from mdms_cell.neighbours.heard import BITS, OWN, SEEN
-from mdms_cell.neighbours.suspicion import PRESENCE
+from mdms_cell.neighbours.suspicion import CASES, PRESENCE
 from mdms_cell.ticks import diff
 from mdms_protocol.words import WIDEN
 
@@ -45,6 +45,7 @@ _TOGETHER = const(125)
 # What is used in every beat; constants of another module would be looked up.
 _OWN = const(8)
 _PRESENCE = const(0)
+_CASES = const(45)
 _AXES = const(2)
 _POINTS = const(7)
 _X = const(0)
@@ -62,7 +63,8 @@ _BITS = const(0x1F)
 assert (_SEEN, _BITS) == (SEEN, BITS)
 _PRESENT = const(36)
 assert (0, _POINT_Y, _SHIFT, _PRESENT) == (POINT_X, POINT_Y, SHIFT, PRESENT)
-assert (_OWN, _PRESENCE, _AXES, _POINTS) == (OWN, PRESENCE, AXES, POINTS)
+assert (_OWN, _PRESENCE, _CASES) == (OWN, PRESENCE, CASES)
+assert (_AXES, _POINTS) == (AXES, POINTS)
 assert (_X, _Y, _COSINE, _SINE, _SHAPE) == (X, Y, COSINE, SINE, SHAPE)
 assert (_HALF_LENGTH, _HALF_WIDTH, _DISC) == (HALF_LENGTH, HALF_WIDTH, DISC)
 
@@ -96,7 +98,7 @@ class Sensors:
     def take_edges(self, sync_ms):
         """Take in the edges that sensors have seen until the last SYNC."""
         heard, tracking, suspicion = self._heard, self._tracking, self._suspicion
-        late = tracking.twist.size() * _LATENCY_MS // 62_500
+        late = tracking.belief.speed() * _LATENCY_MS // 62_500
         for number in range(heard.edges):
             ago_ms = diff(sync_ms, heard.edge_ms[number]) + self.edge_late_ms
             if ago_ms <= 0:
@@ -112,10 +114,10 @@ class Sensors:
     def _edge_at(self, number, ago_ms):
         """Where that edge is now: it has moved on with the parcel since a sensor saw it."""
         tracking = self._tracking
-        centre = tracking.outline.registers
+        centre = tracking.belief.registers
         direction, sensor, _ = self._heard.edge(number)
         x, y = self._footprint.point(direction, AXES + sensor)
-        vx, vy, turn = tracking.twist.speeds()
+        vx, vy, turn = tracking.belief.speeds()
         turned = turn * ago_ms // 128_000
         return (
             x + vx * ago_ms // 16_000 - (y - centre[Y]) * turned // 1000,
@@ -125,7 +127,7 @@ class Sensors:
     @micropython.native
     def _is_late(self, number, ago_ms):
         """Whether that edge may be older: others of its frame are elsewhere, so one was lost."""
-        heard, outline = self._heard, self._tracking.outline
+        heard, outline = self._heard, self._tracking.belief
         others = _of_one_frame(heard.edge_bytes, heard.edge_ms, heard.edges, number)
         if not others:
             return False
@@ -144,9 +146,9 @@ class Sensors:
         An edge at rest, or against the motion, comes from the sensor, not from the parcel.
         """
         tracking = self._tracking
-        vx, vy, turn = tracking.twist.speeds()
-        edge = tracking.outline.registers
-        tracking.outline.edge(x, y)
+        vx, vy, turn = tracking.belief.speeds()
+        edge = tracking.belief.registers
+        tracking.belief.edge(x, y)
         outwards = edge[NORMAL_X] * vx + edge[NORMAL_Y] * vy >> 10
         outwards += edge[LEVER] * turn >> 10
         return outwards > _PASSING_UM_S if covered else outwards < -_PASSING_UM_S
@@ -168,7 +170,7 @@ class Sensors:
         bits = self._heard.presence[OWN] & _BITS
         if not bits or not self._suspicion.trusts(OWN):
             return False
-        near = self._footprint.within(self._tracking.outline, OWN, _ELSEWHERE) >> AXES
+        near = self._footprint.within(self._tracking.belief, OWN, _ELSEWHERE) >> AXES
         return bits & ~near != 0
 
     def is_anything_there(self):
@@ -215,7 +217,7 @@ class Sensors:
         One may have changed since, and the frame got lost, while the parcel has moved on.
         """
         tracking = self._tracking
-        late = min(tracking.twist.size() * age_ms // 62_500, _MOST_LATE)
+        late = min(tracking.belief.speed() * age_ms // 62_500, _MOST_LATE)
         point = AXES
         while wrong:
             if wrong & 1:
@@ -240,13 +242,14 @@ def _checking(sensors, tracking, footprint, heard, suspicion):
         footprint=footprint.registers,
         heard=heard,
         suspicion=suspicion,
-        registers=tracking.outline.registers,
+        out=suspicion.out,
+        registers=tracking.belief.registers,
         presence=heard.presence,
         compare=_compare,
     ):
         if heard.edges:
             sensors.take_edges(sync_ms)
-        cases = suspicion.cases >> _PRESENCE & 1
+        cases = out[_CASES] >> _PRESENCE & 1
         turn = sensors.turn
         turn = sensors.turn = turn + 1 if turn < _OWN else 0
         moved = missing = False

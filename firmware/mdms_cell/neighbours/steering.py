@@ -10,6 +10,7 @@ except ImportError:
 
 from mdms_cell.neighbours import belief
 from mdms_cell.neighbours.geometry.angle import ARM_UM, ROOT_MAX, TURN_UM, root
+from mdms_cell.neighbours.geometry.outline import REACH
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.words import WIDEN
 
@@ -46,7 +47,9 @@ _LONG = const(3_000_000)
 _BELIEF_X = const(10)
 _BELIEF_Y = const(11)
 _BELIEF_TURN = const(12)
+_REACH = const(31)
 assert (_BELIEF_X, _BELIEF_Y, _BELIEF_TURN) == (belief.X, belief.Y, belief.TURN)
+assert _REACH == REACH
 _ARM_UM = const(128_000)
 _TURN_UM = const(804_248)
 assert (_ARM_UM, _TURN_UM) == (ARM_UM, TURN_UM)
@@ -62,12 +65,12 @@ assert _ANY_YAW == wire.ANY_YAW
 
 @micropython.viper
 def find_wish(  # noqa: PLR0915 - it is one thought
-    registers: ptr32, parcel: ptr32, x_um: int, y_um: int, reach_um: int
+    registers: ptr32, parcel: ptr32, x_um: int, y_um: int
 ):
     """Find what is left to go, whether the parcel has arrived, and the twist that takes it there.
 
     The program was read by `read_way`. The parcel's pose is from the cell's own centre, which is at
-    `x_um` and `y_um`; its corners are `reach_um` from its own.
+    `x_um` and `y_um`.
     """
     widen = int(WIDEN)
     x = (registers[LEFT] << widen >> widen) * _STEP_UM - x_um
@@ -96,7 +99,7 @@ def find_wish(  # noqa: PLR0915 - it is one thought
     way = 1
     speed = 0
     if registers[ARRIVED] == 0:
-        corner = reach_um * _SHARE // _ARM_UM
+        corner = parcel[_REACH] * _SHARE // _ARM_UM
         way = int(length(x, y, turn * (corner if corner else 1) // _SHARE))
         acceleration_mm_s2 = registers[ACCELERATION] * _ACCELERATION_MM_S2
         # As fast as it may go with this way left: never faster than it can brake.
@@ -129,7 +132,7 @@ def find_wish(  # noqa: PLR0915 - it is one thought
 
 
 @micropython.viper
-def approach(registers: ptr32, reach_um: int, may_go: int, step_ms: int) -> bool:
+def approach(registers: ptr32, parcel: ptr32, may_go: int, step_ms: int) -> bool:
     """Bring the twist nearer to the wish, or to 0 if it may not go; returns whether it is 0."""
     widen = int(WIDEN)
     for axis in range(3):
@@ -139,7 +142,7 @@ def approach(registers: ptr32, reach_um: int, may_go: int, step_ms: int) -> bool
     y = registers[_CHANGE + 1] << widen >> widen
     turn = registers[_CHANGE + 2] << widen >> widen
     if x or y or turn:
-        corner = reach_um * _SHARE // _ARM_UM
+        corner = parcel[_REACH] * _SHARE // _ARM_UM
         size = int(length(x, y, turn * (corner if corner else 1) // _SHARE))
         most = registers[ACCELERATION] * _ACCELERATION_MM_S2 * step_ms
         clipped = size > most

@@ -35,6 +35,10 @@ _TIMES = const(6)
 #: The eight neighbours, and the cell itself.
 _CELLS = const(9)
 assert _CELLS == DIRECTIONS + 1
+# Where evidence begins behind the verdicts, and the mask of cases behind that.
+_AGAINST = const(9)
+CASES = const(45)
+assert (_AGAINST, CASES) == (_CELLS, _CELLS * (KINDS + 1))
 #: So many cells whose sensors contradict at once are right.
 _CROWD = const(3)
 #: Wheels that are to agree before one is found wrong.
@@ -63,24 +67,19 @@ MISLEADING = 1 << POSE | 1 << PRESENCE
 class Suspicion:
     """Verdicts on the eight neighbours and, in the place of a ninth, on the cell's own sensors.
 
-    `out[d]` has a bit for each kind that is left out of direction d. `cases` is the mask of those
-    kinds of which somebody is suspected, or evidence is counted: of the others evidence counts that
-    contradicts, and no other.
+    `out[d]` has a bit for each kind that is left out of direction d; behind these comes for each
+    kind the evidence against the cells, and `out[CASES]`, the mask of those kinds of which somebody
+    is suspected, or evidence is counted: of the others evidence counts that contradicts, and no
+    other.
     """
 
     def __init__(self):
-        self.out = bytearray(_CELLS)
-        # For each kind the evidence against the cells.
-        self._against = bytearray(KINDS * _CELLS)
-        self.cases = 0
+        self.out = bytearray(CASES + 1)
 
     def reset(self):
         """Nobody is suspected."""
-        for cell in range(_CELLS):
-            self.out[cell] = 0
-        for place in range(KINDS * _CELLS):
-            self._against[place] = 0
-        self.cases = 0
+        for place in range(CASES + 1):
+            self.out[place] = 0
 
     @micropython.native
     def has(self, direction, kind):
@@ -90,9 +89,9 @@ class Suspicion:
     @micropython.native
     def judge(self, direction, kind, contradicts):
         """The evidence of one beat; it contradicts (1, True), or not."""
-        cases = self.cases
-        if contradicts or cases >> kind & 1:
-            self.cases = _judge(self.out, self._against, direction, kind, contradicts, cases)
+        out = self.out
+        if contradicts or out[CASES] >> kind & 1:
+            _judge(out, direction, kind, contradicts)
 
     def misleads(self, direction):
         """Whether a pose is left out: it is wrong, or made by sensors that are."""
@@ -105,11 +104,11 @@ class Suspicion:
         """
         if self.has(direction, PRESENCE):
             return False
-        return not self._against[_CELLS * PRESENCE + direction] or self.crowd()
+        return not self.out[_AGAINST + _CELLS * PRESENCE + direction] or self.crowd()
 
     def crowd(self):
         """Whether so many contradict by their presence bits that it is not they who are wrong."""
-        return _crowd(self.out, self._against) >= _CROWD
+        return _crowd(self.out) >= _CROWD
 
     def first(self):
         """The first direction that is suspected of anything; -1 for none."""
@@ -117,35 +116,30 @@ class Suspicion:
 
 
 @micropython.viper
-def _judge(  # noqa: PLR0917 - viper takes words
-    out: ptr8, against: ptr8, cell: int, kind: int, contradicts: int, cases: int
-) -> int:
-    """Count the evidence against a verdict, which turns after so many times.
-
-    Returns the mask of the kinds of which there are cases now.
-    """
+def _judge(out: ptr8, cell: int, kind: int, contradicts: int):
+    """Count the evidence against a verdict, which turns after so many times."""
     times = POSE_BEATS if kind == POSE else _TIMES
-    place = _CELLS * kind + cell
-    count = against[place] + 1
+    evidence = _AGAINST + _CELLS * kind
+    count = out[evidence + cell] + 1
     if contradicts == out[cell] >> kind & 1:
         count = 0
     elif count >= times:
         count = 0
         out[cell] ^= 1 << kind
-    against[place] = count
+    out[evidence + cell] = count
     left = 0
     for each in range(_CELLS):
-        left |= out[each] >> kind & 1 | against[_CELLS * kind + each]
-    others = cases & ~(1 << kind)
-    return others | 1 << kind if left else others
+        left |= out[each] >> kind & 1 | out[evidence + each]
+    others = out[CASES] & ~(1 << kind)
+    out[CASES] = others | 1 << kind if left else others
 
 
 @micropython.viper
-def _crowd(out: ptr8, against: ptr8) -> int:
+def _crowd(out: ptr8) -> int:
     """How many cells contradict by their presence bits, and are not suspected for them."""
     count = 0
     for cell in range(_CELLS):
-        if against[_CELLS * PRESENCE + cell] and not out[cell] >> PRESENCE & 1:
+        if out[_AGAINST + _CELLS * PRESENCE + cell] and not out[cell] >> PRESENCE & 1:
             count += 1
     return count
 
@@ -180,7 +174,7 @@ class Evidence:
                 return
             beat = heard.beat
             silent = (beat - heard.estimate_beat[direction]) & 0xFFFFFF > _LATE_BEATS
-            if asked >> direction & 1 if silent else suspicion.cases >> SILENCE & 1:
+            if asked >> direction & 1 if silent else suspicion.out[CASES] >> SILENCE & 1:
                 suspicion.judge(direction, SILENCE, silent)
             stamps = heard.boxes.stamps
             if stamps[_DIRECTIONS + direction] != beat or tracking.others >> direction & 1:
@@ -190,5 +184,5 @@ class Evidence:
             # A wheel well under the parcel is wrong if it does not turn with it.
             wheels = points_within(registers, footprint, direction, _AXES, -_INSIDE)
             shown = against(registers, footprint, heard.boxes.frames, direction, wheels)
-            if shown & _SLIPS or (shown and suspicion.cases >> WHEELS & 1):
+            if shown & _SLIPS or (shown and suspicion.out[CASES] >> WHEELS & 1):
                 suspicion.judge(direction, WHEELS, shown & _SLIPS != 0)

@@ -13,15 +13,15 @@ try:
 except ImportError:
     from mdms_protocol.cpython import const, micropython, ptr8, ptr16, ptr32
 
-from mdms_cell.neighbours.agreement import OWN_WEIGHT, Agreement, gather, sum_up
-from mdms_cell.neighbours.belief import Belief, agree, roll, send
+from mdms_cell.neighbours.agreement import OWN_WEIGHT, Agreement, near_mask, sum_up
+from mdms_cell.neighbours.belief import SENT, Belief, agree, roll, send
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, STEPS
 from mdms_cell.neighbours.heard import NEVER, OWN
 from mdms_cell.neighbours.right_of_way import PROMISED, UNDER
 from mdms_cell.neighbours.sensors import Sensors
 from mdms_cell.neighbours.suspicion import WHEELS
 from mdms_cell.neighbours.twist import WHEELS as TWIST_WHEELS
-from mdms_cell.neighbours.twist import TwistFit, fit
+from mdms_cell.neighbours.twist import fit
 from mdms_protocol.neighbours import frames as wire
 
 _FEW_WHEELS = const(5)
@@ -49,7 +49,8 @@ assert (_OWN, _DIRECTIONS, _NEVER) == (OWN, DIRECTIONS, NEVER)
 assert (_FIELDS, _IDENTITY, _STATE) == (wire.ESTIMATE_FIELDS, wire.IDENTITY, wire.STATE)
 assert (_CERTAINTY, _PROMISED, _UNDER) == (wire.CERTAINTY, PROMISED, UNDER)
 assert (_WHEEL, _WHEELS_SHOWN) == (WHEELS, TWIST_WHEELS)
-assert _OWN_WEIGHT == OWN_WEIGHT
+_SENT = const(20)
+assert (_OWN_WEIGHT, _SENT) == (OWN_WEIGHT, SENT)
 #: A cell whose sensors miss the parcel for so long steers no more, and then has it no longer.
 DOUBT_BEATS = const(20)
 LOST_BEATS = const(100)
@@ -63,11 +64,9 @@ class Tracking:
 
     def __init__(self, place, footprint, heard, suspicion):
         self._footprint = footprint
-        self.agreement = Agreement(suspicion)
+        self.agreement = Agreement(place, heard, suspicion)
         self.others = 0
         self.belief = Belief()
-        self.outline = self.belief.outline
-        self.twist = TwistFit(self.outline.registers)
         self.sensors = Sensors(self, footprint, heard, suspicion)
         #: Brings the belief to the last SYNC, so many milliseconds after that of the last update.
         self.update = _updating(self, place, footprint, heard, suspicion)
@@ -86,7 +85,7 @@ class Tracking:
         self.sensors.turn = 0
         self.certainty = 0
         self.belief.drop()
-        self.twist.reset()
+        self.belief.rest()
         self.agreement.reset()
 
     def adopt(self, identity):
@@ -96,19 +95,19 @@ class Tracking:
 
     def take_shape(self, program):
         """The parcel's outline is known now."""
-        self.outline.set(*program.size())
+        self.belief.set(*program.size())
         self.shaped = True
         self.look()
 
     def place(self, x_um, y_um, turn):
         """The parcel was put there [um; from the cell's own centre]."""
         self.belief.start(x_um, y_um, turn)
-        self.twist.reset()
+        self.belief.rest()
         self.look()
 
     def look(self):
         """Find whether the cell is under the parcel, or nearly."""
-        self.under = self.shaped and self.belief.known and self._footprint.covers(self.outline)
+        self.under = self.shaped and self.belief.known and self._footprint.covers(self.belief)
 
     def miss(self):
         """The parcel is not seen in this beat."""
@@ -133,7 +132,7 @@ class Tracking:
     def is_over(self):
         """Whether the parcel lies over the cell's square; not only over its wheels and sensors."""
         return self.under or (
-            self.shaped and self.belief.known and self._footprint.reaches(self.outline)
+            self.shaped and self.belief.known and self._footprint.reaches(self.belief)
         )
 
     def is_of_another(self):
@@ -178,8 +177,8 @@ def _updating(tracking, place, footprint, heard, suspicion):
         agreement=tracking.agreement,
         heard=heard,
         belief=tracking.belief,
-        registers=tracking.outline.registers,
-        peers=tracking.agreement.registers,
+        registers=tracking.belief.registers,
+        sums=tracking.agreement.registers,
         out=suspicion.out,
         place=place,
         steps=STEPS,
@@ -190,7 +189,7 @@ def _updating(tracking, place, footprint, heard, suspicion):
         stamps=heard.boxes.stamps,
         sort=_sort,
         fit=fit,
-        gather=gather,
+        near_mask=near_mask,
         roll=roll,
         sum_up=sum_up,
         agree=agree,
@@ -204,20 +203,23 @@ def _updating(tracking, place, footprint, heard, suspicion):
                 # By the belief of before.
                 fit(registers, footprint, frames, masks >> _OWN & _CELLS)
             else:
-                tracking.twist.reset()
-            gather(estimates, steps, place.pitch_um, masks & _ALL, peers, registers)
+                belief.rest()
+            pitch_um = place.pitch_um
+            peers = agreement.peers = masks & _ALL
             # A few wheels, all on one side, do not show how a parcel turns.
             under = tracking.under
             follows = tracking.follows = not under or registers[_WHEELS_SHOWN] < _FEW_WHEELS
             agrees = not follows and tracking.sent
-            if not agrees:
-                agreement.near = 0
+            near = near_mask(estimates, steps, pitch_um, peers, registers, _SENT) if agrees else 0
+            agreement.near = near
             outvoted = agrees and agreement.is_outvoted()
             if not (follows or outvoted) or not tracking.follow():
                 roll(registers, 2000 // step_ms)
-                if agrees and sum_up(peers, out, registers, tracking.certainty):
-                    agree(registers, peers, _OWN_WEIGHT)
-                belief.place()
+                if agrees and sum_up(
+                    estimates, steps, pitch_um, near, registers, out, tracking.certainty, sums
+                ):
+                    agree(registers, sums, _OWN_WEIGHT)
+                belief.move_outline()
             if under:
                 check(sync_ms)
             else:

@@ -72,33 +72,7 @@ TURN = const(25)
 WHEELS = const(26)  # how many wheels showed it at last
 OFF = const(27)  # how far these were off the twist before, on the average [um/s]
 BEFORE = const(28)  # the three speeds before
-_END = const(31)
-
-
-class TwistFit:
-    """The rigid twist that most wheels agree on, followed from beat to beat, in its `registers`.
-
-    These are those of the parcel's outline.
-    """
-
-    def __init__(self, registers):
-        self.registers = registers
-
-    def reset(self):
-        """At rest."""
-        for number in range(VX, _END):
-            self.registers[number] = 0
-
-    @micropython.native
-    def speeds(self):
-        """The twist: `VX`, `VY` and `TURN` of the registers."""
-        registers = self.registers
-        return registers[VX], registers[VY], registers[TURN]
-
-    def size(self):
-        """The sum of the sizes of the three speeds."""
-        vx, vy, turn = self.speeds()
-        return abs(vx) + abs(vy) + abs(turn)
+TWIST_END = const(31)
 
 
 @micropython.viper

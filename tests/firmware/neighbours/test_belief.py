@@ -21,6 +21,7 @@ from mdms_cell.neighbours.geometry.footprint import (
 from mdms_cell.neighbours.geometry.outline import (
     COSINE,
     DISC,
+    REACH,
     RECTANGLE,
     SINE,
     STEP_UM,
@@ -117,7 +118,7 @@ def test_sensors_are_compared_with_the_outline_at_each_limit(  # noqa: PLR0917
 @pytest.mark.parametrize("shape", [RECTANGLE, DISC])
 @pytest.mark.parametrize("away", [(1, 0), (0, 1), (1, 1), (-1, 1)])
 def test_square_beyond_a_gap_is_not_overlapped(shape, away):
-    reach = outline(shape).reach_um // STEP_UM
+    reach = outline(shape).registers[REACH] // STEP_UM
     half = 4000
     x, y = (each * (reach + half + 100) for each in away)
     assert not overlaps(outline(shape), x, y, half)
@@ -130,7 +131,7 @@ def crossing(belief, truth, sensor_um):
 
 def believing(x_um, y_um, turn_um):
     belief = Belief()
-    belief.outline.set(RECTANGLE, LENGTH_UM, WIDTH_UM)
+    belief.set(RECTANGLE, LENGTH_UM, WIDTH_UM)
     belief.start(x_um, y_um, turn_um)
     return belief
 
@@ -141,7 +142,7 @@ def roll(belief, dx_um, dy_um, dturn_um):
     for number, speed in enumerate(speeds):
         belief.registers[VX + number] = belief.registers[BEFORE + number] = speed
     beliefs.roll(belief.registers, 2)
-    belief.place()
+    belief.move_outline()
 
 
 @given(st.integers(-8000, 8000), st.integers(-8000, 8000), st.integers(-4000, 4000))

@@ -68,7 +68,7 @@ def test_root_fits(number):
 
 def placed(shape, pose, halves):
     x, y, turn = pose
-    registers = Words([0, 0, 0, 0, shape, *halves, *[0] * 24])
+    registers = Words([0, 0, 0, 0, shape, *halves, *[0] * 25])
     outline.place(registers, x * STEP_UM, y * STEP_UM, turn)
     return registers
 
@@ -139,16 +139,15 @@ def test_agreement_fits_whatever_neighbours_say(poses, certainties, certainty):
     fields = [
         (*pose, 7, 3, 0, sure, 5, 1, 0) for pose, sure in zip(poses, certainties, strict=True)
     ]
-    peers = Words([0] * (agreement._ROWS + 32))
     estimates = Words([each for row in fields for each in row])
     sent = [each * number for each, number in zip(poses[0], (250, 250, 196), strict=True)]
     registers = placed(RECTANGLE, (0, 0, 0), (HALF, HALF))
     believed = (*sent, *[belief._MOST] * 3, 0, 0, 0, 0, *sent)
     registers = Words([*registers[: belief.X], *believed, *[0] * 8])
-    agreement.gather(estimates, STEPS, Word(127_000), Word(255), peers, registers)
-    assert peers[agreement._PEERS] == 255
-    if agreement.sum_up(peers, bytes(9), registers, certainty):
-        belief.agree(registers, peers, Word(agreement.OWN_WEIGHT))
+    around, sums = (estimates, STEPS, Word(127_000)), Words([0] * 5)
+    near = agreement.near_mask(*around, Word(255), registers, belief.SENT)
+    if agreement.sum_up(*around, Word(near), registers, bytes(9), certainty, sums):
+        belief.agree(registers, sums, Word(agreement.OWN_WEIGHT))
 
 
 @given(
@@ -167,12 +166,13 @@ def test_steering_fits_wherever_the_goal_is(goals, poses, place_um, limits, half
         x, y, turn = pose
         bottom = placed(RECTANGLE, pose, (half, half))
         believed = x * STEP_UM, y * STEP_UM, turn, *[0] * 10
-        parcel = Words([*bottom[: belief.X], *believed, 1_300_000, -1_300_000, 500_000])
+        moving = 1_300_000, -1_300_000, 500_000, *[0] * 5
+        parcel = Words([*bottom[: belief.X], *believed, *moving, half * STEP_UM])
         for place, number in enumerate((*goal, *limits), steering.LEFT):
             registers[place] = number
-        steering.find_wish(registers, parcel, *place_um, half * STEP_UM)
+        steering.find_wish(registers, parcel, *place_um)
         for step_ms in (1, 50):
-            steering.approach(registers, half * STEP_UM, 1, Word(step_ms))
+            steering.approach(registers, parcel, 1, Word(step_ms))
         leading._aim(registers, parcel, cells, targets)
         # With less the parcel moves on for tens of metres, where squares leave words and are apart.
         registers[steering.ACCELERATION] = Word(255)

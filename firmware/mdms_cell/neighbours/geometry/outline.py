@@ -39,7 +39,8 @@ NORMAL_Y = const(8)  # pose, its sign changed [1/1024]
 LEVER = const(9)
 #: Those of its belief and of its twist follow in the same array; see `belief` and `twist`.
 REGISTERS = const(10)
-_ALL_REGISTERS = const(31)
+REACH = const(31)  # from its centre to its corners [um]
+_ALL_REGISTERS = const(32)
 
 
 class Outline:
@@ -56,9 +57,9 @@ class Outline:
         registers[SHAPE] = shape
         registers[HALF_LENGTH] = length_um // (2 * STEP_UM)
         registers[HALF_WIDTH] = width_um // (2 * STEP_UM)
-        self.reach_um = length_um // 2
+        registers[REACH] = length_um // 2
         if shape == RECTANGLE:
-            self.reach_um = root((length_um >> 10) ** 2 + (width_um >> 10) ** 2) << 9
+            registers[REACH] = root((length_um >> 10) ** 2 + (width_um >> 10) ** 2) << 9
 
     def place(self, x_um, y_um, turn_um):
         """Take a pose."""
