@@ -25,7 +25,7 @@ from mdms_cell.neighbours.pages import Pages
 from mdms_cell.neighbours.program import next_sequence
 from mdms_cell.neighbours.right_of_way import NONE, UNDER, RightOfWay
 from mdms_cell.neighbours.suspicion import CODE, SOURCE, Evidence, Suspicion
-from mdms_cell.neighbours.tracking import LOST_BEATS, Tracking
+from mdms_cell.neighbours.tracking import LOST_BEATS, Tracking, updater
 from mdms_cell.ticks import IDLE_MS, after, diff
 from mdms_protocol import indices
 from mdms_protocol.neighbours import frames as wire
@@ -72,13 +72,26 @@ assert (_RIGHT_HOLD, _DRIVE_BEATS) == (right_of_way.HOLD, right_of_way.DRIVE_BEA
 _WRAP = const((1 << 30) - 1)
 _BEFORE = const(1 << 29)
 
+# What a layer keeps from beat to beat
+_CAME_MS = const(0)  # the last SYNC, and the one of the last update
+_UPDATED_MS = const(1)
+_STEP_MS = const(2)  # that the last update was of
+_PERIOD_MS = const(3)
+_DUE = const(4)  # 1 while an update is to follow
+_SKIPPED = const(5)  # beats since the last one
+_OVER = const(6)  # what it passed to the right of way, three numbers
+_NEEDS = const(7)
+_OCCUPIED = const(8)
+_SUSPECT = const(9)  # the direction that is reported, -1 for none
+_NONSENSE = const(10)
+_REGISTERS = const(11)
+
 
 class Layer:
     """The layer of one cell, off until it is `active`.
 
     `now()` returns the time [ms], `wake(wait_ms)` has a poll follow in so many milliseconds at the
-    latest, and `changed()` is called when the identifiers have changed. `mailboxes` is where frames
-    of neighbours wait for an update; `nonsense` counts those that were no estimates.
+    latest, and `changed()` is called when the identifiers have changed.
     """
 
     def __init__(self, objects, registers, *, axes, pdos, consumer, emcy, now, wake, changed):
@@ -86,7 +99,6 @@ class Layer:
         self._registers = registers
         self._axes = axes
         self._pdos = pdos
-        self._consumer = consumer
         self._emcy = emcy
         self._now = now
         self._wake = wake
@@ -95,12 +107,8 @@ class Layer:
         self._fields = array("i", [0] * wire.ESTIMATE_FIELDS)
         self._place = Place(objects, self._on_place)
         self._heard = Heard()
-        self.mailboxes = self._heard.boxes
-        self.nonsense = 0
         self._footprint = Footprint(self._place)
         self._suspicion = Suspicion()
-        self._suspect = -1
-        self._evidence = Evidence(self._footprint, self._heard, self._suspicion)
         self._tracking = Tracking(self._place, self._footprint, self._heard, self._suspicion)
         self._leading = Leading(self._place, self._footprint, self._tracking, axes)
         self._pages = Pages(
@@ -113,28 +121,22 @@ class Layer:
             pdos=pdos,
         )
         self._rights = RightOfWay()
-        self._right = self._rights.registers
-        self._came_ms = 0  # the last SYNC, and the one of the last update
-        self._updated_ms = 0
-        self._step_ms = self._period_ms = 10
-        self._situation = 0, 0, False
-        self._skipped = 0
-        self._due = False
-        self._node_id = 0
-        self._lead = _leading_on(self)
+        self._beat = array("i", [0] * _REGISTERS)
+        self._beat[_STEP_MS] = self._beat[_PERIOD_MS] = 10
+        self._beat[_SUSPECT] = -1
+        self._lead = _leading_on(self, consumer)
         self._write_estimate = _announcing(self)
-        self._update = _updating(self)
+        self._update = _updating(self, consumer)
         objects.watch(indices.CONTROL, self._on_place)
 
     def start(self, node_id):
         """The cell is 'operational'; nothing of before counts."""
-        self._node_id = node_id
         # A cell that finds itself among its neighbours has been given another's place.
         self.active = self.wanted and not self._place.names(node_id)
         self._acquit()
         self._rights.set_lease(self._objects.number(indices.LEASE, 1))
         self._rights.restart()
-        self._period_ms = self._objects.number(indices.LEASE, 2)
+        self._beat[_PERIOD_MS] = self._objects.number(indices.LEASE, 2)
         self._heard.reset()
         self._heard.repeat_ms = self._objects.number(indices.TPDO_PARAMETERS + 1, 5)
         # A millisecond passes until the frame with the edge has come.
@@ -142,9 +144,8 @@ class Layer:
         self._tracking.drop()
         self._pages.start(node_id)
         self._leading.stop()
-        self._due = False
-        self._situation = 0, 0, False
-        self._skipped = 0
+        for number in range(_DUE, _SUSPECT):
+            self._beat[number] = 0
         for field in range(wire.ESTIMATE_FIELDS):
             self._fields[field] = 0
 
@@ -180,6 +181,16 @@ class Layer:
     # What comes
 
     @property
+    def mailboxes(self):
+        """Where frames of neighbours wait for an update."""
+        return self._heard.boxes
+
+    @property
+    def nonsense(self):
+        """How many of those were no estimates."""
+        return self._beat[_NONSENSE]
+
+    @property
     def wanted(self):
         """Whether the cell is to be led by the layer, and has been given its place."""
         return self._objects.number(indices.CONTROL) == 1 and self._place.known
@@ -211,28 +222,29 @@ class Layer:
         """
         if not self.active:
             return
-        due = self._due
+        beat = self._beat
+        due = beat[_DUE]
         came_ms = now_ms - waited_ms & _WRAP
-        beat_ms = (came_ms - self._came_ms + _BEFORE & _WRAP) - _BEFORE
+        beat_ms = (came_ms - beat[_CAME_MS] + _BEFORE & _WRAP) - _BEFORE
         # Or two beats meet, and what has come is of either.
-        gap = beat_ms > 2 * self._period_ms or (due and beat_ms < UPDATE_MS)
+        gap = beat_ms > 2 * beat[_PERIOD_MS] or (due and beat_ms < UPDATE_MS)
         if gap:
-            self._updated_ms = self._came_ms
+            beat[_UPDATED_MS] = beat[_CAME_MS]
         elif due:
             self._skip(came_ms)
-        self._came_ms = came_ms
+        beat[_CAME_MS] = came_ms
         if self._fields[_IDENTITY]:
             self._pdos.trigger(_ESTIMATE_PDO)
         if gap:
             self._rights.on_gap()
-            self.nonsense += self._heard.read()
+            beat[_NONSENSE] += self._heard.read()
             # What has come may be of any age: it is not passed on.
             self._heard.passed_on()
         heard = self._heard
         heard.begin_beat()
-        self._due = due = waited_ms <= LATE_MS
-        if not due:
-            self._skip(after(came_ms, self._period_ms))
+        beat[_DUE] = waited_ms <= LATE_MS
+        if not beat[_DUE]:
+            self._skip(after(came_ms, beat[_PERIOD_MS]))
             return
         heard.take_speeds(self._registers)
         self._wake(UPDATE_MS - waited_ms)
@@ -243,12 +255,13 @@ class Layer:
         What came since the last one still waits. So for right of way nothing has come, and a lease
         that ends with this beat ends the motion now; the estimate is of where the parcel will be.
         """
-        self._skipped += 1
-        self._rights.on_beat(*self._situation)
-        if not self._right[_DRIVE_BEATS]:
+        beat = self._beat
+        beat[_SKIPPED] += 1
+        self._rights.on_beat(beat[_OVER], beat[_NEEDS], beat[_OCCUPIED])
+        if not self._rights.registers[_DRIVE_BEATS]:
             program = self._pages.programs.complete(self._tracking.identity)
-            self._lead(program, self._step_ms, self._skipped)
-        self._write_estimate(diff(next_ms, self._updated_ms))
+            self._lead(program, beat[_STEP_MS], beat[_SKIPPED])
+        self._write_estimate(diff(next_ms, beat[_UPDATED_MS]))
 
     @micropython.native
     def poll(self, now_ms, presence):
@@ -258,21 +271,23 @@ class Layer:
         heard = self._heard
         if presence | _SEEN != heard.presence[_OWN]:
             heard.take_presence(_OWN, presence, now_ms)
-        if not self._due:
+        beat = self._beat
+        if not beat[_DUE]:
             return _IDLE_MS
-        wait_ms = UPDATE_MS - (now_ms - self._came_ms + _BEFORE & _WRAP) + _BEFORE
+        wait_ms = UPDATE_MS - (now_ms - beat[_CAME_MS] + _BEFORE & _WRAP) + _BEFORE
         if wait_ms > 0:
             return wait_ms
-        self._due = False
+        beat[_DUE] = 0
         self._update(presence)
         return _IDLE_MS
 
     def _choose_parcel(self):
         """Be at the parcel that lies here, or else at the one that the right of way says."""
-        tracking, identity = self._tracking, self._right[_RIGHT_IDENTITY]
+        tracking, right = self._tracking, self._rights.registers
+        identity = right[_RIGHT_IDENTITY]
         if identity and identity != tracking.identity:
             tracking.adopt(identity)
-        elif not identity and self._right[_RIGHT_STATE] == NONE and not tracking.belief.known:
+        elif not identity and right[_RIGHT_STATE] == NONE and not tracking.belief.known:
             tracking.drop()
         if tracking.identity and not tracking.shaped:
             program = self._pages.programs.find(tracking.identity)
@@ -308,56 +323,58 @@ class Layer:
 
     def _report(self):
         """Report another suspect than before, in an emergency and in its object."""
-        direction = self._suspect = self._suspicion.first()
+        direction = self._beat[_SUSPECT] = self._suspicion.first()
         self._emcy.clear(SOURCE)
         node_id = 0
         if direction >= 0:
-            node_id = self._node_id if direction == OWN else self._place.nodes[direction]
+            node_id = self._pages.node_id if direction == OWN else self._place.nodes[direction]
             self._emcy.report(SOURCE, CODE, bytes((node_id, self._suspicion.out[direction], 0, 0)))
         self._objects.put(indices.SUSPECT, 0, node_id)
 
     def _acquit(self):
         """Suspect nobody."""
         self._suspicion.reset()
-        if self._suspect >= 0:
+        if self._beat[_SUSPECT] >= 0:
             self._report()
 
 
-def _updating(layer):
+def _updating(layer, consumer):
     """What updates a layer after SYNC, with little to be looked up."""
     heard, rights, tracking = layer._heard, layer._rights, layer._tracking
+    footprint, suspicion = layer._footprint, layer._suspicion
+    track = updater(tracking, layer._place, footprint, heard, suspicion)
+    evidence = Evidence(footprint, heard, suspicion)
 
     @micropython.native
     def update(  # noqa: PLR0917 - all is at hand
         presence,
         layer=layer,
+        beat=layer._beat,
         tracking=tracking,
-        right=layer._right,
+        right=rights.registers,
         estimates=heard.estimates,
         fresh=heard.boxes.fresh,
         read=heard.read,
         take_estimates=rights.on_estimates,
-        track=tracking.update,
-        consumer=layer._consumer,
+        track=track,
+        consumer=consumer,
         programs=layer._pages.programs,
         look_ahead=layer._leading.look_ahead,
         decide=rights.on_beat,
-        judge=layer._evidence.judge,
-        first_suspect=layer._suspicion.first,
+        judge=evidence.judge,
+        first_suspect=suspicion.first,
         lead=layer._lead,
         fields=layer._fields,
         steered=layer._leading.registers,
         write_estimate=layer._write_estimate,
         hand_on=layer._pages.hand_on,
     ):
-        sync_ms = layer._came_ms
-        step_ms = diff(sync_ms, layer._updated_ms)
+        sync_ms = beat[_CAME_MS]
+        step_ms = diff(sync_ms, beat[_UPDATED_MS])
         step_ms = 1 if step_ms < 1 else _STEP_MAX_MS if step_ms > _STEP_MAX_MS else step_ms
-        layer._step_ms = step_ms
-        layer._updated_ms = sync_ms
-        wrong = read()
-        if wrong:
-            layer.nonsense += wrong
+        beat[_STEP_MS] = step_ms
+        beat[_UPDATED_MS] = sync_ms
+        beat[_NONSENSE] += read()
         sent = take_estimates(estimates, fresh)
         if not tracking.under:
             layer._choose_parcel()
@@ -375,14 +392,16 @@ def _updating(layer):
             # A parcel that stands before what nobody knows would come over it mm by mm.
             over = 0
         occupied = presence != 0
-        layer._situation = over, needs, occupied
+        beat[_OVER] = over
+        beat[_NEEDS] = needs
+        beat[_OCCUPIED] = occupied
         decide(over, needs, occupied)
         judge(tracking, needs if right[_RIGHT_STATE] == _UNDER else 0)
-        if first_suspect() != layer._suspect:
+        if first_suspect() != beat[_SUSPECT]:
             layer._report()
-        skipped = layer._skipped
+        skipped = beat[_SKIPPED]
         lead(program, step_ms, skipped)
-        flags = _CONTRADICTED if layer._suspect >= 0 else 0
+        flags = _CONTRADICTED if beat[_SUSPECT] >= 0 else 0
         if steered[_STEERING_ARRIVED] and steering.has_arrived(steered):
             flags |= _ARRIVED
         if program is None or not program.whole:
@@ -393,13 +412,12 @@ def _updating(layer):
         write_estimate(step_ms)
         if sent and under and program is not None:
             hand_on(program, sent, skipped)
-        if skipped:
-            layer._skipped = 0
+        beat[_SKIPPED] = 0
 
     return update
 
 
-def _leading_on(layer):
+def _leading_on(layer, consumer):
     """What leads the wheels towards the goal of a program while all is clear; else they rest."""
     tracking, leading = layer._tracking, layer._leading
 
@@ -409,13 +427,13 @@ def _leading_on(layer):
         step_ms,
         skipped,
         layer=layer,
-        right=layer._right,
+        right=layer._rights.registers,
         tracking=tracking,
         is_doubtful=tracking.is_doubtful,
         stop=leading.stop,
         may_go_on=leading.may_go_on,
         step=leading.step,
-        consumer=layer._consumer,
+        consumer=consumer,
     ):
         under = right[_RIGHT_STATE] == _UNDER and tracking.under
         if program is None or not under or is_doubtful():
@@ -440,7 +458,7 @@ def _announcing(layer):
     def write(  # noqa: PLR0917 - all is at hand
         ahead_ms,
         fields=fields,
-        right=layer._right,
+        right=layer._rights.registers,
         announce=layer._tracking.announce,
         put_right=_write_right,
         pack=pack_estimate,

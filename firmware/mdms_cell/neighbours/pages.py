@@ -33,12 +33,12 @@ class Pages:
         self._pdos = pdos
         self._frame_at = find(indices.PROGRAM, 1).place
         self._turn = 0
-        self._node_id = 0
+        self.node_id = 0
         self.programs = Programs()
 
     def start(self, node_id):
         """Begin without any program."""
-        self._node_id = node_id
+        self.node_id = node_id
         self.programs.clear()
 
     # What comes
@@ -121,7 +121,7 @@ class Pages:
 
         That is in this cell's turn, or where that came in one of the beats `skipped` before.
         """
-        if (self._heard.beat + self._node_id) % _HAND_ON_BEATS > skipped:
+        if (self._heard.beat + self.node_id) % _HAND_ON_BEATS > skipped:
             return
         lacking = _lacking(self._heard.estimates, sent, program.identity, program.sequence)
         for direction in range(DIRECTIONS if lacking else 0):

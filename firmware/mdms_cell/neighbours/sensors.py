@@ -89,8 +89,6 @@ class Sensors:
         self._suspicion = suspicion
         self.edge_late_ms = 1
         self.turn = 0
-        #: Corrects the belief until the last SYNC; the cell is under the parcel.
-        self.check = _checking(self, tracking, footprint, heard, suspicion)
 
     # Edges
 
@@ -227,11 +225,12 @@ class Sensors:
             point += 1
 
 
-def _checking(sensors, tracking, footprint, heard, suspicion):
-    """What corrects a belief; it looks up what changes, and nothing else.
+def checker(sensors, tracking, footprint, heard, suspicion):
+    """What corrects the belief of a cell under a parcel, until the last SYNC.
 
-    Contradictions count of the cell's own sensors and, in turns, of a neighbour's. The parcel is
-    seen by the cell's own sensors or, where it covers none of them, by any around.
+    It looks up what changes, and nothing else. Contradictions count of the cell's own sensors and,
+    in turns, of a neighbour's. The parcel is seen by the cell's own sensors or, where it covers
+    none of them, by any around.
     """
 
     @micropython.native

@@ -18,7 +18,7 @@ from mdms_cell.neighbours.belief import SENT, Belief, agree, roll, send
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, STEPS
 from mdms_cell.neighbours.heard import NEVER, OWN
 from mdms_cell.neighbours.right_of_way import PROMISED, UNDER
-from mdms_cell.neighbours.sensors import Sensors
+from mdms_cell.neighbours.sensors import Sensors, checker
 from mdms_cell.neighbours.suspicion import WHEELS
 from mdms_cell.neighbours.twist import WHEELS as TWIST_WHEELS
 from mdms_cell.neighbours.twist import fit
@@ -68,8 +68,6 @@ class Tracking:
         self.others = 0
         self.belief = Belief()
         self.sensors = Sensors(self, footprint, heard, suspicion)
-        #: Brings the belief to the last SYNC, so many milliseconds after that of the last update.
-        self.update = _updating(self, place, footprint, heard, suspicion)
         self.drop()
 
     def drop(self):
@@ -80,10 +78,9 @@ class Tracking:
         self.missing_beats = 0
         self._followed_beats = 0
         self.follows = False
-        # Whether a pose was sent last, and how certain.
-        self.sent = False
+        # How certain the pose was that was sent last; -1 if none was.
+        self.sent = -1
         self.sensors.turn = 0
-        self.certainty = 0
         self.belief.drop()
         self.belief.rest()
         self.agreement.reset()
@@ -143,7 +140,9 @@ class Tracking:
     def is_sure(self):
         """Whether this cell has a belief of its own that nothing is against."""
         return (
-            self.sent and self.under and not (self.missing_beats or self.agreement.outvoted_beats)
+            self.sent >= 0
+            and self.under
+            and not (self.missing_beats or self.agreement.outvoted_beats)
         )
 
     @micropython.native
@@ -157,17 +156,22 @@ class Tracking:
 
         That is no pose where it is too long.
         """
-        certainty = 0
-        sent = self.sent = self.under and not self.follows and ahead_ms <= _AHEAD_MAX_MS
-        if sent:
+        if self.under and not self.follows and ahead_ms <= _AHEAD_MAX_MS:
             certainty = send(self.belief.registers, 1000 // ahead_ms, fields)
             if self.is_doubtful():
                 certainty = 0
-        fields[_CERTAINTY] = self.certainty = certainty
+            fields[_CERTAINTY] = self.sent = certainty
+        else:
+            fields[_CERTAINTY] = 0
+            self.sent = -1
 
 
-def _updating(tracking, place, footprint, heard, suspicion):
-    """What updates a belief; it looks up what changes, and nothing else."""
+def updater(tracking, place, footprint, heard, suspicion):
+    """What updates a belief; it looks up what changes, and nothing else.
+
+    It brings it to the last SYNC, so many milliseconds after that of the last update.
+    """
+    check = checker(tracking.sensors, tracking, footprint, heard, suspicion)
 
     @micropython.native
     def update(  # noqa: PLR0917 - all is at hand
@@ -193,7 +197,7 @@ def _updating(tracking, place, footprint, heard, suspicion):
         roll=roll,
         sum_up=sum_up,
         agree=agree,
-        check=tracking.sensors.check,
+        check=check,
     ):
         identity = tracking.identity
         if identity and tracking.shaped:
@@ -209,14 +213,14 @@ def _updating(tracking, place, footprint, heard, suspicion):
             # A few wheels, all on one side, do not show how a parcel turns.
             under = tracking.under
             follows = tracking.follows = not under or registers[_WHEELS_SHOWN] < _FEW_WHEELS
-            agrees = not follows and tracking.sent
+            agrees = not follows and tracking.sent >= 0
             near = near_mask(estimates, steps, pitch_um, peers, registers, _SENT) if agrees else 0
             agreement.near = near
             outvoted = agrees and agreement.is_outvoted()
             if not (follows or outvoted) or not tracking.follow():
                 roll(registers, 2000 // step_ms)
                 if agrees and sum_up(
-                    estimates, steps, pitch_um, near, registers, out, tracking.certainty, sums
+                    estimates, steps, pitch_um, near, registers, out, tracking.sent, sums
                 ):
                     agree(registers, sums, _OWN_WEIGHT)
                 belief.move_outline()
