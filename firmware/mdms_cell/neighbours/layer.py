@@ -24,7 +24,7 @@ from mdms_cell.neighbours.leading import Leading
 from mdms_cell.neighbours.pages import Pages
 from mdms_cell.neighbours.program import next_sequence
 from mdms_cell.neighbours.right_of_way import NONE, UNDER, RightOfWay
-from mdms_cell.neighbours.suspicion import CODE, SOURCE, Evidence, Suspicion
+from mdms_cell.neighbours.suspicion import CODE, SOURCE, Suspicion, judging
 from mdms_cell.neighbours.tracking import LOST_BEATS, Tracking, updater
 from mdms_cell.ticks import IDLE_MS, after, diff
 from mdms_protocol import indices
@@ -343,7 +343,7 @@ def _updating(layer, consumer):
     heard, rights, tracking = layer._heard, layer._rights, layer._tracking
     footprint, suspicion = layer._footprint, layer._suspicion
     track = updater(tracking, layer._place, footprint, heard, suspicion)
-    evidence = Evidence(footprint, heard, suspicion)
+    judge = judging(footprint, heard, suspicion, tracking)
 
     @micropython.native
     def update(  # noqa: PLR0917 - all is at hand
@@ -361,7 +361,7 @@ def _updating(layer, consumer):
         programs=layer._pages.programs,
         look_ahead=layer._leading.look_ahead,
         decide=rights.on_beat,
-        judge=evidence.judge,
+        judge=judge,
         first_suspect=suspicion.first,
         lead=layer._lead,
         fields=layer._fields,
@@ -396,7 +396,7 @@ def _updating(layer, consumer):
         beat[_NEEDS] = needs
         beat[_OCCUPIED] = occupied
         decide(over, needs, occupied)
-        judge(tracking, needs if right[_RIGHT_STATE] == _UNDER else 0)
+        judge(needs if right[_RIGHT_STATE] == _UNDER else 0)
         if first_suspect() != beat[_SUSPECT]:
             layer._report()
         skipped = beat[_SKIPPED]

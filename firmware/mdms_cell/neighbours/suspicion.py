@@ -35,9 +35,10 @@ _TIMES = const(6)
 #: The eight neighbours, and the cell itself.
 _CELLS = const(9)
 assert _CELLS == DIRECTIONS + 1
-# Where evidence begins behind the verdicts, and the mask of cases behind that.
+# Where evidence begins behind the verdicts, the mask of cases behind that, and whose turn it is.
 _AGAINST = const(9)
 CASES = const(45)
+_TURN = const(46)
 assert (_AGAINST, CASES) == (_CELLS, _CELLS * (KINDS + 1))
 #: So many cells whose sensors contradict at once are right.
 _CROWD = const(3)
@@ -74,7 +75,7 @@ class Suspicion:
     """
 
     def __init__(self):
-        self.out = bytearray(CASES + 1)
+        self.out = bytearray(_TURN + 1)
 
     def reset(self):
         """Nobody is suspected."""
@@ -152,37 +153,46 @@ def _first(out: ptr8) -> int:
     return -1
 
 
-class Evidence:
-    """Compares what neighbours send and measure with the belief of a cell under a parcel."""
+def judging(footprint, heard, suspicion, tracking):
+    """What compares what a neighbour sends and measures with the belief of a cell under a parcel.
 
-    def __init__(self, footprint, heard, suspicion):
-        self._footprint = footprint
-        self._heard = heard
-        self._suspicion = suspicion
-        self._turn = 0
+    One cell a beat; it looks up what changes, and nothing else.
+    """
 
     @micropython.native
-    def judge(self, tracking, asked):
-        """One cell, by what it sent; `asked` is the mask of those asked for the parcel."""
-        direction = self._turn
-        direction = self._turn = direction + 1 if direction < _OWN else 0
+    def judge(  # noqa: PLR0917 - all is at hand
+        asked,
+        tracking=tracking,
+        suspicion=suspicion,
+        out=suspicion.out,
+        footprint=footprint.registers,
+        registers=tracking.belief.registers,
+        heard=heard,
+        estimate_beat=heard.estimate_beat,
+        stamps=heard.boxes.stamps,
+        frames=heard.boxes.frames,
+        points_within=points_within,
+        against=against,
+    ):
+        """`asked` is the mask of those asked for the parcel."""
+        direction = out[_TURN]
+        direction = out[_TURN] = direction + 1 if direction < _OWN else 0
         if not tracking.is_sure():
             return
-        footprint, heard, suspicion = self._footprint.registers, self._heard, self._suspicion
         if direction != _OWN:
             if not footprint[_PRESENT] >> direction & 1:
                 return
             beat = heard.beat
-            silent = (beat - heard.estimate_beat[direction]) & 0xFFFFFF > _LATE_BEATS
-            if asked >> direction & 1 if silent else suspicion.out[CASES] >> SILENCE & 1:
+            silent = (beat - estimate_beat[direction]) & 0xFFFFFF > _LATE_BEATS
+            if asked >> direction & 1 if silent else out[CASES] >> SILENCE & 1:
                 suspicion.judge(direction, SILENCE, silent)
-            stamps = heard.boxes.stamps
             if stamps[_DIRECTIONS + direction] != beat or tracking.others >> direction & 1:
                 return
-        registers = tracking.belief.registers
         if registers[_WHEELS_SHOWN] >= _ENOUGH_WHEELS:
             # A wheel well under the parcel is wrong if it does not turn with it.
             wheels = points_within(registers, footprint, direction, _AXES, -_INSIDE)
-            shown = against(registers, footprint, heard.boxes.frames, direction, wheels)
-            if shown & _SLIPS or (shown and suspicion.out[CASES] >> WHEELS & 1):
+            shown = against(registers, footprint, frames, direction, wheels)
+            if shown & _SLIPS or (shown and out[CASES] >> WHEELS & 1):
                 suspicion.judge(direction, WHEELS, shown & _SLIPS != 0)
+
+    return judge
