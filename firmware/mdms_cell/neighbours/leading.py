@@ -22,7 +22,6 @@ from mdms_cell.neighbours.geometry.footprint import (
     squares_overlapped,
 )
 from mdms_cell.neighbours.geometry.outline import STEP_UM, place
-from mdms_cell.neighbours.geometry.place import AXES
 from mdms_cell.neighbours.steering import approach, find_wish, has_arrived, length
 from mdms_cell.neighbours.twist import OFF, WHEELS
 from mdms_protocol.neighbours import frames as wire
@@ -70,7 +69,14 @@ assert (_ALONG_X, _ALONG_Y) == (ALONG_X, ALONG_Y)
 # Registers of a cell's wheels, after those of its steering
 _DRIVING = const(17)  # 1 while the wheels are on
 _HELD_BEATS = const(18)  # for so long they have held, up to _HOLD_BEATS
-_REGISTERS = const(19)
+_TARGETS = const(19)  # of the two wheels [um/s]
+# What of a program's time has passed without a host, and all that was planned [ms]
+_ALONE_MS = const(21)
+_PLANNED_MS = const(22)  # 0: not yet
+_ENDED = const(23)  # 1 once that was too long
+_REGISTERS = const(24)
+#: Times without a host are counted up to this.
+_LONG_MS = const(1 << 20)
 assert _DRIVING == steering.REGISTERS
 
 
@@ -86,15 +92,12 @@ class Leading:
         self._parcel = tracking.belief.registers
         self._axes = axes
         self.registers = array("i", [0] * _REGISTERS)
-        self._targets_um_s = array("i", [0] * AXES)
         self._identity = 0
-        self.begin()
 
     def begin(self):
         """A new program has come."""
-        self._alone_ms = 0
-        self._planned_ms = 0
-        self._ended = False
+        for number in range(_ALONE_MS, _REGISTERS):
+            self.registers[number] = 0
         self.next_leg()
 
     def next_leg(self):
@@ -104,7 +107,7 @@ class Leading:
 
     def plan_again(self):
         """More of the way has come: the time that is planned for it counts anew."""
-        self._planned_ms = 0
+        self.registers[_PLANNED_MS] = 0
 
     @micropython.native
     def stop(self):
@@ -112,7 +115,7 @@ class Leading:
         registers = self.registers
         if registers[_DRIVING]:
             self._axes.rest()
-        for number in range(_REGISTERS):
+        for number in range(_ALONE_MS):
             registers[number] = 0
 
     def arrived(self):
@@ -144,13 +147,15 @@ class Leading:
             # What another parcel took of its time is its own.
             self._identity = program.identity
             self.begin()
+        registers = self.registers
         if alone:
-            self._alone_ms = min(self._alone_ms + step_ms, 1 << 20)
-            in_time = not self._planned_ms or self._alone_ms < 2 * self._planned_ms
-            self._ended = self._ended or not (program.goes_on and in_time)
-        elif self._alone_ms:
-            self._alone_ms = self._planned_ms = 0
-        return not self._ended
+            alone_ms = registers[_ALONE_MS] = min(registers[_ALONE_MS] + step_ms, _LONG_MS)
+            planned_ms = registers[_PLANNED_MS]
+            if not program.goes_on or (planned_ms and alone_ms >= 2 * planned_ms):
+                registers[_ENDED] = 1
+        elif registers[_ALONE_MS]:
+            registers[_ALONE_MS] = registers[_PLANNED_MS] = 0
+        return not registers[_ENDED]
 
     @micropython.native
     def step(self, program, may_go, step_ms):
@@ -162,7 +167,7 @@ class Leading:
         find_wish(registers, parcel, here.x_um, here.y_um)
         stands = approach(registers, parcel, may_go, step_ms)
         # A cell that the parcel comes to when the host is gone counts from there.
-        if self._alone_ms and not self._planned_ms:
+        if registers[_ALONE_MS] and not registers[_PLANNED_MS]:
             self._plan(program)
         if stands and (registers[_ARRIVED] or not may_go):
             if self._has_held():
@@ -174,9 +179,8 @@ class Leading:
                 # Off it rolls along; with a speed of its own it would turn the parcel.
                 return
             registers[_DRIVING] = 1
-        targets_um_s = self._targets_um_s
-        _aim(registers, parcel, self._footprint, targets_um_s)
-        self._axes.lead(targets_um_s)
+        _aim(registers, parcel, self._footprint)
+        self._axes.lead(registers, _TARGETS)
 
     def _join(self, may_go):
         """Begin with the twist that the parcel has; a wheel without anywhere to go stays off."""
@@ -204,13 +208,14 @@ class Leading:
         ramps_ms = 2 * speed_mm_s * 1000 // max(acceleration_mm_s2, 1)
         x_um, y_um, turn = registers[_WAY : _WAY + 3]
         way_um = length(x_um, y_um, turn * reach_um // ARM_UM)
-        self._planned_ms = way_um // speed_mm_s + ramps_ms
+        planned_ms = way_um // speed_mm_s + ramps_ms
         for leg in range(program.known_legs()):
             x_um, y_um, turn = program.place(leg)
             to_x_um, to_y_um, to_turn = program.place(leg + 1)
             turning_um = wrapped(to_turn - turn) * reach_um // ARM_UM
             way_um = length(to_x_um - x_um, to_y_um - y_um, turning_um)
-            self._planned_ms += way_um // speed_mm_s + ramps_ms + steering.SETTLED_MS
+            planned_ms += way_um // speed_mm_s + ramps_ms + steering.SETTLED_MS
+        registers[_PLANNED_MS] = min(planned_ms, _LONG_MS)
 
 
 @micropython.viper
@@ -253,7 +258,7 @@ def _look_ahead(bottom, parcel: ptr32, registers: ptr32, footprint, asked: int) 
 
 
 @micropython.viper
-def _aim(registers: ptr32, parcel: ptr32, footprint: ptr32, targets: ptr32):
+def _aim(registers: ptr32, parcel: ptr32, footprint: ptr32):
     """Find the speeds of wheels that move with the parcel as commanded [um/s]."""
     widen = int(WIDEN)
     vx = registers[_COMMANDED] << widen >> widen
@@ -269,4 +274,4 @@ def _aim(registers: ptr32, parcel: ptr32, footprint: ptr32, targets: ptr32):
         lever = (along_y * x - along_x * y) // _ARM
         # The product of lever and turn alone may be more than a word.
         speed = along_x * vx + along_y * vy + lever * (turn & 0x1FF) >> 9
-        targets[axis] = speed + lever * (turn >> 9)
+        registers[_TARGETS + axis] = speed + lever * (turn >> 9)

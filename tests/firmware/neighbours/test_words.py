@@ -159,7 +159,7 @@ def test_agreement_fits_whatever_neighbours_say(poses, certainties, certainty):
 )
 def test_steering_fits_wherever_the_goal_is(goals, poses, place_um, limits, half):
     """Limits are those of the acceleration and of the speed."""
-    registers, targets = Words([0] * steering.REGISTERS), Words([0, 0])
+    registers = Words([0] * leading._REGISTERS)
     reach = [NEAR, -NEAR]
     cells = cells_around(reach, reach, (362, -362, 362, 362), [NEAR, NEAR, -NEAR, -NEAR])
     for goal, pose in zip(goals, poses, strict=False):
@@ -173,7 +173,7 @@ def test_steering_fits_wherever_the_goal_is(goals, poses, place_um, limits, half
         steering.find_wish(registers, parcel, *place_um)
         for step_ms in (1, 50):
             steering.approach(registers, parcel, 1, Word(step_ms))
-        leading._aim(registers, parcel, cells, targets)
+        leading._aim(registers, parcel, cells)
         # With less the parcel moves on for tens of metres, where squares leave words and are apart.
         registers[steering.ACCELERATION] = Word(255)
         leading._look_ahead(parcel, parcel, registers, cells, Word(3))
