@@ -267,6 +267,14 @@ class Layer:
         self._update(presence)
         return _IDLE_MS
 
+    def _keep_order(self, order):
+        """Parcels come over the cell in an order, which counts for the time without the host."""
+        estimates, fresh, right = self._heard.estimates, self._heard.fresh, self._right
+        here, state = right[_RIGHT_IDENTITY], right[_RIGHT_STATE]
+        turn = precedence.turn(order, here, state, estimates, fresh)
+        if self._consumer.lost:
+            precedence.keep(order, turn, estimates, fresh)
+
     def _choose_parcel(self):
         """Be at the parcel that lies here, or else at the one that the right of way says."""
         tracking, identity = self._tracking, self._right[_RIGHT_IDENTITY]
@@ -361,7 +369,7 @@ def _updating(layer):
         if wrong:
             layer.nonsense += wrong
         if order[_FIRST_OF_ORDER]:
-            precedence.keep(order, right, estimates, fresh, consumer.lost)
+            layer._keep_order(order)
         sent = take_estimates(estimates, fresh)
         if not tracking.under:
             layer._choose_parcel()
