@@ -15,7 +15,7 @@ except ImportError:
 from array import array
 
 from mdms_cell.canopen.objects import find
-from mdms_cell.neighbours import right_of_way, steering
+from mdms_cell.neighbours import precedence, right_of_way, steering
 from mdms_cell.neighbours.geometry import place
 from mdms_cell.neighbours.geometry.footprint import Footprint
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, Place
@@ -68,6 +68,8 @@ _STEERING_ARRIVED = const(12)
 assert _STEERING_ARRIVED == steering.ARRIVED
 assert (_RIGHT_IDENTITY, _RIGHT_STATE) == (right_of_way.IDENTITY, right_of_way.STATE)
 assert (_RIGHT_HOLD, _DRIVE_BEATS) == (right_of_way.HOLD, right_of_way.DRIVE_BEATS)
+_FIRST_OF_ORDER = const(5)
+assert precedence.FIRST == _FIRST_OF_ORDER
 # The clock wraps, see `ticks`; a difference of two instants is negative from here on.
 _WRAP = const((1 << 30) - 1)
 _BEFORE = const(1 << 29)
@@ -126,7 +128,9 @@ class Layer:
         self._beat[_SUSPECT] = -1
         self._lead = _leading_on(self, consumer)
         self._write_estimate = _announcing(self)
-        self._update = _updating(self, consumer)
+        parts = self._footprint, self._heard, self._suspicion
+        track = updater(self._tracking, self._place, *parts)
+        self._update = _updating(self, consumer, track, judging(self._tracking, *parts))
         objects.watch(indices.CONTROL, self._on_place)
 
     def start(self, node_id):
@@ -281,6 +285,15 @@ class Layer:
         self._update(presence)
         return _IDLE_MS
 
+    def _keep_order(self, order, alone):
+        """Parcels come over the cell in an order, which counts for the time without the host."""
+        estimates, fresh = self._heard.estimates, self._heard.boxes.fresh
+        right = self._rights.registers
+        here, state = right[_RIGHT_IDENTITY], right[_RIGHT_STATE]
+        turn = precedence.turn(order, here, state, estimates, fresh)
+        if alone:
+            precedence.keep(order, turn, estimates, fresh)
+
     def _choose_parcel(self):
         """Be at the parcel that lies here, or else at the one that the right of way says."""
         tracking, right = self._tracking, self._rights.registers
@@ -297,7 +310,8 @@ class Layer:
     def _go_on(self, program):
         """Take the next leg, without the host, at the end of this one; so do all under the parcel.
 
-        The host gives a leg when its way is free; from now on promises alone keep others apart.
+        The host gives a leg when its way is free; from now on promises alone keep others apart, in
+        the order of `precedence`.
         """
         if not program.legs:
             return
@@ -338,12 +352,9 @@ class Layer:
             self._report()
 
 
-def _updating(layer, consumer):
+def _updating(layer, consumer, track, judge):
     """What updates a layer after SYNC, with little to be looked up."""
     heard, rights, tracking = layer._heard, layer._rights, layer._tracking
-    footprint, suspicion = layer._footprint, layer._suspicion
-    track = updater(tracking, layer._place, footprint, heard, suspicion)
-    judge = judging(footprint, heard, suspicion, tracking)
 
     @micropython.native
     def update(  # noqa: PLR0917 - all is at hand
@@ -362,12 +373,13 @@ def _updating(layer, consumer):
         look_ahead=layer._leading.look_ahead,
         decide=rights.on_beat,
         judge=judge,
-        first_suspect=suspicion.first,
+        first_suspect=layer._suspicion.first,
         lead=layer._lead,
         fields=layer._fields,
         steered=layer._leading.registers,
         write_estimate=layer._write_estimate,
         hand_on=layer._pages.hand_on,
+        order=layer._pages.order,
     ):
         sync_ms = beat[_CAME_MS]
         step_ms = diff(sync_ms, beat[_UPDATED_MS])
@@ -375,6 +387,8 @@ def _updating(layer, consumer):
         beat[_STEP_MS] = step_ms
         beat[_UPDATED_MS] = sync_ms
         beat[_NONSENSE] += read()
+        if order[_FIRST_OF_ORDER]:
+            layer._keep_order(order, consumer.lost)
         sent = take_estimates(estimates, fresh)
         if not tracking.under:
             layer._choose_parcel()
@@ -440,11 +454,12 @@ def _leading_on(layer, consumer):
             stop()
             return
         alone = consumer.lost
-        allowed = may_go_on(program, step_ms, alone)
+        # As many beats as were skipped before this update may be before the next.
+        held = right[_DRIVE_BEATS] <= skipped
+        allowed = may_go_on(program, step_ms, alone, held)
         if alone and allowed:
             layer._go_on(program)
-        # As many beats as were skipped before this update may be before the next.
-        step(program, allowed and right[_DRIVE_BEATS] > skipped, step_ms)
+        step(program, allowed and not held, step_ms)
 
     return lead
 

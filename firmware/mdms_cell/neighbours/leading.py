@@ -34,6 +34,8 @@ _REACTION_MS = const(200)
 _ASK_MS = const(500)
 #: At the goal, or where it is held, the wheels hold for so long before they are switched off.
 _HOLD_BEATS = const(50)
+#: Without its host a parcel stands for so long in all, while others have the right of way [ms].
+_WAIT_MS = const(30_000)
 #: To a wheel that is to join in the parcel's motion, fewer wheels do not show it, nor wheels that
 #: are off what is known of it by more than this [um/s].
 _JOIN_WHEELS = const(4)
@@ -70,11 +72,11 @@ assert (_ALONG_X, _ALONG_Y) == (ALONG_X, ALONG_Y)
 _DRIVING = const(17)  # 1 while the wheels are on
 _HELD_BEATS = const(18)  # for so long they have held, up to _HOLD_BEATS
 _TARGETS = const(19)  # of the two wheels [um/s]
-# What of a program's time has passed without a host, and all that was planned [ms]
-_ALONE_MS = const(21)
-_PLANNED_MS = const(22)  # 0: not yet
-_ENDED = const(23)  # 1 once that was too long
-_REGISTERS = const(24)
+_ALONE_MS = const(21)  # what of a program's time has passed without a host
+_WAITED_MS = const(22)  # for how long the parcel stood meanwhile for want of a promise
+_PLANNED_MS = const(23)  # all the time that its way takes; 0: not found yet
+_ENDED = const(24)  # 1 once that was too long
+_REGISTERS = const(25)
 #: Times without a host are counted up to this.
 _LONG_MS = const(1 << 20)
 assert _DRIVING == steering.REGISTERS
@@ -137,11 +139,12 @@ class Leading:
         return _look_ahead(parcel, parcel, registers, footprint, present)
 
     @micropython.native
-    def may_go_on(self, program, step_ms, alone):
+    def may_go_on(self, program, step_ms, alone, held):
         """Whether a parcel may go on; without its host for twice its planned time, if it is to.
 
-        Once that is over, or the host of one that is not to go on was gone, a new program has to
-        come: that the host is back moves nothing.
+        That it is `held`, for want of a promise, does not count, up to `_WAIT_MS`. Once the time is
+        over, or the host of one that is not to go on was gone, a new program has to come: that the
+        host is back moves nothing.
         """
         if program.identity != self._identity:
             # What another parcel took of its time is its own.
@@ -149,12 +152,16 @@ class Leading:
             self.begin()
         registers = self.registers
         if alone:
-            alone_ms = registers[_ALONE_MS] = min(registers[_ALONE_MS] + step_ms, _LONG_MS)
+            if held and registers[_ALONE_MS] and registers[_WAITED_MS] < _WAIT_MS:
+                registers[_WAITED_MS] += step_ms
+            else:
+                registers[_ALONE_MS] = min(registers[_ALONE_MS] + step_ms, _LONG_MS)
             planned_ms = registers[_PLANNED_MS]
-            if not program.goes_on or (planned_ms and alone_ms >= 2 * planned_ms):
+            in_time = not planned_ms or registers[_ALONE_MS] < 2 * planned_ms
+            if not (program.goes_on and in_time):
                 registers[_ENDED] = 1
         elif registers[_ALONE_MS]:
-            registers[_ALONE_MS] = registers[_PLANNED_MS] = 0
+            registers[_ALONE_MS] = registers[_WAITED_MS] = registers[_PLANNED_MS] = 0
         return not registers[_ENDED]
 
     @micropython.native

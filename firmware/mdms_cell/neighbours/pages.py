@@ -10,6 +10,7 @@ except ImportError:
     from mdms_protocol.cpython import const, micropython, ptr16
 
 from mdms_cell.canopen.objects import find
+from mdms_cell.neighbours import precedence
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, HOST
 from mdms_cell.neighbours.program import Programs, next_sequence, turn_um
 from mdms_protocol import indices
@@ -21,7 +22,10 @@ _HAND_ON_BEATS = const(4)
 
 
 class Pages:
-    """The programs of one cell, by the pages that come and go; `programs` are those it keeps."""
+    """The programs of one cell, by the pages that come and go; `programs` are those it keeps.
+
+    `order` is that of the parcels that come over the cell, see `precedence`.
+    """
 
     def __init__(self, objects, place, heard, *, tracking, leading, consumer, pdos):
         self._objects = objects
@@ -35,11 +39,13 @@ class Pages:
         self._turn = 0
         self.node_id = 0
         self.programs = Programs()
+        self.order = bytearray(precedence.BYTES)
 
     def start(self, node_id):
         """Begin without any program."""
         self.node_id = node_id
         self.programs.clear()
+        precedence.clear(self.order)
 
     # What comes
 
@@ -47,7 +53,8 @@ class Pages:
         """Take a page, from the host or handed on by a neighbour; returns False if it is none."""
         page = [0] * wire.PROGRAM_FIELDS
         if not wire.unpack_program(data, page, 0):
-            return False
+            place = self._place
+            return direction == HOST and precedence.take(self.order, data, place.column, place.row)
         identity = page[wire.PARCEL_IDENTITY]
         if direction == HOST:
             self._on_host_page(identity, page)

@@ -153,7 +153,7 @@ def _first(out: ptr8) -> int:
     return -1
 
 
-def judging(footprint, heard, suspicion, tracking):
+def judging(tracking, footprint, heard, suspicion):
     """What compares what a neighbour sends and measures with the belief of a cell under a parcel.
 
     One cell a beat; it looks up what changes, and nothing else.

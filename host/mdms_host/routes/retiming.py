@@ -66,11 +66,12 @@ def _after(
     """A parcel's move, and another's that it begins so long after at the least.
 
     A tile is really left up to `REST_M` farther on than those who wait for it are to see it left.
+    Who stays has no move to wait with, though it may have been set down where another stands.
     """
     waits = [
         (name, wait)
-        for name in routes
-        for wait in reservations.waits[name]
+        for name, route in routes.items()
+        for wait in (reservations.waits[name] if len(route.begins_s) else ())
         if wait.other in routes and progress_m[wait.other] < wait.leaves_m < np.inf
     ]
     enters, after_enters_s = _all_within(

@@ -7,6 +7,7 @@ from collections import namedtuple
 
 from mdms_protocol.entry import OutOfRangeError
 from mdms_protocol.neighbours import frames as n
+from mdms_protocol.neighbours import precedence as p
 
 #: What a cell believes and promises; fields as in `neighbours`.
 Estimate = namedtuple(
@@ -22,9 +23,12 @@ Place = namedtuple("Place", "identity sequence x y yaw")
 #: `leg` and `legs` as in `frames`; where both are 0 nothing follows the goal.
 Goal = namedtuple("Goal", "identity sequence x y yaw leg legs")
 End = namedtuple("End", "identity sequence")
+#: The identities in which parcels come over the cell at a column and row, both from 1; at most
+#: `precedence.PLACES` of them. `number` as in `precedence`.
+Precedence = namedtuple("Precedence", "number column row identities")
 
-#: Any page of a program.
-Page = Parcel | Place | Goal | End
+#: Any page of a program, and what comes among them.
+Page = Parcel | Place | Goal | End | Precedence
 
 _PAGES = (Parcel, Place, Goal, End)
 _COORDINATE = (-131_072, 131_071)
@@ -56,6 +60,7 @@ _LIMITS: dict[type, dict[str, tuple[int, int]]] = {
     Place: _POSE,
     Goal: {**_POSE, "leg": (0, n.JOINS), "legs": (0, n.LEGS_MAX)},
     End: _HEAD,
+    Precedence: {"number": (0, p.NUMBERS - 1), "column": (1, 255), "row": (1, 255)},
 }
 
 
@@ -76,6 +81,9 @@ def decode_estimate(data: bytes) -> Estimate | None:
 def encode_page(page: Page) -> bytes:
     """The data of a page's frame; raises OutOfRangeError."""
     _check(page)
+    if isinstance(page, Precedence):
+        _check_identities(page.identities)
+        return p.pack_precedence(*page)
     if isinstance(page, Goal) and page.legs < page.leg < n.JOINS:
         raise OutOfRangeError(f"Goal.leg: {page.leg} is not in 0..{page.legs}, and not {n.JOINS}")
     fields = [0] * n.PROGRAM_FIELDS
@@ -90,6 +98,10 @@ def encode_page(page: Page) -> bytes:
 
 def decode_page(data: bytes) -> Page | None:
     """The page of a program that a frame carries, None if it carries none."""
+    if p.is_precedence(data):
+        identities = bytes(data[p.FIRST :]).rstrip(b"\0")
+        number = data[p.NUMBER] * p.NUMBERS >> 8
+        return Precedence(number, data[p.COLUMN], data[p.ROW], tuple(identities))
     fields = array("i", bytes(4 * n.PROGRAM_FIELDS))
     if not n.unpack_program(data, fields, 0):
         return None
@@ -104,3 +116,13 @@ def _check(message: Estimate | Page) -> None:
         if not low <= value <= high:
             kind = type(message).__name__
             raise OutOfRangeError(f"{kind}.{name}: {value!r} is not in {low}..{high}")
+
+
+def _check_identities(identities: tuple[int, ...]) -> None:
+    if len(identities) > p.PLACES:
+        raise OutOfRangeError(f"Precedence.identities: {len(identities)}, more than {p.PLACES}")
+    for identity in identities:
+        if not 1 <= identity <= n.IDENTITY_MAX:
+            raise OutOfRangeError(
+                f"Precedence.identities: {identity!r} is not in 1..{n.IDENTITY_MAX}"
+            )

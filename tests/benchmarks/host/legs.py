@@ -54,8 +54,8 @@ GIVEN_S = 1.5
 OUTCOMES = ("arrived", "beside", "blocked", "short", "failed", "waiting")
 WITHIN_M, WITHIN_RAD, BESIDE_M, STEP_S = 0.005, 2.0 * pi / 180, 0.04, 0.05
 #: All is over when nothing has moved for so long, or for less where all are at their goals.
-STILL, STILL_S, ARRIVED_S = 2e-3, 3.0, 0.6
-SPEED_M_S, LIMIT_S = 0.4, 45.0
+STILL, STILL_S, ARRIVED_S = 2e-3, 18.0, 0.6
+SPEED_M_S, LIMIT_S = 0.4, 90.0
 
 
 @dataclass(frozen=True)

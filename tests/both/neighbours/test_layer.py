@@ -187,6 +187,34 @@ def test_host_that_is_back_after_the_time_to_go_on_is_over_moves_nothing():
     assert state(middle) != cia402.OPERATION_ENABLED
 
 
+def held(beats):
+    """A parcel that goes on without its host, and has stood for so long for want of a promise."""
+    middle = watched(Middle(SPEED_UM_S), wire.GO_ON)
+    run(middle, 20)
+    middle.silent = NEIGHBOURS[0]
+    run(middle, 10)
+    middle.speed_um_s = 0
+    for _ in range(beats // 10):
+        run(middle, 10)
+        middle.board.take()
+    assert targets_um_s(middle) == (0, 0)
+    middle.silent = None
+    return middle
+
+
+def test_parcel_that_stood_without_its_host_while_others_had_the_right_of_way_goes_on_then():
+    middle = held(800)
+    run(middle, 100)
+    assert targets_um_s(middle)[0] > 90_000
+
+
+def test_parcel_that_others_held_for_too_long_without_its_host_moves_no_more():
+    middle = held(3600)
+    run(middle, 100)
+    assert targets_um_s(middle) == (0, 0)
+    assert state(middle) != cia402.OPERATION_ENABLED
+
+
 #: Where the parcel is put, and north of that, in steps of the wire.
 NEAR, NORTH = (-240, 0, 0), (-240, 400, 0)
 

@@ -44,6 +44,16 @@ def test_planned_times_are_known_however_often_a_route_is_planned_around(planner
         assert due_s[0] <= now_s < due_s[-1]
 
 
+def test_one_that_was_set_down_close_to_another_waits_for_nobody(planner: Planner) -> None:
+    at_goal = (0.38, 0.0, 0.0)
+    others = planner.plan([task("b", (0.06, -0.22, 0.0), (0.0, 0.22, 0.0))])
+    kept = planner.kept(others, {"b": 0.0}, 0.0)
+    plan = planner.plan([task("a", at_goal, at_goal)], 0.0, kept=kept)
+    again = planner.kept(plan, {"a": 0.0, "b": 0.0}, 1.0)
+    assert again["a"].length_m == 0.0
+    assert again["b"].end_s > kept["b"].end_s
+
+
 def test_a_goal_that_changes_is_planned_around_the_others(planner: Planner) -> None:
     plan = planner.plan(crossing())
     first, second = plan.order

@@ -31,6 +31,21 @@ def test_page_is_what_was_encoded(page):
     assert type(messages.decode_page(messages.encode_page(page))) is type(page)
 
 
+@given(
+    st.builds(
+        messages.Precedence,
+        st.integers(0, 3),
+        st.integers(1, 255),
+        st.integers(1, 255),
+        st.lists(st.integers(1, 63), max_size=5).map(tuple),
+    )
+)
+def test_order_over_a_cell_is_what_was_encoded(order):
+    data = messages.encode_page(order)
+    assert messages.decode_page(data) == order
+    assert data[0] & wire.IDENTITY_MAX == 0
+
+
 @given(st.binary(max_size=12))
 def test_garbage_decodes_to_nothing_or_to_what_gives_its_fields_again(data):
     estimate = messages.decode_estimate(data)
@@ -49,6 +64,9 @@ def test_garbage_decodes_to_nothing_or_to_what_gives_its_fields_again(data):
         (messages.Parcel(1, 1, 2, 0, 0, 0, 0, 0), r"Parcel\.shape: 2 is not in 0\.\.1"),
         (messages.Goal(1, 1, 0, 0, 0, leg=3, legs=2), r"Goal\.leg: 3 is not in 0\.\.2, and not 7"),
         (messages.End(1, 0), r"End\.sequence: 0 is not in 1\.\.3"),
+        (messages.Precedence(0, 0, 1, ()), r"Precedence\.column: 0 is not in 1\.\.255"),
+        (messages.Precedence(0, 1, 1, (64,)), r"Precedence\.identities: 64 is not in 1\.\.63"),
+        (messages.Precedence(0, 1, 1, (1,) * 6), r"Precedence\.identities: 6, more than 5"),
     ],
 )
 def test_page_that_does_not_fit_is_refused(page, says):

@@ -13,6 +13,7 @@ from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.followed import Followed
 from mdms_host.motion.by_cells.observed import Observed
+from mdms_host.motion.by_cells.precedence import Precedences, Turn
 from mdms_host.motion.by_cells.reports import Reports
 from mdms_host.motion.by_cells.sending import ENDS, Sending
 from mdms_host.motion.by_cells.stages import Stages
@@ -52,6 +53,7 @@ class CellsProgram:
         self._limits = limits or Limits()
         self.goes_on = go_on
         self._reports = Reports(layout)
+        self._precedences = Precedences(layout)
         self._bottoms: dict[str, Bottom] = {}
         self._sendings: dict[str, Sending] = {}
         self._observed: dict[str, Observed] = {}
@@ -120,6 +122,13 @@ class CellsProgram:
         self._sendings[name].want(way)
         return self._followed[name]
 
+    def set_orders(self, orders: Mapping[int, tuple[Turn, ...]]) -> None:
+        """Have parcels come over cells (from 1) in these orders, should the host be gone by then.
+
+        Any order of before is over; where none is given, whoever comes first goes first.
+        """
+        self._precedences.set(orders)
+
     def add(self, parcel: Parcel) -> None:
         """There is to be another parcel, without a goal as yet."""
         name, note = parcel.name, self._notices.append
@@ -176,7 +185,8 @@ class CellsProgram:
                 sending.give_anew()
             shown = belief if self._may_send(name) else None
             pages += sending.pages(None if shown is None else shown.pose, now_s)
-        return pages
+        identities = {name: sending.identity for name, sending in self._sendings.items()}
+        return [*pages, *self._precedences.pages(identities, now_s)]
 
     def begin_again(self) -> None:
         """Send every parcel's program anew, from where the parcel is; it was at rest meanwhile."""

@@ -1,6 +1,7 @@
 """Orders carried out by cells that steer: the host plans, and sends goals as ways become free."""
 
 from collections.abc import Mapping, Sequence
+from math import inf
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from mdms_host.programs.order import Order
 from mdms_host.programs.traffic.legs import Legs
 from mdms_host.programs.traffic.ordered import OrderedTraffic
 from mdms_host.programs.traffic.planning import Desk
+from mdms_host.programs.traffic.precedence import orders_over_cells
 from mdms_host.programs.traffic.ride import Load
 from mdms_host.routes.pace import TrapezoidPace
 from mdms_host.routes.planner import Planner
@@ -30,6 +32,8 @@ _TILES = 1
 #: and 4 mm around it.
 _CLEARANCE_M = 0.01
 _GAP_S = 0.2
+#: So often it is looked at who is yet to come over each cell [s].
+_ORDERS_S = 0.1
 #: Cells are given a whole way of so many legs, even while the first is gone along in parts.
 _LEGS = wire.LEGS_MAX
 
@@ -56,6 +60,7 @@ class CellsTraffic(OrderedTraffic[Legs]):
         super().__init__(planner, desk, loads, over_lost=False)
         self._cells = cells
         self._limits = limits
+        self._orders_due_s = -inf
         self._still: Floats = np.zeros(len(layout.wheel_cells))
 
     def know(self, parcel: Parcel, mass: Mass) -> None:
@@ -91,6 +96,8 @@ class CellsTraffic(OrderedTraffic[Legs]):
             ride.step(belief, step_s, limit_m)
             if not ride.at_rest:
                 self._moved_s = self._now_s
+        if self._cells.goes_on:
+            self._set_orders()
         return self._still
 
     @property
@@ -102,6 +109,16 @@ class CellsTraffic(OrderedTraffic[Legs]):
     def gains(self) -> Mapping[str, Gain]:
         """Nothing: what cells push with is not known."""
         return {}
+
+    def _set_orders(self) -> None:
+        """Have cells get the order over them, of parcels as far as these would go by themselves."""
+        if self.plan is None or self._now_s < self._orders_due_s:
+            return
+        self._orders_due_s = self._now_s + _ORDERS_S
+        come_m = {name: ride.progress_m for name, ride in self._rides.items()}
+        until_m = {name: ride.given_m for name, ride in self._rides.items()}
+        reservations = self.plan.authority.reservations
+        self._cells.set_orders(orders_over_cells(reservations, self._tiles, come_m, until_m))
 
     def _set_out(self, order: Order, route: Route) -> Legs:
         def send(goal: Goal, legs: Sequence[Goal]) -> Followed:

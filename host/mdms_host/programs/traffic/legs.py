@@ -11,6 +11,7 @@ from mdms_host.programs.order import Order
 from mdms_host.programs.traffic.ride import Load
 from mdms_host.routes.route import Route
 from mdms_model.arrays import Floats
+from mdms_protocol.neighbours.frames import LEGS_MAX
 
 #: A parcel is at a corner of its route, from where the next leg begins, within this [m].
 _CORNER_M = 0.008
@@ -83,6 +84,14 @@ class Legs:
         end_m = self._path.length_m
         sent = self._followed is not None and self._sent_m >= end_m
         return sent and self.progress_m >= end_m - _CORNER_M
+
+    @property
+    def given_m(self) -> float:
+        """Up to where its cells would take it, were the host gone."""
+        if not self._leads_on:
+            return self._sent_m
+        ends_m = [end_m for end_m in self._path.legs_m if end_m > self._sent_m + _SAME_M]
+        return max(ends_m[:LEGS_MAX], default=self._sent_m)
 
     @property
     def arrived(self) -> bool:

@@ -74,6 +74,14 @@ class Tiles:
         rows = self.rim + row * self.per_pitch + own
         return (rows[:, None] * self.columns + columns).ravel()
 
+    def cell_of(self, tile: int) -> int | None:
+        """The cell, from 1, that a tile is on; None on the rim."""
+        row, column = divmod(tile, self.columns)
+        row, column = (row - self.rim) // self.per_pitch, (column - self.rim) // self.per_pitch
+        layout = self.layout
+        on_table = 0 <= row < layout.rows and 0 <= column < layout.columns
+        return row * layout.columns + column + 1 if on_table else None
+
     def centre_m(self, tile: int) -> tuple[float, float]:
         """The middle of a tile [m; table frame]."""
         row, column = divmod(tile, self.columns)

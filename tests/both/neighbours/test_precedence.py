@@ -1,0 +1,172 @@
+"""A free cell that two parcels ask for, and an order of the host, on every interpreter."""
+
+from array import array
+
+from layer_bench import NODE, Middle
+
+from mdms_protocol import indices
+from mdms_protocol.codecs import cob
+from mdms_protocol.neighbours import frames as wire
+from mdms_protocol.neighbours.precedence import is_precedence, pack_precedence
+
+FIRST, SECOND = 9, 7
+EAST, WEST = 0, 4
+#: So long a promise that nobody asks for any more is kept, and then nobody is promised anything.
+LAPSED = 60
+#: How long a parcel counts as there after it has left: under a neighbour, and elsewhere.
+NEAR, FAR = 260, 50
+
+
+class Asked(Middle):
+    """The cell; `asking` are the identities of parcels on neighbours, by direction."""
+
+    def __init__(self):
+        self.asking = {}
+        self.standing = {}
+        super().__init__(0)
+        self._write(indices.CONSUMER_TIMES, 1, 4, (cob.HOST_NODE << 16) | 75)
+        for identity in (FIRST, SECOND):
+            self._page((identity, wire.PARCEL, 1, wire.DISC, 1200, 1200, 44, 20, wire.GO_ON))
+            self._page((identity, wire.GOAL, 1, 0, 0, 0, 0, 0, 0))
+        self.beats(60, with_host=True)
+
+    def _pages(self):
+        """No parcel lies on the cell."""
+
+    def _covered(self, _x_um, _y_um):
+        return 0
+
+    def _estimate(self, direction):
+        asks = direction in self.asking
+        identity = self.asking.get(direction) or self.standing.get(direction)
+        if not identity:
+            return None
+        fields = array("i", [0] * wire.ESTIMATE_FIELDS)
+        fields[wire.IDENTITY], fields[wire.STATE] = identity, wire.UNDER
+        fields[wire.WANTS] = 1 << (direction ^ 4) if asks else 0
+        fields[wire.HOLD], fields[wire.SEQUENCE] = wire.HOLD_NONE, 1
+        frame = bytearray(8)
+        wire.pack_estimate(fields, 0, frame, 0)
+        return bytes(frame)
+
+    def order(self, number, *identities, column=2):
+        """The host sends the order over the cell, or over one in another column."""
+        frame = pack_precedence(number, column, 2, identities)
+        self.cell.on_frame(cob.PROGRAM, frame, self.now_ms)
+
+    def beats(self, count, with_host=False):
+        """Whom the cell is promised to after so many beats; 0: nobody."""
+        promised = 0
+        for _ in range(count):
+            if with_host:
+                self.cell.on_frame(cob.HEARTBEAT_BASE + cob.HOST_NODE, b"\x05", self.now_ms)
+            self.beat()
+            for can_id, data in self.board.take():
+                if can_id == cob.TPDO_BASES[2] + NODE:
+                    fields = array("i", [0] * wire.ESTIMATE_FIELDS)
+                    assert wire.unpack_estimate(data, fields, 0)
+                    promised = fields[wire.IDENTITY] if fields[wire.STATE] >= wire.PROMISED else 0
+        return promised
+
+    def comes_and_leaves(self, identity, direction):
+        """A parcel comes over the cell and leaves it again, for a neighbour."""
+        self.asking = {direction: identity}
+        assert self.beats(LAPSED) == identity
+        x = 120 if direction == EAST else -120
+        self._page((identity, wire.PLACE, 1, x, 0, 0, 0, 0, 0))
+        self.beats(3)
+        self._page((identity, wire.END, 1, 0, 0, 0, 0, 0, 0))
+        self.asking, self.standing = {}, {direction: identity}
+
+
+def alone():
+    """The host has sent an order, and is gone."""
+    asked = Asked()
+    asked.order(1, FIRST, SECOND)
+    asked.beats(20)
+    return asked
+
+
+def test_parcel_whose_turn_it_is_not_gets_no_promise_without_the_host():
+    asked = alone()
+    asked.asking = {EAST: SECOND}
+    assert asked.beats(60) == 0
+    asked.asking = {EAST: SECOND, WEST: FIRST}
+    assert asked.beats(60) == FIRST
+
+
+def test_while_the_host_is_there_whoever_comes_first_is_promised_the_cell():
+    asked = Asked()
+    asked.order(1, FIRST, SECOND)
+    asked.asking = {EAST: SECOND}
+    assert asked.beats(60, with_host=True) == SECOND
+
+
+def test_order_over_another_cell_and_garbage_change_nothing():
+    asked = Asked()
+    asked.order(1, FIRST, SECOND, column=3)
+    for data in (
+        bytes(7),
+        bytes((0, 2, 2, FIRST, 0, SECOND, 0, 0)),
+        bytes((0, 2, 2, 64, 0, 0, 0, 0)),
+    ):
+        assert not is_precedence(data)
+        dropped = asked.cell.dropped
+        asked.cell.on_frame(cob.PROGRAM, data, asked.now_ms)
+        assert asked.cell.dropped == dropped + 1
+    asked.beats(20)
+    asked.asking = {EAST: SECOND}
+    assert asked.beats(60) == SECOND
+
+
+def test_order_that_ends_lets_anybody_come():
+    asked = Asked()
+    asked.order(1, FIRST, SECOND)
+    asked.order(2)
+    asked.beats(20)
+    asked.asking = {EAST: SECOND}
+    assert asked.beats(60) == SECOND
+
+
+def test_parcel_that_is_in_no_order_is_promised_the_cell():
+    asked = alone()
+    asked.asking = {EAST: SECOND - 1}
+    assert asked.beats(60) == SECOND - 1
+
+
+def test_next_one_waits_until_the_one_before_has_gone():
+    asked = alone()
+    asked.comes_and_leaves(FIRST, WEST)
+    asked.asking = {EAST: SECOND}
+    assert asked.beats(NEAR - 100) == 0
+    asked.standing = {}
+    assert asked.beats(FAR + LAPSED) == SECOND
+
+
+def test_one_that_stays_beside_the_cell_has_gone_after_a_while():
+    asked = alone()
+    asked.comes_and_leaves(FIRST, WEST)
+    asked.asking = {EAST: SECOND}
+    assert asked.beats(NEAR + LAPSED) == SECOND
+
+
+def test_order_that_is_repeated_does_not_begin_again_and_a_new_number_does():
+    asked = alone()
+    asked.comes_and_leaves(FIRST, WEST)
+    asked.standing = {}
+    asked.beats(FAR)
+    asked.order(1, FIRST, SECOND)
+    asked.asking = {EAST: SECOND}
+    assert asked.beats(LAPSED) == SECOND
+    asked.asking = {}
+    asked.beats(LAPSED)
+    asked.order(2, FIRST, SECOND)
+    asked.asking = {EAST: SECOND}
+    assert asked.beats(LAPSED) == 0
+
+
+def test_whoever_waits_for_one_that_never_comes_gets_the_cell_at_last():
+    asked = alone()
+    asked.asking = {EAST: SECOND}
+    assert asked.beats(1480) == 0
+    assert asked.beats(100) == SECOND
