@@ -83,17 +83,16 @@ class Heard:
         self.edges = 0
 
     @micropython.native
-    def begin_beat(self):
-        """SYNC: what comes from now on is of the next beat."""
-        self.beat = self.boxes.counts[_STAMP] = self.beat + 1 & 0xFFFFFF
+    def begin_beat(self, registers):
+        """SYNC: what comes from now on is of the next beat.
 
-    @micropython.native
-    def take_speeds(self, registers):
-        """The speeds of the cell's own wheels at the last SYNC, from those of the speed loop."""
+        As are the speeds of the cell's own wheels, from the registers of the speed loop.
+        """
         boxes = self.boxes
+        beat = self.beat = self.beat + 1 & 0xFFFFFF
+        boxes.counts[_STAMP] = boxes.stamps[_DIRECTIONS + _OWN] = beat
         first, second = registers[_ACTUAL], registers[_OTHER_ACTUAL]
         pack_into("<ii", boxes.frames, _OWN_SPEEDS, first, second)
-        boxes.stamps[_DIRECTIONS + _OWN] = self.beat
 
     @micropython.native
     def on_state(self, direction, data, now_ms):

@@ -10,7 +10,7 @@ try:
     import micropython
     from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr32
+    from mdms_protocol.cpython import const, micropython, ptr16, ptr32
 
 from array import array
 
@@ -74,19 +74,20 @@ assert precedence.FIRST == _FIRST_OF_ORDER
 _WRAP = const((1 << 30) - 1)
 _BEFORE = const(1 << 29)
 
-# What a layer keeps from beat to beat
-_CAME_MS = const(0)  # the last SYNC, and the one of the last update
-_UPDATED_MS = const(1)
-_STEP_MS = const(2)  # that the last update was of
-_PERIOD_MS = const(3)
-_DUE = const(4)  # 1 while an update is to follow
-_SKIPPED = const(5)  # beats since the last one
-_OVER = const(6)  # what it passed to the right of way, three numbers
-_NEEDS = const(7)
-_OCCUPIED = const(8)
-_SUSPECT = const(9)  # the direction that is reported, -1 for none
-_NONSENSE = const(10)
-_REGISTERS = const(11)
+# What a layer keeps from beat to beat, behind the fields of the estimate that is to be sent
+_DUE = const(10)  # 1 while an update is to follow
+_SKIPPED = const(11)  # beats since the last one
+_OVER = const(12)  # what it passed to the right of way, three numbers
+_NEEDS = const(13)
+_OCCUPIED = const(14)
+_STEP_MS = const(15)  # the time that the last update was of
+_CAME_MS = const(16)  # the last SYNC, and the one of the last update
+_UPDATED_MS = const(17)
+_PERIOD_MS = const(18)
+_SUSPECT = const(19)  # the direction that is reported, -1 for none
+_NONSENSE = const(20)
+_REGISTERS = const(21)
+assert _DUE == wire.ESTIMATE_FIELDS
 
 
 class Layer:
@@ -106,7 +107,6 @@ class Layer:
         self._wake = wake
         self._changed = changed
         self.active = False
-        self._fields = array("i", [0] * wire.ESTIMATE_FIELDS)
         self._place = Place(objects, self._on_place)
         self._heard = Heard()
         self._footprint = Footprint(self._place)
@@ -148,10 +148,8 @@ class Layer:
         self._tracking.drop()
         self._pages.start(node_id)
         self._leading.stop()
-        for number in range(_DUE, _SUSPECT):
+        for number in range(_STEP_MS):
             self._beat[number] = 0
-        for field in range(wire.ESTIMATE_FIELDS):
-            self._fields[field] = 0
 
     def stop(self):
         """The cell is not 'operational' any more."""
@@ -237,20 +235,18 @@ class Layer:
         elif due:
             self._skip(came_ms)
         beat[_CAME_MS] = came_ms
-        if self._fields[_IDENTITY]:
+        if beat[_IDENTITY]:
             self._pdos.trigger(_ESTIMATE_PDO)
         if gap:
             self._rights.on_gap()
             beat[_NONSENSE] += self._heard.read()
             # What has come may be of any age: it is not passed on.
             self._heard.passed_on()
-        heard = self._heard
-        heard.begin_beat()
+        self._heard.begin_beat(self._registers)
         beat[_DUE] = waited_ms <= LATE_MS
         if not beat[_DUE]:
             self._skip(after(came_ms, beat[_PERIOD_MS]))
             return
-        heard.take_speeds(self._registers)
         self._wake(UPDATE_MS - waited_ms)
 
     def _skip(self, next_ms):
@@ -375,7 +371,6 @@ def _updating(layer, consumer, track, judge):
         judge=judge,
         first_suspect=layer._suspicion.first,
         lead=layer._lead,
-        fields=layer._fields,
         steered=layer._leading.registers,
         write_estimate=layer._write_estimate,
         hand_on=layer._pages.hand_on,
@@ -420,9 +415,9 @@ def _updating(layer, consumer, track, judge):
             flags |= _ARRIVED
         if program is None or not program.whole:
             flags |= _LACKING
-        fields[_WANTS] = ahead >> 8
-        fields[_SEQUENCE] = 0 if program is None else program.sequence
-        fields[_FLAGS] = flags
+        beat[_WANTS] = ahead >> 8
+        beat[_SEQUENCE] = 0 if program is None else program.sequence
+        beat[_FLAGS] = flags
         write_estimate(step_ms)
         if sent and under and program is not None:
             hand_on(program, sent, skipped)
@@ -466,13 +461,12 @@ def _leading_on(layer, consumer):
 
 def _announcing(layer):
     """What writes the estimate that the next SYNC is to send."""
-    fields = layer._fields
     at = find(indices.ESTIMATE, 1).place
 
     @micropython.native
     def write(  # noqa: PLR0917 - all is at hand
         ahead_ms,
-        fields=fields,
+        fields=layer._beat,
         right=layer._rights.registers,
         announce=layer._tracking.announce,
         put_right=_write_right,
@@ -489,7 +483,7 @@ def _announcing(layer):
 
 
 @micropython.viper
-def _write_right(fields: ptr32, right: ptr32):
+def _write_right(fields: ptr32, right: ptr16):
     """Write into an estimate what a right of way has to say."""
     fields[_IDENTITY] = right[_RIGHT_IDENTITY]
     fields[_STATE] = right[_RIGHT_STATE]

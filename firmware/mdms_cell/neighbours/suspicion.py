@@ -111,6 +111,7 @@ class Suspicion:
         """Whether so many contradict by their presence bits that it is not they who are wrong."""
         return _crowd(self.out) >= _CROWD
 
+    @micropython.native
     def first(self):
         """The first direction that is suspected of anything; -1 for none."""
         return _first(self.out)

@@ -14,7 +14,8 @@ except ImportError:
     from mdms_protocol.cpython import const, micropython, ptr8, ptr16, ptr32
 
 from mdms_cell.neighbours.agreement import OWN_WEIGHT, Agreement, near_mask, sum_up
-from mdms_cell.neighbours.belief import SENT, Belief, agree, roll, send
+from mdms_cell.neighbours.belief import SENT, TURN, Belief, X, Y, agree, roll, send
+from mdms_cell.neighbours.geometry.outline import place as place_outline
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, STEPS
 from mdms_cell.neighbours.heard import NEVER, OWN
 from mdms_cell.neighbours.right_of_way import PROMISED, UNDER
@@ -49,8 +50,11 @@ assert (_OWN, _DIRECTIONS, _NEVER) == (OWN, DIRECTIONS, NEVER)
 assert (_FIELDS, _IDENTITY, _STATE) == (wire.ESTIMATE_FIELDS, wire.IDENTITY, wire.STATE)
 assert (_CERTAINTY, _PROMISED, _UNDER) == (wire.CERTAINTY, PROMISED, UNDER)
 assert (_WHEEL, _WHEELS_SHOWN) == (WHEELS, TWIST_WHEELS)
+_X = const(10)  # of a belief
+_Y = const(11)
+_TURN = const(12)
 _SENT = const(20)
-assert (_OWN_WEIGHT, _SENT) == (OWN_WEIGHT, SENT)
+assert (_OWN_WEIGHT, _X, _Y, _TURN, _SENT) == (OWN_WEIGHT, X, Y, TURN, SENT)
 #: A cell whose sensors miss the parcel for so long steers no more, and then has it no longer.
 DOUBT_BEATS = const(20)
 LOST_BEATS = const(100)
@@ -197,6 +201,7 @@ def updater(tracking, place, footprint, heard, suspicion):
         roll=roll,
         sum_up=sum_up,
         agree=agree,
+        place_outline=place_outline,
         check=check,
     ):
         identity = tracking.identity
@@ -223,7 +228,7 @@ def updater(tracking, place, footprint, heard, suspicion):
                     estimates, steps, pitch_um, near, registers, out, tracking.sent, sums
                 ):
                     agree(registers, sums, _OWN_WEIGHT)
-                belief.move_outline()
+                place_outline(registers, registers[_X], registers[_Y], registers[_TURN])
             if under:
                 check(sync_ms)
             else:
