@@ -15,7 +15,7 @@ except ImportError:
 from array import array
 
 from mdms_cell.canopen.objects import find
-from mdms_cell.neighbours import precedence, right_of_way, steering
+from mdms_cell.neighbours import precedence, right_of_way
 from mdms_cell.neighbours.geometry import place
 from mdms_cell.neighbours.geometry.footprint import Footprint
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, Place
@@ -24,6 +24,7 @@ from mdms_cell.neighbours.leading import Leading
 from mdms_cell.neighbours.pages import Pages
 from mdms_cell.neighbours.program import next_sequence
 from mdms_cell.neighbours.right_of_way import NONE, UNDER, RightOfWay
+from mdms_cell.neighbours.steering import ARRIVED, has_arrived
 from mdms_cell.neighbours.suspicion import CODE, SOURCE, Suspicion, judging
 from mdms_cell.neighbours.tracking import LOST_BEATS, Tracking, updater
 from mdms_cell.ticks import IDLE_MS, after, diff
@@ -65,7 +66,7 @@ _RIGHT_STATE = const(1)
 _RIGHT_HOLD = const(2)
 _DRIVE_BEATS = const(3)
 _STEERING_ARRIVED = const(12)
-assert _STEERING_ARRIVED == steering.ARRIVED
+assert _STEERING_ARRIVED == ARRIVED
 assert (_RIGHT_IDENTITY, _RIGHT_STATE) == (right_of_way.IDENTITY, right_of_way.STATE)
 assert (_RIGHT_HOLD, _DRIVE_BEATS) == (right_of_way.HOLD, right_of_way.DRIVE_BEATS)
 _FIRST_OF_ORDER = const(5)
@@ -411,7 +412,7 @@ def _updating(layer, consumer, track, judge):
         skipped = beat[_SKIPPED]
         lead(program, step_ms, skipped)
         flags = _CONTRADICTED if beat[_SUSPECT] >= 0 else 0
-        if steered[_STEERING_ARRIVED] and steering.has_arrived(steered):
+        if steered[_STEERING_ARRIVED] and has_arrived(steered):
             flags |= _ARRIVED
         if program is None or not program.whole:
             flags |= _LACKING

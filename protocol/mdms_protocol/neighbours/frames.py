@@ -3,7 +3,7 @@
 A frame is one little-endian number; its fields lie from bit 0 on in the order of the constants. It
 is taken apart and put together in three pieces of 24, 24 and 16 bits, so that no number on the way
 leaves a small int of 31 bits. Fields stand in any buffer of integers, from `base` on, and the frame
-in any buffer of bytes, from `at` on: writing, and reading a row of frames, allocate nothing.
+in any buffer of bytes, from `at` on: nothing is allocated.
 
 `pack_...` clips what does not fit, for the cell; `messages` checks values for the host.
 `unpack_...` returns False, and leaves the fields as they were, for a frame that no sender makes.
@@ -107,6 +107,11 @@ IDENTITY_MAX = const(63)
 SEQUENCE_MAX = const(3)
 
 
+#: Of a frame that is read alone, and its fields; there once, so that nothing is allocated.
+_FRESH = bytearray(1)
+_ROW = array("h", [0] * ESTIMATE_FIELDS)
+
+
 def clipped(number: int, low: int, high: int) -> int:
     """The number within these limits that is next to it."""
     if number < low:
@@ -158,11 +163,11 @@ def unpack_estimate(frame: "Sequence[int]", fields: "MutableSequence[int]", base
     """Read the frame of an estimate into the fields; returns False if it is none."""
     if len(frame) != LENGTH:
         return False
-    row = array("h", [0] * ESTIMATE_FIELDS)
-    if read_estimates(frame, bytearray(b"\x01"), row, 1):
+    _FRESH[0] = 1
+    if read_estimates(frame, _FRESH, _ROW, 1):
         return False
     for field in range(ESTIMATE_FIELDS):
-        fields[base + field] = row[field]
+        fields[base + field] = _ROW[field]
     return True
 
 
