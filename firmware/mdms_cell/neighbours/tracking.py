@@ -214,7 +214,12 @@ def updater(tracking, place, footprint, heard, suspicion):
             else:
                 belief.rest()
             pitch_um = place.pitch_um
-            peers = agreement.peers = masks & _ALL
+            peers = masks & _ALL
+            if not (peers or belief.known):
+                # Over a border between two buses they may come when the update has begun.
+                beat = heard.beat - 1
+                peers = sort(estimates, estimate_beat, stamps, beat, identity, out) & _ALL
+            agreement.peers = peers
             # A few wheels, all on one side, do not show how a parcel turns.
             under = tracking.under
             follows = tracking.follows = not under or registers[_WHEELS_SHOWN] < _FEW_WHEELS
