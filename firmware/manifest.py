@@ -24,6 +24,7 @@ package(
         "indices.py",
         "neighbours/__init__.py",
         "neighbours/frames.py",
+        "neighbours/precedence.py",
         "packed.py",
         "record.py",
         "signature.py",

@@ -33,7 +33,7 @@ class Delivery:
     """Estimates as a cell takes them: a row a direction, and whether that one has come."""
 
     def __init__(self) -> None:
-        self._rows = array("i", [0] * (right_of_way.DIRECTIONS * wire.ESTIMATE_FIELDS))
+        self._rows = array("h", [0] * (right_of_way.DIRECTIONS * wire.ESTIMATE_FIELDS))
         self._fresh = bytearray(right_of_way.DIRECTIONS)
 
     def put(self, direction: int, message: Message) -> None:

@@ -22,7 +22,7 @@ from mdms_cell.neighbours.geometry.outline import (
     Outline,
     place,
 )
-from mdms_cell.neighbours.twist import BEFORE, VX
+from mdms_cell.neighbours.twist import BEFORE, TWIST_END, VX
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.words import WIDEN
 
@@ -71,15 +71,14 @@ _BEFORE = const(28)
 assert (_TWIST, _BEFORE) == (VX, BEFORE)
 
 
-class Belief:
-    """Pose and variances of the parcel with this outline, whose registers it shares.
+class Belief(Outline):
+    """The outline of a parcel where it is believed to be, with pose, variances and twist.
 
-    X, Y and TURN of its `registers` are the pose, if it is `known`.
+    X, Y and TURN of its `registers` are the pose, if it is `known`; VX and the next two the twist.
     """
 
-    def __init__(self, outline=None):
-        self.outline = outline or Outline()
-        self.registers = self.outline.registers
+    def __init__(self):
+        super().__init__()
         self.drop()
 
     def drop(self):
@@ -91,7 +90,7 @@ class Belief:
         """Take a pose from somebody else."""
         self.known = True
         self._begin(x_um, y_um, turn_um, min(variance, _MOST))
-        self.place()
+        self.move_outline()
 
     def _begin(self, x_um, y_um, turn_um, variance):
         registers = self.registers
@@ -101,7 +100,7 @@ class Belief:
         registers[_XX] = registers[_YY] = registers[_TT] = variance
 
     @micropython.native
-    def place(self):
+    def move_outline(self):
         """Place the outline where the parcel is."""
         registers = self.registers
         place(registers, registers[X], registers[Y], registers[TURN])
@@ -116,11 +115,27 @@ class Belief:
 
         `error` is the variance of that.
         """
-        off = self.outline.edge(x, y)
+        off = self.edge(x, y)
         if not _correct(self.registers, off, error, exact):
             return False
-        self.place()
+        self.move_outline()
         return True
+
+    def rest(self):
+        """The parcel does not move, for all that is known."""
+        for number in range(VX, TWIST_END):
+            self.registers[number] = 0
+
+    @micropython.native
+    def speeds(self):
+        """The twist."""
+        registers = self.registers
+        return registers[VX], registers[VX + 1], registers[VX + 2]
+
+    def speed(self):
+        """The sum of the sizes of its three speeds."""
+        vx, vy, turn = self.speeds()
+        return abs(vx) + abs(vy) + abs(turn)
 
 
 @micropython.viper

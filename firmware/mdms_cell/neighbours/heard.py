@@ -9,9 +9,10 @@ except ImportError:
     from mdms_protocol.cpython import const, micropython, ptr8, ptr32
 
 from array import array
+from struct import pack_into
 
 from mdms_cell.drive import speed_loop
-from mdms_cell.mailboxes import STAMP, Mailboxes
+from mdms_cell.mailboxes import LENGTH, STAMP, Mailboxes
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, SENSORS
 from mdms_cell.ticks import diff
 from mdms_protocol.neighbours import frames as wire
@@ -25,6 +26,9 @@ _LATE_MS = const(20)
 EDGES = 16
 #: The cell itself, in the place of a direction.
 OWN = DIRECTIONS
+#: In the place of presence bits: they are known, and the bits themselves.
+SEEN = const(0x80)
+BITS = const(0x1F)
 #: The beat of what has never come; beats count below it.
 NEVER = const(1 << 24)
 
@@ -33,37 +37,36 @@ _OWN = const(8)
 _DIRECTIONS = const(8)
 _SENSORS = const(5)
 _STAMP = const(0)
+_OWN_SPEEDS = const(128)  # where they are among the frames
+assert _OWN_SPEEDS == LENGTH * (DIRECTIONS + OWN)
 _ACTUAL = const(30)
 _OTHER_ACTUAL = const(81)
 assert (_OWN, _DIRECTIONS, _SENSORS, _STAMP) == (OWN, DIRECTIONS, SENSORS, STAMP)
+assert (1 << SENSORS) - 1 == BITS
 assert (_ACTUAL, _OTHER_ACTUAL) == (speed_loop.ACTUAL, speed_loop.AXIS + speed_loop.ACTUAL)
 
 
 class Heard:
     """Speeds, presence, edges and estimates, the cell's own under `OWN`.
 
-    `beat` is the present one. `speeds[2 * d]` and the next are those of direction d [um/s], valid
-    where `speeds_beat[d]` is the present beat. `presence[d]` are its sensors' bits, valid where
-    `seen[d]`. `estimates` has the fields of `neighbours.frames`, `estimate_beat[d]` the beat in
-    which they came; they are to be passed on once, while `fresh[d]`. Of the `edges` that wait,
-    `edge_ms` has the times and
+    `beat` is the present one. The boxes have the neighbours' estimates by direction, and behind
+    them the frames with their speeds, which are read where they are, stamped with their beat.
+    `presence[d]` are a cell's sensors' bits, known with `SEEN`. `estimates` has the fields of
+    `neighbours.frames`, `estimate_beat[d]` the beat in which they came; they are to be passed on
+    once, while their box is fresh. Of the `edges` that wait, `edge_ms` has the times and
     `edge_bytes` the rest; see `edge`.
     """
 
     def __init__(self):
         self.beat = 0
-        self.boxes = Mailboxes(2 * DIRECTIONS, NEVER)
-        self.speeds = array("i", [0] * (2 * DIRECTIONS + 2))
-        self.speeds_beat = array("i", [NEVER] * (DIRECTIONS + 1))
+        self.boxes = Mailboxes(2 * DIRECTIONS + 1, NEVER)
         self.presence = bytearray(DIRECTIONS + 1)
-        self.seen = bytearray(DIRECTIONS + 1)
         self.repeat_ms = 0
         self._state_ms = array("i", [0] * DIRECTIONS)
         self._words = array("H", [0] * (2 * DIRECTIONS))
-        self.estimates = array("i", [0] * (wire.ESTIMATE_FIELDS * DIRECTIONS))
+        self.estimates = array("h", [0] * (wire.ESTIMATE_FIELDS * DIRECTIONS))
         self.estimate_beat = array("i", [NEVER] * DIRECTIONS)
-        self.fresh = self.boxes.fresh
-        #: Takes apart estimates and speeds that have come; returns how many make no sense.
+        #: Takes apart estimates that have come; returns how many make no sense.
         self.read = _reading(self, self.boxes)
         self.edges = 0
         self.edge_bytes = bytearray(EDGES)  # direction, sensor and what it shows now, in one byte
@@ -72,26 +75,24 @@ class Heard:
     def reset(self):
         """Nothing has been received."""
         for direction in range(DIRECTIONS + 1):
-            self.speeds_beat[direction] = NEVER
-            self.seen[direction] = 0
+            self.presence[direction] &= BITS
+            self.boxes.stamps[DIRECTIONS + direction] = NEVER
         for direction in range(DIRECTIONS):
             self.estimate_beat[direction] = NEVER
-        for box in range(2 * DIRECTIONS):
-            self.fresh[box] = 0
+            self.boxes.fresh[direction] = 0
         self.edges = 0
 
     @micropython.native
-    def begin_beat(self):
-        """SYNC: what comes from now on is of the next beat."""
-        self.beat = self.boxes.counts[_STAMP] = self.beat + 1 & 0xFFFFFF
+    def begin_beat(self, registers):
+        """SYNC: what comes from now on is of the next beat.
 
-    @micropython.native
-    def take_speeds(self, registers):
-        """The speeds of the cell's own wheels at the last SYNC, from those of the speed loop."""
-        speeds = self.speeds
-        speeds[2 * _OWN] = registers[_ACTUAL]
-        speeds[2 * _OWN + 1] = registers[_OTHER_ACTUAL]
-        self.speeds_beat[_OWN] = self.beat
+        As are the speeds of the cell's own wheels, from the registers of the speed loop.
+        """
+        boxes = self.boxes
+        beat = self.beat = self.beat + 1 & 0xFFFFFF
+        boxes.counts[_STAMP] = boxes.stamps[_DIRECTIONS + _OWN] = beat
+        first, second = registers[_ACTUAL], registers[_OTHER_ACTUAL]
+        pack_into("<ii", boxes.frames, _OWN_SPEEDS, first, second)
 
     @micropython.native
     def on_state(self, direction, data, now_ms):
@@ -104,7 +105,7 @@ class Heard:
         if not known or self.age_ms(direction, now_ms) < 0:
             # Sent for another reason than a sensor, as one before it may have been that was lost:
             # what sensors show may have changed long ago.
-            self.seen[direction] = 0
+            self.presence[direction] &= BITS
         words[at] = first
         words[at + 1] = second
         self._state_ms[direction] = now_ms
@@ -117,7 +118,7 @@ class Heard:
 
         Negative if they are not known, as when its repeated state is overdue.
         """
-        if not self.seen[direction]:
+        if not self.presence[direction] & SEEN:
             return -1
         repeat_ms = self.repeat_ms
         if direction == _OWN or not repeat_ms:
@@ -128,8 +129,9 @@ class Heard:
     @micropython.native
     def take_presence(self, direction, bits, now_ms):
         """Presence bits as they are now; what has changed are edges."""
-        changed = bits ^ self.presence[direction]
-        if self.seen[direction]:
+        before = self.presence[direction]
+        if before & SEEN:
+            changed = bits ^ before & BITS
             sensor = 0
             while changed:
                 if changed & 1 and self.edges < EDGES:
@@ -139,8 +141,7 @@ class Heard:
                     self.edges += 1
                 changed >>= 1
                 sensor += 1
-        self.presence[direction] = bits
-        self.seen[direction] = 1
+        self.presence[direction] = bits | SEEN
 
     def edge(self, number):
         """The direction of an edge that waits, its sensor, and what that shows now."""
@@ -154,11 +155,11 @@ class Heard:
 
     def passed_on(self):
         """No estimate is fresh any more; returns the mask of those that were."""
-        return _clear(self.fresh)
+        return _clear(self.boxes.fresh)
 
 
 def _reading(heard, boxes):
-    """What takes apart estimates and speeds; it looks nothing up."""
+    """What takes apart estimates; it looks nothing up."""
 
     @micropython.native
     def read(  # noqa: PLR0917 - all is at hand
@@ -168,13 +169,11 @@ def _reading(heard, boxes):
         counts=boxes.counts,
         estimates=heard.estimates,
         estimate_beat=heard.estimate_beat,
-        speeds=heard.speeds,
-        speeds_beat=heard.speeds_beat,
         read_estimates=wire.read_estimates,
-        read_speeds=_read,
+        date=_date,
     ):
-        wrong = read_estimates(frames, fresh, estimates, 0, _DIRECTIONS)
-        read_speeds(frames, fresh, stamps, estimate_beat, speeds, speeds_beat, counts[_STAMP])
+        wrong = read_estimates(frames, fresh, estimates, _DIRECTIONS)
+        date(fresh, stamps, estimate_beat, counts[_STAMP])
         return wrong
 
     return read
@@ -191,30 +190,10 @@ def _clear(fresh: ptr8) -> int:
 
 
 @micropython.viper
-def _read(  # noqa: PLR0917 - viper takes words
-    frames: ptr8,
-    fresh: ptr8,
-    stamps: ptr32,
-    estimate_beat: ptr32,
-    speeds: ptr32,
-    beats: ptr32,
-    beat: int,
-):
-    """Note when estimates have come, and take apart speeds.
-
-    Estimates of this beat and the one before stay fresh.
-    """
+def _date(fresh: ptr8, stamps: ptr32, estimate_beat: ptr32, beat: int):
+    """Note when estimates have come; those of this beat and the one before stay fresh."""
     for direction in range(_DIRECTIONS):
         if fresh[direction]:
             estimate_beat[direction] = stamps[direction]
             if (beat - stamps[direction]) & 0xFFFFFF > 1:
                 fresh[direction] = 0
-        box = _DIRECTIONS + direction
-        if fresh[box]:
-            fresh[box] = 0
-            beats[direction] = stamps[box]
-            at = 8 * box
-            speed = frames[at] | frames[at + 1] << 8 | frames[at + 2] << 16
-            speeds[2 * direction] = speed | ((frames[at + 3] ^ 0x80) - 0x80) << 24
-            speed = frames[at + 4] | frames[at + 5] << 8 | frames[at + 6] << 16
-            speeds[2 * direction + 1] = speed | ((frames[at + 7] ^ 0x80) - 0x80) << 24

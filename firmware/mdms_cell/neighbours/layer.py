@@ -10,22 +10,23 @@ try:
     import micropython
     from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr32
+    from mdms_protocol.cpython import const, micropython, ptr16, ptr32
 
 from array import array
 
 from mdms_cell.canopen.objects import find
-from mdms_cell.neighbours import precedence, right_of_way, steering
+from mdms_cell.neighbours import precedence, right_of_way
 from mdms_cell.neighbours.geometry import place
 from mdms_cell.neighbours.geometry.footprint import Footprint
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, Place
-from mdms_cell.neighbours.heard import OWN, Heard
+from mdms_cell.neighbours.heard import OWN, SEEN, Heard
 from mdms_cell.neighbours.leading import Leading
 from mdms_cell.neighbours.pages import Pages
 from mdms_cell.neighbours.program import next_sequence
 from mdms_cell.neighbours.right_of_way import NONE, UNDER, RightOfWay
-from mdms_cell.neighbours.suspicion import CODE, SOURCE, Evidence, Suspicion
-from mdms_cell.neighbours.tracking import LOST_BEATS, Tracking
+from mdms_cell.neighbours.steering import ARRIVED, has_arrived
+from mdms_cell.neighbours.suspicion import CODE, SOURCE, Suspicion, judging
+from mdms_cell.neighbours.tracking import LOST_BEATS, Tracking, updater
 from mdms_cell.ticks import IDLE_MS, after, diff
 from mdms_protocol import indices
 from mdms_protocol.neighbours import frames as wire
@@ -41,9 +42,11 @@ _ESTIMATE_PDO = const(2)
 # Constants of other modules that are used in every beat; they would be looked up.
 _IDLE_MS = const(1000)
 _OWN = const(8)
+_SEEN = const(0x80)
 _LOST_BEATS = const(100)
 _UNDER = const(3)
-assert (_IDLE_MS, _OWN, _LOST_BEATS, _UNDER) == (IDLE_MS, OWN, LOST_BEATS, UNDER)
+assert (_IDLE_MS, _OWN, _SEEN) == (IDLE_MS, OWN, SEEN)
+assert (_LOST_BEATS, _UNDER) == (LOST_BEATS, UNDER)
 # Fields of an estimate, ...
 _IDENTITY = const(3)
 _STATE = const(4)
@@ -62,8 +65,8 @@ _RIGHT_IDENTITY = const(0)
 _RIGHT_STATE = const(1)
 _RIGHT_HOLD = const(2)
 _DRIVE_BEATS = const(3)
-_STEERING_ARRIVED = const(9)
-assert _STEERING_ARRIVED == steering.ARRIVED
+_STEERING_ARRIVED = const(12)
+assert _STEERING_ARRIVED == ARRIVED
 assert (_RIGHT_IDENTITY, _RIGHT_STATE) == (right_of_way.IDENTITY, right_of_way.STATE)
 assert (_RIGHT_HOLD, _DRIVE_BEATS) == (right_of_way.HOLD, right_of_way.DRIVE_BEATS)
 _FIRST_OF_ORDER = const(5)
@@ -72,13 +75,27 @@ assert precedence.FIRST == _FIRST_OF_ORDER
 _WRAP = const((1 << 30) - 1)
 _BEFORE = const(1 << 29)
 
+# What a layer keeps from beat to beat, behind the fields of the estimate that is to be sent
+_DUE = const(10)  # 1 while an update is to follow
+_SKIPPED = const(11)  # beats since the last one
+_OVER = const(12)  # what it passed to the right of way, three numbers
+_NEEDS = const(13)
+_OCCUPIED = const(14)
+_STEP_MS = const(15)  # the time that the last update was of
+_CAME_MS = const(16)  # the last SYNC, and the one of the last update
+_UPDATED_MS = const(17)
+_PERIOD_MS = const(18)
+_SUSPECT = const(19)  # the direction that is reported, -1 for none
+_NONSENSE = const(20)
+_REGISTERS = const(21)
+assert _DUE == wire.ESTIMATE_FIELDS
+
 
 class Layer:
     """The layer of one cell, off until it is `active`.
 
     `now()` returns the time [ms], `wake(wait_ms)` has a poll follow in so many milliseconds at the
-    latest, and `changed()` is called when the identifiers have changed. `mailboxes` is where frames
-    of neighbours wait for an update; `nonsense` counts those that were no estimates.
+    latest, and `changed()` is called when the identifiers have changed.
     """
 
     def __init__(self, objects, registers, *, axes, pdos, consumer, emcy, now, wake, changed):
@@ -86,21 +103,15 @@ class Layer:
         self._registers = registers
         self._axes = axes
         self._pdos = pdos
-        self._consumer = consumer
         self._emcy = emcy
         self._now = now
         self._wake = wake
         self._changed = changed
         self.active = False
-        self._fields = array("i", [0] * wire.ESTIMATE_FIELDS)
         self._place = Place(objects, self._on_place)
         self._heard = Heard()
-        self.mailboxes = self._heard.boxes
-        self.nonsense = 0
         self._footprint = Footprint(self._place)
         self._suspicion = Suspicion()
-        self._suspect = -1
-        self._evidence = Evidence(self._footprint, self._heard, self._suspicion)
         self._tracking = Tracking(self._place, self._footprint, self._heard, self._suspicion)
         self._leading = Leading(self._place, self._footprint, self._tracking, axes)
         self._pages = Pages(
@@ -113,28 +124,24 @@ class Layer:
             pdos=pdos,
         )
         self._rights = RightOfWay()
-        self._right = self._rights.registers
-        self._came_ms = 0  # the last SYNC, and the one of the last update
-        self._updated_ms = 0
-        self._step_ms = self._period_ms = 10
-        self._situation = 0, 0, False
-        self._skipped = 0
-        self._due = False
-        self._node_id = 0
-        self._lead = _leading_on(self)
+        self._beat = array("i", [0] * _REGISTERS)
+        self._beat[_STEP_MS] = self._beat[_PERIOD_MS] = 10
+        self._beat[_SUSPECT] = -1
+        self._lead = _leading_on(self, consumer)
         self._write_estimate = _announcing(self)
-        self._update = _updating(self)
+        parts = self._footprint, self._heard, self._suspicion
+        track = updater(self._tracking, self._place, *parts)
+        self._update = _updating(self, consumer, track, judging(self._tracking, *parts))
         objects.watch(indices.CONTROL, self._on_place)
 
     def start(self, node_id):
         """The cell is 'operational'; nothing of before counts."""
-        self._node_id = node_id
         # A cell that finds itself among its neighbours has been given another's place.
         self.active = self.wanted and not self._place.names(node_id)
         self._acquit()
         self._rights.set_lease(self._objects.number(indices.LEASE, 1))
         self._rights.restart()
-        self._period_ms = self._objects.number(indices.LEASE, 2)
+        self._beat[_PERIOD_MS] = self._objects.number(indices.LEASE, 2)
         self._heard.reset()
         self._heard.repeat_ms = self._objects.number(indices.TPDO_PARAMETERS + 1, 5)
         # A millisecond passes until the frame with the edge has come.
@@ -142,11 +149,8 @@ class Layer:
         self._tracking.drop()
         self._pages.start(node_id)
         self._leading.stop()
-        self._due = False
-        self._situation = 0, 0, False
-        self._skipped = 0
-        for field in range(wire.ESTIMATE_FIELDS):
-            self._fields[field] = 0
+        for number in range(_STEP_MS):
+            self._beat[number] = 0
 
     def stop(self):
         """The cell is not 'operational' any more."""
@@ -180,6 +184,16 @@ class Layer:
     # What comes
 
     @property
+    def mailboxes(self):
+        """Where frames of neighbours wait for an update."""
+        return self._heard.boxes
+
+    @property
+    def nonsense(self):
+        """How many of those were no estimates."""
+        return self._beat[_NONSENSE]
+
+    @property
     def wanted(self):
         """Whether the cell is to be led by the layer, and has been given its place."""
         return self._objects.number(indices.CONTROL) == 1 and self._place.known
@@ -211,30 +225,29 @@ class Layer:
         """
         if not self.active:
             return
-        due = self._due
+        beat = self._beat
+        due = beat[_DUE]
         came_ms = now_ms - waited_ms & _WRAP
-        beat_ms = (came_ms - self._came_ms + _BEFORE & _WRAP) - _BEFORE
+        beat_ms = (came_ms - beat[_CAME_MS] + _BEFORE & _WRAP) - _BEFORE
         # Or two beats meet, and what has come is of either.
-        gap = beat_ms > 2 * self._period_ms or (due and beat_ms < UPDATE_MS)
+        gap = beat_ms > 2 * beat[_PERIOD_MS] or (due and beat_ms < UPDATE_MS)
         if gap:
-            self._updated_ms = self._came_ms
+            beat[_UPDATED_MS] = beat[_CAME_MS]
         elif due:
             self._skip(came_ms)
-        self._came_ms = came_ms
-        if self._fields[_IDENTITY]:
+        beat[_CAME_MS] = came_ms
+        if beat[_IDENTITY]:
             self._pdos.trigger(_ESTIMATE_PDO)
         if gap:
             self._rights.on_gap()
-            self.nonsense += self._heard.read()
+            beat[_NONSENSE] += self._heard.read()
             # What has come may be of any age: it is not passed on.
             self._heard.passed_on()
-        heard = self._heard
-        heard.begin_beat()
-        self._due = due = waited_ms <= LATE_MS
-        if not due:
-            self._skip(after(came_ms, self._period_ms))
+        self._heard.begin_beat(self._registers)
+        beat[_DUE] = waited_ms <= LATE_MS
+        if not beat[_DUE]:
+            self._skip(after(came_ms, beat[_PERIOD_MS]))
             return
-        heard.take_speeds(self._registers)
         self._wake(UPDATE_MS - waited_ms)
 
     def _skip(self, next_ms):
@@ -243,12 +256,13 @@ class Layer:
         What came since the last one still waits. So for right of way nothing has come, and a lease
         that ends with this beat ends the motion now; the estimate is of where the parcel will be.
         """
-        self._skipped += 1
-        self._rights.on_beat(*self._situation)
-        if not self._right[_DRIVE_BEATS]:
+        beat = self._beat
+        beat[_SKIPPED] += 1
+        self._rights.on_beat(beat[_OVER], beat[_NEEDS], beat[_OCCUPIED])
+        if not self._rights.registers[_DRIVE_BEATS]:
             program = self._pages.programs.complete(self._tracking.identity)
-            self._lead(program, self._step_ms, self._skipped)
-        self._write_estimate(diff(next_ms, self._updated_ms))
+            self._lead(program, beat[_STEP_MS], beat[_SKIPPED])
+        self._write_estimate(diff(next_ms, beat[_UPDATED_MS]))
 
     @micropython.native
     def poll(self, now_ms, presence):
@@ -256,23 +270,34 @@ class Layer:
         if not self.active:
             return _IDLE_MS
         heard = self._heard
-        if presence != heard.presence[_OWN] or not heard.seen[_OWN]:
+        if presence | _SEEN != heard.presence[_OWN]:
             heard.take_presence(_OWN, presence, now_ms)
-        if not self._due:
+        beat = self._beat
+        if not beat[_DUE]:
             return _IDLE_MS
-        wait_ms = UPDATE_MS - (now_ms - self._came_ms + _BEFORE & _WRAP) + _BEFORE
+        wait_ms = UPDATE_MS - (now_ms - beat[_CAME_MS] + _BEFORE & _WRAP) + _BEFORE
         if wait_ms > 0:
             return wait_ms
-        self._due = False
+        beat[_DUE] = 0
         self._update(presence)
         return _IDLE_MS
 
+    def _keep_order(self, order, alone):
+        """Parcels come over the cell in an order, which counts for the time without the host."""
+        estimates, fresh = self._heard.estimates, self._heard.boxes.fresh
+        right = self._rights.registers
+        here, state = right[_RIGHT_IDENTITY], right[_RIGHT_STATE]
+        turn = precedence.turn(order, here, state, estimates, fresh)
+        if alone:
+            precedence.keep(order, turn, estimates, fresh)
+
     def _choose_parcel(self):
         """Be at the parcel that lies here, or else at the one that the right of way says."""
-        tracking, identity = self._tracking, self._right[_RIGHT_IDENTITY]
+        tracking, right = self._tracking, self._rights.registers
+        identity = right[_RIGHT_IDENTITY]
         if identity and identity != tracking.identity:
             tracking.adopt(identity)
-        elif not identity and self._right[_RIGHT_STATE] == NONE and not tracking.belief.known:
+        elif not identity and right[_RIGHT_STATE] == NONE and not tracking.belief.known:
             tracking.drop()
         if tracking.identity and not tracking.shaped:
             program = self._pages.programs.find(tracking.identity)
@@ -309,22 +334,22 @@ class Layer:
 
     def _report(self):
         """Report another suspect than before, in an emergency and in its object."""
-        direction = self._suspect = self._suspicion.first()
+        direction = self._beat[_SUSPECT] = self._suspicion.first()
         self._emcy.clear(SOURCE)
         node_id = 0
         if direction >= 0:
-            node_id = self._node_id if direction == OWN else self._place.nodes[direction]
+            node_id = self._pages.node_id if direction == OWN else self._place.nodes[direction]
             self._emcy.report(SOURCE, CODE, bytes((node_id, self._suspicion.out[direction], 0, 0)))
         self._objects.put(indices.SUSPECT, 0, node_id)
 
     def _acquit(self):
         """Suspect nobody."""
         self._suspicion.reset()
-        if self._suspect >= 0:
+        if self._beat[_SUSPECT] >= 0:
             self._report()
 
 
-def _updating(layer):
+def _updating(layer, consumer, track, judge):
     """What updates a layer after SYNC, with little to be looked up."""
     heard, rights, tracking = layer._heard, layer._rights, layer._tracking
 
@@ -332,36 +357,34 @@ def _updating(layer):
     def update(  # noqa: PLR0917 - all is at hand
         presence,
         layer=layer,
+        beat=layer._beat,
         tracking=tracking,
-        right=layer._right,
+        right=rights.registers,
         estimates=heard.estimates,
-        fresh=heard.fresh,
+        fresh=heard.boxes.fresh,
         read=heard.read,
         take_estimates=rights.on_estimates,
-        track=tracking.update,
-        consumer=layer._consumer,
+        track=track,
+        consumer=consumer,
         programs=layer._pages.programs,
         look_ahead=layer._leading.look_ahead,
         decide=rights.on_beat,
-        judge=layer._evidence.judge,
+        judge=judge,
         first_suspect=layer._suspicion.first,
         lead=layer._lead,
-        fields=layer._fields,
         steered=layer._leading.registers,
         write_estimate=layer._write_estimate,
         hand_on=layer._pages.hand_on,
         order=layer._pages.order,
     ):
-        sync_ms = layer._came_ms
-        step_ms = diff(sync_ms, layer._updated_ms)
+        sync_ms = beat[_CAME_MS]
+        step_ms = diff(sync_ms, beat[_UPDATED_MS])
         step_ms = 1 if step_ms < 1 else _STEP_MAX_MS if step_ms > _STEP_MAX_MS else step_ms
-        layer._step_ms = step_ms
-        layer._updated_ms = sync_ms
-        wrong = read()
-        if wrong:
-            layer.nonsense += wrong
+        beat[_STEP_MS] = step_ms
+        beat[_UPDATED_MS] = sync_ms
+        beat[_NONSENSE] += read()
         if order[_FIRST_OF_ORDER]:
-            precedence.keep(order, right, estimates, fresh, consumer.lost)
+            layer._keep_order(order, consumer.lost)
         sent = take_estimates(estimates, fresh)
         if not tracking.under:
             layer._choose_parcel()
@@ -379,31 +402,32 @@ def _updating(layer):
             # A parcel that stands before what nobody knows would come over it mm by mm.
             over = 0
         occupied = presence != 0
-        layer._situation = over, needs, occupied
+        beat[_OVER] = over
+        beat[_NEEDS] = needs
+        beat[_OCCUPIED] = occupied
         decide(over, needs, occupied)
-        judge(tracking, needs if right[_RIGHT_STATE] == _UNDER else 0)
-        if first_suspect() != layer._suspect:
+        judge(needs if right[_RIGHT_STATE] == _UNDER else 0)
+        if first_suspect() != beat[_SUSPECT]:
             layer._report()
-        skipped = layer._skipped
+        skipped = beat[_SKIPPED]
         lead(program, step_ms, skipped)
-        flags = _CONTRADICTED if layer._suspect >= 0 else 0
-        if steered[_STEERING_ARRIVED] and steering.has_arrived(steered):
+        flags = _CONTRADICTED if beat[_SUSPECT] >= 0 else 0
+        if steered[_STEERING_ARRIVED] and has_arrived(steered):
             flags |= _ARRIVED
         if program is None or not program.whole:
             flags |= _LACKING
-        fields[_WANTS] = ahead >> 8
-        fields[_SEQUENCE] = 0 if program is None else program.sequence
-        fields[_FLAGS] = flags
+        beat[_WANTS] = ahead >> 8
+        beat[_SEQUENCE] = 0 if program is None else program.sequence
+        beat[_FLAGS] = flags
         write_estimate(step_ms)
         if sent and under and program is not None:
             hand_on(program, sent, skipped)
-        if skipped:
-            layer._skipped = 0
+        beat[_SKIPPED] = 0
 
     return update
 
 
-def _leading_on(layer):
+def _leading_on(layer, consumer):
     """What leads the wheels towards the goal of a program while all is clear; else they rest."""
     tracking, leading = layer._tracking, layer._leading
 
@@ -413,13 +437,13 @@ def _leading_on(layer):
         step_ms,
         skipped,
         layer=layer,
-        right=layer._right,
+        right=layer._rights.registers,
         tracking=tracking,
         is_doubtful=tracking.is_doubtful,
         stop=leading.stop,
         may_go_on=leading.may_go_on,
         step=leading.step,
-        consumer=layer._consumer,
+        consumer=consumer,
     ):
         under = right[_RIGHT_STATE] == _UNDER and tracking.under
         if program is None or not under or is_doubtful():
@@ -438,14 +462,13 @@ def _leading_on(layer):
 
 def _announcing(layer):
     """What writes the estimate that the next SYNC is to send."""
-    fields = layer._fields
     at = find(indices.ESTIMATE, 1).place
 
     @micropython.native
     def write(  # noqa: PLR0917 - all is at hand
         ahead_ms,
-        fields=fields,
-        right=layer._right,
+        fields=layer._beat,
+        right=layer._rights.registers,
         announce=layer._tracking.announce,
         put_right=_write_right,
         pack=pack_estimate,
@@ -461,7 +484,7 @@ def _announcing(layer):
 
 
 @micropython.viper
-def _write_right(fields: ptr32, right: ptr32):
+def _write_right(fields: ptr32, right: ptr16):
     """Write into an estimate what a right of way has to say."""
     fields[_IDENTITY] = right[_RIGHT_IDENTITY]
     fields[_STATE] = right[_RIGHT_STATE]

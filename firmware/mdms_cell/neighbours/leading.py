@@ -13,11 +13,19 @@ from array import array
 from mdms_cell.neighbours import belief, steering, twist
 from mdms_cell.neighbours.geometry import outline
 from mdms_cell.neighbours.geometry.angle import ARM_UM, wrapped
-from mdms_cell.neighbours.geometry.outline import STEP_UM, place, squares_overlapped
-from mdms_cell.neighbours.geometry.place import AXES
+from mdms_cell.neighbours.geometry.footprint import (
+    ALONG_X,
+    ALONG_Y,
+    POINT_X,
+    POINT_Y,
+    PRESENT,
+    squares_overlapped,
+)
+from mdms_cell.neighbours.geometry.outline import STEP_UM, place
 from mdms_cell.neighbours.steering import approach, find_wish, has_arrived, length
 from mdms_cell.neighbours.twist import OFF, WHEELS
 from mdms_protocol.neighbours import frames as wire
+from mdms_protocol.neighbours.frames import read_way
 from mdms_protocol.words import WIDEN
 
 #: From the wish to brake until all cells under the parcel do: HOPS times the beats that `hold` may
@@ -36,24 +44,41 @@ _ARM = const(8000)
 assert _ARM * STEP_UM == ARM_UM
 
 # Shared constants, which would be looked up: of a program, ...
-_ACCELERATION = const(6)
 _ACCELERATION_MM_S2 = const(10)
-assert (_ACCELERATION, _ACCELERATION_MM_S2) == (wire.ACCELERATION, wire.ACCELERATION_MM_S2)
+assert _ACCELERATION_MM_S2 == wire.ACCELERATION_MM_S2
 # ... where three numbers begin in the registers of a parcel ...
 _CENTRE = const(0)
 _BELIEF = const(10)
 _TWIST = const(23)
 assert (_CENTRE, _BELIEF, _TWIST) == (outline.X, belief.X, twist.VX)
-# ... and in those of a steering.
+# ... in those of a steering ...
 _COMMANDED = const(0)
 _WISH = const(3)
-_ARRIVED = const(9)
+_WAY = const(6)
+_ACCELERATION = const(9)
+_ARRIVED = const(12)
 assert (_COMMANDED, _WISH, _ARRIVED) == (steering.VX, steering.WISH, steering.ARRIVED)
+assert (_WAY, _ACCELERATION) == (steering.LEFT, steering.ACCELERATION)
+
+# ... and in those of a footprint.
+_POINT_Y = const(7)
+_ALONG_X = const(14)
+_ALONG_Y = const(16)
+_PRESENT = const(36)
+assert (0, _POINT_Y, _PRESENT) == (POINT_X, POINT_Y, PRESENT)
+assert (_ALONG_X, _ALONG_Y) == (ALONG_X, ALONG_Y)
 
 # Registers of a cell's wheels, after those of its steering
-_DRIVING = const(14)  # 1 while the wheels are on
-_HELD_BEATS = const(15)  # for so long they have held, up to _HOLD_BEATS
-_REGISTERS = const(16)
+_DRIVING = const(17)  # 1 while the wheels are on
+_HELD_BEATS = const(18)  # for so long they have held, up to _HOLD_BEATS
+_TARGETS = const(19)  # of the two wheels [um/s]
+_ALONE_MS = const(21)  # what of a program's time has passed without a host
+_WAITED_MS = const(22)  # for how long the parcel stood meanwhile for want of a promise
+_PLANNED_MS = const(23)  # all the time that its way takes; 0: not found yet
+_ENDED = const(24)  # 1 once that was too long
+_REGISTERS = const(25)
+#: Times without a host are counted up to this.
+_LONG_MS = const(1 << 20)
 assert _DRIVING == steering.REGISTERS
 
 
@@ -65,21 +90,16 @@ class Leading:
 
     def __init__(self, place, footprint, tracking, axes):
         self._place = place
-        self._footprint = footprint
-        self._outline = tracking.outline
-        self._parcel = tracking.outline.registers
+        self._footprint = footprint.registers
+        self._parcel = tracking.belief.registers
         self._axes = axes
         self.registers = array("i", [0] * _REGISTERS)
-        self._targets_um_s = array("i", [0] * AXES)
         self._identity = 0
-        self.begin()
 
     def begin(self):
         """A new program has come."""
-        self._alone_ms = 0
-        self._waited_ms = 0
-        self._planned_ms = 0
-        self._ended = False
+        for number in range(_ALONE_MS, _REGISTERS):
+            self.registers[number] = 0
         self.next_leg()
 
     def next_leg(self):
@@ -89,7 +109,7 @@ class Leading:
 
     def plan_again(self):
         """More of the way has come: the time that is planned for it counts anew."""
-        self._planned_ms = 0
+        self.registers[_PLANNED_MS] = 0
 
     @micropython.native
     def stop(self):
@@ -97,7 +117,7 @@ class Leading:
         registers = self.registers
         if registers[_DRIVING]:
             self._axes.rest()
-        for number in range(_REGISTERS):
+        for number in range(_ALONE_MS):
             registers[number] = 0
 
     def arrived(self):
@@ -110,20 +130,13 @@ class Leading:
         8 on, of those that it will cover soon.
         """
         footprint, parcel = self._footprint, self._parcel
-        xs, ys = footprint.shift_x, footprint.shift_y
+        present = footprint[_PRESENT]
         if program is None:
-            here = squares_overlapped(parcel, xs, ys, footprint.half, footprint.present)
+            here = squares_overlapped(parcel, footprint, present)
             return here | here << 8
-        return _look_ahead(
-            parcel,
-            parcel,
-            self.registers,
-            program.fields,
-            xs,
-            ys,
-            footprint.half,
-            footprint.present,
-        )
+        registers = self.registers
+        read_way(program.pages, registers, _WAY)
+        return _look_ahead(parcel, parcel, registers, footprint, present)
 
     @micropython.native
     def may_go_on(self, program, step_ms, alone, held):
@@ -137,29 +150,32 @@ class Leading:
             # What another parcel took of its time is its own.
             self._identity = program.identity
             self.begin()
+        registers = self.registers
         if alone:
-            if held and self._alone_ms and self._waited_ms < _WAIT_MS:
-                self._waited_ms += step_ms
+            if held and registers[_ALONE_MS] and registers[_WAITED_MS] < _WAIT_MS:
+                registers[_WAITED_MS] += step_ms
             else:
-                self._alone_ms = min(self._alone_ms + step_ms, 1 << 20)
-            in_time = not self._planned_ms or self._alone_ms < 2 * self._planned_ms
-            self._ended = self._ended or not (program.goes_on and in_time)
-        elif self._alone_ms:
-            self._alone_ms = self._waited_ms = self._planned_ms = 0
-        return not self._ended
+                registers[_ALONE_MS] = min(registers[_ALONE_MS] + step_ms, _LONG_MS)
+            planned_ms = registers[_PLANNED_MS]
+            in_time = not planned_ms or registers[_ALONE_MS] < 2 * planned_ms
+            if not (program.goes_on and in_time):
+                registers[_ENDED] = 1
+        elif registers[_ALONE_MS]:
+            registers[_ALONE_MS] = registers[_WAITED_MS] = registers[_PLANNED_MS] = 0
+        return not registers[_ENDED]
 
     @micropython.native
     def step(self, program, may_go, step_ms):
         """Lead the wheels for a beat; without `may_go` bring the parcel to rest, and switch off."""
         registers, parcel, here = self.registers, self._parcel, self._place
-        fields, reach_um = program.fields, self._outline.reach_um
         if not registers[_DRIVING]:
             self._join(may_go)
-        find_wish(registers, fields, parcel, here.x_um, here.y_um, reach_um)
-        stands = approach(registers, fields, reach_um, may_go, step_ms)
+        read_way(program.pages, registers, _WAY)
+        find_wish(registers, parcel, here.x_um, here.y_um)
+        stands = approach(registers, parcel, may_go, step_ms)
         # A cell that the parcel comes to when the host is gone counts from there.
-        if self._alone_ms and not self._planned_ms:
-            self._plan(program, reach_um)
+        if registers[_ALONE_MS] and not registers[_PLANNED_MS]:
+            self._plan(program)
         if stands and (registers[_ARRIVED] or not may_go):
             if self._has_held():
                 return
@@ -170,17 +186,8 @@ class Leading:
                 # Off it rolls along; with a speed of its own it would turn the parcel.
                 return
             registers[_DRIVING] = 1
-        footprint, targets_um_s = self._footprint, self._targets_um_s
-        _aim(
-            registers,
-            parcel,
-            footprint.along_x,
-            footprint.along_y,
-            footprint.x,
-            footprint.y,
-            targets_um_s,
-        )
-        self._axes.lead(targets_um_s)
+        _aim(registers, parcel, self._footprint)
+        self._axes.lead(registers, _TARGETS)
 
     def _join(self, may_go):
         """Begin with the twist that the parcel has; a wheel without anywhere to go stays off."""
@@ -200,34 +207,26 @@ class Leading:
             self._axes.rest()
         return True
 
-    def _plan(self, program, reach_um):
+    def _plan(self, program):
         """Find how long the way takes, to the goal and along the legs that follow."""
-        fields = program.fields
-        speed_mm_s = max(fields[wire.SPEED] * wire.SPEED_MM_S, 1)
-        acceleration_mm_s2 = fields[_ACCELERATION] * _ACCELERATION_MM_S2
+        registers, reach_um = self.registers, self._parcel[outline.REACH]
+        speed_mm_s = max(registers[steering.SPEED] * wire.SPEED_MM_S, 1)
+        acceleration_mm_s2 = registers[_ACCELERATION] * _ACCELERATION_MM_S2
         ramps_ms = 2 * speed_mm_s * 1000 // max(acceleration_mm_s2, 1)
-        x_um, y_um, turn = self.registers[steering.LEFT : steering.LEFT + 3]
+        x_um, y_um, turn = registers[_WAY : _WAY + 3]
         way_um = length(x_um, y_um, turn * reach_um // ARM_UM)
-        self._planned_ms = way_um // speed_mm_s + ramps_ms
+        planned_ms = way_um // speed_mm_s + ramps_ms
         for leg in range(program.known_legs()):
             x_um, y_um, turn = program.place(leg)
             to_x_um, to_y_um, to_turn = program.place(leg + 1)
             turning_um = wrapped(to_turn - turn) * reach_um // ARM_UM
             way_um = length(to_x_um - x_um, to_y_um - y_um, turning_um)
-            self._planned_ms += way_um // speed_mm_s + ramps_ms + steering.SETTLED_MS
+            planned_ms += way_um // speed_mm_s + ramps_ms + steering.SETTLED_MS
+        registers[_PLANNED_MS] = min(planned_ms, _LONG_MS)
 
 
 @micropython.viper
-def _look_ahead(  # noqa: PLR0917 - viper takes words
-    bottom,
-    parcel: ptr32,
-    registers: ptr32,
-    fields: ptr32,
-    xs,
-    ys,
-    half: int,
-    asked: int,
-) -> int:
+def _look_ahead(bottom, parcel: ptr32, registers: ptr32, footprint, asked: int) -> int:
     """See `Leading.look_ahead`; of the cells in the mask `asked`.
 
     `bottom` is the parcel's registers too, to be passed on.
@@ -236,9 +235,9 @@ def _look_ahead(  # noqa: PLR0917 - viper takes words
     x = parcel[_BELIEF] << widen >> widen
     y = parcel[_BELIEF + 1] << widen >> widen
     around = parcel[_BELIEF + 2] << widen >> widen
-    twice_mm_s2 = 2 * _ACCELERATION_MM_S2 * fields[_ACCELERATION]
+    twice_mm_s2 = 2 * _ACCELERATION_MM_S2 * registers[_ACCELERATION]
     twice_mm_s2 = twice_mm_s2 if twice_mm_s2 else 2
-    covered = int(squares_overlapped(bottom, xs, ys, half, asked))
+    covered = int(squares_overlapped(bottom, footprint, asked))
     needs = covered
     for ahead in range(2):
         vx = parcel[_TWIST] << widen >> widen
@@ -260,21 +259,13 @@ def _look_ahead(  # noqa: PLR0917 - viper takes words
             ahead_y = y + vy // 1000 * time_ms + vy % 1000 * time_ms // 1000
             ahead_turn = around + turn // 1000 * time_ms + turn % 1000 * time_ms // 1000
             place(bottom, ahead_x, ahead_y, ahead_turn)
-            covered |= int(squares_overlapped(bottom, xs, ys, half, rest))
+            covered |= int(squares_overlapped(bottom, footprint, rest))
     place(bottom, x, y, around)
     return needs | covered << 8
 
 
 @micropython.viper
-def _aim(  # noqa: PLR0917 - viper takes words
-    registers: ptr32,
-    parcel: ptr32,
-    along_xs: ptr32,
-    along_ys: ptr32,
-    xs: ptr32,
-    ys: ptr32,
-    targets: ptr32,
-):
+def _aim(registers: ptr32, parcel: ptr32, footprint: ptr32):
     """Find the speeds of wheels that move with the parcel as commanded [um/s]."""
     widen = int(WIDEN)
     vx = registers[_COMMANDED] << widen >> widen
@@ -283,11 +274,11 @@ def _aim(  # noqa: PLR0917 - viper takes words
     centre_x = parcel[_CENTRE] << widen >> widen
     centre_y = parcel[_CENTRE + 1] << widen >> widen
     for axis in range(2):
-        along_x = along_xs[axis] << widen >> widen
-        along_y = along_ys[axis] << widen >> widen
-        x = (xs[axis] << widen >> widen) - centre_x
-        y = (ys[axis] << widen >> widen) - centre_y
+        along_x = footprint[_ALONG_X + axis] << widen >> widen
+        along_y = footprint[_ALONG_Y + axis] << widen >> widen
+        x = (footprint[axis] << widen >> widen) - centre_x
+        y = (footprint[_POINT_Y + axis] << widen >> widen) - centre_y
         lever = (along_y * x - along_x * y) // _ARM
         # The product of lever and turn alone may be more than a word.
         speed = along_x * vx + along_y * vy + lever * (turn & 0x1FF) >> 9
-        targets[axis] = speed + lever * (turn >> 9)
+        registers[_TARGETS + axis] = speed + lever * (turn >> 9)

@@ -7,9 +7,7 @@ try:
     import micropython
     from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr32
-
-from array import array
+    from mdms_protocol.cpython import const, micropython, ptr16
 
 from mdms_cell.canopen.objects import find
 from mdms_cell.neighbours import precedence
@@ -37,16 +35,15 @@ class Pages:
         self._leading = leading
         self._consumer = consumer
         self._pdos = pdos
-        self._page = array("i", [0] * wire.PROGRAM_FIELDS)
         self._frame_at = find(indices.PROGRAM, 1).place
         self._turn = 0
-        self._node_id = 0
+        self.node_id = 0
         self.programs = Programs()
         self.order = bytearray(precedence.BYTES)
 
     def start(self, node_id):
         """Begin without any program."""
-        self._node_id = node_id
+        self.node_id = node_id
         self.programs.clear()
         precedence.clear(self.order)
 
@@ -54,7 +51,7 @@ class Pages:
 
     def on_page(self, direction, data):
         """Take a page, from the host or handed on by a neighbour; returns False if it is none."""
-        page = self._page
+        page = [0] * wire.PROGRAM_FIELDS
         if not wire.unpack_program(data, page, 0):
             place = self._place
             return direction == HOST and precedence.take(self.order, data, place.column, place.row)
@@ -131,7 +128,7 @@ class Pages:
 
         That is in this cell's turn, or where that came in one of the beats `skipped` before.
         """
-        if (self._heard.beat + self._node_id) % _HAND_ON_BEATS > skipped:
+        if (self._heard.beat + self.node_id) % _HAND_ON_BEATS > skipped:
             return
         lacking = _lacking(self._heard.estimates, sent, program.identity, program.sequence)
         for direction in range(DIRECTIONS if lacking else 0):
@@ -153,7 +150,7 @@ class Pages:
 
 
 @micropython.viper
-def _lacking(estimates: ptr32, sent: int, parcel: int, sequence: int) -> int:
+def _lacking(estimates: ptr16, sent: int, parcel: int, sequence: int) -> int:
     """The mask of those that have `sent` that they are at this parcel, and lack of its program.
 
     That is all or a part of it, or they have the one before.

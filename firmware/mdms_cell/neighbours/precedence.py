@@ -15,19 +15,17 @@ try:
     import micropython
     from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr8, ptr32
+    from mdms_protocol.cpython import const, micropython, ptr8, ptr16
 
-from mdms_cell.neighbours import right_of_way
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import precedence as frame
 
 _PROMISED = const(2)
 _UNDER = const(3)
-assert (_PROMISED, _UNDER) == (right_of_way.PROMISED, right_of_way.UNDER)
+assert (_PROMISED, _UNDER) == (wire.PROMISED, wire.UNDER)
 
 # Bytes of an order: how many of it have come, how long the last of them has been away, for how many
-# beats, up to 255 and beyond, another has been kept waiting, the frame's byte with the
-# number, and the identities
+# beats another has been kept waiting (two bytes), the frame's byte with the number, the identities
 _COME = const(0)
 _AWAY = const(1)
 _KEPT_BEATS = const(2)
@@ -72,53 +70,63 @@ def clear(order):
 
 
 @micropython.viper
-def keep(order: ptr8, right: ptr32, estimates: ptr32, fresh: ptr8, alone: int):
-    """A beat has passed: take in who is here and, when `alone`, let nobody ask before its turn.
+def turn(order: ptr8, here: int, state: int, estimates: ptr16, fresh: ptr8) -> int:
+    """A beat has passed: take in who is here; returns whose turn it is, by place in the order.
 
-    `right` are the registers of a right of way. A fresh estimate of a parcel whose turn it is not
-    asks for this cell no more.
+    `here` and `state` are what the right of way has decided last.
     """
     places = int(frame.PLACES)
     fields = int(wire.ESTIMATE_FIELDS)
     identity_at = int(wire.IDENTITY)
-    wants_at = int(wire.WANTS)
-    here = right[int(right_of_way.IDENTITY)]
-    state = right[int(right_of_way.STATE)]
+    state_at = int(wire.STATE)
     come = order[_COME]
     last = order[FIRST + come - 1] if come else 0
     away = order[_AWAY]
     if last and here == last and state >= _PROMISED and away < _GONE:
         away = 0
     else:
-        passing = 1 if away < _GONE else 0
-        if int(_is_near(estimates, fresh, last)) == 0:
-            passing *= _ELSEWHERE
+        passing = _ELSEWHERE
+        for direction in range(8):
+            its = estimates[fields * direction + identity_at]
+            its_state = estimates[fields * direction + state_at]
+            if fresh[direction] and its == last and its_state == _UNDER:
+                passing = 1
         away = away + passing if away + passing < _GONE else _GONE
         place = come if state == _UNDER else places
         while place < places and order[FIRST + place] != here:
             place += 1
         if place < places:
             # Whoever was to come before it has been here, or comes no more.
-            come = order[_COME] = place + 1
-            last = here
-            away = order[_KEPT_BEATS] = order[_KEPT_HIGH] = 0
+            come = place + 1
+            away = 0
+            order[_COME] = come
+            order[_KEPT_BEATS] = 0
+            order[_KEPT_HIGH] = 0
     order[_AWAY] = away
-    if away == _GONE:
-        last = 0
-    turn = come - 1 if last else come
-    kept = False
-    direction = 0 if alone else 8
-    while direction < 8:
+    return come - 1 if come and away < _GONE else come
+
+
+@micropython.viper
+def keep(order: ptr8, now: int, estimates: ptr16, fresh: ptr8):
+    """Let no parcel ask for this cell whose turn is after the one that is `now`.
+
+    Its fresh estimates want it no more. Whoever it waits for in vain is passed over.
+    """
+    places = int(frame.PLACES)
+    fields = int(wire.ESTIMATE_FIELDS)
+    identity_at = int(wire.IDENTITY)
+    wants_at = int(wire.WANTS)
+    kept = 0
+    for direction in range(8):
         its = estimates[fields * direction + identity_at]
-        place = turn
+        place = now
         while place < places and order[FIRST + place] != its:
             place += 1
-        if turn < place < places and fresh[direction]:
-            own = 1 << (direction ^ 4)
-            wants = estimates[fields * direction + wants_at]
-            kept = kept or wants & own != 0
-            estimates[fields * direction + wants_at] = wants & (own ^ 0xFF)
-        direction += 1
+        own = 1 << (direction ^ 4)
+        wants = estimates[fields * direction + wants_at]
+        if fresh[direction] and place > now and place < places and wants & own:
+            kept = 1
+            estimates[fields * direction + wants_at] = wants ^ own
     if kept:
         beats = (order[_KEPT_BEATS] | order[_KEPT_HIGH] << 8) + 1
         if beats >= _PATIENCE_BEATS:
@@ -127,15 +135,3 @@ def keep(order: ptr8, right: ptr32, estimates: ptr32, fresh: ptr8, alone: int):
             beats = 0
         order[_KEPT_BEATS] = beats & 0xFF
         order[_KEPT_HIGH] = beats >> 8
-
-
-@micropython.viper
-def _is_near(estimates: ptr32, fresh: ptr8, identity: int) -> bool:
-    """Whether a neighbour has just reported that it is under this parcel."""
-    at = 0
-    for direction in range(8):
-        its = estimates[at + int(wire.IDENTITY)]
-        if fresh[direction] and its == identity and estimates[at + int(wire.STATE)] == _UNDER:
-            return True
-        at += int(wire.ESTIMATE_FIELDS)
-    return False

@@ -18,7 +18,7 @@ try:
     import micropython
     from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr8, ptr32
+    from mdms_protocol.cpython import const, micropython, ptr8, ptr16
 
 from array import array
 
@@ -96,7 +96,7 @@ class RightOfWay:
         patience_beats=100,
         blocked_beats=100,
     ):
-        registers = self.registers = array("i", [0] * _REGISTERS)
+        registers = self.registers = array("H", [0] * _REGISTERS)
         registers[_HOPS] = hops
         registers[_PATIENCE_BEATS] = patience_beats
         registers[_BLOCKED_BEATS] = blocked_beats
@@ -277,7 +277,7 @@ class RightOfWay:
 
 
 @micropython.viper
-def _take_in(registers: ptr32, said: ptr8, estimates: ptr32, fresh: ptr8) -> int:
+def _take_in(registers: ptr16, said: ptr8, estimates: ptr16, fresh: ptr8) -> int:
     """Keep what counts of the fresh estimates, and which parcel is near a cell under none.
 
     Returns the mask of their directions.
@@ -316,7 +316,7 @@ def _take_in(registers: ptr32, said: ptr8, estimates: ptr32, fresh: ptr8) -> int
 
 
 @micropython.viper
-def _stays_under(registers: ptr32, said: ptr8, over: int) -> bool:
+def _stays_under(registers: ptr16, said: ptr8, over: int) -> bool:
     """A beat has passed; returns whether the cell stays under the parcel that it is promised to."""
     for direction in range(DIRECTIONS):
         if said[LEFT + direction]:
@@ -340,7 +340,7 @@ def _stays_under(registers: ptr32, said: ptr8, over: int) -> bool:
 
 
 @micropython.viper
-def _clear_the_wheels(registers: ptr32, said: ptr8, wants: int):
+def _clear_the_wheels(registers: ptr16, said: ptr8, wants: int):
     """Find out whether all that the parcel covers or needs is promised, here and around."""
     lacking = drive_beats = 0
     hold = CLEAR

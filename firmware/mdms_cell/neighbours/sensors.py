@@ -9,7 +9,7 @@ except ImportError:
     from mdms_protocol.cpython import const, micropython, ptr8, ptr32
 
 from mdms_cell.neighbours.belief import CONTRADICTION, EDGE
-from mdms_cell.neighbours.geometry.footprint import POINTS
+from mdms_cell.neighbours.geometry.footprint import POINT_X, POINT_Y, POINTS, PRESENT, SHIFT
 from mdms_cell.neighbours.geometry.outline import (
     COSINE,
     DISC,
@@ -24,8 +24,8 @@ from mdms_cell.neighbours.geometry.outline import (
     Y,
 )
 from mdms_cell.neighbours.geometry.place import AXES, DIRECTIONS
-from mdms_cell.neighbours.heard import OWN
-from mdms_cell.neighbours.suspicion import PRESENCE
+from mdms_cell.neighbours.heard import BITS, OWN, SEEN
+from mdms_cell.neighbours.suspicion import CASES, PRESENCE
 from mdms_cell.ticks import diff
 from mdms_protocol.words import WIDEN
 
@@ -45,6 +45,7 @@ _TOGETHER = const(125)
 # What is used in every beat; constants of another module would be looked up.
 _OWN = const(8)
 _PRESENCE = const(0)
+_CASES = const(45)
 _AXES = const(2)
 _POINTS = const(7)
 _X = const(0)
@@ -55,7 +56,15 @@ _SHAPE = const(4)
 _HALF_LENGTH = const(5)
 _HALF_WIDTH = const(6)
 _DISC = const(1)
-assert (_OWN, _PRESENCE, _AXES, _POINTS) == (OWN, PRESENCE, AXES, POINTS)
+_POINT_Y = const(7)
+_SHIFT = const(18)
+_SEEN = const(0x80)
+_BITS = const(0x1F)
+assert (_SEEN, _BITS) == (SEEN, BITS)
+_PRESENT = const(36)
+assert (0, _POINT_Y, _SHIFT, _PRESENT) == (POINT_X, POINT_Y, SHIFT, PRESENT)
+assert (_OWN, _PRESENCE, _CASES) == (OWN, PRESENCE, CASES)
+assert (_AXES, _POINTS) == (AXES, POINTS)
 assert (_X, _Y, _COSINE, _SINE, _SHAPE) == (X, Y, COSINE, SINE, SHAPE)
 assert (_HALF_LENGTH, _HALF_WIDTH, _DISC) == (HALF_LENGTH, HALF_WIDTH, DISC)
 
@@ -80,8 +89,6 @@ class Sensors:
         self._suspicion = suspicion
         self.edge_late_ms = 1
         self.turn = 0
-        #: Corrects the belief until the last SYNC; the cell is under the parcel.
-        self.check = _checking(self, tracking, footprint, heard, suspicion)
 
     # Edges
 
@@ -89,13 +96,13 @@ class Sensors:
     def take_edges(self, sync_ms):
         """Take in the edges that sensors have seen until the last SYNC."""
         heard, tracking, suspicion = self._heard, self._tracking, self._suspicion
-        late = tracking.twist.size() * _LATENCY_MS // 62_500
+        late = tracking.belief.speed() * _LATENCY_MS // 62_500
         for number in range(heard.edges):
             ago_ms = diff(sync_ms, heard.edge_ms[number]) + self.edge_late_ms
             if ago_ms <= 0:
                 continue
             direction, _, covered = heard.edge(number)
-            if tracking.others[direction] or suspicion.has(direction, PRESENCE):
+            if tracking.others >> direction & 1 or suspicion.has(direction, PRESENCE):
                 continue
             x, y = self._edge_at(number, ago_ms)
             if self._passes(x, y, covered) and not self._is_late(number, ago_ms):
@@ -104,13 +111,11 @@ class Sensors:
     @micropython.native
     def _edge_at(self, number, ago_ms):
         """Where that edge is now: it has moved on with the parcel since a sensor saw it."""
-        footprint, tracking = self._footprint, self._tracking
-        centre = tracking.outline.registers
+        tracking = self._tracking
+        centre = tracking.belief.registers
         direction, sensor, _ = self._heard.edge(number)
-        point = AXES + sensor
-        x = footprint.shift_x[direction] + footprint.x[point]
-        y = footprint.shift_y[direction] + footprint.y[point]
-        vx, vy, turn = tracking.twist.speeds()
+        x, y = self._footprint.point(direction, AXES + sensor)
+        vx, vy, turn = tracking.belief.speeds()
         turned = turn * ago_ms // 128_000
         return (
             x + vx * ago_ms // 16_000 - (y - centre[Y]) * turned // 1000,
@@ -120,7 +125,7 @@ class Sensors:
     @micropython.native
     def _is_late(self, number, ago_ms):
         """Whether that edge may be older: others of its frame are elsewhere, so one was lost."""
-        heard, outline = self._heard, self._tracking.outline
+        heard, outline = self._heard, self._tracking.belief
         others = _of_one_frame(heard.edge_bytes, heard.edge_ms, heard.edges, number)
         if not others:
             return False
@@ -139,9 +144,9 @@ class Sensors:
         An edge at rest, or against the motion, comes from the sensor, not from the parcel.
         """
         tracking = self._tracking
-        vx, vy, turn = tracking.twist.speeds()
-        edge = tracking.outline.registers
-        tracking.outline.edge(x, y)
+        vx, vy, turn = tracking.belief.speeds()
+        edge = tracking.belief.registers
+        tracking.belief.edge(x, y)
         outwards = edge[NORMAL_X] * vx + edge[NORMAL_Y] * vy >> 10
         outwards += edge[LEVER] * turn >> 10
         return outwards > _PASSING_UM_S if covered else outwards < -_PASSING_UM_S
@@ -160,10 +165,10 @@ class Sensors:
 
     def show_another(self):
         """Whether something else covers a sensor of the cell: one far from the parcel."""
-        bits = self._heard.presence[OWN]
+        bits = self._heard.presence[OWN] & _BITS
         if not bits or not self._suspicion.trusts(OWN):
             return False
-        near = self._footprint.within(self._tracking.outline, OWN, _ELSEWHERE) >> AXES
+        near = self._footprint.within(self._tracking.belief, OWN, _ELSEWHERE) >> AXES
         return bits & ~near != 0
 
     def is_anything_there(self):
@@ -174,8 +179,8 @@ class Sensors:
         presence, tracking = self._heard.presence, self._tracking
         for direction in range(DIRECTIONS):
             if (
-                presence[direction]
-                and not tracking.others[direction]
+                presence[direction] & _BITS
+                and not tracking.others >> direction & 1
                 and self._suspicion.trusts(direction)
             ):
                 return True
@@ -209,23 +214,23 @@ class Sensors:
 
         One may have changed since, and the frame got lost, while the parcel has moved on.
         """
-        footprint, tracking = self._footprint, self._tracking
-        late = min(tracking.twist.size() * age_ms // 62_500, _MOST_LATE)
+        tracking = self._tracking
+        late = min(tracking.belief.speed() * age_ms // 62_500, _MOST_LATE)
         point = AXES
         while wrong:
             if wrong & 1:
-                x = footprint.shift_x[direction] + footprint.x[point]
-                y = footprint.shift_y[direction] + footprint.y[point]
+                x, y = self._footprint.point(direction, point)
                 tracking.belief.correct(x, y, CONTRADICTION + late * late, False)
             wrong >>= 1
             point += 1
 
 
-def _checking(sensors, tracking, footprint, heard, suspicion):
-    """What corrects a belief; it looks up what changes, and nothing else.
+def checker(sensors, tracking, footprint, heard, suspicion):
+    """What corrects the belief of a cell under a parcel, until the last SYNC.
 
-    Contradictions count of the cell's own sensors and, in turns, of a neighbour's. The parcel is
-    seen by the cell's own sensors or, where it covers none of them, by any around.
+    It looks up what changes, and nothing else. Contradictions count of the cell's own sensors and,
+    in turns, of a neighbour's. The parcel is seen by the cell's own sensors or, where it covers
+    none of them, by any around.
     """
 
     @micropython.native
@@ -233,42 +238,38 @@ def _checking(sensors, tracking, footprint, heard, suspicion):
         sync_ms,
         sensors=sensors,
         tracking=tracking,
-        footprint=footprint,
+        footprint=footprint.registers,
         heard=heard,
         suspicion=suspicion,
-        registers=tracking.outline.registers,
-        others=tracking.others,
-        xs=footprint.x,
-        ys=footprint.y,
+        out=suspicion.out,
+        registers=tracking.belief.registers,
         presence=heard.presence,
-        seen=heard.seen,
         compare=_compare,
     ):
         if heard.edges:
             sensors.take_edges(sync_ms)
-        cases = suspicion.cases >> _PRESENCE & 1
+        cases = out[_CASES] >> _PRESENCE & 1
         turn = sensors.turn
         turn = sensors.turn = turn + 1 if turn < _OWN else 0
         moved = missing = False
         bits = presence[_OWN]
-        own = compare(registers, xs, ys, 0, 0, bits)
-        if seen[_OWN]:
+        own = compare(registers, footprint, _OWN, bits)
+        if bits & _SEEN:
             missing = own & _MISSING != 0
             if not turn & 3 and (own & _WRONG or cases):
                 moved = sensors.weigh(_OWN, own, 0)
-        if turn != _OWN and footprint.present >> turn & 1 and not others[turn]:
-            x, y = footprint.shift_x[turn], footprint.shift_y[turn]
-            its = compare(registers, xs, ys, x, y, presence[turn])
+        if turn != _OWN and footprint[_PRESENT] >> turn & 1 and not tracking.others >> turn & 1:
+            its = compare(registers, footprint, turn, presence[turn])
             if its & _WRONG or cases:
                 age_ms = heard.age_ms(turn, sync_ms)
                 if age_ms >= 0:
                     moved |= sensors.weigh(turn, its, age_ms)
         if moved:
-            own = compare(registers, xs, ys, 0, 0, bits)
+            own = compare(registers, footprint, _OWN, bits)
         tracking.under = own & _NEARLY != 0
         if missing:
             missing = not (tracking.is_witnessed() and suspicion.has(_OWN, _PRESENCE))
-        if missing or not (bits or sensors.is_anything_there()):
+        if missing or not (bits & _BITS or sensors.is_anything_there()):
             tracking.miss()
         else:
             tracking.missing_beats = 0
@@ -289,14 +290,11 @@ def _of_one_frame(edges: ptr8, edge_ms: ptr32, count: int, number: int) -> int:
 
 
 @micropython.viper
-def _compare(  # noqa: PLR0917 - viper takes words
-    outline: ptr32, xs: ptr32, ys: ptr32, shift_x: int, shift_y: int, bits: int
-) -> int:
-    """Compare a cell's presence bits with an outline; returns what is found, as above.
-
-    The cell's points are those of a `Footprint`, moved by a shift.
-    """
+def _compare(outline: ptr32, footprint: ptr32, direction: int, bits: int) -> int:
+    """Compare a cell's presence bits with an outline; returns what is found, as above."""
     widen = int(WIDEN)
+    shift_x = footprint[_SHIFT + 2 * direction] << widen >> widen
+    shift_y = footprint[_SHIFT + 2 * direction + 1] << widen >> widen
     shift_x -= outline[_X] << widen >> widen
     shift_y -= outline[_Y] << widen >> widen
     disc = outline[_SHAPE] == _DISC
@@ -319,8 +317,8 @@ def _compare(  # noqa: PLR0917 - viper takes words
     covered = 0
     sensor = 0 - _AXES
     for point in range(_POINTS):
-        x = (xs[point] << widen >> widen) + shift_x
-        y = (ys[point] << widen >> widen) + shift_y
+        x = (footprint[point] << widen >> widen) + shift_x
+        y = (footprint[_POINT_Y + point] << widen >> widen) + shift_y
         if disc:
             outside = (x >> 2) * (x >> 2) + (y >> 2) * (y >> 2)
         else:

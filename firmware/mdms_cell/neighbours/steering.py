@@ -10,7 +10,7 @@ except ImportError:
 
 from mdms_cell.neighbours import belief
 from mdms_cell.neighbours.geometry.angle import ARM_UM, ROOT_MAX, TURN_UM, root
-from mdms_cell.neighbours.program import GOAL
+from mdms_cell.neighbours.geometry.outline import REACH
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.words import WIDEN
 
@@ -19,11 +19,14 @@ VX = const(0)  # the commanded twist [um/s], changed no faster than the program 
 VY = const(1)
 TURN = const(2)
 WISH = const(3)  # what it is to become, three numbers as well
-LEFT = const(6)  # what is left to go: x, y and turn [um]
-ARRIVED = const(9)  # 1 until the parcel is found outside twice the tolerance
-_SETTLED = const(10)  # beats within the tolerance, up to _SETTLED_BEATS
-_CHANGE = const(11)  # of the twist in this beat
-REGISTERS = const(14)
+LEFT = const(6)  # what is left to go: x, y and turn [um]; before `find_wish` the goal's place
+ACCELERATION = const(9)  # of the program, as the wire has them
+SPEED = const(10)
+_FLAGS = const(11)
+ARRIVED = const(12)  # 1 until the parcel is found outside twice the tolerance
+_SETTLED = const(13)  # beats within the tolerance, up to _SETTLED_BEATS
+_CHANGE = const(14)  # of the twist in this beat
+REGISTERS = const(17)
 
 #: The parcel has arrived within this, for so many beats; it is steered again outside twice as much.
 _TOLERANCE_UM = const(2_000)
@@ -44,7 +47,9 @@ _LONG = const(3_000_000)
 _BELIEF_X = const(10)
 _BELIEF_Y = const(11)
 _BELIEF_TURN = const(12)
+_REACH = const(31)
 assert (_BELIEF_X, _BELIEF_Y, _BELIEF_TURN) == (belief.X, belief.Y, belief.TURN)
+assert _REACH == REACH
 _ARM_UM = const(128_000)
 _TURN_UM = const(804_248)
 assert (_ARM_UM, _TURN_UM) == (ARM_UM, TURN_UM)
@@ -54,39 +59,32 @@ _ACCELERATION_MM_S2 = const(10)
 _SPEED_UM_S = const(5_000)
 assert (_STEP_UM, _TURN, _ACCELERATION_MM_S2) == (wire.STEP_UM, wire.TURN, wire.ACCELERATION_MM_S2)
 assert _SPEED_UM_S == wire.SPEED_MM_S * 1000
-_ACCELERATION = const(6)
-_SPEED = const(7)
-_FLAGS = const(8)
-_GOAL = const(9)
 _ANY_YAW = const(2)
-assert (_ACCELERATION, _SPEED) == (wire.ACCELERATION, wire.SPEED)
-assert (_FLAGS, _GOAL, _ANY_YAW) == (wire.PROGRAM_FLAGS, GOAL, wire.ANY_YAW)
+assert _ANY_YAW == wire.ANY_YAW
 
 
 @micropython.viper
-def find_wish(  # noqa: PLR0915, PLR0917 - viper takes words
-    registers: ptr32, fields: ptr32, parcel: ptr32, x_um: int, y_um: int, reach_um: int
+def find_wish(  # noqa: PLR0915 - it is one thought
+    registers: ptr32, parcel: ptr32, x_um: int, y_um: int
 ):
     """Find what is left to go, whether the parcel has arrived, and the twist that takes it there.
 
-    `fields` are a program's. The parcel's pose is from the cell's own centre, which is at `x_um`
-    and `y_um`; its corners are `reach_um` from its own.
+    The program was read by `read_way`. The parcel's pose is from the cell's own centre, which is at
+    `x_um` and `y_um`.
     """
     widen = int(WIDEN)
-    x = (fields[_GOAL] << widen >> widen) * _STEP_UM - x_um - (parcel[_BELIEF_X] << widen >> widen)
-    y = (
-        (fields[_GOAL + 1] << widen >> widen) * _STEP_UM
-        - y_um
-        - (parcel[_BELIEF_Y] << widen >> widen)
-    )
+    x = (registers[LEFT] << widen >> widen) * _STEP_UM - x_um
+    x -= parcel[_BELIEF_X] << widen >> widen
+    y = (registers[LEFT + 1] << widen >> widen) * _STEP_UM - y_um
+    y -= parcel[_BELIEF_Y] << widen >> widen
     # As `program.turn_um`, within half a turn.
-    turn = (fields[_GOAL + 2] << widen >> widen) * (_TURN_UM // 8) // (_TURN // 8)
+    turn = (registers[LEFT + 2] << widen >> widen) * (_TURN_UM // 8) // (_TURN // 8)
     turn += _TURN_UM // 2 - (parcel[_BELIEF_TURN] << widen >> widen)
     turn = turn % _TURN_UM - _TURN_UM // 2
     registers[LEFT] = x
     registers[LEFT + 1] = y
     registers[LEFT + 2] = turn
-    if fields[_FLAGS] & _ANY_YAW:
+    if registers[_FLAGS] & _ANY_YAW:
         turn = 0
     near = _TOLERANCE_UM << registers[ARRIVED]
     near_turn = _TOLERANCE_TURN_UM << registers[ARRIVED]
@@ -101,15 +99,15 @@ def find_wish(  # noqa: PLR0915, PLR0917 - viper takes words
     way = 1
     speed = 0
     if registers[ARRIVED] == 0:
-        corner = reach_um * _SHARE // _ARM_UM
+        corner = parcel[_REACH] * _SHARE // _ARM_UM
         way = int(length(x, y, turn * (corner if corner else 1) // _SHARE))
-        acceleration_mm_s2 = fields[_ACCELERATION] * _ACCELERATION_MM_S2
+        acceleration_mm_s2 = registers[ACCELERATION] * _ACCELERATION_MM_S2
         # As fast as it may go with this way left: never faster than it can brake.
         square = int(ROOT_MAX)
         if acceleration_mm_s2 == 0 or way <= square // acceleration_mm_s2:
             square = acceleration_mm_s2 * way
         speed = int(root(square)) * 316 // 10
-        most = fields[_SPEED] * _SPEED_UM_S
+        most = registers[SPEED] * _SPEED_UM_S
         speed = speed if speed < most else most
         most = _STIFFNESS_PER_S * way
         speed = speed if speed < most else most
@@ -134,7 +132,7 @@ def find_wish(  # noqa: PLR0915, PLR0917 - viper takes words
 
 
 @micropython.viper
-def approach(registers: ptr32, fields: ptr32, reach_um: int, may_go: int, step_ms: int) -> bool:
+def approach(registers: ptr32, parcel: ptr32, may_go: int, step_ms: int) -> bool:
     """Bring the twist nearer to the wish, or to 0 if it may not go; returns whether it is 0."""
     widen = int(WIDEN)
     for axis in range(3):
@@ -144,9 +142,9 @@ def approach(registers: ptr32, fields: ptr32, reach_um: int, may_go: int, step_m
     y = registers[_CHANGE + 1] << widen >> widen
     turn = registers[_CHANGE + 2] << widen >> widen
     if x or y or turn:
-        corner = reach_um * _SHARE // _ARM_UM
+        corner = parcel[_REACH] * _SHARE // _ARM_UM
         size = int(length(x, y, turn * (corner if corner else 1) // _SHARE))
-        most = fields[_ACCELERATION] * _ACCELERATION_MM_S2 * step_ms
+        most = registers[ACCELERATION] * _ACCELERATION_MM_S2 * step_ms
         clipped = size > most
         size = size >> 4 if size >> 4 else 1
         most >>= 4

@@ -12,7 +12,7 @@ try:
 except ImportError:
     from mdms_protocol.cpython import const, micropython, ptr8
 
-from mdms_cell.neighbours.geometry.outline import points_within
+from mdms_cell.neighbours.geometry.footprint import PRESENT, points_within
 from mdms_cell.neighbours.geometry.place import AXES, DIRECTIONS
 from mdms_cell.neighbours.twist import SLIPS, against
 from mdms_cell.neighbours.twist import WHEELS as TWIST_WHEELS
@@ -35,6 +35,11 @@ _TIMES = const(6)
 #: The eight neighbours, and the cell itself.
 _CELLS = const(9)
 assert _CELLS == DIRECTIONS + 1
+# Where evidence begins behind the verdicts, the mask of cases behind that, and whose turn it is.
+_AGAINST = const(9)
+CASES = const(45)
+_TURN = const(46)
+assert (_AGAINST, CASES) == (_CELLS, _CELLS * (KINDS + 1))
 #: So many cells whose sensors contradict at once are right.
 _CROWD = const(3)
 #: Wheels that are to agree before one is found wrong.
@@ -47,11 +52,14 @@ _LATE_BEATS = const(3)
 _INSIDE = const(625)
 #: The cell itself, in the place of a direction.
 _OWN = const(8)
-assert _OWN == DIRECTIONS
+_DIRECTIONS = const(8)
+assert _OWN == _DIRECTIONS == DIRECTIONS
 # What is used in every beat; constants of another module would be looked up.
 _AXES = const(2)
 _WHEELS_SHOWN = const(26)
 _SLIPS = const(2)
+_PRESENT = const(36)
+assert _PRESENT == PRESENT
 assert (_AXES, _WHEELS_SHOWN, _SLIPS) == (AXES, TWIST_WHEELS, SLIPS)
 #: Whose pose is left out: it is wrong, or made by sensors that are.
 MISLEADING = 1 << POSE | 1 << PRESENCE
@@ -60,24 +68,19 @@ MISLEADING = 1 << POSE | 1 << PRESENCE
 class Suspicion:
     """Verdicts on the eight neighbours and, in the place of a ninth, on the cell's own sensors.
 
-    `out[d]` has a bit for each kind that is left out of direction d. `cases` is the mask of those
-    kinds of which somebody is suspected, or evidence is counted: of the others evidence counts that
-    contradicts, and no other.
+    `out[d]` has a bit for each kind that is left out of direction d; behind these comes for each
+    kind the evidence against the cells, and `out[CASES]`, the mask of those kinds of which somebody
+    is suspected, or evidence is counted: of the others evidence counts that contradicts, and no
+    other.
     """
 
     def __init__(self):
-        self.out = bytearray(_CELLS)
-        # For each kind the evidence against the cells.
-        self._against = bytearray(KINDS * _CELLS)
-        self.cases = 0
+        self.out = bytearray(_TURN + 1)
 
     def reset(self):
         """Nobody is suspected."""
-        for cell in range(_CELLS):
-            self.out[cell] = 0
-        for place in range(KINDS * _CELLS):
-            self._against[place] = 0
-        self.cases = 0
+        for place in range(CASES + 1):
+            self.out[place] = 0
 
     @micropython.native
     def has(self, direction, kind):
@@ -87,9 +90,9 @@ class Suspicion:
     @micropython.native
     def judge(self, direction, kind, contradicts):
         """The evidence of one beat; it contradicts (1, True), or not."""
-        cases = self.cases
-        if contradicts or cases >> kind & 1:
-            self.cases = _judge(self.out, self._against, direction, kind, contradicts, cases)
+        out = self.out
+        if contradicts or out[CASES] >> kind & 1:
+            _judge(out, direction, kind, contradicts)
 
     def misleads(self, direction):
         """Whether a pose is left out: it is wrong, or made by sensors that are."""
@@ -102,47 +105,43 @@ class Suspicion:
         """
         if self.has(direction, PRESENCE):
             return False
-        return not self._against[_CELLS * PRESENCE + direction] or self.crowd()
+        return not self.out[_AGAINST + _CELLS * PRESENCE + direction] or self.crowd()
 
     def crowd(self):
         """Whether so many contradict by their presence bits that it is not they who are wrong."""
-        return _crowd(self.out, self._against) >= _CROWD
+        return _crowd(self.out) >= _CROWD
 
+    @micropython.native
     def first(self):
         """The first direction that is suspected of anything; -1 for none."""
         return _first(self.out)
 
 
 @micropython.viper
-def _judge(  # noqa: PLR0917 - viper takes words
-    out: ptr8, against: ptr8, cell: int, kind: int, contradicts: int, cases: int
-) -> int:
-    """Count the evidence against a verdict, which turns after so many times.
-
-    Returns the mask of the kinds of which there are cases now.
-    """
+def _judge(out: ptr8, cell: int, kind: int, contradicts: int):
+    """Count the evidence against a verdict, which turns after so many times."""
     times = POSE_BEATS if kind == POSE else _TIMES
-    place = _CELLS * kind + cell
-    count = against[place] + 1
+    evidence = _AGAINST + _CELLS * kind
+    count = out[evidence + cell] + 1
     if contradicts == out[cell] >> kind & 1:
         count = 0
     elif count >= times:
         count = 0
         out[cell] ^= 1 << kind
-    against[place] = count
+    out[evidence + cell] = count
     left = 0
     for each in range(_CELLS):
-        left |= out[each] >> kind & 1 | against[_CELLS * kind + each]
-    others = cases & ~(1 << kind)
-    return others | 1 << kind if left else others
+        left |= out[each] >> kind & 1 | out[evidence + each]
+    others = out[CASES] & ~(1 << kind)
+    out[CASES] = others | 1 << kind if left else others
 
 
 @micropython.viper
-def _crowd(out: ptr8, against: ptr8) -> int:
+def _crowd(out: ptr8) -> int:
     """How many cells contradict by their presence bits, and are not suspected for them."""
     count = 0
     for cell in range(_CELLS):
-        if against[_CELLS * PRESENCE + cell] and not out[cell] >> PRESENCE & 1:
+        if out[_AGAINST + _CELLS * PRESENCE + cell] and not out[cell] >> PRESENCE & 1:
             count += 1
     return count
 
@@ -155,41 +154,46 @@ def _first(out: ptr8) -> int:
     return -1
 
 
-class Evidence:
-    """Compares what neighbours send and measure with the belief of a cell under a parcel."""
+def judging(tracking, footprint, heard, suspicion):
+    """What compares what a neighbour sends and measures with the belief of a cell under a parcel.
 
-    def __init__(self, footprint, heard, suspicion):
-        self._footprint = footprint
-        self._heard = heard
-        self._suspicion = suspicion
-        self._turn = 0
+    One cell a beat; it looks up what changes, and nothing else.
+    """
 
     @micropython.native
-    def judge(self, tracking, asked):
-        """One cell, by what it sent; `asked` is the mask of those asked for the parcel."""
-        direction = self._turn
-        direction = self._turn = direction + 1 if direction < _OWN else 0
+    def judge(  # noqa: PLR0917 - all is at hand
+        asked,
+        tracking=tracking,
+        suspicion=suspicion,
+        out=suspicion.out,
+        footprint=footprint.registers,
+        registers=tracking.belief.registers,
+        heard=heard,
+        estimate_beat=heard.estimate_beat,
+        stamps=heard.boxes.stamps,
+        frames=heard.boxes.frames,
+        points_within=points_within,
+        against=against,
+    ):
+        """`asked` is the mask of those asked for the parcel."""
+        direction = out[_TURN]
+        direction = out[_TURN] = direction + 1 if direction < _OWN else 0
         if not tracking.is_sure():
             return
-        footprint, heard, suspicion = self._footprint, self._heard, self._suspicion
         if direction != _OWN:
-            if not footprint.present >> direction & 1:
+            if not footprint[_PRESENT] >> direction & 1:
                 return
             beat = heard.beat
-            silent = (beat - heard.estimate_beat[direction]) & 0xFFFFFF > _LATE_BEATS
-            if asked >> direction & 1 if silent else suspicion.cases >> SILENCE & 1:
+            silent = (beat - estimate_beat[direction]) & 0xFFFFFF > _LATE_BEATS
+            if asked >> direction & 1 if silent else out[CASES] >> SILENCE & 1:
                 suspicion.judge(direction, SILENCE, silent)
-            if heard.speeds_beat[direction] != beat or tracking.others[direction]:
+            if stamps[_DIRECTIONS + direction] != beat or tracking.others >> direction & 1:
                 return
-        registers = tracking.belief.registers
         if registers[_WHEELS_SHOWN] >= _ENOUGH_WHEELS:
             # A wheel well under the parcel is wrong if it does not turn with it.
-            xs, ys = footprint.x, footprint.y
-            x, y = footprint.shift_x[direction], footprint.shift_y[direction]
-            wheels = points_within(registers, xs, ys, _AXES, x, y, -_INSIDE)
-            along_xs, along_ys, first = footprint.along_x, footprint.along_y, _AXES * direction
-            shown = against(
-                registers, xs, ys, x, y, along_xs, along_ys, heard.speeds, first, wheels
-            )
-            if shown & _SLIPS or (shown and suspicion.cases >> WHEELS & 1):
+            wheels = points_within(registers, footprint, direction, _AXES, -_INSIDE)
+            shown = against(registers, footprint, frames, direction, wheels)
+            if shown & _SLIPS or (shown and out[CASES] >> WHEELS & 1):
                 suspicion.judge(direction, WHEELS, shown & _SLIPS != 0)
+
+    return judge

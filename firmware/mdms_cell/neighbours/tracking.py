@@ -11,17 +11,18 @@ try:
     import micropython
     from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr8, ptr32
+    from mdms_protocol.cpython import const, micropython, ptr8, ptr16, ptr32
 
-from mdms_cell.neighbours.agreement import OWN_WEIGHT, Agreement, gather, sum_up
-from mdms_cell.neighbours.belief import Belief, agree, roll, send
-from mdms_cell.neighbours.geometry.place import DIRECTIONS
+from mdms_cell.neighbours.agreement import OWN_WEIGHT, Agreement, near_mask, sum_up
+from mdms_cell.neighbours.belief import SENT, TURN, Belief, X, Y, agree, roll, send
+from mdms_cell.neighbours.geometry.outline import place as place_outline
+from mdms_cell.neighbours.geometry.place import DIRECTIONS, STEPS
 from mdms_cell.neighbours.heard import NEVER, OWN
 from mdms_cell.neighbours.right_of_way import PROMISED, UNDER
-from mdms_cell.neighbours.sensors import Sensors
+from mdms_cell.neighbours.sensors import Sensors, checker
 from mdms_cell.neighbours.suspicion import WHEELS
 from mdms_cell.neighbours.twist import WHEELS as TWIST_WHEELS
-from mdms_cell.neighbours.twist import TwistFit, fit
+from mdms_cell.neighbours.twist import fit
 from mdms_protocol.neighbours import frames as wire
 
 _FEW_WHEELS = const(5)
@@ -31,7 +32,10 @@ _AHEAD_MAX_MS = const(50)
 _FOLLOW_BEATS = const(5)
 # What is used in every beat; constants of another module would be looked up.
 _OWN = const(8)
+_DIRECTIONS = const(8)
+_OTHERS = const(17)
 _ALL = const(255)  # the mask of all directions
+_CELLS = const(511)  # and of the cell itself
 _NEVER = const(1 << 24)
 _FIELDS = const(10)
 _IDENTITY = const(3)
@@ -42,11 +46,15 @@ _UNDER = const(3)
 _WHEEL = const(1)
 _WHEELS_SHOWN = const(26)
 _OWN_WEIGHT = const(1280)
-assert (_OWN, _ALL, _NEVER) == (OWN, (1 << DIRECTIONS) - 1, NEVER)
+assert (_OWN, _DIRECTIONS, _NEVER) == (OWN, DIRECTIONS, NEVER)
 assert (_FIELDS, _IDENTITY, _STATE) == (wire.ESTIMATE_FIELDS, wire.IDENTITY, wire.STATE)
 assert (_CERTAINTY, _PROMISED, _UNDER) == (wire.CERTAINTY, PROMISED, UNDER)
 assert (_WHEEL, _WHEELS_SHOWN) == (WHEELS, TWIST_WHEELS)
-assert _OWN_WEIGHT == OWN_WEIGHT
+_X = const(10)  # of a belief
+_Y = const(11)
+_TURN = const(12)
+_SENT = const(20)
+assert (_OWN_WEIGHT, _X, _Y, _TURN, _SENT) == (OWN_WEIGHT, X, Y, TURN, SENT)
 #: A cell whose sensors miss the parcel for so long steers no more, and then has it no longer.
 DOUBT_BEATS = const(20)
 LOST_BEATS = const(100)
@@ -55,19 +63,15 @@ LOST_BEATS = const(100)
 class Tracking:
     """The belief of one parcel; `identity` is 0 without one, `missing_beats` since it was seen.
 
-    Of direction d `others[d]` is set where that cell's wheels and sensors serve another parcel.
+    `others` is the mask of the directions of cells whose wheels and sensors serve another parcel.
     """
 
     def __init__(self, place, footprint, heard, suspicion):
         self._footprint = footprint
-        self.agreement = Agreement(suspicion)
-        self.others = bytearray(DIRECTIONS + 1)
+        self.agreement = Agreement(place, heard, suspicion)
+        self.others = 0
         self.belief = Belief()
-        self.outline = self.belief.outline
-        self.twist = TwistFit(self.outline.registers)
         self.sensors = Sensors(self, footprint, heard, suspicion)
-        #: Brings the belief to the last SYNC, so many milliseconds after that of the last update.
-        self.update = _updating(self, place, footprint, heard, suspicion)
         self.drop()
 
     def drop(self):
@@ -78,12 +82,11 @@ class Tracking:
         self.missing_beats = 0
         self._followed_beats = 0
         self.follows = False
-        # Whether a pose was sent last, and how certain.
-        self.sent = False
+        # How certain the pose was that was sent last; -1 if none was.
+        self.sent = -1
         self.sensors.turn = 0
-        self.certainty = 0
         self.belief.drop()
-        self.twist.reset()
+        self.belief.rest()
         self.agreement.reset()
 
     def adopt(self, identity):
@@ -93,19 +96,19 @@ class Tracking:
 
     def take_shape(self, program):
         """The parcel's outline is known now."""
-        self.outline.set(*program.size())
+        self.belief.set(*program.size())
         self.shaped = True
         self.look()
 
     def place(self, x_um, y_um, turn):
         """The parcel was put there [um; from the cell's own centre]."""
         self.belief.start(x_um, y_um, turn)
-        self.twist.reset()
+        self.belief.rest()
         self.look()
 
     def look(self):
         """Find whether the cell is under the parcel, or nearly."""
-        self.under = self.shaped and self.belief.known and self._footprint.covers(self.outline)
+        self.under = self.shaped and self.belief.known and self._footprint.covers(self.belief)
 
     def miss(self):
         """The parcel is not seen in this beat."""
@@ -130,7 +133,7 @@ class Tracking:
     def is_over(self):
         """Whether the parcel lies over the cell's square; not only over its wheels and sensors."""
         return self.under or (
-            self.shaped and self.belief.known and self._footprint.reaches(self.outline)
+            self.shaped and self.belief.known and self._footprint.reaches(self.belief)
         )
 
     def is_of_another(self):
@@ -141,7 +144,9 @@ class Tracking:
     def is_sure(self):
         """Whether this cell has a belief of its own that nothing is against."""
         return (
-            self.sent and self.under and not (self.missing_beats or self.agreement.outvoted_beats)
+            self.sent >= 0
+            and self.under
+            and not (self.missing_beats or self.agreement.outvoted_beats)
         )
 
     @micropython.native
@@ -155,17 +160,22 @@ class Tracking:
 
         That is no pose where it is too long.
         """
-        certainty = 0
-        sent = self.sent = self.under and not self.follows and ahead_ms <= _AHEAD_MAX_MS
-        if sent:
+        if self.under and not self.follows and ahead_ms <= _AHEAD_MAX_MS:
             certainty = send(self.belief.registers, 1000 // ahead_ms, fields)
             if self.is_doubtful():
                 certainty = 0
-        fields[_CERTAINTY] = self.certainty = certainty
+            fields[_CERTAINTY] = self.sent = certainty
+        else:
+            fields[_CERTAINTY] = 0
+            self.sent = -1
 
 
-def _updating(tracking, place, footprint, heard, suspicion):
-    """What updates a belief; it looks up what changes, and nothing else."""
+def updater(tracking, place, footprint, heard, suspicion):
+    """What updates a belief; it looks up what changes, and nothing else.
+
+    It brings it to the last SYNC, so many milliseconds after that of the last update.
+    """
+    check = checker(tracking.sensors, tracking, footprint, heard, suspicion)
 
     @micropython.native
     def update(  # noqa: PLR0917 - all is at hand
@@ -175,51 +185,55 @@ def _updating(tracking, place, footprint, heard, suspicion):
         agreement=tracking.agreement,
         heard=heard,
         belief=tracking.belief,
-        registers=tracking.outline.registers,
-        peers=tracking.agreement.registers,
-        others=tracking.others,
+        registers=tracking.belief.registers,
+        sums=tracking.agreement.registers,
         out=suspicion.out,
-        shifts=place.shifts,
-        xs=footprint.x,
-        ys=footprint.y,
-        shift_x=footprint.shift_x,
-        shift_y=footprint.shift_y,
-        along_x=footprint.along_x,
-        along_y=footprint.along_y,
+        place=place,
+        steps=STEPS,
+        footprint=footprint.registers,
         estimates=heard.estimates,
         estimate_beat=heard.estimate_beat,
-        speeds=heard.speeds,
-        speeds_beat=heard.speeds_beat,
+        frames=heard.boxes.frames,
+        stamps=heard.boxes.stamps,
         sort=_sort,
         fit=fit,
-        gather=gather,
+        near_mask=near_mask,
         roll=roll,
         sum_up=sum_up,
         agree=agree,
-        check=tracking.sensors.check,
+        place_outline=place_outline,
+        check=check,
     ):
         identity = tracking.identity
         if identity and tracking.shaped:
-            masks = sort(estimates, estimate_beat, speeds_beat, heard.beat, identity, others, out)
+            masks = sort(estimates, estimate_beat, stamps, heard.beat, identity, out)
+            tracking.others = masks >> _OTHERS
             if belief.known:
                 # By the belief of before.
-                cells = masks >> _OWN
-                fit(registers, xs, ys, shift_x, shift_y, along_x, along_y, speeds, cells)
+                fit(registers, footprint, frames, masks >> _OWN & _CELLS)
             else:
-                tracking.twist.reset()
-            gather(estimates, shifts, masks & _ALL, peers, registers)
+                belief.rest()
+            pitch_um = place.pitch_um
+            peers = masks & _ALL
+            if not (peers or belief.known):
+                # Over a border between two buses they may come when the update has begun.
+                beat = heard.beat - 1
+                peers = sort(estimates, estimate_beat, stamps, beat, identity, out) & _ALL
+            agreement.peers = peers
             # A few wheels, all on one side, do not show how a parcel turns.
             under = tracking.under
             follows = tracking.follows = not under or registers[_WHEELS_SHOWN] < _FEW_WHEELS
-            agrees = not follows and tracking.sent
-            if not agrees:
-                agreement.near = 0
+            agrees = not follows and tracking.sent >= 0
+            near = near_mask(estimates, steps, pitch_um, peers, registers, _SENT) if agrees else 0
+            agreement.near = near
             outvoted = agrees and agreement.is_outvoted()
             if not (follows or outvoted) or not tracking.follow():
                 roll(registers, 2000 // step_ms)
-                if agrees and sum_up(peers, out, registers, tracking.certainty):
-                    agree(registers, peers, _OWN_WEIGHT)
-                belief.place()
+                if agrees and sum_up(
+                    estimates, steps, pitch_um, near, registers, out, tracking.sent, sums
+                ):
+                    agree(registers, sums, _OWN_WEIGHT)
+                place_outline(registers, registers[_X], registers[_Y], registers[_TURN])
             if under:
                 check(sync_ms)
             else:
@@ -232,18 +246,17 @@ def _updating(tracking, place, footprint, heard, suspicion):
 
 @micropython.viper
 def _sort(  # noqa: PLR0917 - viper takes words
-    estimates: ptr32,
+    estimates: ptr16,
     estimate_beat: ptr32,
-    speeds_beat: ptr32,
+    stamps: ptr32,
     beat: int,
     parcel: int,
-    others: ptr8,
     out: ptr8,
 ) -> int:
     """The mask of the directions whose estimate of this parcel came in this beat.
 
-    From bit 8 on that of the cells whose speeds came in this beat, and count. Marks in `others` who
-    is at another parcel.
+    From bit 8 on that of the cells whose speeds came in this beat, and count; from bit 17 on that
+    of those who are at another parcel.
     """
     masks = 0
     at = 0
@@ -257,8 +270,8 @@ def _sort(  # noqa: PLR0917 - viper takes words
                     other = 1
             elif came == beat and state == _UNDER and estimates[at + _CERTAINTY] > 0:
                 masks |= 1 << direction
-            others[direction] = other
+            masks |= other << _OTHERS + direction
             at += _FIELDS
-        if speeds_beat[direction] == beat and not other | out[direction] >> _WHEEL & 1:
+        if stamps[_DIRECTIONS + direction] == beat and not other | out[direction] >> _WHEEL & 1:
             masks |= 1 << _OWN + direction
     return masks

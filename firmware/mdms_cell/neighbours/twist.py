@@ -6,9 +6,10 @@ try:
     import micropython
     from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr32
+    from mdms_protocol.cpython import const, micropython, ptr8, ptr32
 
 from mdms_cell.neighbours.geometry.angle import ARM_UM
+from mdms_cell.neighbours.geometry.footprint import ALONG_X, ALONG_Y, POINT_X, POINT_Y, SHIFT
 from mdms_cell.neighbours.geometry.outline import (
     COSINE,
     DISC,
@@ -33,6 +34,14 @@ _HALF_WIDTH = const(6)
 _DISC = const(1)
 assert (_X, _Y, _COSINE, _SINE, _SHAPE) == (X, Y, COSINE, SINE, SHAPE)
 assert (_HALF_LENGTH, _HALF_WIDTH, _DISC) == (HALF_LENGTH, HALF_WIDTH, DISC)
+_POINT_Y = const(7)
+_ALONG_X = const(14)
+_ALONG_Y = const(16)
+_SHIFT = const(18)
+assert (0, _POINT_Y, _SHIFT) == (POINT_X, POINT_Y, SHIFT)
+assert (_ALONG_X, _ALONG_Y) == (ALONG_X, ALONG_Y)
+#: Where frames of speeds begin, see `heard`.
+_SPEEDS = const(64)
 _ARM = const(8000)
 assert _ARM * STEP_UM == ARM_UM
 #: An error of this size halves a wheel's weight, at least [um/s].
@@ -63,51 +72,17 @@ TURN = const(25)
 WHEELS = const(26)  # how many wheels showed it at last
 OFF = const(27)  # how far these were off the twist before, on the average [um/s]
 BEFORE = const(28)  # the three speeds before
-_END = const(31)
-
-
-class TwistFit:
-    """The rigid twist that most wheels agree on, followed from beat to beat, in its `registers`.
-
-    These are those of the parcel's outline.
-    """
-
-    def __init__(self, registers):
-        self.registers = registers
-
-    def reset(self):
-        """At rest."""
-        for number in range(VX, _END):
-            self.registers[number] = 0
-
-    @micropython.native
-    def speeds(self):
-        """The twist: `VX`, `VY` and `TURN` of the registers."""
-        registers = self.registers
-        return registers[VX], registers[VY], registers[TURN]
-
-    def size(self):
-        """The sum of the sizes of the three speeds."""
-        vx, vy, turn = self.speeds()
-        return abs(vx) + abs(vy) + abs(turn)
+TWIST_END = const(31)
 
 
 @micropython.viper
-def fit(  # noqa: PLR0912, PLR0915, PLR0917 - viper takes words
-    twist: ptr32,
-    xs: ptr32,
-    ys: ptr32,
-    shift_xs: ptr32,
-    shift_ys: ptr32,
-    along_xs: ptr32,
-    along_ys: ptr32,
-    speeds: ptr32,
-    mask: int,
+def fit(  # noqa: PLR0912, PLR0915 - it is one thought
+    twist: ptr32, footprint: ptr32, frames: ptr8, mask: int
 ):
     """Move the twist towards what those wheels show that lie under the parcel.
 
-    That is of the directions of a mask; wheels and shifts are those of a `Footprint`, and speeds
-    are in um/s. A direction that no wheel shows stays as it was.
+    That is of the directions of a mask; the frames are those of a `Heard`. A direction that no
+    wheel shows stays as it was.
     """
     widen = int(WIDEN)
     vx = twist[VX] << widen >> widen
@@ -116,7 +91,7 @@ def fit(  # noqa: PLR0912, PLR0915, PLR0917 - viper takes words
     twist[BEFORE] = vx
     twist[BEFORE + 1] = vy
     twist[BEFORE + 2] = turn
-    # As in `outline.points_within`.
+    # As in `footprint.points_within`.
     centre_x = twist[_X] << widen >> widen
     centre_y = twist[_Y] << widen >> widen
     cosine = twist[_COSINE] << widen >> widen
@@ -135,10 +110,11 @@ def fit(  # noqa: PLR0912, PLR0915, PLR0917 - viper takes words
     while mask >> (wheel >> 1):
         if mask >> (wheel >> 1) & 1:
             axis = wheel & 1
-            x = (xs[axis] << widen >> widen) - centre_x
-            y = (ys[axis] << widen >> widen) - centre_y
-            x += shift_xs[wheel >> 1] << widen >> widen
-            y += shift_ys[wheel >> 1] << widen >> widen
+            at = _SHIFT + wheel - axis
+            x = (footprint[axis] << widen >> widen) - centre_x
+            y = (footprint[_POINT_Y + axis] << widen >> widen) - centre_y
+            x += footprint[at] << widen >> widen
+            y += footprint[at + 1] << widen >> widen
             if disc:
                 under = (x >> 2) * (x >> 2) + (y >> 2) * (y >> 2) < radius * radius
             else:
@@ -146,10 +122,12 @@ def fit(  # noqa: PLR0912, PLR0915, PLR0917 - viper takes words
                 across = cosine * y - sine * x >> 13
                 under = 0 - length < along < length and 0 - width < across < width
             if under:
-                along_x = along_xs[axis] << widen >> widen
-                along_y = along_ys[axis] << widen >> widen
+                along_x = footprint[_ALONG_X + axis] << widen >> widen
+                along_y = footprint[_ALONG_Y + axis] << widen >> widen
                 lever = (along_y * x - along_x * y) // _ARM
-                speed = speeds[wheel] << widen >> widen
+                at = _SPEEDS + 4 * wheel
+                speed = frames[at] | frames[at + 1] << 8 | frames[at + 2] << 16
+                speed |= ((frames[at + 3] ^ 0x80) - 0x80) << 24
                 if speed > _MOST_UM_S:
                     speed = _MOST_UM_S
                 elif speed < -_MOST_UM_S:
@@ -200,39 +178,29 @@ def fit(  # noqa: PLR0912, PLR0915, PLR0917 - viper takes words
 
 
 @micropython.viper
-def against(  # noqa: PLR0917 - viper takes words
-    twist: ptr32,
-    xs: ptr32,
-    ys: ptr32,
-    shift_x: int,
-    shift_y: int,
-    along_xs: ptr32,
-    along_ys: ptr32,
-    speeds: ptr32,
-    first: int,
-    mask: int,
-) -> int:
-    """What those wheels of a cell show that are in a mask: TURNS, SLIPS, or both; see `fit`.
-
-    Its speeds begin with the `first`.
-    """
+def against(twist: ptr32, footprint: ptr32, frames: ptr8, direction: int, mask: int) -> int:
+    """What those wheels of a cell show that are in a mask: TURNS, SLIPS, or both; see `fit`."""
     widen = int(WIDEN)
     vx = twist[VX] << widen >> widen
     vy = twist[VY] << widen >> widen
     turn = twist[TURN] << widen >> widen
+    shift_x = footprint[_SHIFT + 2 * direction] << widen >> widen
+    shift_y = footprint[_SHIFT + 2 * direction + 1] << widen >> widen
     shift_x -= twist[_X] << widen >> widen
     shift_y -= twist[_Y] << widen >> widen
     shown = 0
     axis = 0
     while mask >> axis:
         if mask >> axis & 1:
-            along_x = along_xs[axis] << widen >> widen
-            along_y = along_ys[axis] << widen >> widen
-            x = (xs[axis] << widen >> widen) + shift_x
-            y = (ys[axis] << widen >> widen) + shift_y
+            along_x = footprint[_ALONG_X + axis] << widen >> widen
+            along_y = footprint[_ALONG_Y + axis] << widen >> widen
+            x = (footprint[axis] << widen >> widen) + shift_x
+            y = (footprint[_POINT_Y + axis] << widen >> widen) + shift_y
             lever = (along_y * x - along_x * y) // _ARM
             expected = along_x * vx + along_y * vy + lever * turn >> 9
-            speed = speeds[first + axis] << widen >> widen
+            at = _SPEEDS + 8 * direction + 4 * axis
+            speed = frames[at] | frames[at + 1] << 8 | frames[at + 2] << 16
+            speed |= ((frames[at + 3] ^ 0x80) - 0x80) << 24
             # What a broken neighbour sends may be anything.
             if speed > _WILD_UM_S:
                 speed = _WILD_UM_S

@@ -16,7 +16,9 @@ try:
     import micropython  # type: ignore[import-not-found,unused-ignore]
     from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr8, ptr32
+    from mdms_protocol.cpython import const, micropython, ptr8, ptr16, ptr32
+
+from array import array
 
 from mdms_protocol.words import WIDEN
 
@@ -105,8 +107,9 @@ IDENTITY_MAX = const(63)
 SEQUENCE_MAX = const(3)
 
 
-#: Of a frame that is read alone; there once, so that nothing is allocated.
+#: Of a frame that is read alone, and its fields; there once, so that nothing is allocated.
 _FRESH = bytearray(1)
+_ROW = array("h", [0] * ESTIMATE_FIELDS)
 
 
 def clipped(number: int, low: int, high: int) -> int:
@@ -161,17 +164,21 @@ def unpack_estimate(frame: "Sequence[int]", fields: "MutableSequence[int]", base
     if len(frame) != LENGTH:
         return False
     _FRESH[0] = 1
-    read_estimates(frame, _FRESH, fields, base, 1)
-    return _FRESH[0] != 0
+    if read_estimates(frame, _FRESH, _ROW, 1):
+        return False
+    for field in range(ESTIMATE_FIELDS):
+        fields[base + field] = _ROW[field]
+    return True
 
 
 @micropython.viper
-def read_estimates(frames: ptr8, fresh: ptr8, fields: ptr32, base: int, count: int) -> int:
-    """Read those frames of a row that are `fresh`, each into its place in the fields.
+def read_estimates(frames: ptr8, fresh: ptr8, fields: ptr16, count: int) -> int:
+    """Read those frames of a row that are `fresh`, each into its place in fields of 16 bits.
 
     One that is no estimate changes nothing, and is not fresh any more; returns how many there are.
     """
     wrong = 0
+    base = 0
     for number in range(count):
         at = LENGTH * number
         high = frames[at + 6] | frames[at + 7] << 8
@@ -259,6 +266,23 @@ def unpack_program(frame: "Sequence[int]", fields: "MutableSequence[int]", base:
             fields[base + LEG] = high >> 10 & 7
             fields[base + LEGS] = high >> 13
     return True
+
+
+@micropython.viper
+def read_way(pages: ptr8, way: ptr32, base: int):  # type: ignore[no-untyped-def]
+    """Read, of the page of a parcel and that of its goal behind it, what a cell steers by.
+
+    Six numbers: x, y and yaw of the goal, the acceleration, the speed, and the flags.
+    """
+    x = pages[9] >> 2 | pages[10] << 6 | (pages[11] & 0xF) << 14
+    y = pages[11] >> 4 | pages[12] << 4 | (pages[13] & 0x3F) << 12
+    yaw = pages[13] >> 6 | pages[14] << 2 | (pages[15] & 3) << 10
+    way[base] = (x ^ 0x20000) - 0x20000
+    way[base + 1] = (y ^ 0x20000) - 0x20000
+    way[base + 2] = (yaw ^ 0x800) - 0x800
+    way[base + 3] = pages[4] >> 4 | (pages[5] & 0xF) << 4
+    way[base + 4] = pages[5] >> 4 | (pages[6] & 0xF) << 4
+    way[base + 5] = pages[6] >> 4 | (pages[7] & 3) << 4
 
 
 def _write(low: int, middle: int, high: int, frame: "MutableSequence[int]", at: int) -> None:

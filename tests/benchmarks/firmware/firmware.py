@@ -48,7 +48,7 @@ BOARDS = {
     "Teensy 4.1": (600_000_000, 1.43),
 }
 #: Instructions of a Cortex-M4 for one of the unix port: a beat, counted on both; see `emulated`.
-CORTEX_M4_SHARE = 254 / 334
+CORTEX_M4_SHARE = 237 / 311
 SYNC_HZ = 100
 #: Counts of beats whose difference is counted.
 LAYER_BEATS = (20, 60)

@@ -44,7 +44,7 @@ def test_only_what_changes_the_neighbours_sets_filters_anew():
 def test_neighbours_stand_a_pitch_away():
     objects, place, _ = made()
     write(objects, indices.PLACE, 5, 100_000)
-    shifts = [(place.shifts[2 * d], place.shifts[2 * d + 1]) for d in range(p.DIRECTIONS)]
+    shifts = [place.shift_um(direction) for direction in range(p.DIRECTIONS)]
     near, far = 100_000, -100_000
     assert shifts[:4] == [(near, 0), (near, near), (0, near), (far, near)]
     for direction in range(p.DIRECTIONS):

@@ -11,7 +11,7 @@ def test_same_estimates_lead_to_the_same_decisions():
     seed = 1
     digest = 0
     states = [0, 0, 0, 0]
-    estimates = array("i", [0] * (8 * wire.ESTIMATE_FIELDS))
+    estimates = array("h", [0] * (8 * wire.ESTIMATE_FIELDS))
     fresh = bytearray(8)
     for beat in range(4000):
         if beat % 1000 == 999:

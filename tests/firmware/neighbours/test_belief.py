@@ -10,16 +10,22 @@ from mdms_cell.neighbours import belief as beliefs
 from mdms_cell.neighbours import sensors
 from mdms_cell.neighbours.belief import CONTRADICTION, EDGE, TURN, Belief, X
 from mdms_cell.neighbours.geometry.angle import ARM_UM, ONE, TURN_UM, root, wrapped
-from mdms_cell.neighbours.geometry.footprint import MARGIN, POINTS
+from mdms_cell.neighbours.geometry.footprint import (
+    HALF,
+    MARGIN,
+    POINTS,
+    SHIFT,
+    points_within,
+    squares_overlapped,
+)
 from mdms_cell.neighbours.geometry.outline import (
     COSINE,
     DISC,
+    REACH,
     RECTANGLE,
     SINE,
     STEP_UM,
     Outline,
-    points_within,
-    squares_overlapped,
 )
 from mdms_cell.neighbours.geometry.place import AXES, SENSORS
 from mdms_cell.neighbours.twist import BEFORE, VX
@@ -70,7 +76,9 @@ def test_distance_is_that_to_the_nearest_side(x_um, y_um, turn_um, at_x, at_y):
 
 
 def overlaps(found, x, y, half):
-    return squares_overlapped(found.registers, [x], [y], half, 1) == 1
+    footprint = [0] * (HALF + 1)
+    footprint[SHIFT], footprint[SHIFT + 1], footprint[HALF] = x, y, half
+    return squares_overlapped(found.registers, footprint, 1) == 1
 
 
 @given(places, places, turns)
@@ -93,9 +101,10 @@ def test_sensors_are_compared_with_the_outline_at_each_limit(  # noqa: PLR0917
     found = outline(shape, x_um=x_um // 4, y_um=x_um // 5, turn_um=turn_um).registers
     x = [at_x * number // (6 * STEP_UM) for number in range(POINTS)]
     y = [at_y * number // (6 * STEP_UM) for number in range(POINTS)]
+    footprint = [*x, *y, *[0] * (SHIFT + 2 - 2 * POINTS), 100, -100]
 
     def within(limit):
-        return points_within(found, x, y, POINTS, 100, -100, limit)
+        return points_within(found, footprint, 1, POINTS, limit)
 
     deep, far = within(-625) >> AXES, SENSORS_MASK & ~(within(626) >> AXES)
     wanted = within(0) >> AXES ^ bits
@@ -103,13 +112,13 @@ def test_sensors_are_compared_with_the_outline_at_each_limit(  # noqa: PLR0917
     wanted |= sensors._FAR if far & bits else 0
     wanted |= sensors._CLEARLY if deep or far else 0
     wanted |= sensors._NEARLY if within(MARGIN) else 0
-    assert sensors._compare(found, x, y, 100, -100, bits) == wanted
+    assert sensors._compare(found, footprint, 1, bits) == wanted
 
 
 @pytest.mark.parametrize("shape", [RECTANGLE, DISC])
 @pytest.mark.parametrize("away", [(1, 0), (0, 1), (1, 1), (-1, 1)])
 def test_square_beyond_a_gap_is_not_overlapped(shape, away):
-    reach = outline(shape).reach_um // STEP_UM
+    reach = outline(shape).registers[REACH] // STEP_UM
     half = 4000
     x, y = (each * (reach + half + 100) for each in away)
     assert not overlaps(outline(shape), x, y, half)
@@ -122,7 +131,7 @@ def crossing(belief, truth, sensor_um):
 
 def believing(x_um, y_um, turn_um):
     belief = Belief()
-    belief.outline.set(RECTANGLE, LENGTH_UM, WIDTH_UM)
+    belief.set(RECTANGLE, LENGTH_UM, WIDTH_UM)
     belief.start(x_um, y_um, turn_um)
     return belief
 
@@ -133,7 +142,7 @@ def roll(belief, dx_um, dy_um, dturn_um):
     for number, speed in enumerate(speeds):
         belief.registers[VX + number] = belief.registers[BEFORE + number] = speed
     beliefs.roll(belief.registers, 2)
-    belief.place()
+    belief.move_outline()
 
 
 @given(st.integers(-8000, 8000), st.integers(-8000, 8000), st.integers(-4000, 4000))

@@ -9,13 +9,12 @@ from hypothesis import strategies as st
 
 from mdms_cell.neighbours import steering
 from mdms_cell.neighbours.geometry.angle import ROOT_MAX, root
-from mdms_cell.neighbours.geometry.outline import Outline
-from mdms_cell.neighbours.program import GOAL
+from mdms_cell.neighbours.geometry.outline import REACH, Outline
+from mdms_cell.neighbours.program import Program
 from mdms_cell.neighbours.steering import REGISTERS, VX, VY, approach, find_wish, length
 from mdms_protocol.neighbours import frames as wire
 
 ways = st.integers(-3_000_000, 3_000_000)
-REACH_UM = 250_000
 STEP_MS = 10
 
 
@@ -27,13 +26,15 @@ def test_length_is_that_of_the_vector_however_far_it_goes(x, y, z):
 
 def steered(x, y, beats):
     """The registers after so many beats on the way to a goal [steps of the wire]."""
-    fields = array("i", [0] * (GOAL + 3))
-    fields[wire.ACCELERATION] = fields[wire.SPEED] = 255
-    fields[GOAL], fields[GOAL + 1] = x, y
+    program = Program()
+    program.take((1, wire.PARCEL, 1, wire.RECTANGLE, 0, 0, 255, 255, 0))
+    program.take((1, wire.GOAL, 1, x, y, 0, 0, 0, 0))
     registers, parcel = array("i", [0] * REGISTERS), Outline().registers
+    parcel[REACH] = 250_000
     for _ in range(beats):
-        find_wish(registers, fields, parcel, 0, 0, REACH_UM)
-        approach(registers, fields, REACH_UM, 1, STEP_MS)
+        wire.read_way(program.pages, registers, steering.LEFT)
+        find_wish(registers, parcel, 0, 0)
+        approach(registers, parcel, 1, STEP_MS)
     return registers
 
 

@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mdms_cell.neighbours import agreement, belief, leading, sensors, steering, twist
-from mdms_cell.neighbours.geometry import outline
+from mdms_cell.neighbours.geometry import footprint, outline
 from mdms_cell.neighbours.geometry.angle import TURN_UM, root
 from mdms_cell.neighbours.geometry.outline import DISC, RECTANGLE, STEP_UM
-from mdms_protocol.neighbours import frames as wire
+from mdms_cell.neighbours.geometry.place import STEPS
 
 WORD = 1 << 31
 #: Half of the largest parcel, and how far wheels and sensors of neighbours are [steps].
@@ -58,7 +58,7 @@ def numbers(most):
 turns = numbers(TURN_UM // 2)
 halves = st.integers(2_000, HALF)
 #: What a frame may say of a wheel [um/s].
-speeds = st.lists(numbers(WORD - 1), min_size=18, max_size=18)
+speeds = st.binary(min_size=18 * 4, max_size=18 * 4)
 
 
 @given(st.integers(0, 2_000_000_000))
@@ -68,9 +68,15 @@ def test_root_fits(number):
 
 def placed(shape, pose, halves):
     x, y, turn = pose
-    registers = Words([0, 0, 0, 0, shape, *halves, *[0] * 24])
+    registers = Words([0, 0, 0, 0, shape, *halves, *[0] * 25])
     outline.place(registers, x * STEP_UM, y * STEP_UM, turn)
     return registers
+
+
+def cells_around(xs, ys, along=(0, 0, 0, 0), shifts=()):
+    """The registers of a footprint."""
+    points = [*xs, *[0] * (7 - len(xs)), *ys, *[0] * (7 - len(ys))]
+    return Words([*points, *along, *shifts, *[0] * (18 - len(shifts)), 255, 4000])
 
 
 @given(
@@ -80,30 +86,28 @@ def placed(shape, pose, halves):
 )
 def test_outline_fits_wherever_the_parcel_lies(shape, pose, halves):
     registers = placed(shape, pose, halves)
-    xs, ys = Words([NEAR, -NEAR]), Words([NEAR, NEAR])
-    outline.points_within(registers, xs, ys, 2, Word(NEAR), Word(-NEAR), Word(625))
-    outline.squares_overlapped(registers, xs, ys, Word(4000), Word(3))
+    xs, ys = [NEAR, -NEAR, 0, 0, NEAR, 0, 0], [NEAR, NEAR, 0, -NEAR, 0, 0, 0]
+    cells = cells_around(xs, ys, shifts=[NEAR, -NEAR, -NEAR, NEAR])
+    footprint.points_within(registers, cells, Word(0), 2, Word(625))
+    footprint.squares_overlapped(registers, cells, Word(3))
     outline.edge(registers, Word(NEAR), Word(-NEAR))
-    xs, ys = Words([NEAR, -NEAR, 0, 0, NEAR, 0, 0]), Words([NEAR, NEAR, 0, -NEAR, 0, 0, 0])
-    sensors._compare(registers, xs, ys, Word(NEAR), Word(-NEAR), Word(31))
+    sensors._compare(registers, cells, Word(0), Word(31))
 
 
 @settings(max_examples=60)
 @given(st.lists(speeds, min_size=3, max_size=8), numbers(HALF), numbers(HALF), turns, st.data())
 def test_twist_fits_whatever_speeds_come(beats, centre_x, centre_y, turn, data):
     registers = placed(RECTANGLE, (centre_x, centre_y, turn), (Word(2 * HALF), Word(2 * HALF)))
-    along = st.tuples(numbers(362), numbers(362))
-    along_x, along_y = (
-        Words(each) for each in zip(*data.draw(st.tuples(along, along)), strict=True)
+    along = data.draw(st.lists(numbers(362), min_size=4, max_size=4))
+    wheels, shifts = (
+        st.lists(numbers(NEAR // 2), min_size=size, max_size=size) for size in (2, 18)
     )
-    wheels, cells = (st.lists(numbers(NEAR // 2), min_size=size, max_size=size) for size in (2, 9))
-    xs, ys = Words(data.draw(wheels)), Words(data.draw(wheels))
-    shift_xs, shift_ys = Words(data.draw(cells)), Words(data.draw(cells))
+    cells = cells_around(data.draw(wheels), data.draw(wheels), along, data.draw(shifts))
     for beat in beats:
         mask = Word(data.draw(st.integers(0, (1 << 9) - 1)))
-        twist.fit(registers, xs, ys, shift_xs, shift_ys, along_x, along_y, Words(beat), mask)
-        x, y = Word(shift_xs[4]), Word(shift_ys[4])
-        twist.against(registers, xs, ys, x, y, along_x, along_y, Words(beat), Word(8), Word(3))
+        frames = Words([*bytes(64), *beat])
+        twist.fit(registers, cells, frames, mask)
+        twist.against(registers, cells, frames, Word(4), Word(3))
 
 
 @given(
@@ -135,17 +139,15 @@ def test_agreement_fits_whatever_neighbours_say(poses, certainties, certainty):
     fields = [
         (*pose, 7, 3, 0, sure, 5, 1, 0) for pose, sure in zip(poses, certainties, strict=True)
     ]
-    peers = Words([0] * (agreement._ROWS + 32))
-    shifts = Words([127_000, -127_000] * 8)
     estimates = Words([each for row in fields for each in row])
     sent = [each * number for each, number in zip(poses[0], (250, 250, 196), strict=True)]
     registers = placed(RECTANGLE, (0, 0, 0), (HALF, HALF))
     believed = (*sent, *[belief._MOST] * 3, 0, 0, 0, 0, *sent)
     registers = Words([*registers[: belief.X], *believed, *[0] * 8])
-    agreement.gather(estimates, shifts, Word(255), peers, registers)
-    assert peers[agreement._PEERS] == 255
-    if agreement.sum_up(peers, bytes(9), registers, certainty):
-        belief.agree(registers, peers, Word(agreement.OWN_WEIGHT))
+    around, sums = (estimates, STEPS, Word(127_000)), Words([0] * 5)
+    near = agreement.near_mask(*around, Word(255), registers, belief.SENT)
+    if agreement.sum_up(*around, Word(near), registers, bytes(9), certainty, sums):
+        belief.agree(registers, sums, Word(agreement.OWN_WEIGHT))
 
 
 @given(
@@ -157,21 +159,21 @@ def test_agreement_fits_whatever_neighbours_say(poses, certainties, certainty):
 )
 def test_steering_fits_wherever_the_goal_is(goals, poses, place_um, limits, half):
     """Limits are those of the acceleration and of the speed."""
-    registers, targets = Words([0] * steering.REGISTERS), Words([0, 0])
-    reach = Words([NEAR, -NEAR])
+    registers = Words([0] * leading._REGISTERS)
+    reach = [NEAR, -NEAR]
+    cells = cells_around(reach, reach, (362, -362, 362, 362), [NEAR, NEAR, -NEAR, -NEAR])
     for goal, pose in zip(goals, poses, strict=False):
-        fields = Words([0] * 6 + limits + [0] + list(goal))
         x, y, turn = pose
         bottom = placed(RECTANGLE, pose, (half, half))
         believed = x * STEP_UM, y * STEP_UM, turn, *[0] * 10
-        parcel = Words([*bottom[: belief.X], *believed, 1_300_000, -1_300_000, 500_000])
-        steering.find_wish(registers, fields, parcel, *place_um, half * STEP_UM)
+        moving = 1_300_000, -1_300_000, 500_000, *[0] * 5
+        parcel = Words([*bottom[: belief.X], *believed, *moving, half * STEP_UM])
+        for place, number in enumerate((*goal, *limits), steering.LEFT):
+            registers[place] = number
+        steering.find_wish(registers, parcel, *place_um)
         for step_ms in (1, 50):
-            steering.approach(registers, fields, half * STEP_UM, 1, Word(step_ms))
-        leading._aim(
-            registers, parcel, Words([362, -362]), Words([362, 362]), reach, reach, targets
-        )
+            steering.approach(registers, parcel, 1, Word(step_ms))
+        leading._aim(registers, parcel, cells)
         # With less the parcel moves on for tens of metres, where squares leave words and are apart.
-        fields[wire.ACCELERATION] = 255
-        args = parcel, parcel, registers, fields, reach, reach
-        leading._look_ahead(*args, Word(4000), Word(3))
+        registers[steering.ACCELERATION] = Word(255)
+        leading._look_ahead(parcel, parcel, registers, cells, Word(3))

@@ -1,4 +1,4 @@
-"""Two boxes whose ways cross, while a tenth of all frames is lost."""
+"""Boxes whose ways cross: two while a tenth of all frames is lost, four on full buses."""
 
 from tests.benchmarks.cells.crossing import TABLES, boxes_of
 from tests.system.cells.neighbour_host import run, scenario_of
@@ -10,4 +10,11 @@ def test_boxes_that_brake_for_each_other_on_a_bad_bus_do_not_touch():
     # In this case of the benchmark one box turned as it braked, by a wheel that had just joined.
     boxes = boxes_of(2, 1)
     finished = run(scenario_of(boxes, *TABLES[2], seed=1, faults=[LOSS]), boxes, 3.8)
+    assert not finished.touches
+
+
+def test_boxes_that_meet_where_buses_are_full_do_not_touch():
+    # Cells of the next bus had stayed off under a box, which the others turned into another.
+    boxes = boxes_of(4, 1)
+    finished = run(scenario_of(boxes, *TABLES[4], seed=1), boxes, 6.5)
     assert not finished.touches

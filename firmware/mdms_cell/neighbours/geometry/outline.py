@@ -1,4 +1,4 @@
-"""A parcel's bottom seen from above: which points lie under it, and where its nearest edge is.
+"""A parcel's bottom seen from above: where it lies, and where its nearest edge is.
 
 Lengths are whole steps of 16 um, so that a product with a cosine fits 30 bits within 0.6 m.
 """
@@ -39,7 +39,8 @@ NORMAL_Y = const(8)  # pose, its sign changed [1/1024]
 LEVER = const(9)
 #: Those of its belief and of its twist follow in the same array; see `belief` and `twist`.
 REGISTERS = const(10)
-_ALL_REGISTERS = const(31)
+REACH = const(31)  # from its centre to its corners [um]
+_ALL_REGISTERS = const(32)
 
 
 class Outline:
@@ -56,9 +57,9 @@ class Outline:
         registers[SHAPE] = shape
         registers[HALF_LENGTH] = length_um // (2 * STEP_UM)
         registers[HALF_WIDTH] = width_um // (2 * STEP_UM)
-        self.reach_um = length_um // 2
+        registers[REACH] = length_um // 2
         if shape == RECTANGLE:
-            self.reach_um = root((length_um >> 10) ** 2 + (width_um >> 10) ** 2) << 9
+            registers[REACH] = root((length_um >> 10) ** 2 + (width_um >> 10) ** 2) << 9
 
     def place(self, x_um, y_um, turn_um):
         """Take a pose."""
@@ -124,80 +125,3 @@ def edge(outline: ptr32, x: int, y: int) -> int:
         outline[NORMAL_Y] = sign * cosine >> 3
         outline[LEVER] = (sign * along << 10) // _ARM
     return distance
-
-
-@micropython.viper
-def points_within(  # noqa: PLR0917 - viper takes words
-    outline: ptr32, xs: ptr32, ys: ptr32, points: int, shift_x: int, shift_y: int, limit: int
-) -> int:
-    """The mask of the points, moved by a shift, that are less than `limit` outside an outline."""
-    widen = int(WIDEN)
-    shift_x -= outline[X] << widen >> widen
-    shift_y -= outline[Y] << widen >> widen
-    cosine = outline[COSINE] << widen >> widen
-    sine = outline[SINE] << widen >> widen
-    length = outline[HALF_LENGTH] + limit
-    width = outline[HALF_WIDTH] + limit
-    radius = length + 3 >> 2 if length > 0 else 0
-    square = radius * radius
-    disc = outline[SHAPE] == DISC
-    mask = 0
-    bit = 1
-    for point in range(points):
-        x = (xs[point] << widen >> widen) + shift_x
-        y = (ys[point] << widen >> widen) + shift_y
-        if disc:
-            if (x >> 2) * (x >> 2) + (y >> 2) * (y >> 2) < square:
-                mask |= bit
-        else:
-            along = cosine * x + sine * y >> 13
-            if along < length and along > 0 - length:
-                across = cosine * y - sine * x >> 13
-                if across < width and across > 0 - width:
-                    mask |= bit
-        bit <<= 1
-    return mask
-
-
-@micropython.viper
-def squares_overlapped(
-    outline: ptr32, centres_x: ptr32, centres_y: ptr32, half: int, asked: int
-) -> int:
-    """The mask of those squares of a mask that the bottom lies over [steps; half their side].
-
-    Two rectangles lie apart where one of their four axes shows a gap.
-    """
-    widen = int(WIDEN)
-    cosine = outline[COSINE] << widen >> widen
-    sine = outline[SINE] << widen >> widen
-    length = outline[HALF_LENGTH]
-    width = outline[HALF_WIDTH]
-    upright = cosine if cosine > 0 else 0 - cosine
-    aslant = sine if sine > 0 else 0 - sine
-    reach_x = half + (upright * length + aslant * width >> 13)
-    reach_y = half + (aslant * length + upright * width >> 13)
-    shadow = half * (upright + aslant) >> 13
-    radius = length + 3 >> 2
-    mask = 0
-    square = 0
-    while asked >> square:
-        x = (centres_x[square] << widen >> widen) - (outline[X] << widen >> widen)
-        y = (centres_y[square] << widen >> widen) - (outline[Y] << widen >> widen)
-        far_x = x if x > 0 else 0 - x
-        far_y = y if y > 0 else 0 - y
-        if not asked >> square & 1:
-            apart = True
-        elif outline[SHAPE] == DISC:
-            far_x = far_x - half >> 2 if far_x > half else 0
-            far_y = far_y - half >> 2 if far_y > half else 0
-            apart = far_x * far_x + far_y * far_y >= radius * radius
-        else:
-            along = cosine * x + sine * y >> 13
-            across = cosine * y - sine * x >> 13
-            apart = far_x > reach_x or far_y > reach_y
-            apart = apart or along > length + shadow or along < 0 - length - shadow
-            apart = apart or across > width + shadow or across < 0 - width - shadow
-        if not apart:
-            mask |= 1 << square
-        square += 1
-    return mask

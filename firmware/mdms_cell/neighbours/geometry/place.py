@@ -3,7 +3,7 @@
 Lengths are whole micrometres from the cell's own centre, along the axes of the table's frame.
 Neighbours are numbered by direction, counterclockwise from +x: 0 east, 1 north-east, 2 north, 3
 north-west, 4 west, 5 south-west, 6 south, 7 south-east; the opposite of d is d ^ 4. They are taken
-for cells like this one, a pitch away: their wheels and sensors are its own, moved by `shifts`.
+for cells like this one, a pitch away: their wheels and sensors are its own, moved by `shift_um`.
 """
 
 from array import array
@@ -28,7 +28,8 @@ UNITY = 1 << 14
 AXES = 2
 SENSORS = 5
 
-_STEPS = (1, 0, 1, 1, 0, 1, -1, 1, -1, 0, -1, -1, 0, -1, 1, -1)
+#: How far each neighbour is along x and y, and the cell itself [pitches, and one more].
+STEPS = bytes((2, 1, 2, 2, 1, 2, 0, 2, 0, 1, 0, 0, 1, 0, 2, 0, 1, 1))
 _MICRO = 1_000_000
 
 
@@ -36,15 +37,13 @@ class Place:
     """Integer tables, in small ints; `changed()` is called when other nodes are neighbours.
 
     `column` and `row` count from 1; where one is 0 the place is unknown. `x_um` and `y_um` are the
-    cell's centre [table frame]. Of direction d, `nodes[d]` is the node id, 0 for none, and
-    `shifts[2 * d]` and the next are where that neighbour's centre is.
+    cell's centre [table frame]. Of direction d, `nodes[d]` is the node id, 0 for none.
     """
 
     def __init__(self, objects, changed):
         self._objects = objects
         self._changed = changed
         self.nodes = array("B", bytes(DIRECTIONS))
-        self.shifts = array("i", bytes(8 * DIRECTIONS))
         on_setting = self._on_setting
         for index in (indices.PLACE, indices.NEIGHBOURS, indices.SENSOR_OFFSETS):
             objects.watch(index, on_setting)
@@ -70,8 +69,10 @@ class Place:
         self.pitch_um = number(indices.PLACE, 5)
         for direction in range(DIRECTIONS):
             self.nodes[direction] = number(indices.NEIGHBOURS, direction + 1)
-        for place, step in enumerate(_STEPS):
-            self.shifts[place] = step * self.pitch_um
+
+    def shift_um(self, direction):
+        """Where the centre of a neighbour is [from the cell's own centre]."""
+        return tuple((STEPS[2 * direction + place] - 1) * self.pitch_um for place in (0, 1))
 
     def contact_um(self, axis):
         """Where the wheel of an axis touches [from the cell's own centre]."""
