@@ -69,7 +69,7 @@ _STEERING_ARRIVED = const(12)
 assert _STEERING_ARRIVED == ARRIVED
 assert (_RIGHT_IDENTITY, _RIGHT_STATE) == (right_of_way.IDENTITY, right_of_way.STATE)
 assert (_RIGHT_HOLD, _DRIVE_BEATS) == (right_of_way.HOLD, right_of_way.DRIVE_BEATS)
-_FIRST_OF_ORDER = const(5)
+_FIRST_OF_ORDER = const(6)
 assert precedence.FIRST == _FIRST_OF_ORDER
 # The clock wraps, see `ticks`; a difference of two instants is negative from here on.
 _WRAP = const((1 << 30) - 1)

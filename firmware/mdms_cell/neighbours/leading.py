@@ -16,6 +16,7 @@ from mdms_cell.neighbours.geometry.angle import ARM_UM, wrapped
 from mdms_cell.neighbours.geometry.footprint import (
     ALONG_X,
     ALONG_Y,
+    HALF,
     POINT_X,
     POINT_Y,
     PRESENT,
@@ -36,6 +37,9 @@ _ASK_MS = const(500)
 _HOLD_BEATS = const(50)
 #: Without its host a parcel stands for so long in all, while others have the right of way [ms].
 _WAIT_MS = const(30_000)
+#: Without its host a parcel asks for cells that it comes so much nearer to [steps]: it stands that
+#: far from one that it has to wait for, and does not come over it by a hair before its turn.
+_ROOM = const(12)
 #: To a wheel that is to join in the parcel's motion, fewer wheels do not show it, nor wheels that
 #: are off what is known of it by more than this [um/s].
 _JOIN_WHEELS = const(4)
@@ -65,7 +69,8 @@ _POINT_Y = const(7)
 _ALONG_X = const(14)
 _ALONG_Y = const(16)
 _PRESENT = const(36)
-assert (0, _POINT_Y, _PRESENT) == (POINT_X, POINT_Y, PRESENT)
+_HALF = const(37)
+assert (0, _POINT_Y, _PRESENT, _HALF) == (POINT_X, POINT_Y, PRESENT, HALF)
 assert (_ALONG_X, _ALONG_Y) == (ALONG_X, ALONG_Y)
 
 # Registers of a cell's wheels, after those of its steering
@@ -136,7 +141,11 @@ class Leading:
             return here | here << 8
         registers = self.registers
         read_way(program.pages, registers, _WAY)
-        return _look_ahead(parcel, parcel, registers, footprint, present)
+        room = _ROOM if registers[_ALONE_MS] else 0
+        footprint[_HALF] += room
+        ahead = _look_ahead(parcel, parcel, registers, footprint, present)
+        footprint[_HALF] -= room
+        return ahead
 
     @micropython.native
     def may_go_on(self, program, step_ms, alone, held):

@@ -25,20 +25,19 @@ _UNDER = const(3)
 assert (_PROMISED, _UNDER) == (wire.PROMISED, wire.UNDER)
 
 # Bytes of an order: how many of it have come, how long the last of them has been away, for how many
-# beats another has been kept waiting (two bytes), the frame's byte with the number, the identities
+# beats another has been kept waiting (two bytes each), the frame's byte with the number, identities
 _COME = const(0)
 _AWAY = const(1)
-_KEPT_BEATS = const(2)
-_KEPT_HIGH = const(3)
-_NUMBER = const(4)
-FIRST = const(5)
-BYTES = const(10)
+_KEPT_BEATS = const(3)
+_NUMBER = const(5)
+FIRST = const(6)
+BYTES = const(11)
 assert BYTES == FIRST + frame.PLACES
 
 #: A parcel that has left may come back while it turns, and has gone only after so many beats in
-#: which it is under a neighbour, or a sixth of that elsewhere.
-_GONE = const(250)
-_ELSEWHERE = const(6)
+#: which it is under a neighbour, or a twelfth of that elsewhere.
+_GONE = const(500)
+_ELSEWHERE = const(12)
 #: Others are kept waiting for so long; whoever is to precede them comes no more.
 _PATIENCE_BEATS = const(1500)
 
@@ -81,7 +80,7 @@ def turn(order: ptr8, here: int, state: int, estimates: ptr16, fresh: ptr8) -> i
     state_at = int(wire.STATE)
     come = order[_COME]
     last = order[FIRST + come - 1] if come else 0
-    away = order[_AWAY]
+    away = order[_AWAY] | order[_AWAY + 1] << 8
     if last and here == last and state >= _PROMISED and away < _GONE:
         away = 0
     else:
@@ -101,8 +100,9 @@ def turn(order: ptr8, here: int, state: int, estimates: ptr16, fresh: ptr8) -> i
             away = 0
             order[_COME] = come
             order[_KEPT_BEATS] = 0
-            order[_KEPT_HIGH] = 0
-    order[_AWAY] = away
+            order[_KEPT_BEATS + 1] = 0
+    order[_AWAY] = away & 0xFF
+    order[_AWAY + 1] = away >> 8
     return come - 1 if come and away < _GONE else come
 
 
@@ -128,10 +128,11 @@ def keep(order: ptr8, now: int, estimates: ptr16, fresh: ptr8):
             kept = 1
             estimates[fields * direction + wants_at] = wants ^ own
     if kept:
-        beats = (order[_KEPT_BEATS] | order[_KEPT_HIGH] << 8) + 1
+        beats = (order[_KEPT_BEATS] | order[_KEPT_BEATS + 1] << 8) + 1
         if beats >= _PATIENCE_BEATS:
             order[_COME] += 1
-            order[_AWAY] = _GONE
+            order[_AWAY] = _GONE & 0xFF
+            order[_AWAY + 1] = _GONE >> 8
             beats = 0
         order[_KEPT_BEATS] = beats & 0xFF
-        order[_KEPT_HIGH] = beats >> 8
+        order[_KEPT_BEATS + 1] = beats >> 8

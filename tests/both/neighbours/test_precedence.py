@@ -14,7 +14,7 @@ EAST, WEST = 0, 4
 #: So long a promise that nobody asks for any more is kept, and then nobody is promised anything.
 LAPSED = 60
 #: How long a parcel counts as there after it has left: under a neighbour, and elsewhere.
-NEAR, FAR = 260, 50
+NEAR, FAR = 510, 50
 
 
 class Asked(Middle):
