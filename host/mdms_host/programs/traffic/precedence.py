@@ -8,8 +8,7 @@ from mdms_host.routes.reservations import Reservations, Visit
 from mdms_host.routes.space.tiles import Tiles
 
 #: A parcel that comes over the same cell again comes twice, if it is planned to be away for longer
-#: between [s]: cells take one that stays beside them for twice as long for still there, and leave
-#: it that for what it does more slowly than planned.
+#: between [s]. Cells wait twice as long for one that stays beside them: it may be slower by then.
 _AWAY_S = 2.5
 
 
