@@ -76,7 +76,8 @@ class Reservations:
             np.arange(len(names)), [len(route.visits.tile) for route in self.routes.values()]
         )
         order = np.lexsort((leaves_s, enters_s, tile))
-        rows = stairs(tile[order], owner[order], enters_m[order], leaves_m[order])
+        visits = tile[order], owner[order], enters_m[order], leaves_m[order]
+        rows = stairs(len(names), *visits)
         for parcel, other, before_m, left_m in rows:
             waits[names[parcel]].append(Wait(before_m, names[other], left_m))
         return {name: tuple(sorted(own)) for name, own in waits.items()}
@@ -93,13 +94,12 @@ def _left_m(route: Route) -> Floats:
 
 
 @compiled
-def stairs(tile: Ints, owner: Ints, enters_m: Floats, leaves_m: Floats) -> list[Row]:
+def stairs(owners: int, tile: Ints, owner: Ints, enters_m: Floats, leaves_m: Floats) -> list[Row]:
     """What owners of visits wait for, these by tile and time; what follows from another left out.
 
     One wait follows from another of the same two that has an earlier `before` and a later `leaves`.
     """
     rows: list[Row] = []
-    owners = owner.max() + 1
     # The last row of each two owners; -1: there is none yet.
     last = np.full((owners, owners), -1)
     for later in np.argsort(enters_m):

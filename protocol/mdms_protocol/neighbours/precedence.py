@@ -11,6 +11,8 @@ try:
 except ImportError:
     from mdms_protocol.cpython import const
 
+from mdms_protocol.neighbours.frames import IDENTITY_MAX, LENGTH
+
 try:
     from typing import TYPE_CHECKING
 except ImportError:
@@ -28,14 +30,12 @@ PLACES = const(5)
 #: Numbers are below this.
 NUMBERS = const(4)
 
-_LENGTH = const(8)
-_IDENTITY_MAX = const(63)
 _NUMBER_BIT = const(6)
 
 
 def pack_precedence(number: int, column: int, row: int, identities: "Sequence[int]") -> bytes:
     """The data of the frame, of at most `PLACES` identities."""
-    frame = bytearray(_LENGTH)
+    frame = bytearray(LENGTH)
     frame[NUMBER] = number << _NUMBER_BIT
     frame[COLUMN], frame[ROW] = column, row
     for place, identity in enumerate(identities):
@@ -45,17 +45,12 @@ def pack_precedence(number: int, column: int, row: int, identities: "Sequence[in
 
 def is_precedence(frame: "Sequence[int]") -> bool:
     """Whether a frame is one: of a cell, and of identities with no gap between."""
-    if (
-        len(frame) != _LENGTH
-        or frame[NUMBER] & _IDENTITY_MAX
-        or not frame[COLUMN]
-        or not frame[ROW]
-    ):
+    if len(frame) != LENGTH or frame[NUMBER] & IDENTITY_MAX or not frame[COLUMN] or not frame[ROW]:
         return False
     ended = False
     for place in range(FIRST, FIRST + PLACES):
         identity = frame[place]
-        if identity > _IDENTITY_MAX or (ended and identity):
+        if identity > IDENTITY_MAX or (ended and identity):
             return False
         ended = not identity
     return True

@@ -11,6 +11,7 @@ from mdms_protocol.neighbours.precedence import is_precedence, pack_precedence
 
 FIRST, SECOND = 9, 7
 EAST, WEST = 0, 4
+NMT_START, NMT_PRE_OPERATIONAL = 1, 128
 #: So long a promise that nobody asks for any more is kept, and then nobody is promised anything.
 LAPSED = 60
 #: How long a parcel counts as there after it has left: under a neighbour, and elsewhere.
@@ -124,6 +125,15 @@ def test_order_that_ends_lets_anybody_come():
     asked.order(1, FIRST, SECOND)
     asked.order(2)
     asked.beats(20)
+    asked.asking = {EAST: SECOND}
+    assert asked.beats(60) == SECOND
+
+
+def test_order_is_none_after_a_restart():
+    asked = alone()
+    for command in (NMT_PRE_OPERATIONAL, NMT_START):
+        asked.cell.on_frame(cob.NMT, bytes((command, NODE)), asked.now_ms)
+        asked.beats(5)
     asked.asking = {EAST: SECOND}
     assert asked.beats(60) == SECOND
 

@@ -1,5 +1,6 @@
 """Whoever keeps to its authority meets nobody and is held up by nobody for ever."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,7 +11,8 @@ from tests.host.routes.parcels import LONG, task
 
 from mdms_host.layout import Layout
 from mdms_host.routes.planner import Plan, Planner
-from mdms_host.routes.reservations import REST_M
+from mdms_host.routes.reservations import REST_M, Reservations
+from mdms_host.routes.route import Visits
 from mdms_host.routes.space.tiles import Tiles
 
 
@@ -33,6 +35,12 @@ def test_planned_visits_of_a_tile_do_not_overlap(plan: Plan) -> None:
     for visits in plan.reservations.order.values():
         for former, later in pairwise(visits):
             assert former.parcel == later.parcel or former.leaves_s < later.enters_s
+
+
+def test_parcel_that_has_left_all_its_tiles_waits_for_nobody(plan: Plan) -> None:
+    route = plan.routes["a"]
+    left = replace(route, visits=Visits(*(column[:0] for column in route.visits)))
+    assert Reservations({"a": left}).waits == {"a": ()}
 
 
 @settings(max_examples=60, deadline=None)
