@@ -3,11 +3,14 @@
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+from mdms_sim.referee.referee import Referee
+from mdms_sim.referee.truth import Truth
 
 # No test asserts a time, and the first example of a law may have to be compiled. Who runs the tests
 # gets the same examples each time, half as many as are usual; who looks for new ones says
@@ -34,6 +37,25 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if item.get_closest_marker("compiles"):
             item.add_marker(pytest.mark.xdist_group("compiles"))
     items.sort(key=lambda item: item.get_closest_marker("compiles") is None)
+
+
+@pytest.fixture(autouse=True)
+def _judged(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A violation in any simulated run fails the test; one that provokes some says `violates`."""
+    referees: list[Referee] = []
+    begin = Referee.__init__
+
+    def watched(referee: Referee, truth: Truth) -> None:
+        begin(referee, truth)
+        referees.append(referee)
+
+    monkeypatch.setattr(Referee, "__init__", watched)
+    yield
+    violations = [violation for referee in referees for violation in referee.violations]
+    marker = request.node.get_closest_marker("violates")
+    allowed = () if marker is None else marker.args
+    wrong = [each for each in violations if each.rule not in allowed]
+    assert not wrong, "the referee has noted: " + "; ".join(map(str, wrong[:5]))
 
 
 @pytest.fixture

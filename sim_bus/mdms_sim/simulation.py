@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import BinaryIO
 
@@ -38,6 +39,9 @@ from mdms_sim.nodes.gateway import GatewayNode
 from mdms_sim.nodes.micropython_bank import MicropythonBank
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.physics.plane.world import World
+from mdms_sim.referee.referee import Referee
+from mdms_sim.referee.rules import Violation
+from mdms_sim.referee.truth import HostReport, Truth
 from mdms_sim.sampling import Sampler
 
 __all__ = ["BusFigures", "Outcome", "Simulation", "open_bank", "simulate"]
@@ -76,13 +80,15 @@ class Outcome:
 
     record: Record
     bus: BusFigures
+    violations: tuple[Violation, ...] = ()
 
 
 class Simulation:
     """A scenario with its cells, its buses and its participants, ready to run.
 
     `bus` is the only one of `buses`, or their first. `faults` are those of the scenario; others may
-    begin while it runs.
+    begin while it runs. The `referee` judges the run; it knows what the host says by
+    `host_report`, if that is given.
 
     `estimates` returns the poses [m, m, rad] that somebody believes the parcels to have, shape
     (P, 3), NaN where unknown; they are only recorded. A run without end is better not `recorded`,
@@ -97,6 +103,7 @@ class Simulation:
         *,
         bus_log: BinaryIO | None = None,
         estimates: Callable[[], Floats] | None = None,
+        host_report: Callable[[], HostReport] | None = None,
         recorded: bool = True,
         most_samples: int | None = None,
     ) -> None:
@@ -153,6 +160,11 @@ class Simulation:
             places=self._places,
             drivers=self._drivers,
         )
+        self.referee = Referee(Truth(scenario, addresses, self.world, self._places, host_report))
+        self.faults.observe(self.referee.on_fault)
+        for number, bus in enumerate(self.buses):
+            bus.observe(partial(self.referee.on_frame, number), self.referee.watched[number])
+        self._judged = self.referee.delivered
         for cell, supply_v in enumerate(self.world.bridges.supply_v):
             bank.set_supply(cell, round(supply_v * UV_PER_V))
         self._delivered_ns = -1
@@ -196,14 +208,19 @@ class Simulation:
             errors=sum(bus.errors for bus in self.buses),
             log_sha256=self.log.log_sha256,
         )
-        events = sorted([*self.world.events, *self.faults.events], key=lambda each: each.time_s)
-        return Outcome(self._sampler.record(events, self._reports.any), figures)
+        self.referee.finish()
+        sources = self.world.events, self.faults.events, self.referee.events
+        events = sorted(chain(*sources), key=lambda each: each.time_s)
+        record = self._sampler.record(events, self._reports.any)
+        return Outcome(record, figures, tuple(self.referee.violations))
 
     def _on_report(self, bus: int, frame: Frame, now_ns: int) -> None:
         self._reports.on_frame(bus, frame, now_ns / NS_PER_S)
 
     def _deliver(self, cell: int, frame: Frame, now_ns: int) -> None:
         """A frame has reached a cell (from 0); its background loop deals with it soon."""
+        if frame.can_id in self._judged:
+            self.referee.on_delivery(cell, frame, now_ns)
         self._bank.deliver(cell, frame)
         if now_ns != self._delivered_ns:
             # All cells that one frame has reached answer at one instant.
@@ -223,6 +240,7 @@ class Simulation:
         self._voltage_uv = np.empty_like(driven_uv)
         self._voltage_uv[places] = driven_uv
         self.world.bridges.awake[places] = self._bank.awake
+        self.referee.on_tick(now_ns, self._voltage_uv)
         self.kernel.at(now_ns + PROCESSING_NS, PRIORITY_COLLECT, self._collect_all)
         self.kernel.at(now_ns + TICK_NS, PRIORITY_TICK, self._tick)
 
@@ -264,14 +282,15 @@ def simulate(
     *,
     bus_log: Path | None = None,
     estimates: Callable[[], Floats] | None = None,
+    host_report: Callable[[], HostReport] | None = None,
     progress: Progress | None = None,
     over: Callable[[], bool] = lambda: False,
 ) -> Outcome:
     """Run a whole scenario with cells of the kind `nodes`: "cpython" or "micropython".
 
     The bus is logged into the file `bus_log`, if named. It ends before its time once it is `over`.
-    `estimates` are as of a `Simulation`, [m, m, rad]; `progress` gets the time reached [s].
-    Raises `NodeError` when the cells cannot run.
+    `estimates` and `host_report` are as of a `Simulation`, [m, m, rad]; `progress` gets the time
+    reached [s]. Raises `NodeError` when the cells cannot run.
     """
     with ExitStack() as stack:
         bank = open_bank(nodes, addresses_of(scenario).node_ids)
@@ -283,6 +302,7 @@ def simulate(
             participants,
             bus_log=log,
             estimates=estimates,
+            host_report=host_report,
             most_samples=MOST_SAMPLES,
         )
         simulation.run_until(scenario.run.duration_s, progress, over)

@@ -63,7 +63,7 @@ class SimulatedTable(LiveTable):
         self._faults = FaultsByHand(
             simulation, scenario, lambda: self._new_messages.append(self._faults.message())
         )
-        self._seen = {"world": 0, "faults": 0}
+        self._seen = {"world": 0, "faults": 0, "referee": 0}
         self._pace = _Pace(time)
 
     def description(self) -> dict[str, Any]:
@@ -106,7 +106,11 @@ class SimulatedTable(LiveTable):
 
     def take_messages(self) -> list[dict[str, Any]]:
         """See `Table`."""
-        sources = {"world": self._simulation.world.events, "faults": self._simulation.faults.events}
+        sources = {
+            "world": self._simulation.world.events,
+            "faults": self._simulation.faults.events,
+            "referee": self._simulation.referee.events,
+        }
         for name, events in sources.items():
             self.add_events(events_of(events[self._seen[name] :]))
             self._seen[name] = len(events)

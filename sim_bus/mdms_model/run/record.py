@@ -38,7 +38,7 @@ class Event:
     """Something that happened at one instant.
 
     `kind` is one of 'support', 'contact', 'reversal', 'tip', 'touch', 'arrival', 'exit', 'solver',
-    'fault', 'coordinator', 'link'.
+    'fault', 'coordinator', 'link', 'violation'.
     """
 
     time_s: float

@@ -4,7 +4,7 @@ Every fault is noted as an event when it begins and when it ends. Each draws fro
 own, so that one more fault does not change what the others do.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from random import Random
 
@@ -23,6 +23,9 @@ from mdms_sim.faults.world import WorldFaults
 from mdms_sim.kernel import Kernel
 from mdms_sim.nodes.bank import CellBank
 from mdms_sim.physics.plane.world import World
+
+#: Called with a fault, whether it begins (or ends), and the time [ns].
+FaultObserver = Callable[[Fault, bool, int], object]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +58,7 @@ class Faults:
         drivers: Sequence[Driver],
     ) -> None:
         self.events: list[Event] = []
+        self._observers: list[FaultObserver] = []
         self._kernel = kernel
         self._kinds = {
             **WireFaults(buses, controllers).kinds,
@@ -65,6 +69,10 @@ class Faults:
         self._begun = len(faults)
         for number, fault in enumerate(faults):
             self._schedule(fault, Random(f"{seed}/{number}"))
+
+    def observe(self, observer: FaultObserver) -> None:
+        """Has `observer(fault, begins, now_ns)` called when a fault begins or ends."""
+        self._observers.append(observer)
 
     def begin(self, fault: Fault) -> Ongoing:
         """Have a fault begin now, whatever its times say; `end` ends it.
@@ -97,6 +105,8 @@ class Faults:
             self._kernel.at(end_ns, PRIORITY, lambda: self._note(fault, "ends", course.end()))
 
     def _note(self, fault: Fault, what: str, detail: str | None) -> None:
+        for observer in self._observers:
+            observer(fault, what == "begins", self._kernel.now_ns)
         time_s = self._kernel.now_ns / NS_PER_S
         text = f"{fault.kind} {what}" + (f": {detail}" if detail else "")
         for cell in fault.cells or [None]:

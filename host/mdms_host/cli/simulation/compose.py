@@ -19,6 +19,7 @@ from mdms_model.run.slip import slip_m_s
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.physics.plane.ideal import solve_ideal
 from mdms_sim.physics.row.solver import solve_row
+from mdms_sim.referee.rules import Violation
 from mdms_sim.simulation import BusFigures, simulate
 
 __all__ = ["Finished", "run_scenario"]
@@ -36,7 +37,7 @@ class Finished:
     where it steered parcels last, and `unfinished` is whether its program was to end, and has not,
     `waits` where it waits, and `failed` whether it has ended by an error in it;
     `lost_cells` are those that it does without by then, and `pauses` is how often it has held all
-    parcels.
+    parcels. `violations` are what the referee of the simulation has noted.
     `wall_s` leaves out `compile_s`, which passes once per installation.
     """
 
@@ -53,6 +54,7 @@ class Finished:
     troubles: tuple[tuple[float, str], ...] = ()
     lost_cells: tuple[int, ...] = ()
     pauses: int = 0
+    violations: tuple[Violation, ...] = ()
     wall_s: float = 0.0
     compile_s: float = 0.0
 
@@ -136,6 +138,7 @@ def _firmware(
             troubles=troubles,
             lost_cells=tuple(sorted(coordinator.lost_cells)),
             pauses=coordinator.pauses,
+            violations=outcome.violations,
         )
 
     return work

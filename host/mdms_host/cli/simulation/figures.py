@@ -56,6 +56,7 @@ def figures_of(scenario: Scenario, finished: Finished) -> dict[str, Any]:
         figures["bus"] = asdict(finished.bus)
         figures["lost_cells"] = list(finished.lost_cells)
         figures["pauses"] = finished.pauses
+        figures["violations"] = [asdict(violation) for violation in finished.violations]
     return figures
 
 

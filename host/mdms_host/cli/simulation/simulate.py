@@ -96,7 +96,9 @@ def verdict(scenario: Scenario, finished: Finished) -> Exit:
     # That a parcel is stuck is among the troubles.
     for text in filter(None, (None if fault == finished.stuck else fault, missed)):
         say(f"mdms: {text}")
-    if any(event.kind == "tip" for event in finished.record.events):
+    for violation in finished.violations:
+        say(f"{violation.time_s:8.3f} s  rule '{violation.rule}' broken: {violation.text}")
+    if finished.violations or any(event.kind == "tip" for event in finished.record.events):
         return Exit.FAILURE
     if finished.fault is not None:
         return Exit.NODE_FAULT

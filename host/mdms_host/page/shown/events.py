@@ -19,7 +19,9 @@ def events_of(events: Iterable[Event]) -> list[dict[str, Any]]:
 def _shown(event: Event) -> dict[str, Any]:
     more: dict[str, Any] = {"cell": event.cell, "parcel": event.parcel}
     more = {key: value for key, value in more.items() if value is not None}
-    return event_of(event.time_s, event.kind, event.text, trouble=event.kind == "tip", **more)
+    return event_of(
+        event.time_s, event.kind, event.text, trouble=event.kind in ("tip", "violation"), **more
+    )
 
 
 def event_of(

@@ -29,7 +29,7 @@ class Level(IntEnum):
 _LEVELS = {
     **dict.fromkeys(("support", "contact", "reversal"), Level.DEBUG),
     **dict.fromkeys(("fault", "touch", "link"), Level.WARNING),
-    **dict.fromkeys(("tip", "solver"), Level.ERROR),
+    **dict.fromkeys(("tip", "solver", "violation"), Level.ERROR),
 }
 
 

@@ -1,0 +1,83 @@
+"""The rules of the referee as one table, which the documents print."""
+
+from dataclasses import dataclass
+
+__all__ = ["RULES", "Rule", "Violation"]
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """One rule; `safety` rules may never be violated, whatever fails."""
+
+    name: str
+    safety: bool
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Violation:
+    """A rule was broken at `time_s` [s], by a cell (number from 1) or about a parcel."""
+
+    time_s: float
+    rule: str
+    text: str
+    cell: int | None = None
+    parcel: str | None = None
+
+
+#: All rules, in the order in which they are printed.
+RULES = {
+    rule.name: rule
+    for rule in (
+        Rule(
+            "asked",
+            True,
+            "After power-up, a reset, a fault, NMT stop, quick stop, or 5 ms of supply below the "
+            "limit, a wheel gets no voltage until a later controlword from another node enables "
+            "it: 'enable operation', or 'switch on' where cells steer. Braking is allowed. A rest "
+            "for want of promises is no stop.",
+        ),
+        Rule(
+            "heeded",
+            True,
+            "After a stop, an END or a lapsed lease, voltage and wheel speed fall within the "
+            "documented time; for ramped stops, within 1.3 v2/2a and the reaction way.",
+        ),
+        Rule(
+            "silent",
+            True,
+            "After the last valid command or heartbeat, no wheel is pushed onward for longer than "
+            "documented. A hung cell has the time of its watchdog.",
+        ),
+        Rule(
+            "one_parcel",
+            True,
+            "No cell drives for a parcel that is not over it while another is. No cell is "
+            "promised to two.",
+        ),
+        Rule(
+            "apart",
+            True,
+            "A run makes no parcels touch, tips none, and loses none over an edge except at an "
+            "exit. A touch that full braking from the event could not avoid is counted apart.",
+        ),
+        Rule(
+            "true",
+            False,
+            "'Arrived' is said at a believed 3 mm and 1 degree, and means a truth within 5 mm and "
+            "2 degrees at that instant. Exit code 0 means that everything asked for has happened.",
+        ),
+        Rule(
+            "said",
+            False,
+            "A fault that stops a parcel is reported within 2 s, on the bus if the host is dead. "
+            "A run that cannot end says why within 30 s.",
+        ),
+        Rule(
+            "quiet",
+            True,
+            "From 0.5 s after its parcel has left, a wheel gets no voltage that turns it, unless "
+            "somebody asked.",
+        ),
+    )
+}

@@ -1,0 +1,51 @@
+"""What the referee may know: the scenario, the world, and what the host says of itself."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mdms_model.buses import Addresses
+from mdms_model.scenario.scenario import Scenario
+from mdms_sim.physics.plane.world import World
+
+__all__ = ["HostReport", "Note", "Truth"]
+
+
+class Note(Protocol):
+    """Notes a violation of a rule, by a cell (number from 1) or about a parcel."""
+
+    def __call__(
+        self, rule: str, text: str, *, cell: int | None = None, parcel: str | None = None
+    ) -> None:
+        """The violation is of this instant."""
+
+
+@dataclass(frozen=True, slots=True)
+class HostReport:
+    """What the host says at one instant.
+
+    `arrived` has the goals [m, m, rad; yaw None where any will do] of the parcels that it says are
+    there. `reason` is why it cannot go on, if it says so, and `over` whether its job has ended.
+    """
+
+    arrived: Mapping[str, tuple[float, float, float | None]] = field(default_factory=dict)
+    reason: str | None = None
+    over: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """The run as it is, for the judges.
+
+    `places` has the place of each cell's node, both from 0. `host` says what the host says now;
+    None where no host says anything.
+    """
+
+    scenario: Scenario
+    addresses: Addresses
+    world: World
+    places: NDArray[np.intp]
+    host: Callable[[], HostReport] | None = None
