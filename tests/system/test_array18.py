@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from mdms_host.cli.scenario.coordination import coordinator_of
-from mdms_host.cli.simulation.compose import run_scenario
+from mdms_array.host import coordinator_of
+from mdms_array.simulation import run_scenario
 from mdms_model.run.record import Contact
 from mdms_model.scenario.file import load_scenario
 from mdms_sim.simulation import Simulation, open_bank

@@ -5,7 +5,7 @@ from collections import defaultdict
 
 import pytest
 
-from mdms_host.cli.simulation.compose import run_scenario
+from mdms_array.simulation import run_scenario
 from mdms_model.run.folder import START_S
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.codecs import cob

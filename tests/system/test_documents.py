@@ -16,10 +16,10 @@ from tests.system.flashing.unix_board import boards_in
 from tests.system.simulated_link import SimulatedLink
 from tests.virtual_array import SimulatedArray, virtual_time
 
+from mdms_array.source import open_program
 from mdms_host.cli import main
 from mdms_host.cli.exits import INTERRUPTED, Exit
 from mdms_host.cli.reference import pages
-from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.verbs import VERBS, build_parser
 from mdms_host.commissioning.array_file import ArrayFile, FiledCell, FiledTable
 from mdms_host.commissioning.array_writing import array_document

@@ -25,6 +25,7 @@ from mdms_host.can_link.punctuality import first_in_line
 from mdms_host.can_link.slcan_port import GarbledError, SlcanPort
 from mdms_host.can_link.transmitter import Transmitter
 from mdms_host.clock import Clock
+from mdms_model.errors import Error
 from mdms_model.participant import Participant
 from mdms_protocol.codecs import cob
 from mdms_protocol.codecs.frame import Frame
@@ -50,7 +51,7 @@ def _is_of_device(error: Exception) -> bool:
     return isinstance(error, _DEVICE_ERRORS) and not isinstance(error.__cause__, ValueError)
 
 
-class LinkError(Exception):
+class LinkError(Error):
     """There is no way to the bus."""
 
 

@@ -21,6 +21,8 @@ INTERRUPTED = 130
 #: Classes are named here, not imported: a verb should not wait for the modules of the others.
 EXITS = {
     "builtins.OSError": Exit.FAILURE,
+    "mdms_model.errors.Error": Exit.FAILURE,
+    "mdms_model.errors.InputError": Exit.USAGE,
     "mdms_host.can_link.link.LinkError": Exit.NO_DEVICE,
     "mdms_host.commissioning.array_file.ArrayFileError": Exit.USAGE,
     "mdms_host.commissioning.commissioner.CommissionError": Exit.NODE_FAULT,

@@ -7,8 +7,8 @@ from functools import partial
 from importlib import import_module
 from typing import Any, NoReturn
 
+from mdms_array.extras import Extra, require
 from mdms_host.cli.exits import Exit
-from mdms_host.cli.extras import Extra, require
 
 
 @dataclass(frozen=True, slots=True)

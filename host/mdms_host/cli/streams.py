@@ -1,11 +1,13 @@
 """Stdout and stderr as they come: closed, full, without a reader, or of few characters."""
 
 import io
+import logging
 import os
 import sys
 from contextlib import suppress
 
 from mdms_host.cli.exits import Exit
+from mdms_model.log import LOG
 
 
 class Output(io.TextIOWrapper):
@@ -33,8 +35,20 @@ class Output(io.TextIOWrapper):
             self.failure = error
 
 
+class _Said(logging.Handler):
+    """Warnings of the packages as lines for people."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """See `logging.Handler`."""
+        say(f"mdms: {record.getMessage()}")
+
+
+_SAID = _Said()
+
+
 def open_streams() -> None:
     """Have both streams take anything; what was closed goes nowhere."""
+    LOG.addHandler(_SAID)
     if sys.stdout is None:
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - it stays open to the end
     if sys.stderr is None:

@@ -1,9 +1,9 @@
 """The table of all verbs; each is a function of a module that is imported when the verb is used."""
 
+from mdms_array.extras import BOARDS, PICTURES, RECORDING, SIMULATION
 from mdms_host.cli import options
 from mdms_host.cli.commission.options import COMMISSION, DOCTOR, IDENTIFY, JOG
 from mdms_host.cli.configure.options import CONFIGURE
-from mdms_host.cli.extras import BOARDS, PICTURES, RECORDING, SIMULATION
 from mdms_host.cli.parser import Parser, ShowVersion, Verb, add_verbs
 from mdms_host.cli.simulation import squeeze_options
 
@@ -16,7 +16,7 @@ Results go to stdout, messages to stderr. Exit codes: 0 ok, 1 failure, 2 usage o
 _ARRAY = "mdms_host.cli.array"
 _FLASH = "mdms_host.cli.flash"
 _RECORDS = "mdms_host.cli.records"
-_SCENARIO = "mdms_host.cli.scenario"
+_SCENARIO = "mdms_host.cli.scenarios"
 _SIMULATION = "mdms_host.cli.simulation"
 _BUS = f"{_ARRAY}.bus:add_bus"
 
@@ -38,13 +38,13 @@ VERBS = (
     Verb(
         "scenarios",
         "list the built-in scenarios, or print one",
-        f"{_SCENARIO}.reports:scenarios",
+        f"{_SCENARIO}:scenarios",
         options.add_scenarios,
     ),
     Verb(
         "limits",
         "the paper's bounds for each parcel, and the largest gain",
-        f"{_SCENARIO}.reports:limits",
+        f"{_SCENARIO}:limits",
         options.add_limits,
     ),
     Verb(

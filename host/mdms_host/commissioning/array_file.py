@@ -12,6 +12,7 @@ from typing import Any
 
 from mdms_host.commissioning.cell_settings import CellSettings
 from mdms_host.commissioning.parameters import BY_NAME, Parameter, ParameterError
+from mdms_model.errors import InputError
 from mdms_model.scenario.limit import LENGTH, Limit
 from mdms_model.scenario.scenario import ScenarioError, Wheel
 from mdms_model.scenario.tree import build
@@ -28,7 +29,7 @@ _PLACE = ("number", "column", "row")
 _BUSES_MOST = 1000
 
 
-class ArrayFileError(Exception):
+class ArrayFileError(InputError):
     """A file that cannot be read, or lacks what it should have; the message has the place."""
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from decimal import ROUND_HALF_EVEN, Decimal, InvalidOperation
 from difflib import get_close_matches
 
+from mdms_model.errors import InputError
 from mdms_protocol import indices
 from mdms_protocol.dictionary import ENTRIES
 from mdms_protocol.entry import PER_MILLE, PLAIN, Entry
@@ -16,7 +17,7 @@ _LAST_OF_PDOS = 0x1BFF
 _OBJECT = re.compile(r"0x([0-9a-fA-F]{4})(?::(\d+))?")
 
 
-class ParameterError(ValueError):
+class ParameterError(InputError):
     """A setting that does not exist, or a value that it cannot have; the message has the limits."""
 
 

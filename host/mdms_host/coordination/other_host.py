@@ -6,6 +6,7 @@ from math import inf
 from mdms_host.can_link.link import AnyLink, drive
 from mdms_host.clock import Clock
 from mdms_host.coordination.care.supervision import OTHER_HOST
+from mdms_model.errors import Error
 from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.codecs.frame import Frame
 
@@ -14,7 +15,7 @@ _LISTEN_S = 0.35
 HEARTBEAT = cob.HEARTBEAT_BASE + cob.NODE_MAX
 
 
-class OtherHostError(Exception):
+class OtherHostError(Error):
     """Another host runs on the bus."""
 
 

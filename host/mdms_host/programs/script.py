@@ -23,6 +23,8 @@ from traceback import extract_tb
 from types import CoroutineType, coroutine
 from typing import Any, Generic, TypeVar, cast
 
+from mdms_model.errors import Error
+
 Result = TypeVar("Result")
 Condition = Callable[[], bool]
 #: Files of this package are not where a person looks for an error in a program.
@@ -31,7 +33,7 @@ _OURS = str(Path(__file__).parent)
 _MOST_ROUNDS = 1000
 
 
-class ScriptError(RuntimeError):
+class ScriptError(Error):
     """A program that does not keep to what a table can wait for."""
 
 

@@ -4,9 +4,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from mdms_host.estimation.belief import Belief
+from mdms_model.errors import Error
 
 
-class ProgramError(RuntimeError):
+class ProgramError(Error):
     """What a program asks for cannot be, or has not come to be: one line for a person."""
 
 

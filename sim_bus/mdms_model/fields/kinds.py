@@ -9,10 +9,11 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from mdms_model.arrays import Floats
+from mdms_model.errors import InputError
 from mdms_model.scenario.motion import Part
 
 
-class FieldError(ValueError):
+class FieldError(InputError):
     """A field is not known or lacks what it needs."""
 
 

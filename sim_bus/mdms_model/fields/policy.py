@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mdms_model.array import build_cells
 from mdms_model.arrays import Floats
+from mdms_model.errors import InputError
 from mdms_model.motor import drive_of
 from mdms_model.scenario.scenario import Parcel, Scenario
 from mdms_model.statics.limits import (
@@ -26,7 +27,7 @@ from mdms_model.statics.limits import (
 CLEAR = 1e-3
 
 
-class PolicyError(ValueError):
+class PolicyError(InputError):
     """References outside a policy's limit, or a parcel for which it has none."""
 
 

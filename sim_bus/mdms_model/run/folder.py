@@ -15,6 +15,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from mdms_model.errors import InputError
 from mdms_model.run.mcap.lichtblick import layout_of
 from mdms_model.run.record import Record, RecordFileError
 from mdms_model.scenario.file import scenario_from
@@ -61,7 +62,7 @@ _DEVICE = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 SavePicture = Callable[[Path, Scenario, Record], object]
 
 
-class RunFolderError(ValueError):
+class RunFolderError(InputError):
     """A folder that is no run, or that must not be written to; the message says why."""
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mdms_model.arrays import Floats
+from mdms_model.errors import InputError
 
 __all__ = ["Contact", "Event", "Plan", "Record", "RecordFileError", "Tile"]
 
@@ -29,7 +30,7 @@ class Contact(IntEnum):
     UNKNOWN = 4
 
 
-class RecordFileError(ValueError):
+class RecordFileError(InputError):
     """A file holds no record of ours."""
 
 

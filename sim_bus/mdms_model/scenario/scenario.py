@@ -8,6 +8,7 @@ by their types and by the `Limit` beside each field.
 from dataclasses import dataclass, field
 from typing import Any
 
+from mdms_model.errors import InputError
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.limit import (
     ANGLE,
@@ -36,7 +37,7 @@ __all__ = [
 ]
 
 
-class ScenarioError(ValueError):
+class ScenarioError(InputError):
     """A scenario that cannot be run; the message is one line with key, value, limit and way out."""
 
 

@@ -7,6 +7,7 @@ from math import pi
 import numpy as np
 
 from mdms_model.arrays import Floats
+from mdms_model.errors import InputError
 from mdms_model.squeeze.bisectors import Bisector, Bisectors
 
 __all__ = ["SqueezeError", "SqueezeFunction", "alike_turns", "squeeze_function"]
@@ -15,7 +16,7 @@ __all__ = ["SqueezeError", "SqueezeFunction", "alike_turns", "squeeze_function"]
 SAME_RAD = 1e-6
 
 
-class SqueezeError(ValueError):
+class SqueezeError(InputError):
     """A part that no squeeze field orients."""
 
 

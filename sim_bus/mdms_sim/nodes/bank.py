@@ -6,11 +6,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from mdms_model.errors import Error
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.confinement import Confinement
 
 
-class NodeError(Exception):
+class NodeError(Error):
     """The cells cannot run."""
 
 

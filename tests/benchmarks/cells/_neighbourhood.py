@@ -19,8 +19,8 @@ import numpy as np
 from tests.benchmarks.sim_bus._tables import TABLES, Counted
 from tests.system.cells.neighbour_host import BEAT_S, Box, NeighbourHost, scenario_of
 
+from mdms_array.host import layout_of
 from mdms_cell.cell import Cell
-from mdms_host.cli.scenario.coordination import layout_of
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.simulation import Simulation, addresses_of
 

@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
+from mdms_array.host import coordinator_of
+from mdms_array.source import open_program
 from mdms_host.cli.exits import CommandError
-from mdms_host.cli.scenario.coordination import coordinator_of
-from mdms_host.cli.scenario.gain import open_program
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_model.buses import address_cells
 from mdms_model.run.cell_reports import CellReports

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from tests.benchmarks.cells.neighbours import CONFIDENCE, at_least
 
-from mdms_host.cli.scenario.coordination import coordinator_of
+from mdms_array.host import coordinator_of
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.tracker import Tracker
 from mdms_host.motion.footholds import MARGIN_M

@@ -23,7 +23,7 @@ from random import Random
 
 import numpy as np
 
-from mdms_host.cli.scenario.coordination import coordinator_of
+from mdms_array.host import coordinator_of
 from mdms_host.estimation.tracker import Tracker
 from mdms_host.motion.outcome import REACHED_M, REACHED_RAD
 from mdms_model.scenario.file import load_scenario

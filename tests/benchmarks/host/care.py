@@ -18,7 +18,7 @@ from typing import Any
 
 from tests.benchmarks.cells.neighbours import CELLS, CONFIDENCE, at_least, scenario_of
 
-from mdms_host.cli.scenario.coordination import coordinator_of
+from mdms_array.host import coordinator_of
 from mdms_host.coordination.phase import HELD
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.nodes.python_bank import PythonBank

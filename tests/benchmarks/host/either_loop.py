@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from tests.benchmarks.cells.neighbours import at_least
 
-from mdms_host.cli.simulation.compose import run_scenario
-from mdms_host.cli.simulation.figures import figures_of
+from mdms_array.figures import figures_of
+from mdms_array.simulation import run_scenario
 from mdms_model.scenario.file import load_scenario
 
 LIMIT_S = 25.0

@@ -32,7 +32,7 @@ from tests.benchmarks.host._route_instances import Table, instance
 from tests.benchmarks.host._route_outlines import faults
 from tests.benchmarks.host.routes import held
 
-from mdms_host.cli.scenario.coordination import coordinator_of
+from mdms_array.host import coordinator_of
 from mdms_host.estimation.outlines.disc import Disc
 from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.routes.errand import Task

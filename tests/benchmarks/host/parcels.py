@@ -18,7 +18,7 @@ from time import process_time
 
 import numpy as np
 
-from mdms_host.cli.scenario.coordination import layout_of, settings_of
+from mdms_array.host import layout_of, settings_of
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.outlines.rectangle import Rectangle

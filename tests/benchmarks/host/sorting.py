@@ -13,9 +13,9 @@ from typing import Any
 
 from tests.host.programs.rolling import Rolling
 
-from mdms_host.cli.scenario.gain import open_program
-from mdms_host.cli.simulation.compose import run_scenario
-from mdms_host.cli.simulation.figures import stream_figures
+from mdms_array.figures import stream_figures
+from mdms_array.simulation import run_scenario
+from mdms_array.source import open_program
 from mdms_model.run.comings import is_wrong
 from mdms_model.scenario.scenario import Scenario
 

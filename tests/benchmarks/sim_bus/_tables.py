@@ -9,7 +9,7 @@ import time
 from contextlib import closing
 from typing import Any
 
-from mdms_host.cli.scenario.coordination import coordinator_of
+from mdms_array.host import coordinator_of
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Scenario
 from mdms_protocol.codecs.frame import Frame

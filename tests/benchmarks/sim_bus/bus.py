@@ -16,7 +16,7 @@ import can
 from tests.benchmarks.cells._neighbourhood import neighbourhoods
 from tests.benchmarks.sim_bus._tables import tables
 
-from mdms_host.cli.scenario.coordination import coordinator_of
+from mdms_array.host import coordinator_of
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.bus import Bus

@@ -66,7 +66,7 @@ def test_nearest_class_of_an_error_decides_its_exit_code():
 
 
 def test_error_that_is_a_defect_is_not_hidden(monkeypatch):
-    monkeypatch.setattr("mdms_host.cli.scenario.reports.scenarios", raising(ZeroDivisionError()))
+    monkeypatch.setattr("mdms_host.cli.scenarios.scenarios", raising(ZeroDivisionError()))
     with pytest.raises(ZeroDivisionError):
         main(["scenarios"])
 
@@ -105,7 +105,7 @@ def raising(error):
     ],
 )
 def test_error_becomes_one_line_and_a_code(monkeypatch, capsys, error, code, told):
-    monkeypatch.setattr("mdms_host.cli.scenario.reports.scenarios", raising(error))
+    monkeypatch.setattr("mdms_host.cli.scenarios.scenarios", raising(error))
     assert main(["scenarios"]) == code
     assert capsys.readouterr() == ("", told)
 

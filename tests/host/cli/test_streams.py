@@ -135,7 +135,7 @@ def test_error_of_a_file_is_one_line(monkeypatch, capsys):
     def fail(_arguments):
         raise OSError(28, "No space left on device", "run/bus.log")
 
-    monkeypatch.setattr("mdms_host.cli.scenario.reports.scenarios", fail)
+    monkeypatch.setattr("mdms_host.cli.scenarios.scenarios", fail)
     assert main(["scenarios"]) == Exit.FAILURE
     assert capsys.readouterr().err == "mdms: run/bus.log: No space left on device\n"
 

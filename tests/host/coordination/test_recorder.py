@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from mdms_host.cli.records.plan_log import PlanLog
-from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
+from mdms_array.host import coordinator_of, estimates_of
+from mdms_array.recording import PlanLog
 from mdms_host.coordination.recorder import Recorder
 from mdms_model.run.record import Contact, Event
 from mdms_model.scenario.file import load_scenario

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
+from mdms_array.host import coordinator_of, estimates_of
 from mdms_model.scenario.file import load_scenario
 from mdms_sim.simulation import simulate
 

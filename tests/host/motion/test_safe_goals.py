@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mdms_host.cli.scenario.coordination import coordinator_of
+from mdms_array.host import coordinator_of
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.goal import Goal

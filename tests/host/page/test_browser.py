@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from tests.host.page.window import IN_A_BROWSER, drag, place_of, wait_for_text, wait_until
 
-from mdms_host.cli.simulation.compose import run_scenario
+from mdms_array.simulation import run_scenario
 from mdms_model.run.folder import BUS_LOG, write_run
 from mdms_model.scenario.file import load_scenario
 

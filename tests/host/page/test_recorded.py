@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from tests.host.page.bench import unpacked
 
+from mdms_array.simulation import run_scenario
 from mdms_host.cli.records.player import table_of
-from mdms_host.cli.simulation.compose import run_scenario
 from mdms_host.page import commands
 from mdms_host.page.commands import RefusedError
 from mdms_host.page.shown.bus_watch import CellState

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mdms_host.cli.scenario.coordination import layout_of, masses_of, parcels_of, traction_of
-from mdms_host.cli.scenario.programs import table_program
+from mdms_array.host import layout_of, masses_of, parcels_of, table_program, traction_of
 from mdms_host.estimation.belief import Belief, Kind
 from mdms_host.estimation.pose.confirmation import Standing
 from mdms_host.estimation.presence.sensor_groups import SensorGroups

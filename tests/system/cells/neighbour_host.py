@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
-from mdms_host.cli.scenario.coordination import layout_of
+from mdms_array.host import layout_of
 from mdms_host.layout import Layout
 from mdms_host.places import all_values
 from mdms_model.run.record import Record

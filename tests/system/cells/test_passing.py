@@ -1,7 +1,7 @@
 """Scenario `passing2` from its begin to its end: two boxes pass each other over a bus's border."""
 
-from mdms_host.cli.simulation.compose import run_scenario
-from mdms_host.cli.simulation.figures import figures_of
+from mdms_array.figures import figures_of
+from mdms_array.simulation import run_scenario
 from mdms_host.cli.simulation.simulate import verdict
 from mdms_model.scenario.file import load_scenario
 

@@ -4,9 +4,9 @@ from contextlib import closing
 
 import numpy as np
 
-from mdms_host.cli.scenario.coordination import coordinator_of
-from mdms_host.cli.simulation.compose import run_scenario
-from mdms_host.cli.simulation.figures import figures_of
+from mdms_array.figures import figures_of
+from mdms_array.host import coordinator_of
+from mdms_array.simulation import run_scenario
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol import pdo
 from mdms_sim.nodes.python_bank import PythonBank

@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from mdms_array.simulation import Finished, run_scenario
 from mdms_host.cli.exits import Exit
-from mdms_host.cli.simulation.compose import Finished, run_scenario
 from mdms_host.cli.simulation.simulate import verdict
 from mdms_host.coordination.phase import Phase
 from mdms_model.run.record import Record

@@ -3,8 +3,8 @@
 import pytest
 from tests.benchmarks.firmware.watching import faults
 
+from mdms_array.host import coordinator_of
 from mdms_cell.drive import state_machine
-from mdms_host.cli.scenario.coordination import coordinator_of
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.dictionary import ENTRIES
 from mdms_sim.simulation import simulate

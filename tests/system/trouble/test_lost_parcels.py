@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from mdms_host.cli.simulation.compose import run_scenario
-from mdms_host.cli.simulation.figures import figures_of
+from mdms_array.figures import figures_of
+from mdms_array.simulation import run_scenario
 from mdms_host.cli.simulation.simulate import verdict
 from mdms_model.scenario.file import load_scenario
 

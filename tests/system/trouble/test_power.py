@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.micropython_builds import skipping_without_micropython
 
-from mdms_host.cli.scenario.coordination import coordinator_of
+from mdms_array.host import coordinator_of
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cia402, cob

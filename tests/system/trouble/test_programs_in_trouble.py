@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from tests.system.trouble.documented import messages
 
+from mdms_array.simulation import Finished, run_scenario
 from mdms_host.cli.exits import Exit
-from mdms_host.cli.simulation.compose import Finished, run_scenario
 from mdms_host.cli.simulation.simulate import verdict
 from mdms_host.programs.program import Main
 from mdms_host.programs.script import until

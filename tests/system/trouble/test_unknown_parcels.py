@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from mdms_host.cli.simulation.compose import run_scenario
-from mdms_host.cli.simulation.figures import figures_of
+from mdms_array.figures import figures_of
+from mdms_array.simulation import run_scenario
 from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.motion.contact import gap_m
 from mdms_model.scenario.file import scenario_from

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from mdms_host.cli.simulation.compose import Finished, run_scenario
-from mdms_host.cli.simulation.figures import figures_of
+from mdms_array.figures import figures_of
+from mdms_array.simulation import Finished, run_scenario
 from mdms_host.coordination.phase import Phase
 from mdms_model.scenario.file import load_scenario
 

@@ -3,18 +3,18 @@
 from argparse import Namespace
 from collections.abc import Callable
 
+from mdms_array.array import Belief
+from mdms_array.checks import timing_of
+from mdms_array.host import (
+    coordinator_of,
+    layout_of,
+    parcels_of,
+)
 from mdms_host.can_link.link import AnyLink, DeviceGoneError, drive
 from mdms_host.can_link.punctuality import punctual
 from mdms_host.cli.array.bus import open_links
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.paging import opened_page
-from mdms_host.cli.scenario.belief import Belief
-from mdms_host.cli.scenario.coordination import (
-    coordinator_of,
-    layout_of,
-    parcels_of,
-)
-from mdms_host.cli.scenario.load import timing_of
 from mdms_host.cli.signals import interrupted
 from mdms_host.cli.streams import say
 from mdms_host.clock import Clock

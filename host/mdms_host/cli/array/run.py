@@ -8,19 +8,18 @@ from dataclasses import asdict
 from math import isnan
 from typing import Any
 
+from mdms_array.array import Belief, believe
+from mdms_array.checks import check_load
+from mdms_array.extras import PAGE, RECORDING, require
+from mdms_array.host import coordinator_of, estimates_of, has_failed, waits_text
+from mdms_array.recording import PlanLog
+from mdms_array.source import open_program
 from mdms_host.can_link.link import DeviceGoneError
 from mdms_host.cli.array.bus import open_links
 from mdms_host.cli.exits import CommandError, Exit, exit_of
-from mdms_host.cli.extras import PAGE, RECORDING, require
 from mdms_host.cli.files import writing
 from mdms_host.cli.records.bus_log import LogWriter
 from mdms_host.cli.records.keep import keep_run, lasting
-from mdms_host.cli.records.plan_log import PlanLog
-from mdms_host.cli.scenario.belief import Belief, believe
-from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
-from mdms_host.cli.scenario.gain import open_program
-from mdms_host.cli.scenario.load import check_load
-from mdms_host.cli.scenario.programs import has_failed, waits_text
 from mdms_host.cli.streams import say
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, Operation, operate

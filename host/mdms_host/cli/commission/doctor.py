@@ -5,11 +5,11 @@ from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
+from mdms_array.checks import motor_of
 from mdms_host.cli.configure.cells import open_commissioning, ranges
 from mdms_host.cli.configure.options import nodes_of
 from mdms_host.cli.console import progress
 from mdms_host.cli.exits import Exit
-from mdms_host.cli.scenario.gain import motor_of
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning import commissioner as steps

@@ -4,6 +4,7 @@ import json
 from argparse import Namespace
 from collections.abc import Mapping, Sequence
 
+from mdms_array.checks import motor_of
 from mdms_host.cli.configure.cells import (
     open_commissioning,
     ranges,
@@ -12,7 +13,6 @@ from mdms_host.cli.configure.cells import (
     write_cells,
 )
 from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.scenario.gain import motor_of
 from mdms_host.cli.streams import say
 from mdms_host.commissioning.cell_settings import CellSettings, Change
 from mdms_host.commissioning.parameters import BY_NAME, Parameter, parse_assignments

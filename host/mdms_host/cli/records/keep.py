@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from mdms_host.cli.extras import PICTURES
+from mdms_array.extras import PICTURES
 from mdms_host.cli.records.bus_log import convert_log
 from mdms_host.cli.streams import say
 from mdms_model.run.folder import BUS_LOG, DATABASE, SavePicture, write_run

@@ -3,9 +3,9 @@
 from argparse import Namespace
 from dataclasses import replace
 
+from mdms_array.host import layout_of, parcels_of
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.paging import opened_page
-from mdms_host.cli.scenario.coordination import layout_of, parcels_of
 from mdms_host.cli.signals import interrupted
 from mdms_host.clock import MonotonicClock
 from mdms_host.page.recorded import RecordedTable

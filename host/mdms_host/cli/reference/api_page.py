@@ -9,8 +9,8 @@ MODULES = {
     "Scenarios and runs": (
         "mdms_model.scenario.file",
         "mdms_model.scenario.scenario",
-        "mdms_host.cli.simulation.compose",
-        "mdms_host.cli.simulation.figures",
+        "mdms_array.simulation",
+        "mdms_array.figures",
         "mdms_model.run.record",
         "mdms_model.run.folder",
     ),

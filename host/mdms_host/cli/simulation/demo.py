@@ -6,10 +6,10 @@ from math import degrees, hypot
 from pathlib import Path
 from typing import Any
 
-from mdms_host.cli.compiling import REPORTED_S
+from mdms_array.compiling import REPORTED_S
+from mdms_array.extras import PAGE, require
+from mdms_array.source import open_program
 from mdms_host.cli.exits import Exit
-from mdms_host.cli.extras import PAGE, require
-from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.simulation.simulate import simulate, verdict
 from mdms_model.scenario.scenario import Parcel, Scenario
 

@@ -6,13 +6,13 @@ from contextlib import closing, contextmanager
 from functools import partial
 from time import sleep
 
-from mdms_host.cli.exits import Exit
-from mdms_host.cli.paging import opened_page
-from mdms_host.cli.scenario.coordination import (
+from mdms_array.host import (
     coordinator_of,
     layout_of,
     parcels_of,
 )
+from mdms_host.cli.exits import Exit
+from mdms_host.cli.paging import opened_page
 from mdms_host.cli.signals import interrupted
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.page.seat import Seat

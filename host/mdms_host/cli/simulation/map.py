@@ -5,11 +5,11 @@ from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
-from mdms_host.cli.compiling import compiling_watched
+from mdms_array.checks import chosen_parcel
+from mdms_array.compiling import compiling_watched
+from mdms_array.host import references_m_s
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.files import replacing
-from mdms_host.cli.scenario.field import references_m_s
-from mdms_host.cli.scenario.footing import chosen_parcel
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Parcel, Scenario
 from mdms_sim.physics.analysis.field_map import FieldMap, map_field

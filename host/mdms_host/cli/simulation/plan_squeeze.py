@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from mdms_host.cli.compiling import compiling_watched
+from mdms_array.checks import chosen_parcel
+from mdms_array.compiling import compiling_watched
+from mdms_array.host import references_m_s
 from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.files import replacing
-from mdms_host.cli.scenario.field import references_m_s
-from mdms_host.cli.scenario.footing import chosen_parcel
 from mdms_model.arrays import Floats
 from mdms_model.outline import area_and_moment, outline_of, own_outline_m
 from mdms_model.scenario.file import load_scenario

@@ -11,11 +11,11 @@ import json
 from argparse import Namespace
 from collections.abc import Callable, Iterable
 
+from mdms_array.figures import figures_of, report
+from mdms_array.simulation import Finished, timed
 from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.records.bus_log import LogPlayer, chosen, read_log
-from mdms_host.cli.simulation.compose import Finished, timed
-from mdms_host.cli.simulation.figures import figures_of, report
 from mdms_host.cli.simulation.simulate import verdict
 from mdms_model.run.folder import BUS_LOG, read_run
 from mdms_model.scenario.scenario import Scenario

@@ -7,10 +7,10 @@ import tomllib
 import pytest
 from tests.virtual_array import StandingArray, virtual_time
 
+from mdms_array.checks import gain_limits
 from mdms_host.cli import main
 from mdms_host.cli.configure.cells import ranges
 from mdms_host.cli.exits import Exit
-from mdms_host.cli.scenario.gain import gain_limits
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning, SilentError
 from mdms_host.commissioning.node_ids import address_of

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mdms_array.checks import motor_of
 from mdms_cell.drive import speed_loop, tuning
-from mdms_host.cli.scenario.gain import motor_of
 from mdms_host.commissioning.wheels import loop_margin
 from mdms_host.commissioning.wheels.loop_margin import (
     DEFAULT,

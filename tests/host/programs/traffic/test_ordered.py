@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.host.programs.rolling import Rolling
 
-from mdms_host.cli.records.plan_log import PlanLog
+from mdms_array.recording import PlanLog
 from mdms_host.motion.goal import Goal
 from mdms_host.programs.order import Gate
 from mdms_host.programs.table import ProgramError

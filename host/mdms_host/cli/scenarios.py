@@ -5,10 +5,10 @@ from argparse import Namespace
 from dataclasses import asdict
 from typing import Any
 
+from mdms_array.checks import MASSLESS, gain_limits
+from mdms_array.extras import COMPILER
+from mdms_array.host import command_figures
 from mdms_host.cli.exits import Exit
-from mdms_host.cli.extras import COMPILER
-from mdms_host.cli.scenario.field import command_figures
-from mdms_host.cli.scenario.gain import MASSLESS, gain_limits
 from mdms_host.cli.streams import say
 from mdms_model.fields.command import command_of
 from mdms_model.scenario.file import builtin_names, builtin_text, load_scenario

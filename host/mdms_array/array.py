@@ -5,10 +5,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from mdms_array.checks import motor_of
+from mdms_array.host import Cells
 from mdms_host.can_link.sdo_client import Setting
-from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.scenario.cells import Cells
-from mdms_host.cli.scenario.gain import motor_of
 from mdms_host.commissioning.array_file import (
     ArrayFile,
     ArrayFileError,
@@ -19,6 +18,7 @@ from mdms_host.commissioning.array_file import (
 from mdms_host.commissioning.filed_places import without_places
 from mdms_host.commissioning.parameters import WIRING
 from mdms_host.commissioning.wheels.loop_margin import GainError, Observer, check_gain, observer_for
+from mdms_model.errors import InputError
 from mdms_model.scenario.belief import believed
 from mdms_model.scenario.rules.every import check_rules
 from mdms_model.scenario.scenario import Scenario, ScenarioError
@@ -42,7 +42,7 @@ def believe(scenario: Scenario, path: Path | None, bus: Namespace) -> Belief:
 
     A bit rate of the file, and the channel of its only bus, count where `bus`, python-can's
     options, has none; the channels of several buses are the file's, else as a served array has them
-    under the name that `bus` has. Raises ArrayFileError, `CommandError` and ScenarioError for what
+    under the name that `bus` has. Raises ArrayFileError, `InputError` and ScenarioError for what
     does not fit.
     """
     # What a scenario lets go wrong is not what the host believes.
@@ -136,7 +136,7 @@ def _settings(cell: FiledCell, path: Path) -> tuple[Setting, ...]:
 
 
 def _check_margins(scenario: Scenario, file: ArrayFile) -> None:
-    """Raises `CommandError` (bad input) for settings that leave a speed loop too little margin."""
+    """Raises `InputError` for settings that leave a speed loop too little margin."""
     motor = motor_of(scenario.cell)
     if motor.mass_kg == 0.0:
         return
@@ -144,7 +144,7 @@ def _check_margins(scenario: Scenario, file: ArrayFile) -> None:
         try:
             check_gain(motor, gain_vs_per_m, observer)
         except GainError as error:
-            raise CommandError(f"{file.path}: {key}: {error}", Exit.USAGE) from None
+            raise InputError(f"{file.path}: {key}: {error}") from None
 
 
 def _loops(scenario: Scenario, file: ArrayFile) -> Iterator[tuple[tuple[float, Observer], str]]:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from numba.core.event import Event, Listener, install_listener
 
-from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
+from mdms_model.log import LOG
 
 #: Less is not reported.
 REPORTED_S = 0.5
@@ -50,7 +50,7 @@ def compiling_watched() -> Iterator[Compiled]:
             spent_s = compiled.seconds + clock.now_s() - self.start_s
             if spent_s >= REPORTED_S and not self.reported and sys.stderr.isatty():
                 self.reported = True
-                say(NOTICE)
+                LOG.warning(NOTICE)
 
     with install_listener("numba:compile", Stopwatch()):
         yield compiled

@@ -2,8 +2,9 @@
 
 import pytest
 
-from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.scenario.gain import open_program
+from mdms_array.source import open_program
+from mdms_host.cli.exits import Exit, exit_of
+from mdms_model.errors import InputError
 
 MAIN = "async def main(table):\n    pass\n"
 
@@ -51,13 +52,13 @@ def test_what_is_no_file_of_python_has_no_main():
 )
 def test_what_a_file_lacks_is_said_in_one_line(written, text, reason):
     path = written(text)
-    with pytest.raises(CommandError) as refused:
+    with pytest.raises(InputError) as refused:
         open_program(path, [])
     assert reason in str(refused.value)
     assert "\n" not in str(refused.value)
-    assert refused.value.code == Exit.USAGE
+    assert exit_of(refused.value) is Exit.USAGE
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(CommandError, match=r"none.py: cannot be read: No such file"):
+    with pytest.raises(InputError, match=r"none.py: cannot be read: No such file"):
         open_program(str(tmp_path / "none.py"), [])

@@ -4,12 +4,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from mdms_host.cli.compiling import compiling_watched
-from mdms_host.cli.records.host_log import coordinator_events
-from mdms_host.cli.records.plan_log import PlanLog
-from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
-from mdms_host.cli.scenario.field import references_m_s
-from mdms_host.cli.scenario.programs import has_failed, waits_text
+from mdms_array.compiling import compiling_watched
+from mdms_array.host import coordinator_of, estimates_of, has_failed, references_m_s, waits_text
+from mdms_array.recording import PlanLog, coordinator_events
 from mdms_host.clock import MonotonicClock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.motion.goal import Goal
@@ -69,7 +66,7 @@ def run_scenario(
     """Run a scenario in its fidelity; `main` is a program in place of its tasks.
 
     `nodes` are "cpython" or "micropython"; `progress` gets the time reached [s] now and then.
-    Raises ScenarioError, MicropythonMissing, NodeError, and `CommandError` for what does not fit.
+    Raises ScenarioError, MicropythonMissing, NodeError, and `InputError` for what does not fit.
     """
     if scenario.run.fidelity == "firmware":
         return timed(scenario, lambda: _firmware(scenario, nodes, progress, bus_log, main))

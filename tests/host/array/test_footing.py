@@ -2,9 +2,10 @@
 
 import pytest
 
+from mdms_array.source import open_program
 from mdms_host.cli import main
-from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.scenario.gain import open_program
+from mdms_host.cli.exits import Exit, exit_of
+from mdms_model.errors import InputError
 from mdms_model.scenario.file import builtin_names
 
 SMALL = ("parcel.0.length_m=0.25", "parcel.0.width_m=0.20")
@@ -13,9 +14,9 @@ SAFE = ("parcel.0.x_m=-0.20", "parcel.0.y_m=-0.065")
 
 
 def refusal(*overrides):
-    with pytest.raises(CommandError) as refused:
+    with pytest.raises(InputError) as refused:
         open_program("array18", overrides)
-    assert refused.value.code is Exit.USAGE
+    assert exit_of(refused.value) is Exit.USAGE
     return str(refused.value)
 
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mdms_host.cli.simulation.compose import Finished
-from mdms_host.cli.simulation.figures import figures_of, report
+from mdms_array.figures import figures_of, report
+from mdms_array.simulation import Finished
 from mdms_model.run.record import Record
 from mdms_model.scenario.file import load_scenario
 

@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
+from mdms_array.host import coordinator_of
 from mdms_host.cli import main
-from mdms_host.cli.exits import CommandError
-from mdms_host.cli.scenario.coordination import coordinator_of
+from mdms_model.errors import InputError
 from mdms_model.fields.policy import PolicyError
 from mdms_model.scenario.file import load_scenario
 
@@ -69,5 +69,5 @@ def test_the_coordinator_plays_a_field_within_its_policy():
 
 
 def test_the_coordinator_refuses_a_field_too_fast_for_the_wire():
-    with pytest.raises(CommandError, match=r"wheels would be set to \d+ m/s"):
+    with pytest.raises(InputError, match=r"wheels would be set to \d+ m/s"):
         coordinator_of(load_scenario("array18", ["motion.field=uniform", "motion.speed_m_s=90"]))

@@ -1,14 +1,34 @@
-"""Programs that people write in Python: a file with `SCENARIO` and `async def main(table)`."""
+"""From a name, a file or a program in Python to a checked scenario and what to run on it."""
 
 import inspect
 import runpy
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_array.checks import refuse_large_gain, refuse_overload, refuse_tipping
 from mdms_host.programs.program import Main
+from mdms_model.errors import InputError
+from mdms_model.scenario.file import load_scenario
+from mdms_model.scenario.scenario import Scenario
 
 _SUFFIX = ".py"
+
+
+def open_program(name_or_path: str, overrides: Sequence[str]) -> tuple[Scenario, Main | None]:
+    """A checked scenario that cells and bus can follow, and what to run on it but its own tasks.
+
+    A file of Python has both. Raises ScenarioError, `InputError`.
+    """
+    main = None
+    if is_python(name_or_path):
+        name_or_path, main = read_program(name_or_path)
+        overrides = [*overrides, "motion.field=program"]
+    scenario = load_scenario(name_or_path, overrides)
+    refuse_overload(scenario)
+    refuse_large_gain(scenario)
+    refuse_tipping(scenario)
+    return scenario, main
 
 
 def is_python(name_or_path: str) -> bool:
@@ -19,7 +39,7 @@ def is_python(name_or_path: str) -> bool:
 def read_program(path: str) -> tuple[str, Main]:
     """The scenario that a file of Python names, built in or a file beside it, and its `main`.
 
-    The file is executed, once a call. Raises `CommandError`.
+    The file is executed, once a call. Raises `InputError`.
     """
     names = _names(path)
     named, main = names.get("SCENARIO"), names.get("main")
@@ -42,5 +62,5 @@ def _names(path: str) -> dict[str, Any]:
         raise _wrong(path, f"{type(error).__name__}: {error}") from error
 
 
-def _wrong(path: str, what: str) -> CommandError:
-    return CommandError(f"{path}: {what}", Exit.USAGE)
+def _wrong(path: str, what: str) -> InputError:
+    return InputError(f"{path}: {what}")

@@ -5,20 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mdms_host.can_link.sdo_client import Setting
-from mdms_host.cli.exits import CommandError
-from mdms_host.cli.scenario.coordination import (
+from mdms_array.checks import goal_of
+from mdms_array.host import (
     coordinator_of,
     estimates_of,
     layout_of,
     parcels_of,
+    references_m_s,
     settings_of,
 )
-from mdms_host.cli.scenario.field import references_m_s
-from mdms_host.cli.scenario.footing import goal_of
+from mdms_host.can_link.sdo_client import Setting
 from mdms_host.estimation.outlines.disc import Disc
 from mdms_host.estimation.outlines.polygon import Polygon
 from mdms_model.array import build_wheels
+from mdms_model.errors import InputError
 from mdms_model.fields.kinds import FieldError
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.dictionary import ENTRIES
@@ -79,7 +79,7 @@ def test_resolution_is_counts_per_metre_of_surface(plane):
 
 
 def test_gain_beyond_the_firmware_is_refused(plane):
-    with pytest.raises(CommandError, match=r"cell.gain_vs_per_m does not fit the firmware"):
+    with pytest.raises(InputError, match=r"cell.gain_vs_per_m does not fit the firmware"):
         settings_of(replace(plane.cell, gain_vs_per_m=101.0))
 
 
@@ -141,5 +141,5 @@ def test_a_disc_is_steered_to_a_place_however_it_is_turned(plane):
     disc = replace(box, shape="disc", length_m=0.3, width_m=0.3)
     told = goal_of(replace(disc, goal=replace(box.goal, yaw_rad=0.0)))
     assert (told.x_m, told.y_m, told.yaw_rad) == (0.10, 0.0, None)
-    with pytest.raises(CommandError, match=r"goal.yaw_rad of parcel 'box' is 0.523.*leave yaw_rad"):
+    with pytest.raises(InputError, match=r"goal.yaw_rad of parcel 'box' is 0.523.*leave yaw_rad"):
         goal_of(disc)

@@ -1,0 +1,1 @@
+"""The array in Python: simulate it, drive it by hand, connect to a real one."""
