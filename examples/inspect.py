@@ -7,6 +7,6 @@ async def main(table):
     """The camera looks at the east end."""
     box = table["box"]
     home = box.pose
-    await table.move(box, 0.05, 0.0, -0.2)
+    await box.move(0.05, 0.0, -0.2)
     await table.sleep(0.3)
-    await table.move(box, *home)
+    await box.move(*home)

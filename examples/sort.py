@@ -13,5 +13,5 @@ async def main(table):
     async for parcel in table.arrivals(2):
         number += 1
         # Each goes its way beside the others: the next may set out before it has left.
-        leaving = table.start(table.leave(parcel, "north" if number == 2 else None))
+        leaving = table.start(parcel.leave("north" if number == 2 else None))
     await leaving

@@ -1,1 +1,80 @@
-"""The array in Python: simulate it, drive it by hand, connect to a real one."""
+"""The array in Python: simulate a scenario, drive a table by hand, connect to a real one.
+
+>>> import mdms_array as mdms
+>>> run = mdms.simulate("array18", limit_s=3.0)
+>>> run.status
+'reached'
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mdms_array.connection import connect as connect
+    from mdms_array.run import FailedError as FailedError
+    from mdms_array.run import FaultError as FaultError
+    from mdms_array.run import LostError as LostError
+    from mdms_array.run import Run as Run
+    from mdms_array.run import RunError as RunError
+    from mdms_array.run import StoppedError as StoppedError
+    from mdms_array.run import TimeLimitError as TimeLimitError
+    from mdms_array.run import ViolationError as ViolationError
+    from mdms_array.simulation import simulate as simulate
+    from mdms_array.simulation import virtual as virtual
+    from mdms_array.table import BlockingTable as BlockingTable
+    from mdms_host.programs.table import Newcomer as Newcomer
+    from mdms_host.programs.table import ProgramError as ProgramError
+    from mdms_host.programs.table import Table as Table
+    from mdms_model.errors import Error as Error
+    from mdms_model.errors import InputError as InputError
+    from mdms_model.run.folder import read_run as read_run
+    from mdms_model.run.folder import write_run as write_run
+
+#: Each name is imported when it is first used: the simulator takes half a second.
+_MODULES = {
+    "connect": "mdms_array.connection",
+    **dict.fromkeys(
+        (
+            *("FailedError", "FaultError", "LostError", "Run", "RunError"),
+            *("StoppedError", "TimeLimitError", "ViolationError"),
+        ),
+        "mdms_array.run",
+    ),
+    "BlockingTable": "mdms_array.table",
+    **dict.fromkeys(("simulate", "virtual"), "mdms_array.simulation"),
+    **dict.fromkeys(("Newcomer", "ProgramError", "Table"), "mdms_host.programs.table"),
+    **dict.fromkeys(("Error", "InputError"), "mdms_model.errors"),
+    **dict.fromkeys(("read_run", "write_run"), "mdms_model.run.folder"),
+}
+__all__ = [
+    "BlockingTable",
+    "Error",
+    "FailedError",
+    "FaultError",
+    "InputError",
+    "LostError",
+    "Newcomer",
+    "ProgramError",
+    "Run",
+    "RunError",
+    "StoppedError",
+    "Table",
+    "TimeLimitError",
+    "ViolationError",
+    "connect",
+    "mdms",
+    "read_run",
+    "simulate",
+    "virtual",
+    "write_run",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_MODULES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

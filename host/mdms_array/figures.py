@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from mdms_array.compiling import REPORTED_S
-from mdms_array.simulation import Finished
+from mdms_array.run import Finished
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.outcome import REACHED_M, REACHED_RAD, GoalOutcome, outcome_of
 from mdms_model.arrays import Floats

@@ -1,18 +1,29 @@
-"""What hosts believe, plan and report, for the record of a run."""
+"""What hosts believe, plan and report, for the record of a run; and the folder that keeps it."""
 
+import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from operator import is_
+from pathlib import Path
+from typing import Any
 
+import can
 import numpy as np
 
+from mdms_array.extras import PICTURES
 from mdms_array.host import estimates_of
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import GoalProgram
 from mdms_host.programs.program import TableProgram
 from mdms_model.arrays import Floats
+from mdms_model.log import LOG
+from mdms_model.run.folder import BUS_LOG, DATABASE, SavePicture, bus_number, write_run
 from mdms_model.run.record import Event, Plan, Record, Tile
-from mdms_model.scenario.scenario import Scenario
+from mdms_model.scenario.file import scenario_from
+from mdms_model.scenario.scenario import Scenario, ScenarioError
+from mdms_model.scenario.tree import plain
+from mdms_protocol.generators.files import data_sheet
 
 #: While parcels are on ways over tiles, what is left of these is kept so often [s].
 AGAIN_S = 0.5
@@ -134,3 +145,56 @@ class HostLog:
 def coordinator_events(coordinator: Coordinator) -> list[Event]:
     """What a coordinator has reported."""
     return [Event(time_s, "coordinator", text) for time_s, text in coordinator.events]
+
+
+def convert_log(log: Path, form: str) -> Path:
+    """Write a candump log as `bus.blf` (Vector, binary) or `bus.asc` (Vector, text) beside it."""
+    target = log.with_suffix(f".{form}")
+    if target != log:
+        with can.CanutilsLogReader(log) as messages, can.Logger(target) as writer:
+            for message in messages:
+                message.channel = bus_number(message.channel)
+                writer(message)
+    return target
+
+
+def keep_run(
+    folder: Path,
+    scenario: Scenario,
+    record: Record,
+    figures: dict[str, Any],
+    bus_format: str = "log",
+) -> None:
+    """Write everything of a run; its bus log, if it had a bus, is there already.
+
+    Raises OSError.
+    """
+    if (folder / BUS_LOG).exists():
+        convert_log(folder / BUS_LOG, bus_format)
+        shutil.copyfile(data_sheet(DATABASE), folder / DATABASE)
+    write_run(folder, scenario, record, figures, _painter(record))
+
+
+def lasting(scenario: Scenario, duration_s: float) -> Scenario:
+    """The scenario with the duration that its run has had, so that it can be run again.
+
+    One that has taken no time, or longer than a scenario may, keeps the duration it was given.
+    """
+    lasted = replace(scenario, run=replace(scenario.run, duration_s=duration_s))
+    try:
+        return scenario_from(plain(lasted))
+    except ScenarioError:
+        return scenario
+
+
+def _painter(record: Record) -> SavePicture | None:
+    """What draws the picture; None where matplotlib is not installed, or one instant is all."""
+    if len(record.time_s) < 2:
+        return None
+    if PICTURES.missing:
+        LOG.warning(f"no picture without matplotlib: pip install {PICTURES.requirement}")
+        return None
+    # Matplotlib takes longer to import than a short run takes, so only a folder waits for it.
+    from mdms_sim.plots import save_picture  # noqa: PLC0415
+
+    return save_picture

@@ -2,33 +2,75 @@
 
 import inspect
 import runpy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from mdms_array.checks import refuse_large_gain, refuse_overload, refuse_tipping
 from mdms_host.programs.program import Main
 from mdms_model.errors import InputError
-from mdms_model.scenario.file import load_scenario
+from mdms_model.scenario.file import load_scenario, scenario_from
 from mdms_model.scenario.scenario import Scenario
 
 _SUFFIX = ".py"
+#: A scenario: its built-in name, its file, its tables, or itself.
+Source = str | Path | Mapping[str, Any] | Scenario
 
 
 def open_program(name_or_path: str, overrides: Sequence[str]) -> tuple[Scenario, Main | None]:
     """A checked scenario that cells and bus can follow, and what to run on it but its own tasks.
 
-    A file of Python has both. Raises ScenarioError, `InputError`.
+    A file of Python has both. Raises `InputError`.
     """
     main = None
     if is_python(name_or_path):
         name_or_path, main = read_program(name_or_path)
         overrides = [*overrides, "motion.field=program"]
-    scenario = load_scenario(name_or_path, overrides)
+    return checked(load_scenario(name_or_path, overrides)), main
+
+
+def open_source(source: Source, main: Main | None = None) -> tuple[Scenario, Main | None]:
+    """The same from a name, a file, a dict or a `Scenario`; `main` is a program to run on it.
+
+    With a program the scenario's goals and tasks do not count. Raises `InputError`.
+    """
+    if isinstance(source, str | Path) and is_python(str(source)):
+        name, own = read_program(str(source))
+        if main is not None:
+            raise InputError(f"{source}: has a program of its own; give its scenario instead")
+        source, main = name, own
+    if isinstance(source, Scenario):
+        scenario = source
+    elif isinstance(source, Mapping):
+        scenario = scenario_from(source)
+    else:
+        scenario = load_scenario(source)
+    if main is not None:
+        if not inspect.iscoroutinefunction(main):
+            raise InputError(f"program: {main!r} is not `async def program(table)`")
+        scenario = _programmed(scenario)
+    return checked(scenario), main
+
+
+def _programmed(scenario: Scenario) -> Scenario:
+    """The scenario with nothing to do of its own."""
+    if scenario.run.fidelity != "firmware":
+        raise InputError(
+            f"program: run.fidelity is {scenario.run.fidelity!r}, which has no cells for a program "
+            "to steer with; set run.fidelity to 'firmware'"
+        )
+    motion = replace(scenario.motion, field="program")
+    parcels = tuple(replace(parcel, goal=None) for parcel in scenario.parcel)
+    return replace(scenario, motion=motion, parcel=parcels, task=())
+
+
+def checked(scenario: Scenario) -> Scenario:
+    """The scenario, once it is known that cells and bus can follow it. Raises `InputError`."""
     refuse_overload(scenario)
     refuse_large_gain(scenario)
     refuse_tipping(scenario)
-    return scenario, main
+    return scenario
 
 
 def is_python(name_or_path: str) -> bool:

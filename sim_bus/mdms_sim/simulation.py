@@ -285,10 +285,12 @@ def simulate(
     host_report: Callable[[], HostReport] | None = None,
     progress: Progress | None = None,
     over: Callable[[], bool] = lambda: False,
+    prepare: Callable[[Simulation], object] = lambda _simulation: None,
 ) -> Outcome:
     """Run a whole scenario with cells of the kind `nodes`: "cpython" or "micropython".
 
     The bus is logged into the file `bus_log`, if named. It ends before its time once it is `over`.
+    `prepare` is called with the simulation before it begins.
     `estimates` and `host_report` are as of a `Simulation`, [m, m, rad]; `progress` gets the time
     reached [s]. Raises `NodeError` when the cells cannot run.
     """
@@ -305,6 +307,7 @@ def simulate(
             host_report=host_report,
             most_samples=MOST_SAMPLES,
         )
+        prepare(simulation)
         simulation.run_until(scenario.run.duration_s, progress, over)
         return simulation.outcome()
 

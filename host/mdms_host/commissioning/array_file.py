@@ -37,9 +37,12 @@ class ArrayFileError(InputError):
 class FiledTable:
     """What `[array]` says: keys of a scenario's array, wheels and sensors, bit rate and channels.
 
-    None where the file says nothing. `channels` are the buses' in python-can's words, bus 0 first.
+    None where the file says nothing. `scenario` names the scenario whose parcels
+    lie on the table, for programs by hand. `channels` are the buses' in python-can's words, bus 0
+    first.
     """
 
+    scenario: str | None = None
     columns: int | None = field(default=None, metadata=_SIDE)
     rows: int | None = field(default=None, metadata=_SIDE)
     pitch_m: float | None = field(default=None, metadata=LENGTH)

@@ -5,7 +5,7 @@ simulated time as in real time; what is started goes on beside all else:
 
     async def main(table):
         async for parcel in table.arrivals():
-            table.start(table.leave(parcel))        # by the exit for its kind
+            table.start(parcel.leave())        # by the exit for its kind
 
 `tasks` has what is asked for most; files of tasks (TOML) are made of the same.
 """

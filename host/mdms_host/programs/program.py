@@ -15,7 +15,7 @@ from mdms_host.programs.comings import Comings, Register, tracker_gate
 from mdms_host.programs.newcomers import NamingRegister, TrackedNewcomers
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.script import ScriptError, Task, place_of
-from mdms_host.programs.table import Table
+from mdms_host.programs.table import Table, TableDriver
 from mdms_host.programs.table_parcel import ProgramError, TableParcel
 from mdms_model.arrays import Floats
 
@@ -61,6 +61,7 @@ class TableProgram:
         self._awaited = {member.name for member in members if member.lies}
         self._traffic = traffic
         self.table = Table(half_m, gates, traffic)
+        self.driver = TableDriver(self.table)
         self.table.expects = any(not member.lies for member in members)
         self._left: set[str] = set()
         self._task: Task[None] | None = None
@@ -86,6 +87,11 @@ class TableProgram:
         self._traffic.on_lost_cells(cells)
 
     @property
+    def began(self) -> bool:
+        """Whether the program has begun: its parcels have been found."""
+        return self._task is not None
+
+    @property
     def finished(self) -> bool:
         """Whether the program has come to its end."""
         return self._task is not None and self._task.done and self._failure is None
@@ -103,12 +109,12 @@ class TableProgram:
     @property
     def waits_at(self) -> tuple[str, ...]:
         """Where in the program each of its tasks waits, if any does."""
-        return self.table.waits_at
+        return self.driver.waits_at
 
     @property
     def endless(self) -> bool:
         """Whether it waits for what comes, and would do so for ever."""
-        return self._failure is None and self.table.waits_for_arrivals
+        return self._failure is None and self.driver.waits_for_outside
 
     @property
     def near(self) -> Collection[str]:
@@ -190,7 +196,7 @@ class TableProgram:
     def _take_out(self, beliefs: Mapping[str, Belief]) -> None:
         """Parcels that have left are no more on the table, though they may still be believed."""
         for name in self._traffic.take_left():
-            self.table.remove(name)
+            self.driver.remove(name)
             self._left.add(name)
         self._left &= beliefs.keys()
 
@@ -201,12 +207,12 @@ class TableProgram:
             if member is not None and name not in there:
                 size = member.length_m, member.width_m, member.shape
                 parcel = TableParcel(name, member.kind, *size)
-                self.table.put(parcel, arrives=not member.lies)
-        self.table.see(beliefs)
+                self.driver.put(parcel, arrives=not member.lies)
+        self.driver.see(beliefs)
 
     def _go_on(self, step_s: float) -> None:
         try:
-            error = self.table.step(step_s)
+            error = self.driver.step(step_s)
         except ScriptError as raised:
             error = raised
         if error is None:
@@ -218,4 +224,4 @@ class TableProgram:
             where = "" if isinstance(error, ScriptError) else f", in {place_of(error)}"
             self._failure = f"the program failed: {type(error).__name__}: {error}{where}"
         self._notices.append(self._failure)
-        self.table.stop()
+        self.driver.stop()

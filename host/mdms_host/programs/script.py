@@ -59,9 +59,7 @@ class Task(Generic[Result]):
         self.heed()
         while not self.done:
             yield lambda: self.done
-        if self.error is not None:
-            raise self.error
-        return self._result  # type: ignore[return-value]
+        return self.result()
 
     @property
     def where(self) -> str:
@@ -70,6 +68,12 @@ class Task(Generic[Result]):
         code, frame = routine.cr_code, routine.cr_frame
         line = code.co_firstlineno if frame is None else frame.f_lineno
         return place(code.co_name, code.co_filename, line)
+
+    def result(self) -> Result:
+        """What it has returned, once it is done. Raises what it has raised."""
+        if self.error is not None:
+            raise self.error
+        return self._result  # type: ignore[return-value]
 
     def heed(self) -> None:
         """Somebody is going to await it: what it raises waits for that."""

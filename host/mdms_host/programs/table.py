@@ -1,5 +1,6 @@
 """The table as a program sees it: parcels that come, are moved, and leave."""
 
+from collections import deque
 from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
 from math import inf
 from typing import Any, TypeVar
@@ -11,7 +12,7 @@ from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_host.motion.goal import Goal
 from mdms_host.programs.carrier import Orders
 from mdms_host.programs.order import Gate, Order
-from mdms_host.programs.script import Script, Task, until
+from mdms_host.programs.script import Condition, Script, Task, until
 from mdms_host.programs.table_parcel import Newcomer, Newcomers, ProgramError, TableParcel
 from mdms_model.arrays import Floats
 
@@ -35,16 +36,17 @@ class Table:
     ...         order.done = True
     >>> async def main(table):
     ...     box = table["box"]
-    ...     await table.move(box, 0.1, 0.0)
+    ...     await box.move(0.1, 0.0)
     ...     await table.sleep(0.02)
-    ...     await table.move(box, -0.1, 0.0)
+    ...     await box.move(-0.1, 0.0)
     >>> table = Table((0.57, 0.38), (), Swift())
-    >>> table.put(TableParcel("box", "", 0.36, 0.30, "rectangle"), arrives=False)
+    >>> driver = TableDriver(table)
+    >>> driver.put(TableParcel("box", "", 0.36, 0.30, "rectangle"), arrives=False)
     >>> task = table.start(main(table))
-    >>> table.step(0.01)
+    >>> driver.step(0.01)
     box to 0.1 m, 0.0 m
-    >>> table.step(0.01)
-    >>> table.step(0.01)
+    >>> driver.step(0.01)
+    >>> driver.step(0.01)
     box to -0.1 m, 0.0 m
     >>> task.done
     True
@@ -63,6 +65,8 @@ class Table:
         self._parcels: dict[str, TableParcel] = {}
         self._arrived: list[TableParcel] = []
         self._waiting = 0
+        self._signals: dict[str, deque[Any]] = {}
+        self._takes_signals = True
 
     # What there is -------------------------------------------------------------------------------
 
@@ -102,26 +106,6 @@ class Table:
 
     # What a program asks for ---------------------------------------------------------------------
 
-    async def move(
-        self, parcel: TableParcel, x_m: float, y_m: float, yaw_rad: float | None = None
-    ) -> None:
-        """Have a parcel be at a place, turned so if that is given; returns when it is there.
-
-        Returns too when the same parcel has been ordered elsewhere meanwhile. Raises ProgramError
-        when it cannot come there.
-        """
-        if parcel.is_round and yaw_rad:
-            raise ProgramError(f"{parcel.name} is round: no sensor shows how it is turned")
-        await self._order(parcel, Goal(x_m, y_m, None if parcel.is_round else yaw_rad))
-
-    async def leave(self, parcel: TableParcel, exit: str | None = None) -> None:
-        """Have a parcel leave by an exit, or the one for its kind; returns when it has left."""
-        name = self.exit_for(parcel) if exit is None else exit
-        if name not in self.gates:
-            there = ", ".join(self.gates) or "none"
-            raise ProgramError(f"no exit {name!r}; there are: {there}")
-        await self._order(parcel, self.gates[name])
-
     async def arrival(self) -> TableParcel:
         """The next parcel that comes onto the table; each is returned once.
 
@@ -129,11 +113,7 @@ class Table:
         """
         if not (self.expects or self._arrived):
             raise ProgramError("no parcel is to come: there is no stream, and none was announced")
-        self._waiting += 1
-        try:
-            await until(lambda: bool(self._arrived))
-        finally:
-            self._waiting -= 1
+        await self._outside(lambda: bool(self._arrived))
         return self._arrived.pop(0)
 
     async def arrivals(self, count: int | None = None) -> AsyncIterator[TableParcel]:
@@ -204,6 +184,50 @@ class Table:
         if errors:
             raise errors[0]
 
+    async def signal(self, name: str) -> Any:
+        """The next value that has been sent under a name, in the order of sending.
+
+        Values wait until they are taken.
+        """
+        queue = self._signals.setdefault(name, deque())
+        await self._outside(lambda: bool(queue))
+        return queue.popleft()
+
+    def send_signal(self, name: str, value: Any = None) -> None:
+        """Send a value to the program; any thread may do so.
+
+        Raises ProgramError in virtual time, where only `[[signal]]` of the scenario and `signals=`
+        send any: a run must not depend on the machine's time.
+        """
+        if not self._takes_signals:
+            raise ProgramError(
+                f"signal {name!r}: in virtual time signals come from the scenario ([[signal]]) or "
+                "from signals=, each with its time"
+            )
+        self._signals.setdefault(name, deque()).append(value)
+
+    async def _outside(self, condition: Condition) -> None:
+        """Wait for what comes from outside: a program that does has no end of its own."""
+        self._waiting += 1
+        try:
+            await until(condition)
+        finally:
+            self._waiting -= 1
+
+    async def _move(
+        self, parcel: TableParcel, x_m: float, y_m: float, yaw_rad: float | None
+    ) -> None:
+        if parcel.is_round and yaw_rad:
+            raise ProgramError(f"{parcel.name} is round: no sensor shows how it is turned")
+        await self._order(parcel, Goal(x_m, y_m, None if parcel.is_round else yaw_rad))
+
+    async def _leave(self, parcel: TableParcel, exit: str | None) -> None:
+        name = self.exit_for(parcel) if exit is None else exit
+        if name not in self.gates:
+            there = ", ".join(self.gates) or "none"
+            raise ProgramError(f"no exit {name!r}; there are: {there}")
+        await self._order(parcel, self.gates[name])
+
     async def _order(self, parcel: TableParcel, goal: Goal | Gate) -> None:
         if self._parcels.get(parcel.name) is not parcel:
             raise ProgramError(f"{parcel.name} has left the table")
@@ -213,51 +237,66 @@ class Table:
         if order.refused is not None:
             raise ProgramError(order.refused)
 
-    # What drives it ------------------------------------------------------------------------------
+
+class TableDriver:
+    """Drives a table cycle by cycle: what the cycle sees goes in, and the program goes on."""
+
+    def __init__(self, table: Table) -> None:
+        self.table = table
 
     @property
-    def waits_for_arrivals(self) -> bool:
-        """Whether anything in the program waits for a parcel to come."""
-        return self._waiting > 0
+    def waits_for_outside(self) -> bool:
+        """Whether anything in the program waits for a parcel, or for a signal."""
+        return self.table._waiting > 0
 
     @property
     def waits_at(self) -> tuple[str, ...]:
         """Where in the program each task waits that is not done."""
-        return self._script.waiting
+        return self.table._script.waiting
 
     def put(self, parcel: TableParcel, arrives: bool = True) -> None:
         """A parcel is on the table from now on; one that `arrives` is returned by `arrival`."""
-        self._parcels[parcel.name] = parcel
+        self.table._parcels[parcel.name] = parcel
+        parcel.carried_by((self.table._move, self.table._leave))
         if arrives:
-            self._arrived.append(parcel)
+            self.table._arrived.append(parcel)
 
     def remove(self, name: str) -> None:
         """A parcel has left."""
-        parcel = self._parcels.pop(name)
+        parcel = self.table._parcels.pop(name)
         parcel.has_left = True
+        parcel.carried_by(None)
         parcel.see(None)
-        if parcel in self._arrived:
-            self._arrived.remove(parcel)
+        if parcel in self.table._arrived:
+            self.table._arrived.remove(parcel)
 
     def see(self, beliefs: Mapping[str, Belief]) -> None:
         """Take in what is believed of all parcels now, and of what is unknown."""
-        self._unknown = {
+        self.table._unknown = {
             name: (belief.pose, belief.outline)
             for name, belief in beliefs.items()
             if not belief.named
         }
-        for name, parcel in self._parcels.items():
+        for name, parcel in self.table._parcels.items():
             parcel.see(beliefs.get(name))
 
     def step(self, step_s: float) -> BaseException | None:
         """Let a cycle pass, and the program go on; an error that ends it, if any."""
-        self.now_s += step_s
-        return self._script.step()
+        self.table.now_s += step_s
+        return self.table._script.step()
 
     def stop(self) -> None:
         """Break off the program, and bring all parcels to rest."""
-        self._script.cancel()
-        self._orders.stop()
+        self.table._script.cancel()
+        self.table._orders.stop()
+
+    def in_virtual_time(self) -> None:
+        """Take signals from `receive` alone, from now on."""
+        self.table._takes_signals = False
+
+    def receive(self, name: str, value: Any) -> None:
+        """A signal has come whose time is that of the run."""
+        self.table._signals.setdefault(name, deque()).append(value)
 
 
 def _place(pose: Floats) -> tuple[float, float]:

@@ -1,10 +1,15 @@
 """Parcels as a program sees them: those on the table, and those that it draws itself."""
 
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from mdms_host.estimation.belief import Belief
 from mdms_model.errors import Error
+
+#: Orders a parcel to a place (x, y, yaw), or out by an exit; returns when it is there, or has left.
+Move = Callable[["TableParcel", float, float, float | None], Coroutine[Any, Any, None]]
+Leave = Callable[["TableParcel", str | None], Coroutine[Any, Any, None]]
 
 
 class ProgramError(Error):
@@ -25,6 +30,7 @@ class TableParcel:
         self.width_m = width_m
         self.is_round = shape == "disc"
         self._belief: Belief | None = None
+        self._orders: tuple[Move, Leave] | None = None
         self.has_left = False
 
     def __repr__(self) -> str:
@@ -42,6 +48,29 @@ class TableParcel:
             raise ProgramError(f"{self.name} is not on the table, or has not been found")
         x_m, y_m, yaw_rad = self._belief.pose.tolist()
         return x_m, y_m, yaw_rad
+
+    async def move(self, x_m: float, y_m: float, yaw_rad: float | None = None) -> None:
+        """Be at a place [m; table frame], turned so if `yaw_rad` is given; returns when there.
+
+        Returns too when the parcel has been ordered elsewhere meanwhile. Raises ProgramError when
+        it cannot come there.
+        """
+        if self._orders is None:
+            raise ProgramError(f"{self.name} has left the table")
+        await self._orders[0](self, x_m, y_m, yaw_rad)
+
+    async def leave(self, exit: str | None = None) -> None:
+        """Leave by an exit, or the one for the parcel's kind; returns when it has left.
+
+        Raises ProgramError where there is no such exit, or no way to it.
+        """
+        if self._orders is None:
+            raise ProgramError(f"{self.name} has left the table")
+        await self._orders[1](self, exit)
+
+    def carried_by(self, orders: tuple[Move, Leave] | None) -> None:
+        """Take orders from this table; None once the parcel has left it."""
+        self._orders = orders
 
     def see(self, belief: Belief | None) -> None:
         """Take in what is believed of it now."""

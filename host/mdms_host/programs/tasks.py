@@ -15,7 +15,7 @@ async def transport(
     table: Table, parcel: TableParcel, x_m: float, y_m: float, yaw_rad: float | None = None
 ) -> None:
     """Carry a parcel to a place; turned so there, if a yaw is given: position and orient."""
-    await table.move(parcel, x_m, y_m, yaw_rad)
+    await parcel.move(x_m, y_m, yaw_rad)
 
 
 async def name(table: Table, newcomer: Newcomer, x_m: float, y_m: float) -> None:
@@ -29,8 +29,8 @@ async def swap(table: Table, one: TableParcel, other: TableParcel) -> None:
     (x_m, y_m, yaw_rad), (other_x_m, other_y_m, other_yaw_rad) = one.pose, other.pose
     turns = not (one.is_round or other.is_round)
     await table.together(
-        table.move(one, other_x_m, other_y_m, other_yaw_rad if turns else None),
-        table.move(other, x_m, y_m, yaw_rad if turns else None),
+        one.move(other_x_m, other_y_m, other_yaw_rad if turns else None),
+        other.move(x_m, y_m, yaw_rad if turns else None),
     )
 
 
@@ -51,7 +51,7 @@ async def _all_leave(table: Table, exit: str | None, count: int | None) -> None:
     leaving: list[Task[None]] = []
     async for parcel in table.arrivals(count):
         leaving = [task for task in leaving if not task.done]
-        leaving.append(table.start(table.leave(parcel, exit)))
+        leaving.append(table.start(parcel.leave(exit)))
     for task in leaving:
         await task
 
@@ -73,7 +73,7 @@ async def singulate(
     while count is None or left < count:
         parcel = lying.pop(0) if lying else await table.arrival()
         due_s = table.now_s + period_s
-        await table.leave(parcel, exit)
+        await parcel.leave(exit)
         if table.now_s < due_s:
             await table.sleep(due_s - table.now_s)
         left += 1
@@ -107,7 +107,7 @@ class Buffer:
         await until(lambda: bool(self._free))
         place = self._free.popleft()
         self._waiting[parcel.name] = parcel, place
-        await self._table.move(parcel, *place)
+        await parcel.move(*place)
 
     async def take(self, exit: str | None = None, name: str | None = None) -> TableParcel:
         """Have the first parcel leave, or that of a name or kind, once it is in the buffer.
@@ -119,7 +119,7 @@ class Buffer:
         assert wanted is not None
         _, place = self._waiting.pop(wanted.name)
         self._free.append(place)
-        await self._table.leave(wanted, exit)
+        await wanted.leave(exit)
         return wanted
 
     def _wanted(self, name: str | None) -> TableParcel | None:

@@ -21,7 +21,7 @@ from mdms_model.scenario.limit import (
 )
 from mdms_model.scenario.motion import Motion
 from mdms_model.scenario.stream import Exit, Stream
-from mdms_model.scenario.task import Task
+from mdms_model.scenario.task import Signal, Task
 
 __all__ = [
     "Array",
@@ -266,6 +266,8 @@ class Scenario:
     """Where parcels leave."""
     task: tuple[Task, ...] = ()
     """A program, task by task."""
+    signal: tuple[Signal, ...] = ()
+    """What comes to the program from outside."""
     #: What the host takes for true where it is not; see `belief`.
     belief: dict[str, Any] = field(default_factory=dict, hash=False)
     """What the host takes for true: keys of `cell`, and tables of parcels by name."""

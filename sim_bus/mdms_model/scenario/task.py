@@ -9,6 +9,21 @@ TASKS = ("transport", "name", "swap", "sort", "merge", "singulate", "buffer", "w
 
 
 @dataclass(frozen=True, slots=True)
+class Signal:
+    """A value that comes to the program from outside, in simulated runs.
+
+    On a real table signals come from `send_signal`, and these do not count.
+    """
+
+    name: str
+    """The name that the program waits for it by."""
+    value: str = ""
+    """What it says."""
+    time_s: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=1e5))
+    """When it comes, from the beginning of the run."""
+
+
+@dataclass(frozen=True, slots=True)
 class Task:
     """One task; each begins when the one before has ended, or with it if it is `beside` it.
 

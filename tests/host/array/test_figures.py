@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mdms_array.figures import figures_of, report
-from mdms_array.simulation import Finished
+from mdms_array.run import Finished
 from mdms_model.run.record import Record
 from mdms_model.scenario.file import load_scenario
 

@@ -1,6 +1,7 @@
 from types import SimpleNamespace
 
-from mdms_array.simulation import Finished, timed
+from mdms_array.run import Finished
+from mdms_array.simulation import timed
 from mdms_host.clock import MonotonicClock
 
 

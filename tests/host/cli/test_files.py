@@ -116,7 +116,7 @@ def test_paths_are_given_as_json_too(run, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    "what", ["mdms_sim.bus.log.BusLog.on_frame", "mdms_host.cli.records.keep.write_run"]
+    "what", ["mdms_sim.bus.log.BusLog.on_frame", "mdms_array.recording.write_run"]
 )
 def test_full_disk_ends_a_run_in_the_same_way_and_leaves_the_old_one(
     tmp_path, capsys, monkeypatch, what

@@ -52,7 +52,7 @@ def lay_unknown(stage, x_m=0.1):
 def naming(newcomer, x_m=0.15):
     async def main(table):
         parcel = await table.name(newcomer, x_m, 0.05)
-        await table.move(parcel, -0.2, 0.0)
+        await parcel.move(-0.2, 0.0)
 
     stage = Stage(main)
     return stage, Register(stage)

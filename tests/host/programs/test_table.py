@@ -8,7 +8,7 @@ from mdms_host.programs.table import ProgramError
 
 def test_a_program_begins_when_its_parcels_are_found_and_ends_when_they_are_there():
     async def main(table):
-        await table.move(table["box 1"], 0.1, 0.0)
+        await table["box 1"].move(0.1, 0.0)
 
     stage = Stage(main, lying=["box 1"])
     lying = stage.beliefs.pop("box 1")
@@ -29,7 +29,7 @@ def test_a_parcel_that_comes_is_returned_once_and_one_that_leaves_is_gone():
     async def main(table):
         async for parcel in table.arrivals():
             seen.append((parcel.name, parcel.kind, parcel.pose[0]))
-            await table.leave(parcel)
+            await parcel.leave()
             seen.append((parcel.name, parcel.has_left, len(table.parcels)))
 
     stage = Stage(main, coming=["box 1", "disc 1"])
@@ -58,9 +58,9 @@ def test_time_is_the_cycles_own():
 
 def test_a_new_order_takes_the_place_of_the_last():
     async def main(table):
-        one = table.start(table.move(table["box 1"], 0.1, 0.0))
+        one = table.start(table["box 1"].move(0.1, 0.0))
         await table.sleep(0.1)
-        await table.move(table["box 1"], 0.2, 0.0)
+        await table["box 1"].move(0.2, 0.0)
         assert one.done
 
     stage = Stage(main, lying=["box 1"])
@@ -73,10 +73,10 @@ def test_a_new_order_takes_the_place_of_the_last():
 def test_what_is_refused_can_be_caught_or_ends_the_program_in_order():
     async def careful(table):
         with pytest.raises(ProgramError, match="is lost"):
-            await table.move(table["box 1"], 0.1, 0.0)
+            await table["box 1"].move(0.1, 0.0)
 
     async def careless(table):
-        await table.move(table["box 1"], 0.1, 0.0)
+        await table["box 1"].move(0.1, 0.0)
 
     stages = [Stage(main, lying=["box 1"]) for main in (careful, careless)]
     for stage in stages:
@@ -92,9 +92,9 @@ def test_what_is_refused_can_be_caught_or_ends_the_program_in_order():
 @pytest.mark.parametrize(
     ("wish", "text"),
     [
-        (lambda table: table.move(table["box 9"], 0.0, 0.0), "no parcel 'box 9'.* are: box 1"),
-        (lambda table: table.leave(table["box 1"], "west"), "no exit 'west'; there are: east, no"),
-        (lambda table: table.leave(table["can 1"]), "no exit is for parcels of the kind 'can'"),
+        (lambda table: table["box 9"].move(0.0, 0.0), "no parcel 'box 9'.* are: box 1"),
+        (lambda table: table["box 1"].leave("west"), "no exit 'west'; there are: east, no"),
+        (lambda table: table["can 1"].leave(), "no exit is for parcels of the kind 'can'"),
     ],
 )
 def test_what_is_not_there_is_named(wish, text):
@@ -146,7 +146,7 @@ def test_a_program_that_goes_round_without_waiting_fails_and_to_sleep_is_to_wait
 
 def test_it_is_said_where_a_program_waits():
     async def main(table):
-        await table.move(table["box 1"], 0.1, 0.0)
+        await table["box 1"].move(0.1, 0.0)
 
     stage = Stage(main, lying=["box 1"])
     stage.run(0.1)

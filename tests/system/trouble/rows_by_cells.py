@@ -4,7 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mdms_array.simulation import Finished, run_scenario
+from mdms_array.run import Finished
+from mdms_array.simulation import run_scenario
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.simulation.simulate import verdict
 from mdms_host.coordination.phase import Phase

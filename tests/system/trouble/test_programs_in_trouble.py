@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from tests.system.trouble.documented import messages
 
-from mdms_array.simulation import Finished, run_scenario
+from mdms_array.run import Finished
+from mdms_array.simulation import run_scenario
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.simulation.simulate import verdict
 from mdms_host.programs.program import Main
@@ -108,7 +109,7 @@ def test_a_program_ends_as_it_should_and_what_broke_is_reported(row: Row) -> Non
 
 
 async def fails_on_the_way(table: Table) -> None:
-    table.start(table.move(table["box"], 0.07, 0.0))
+    table.start(table["box"].move(0.07, 0.0))
     await table.sleep(0.2)
     table.parcels[7]
 
@@ -118,7 +119,7 @@ async def waits_for_ever(table: Table) -> None:
 
 
 async def wants_the_impossible(table: Table) -> None:
-    await table.move(table["box"], 0.9, 0.0)
+    await table["box"].move(0.9, 0.0)
 
 
 @pytest.mark.parametrize(

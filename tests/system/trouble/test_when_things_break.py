@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from mdms_array.figures import figures_of
-from mdms_array.simulation import Finished, run_scenario
+from mdms_array.run import Finished
+from mdms_array.simulation import run_scenario
 from mdms_host.coordination.phase import Phase
 from mdms_model.scenario.file import load_scenario
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 from mdms_array.array import Belief
 from mdms_array.checks import timing_of
+from mdms_array.connection import open_links
 from mdms_array.host import (
     coordinator_of,
     layout_of,
@@ -12,7 +13,6 @@ from mdms_array.host import (
 )
 from mdms_host.can_link.link import AnyLink, DeviceGoneError, drive
 from mdms_host.can_link.punctuality import punctual
-from mdms_host.cli.array.bus import open_links
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.paging import opened_page
 from mdms_host.cli.signals import interrupted

@@ -10,16 +10,15 @@ from typing import Any
 
 from mdms_array.array import Belief, believe
 from mdms_array.checks import check_load
+from mdms_array.connection import open_links
 from mdms_array.extras import PAGE, RECORDING, require
 from mdms_array.host import coordinator_of, estimates_of, has_failed, waits_text
-from mdms_array.recording import PlanLog
+from mdms_array.recording import PlanLog, keep_run, lasting
 from mdms_array.source import open_program
 from mdms_host.can_link.link import DeviceGoneError
-from mdms_host.cli.array.bus import open_links
 from mdms_host.cli.exits import CommandError, Exit, exit_of
 from mdms_host.cli.files import writing
 from mdms_host.cli.records.bus_log import LogWriter
-from mdms_host.cli.records.keep import keep_run, lasting
 from mdms_host.cli.streams import say
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, Operation, operate

@@ -8,7 +8,7 @@ from typing import TextIO
 import can
 
 from mdms_host.cli.exits import CommandError, Exit
-from mdms_model.run.folder import START_S, bus_number, interface_of
+from mdms_model.run.folder import START_S, interface_of
 from mdms_protocol.codecs import cob
 from mdms_protocol.codecs.frame import Frame
 
@@ -62,17 +62,6 @@ class LogWriter:
         data = frame.data.hex().upper()
         time = f"{START_S + self._last_s:.6f}"
         self._file.write(f"({time}) {self._interfaces[bus]} {frame.can_id:03X}#{data}\n")
-
-
-def convert_log(log: Path, form: str) -> Path:
-    """Write a candump log as `bus.blf` (Vector, binary) or `bus.asc` (Vector, text) beside it."""
-    target = log.with_suffix(f".{form}")
-    if target != log:
-        with can.CanutilsLogReader(log) as messages, can.Logger(target) as writer:
-            for message in messages:
-                message.channel = bus_number(message.channel)
-                writer(message)
-    return target
 
 
 def chosen(frames: Iterable[tuple[float, Frame]], sender: str) -> Iterator[tuple[float, Frame]]:

@@ -44,9 +44,9 @@ SCENARIO = "array18"
 
 async def main(table):
     box = table["box"]
-    await table.move(box, 0.10, 0.0, 0.2)  # x [m], y [m], yaw [rad]
+    await box.move(0.10, 0.0, 0.2)  # x [m], y [m], yaw [rad]
     await table.sleep(1.0)
-    await table.move(box, -0.10, 0.0, 0.0)
+    await box.move(-0.10, 0.0, 0.0)
 ```
 
 What is awaited takes as long as the table takes for it; what is started goes on beside all else.
@@ -54,7 +54,7 @@ There is no clock and no thread in a program: use `table.sleep` and `table.now_s
 a `ProgramError`: catch it, or the program ends with it and all parcels are brought to rest.
 """
 #: What whoever drives a table calls, and no program does.
-_DRIVEN = {"waits_for_arrivals", "put", "remove", "see", "step", "stop"}
+_DRIVEN: set[str] = set()
 
 
 def text() -> str:

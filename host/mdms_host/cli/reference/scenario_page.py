@@ -16,6 +16,7 @@ from mdms_model.scenario.scenario import (
     Wire,
 )
 from mdms_model.scenario.stream import Exit, Stream
+from mdms_model.scenario.task import Signal
 
 _HEAD = """\
 # Scenarios
@@ -57,6 +58,7 @@ _TABLES = (
     ("`[wire]`", Wire, "Two SYNC periods fit into the 50 ms for which a cell keeps a setpoint."),
     ("`[[stream]]`", Stream, "Needs `firmware`. A parcel that has left is in stock again."),
     ("`[[exit]]`", Exit, "It takes a parcel once no support holds it any more."),
+    ("`[[signal]]`", Signal, "A program waits for it by `await table.signal(name)`."),
     ("`[[fault]]`", Fault, "Needs `firmware`. By kind:\n\n" + list_in(Fault).rstrip()),
 )
 _REST = """\

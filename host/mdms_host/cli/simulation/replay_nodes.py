@@ -12,7 +12,8 @@ from argparse import Namespace
 from collections.abc import Callable, Iterable
 
 from mdms_array.figures import figures_of, report
-from mdms_array.simulation import Finished, timed
+from mdms_array.run import Finished
+from mdms_array.simulation import timed
 from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.records.bus_log import LogPlayer, chosen, read_log

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, BinaryIO
 
 from mdms_array.extras import PAGE, require
 from mdms_array.figures import figures_of
-from mdms_array.recording import HostLog
-from mdms_array.simulation import Finished
+from mdms_array.recording import HostLog, keep_run, lasting
+from mdms_array.run import Finished
 from mdms_array.source import open_program
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.files import writing
-from mdms_host.cli.records.keep import keep_run, lasting
 from mdms_host.cli.signals import ENDS, interrupted
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock

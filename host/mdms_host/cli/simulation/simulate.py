@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from mdms_array.figures import fault_of, figures_of, goals_of, report
-from mdms_array.simulation import Finished, run_scenario
+from mdms_array.recording import keep_run
+from mdms_array.run import Finished
+from mdms_array.simulation import run_scenario
 from mdms_array.source import open_program
 from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.files import writing
-from mdms_host.cli.records.keep import keep_run
 from mdms_host.cli.streams import say
 from mdms_host.motion.outcome import missed_text
 from mdms_host.programs.program import Main

@@ -32,7 +32,7 @@ def two_boxes(*more, **options):
 
 
 async def go_east(table):
-    await table.move(table["box"], 0.36, 0.0)
+    await table["box"].move(0.36, 0.0)
 
 
 def test_a_stream_is_sorted():
@@ -62,7 +62,7 @@ def test_the_way_leads_around_what_is_unknown():
 
 def test_a_parcel_stops_before_what_appears_on_its_way_and_goes_around_it():
     async def main(table):
-        await table.move(table["box"], 0.36, -0.19)
+        await table["box"].move(0.36, -0.19)
 
     table = two_boxes(*SMALL, "parcel.1.x_m=0.40", main=main, unknown=["disc"])
     table.hidden.add("disc")
@@ -85,10 +85,10 @@ def test_with_another_order_a_parcel_comes_to_rest_and_goes_there():
     orders = []
 
     async def main(table):
-        table.start(table.move(table["box"], 0.36, 0.0))
+        table.start(table["box"].move(0.36, 0.0))
         await table.sleep(0.8)
         orders.append(table["box"].pose)
-        await table.move(table["box"], -0.35, -0.15)
+        await table["box"].move(-0.35, -0.15)
 
     table = two_boxes(main=main)
     table.run_until(8.0, lambda: table.program.finished)
@@ -189,10 +189,10 @@ def test_who_waits_for_one_that_has_no_way_any_more_is_planned_anew():
     refused = []
 
     async def main(table):
-        table.start(table.move(table["disc"], 0.36, 0.0))
-        east = table.start(table.move(table["box"], 0.0, 0.0))
+        table.start(table["disc"].move(0.36, 0.0))
+        east = table.start(table["box"].move(0.0, 0.0))
         await table.sleep(0.5)
-        for order in (table.start(table.move(table["disc"], 0.0, 0.9)), east):
+        for order in (table.start(table["disc"].move(0.0, 0.9)), east):
             try:
                 await order
             except ProgramError as error:

@@ -1,0 +1,261 @@
+"""A real or served table: its buses, and a thread that drives it while a program thinks."""
+
+from argparse import Namespace
+from collections.abc import Callable, Coroutine, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from threading import Event, Thread
+from time import monotonic
+from typing import Any, TypeVar
+
+import numpy as np
+
+from mdms_array.array import Belief, believe
+from mdms_array.checks import check_load
+from mdms_array.host import coordinator_of, estimates_of
+from mdms_array.run import (
+    FaultError,
+    Incident,
+    Run,
+    RunError,
+    StoppedError,
+    TimeLimitError,
+    parcels_by_name,
+)
+from mdms_array.source import Source, open_source
+from mdms_array.table import BlockingTable, wait_for_ever
+from mdms_host.can_link.link import AnyLink, Link, open_bus
+from mdms_host.can_link.links import Links
+from mdms_host.clock import Clock, MonotonicClock
+from mdms_host.commissioning.array_file import read_array
+from mdms_host.coordination.operation import Operation, operate
+from mdms_host.coordination.other_host import refuse_other_host
+from mdms_host.coordination.recorder import Recorder
+from mdms_host.programs.program import TableProgram
+from mdms_host.programs.script import Task
+from mdms_host.programs.table import Table
+from mdms_host.programs.traffic.planning import ThreadDesk
+from mdms_model.errors import InputError
+
+__all__ = ["connect", "open_link", "open_links"]
+
+Result = TypeVar("Result")
+#: Bring-up, and finding the parcels, take no longer, or something is wrong [s].
+FOUND_S = 30.0
+#: How often a waiting call looks whether the thread still lives [s].
+LOOK_S = 0.1
+
+
+@contextmanager
+def open_link(options: Namespace) -> Iterator[tuple[Link, Clock]]:
+    """The bus that python-can's options name. Raises NoBusError, DeviceGoneError."""
+    clock = MonotonicClock()
+    with Link(open_bus(options), clock) as link:
+        yield link, clock
+
+
+@contextmanager
+def open_links(options: Namespace, channels: Sequence[str] = ()) -> Iterator[tuple[AnyLink, Clock]]:
+    """The bus that the options name, or several that differ in their channels.
+
+    Raises NoBusError, DeviceGoneError.
+    """
+    if not channels:
+        with open_link(options) as (link, clock):
+            yield link, clock
+        return
+    clock = MonotonicClock()
+    with ExitStack() as opened:
+        buses = []
+        for channel in channels:
+            bus = open_bus(Namespace(**vars(options) | {"channel": channel}))
+            opened.callback(bus.shutdown)
+            buses.append(bus)
+        # From here on the links close their buses.
+        opened.pop_all()
+        with Links(buses, channels, clock) as links:
+            yield links, clock
+
+
+@contextmanager
+def connect(
+    array_file: str | Path | None = None,
+    interface: str | None = None,
+    channel: str | None = None,
+    *,
+    scenario: Source | None = None,
+    **bus_options: Any,
+) -> Iterator[BlockingTable]:
+    """A real or served table; leaving the block stops it in order.
+
+    `array_file` describes the table, as of `mdms run --array`. `scenario` has the parcels and the
+    speed; without it the array file names one. `interface`, `channel` and `bus_options` (such as
+    `bitrate`) are python-can's own; what is left out comes from its environment and files.
+
+    A thread drives the table from enter to exit, so the program may take its time. Raises
+    `InputError`, `LinkError` where there is no way to the bus, and `RunError` for a table that does
+    not come up.
+    """
+    path = None if array_file is None else Path(array_file)
+    checked, _ = open_source(_scenario_of(path, scenario), wait_for_ever)
+    given = {"interface": interface, "channel": channel} | bus_options
+    options = Namespace(**{name: value for name, value in given.items() if value is not None})
+    belief = believe(checked, path, options)
+    check_load(belief.scenario, options)
+    with open_links(options, belief.channels) as (link, clock):
+        refuse_other_host(link, clock)
+        driver = ThreadDriver(belief, link, clock)
+        with driver.driven():
+            yield BlockingTable(driver)
+
+
+def _scenario_of(path: Path | None, scenario: Source | None) -> Source:
+    if scenario is not None:
+        return scenario
+    if path is None:
+        raise InputError("connect: neither an array file nor a scenario is given; give scenario=")
+    named = read_array(path).table.scenario
+    if named is None:
+        raise InputError(
+            f"{path}: names no scenario with the parcels; set array.scenario to a name or a file, "
+            "or connect with scenario="
+        )
+    beside = path.parent / named
+    return beside if beside.is_file() else named
+
+
+class ThreadDriver:
+    """Drives a table in a thread of its own; see `table.Driver`."""
+
+    def __init__(self, belief: Belief, link: AnyLink, clock: Clock) -> None:
+        self._belief = belief
+        self._link = link
+        self._clock = clock
+        self._coordinator = coordinator_of(
+            belief.scenario, belief.cells, main=wait_for_ever, desk=ThreadDesk()
+        )
+        program = self._coordinator.program
+        assert isinstance(program, TableProgram)
+        self._program = program
+        self._recorder = Recorder(
+            self._coordinator,
+            lambda: estimates_of(self._coordinator, belief.scenario),
+            look=self._look,
+        )
+        self._asked: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._calls: list[tuple[Task[Any], Event]] = []
+        self._operation: Operation | None = None
+        self._error: BaseException | None = None
+
+    @contextmanager
+    def driven(self) -> Iterator[None]:
+        """Bring the table up, and stop it in order at the end. Raises `RunError`."""
+        thread = Thread(target=self._operate, name="table", daemon=True)
+        thread.start()
+        try:
+            self._wait_for(lambda: self._program.began, FOUND_S)
+            yield
+        finally:
+            self._asked.put(self._coordinator.stop)
+            thread.join()
+
+    @property
+    def table(self) -> Table:
+        """The table as programs see it."""
+        return self._program.table
+
+    def call(
+        self,
+        routine: Callable[[Table], Coroutine[Any, Any, Result]],
+        limit_s: float | None,
+    ) -> Result:
+        """Wait until a coroutine is done; what it returns. Raises what it raises, `RunError`."""
+        done = Event()
+        started: list[Task[Result]] = []
+
+        def start() -> None:
+            task = self.table.start(routine(self.table))
+            task.heed()
+            started.append(task)
+            self._calls.append((task, done))
+
+        def cancel() -> None:
+            for task in started:
+                task.cancel()
+
+        self._asked.put(start)
+        try:
+            self._wait_for(done.is_set, limit_s, done)
+        except BaseException:
+            self._asked.put(cancel)
+            raise
+        result: Result = started[0].result()
+        return result
+
+    @property
+    def run_so_far(self) -> Run:
+        """The run up to now, as it is believed."""
+        coordinator, scenario = self._coordinator, self._belief.scenario
+        record = self._recorder.record(list(self._link.incidents))
+        names = [parcel.name for parcel in scenario.parcel]
+        status, reason = self._status()
+        return Run(
+            scenario,
+            status,
+            reason,
+            record,
+            {},
+            parcels_by_name(record, names, dict(coordinator.goals), ()),
+            incidents=[Incident(time_s, text) for time_s, text in coordinator.troubles],
+        )
+
+    def _status(self) -> tuple[str, str]:
+        coordinator = self._coordinator
+        if self._error is not None:
+            return "fault", str(self._error)
+        if coordinator.fault is not None:
+            return "fault", coordinator.fault
+        if coordinator.lost is not None:
+            return "lost", coordinator.lost
+        if coordinator.stuck is not None:
+            return "stopped", coordinator.stuck
+        return "reached", ""
+
+    def _operate(self) -> None:
+        """What the thread does from beginning to end."""
+        try:
+            self._operation = operate(
+                self._coordinator, self._link, self._clock, participant=self._recorder
+            )
+        except BaseException as error:
+            self._error = error
+
+    def _wait_for(
+        self, over: Callable[[], bool], limit_s: float | None, event: Event | None = None
+    ) -> None:
+        """Wait at most so long. Raises `RunError` where the table does not go on."""
+        end_s = np.inf if limit_s is None else monotonic() + limit_s
+        while not over():
+            if self._operation is not None or self._error is not None:
+                raise self._ended()
+            if monotonic() > end_s:
+                raise TimeLimitError(f"not done within {limit_s:g} s", self.run_so_far)
+            (event or Event()).wait(LOOK_S)
+
+    def _ended(self) -> RunError:
+        _, reason = self._status()
+        kind = FaultError if self._error or self._coordinator.fault else StoppedError
+        return kind(reason or "the table has stopped", self.run_so_far)
+
+    def _look(self, _time_s: float) -> None:
+        """Start what has been asked for, and tell who waits for what is done; in the thread."""
+        while True:
+            try:
+                self._asked.get_nowait()()
+            except Empty:
+                break
+        for task, done in self._calls:
+            if task.done:
+                done.set()
+        self._calls = [(task, done) for task, done in self._calls if not task.done]

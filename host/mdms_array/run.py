@@ -1,0 +1,275 @@
+"""What a run leaves to its caller: one status, one reason, parcels and wheels by name."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from mdms_host.motion.goal import Goal
+from mdms_host.motion.outcome import GoalOutcome
+from mdms_model.arrays import Floats
+from mdms_model.errors import Error
+from mdms_model.run.record import Event, Record
+from mdms_model.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from mdms_sim.referee.rules import Violation
+    from mdms_sim.simulation import BusFigures
+
+__all__ = [
+    "FailedError",
+    "FaultError",
+    "Finished",
+    "Incident",
+    "LostError",
+    "ParcelRun",
+    "Run",
+    "RunError",
+    "StoppedError",
+    "TimeLimitError",
+    "ViolationError",
+    "WheelRun",
+]
+
+Pose = tuple[float, float, float]
+
+
+class RunError(Error):
+    """A run that did not end well; `run` has what it left, if it was kept."""
+
+    def __init__(self, reason: str, run: "Run | None" = None) -> None:
+        super().__init__(reason)
+        self.run = run
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle with the run."""
+        return type(self), (str(self), self.run)
+
+
+class TimeLimitError(RunError):
+    """What was asked for was not done within the time limit."""
+
+
+class FaultError(RunError):
+    """Cells, or the way to them, have failed."""
+
+
+class LostError(RunError):
+    """A parcel has tipped, or is not found any more."""
+
+
+class StoppedError(RunError):
+    """A parcel cannot go on, or its run was stopped."""
+
+
+class FailedError(RunError):
+    """The program has ended by an error of its own."""
+
+
+class ViolationError(RunError):
+    """The referee of the simulation has seen a rule broken."""
+
+
+#: The error that `raise_for_status` raises, by status.
+ERRORS: Mapping[str, type[RunError]] = {
+    "time limit": TimeLimitError,
+    "fault": FaultError,
+    "lost": LostError,
+    "stopped": StoppedError,
+    "failed": FailedError,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Incident:
+    """Something that a person should look after, though the run went on."""
+
+    time_s: float
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class ParcelRun:
+    """One parcel over a run: poses x, y, yaw [m, m, rad; table frame].
+
+    `time_s` is of shape (T,), `true` and `believed` are of shape (T, 3), NaN where nothing is
+    known; on hardware nothing is true. `goal` is where it was steered last, and `reached_s` since
+    when it has been there, by the truth if there is one.
+    """
+
+    name: str
+    time_s: Floats
+    true: Floats
+    believed: Floats
+    goal: tuple[float, float, float | None] | None = None
+    outcome: GoalOutcome | None = None
+
+    @property
+    def true_pose(self) -> Pose | None:
+        """Where it is at the end; None where no truth is known, or it is away."""
+        return _last(self.true)
+
+    @property
+    def believed_pose(self) -> Pose | None:
+        """Where the host believes it to be at the end; None if it has not been found."""
+        return _last(self.believed)
+
+    @property
+    def reached(self) -> bool:
+        """Whether it is at its goal at the end."""
+        return self.outcome is not None and self.outcome.reached
+
+    @property
+    def columns(self) -> dict[str, Floats]:
+        """All of it as columns of equal length, as `pandas.DataFrame` takes them."""
+        names = "x_m", "y_m", "yaw_rad"
+        true = {name: self.true[:, axis] for axis, name in enumerate(names)}
+        believed = {f"believed_{name}": self.believed[:, axis] for axis, name in enumerate(names)}
+        return {"time_s": self.time_s} | true | believed
+
+
+@dataclass(frozen=True, slots=True)
+class WheelRun:
+    """One wheel over a run; all arrays are of shape (T,)."""
+
+    time_s: Floats
+    reference_m_s: Floats
+    speed_m_s: Floats
+    voltage_v: Floats
+    normal_n: Floats
+    force_n: Floats
+
+    @property
+    def columns(self) -> dict[str, Floats]:
+        """All of it as columns of equal length, as `pandas.DataFrame` takes them."""
+        return {name: getattr(self, name) for name in self.__slots__}
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """A run that has ended: what it recorded, how long it took, and what a coordinator met.
+
+    `troubles` are what the coordinator found amiss, as (time [s], text), `lost` is which parcels it
+    does not find any more at the end, and `stuck` why it could not go on to its goals; `goals` are
+    where it steered parcels last, and `unfinished` is whether its program was to end, and has not,
+    `endless` whether it has no end of its own,
+    `waits` where it waits, and `failed` whether it has ended by an error in it;
+    `lost_cells` are those that it does without by then, and `pauses` is how often it has held all
+    parcels. `violations` are what the referee of the simulation has noted.
+    `wall_s` leaves out `compile_s`, which passes once per installation.
+    """
+
+    record: Record
+    nodes: str | None = None
+    bus: "BusFigures | None" = None
+    fault: str | None = None
+    lost: str | None = None
+    stuck: str | None = None
+    goals: Mapping[str, Goal] = field(default_factory=dict)
+    unfinished: bool = False
+    endless: bool = False
+    waits: str = ""
+    failed: bool = False
+    troubles: tuple[tuple[float, str], ...] = ()
+    lost_cells: tuple[int, ...] = ()
+    pauses: int = 0
+    violations: "tuple[Violation, ...]" = ()
+    wall_s: float = 0.0
+    compile_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A run that has ended, or a table up to now. It pickles.
+
+    `status` is `reached`, `time limit`, `fault`, `lost`, `stopped` or `failed`, and `reason` says
+    why it is not `reached`. An `endless` job, such as sorting a stream, has no end but its time
+    limit. `violations` are what the referee of a simulation has noted. `figures` are those of
+    `mdms simulate --json`, `bus` those of the bus, and `record` is all that was sampled.
+    """
+
+    scenario: Scenario
+    status: str
+    reason: str
+    record: Record
+    figures: Mapping[str, Any]
+    parcels: Mapping[str, ParcelRun]
+    incidents: Sequence[Incident] = ()
+    violations: "Sequence[Violation]" = ()
+    bus: "BusFigures | None" = None
+    endless: bool = False
+    wall_s: float = 0.0
+
+    @property
+    def log_sha256(self) -> str | None:
+        """SHA-256 of all frames with their times, equal for equal runs; None without a bus."""
+        return None if self.bus is None else self.bus.log_sha256
+
+    @property
+    def duration_s(self) -> float:
+        """How long it took on the table."""
+        return float(self.record.time_s[-1] - self.record.time_s[0])
+
+    @property
+    def events(self) -> Sequence[Event]:
+        """All that happened, by time."""
+        return self.record.events
+
+    @property
+    def wheels(self) -> Mapping[tuple[int, int], WheelRun]:
+        """All wheels, by the number of the cell and of the axis, both from 1."""
+        record, axes = self.record, len(self.scenario.cell.wheel)
+        return {
+            (wheel // axes + 1, wheel % axes + 1): WheelRun(
+                record.time_s,
+                record.reference_m_s[:, wheel],
+                record.speed_m_s[:, wheel],
+                record.voltage_v[:, wheel],
+                record.normal_n[:, wheel],
+                record.force_n[:, wheel],
+            )
+            for wheel in range(record.speed_m_s.shape[1])
+        }
+
+    def raise_for_status(self) -> None:
+        """Raise the `RunError` of the status; an endless job may end by its time limit.
+
+        Raises ViolationError where a rule was broken, whatever the status.
+        """
+        if self.violations:
+            first = self.violations[0]
+            raise ViolationError(f"rule '{first.rule}' broken: {first.text}", self)
+        if self.status == "reached" or (self.status == "time limit" and self.endless):
+            return
+        raise ERRORS[self.status](self.reason, self)
+
+
+def parcels_by_name(
+    record: Record, names: Sequence[str], goals: Mapping[str, Any], outcomes: Sequence[GoalOutcome]
+) -> dict[str, ParcelRun]:
+    """What a record has of each parcel, in the order of its arrays."""
+    by_name = {outcome.parcel: outcome for outcome in outcomes}
+    unknown = record.pose * float("nan")
+    believed = unknown if record.estimate is None else record.estimate
+    true = unknown if record.is_belief else record.pose
+    return {
+        name: ParcelRun(
+            name,
+            record.time_s,
+            true[:, number],
+            believed[:, number],
+            _goal(goals.get(name)),
+            by_name.get(name),
+        )
+        for number, name in enumerate(names)
+    }
+
+
+def _goal(goal: Any) -> tuple[float, float, float | None] | None:
+    return None if goal is None else (goal.x_m, goal.y_m, goal.yaw_rad)
+
+
+def _last(poses: Floats) -> Pose | None:
+    if not len(poses) or poses[-1, 0] != poses[-1, 0]:
+        return None
+    x_m, y_m, yaw_rad = poses[-1].tolist()
+    return x_m, y_m, yaw_rad

@@ -1,0 +1,130 @@
+"""What `import mdms_array as mdms` offers: runs, a table by hand, signals, errors."""
+
+import json
+import pickle
+import subprocess
+import sys
+
+import pytest
+
+import mdms_array as mdms
+from mdms_model.scenario.file import read_tree
+
+
+async def sorter(table):
+    async for parcel in table.arrivals():
+        code = await table.signal("scanner")
+        table.start(parcel.leave("north" if code == "A" else None))
+
+
+def test_a_run_has_one_status_and_poses_by_name():
+    run = mdms.simulate("array18", limit_s=3.0)
+    assert (run.status, run.reason) == ("reached", "")
+    box = run.parcels["box"]
+    assert box.reached
+    assert box.true_pose == pytest.approx((0.1, 0.0, 0.5236), abs=5e-3)
+    assert box.believed_pose == pytest.approx(box.true_pose, abs=5e-3)
+    assert {len(column) for column in box.columns.values()} == {len(run.record.time_s)}
+    assert run.wheels[18, 2].speed_m_s.shape == run.record.time_s.shape
+    run.raise_for_status()
+    again = pickle.loads(pickle.dumps(run))
+    assert again.log_sha256 == run.log_sha256 == mdms.simulate("array18", limit_s=3.0).log_sha256
+
+
+def test_a_run_that_has_too_little_time_raises_with_what_is_left():
+    run = mdms.simulate("array18", limit_s=0.8)
+    assert run.status == "time limit"
+    with pytest.raises(mdms.TimeLimitError, match=r"goal not reached: box is \d+") as raised:
+        run.raise_for_status()
+    assert raised.value.run is run
+
+
+def test_a_table_by_hand_goes_on_after_a_call_that_failed():
+    with mdms.virtual("array18") as table:
+        box = table["box"]
+        box.move(0.10, 0.0, yaw_rad=0.2)
+        assert box.pose == pytest.approx((0.10, 0.0, 0.2), abs=3e-3)
+        before_s = table.now_s
+        with pytest.raises(mdms.ProgramError, match=r"0\.900 m"):
+            box.move(0.9, 0.0)
+        with pytest.raises(mdms.ProgramError, match="no parcel 'bx'"):
+            table["bx"]
+        box.move(-0.10, 0.0)
+        assert table.now_s > before_s
+        true_pose = table.run_so_far.parcels["box"].true_pose
+        assert true_pose == pytest.approx((-0.10, 0.0, 0.2), abs=5e-3)
+
+
+def test_a_call_that_takes_too_long_is_given_up_and_the_table_goes_on():
+    with mdms.virtual("array18") as table:
+        with pytest.raises(mdms.TimeLimitError, match=r"not done within 0.2 s"):
+            table.signal("never", limit_s=0.2)
+        with pytest.raises(mdms.TimeLimitError):
+            table["box"].move(0.10, 0.0, limit_s=0.05)
+        table["box"].move(-0.05, 0.0)
+        assert table["box"].pose[:2] == pytest.approx((-0.05, 0.0), abs=3e-3)
+
+
+def test_signals_come_at_their_times_and_the_same_run_has_the_same_bytes():
+    signals = {"scanner": [(1.0, "A"), (2.2, "B")]}
+    runs = [mdms.simulate("sort54", program=sorter, signals=signals, limit_s=6.0) for _ in range(2)]
+    assert runs[0].log_sha256 == runs[1].log_sha256
+    exits = [event for event in runs[0].events if event.kind == "exit"]
+    assert len(exits) == 2
+    runs[0].raise_for_status()
+
+
+def test_a_signal_of_the_scenario_reaches_its_program():
+    tree = read_tree("array18") | {"signal": [{"name": "go", "value": "east", "time_s": 1.0}]}
+    got = []
+
+    async def waiter(table):
+        got.append((await table.signal("go"), table.now_s))
+
+    mdms.simulate(tree, program=waiter).raise_for_status()
+    ((value, at_s),) = got
+    assert value == "east"
+    assert 0.0 < at_s <= 1.0
+
+
+def test_nobody_else_sends_signals_in_virtual_time():
+    with mdms.virtual("array18") as table, pytest.raises(mdms.Error, match="in virtual time"):
+        table.send_signal("scanner", "A")
+
+
+def test_a_fault_of_the_cells_ends_the_calls_that_wait():
+    fault = {"kind": "off", "cells": [8], "start_s": 2.0}
+    tree = read_tree("array18") | {"fault": [fault]}
+
+    async def back_and_forth(table):
+        while True:
+            await table["box"].move(0.1, 0.0)
+            await table["box"].move(-0.1, 0.0)
+
+    with mdms.virtual(tree) as table, pytest.raises(mdms.FaultError, match="8") as raised:
+        table.run(back_and_forth, limit_s=20.0)
+    assert raised.value.run.status == "fault"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ({"scenario": "aray18"}, "no such scenario file"),
+        ({"scenario": {"title": "x"}}, "array is missing"),
+        ({"scenario": "array18", "program": print}, "is not `async def"),
+        ({"scenario": "paper-fig7", "program": sorter}, "run.fidelity is 'row'"),
+        ({"scenario": "array18", "signals": {"a": [(0.0, "b")]}}, "no program takes it"),
+    ],
+)
+def test_what_cannot_be_run_is_refused(arguments, told):
+    with pytest.raises(mdms.InputError, match=told):
+        mdms.simulate(**arguments)
+
+
+def test_the_import_is_light():
+    script = (
+        "import sys, json, mdms_array; "
+        "print(json.dumps(sorted({name.partition('.')[0] for name in sys.modules})))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=True)
+    assert {"numba", "matplotlib", "mdms_sim", "numpy"}.isdisjoint(json.loads(done.stdout))
