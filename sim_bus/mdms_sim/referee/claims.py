@@ -108,7 +108,7 @@ class Claims:
             return
         if report is None and self._word.parcels:
             self._hear_cells(now_ns)
-        if self._truth.host is not None or self._hosts_out:
+        if report is not None or self._hosts_out:
             self._check_reasons(report, now_s)
 
     def finish(self, now_ns: int) -> None:

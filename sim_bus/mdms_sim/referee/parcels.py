@@ -29,6 +29,8 @@ _LOOK_S = 0.01
 _TURNING_M_S = 0.005
 #: How long it takes until brakes are on: the heartbeat of a host counts for so long [s].
 REACTION_S = 0.1
+#: Wheels that slip when the power goes still drive a parcel on for a moment.
+_COASTING = 1.1
 #: Rounding of ways, and how far a parcel sinks into another [m].
 _SLACK_M = 0.001
 #: A parcel that a hand has pushed or set down rests below this [m/s], or after so long [s].
@@ -169,7 +171,7 @@ class Parcels:
             gone_m = np.hypot(*(pose - event.pose[concerned])[:, :2].T) + turned_m
             way_m = event.way_m[concerned]
             if event.coasts:
-                way_m = event.speed_m_s[concerned] * (time_s - event.time_s)
+                way_m = _COASTING * event.speed_m_s[concerned] * (time_s - event.time_s)
             if (gone_m <= way_m + _SLACK_M).all():
                 return True
         return False
@@ -239,11 +241,11 @@ class Parcels:
     ) -> Iterator[tuple[int, tuple[int, str]]]:
         """Cells that drive under a parcel which a host that steers parcels to goals does not."""
         scenario = self._truth.scenario
-        if self._truth.host is None or scenario.motion.field != "goal":
+        report = None if self._truth.host is None else self._truth.host()
+        if report is None or scenario.motion.field != "goal":
             return
-        goals = self._truth.host().goals
         for name, number in self._names.items():
-            if name in goals or number in self._handled:
+            if name in report.goals or number in self._handled:
                 continue
             for cell in set(self._world.wheels.cell[driven & (carried == number)].tolist()):
                 yield cell, (number, f"cell {cell + 1} drives for another parcel under")
