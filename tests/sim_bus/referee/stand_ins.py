@@ -22,7 +22,7 @@ REST = np.zeros((CELLS, 2))
 
 
 class Motors:
-    """Cells without a program: their motors get, and they send, what the test says at a time [s]."""
+    """Cells without a program: motors get, and cells send, what the test says."""
 
     def __init__(self, drive: Drive, frames: Iterable[tuple[float, Frame]]) -> None:
         self.awake = np.ones(CELLS, np.int32)

@@ -63,7 +63,7 @@ def test_a_cell_that_drives_for_the_parcel_over_it_is_not():
 
 def steered(*names):
     """A host that steers these boxes to where they are, and others nowhere."""
-    return lambda _: HostReport(goals={name: (0.0, 0.0, None) for name in names})
+    return lambda _: HostReport(goals=dict.fromkeys(names, (0.0, 0.0, None)))
 
 
 @pytest.mark.violates("one_parcel")
