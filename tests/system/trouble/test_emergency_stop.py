@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.benchmarks.sim_bus.stopping import hardware
 
 from mdms_host.cli.simulation.compose import run_scenario
 from mdms_model.scenario.file import load_scenario
@@ -42,3 +43,19 @@ def test_a_box_that_waits_stands_when_the_contacts_open_again():
     later = record.time_s > PRESSED_S + 1.0
     assert not np.abs(record.voltage_v[later]).any()
     assert np.abs(record.twist[later, 0]).max() < 0.02
+
+
+@pytest.mark.parametrize(
+    ("form", "mass_kg", "speed_m_s", "least_m", "most_m"),
+    [
+        ("short", 2, 0.4, 0.06, 0.09),
+        ("short", 10, 0.4, 0.20, 0.31),
+        ("category 1", 2, 0.4, 0.06, 0.09),
+        # It is not slow enough when the supply goes, and coasts on.
+        ("category 1", 10, 0.4, 0.50, 0.90),
+    ],
+)
+def test_boxes_run_on_as_far_as_the_firmwares_guide_has_it(
+    form, mass_kg, speed_m_s, least_m, most_m
+):
+    assert least_m < hardware(form, mass_kg, speed_m_s).way_m < most_m
