@@ -176,15 +176,11 @@ class StopTest:
             text = f"no cell has lost its supply; they measure {_span(cells, late)}"
             return [Finding("stop-welded", text, tuple(late))]
         findings = [
-            Finding(
-                "stop-welded",
-                f"{_volts(cells[node].supply_mv)} {FALLS_S:g} s after the others lost their supply",
-                (node,),
-            )
-            for node in late
+            Finding("stop-welded", _lateness(cells[node], first_s), (node,)) for node in late
         ]
         if self.form == CATEGORY_1:
-            there = _of(cells, lambda each: each.fell_s < inf and each.gone_s == inf)
+            there = _of(cells, lambda each: each.gone_s == inf)
+            there = [node for node in there if node not in late]
             if there:
                 text = f"{_span(cells, there)} {GONE_S:g} s after the stop was pressed"
                 findings.append(Finding("stop-delay", text, tuple(there)))
@@ -246,6 +242,13 @@ class StopTest:
 
 def _of(cells: dict[int, _Watched], such: Callable[[_Watched], bool]) -> list[int]:
     return [node_id for node_id, each in cells.items() if such(each)]
+
+
+def _lateness(cell: _Watched, first_s: float) -> str:
+    if cell.fell_s == inf:
+        return f"{_volts(cell.supply_mv)}, though the supply of other cells has fallen"
+    late_s = cell.fell_s - first_s
+    return f"its supply fell {late_s:.1f} s after the first cell's; {FALLS_S:g} s are allowed"
 
 
 def _span(cells: dict[int, _Watched], node_ids: Sequence[int]) -> str:
