@@ -222,6 +222,12 @@ def test_a_cell_whose_relay_does_not_close_again_is_named(table, capsys):
     assert rows == [("stop-stays", (4,), "0.0 V 2 s after other cells had theirs back")]
 
 
+def test_a_stop_that_is_pressed_again_while_wheels_are_watched_proves_nothing(table, capsys):
+    table.on_release = lambda: table.after(1.0, lambda: table._cut((2,), 0.0))
+    assert main(STOP) == Exit.FAILURE
+    assert "mdms: node 2 has lost its supply again; release" in capsys.readouterr().err
+
+
 class OtherHost:
     """A host that enables and drives cell 6 from the release on."""
 

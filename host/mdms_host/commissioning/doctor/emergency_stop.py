@@ -231,6 +231,13 @@ class StopTest:
                     continue
                 found.setdefault(node_id, Finding("stop-restarts", text, (node_id,)))
             self.clock.sleep(_LOOK_S)
+        self._look(cells)
+        again = _of(cells, lambda each: each.supply_mv < each.limit_mv)
+        if again:
+            raise StopTestError(
+                f"node {again[0]} has lost its supply again; release the emergency stop, reset its "
+                "module, and begin anew"
+            )
         return list(found.values())
 
     def _state(self, node_id: int, axis: int) -> int | None:
