@@ -1,7 +1,7 @@
 """From a scenario to the host's own objects: array, parcels, program, settings of the cells."""
 
 from collections.abc import Iterator
-from math import hypot, pi
+from math import hypot, inf, pi
 
 import numpy as np
 
@@ -85,7 +85,8 @@ def coordinator_of(
         centres_of_mass_m=centres_of_mass_m(scenario),
     )
     if isinstance(program, TableProgram):
-        program.attend(coordinator.tracker)
+        heaviest_kg = inf if scenario.stop is None else scenario.stop.mass_kg
+        program.attend(coordinator.tracker, heaviest_kg)
     return coordinator
 
 
