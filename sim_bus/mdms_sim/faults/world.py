@@ -51,9 +51,10 @@ class WorldFaults:
         return cells_with(fault, len(self._nominal_supply_v))
 
     def _supply(self, fault: Fault, random: Random) -> Course:
-        def begin() -> None:
+        def begin() -> str | None:
             self._supplies.append(fault)
             self._supply_cells(fault)
+            return "the motors are shorted" if fault.brake else None
 
         def end() -> None:
             self._supplies.remove(fault)

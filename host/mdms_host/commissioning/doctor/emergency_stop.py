@@ -1,9 +1,8 @@
 """The guided test of the emergency stop: cells are watched while a person presses and releases it.
 
-It only reads: no motor is switched on for it, and none by it. What is drawn in
-`docs/wiring-table.svg` is what it expects of the supply that cells measure (0x6079): it falls below
-their limit (0x3003) at once in both forms, and with `category_1` below 4.5 V when the time relay
-has cut the supply.
+The test only reads, and switches no motor on. `docs/wiring-stop.svg` draws the circuit that it
+expects. In both forms the supply that cells measure (0x6079) falls below their limit (0x3003) at
+once. With `category_1` it falls below 4.5 V when the time relay has cut the supply.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -47,14 +46,14 @@ class OwnFaultError(StopTestError):
 
 
 class NobodyError(CommissioningError):
-    """Nobody has done what was asked in time."""
+    """The person has not answered in time."""
 
 
 class Person(Protocol):
-    """Who presses and releases."""
+    """The person at the button."""
 
     def ask(self, text: str) -> None:
-        """Ask for something; what was answered before counts no more."""
+        """Ask for something; earlier answers count no more."""
         ...
 
     def answered(self) -> bool:
@@ -64,7 +63,7 @@ class Person(Protocol):
 
 @dataclass(slots=True)
 class _Watched:
-    """What is seen of one cell after the press, in s on the clock; inf: not seen."""
+    """One cell after the press; times in s on the clock, inf if not seen."""
 
     limit_mv: int
     supply_mv: int = 0
@@ -75,7 +74,7 @@ class _Watched:
 
 @dataclass(slots=True)
 class StopTest:
-    """The test on the cells of one bus; `run()` returns what was found."""
+    """The test on the cells of one bus; `run()` returns its findings."""
 
     commissioning: Commissioning
     clock: Clock
