@@ -39,8 +39,8 @@ ONWARD_TICKS = 10
 #: A wheel is about to stand below this [m/s], and a voltage up to the next holds it.
 SLOW_M_S = 0.01
 HOLD_V = 1.3
-#: Rounding of voltages [V].
-LEAST_V = 0.02
+#: Share of the back-EMF, and rounding of voltages [V].
+SHARE, LEAST_V = 0.5, 0.02
 #: A free wheel that was braked turns no faster [m/s] after this time [ns].
 SPIN_M_S, SPIN_NS = 0.05, 100 * NS_PER_MS
 #: From then on a wheel without a parcel rests.
@@ -189,11 +189,13 @@ def _look_at_cell(cell: Records, supply_v: float, shut_off: int, now_ns: int) ->
 def _pushes_onward(volts: float, speed_m_s: float, ke: float) -> bool:
     """Whether a motor is driven on in the direction in which it turns, or out of standstill.
 
-    It brakes where its current is against its motion: against a voltage below its back-EMF.
+    Its current is against its motion while its voltage is below its back-EMF. A free wheel that is
+    driven needs no more than that, so what counts is a voltage that keeps it going at half the
+    speed: one that is braked gets less, whatever drags it.
     """
     if abs(speed_m_s) > SLOW_M_S:
         along_v = volts if speed_m_s > 0.0 else -volts
-        return bool(along_v > ke * abs(speed_m_s) + LEAST_V)
+        return bool(along_v > SHARE * ke * abs(speed_m_s) + LEAST_V)
     return bool(abs(volts) > HOLD_V and volts * speed_m_s >= 0.0)
 
 
