@@ -162,7 +162,10 @@ def test_setpoint_watchdog_that_is_late(monkeypatch):
 @pytest.mark.violates("silent")
 def test_cell_that_does_not_miss_the_hosts_heartbeat(monkeypatch):
     watched = [
-        (0.25 + 0.002 * node_id, write(node_id, indices.CONSUMER_TIMES, 1, cob.HOST_NODE << 16 | 75))
+        (
+            0.25 + 0.002 * node_id,
+            write(node_id, indices.CONSUMER_TIMES, 1, cob.HOST_NODE << 16 | 75),
+        )
         for node_id in range(1, CELLS + 1)
     ]
     more = [*watched, *heartbeats(0.3, 1.0)]
