@@ -1,6 +1,6 @@
 """The rules about words: 'arrived' is true, and a fault is said."""
 
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import degrees, hypot, pi, radians, remainder
 
@@ -11,7 +11,6 @@ from mdms_model.arrays import Floats
 from mdms_model.outline import outline_of, own_outline_m
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.scenario import Parcel, goal_of
-from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.neighbours import frames as wire
 from mdms_sim.referee.truth import HostReport, Note, Pose, Truth
 from mdms_sim.referee.word import FRESH_NS, NS_PER_S, Word
@@ -77,13 +76,6 @@ class Claims:
         self._place_m: Floats = self._world.pose
         self._moved_s = np.zeros(len(scenario.parcel))
         self._mute = False
-
-    def watched(self, bus: int) -> Set[int]:
-        """The identifiers that it wants to see on a bus, from 0."""
-        return self._word.watched(bus)
-
-    def on_frame(self, bus: int, frame: Frame, now_ns: int) -> None:
-        """A watched frame has got through on a bus, and `word` has it."""
 
     def on_fault(self, fault: Fault, begins: bool, now_ns: int) -> None:
         """A fault begins or ends."""

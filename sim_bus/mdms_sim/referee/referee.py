@@ -40,15 +40,15 @@ class Referee:
         self._claims = Claims(truth, self._note, self._word)
         self._judges = self._wheels, self._parcels, self._claims
         buses = range(truth.addresses.bus_count)
-        self.watched = [set().union(*(each.watched(bus) for each in self._judges)) for bus in buses]
+        self._listening = [self._listeners_on(bus) for bus in buses]
+        self.watched = [listening.keys() for listening in self._listening]
         self.delivered = self._wheels.delivered
 
     def on_frame(self, bus: int, frame: Frame, now_ns: int) -> None:
         """A watched frame has got through on a bus, from 0."""
         self._now_ns = now_ns
-        self._word.on_frame(bus, frame, now_ns)
-        for judge in self._judges:
-            judge.on_frame(bus, frame, now_ns)
+        for listener in self._listening[bus][frame.can_id]:
+            listener.on_frame(bus, frame, now_ns)
 
     def on_delivery(self, cell: int, frame: Frame, now_ns: int) -> None:
         """A frame of another node has reached a cell, from 0."""
@@ -77,6 +77,14 @@ class Referee:
         """The run is over."""
         self._parcels.look(self._now_ns)
         self._claims.finish(self._now_ns)
+
+    def _listeners_on(self, bus: int) -> dict[int, list[Word | Wheels | Parcels]]:
+        """What listens to each identifier of a bus; what has been said comes before its judges."""
+        listening: dict[int, list[Word | Wheels | Parcels]] = {}
+        for listener in (self._word, self._wheels, self._parcels):
+            for can_id in listener.watched(bus):
+                listening.setdefault(can_id, []).append(listener)
+        return listening
 
     @property
     def unavoidable(self) -> list[Event]:
