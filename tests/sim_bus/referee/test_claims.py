@@ -4,6 +4,7 @@ from math import inf, pi
 
 import pytest
 from tests.sim_bus.referee.stand_ins import (
+    ABOUT_WHEELS,
     ARRIVED,
     REST,
     UNDER,
@@ -21,6 +22,8 @@ from mdms_protocol.codecs import cob
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.neighbours import messages
 from mdms_sim.referee.truth import HostReport
+
+pytestmark = pytest.mark.violates(*ABOUT_WHEELS)
 
 BOX = (-0.2, 0.0)
 HOST_GONE = '{kind="host", start_s=0.2}'

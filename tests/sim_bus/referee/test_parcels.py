@@ -2,6 +2,7 @@
 
 import pytest
 from tests.sim_bus.referee.stand_ins import (
+    ABOUT_WHEELS,
     NEAR,
     PROMISED,
     REST,
@@ -18,6 +19,8 @@ from tests.sim_bus.referee.stand_ins import (
 from mdms_model.run.record import Event
 from mdms_protocol.neighbours import messages
 from mdms_sim.referee.truth import HostReport
+
+pytestmark = pytest.mark.violates(*ABOUT_WHEELS)
 
 #: Two boxes beside each other along x, 0.1 m apart, on cells 8, 9 and 10, 11.
 LEFT, RIGHT = (-0.2, 0.0), (0.1, 0.0)
