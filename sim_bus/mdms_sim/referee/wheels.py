@@ -21,7 +21,7 @@ from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import messages
 from mdms_sim.physics.plane.control_step import Registers
 from mdms_sim.referee import watch
-from mdms_sim.referee.squares import NOBODY, find_parcels
+from mdms_sim.referee.squares import NOBODY, Shapes, find_parcels
 from mdms_sim.referee.truth import Note, Truth
 from mdms_sim.referee.watch import CUT, ENABLED, NEVER, NS_PER_MS, OFF, RAMP, REACTION, SWITCHED_ON
 
@@ -56,6 +56,7 @@ _FAILED = (cia402.FAULT, cia402.FAULT_REACTION)
 STALE_SETPOINT, HEARTBEAT_LOST = 0x8250, 0x8130
 #: Emergencies of the cell, not of one axis, that switch both motors off.
 _OF_BOTH = (0x6100, 0x8140, 0x8150)
+_TARGETS = struct.Struct(pdo.TARGET_VELOCITY.format)
 _EMERGENCY = struct.Struct("<HBB")
 _STATUS = struct.Struct("<HH")
 
@@ -106,14 +107,19 @@ class Wheels:
         self._said_ns = np.zeros(cells, np.int64)
         watched, voltages = (self._watched, self._truths), np.zeros((cells, 2), np.int32)
         self._look = for_types_of(watch.look_at_tick, *watched, 0, voltages)
-        times = self._said_ns, 0, 0, 0, 0.0, 0.0
-        self._find_lapsed = for_types_of(watch.find_lapsed, *watched, *times)
-        self._shapes = world.scene.model.parcels, world.scene.state.parcels, world.scene.model.edges
-        places = self._centres_m, 0.0, self._near
-        self._find_parcels = for_types_of(find_parcels, *self._shapes, *places)
+        lease = self._said_ns, watch.Lease(0, 0, 0.0, 0.0), 0
+        self._find_lapsed = for_types_of(watch.find_lapsed, *watched, *lease)
+        model, state = world.scene.model, world.scene.state
+        self._shapes = Shapes(model.parcels, state.parcels, model.edges, self._centres_m)
+        self._find_parcels = for_types_of(find_parcels, self._shapes, 0.0, self._near)
         # Views, which take a number faster than a field of a record does.
         self._setpoint_ns, self._sync_ns = self._cells["setpoint_ns"], self._cells["sync_ns"]
+        self._heartbeat_ns = self._cells["heartbeat_ns"]
+        self._consumes = [False] * cells
         self._pending: list[bytes | None] = [None] * cells
+        #: The setpoints that count, as they came and as they are.
+        self._taken = [b""] * cells
+        self._targets_um_s = [[0] * AXES for _ in range(cells)]
         self._operational = [False] * cells
         self._failed = np.zeros((cells, AXES), np.bool_)
         self._causes = [["power-up"] * AXES for _ in range(cells)]
@@ -212,22 +218,17 @@ class Wheels:
                 self._report(cell, axis, int(self._wheels[cell, axis].noticed))
 
     def _look_at_parcels(self) -> None:
-        shapes, half_m = (*self._shapes, self._centres_m), self._array.pitch_m / 2
-        self._find_parcels(*shapes, half_m + BESIDE_M, self._near)
+        half_m = self._array.pitch_m / 2
+        self._find_parcels(self._shapes, half_m + BESIDE_M, self._near)
         self._truths.free_ns[self._near != NOBODY] = self._now_ns
         if self._cells["steers"].any():
-            self._find_parcels(*shapes, half_m - OVER_M, self._truths.parcel)
+            self._find_parcels(self._shapes, half_m - OVER_M, self._truths.parcel)
             slowest_m_s2 = min((each for _, each in self._programs.values()), default=0.0)
-            self._find_lapsed(
-                self._watched,
-                self._truths,
-                self._said_ns,
-                self._array.columns,
-                self._now_ns,
-                LEASE_NS,
-                ENTRIES[indices.GAIN, 0].default * MILLI,
-                max(slowest_m_s2, wire.ACCELERATION_MM_S2 * MILLI),
-            )
+            slowest_m_s2 = max(slowest_m_s2, wire.ACCELERATION_MM_S2 * MILLI)
+            gain_vs_per_m = ENTRIES[indices.GAIN, 0].default * MILLI
+            lease = watch.Lease(self._array.columns, LEASE_NS, gain_vs_per_m, slowest_m_s2)
+            watched = self._watched, self._truths
+            self._find_lapsed(*watched, self._said_ns, lease, self._now_ns)
 
     # What a cell is set to
 
@@ -253,10 +254,11 @@ class Wheels:
             if value >> 16 == cob.HOST_NODE and value & 0xFFFF:
                 limit_ns = int((value & 0xFFFF) * NS_PER_MS * slow)
                 record.consumer_ns = limit_ns + CONSUMER_LATE_NS + LATE_NS
+        self._consumes[cell] = record.consumer_ns != NEVER
 
     def _begin(self, cell: int, cause: str) -> None:
         """A cell begins anew: nothing counts of what was."""
-        record = self._cells[cell]
+        record, self._ended[cell] = self._cells[cell], 0
         record.slow = record.slow or 1.0
         record.setpoint_ns = record.heartbeat_ns = record.lease_ns = record.ended_ns = NEVER
         record.sync_ns = self._now_ns
@@ -292,8 +294,9 @@ class Wheels:
             self._pending[cell] = None
             if self._setpoint_ns[cell] != NEVER:
                 self._setpoint_ns[cell] = self._now_ns
-            for axis, target in enumerate(pdo.TARGET_VELOCITY.decode(pending) or ()):
-                self._aim(cell, axis, target)
+            if pending != self._taken[cell]:
+                self._taken[cell] = pending
+                self._aim(cell, *_TARGETS.unpack(pending))
 
     def _on_any_sync(self, on_bus: np.ndarray, data: bytes) -> None:
         """SYNC of whomever: one that a cell gives itself does not reach it."""
@@ -303,13 +306,11 @@ class Wheels:
         if self._operational[cell] and len(data) == pdo.TARGET_VELOCITY.length:
             self._pending[cell] = data
 
-    def _aim(self, cell: int, axis: int, target_um_s: int) -> None:
-        wheel = self._wheels[cell, axis]
-        if wheel.target_um_s and not target_um_s:
-            wheel.idle_ns = self._now_ns
-        wheel.target_um_s = target_um_s
-        if target_um_s:
-            wheel.idle_ns = NEVER
+    def _aim(self, cell: int, *targets_um_s: int) -> None:
+        for axis, (old, new) in enumerate(zip(self._targets_um_s[cell], targets_um_s, strict=True)):
+            if (not old) != (not new):
+                self._wheels[cell, axis].idle_ns = NEVER if new else self._now_ns
+        self._targets_um_s[cell] = list(targets_um_s)
 
     def _on_controlwords(self, cell: int, data: bytes) -> None:
         words = pdo.CONTROLWORD.decode(data)
@@ -342,14 +343,13 @@ class Wheels:
         wheel = self._wheels[cell, axis]
         if wheel.asked != ENABLED:
             wheel.asked = ENABLED
-            wheel.target_um_s, wheel.idle_ns = 0, self._now_ns
-            self._pending[cell] = None
+            self._targets_um_s[cell][axis], wheel.idle_ns = 0, self._now_ns
+            self._pending[cell], self._taken[cell] = None, b""
             self._setpoint_ns[cell] = self._now_ns
 
     def _on_heartbeat(self, cell: int, data: bytes) -> None:
-        if nmt.decode_heartbeat(data) is not None:
-            watched = self._cells[cell].consumer_ns != NEVER
-            self._cells[cell].heartbeat_ns = self._now_ns if watched else NEVER
+        if self._consumes[cell] and nmt.decode_heartbeat(data) is not None:
+            self._heartbeat_ns[cell] = self._now_ns
 
     def _on_request(self, cell: int, data: bytes) -> None:
         """An SDO client writes; of transfers that take one frame only."""
@@ -364,7 +364,10 @@ class Wheels:
         elif sub == 0 and 0 <= axis < AXES and base + 0x6000 == indices.CONTROLWORD:
             self._control(cell, axis, value)
         elif sub == 0 and 0 <= axis < AXES and base + 0x6000 == indices.TARGET:
-            self._aim(cell, axis, value if value < 1 << 31 else value - (1 << 32))
+            targets = list(self._targets_um_s[cell])
+            targets[axis] = value if value < 1 << 31 else value - (1 << 32)
+            self._taken[cell] = b""
+            self._aim(cell, *targets)
             if self._setpoint_ns[cell] != NEVER:
                 self._setpoint_ns[cell] = self._now_ns
         elif (entry := ENTRIES.get((index, sub))) and entry.low <= value <= entry.high:
@@ -398,10 +401,13 @@ class Wheels:
                 if self._identity(cell) == page.identity:
                     self._ended[cell] = page.identity
                     self._cells[cell].ended_ns = self._now_ns + END_NS
-            elif isinstance(page, messages.Parcel | messages.Goal):
-                if page.identity == self._ended[cell]:
-                    self._ended[cell] = 0
-                    self._cells[cell].ended_ns = NEVER
+            elif isinstance(page, _PROGRAM_PAGES) and page.identity == self._ended[cell]:
+                self._revive(cell)
+
+    def _revive(self, cell: int) -> None:
+        """The cell has another program than the one that has ended."""
+        self._ended[cell] = 0
+        self._cells[cell].ended_ns = NEVER
 
     def _identity(self, cell: int) -> int:
         """The parcel that a cell has last said to be under, 0 for none."""
@@ -494,7 +500,7 @@ class Wheels:
         wheel, now = self._wheels[cell, axis], self._truths.state[first + axis]
         gain = self._setting(cell, indices.GAIN + at) * MILLI
         reference_m_s = abs(float(now.speed_m_s)) + abs(float(wheel.applied_v)) / max(gain, MILLI)
-        reference_m_s = max(reference_m_s, abs(int(wheel.target_um_s)) * MICRO)
+        reference_m_s = max(reference_m_s, abs(self._targets_um_s[cell][axis]) * MICRO)
         deceleration_m_s2 = self._setting(cell, indices.QUICK_STOP + at) * MICRO
         ramp_s = reference_m_s / deceleration_m_s2 * float(self._cells[cell].slow)
         wheel.loose_ns += MARGIN_NS + int(ramp_s * NS_PER_S)
@@ -553,8 +559,7 @@ class Wheels:
                 text = f"gets {volts:.2f} V, though its parcel's program has ended"
                 self._say("heeded", place, axis, text)
             else:
-                self._ended[cell] = 0
-                self._cells[cell].ended_ns = NEVER
+                self._revive(cell)
         for bit, text in _TEXTS.items():
             if noticed & bit:
                 self._say(_RULES[bit], place, axis, text.format(volts))
@@ -564,6 +569,7 @@ class Wheels:
 
 
 _WRITE = sdo.DOWNLOAD | sdo.EXPEDITED
+_PROGRAM_PAGES = messages.Parcel, messages.Goal
 _BOOT_UP = bytes([nmt.INITIALISING])
 _SILENCES = ("its last setpoint", "the host's last heartbeat", "the last SYNC")
 _CUTS = {

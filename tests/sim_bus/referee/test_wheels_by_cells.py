@@ -60,9 +60,8 @@ def judge(*faults, until_s=3.5, ends_s=None, held=None, flags=0):
 
 def broken(violations, rule, from_s, to_s):
     """Whether this rule was broken first within a time, and no other of wheels."""
-    assert {
-        each for each, _, _ in violations if each in ("asked", "silent", "quiet", "heeded")
-    } == {rule}
+    found = {each for each, _, _ in violations}
+    assert found & {"asked", "heeded", "silent", "quiet"} == {rule}
     first_s = min(time_s for each, _, time_s in violations if each == rule)
     assert from_s <= first_s <= to_s
     return True
