@@ -9,6 +9,7 @@ from collections.abc import Callable, Container, Set
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mdms_model.array import cell_centres
 from mdms_model.compiled import for_types_of
@@ -31,8 +32,8 @@ LATE_NS = 3 * NS_PER_MS
 MARGIN_NS = 10 * NS_PER_MS
 #: The reaction to a lost heartbeat begins so much later.
 CONSUMER_LATE_NS = 6 * NS_PER_MS
-#: A target lasts this long after the SYNC that its update follows by 7 ms.
-UPDATE_NS = 17 * NS_PER_MS
+#: A target counts from its update, 7 ms after SYNC; a cell's own SYNC is known a beat late.
+UPDATE_NS = 27 * NS_PER_MS
 #: The watchdog of the slowest board (Teensy 4.1).
 WATCHDOG_NS = 500 * NS_PER_MS
 #: A lease ends so long after the last estimate; then a beat, until the wheels are led by that.
@@ -117,6 +118,7 @@ class Wheels:
         self._heartbeat_ns = self._cells["heartbeat_ns"]
         self._consumes = [False] * cells
         self._pending: list[bytes | None] = [None] * cells
+        self._last_sync_ns = [0] * truth.addresses.bus_count
         #: The setpoints that count, as they came and as they are.
         self._taken = [b""] * cells
         self._targets_um_s = [[0] * AXES for _ in range(cells)]
@@ -156,7 +158,7 @@ class Wheels:
         on_bus = np.array(truth.addresses.buses) == bus
         handlers: dict[int, Callable[[bytes], None]] = {
             cob.PROGRAM: self._on_any_page,
-            cob.SYNC: partial(self._on_any_sync, on_bus),
+            cob.SYNC: partial(self._on_any_sync, bus, np.flatnonzero(on_bus)),
         }
         for cell, its_bus in enumerate(truth.addresses.buses):
             if its_bus == bus:
@@ -290,6 +292,7 @@ class Wheels:
 
     def _on_sync(self, cell: int, data: bytes) -> None:
         pending = self._pending[cell]
+        self._sync_ns[cell] = self._now_ns
         if pending is not None:
             self._pending[cell] = None
             if self._setpoint_ns[cell] != NEVER:
@@ -298,9 +301,16 @@ class Wheels:
                 self._taken[cell] = pending
                 self._aim(cell, *_TARGETS.unpack(pending))
 
-    def _on_any_sync(self, on_bus: np.ndarray, data: bytes) -> None:
-        """SYNC of whomever: one that a cell gives itself does not reach it."""
-        self._sync_ns[on_bus] = self._now_ns
+    def _on_any_sync(self, bus: int, on_bus: NDArray[np.intp], data: bytes) -> None:
+        """SYNC of whomever. One that a cell gives itself does not reach it, but it reaches others.
+
+        What others have got is known when the next one comes.
+        """
+        before_ns, self._last_sync_ns[bus] = self._last_sync_ns[bus], self._now_ns
+        if self._cells["steers"].any():
+            got_ns = self._sync_ns[on_bus]
+            if (got_ns >= before_ns).any():
+                self._sync_ns[on_bus] = np.maximum(got_ns, before_ns)
 
     def _on_targets(self, cell: int, data: bytes) -> None:
         if self._operational[cell] and len(data) == pdo.TARGET_VELOCITY.length:
