@@ -58,6 +58,7 @@ STALE_SETPOINT, HEARTBEAT_LOST = 0x8250, 0x8130
 #: Emergencies of the cell, not of one axis, that switch both motors off.
 _OF_BOTH = (0x6100, 0x8140, 0x8150)
 _TARGETS = struct.Struct(pdo.TARGET_VELOCITY.format)
+_ZERO = bytes(4)
 _EMERGENCY = struct.Struct("<HBB")
 _STATUS = struct.Struct("<HH")
 
@@ -119,9 +120,9 @@ class Wheels:
         self._consumes = [False] * cells
         self._pending: list[bytes | None] = [None] * cells
         self._last_sync_ns = [0] * truth.addresses.bus_count
-        #: The setpoints that count, as they came and as they are.
-        self._taken = [b""] * cells
-        self._targets_um_s = [[0] * AXES for _ in range(cells)]
+        #: The setpoints that count, and which of them are 0.
+        self._targets = [bytes(pdo.TARGET_VELOCITY.length)] * cells
+        self._idle = [(True, True)] * cells
         self._operational = [False] * cells
         self._failed = np.zeros((cells, AXES), np.bool_)
         self._causes = [["power-up"] * AXES for _ in range(cells)]
@@ -297,9 +298,7 @@ class Wheels:
             self._pending[cell] = None
             if self._setpoint_ns[cell] != NEVER:
                 self._setpoint_ns[cell] = self._now_ns
-            if pending != self._taken[cell]:
-                self._taken[cell] = pending
-                self._aim(cell, *_TARGETS.unpack(pending))
+            self._aim(cell, pending)
 
     def _on_any_sync(self, bus: int, on_bus: NDArray[np.intp], data: bytes) -> None:
         """SYNC of whomever. One that a cell gives itself does not reach it, but it reaches others.
@@ -316,11 +315,19 @@ class Wheels:
         if self._operational[cell] and len(data) == pdo.TARGET_VELOCITY.length:
             self._pending[cell] = data
 
-    def _aim(self, cell: int, *targets_um_s: int) -> None:
-        for axis, (old, new) in enumerate(zip(self._targets_um_s[cell], targets_um_s, strict=True)):
-            if (not old) != (not new):
-                self._wheels[cell, axis].idle_ns = NEVER if new else self._now_ns
-        self._targets_um_s[cell] = list(targets_um_s)
+    def _aim(self, cell: int, targets: bytes) -> None:
+        """Both targets count from now on, as a PDO has them."""
+        self._targets[cell] = targets
+        idle = targets[:4] == _ZERO, targets[4:] == _ZERO
+        if idle != self._idle[cell]:
+            for axis in range(AXES):
+                if idle[axis] != self._idle[cell][axis]:
+                    self._wheels[cell, axis].idle_ns = self._now_ns if idle[axis] else NEVER
+            self._idle[cell] = idle
+
+    def _aim_one(self, cell: int, axis: int, target: bytes) -> None:
+        first, second = self._targets[cell][:4], self._targets[cell][4:]
+        self._aim(cell, first + target if axis else target + second)
 
     def _on_controlwords(self, cell: int, data: bytes) -> None:
         words = pdo.CONTROLWORD.decode(data)
@@ -353,8 +360,8 @@ class Wheels:
         wheel = self._wheels[cell, axis]
         if wheel.asked != ENABLED:
             wheel.asked = ENABLED
-            self._targets_um_s[cell][axis], wheel.idle_ns = 0, self._now_ns
-            self._pending[cell], self._taken[cell] = None, b""
+            self._aim_one(cell, axis, _ZERO)
+            self._pending[cell] = None
             self._setpoint_ns[cell] = self._now_ns
 
     def _on_heartbeat(self, cell: int, data: bytes) -> None:
@@ -374,10 +381,7 @@ class Wheels:
         elif sub == 0 and 0 <= axis < AXES and base + 0x6000 == indices.CONTROLWORD:
             self._control(cell, axis, value)
         elif sub == 0 and 0 <= axis < AXES and base + 0x6000 == indices.TARGET:
-            targets = list(self._targets_um_s[cell])
-            targets[axis] = value if value < 1 << 31 else value - (1 << 32)
-            self._taken[cell] = b""
-            self._aim(cell, *targets)
+            self._aim_one(cell, axis, data[4:])
             if self._setpoint_ns[cell] != NEVER:
                 self._setpoint_ns[cell] = self._now_ns
         elif (entry := ENTRIES.get((index, sub))) and entry.low <= value <= entry.high:
@@ -510,7 +514,7 @@ class Wheels:
         wheel, now = self._wheels[cell, axis], self._truths.state[first + axis]
         gain = self._setting(cell, indices.GAIN + at) * MILLI
         reference_m_s = abs(float(now.speed_m_s)) + abs(float(wheel.applied_v)) / max(gain, MILLI)
-        reference_m_s = max(reference_m_s, abs(self._targets_um_s[cell][axis]) * MICRO)
+        reference_m_s = max(reference_m_s, abs(_TARGETS.unpack(self._targets[cell])[axis]) * MICRO)
         deceleration_m_s2 = self._setting(cell, indices.QUICK_STOP + at) * MICRO
         ramp_s = reference_m_s / deceleration_m_s2 * float(self._cells[cell].slow)
         wheel.loose_ns += MARGIN_NS + int(ramp_s * NS_PER_S)
