@@ -1,21 +1,29 @@
 """Over which squares of cells parcels truly lie."""
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import NamedTuple
 
-from mdms_model.arrays import Floats, Records
+import numpy as np
+
+from mdms_model.arrays import Floats, Ints, Records
 from mdms_model.compiled import compiled
 from mdms_model.parcel import Place, place_of
 
 NOBODY = -1
 
 
+class Shapes(NamedTuple):
+    """The parcels, their states and edges, and the middles of the squares (cells, 2)."""
+
+    parcels: Records
+    bodies: Records
+    edges: Floats
+    centres_m: Floats
+
+
 @compiled
-def lies_over(
-    body: Records, edges: Floats, place: Place, x_m: float, y_m: float, half_m: float
-) -> bool:
-    """Whether a parcel overlaps a square about (x, y), by the theorem of separating axes."""
-    from_x, from_y = x_m - place.x_m, y_m - place.y_m
+def lies_over(body: Records, edges: Floats, place: Place, middle_m: Floats, half_m: float) -> bool:
+    """Whether a parcel overlaps a square about a point, by the theorem of separating axes."""
+    from_x, from_y = middle_m[0] - place.x_m, middle_m[1] - place.y_m
     reach_m = body.radius_m + half_m * 1.4143
     if from_x * from_x + from_y * from_y > reach_m * reach_m:
         return False
@@ -39,22 +47,14 @@ def lies_over(
 
 
 @compiled
-def find_parcels(
-    parcels: Records,
-    bodies: Records,
-    edges: Floats,
-    centres_m: Floats,
-    half_m: float,
-    found: NDArray[np.int64],
-) -> None:
+def find_parcels(shapes: Shapes, half_m: float, found: Ints) -> None:
     """Set for each place the number of a parcel that overlaps the square about it, or `NOBODY`."""
     found[:] = NOBODY
-    for p in range(parcels.size):
-        body = bodies[p]
+    for p in range(shapes.parcels.size):
+        constants, body = shapes.parcels[p], shapes.bodies[p]
         if body.lifted or body.away:
             continue
-        place = place_of(parcels[p], (body.x_m, body.y_m, body.yaw_rad))
+        place = place_of(constants, (body.x_m, body.y_m, body.yaw_rad))
         for cell in range(found.size):
-            x_m, y_m = centres_m[cell, 0], centres_m[cell, 1]
-            if lies_over(parcels[p], edges, place, x_m, y_m, half_m):
+            if lies_over(constants, shapes.edges, place, shapes.centres_m[cell], half_m):
                 found[cell] = p

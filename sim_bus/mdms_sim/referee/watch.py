@@ -78,7 +78,6 @@ WHEEL = np.dtype(
         ("loose_ns", "i8"),  # any voltage is allowed until then
         ("braking_ns", "i8"),  # and braking until then
         ("awake_ns", "i8"),  # its bridge is to be awake until then
-        ("target_um_s", "i8"),
         ("idle_ns", "i8"),  # since when the target is 0
         ("from_m", "f8"),  # its travel when it was stopped
         ("way_m", "f8"),  # how far it may go on, if it carries nothing
@@ -130,48 +129,44 @@ def look_at_tick(watched: Watched, truths: Truths, now_ns: int, voltage_uv: Regi
             if cell.noticed and not (watched.wheels[c, 0].asked or watched.wheels[c, 1].asked):
                 cell.noticed &= ~(LOW_SUPPLY | SHUT_OFF | NO_SYNC)
         noticed |= cell.noticed
-        supply_v = truths.supply_v[p]
         closed = truths.awake[p] != 0 and truths.shut_off[p] == 0
-        closed = closed and supply_v >= BRIDGE_SUPPLY_MIN_V
+        closed = closed and truths.supply_v[p] >= BRIDGE_SUPPLY_MIN_V
         for axis in range(truths.first[p + 1] - truths.first[p]):
             wheel, w = watched.wheels[c, axis], truths.first[p] + axis
             constants, now = truths.model[w], truths.state[w]
             volts = 0.0
             if closed and voltage_uv[p, axis] != 0:
                 volts = voltage_uv[p, axis] / UV_PER_V
-                volts = applied_voltage(volts, supply_v, constants.pwm_steps)
-            wheel.applied_v = volts
-            ke = (constants.loss - constants.damping) / constants.force_per_volt
-            # A motor of swapped leads is judged by what its cell means: it has a time to see it.
-            if _pushes_onward(volts, now.speed_m_s, ke):
-                wheel.onward_ticks += 1
-            else:
-                wheel.onward_ticks = 0
-            wheel.rest_ticks = 0 if volts != 0.0 else wheel.rest_ticks + 1
-            wheel.noticed = 0
+                volts = applied_voltage(volts, truths.supply_v[p], constants.pwm_steps)
+            _take_in(wheel, volts, constants, now.speed_m_s)
             if cell.hung:
                 if now_ns > cell.watchdog_ns and wheel.onward_ticks >= ONWARD_TICKS:
                     wheel.noticed |= PUSHED_HUNG
             elif wheel.asked == ENABLED or (wheel.asked == SWITCHED_ON and cell.steers):
                 _look_at_driven(cell, wheel, truths.free_ns[p], now_ns)
             else:
-                if wheel.rest_ticks >= REST_TICKS:
-                    wheel.rested = 1
                 _look_at_stopped(wheel, now_ns)
-                turns = abs(now.speed_m_s) > TURNS_M_S
-                if turns and now_ns < wheel.awake_ns and truths.awake[p] == 0:
-                    wheel.noticed |= COASTS
-                # One that carries something goes as far as that slides, or others push it.
-                if now.normal_n > 0.0 or not closed:
-                    wheel.loaded = 1
-                ramped = wheel.stop != CUT and not (wheel.loaded or wheel.rested)
-                if ramped and abs(now.travel_m - wheel.from_m) > wheel.way_m:
-                    wheel.noticed |= SPINS
+                _look_at_stopping(wheel, now, closed, truths.awake[p] != 0, now_ns)
             if wheel.noticed == 0 and wheel.rest_ticks >= REST_TICKS:
                 wheel.noted = 0
             wheel.noticed &= ~wheel.noted
             noticed |= wheel.noticed
     return noticed
+
+
+@compiled
+def _take_in(wheel: Records, volts: float, constants: Records, speed_m_s: float) -> None:
+    """Count for how long a wheel has had no voltage, or has been pushed onward.
+
+    A motor of swapped leads is judged by what its cell means: it has a time to see it.
+    """
+    wheel.applied_v, wheel.noticed = volts, 0
+    wheel.rest_ticks = 0 if volts != 0.0 else wheel.rest_ticks + 1
+    if wheel.rest_ticks >= REST_TICKS:
+        wheel.rested = 1
+    ke = (constants.loss - constants.damping) / constants.force_per_volt
+    onward = _pushes_onward(volts, speed_m_s, ke)
+    wheel.onward_ticks = wheel.onward_ticks + 1 if onward else 0
 
 
 @compiled
@@ -231,37 +226,50 @@ def _look_at_stopped(wheel: Records, now_ns: int) -> None:
 
 
 @compiled
-def find_lapsed(
-    watched: Watched,
-    truths: Truths,
-    said_ns: Ints,
-    columns: int,
-    now_ns: int,
-    limit_ns: int,
-    gain_vs_per_m: float,
-    acceleration_m_s2: float,
-) -> None:
+def _look_at_stopping(wheel: Records, now: Records, closed: bool, awake: bool, now_ns: int) -> None:
+    """Find out whether a wheel that is to stop is braked, and does stop."""
+    if not awake and now_ns < wheel.awake_ns and abs(now.speed_m_s) > TURNS_M_S:
+        wheel.noticed |= COASTS
+    # One that carries something goes as far as that slides, or others push it.
+    if now.normal_n > 0.0 or not closed:
+        wheel.loaded = 1
+    ramped = wheel.stop != CUT and not (wheel.loaded or wheel.rested)
+    if ramped and abs(now.travel_m - wheel.from_m) > wheel.way_m:
+        wheel.noticed |= SPINS
+
+
+class Lease(NamedTuple):
+    """A lease ends `limit_ns` after the last estimate; then the reference ramps to 0."""
+
+    columns: int
+    limit_ns: int
+    gain_vs_per_m: float
+    acceleration_m_s2: float
+
+
+@compiled
+def find_lapsed(watched: Watched, truths: Truths, said_ns: Ints, lease: Lease, now_ns: int) -> None:
     """Set from when on a cell may push no more, for it has no lease of another under its parcel.
 
     `said_ns` has when each place's cell has sent its last estimate.
     """
-    rows = said_ns.size // columns
+    rows = said_ns.size // lease.columns
     for c in range(watched.cells.size):
         cell, p = watched.cells[c], truths.places[c]
         silent = False
         if truths.parcel[p] != NOBODY:
-            row, column = p // columns, p % columns
+            row, column = p // lease.columns, p % lease.columns
             for r in range(max(row - 1, 0), min(row + 2, rows)):
-                for k in range(max(column - 1, 0), min(column + 2, columns)):
-                    q = r * columns + k
+                for k in range(max(column - 1, 0), min(column + 2, lease.columns)):
+                    q = r * lease.columns + k
                     same = q != p and truths.parcel[q] == truths.parcel[p]
-                    silent = silent or (same and now_ns - said_ns[q] > limit_ns)
+                    silent = silent or (same and now_ns - said_ns[q] > lease.limit_ns)
         if not silent:
             cell.lease_ns = NEVER
         elif cell.lease_ns == NEVER:
             ramp_m_s = 0.0
             for axis in range(truths.first[p + 1] - truths.first[p]):
                 speed_m_s = abs(truths.state[truths.first[p] + axis].speed_m_s)
-                error_m_s = abs(watched.wheels[c, axis].applied_v) / gain_vs_per_m
+                error_m_s = abs(watched.wheels[c, axis].applied_v) / lease.gain_vs_per_m
                 ramp_m_s = max(ramp_m_s, speed_m_s + error_m_s)
-            cell.lease_ns = now_ns + int(ramp_m_s / acceleration_m_s2 * 1e9)
+            cell.lease_ns = now_ns + int(ramp_m_s / lease.acceleration_m_s2 * 1e9)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Container, Set
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mdms_model.array import cell_centres
 from mdms_model.compiled import for_types_of
@@ -21,7 +22,7 @@ from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import messages
 from mdms_sim.physics.plane.control_step import Registers
 from mdms_sim.referee import watch
-from mdms_sim.referee.squares import NOBODY, find_parcels
+from mdms_sim.referee.squares import NOBODY, Shapes, find_parcels
 from mdms_sim.referee.truth import Note, Truth
 from mdms_sim.referee.watch import CUT, ENABLED, NEVER, NS_PER_MS, OFF, RAMP, REACTION, SWITCHED_ON
 
@@ -31,8 +32,8 @@ LATE_NS = 3 * NS_PER_MS
 MARGIN_NS = 10 * NS_PER_MS
 #: The reaction to a lost heartbeat begins so much later.
 CONSUMER_LATE_NS = 6 * NS_PER_MS
-#: A target lasts this long after the SYNC that its update follows by 7 ms.
-UPDATE_NS = 17 * NS_PER_MS
+#: A target counts from its update, 7 ms after SYNC; a cell's own SYNC is known a beat late.
+UPDATE_NS = 27 * NS_PER_MS
 #: The watchdog of the slowest board (Teensy 4.1).
 WATCHDOG_NS = 500 * NS_PER_MS
 #: A lease ends so long after the last estimate; then a beat, until the wheels are led by that.
@@ -56,6 +57,8 @@ _FAILED = (cia402.FAULT, cia402.FAULT_REACTION)
 STALE_SETPOINT, HEARTBEAT_LOST = 0x8250, 0x8130
 #: Emergencies of the cell, not of one axis, that switch both motors off.
 _OF_BOTH = (0x6100, 0x8140, 0x8150)
+_TARGETS = struct.Struct(pdo.TARGET_VELOCITY.format)
+_ZERO = bytes(4)
 _EMERGENCY = struct.Struct("<HBB")
 _STATUS = struct.Struct("<HH")
 
@@ -106,14 +109,20 @@ class Wheels:
         self._said_ns = np.zeros(cells, np.int64)
         watched, voltages = (self._watched, self._truths), np.zeros((cells, 2), np.int32)
         self._look = for_types_of(watch.look_at_tick, *watched, 0, voltages)
-        times = self._said_ns, 0, 0, 0, 0.0, 0.0
-        self._find_lapsed = for_types_of(watch.find_lapsed, *watched, *times)
-        self._shapes = world.scene.model.parcels, world.scene.state.parcels, world.scene.model.edges
-        places = self._centres_m, 0.0, self._near
-        self._find_parcels = for_types_of(find_parcels, *self._shapes, *places)
+        lease = self._said_ns, watch.Lease(0, 0, 0.0, 0.0), 0
+        self._find_lapsed = for_types_of(watch.find_lapsed, *watched, *lease)
+        model, state = world.scene.model, world.scene.state
+        self._shapes = Shapes(model.parcels, state.parcels, model.edges, self._centres_m)
+        self._find_parcels = for_types_of(find_parcels, self._shapes, 0.0, self._near)
         # Views, which take a number faster than a field of a record does.
         self._setpoint_ns, self._sync_ns = self._cells["setpoint_ns"], self._cells["sync_ns"]
+        self._heartbeat_ns = self._cells["heartbeat_ns"]
+        self._consumes = [False] * cells
         self._pending: list[bytes | None] = [None] * cells
+        self._last_sync_ns = [0] * truth.addresses.bus_count
+        #: The setpoints that count, and which of them are 0.
+        self._targets = [bytes(pdo.TARGET_VELOCITY.length)] * cells
+        self._idle = [(True, True)] * cells
         self._operational = [False] * cells
         self._failed = np.zeros((cells, AXES), np.bool_)
         self._causes = [["power-up"] * AXES for _ in range(cells)]
@@ -150,7 +159,7 @@ class Wheels:
         on_bus = np.array(truth.addresses.buses) == bus
         handlers: dict[int, Callable[[bytes], None]] = {
             cob.PROGRAM: self._on_any_page,
-            cob.SYNC: partial(self._on_any_sync, on_bus),
+            cob.SYNC: partial(self._on_any_sync, bus, np.flatnonzero(on_bus)),
         }
         for cell, its_bus in enumerate(truth.addresses.buses):
             if its_bus == bus:
@@ -212,22 +221,17 @@ class Wheels:
                 self._report(cell, axis, int(self._wheels[cell, axis].noticed))
 
     def _look_at_parcels(self) -> None:
-        shapes, half_m = (*self._shapes, self._centres_m), self._array.pitch_m / 2
-        self._find_parcels(*shapes, half_m + BESIDE_M, self._near)
+        half_m = self._array.pitch_m / 2
+        self._find_parcels(self._shapes, half_m + BESIDE_M, self._near)
         self._truths.free_ns[self._near != NOBODY] = self._now_ns
         if self._cells["steers"].any():
-            self._find_parcels(*shapes, half_m - OVER_M, self._truths.parcel)
+            self._find_parcels(self._shapes, half_m - OVER_M, self._truths.parcel)
             slowest_m_s2 = min((each for _, each in self._programs.values()), default=0.0)
-            self._find_lapsed(
-                self._watched,
-                self._truths,
-                self._said_ns,
-                self._array.columns,
-                self._now_ns,
-                LEASE_NS,
-                ENTRIES[indices.GAIN, 0].default * MILLI,
-                max(slowest_m_s2, wire.ACCELERATION_MM_S2 * MILLI),
-            )
+            slowest_m_s2 = max(slowest_m_s2, wire.ACCELERATION_MM_S2 * MILLI)
+            gain_vs_per_m = ENTRIES[indices.GAIN, 0].default * MILLI
+            lease = watch.Lease(self._array.columns, LEASE_NS, gain_vs_per_m, slowest_m_s2)
+            watched = self._watched, self._truths
+            self._find_lapsed(*watched, self._said_ns, lease, self._now_ns)
 
     # What a cell is set to
 
@@ -253,10 +257,11 @@ class Wheels:
             if value >> 16 == cob.HOST_NODE and value & 0xFFFF:
                 limit_ns = int((value & 0xFFFF) * NS_PER_MS * slow)
                 record.consumer_ns = limit_ns + CONSUMER_LATE_NS + LATE_NS
+        self._consumes[cell] = record.consumer_ns != NEVER
 
     def _begin(self, cell: int, cause: str) -> None:
         """A cell begins anew: nothing counts of what was."""
-        record = self._cells[cell]
+        record, self._ended[cell] = self._cells[cell], 0
         record.slow = record.slow or 1.0
         record.setpoint_ns = record.heartbeat_ns = record.lease_ns = record.ended_ns = NEVER
         record.sync_ns = self._now_ns
@@ -288,28 +293,41 @@ class Wheels:
 
     def _on_sync(self, cell: int, data: bytes) -> None:
         pending = self._pending[cell]
+        self._sync_ns[cell] = self._now_ns
         if pending is not None:
             self._pending[cell] = None
             if self._setpoint_ns[cell] != NEVER:
                 self._setpoint_ns[cell] = self._now_ns
-            for axis, target in enumerate(pdo.TARGET_VELOCITY.decode(pending) or ()):
-                self._aim(cell, axis, target)
+            self._aim(cell, pending)
 
-    def _on_any_sync(self, on_bus: np.ndarray, data: bytes) -> None:
-        """SYNC of whomever: one that a cell gives itself does not reach it."""
-        self._sync_ns[on_bus] = self._now_ns
+    def _on_any_sync(self, bus: int, on_bus: NDArray[np.intp], data: bytes) -> None:
+        """SYNC of whomever. One that a cell gives itself does not reach it, but it reaches others.
+
+        What others have got is known when the next one comes.
+        """
+        before_ns, self._last_sync_ns[bus] = self._last_sync_ns[bus], self._now_ns
+        if self._cells["steers"].any():
+            got_ns = self._sync_ns[on_bus]
+            if (got_ns >= before_ns).any():
+                self._sync_ns[on_bus] = np.maximum(got_ns, before_ns)
 
     def _on_targets(self, cell: int, data: bytes) -> None:
         if self._operational[cell] and len(data) == pdo.TARGET_VELOCITY.length:
             self._pending[cell] = data
 
-    def _aim(self, cell: int, axis: int, target_um_s: int) -> None:
-        wheel = self._wheels[cell, axis]
-        if wheel.target_um_s and not target_um_s:
-            wheel.idle_ns = self._now_ns
-        wheel.target_um_s = target_um_s
-        if target_um_s:
-            wheel.idle_ns = NEVER
+    def _aim(self, cell: int, targets: bytes) -> None:
+        """Both targets count from now on, as a PDO has them."""
+        self._targets[cell] = targets
+        idle = targets[:4] == _ZERO, targets[4:] == _ZERO
+        if idle != self._idle[cell]:
+            for axis in range(AXES):
+                if idle[axis] != self._idle[cell][axis]:
+                    self._wheels[cell, axis].idle_ns = self._now_ns if idle[axis] else NEVER
+            self._idle[cell] = idle
+
+    def _aim_one(self, cell: int, axis: int, target: bytes) -> None:
+        first, second = self._targets[cell][:4], self._targets[cell][4:]
+        self._aim(cell, first + target if axis else target + second)
 
     def _on_controlwords(self, cell: int, data: bytes) -> None:
         words = pdo.CONTROLWORD.decode(data)
@@ -342,14 +360,13 @@ class Wheels:
         wheel = self._wheels[cell, axis]
         if wheel.asked != ENABLED:
             wheel.asked = ENABLED
-            wheel.target_um_s, wheel.idle_ns = 0, self._now_ns
+            self._aim_one(cell, axis, _ZERO)
             self._pending[cell] = None
             self._setpoint_ns[cell] = self._now_ns
 
     def _on_heartbeat(self, cell: int, data: bytes) -> None:
-        if nmt.decode_heartbeat(data) is not None:
-            watched = self._cells[cell].consumer_ns != NEVER
-            self._cells[cell].heartbeat_ns = self._now_ns if watched else NEVER
+        if self._consumes[cell] and nmt.decode_heartbeat(data) is not None:
+            self._heartbeat_ns[cell] = self._now_ns
 
     def _on_request(self, cell: int, data: bytes) -> None:
         """An SDO client writes; of transfers that take one frame only."""
@@ -364,7 +381,7 @@ class Wheels:
         elif sub == 0 and 0 <= axis < AXES and base + 0x6000 == indices.CONTROLWORD:
             self._control(cell, axis, value)
         elif sub == 0 and 0 <= axis < AXES and base + 0x6000 == indices.TARGET:
-            self._aim(cell, axis, value if value < 1 << 31 else value - (1 << 32))
+            self._aim_one(cell, axis, data[4:])
             if self._setpoint_ns[cell] != NEVER:
                 self._setpoint_ns[cell] = self._now_ns
         elif (entry := ENTRIES.get((index, sub))) and entry.low <= value <= entry.high:
@@ -398,10 +415,13 @@ class Wheels:
                 if self._identity(cell) == page.identity:
                     self._ended[cell] = page.identity
                     self._cells[cell].ended_ns = self._now_ns + END_NS
-            elif isinstance(page, messages.Parcel | messages.Goal):
-                if page.identity == self._ended[cell]:
-                    self._ended[cell] = 0
-                    self._cells[cell].ended_ns = NEVER
+            elif isinstance(page, _PROGRAM_PAGES) and page.identity == self._ended[cell]:
+                self._revive(cell)
+
+    def _revive(self, cell: int) -> None:
+        """The cell has another program than the one that has ended."""
+        self._ended[cell] = 0
+        self._cells[cell].ended_ns = NEVER
 
     def _identity(self, cell: int) -> int:
         """The parcel that a cell has last said to be under, 0 for none."""
@@ -494,7 +514,7 @@ class Wheels:
         wheel, now = self._wheels[cell, axis], self._truths.state[first + axis]
         gain = self._setting(cell, indices.GAIN + at) * MILLI
         reference_m_s = abs(float(now.speed_m_s)) + abs(float(wheel.applied_v)) / max(gain, MILLI)
-        reference_m_s = max(reference_m_s, abs(int(wheel.target_um_s)) * MICRO)
+        reference_m_s = max(reference_m_s, abs(_TARGETS.unpack(self._targets[cell])[axis]) * MICRO)
         deceleration_m_s2 = self._setting(cell, indices.QUICK_STOP + at) * MICRO
         ramp_s = reference_m_s / deceleration_m_s2 * float(self._cells[cell].slow)
         wheel.loose_ns += MARGIN_NS + int(ramp_s * NS_PER_S)
@@ -553,8 +573,7 @@ class Wheels:
                 text = f"gets {volts:.2f} V, though its parcel's program has ended"
                 self._say("heeded", place, axis, text)
             else:
-                self._ended[cell] = 0
-                self._cells[cell].ended_ns = NEVER
+                self._revive(cell)
         for bit, text in _TEXTS.items():
             if noticed & bit:
                 self._say(_RULES[bit], place, axis, text.format(volts))
@@ -564,6 +583,7 @@ class Wheels:
 
 
 _WRITE = sdo.DOWNLOAD | sdo.EXPEDITED
+_PROGRAM_PAGES = messages.Parcel, messages.Goal
 _BOOT_UP = bytes([nmt.INITIALISING])
 _SILENCES = ("its last setpoint", "the host's last heartbeat", "the last SYNC")
 _CUTS = {

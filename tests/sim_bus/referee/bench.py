@@ -60,7 +60,7 @@ class Tool:
 
 
 class Holding(PythonBank):
-    """Cells of which one, from 0, holds its voltages [uV] from a time on [s], whatever it should."""
+    """Cells of which one, from 0, holds its voltages [uV] from a time on [s], come what may."""
 
     cell, from_s, voltages_uv = 0, float("inf"), (0, 0)
     _now_ms = 0
