@@ -199,10 +199,12 @@ class OrderedTraffic(ABC, Generic[Ride]):
                 self._refuse(name, f"{name} does not get on: stopped")
                 ride.stopping = True
             elif ride.arrived:
-                self.steered[name].arrived = True
                 order.done = True
                 if self._orders.get(name) is order:
                     del self._orders[name]
+                # Who has been ordered elsewhere since is not there yet.
+                if name not in self._orders:
+                    self.steered[name].arrived = True
             elif name in self.steered:
                 self.steered[name].arrived = False
             # Whoever has to find another way begins it at rest.

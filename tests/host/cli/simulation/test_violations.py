@@ -7,6 +7,7 @@ from tests.host.page.bench import Desk
 
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
+from mdms_host.cli.simulation.compose import run_scenario
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_model.run.folder import read_run
 from mdms_model.scenario.file import load_scenario
@@ -55,3 +56,16 @@ def test_a_violation_is_among_the_events_of_the_page(hasty, monkeypatch):
         if "true: box has arrived" in event["text"]
     ]
     assert event["trouble"]
+
+
+def test_a_parcel_that_is_ordered_on_at_once_is_not_said_to_be_there():
+    async def there_and_on(table):
+        await table.move(table["box"], 0.0, 0.0, 0.0)
+        await table.move(table["box"], 0.06, 0.0, 0.0)
+
+    scenario = load_scenario(
+        "array18", ["motion={field='program', speed_m_s=0.2}", "run.duration_s=4"]
+    )
+    finished = run_scenario(scenario, main=there_and_on)
+    assert not finished.unfinished
+    assert finished.violations == ()
