@@ -108,7 +108,7 @@ class Host:
         self.coordinator: Coordinator | None = make()
 
     def kill(self, pause_s: float, now_s: float) -> None:
-        """The process ends at once; the next begins after a pause."""
+        """The process, if there is one, ends at once; the next begins after a pause."""
         if self.coordinator is not None:
             self._before.append(self.coordinator)
         self.coordinator, self._pause_s = None, None
@@ -203,6 +203,10 @@ class _Events:
 
     def _join(self, participant: Any) -> Driver:
         return Driver(self._simulation.kernel, self._simulation.buses, participant)
+
+    def _start(self) -> None:
+        if not self._host.busy:
+            self._host.kill(0.0, self._now_s)
 
     def _stop(self) -> None:
         if self._host.coordinator is not None:
@@ -354,6 +358,7 @@ _NAMED: Mapping[str, str] = {
     "wrong_place": r"cell ({cell}|{as_cell})\b",
     "push": r"{parcel}",
     "lift": r"{parcel}",
+    "start": r"$.",
     "stop": r"stop",
     "stop_all": r"another host|mdms stop|operational",
     "restart": r"another host|restart|cell \d+",

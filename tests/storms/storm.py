@@ -41,6 +41,7 @@ BROUGHT_UP_S = 0.7
 _TRIES = 60
 #: Events that no scenario holds, and what each has besides its time.
 EVENTS = {
+    "start": "a person begins the program again, if none runs",
     "stop": "the program is ended in order",
     "stop_all": "another program sends what `mdms stop` sends",
     "restart": "the host's process is killed, and another begins after `pause_s`",
@@ -377,6 +378,10 @@ class _Troubles:
                 events.append(trouble)
             elif not _clashes(trouble, faults):
                 faults.append(trouble)
+        # Most runs end by their first trouble; a person looks after it, and begins again.
+        for _ in range(self._random.choice((0, 1, 1, 2))):
+            start_s = self._time(BROUGHT_UP_S, 0.8 * self._setting.lasts_s)
+            events.append({"kind": "start", "time_s": start_s})
         faults.sort(key=lambda each: each["start_s"])
         events.sort(key=lambda each: each["time_s"])
         return faults, events
