@@ -8,6 +8,7 @@ import json
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
+from functools import cache
 from math import cos, hypot, pi, sin
 from random import Random
 from typing import Any
@@ -17,18 +18,21 @@ import numpy as np
 from mdms_host.cli.exits import CommandError
 from mdms_host.cli.scenario.footing import refuse_tipping
 from mdms_host.cli.scenario.load import refuse_overload
-from mdms_model.outline import DISC_CORNERS
+from mdms_host.motion.footholds import MARGIN_M
+from mdms_host.motion.footing import Load, least_footing
+from mdms_model.array import build_wheels
+from mdms_model.outline import DISC_CORNERS, outline_of
 from mdms_model.scenario.fault import Fault
-from mdms_model.scenario.file import read_tree, scenario_from
-from mdms_model.scenario.scenario import Scenario
+from mdms_model.scenario.file import load_scenario, read_tree, scenario_from
+from mdms_model.scenario.scenario import Parcel, Scenario
 
 __all__ = ["Storm", "draw", "load", "scenario_of", "written"]
 
 Table = dict[str, Any]
 Pose = tuple[float, float, float]
 
-#: Wheels reach from the middle of a table to so far before its edge [m].
-EDGE_M = 0.0635 - 0.03
+#: A parcel may reach so far beyond the edge of the table [m], if it stands there.
+BEYOND_M = 0.02
 PITCH_M = 0.127
 #: Parcels start, and are set down, at least so far apart [m].
 APART_M = 0.05
@@ -38,7 +42,7 @@ HAND_M = 0.10
 #: Parcels are at rest and cells operational from about this time on [s].
 BROUGHT_UP_S = 0.7
 #: How often a place is drawn again before a storm does without it.
-_TRIES = 60
+_TRIES = 300
 #: Events that no scenario holds, and what each has besides its time.
 EVENTS = {
     "start": "a person begins the program again, if none runs",
@@ -299,24 +303,45 @@ def place(
     apart_m: float = APART_M,
 ) -> Pose | None:
     """A pose within the wheels of a table, so far from the others; None where none was found."""
-    half_x_m = setting.columns * PITCH_M / 2 - EDGE_M
-    half_y_m = setting.rows * PITCH_M / 2 - EDGE_M
+    half_x_m = setting.columns * PITCH_M / 2 + BEYOND_M
+    half_y_m = setting.rows * PITCH_M / 2 + BEYOND_M
     for _ in range(_TRIES):
         # A box fits across a narrow table in few ways, so it is often as it lies there.
         turned = setting.rows > 3 and random.random() < 0.5
         yaw_rad = random.uniform(-pi, pi) if turned else random.uniform(-0.3, 0.3)
         corners = _corners(parcel, (0.0, 0.0, yaw_rad))
-        reach_x_m, reach_y_m = half_x_m - corners[:, 0].max(), half_y_m - corners[:, 1].max()
-        # Its edge may lie beyond the last wheels, by as much as leaves it on two rows of them.
-        reach_x_m, reach_y_m = max(0.0, reach_x_m), max(0.0, reach_y_m)
+        reach_x_m = max(0.0, half_x_m - float(corners[:, 0].max()))
+        reach_y_m = max(0.0, half_y_m - float(corners[:, 1].max()))
         pose = (
-            round(random.uniform(-reach_x_m, reach_x_m), 4),
-            round(random.uniform(-reach_y_m, reach_y_m), 4),
+            _along(random, reach_x_m),
+            _along(random, reach_y_m),
             0.0 if parcel.get("shape") == "disc" else round(yaw_rad, 4),
         )
-        if all(gap_m(parcel, pose, other, at) >= apart_m for other, at in others):
+        clear = all(gap_m(parcel, pose, other, at) >= apart_m for other, at in others)
+        if clear and _stands(setting, parcel, pose):
             return pose
     return None
+
+
+def _along(random: Random, reach_m: float) -> float:
+    """Anywhere along an axis, or near to an end of it, where there is room beside."""
+    if random.random() < 0.5:
+        return round(random.uniform(-reach_m, reach_m), 4)
+    return round(random.choice((-1, 1)) * random.uniform(0.8, 1.0) * reach_m, 4)
+
+
+def _stands(setting: Setting, parcel: Table, pose: Pose) -> bool:
+    """Whether the wheels of a table hold a parcel there, as the host demands it of goals."""
+    outline = outline_of(Parcel(**{"name": "", "mass_kg": 1.0} | parcel))
+    wheel_m = _wheels_m(setting.columns, setting.rows)
+    footing = least_footing(wheel_m, Load(outline, (0.0, 0.0)), np.array(pose), None)
+    return footing.margin_m >= MARGIN_M
+
+
+@cache
+def _wheels_m(columns: int, rows: int) -> Any:
+    overrides = [f"array.columns={columns}", f"array.rows={rows}"]
+    return build_wheels(load_scenario("array18", overrides)).position_m
 
 
 def gap_m(one: Table, at: Pose, other: Table, there: Pose) -> float:
