@@ -237,6 +237,11 @@ class Coordinator:
         """The goal of each parcel that is steered to one."""
         return {name: one.goal for name, one in self._program.controllers.items()}
 
+    @property
+    def arrived(self) -> Mapping[str, Goal]:
+        """The goals of the parcels that are there, as it believes."""
+        return {name: one.goal for name, one in self._program.controllers.items() if one.arrived}
+
     def set_goal(self, parcel: str, goal: Goal) -> None:
         """Steer a parcel to another goal from the next setpoints on.
 

@@ -13,6 +13,7 @@ from mdms_sim.referee.parcels import Parcels
 from mdms_sim.referee.rules import Violation
 from mdms_sim.referee.truth import Truth
 from mdms_sim.referee.wheels import Wheels
+from mdms_sim.referee.word import Word
 
 __all__ = ["Referee"]
 
@@ -32,9 +33,11 @@ class Referee:
         self.violations: list[Violation] = []
         self._now_ns = 0
         self._ticks = 0
+        self._voltage_uv: Registers | None = None
         self._wheels = Wheels(truth, self._note)
-        self._parcels = Parcels(truth, self._note)
-        self._claims = Claims(truth, self._note)
+        self._word = Word(truth)
+        self._parcels = Parcels(truth, self._note, self._word)
+        self._claims = Claims(truth, self._note, self._word)
         self._judges = self._wheels, self._parcels, self._claims
         buses = range(truth.addresses.bus_count)
         self.watched = [set().union(*(each.watched(bus) for each in self._judges)) for bus in buses]
@@ -43,6 +46,7 @@ class Referee:
     def on_frame(self, bus: int, frame: Frame, now_ns: int) -> None:
         """A watched frame has got through on a bus, from 0."""
         self._now_ns = now_ns
+        self._word.on_frame(bus, frame, now_ns)
         for judge in self._judges:
             judge.on_frame(bus, frame, now_ns)
 
@@ -60,17 +64,24 @@ class Referee:
     def on_tick(self, now_ns: int, voltage_uv: Registers) -> None:
         """The cells have ticked, and hold these voltages (cells, 2), by their places."""
         self._now_ns = now_ns
+        self._voltage_uv = voltage_uv
         self._wheels.on_tick(now_ns, voltage_uv)
         self._ticks += 1
         if self._ticks == LOOK_TICKS:
             self._ticks = 0
-            self._parcels.look(now_ns)
+            self._parcels.look(now_ns, voltage_uv)
             self._claims.look(now_ns)
 
     def finish(self) -> None:
         """The run is over."""
-        self._parcels.look(self._now_ns)
+        if self._voltage_uv is not None:
+            self._parcels.look(self._now_ns, self._voltage_uv)
         self._claims.finish(self._now_ns)
+
+    @property
+    def unavoidable(self) -> list[Event]:
+        """Touches and falls that full braking could not have avoided: no violations."""
+        return self._parcels.unavoidable
 
     @property
     def events(self) -> list[Event]:

@@ -10,6 +10,7 @@ from mdms_host.cli.records.plan_log import PlanLog
 from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
 from mdms_host.cli.scenario.field import references_m_s
 from mdms_host.cli.scenario.programs import has_failed, waits_text
+from mdms_host.cli.simulation.word import host_report_of
 from mdms_host.clock import MonotonicClock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.motion.goal import Goal
@@ -117,6 +118,7 @@ def _firmware(
             nodes,
             bus_log=bus_log,
             estimates=lambda: estimates_of(coordinator, scenario),
+            host_report=lambda: host_report_of(coordinator),
             progress=on_progress,
             # A program ends by itself; goals are held to the end.
             over=lambda: scenario.motion.field == "program" and _has_ended(coordinator),

@@ -14,6 +14,7 @@ from mdms_host.cli.scenario.coordination import (
     parcels_of,
 )
 from mdms_host.cli.signals import interrupted
+from mdms_host.cli.simulation.word import host_report_of
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.page.seat import Seat
 from mdms_host.page.simulated import SLICE_NS, SimulatedTable
@@ -21,6 +22,7 @@ from mdms_host.programs.program import Main
 from mdms_host.programs.traffic.planning import ThreadDesk
 from mdms_model.scenario.belief import believed
 from mdms_model.scenario.scenario import Scenario
+from mdms_sim.referee.truth import HostReport
 from mdms_sim.serve.clock import RealTime
 from mdms_sim.serve.server import Server
 from mdms_sim.simulation import Simulation, addresses_of, open_bank
@@ -79,11 +81,18 @@ def attended(
         yield over_or_attended
 
 
+def _said_from(seat: Seat) -> HostReport:
+    """What the coordinator there says; nothing where none is."""
+    coordinator = seat.coordinator
+    return HostReport() if coordinator is None else host_report_of(coordinator)
+
+
 def show(scenario: Scenario, arguments: Namespace, main: Main | None = None) -> Exit:
     """Run a scenario's program in real time with its page, until Ctrl-C."""
     seat = seat_of(scenario, main)
     with closing(open_bank("cpython", addresses_of(scenario).node_ids)) as bank:
-        simulation = Simulation(scenario, bank, [seat], recorded=False)
+        said = partial(_said_from, seat)
+        simulation = Simulation(scenario, bank, [seat], host_report=said, recorded=False)
         # Whatever is compiled at its first use is so before anybody looks and time counts.
         simulation.kernel.run_until(SLICE_NS)
         table = table_of(scenario, seat, simulation, RealTime())
