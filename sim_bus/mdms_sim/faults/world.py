@@ -49,17 +49,18 @@ class WorldFaults:
         return cells_with(fault, len(self._nominal_supply_v))
 
     def _supply(self, fault: Fault, random: Random) -> Course:
-        def set_supply(cell: int, supply_v: float) -> None:
+        def set_supply(cell: int, supply_v: float, shorted: bool) -> None:
             self._bridges.supply_v[cell] = supply_v
+            self._bridges.shorted[cell] = shorted
             self._bank.set_supply(cell, round(supply_v * UV_PER_V))
 
         def begin() -> None:
             for cell in self._cells(fault):
-                set_supply(cell, fault.supply_v)
+                set_supply(cell, fault.supply_v, fault.brake)
 
         def end() -> None:
             for cell in self._cells(fault):
-                set_supply(cell, self._nominal_supply_v[cell])
+                set_supply(cell, self._nominal_supply_v[cell], False)
 
         return Course(begin, end)
 

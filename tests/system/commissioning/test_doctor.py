@@ -65,6 +65,8 @@ EXPECTED = {
 OF_WHEELS = {"opposed": [(5,)], "stands": [(6,)], "scale": [(7,)], "no-drive": [(8,)]}
 OF_LIST = {"missing", "unlisted", "settings"}
 ELSEWHERE = {"silence", "other-host"}
+#: In `test_doctor_stop`.
+OF_STOP = {"stop-welded", "stop-delay", "stop-silent", "stop-stays", "stop-restarts"}
 
 
 class Bank(PythonBank):
@@ -206,7 +208,7 @@ def test_a_served_array_is_examined_over_its_bus(tmp_path, capsys):
 
 
 def test_every_kind_of_finding_is_provoked_here():
-    assert {*EXPECTED, *OF_WHEELS, *OF_LIST, *ELSEWHERE} == {*KINDS}
+    assert {*EXPECTED, *OF_WHEELS, *OF_LIST, *ELSEWHERE, *OF_STOP} == {*KINDS}
 
 
 def test_each_pain_of_others_names_tests_that_exist():

@@ -1,0 +1,61 @@
+"""Emergency stops under a moving box: with a short it stays on the table, and coasting it tips."""
+
+import numpy as np
+import pytest
+from tests.benchmarks.sim_bus.stopping import hardware
+
+from mdms_host.cli.simulation.compose import run_scenario
+from mdms_model.scenario.file import load_scenario
+
+#: The demo's box is at its fastest.
+PRESSED_S = 0.9
+
+
+def demo(fault):
+    """What becomes of the demo under a fault of the supply from then on."""
+    struck = f"fault=[{{kind='supply', start_s={PRESSED_S}{fault}}}]"
+    return run_scenario(load_scenario("array18", [struck, "run.duration_s=4"])).record
+
+
+def tips(record):
+    return [event.time_s for event in record.events if event.kind == "tip"]
+
+
+def test_the_demos_box_coasts_over_the_edge_when_the_bridges_only_lose_their_supply():
+    (tipped_s,) = tips(demo(""))
+    assert tipped_s == pytest.approx(2.0, abs=0.1)
+
+
+def test_the_demos_box_stays_on_the_table_when_the_motors_are_shorted():
+    record = demo(", brake=true")
+    assert not tips(record)
+    slow = np.abs(record.twist[:, 0]).max(axis=1) < 0.02
+    assert slow[record.time_s > PRESSED_S + 1.0].all()
+    # The cells' own volts are off, and what they measure is no supply.
+    assert not np.abs(record.voltage_v[record.time_s > PRESSED_S + 0.01]).any()
+    codes = [event.detail for event in record.events if "sends emergency 0x3220" in event.detail]
+    assert len(codes) == 36
+
+
+def test_a_box_that_waits_stands_when_the_contacts_open_again():
+    """Released after 1 s: no cell drives until somebody resets it."""
+    record = demo(", brake=true, duration_s=1.0")
+    later = record.time_s > PRESSED_S + 1.0
+    assert not np.abs(record.voltage_v[later]).any()
+    assert np.abs(record.twist[later, 0]).max() < 0.02
+
+
+@pytest.mark.parametrize(
+    ("form", "mass_kg", "speed_m_s", "least_m", "most_m"),
+    [
+        ("short", 2, 0.4, 0.06, 0.09),
+        ("short", 10, 0.4, 0.20, 0.31),
+        ("category 1", 2, 0.4, 0.06, 0.09),
+        # It is not slow enough when the supply goes, and coasts on.
+        ("category 1", 10, 0.4, 0.50, 0.90),
+    ],
+)
+def test_boxes_run_on_as_far_as_the_firmwares_guide_has_it(
+    form, mass_kg, speed_m_s, least_m, most_m
+):
+    assert least_m < hardware(form, mass_kg, speed_m_s).way_m < most_m
