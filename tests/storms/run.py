@@ -16,9 +16,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from tests.storms.storm import Storm, Table, draw, load, parts_of, scenario_of, written
-
 from mdms_host.cli.scenario.coordination import coordinator_of
+from mdms_host.cli.simulation.word import host_report_of
 from mdms_host.commissioning.stop import StopAll
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.motion.goal import Goal
@@ -32,7 +31,9 @@ from mdms_sim.driver import Driver
 from mdms_sim.faults.node import PRIORITY
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.referee.rules import Violation
+from mdms_sim.referee.truth import HostReport
 from mdms_sim.simulation import NS_PER_S, Simulation, addresses_of
+from tests.storms.storm import Storm, Table, draw, load, parts_of, scenario_of, written
 
 __all__ = ["Ended", "run"]
 
@@ -73,12 +74,15 @@ def run(storm: Storm) -> Ended:
     before_s = perf_counter()
     with closing(PythonBank(addresses_of(scenario).node_ids)) as bank:
         host = Host(partial(coordinator_of, scenario))
-        simulation = Simulation(scenario, bank, [host], recorded=False)
+        simulation = Simulation(
+            scenario, bank, [host], host_report=lambda: host.report, recorded=False
+        )
         _Events(simulation, bank, scenario, host).schedule(storm.events)
         crash = None
         try:
             simulation.run_until(scenario.run.duration_s, over=_Over(simulation, storm, host))
-        except Exception:  # noqa: BLE001 - whatever it is, the storm has found it
+        except Exception:
+            # Whatever it is, the storm has found it.
             crash = traceback.format_exc()
         simulation.referee.finish()
         reason = host.reason
@@ -131,6 +135,14 @@ class Host:
         """Why the program cannot go on, if it says so."""
         one = self.coordinator
         return None if one is None else one.fault or one.lost or one.stuck
+
+    @property
+    def report(self) -> HostReport:
+        """What it says now; of a killed program whoever has killed it knows."""
+        if self.coordinator is not None:
+            return host_report_of(self.coordinator)
+        goals = host_report_of(self._before[-1]).goals
+        return HostReport(goals, reason="the program has been killed")
 
     @property
     def troubles(self) -> list[tuple[float, str]]:
@@ -225,9 +237,7 @@ class _Events:
         driver = self._join(Host(partial(coordinator_of, self._scenario)))
         self._at(self._now_s + duration_s, driver.leave)
 
-    def _goal(
-        self, parcel: str, x_m: float, y_m: float, yaw_rad: float | None = None
-    ) -> None:
+    def _goal(self, parcel: str, x_m: float, y_m: float, yaw_rad: float | None = None) -> None:
         coordinator = self._host.coordinator
         if coordinator is None or coordinator.stopped:
             return

@@ -11,18 +11,19 @@ from math import ceil
 from pathlib import Path
 from typing import Any
 
-from tests.storms.run import report, run
-from tests.storms.storm import Storm, Table, draw, load, parts_of, scenario_of, written
-
 from mdms_host.cli.exits import CommandError
 from mdms_model.scenario.scenario import ScenarioError
+from tests.storms.run import report, run
+from tests.storms.storm import Storm, Table, draw, load, parts_of, scenario_of, written
 
 Fails = Callable[[Storm], bool]
 
 
 def shrink(storm: Storm, fails: Fails) -> Storm:
     """A smaller storm that still fails, by plain bisection."""
-    storm = _with_parts(storm, _fewest(parts_of(storm), lambda kept: fails(_with_parts(storm, kept))))
+    storm = _with_parts(
+        storm, _fewest(parts_of(storm), lambda kept: fails(_with_parts(storm, kept)))
+    )
     if "stream" not in storm.tables:
         parcels = list(storm.tables["parcel"])
         kept = _fewest(parcels, lambda some: bool(some) and fails(_with_parcels(storm, some)))
@@ -31,7 +32,7 @@ def shrink(storm: Storm, fails: Fails) -> Storm:
 
 
 def _fewest(items: Sequence[Any], fails: Callable[[list[Any]], bool]) -> list[Any]:
-    """Some of the items with which it fails: halves are left out, then quarters, then single ones."""
+    """Some of the items with which it fails: halves are left out, then quarters, then one."""
     kept = list(items)
     size = ceil(len(kept) / 2)
     while kept and size:
@@ -92,8 +93,12 @@ def breaking(rule: str) -> Fails:
             return False
         ended = run(storm)
         broken = ended.crash is not None if rule == "crash" else rule in ended.rules
-        print(f"{len(parts_of(storm))} troubles, {len(storm.tables['parcel'])} parcels: "
-              f"{'still' if broken else 'no more'}", file=sys.stderr, flush=True)
+        print(
+            f"{len(parts_of(storm))} troubles, {len(storm.tables['parcel'])} parcels: "
+            f"{'still' if broken else 'no more'}",
+            file=sys.stderr,
+            flush=True,
+        )
         return broken
 
     return fails

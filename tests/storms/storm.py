@@ -9,7 +9,7 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cache
-from math import cos, hypot, pi, sin
+from math import cos, hypot, pi, remainder, sin, tau
 from random import Random
 from typing import Any
 
@@ -256,6 +256,7 @@ def _parcels(random: Random, setting: Setting) -> Table:
     """Parcels that start apart, and where they are to go."""
     starts: list[tuple[Table, Pose]] = []
     goals: list[tuple[Table, Pose]] = []
+    ways: list[tuple[Table, Pose]] = []
     for number in range(random.randint(*setting.parcels)):
         shape, length_m, width_m = random.choice(SHAPES)
         parcel: Table = {
@@ -270,6 +271,12 @@ def _parcels(random: Random, setting: Setting) -> Table:
         goal = place(random, setting, parcel, goals)
         if start is None or goal is None:
             continue
+        # Goals of the host are taken straight, whoever is in the way; programs plan.
+        way = _way(parcel, start, goal)
+        if (setting.control, setting.field) == ("host", "goal"):
+            if any(gap_m(*one, *other) < APART_M for one in way for other in ways):
+                continue
+            ways += way
         parcel |= {"x_m": start[0], "y_m": start[1], "yaw_rad": start[2]}
         starts.append((parcel, start))
         goals.append((parcel, goal))
@@ -287,6 +294,15 @@ def _parcels(random: Random, setting: Setting) -> Table:
         swapped = random.sample([parcel["name"] for parcel, _ in starts], 2)
         tasks.append({"do": "swap", "parcels": swapped})
     return {"parcel": [parcel for parcel, _ in starts], "task": tasks}
+
+
+def _way(parcel: Table, start: Pose, end: Pose) -> list[tuple[Table, Pose]]:
+    """Where a parcel is on its straight way, every 50 mm."""
+    turn_rad = remainder(end[2] - start[2], tau)
+    change = np.array([end[0] - start[0], end[1] - start[1], turn_rad])
+    steps = max(2, round(hypot(change[0], change[1]) / 0.05) + round(abs(turn_rad) / 0.2))
+    poses = np.array(start) + np.linspace(0.0, 1.0, steps)[:, None] * change
+    return [(parcel, (x_m, y_m, yaw_rad)) for x_m, y_m, yaw_rad in poses.tolist()]
 
 
 def _goal(parcel: Table, pose: Pose) -> Table:
@@ -429,7 +445,9 @@ class _Troubles:
         if not self._sorted:
             yield "hand", (1.5, self._hand)
             yield "push", (1.0, self._push)
-            yield "goal", (1.5, self._goal)
+            alone = len(self._tables["parcel"]) == 1
+            if alone or (self._setting.control, self._setting.field) != ("host", "goal"):
+                yield "goal", (1.5, self._goal)
 
     # Values
 
@@ -572,11 +590,8 @@ class _Troubles:
         ]
         ways: list[tuple[Table, Pose]] = []
         for parcel, goal in goals:
-            start = np.array([parcel["x_m"], parcel["y_m"], parcel["yaw_rad"]])
-            end = np.array([goal["x_m"], goal["y_m"], goal.get("yaw_rad", start[2])])
-            steps = max(2, round(hypot(*(end - start)[:2]) / 0.05))
-            poses = start + np.linspace(0.0, 1.0, steps)[:, None] * (end - start)
-            ways += [(parcel, (x_m, y_m, yaw_rad)) for x_m, y_m, yaw_rad in poses.tolist()]
+            start = parcel["x_m"], parcel["y_m"], parcel["yaw_rad"]
+            ways += _way(parcel, start, (goal["x_m"], goal["y_m"], goal.get("yaw_rad", start[2])))
         return places + ways
 
     def _goal(self) -> Table | None:
@@ -638,4 +653,3 @@ def parts_of(storm: Storm) -> list[tuple[str, Table]]:
     parts = [("fault", each) for each in storm.faults]
     parts += [("event", each) for each in storm.events]
     return sorted(parts, key=lambda part: part[1].get("start_s", part[1].get("time_s", 0.0)))
-

@@ -7,11 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+
+from mdms_sim.referee.referee import Referee
 from tests.storms.run import Ended, run
 from tests.storms.shrink import shrink
 from tests.storms.storm import Storm, draw, load, parts_of, scenario_of, written
-
-from mdms_sim.referee.referee import Referee
 
 FOUND = sorted((Path(__file__).parent / "found").glob("*.toml"))
 LASTS_S = 10.0
