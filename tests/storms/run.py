@@ -91,7 +91,7 @@ def run(storm: Storm) -> Ended:
             tuple(simulation.referee.violations),
             reached,
             reason,
-            _explained(storm, reason, host.texts),
+            _explained(storm, host.said),
             simulation.log.log_sha256,
             simulation.kernel.now_ns / NS_PER_S,
             perf_counter() - before_s,
@@ -151,10 +151,12 @@ class Host:
         return [trouble for one in programs for trouble in one.troubles]
 
     @property
-    def texts(self) -> list[str]:
-        """All that they have noted."""
+    def said(self) -> list[str]:
+        """What a person is told: troubles, why it cannot go on, and that it stops."""
         programs = [*self._before, *filter(None, [self.coordinator])]
-        return [text for one in programs for _, text in one.events]
+        stops = [text for one in programs for _, text in one.events if "stop" in text]
+        reasons = [one.fault or one.lost or one.stuck for one in programs]
+        return [*stops, *(text for _, text in self.troubles), *filter(None, reasons)]
 
     # As a participant
 
@@ -380,10 +382,10 @@ _NAMED: Mapping[str, str] = {
 }
 
 
-def _explained(storm: Storm, reason: str | None, texts: Iterable[str]) -> bool:
-    """Whether the reason, or a note of the host, names a trouble of the storm."""
-    said = "\n".join([*texts, *filter(None, [reason])])
-    return any(re.search(_pattern(part), said) for _, part in parts_of(storm))
+def _explained(storm: Storm, said: Iterable[str]) -> bool:
+    """Whether what a person is told names a trouble of the storm."""
+    text = "\n".join(said)
+    return any(re.search(_pattern(part), text) for _, part in parts_of(storm))
 
 
 def _pattern(part: Table) -> str:

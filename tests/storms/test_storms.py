@@ -48,7 +48,7 @@ def told(ended: Ended) -> Ended:
     return replace(ended, wall_s=0.0)
 
 
-@pytest.mark.parametrize("seed", range(1, 41))
+@pytest.mark.parametrize("seed", range(1, 13))
 def test_a_storm_is_a_legal_scenario_and_its_file_is_the_whole_of_it(seed: int) -> None:
     storm = draw(seed)
     scenario_of(storm)
@@ -78,8 +78,8 @@ def with_duration(storm: Storm, duration_s: float) -> Storm:
 def test_shrinking_keeps_what_breaks_the_rule_and_little_else() -> None:
     storm = next(
         storm
-        for storm in (draw(seed, "middle host tasks") for seed in range(1, 100))
-        if len(parts_of(storm)) > 5 and len(storm.tables["parcel"]) > 3
+        for storm in (draw(seed, "large host tasks") for seed in range(1, 100))
+        if len(parts_of(storm)) > 5 and len(storm.tables["parcel"]) > 2
     )
     needed = [part for part in parts_of(storm) if "parcel" not in part[1]][1::2][:2]
     parcel = storm.tables["parcel"][1]
