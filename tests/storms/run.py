@@ -19,6 +19,7 @@ from typing import Any
 from mdms_host.cli.scenario.coordination import coordinator_of
 from mdms_host.cli.simulation.word import host_report_of
 from mdms_host.commissioning.stop import StopAll
+from mdms_host.commissioning.wheels.jog import Jog
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.outcome import outcome_of
@@ -218,6 +219,16 @@ class _Events:
     def _join(self, participant: Any) -> Driver:
         return Driver(self._simulation.kernel, self._simulation.buses, participant)
 
+    def _empty(self) -> None:
+        self._host.kill(inf, self._now_s)
+
+    def _jog(self, cell: int, axis: int, speed_m_s: float, duration_s: float) -> None:
+        """A jog of 2 s, whose tool may be killed before it has ended in order."""
+        jog = Jog(self._addresses.node_ids[cell - 1], axis, speed_m_s, 2.0)
+        jog.wake_s = self._now_s
+        driver = self._join(jog)
+        self._at(self._now_s + duration_s, driver.leave)
+
     def _start(self) -> None:
         if not self._host.busy:
             self._host.kill(0.0, self._now_s)
@@ -339,7 +350,8 @@ def _end_s(trouble: Table) -> float:
 def _reached(scenario: Scenario, simulation: Simulation, host: Host) -> bool:
     coordinator = host.coordinator
     if coordinator is None:
-        return False
+        # Nobody has asked for anything.
+        return True
     if scenario.motion.field == "program":
         # Where a sort has no count it has no end, and no goal to miss.
         return coordinator.finished or (coordinator.endless and coordinator.fault is None)
@@ -370,6 +382,8 @@ _NAMED: Mapping[str, str] = {
     "wrong_place": r"cell ({cell}|{as_cell})\b",
     "push": r"{parcel}",
     "lift": r"{parcel}",
+    "empty": r"$.",
+    "jog": r"cell {cell}\b|another host",
     "start": r"$.",
     "stop": r"stop",
     "stop_all": r"another host|mdms stop|operational",

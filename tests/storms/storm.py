@@ -45,6 +45,8 @@ BROUGHT_UP_S = 0.7
 _TRIES = 300
 #: Events that no scenario holds, and what each has besides its time.
 EVENTS = {
+    "empty": "no program runs at first",
+    "jog": "`axis` of `cell` is jogged at `speed_m_s`; the tool is killed after `duration_s`",
     "start": "a person begins the program again, if none runs",
     "stop": "the program is ended in order",
     "stop_all": "another program sends what `mdms stop` sends",
@@ -147,6 +149,7 @@ SETTINGS = (
     Setting("small host sort", 4, "infeed", 6, 3, "host", "sort", (4, 4), 14.0),
     Setting("small cells goal", 6, "neighbours", 6, 3, "cells", "goal", (1, 2), 12.0),
     Setting("small cells tasks", 3, "neighbours", 6, 3, "cells", "program", (1, 2), 12.0),
+    Setting("small jog", 1.5, "array18", 6, 3, "host", "jog", (1, 1), 6.0),
     Setting("middle host goal", 2, "array54", 9, 6, "host", "goal", (1, 4), 10.0),
     Setting("middle host tasks", 3, "array54", 9, 6, "host", "program", (2, 6), 12.0),
     Setting("middle host sort", 1.5, "sort54", 9, 6, "host", "sort", (12, 12), 14.0),
@@ -205,7 +208,7 @@ def _drawn(seed: int, random: Random, setting: Setting) -> Storm:
         tables |= _sorting(random, setting)
     else:
         tables |= _parcels(random, setting)
-    motion["field"] = "goal" if setting.field == "goal" else "program"
+    motion["field"] = "goal" if setting.field in ("goal", "jog") else "program"
     tables["motion"] = motion
     if (setting.columns, setting.rows) == (12, 10):
         tables["array"] = {"columns": 12, "rows": 10, "buses": _buses(12, 10)}
@@ -280,7 +283,7 @@ def _parcels(random: Random, setting: Setting) -> Table:
         parcel |= {"x_m": start[0], "y_m": start[1], "yaw_rad": start[2]}
         starts.append((parcel, start))
         goals.append((parcel, goal))
-    if setting.field == "goal":
+    if setting.field in ("goal", "jog"):
         for parcel, goal in goals:
             parcel["goal"] = _goal(parcel, goal)
         return {"parcel": [parcel for parcel, _ in starts]}
@@ -423,6 +426,8 @@ class _Troubles:
         for _ in range(self._random.choice((0, 1, 1, 2))):
             start_s = self._time(BROUGHT_UP_S, 0.8 * self._setting.lasts_s)
             events.append({"kind": "start", "time_s": start_s})
+        if self._setting.field == "jog":
+            events += [{"kind": "empty", "time_s": 0.0}, self._jog(), self._jog()]
         faults.sort(key=lambda each: each["start_s"])
         events.sort(key=lambda each: each["time_s"])
         return faults, events
@@ -551,6 +556,12 @@ class _Troubles:
         return self._event(
             "write", cell=self._one_cell(), index=index, value=self._random.choice(values)
         )
+
+    def _jog(self) -> Table:
+        jogged = {"cell": self._one_cell(), "axis": self._random.randint(1, 2)}
+        speed_m_s = self._random.choice([-0.2, -0.05, 0.05, 0.2])
+        duration_s = self._time(0.1, 3.0)
+        return self._event("jog", **jogged, speed_m_s=speed_m_s, duration_s=duration_s)
 
     def _parcel(self) -> Table | None:
         parcels: list[Table] = self._tables["parcel"]

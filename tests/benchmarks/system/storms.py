@@ -23,6 +23,8 @@ from mdms_sim.referee.rules import RULES
 __all__ = ["run"]
 
 CONFIDENCE = 0.95
+#: A line of progress comes after so many storms.
+SHOWN = 25
 
 
 class Case(NamedTuple):
@@ -93,6 +95,8 @@ def run(arguments: list[str] | None = None) -> list[dict[str, Any]]:
     done = []
     for one in cases(seeds, options.jobs):
         done.append(one)
+        if len(done) % SHOWN == 0:
+            print(f"  {len(done)} of {len(seeds)} in {perf_counter() - begun_s:.0f} s", flush=True)
         for line in _remarks(one):
             print(f"  storm {one.seed}, {one.setting}: {line}", flush=True)
     wall_s = perf_counter() - begun_s
