@@ -9,7 +9,7 @@ import sys
 import traceback
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
 from pathlib import Path
@@ -141,7 +141,9 @@ class Host:
     def report(self) -> HostReport:
         """What it says now; of a killed program whoever has killed it knows."""
         if self.coordinator is not None:
-            return host_report_of(self.coordinator)
+            # What a program has said before it was killed has been said.
+            told_s = max((time_s for time_s, _ in self.troubles), default=-inf)
+            return replace(host_report_of(self.coordinator), trouble_s=told_s)
         goals = host_report_of(self._before[-1]).goals
         return HostReport(goals, reason="the program has been killed")
 
