@@ -40,14 +40,15 @@ class Referee:
         self._claims = Claims(truth, self._note, self._word)
         self._judges = self._wheels, self._parcels, self._claims
         buses = range(truth.addresses.bus_count)
-        self.watched = [set().union(*(each.watched(bus) for each in self._judges)) for bus in buses]
+        self._watching = [self._watching_on(bus) for bus in buses]
+        self.watched = [watching.keys() for watching in self._watching]
         self.delivered = self._wheels.delivered
 
     def on_frame(self, bus: int, frame: Frame, now_ns: int) -> None:
         """A watched frame has got through on a bus, from 0."""
         self._now_ns = now_ns
         self._word.on_frame(bus, frame, now_ns)
-        for judge in self._judges:
+        for judge in self._watching[bus][frame.can_id]:
             judge.on_frame(bus, frame, now_ns)
 
     def on_delivery(self, cell: int, frame: Frame, now_ns: int) -> None:
@@ -77,6 +78,14 @@ class Referee:
         if self._voltage_uv is not None:
             self._parcels.look(self._now_ns, self._voltage_uv)
         self._claims.finish(self._now_ns)
+
+    def _watching_on(self, bus: int) -> dict[int, list[Wheels | Parcels | Claims]]:
+        """The judges that watch each identifier of a bus."""
+        watching: dict[int, list[Wheels | Parcels | Claims]] = {}
+        for judge in self._judges:
+            for can_id in judge.watched(bus):
+                watching.setdefault(can_id, []).append(judge)
+        return watching
 
     @property
     def unavoidable(self) -> list[Event]:

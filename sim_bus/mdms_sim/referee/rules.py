@@ -40,14 +40,18 @@ RULES = {
         Rule(
             "heeded",
             True,
-            "After a stop, an END or a lapsed lease, voltage and wheel speed fall within the "
-            "documented time; for ramped stops, within 1.3 v2/2a and the reaction way.",
+            "After a stop (quick stop, 'disable voltage', NMT stop, reset, fault), an END or a lapsed "
+            "lease, voltage and wheel speed fall within the documented time. A ramped stop is over "
+            "within 1.3 v2/2a and the reaction way, where the wheel carries nothing; until it is, "
+            "braking is allowed for 0x3004.",
         ),
         Rule(
             "silent",
             True,
-            "After the last valid command or heartbeat, no wheel is pushed onward for longer than "
-            "documented. A hung cell has the time of its watchdog.",
+            "After the last valid setpoint, SYNC or heartbeat, no wheel is pushed onward for longer "
+            "than documented. A hung cell has the time of its watchdog (0.5 s on the slowest board). "
+            "One whose watchdog is dead as well (`hang` without `duration_s`) is the documented "
+            "single point of failure: nothing is asked of it.",
         ),
         Rule(
             "one_parcel",
@@ -77,7 +81,7 @@ RULES = {
             "quiet",
             True,
             "From 0.5 s after its parcel has left, a wheel gets no voltage that turns it, unless "
-            "somebody asked.",
+            "somebody asked: a setpoint that is not 0, where the host steers.",
         ),
     )
 }

@@ -39,10 +39,10 @@ ONWARD_TICKS = 10
 #: A wheel is about to stand below this [m/s], and a voltage up to the next holds it.
 SLOW_M_S = 0.01
 HOLD_V = 1.3
-#: Rounding of voltages [V].
-LEAST_V = 0.02
-#: A free wheel that was braked turns no faster [m/s] after this time [ns].
-SPIN_M_S, SPIN_NS = 0.05, 100 * NS_PER_MS
+#: Share of the back-EMF, and rounding of voltages [V].
+SHARE, LEAST_V = 0.5, 0.02
+#: A wheel that is slower hardly turns [m/s].
+TURNS_M_S = 0.05
 #: From then on a wheel without a parcel rests.
 QUIET_NS = 500 * NS_PER_MS
 #: A voltage that turns a wheel which is to rest [V].
@@ -80,6 +80,9 @@ WHEEL = np.dtype(
         ("awake_ns", "i8"),  # its bridge is to be awake until then
         ("target_um_s", "i8"),
         ("idle_ns", "i8"),  # since when the target is 0
+        ("from_m", "f8"),  # its travel when it was stopped
+        ("way_m", "f8"),  # how far it may go on, if it carries nothing
+        ("loaded", "i8"),  # 1: it has carried something since
         ("applied_v", "f8"),
         ("rest_ticks", "i8"),
         ("onward_ticks", "i8"),
@@ -155,11 +158,14 @@ def look_at_tick(watched: Watched, truths: Truths, now_ns: int, voltage_uv: Regi
                 if wheel.rest_ticks >= REST_TICKS:
                     wheel.rested = 1
                 _look_at_stopped(wheel, now_ns)
-                turns = abs(now.speed_m_s) > SPIN_M_S
+                turns = abs(now.speed_m_s) > TURNS_M_S
                 if turns and now_ns < wheel.awake_ns and truths.awake[p] == 0:
                     wheel.noticed |= COASTS
-                free = now.normal_n == 0.0 and closed and wheel.stop != CUT
-                if turns and free and not wheel.rested and now_ns > wheel.loose_ns + SPIN_NS:
+                # One that carries something goes as far as that slides, or others push it.
+                if now.normal_n > 0.0 or not closed:
+                    wheel.loaded = 1
+                ramped = wheel.stop != CUT and not (wheel.loaded or wheel.rested)
+                if ramped and abs(now.travel_m - wheel.from_m) > wheel.way_m:
                     wheel.noticed |= SPINS
             if wheel.noticed == 0 and wheel.rest_ticks >= REST_TICKS:
                 wheel.noted = 0
@@ -189,11 +195,13 @@ def _look_at_cell(cell: Records, supply_v: float, shut_off: int, now_ns: int) ->
 def _pushes_onward(volts: float, speed_m_s: float, ke: float) -> bool:
     """Whether a motor is driven on in the direction in which it turns, or out of standstill.
 
-    It brakes where its current is against its motion: against a voltage below its back-EMF.
+    Its current is against its motion while its voltage is below its back-EMF. A free wheel that is
+    driven needs no more than that, so what counts is a voltage that keeps it going at half the
+    speed: one that is braked gets less, whatever drags it.
     """
     if abs(speed_m_s) > SLOW_M_S:
         along_v = volts if speed_m_s > 0.0 else -volts
-        return bool(along_v > ke * abs(speed_m_s) + LEAST_V)
+        return bool(along_v > SHARE * ke * abs(speed_m_s) + LEAST_V)
     return bool(abs(volts) > HOLD_V and volts * speed_m_s >= 0.0)
 
 

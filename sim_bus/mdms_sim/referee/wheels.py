@@ -47,6 +47,9 @@ BESIDE_M, OVER_M = 0.02, 0.015
 HOST_HEARTBEAT = cob.HEARTBEAT_BASE + cob.HOST_NODE
 ID_MASK = 0x780
 MILLI, MICRO = 1e-3, 1e-6
+NS_PER_S = 1_000_000_000
+#: What a wheel may turn by when it is stopped anyhow.
+LEAST_WAY_M = 0.002
 
 _FAILED = (cia402.FAULT, cia402.FAULT_REACTION)
 #: Emergencies after which motors brake first, and those of a cell that concern no motor.
@@ -57,14 +60,12 @@ _EMERGENCY = struct.Struct("<HBB")
 _STATUS = struct.Struct("<HH")
 
 _TEXTS = {
-    watch.SPINS: "turns on",
     watch.COASTS: "coasts, though it is to be braked",
     watch.PUSHED_ALONE: "gets {0:.2f} V, but no parcel is there and nobody asked",
     watch.PUSHED_AFTER_LEASE: "gets {0:.2f} V, but a cell under its parcel says nothing",
     watch.PUSHED_HUNG: "gets {0:.2f} V, but its watchdog should have reset the cell",
 }
 _RULES = {
-    watch.SPINS: "heeded",
     watch.COASTS: "heeded",
     watch.PUSHED_ALONE: "quiet",
     watch.PUSHED_AFTER_LEASE: "heeded",
@@ -84,7 +85,6 @@ class Wheels:
         self._note = note
         self._array = scenario.array
         self._centres_m = cell_centres(scenario.array)
-        self._by_cells = scenario.motion.control == "cells"
         self._now_ns = 0
         self._ticks = 0
         self._node_ids = list(truth.addresses.node_ids)
@@ -147,17 +147,18 @@ class Wheels:
         return handlers
 
     def _handlers_of_frames(self, truth: Truth, bus: int) -> dict[int, Callable[[bytes], None]]:
-        handlers: dict[int, Callable[[bytes], None]] = {cob.PROGRAM: self._on_any_page}
-        if self._by_cells:
-            handlers[cob.SYNC] = partial(self._on_any_sync, np.array(truth.addresses.buses) == bus)
+        on_bus = np.array(truth.addresses.buses) == bus
+        handlers: dict[int, Callable[[bytes], None]] = {
+            cob.PROGRAM: self._on_any_page,
+            cob.SYNC: partial(self._on_any_sync, on_bus),
+        }
         for cell, its_bus in enumerate(truth.addresses.buses):
             if its_bus == bus:
                 node_id = self._node_ids[cell]
                 handlers[cob.EMCY_BASE + node_id] = partial(self._on_emergency, cell)
                 handlers[cob.HEARTBEAT_BASE + node_id] = partial(self._on_state, cell)
                 handlers[pdo.STATUS.can_id(node_id)] = partial(self._on_status, cell)
-                if self._by_cells:
-                    handlers[cob.ESTIMATE_BASE + node_id] = partial(self._on_estimate, cell)
+                handlers[cob.ESTIMATE_BASE + node_id] = partial(self._on_estimate, cell)
         return handlers
 
     # What happens
@@ -214,7 +215,7 @@ class Wheels:
         shapes, half_m = (*self._shapes, self._centres_m), self._array.pitch_m / 2
         self._find_parcels(*shapes, half_m + BESIDE_M, self._near)
         self._truths.free_ns[self._near != NOBODY] = self._now_ns
-        if self._by_cells:
+        if self._cells["steers"].any():
             self._find_parcels(*shapes, half_m - OVER_M, self._truths.parcel)
             slowest_m_s2 = min((each for _, each in self._programs.values()), default=0.0)
             self._find_lapsed(
@@ -287,7 +288,6 @@ class Wheels:
 
     def _on_sync(self, cell: int, data: bytes) -> None:
         pending = self._pending[cell]
-        self._sync_ns[cell] = self._now_ns
         if pending is not None:
             self._pending[cell] = None
             if self._setpoint_ns[cell] != NEVER:
@@ -296,7 +296,7 @@ class Wheels:
                 self._aim(cell, axis, target)
 
     def _on_any_sync(self, on_bus: np.ndarray, data: bytes) -> None:
-        """SYNC on a bus whose cells may give it themselves."""
+        """SYNC of whomever: one that a cell gives itself does not reach it."""
         self._sync_ns[on_bus] = self._now_ns
 
     def _on_targets(self, cell: int, data: bytes) -> None:
@@ -469,7 +469,7 @@ class Wheels:
         wheel.loose_ns = now_ns + LATE_NS
         wheel.braking_ns = now_ns
         if kind != CUT:
-            wheel.loose_ns += MARGIN_NS + self._ramp_ns(cell, axis)
+            self._ramp(cell, axis)
             wheel.braking_ns = now_ns + int(braking_ns) + MARGIN_NS
         self._causes[cell][axis] = cause
 
@@ -485,18 +485,22 @@ class Wheels:
             or (record.steers and early_ns - record.sync_ns > record.timeout_ns)
         )
 
-    def _ramp_ns(self, cell: int, axis: int) -> int:
-        """How long the reference takes to 0: it is the speed, and what the voltage is made of."""
+    def _ramp(self, cell: int, axis: int) -> None:
+        """Allow a ramp of the reference to 0: it is the speed, and what the voltage is made of."""
         at, place = axis * AXIS_OFFSET, self._truths.places[cell]
         first, end = self._truths.first[place : place + 2]
         if first + axis >= end:
-            return 0
-        wheel, gain = self._wheels[cell, axis], self._setting(cell, indices.GAIN + at) * MILLI
-        reference_m_s = abs(float(self._truths.state["speed_m_s"][first + axis]))
-        reference_m_s += abs(float(wheel.applied_v)) / max(gain, MILLI)
+            return
+        wheel, now = self._wheels[cell, axis], self._truths.state[first + axis]
+        gain = self._setting(cell, indices.GAIN + at) * MILLI
+        reference_m_s = abs(float(now.speed_m_s)) + abs(float(wheel.applied_v)) / max(gain, MILLI)
         reference_m_s = max(reference_m_s, abs(int(wheel.target_um_s)) * MICRO)
         deceleration_m_s2 = self._setting(cell, indices.QUICK_STOP + at) * MICRO
-        return int(reference_m_s / deceleration_m_s2 * 1e9 * self._cells[cell].slow)
+        ramp_s = reference_m_s / deceleration_m_s2 * float(self._cells[cell].slow)
+        wheel.loose_ns += MARGIN_NS + int(ramp_s * NS_PER_S)
+        reaction_m = reference_m_s * (LATE_NS + MARGIN_NS) / NS_PER_S
+        wheel.way_m = LEAST_WAY_M + reaction_m + 1.3 * reference_m_s * ramp_s / 2
+        wheel.from_m, wheel.loaded = now.travel_m, 0
 
     def _on_noticed(self, cell: int, noticed: int) -> None:
         """A cell must have noticed that something is missing."""
@@ -535,14 +539,15 @@ class Wheels:
         wheel.noted |= noticed
         volts = float(wheel.applied_v)
         place = int(self._truths.places[cell])
-        if noticed & watch.DRIVEN:
-            cause = self._causes[cell][axis]
-            if wheel.rested:
-                text = f"gets {volts:.2f} V, and nobody has enabled it after {cause}"
-                self._say("asked", place, axis, text)
-            else:
-                rule = "silent" if cause in _SILENCES else "heeded"
-                self._say(rule, place, axis, f"still gets {volts:.2f} V after {cause}")
+        cause = self._causes[cell][axis]
+        rule = "silent" if cause in _SILENCES else "heeded"
+        if noticed & watch.DRIVEN and wheel.rested:
+            text = f"gets {volts:.2f} V, and nobody has enabled it after {cause}"
+            self._say("asked", place, axis, text)
+        elif noticed & watch.DRIVEN:
+            self._say(rule, place, axis, f"still gets {volts:.2f} V after {cause}")
+        if noticed & watch.SPINS:
+            self._say(rule, place, axis, f"turns on for too long after {cause}")
         if noticed & watch.PUSHED_AFTER_END:
             if self._identity(cell) in (0, self._ended[cell]):
                 text = f"gets {volts:.2f} V, though its parcel's program has ended"
