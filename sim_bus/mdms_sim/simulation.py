@@ -103,7 +103,7 @@ class Simulation:
         *,
         bus_log: BinaryIO | None = None,
         estimates: Callable[[], Floats] | None = None,
-        host_report: Callable[[], HostReport] | None = None,
+        host_report: Callable[[], HostReport | None] | None = None,
         recorded: bool = True,
         most_samples: int | None = None,
     ) -> None:
@@ -282,7 +282,7 @@ def simulate(
     *,
     bus_log: Path | None = None,
     estimates: Callable[[], Floats] | None = None,
-    host_report: Callable[[], HostReport] | None = None,
+    host_report: Callable[[], HostReport | None] | None = None,
     progress: Progress | None = None,
     over: Callable[[], bool] = lambda: False,
 ) -> Outcome:

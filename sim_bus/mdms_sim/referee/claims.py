@@ -21,8 +21,9 @@ TRUE_M = 0.005
 TRUE_RAD = radians(2.0)
 #: Most cells under a parcel say for so long that it has arrived: that is their word [s].
 _CELLS_SAY_S = 0.5
+_LOOK_S = 0.05
+#: Parcels that stand are looked for in every so many looks.
 _SLOW_LOOKS = 10
-_LOOK_S = 0.01
 #: What has stopped a parcel is said within this, and why a run cannot end within that [s].
 SAID_S = 2.0
 WHY_S = 30.0
@@ -96,28 +97,25 @@ class Claims:
             }
             self._stoppings.append(_Stopping(fault.kind, now_ns / NS_PER_S, going, {}))
 
-    def look(self, now_ns: int) -> None:
+    def report(self) -> HostReport | None:
+        """What the host says now; None where none says anything, or not any more."""
+        return None if self._truth.host is None or self._hosts_out else self._truth.host()
+
+    def look(self, now_ns: int, report: HostReport | None) -> None:
         """Look at what is said now."""
-        now_s = now_ns / NS_PER_S
-        report = self._report()
         if report is not None:
             self._check_arrivals(report)
             self._goals = report.goals
-        self._looks += 1
-        if self._looks % _SLOW_LOOKS:
-            return
-        if report is None and self._word.parcels:
+        elif self._word.parcels:
             self._hear_cells(now_ns)
-        if self._truth.host is not None or self._hosts_out:
-            self._check_reasons(report, now_s)
+        self._looks += 1
+        slow = self._looks % _SLOW_LOOKS == 0
+        if (slow or self._stoppings) and (report is not None or self._hosts_out):
+            self._check_reasons(report, now_ns / NS_PER_S)
 
     def finish(self, now_ns: int) -> None:
         """The run is over."""
-        self.look(now_ns)
-
-    def _report(self) -> HostReport | None:
-        """What the host says; None where none says anything, or not any more."""
-        return None if self._truth.host is None or self._hosts_out else self._truth.host()
+        self.look(now_ns, self.report())
 
     # True ----------------------------------------------------------------------------------------
 
@@ -157,7 +155,6 @@ class Claims:
     def _hear_cells(self, now_ns: int) -> None:
         """Check the word of the cells under each parcel, once they have kept to it for a while."""
         said: dict[tuple[int, int], float] = {}
-        passed_s = _SLOW_LOOKS * _LOOK_S
         for identity, number in self._word.parcels.items():
             voters = [each for each in self._word.under(identity, now_ns) if each.certainty]
             sequences = [each.sequence for each in voters if each.flags & wire.ARRIVED]
@@ -165,8 +162,8 @@ class Claims:
                 continue
             claim = identity, sequences[0]
             goals = self._word.goals(*claim)
-            before_s = self._cells_say.get(claim, -passed_s)
-            said[claim] = since_s = before_s + passed_s
+            before_s = self._cells_say.get(claim, -_LOOK_S)
+            said[claim] = since_s = before_s + _LOOK_S
             if before_s < _CELLS_SAY_S <= since_s and goals:
                 name = self._parcels[number].name
                 nearest = min(goals, key=lambda goal: sum(self._off(number, goal)))

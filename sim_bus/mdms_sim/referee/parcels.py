@@ -15,20 +15,21 @@ from mdms_model.scenario.scenario import Scenario
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.neighbours import frames as wire
 from mdms_sim.physics.plane.control_step import Registers
-from mdms_sim.referee.truth import Note, Truth
+from mdms_sim.referee.truth import HostReport, Note, Truth
 from mdms_sim.referee.word import FRESH_NS, NS_PER_S, Word
 
 #: A promise counts for so long after the cell has sent it (firmware/README.md, 'Neighbour layer').
 LEASE_NS = 80_000_000
 #: A parcel that leaves a cell is noticed within this [s]; see 'What feeds the wheels' there.
 NOTICED_S = 0.3
-#: Wheels are looked at in every so many looks.
-_WHEEL_LOOKS = 5
-_LOOK_S = 0.01
+#: Wheels are looked at this often [s].
+_WHEELS_S = 0.05
 #: A wheel that turns at least so fast, and with its voltage, is driven [m/s].
 _TURNING_M_S = 0.005
 #: How long it takes until brakes are on: the heartbeat of a host counts for so long [s].
 REACTION_S = 0.1
+#: Wheels that slip when the power goes still drive a parcel on for a moment.
+_COASTING = 1.1
 #: Rounding of ways, and how far a parcel sinks into another [m].
 _SLACK_M = 0.001
 #: A parcel that a hand has pushed or set down rests below this [m/s], or after so long [s].
@@ -68,7 +69,6 @@ class Parcels:
         self._word = word
         self._names = {parcel.name: number for number, parcel in enumerate(scenario.parcel)}
         self._now_s = 0.0
-        self._looks = 0
         # Apart
         self._steered = scenario.motion.field in ("goal", "program")
         self._reach_m = np.array([outline_of(parcel).radius_m for parcel in scenario.parcel])
@@ -121,19 +121,13 @@ class Parcels:
         coasts = begins and fault.kind in _POWER and not fault.cells
         self._keep(now_s, coasts=coasts)
 
-    def look(self, now_ns: int, voltage_uv: Registers) -> None:
-        """Look at the parcels as they are now, under the voltages of all cells by their places."""
+    def look(self, now_ns: int) -> None:
+        """Look at what has happened to the parcels."""
         self._now_s = now_ns / NS_PER_S
         events = self._world.events
         for event in events[self._seen :]:
             self._judge(event)
         self._seen = len(events)
-        self._looks += 1
-        if self._looks % _WHEEL_LOOKS == 0:
-            if self._handled:
-                self._let_go()
-            if self._word.parcels or self._truth.host is not None:
-                self._look_at_wheels(now_ns, voltage_uv)
 
     # Apart ---------------------------------------------------------------------------------------
 
@@ -169,7 +163,7 @@ class Parcels:
             gone_m = np.hypot(*(pose - event.pose[concerned])[:, :2].T) + turned_m
             way_m = event.way_m[concerned]
             if event.coasts:
-                way_m = event.speed_m_s[concerned] * (time_s - event.time_s)
+                way_m = _COASTING * event.speed_m_s[concerned] * (time_s - event.time_s)
             if (gone_m <= way_m + _SLACK_M).all():
                 return True
         return False
@@ -192,25 +186,44 @@ class Parcels:
         lifted = self._world.scene.state.parcels["lifted"]
         for number, since_s in list(self._handled.items()):
             passed_s = self._now_s - since_s
-            rests = passed_s > 2 * _LOOK_S and speed_m_s[number] < _REST_M_S
+            rests = passed_s > _WHEELS_S and speed_m_s[number] < _REST_M_S
             if not lifted[number] and (rests or passed_s > _HANDLED_S):
                 del self._handled[number]
 
     # One parcel a cell ---------------------------------------------------------------------------
 
-    def _look_at_wheels(self, now_ns: int, voltage_uv: Registers) -> None:
-        """Note cells that have driven for another parcel than the one over them for some time."""
-        wrong = dict(self._wrong(now_ns, voltage_uv))
-        passed_s = _WHEEL_LOOKS * _LOOK_S
-        self._wrong_s = {cell: self._wrong_s.get(cell, 0.0) + passed_s for cell in wrong}
+    def look_at_wheels(self, now_ns: int, voltage_uv: Registers, report: HostReport | None) -> None:
+        """Note cells that have driven for another parcel than the one over them for some time.
+
+        Voltages are those of all cells, by their places.
+        """
+        if self._handled:
+            self._let_go()
+        left = self._unsteered(report)
+        if not (left or self._word.parcels):
+            return
+        wrong = dict(self._wrong(now_ns, voltage_uv, left))
+        self._wrong_s = {cell: self._wrong_s.get(cell, 0.0) + _WHEELS_S for cell in wrong}
         for cell, since_s in self._wrong_s.items():
-            if NOTICED_S < since_s <= NOTICED_S + passed_s:
+            if NOTICED_S < since_s <= NOTICED_S + _WHEELS_S:
                 number, text = wrong[cell]
                 parcel = self._truth.scenario.parcel[number].name
                 self._note("one_parcel", f"{text} {parcel}", cell=cell + 1, parcel=parcel)
 
-    def _wrong(self, now_ns: int, voltage_uv: Registers) -> Iterator[tuple[int, tuple[int, str]]]:
-        """The cells (from 0) that drive for another parcel now, what is over them, and a text."""
+    def _unsteered(self, report: HostReport | None) -> list[int]:
+        """The parcels that a host which steers to goals does not steer."""
+        if report is None or self._truth.scenario.motion.field != "goal":
+            return []
+        names = self._names.items()
+        return [number for name, number in names if name not in report.goals]
+
+    def _wrong(
+        self, now_ns: int, voltage_uv: Registers, left: list[int]
+    ) -> Iterator[tuple[int, tuple[int, str]]]:
+        """The cells (from 0) that drive for another parcel now, what is over them, and a text.
+
+        Parcels that are `left` are steered by nobody.
+        """
         state, carried = self._world.scene.state, self._world.scene.scratch.wheels["parcel"]
         wheels = self._world.wheels
         axis = np.arange(len(wheels.cell)) - wheels.first[wheels.cell]
@@ -221,32 +234,22 @@ class Parcels:
         if not turning.any():
             return
         touching = state.wheels["contact"] != Contact.NONE
-        yield from self._unsteered(turning & touching, carried)
+        for number in left:
+            if number not in self._handled:
+                under = turning & touching & (carried == number)
+                for cell in set(wheels.cell[under].tolist()):
+                    yield cell, (number, f"cell {cell + 1} drives for another parcel under")
         driven = set(wheels.cell[turning].tolist())
         for node, estimate in self._word.estimates.items():
             place = int(self._truth.places[node])
-            number = self._word.parcels.get(estimate.identity)
+            served = self._word.parcels.get(estimate.identity)
             late = now_ns - estimate.time_ns > FRESH_NS
-            if place not in driven or late or estimate.state != wire.UNDER or number is None:
+            if place not in driven or late or estimate.state != wire.UNDER or served is None:
                 continue
             over = self._over(place)
-            if over and number not in over and not self._handled.keys() & {*over, number}:
-                name = self._truth.scenario.parcel[number].name
+            if over and served not in over and not self._handled.keys() & {*over, served}:
+                name = self._truth.scenario.parcel[served].name
                 yield node, (over[0], f"cell {node + 1} drives for {name} under")
-
-    def _unsteered(
-        self, driven: "np.ndarray[tuple[int], np.dtype[np.bool_]]", carried: Floats
-    ) -> Iterator[tuple[int, tuple[int, str]]]:
-        """Cells that drive under a parcel which a host that steers parcels to goals does not."""
-        scenario = self._truth.scenario
-        if self._truth.host is None or scenario.motion.field != "goal":
-            return
-        goals = self._truth.host().goals
-        for name, number in self._names.items():
-            if name in goals or number in self._handled:
-                continue
-            for cell in set(self._world.wheels.cell[driven & (carried == number)].tolist()):
-                yield cell, (number, f"cell {cell + 1} drives for another parcel under")
 
     def _over(self, cell: int) -> list[int]:
         """The parcels whose outlines lie over the square of a cell (from 0)."""

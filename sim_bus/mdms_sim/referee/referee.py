@@ -18,8 +18,9 @@ from mdms_sim.referee.word import Word
 __all__ = ["Referee"]
 
 NS_PER_S = 1_000_000_000
-#: Poses and reports are looked at this often [ticks of 1 ms].
+#: Parcels are looked at this often, words and wheels under parcels that often [ticks of 1 ms].
 LOOK_TICKS = 10
+LISTEN_TICKS = 50
 
 
 class Referee:
@@ -33,7 +34,6 @@ class Referee:
         self.violations: list[Violation] = []
         self._now_ns = 0
         self._ticks = 0
-        self._voltage_uv: Registers | None = None
         self._wheels = Wheels(truth, self._note)
         self._word = Word(truth)
         self._parcels = Parcels(truth, self._note, self._word)
@@ -65,18 +65,18 @@ class Referee:
     def on_tick(self, now_ns: int, voltage_uv: Registers) -> None:
         """The cells have ticked, and hold these voltages (cells, 2), by their places."""
         self._now_ns = now_ns
-        self._voltage_uv = voltage_uv
         self._wheels.on_tick(now_ns, voltage_uv)
         self._ticks += 1
-        if self._ticks == LOOK_TICKS:
-            self._ticks = 0
-            self._parcels.look(now_ns, voltage_uv)
-            self._claims.look(now_ns)
+        if self._ticks % LOOK_TICKS == 0:
+            self._parcels.look(now_ns)
+        if self._ticks % LISTEN_TICKS == 0:
+            report = self._claims.report()
+            self._parcels.look_at_wheels(now_ns, voltage_uv, report)
+            self._claims.look(now_ns, report)
 
     def finish(self) -> None:
         """The run is over."""
-        if self._voltage_uv is not None:
-            self._parcels.look(self._now_ns, self._voltage_uv)
+        self._parcels.look(self._now_ns)
         self._claims.finish(self._now_ns)
 
     def _watching_on(self, bus: int) -> dict[int, list[Wheels | Parcels | Claims]]:

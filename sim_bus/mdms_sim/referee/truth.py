@@ -47,12 +47,12 @@ class HostReport:
 class Truth:
     """The run as it is, for the judges.
 
-    `places` has the place of each cell's node, both from 0. `host` says what the host says now;
-    None where no host says anything.
+    `places` has the place of each cell's node, both from 0. `host` returns what the host says now,
+    None while nobody runs; where it is None nobody knows what a host says.
     """
 
     scenario: Scenario
     addresses: Addresses
     world: World
     places: NDArray[np.intp]
-    host: Callable[[], HostReport] | None = None
+    host: Callable[[], HostReport | None] | None = None

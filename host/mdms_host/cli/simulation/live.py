@@ -22,7 +22,6 @@ from mdms_host.programs.program import Main
 from mdms_host.programs.traffic.planning import ThreadDesk
 from mdms_model.scenario.belief import believed
 from mdms_model.scenario.scenario import Scenario
-from mdms_sim.referee.truth import HostReport
 from mdms_sim.serve.clock import RealTime
 from mdms_sim.serve.server import Server
 from mdms_sim.simulation import Simulation, addresses_of, open_bank
@@ -81,18 +80,17 @@ def attended(
         yield over_or_attended
 
 
-def _said_from(seat: Seat) -> HostReport:
-    """What the coordinator there says; nothing where none is."""
-    coordinator = seat.coordinator
-    return HostReport() if coordinator is None else host_report_of(coordinator)
-
-
 def show(scenario: Scenario, arguments: Namespace, main: Main | None = None) -> Exit:
     """Run a scenario's program in real time with its page, until Ctrl-C."""
     seat = seat_of(scenario, main)
     with closing(open_bank("cpython", addresses_of(scenario).node_ids)) as bank:
-        said = partial(_said_from, seat)
-        simulation = Simulation(scenario, bank, [seat], host_report=said, recorded=False)
+        simulation = Simulation(
+            scenario,
+            bank,
+            [seat],
+            host_report=lambda: host_report_of(seat.coordinator),
+            recorded=False,
+        )
         # Whatever is compiled at its first use is so before anybody looks and time counts.
         simulation.kernel.run_until(SLICE_NS)
         table = table_of(scenario, seat, simulation, RealTime())

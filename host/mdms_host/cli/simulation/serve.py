@@ -14,6 +14,7 @@ from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.signals import ENDS, interrupted
 from mdms_host.cli.simulation.compose import Finished
 from mdms_host.cli.simulation.figures import figures_of
+from mdms_host.cli.simulation.word import host_report_of
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.programs.program import Main
@@ -62,7 +63,13 @@ def _serve_and_keep(
             outcome = simulation.outcome()
         host.add_to(outcome.record)
         lasted = lasting(scenario, float(outcome.record.time_s[-1]))
-        finished = Finished(outcome.record, arguments.nodes, outcome.bus, wall_s=clock.now_s())
+        finished = Finished(
+            outcome.record,
+            arguments.nodes,
+            outcome.bus,
+            violations=outcome.violations,
+            wall_s=clock.now_s(),
+        )
         figures = figures_of(lasted, finished) | {"run": str(arguments.out)}
         with writing(arguments.out):
             keep_run(folder, lasted, outcome.record, figures)
@@ -84,6 +91,7 @@ def _serve(
             bank,
             [seat] if seat else [],
             bus_log=log,
+            host_report=(lambda: host_report_of(seat.coordinator)) if seat else None,
             estimates=lambda: host.sample(simulation.kernel.now_ns / NS_PER_S),
             recorded=log is not None,
             most_samples=MOST_SAMPLES,

@@ -8,8 +8,10 @@ from mdms_host.motion.goal import Goal
 from mdms_sim.referee.truth import HostReport, Pose
 
 
-def host_report_of(coordinator: Coordinator) -> HostReport:
-    """What it says now."""
+def host_report_of(coordinator: Coordinator | None) -> HostReport | None:
+    """What it says now; None where none runs."""
+    if coordinator is None:
+        return None
     troubles = coordinator.troubles
     stopped = "stopped by a person" if coordinator.stopped else None
     return HostReport(
