@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection, Coroutine, Mapping, Sequence
 from dataclasses import dataclass
+from math import inf
 from typing import Any
 
 from mdms_host.estimation.belief import Belief
@@ -71,10 +72,10 @@ class TableProgram:
         self._rested_s = 0.0
         self._notices: list[str] = []
 
-    def attend(self, register: NamingRegister) -> None:
-        """Announce what may come, and what leaves, from now on."""
+    def attend(self, register: NamingRegister, heaviest_kg: float = inf) -> None:
+        """Announce what may come, and what leaves, from now on; nothing heavier may come."""
         self._register = register
-        self.table.newcomers = TrackedNewcomers(register, self._know)
+        self.table.newcomers = TrackedNewcomers(register, self._know, heaviest_kg)
 
     def _know(self, parcel: Parcel, mass: Mass, kind: str, comes: bool) -> None:
         """There is to be a parcel that has not been drawn before; it `comes`, or is there."""

@@ -31,6 +31,7 @@ __all__ = [
     "Run",
     "Scenario",
     "ScenarioError",
+    "Stop",
     "Wheel",
     "Wire",
 ]
@@ -43,6 +44,7 @@ class ScenarioError(ValueError):
 FIDELITIES = ("row", "ideal", "firmware")
 SHAPES = ("rectangle", "disc", "polygon")
 ON_LOST_CELL = ("go_on", "hold", "stop")
+STOP_FORMS = ("short", "category_1")
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,6 +240,21 @@ class Wire:
 
 
 @dataclass(frozen=True, slots=True)
+class Stop:
+    """What the table's emergency stop holds: lighter and slower parcels stay on the table.
+
+    It is measured on the table, or taken from 'Emergency stop' in firmware/README.md.
+    """
+
+    form: str = field(metadata=Limit(choices=STOP_FORMS))
+    """A contact shorts each motor, or its bridge does for 1 s before the supply is cut."""
+    mass_kg: float = field(metadata=POSITIVE)
+    """The heaviest parcel; heavier ones are refused."""
+    speed_m_s: float = field(metadata=POSITIVE)
+    """The fastest motion; faster ones are refused."""
+
+
+@dataclass(frozen=True, slots=True)
 class Scenario:
     """One experiment."""
 
@@ -265,6 +282,8 @@ class Scenario:
     """Where parcels leave."""
     task: tuple[Task, ...] = ()
     """A program, task by task."""
+    stop: Stop | None = None
+    """What the emergency stop holds; none: nothing is refused for it."""
     #: What the host takes for true where it is not; see `belief`.
     belief: dict[str, Any] = field(default_factory=dict, hash=False)
     """What the host takes for true: keys of `cell`, and tables of parcels by name."""

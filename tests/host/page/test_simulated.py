@@ -86,6 +86,23 @@ def test_killed_cell_falls_silent_and_comes_back(desk):
         desk.table.do(commands.EndFault(1))
 
 
+def test_an_emergency_stop_by_hand_shorts_motors_until_it_is_released(running):
+    world = running.simulation.world
+    assert running.table.do(fault("supply", brake=True)) == "fault 1"
+    (one,) = running.faults
+    assert one["fault"] == {"kind": "supply", "brake": True}
+    running.table.do(fault("supply", cells=(3,), brake=True))
+    running.run(1.0)
+    assert np.abs(world.twist[0]).max() < 0.02
+    # Cell 3 has been stopped twice, so one release does not release it.
+    running.table.do(commands.EndFault(1))
+    assert np.flatnonzero(world.bridges.shorted).tolist() == [2]
+    running.table.do(commands.EndFault(2))
+    assert not world.bridges.shorted.any()
+    running.run(0.5)
+    assert not (running.shown["cell_state"] == CellState.RUNNING).any()
+
+
 def test_fault_with_a_duration_ends_by_itself(running):
     desk = running
     desk.table.do(fault("sensor_stuck", cells=(1,), duration_s=0.2))

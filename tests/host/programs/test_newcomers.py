@@ -119,3 +119,21 @@ def test_a_parcel_that_is_announced_arrives():
     stage.come("crate")
     assert seen == ["crate"]
     assert stage.program.finished
+
+
+def test_a_parcel_that_is_heavier_than_the_emergency_stop_holds_is_not_taken():
+    stage, register = naming(CRATE)
+    stage.program.attend(register, 1.4)
+    lay_unknown(stage)
+    stage.run(0.5)
+    told = "crate has 1.5 kg, but the table's emergency stop holds 1.4 kg at most (stop.mass_kg)"
+    assert told in stage.program.stuck
+    assert not register.expected
+
+
+def test_a_parcel_as_heavy_as_the_emergency_stop_holds_is_taken():
+    stage, register = naming(CRATE)
+    stage.program.attend(register, 1.5)
+    lay_unknown(stage)
+    stage.run(0.1)
+    assert "crate" in register.expected

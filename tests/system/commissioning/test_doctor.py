@@ -177,7 +177,7 @@ def test_cells_and_settings_are_compared_with_a_file(array, tmp_path, capsys):
     assert "     node 5: 00000005 is in no place\n" in printed.out
     assert "     node 2: 00000002 is to be node 3\n" in printed.out
     assert "     node 6: axis1.gain is 7 V s/m, the file has 13 V s/m\n" in printed.out
-    assert "   cure:  Release the stop; measure 24 V at the cell's terminals.\n" in printed.out
+    assert "   cure:  Release the stop and reset its module; measure 24 V at the" in printed.out
     assert "wheels were not turned" in printed.err
 
 

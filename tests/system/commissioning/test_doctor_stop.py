@@ -36,7 +36,7 @@ NS_PER_S = 1_000_000_000
 #: Before a hand is at the button, and from there to Enter.
 REACHES_S, ENTERS_S = 0.3, 0.4
 #: What of 24 V cells measure while their bridges are pulled low.
-PULLED_V = 6.3
+PULLED_V = 6.5
 
 
 class Table(SimulatedArray):
@@ -48,7 +48,7 @@ class Table(SimulatedArray):
         self.asked = []
         #: By cell: which have a stop that works, and how long after the press.
         self.stopped = {0.0: (*CELLS,)}
-        self.form = "short"
+        self.form, self.delayed = "short", True
         self.on_press = self.on_release = lambda: None
         self._faults = []
 
@@ -62,7 +62,8 @@ class Table(SimulatedArray):
                 self.after(late_s, lambda cells=cells: self._cut(cells, 0.0))
             else:
                 self.after(late_s, lambda cells=cells: self._cut(cells, PULLED_V))
-                self.after(late_s + 1.0, lambda cells=cells: self._cut(cells, 0.0))
+                if self.delayed:
+                    self.after(late_s + 1.0, lambda cells=cells: self._cut(cells, 0.0))
         self.on_press()
 
     def release(self):
@@ -139,7 +140,7 @@ def test_a_relay_that_is_welded_is_named_and_the_release_is_not_asked_for(table,
     table.stopped = {0.0: tuple(cell for cell in CELLS if cell != 5)}
     assert main([*STOP, "--json"]) == Exit.FAILURE
     rows, document = found(capsys)
-    assert rows == [("stop-welded", (5,), "24.0 V 0.5 s after the others lost their supply")]
+    assert rows == [("stop-welded", (5,), "24.0 V, though the supply of other cells has fallen")]
     assert sorted(map(int, document["fell_s"])) == [cell for cell in CELLS if cell != 5]
     assert len(table.asked) == 1
 
@@ -156,6 +157,44 @@ def test_a_stop_that_no_cell_feels_is_welded_for_all(table, capsys):
     assert found(capsys)[0] == [
         ("stop-welded", tuple(CELLS), "no cell has lost its supply; they measure 24.0 V")
     ]
+
+
+CATEGORY_1 = (
+    '[array]\ncolumns = 3\nrows = 2\n[stop]\nform = "category_1"\nmass_kg = 2\nspeed_m_s = 0.4\n'
+    + "".join(f'[[cell]]\nserial = "{cell:08X}"\nnode = {cell}\n' for cell in CELLS)
+)
+
+
+@pytest.fixture
+def category_1(table, tmp_path):
+    """The options of a table whose bridges are pulled low, and lose their supply a second later."""
+    table.form = "category_1"
+    path = tmp_path / "array.toml"
+    path.write_text(CATEGORY_1)
+    return [*STOP, "--array", str(path)]
+
+
+def test_a_stop_of_category_1_pulls_all_bridges_low_and_cuts_their_supply(category_1, capsys):
+    assert main([*category_1, "--json"]) == Exit.OK
+    rows, document = found(capsys)
+    assert not rows
+    assert document["form"] == "category_1"
+
+
+def test_a_time_relay_that_is_welded_is_found(table, category_1, capsys):
+    table.delayed = False
+    assert main([*category_1, "--json"]) == Exit.FAILURE
+    wanted = ("stop-delay", tuple(CELLS), "6.5 V 1.6 s after the stop was pressed")
+    assert found(capsys)[0] == [wanted]
+
+
+def test_a_cell_whose_bridges_are_not_pulled_low_is_named(table, category_1, capsys):
+    """It loses its supply with the others, a second too late."""
+    table.stopped = {0.0: tuple(CELLS)[1:]}
+    table.on_press = lambda: table.after(1.0, lambda: table._cut((1,), 0.0))
+    assert main([*category_1, "--json"]) == Exit.FAILURE
+    text = "its supply fell 1.0 s after the first cell's; 0.5 s are allowed"
+    assert found(capsys)[0] == [("stop-welded", (1,), text)]
 
 
 def test_nobody_who_presses_is_a_time_limit(table, capsys, monkeypatch):
@@ -181,6 +220,12 @@ def test_a_cell_whose_relay_does_not_close_again_is_named(table, capsys):
     assert main([*STOP, "--json"]) == Exit.FAILURE
     rows, _ = found(capsys)
     assert rows == [("stop-stays", (4,), "0.0 V 2 s after other cells had theirs back")]
+
+
+def test_a_stop_that_is_pressed_again_while_wheels_are_watched_proves_nothing(table, capsys):
+    table.on_release = lambda: table.after(1.0, lambda: table._cut((2,), 0.0))
+    assert main(STOP) == Exit.FAILURE
+    assert "mdms: node 2 has lost its supply again; release" in capsys.readouterr().err
 
 
 class OtherHost:

@@ -1,11 +1,16 @@
 """Emergency stops under a moving box: with a short it stays on the table, and coasting it tips."""
 
+from contextlib import closing
+
 import numpy as np
 import pytest
 from tests.benchmarks.sim_bus.stopping import hardware
 
+from mdms_host.cli.scenario.coordination import coordinator_of
 from mdms_host.cli.simulation.compose import run_scenario
 from mdms_model.scenario.file import load_scenario
+from mdms_sim.nodes.python_bank import PythonBank
+from mdms_sim.simulation import Simulation
 
 #: The demo's box is at its fastest.
 PRESSED_S = 0.9
@@ -43,6 +48,27 @@ def test_a_box_that_waits_stands_when_the_contacts_open_again():
     later = record.time_s > PRESSED_S + 1.0
     assert not np.abs(record.voltage_v[later]).any()
     assert np.abs(record.twist[later, 0]).max() < 0.02
+
+
+def test_category_1_holds_the_demos_box_and_then_lets_its_wheels_coast():
+    """The fault that began last counts, and goes on to when the first one ends."""
+    short = "{kind='supply', start_s=0.9, brake=true, duration_s=1.2}"
+    cut = "{kind='supply', start_s=1.9, duration_s=0.5}"
+    scenario = load_scenario("array18", [f"fault=[{short}, {cut}]", "run.duration_s=3"])
+    seen = {}
+
+    def look(simulation):
+        bridges = simulation.world.bridges
+        return int(bridges.shorted.sum()), float(bridges.supply_v.max())
+
+    with closing(PythonBank(range(1, 19))) as bank:
+        simulation = Simulation(scenario, bank, [coordinator_of(scenario)], recorded=False)
+        for time_s in (0.5, 1.5, 2.2, 2.9):
+            simulation.run_until(time_s)
+            seen[time_s] = look(simulation)
+        speed = np.abs(simulation.world.twist[0]).max()
+    assert seen == {0.5: (0, 24.0), 1.5: (18, 0.0), 2.2: (0, 0.0), 2.9: (0, 24.0)}
+    assert speed < 0.02
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,11 @@ from mdms_host.cli.records.bus_log import LogWriter
 from mdms_host.cli.records.keep import keep_run, lasting
 from mdms_host.cli.records.plan_log import PlanLog
 from mdms_host.cli.scenario.belief import Belief, believe
-from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
+from mdms_host.cli.scenario.coordination import (
+    coordinator_of,
+    estimates_of,
+    refuse_unstoppable,
+)
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.scenario.load import check_load
 from mdms_host.cli.scenario.programs import has_failed, waits_text
@@ -63,6 +67,12 @@ def run(arguments: Namespace) -> int:
     scenario, main = open_program(arguments.program, overrides)
     belief = believe(scenario, arguments.array, arguments)
     check_load(belief.scenario, arguments)
+    refuse_unstoppable(belief.scenario)
+    if arguments.array is not None and belief.scenario.stop is None:
+        say(
+            f"mdms: {arguments.array} does not say which parcels the emergency stop holds; add "
+            "[stop] with form, mass_kg and speed_m_s"
+        )
     if arguments.page is not None:
         # The page is an extra.
         from mdms_host.cli.array.live import show  # noqa: PLC0415

@@ -104,6 +104,8 @@ def _stop(arguments: Namespace) -> Exit:
     """Test the emergency stop with a person, and print what was found; exit code 1 for anything."""
     form, wanted = SHORT, nodes_of(arguments.nodes)
     if arguments.array is not None:
+        stop = read_array(arguments.array).stop
+        form = SHORT if stop is None else stop.form
         wanted = wanted or sorted(cell.node_id for cell in _listed(arguments).values())
     nobody = "mdms doctor --stop needs a person at a terminal, who presses the emergency stop"
     with pressed_keys(nobody) as pressed, open_commissioning(arguments) as commissioning:

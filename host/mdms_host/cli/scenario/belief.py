@@ -90,6 +90,7 @@ def _on_table(scenario: Scenario, file: ArrayFile) -> Scenario:
         array=replace(scenario.array, **_given(grid), **buses),  # type: ignore[arg-type]
         cell=replace(scenario.cell, **_given(parts)),  # type: ignore[arg-type]
         wire=replace(scenario.wire, bitrate=table.bitrate or scenario.wire.bitrate),
+        stop=file.stop or scenario.stop,
     )
     try:
         check_rules(believed)

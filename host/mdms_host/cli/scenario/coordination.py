@@ -1,7 +1,7 @@
 """From a scenario to the host's own objects: array, parcels, program, settings of the cells."""
 
 from collections.abc import Iterator
-from math import hypot, pi
+from math import hypot, inf, pi
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from mdms_model.arrays import Floats
 from mdms_model.motor import drive_of
 from mdms_model.parcel import parcel_records
 from mdms_model.scenario.belief import believed
-from mdms_model.scenario.scenario import Cell, Run, Scenario, in_stock
+from mdms_model.scenario.scenario import Cell, Run, Scenario, Stop, in_stock
 from mdms_protocol import indices, pdo
 from mdms_protocol.dictionary import ENTRIES
 from mdms_protocol.entry import OutOfRangeError, steps_per_unit
@@ -55,6 +55,7 @@ def coordinator_of(
     `CommandError` for what does not fit the firmware.
     """
     scenario = believed(scenario)
+    refuse_unstoppable(scenario)
     cells = cells or Cells()
     layout, parcels = layout_of(scenario, cells), parcels_of(scenario)
     stock = in_stock(scenario)
@@ -84,13 +85,46 @@ def coordinator_of(
         centres_of_mass_m=centres_of_mass_m(scenario),
     )
     if isinstance(program, TableProgram):
-        program.attend(coordinator.tracker)
+        heaviest_kg = inf if scenario.stop is None else scenario.stop.mass_kg
+        program.attend(coordinator.tracker, heaviest_kg)
     return coordinator
 
 
 def policy_of(run: Run) -> Policy:
     """What is done about cells that fall out of action."""
     return Policy(OnLostCell(run.on_lost_cell), run.pauses, run.pause_s, run.hold_s)
+
+
+def refuse_unstoppable(scenario: Scenario) -> None:
+    """Raises `CommandError` (bad input) for parcels that the table's emergency stop does not hold.
+
+    A scenario that does not state what it holds is not judged.
+    """
+    stop, motion = scenario.stop, scenario.motion
+    if stop is None:
+        return
+    masses_kg = {f"parcel.{n}.mass_kg": each.mass_kg for n, each in enumerate(scenario.parcel)}
+    masses_kg |= {f"task.{n}.mass_kg": each.mass_kg or 0.0 for n, each in enumerate(scenario.task)}
+    for key, mass_kg in masses_kg.items():
+        if mass_kg > stop.mass_kg:
+            raise CommandError(
+                f"{key} is {mass_kg:g}, but the table's emergency stop holds {stop.mass_kg:g} kg "
+                "at most (stop.mass_kg); leave that parcel out, or measure what the stop holds "
+                "and state it",
+                Exit.USAGE,
+            )
+    if motion.field in ("goal", "program"):
+        _refuse_faster(stop, "motion.speed_m_s is", motion.speed_m_s)
+
+
+def _refuse_faster(stop: Stop, what: str, speed_m_s: float) -> None:
+    if speed_m_s > stop.speed_m_s:
+        raise CommandError(
+            f"{what} {speed_m_s:.3g}, but the table's emergency stop holds parcels at "
+            f"{stop.speed_m_s:g} m/s at most (stop.speed_m_s); go slower, as with --set "
+            f"motion.speed_m_s={stop.speed_m_s:g}",
+            Exit.USAGE,
+        )
 
 
 def _check_speed(scenario: Scenario, fastest_m_s: float) -> None:
@@ -218,6 +252,12 @@ def _program(
     if scenario.motion.field != "goal":
         field_m_s = references_m_s(scenario)
         _check_speed(scenario, float(abs(field_m_s).max()))
+        if scenario.stop is not None:
+            # The wheels of a cell push along directions of their own, and a parcel by all of them.
+            along_m_s = field_m_s.reshape(-1, len(scenario.cell.wheel))
+            fastest_m_s = float(np.linalg.norm(along_m_s, axis=1).max())
+            fastest_m_s *= drive_of(scenario.cell).droop
+            _refuse_faster(scenario.stop, "motion.field moves parcels at [m/s]", fastest_m_s)
         return FieldProgram(field_m_s)
     droop = drive_of(scenario.cell).droop
     _check_speed(scenario, scenario.motion.speed_m_s * _wheel_share(scenario) / droop)

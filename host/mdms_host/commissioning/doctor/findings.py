@@ -148,8 +148,9 @@ KINDS: Mapping[str, Kind] = {
     ),
     "supply-low": Kind(
         "The motors' supply is below the limit; wheels do not turn (0x3220).",
-        "The emergency stop is pressed, a fuse blown, or the supply too weak.",
-        "Release the stop; measure 24 V at the cell's terminals.",
+        "The emergency stop is pressed, a fuse blown, the supply too weak, or a stop relay stuck.",
+        "Release the stop and reset its module; measure 24 V at the bridges, then at S of the stop "
+        "circuit.",
     ),
     "supply-uneven": Kind(
         "A cell measures another supply than the rest.",

@@ -101,3 +101,53 @@ def test_array_file_that_does_not_do_is_refused(on_a_bus_that_ends, tmp_path, ca
     assert told in message
     assert str(path) in message
     assert message.count("\n") == 1
+
+
+STOP = '[array]\ncolumns = 6\nrows = 3\n\n[stop]\nform = "short"\nmass_kg = 5.0\nspeed_m_s = 0.4\n'
+SLOW = ("--set", "motion.speed_m_s=0.4")
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        (
+            (*SLOW, "--set", "parcel.0.mass_kg=5.1"),
+            "parcel.0.mass_kg is 5.1, but the table's emergency stop holds 5 kg at most",
+        ),
+        (
+            ("--set", "motion.speed_m_s=0.41"),
+            "motion.speed_m_s is 0.41, but the table's emergency stop holds parcels at 0.4 m/s at",
+        ),
+        (
+            # Both wheels of a cell at 0.4 m/s make a parcel faster than that.
+            ("--set", "motion={field='uniform', speed_m_s=0.8, heading_rad=0.785}"),
+            "motion.field moves parcels at [m/s] 0.62, but the table's emergency stop holds",
+        ),
+    ],
+)
+def test_parcels_that_the_stop_does_not_hold_are_refused(
+    on_a_bus_that_ends, tmp_path, capsys, settings, told
+):
+    path = tmp_path / "array.toml"
+    path.write_text(STOP)
+    assert on_a_bus_that_ends("--array", str(path), *settings) == Exit.USAGE
+    assert f"mdms: {told}" in capsys.readouterr().err
+
+
+def test_parcels_that_the_stop_holds_run_and_nothing_is_said(on_a_bus_that_ends, tmp_path, capsys):
+    path = tmp_path / "array.toml"
+    path.write_text(STOP)
+    at_the_limit = (*SLOW, "--set", "parcel.0.mass_kg=5")
+    assert on_a_bus_that_ends("--array", str(path), *at_the_limit) == Exit.NO_DEVICE
+    assert capsys.readouterr().err == "mdms: the CAN device is gone: unplugged\n"
+
+
+def test_an_array_file_that_states_no_stop_is_taken_with_one_warning(
+    on_a_bus_that_ends, tmp_path, capsys
+):
+    path = tmp_path / "array.toml"
+    path.write_text("[array]\ncolumns = 6\nrows = 3\n")
+    assert on_a_bus_that_ends("--array", str(path)) == Exit.NO_DEVICE
+    warning, *rest = capsys.readouterr().err.splitlines()
+    assert warning.startswith(f"mdms: {path} does not say which parcels the emergency stop holds")
+    assert rest == ["mdms: the CAN device is gone: unplugged"]

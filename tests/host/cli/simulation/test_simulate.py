@@ -136,3 +136,10 @@ def test_parcel_that_tips_is_the_fault_of_its_run(capsys):
     arguments = ["--set", "motion.field=uniform", "--set", "motion.speed_m_s=0.2", "--json"]
     assert main(["simulate", "paper-fig7", *arguments]) == 1
     assert json.loads(capsys.readouterr().out)["fault"].startswith("box tips at ")
+
+
+def test_a_scenario_that_states_its_stop_refuses_heavier_parcels(capsys):
+    stop = "stop={form='category_1', mass_kg=1.5, speed_m_s=0.6}"
+    assert main(["simulate", "array18", "--set", stop]) == 2
+    told = "mdms: parcel.0.mass_kg is 2, but the table's emergency stop holds 1.5 kg at most"
+    assert told in capsys.readouterr().err
