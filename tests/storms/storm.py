@@ -427,7 +427,10 @@ class _Troubles:
             start_s = self._time(BROUGHT_UP_S, 0.8 * self._setting.lasts_s)
             events.append({"kind": "start", "time_s": start_s})
         if self._setting.field == "jog":
-            events += [{"kind": "empty", "time_s": 0.0}, self._jog(), self._jog()]
+            # Whoever jogs runs no program, and jogs no wheel under a parcel.
+            events = [each for each in events if each["kind"] not in _OF_PROGRAMS]
+            jogs = [each for each in (self._jog(), self._jog()) if self._is_beside(each["cell"])]
+            events += [{"kind": "empty", "time_s": 0.0}, *jogs]
         faults.sort(key=lambda each: each["start_s"])
         events.sort(key=lambda each: each["time_s"])
         return faults, events
@@ -447,7 +450,7 @@ class _Troubles:
         yield "second_host", (0.7, self._second_host)
         yield "write", (1.0, self._write)
         yield "reading_high", (0.4, lambda: self._event("reading_high", cell=self._one_cell()))
-        if not self._sorted:
+        if not self._sorted and self._setting.field != "jog":
             yield "hand", (1.5, self._hand)
             yield "push", (1.0, self._push)
             alone = len(self._tables["parcel"]) == 1
@@ -563,6 +566,18 @@ class _Troubles:
         duration_s = self._time(0.1, 3.0)
         return self._event("jog", **jogged, speed_m_s=speed_m_s, duration_s=duration_s)
 
+    def _is_beside(self, cell: int) -> bool:
+        """Whether no parcel starts near a cell."""
+        row, column = divmod(cell - 1, self._setting.columns)
+        x_m = (column - (self._setting.columns - 1) / 2) * PITCH_M
+        y_m = (row - (self._setting.rows - 1) / 2) * PITCH_M
+        parcels: list[Table] = self._tables["parcel"]
+        return all(
+            hypot(each["x_m"] - x_m, each["y_m"] - y_m)
+            > hypot(each["length_m"], each["width_m"]) / 2 + PITCH_M
+            for each in parcels
+        )
+
     def _parcel(self) -> Table | None:
         parcels: list[Table] = self._tables["parcel"]
         return self._random.choice(parcels) if parcels else None
@@ -616,6 +631,8 @@ class _Troubles:
 
 
 _FAULT_KEYS = {each.name for each in fields(Fault)}
+
+_OF_PROGRAMS = ("start", "again", "restart", "second_host", "goal", "stop")
 
 #: Objects and values that somebody may write beside a run without harm: heartbeat producer, EMCY
 #: inhibit time, velocity window, identify, debounce, over-current time, voltage limit.
