@@ -429,8 +429,9 @@ class _Troubles:
         if self._setting.field == "jog":
             # Whoever jogs runs no program, and jogs no wheel under a parcel.
             events = [each for each in events if each["kind"] not in _OF_PROGRAMS]
-            jogs = [each for each in (self._jog(), self._jog()) if self._is_beside(each["cell"])]
-            events += [{"kind": "empty", "time_s": 0.0}, *jogs]
+            events.append({"kind": "empty", "time_s": 0.0})
+            beside = [cell for cell in range(1, self._cells + 1) if self._is_beside(cell)]
+            events += [self._jog(self._random.choice(beside)) for _ in (1, 2) if beside]
         faults.sort(key=lambda each: each["start_s"])
         events.sort(key=lambda each: each["time_s"])
         return faults, events
@@ -560,8 +561,8 @@ class _Troubles:
             "write", cell=self._one_cell(), index=index, value=self._random.choice(values)
         )
 
-    def _jog(self) -> Table:
-        jogged = {"cell": self._one_cell(), "axis": self._random.randint(1, 2)}
+    def _jog(self, cell: int) -> Table:
+        jogged = {"cell": cell, "axis": self._random.randint(1, 2)}
         speed_m_s = self._random.choice([-0.2, -0.05, 0.05, 0.2])
         duration_s = self._time(0.1, 3.0)
         return self._event("jog", **jogged, speed_m_s=speed_m_s, duration_s=duration_s)
