@@ -64,6 +64,8 @@ class TableProgram:
         self.table = Table(half_m, gates, traffic)
         self.table.expects = any(not member.lies for member in members)
         self._left: set[str] = set()
+        #: The last order for each parcel that a person has given beside the program.
+        self._by_hand: dict[str, Order] = {}
         self._task: Task[None] | None = None
         self._failure: str | None = None
         self._raised = False
@@ -88,8 +90,10 @@ class TableProgram:
 
     @property
     def finished(self) -> bool:
-        """Whether the program has come to its end."""
-        return self._task is not None and self._task.done and self._failure is None
+        """Whether the program has come to its end, and parcels to where a person wants them."""
+        if self._task is None or not self._task.done or self._failure is not None:
+            return False
+        return all(order.over for order in self._by_hand.values())
 
     @property
     def stuck(self) -> str | None:
@@ -153,7 +157,8 @@ class TableProgram:
         """
         if name not in {parcel.name for parcel in self.table.parcels}:
             raise KeyError(name)
-        self._traffic.give(Order(name, goal))
+        self._by_hand[name] = order = Order(name, goal)
+        self._traffic.give(order)
 
     def take_notices(self) -> list[str]:
         """What has happened to parcels since the last call."""

@@ -96,13 +96,13 @@ def test_with_another_order_a_parcel_comes_to_rest_and_goes_there():
     assert away_m(table.pose("box"), -0.35, -0.15) < 0.003
 
 
-def test_a_person_sets_another_goal():
+def test_a_person_sets_another_goal_and_the_run_goes_on_until_the_parcel_is_there():
     table = two_boxes(main=go_east)
     table.run(0.5)
     table.program.set_goal("box", Goal(-0.3, -0.1, None))
-    table.run(4.0)
-    assert away_m(table.pose("box"), -0.3, -0.1) < 0.003
+    table.run_until(4.0, lambda: table.program.finished)
     assert table.program.finished
+    assert away_m(table.pose("box"), -0.3, -0.1) < 0.003
     with pytest.raises(KeyError):
         table.program.set_goal("bag", Goal(0.0, 0.0))
 
