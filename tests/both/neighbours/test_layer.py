@@ -87,6 +87,21 @@ def test_neighbour_that_is_not_promised_holds_the_parcel():
     assert max(map(abs, targets_um_s(middle))) == 0
 
 
+def test_parcel_page_without_a_speed_or_an_acceleration_leaves_every_stop_as_it_was():
+    for acceleration, speed in ((0, 20), (44, 0), (0, 0)):
+        middle = Middle(SPEED_UM_S)
+        run(middle, 40)
+        dropped = middle.cell.dropped
+        page = (IDENTITY, wire.PARCEL, 1, wire.RECTANGLE, 1440, 1200, acceleration, speed, 0)
+        middle._page(page)
+        assert middle.cell.dropped == dropped + 1
+        run(middle, 5)
+        assert targets_um_s(middle)[0] > 95_000
+        middle.silent = NEIGHBOURS[0]
+        run(middle, 40)
+        assert max(map(abs, targets_um_s(middle))) == 0
+
+
 def test_silent_neighbours_end_the_motion():
     middle = Middle(SPEED_UM_S)
     run(middle, 20)
