@@ -37,7 +37,7 @@ from mdms_protocol.neighbours.frames import pack_estimate
 UPDATE_MS = const(7)
 #: A SYNC that has waited for longer is answered, but has no update: the one after it would be late.
 LATE_MS = const(2)
-#: A neighbour at a parcel that is heard, and has sent no estimate for so long, has left it.
+#: A neighbour under a parcel that is heard, and has sent no estimate for so long, has left it.
 _LEFT_BEATS = const(30)
 #: A step between two SYNCs is counted as no more than this.
 _STEP_MAX_MS = const(50)
@@ -308,9 +308,9 @@ class Layer:
         for direction in range(DIRECTIONS):
             if sent >> direction & 1:
                 rights.hear(direction, self._reported_over(direction))
-            elif (
-                _age(heard.beat, stamps[DIRECTIONS + direction]) <= 1
-                and _age(heard.beat, heard.estimate_beat[direction]) > _LEFT_BEATS
+            elif _age(heard.beat, stamps[DIRECTIONS + direction]) <= 1 and (
+                heard.estimates[direction * wire.ESTIMATE_FIELDS + _STATE] != _UNDER
+                or _age(heard.beat, heard.estimate_beat[direction]) > _LEFT_BEATS
             ):
                 rights.hear(direction, 0)
         if self._pages.asked:

@@ -43,7 +43,8 @@ class Restarted(Middle):
 
     def parcel_page(self, identity, direction=None):
         size = (LENGTH_UM // wire.STEP_UM, WIDTH_UM // wire.STEP_UM)
-        fields = array("i", (identity, wire.PARCEL, 1, wire.RECTANGLE, *size, 44, 20, 0))
+        head = (identity, wire.PARCEL, 1, wire.RECTANGLE)
+        fields = array("i", head + size + (44, 20, 0))
         frame = bytearray(8)
         wire.pack_program(fields, 0, frame)
         node = None if direction is None else NEIGHBOURS[direction]
