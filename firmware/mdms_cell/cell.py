@@ -190,8 +190,8 @@ class Cell:
         due = ticks.diff(self.now_ms, self._booted_ms)
         ticked = ticks.diff(registers[speed_loop.TICKS], self._booted_tick)
         on_time = TEST_MS <= due <= ticked + ticked // 10
-        off = not (registers[speed_loop.MODE] or registers[speed_loop.AXIS + speed_loop.MODE])
-        return on_time and off and self.node_id != cob.NODE_NONE
+        on = speed_loop.is_on(registers, 0) or speed_loop.is_on(registers, speed_loop.AXIS)
+        return on_time and not on and self.node_id != cob.NODE_NONE
 
     def silent(self):
         """Identifiers of frames that let the cell send nothing before its next poll.

@@ -18,12 +18,13 @@ from mdms_cell.canopen.objects import find
 from mdms_cell.neighbours import precedence, right_of_way
 from mdms_cell.neighbours.geometry import place
 from mdms_cell.neighbours.geometry.footprint import Footprint
+from mdms_cell.neighbours.geometry.outline import Outline
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, Place
-from mdms_cell.neighbours.heard import OWN, SEEN, Heard
+from mdms_cell.neighbours.heard import NEVER, OWN, SEEN, Heard
 from mdms_cell.neighbours.leading import Leading
 from mdms_cell.neighbours.pages import Pages
-from mdms_cell.neighbours.program import next_sequence
-from mdms_cell.neighbours.right_of_way import NONE, UNDER, RightOfWay
+from mdms_cell.neighbours.program import next_sequence, turn_um
+from mdms_cell.neighbours.right_of_way import NONE, UNDER, UNKNOWN, RightOfWay
 from mdms_cell.neighbours.steering import ARRIVED, has_arrived
 from mdms_cell.neighbours.suspicion import CODE, SOURCE, Suspicion, judging
 from mdms_cell.neighbours.tracking import LOST_BEATS, Tracking, updater
@@ -36,6 +37,8 @@ from mdms_protocol.neighbours.frames import pack_estimate
 UPDATE_MS = const(7)
 #: A SYNC that has waited for longer is answered, but has no update: the one after it would be late.
 LATE_MS = const(2)
+#: A neighbour under a parcel that is heard, and has sent no estimate for so long, has left it.
+_LEFT_BEATS = const(30)
 #: A step between two SYNCs is counted as no more than this.
 _STEP_MAX_MS = const(50)
 _ESTIMATE_PDO = const(2)
@@ -124,6 +127,8 @@ class Layer:
             pdos=pdos,
         )
         self._rights = RightOfWay()
+        #: Scratch: a parcel as a neighbour reports it.
+        self._outline = Outline()
         self._beat = array("i", [0] * _REGISTERS)
         self._beat[_STEP_MS] = self._beat[_PERIOD_MS] = 10
         self._beat[_SUSPECT] = -1
@@ -140,7 +145,7 @@ class Layer:
         self.active = self.wanted and not self._place.names(node_id)
         self._acquit()
         self._rights.set_lease(self._objects.number(indices.LEASE, 1))
-        self._rights.restart()
+        self._rights.restart(self._place.present())
         self._beat[_PERIOD_MS] = self._objects.number(indices.LEASE, 2)
         self._heard.reset()
         self._heard.repeat_ms = self._objects.number(indices.TPDO_PARAMETERS + 1, 5)
@@ -291,6 +296,59 @@ class Layer:
         if alone:
             precedence.keep(order, turn, estimates, fresh)
 
+    def _look_around(self, sent):
+        """After a restart: what lies over the square, by the neighbours that are heard.
+
+        `sent` is the mask of those whose estimates have come. The page of a parcel whose size is
+        not known is asked for.
+        """
+        heard, rights = self._heard, self._rights
+        stamps = heard.boxes.stamps
+        self._pages.asked = 0
+        for direction in range(DIRECTIONS):
+            if sent >> direction & 1:
+                rights.hear(direction, self._reported_over(direction))
+            elif _age(heard.beat, stamps[DIRECTIONS + direction]) <= 1 and (
+                heard.estimates[direction * wire.ESTIMATE_FIELDS + _STATE] != _UNDER
+                or _age(heard.beat, heard.estimate_beat[direction]) > _LEFT_BEATS
+            ):
+                rights.hear(direction, 0)
+        if self._pages.asked:
+            rights.approach(self._pages.asked)
+
+    def _reported_over(self, direction):
+        """The parcel that a neighbour reports over this cell's square, as in `hear`."""
+        estimates, at = self._heard.estimates, direction * wire.ESTIMATE_FIELDS
+        identity = estimates[at + _IDENTITY]
+        if not identity or estimates[at + _STATE] != _UNDER:
+            return 0
+        program = self._pages.programs.find(identity)
+        if program is None or not program.has_parcel:
+            self._pages.asked = identity
+            return UNKNOWN
+        if not estimates[at + wire.CERTAINTY]:
+            return 0 if self._has_pose(identity) else UNKNOWN
+        x_um, y_um = self._place.shift_um(direction)
+        x_um += estimates[at + wire.X] * wire.STEP_UM
+        y_um += estimates[at + wire.Y] * wire.STEP_UM
+        self._outline.set(*program.size())
+        self._outline.place(x_um, y_um, turn_um(estimates[at + wire.YAW]))
+        return identity if self._footprint.reaches(self._outline) else 0
+
+    def _has_pose(self, identity):
+        """Whether any neighbour has said lately where this parcel is."""
+        heard = self._heard
+        for direction in range(DIRECTIONS):
+            at = direction * wire.ESTIMATE_FIELDS
+            if (
+                _age(heard.beat, heard.estimate_beat[direction]) <= 1
+                and heard.estimates[at + _IDENTITY] == identity
+                and heard.estimates[at + _STATE] == _UNDER
+                and heard.estimates[at + wire.CERTAINTY]
+            ):
+                return True
+        return False
+
     def _choose_parcel(self):
         """Be at the parcel that lies here, or else at the one that the right of way says."""
         tracking, right = self._tracking, self._rights.registers
@@ -363,9 +421,11 @@ def _updating(layer, consumer, track, judge):
         estimates=heard.estimates,
         fresh=heard.boxes.fresh,
         read=heard.read,
+        rights=rights,
         take_estimates=rights.on_estimates,
         track=track,
         consumer=consumer,
+        pages=layer._pages,
         programs=layer._pages.programs,
         look_ahead=layer._leading.look_ahead,
         decide=rights.on_beat,
@@ -386,6 +446,8 @@ def _updating(layer, consumer, track, judge):
         if order[_FIRST_OF_ORDER]:
             layer._keep_order(order, consumer.lost)
         sent = take_estimates(estimates, fresh)
+        if rights.unsure:
+            layer._look_around(sent)
         if not tracking.under:
             layer._choose_parcel()
         track(step_ms, sync_ms)
@@ -396,14 +458,13 @@ def _updating(layer, consumer, track, judge):
             programs.outdate(identity)
         program = programs.complete(identity)
         ahead = look_ahead(program) if under else 0
-        needs = ahead & 0xFF
+        needs = beat[_NEEDS] = ahead & 0xFF
         over = identity if under or tracking.is_over() else 0
         if over and right[_RIGHT_STATE] != _UNDER and tracking.is_of_another():
             # A parcel that stands before what nobody knows would come over it mm by mm.
             over = 0
         occupied = presence != 0
         beat[_OVER] = over
-        beat[_NEEDS] = needs
         beat[_OCCUPIED] = occupied
         decide(over, needs, occupied)
         judge(needs if right[_RIGHT_STATE] == _UNDER else 0)
@@ -414,10 +475,11 @@ def _updating(layer, consumer, track, judge):
         flags = _CONTRADICTED if beat[_SUSPECT] >= 0 else 0
         if steered[_STEERING_ARRIVED] and has_arrived(steered):
             flags |= _ARRIVED
-        if program is None or not program.whole:
+        shown = None if pages.asked else program
+        if shown is None or not shown.whole:
             flags |= _LACKING
         beat[_WANTS] = ahead >> 8
-        beat[_SEQUENCE] = 0 if program is None else program.sequence
+        beat[_SEQUENCE] = 0 if shown is None else shown.sequence
         beat[_FLAGS] = flags
         write_estimate(step_ms)
         if sent and under and program is not None:
@@ -491,3 +553,8 @@ def _write_right(fields: ptr32, right: ptr16):
     fields[_HOLD] = right[_RIGHT_HOLD]
     if right[_RIGHT_STATE] != _UNDER:
         fields[_WANTS] = 0
+
+
+def _age(beat, came):
+    """How many beats ago something came; many if it never has."""
+    return NEVER if came == NEVER else beat - came & 0xFFFFFF

@@ -24,7 +24,8 @@ _HAND_ON_BEATS = const(4)
 class Pages:
     """The programs of one cell, by the pages that come and go; `programs` are those it keeps.
 
-    `order` is that of the parcels that come over the cell, see `precedence`.
+    `order` is that of the parcels that come over the cell, see `precedence`. `asked` is another
+    parcel than the one here whose pages neighbours are to hand on, 0 for none.
     """
 
     def __init__(self, objects, place, heard, *, tracking, leading, consumer, pdos):
@@ -38,12 +39,14 @@ class Pages:
         self._frame_at = find(indices.PROGRAM, 1).place
         self._turn = 0
         self.node_id = 0
+        self.asked = 0
         self.programs = Programs()
         self.order = bytearray(precedence.BYTES)
 
     def start(self, node_id):
         """Begin without any program."""
         self.node_id = node_id
+        self.asked = 0
         self.programs.clear()
         precedence.clear(self.order)
 
@@ -60,6 +63,8 @@ class Pages:
             self._on_host_page(identity, page)
         elif identity == self._tracking.identity:
             self._on_page_handed_on(self.programs.place_for(identity), page)
+        elif identity == self.asked and page[wire.PAGE] == wire.PARCEL:
+            self.programs.place_for(identity).take(page)
         return True
 
     def _on_page_handed_on(self, program, page):

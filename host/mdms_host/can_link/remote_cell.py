@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 
-from mdms_host.can_link.emergencies import SUSPICION
+from mdms_host.can_link.emergencies import LOW_SUPPLY, SUSPICION
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cia402, cob, nmt
 
@@ -18,7 +18,8 @@ class RemoteCell:
 
     Everything is None until the cell has reported it; `garbage` counts its frames that could not
     be decoded and were dropped. `errors` has the code of each error that stands, by its source;
-    `suspect` is the node id of the neighbour that it suspects, 0 for none.
+    `suspect` is the node id of the neighbour that it suspects, 0 for none. `lacks_supply` is
+    whether its motors' supply is below the limit, or its drives have shut off for that.
     `handlers` has the function for each identifier. Speeds come often and are read seldom, so they
     are kept as they came (`speeds_data`) and decoded when read.
     """
@@ -37,6 +38,7 @@ class RemoteCell:
         self.errors: dict[int, int] = {}
         self.suspect = 0
         self.garbage = 0
+        self._voltage = True
         self.handlers: dict[int, Handler] = {
             cob.HEARTBEAT_BASE + node_id: self.on_heartbeat,
             pdo.STATUS.can_id(node_id): self.on_status,
@@ -59,6 +61,11 @@ class RemoteCell:
     def emergency(self) -> int | None:
         """The code of the error that came last of those that stand; None if there is none."""
         return next(reversed(self.errors.values()), None)
+
+    @property
+    def lacks_supply(self) -> bool:
+        """See above."""
+        return not self._voltage or LOW_SUPPLY in self.errors.values()
 
     @property
     def moving(self) -> bool:
@@ -85,6 +92,7 @@ class RemoteCell:
             # It has restarted, and reports anew what is wrong.
             self.errors.clear()
             self.suspect = 0
+            self._voltage = True
         self.last_heartbeat_s, self.nmt_state = now_s, state
 
     def on_status(self, data: bytes, now_s: float) -> None:
@@ -95,6 +103,7 @@ class RemoteCell:
             return
         *statuswords, self.presence = values
         self.drive_states = tuple(map(cia402.state, statuswords))
+        self._voltage = all(word & cia402.VOLTAGE_ENABLED for word in statuswords)
 
     def on_speeds(self, data: bytes, now_s: float) -> None:
         """Its first TPDO: the speeds at the last SYNC."""

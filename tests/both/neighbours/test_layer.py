@@ -370,3 +370,17 @@ def test_state_of_sensors_that_no_cell_has_is_counted_and_dropped():
         run(middle, 2)
     assert middle.cell.dropped == dropped + 2
     assert targets_um_s(middle)[0] > 0
+
+
+def test_parcel_page_without_a_speed_or_an_acceleration_leaves_every_stop_as_it_was():
+    middle = Middle(SPEED_UM_S)
+    run(middle, 40)
+    dropped = middle.cell.dropped
+    for limits in ((0, 20), (44, 0), (0, 0)):
+        middle._page(
+            (IDENTITY, wire.PARCEL, 1, wire.RECTANGLE, 1440, 1200, limits[0], limits[1], 0)
+        )
+    assert middle.cell.dropped == dropped + 3
+    middle.silent = NEIGHBOURS[0]
+    run(middle, 40)
+    assert max(map(abs, targets_um_s(middle))) == 0

@@ -3,6 +3,7 @@
 from collections.abc import Collection, Sequence
 from math import inf
 
+from mdms_host.can_link.emergencies import LOW_SUPPLY
 from mdms_host.can_link.remote_cell import RemoteCell
 from mdms_host.coordination.care.trouble import Trouble, nature_of
 from mdms_host.coordination.cell_setup.bring_up import BringUpCell
@@ -15,6 +16,9 @@ OTHER_HOST = (
     f"another host runs on this bus (a heartbeat of node {cob.NODE_MAX}); "
     "let it come to its end, or end it, first"
 )
+
+#: The cells of one supply report that it is low within this time [s].
+_GATHER_S = 0.05
 
 #: What is wrong where another program has taken cells out of 'operational': a stop is a stop.
 SWITCHED_OFF = "somebody else has switched cells off on this bus (network management)"
@@ -31,6 +35,8 @@ class Supervision:
         self._count = len(cells)
         self._timing = timing
         self._valid_until_s = -inf
+        self._low: dict[BringUpCell, None] = {}
+        self._low_since_s = inf
 
     def recheck(self) -> None:
         """The phase, the cells that take part, or a state that a cell reports, has changed."""
@@ -40,6 +46,27 @@ class Supervision:
         """The fault of the first cell that has one while all come up, or end; None without any."""
         texts = (self._silence_of(cell, now_s) or cell.fault(phase) for cell in taking_part)
         return next(filter(None, texts), None)
+
+    def without_supply(
+        self, taking_part: Collection[BringUpCell], now_s: float
+    ) -> list[BringUpCell]:
+        """The cells whose motors' supply has been low since they come up; none until all are known.
+
+        One that is back counts, too: somebody has pressed an emergency stop since the start.
+        """
+        self._low.update(dict.fromkeys(cell for cell in taking_part if cell.lacks_supply))
+        low = [cell for cell in taking_part if cell in self._low]
+        if low and self._low_since_s == inf:
+            self._low_since_s = now_s
+        return low if now_s >= self._low_since_s + _GATHER_S else []
+
+    def low_supply_text(self, low: Sequence[BringUpCell]) -> str:
+        """What is wrong with the supply of these cells."""
+        where = f"all {len(low)} cells" if len(low) == self._count > 1 else names(low)
+        return (
+            f"the motors' supply is below its limit on {where} (0x{LOW_SUPPLY:04X}): "
+            "release the emergency stop, or mend the supply, then start again"
+        )
 
     def troubles(self, taking_part: Collection[BringUpCell], now_s: float) -> list[Trouble]:
         """What is wrong with cells that are up and take part in the run."""

@@ -164,7 +164,8 @@ class BringUpCell(RemoteCell):
             yield from self._set_up.poll(now_s)
         elif phase == Phase.STARTING and self.nmt_state != nmt.OPERATIONAL:
             yield nmt.command(nmt.START, self.node_id)
-        elif phase == Phase.ENABLING and not self.enabled:
+        elif phase == Phase.ENABLING and not self.enabled and not self.lacks_supply:
+            # A person presses an emergency stop: no program resets that fault in the same run.
             yield from self._enable()
         elif phase in (Phase.STOPPING, Phase.FAILING):
             yield self._control(cia402.QUICK_STOP)

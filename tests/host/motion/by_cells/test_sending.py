@@ -1,6 +1,7 @@
 """What the cells of a parcel are sent, and until when."""
 
 from tests.host.motion.by_cells.table import (
+    BOX,
     STEP_S,
     THERE,
     UNDER,
@@ -8,7 +9,8 @@ from tests.host.motion.by_cells.table import (
     reports,
 )
 
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.by_cells.pages import parcel_page
+from mdms_host.motion.goal import Goal, Limits
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import messages
 
@@ -18,6 +20,12 @@ def test_pages_are_what_parcel_and_goal_are():
     assert parcel == messages.Parcel(1, 1, wire.RECTANGLE, 1440, 1200, 44, 20, wire.GO_ON)
     assert place == messages.Place(1, 1, -400, 0, 0)
     assert goal == messages.Goal(1, 1, 400, 0, 326, 0, 0)
+
+
+def test_limits_below_a_step_of_the_wire_are_one_step():
+    page = parcel_page(1, 1, BOX, Limits(speed_m_s=0.001, friction=0.002), 0)
+    assert (page.speed, page.acceleration) == (1, 1)
+    assert messages.decode_page(messages.encode_page(page)) == page
 
 
 def test_yaw_at_the_goal_does_not_matter_where_none_is_given():
