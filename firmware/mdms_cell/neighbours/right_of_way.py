@@ -226,6 +226,8 @@ class RightOfWay:
         if self.unsure:
             here = self._by_report(over)
             if over != here:
+                if over and not registers[_NEAR]:
+                    self.approach(over)
                 over = 0
         if not _stays_under(registers, said, over):
             self._change(over, occupied, here)
