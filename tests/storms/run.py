@@ -388,7 +388,7 @@ _NAMED: Mapping[str, str] = {
     "jog": r"cell {cell}\b|another host",
     "start": r"$.",
     "stop": r"stop",
-    "stop_all": r"another host|mdms stop|operational",
+    "stop_all": r"another host|somebody else|mdms stop|operational",
     "restart": r"another host|restart|cell \d+",
     "again": r"another host|restart|stop",
     "second_host": r"another host",
@@ -400,6 +400,9 @@ _NAMED: Mapping[str, str] = {
 
 def _explained(storm: Storm, said: Iterable[str]) -> bool:
     """Whether what a person is told names a trouble of the storm."""
+    if any(fault["kind"] == "host" and "duration_s" not in fault for fault in storm.faults):
+        # Nobody is left to say anything.
+        return True
     text = "\n".join(said)
     return any(re.search(_pattern(part), text) for _, part in parts_of(storm))
 

@@ -172,6 +172,11 @@ SPEEDS_M_S = {"host": (0.1, 0.2, 0.4, 0.6), "cells": (0.05, 0.1, 0.15)}
 MASSES_KG = (1.5, 2.0, 2.5)
 
 
+#: Events after which a program begins, and the time that it has from then on at least [s].
+_BEGINNINGS = ("start", "restart", "again")
+PROGRAM_S = 9.0
+
+
 def draw(seed: int, setting: str | None = None, lasts_s: float | None = None) -> Storm:
     """The storm of a seed; of a setting, and as long as said, where that is given."""
     random = Random(f"storm {seed}")
@@ -182,12 +187,26 @@ def draw(seed: int, setting: str | None = None, lasts_s: float | None = None) ->
         chosen = replace(chosen, lasts_s=lasts_s)
     while True:
         storm = _drawn(seed, random, chosen)
+        if lasts_s is None:
+            storm = _long_enough(storm)
         try:
             scenario_of(storm)
         except CommandError:
             # A parcel that would tip on its way, which is refused before anything moves.
             continue
         return storm
+
+
+def _long_enough(storm: Storm) -> Storm:
+    """The storm with time for its last program, which begins when a person begins it again."""
+    begun_s = (
+        each["time_s"] + each.get("pause_s", 0.0)
+        for each in storm.events
+        if each["kind"] in _BEGINNINGS
+    )
+    run = storm.tables["run"]
+    duration_s = max(run["duration_s"], round(max(begun_s, default=0.0) + PROGRAM_S, 3))
+    return replace(storm, tables=storm.tables | {"run": run | {"duration_s": duration_s}})
 
 
 def _drawn(seed: int, random: Random, setting: Setting) -> Storm:
