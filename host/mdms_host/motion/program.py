@@ -183,6 +183,8 @@ class GoalProgram:
         self._given = dict(self._bottoms)
         self._obstacles = Obstacles()
         self._found: set[str] = set()
+        #: Parcels that were unknown: edges still show how large they are.
+        self._named: set[str] = set()
         self._contacts = Contacts()
         self._standstills = {name: Standstill() for name in self._controllers}
         self._notices: list[str] = []
@@ -190,10 +192,13 @@ class GoalProgram:
         self._slips = dict.fromkeys(self._controllers, 0)
 
     def set_goal(self, name: str, goal: Goal) -> None:
-        """Steer a parcel to this goal from now on, stopped or not. KeyError for one of no program.
+        """Steer a parcel to this goal from now on, stopped or not.
 
-        One that moves is brought to rest on its way first.
+        One that moves is brought to rest on its way first. What was unknown is steered once it has
+        been named and found. KeyError for anything else that is no parcel of the program.
         """
+        if name not in self._given:
+            self._take_in(name)
         before = self._controllers.get(name)
         after = self._controller_of(name, goal)
         if before is not None:
@@ -201,6 +206,16 @@ class GoalProgram:
         self._controllers[name] = after
         self._standstills[name] = Standstill()
         self._reasons.pop(name, None)
+
+    def _take_in(self, name: str) -> None:
+        """A named parcel is no obstacle any more; its outline is the one last believed."""
+        if not self._obstacles.all[name].named:
+            raise KeyError(name)
+        belief = self._obstacles.all.pop(name)
+        self._given[name] = self._bottoms[name] = belief.outline
+        self._places[name] = belief.pose
+        self._found.add(name)
+        self._named.add(name)
 
     def on_lost_cells(self, cells: frozenset[int]) -> None:
         """The wheels of these cells (from 1) do not push any more; ways are planned anew."""
@@ -252,6 +267,9 @@ class GoalProgram:
         """References that take every parcel on its way as one rigid body, shape (W,)."""
         self._places.update(
             (name, belief.pose) for name, belief in beliefs.items() if name in self._given
+        )
+        self._bottoms.update(
+            (name, belief.outline) for name, belief in beliefs.items() if name in self._named
         )
         self._found.update(beliefs.keys() & self._given.keys())
         self._see_obstacles(beliefs)
