@@ -61,6 +61,11 @@ class AnyProgram(Protocol):
         ...
 
     @property
+    def awaits(self) -> Collection[str]:
+        """Parcels without which the program does not go on: those with goals, for example."""
+        ...
+
+    @property
     def near(self) -> Collection[str]:
         """Parcels about to arrive, of which it matters how well their places are known."""
         ...
@@ -117,6 +122,11 @@ class FieldProgram:
     def endless(self) -> bool:
         """A field goes on for as long as it may."""
         return True
+
+    @property
+    def awaits(self) -> Collection[str]:
+        """None: a field needs no parcel."""
+        return ()
 
     @property
     def near(self) -> Collection[str]:
@@ -247,6 +257,11 @@ class GoalProgram:
     def endless(self) -> bool:
         """Goals are reached at some time."""
         return False
+
+    @property
+    def awaits(self) -> Collection[str]:
+        """See `Program`."""
+        return self._controllers.keys()
 
     @property
     def near(self) -> Collection[str]:

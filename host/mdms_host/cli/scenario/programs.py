@@ -145,7 +145,12 @@ def has_failed(coordinator: Coordinator) -> bool:
 
 
 def waits_text(coordinator: Coordinator) -> str:
-    """Where a run's program waits, as part of a message; nothing where it does not."""
+    """What a run's program waits for, as part of a message; nothing where it does not."""
     program = coordinator.program
-    places = program.waits_at if isinstance(program, TableProgram) else ()
+    if not isinstance(program, TableProgram):
+        return ""
+    missing = [name for name in sorted(program.awaits) if coordinator.estimate(name) is None]
+    if missing:
+        return f": it has not begun, for {' and '.join(missing)} cannot be found on the table"
+    places = program.waits_at
     return f": it waits in {' and '.join(places)}" if places else ""

@@ -87,6 +87,11 @@ class CellsProgram:
         return all(followed.arrived for followed in self._followed.values())
 
     @property
+    def awaits(self) -> Collection[str]:
+        """See `Program`: parcels that have goals."""
+        return self._followed.keys()
+
+    @property
     def near(self) -> Collection[str]:
         """See `Program`: parcels of which the host leads their cells place by place."""
         return [
