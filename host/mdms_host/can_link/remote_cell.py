@@ -16,9 +16,10 @@ Handler = Callable[[bytes, float], None]
 class RemoteCell:
     """The last known state of the cell with this number (from 1), node id and bus (None: the only).
 
-    Everything is None until the cell has reported it; `garbage` counts its frames that could not
-    be decoded and were dropped. `errors` has the code of each error that stands, by its source;
-    `suspect` is the node id of the neighbour that it suspects, 0 for none.
+    Everything is None until the cell has reported it, and again once it sends no PDOs any more.
+    `garbage` counts its frames that could not be decoded and were dropped. `errors` has the code of
+    each error that stands, by its source; `suspect` is the node id of the neighbour that it
+    suspects, 0 for none.
     `handlers` has the function for each identifier. Speeds come often and are read seldom, so they
     are kept as they came (`speeds_data`) and decoded when read.
     """
@@ -37,6 +38,8 @@ class RemoteCell:
         self.errors: dict[int, int] = {}
         self.suspect = 0
         self.garbage = 0
+        #: Whether a PDO has come since the last heartbeat that left the cell no more of them.
+        self._told = False
         self.handlers: dict[int, Handler] = {
             cob.HEARTBEAT_BASE + node_id: self.on_heartbeat,
             pdo.STATUS.can_id(node_id): self.on_status,
@@ -85,6 +88,12 @@ class RemoteCell:
             # It has restarted, and reports anew what is wrong.
             self.errors.clear()
             self.suspect = 0
+            self.drive_states = None
+        if state != nmt.OPERATIONAL and self._told:
+            # It sends no PDOs, and no drive runs: a fault alone may still stand.
+            self._told, self.speeds_data, self.presence = False, None, None
+            if self.moving:
+                self.drive_states = None
         self.last_heartbeat_s, self.nmt_state = now_s, state
 
     def on_status(self, data: bytes, now_s: float) -> None:
@@ -95,11 +104,12 @@ class RemoteCell:
             return
         *statuswords, self.presence = values
         self.drive_states = tuple(map(cia402.state, statuswords))
+        self._told = True
 
     def on_speeds(self, data: bytes, now_s: float) -> None:
         """Its first TPDO: the speeds at the last SYNC."""
         if len(data) == pdo.ACTUAL_VELOCITY.length:
-            self.speeds_data = data
+            self.speeds_data, self._told = data, True
         else:
             self.garbage += 1
 
