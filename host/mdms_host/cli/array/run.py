@@ -21,6 +21,7 @@ from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.scenario.load import check_load
 from mdms_host.cli.scenario.programs import has_failed, waits_text
+from mdms_host.cli.signals import interrupted
 from mdms_host.cli.streams import say
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, Operation, operate
@@ -136,9 +137,16 @@ def _operate(
     with open_links(arguments, belief.channels) as (link, clock), _broken_off():
         refuse_other_host(link, clock)
         try:
-            operation = operate(
-                coordinator, link, clock, arguments.limit, _print_event, participant=recorder
-            )
+            with interrupted() as pressed:
+                operation = operate(
+                    coordinator,
+                    link,
+                    clock,
+                    arguments.limit,
+                    _print_event,
+                    participant=recorder,
+                    interrupted=pressed,
+                )
         except DeviceGoneError as error:
             operation = Operation(Ending.DEVICE_GONE, clock.now_s(), str(error), link.counts)
         return operation, link.incidents

@@ -19,7 +19,7 @@ from mdms_model.run.folder import read_run
 def on_a_bus_that_ends(monkeypatch, request):
     """Runs the verb on a bus whose device is gone after three polls."""
 
-    def operate(coordinator, _link, _clock, _limit_s, _on_event, *, participant):
+    def operate(coordinator, _link, _clock, _limit_s, _on_event, *, participant, **_others):
         for poll in range(3):
             (participant or coordinator).poll(0.05 * poll)
         raise DeviceGoneError("the CAN device is gone: unplugged")
