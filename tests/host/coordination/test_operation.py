@@ -133,6 +133,24 @@ def test_a_missing_cell_is_a_fault(link) -> None:
     assert done.fault == "not heard within 0.5 s: cell 4 (node 4)"
 
 
+def test_a_board_that_is_not_the_one_that_is_listed_is_a_fault_before_any_drive_is_on(link) -> None:
+    listed = {1: 1, 2: 0xC0FFEE, 3: 3}
+    one = Coordinator(LAYOUT, FieldProgram(np.full(6, 0.05)), serials=listed)
+    done = operate(one, link, link, 10.0)
+    assert done.ending == Ending.FAULT
+    assert done.fault.startswith(
+        "cell 2 (node 2) has serial number 00000002, but the array file lists 00C0FFEE there; "
+    )
+    assert "mdms commission" in done.fault
+    assert not {Phase.STARTING, Phase.ENABLING} & {text for _, text in one.events}
+    assert (
+        operate(
+            Coordinator(LAYOUT, FieldProgram(np.zeros(6)), serials={2: 2}), link, link, 1.0
+        ).ending
+        == Ending.DONE
+    )
+
+
 def test_a_second_run_takes_the_array_over_from_one_that_broke_off(link) -> None:
     class BrokenOffError(Exception):
         pass

@@ -18,6 +18,7 @@ from mdms_host.cli.records.keep import keep_run, lasting
 from mdms_host.cli.records.plan_log import PlanLog
 from mdms_host.cli.scenario.belief import Belief, believe
 from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
+from mdms_host.cli.scenario.footing import refuse_tipping
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.scenario.load import check_load
 from mdms_host.cli.scenario.programs import has_failed, waits_text
@@ -63,6 +64,8 @@ def run(arguments: Namespace) -> int:
         overrides.append(f"wire.bitrate={arguments.bitrate}")
     scenario, main = open_program(arguments.program, overrides)
     belief = believe(scenario, arguments.array, arguments)
+    if arguments.array is not None:
+        _refuse_tipping_on(belief, arguments)
     check_load(belief.scenario, arguments)
     if arguments.page is not None:
         # The page is an extra.
@@ -85,6 +88,15 @@ def run(arguments: Namespace) -> int:
         print(f"{scenario.title}: {operation.ending} after {operation.duration_s:.1f} s")
     missed = missed_text(goals_of(belief.scenario, coordinator))
     return _verdict(operation, coordinator, missed)
+
+
+def _refuse_tipping_on(belief: Belief, arguments: Namespace) -> None:
+    """Raises `CommandError` for a parcel that fits the scenario's table, but not the file's."""
+    try:
+        refuse_tipping(belief.scenario)
+    except CommandError as error:
+        where = f"{belief.scenario.title!r} on {arguments.array}"
+        raise CommandError(f"{where}: {error}", error.code) from None
 
 
 @contextmanager

@@ -7,6 +7,7 @@ from mdms_host.cli.configure.cells import (
     open_commissioning,
     ranges,
     read_cells,
+    refuse_other_host,
     show_changes,
 )
 from mdms_host.cli.exits import CommandError, Exit
@@ -28,6 +29,7 @@ def run(arguments: Namespace) -> Exit:
         if arguments.dry_run:
             print(f"{len(changes)} settings are not at their defaults")
             return Exit.OK
+        refuse_other_host(commissioning)
         if not agreed(arguments, f"Restore the defaults of node {ranges(node_ids)}, and restart?"):
             raise CommandError("nothing was changed", Exit.FAILURE)
         for node_id in node_ids:

@@ -81,6 +81,7 @@ def coordinator_of(
         parcels=tuple(parcel for parcel in parcels if parcel.name not in stock),
         settings=settings_of(scenario.cell),
         own_settings=cells.settings,
+        serials=cells.serials,
         timing=timing_of(scenario.wire),
         policy=policy_of(scenario.run),
         centres_of_mass_m=centres_of_mass_m(scenario),

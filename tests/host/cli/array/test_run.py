@@ -101,3 +101,15 @@ def test_array_file_that_does_not_do_is_refused(on_a_bus_that_ends, tmp_path, ca
     assert told in message
     assert str(path) in message
     assert message.count("\n") == 1
+
+
+@pytest.mark.parametrize("more", [(), ("--page",)])
+def test_goal_beyond_the_grid_of_the_array_file_is_refused(tmp_path, capsys, more):
+    path = tmp_path / "small.toml"
+    cells = "".join(f'[[cell]]\nserial = "{n:08X}"\nnode = {n}\n' for n in range(1, 19))
+    path.write_text(f"[array]\ncolumns = 6\nrows = 3\n{cells}")
+    command = ["run", "array54", "--array", str(path), "-i", "virtual", "-c", "small"]
+    assert main([*command, *more]) == Exit.USAGE
+    message = capsys.readouterr().err
+    assert f"on {path}: parcel.0" in message
+    assert message.count("\n") == 1
