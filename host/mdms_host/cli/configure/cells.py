@@ -32,14 +32,21 @@ def open_commissioning(arguments: Namespace) -> Commissioning:
 
 
 def read_cells(
-    commissioning: Commissioning, arguments: Namespace, parameters: Sequence[Parameter]
+    commissioning: Commissioning,
+    arguments: Namespace,
+    parameters: Sequence[Parameter],
+    *,
+    to_write: bool = False,
 ) -> list[CellSettings]:
     """The cells that `--node` names, and their settings. Raises `CommandError` for absent ones.
 
-    Without `--node`, nodes that are no cells are left alone.
+    Without `--node`, nodes that are no cells are left alone. Where they are read `to_write` them,
+    raises OtherHostError beside another host.
     """
     wanted = nodes_of(arguments.nodes)
     node_ids = present_nodes(commissioning, wanted)
+    if to_write:
+        refuse_other_host(commissioning)
     cells = []
     with progress("reading") as share:
         for done, node_id in enumerate(node_ids, 1):

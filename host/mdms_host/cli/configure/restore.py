@@ -18,7 +18,7 @@ def run(arguments: Namespace) -> Exit:
     """Show what is not at its default; when that is agreed, restore, restart, and verify."""
     every = (*PARAMETERS, *WIRING)
     with open_commissioning(arguments) as commissioning:
-        cells = read_cells(commissioning, arguments, every)
+        cells = read_cells(commissioning, arguments, every, to_write=not arguments.dry_run)
         node_ids = [cell.node_id for cell in cells]
         changes = [
             change

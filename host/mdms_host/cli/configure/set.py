@@ -8,7 +8,6 @@ from mdms_host.cli.configure.cells import (
     open_commissioning,
     ranges,
     read_cells,
-    refuse_other_host,
     show_changes,
     write_cells,
 )
@@ -32,8 +31,7 @@ def run(arguments: Namespace) -> Exit:
     """Change settings."""
     wanted = parse_assignments(arguments.assignments)
     with open_commissioning(arguments) as commissioning:
-        cells = read_cells(commissioning, arguments, to_read(wanted))
-        refuse_other_host(commissioning)
+        cells = read_cells(commissioning, arguments, to_read(wanted), to_write=True)
         check_margins(arguments.scenario, cells, [wanted] * len(cells))
         changes = [change for cell in cells for change in cell.changes(wanted)]
         node_ids = [cell.node_id for cell in cells]
