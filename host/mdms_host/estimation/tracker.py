@@ -22,6 +22,7 @@ from mdms_host.estimation.strangers.strangers import Strangers
 from mdms_host.estimation.strangers.unknowns import Unknown, Unknowns
 from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats, Ints
+from mdms_model.scenario.scenario import name_fault
 
 __all__ = ["Estimate", "Gate", "Parcel", "Region", "Tracker"]
 
@@ -72,7 +73,7 @@ class Tracker:
         """Expect a parcel: it is found once sensors show it, in `region` only if there is one.
 
         Those that look the same are found in the order in which they were announced. Raises
-        ValueError for a name that is taken.
+        ValueError for a name that is taken, or that no parcel can have.
         """
         self._add(Known(parcel, self._surroundings, region=region))
 
@@ -90,7 +91,8 @@ class Tracker:
     def name(self, unknown: str, parcel: Parcel) -> None:
         """Take what is unknown for a parcel, which is then found there, if it has that outline.
 
-        Raises KeyError where nothing of that name is there, ValueError for a name that is taken.
+        Raises KeyError where nothing of that name is there, ValueError for a name that is taken or
+        that no parcel can have.
         """
         corners_m = self._unknowns.all[unknown].corners_m
         low_m, high_m = corners_m.min(axis=0).tolist(), corners_m.max(axis=0).tolist()
@@ -111,6 +113,8 @@ class Tracker:
 
     def _add(self, known: Known) -> None:
         name = known.parcel.name
+        if fault := name_fault(name):
+            raise ValueError(f"the name {name!r} {fault}")
         if name in self._known or name in self._unknowns.all:
             raise ValueError(f"there is a parcel {name!r} already; give each a name of its own")
         self._known[name] = known

@@ -61,6 +61,11 @@ class AnyProgram(Protocol):
         ...
 
     @property
+    def awaits(self) -> Collection[str]:
+        """Parcels without which the program does not go on: those with goals, for example."""
+        ...
+
+    @property
     def near(self) -> Collection[str]:
         """Parcels about to arrive, of which it matters how well their places are known."""
         ...
@@ -117,6 +122,11 @@ class FieldProgram:
     def endless(self) -> bool:
         """A field goes on for as long as it may."""
         return True
+
+    @property
+    def awaits(self) -> Collection[str]:
+        """None: a field needs no parcel."""
+        return ()
 
     @property
     def near(self) -> Collection[str]:
@@ -183,6 +193,8 @@ class GoalProgram:
         self._given = dict(self._bottoms)
         self._obstacles = Obstacles()
         self._found: set[str] = set()
+        #: Parcels that were unknown: edges still show how large they are.
+        self._named: set[str] = set()
         self._contacts = Contacts()
         self._standstills = {name: Standstill() for name in self._controllers}
         self._notices: list[str] = []
@@ -190,10 +202,13 @@ class GoalProgram:
         self._slips = dict.fromkeys(self._controllers, 0)
 
     def set_goal(self, name: str, goal: Goal) -> None:
-        """Steer a parcel to this goal from now on, stopped or not. KeyError for one of no program.
+        """Steer a parcel to this goal from now on, stopped or not.
 
-        One that moves is brought to rest on its way first.
+        One that moves is brought to rest on its way first. What was unknown is steered once it has
+        been named and found. KeyError for anything else that is no parcel of the program.
         """
+        if name not in self._given:
+            self._take_in(name)
         before = self._controllers.get(name)
         after = self._controller_of(name, goal)
         if before is not None:
@@ -201,6 +216,16 @@ class GoalProgram:
         self._controllers[name] = after
         self._standstills[name] = Standstill()
         self._reasons.pop(name, None)
+
+    def _take_in(self, name: str) -> None:
+        """A named parcel is no obstacle any more; its outline is the one last believed."""
+        if not self._obstacles.all[name].named:
+            raise KeyError(name)
+        belief = self._obstacles.all.pop(name)
+        self._given[name] = self._bottoms[name] = belief.outline
+        self._places[name] = belief.pose
+        self._found.add(name)
+        self._named.add(name)
 
     def on_lost_cells(self, cells: frozenset[int]) -> None:
         """The wheels of these cells (from 1) do not push any more; ways are planned anew."""
@@ -234,6 +259,11 @@ class GoalProgram:
         return False
 
     @property
+    def awaits(self) -> Collection[str]:
+        """See `Program`."""
+        return self._controllers.keys()
+
+    @property
     def near(self) -> Collection[str]:
         """See `Program`."""
         return [name for name, one in self._controllers.items() if one.near]
@@ -252,6 +282,9 @@ class GoalProgram:
         """References that take every parcel on its way as one rigid body, shape (W,)."""
         self._places.update(
             (name, belief.pose) for name, belief in beliefs.items() if name in self._given
+        )
+        self._bottoms.update(
+            (name, belief.outline) for name, belief in beliefs.items() if name in self._named
         )
         self._found.update(beliefs.keys() & self._given.keys())
         self._see_obstacles(beliefs)

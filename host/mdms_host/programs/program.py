@@ -116,6 +116,11 @@ class TableProgram:
         return self._failure is None and self.table.waits_for_arrivals
 
     @property
+    def awaits(self) -> Collection[str]:
+        """Parcels that must be found before the program begins; none once it has begun."""
+        return self._awaited if self._task is None else ()
+
+    @property
     def near(self) -> Collection[str]:
         """Parcels about to arrive."""
         return self._traffic.near

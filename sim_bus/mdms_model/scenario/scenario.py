@@ -6,6 +6,7 @@ by their types and by the `Limit` beside each field.
 """
 
 from dataclasses import dataclass, field
+from re import fullmatch
 from typing import Any
 
 from mdms_model.scenario.fault import Fault
@@ -287,6 +288,18 @@ class Scenario:
     #: What the host takes for true where it is not; see `belief`.
     belief: dict[str, Any] = field(default_factory=dict, hash=False)
     """What the host takes for true: keys of `cell`, and tables of parcels by name."""
+
+
+def name_fault(name: str) -> str | None:
+    """Why no parcel can have this name; None where one can.
+
+    `unknown-1` and so on are the host's names for things that nobody has named.
+    """
+    if not name.strip() or not name.isprintable():
+        return "must be a word to name it by"
+    if fullmatch(r"unknown-\d+", name):
+        return "is a name that the host gives to unknown things; take another"
+    return None
 
 
 def in_stock(scenario: Scenario) -> set[str]:

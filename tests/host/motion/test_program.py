@@ -5,7 +5,7 @@ import pytest
 from tests.host.motion.believing import beliefs
 from tests.host.motion.driving import traction_of
 
-from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.belief import Belief, Kind
 from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
@@ -155,6 +155,32 @@ def test_a_parcel_without_a_goal_gets_one_and_one_that_is_not_there_none() -> No
     assert references_m_s[LAYOUT.wheel_positions_m[:, 0] > 0].any()
     with pytest.raises(KeyError):
         steered.set_goal("crate", Goal(0.0, 0.0))
+
+
+def lying(kind: Kind) -> Belief:
+    pose = np.array([0.0, 0.0, 0.0])
+    return Belief("crate", Rectangle(0.3, 0.3), pose, np.zeros(3), np.zeros((3, 3)), kind=kind)
+
+
+@pytest.mark.parametrize("kind", [Kind.UNKNOWN, Kind.HEAP])
+def test_what_nobody_has_named_gets_no_goal(kind: Kind) -> None:
+    steered = program()
+    steered.references_m_s(known() | {"crate": lying(kind)}, 0.01)
+    with pytest.raises(KeyError):
+        steered.set_goal("crate", Goal(0.1, 0.0))
+    assert not steered.references_m_s(known() | {"crate": lying(kind)}, 0.01).any()
+
+
+def test_what_has_been_named_gets_a_goal_and_is_in_nobodys_way_but_others() -> None:
+    steered = program(left=Goal(0.4, 0.0))
+    there = known() | {"crate": lying(Kind.PARCEL)}
+    steered.references_m_s(there, 0.01)
+    steered.set_goal("crate", Goal(0.0, 0.2))
+    for _ in range(10):
+        references_m_s = steered.references_m_s(there, 0.01)
+    under = Rectangle(0.3, 0.3).distance_m(LAYOUT.wheel_positions_m, there["crate"].pose) < 0
+    assert references_m_s[under].any()
+    assert steered.take_notices() == []
 
 
 def test_a_field_takes_no_goal() -> None:

@@ -22,9 +22,11 @@ from mdms_host.cli.scenario.coordination import (
     estimates_of,
     refuse_unstoppable,
 )
+from mdms_host.cli.scenario.footing import refuse_tipping
 from mdms_host.cli.scenario.gain import open_program
 from mdms_host.cli.scenario.load import check_load
 from mdms_host.cli.scenario.programs import has_failed, waits_text
+from mdms_host.cli.signals import interrupted
 from mdms_host.cli.streams import say
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, Operation, operate
@@ -66,13 +68,7 @@ def run(arguments: Namespace) -> int:
         overrides.append(f"wire.bitrate={arguments.bitrate}")
     scenario, main = open_program(arguments.program, overrides)
     belief = believe(scenario, arguments.array, arguments)
-    check_load(belief.scenario, arguments)
-    refuse_unstoppable(belief.scenario)
-    if arguments.array is not None and belief.scenario.stop is None:
-        say(
-            f"mdms: {arguments.array} does not say which parcels the emergency stop holds; add "
-            "[stop] with form, mass_kg and speed_m_s"
-        )
+    _check(belief, arguments)
     if arguments.page is not None:
         # The page is an extra.
         from mdms_host.cli.array.live import show  # noqa: PLC0415
@@ -94,6 +90,28 @@ def run(arguments: Namespace) -> int:
         print(f"{scenario.title}: {operation.ending} after {operation.duration_s:.1f} s")
     missed = missed_text(goals_of(belief.scenario, coordinator))
     return _verdict(operation, coordinator, missed)
+
+
+def _check(belief: Belief, arguments: Namespace) -> None:
+    """Raises `CommandError` for what the table does not bear; warns of what it does not state."""
+    if arguments.array is not None:
+        _refuse_tipping_on(belief, arguments)
+    check_load(belief.scenario, arguments)
+    refuse_unstoppable(belief.scenario)
+    if arguments.array is not None and belief.scenario.stop is None:
+        say(
+            f"mdms: {arguments.array} does not say which parcels the emergency stop holds; add "
+            "[stop] with form, mass_kg and speed_m_s"
+        )
+
+
+def _refuse_tipping_on(belief: Belief, arguments: Namespace) -> None:
+    """Raises `CommandError` for a parcel that fits the scenario's table, but not the file's."""
+    try:
+        refuse_tipping(belief.scenario)
+    except CommandError as error:
+        where = f"{belief.scenario.title!r} on {arguments.array}"
+        raise CommandError(f"{where}: {error}", error.code) from None
 
 
 @contextmanager
@@ -146,9 +164,16 @@ def _operate(
     with open_links(arguments, belief.channels) as (link, clock), _broken_off():
         refuse_other_host(link, clock)
         try:
-            operation = operate(
-                coordinator, link, clock, arguments.limit, _print_event, participant=recorder
-            )
+            with interrupted() as pressed:
+                operation = operate(
+                    coordinator,
+                    link,
+                    clock,
+                    arguments.limit,
+                    _print_event,
+                    participant=recorder,
+                    interrupted=pressed,
+                )
         except DeviceGoneError as error:
             operation = Operation(Ending.DEVICE_GONE, clock.now_s(), str(error), link.counts)
         return operation, link.incidents

@@ -15,13 +15,15 @@ from mdms_model.scenario.scenario import Scenario
 
 @dataclass(frozen=True, slots=True)
 class Cells:
-    """The cells one by one, as far as they differ: node ids and settings by number.
+    """The cells one by one, as far as they differ: node ids, settings and serial numbers by number.
 
-    Without node ids a cell has that of its place on its bus.
+    Without node ids a cell has that of its place on its bus. A cell without a serial number here
+    may have any.
     """
 
     node_ids: tuple[int, ...] = ()
     settings: Mapping[int, tuple[Setting, ...]] = field(default_factory=dict)
+    serials: Mapping[int, int] = field(default_factory=dict)
 
 
 def gains_vs_per_m(scenario: Scenario, cells: Cells) -> Floats:

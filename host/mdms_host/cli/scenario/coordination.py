@@ -12,7 +12,7 @@ from mdms_host.cli.scenario.field import references_m_s
 from mdms_host.cli.scenario.footing import goal_of
 from mdms_host.cli.scenario.gain import motor_of
 from mdms_host.cli.scenario.load import timing_of
-from mdms_host.cli.scenario.programs import cells_program, table_program
+from mdms_host.cli.scenario.programs import cells_program, programmed, table_program
 from mdms_host.commissioning.wheels.loop_margin import largest_gain, observer_for
 from mdms_host.coordination.care.policy import OnLostCell, Policy
 from mdms_host.coordination.coordinator import Coordinator
@@ -51,9 +51,11 @@ def coordinator_of(
     """A coordinator with the scenario's array, sizes of parcels, and motion, as it is to believe.
 
     `cells` are node ids and settings of single cells, if they have any of their own; `main` is a
-    program in Python, in place of the scenario's tasks, and `desk` where its plans are made. Raises
-    `CommandError` for what does not fit the firmware.
+    program in Python, in place of the scenario's tasks, field or goals, and `desk` where its plans
+    are made. Raises `CommandError` for what does not fit the firmware, and ScenarioError.
     """
+    if main is not None:
+        scenario = programmed(scenario)
     scenario = believed(scenario)
     refuse_unstoppable(scenario)
     cells = cells or Cells()
@@ -80,6 +82,7 @@ def coordinator_of(
         parcels=tuple(parcel for parcel in parcels if parcel.name not in stock),
         settings=settings_of(scenario.cell),
         own_settings=cells.settings,
+        serials=cells.serials,
         timing=timing_of(scenario.wire),
         policy=policy_of(scenario.run),
         centres_of_mass_m=centres_of_mass_m(scenario),

@@ -1,6 +1,7 @@
 """From a scenario to the program that its tasks, or a file of Python, make of it."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from mdms_host.routes.pace import TrapezoidPace
 from mdms_host.routes.space.shape import Shape
 from mdms_model.array import last_support_m
 from mdms_model.arrays import Floats
+from mdms_model.scenario.rules.every import check_rules
 from mdms_model.scenario.rules.on_table import half_table_m
 from mdms_model.scenario.scenario import Scenario, in_stock
 from mdms_model.scenario.stream import Exit, Stream
@@ -139,13 +141,30 @@ def _place(stream: Stream) -> Floats:
     return np.array([stream.x_m, stream.y_m, stream.yaw_rad])
 
 
+def programmed(scenario: Scenario) -> Scenario:
+    """The scenario with a program for its motion, in place of a field or goals.
+
+    Raises ScenarioError where none can run, as in a fidelity without cells.
+    """
+    if scenario.motion.field == "program":
+        return scenario
+    scenario = replace(scenario, motion=replace(scenario.motion, field="program"))
+    check_rules(scenario)
+    return scenario
+
+
 def has_failed(coordinator: Coordinator) -> bool:
     """Whether a run's program has ended by an error in it."""
     return isinstance(coordinator.program, TableProgram) and coordinator.program.failed
 
 
 def waits_text(coordinator: Coordinator) -> str:
-    """Where a run's program waits, as part of a message; nothing where it does not."""
+    """What a run's program waits for, as part of a message; nothing where it does not."""
     program = coordinator.program
-    places = program.waits_at if isinstance(program, TableProgram) else ()
+    if not isinstance(program, TableProgram):
+        return ""
+    missing = [name for name in sorted(program.awaits) if coordinator.estimate(name) is None]
+    if missing:
+        return f": it has not begun, for {' and '.join(missing)} cannot be found on the table"
+    places = program.waits_at
     return f": it waits in {' and '.join(places)}" if places else ""

@@ -9,7 +9,7 @@ from mdms_host.cli.records.host_log import coordinator_events
 from mdms_host.cli.records.plan_log import PlanLog
 from mdms_host.cli.scenario.coordination import coordinator_of, estimates_of
 from mdms_host.cli.scenario.field import references_m_s
-from mdms_host.cli.scenario.programs import has_failed, waits_text
+from mdms_host.cli.scenario.programs import has_failed, programmed, waits_text
 from mdms_host.cli.simulation.word import host_report_of
 from mdms_host.clock import MonotonicClock
 from mdms_host.coordination.coordinator import Coordinator
@@ -67,11 +67,13 @@ def run_scenario(
     bus_log: Path | None = None,
     main: Main | None = None,
 ) -> Finished:
-    """Run a scenario in its fidelity; `main` is a program in place of its tasks.
+    """Run a scenario in its fidelity; `main` is a program in place of its tasks, field or goals.
 
     `nodes` are "cpython" or "micropython"; `progress` gets the time reached [s] now and then.
     Raises ScenarioError, MicropythonMissing, NodeError, and `CommandError` for what does not fit.
     """
+    if main is not None:
+        scenario = programmed(scenario)
     if scenario.run.fidelity == "firmware":
         return timed(scenario, lambda: _firmware(scenario, nodes, progress, bus_log, main))
     return timed(scenario, lambda: _model(scenario))

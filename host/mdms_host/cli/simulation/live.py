@@ -66,13 +66,13 @@ def attended(
     seat: Seat,
     server: Server,
     arguments: Namespace,
-    over: Callable[[], bool],
-) -> Iterator[Callable[[], bool]]:
+    over: Callable[[], object],
+) -> Iterator[Callable[[], object]]:
     """The page of a served table; what is to be asked instead of `over` looks after it."""
     table = table_of(scenario, seat, server.simulation, server.time)
     with opened_page(table, arguments) as page:
 
-        def over_or_attended() -> bool:
+        def over_or_attended() -> object:
             page.attend()
             table.look()
             return over()

@@ -2,6 +2,7 @@
 
 import signal
 from argparse import Namespace
+from collections.abc import Callable
 from contextlib import ExitStack, closing
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -101,7 +102,7 @@ def _serve(
             server = opened.enter_context(
                 Server(simulation, name, arguments.tcp, arguments.speed, report=say)
             )
-            over = opened.enter_context(interrupted())
+            over: Callable[[], object] = opened.enter_context(interrupted())
             if seat:
                 # The page is an extra.
                 from mdms_host.cli.simulation.live import attended  # noqa: PLC0415

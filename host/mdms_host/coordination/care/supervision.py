@@ -1,6 +1,6 @@
 """Supervision of the cells: heartbeats, and states that the phase requires."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from math import inf
 
 from mdms_host.can_link.emergencies import LOW_SUPPLY
@@ -22,6 +22,9 @@ _GATHER_S = 0.05
 
 #: What is wrong where another program has taken cells out of 'operational': a stop is a stop.
 SWITCHED_OFF = "somebody else has switched cells off on this bus (network management)"
+
+#: Of more cells with another serial number than they are to have, the others are counted.
+_MOST_NAMED = 3
 
 
 class Supervision:
@@ -107,7 +110,7 @@ class Supervision:
     def misfits_text(self, phase: Phase, taking_part: Collection[BringUpCell]) -> str | None:
         """All cells that are not as a run expects them at the end of a phase, None without any.
 
-        They speak another protocol than the host, or have other settings stored.
+        They speak another protocol than the host, have another serial number, or other settings.
         """
         if phase is Phase.CONFIGURING:
             found = (f"{cell.name} is {cell.mismatch}" for cell in taking_part if cell.mismatch)
@@ -120,7 +123,7 @@ class Supervision:
             f"{', '.join(name for name, text in others.items() if text == each)}: each {each}"
             for each in sorted(texts)
         )
-        return "; ".join(listed) or None
+        return "; ".join((*listed, *_other_boards(taking_part))) or None
 
     def _trouble_of(self, cell: BringUpCell, now_s: float) -> Trouble | None:
         if silence := self._silence_of(cell, now_s):
@@ -133,6 +136,19 @@ class Supervision:
         if not self.silent(cell, now_s):
             return None
         return f"{cell.name} has fallen silent: no heartbeat for {self._timing.silence_s:.3g} s"
+
+
+def _other_boards(cells: Iterable[BringUpCell]) -> Iterator[str]:
+    """Cells that are not the boards that they are to be, and what to do."""
+    found = [f"{cell.name} {cell.other_board}" for cell in cells if cell.other_board]
+    yield from found[:_MOST_NAMED]
+    if len(found) > _MOST_NAMED:
+        yield f"and {len(found) - _MOST_NAMED} more cells"
+    if found:
+        yield (
+            "boards were exchanged or moved: put them back, or write their places anew with "
+            "mdms commission"
+        )
 
 
 def names(cells: Sequence[RemoteCell]) -> str:

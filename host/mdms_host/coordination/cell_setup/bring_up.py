@@ -42,6 +42,7 @@ class BringUpCell(RemoteCell):
         settings: Iterable[Setting],
         *,
         spare: Mapping[Place, int] = NOTHING,
+        serial: int | None = None,
         bus: int | None = None,
         steers: bool = False,
     ) -> None:
@@ -53,7 +54,7 @@ class BringUpCell(RemoteCell):
         self._set_back = SdoClient(node_id, taken_back() if steers else ())
         self._settings = tuple(settings)
         self._configuration = Configuration(node_id, self._settings, spare)
-        self._identification = Identification(node_id, axes)
+        self._identification = Identification(node_id, axes, serial)
         self._set_up = SetUp(node_id, self._settings, self._configuration)
         self.restarted = False
         self._written = False
@@ -87,6 +88,11 @@ class BringUpCell(RemoteCell):
     def other_protocol(self) -> str | None:
         """What there is to say of a cell that speaks another revision of the protocol."""
         return self._identification.other_protocol
+
+    @property
+    def other_board(self) -> str | None:
+        """What there is to say of a cell that has another serial number than it is to have."""
+        return self._identification.other_board
 
     @property
     def refusal(self) -> str | None:

@@ -23,11 +23,13 @@ class Identification:
     """Reads a cell's revision and serial number; after `begin_again` its errors besides.
 
     `done` is whether all answers are there, `failure` why they do not come, None as long as they
-    may. `refusal` is why a cell that comes back is not to be taken, None for one that is.
+    may. `refusal` is why a cell that comes back is not to be taken, None for one that is. `serial`
+    is the serial number that it is to have, None where any will do.
     """
 
-    def __init__(self, node_id: int, axes: int) -> None:
+    def __init__(self, node_id: int, axes: int, serial: int | None = None) -> None:
         self._node_id = node_id
+        self._serial = serial
         self._errors = tuple(
             Read(indices.ERROR_CODE + axis * indices.AXIS_OFFSET, 0) for axis in range(axes)
         )
@@ -51,10 +53,20 @@ class Identification:
         return None if revision is None else other_protocol(revision)
 
     @property
+    def other_board(self) -> str | None:
+        """What there is to say of a cell that has another serial number than it is to have."""
+        serial = self._client.answers.get((SERIAL.index, SERIAL.sub))
+        if None in (serial, self._serial) or serial == self._serial:
+            return None
+        return f"has serial number {serial:08X}, but the array file lists {self._serial:08X} there"
+
+    @property
     def refusal(self) -> str | None:
         """See above; an error stays in a cell's drive until it is reset, or the cell restarts."""
         if self.other_protocol:
             return f"it {self.other_protocol}"
+        if self.other_board:
+            return f"it {self.other_board}"
         answers = self._client.answers
         for read, meaning in ((SERIAL, "serial number"), (REVISION, "firmware revision")):
             before, now = (each.get((read.index, read.sub)) for each in (self._first, answers))

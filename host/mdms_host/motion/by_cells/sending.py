@@ -100,6 +100,12 @@ class Sending:
         """Take the parcel from the cells that have it, and give it where it lies by then."""
         self._ends = ENDS
 
+    def hand_on(self, parcel: Parcel) -> None:
+        """Send for another parcel from now on; cells lose what they have of the one before."""
+        self.parcel = parcel
+        self.end()
+        self.begin_again()
+
     def overtaken(self) -> bool:
         """Whether cells that missed the host have gone on to the next leg; then so has the way."""
         way = self.way

@@ -19,7 +19,7 @@ from mdms_model.run.folder import read_run
 def on_a_bus_that_ends(monkeypatch, request):
     """Runs the verb on a bus whose device is gone after three polls."""
 
-    def operate(coordinator, _link, _clock, _limit_s, _on_event, *, participant):
+    def operate(coordinator, _link, _clock, _limit_s, _on_event, *, participant, **_others):
         for poll in range(3):
             (participant or coordinator).poll(0.05 * poll)
         raise DeviceGoneError("the CAN device is gone: unplugged")
@@ -151,3 +151,15 @@ def test_an_array_file_that_states_no_stop_is_taken_with_one_warning(
     warning, *rest = capsys.readouterr().err.splitlines()
     assert warning.startswith(f"mdms: {path} does not say which parcels the emergency stop holds")
     assert rest == ["mdms: the CAN device is gone: unplugged"]
+
+
+@pytest.mark.parametrize("more", [(), ("--page",)])
+def test_goal_beyond_the_grid_of_the_array_file_is_refused(tmp_path, capsys, more):
+    path = tmp_path / "small.toml"
+    cells = "".join(f'[[cell]]\nserial = "{n:08X}"\nnode = {n}\n' for n in range(1, 19))
+    path.write_text(f"[array]\ncolumns = 6\nrows = 3\n{cells}")
+    command = ["run", "array54", "--array", str(path), "-i", "virtual", "-c", "small"]
+    assert main([*command, *more]) == Exit.USAGE
+    message = capsys.readouterr().err
+    assert f"on {path}: parcel.0" in message
+    assert message.count("\n") == 1

@@ -3,6 +3,7 @@
 import numpy as np
 from tests.host.programs.traffic.test_legs import BOX
 
+from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.layout import Layout
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.trajectory.mass import uniform_mass
@@ -24,6 +25,19 @@ def taken(dispatch):
     for _ in range(DELAY_CYCLES):
         routes = {order.parcel for order, _ in dispatch.take()}
     return routes
+
+
+def test_newcomer_is_planned_with_its_own_shape_under_the_name_of_one_that_has_left():
+    planner = Planner(Tiles(Layout(6, 6)))
+    small, large = Rectangle(0.16, 0.16), Rectangle(0.40, 0.30)
+    loads = {"box": Load(small, uniform_mass(small))}
+    where = Whereabouts(loads, planner.stand)
+    where.places = {"box": np.zeros(3)}
+    before = len(where.under()["box"])
+    where.drop("box")
+    loads["box"] = Load(large, uniform_mass(large))
+    where.places = {"box": np.zeros(3)}
+    assert len(where.under()["box"]) > 2 * before
 
 
 def test_who_stopped_before_a_gap_passes_it_before_another_comes_to_stay_there():
