@@ -138,26 +138,32 @@ class Layer:
         """The cell is 'operational'; nothing of before counts."""
         # A cell that finds itself among its neighbours has been given another's place.
         self.active = self.wanted and not self._place.names(node_id)
-        self._acquit()
         self._rights.set_lease(self._objects.number(indices.LEASE, 1))
-        self._rights.restart()
         self._beat[_PERIOD_MS] = self._objects.number(indices.LEASE, 2)
-        self._heard.reset()
         self._heard.repeat_ms = self._objects.number(indices.TPDO_PARAMETERS + 1, 5)
         # A millisecond passes until the frame with the edge has come.
         self._tracking.sensors.edge_late_ms = 1 + self._objects.number(indices.PRESENCE_DEBOUNCE)
-        self._tracking.drop()
-        self._pages.start(node_id)
-        self._leading.stop()
-        for number in range(_STEP_MS):
-            self._beat[number] = 0
+        self._pages.node_id = node_id
+        self._reset()
 
     def stop(self):
         """The cell is not 'operational' any more."""
         self.active = False
+        self._reset()
+
+    def _reset(self):
+        """Forget all that must outlive no stop: parcel, programs, promises, and whose time it is.
+
+        Settings stay, and so does the clock.
+        """
         self._acquit()
+        self._rights.restart()
+        self._heard.reset()
         self._tracking.drop()
-        self._leading.stop()
+        self._pages.reset()
+        self._leading.reset()
+        for number in range(_STEP_MS):
+            self._beat[number] = 0
 
     def load(self):
         """Take over everything from the dictionary."""

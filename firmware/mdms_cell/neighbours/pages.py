@@ -41,9 +41,8 @@ class Pages:
         self.programs = Programs()
         self.order = bytearray(precedence.BYTES)
 
-    def start(self, node_id):
-        """Begin without any program."""
-        self.node_id = node_id
+    def reset(self):
+        """Keep no program and no order."""
         self.programs.clear()
         precedence.clear(self.order)
 
@@ -78,7 +77,7 @@ class Pages:
                 # Others have gone on by themselves: that gives no more time.
                 self._leading.next_leg()
             else:
-                self._leading.begin()
+                self._leading.begin(program.identity)
 
     def _on_leg(self, program, page):
         """A leg that follows a goal; one of a goal that the cell does not have is dropped."""
@@ -102,8 +101,8 @@ class Pages:
             program = self.programs.place_for(identity)
             again = program.has_goal and program.sequence == page[wire.PROGRAM_SEQUENCE]
             program.take(page)
-            if page[wire.PAGE] == wire.GOAL and identity == tracking.identity and not again:
-                self._leading.begin()
+            if page[wire.PAGE] == wire.GOAL and not again:
+                self._leading.begin(identity)
 
     def _put(self, identity, page):
         """A parcel lies where the host says, perhaps on this cell; one that it has stays."""

@@ -6,7 +6,7 @@ from layer_bench import IDENTITY, NEIGHBOURS, NODE, Middle
 
 from mdms_cell.drive import speed_loop
 from mdms_cell.neighbours.layer import UPDATE_MS
-from mdms_protocol import indices
+from mdms_protocol import indices, pdo
 from mdms_protocol.codecs import cia402, cob
 from mdms_protocol.neighbours import frames as wire
 
@@ -213,6 +213,51 @@ def test_parcel_that_others_held_for_too_long_without_its_host_moves_no_more():
     run(middle, 100)
     assert targets_um_s(middle) == (0, 0)
     assert state(middle) != cia402.OPERATION_ENABLED
+
+
+def ended():
+    """A parcel whose time without its host is over; it has left the cell since."""
+    middle = watched(Middle(SPEED_UM_S), wire.GO_ON)
+    middle.speed_um_s = 0
+    for _ in range(60):
+        run(middle, 10)
+        middle.board.take()
+    assert targets_um_s(middle) == (0, 0)
+    return middle
+
+
+def fastest_while_it_rolls_over(middle, sequence):
+    """The same identity begins anew out of the cell's reach, and comes over it later."""
+    middle.x_um, middle.speed_um_s = -450_000, SPEED_UM_S
+    middle.sequence = middle.its_sequence = sequence
+    middle.program_flags = 0
+    heartbeat(middle)
+    middle._pages()
+    fastest = 0
+    while middle.x_um < 60_000:
+        heartbeat(middle)
+        middle.beat()
+        middle.board.take()
+        if middle.x_um > -60_000:
+            fastest = max(fastest, abs(targets_um_s(middle)[0]))
+    return fastest
+
+
+def test_parcel_that_had_its_time_moves_again_by_a_new_program_that_comes_before_it():
+    middle = ended()
+    middle._page((IDENTITY, wire.END, 2, 0, 0, 0, 0, 0, 0))
+    assert fastest_while_it_rolls_over(middle, 3) > 90_000
+
+
+def test_parcel_that_had_its_time_moves_again_after_the_cell_was_stopped_and_started():
+    middle = ended()
+    for command in (2, 1):
+        middle.cell.on_frame(cob.NMT, bytes((command, NODE)), middle.now_ms)
+    for word in (0x80, cia402.SHUTDOWN, cia402.SWITCH_ON):
+        middle.cell.on_frame(
+            cob.RPDO_BASES[1] + NODE, pdo.CONTROLWORD.encode((word, word)), middle.now_ms
+        )
+    assert fastest_while_it_rolls_over(middle, 2) > 90_000
 
 
 #: Where the parcel is put, and north of that, in steps of the wire.
