@@ -114,16 +114,17 @@ class Layer:
         self._suspicion = Suspicion()
         self._tracking = Tracking(self._place, self._footprint, self._heard, self._suspicion)
         self._leading = Leading(self._place, self._footprint, self._tracking, axes)
+        self._rights = RightOfWay()
         self._pages = Pages(
             objects,
             self._place,
             self._heard,
             tracking=self._tracking,
+            rights=self._rights,
             leading=self._leading,
             consumer=consumer,
             pdos=pdos,
         )
-        self._rights = RightOfWay()
         self._beat = array("i", [0] * _REGISTERS)
         self._beat[_STEP_MS] = self._beat[_PERIOD_MS] = 10
         self._beat[_SUSPECT] = -1

@@ -13,12 +13,15 @@ from mdms_cell.canopen.objects import find
 from mdms_cell.neighbours import precedence
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, HOST
 from mdms_cell.neighbours.program import Programs, next_sequence, turn_um
+from mdms_cell.neighbours.right_of_way import IDENTITY, PROMISED_TO
 from mdms_protocol import indices
 from mdms_protocol.neighbours import frames as wire
 
 _PROGRAM_PDO = 3
 #: Of the cells that could hand a program on, each does so in one of so many beats.
 _HAND_ON_BEATS = const(4)
+#: No parcel lies on a cell whose centre is farther from it along x or y.
+_NEAR_PITCHES = const(4)
 
 
 class Pages:
@@ -27,24 +30,32 @@ class Pages:
     `order` is that of the parcels that come over the cell, see `precedence`.
     """
 
-    def __init__(self, objects, place, heard, *, tracking, leading, consumer, pdos):
+    def __init__(self, objects, place, heard, *, tracking, rights, leading, consumer, pdos):
         self._objects = objects
         self._place = place
         self._heard = heard
         self._tracking = tracking
+        self._rights = rights
         self._leading = leading
         self._consumer = consumer
         self._pdos = pdos
         self._frame_at = find(indices.PROGRAM, 1).place
         self._turn = 0
         self.node_id = 0
-        self.programs = Programs()
+        self.programs = Programs(self._own)
         self.order = bytearray(precedence.BYTES)
 
     def reset(self):
-        """Keep no program and no order."""
-        self.programs.clear()
+        """Keep no program and no order; the cell may stand elsewhere from now on."""
+        programs, place = self.programs, self._place
+        programs.clear()
+        programs.x, programs.y = place.x_um // wire.STEP_UM, place.y_um // wire.STEP_UM
         precedence.clear(self.order)
+
+    def _own(self):
+        """The identities of the parcels that the cell is at, belongs to, or is bound to."""
+        right = self._rights.registers
+        return self._tracking.identity, right[IDENTITY], right[PROMISED_TO]
 
     # What comes
 
@@ -108,15 +119,18 @@ class Pages:
         """A parcel lies where the host says, perhaps on this cell; one that it has stays."""
         tracking, place = self._tracking, self._place
         program = self.programs.find(identity)
-        if program is None or not program.has_parcel or tracking.under:
+        if program is None:
             return
-        tracking.adopt(identity)
-        tracking.take_shape(program)
+        program.begin_at(page)
+        if not program.has_parcel or tracking.under:
+            return
         x_um = page[wire.PLACE_X] * wire.STEP_UM - place.x_um
         y_um = page[wire.PLACE_Y] * wire.STEP_UM - place.y_um
-        if max(abs(x_um), abs(y_um)) < 4 * place.pitch_um:
+        if max(abs(x_um), abs(y_um)) < _NEAR_PITCHES * place.pitch_um:
+            tracking.adopt(identity)
+            tracking.take_shape(program)
             tracking.place(x_um, y_um, turn_um(page[wire.PLACE_YAW]))
-        if not tracking.under:
+        if tracking.identity == identity and not tracking.under:
             tracking.drop()
 
     # What is sent
