@@ -21,7 +21,7 @@ from mdms_cell.neighbours.geometry.footprint import Footprint
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, Place
 from mdms_cell.neighbours.heard import OWN, SEEN, Heard
 from mdms_cell.neighbours.leading import Leading
-from mdms_cell.neighbours.pages import Pages
+from mdms_cell.neighbours.pages import AHEAD, OUTDATED, Pages
 from mdms_cell.neighbours.program import next_sequence
 from mdms_cell.neighbours.right_of_way import NONE, UNDER, RightOfWay
 from mdms_cell.neighbours.steering import ARRIVED, has_arrived
@@ -69,6 +69,8 @@ _STEERING_ARRIVED = const(12)
 assert _STEERING_ARRIVED == ARRIVED
 assert (_RIGHT_IDENTITY, _RIGHT_STATE) == (right_of_way.IDENTITY, right_of_way.STATE)
 assert (_RIGHT_HOLD, _DRIVE_BEATS) == (right_of_way.HOLD, right_of_way.DRIVE_BEATS)
+_OUTDATED = const(2)
+assert _OUTDATED == OUTDATED
 _FIRST_OF_ORDER = const(6)
 assert precedence.FIRST == _FIRST_OF_ORDER
 # The clock wraps, see `ticks`; a difference of two instants is negative from here on.
@@ -247,6 +249,7 @@ class Layer:
             self._pdos.trigger(_ESTIMATE_PDO)
         if gap:
             self._rights.on_gap()
+            self._pages.on_gap(beat_ms // beat[_PERIOD_MS])
             beat[_NONSENSE] += self._heard.read()
             # What has come may be of any age: it is not passed on.
             self._heard.passed_on()
@@ -324,16 +327,11 @@ class Layer:
             self._leading.next_leg()
 
     def _is_another_at(self, sequence):
-        """Whether a neighbour under the same parcel has the program of this sequence."""
-        estimates, came = self._heard.estimates, self._heard.estimate_beat
+        """Whether a neighbour that had the cell's program has gone on to this sequence."""
+        estimates, ahead = self._heard.estimates, self._pages.registers[AHEAD]
         for direction in range(DIRECTIONS):
-            at = direction * wire.ESTIMATE_FIELDS
-            if (
-                came[direction] == self._heard.beat
-                and estimates[at + _IDENTITY] == self._tracking.identity
-                and estimates[at + _STATE] == _UNDER
-                and estimates[at + _SEQUENCE] == sequence
-            ):
+            its = estimates[direction * wire.ESTIMATE_FIELDS + _SEQUENCE]
+            if ahead >> direction & 1 and its == sequence:
                 return True
         return False
 
@@ -381,6 +379,7 @@ def _updating(layer, consumer, track, judge):
         lead=layer._lead,
         steered=layer._leading.registers,
         write_estimate=layer._write_estimate,
+        compare=layer._pages.compare,
         hand_on=layer._pages.hand_on,
         order=layer._pages.order,
     ):
@@ -402,6 +401,7 @@ def _updating(layer, consumer, track, judge):
         if consumer.lost:
             programs.outdate(identity)
         program = programs.complete(identity)
+        verdict = compare(identity, program, sent)
         ahead = look_ahead(program) if under else 0
         needs = ahead & 0xFF
         over = identity if under or tracking.is_over() else 0
@@ -417,17 +417,18 @@ def _updating(layer, consumer, track, judge):
         if first_suspect() != beat[_SUSPECT]:
             layer._report()
         skipped = beat[_SKIPPED]
-        lead(program, step_ms, skipped)
+        outdated = verdict == _OUTDATED
+        lead(None if outdated and not consumer.lost else program, step_ms, skipped)
         flags = _CONTRADICTED if beat[_SUSPECT] >= 0 else 0
         if steered[_STEERING_ARRIVED] and has_arrived(steered):
             flags |= _ARRIVED
-        if program is None or not program.whole:
+        if program is None or not program.whole or outdated:
             flags |= _LACKING
         beat[_WANTS] = ahead >> 8
-        beat[_SEQUENCE] = 0 if program is None else program.sequence
+        beat[_SEQUENCE] = 0 if program is None or outdated else program.sequence
         beat[_FLAGS] = flags
         write_estimate(step_ms)
-        if sent and under and program is not None:
+        if sent and under and program is not None and not verdict:
             hand_on(program, sent, skipped)
         beat[_SKIPPED] = 0
 

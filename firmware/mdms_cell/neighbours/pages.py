@@ -7,7 +7,9 @@ try:
     import micropython
     from micropython import const
 except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr16
+    from mdms_protocol.cpython import const, micropython, ptr16, ptr32
+
+from array import array
 
 from mdms_cell.canopen.objects import find
 from mdms_cell.neighbours import precedence
@@ -23,11 +25,41 @@ _HAND_ON_BEATS = const(4)
 #: No parcel lies on a cell whose centre is farther from it along x or y.
 _NEAR_PITCHES = const(4)
 
+# What neighbours' estimates say of the cell's own program, in `registers`. Sequence numbers come
+# round again after three, so that two of them alone do not tell which program is newer. But a
+# program is followed by newer ones only: who had the same one, and has another by now, is ahead.
+_OF = const(0)  # what the rest is about: 4 times the identity, and the sequence
+_SHARED = const(1)  # mask of the neighbours that had this program when they were heard last
+AHEAD = const(2)  # mask of those that had it, and have had another since
+#: 1 once the program is known to be the one of the parcel's cells: the host has sent it, or one of
+#: them had the same, since this cell is at the parcel and hears others there.
+_SETTLED = const(3)
+_AGAINST_BEATS = const(4)  # for so many beats something has been against the program
+#: What that comes to: nothing, too little to drop the program though it is not handed on, or enough
+#: not to be led by it either.
+VERDICT = const(5)
+DOUBTED = const(1)
+OUTDATED = const(2)
+_DEAF_BEATS = const(6)  # for so many beats nobody at the parcel was heard, up to _LONG_BEATS
+_REGISTERS = const(7)
+# What others show in a beat: somebody at the parcel is heard, one has another program for sure.
+_HEARD = const(1)
+_OTHER = const(2)
+#: It is enough after this, in which the host repeats a page and neighbours hand one on.
+_OUTDATED_BEATS = const(6)
+#: A neighbour is not heard any more after this; it cannot forget its program and get another so
+#: soon.
+_SILENT_BEATS = const(5)
+#: A cell that has heard nobody for so long may have missed three programs, so that the same number
+#: tells nothing either.
+_LONG_BEATS = const(10)
+
 
 class Pages:
     """The programs of one cell, by the pages that come and go; `programs` are those it keeps.
 
-    `order` is that of the parcels that come over the cell, see `precedence`.
+    `order` is that of the parcels that come over the cell, see `precedence`. `registers` have what
+    neighbours show of the program of the cell's parcel.
     """
 
     def __init__(self, objects, place, heard, *, tracking, rights, leading, consumer, pdos):
@@ -44,6 +76,7 @@ class Pages:
         self.node_id = 0
         self.programs = Programs(self._own)
         self.order = bytearray(precedence.BYTES)
+        self.registers = array("H", [0] * _REGISTERS)
 
     def reset(self):
         """Keep no program and no order; the cell may stand elsewhere from now on."""
@@ -51,6 +84,8 @@ class Pages:
         programs.clear()
         programs.x, programs.y = place.x_um // wire.STEP_UM, place.y_um // wire.STEP_UM
         precedence.clear(self.order)
+        for number in range(_REGISTERS):
+            self.registers[number] = 0
 
     def _own(self):
         """The identities of the parcels that the cell is at, belongs to, or is bound to."""
@@ -69,11 +104,11 @@ class Pages:
         if direction == HOST:
             self._on_host_page(identity, page)
         elif identity == self._tracking.identity:
-            self._on_page_handed_on(self.programs.place_for(identity), page)
+            self._on_page_handed_on(self.programs.place_for(identity), page, direction)
         return True
 
-    def _on_page_handed_on(self, program, page):
-        """A page of a neighbour counts where the cell has none, or the one before."""
+    def _on_page_handed_on(self, program, page, direction):
+        """A page of a neighbour counts where the cell has none, or one that is outdated."""
         if page[wire.PAGE] == wire.PARCEL:
             if not program.has_parcel:
                 program.take(page)
@@ -81,14 +116,30 @@ class Pages:
             return
         elif 0 < page[wire.LEG] < wire.JOINS:
             self._on_leg(program, page)
-        elif not program.has_goal or page[wire.PROGRAM_SEQUENCE] == next_sequence(program.sequence):
+        elif not program.has_goal or self._has_newer(direction):
             alone_on_the_way = program.has_goal and self._consumer.lost
             program.take(page)
+            self._begin_to_compare(program)
+            self.registers[_SHARED] = 1 << direction
             if alone_on_the_way:
                 # Others have gone on by themselves: that gives no more time.
                 self._leading.next_leg()
             else:
                 self._leading.begin(program.identity)
+
+    def _has_newer(self, direction):
+        """Whether a neighbour has a newer program than this cell, which has one."""
+        registers = self.registers
+        if registers[AHEAD]:
+            return registers[AHEAD] >> direction & 1
+        return registers[VERDICT] == OUTDATED
+
+    def _begin_to_compare(self, program):
+        """Nothing is known yet of others' programs beside the one that has come."""
+        registers = self.registers
+        registers[_OF] = program.identity << 2 | program.sequence
+        for number in (_SHARED, AHEAD, _AGAINST_BEATS, VERDICT, _DEAF_BEATS):
+            registers[number] = 0
 
     def _on_leg(self, program, page):
         """A leg that follows a goal; one of a goal that the cell does not have is dropped."""
@@ -112,8 +163,16 @@ class Pages:
             program = self.programs.place_for(identity)
             again = program.has_goal and program.sequence == page[wire.PROGRAM_SEQUENCE]
             program.take(page)
-            if page[wire.PAGE] == wire.GOAL and not again:
-                self._leading.begin(identity)
+            if page[wire.PAGE] == wire.GOAL:
+                self._on_host_goal(program, again)
+
+    def _on_host_goal(self, program, again):
+        """The host has sent a goal, perhaps the one that the cell has: it is the newest."""
+        if program.identity == self._tracking.identity:
+            self._begin_to_compare(program)
+            self.registers[_SETTLED] = 1
+        if not again:
+            self._leading.begin(program.identity)
 
     def _put(self, identity, page):
         """A parcel lies where the host says, perhaps on this cell; one that it has stays."""
@@ -132,6 +191,42 @@ class Pages:
             tracking.place(x_um, y_um, turn_um(page[wire.PLACE_YAW]))
         if tracking.identity == identity and not tracking.under:
             tracking.drop()
+
+    # What others show
+
+    @micropython.native
+    def compare(self, parcel, program, sent):
+        """Compare a program of the cell's parcel with those of neighbours that have `sent`.
+
+        Returns the verdict: 0 where nothing is against it.
+        """
+        registers, heard = self.registers, self._heard
+        sequence = 0 if program is None else program.sequence
+        of = parcel << 2 | sequence
+        if registers[_OF] != of:
+            if registers[_OF] >> 2 != parcel:
+                registers[_SETTLED] = registers[_DEAF_BEATS] = 0
+            registers[_OF] = of
+            registers[_SHARED] = registers[AHEAD] = registers[_AGAINST_BEATS] = 0
+        said = _compare(registers, heard.estimates, heard.estimate_beat, heard.beat, sent)
+        deaf = registers[_DEAF_BEATS]
+        if not said & _HEARD:
+            registers[_SETTLED] = 0
+            registers[_DEAF_BEATS] = min(deaf + 1, _LONG_BEATS) if sequence else 0
+        elif deaf < _LONG_BEATS:
+            registers[_DEAF_BEATS] = 0
+        against = registers[AHEAD] or (said & _OTHER and not registers[_SETTLED])
+        beats = min(registers[_AGAINST_BEATS] + 1, _OUTDATED_BEATS) if sequence and against else 0
+        registers[_AGAINST_BEATS] = beats
+        verdict = OUTDATED if beats == _OUTDATED_BEATS else DOUBTED if beats else 0
+        registers[VERDICT] = verdict
+        return verdict
+
+    def on_gap(self, beats):
+        """So many beats were missed, and with them which programs others had."""
+        self.registers[_SHARED] = self.registers[_SETTLED] = 0
+        if beats >= _LONG_BEATS:
+            self.registers[_DEAF_BEATS] = _LONG_BEATS
 
     # What is sent
 
@@ -160,6 +255,51 @@ class Pages:
         if sequence == program.sequence:
             return 2 + self._turn % max(program.legs, 1)
         return self._turn & 1
+
+
+@micropython.viper
+def _compare(registers: ptr16, estimates: ptr16, came: ptr32, beat: int, sent: int) -> int:
+    """Note who of those that have `sent` has the same program, or had it.
+
+    Returns whether anybody at the parcel is heard, and whether one has another program for sure.
+    """
+    fields = int(wire.ESTIMATE_FIELDS)
+    identity_at = int(wire.IDENTITY)
+    state_at = int(wire.STATE)
+    sequence_at = int(wire.SEQUENCE)
+    flags_at = int(wire.FLAGS)
+    lacking = int(wire.LACKING)
+    under = int(wire.UNDER)
+    parcel = registers[_OF] >> 2
+    sequence = registers[_OF] & 3
+    same_counts = registers[_DEAF_BEATS] < _LONG_BEATS
+    shared = registers[_SHARED]
+    found = 0
+    at = 0
+    for direction in range(int(DIRECTIONS)):
+        bit = 1 << direction
+        fresh = sent & bit
+        had = shared & bit
+        shared ^= had
+        if fresh and estimates[at + identity_at] == parcel:
+            found |= _HEARD
+            its = estimates[at + sequence_at] if estimates[at + state_at] == under else 0
+            sure = estimates[at + flags_at] & lacking == 0
+            if its and its == sequence and same_counts:
+                shared |= bit
+                if sure:
+                    registers[_SETTLED] = 1
+            elif its:
+                if had:
+                    registers[AHEAD] |= bit
+                if sure:
+                    found |= _OTHER
+        elif fresh == 0 and (beat - came[direction]) & 0xFFFFFF <= _SILENT_BEATS:
+            found |= _HEARD
+            shared |= had
+        at += fields
+    registers[_SHARED] = shared
+    return found
 
 
 @micropython.viper

@@ -338,6 +338,7 @@ def test_cell_that_lacks_the_next_leg_says_so_and_stays_until_a_neighbour_hands_
 def test_cell_without_a_host_follows_a_neighbour_onto_the_next_leg():
     middle = standing()
     leg(middle)
+    middle.its_sequence = 2
     beats(middle, 12, with_host=True)
     middle.its_sequence = 3
     last = beats(middle, 4, with_host=True)
@@ -415,3 +416,70 @@ def test_state_of_sensors_that_no_cell_has_is_counted_and_dropped():
         run(middle, 2)
     assert middle.cell.dropped == dropped + 2
     assert targets_um_s(middle)[0] > 0
+
+
+def handed_on(middle):
+    """How many pages the cell has handed on since the last call."""
+    return [can_id for can_id, _ in middle.board.take()].count(cob.TPDO_BASES[3] + NODE)
+
+
+def goal_of_sequence(middle, sequence, x=400):
+    middle._page((IDENTITY, wire.GOAL, sequence, x, 0, 0, 0, 0, 0))
+
+
+def test_cell_that_has_missed_two_goals_rests_and_hands_its_old_one_to_nobody():
+    middle = Middle(SPEED_UM_S)
+    run(middle, 20)
+    for middle.its_sequence in (2, 3):
+        run(middle, 10)
+    assert targets_um_s(middle) == (0, 0)
+    assert state(middle) != cia402.OPERATION_ENABLED
+    assert estimates(middle)[-1][wire.FLAGS] & wire.LACKING
+    run(middle, 10)
+    assert not handed_on(middle)
+    # The host's next page has it go on.
+    goal_of_sequence(middle, 3)
+    run(middle, 60)
+    assert targets_um_s(middle)[0] > 90_000
+
+
+def test_goal_of_a_neighbour_that_looks_newer_and_never_had_the_one_before_is_not_taken():
+    middle = Middle(0)
+    for sequence in (2, 3, 1, 2):
+        goal_of_sequence(middle, sequence)
+        middle.its_sequence = sequence
+        run(middle, 5)
+    frame = bytearray(8)
+    fields = (IDENTITY, wire.GOAL, 3, -700, 300, 0, 0, 0, 0)
+    wire.pack_program(array("i", fields), 0, frame)
+    middle.cell.on_frame(cob.TPDO_BASES[3] + NEIGHBOURS[0], bytes(frame), middle.now_ms)
+    run(middle, 2)
+    assert estimates(middle)[-1][wire.SEQUENCE] == 2
+    assert targets_um_s(middle)[0] >= 0
+
+
+def test_goal_of_a_neighbour_that_had_the_one_before_is_taken():
+    middle = Middle(0)
+    run(middle, 5)
+    middle.its_sequence = 3
+    run(middle, 1)
+    frame = bytearray(8)
+    wire.pack_program(array("i", (IDENTITY, wire.GOAL, 3, 400, 0, 0, 0, 0, 0)), 0, frame)
+    middle.cell.on_frame(cob.TPDO_BASES[3] + NEIGHBOURS[0], bytes(frame), middle.now_ms)
+    run(middle, 2)
+    assert estimates(middle)[-1][wire.SEQUENCE] == 3
+
+
+def test_cell_that_was_without_its_neighbours_for_long_asks_for_the_program_that_it_has():
+    """Three goals later its number is the same."""
+    middle = Middle(SPEED_UM_S)
+    run(middle, 20)
+    silence(middle, 20)
+    middle.board.take()
+    run(middle, 8)
+    last = estimates(middle)[-1]
+    assert (last[wire.SEQUENCE], last[wire.FLAGS] & wire.LACKING) == (0, wire.LACKING)
+    goal_of_sequence(middle, 1)
+    run(middle, 2)
+    last = estimates(middle)[-1]
+    assert (last[wire.SEQUENCE], last[wire.FLAGS] & wire.LACKING) == (1, 0)
