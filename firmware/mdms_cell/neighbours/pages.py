@@ -161,9 +161,10 @@ class Pages:
             self._on_leg(self.programs.find(identity), page)
         else:
             program = self.programs.place_for(identity)
-            again = program.has_goal and program.sequence == page[wire.PROGRAM_SEQUENCE]
+            is_goal = page[wire.PAGE] == wire.GOAL
+            again = is_goal and program.has_goal_of(page)
             program.take(page)
-            if page[wire.PAGE] == wire.GOAL:
+            if is_goal:
                 self._on_host_goal(program, again)
 
     def _on_host_goal(self, program, again):

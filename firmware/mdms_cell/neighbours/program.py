@@ -57,6 +57,10 @@ class Program:
         """Whether the goal is there."""
         return self._has(_GOAL)
 
+    def has_goal_of(self, fields):
+        """Whether the goal of this page is there, and no other that has its number."""
+        return self.sequence == fields[wire.PROGRAM_SEQUENCE] and self._is_at(fields, _GOAL)
+
     @property
     def goes_on(self):
         """Whether the host's silence does not end the motion."""
@@ -109,7 +113,7 @@ class Program:
     def _take_goal(self, fields, joins):
         sequence, legs = fields[wire.PROGRAM_SEQUENCE], fields[wire.LEGS]
         follows = self.has_goal and next_sequence(self.sequence) == sequence
-        again = self._is_at(fields, _GOAL) and (sequence, legs) == (self.sequence, self.legs)
+        again = self.has_goal_of(fields) and legs == self.legs
         if joins and follows and self._has(_GOAL + 1):
             if self._is_at(fields, _GOAL + 1):
                 self._shift()

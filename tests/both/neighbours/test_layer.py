@@ -458,6 +458,17 @@ def test_goal_of_a_neighbour_that_looks_newer_and_never_had_the_one_before_is_no
     assert targets_um_s(middle)[0] >= 0
 
 
+def test_goal_of_the_host_with_the_number_of_another_three_before_is_a_new_one():
+    middle = ended()
+    goal_of_sequence(middle, 2, x=800)
+    heartbeat(middle)
+    middle.speed_um_s, middle.its_sequence = SPEED_UM_S, 2
+    for _ in range(30):
+        heartbeat(middle)
+        middle.beat()
+    assert targets_um_s(middle)[0] > 90_000
+
+
 def test_goal_of_a_neighbour_that_had_the_one_before_is_taken():
     middle = Middle(0)
     run(middle, 5)
