@@ -264,7 +264,7 @@ class Programs:
     def _to_replace(self):
         """A slot that is free, else the one of the farthest way, of several the longest unused."""
         own = self._own()
-        found, farthest = None, -1
+        found, farthest = self._slots[-1], -1
         for slot in self._slots:
             away = slot.away(self.x, self.y)
             if away >= farthest and not (slot.identity and slot.identity in own):

@@ -115,7 +115,19 @@ class Memory16:
         return 0xFFFF if world.flash is None else world.flash.half_word(address)
 
 
+class Memory32:
+    """Registers of peripherals that have been set up, by their addresses."""
+
+    def __getitem__(self, address):
+        return world.registers[address]
+
+    def __setitem__(self, address, value):
+        assert address in world.registers, "a peripheral without a clock takes nothing"
+        world.registers[address] = value & 0xFFFFFFFF
+
+
 mem16 = Memory16()
+mem32 = Memory32()
 
 #: That of a PYBv1.1; `bench` puts another board's in its place.
 CAN = BxCan

@@ -7,6 +7,7 @@ conversions = 0  # of ADCs so far
 counts = {}  # of encoders, by timer
 pulses = {}  # widths of PWM pulses, by (timer, channel)
 periods = {}  # of timers
+registers = {}  # of peripherals, by address
 sent = []  # frames that went over the bus: (identifier, data)
 events = {}  # functions to call at a time, by millisecond
 timers = []  # that have a callback
