@@ -5,7 +5,12 @@ from collections import namedtuple
 
 import machine
 import stm
-from machine import ADC, CAN, Pin, mem32
+from machine import (
+    ADC,
+    CAN,
+    Pin,
+    mem32,  # pyright: ignore[reportAttributeAccessIssue] - not in the stubs
+)
 from pyb import Timer
 
 from boards.bus import BITRATE, BUS_OFF_MS, SAMPLE_POINT, TRIGGERS, Bus

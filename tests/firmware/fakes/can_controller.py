@@ -3,8 +3,8 @@
 A controller of a chip family derives from this and says what its own sources do.
 Left out: modes but the normal one, cancelling, segments that are given; counters but those of
 errors, which do not move by themselves; the states between active and bus-off; frames that come,
-and get lost, while `set_filters` is at work. An uncaught exception in the handler goes on to the test; the port would
-print it, and never call the handler again.
+and get lost, while `set_filters` is at work. An uncaught exception in the handler goes on to the
+test; the port would print it, and never call the handler again.
 """
 
 import sys
