@@ -42,9 +42,11 @@ DOUBTED = const(1)
 OUTDATED = const(2)
 _DEAF_BEATS = const(6)  # for so many beats nobody at the parcel was heard, up to _LONG_BEATS
 _REGISTERS = const(7)
-# What others show in a beat: somebody at the parcel is heard, one has another program for sure.
-_HEARD = const(1)
+# What a beat shows: nobody at the parcel is heard, one there has another program for sure, or
+# something of before is not over.
+_NOBODY = const(1)
 _OTHER = const(2)
+_PENDING = const(4)
 #: It is enough after this, in which the host repeats a page and neighbours hand one on.
 _OUTDATED_BEATS = const(6)
 #: A neighbour is not heard any more after this; it cannot forget its program and get another so
@@ -77,6 +79,8 @@ class Pages:
         self.programs = Programs(self._own)
         self.order = bytearray(precedence.BYTES)
         self.registers = array("H", [0] * _REGISTERS)
+        #: Compares the program of the cell's parcel with those of neighbours; returns the verdict.
+        self.compare = _comparing(self.registers, heard)
 
     def reset(self):
         """Keep no program and no order; the cell may stand elsewhere from now on."""
@@ -195,34 +199,6 @@ class Pages:
 
     # What others show
 
-    @micropython.native
-    def compare(self, parcel, program, sent):
-        """Compare a program of the cell's parcel with those of neighbours that have `sent`.
-
-        Returns the verdict: 0 where nothing is against it.
-        """
-        registers, heard = self.registers, self._heard
-        sequence = 0 if program is None else program.sequence
-        of = parcel << 2 | sequence
-        if registers[_OF] != of:
-            if registers[_OF] >> 2 != parcel:
-                registers[_SETTLED] = registers[_DEAF_BEATS] = 0
-            registers[_OF] = of
-            registers[_SHARED] = registers[AHEAD] = registers[_AGAINST_BEATS] = 0
-        said = _compare(registers, heard.estimates, heard.estimate_beat, heard.beat, sent)
-        deaf = registers[_DEAF_BEATS]
-        if not said & _HEARD:
-            registers[_SETTLED] = 0
-            registers[_DEAF_BEATS] = min(deaf + 1, _LONG_BEATS) if sequence else 0
-        elif deaf < _LONG_BEATS:
-            registers[_DEAF_BEATS] = 0
-        against = registers[AHEAD] or (said & _OTHER and not registers[_SETTLED])
-        beats = min(registers[_AGAINST_BEATS] + 1, _OUTDATED_BEATS) if sequence and against else 0
-        registers[_AGAINST_BEATS] = beats
-        verdict = OUTDATED if beats == _OUTDATED_BEATS else DOUBTED if beats else 0
-        registers[VERDICT] = verdict
-        return verdict
-
     def on_gap(self, beats):
         """So many beats were missed, and with them which programs others had."""
         self.registers[_SHARED] = self.registers[_SETTLED] = 0
@@ -258,12 +234,36 @@ class Pages:
         return self._turn & 1
 
 
-@micropython.viper
-def _compare(registers: ptr16, estimates: ptr16, came: ptr32, beat: int, sent: int) -> int:
-    """Note who of those that have `sent` has the same program, or had it.
+def _comparing(registers, heard):
+    """What compares programs in each beat, with little to be looked up."""
 
-    Returns whether anybody at the parcel is heard, and whether one has another program for sure.
-    """
+    @micropython.native
+    def compare(  # noqa: PLR0917 - all is at hand
+        parcel,
+        program,
+        sent,
+        registers=registers,
+        heard=heard,
+        estimates=heard.estimates,
+        came=heard.estimate_beat,
+        compare_all=_compare,
+        judge=_judge,
+    ):
+        """The verdict on a program of this parcel, None without one; neighbours have `sent`."""
+        of = parcel << 2
+        if program is not None:
+            of |= program.sequence
+        shown = compare_all(registers, estimates, came, heard.beat, sent, of)
+        return judge(registers, shown) if shown else 0
+
+    return compare
+
+
+@micropython.viper
+def _compare(  # noqa: PLR0917 - viper takes no keywords
+    registers: ptr16, estimates: ptr16, came: ptr32, beat: int, sent: int, of: int
+) -> int:
+    """Note who of those that have `sent` has the same program, or had it; 0 if all is well."""
     fields = int(wire.ESTIMATE_FIELDS)
     identity_at = int(wire.IDENTITY)
     state_at = int(wire.STATE)
@@ -271,10 +271,20 @@ def _compare(registers: ptr16, estimates: ptr16, came: ptr32, beat: int, sent: i
     flags_at = int(wire.FLAGS)
     lacking = int(wire.LACKING)
     under = int(wire.UNDER)
-    parcel = registers[_OF] >> 2
-    sequence = registers[_OF] & 3
+    parcel = of >> 2
+    sequence = of & 3
+    if registers[_OF] != of:
+        if registers[_OF] >> 2 != parcel:
+            registers[_SETTLED] = 0
+            registers[_DEAF_BEATS] = 0
+        registers[_OF] = of
+        registers[_SHARED] = 0
+        registers[AHEAD] = 0
+        registers[_AGAINST_BEATS] = 0
+        registers[VERDICT] = 0
     same_counts = registers[_DEAF_BEATS] < _LONG_BEATS
     shared = registers[_SHARED]
+    nobody = int(_NOBODY)
     found = 0
     at = 0
     for direction in range(int(DIRECTIONS)):
@@ -283,7 +293,7 @@ def _compare(registers: ptr16, estimates: ptr16, came: ptr32, beat: int, sent: i
         had = shared & bit
         shared ^= had
         if fresh and estimates[at + identity_at] == parcel:
-            found |= _HEARD
+            nobody = 0
             its = estimates[at + sequence_at] if estimates[at + state_at] == under else 0
             sure = estimates[at + flags_at] & lacking == 0
             if its and its == sequence and same_counts:
@@ -296,11 +306,30 @@ def _compare(registers: ptr16, estimates: ptr16, came: ptr32, beat: int, sent: i
                 if sure:
                     found |= _OTHER
         elif fresh == 0 and (beat - came[direction]) & 0xFFFFFF <= _SILENT_BEATS:
-            found |= _HEARD
+            nobody = 0
             shared |= had
         at += fields
     registers[_SHARED] = shared
-    return found
+    if registers[AHEAD] | registers[_AGAINST_BEATS] | registers[_DEAF_BEATS]:
+        found |= _PENDING
+    return found | nobody
+
+
+def _judge(registers, shown):
+    """What comes of what this beat has shown, and of what those before have."""
+    has_program = registers[_OF] & 3
+    deaf_beats = registers[_DEAF_BEATS]
+    if shown & _NOBODY:
+        registers[_SETTLED] = 0
+        registers[_DEAF_BEATS] = min(deaf_beats + 1, _LONG_BEATS) if has_program else 0
+    elif deaf_beats < _LONG_BEATS:
+        registers[_DEAF_BEATS] = 0
+    against = registers[AHEAD] or (shown & _OTHER and not registers[_SETTLED])
+    beats = min(registers[_AGAINST_BEATS] + 1, _OUTDATED_BEATS) if has_program and against else 0
+    registers[_AGAINST_BEATS] = beats
+    verdict = OUTDATED if beats == _OUTDATED_BEATS else DOUBTED if beats else 0
+    registers[VERDICT] = verdict
+    return verdict
 
 
 @micropython.viper

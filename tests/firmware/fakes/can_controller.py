@@ -99,6 +99,8 @@ class Controller:
 
     def timing(self, bitrate, sample_point):
         """Both segments that the port chooses: first by the rate, then by the sample point."""
+        if not 0 < sample_point < 100:
+            raise ValueError("sample_point")
         best = None
         for prescaler, segment_1, segment_2 in self.timings(bitrate):
             quanta = 1 + segment_1 + segment_2
