@@ -1,6 +1,8 @@
 """What the faked peripherals are connected to: levels, counts, a bus, and a stepped clock."""
 
 now_ms = 0
+board = None  # whose pins these are; None: whatever is asked for is there
+names = {}  # of pins in use, by what the processor calls them
 levels = {}  # of pins, by name
 analog = {}  # readings of ADCs [u16], by pin
 conversions = 0  # of ADCs so far
