@@ -11,6 +11,7 @@ MODULES = sorted(name for name in FILES if name.startswith("test_"))
 TOO_LONG = {
     "test_emergency_stop",
     "test_late_updates",
+    "test_many_parcels",
     "test_precedence",
     "test_restart",
     "test_suspicion",

@@ -22,7 +22,7 @@ from mdms_cell.neighbours.geometry.outline import Outline
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, Place
 from mdms_cell.neighbours.heard import NEVER, OWN, SEEN, Heard
 from mdms_cell.neighbours.leading import Leading
-from mdms_cell.neighbours.pages import Pages
+from mdms_cell.neighbours.pages import AHEAD, OUTDATED, Pages
 from mdms_cell.neighbours.program import next_sequence, turn_um
 from mdms_cell.neighbours.right_of_way import NONE, UNDER, UNKNOWN, RightOfWay
 from mdms_cell.neighbours.steering import ARRIVED, has_arrived
@@ -72,6 +72,8 @@ _STEERING_ARRIVED = const(12)
 assert _STEERING_ARRIVED == ARRIVED
 assert (_RIGHT_IDENTITY, _RIGHT_STATE) == (right_of_way.IDENTITY, right_of_way.STATE)
 assert (_RIGHT_HOLD, _DRIVE_BEATS) == (right_of_way.HOLD, right_of_way.DRIVE_BEATS)
+_OUTDATED = const(2)
+assert _OUTDATED == OUTDATED
 _FIRST_OF_ORDER = const(6)
 assert precedence.FIRST == _FIRST_OF_ORDER
 # The clock wraps, see `ticks`; a difference of two instants is negative from here on.
@@ -117,16 +119,17 @@ class Layer:
         self._suspicion = Suspicion()
         self._tracking = Tracking(self._place, self._footprint, self._heard, self._suspicion)
         self._leading = Leading(self._place, self._footprint, self._tracking, axes)
+        self._rights = RightOfWay()
         self._pages = Pages(
             objects,
             self._place,
             self._heard,
             tracking=self._tracking,
+            rights=self._rights,
             leading=self._leading,
             consumer=consumer,
             pdos=pdos,
         )
-        self._rights = RightOfWay()
         #: Scratch: a parcel as a neighbour reports it.
         self._outline = Outline()
         self._beat = array("i", [0] * _REGISTERS)
@@ -143,26 +146,32 @@ class Layer:
         """The cell is 'operational'; nothing of before counts."""
         # A cell that finds itself among its neighbours has been given another's place.
         self.active = self.wanted and not self._place.names(node_id)
-        self._acquit()
         self._rights.set_lease(self._objects.number(indices.LEASE, 1))
-        self._rights.restart(self._place.present())
         self._beat[_PERIOD_MS] = self._objects.number(indices.LEASE, 2)
-        self._heard.reset()
         self._heard.repeat_ms = self._objects.number(indices.TPDO_PARAMETERS + 1, 5)
         # A millisecond passes until the frame with the edge has come.
         self._tracking.sensors.edge_late_ms = 1 + self._objects.number(indices.PRESENCE_DEBOUNCE)
-        self._tracking.drop()
-        self._pages.start(node_id)
-        self._leading.stop()
-        for number in range(_STEP_MS):
-            self._beat[number] = 0
+        self._pages.node_id = node_id
+        self._reset()
 
     def stop(self):
         """The cell is not 'operational' any more."""
         self.active = False
+        self._reset()
+
+    def _reset(self):
+        """Forget all that must outlive no stop: parcel, programs, promises, and whose time it is.
+
+        Settings stay, and so does the clock.
+        """
         self._acquit()
+        self._rights.restart(self._place.present())
+        self._heard.reset()
         self._tracking.drop()
-        self._leading.stop()
+        self._pages.reset()
+        self._leading.reset()
+        for number in range(_STEP_MS):
+            self._beat[number] = 0
 
     def load(self):
         """Take over everything from the dictionary."""
@@ -245,6 +254,7 @@ class Layer:
             self._pdos.trigger(_ESTIMATE_PDO)
         if gap:
             self._rights.on_gap()
+            self._pages.on_gap(beat_ms // beat[_PERIOD_MS])
             beat[_NONSENSE] += self._heard.read()
             # What has come may be of any age: it is not passed on.
             self._heard.passed_on()
@@ -375,16 +385,11 @@ class Layer:
             self._leading.next_leg()
 
     def _is_another_at(self, sequence):
-        """Whether a neighbour under the same parcel has the program of this sequence."""
-        estimates, came = self._heard.estimates, self._heard.estimate_beat
+        """Whether a neighbour that had the cell's program has gone on to this sequence."""
+        estimates, ahead = self._heard.estimates, self._pages.registers[AHEAD]
         for direction in range(DIRECTIONS):
-            at = direction * wire.ESTIMATE_FIELDS
-            if (
-                came[direction] == self._heard.beat
-                and estimates[at + _IDENTITY] == self._tracking.identity
-                and estimates[at + _STATE] == _UNDER
-                and estimates[at + _SEQUENCE] == sequence
-            ):
+            its = estimates[direction * wire.ESTIMATE_FIELDS + _SEQUENCE]
+            if ahead >> direction & 1 and its == sequence:
                 return True
         return False
 
@@ -407,7 +412,7 @@ class Layer:
             self._report()
 
 
-def _updating(layer, consumer, track, judge):
+def _updating(layer, consumer, track, judge):  # noqa: PLR0915 - one algorithm, in its order
     """What updates a layer after SYNC, with little to be looked up."""
     heard, rights, tracking = layer._heard, layer._rights, layer._tracking
 
@@ -434,6 +439,7 @@ def _updating(layer, consumer, track, judge):
         lead=layer._lead,
         steered=layer._leading.registers,
         write_estimate=layer._write_estimate,
+        compare=layer._pages.compare,
         hand_on=layer._pages.hand_on,
         order=layer._pages.order,
     ):
@@ -457,6 +463,7 @@ def _updating(layer, consumer, track, judge):
         if consumer.lost:
             programs.outdate(identity)
         program = programs.complete(identity)
+        verdict = compare(identity, program, sent)
         ahead = look_ahead(program) if under else 0
         needs = beat[_NEEDS] = ahead & 0xFF
         over = identity if under or tracking.is_over() else 0
@@ -471,18 +478,19 @@ def _updating(layer, consumer, track, judge):
         if first_suspect() != beat[_SUSPECT]:
             layer._report()
         skipped = beat[_SKIPPED]
-        lead(program, step_ms, skipped)
+        outdated = verdict == _OUTDATED
+        lead(None if outdated and not consumer.lost else program, step_ms, skipped)
         flags = _CONTRADICTED if beat[_SUSPECT] >= 0 else 0
         if steered[_STEERING_ARRIVED] and has_arrived(steered):
             flags |= _ARRIVED
-        shown = None if pages.asked else program
+        shown = None if pages.asked or outdated else program
         if shown is None or not shown.whole:
             flags |= _LACKING
         beat[_WANTS] = ahead >> 8
         beat[_SEQUENCE] = 0 if shown is None else shown.sequence
         beat[_FLAGS] = flags
         write_estimate(step_ms)
-        if sent and under and program is not None:
+        if sent and under and program is not None and not verdict:
             hand_on(program, sent, skipped)
         beat[_SKIPPED] = 0
 

@@ -129,6 +129,8 @@ def spoil(bank):
     bank.set_bus_off(13, False)
     cells[14].not_sent = 7
     bank._boards[13].inbox = SimpleNamespace(lost=3)
+    for sub in (1, 2):
+        objects[3].tie(indices.MEMORY, sub, refused)  # as while its wheels are on: no finding
     objects[14].tie(indices.MEMORY, 1, lambda: 1000)
     objects[14].tie(indices.MEMORY, 2, lambda: 2000)
     objects[17].tie(indices.FLASH_STATUS, 1, lambda: codes.status(codes.ROLLED_BACK, False))
@@ -138,6 +140,10 @@ def spoil(bank):
         for sub, value in enumerate(spot, 1):
             objects[number].put(indices.PLACE, sub, value)
     objects[16].put(indices.NEIGHBOURS, 1, 13)
+
+
+def refused():
+    raise sdo.AbortError(sdo.WRONG_STATE)
 
 
 def found(capsys):

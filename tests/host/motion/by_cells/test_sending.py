@@ -6,6 +6,7 @@ from tests.host.motion.by_cells.table import (
     THERE,
     UNDER,
     Table,
+    estimate,
     reports,
 )
 
@@ -57,6 +58,26 @@ def test_a_cell_that_never_answers_is_named_and_does_not_hold_up_the_rest():
     table.run(2.0, reports=rest)
     assert table.notices == ["cell 9 under box: no answer to its program"]
     assert not table.run(1.0, reports=rest)
+
+
+def test_pages_are_repeated_while_a_cell_at_the_parcel_lacks_the_program():
+    for lack in ({"flags": wire.LACKING}, {"sequence": 0, "flags": wire.LACKING}, {"sequence": 3}):
+        table = Table()
+        table.run(0.5, reports=reports(UNDER))
+        lacking = {**reports(UNDER), 11: estimate(state=wire.PROMISED, **lack)}
+        # Its neighbours hand it on.
+        assert not table.run(0.15, reports=lacking)
+        assert len(table.run(1.0, reports=lacking)) >= 3 * 18
+        table.run(0.1, reports=reports(UNDER))
+        assert not table.run(0.5, reports=reports(UNDER))
+        assert not table.notices
+
+
+def test_cells_at_a_parcel_without_a_goal_lack_nothing():
+    table = Table(None)
+    there = reports(UNDER, sequence=0, flags=wire.LACKING)
+    table.run(0.5, reports=there)
+    assert not table.run(1.0, reports=there)
 
 
 def test_repeated_pages_have_the_place_where_the_parcel_is_by_then():
