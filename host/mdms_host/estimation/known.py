@@ -124,13 +124,18 @@ class Known:
         if self.standing is Standing.FOUND and self.estimator.pose is not None:
             self.place, self.region, self.expected = self.estimator.pose.copy(), None, False
 
-    def has_left(self) -> bool:
-        """Whether it is past its gate, or was on its way through when sensors lost it."""
+    def has_left(self, shown: bool) -> bool:
+        """Whether it is past its gate, or was on its way through when sensors lost it.
+
+        `shown` is whether any sensor is covered where it is believed to be: then one that is
+        doubtful is still there.
+        """
         if self.gate is None or self.place is None or self.expected:
             return False
         if self.standing is Standing.FOUND:
             return self.gate.left_by(self.place)
-        return self.gate.reached_by(self.estimator.bottom, self.place)
+        through = self.gate.reached_by(self.estimator.bottom, self.place)
+        return through and not (self.standing is Standing.DOUBTFUL and shown)
 
     def take_change(self) -> Change | None:
         """That its standing is another than at the last call."""

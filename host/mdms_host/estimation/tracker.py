@@ -169,8 +169,9 @@ class Tracker:
         self._agree(now_s, valid, views, coverage)
         self._watch_unknown(now_s, valid, coverage, groups)
         self._judge(now_s, coverage, groups)
-        for name in [name for name, each in self._known.items() if each.has_left()]:
-            self._leave(name)
+        for name, each in list(self._known.items()):
+            if each.has_left(name in views and self._shows(views[name])):
+                self._leave(name)
         misfits = self._seeking.take_misfits()
         self._changes += misfits
         return found
@@ -306,6 +307,11 @@ class Tracker:
             if each.region is not None:
                 other |= each.region.holds(self._sensors_m)
         self._faulty += self._presence.judge(now_s, coverage.distance_m, other)
+
+    def _shows(self, view: View) -> bool:
+        """Whether any sensor under a parcel is covered."""
+        under = view.near.sensors[view.distance_m < 0.0]
+        return bool(self._presence.covered[under].any())
 
     def _leave(self, name: str) -> None:
         """A parcel is none of this table any more, nor are sensors that still show it."""

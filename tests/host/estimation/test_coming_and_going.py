@@ -202,6 +202,18 @@ def test_a_parcel_that_is_taken_as_it_leaves_departs_too() -> None:
     assert ("box", Event.LOST) not in table.events()
 
 
+def test_a_parcel_that_is_doubted_before_its_exit_while_sensors_show_it_has_not_departed() -> None:
+    table = Lying(LAYOUT, (Parcel("box", 0.36, 0.30, near_m=(0.40, 0.0)),))
+    table.put("box", BOTTOM, 0.40, 0.0, 0.0)
+    table.run(0.5)
+    table.tracker.depart("box", Gate(0.52, 0.0, 0.0))
+    table.put("box", BOTTOM, 0.28, 0.10, 0.0)
+    table.run(1.0)
+    found = ("box", Event.FOUND)
+    assert table.events("box") == [found, ("box", Event.DOUBTFUL), found]
+    assert table.off_m("box") < 0.02
+
+
 def test_what_stays_at_an_exit_is_unknown_from_then_on() -> None:
     table = boxed()
     table.tracker.depart("box")
