@@ -104,6 +104,8 @@ class OrderedTraffic(ABC, Generic[Ride]):
         self._waiting: set[str] = set()
         self._stood: dict[str, _Stood] = {}
         self._left: list[str] = []
+        #: Who has set out to leave, on a way that may have been broken off.
+        self._gone_out: set[str] = set()
         self._leaving: list[tuple[str, Gate]] = []
         self._notices: list[str] = []
 
@@ -230,9 +232,19 @@ class OrderedTraffic(ABC, Generic[Ride]):
             away = belief is None or ride.off_path or ride.obstructed
             if (ride.stopping or away) and ride.at_rest and name in self._rides:
                 self._end_ride(name)
-        for name in list(self._orders):
-            if self._now_s - self._where.seen_s(name) > _LOST_S:
+        for name, order in list(self._orders.items()):
+            if name not in beliefs and self._reaches_out(name, order):
+                self._remove(name)
+            elif self._now_s - self._where.seen_s(name) > _LOST_S:
                 self._refuse(name, f"{name} is lost: no sensor has shown it for {_LOST_S:g} s")
+
+    def _reaches_out(self, name: str, order: Order) -> bool:
+        """Whether a parcel that is to leave was last where it hangs over its exit."""
+        gate, place = order.goal, self._where.places.get(name)
+        if not isinstance(gate, Gate) or place is None or name not in self._gone_out:
+            return False
+        corners_m = self._loads[name].bottom.outline_m(place)
+        return any(gate.out_m(*corner) > 0.0 for corner in corners_m.tolist())
 
     def _stand(self, name: str, order: Order) -> None:
         """A parcel does not get on: it is tried again from where it stands, some times."""
@@ -253,12 +265,14 @@ class OrderedTraffic(ABC, Generic[Ride]):
 
     def _remove(self, name: str) -> None:
         """A parcel has left the table."""
-        ride = self._rides.pop(name)
-        ride.order.done = True
-        if self._orders.get(name) is ride.order:
+        ride = self._rides.pop(name, None)
+        order = self._orders[name] if ride is None else ride.order
+        order.done = True
+        if self._orders.get(name) is order:
             del self._orders[name]
         self.steered.pop(name, None)
         self._stood.pop(name, None)
+        self._gone_out.discard(name)
         self._where.drop(name)
         self._timetable.leave(name)
         self._left.append(name)
@@ -278,6 +292,7 @@ class OrderedTraffic(ABC, Generic[Ride]):
             self._rides[order.parcel] = self._set_out(order, route)
             if isinstance(order.goal, Gate):
                 self._leaving.append((order.parcel, order.goal))
+                self._gone_out.add(order.parcel)
         if self.plan is not before:
             self._again_s = self._now_s + _AGAIN_S
 

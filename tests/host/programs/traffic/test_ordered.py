@@ -311,3 +311,12 @@ def test_a_parcel_that_never_gets_on_is_stopped_after_some_tries():
     lift(table.world.scene, 0)
     table.run_until(15.0, lambda: table.program.stuck is not None)
     assert "box does not get on, tried 5 times: stopped" in table.program.stuck
+
+
+def test_one_that_is_gone_at_its_exit_has_left_though_its_centre_was_still_before_it():
+    table = Rolling("sort54", "task.0.count=1", "stream.0.start_s=0.1")
+    table.run_until(3.0, lambda: len(table.table.parcels) == 1)
+    name = table.table.parcels[0].name
+    table.run_until(3.0, lambda: table.pose(name)[1] > 0.2)
+    table.hidden.add(name)
+    table.run_until(2.0, lambda: table.program.finished)
