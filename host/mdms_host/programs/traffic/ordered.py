@@ -106,6 +106,8 @@ class OrderedTraffic(ABC, Generic[Ride]):
         self._left: list[str] = []
         #: Who has set out to leave, on a way that may have been broken off.
         self._gone_out: set[str] = set()
+        #: Who has left, and is believed to be there a moment longer.
+        self._lingering: set[str] = set()
         self._leaving: list[tuple[str, Gate]] = []
         self._notices: list[str] = []
 
@@ -204,6 +206,9 @@ class OrderedTraffic(ABC, Generic[Ride]):
         """Take in what is believed, end what is over, begin what is ready, and ask for more."""
         self._now_s += step_s
         self._where.see(beliefs, self._now_s)
+        for name in self._lingering - beliefs.keys():
+            self._where.drop(name)
+        self._lingering &= beliefs.keys()
         self._where.find_obstacles(self._is_planned)
         self._settle(beliefs)
         self._begin()
@@ -276,6 +281,7 @@ class OrderedTraffic(ABC, Generic[Ride]):
         self._where.drop(name)
         self._timetable.leave(name)
         self._left.append(name)
+        self._lingering.add(name)
         self._again_s = self._now_s
 
     def _refuse(self, name: str, reason: str) -> None:

@@ -1,5 +1,6 @@
 """Parcels get to where they are ordered, and none touches another, whatever comes in between."""
 
+from dataclasses import replace
 from math import hypot
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,6 +10,7 @@ import pytest
 from tests.host.programs.rolling import Rolling
 
 from mdms_host.cli.records.plan_log import PlanLog
+from mdms_host.estimation.pose.confirmation import Standing
 from mdms_host.motion.goal import Goal
 from mdms_host.programs.order import Gate
 from mdms_host.programs.table import ProgramError
@@ -320,3 +322,20 @@ def test_one_that_is_gone_at_its_exit_has_left_though_its_centre_was_still_befor
     table.run_until(3.0, lambda: table.pose(name)[1] > 0.2)
     table.hidden.add(name)
     table.run_until(2.0, lambda: table.program.finished)
+
+
+def test_one_that_is_believed_a_moment_longer_than_it_is_there_is_in_nobodys_way():
+    table = Rolling("sort54", "task.0.count=2", "stream.0.start_s=0.1")
+    step, seen, cycles = table.program.references_m_s, {}, {}
+
+    def late(beliefs, step_s):
+        for name, belief in seen.items():
+            cycles[name] = 0 if name in beliefs else cycles.get(name, 0) + 1
+            if 0 < cycles[name] < 20:
+                out = belief.pose + np.array([0.0, 0.03, 0.0])
+                beliefs[name] = replace(belief, pose=out, standing=Standing.DOUBTFUL)
+        seen.update((name, one) for name, one in beliefs.items() if not one.doubtful)
+        return step(beliefs, step_s)
+
+    table.program.references_m_s = late
+    table.run_until(8.0, lambda: table.program.finished)
