@@ -21,6 +21,9 @@ from mdms_model.arrays import Bools, Floats
 #: [m].
 _LEARNED_M = 0.002
 _DEVIATIONS = 3.0
+#: One that came and is lost so soon after it was found first was none: something else was taken for
+#: it [s].
+_PROVEN_S = 2.0
 
 
 class Known:
@@ -41,6 +44,11 @@ class Known:
         self.parcel = parcel
         self.estimator = ParcelEstimator(surroundings, parcel.bottom, parcel.spread_m)
         self.region = region
+        #: Where it was announced.
+        self.infeed = region if unknown is None else None
+        #: Sensors (S,) that contradicted where it was found, and are not believed.
+        self.disbelieved: Bools | None = None
+        self._found_s: float | None = None
         self.unknown = unknown
         self.gate: Gate | None = None
         self.expected = region is not None
@@ -119,10 +127,17 @@ class Known:
             feel_rad,
         )
 
-    def keep_place(self) -> None:
+    def keep_place(self, now_s: float) -> None:
         """Remember where it is, as long as that is sure; once found, it may be anywhere later."""
         if self.standing is Standing.FOUND and self.estimator.pose is not None:
+            self._found_s = now_s if self._found_s is None else self._found_s
             self.place, self.region, self.expected = self.estimator.pose.copy(), None, False
+
+    def was_none(self, now_s: float) -> bool:
+        """Whether something else was taken for it as it was to come."""
+        came = self.infeed is not None and self._found_s is not None
+        lost = came and self.standing is Standing.LOST
+        return lost and now_s < (self._found_s or 0.0) + _PROVEN_S
 
     def has_left(self, shown: bool) -> bool:
         """Whether it is past its gate, or was on its way through when sensors lost it.

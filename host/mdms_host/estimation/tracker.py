@@ -65,6 +65,7 @@ class Tracker:
         self._now_s = 0.0
         self._faulty: list[tuple[int, list[int]]] = []
         self._changes: list[Change] = []
+        self._withdrawn: list[tuple[Parcel, Region | None]] = []
 
     # Parcels come and go
 
@@ -86,6 +87,15 @@ class Tracker:
             self._leave(name)
         else:
             self._known[name].gate = gate
+
+    def take_withdrawn(self) -> list[tuple[Parcel, Region | None]]:
+        """Parcels that have not come after all, with the regions where they were announced.
+
+        Something else was taken for each. They are no parcels of this tracker any more, and may be
+        announced again.
+        """
+        withdrawn, self._withdrawn = self._withdrawn, []
+        return withdrawn
 
     def name(self, unknown: str, parcel: Parcel) -> None:
         """Take what is unknown for a parcel, which is then found there, if it has that outline.
@@ -172,6 +182,8 @@ class Tracker:
         for name, each in list(self._known.items()):
             if each.has_left(name in views and self._shows(views[name])):
                 self._leave(name)
+            elif each.was_none(now_s):
+                self._withdraw(name)
         misfits = self._seeking.take_misfits()
         self._changes += misfits
         return found
@@ -282,7 +294,7 @@ class Tracker:
                 sensors = views[name].near.sensors
                 mine = usable[sensors] & (coverage.owner[sensors] == number)
                 each.estimator.agree(now_s, views[name], covered[sensors], mine)
-                each.keep_place()
+                each.keep_place(now_s)
 
     def _watch_unknown(
         self, now_s: float, valid: Bools, coverage: Coverage, groups: tuple[Ints, ...]
@@ -312,6 +324,14 @@ class Tracker:
         """Whether any sensor under a parcel is covered."""
         under = view.near.sensors[view.distance_m < 0.0]
         return bool(self._presence.covered[under].any())
+
+    def _withdraw(self, name: str) -> None:
+        """A parcel has not come; sensors that contradicted it are believed again."""
+        none = self._known.pop(name)
+        if none.disbelieved is not None:
+            self._presence.believe(none.disbelieved)
+        self._withdrawn.append((none.parcel, none.infeed))
+        self._changes.append(Change(name, Event.WITHDRAWN, none.place))
 
     def _leave(self, name: str) -> None:
         """A parcel is none of this table any more, nor are sensors that still show it."""

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
 
-from mdms_host.estimation.parcel import Parcel
+from mdms_host.estimation.parcel import Parcel, Region
 from mdms_host.estimation.size import Size
 from mdms_host.motion.trajectory.mass import UNKNOWN_KG, Mass, uniform_mass
 from mdms_host.programs.comings import Register, around
@@ -16,6 +16,10 @@ class NamingRegister(Register, Protocol):
 
     def name(self, unknown: str, parcel: Parcel) -> None:
         """Take what is unknown for a parcel. Raises KeyError, ValueError."""
+        ...
+
+    def take_withdrawn(self) -> list[tuple[Parcel, Region | None]]:
+        """Parcels that have not come after all."""
         ...
 
     def size(self, name: str) -> Size | None:

@@ -41,6 +41,34 @@ def test_an_announced_parcel_is_found_once_it_is_set_down(table) -> None:
     assert list(table.tracker.beliefs(0.6, 0.6)) == ["box"]
 
 
+def test_what_was_taken_for_a_parcel_that_was_to_come_is_withdrawn_when_it_is_lost(table) -> None:
+    table.tracker.announce(BOX, INFEED)
+    table.put("box", BOTTOM, -0.35, 0.05, 0.2)
+    table.run(0.5)
+    table.take("box")
+    table.run(1.2)
+    assert table.events() == [
+        ("box", Event.FOUND),
+        ("box", Event.DOUBTFUL),
+        ("box", Event.WITHDRAWN),
+    ]
+    ((parcel, region),) = table.tracker.take_withdrawn()
+    table.tracker.announce(parcel, region)
+    table.put("box", BOTTOM, -0.35, 0.05, 0.2)
+    table.run(0.3)
+    assert table.events()[-1] == ("box", Event.FOUND)
+
+
+def test_one_that_has_come_and_is_lost_later_is_lost(table) -> None:
+    table.tracker.announce(BOX, INFEED)
+    table.put("box", BOTTOM, -0.35, 0.05, 0.2)
+    table.run(2.5)
+    table.take("box")
+    table.run(1.2)
+    assert table.events()[-1] == ("box", Event.LOST)
+    assert table.tracker.take_withdrawn() == []
+
+
 def test_an_announced_parcel_is_not_found_beside_its_region(table) -> None:
     table.tracker.announce(BOX, INFEED)
     table.put("other", BOTTOM, 0.3, 0.0, 0.0)

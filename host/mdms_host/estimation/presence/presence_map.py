@@ -107,6 +107,10 @@ class PresenceMap:
         """Believe these sensors (S,) no more for now; returns as `judge` does."""
         return self._by_cell(self._worth.disbelieve(sensors))
 
+    def believe(self, sensors: Bools) -> None:
+        """Believe these sensors (S,) again: what they contradicted was not there."""
+        self._worth.believe(sensors)
+
     def _by_cell(self, sensors: list[int]) -> list[tuple[int, list[int]]]:
         cells: dict[int, list[int]] = {}
         for sensor in sensors:

@@ -150,6 +150,12 @@ class OrderedTraffic(ABC, Generic[Ride]):
         for ride in self._rides.values():
             ride.stopping |= not ride.has_come and ride.route.meets(lost, ride.progress_m)
 
+    def withdraw(self, name: str) -> None:
+        """A parcel was never there: any order for it is done, and it is taken for one that left."""
+        if name in self._rides:
+            self._end_ride(name)
+        self._remove(name)
+
     def take_left(self) -> list[str]:
         """Parcels that have left the table since the last call."""
         left, self._left = self._left, []
@@ -271,10 +277,11 @@ class OrderedTraffic(ABC, Generic[Ride]):
     def _remove(self, name: str) -> None:
         """A parcel has left the table."""
         ride = self._rides.pop(name, None)
-        order = self._orders[name] if ride is None else ride.order
-        order.done = True
+        order = self._orders.get(name) if ride is None else ride.order
+        if order is not None:
+            order.done = True
         if self._orders.get(name) is order:
-            del self._orders[name]
+            self._orders.pop(name, None)
         self.steered.pop(name, None)
         self._stood.pop(name, None)
         self._gone_out.discard(name)
