@@ -2,8 +2,8 @@
 
 Two rows of `sort54`, undisturbed and with the loss: parcels an hour, those that left by a wrong
 exit, those that touched, and runs that were broken off. One row of `neighbours`, whose cells steer,
-with the loss: boxes that arrive, by truth and with the host's word for it, within `SAID_S` of the
-truth; the bound is the lower end of a one-sided 95 % confidence interval. `MDMS_CASES` is the number
+with the loss: boxes that arrive, by truth and with the host's word within `SAID_S` of it;
+the bound is the lower end of a one-sided 95 % confidence interval. `MDMS_CASES` is the number
 of seeds (default 3), `MDMS_SEED` the first (default 1), `MDMS_SECONDS` how long a stream lasts
 (default 30; a second takes half a second).
 """
