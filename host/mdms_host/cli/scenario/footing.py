@@ -12,8 +12,8 @@ from mdms_model.array import build_wheels
 from mdms_model.outline import outline_of
 from mdms_model.scenario.scenario import Parcel, Scenario, in_stock
 
-#: Cells that steer carry no parcel that is narrower than so many pitches: under a smaller one too few
-#: of them see enough of it to find its place.
+#: Cells that steer carry no parcel that is narrower than so many pitches: under a smaller one too
+#: few of them see enough of it to find its place.
 _LEAST_PITCHES = 2.0
 
 
