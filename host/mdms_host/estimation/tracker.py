@@ -4,6 +4,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from math import inf
 
+import numpy as np
+
 from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.change import Change, Event
 from mdms_host.estimation.gain import Gain
@@ -182,7 +184,7 @@ class Tracker:
         for name, each in list(self._known.items()):
             if each.has_left(name in views and self._shows(views[name])):
                 self._leave(name)
-            elif each.was_none(now_s):
+            elif each.was_none(now_s) or self._is_misjudged(now_s, name, views, coverage):
                 self._withdraw(name)
         misfits = self._seeking.take_misfits()
         self._changes += misfits
@@ -324,6 +326,19 @@ class Tracker:
         """Whether any sensor under a parcel is covered."""
         under = view.near.sensors[view.distance_m < 0.0]
         return bool(self._presence.covered[under].any())
+
+    def _is_misjudged(
+        self, now_s: float, name: str, views: Mapping[str, View], coverage: Coverage
+    ) -> bool:
+        """Whether reports that were late show that something else has come."""
+        if name not in views:
+            return False
+        view = views[name]
+        sensors = view.near.sensors
+        own = coverage.owner[sensors] == coverage.number[name]
+        late_s = np.where(own, self._presence.late_s[sensors], -inf)
+        covered = self._presence.covered[sensors]
+        return self._known[name].judged_early(now_s, view, covered, late_s)
 
     def _withdraw(self, name: str) -> None:
         """A parcel has not come; sensors that contradicted it are believed again."""

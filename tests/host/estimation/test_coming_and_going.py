@@ -292,3 +292,23 @@ def test_what_no_convex_parcel_covers_is_a_heap(table) -> None:
     table.put("two", Rectangle(0.2, 0.3), -0.15, 0.2, 0.0)
     table.run(0.3)
     assert table.events() == [("unknown-1", Event.HEAPED)]
+
+
+def test_a_newcomer_that_a_late_report_shows_larger_is_found_anew_as_the_larger(table) -> None:
+    small, large = Parcel("small", 0.28, 0.28), Parcel("large", 0.40, 0.30)
+    for parcel in (small, large):
+        table.tracker.announce(parcel, INFEED)
+    report, columns = table.tracker.on_presence, LAYOUT.columns
+
+    def without_the_last_column(now_s, cell, bits):
+        # The reports of the cells under its east end get lost once, and are repeated.
+        if not (cell % columns in (3, 4) and 0.31 < now_s < 0.55):
+            report(now_s, cell, bits)
+
+    table.run(0.3)
+    table.tracker.on_presence = without_the_last_column
+    table.put("large", large.bottom, -0.35, 0.0, 0.0)
+    table.run(1.0)
+    assert ("small", Event.WITHDRAWN) in table.events()
+    assert table.events()[-1] == ("large", Event.FOUND)
+    assert table.off_m("large") < 0.03

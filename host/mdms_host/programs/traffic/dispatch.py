@@ -21,8 +21,10 @@ from mdms_model.arrays import Bools, Floats, Ints
 
 #: A parcel that leaves is taken so soon after it has come to the end of its route [s].
 _LEAVES_S = 0.3
-#: How far beyond the last support its route ends [m]: before it, for it has wheels there.
+#: How far beyond the last support its route ends [m]: before it, for it has wheels there. One that
+#: is as far out already has so much more to go.
 _OUT_M = -0.01
+_FARTHER_M = 0.02
 #: A move that is planned for practice [m], with so little of a turn [rad].
 _LITTLE_M, _LITTLE_RAD = 0.1, 0.01
 #: Two that stand on the same tile come no nearer than this, or by so little, when one goes; its way
@@ -239,7 +241,9 @@ class Dispatch:
         half_m = float(abs(corners_m[:, axis]).max())
         low_m, high_m = gate.from_m + half_m, gate.to_m - half_m
         along_m = gate.middle_m if low_m > high_m else min(max(float(pose[axis]), low_m), high_m)
-        return np.array([*gate.place_m(_OUT_M, along_m), float(pose[2])])
+        out_m = gate.out_m(*pose[:2].tolist())
+        end_m = out_m + _FARTHER_M if out_m > _OUT_M - _FARTHER_M else _OUT_M
+        return np.array([*gate.place_m(end_m, along_m), float(pose[2])])
 
 
 def _meet(under: Mapping[str, Ints], name: str, other: Task) -> bool:
