@@ -22,6 +22,11 @@ from mdms_model.arrays import Floats
 
 #: A parcel that stands is pressed by one that is believed to be so near.
 _NEAR_M = 0.015
+#: One that does not get on is tried so often, each time after so long [s], unless it has got on by
+#: so much since the first time [m].
+_TRIES = 5
+_REST_S = 0.5
+_GOT_ON_M = 0.05
 
 
 class Steered(Protocol):
@@ -167,8 +172,8 @@ class GoalProgram:
     What is believed to be there and is none of the parcels is an obstacle: those wait before it.
 
     A parcel that is not found holds the wheels where it was last, or where it was put. Two that
-    press each other, and one that does not get on, are stopped for good. A parcel whose mass is not
-    among `masses` is taken for an even plate.
+    press each other are stopped for good, and one that does not get on after some tries. A parcel
+    whose mass is not among `masses` is taken for an even plate.
     """
 
     def __init__(
@@ -197,6 +202,9 @@ class GoalProgram:
         self._named: set[str] = set()
         self._contacts = Contacts()
         self._standstills = {name: Standstill() for name in self._controllers}
+        self._now_s = 0.0
+        #: How often each has not got on, from how far off its goal [m], and until when it rests.
+        self._stood: dict[str, tuple[int, float, float]] = {}
         self._notices: list[str] = []
         self._reasons: dict[str, str] = {}
         self._slips = dict.fromkeys(self._controllers, 0)
@@ -215,6 +223,7 @@ class GoalProgram:
             after.go_over_from(before)
         self._controllers[name] = after
         self._standstills[name] = Standstill()
+        self._stood.pop(name, None)
         self._reasons.pop(name, None)
 
     def _take_in(self, name: str) -> None:
@@ -280,6 +289,7 @@ class GoalProgram:
 
     def references_m_s(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
         """References that take every parcel on its way as one rigid body, shape (W,)."""
+        self._now_s += step_s
         self._places.update(
             (name, belief.pose) for name, belief in beliefs.items() if name in self._given
         )
@@ -327,7 +337,8 @@ class GoalProgram:
             if belief is None:
                 controller.lose()
                 continue
-            controller.paused = belief.doubtful or self._must_wait(belief, controller)
+            rests = name in self._stood and self._now_s < self._stood[name][2]
+            controller.paused = belief.doubtful or rests or self._must_wait(belief, controller)
             felt = belief.feel_rad is not None and has_room(name, self._places, self._bottoms)
             controller.feel_rad = belief.feel_rad if felt else None
             yield name, controller.step(belief, step_s)
@@ -362,7 +373,7 @@ class GoalProgram:
                 # One that is doubtful time and again gets on no better for it.
                 continue
             elif standstill.step(controller.left_m, controller.speed_m_s, step_s, controller.leg):
-                self._stop((name, *self._near(name, bodies)))
+                self._stand((name, *self._near(name, bodies)))
 
     def _body(self, name: str, carried: Carried | None) -> Body:
         if carried is None:
@@ -380,6 +391,23 @@ class GoalProgram:
             if gap_m(mine.outline, mine.pose, body.outline, body.pose) < _NEAR_M:
                 yield other
 
+    def _stand(self, names: tuple[str, ...]) -> None:
+        """The first does not get on: it rests and is tried again, unless others may hold it."""
+        name, left_m = names[0], self._controllers[names[0]].left_m
+        times, first_m, _ = self._stood.get(name, (0, left_m, 0.0))
+        if left_m < first_m - _GOT_ON_M:
+            times, first_m = 0, left_m
+        self._stood[name] = times + 1, first_m, self._now_s + _REST_S
+        if len(names) > 1 or times + 1 >= _TRIES:
+            self._stop(names)
+            return
+        self._standstills[name].clear()
+        if not times:
+            left_mm = 1e3 * left_m
+            self._notices.append(
+                f"{name} does not get on, {left_mm:.0f} mm from its goal: it is tried again"
+            )
+
     def _stop(self, names: tuple[str, ...]) -> None:
         """Stop these parcels, and report it unless all of them have been stopped before."""
         steered = [self._controllers[name] for name in names if name in self._controllers]
@@ -389,7 +417,10 @@ class GoalProgram:
             controller.stop()
         if len(names) == 1:
             left_mm = 1e3 * self._controllers[names[0]].left_m
-            reason = f"{names[0]} does not get on, {left_mm:.0f} mm from its goal: stopped"
+            reason = (
+                f"{names[0]} does not get on, {left_mm:.0f} mm from its goal, "
+                f"tried {_TRIES} times: stopped"
+            )
         else:
             reason = f"{' and '.join(names)} press each other: stopped"
         self._notices.append(reason)

@@ -5,7 +5,7 @@ from dataclasses import replace
 from math import inf
 from typing import Protocol
 
-from mdms_host.estimation.parcel import Parcel
+from mdms_host.estimation.parcel import Parcel, Region
 from mdms_host.estimation.size import Size
 from mdms_host.motion.trajectory.mass import UNKNOWN_KG, Mass, uniform_mass
 from mdms_host.programs.comings import Register, around
@@ -17,6 +17,10 @@ class NamingRegister(Register, Protocol):
 
     def name(self, unknown: str, parcel: Parcel) -> None:
         """Take what is unknown for a parcel. Raises KeyError, ValueError."""
+        ...
+
+    def take_withdrawn(self) -> list[tuple[Parcel, Region | None]]:
+        """Parcels that have not come after all."""
         ...
 
     def size(self, name: str) -> Size | None:

@@ -12,7 +12,7 @@ from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import Steered
 from mdms_host.motion.trajectory.mass import Mass
 from mdms_host.programs.carrier import Traffic
-from mdms_host.programs.comings import Comings, Register, tracker_gate
+from mdms_host.programs.comings import Comings, tracker_gate
 from mdms_host.programs.newcomers import NamingRegister, TrackedNewcomers
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.script import ScriptError, Task, place_of
@@ -57,7 +57,7 @@ class TableProgram:
     ) -> None:
         self._main = main
         self._comings = comings
-        self._register: Register | None = None
+        self._register: NamingRegister | None = None
         self._members = {member.name: member for member in members}
         self._awaited = {member.name for member in members if member.lies}
         self._traffic = traffic
@@ -172,6 +172,7 @@ class TableProgram:
 
     def references_m_s(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
         """References of shape (W,) for the next step, given what is believed at its beginning."""
+        self._withdraw()
         self._take_out(beliefs)
         self._take_in(beliefs)
         if self._task is None and self._awaited <= beliefs.keys():
@@ -197,6 +198,16 @@ class TableProgram:
     def gains(self) -> Mapping[str, Gain]:
         """What the wheels under parcels gained in the step before these, and pushed them to."""
         return self._traffic.gains
+
+    def _withdraw(self) -> None:
+        """Parcels that have not come after all are no more on the table, and expected again."""
+        if self._register is None:
+            return
+        for parcel, region in self._register.take_withdrawn():
+            if any(parcel.name == each.name for each in self.table.parcels):
+                self._traffic.withdraw(parcel.name)
+            if self._comings is None or not self._comings.brings(parcel.name):
+                self._register.announce(parcel, region)
 
     def _take_out(self, beliefs: Mapping[str, Belief]) -> None:
         """Parcels that have left are no more on the table, though they may still be believed."""

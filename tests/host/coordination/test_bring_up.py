@@ -226,3 +226,17 @@ def test_a_cell_that_does_not_say_who_it_is_is_a_fault() -> None:
         "cell 1 (node 1) cannot be identified: it refuses a read of 0x1018:3 "
         "(abort code 0x06020000)"
     )
+
+
+def test_a_cell_whose_answers_get_lost_for_half_a_second_comes_up_all_the_same() -> None:
+    layout = Layout(1, 1)
+    coordinator = Coordinator(layout, still(layout))
+    for cycle in range(50):
+        coordinator.on_frame(Frame(0x701, b"\x7f"), 0.01 * cycle)
+        coordinator.poll(0.01 * cycle)
+    assert coordinator.fault is None
+    for answer in (REVISION, SERIAL):
+        coordinator.on_frame(Frame(0x581, answer), 0.5)
+        coordinator.poll(0.5)
+    coordinator.poll(0.5)
+    assert coordinator.phase == Phase.CONFIGURING

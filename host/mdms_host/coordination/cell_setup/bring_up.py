@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from mdms_host.can_link.emergencies import error_text
 from mdms_host.can_link.remote_cell import RemoteCell
-from mdms_host.can_link.sdo_client import SdoClient, Setting
+from mdms_host.can_link.sdo_client import PATIENT, SdoClient, Setting
 from mdms_host.coordination.cell_setup.configuration import NOTHING, Configuration
 from mdms_host.coordination.cell_setup.identification import Identification
 from mdms_host.coordination.cell_setup.set_up import SetUp
@@ -51,7 +51,7 @@ class BringUpCell(RemoteCell):
         self.steers = steers
         self._ready = _LED if steers else _ENABLED
         self._towards_ready = _TOWARDS_SWITCHED_ON if steers else _TOWARDS_ENABLED
-        self._set_back = SdoClient(node_id, taken_back() if steers else ())
+        self._set_back = SdoClient(node_id, taken_back() if steers else (), attempts=PATIENT)
         self._settings = tuple(settings)
         self._configuration = Configuration(node_id, self._settings, spare)
         self._identification = Identification(node_id, axes, serial)

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 from mdms_host.can_link.emergencies import error_text
 from mdms_host.can_link.protocol_revision import other_protocol
-from mdms_host.can_link.sdo_client import Read, SdoClient
+from mdms_host.can_link.sdo_client import PATIENT, Read, SdoClient
 from mdms_host.places import Place
 from mdms_protocol import indices
 from mdms_protocol.codecs.frame import Frame
@@ -34,7 +34,7 @@ class Identification:
             Read(indices.ERROR_CODE + axis * indices.AXIS_OFFSET, 0) for axis in range(axes)
         )
         self._first: Mapping[Place, int] = {}
-        self._client = SdoClient(node_id, _IDENTITY)
+        self._client = SdoClient(node_id, _IDENTITY, attempts=PATIENT)
 
     @property
     def done(self) -> bool:
@@ -82,7 +82,7 @@ class Identification:
         """Ask anew; who the cell was when it was asked first is kept."""
         if self._client.done and not self._first:
             self._first = dict(self._client.answers)
-        self._client = SdoClient(self._node_id, (*_IDENTITY, *self._errors))
+        self._client = SdoClient(self._node_id, (*_IDENTITY, *self._errors), attempts=PATIENT)
 
     def poll(self, now_s: float) -> Iterator[Frame]:
         """The request to send now, if any."""

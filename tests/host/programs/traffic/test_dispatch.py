@@ -7,7 +7,7 @@ from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.layout import Layout
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.trajectory.mass import uniform_mass
-from mdms_host.programs.order import Order
+from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.traffic.dispatch import Dispatch
 from mdms_host.programs.traffic.planning import DELAY_CYCLES, VirtualDesk
 from mdms_host.programs.traffic.ride import Load
@@ -52,3 +52,14 @@ def test_who_stopped_before_a_gap_passes_it_before_another_comes_to_stay_there()
     assert taken(dispatch) == {"far", "near"}
     dispatch.ask({"far": far}, {"near": 0.0}, 0.0)
     assert taken(dispatch) == {"far"}
+
+
+def test_one_on_the_edge_of_its_exit_goes_on_outward_and_not_back_towards_one_beside_it():
+    planner = Planner(Tiles(Layout(15, 8)))
+    loads = dict.fromkeys(("out", "beside"), Load(BOX, uniform_mass(BOX)))
+    where = Whereabouts(loads, planner.stand)
+    north = Gate("north", (1, 1), 0.4445, -0.6, 0.6)
+    where.places = {"out": np.array([0.0, 0.445, 0.0]), "beside": np.array([0.0, 0.157, 0.0])}
+    dispatch = Dispatch(planner, VirtualDesk(), loads, where, Timetable())
+    dispatch.ask({"out": Order("out", north)}, {}, 0.0)
+    assert taken(dispatch) == {"out"}
