@@ -10,6 +10,8 @@ from mdms_cell.drive import speed_loop
 from mdms_cell.queues import Inbox, Outbox
 
 BITRATE = 1_000_000
+#: Where in a bit it is read [%]: CiA 301 wants 87.5.
+SAMPLE_POINT = 87
 #: How long the bus is left alone after bus-off, and between attempts to come back.
 BUS_OFF_MS = 100
 #: What the interrupt is for.

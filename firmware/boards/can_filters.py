@@ -2,7 +2,9 @@
 
 from machine import CAN
 
-#: A filter that no frame of the bus passes.
+#: A filter that no frame passes, for CAN 2.0 allows no identifier that begins with seven recessive
+#: bits. A bxCAN has no filter that lets nothing through, and frames that pass this one would keep
+#: the interrupt waiting: they come into the second FIFO.
 _NONE = (0x1FFFFFFF, 0x1FFFFFFF, CAN.FLAG_EXT_ID)
 _EXACT = 0x7FF
 _BITS = 11

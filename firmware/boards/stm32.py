@@ -4,13 +4,27 @@ import time
 from collections import namedtuple
 
 import machine
-from machine import ADC, CAN, Pin
+import stm
+from machine import (
+    ADC,
+    CAN,
+    Pin,
+    mem32,  # pyright: ignore[reportAttributeAccessIssue] - not in the stubs
+)
 from pyb import Timer
 
-from boards.bus import BITRATE, BUS_OFF_MS, TRIGGERS, Bus
+from boards.bus import BITRATE, BUS_OFF_MS, SAMPLE_POINT, TRIGGERS, Bus
 from boards.cell_board import CellBoard
 from boards.wheel import PWM_HZ, Wheel
 from mdms_cell.drive import speed_loop
+
+#: Timers that can count an encoder, by what they are called.
+_TIMERS = {3: stm.TIM3, 4: stm.TIM4, 8: stm.TIM8}
+#: The fields IC1F and IC2F of a timer's CCMR1 (STM32 reference manuals): a level counts after eight
+#: samples, 32 ticks of the timer apart. That is 1 us at 240 MHz and 3 us at 84 MHz, and so less
+#: than the shortest pulse of an encoder.
+_LONGEST = 0b1111
+_INPUT_FILTERS = _LONGEST << 4 | _LONGEST << 12
 
 #: The wiring of a board, by the names of its pins. `pwm_timer` counts at `pwm_hz` and has its
 #: channels 1 and 2 at `pulses`; `encoders` has timer, A and B of each; `filters` is the
@@ -117,7 +131,7 @@ def opened():
     """The CAN controller; a bxCAN starts on a bus that falls silent, and is waited for."""
     while True:
         try:
-            return CAN(1, BITRATE)
+            return CAN(1, BITRATE, sample_point=SAMPLE_POINT)
         except OSError:
             time.sleep_ms(BUS_OFF_MS)
 
@@ -134,8 +148,10 @@ def pulses(timer, source_hz, pins):
 
 
 def encoder(timer, pin_a, pin_b):
-    """A timer that counts the edges of a quadrature encoder, modulo 2**16."""
+    """A timer that counts the edges of a quadrature encoder, modulo 2**16, and no spikes."""
     counter = Timer(timer, prescaler=0, period=0xFFFF)
     counter.channel(1, Timer.ENC_AB, pin=pin_a)
     counter.channel(2, Timer.ENC_AB, pin=pin_b)
+    # `pyb` leaves the inputs without a filter, each time that it sets up a channel.
+    mem32[_TIMERS[timer] + stm.TIM_CCMR1] |= _INPUT_FILTERS
     return counter

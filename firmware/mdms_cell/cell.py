@@ -38,7 +38,7 @@ from mdms_cell.neighbours.layer import Layer
 from mdms_cell.presence import Presence
 from mdms_cell.update.no_room import NoRoom
 from mdms_protocol import indices, record, signature
-from mdms_protocol.codecs import cob, nmt
+from mdms_protocol.codecs import cob, nmt, sdo
 from mdms_protocol.update import codes
 
 #: What `fail` is reported to come from; axes count from 1, and then come those of `guard`.
@@ -157,8 +157,10 @@ class Cell:
         objects.tie(indices.TRAFFIC, 5, getattr(self._board, "transmit_errors", _unknown))
         objects.tie(indices.TRAFFIC, 6, getattr(self._board, "receive_errors", _unknown))
         objects.tie(indices.SIGNATURE, 0, self._read_signature)
-        objects.tie(indices.MEMORY, 1, getattr(self._board, "heap_free", _unknown))
-        objects.tie(indices.MEMORY, 2, getattr(self._board, "flash_free", _unknown))
+        for sub, name in ((1, "heap_free"), (2, "flash_free")):
+            objects.tie(indices.MEMORY, sub, self._at_rest(getattr(self._board, name, _unknown)))
+        objects.tie(indices.SYNC_COB_ID, 0, self._read_sync_cob_id)
+        objects.tie(indices.CYCLE_PERIOD, 0, self._read_cycle_period)
         for index in _WATCHED:
             objects.watch(index, self._on_setting)
         self._axes.guard(self._may_enable, self._pdos.discard_held)
@@ -178,6 +180,25 @@ class Cell:
         inbox = getattr(self._board, "inbox", None)
         return 0 if inbox is None else inbox.lost
 
+    def _at_rest(self, read):
+        """What reads something that holds up the background for long: no wheel may be on then."""
+
+        def read_at_rest():
+            if self._axes.driving():
+                raise sdo.AbortError(sdo.WRONG_STATE)
+            return read()
+
+        return read_at_rest
+
+    def _read_sync_cob_id(self):
+        """The identifier as it is set, and whether this cell is the one that sends SYNC."""
+        producer = cob.FLAG_30 if self._beat.producing else 0
+        return self._objects.number(indices.SYNC_COB_ID) | producer
+
+    def _read_cycle_period(self):
+        """That of SYNC where this cell sends it [us], else 0."""
+        return self._objects.number(indices.LEASE, 2) * 1000 if self._beat.producing else 0
+
     def _read_signature(self):
         return signature.of(self._objects.data)
 
@@ -190,8 +211,8 @@ class Cell:
         due = ticks.diff(self.now_ms, self._booted_ms)
         ticked = ticks.diff(registers[speed_loop.TICKS], self._booted_tick)
         on_time = TEST_MS <= due <= ticked + ticked // 10
-        off = not (registers[speed_loop.MODE] or registers[speed_loop.AXIS + speed_loop.MODE])
-        return on_time and off and self.node_id != cob.NODE_NONE
+        on = speed_loop.is_on(registers, 0) or speed_loop.is_on(registers, speed_loop.AXIS)
+        return on_time and not on and self.node_id != cob.NODE_NONE
 
     def silent(self):
         """Identifiers of frames that let the cell send nothing before its next poll.

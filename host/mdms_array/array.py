@@ -63,7 +63,8 @@ def believe(scenario: Scenario, path: Path | None, bus: Namespace) -> Belief:
     settings = {number: _settings(cell, path) for number, cell in own.items() if cell.values}
     _check_margins(scenario, file)
     channels = _channels(file, len(scenario.array.buses) or 1, bus)
-    return Belief(scenario, Cells(node_ids, settings), channels)
+    serials = {number: cell.serial for number, cell in placed.items()}
+    return Belief(scenario, Cells(node_ids, settings, serials), channels)
 
 
 def _channels(file: ArrayFile, buses: int, options: Namespace) -> tuple[str, ...]:
@@ -90,6 +91,7 @@ def _on_table(scenario: Scenario, file: ArrayFile) -> Scenario:
         array=replace(scenario.array, **_given(grid), **buses),  # type: ignore[arg-type]
         cell=replace(scenario.cell, **_given(parts)),  # type: ignore[arg-type]
         wire=replace(scenario.wire, bitrate=table.bitrate or scenario.wire.bitrate),
+        stop=file.stop or scenario.stop,
     )
     try:
         check_rules(believed)

@@ -30,15 +30,23 @@ from mdms_model.outline import outline_of
 from mdms_model.scenario.belief import believed
 from mdms_model.scenario.scenario import Cell, Parcel, Scenario, Wire, in_stock
 
+#: Cells that steer carry no parcel that is narrower than so many pitches: under a smaller one too
+#: few of them see enough of it to find its place.
+_LEAST_PITCHES = 2.0
+
 
 def refuse_tipping(scenario: Scenario) -> None:
     """Raises `InputError` for a parcel that comes too near to tipping.
+
+    So too for one that is too small for cells that steer.
 
     Asked of the cells alone, which carry real parcels: in the paper's fidelities a parcel may tip,
     and the physics reports it. Fields have no way that is known beforehand, so the start counts.
     """
     if scenario.run.fidelity != "firmware":
         return
+    if scenario.motion.control == "cells":
+        _refuse_small(scenario)
     wheel_m = build_wheels(scenario).position_m
     stock = in_stock(scenario)
     for number, parcel in enumerate(scenario.parcel):
@@ -77,6 +85,28 @@ def goal_of(parcel: Parcel) -> Goal | None:
             "a disc is turned, so it is steered to a place only; leave yaw_rad out"
         )
     return Goal(goal.x_m, goal.y_m, None)
+
+
+def _refuse_small(scenario: Scenario) -> None:
+    """Raises `InputError` for a parcel that is too narrow for cells that steer."""
+    least_m = _LEAST_PITCHES * scenario.array.pitch_m
+    for number, parcel in enumerate(scenario.parcel):
+        width_m = _width_m(parcel)
+        if width_m < least_m:
+            raise InputError(
+                f"parcel.{number}: {parcel.name!r} is {width_m:.3g} m wide, and cells that steer "
+                f'(motion.control = "cells") carry none below {least_m:.3g} m, two pitches of the '
+                "array; take a larger parcel, or have the host steer"
+            )
+
+
+def _width_m(parcel: Parcel) -> float:
+    """The least width of a parcel, whichever way it is turned [m]."""
+    if parcel.shape == "disc":
+        return parcel.length_m
+    edges = outline_of(parcel).edges
+    across_m = edges[:, 3:5] @ edges[:, :2].T
+    return float(np.ptp(across_m, axis=0).min())
 
 
 def _text(parcel: Parcel, footing: Footing) -> str:

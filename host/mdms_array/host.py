@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from math import hypot, pi
+from math import hypot, inf, pi
 from typing import Any
 
 import numpy as np
@@ -44,8 +44,9 @@ from mdms_model.log import LOG
 from mdms_model.motor import drive_of
 from mdms_model.parcel import parcel_records
 from mdms_model.scenario.belief import believed
+from mdms_model.scenario.rules.every import check_rules
 from mdms_model.scenario.rules.on_table import half_table_m
-from mdms_model.scenario.scenario import Cell, Run, Scenario, in_stock
+from mdms_model.scenario.scenario import Cell, Run, Scenario, Stop, in_stock
 from mdms_model.scenario.stream import Exit, Stream
 from mdms_protocol import indices, pdo
 from mdms_protocol.dictionary import ENTRIES
@@ -54,13 +55,15 @@ from mdms_protocol.entry import OutOfRangeError, steps_per_unit
 
 @dataclass(frozen=True, slots=True)
 class Cells:
-    """The cells one by one, as far as they differ: node ids and settings by number.
+    """The cells one by one, as far as they differ: node ids, settings and serial numbers by number.
 
-    Without node ids a cell has that of its place on its bus.
+    Without node ids a cell has that of its place on its bus. A cell without a serial number here
+    may have any.
     """
 
     node_ids: tuple[int, ...] = ()
     settings: Mapping[int, tuple[Setting, ...]] = field(default_factory=dict)
+    serials: Mapping[int, int] = field(default_factory=dict)
 
 
 def gains_vs_per_m(scenario: Scenario, cells: Cells) -> Floats:
@@ -238,15 +241,32 @@ def _infeed_pose(stream: Stream) -> Floats:
     return np.array([stream.x_m, stream.y_m, stream.yaw_rad])
 
 
+def programmed(scenario: Scenario) -> Scenario:
+    """The scenario with a program for its motion, in place of a field or goals.
+
+    Raises ScenarioError where none can run, as in a fidelity without cells.
+    """
+    if scenario.motion.field == "program":
+        return scenario
+    scenario = replace(scenario, motion=replace(scenario.motion, field="program"))
+    check_rules(scenario)
+    return scenario
+
+
 def has_failed(coordinator: Coordinator) -> bool:
     """Whether a run's program has ended by an error in it."""
     return isinstance(coordinator.program, TableProgram) and coordinator.program.failed
 
 
 def waits_text(coordinator: Coordinator) -> str:
-    """Where a run's program waits, as part of a message; nothing where it does not."""
+    """What a run's program waits for, as part of a message; nothing where it does not."""
     program = coordinator.program
-    places = program.waits_at if isinstance(program, TableProgram) else ()
+    if not isinstance(program, TableProgram):
+        return ""
+    missing = [name for name in sorted(program.awaits) if coordinator.estimate(name) is None]
+    if missing:
+        return f": it has not begun, for {' and '.join(missing)} cannot be found on the table"
+    places = program.waits_at
     return f": it waits in {' and '.join(places)}" if places else ""
 
 
@@ -264,10 +284,13 @@ def coordinator_of(
     """A coordinator with the scenario's array, sizes of parcels, and motion, as it is to believe.
 
     `cells` are node ids and settings of single cells, if they have any of their own; `main` is a
-    program in Python, in place of the scenario's tasks, and `desk` where its plans are made. Raises
-    `InputError` for what does not fit the firmware.
+    program in Python, in place of the scenario's tasks, field or goals, and `desk` where its plans
+    are made. Raises `InputError` for what does not fit the firmware.
     """
+    if main is not None:
+        scenario = programmed(scenario)
     scenario = believed(scenario)
+    refuse_unstoppable(scenario)
     cells = cells or Cells()
     layout, parcels = layout_of(scenario, cells), parcels_of(scenario)
     stock = in_stock(scenario)
@@ -292,18 +315,50 @@ def coordinator_of(
         parcels=tuple(parcel for parcel in parcels if parcel.name not in stock),
         settings=settings_of(scenario.cell),
         own_settings=cells.settings,
+        serials=cells.serials,
         timing=timing_of(scenario.wire),
         policy=policy_of(scenario.run),
         centres_of_mass_m=centres_of_mass_m(scenario),
     )
     if isinstance(program, TableProgram):
-        program.attend(coordinator.tracker)
+        heaviest_kg = inf if scenario.stop is None else scenario.stop.mass_kg
+        program.attend(coordinator.tracker, heaviest_kg)
     return coordinator
 
 
 def policy_of(run: Run) -> Policy:
     """What is done about cells that fall out of action."""
     return Policy(OnLostCell(run.on_lost_cell), run.pauses, run.pause_s, run.hold_s)
+
+
+def refuse_unstoppable(scenario: Scenario) -> None:
+    """Raises `InputError` for parcels that the table's emergency stop does not hold.
+
+    A scenario that does not state what it holds is not judged.
+    """
+    stop, motion = scenario.stop, scenario.motion
+    if stop is None:
+        return
+    masses_kg = {f"parcel.{n}.mass_kg": each.mass_kg for n, each in enumerate(scenario.parcel)}
+    masses_kg |= {f"task.{n}.mass_kg": each.mass_kg or 0.0 for n, each in enumerate(scenario.task)}
+    for key, mass_kg in masses_kg.items():
+        if mass_kg > stop.mass_kg:
+            raise InputError(
+                f"{key} is {mass_kg:g}, but the table's emergency stop holds {stop.mass_kg:g} kg "
+                "at most (stop.mass_kg); leave that parcel out, or measure what the stop holds "
+                "and state it"
+            )
+    if motion.field in ("goal", "program"):
+        _refuse_faster(stop, "motion.speed_m_s is", motion.speed_m_s)
+
+
+def _refuse_faster(stop: Stop, what: str, speed_m_s: float) -> None:
+    if speed_m_s > stop.speed_m_s:
+        raise InputError(
+            f"{what} {speed_m_s:.3g}, but the table's emergency stop holds parcels at "
+            f"{stop.speed_m_s:g} m/s at most (stop.speed_m_s); go slower, as with --set "
+            f"motion.speed_m_s={stop.speed_m_s:g}"
+        )
 
 
 def _check_speed(scenario: Scenario, fastest_m_s: float) -> None:
@@ -430,6 +485,12 @@ def _program(
     if scenario.motion.field != "goal":
         field_m_s = references_m_s(scenario)
         _check_speed(scenario, float(abs(field_m_s).max()))
+        if scenario.stop is not None:
+            # The wheels of a cell push along directions of their own, and a parcel by all of them.
+            along_m_s = field_m_s.reshape(-1, len(scenario.cell.wheel))
+            fastest_m_s = float(np.linalg.norm(along_m_s, axis=1).max())
+            fastest_m_s *= drive_of(scenario.cell).droop
+            _refuse_faster(scenario.stop, "motion.field moves parcels at [m/s]", fastest_m_s)
         return FieldProgram(field_m_s)
     droop = drive_of(scenario.cell).droop
     _check_speed(scenario, scenario.motion.speed_m_s * _wheel_share(scenario) / droop)

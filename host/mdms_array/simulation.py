@@ -4,12 +4,20 @@ from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from functools import partial
+from math import inf
 from pathlib import Path
 from typing import Any, TypeVar
 
 from mdms_array.compiling import compiling_watched
 from mdms_array.figures import fault_of, figures_of, goals_of
-from mdms_array.host import coordinator_of, estimates_of, has_failed, references_m_s, waits_text
+from mdms_array.host import (
+    coordinator_of,
+    estimates_of,
+    has_failed,
+    programmed,
+    references_m_s,
+    waits_text,
+)
 from mdms_array.recording import PlanLog, coordinator_events, keep_run
 from mdms_array.run import (
     FaultError,
@@ -25,6 +33,7 @@ from mdms_array.source import Source, open_source
 from mdms_array.table import BlockingTable, wait_for_ever
 from mdms_host.clock import MonotonicClock
 from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.motion.goal import Goal
 from mdms_host.motion.outcome import missed_text
 from mdms_host.programs.program import Main, TableProgram
 from mdms_host.programs.table import Table
@@ -38,6 +47,7 @@ from mdms_model.scenario.scenario import Scenario
 from mdms_model.scenario.task import Signal
 from mdms_sim.physics.plane.ideal import solve_ideal
 from mdms_sim.physics.row.solver import solve_row
+from mdms_sim.referee.truth import HostReport, Pose
 from mdms_sim.simulation import Simulation, addresses_of, open_bank
 from mdms_sim.simulation import simulate as run_simulation
 
@@ -52,11 +62,13 @@ def run_scenario(
     bus_log: Path | None = None,
     main: Main | None = None,
 ) -> Finished:
-    """Run a scenario in its fidelity; `main` is a program in place of its tasks.
+    """Run a scenario in its fidelity; `main` is a program in place of its tasks, field or goals.
 
     `nodes` are "cpython" or "micropython"; `progress` gets the time reached [s] now and then.
     Raises ScenarioError, MicropythonMissing, NodeError, and `InputError` for what does not fit.
     """
+    if main is not None:
+        scenario = programmed(scenario)
     if scenario.run.fidelity == "firmware":
         return timed(scenario, lambda: _firmware(scenario, nodes, progress, bus_log, main))
     return timed(scenario, lambda: _model(scenario))
@@ -103,6 +115,7 @@ def _firmware(
             nodes,
             bus_log=bus_log,
             estimates=lambda: estimates_of(coordinator, scenario),
+            host_report=lambda: host_report_of(coordinator),
             progress=on_progress,
             # A program ends by itself; goals are held to the end.
             over=lambda: scenario.motion.field == "program" and _has_ended(coordinator),
@@ -130,6 +143,25 @@ def _firmware(
         )
 
     return work
+
+
+def host_report_of(coordinator: Coordinator | None) -> HostReport | None:
+    """What it says now; None where none runs."""
+    if coordinator is None:
+        return None
+    troubles = coordinator.troubles
+    stopped = "stopped by a person" if coordinator.stopped else None
+    return HostReport(
+        goals=_poses(coordinator.goals),
+        arrived=_poses(coordinator.arrived),
+        reason=coordinator.fault or coordinator.stuck or coordinator.lost or stopped,
+        trouble_s=troubles[-1][0] if troubles else -inf,
+        over=coordinator.finished,
+    )
+
+
+def _poses(goals: Mapping[str, Goal]) -> dict[str, Pose]:
+    return {name: (goal.x_m, goal.y_m, goal.yaw_rad) for name, goal in goals.items()}
 
 
 def _has_ended(coordinator: Coordinator) -> bool:
@@ -282,6 +314,7 @@ class VirtualDriver:
             bank,
             [self._coordinator],
             estimates=partial(estimates_of, self._coordinator, scenario),
+            host_report=partial(host_report_of, self._coordinator),
             most_samples=MOST_SAMPLES,
         )
         _schedule_signals(self._simulation, scenario, program)

@@ -109,6 +109,7 @@ _COMMUNICATION: dict[int, Field | e.Group] = {
         field("Number of errors", U8),
     ),
     0x1005: _communication("COB-ID SYNC", U32, cob.SYNC),
+    0x1006: field("Communication cycle period", U32, READ, unit=e.MICROSECONDS),
     0x1008: field("Manufacturer device name", e.TEXT, CONST, DEVICE_NAME),
     0x1009: field("Manufacturer hardware version", e.TEXT, CONST, HARDWARE_VERSION),
     0x100A: field("Manufacturer software version", e.TEXT, CONST, VERSION),

@@ -5,7 +5,7 @@ with new voltages; in between, frames travel over the bus in their real time. No
 anything: cells and participants do.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import partial
@@ -87,8 +87,8 @@ class Simulation:
     """A scenario with its cells, its buses and its participants, ready to run.
 
     `bus` is the only one of `buses`, or their first. `faults` are those of the scenario; others may
-    begin while it runs. The `referee` judges the run; it knows what the host says by
-    `host_report`, if that is given.
+    begin while it runs. The `referee` judges the run, unless it is not to be `judged`; it knows
+    what the host says by `host_report`, if that is given.
 
     `estimates` returns the poses [m, m, rad] that somebody believes the parcels to have, shape
     (P, 3), NaN where unknown; they are only recorded. A run without end is better not `recorded`,
@@ -103,9 +103,10 @@ class Simulation:
         *,
         bus_log: BinaryIO | None = None,
         estimates: Callable[[], Floats] | None = None,
-        host_report: Callable[[], HostReport] | None = None,
+        host_report: Callable[[], HostReport | None] | None = None,
         recorded: bool = True,
         most_samples: int | None = None,
+        judged: bool = True,
     ) -> None:
         self.kernel = Kernel()
         addresses = addresses_of(scenario)
@@ -161,10 +162,13 @@ class Simulation:
             drivers=self._drivers,
         )
         self.referee = Referee(Truth(scenario, addresses, self.world, self._places, host_report))
-        self.faults.observe(self.referee.on_fault)
-        for number, bus in enumerate(self.buses):
-            bus.observe(partial(self.referee.on_frame, number), self.referee.watched[number])
-        self._judged = self.referee.delivered
+        self._judged: Container[int] = ()
+        self._judges_ticks = judged
+        if judged:
+            self._judged = self.referee.delivered
+            self.faults.observe(self.referee.on_fault)
+            for number, bus in enumerate(self.buses):
+                bus.observe(partial(self.referee.on_frame, number), self.referee.watched[number])
         for cell, supply_v in enumerate(self.world.bridges.supply_v):
             bank.set_supply(cell, round(supply_v * UV_PER_V))
         self._delivered_ns = -1
@@ -208,7 +212,8 @@ class Simulation:
             errors=sum(bus.errors for bus in self.buses),
             log_sha256=self.log.log_sha256,
         )
-        self.referee.finish()
+        if self._judges_ticks:
+            self.referee.finish()
         sources = self.world.events, self.faults.events, self.referee.events
         events = sorted(chain(*sources), key=lambda each: each.time_s)
         record = self._sampler.record(events, self._reports.any)
@@ -240,7 +245,8 @@ class Simulation:
         self._voltage_uv = np.empty_like(driven_uv)
         self._voltage_uv[places] = driven_uv
         self.world.bridges.awake[places] = self._bank.awake
-        self.referee.on_tick(now_ns, self._voltage_uv)
+        if self._judges_ticks:
+            self.referee.on_tick(now_ns, self._voltage_uv)
         self.kernel.at(now_ns + PROCESSING_NS, PRIORITY_COLLECT, self._collect_all)
         self.kernel.at(now_ns + TICK_NS, PRIORITY_TICK, self._tick)
 
@@ -282,7 +288,7 @@ def simulate(
     *,
     bus_log: Path | None = None,
     estimates: Callable[[], Floats] | None = None,
-    host_report: Callable[[], HostReport] | None = None,
+    host_report: Callable[[], HostReport | None] | None = None,
     progress: Progress | None = None,
     over: Callable[[], bool] = lambda: False,
     prepare: Callable[[Simulation], object] = lambda _simulation: None,

@@ -2,7 +2,8 @@
 
 `python -m tests.benchmarks [NAME ...]`: each NAME is a module somewhere below this folder
 that has `run()`, which returns rows with `name`, `ours`, `peer` (or None), `ratio` (or None),
-`unit` and whatever else is of use.
+`unit` and whatever else is of use. One NAME may be followed by options, which its `run` takes as a
+list. The exit code is 1 where a row has `failed`.
 Everything goes into `build/bench.json` as well.
 """
 
@@ -42,7 +43,7 @@ def print_rows(rows: list[Row]) -> None:
         rest = {
             key: value
             for key, value in row.items()
-            if key not in ("name", "ours", "peer", "ratio", "unit")
+            if key not in ("name", "ours", "peer", "ratio", "unit", "failed")
         }
         notes = "  ".join(f"{key}={figure(value)}" for key, value in rest.items())
         print(
@@ -52,9 +53,14 @@ def print_rows(rows: list[Row]) -> None:
         )
 
 
-def main(names: list[str]) -> int:
+def main(arguments: list[str]) -> int:
     """Run the named benchmarks, or all."""
     modules = available()
+    first = next((k for k, one in enumerate(arguments) if one.startswith("-")), len(arguments))
+    names, options = arguments[:first], arguments[first:]
+    if options and len(names) != 1:
+        print("options are for one benchmark; name it before them")
+        return 2
     unknown = sorted(set(names) - set(modules))
     if unknown:
         print(f"no benchmark {', '.join(unknown)}; there are {', '.join(modules)}")
@@ -62,13 +68,13 @@ def main(names: list[str]) -> int:
     results: dict[str, list[Row]] = {}
     for name in names or modules:
         print(f"{name:<54} {'ours':>11} {'peer':>11} {'ratio':>9}", flush=True)
-        results[name] = import_module(modules[name]).run()
+        results[name] = import_module(modules[name]).run(*([options] if options else []))
         print_rows(results[name])
     RESULT.parent.mkdir(exist_ok=True)
     machine = {"python": platform.python_version(), "machine": platform.machine()}
     RESULT.write_text(json.dumps({"machine": machine, "results": results}, indent=2) + "\n")
     print(f"written to {RESULT}")
-    return 0
+    return int(any(row.get("failed") for rows in results.values() for row in rows))
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 from cell_bench import NODE, booted, emergencies, enable, operational
 
 from mdms_cell.drive import speed_loop
-from mdms_protocol import pdo
+from mdms_protocol import indices, pdo
 from mdms_protocol.codecs import cia402, cob, nmt, sdo
 
 
@@ -256,6 +256,51 @@ def test_sync_may_have_another_identifier():
     assert board.take() == []
     cell.on_frame(0x090, b"", cell.now_ms)
     assert board.take() == [(0x185, bytes(8))]
+
+
+def asked(cell, board, index, sub=0):
+    """The answer to a question for an entry, as a number; a code where it is refused."""
+    cell.on_frame(0x605, sdo.read_request(index, sub), cell.now_ms)
+    (can_id, data) = board.take()[-1]
+    assert can_id == 0x585
+    return int.from_bytes(data[4:8], "little")
+
+
+def test_cell_that_sends_sync_says_so_and_at_which_period():
+    cell, board = booted()
+    assert (asked(cell, board, 0x1005), asked(cell, board, 0x1006)) == (0x80, 0)
+    # SYNC every 20 ms, and from here where nobody else sends it.
+    for sub, value in ((2, b"\x14\0"), (3, b"\1")):
+        cell.on_frame(0x605, sdo.write_request(indices.LEASE, sub, value), cell.now_ms)
+        assert board.take()[-1][1][0] == 0x60
+    cell.on_frame(0x000, b"\x01\x05", cell.now_ms)
+    assert asked(cell, board, 0x1005) == 0x80
+    for _ in range(100):
+        cell.poll(cell.now_ms + 1)
+    assert (0x080, b"") in board.take()
+    assert (asked(cell, board, 0x1005), asked(cell, board, 0x1006)) == (0x40000080, 20_000)
+    # Somebody else's comes first.
+    cell.on_frame(0x080, b"", cell.now_ms)
+    assert (asked(cell, board, 0x1005), asked(cell, board, 0x1006)) == (0x80, 0)
+
+
+def test_who_sends_sync_is_not_written_to_0x1005():
+    cell, board = booted()
+    cell.on_frame(0x605, sdo.write_request(0x1005, 0, b"\x80\0\0\x40"), cell.now_ms)
+    assert board.take()[-1] == (0x585, sdo.abort(0x1005, 0, sdo.INVALID_VALUE))
+    cell.on_frame(0x605, sdo.write_request(0x1006, 0, b"\x10\x27\0\0"), cell.now_ms)
+    assert board.take()[-1] == (0x585, sdo.abort(0x1006, 0, sdo.READ_ONLY))
+
+
+def test_memory_is_not_measured_while_a_wheel_may_turn():
+    cell, board = operational()
+    for sub in (1, 2):
+        assert asked(cell, board, indices.MEMORY, sub) == 0xFFFFFFFF
+    enable(cell)
+    for sub in (1, 2):
+        assert asked(cell, board, indices.MEMORY, sub) == sdo.WRONG_STATE
+    cell.on_frame(0x305, pdo.CONTROLWORD.encode((cia402.SWITCH_ON,) * 2), cell.now_ms)
+    assert asked(cell, board, indices.MEMORY, 1) == 0xFFFFFFFF
 
 
 def test_nothing_is_saved_while_a_motor_is_on():

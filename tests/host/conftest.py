@@ -97,7 +97,8 @@ class KinematicCell:
             self.heartbeat_s = now_s + 0.1
         self.sensors.debounce_ms = self.objects.number(indices.PRESENCE_DEBOUNCE)
         self.sensors.step(presence, round(now_s * 1e3))
-        status = (*self.states, self.sensors.bits)
+        words = (state | cia402.VOLTAGE_ENABLED for state in self.states)
+        status = (*words, self.sensors.bits)
         period_s = self.objects.number(indices.TPDO_PARAMETERS + 1, 5) * 1e-3
         due = status != self.status or (period_s and now_s >= self.status_s + period_s)
         if self.nmt_state == nmt.OPERATIONAL and due:

@@ -12,8 +12,11 @@ from typing import Any, NamedTuple
 from mdms_cell.neighbours import right_of_way
 from mdms_protocol.neighbours import frames as wire
 
-SILENCE = (0, 0, 0, 0)
-Message = tuple[int, int, int, int]  # identity, state, whether the receiver is wanted, hold
+#: Nothing came, and what comes from a cell that lives and has nothing to say: its speeds.
+SILENCE = (0, 0, 0, 0, 0)
+ALIVE = (0, 0, 0, right_of_way.CLEAR, 0)
+#: Identity, state, whether the receiver is wanted, hold, whether the parcel lies over the receiver.
+Message = tuple[int, int, int, int, int]
 #: What a link may deliver within a beat, each alone: this beat's estimate first, silence at last.
 Arrivals = tuple[Message, ...]
 
@@ -38,7 +41,7 @@ class Delivery:
 
     def put(self, direction: int, message: Message) -> None:
         """An estimate has come from this direction."""
-        identity, state, wants_me, hold = message
+        identity, state, wants_me, hold = message[:4]
         at = direction * wire.ESTIMATE_FIELDS
         self._rows[at + wire.IDENTITY] = identity
         self._rows[at + wire.STATE] = state
@@ -55,7 +58,8 @@ class Delivery:
 class Memory(NamedTuple):
     """All that the decisions of a cell depend on; what it sends; what its wheels may do.
 
-    NEAR is kept as NONE, for no decision depends on it.
+    NEAR is kept as NONE, for no decision depends on it. What lies around is kept where the cell is
+    unsure.
     """
 
     down: bool
@@ -68,9 +72,14 @@ class Memory(NamedTuple):
     bound: int
     waiting: int
     said: tuple[tuple[int, int, int, int, int], ...]  # direction, identity, state, hold, left
+    covers: int
+    unsure: bool
+    unheeded: int
+    around: tuple[tuple[int, int, int], ...]  # direction, beats of silence, parcel reported here
 
 
-Estimate = tuple[int, int, int, int]  # identity, state, mask of neighbours wanted, hold
+#: Identity, state, mask of neighbours wanted, hold, mask of neighbours that the parcel lies over.
+Estimate = tuple[int, int, int, int, int]
 
 
 class Local(NamedTuple):
@@ -81,21 +90,25 @@ class Local(NamedTuple):
 
     @property
     def estimate(self) -> Estimate:
-        """What the cell sends next; what says nothing about right of way is silence."""
+        """What the cell sends next; what says nothing about right of way shows that it lives."""
         memory = self.memory
-        if memory.down or memory.state < right_of_way.PROMISED:
+        if memory.down:
             return SILENCE
-        return memory.identity, memory.state, memory.wants, memory.hold
+        if memory.state < right_of_way.PROMISED:
+            return ALIVE
+        return memory.identity, memory.state, memory.wants, memory.hold, memory.covers
 
 
 class Input(NamedTuple):
-    """What stands on a cell, and the neighbours it needs."""
+    """What stands on a cell, the neighbours that it needs, and those that it stands on, too."""
 
     over: int
     wants: int
+    covers: int
 
 
-DOWN = Memory(True, 0, 0, right_of_way.CLEAR, 0, 0, 0, 0, 0, ())
+NOTHING = Input(0, 0, 0)
+DOWN = Memory(True, 0, 0, right_of_way.CLEAR, 0, 0, 0, 0, 0, (), 0, False, 0, ())
 
 
 class Cell:
@@ -104,6 +117,7 @@ class Cell:
     def __init__(self, module: Any, rules: Rules, directions: Iterable[int]) -> None:
         self._rules = rules
         self._directions = tuple(sorted(directions))
+        self._neighbours = sum(1 << direction for direction in self._directions)
         self._module = module
         self._decider = module.RightOfWay(
             lease_beats=rules.lease,
@@ -134,20 +148,26 @@ class Cell:
         memory = memory._replace(
             wants=_turned_mask(memory.wants, directions),
             said=tuple(sorted((directions[said[0]], *said[1:]) for said in memory.said)),
+            covers=_turned_mask(memory.covers, directions),
+            around=tuple(sorted((directions[each[0]], *each[1:]) for each in memory.around)),
         )
         return image._number(
             Local(
                 memory,
                 tuple(
-                    (identity, state, _turned_mask(wants, directions), hold)
-                    for identity, state, wants, hold in sent
+                    (
+                        *(identity, state, _turned_mask(wants, directions), hold),
+                        _turned_mask(covers, directions),
+                    )
+                    for identity, state, wants, hold, covers in sent
                 ),
             )
         )
 
     def settled(self, given: Input) -> int:
         """The local state long after a restart, with this parcel standing on the cell."""
-        local = Local(self._restarted(given), self._nothing)
+        restarted = self._restarted(given)._replace(unsure=False, unheeded=0, around=())
+        local = Local(restarted, self._nothing)
         for _ in range(50):
             local = self._after(local, self._decide(local.memory, (), given, bool(given.over)))
         return self._number(local)
@@ -163,12 +183,15 @@ class Cell:
         )
 
     def _restarted(self, given: Input) -> Memory:
-        self._decider.restart()
+        self._decider.restart(self._neighbours)
         self._decider.on_beat(0, 0, bool(given.over))
-        return self._snapshot(0)
+        return self._snapshot(NOTHING)
 
     def steps(self, number: int, inbox: tuple[Arrivals, ...], given: Input) -> tuple[int, ...]:
         """The local states that may follow; first that in which every estimate arrives at once."""
+        if not self.locals[number].memory.unsure:
+            # It does not ask who lives, nor what lies here.
+            inbox = tuple(tuple(dict.fromkeys(map(_plain, arrivals))) for arrivals in inbox)
         key = (number, inbox, given)
         found = self._steps.get(key)
         if found is None:
@@ -190,7 +213,11 @@ class Cell:
             memory = self._decide(local.memory, delivered, given, bool(given.over))
             yield self._number(self._after(local, memory))
             if lags:
-                memory = self._decide(local.memory, delivered, Input(0, 0), True)
+                memory = self._decide(local.memory, delivered, NOTHING, True)
+                yield self._number(self._after(local, memory))
+            if lags and local.memory.unsure and given.covers:
+                # An edge lies over the square, and over no sensor.
+                memory = self._decide(local.memory, delivered, NOTHING, False)
                 yield self._number(self._after(local, memory))
 
     def _choices(self, inbox: tuple[Arrivals, ...]) -> Iterable[tuple[Message, ...]]:
@@ -219,14 +246,23 @@ class Cell:
             self._restore(memory)
             for direction, message in delivered:
                 self._delivery.put(direction, message)
+                if memory.unsure:
+                    identity, state, _, _, over = message
+                    lies_here = over and state == right_of_way.UNDER
+                    self._decider.hear(direction, identity if lies_here else 0)
             self._delivery.hand_over(self._decider)
             self._decider.on_beat(given.over, given.wants, occupied)
-            found = self._decided[key] = self._snapshot(given.wants)
+            found = self._decided[key] = self._snapshot(given)
         return found
 
     def _restore(self, memory: Memory) -> None:
         decider = self._decider
-        decider.restart()
+        decider.restart(self._neighbours)
+        decider.unsure = memory.unsure
+        decider.unheeded_beats = memory.unheeded
+        for direction, silent_beats, reported in memory.around:
+            decider.silent_beats[direction] = silent_beats
+            decider.reported[direction] = reported
         registers = decider.registers
         registers[right_of_way.IDENTITY] = memory.identity
         registers[right_of_way.STATE] = memory.state
@@ -240,17 +276,20 @@ class Cell:
             decider.said[right_of_way.HOLDS + direction] = hold
             decider.said[right_of_way.LEFT + direction] = left
 
-    def _snapshot(self, wants: int) -> Memory:
+    def _snapshot(self, given: Input) -> Memory:
         decider = self._decider
         registers = decider.registers
         shown = decider.state >= right_of_way.PROMISED
+        under = decider.state == right_of_way.UNDER
+        # No neighbour is silent for so long that it is dead.
+        most = self._rules.lease - self._rules.late
         return Memory(
             down=False,
             identity=decider.identity if shown else 0,
             state=decider.state if shown else right_of_way.NONE,
             hold=decider.hold,
             drive=decider.drive_beats,
-            wants=wants if decider.state == right_of_way.UNDER else 0,
+            wants=given.wants if under else 0,
             promised=registers[right_of_way.PROMISED_TO],
             bound=registers[right_of_way.BOUND],
             waiting=registers[right_of_way.WAITING],
@@ -265,7 +304,20 @@ class Cell:
                 for direction in self._directions
                 if decider.said[right_of_way.LEFT + direction]
             ),
+            covers=given.covers if under else 0,
+            unsure=decider.unsure,
+            unheeded=decider.unheeded_beats if decider.unsure else 0,
+            around=tuple(
+                (direction, min(decider.silent_beats[direction], most), decider.reported[direction])
+                for direction in self._directions
+                if decider.unsure
+            ),
         )
+
+
+def _plain(message: Message) -> Message:
+    """A message as a cell takes it that knows what lies over it."""
+    return SILENCE if message == ALIVE else (*message[:4], 0)
 
 
 def _turned_mask(mask: int, directions: tuple[int, ...]) -> int:

@@ -6,7 +6,7 @@ from itertools import product
 from typing import Any, NamedTuple
 
 from mdms_cell.neighbours import right_of_way
-from tests.prove.cells import SILENCE, Arrivals, Cell, Input, Memory, Rules
+from tests.prove.cells import NOTHING, SILENCE, Arrivals, Cell, Input, Memory, Rules
 from tests.prove.parcels import Cells, Grid, Situation
 from tests.prove.rules import Judge
 
@@ -58,7 +58,7 @@ class Exploration:
         self._worlds: list[World] = []
         self._inputs: list[tuple[Input, ...]] = []
         self._world_numbers: dict[World, int] = {}
-        self._next_worlds: dict[tuple[int, tuple[bool, ...]], list[int]] = {}
+        self._next_worlds: dict[tuple[int, tuple[tuple[bool, bool], ...]], list[int]] = {}
         self._heard_by = [
             [(there, direction ^ 4) for direction, there in sorted(links.items())]
             for links in self._links
@@ -125,13 +125,16 @@ class Exploration:
     def _input(self, world: World, cell: int) -> Input:
         for identity, parcel in enumerate(world[0], 1):
             if cell in parcel.covers:
-                wants = sum(
-                    1 << direction
-                    for direction, there in self._links[cell].items()
-                    if there in parcel.needs
+                wants, covers = (
+                    sum(
+                        1 << direction
+                        for direction, there in self._links[cell].items()
+                        if there in cells
+                    )
+                    for cells in (parcel.needs, parcel.covers)
                 )
-                return Input(identity, wants)
-        return Input(0, 0)
+                return Input(identity, wants, covers)
+        return NOTHING
 
     def _inbox(self, state: State, cell: int) -> tuple[Arrivals, ...]:
         return tuple(
@@ -150,8 +153,11 @@ class Exploration:
             found = self._said[cell][number] = tuple(
                 tuple(
                     dict.fromkeys(
-                        (identity, state, wants >> direction & 1, hold)
-                        for identity, state, wants, hold in (local.estimate, *local.sent, SILENCE)
+                        (identity, state, wants >> direction & 1, hold, covers >> direction & 1)
+                        for identity, state, wants, hold, covers in (
+                            *(local.estimate, *local.sent),
+                            SILENCE,
+                        )
                     )
                 )
                 for direction in range(8)
@@ -166,16 +172,27 @@ class Exploration:
             if self.memory(state, cell).identity == identity
         )
 
+    def _is_noticed(self, state: State, identity: int) -> bool:
+        """Whether no cell that lives takes a parcel that lies over it for one to come."""
+        found = (self.memory(state, cell) for cell in self.world(state)[0][identity - 1].covers)
+        return not any(
+            memory.unsure or (memory.identity == identity and memory.state == right_of_way.PROMISED)
+            for memory in found
+        )
+
     def _worlds_after(self, state: State) -> list[int]:
         """What parcels may do within a beat; first that nothing changes."""
         parcels, crash = self.world(state)
-        driven = tuple(self._may_drive(state, identity + 1) for identity in range(len(parcels)))
+        driven = tuple(
+            (self._may_drive(state, identity), self._is_noticed(state, identity))
+            for identity in range(1, len(parcels) + 1)
+        )
         key = (state[0], driven)
         found = self._next_worlds.get(key)
         if found is None:
             moves = [
-                self.grid.next_of(parcel, may_drive)
-                for parcel, may_drive in zip(parcels, driven, strict=True)
+                self.grid.next_of(parcel, *seen)
+                for parcel, seen in zip(parcels, driven, strict=True)
             ]
             found = [self._number((choice, crash)) for choice in product(*moves)]
             self._next_worlds[key] = found

@@ -113,12 +113,15 @@ class Grid:
         goals = [self.shifted(place, direction) for direction in (0, 2, 4, 6)]
         return [goal for goal in goals if goal is not None]
 
-    def next_of(self, now: Situation, may_drive: bool) -> list[Situation]:
-        """What may become of a parcel within a beat; first that it goes on as it is."""
+    def next_of(self, now: Situation, may_drive: bool, noticed: bool = True) -> list[Situation]:
+        """What may become of a parcel within a beat; first that it goes on as it is.
+
+        It is not farther on its way before all cells that it lies over have noticed.
+        """
         if now.on_its_way:
             ends = (now.goal, now.place) if may_drive else ()
             return [now, *(Situation(end, end) for end in ends)]
-        since = min(now.since + 1, self.reaction_beats) if now.waits else 0
+        since = min(now.since + 1, self.reaction_beats) if now.waits and noticed else 0
         found = [replace(now, since=since)]
         if now.waits:
             if may_drive and now.since >= self.reaction_beats:

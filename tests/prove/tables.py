@@ -54,6 +54,9 @@ QUICK = {
     "3 x 1, two parcels, lease 1, any lost, none late, a crash": Table(
         3, 1, ((0,), (2,)), _ANY_SHORT
     ),
+    "3 x 1, parcels of two cells and one, lease 1, any lost, none late, a crash": Table(
+        3, 1, ((0, 1), (2,)), _ANY_SHORT
+    ),
 }
 
 #: Explored by `python -m tests.prove` as well, within minutes.

@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 from tests.micropython_builds import EMITS, ROOT, on_32_bits, stage, unix_command
 
 FIRMWARE = ROOT / "firmware"
-FAKED = ("machine", "can_controller", "can_stm32", "can_bx", "pyb", "world")
+FAKED = ("machine", "can_controller", "can_stm32", "can_bx", "pin_names", "pyb", "stm", "world")
 FAKES = tuple(ROOT / "tests" / "firmware" / "fakes" / f"{name}.py" for name in FAKED)
 STAND_INS = Path(__file__).with_name("stand_ins")
 # The stand-in for `micropython` is for the boards only: the cell has stand-ins of its own.

@@ -9,6 +9,7 @@ from typing import NamedTuple
 REASONS = {
     "installs packages": r"pip install '?mdms-array\[[a-z,]+\]'?( .*)?",
     "needs root and an adapter": r"sudo ip link set can\d up type can bitrate \d+",
+    "needs a person at the button": r"mdms doctor --array array\.toml --stop",
     "runs this test too": r"make (test|quick|check)( +#.*)?",
 }
 _NOT_RUN = re.compile(r"<!-- not run: (.*) -->")

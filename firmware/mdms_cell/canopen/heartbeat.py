@@ -77,14 +77,25 @@ class Consumer:
         self.load()
 
     def load(self):
-        """Take over what to watch from the dictionary."""
+        """Take over what to watch from the dictionary; no node has been heard, and none is lost."""
         self._limits_ms = {}
-        for sub in range(1, CONSUMED_NODES + 1):
-            node_id, limit_ms = self._watched(sub)
-            if cob.NODE_MIN <= node_id <= cob.NODE_MAX and limit_ms:
-                self._limits_ms[node_id] = limit_ms
+        self._nodes = [0] * (CONSUMED_NODES + 1)  # by sub-index; 0 where none is watched
         self._received_ms = {}
         self.lost = set()
+        for sub in range(1, CONSUMED_NODES + 1):
+            self._take_entry(sub)
+
+    def _take_entry(self, sub):
+        """Begin to watch the node of one entry, in place of the node that it had."""
+        before = self._nodes[sub]
+        self._limits_ms.pop(before, None)
+        self._received_ms.pop(before, None)
+        self.lost.discard(before)
+        node_id, limit_ms = self._watched(sub)
+        watches = cob.NODE_MIN <= node_id <= cob.NODE_MAX and limit_ms
+        self._nodes[sub] = node_id if watches else 0
+        if watches:
+            self._limits_ms[node_id] = limit_ms
 
     def receivers(self):
         """Pairs of an identifier and what takes its frames."""
@@ -126,5 +137,5 @@ class Consumer:
         for other in range(1, CONSUMED_NODES + 1):
             if other != sub and limit_ms and self._watched(other)[0] == node_id and node_id:
                 raise sdo.AbortError(sdo.INCOMPATIBLE)
-        self.load()
+        self._take_entry(sub)
         self._changed()

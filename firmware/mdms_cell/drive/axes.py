@@ -8,6 +8,7 @@ except ImportError:
 
 from mdms_cell.drive import speed_loop
 from mdms_cell.drive.axis import Axis
+from mdms_cell.drive.state_machine import UNDERVOLTAGE
 from mdms_protocol.codecs import cia402
 
 _SWITCHED_ON = const(0x23)
@@ -62,15 +63,22 @@ class Axes:
 
     @micropython.native
     def poll(self):
-        """Follow what the speed loop did."""
+        """Follow what the speed loop did.
+
+        Too low a supply is reported in every state; it is a fault from 'switched on' on.
+        """
         emcy = self._emcy
         source = 0
         for drive in self._drives:
-            source += 1  # noqa: SIM113 - see `lead`
+            source += 1
             code = drive.poll()
             if code:
                 emcy.report(source, code)
-            elif emcy.errors and drive.state not in _FAILED:
+            elif drive.state in _FAILED:
+                continue
+            elif drive.lacks_supply():
+                emcy.report(source, UNDERVOLTAGE)
+            elif emcy.errors:
                 emcy.clear(source)
 
     def driving(self):

@@ -21,7 +21,7 @@ except ImportError:
 
 # Of each axis. Commands:
 TARGET = const(0)  # reference r [um/s], within +-SPEED_MAX_UM_S
-MODE = const(1)  # OFF, RUN, STOP or BRAKE
+MODE = const(1)  # OFF, RUN, STOP, BRAKE or SWITCHED_ON
 AGE = const(2)  # ticks since the last target, counted here, zeroed by whoever writes TARGET
 # Parameters; those marked * are written by `drive.tuning` only, for they depend on each other:
 INVERTED = const(3)  # 1: motor and encoder are mounted the other way round
@@ -93,12 +93,14 @@ ATTENTION = const(110)  # set to 1 when FAULTS or SIGNS change; zeroed by who lo
 WIDEN = const(111)  # what sign-extends a loaded register, see `reset`
 REGISTERS = const(112)
 
-# Values of MODE; those from STOP on ramp down.
+# Values of MODE; STOP and BRAKE ramp down.
 OFF = const(0)  # voltage 0: brake until the wheel has stood for HOLD_TICKS, then sleep
 RUN = const(1)  # follow TARGET
 STOP = const(2)  # ramp to standstill, whatever TARGET is; over after BRAKE_TICKS at the latest
 #: As STOP, with a gain of its own, and hold the wheel for STILL_TICKS: what it carries may slide.
 BRAKE = const(3)
+#: As OFF, but too low a supply is a fault: from here a cell may drive without another command.
+SWITCHED_ON = const(4)
 
 # Bits of FAULTS.
 STALE = const(1)
@@ -150,10 +152,15 @@ def let_sleep(registers):
     """
     for base in range(0, AXES * AXIS, AXIS):
         standing = registers[base + SIGNS] & STANDING
-        if registers[base + MODE] or (registers[AWAKE] and not standing):
+        if is_on(registers, base) or (registers[AWAKE] and not standing):
             return False
     registers[AWAKE] = 0
     return True
+
+
+def is_on(registers, base):
+    """Whether the axis whose registers start at `base` drives its motor."""
+    return OFF < registers[base + MODE] < SWITCHED_ON
 
 
 @micropython.viper
@@ -218,6 +225,10 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         mode = registers[base + MODE]
         faults = registers[base + FAULTS]
         known = faults
+        if mode == SWITCHED_ON:
+            if low_supply == LOW_TICKS:
+                faults |= UNDERVOLTAGE
+            mode = OFF
         age = registers[base + AGE]
         if age < registers[AGE_LIMIT]:
             registers[base + AGE] = age + 1

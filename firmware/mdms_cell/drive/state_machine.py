@@ -1,10 +1,14 @@
 """One axis of the drive: the state machine of CiA 402-2 around the registers of the speed loop.
 
 The motor is driven in 'operation enabled', and in 'quick stop active' and 'fault reaction active'
-until it stands or their time is over; in every other state the speed loop's mode is OFF: it brakes
-at 0 V, then the bridges sleep. A fault that the speed loop finds has cut the voltage in that very
-tick, or begun to brake; `poll` then takes the state after it. Who changes the state calls the
-background's attention to it, as the speed loop does.
+until it stands or their time is over; in every other state the speed loop brakes at 0 V, then the
+bridges sleep. A fault that the speed loop finds has cut the voltage in that very tick, or begun to
+brake; `poll` then takes the state after it. Who changes the state calls the background's attention
+to it, as the speed loop does.
+
+The neighbour layer enables an axis that is 'switched on' without another controlword. So too low a
+supply, which is an emergency stop, is a fault there as well. From the states below only a
+controlword of another node leads on.
 
 A target is valid in the 'operation enabled' in which it came: every way into and out of that state
 sets it to 0.
@@ -73,6 +77,7 @@ TRANSITIONS = {
 }
 
 MODES = {
+    cia402.SWITCHED_ON: speed_loop.SWITCHED_ON,
     cia402.OPERATION_ENABLED: speed_loop.RUN,
     cia402.QUICK_STOP_ACTIVE: speed_loop.STOP,
     cia402.FAULT_REACTION: speed_loop.BRAKE,
@@ -207,6 +212,10 @@ class Drive:
         if registers[base + _SIGNS] & _STOPPED:
             self._happen(STANDSTILL)
         return 0
+
+    def lacks_supply(self):
+        """Whether the motor's supply has been too low for `speed_loop.LOW_TICKS`."""
+        return self.registers[self.base + _SIGNS] & speed_loop.LOW_SUPPLY
 
     @micropython.native
     def statusword(self):

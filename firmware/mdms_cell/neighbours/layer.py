@@ -18,12 +18,13 @@ from mdms_cell.canopen.objects import find
 from mdms_cell.neighbours import precedence, right_of_way
 from mdms_cell.neighbours.geometry import place
 from mdms_cell.neighbours.geometry.footprint import Footprint
+from mdms_cell.neighbours.geometry.outline import Outline
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, Place
-from mdms_cell.neighbours.heard import OWN, SEEN, Heard
+from mdms_cell.neighbours.heard import NEVER, OWN, SEEN, Heard
 from mdms_cell.neighbours.leading import Leading
-from mdms_cell.neighbours.pages import Pages
-from mdms_cell.neighbours.program import next_sequence
-from mdms_cell.neighbours.right_of_way import NONE, UNDER, RightOfWay
+from mdms_cell.neighbours.pages import AHEAD, OUTDATED, Pages
+from mdms_cell.neighbours.program import next_sequence, turn_um
+from mdms_cell.neighbours.right_of_way import NONE, UNDER, UNKNOWN, RightOfWay
 from mdms_cell.neighbours.steering import ARRIVED, has_arrived
 from mdms_cell.neighbours.suspicion import CODE, SOURCE, Suspicion, judging
 from mdms_cell.neighbours.tracking import LOST_BEATS, Tracking, updater
@@ -36,6 +37,8 @@ from mdms_protocol.neighbours.frames import pack_estimate
 UPDATE_MS = const(7)
 #: A SYNC that has waited for longer is answered, but has no update: the one after it would be late.
 LATE_MS = const(2)
+#: A neighbour under a parcel that is heard, and has sent no estimate for so long, has left it.
+_LEFT_BEATS = const(30)
 #: A step between two SYNCs is counted as no more than this.
 _STEP_MAX_MS = const(50)
 _ESTIMATE_PDO = const(2)
@@ -69,6 +72,8 @@ _STEERING_ARRIVED = const(12)
 assert _STEERING_ARRIVED == ARRIVED
 assert (_RIGHT_IDENTITY, _RIGHT_STATE) == (right_of_way.IDENTITY, right_of_way.STATE)
 assert (_RIGHT_HOLD, _DRIVE_BEATS) == (right_of_way.HOLD, right_of_way.DRIVE_BEATS)
+_OUTDATED = const(2)
+assert _OUTDATED == OUTDATED
 _FIRST_OF_ORDER = const(6)
 assert precedence.FIRST == _FIRST_OF_ORDER
 # The clock wraps, see `ticks`; a difference of two instants is negative from here on.
@@ -114,16 +119,19 @@ class Layer:
         self._suspicion = Suspicion()
         self._tracking = Tracking(self._place, self._footprint, self._heard, self._suspicion)
         self._leading = Leading(self._place, self._footprint, self._tracking, axes)
+        self._rights = RightOfWay()
         self._pages = Pages(
             objects,
             self._place,
             self._heard,
             tracking=self._tracking,
+            rights=self._rights,
             leading=self._leading,
             consumer=consumer,
             pdos=pdos,
         )
-        self._rights = RightOfWay()
+        #: Scratch: a parcel as a neighbour reports it.
+        self._outline = Outline()
         self._beat = array("i", [0] * _REGISTERS)
         self._beat[_STEP_MS] = self._beat[_PERIOD_MS] = 10
         self._beat[_SUSPECT] = -1
@@ -138,26 +146,32 @@ class Layer:
         """The cell is 'operational'; nothing of before counts."""
         # A cell that finds itself among its neighbours has been given another's place.
         self.active = self.wanted and not self._place.names(node_id)
-        self._acquit()
         self._rights.set_lease(self._objects.number(indices.LEASE, 1))
-        self._rights.restart()
         self._beat[_PERIOD_MS] = self._objects.number(indices.LEASE, 2)
-        self._heard.reset()
         self._heard.repeat_ms = self._objects.number(indices.TPDO_PARAMETERS + 1, 5)
         # A millisecond passes until the frame with the edge has come.
         self._tracking.sensors.edge_late_ms = 1 + self._objects.number(indices.PRESENCE_DEBOUNCE)
-        self._tracking.drop()
-        self._pages.start(node_id)
-        self._leading.stop()
-        for number in range(_STEP_MS):
-            self._beat[number] = 0
+        self._pages.node_id = node_id
+        self._reset()
 
     def stop(self):
         """The cell is not 'operational' any more."""
         self.active = False
+        self._reset()
+
+    def _reset(self):
+        """Forget all that must outlive no stop: parcel, programs, promises, and whose time it is.
+
+        Settings stay, and so does the clock.
+        """
         self._acquit()
+        self._rights.restart(self._place.present())
+        self._heard.reset()
         self._tracking.drop()
-        self._leading.stop()
+        self._pages.reset()
+        self._leading.reset()
+        for number in range(_STEP_MS):
+            self._beat[number] = 0
 
     def load(self):
         """Take over everything from the dictionary."""
@@ -240,6 +254,7 @@ class Layer:
             self._pdos.trigger(_ESTIMATE_PDO)
         if gap:
             self._rights.on_gap()
+            self._pages.on_gap(beat_ms // beat[_PERIOD_MS])
             beat[_NONSENSE] += self._heard.read()
             # What has come may be of any age: it is not passed on.
             self._heard.passed_on()
@@ -291,6 +306,59 @@ class Layer:
         if alone:
             precedence.keep(order, turn, estimates, fresh)
 
+    def _look_around(self, sent):
+        """After a restart: what lies over the square, by the neighbours that are heard.
+
+        `sent` is the mask of those whose estimates have come. The page of a parcel whose size is
+        not known is asked for.
+        """
+        heard, rights = self._heard, self._rights
+        stamps = heard.boxes.stamps
+        self._pages.asked = 0
+        for direction in range(DIRECTIONS):
+            if sent >> direction & 1:
+                rights.hear(direction, self._reported_over(direction))
+            elif _age(heard.beat, stamps[DIRECTIONS + direction]) <= 1 and (
+                heard.estimates[direction * wire.ESTIMATE_FIELDS + _STATE] != _UNDER
+                or _age(heard.beat, heard.estimate_beat[direction]) > _LEFT_BEATS
+            ):
+                rights.hear(direction, 0)
+        if self._pages.asked:
+            rights.approach(self._pages.asked)
+
+    def _reported_over(self, direction):
+        """The parcel that a neighbour reports over this cell's square, as in `hear`."""
+        estimates, at = self._heard.estimates, direction * wire.ESTIMATE_FIELDS
+        identity = estimates[at + _IDENTITY]
+        if not identity or estimates[at + _STATE] != _UNDER:
+            return 0
+        program = self._pages.programs.find(identity)
+        if program is None or not program.has_parcel:
+            self._pages.asked = identity
+            return UNKNOWN
+        if not estimates[at + wire.CERTAINTY]:
+            return 0 if self._has_pose(identity) else UNKNOWN
+        x_um, y_um = self._place.shift_um(direction)
+        x_um += estimates[at + wire.X] * wire.STEP_UM
+        y_um += estimates[at + wire.Y] * wire.STEP_UM
+        self._outline.set(*program.size())
+        self._outline.place(x_um, y_um, turn_um(estimates[at + wire.YAW]))
+        return identity if self._footprint.reaches(self._outline) else 0
+
+    def _has_pose(self, identity):
+        """Whether any neighbour has said lately where this parcel is."""
+        heard = self._heard
+        for direction in range(DIRECTIONS):
+            at = direction * wire.ESTIMATE_FIELDS
+            if (
+                _age(heard.beat, heard.estimate_beat[direction]) <= 1
+                and heard.estimates[at + _IDENTITY] == identity
+                and heard.estimates[at + _STATE] == _UNDER
+                and heard.estimates[at + wire.CERTAINTY]
+            ):
+                return True
+        return False
+
     def _choose_parcel(self):
         """Be at the parcel that lies here, or else at the one that the right of way says."""
         tracking, right = self._tracking, self._rights.registers
@@ -317,16 +385,11 @@ class Layer:
             self._leading.next_leg()
 
     def _is_another_at(self, sequence):
-        """Whether a neighbour under the same parcel has the program of this sequence."""
-        estimates, came = self._heard.estimates, self._heard.estimate_beat
+        """Whether a neighbour that had the cell's program has gone on to this sequence."""
+        estimates, ahead = self._heard.estimates, self._pages.registers[AHEAD]
         for direction in range(DIRECTIONS):
-            at = direction * wire.ESTIMATE_FIELDS
-            if (
-                came[direction] == self._heard.beat
-                and estimates[at + _IDENTITY] == self._tracking.identity
-                and estimates[at + _STATE] == _UNDER
-                and estimates[at + _SEQUENCE] == sequence
-            ):
+            its = estimates[direction * wire.ESTIMATE_FIELDS + _SEQUENCE]
+            if ahead >> direction & 1 and its == sequence:
                 return True
         return False
 
@@ -349,7 +412,7 @@ class Layer:
             self._report()
 
 
-def _updating(layer, consumer, track, judge):
+def _updating(layer, consumer, track, judge):  # noqa: PLR0915 - one algorithm, in its order
     """What updates a layer after SYNC, with little to be looked up."""
     heard, rights, tracking = layer._heard, layer._rights, layer._tracking
 
@@ -363,9 +426,11 @@ def _updating(layer, consumer, track, judge):
         estimates=heard.estimates,
         fresh=heard.boxes.fresh,
         read=heard.read,
+        rights=rights,
         take_estimates=rights.on_estimates,
         track=track,
         consumer=consumer,
+        pages=layer._pages,
         programs=layer._pages.programs,
         look_ahead=layer._leading.look_ahead,
         decide=rights.on_beat,
@@ -374,6 +439,7 @@ def _updating(layer, consumer, track, judge):
         lead=layer._lead,
         steered=layer._leading.registers,
         write_estimate=layer._write_estimate,
+        compare=layer._pages.compare,
         hand_on=layer._pages.hand_on,
         order=layer._pages.order,
     ):
@@ -386,6 +452,8 @@ def _updating(layer, consumer, track, judge):
         if order[_FIRST_OF_ORDER]:
             layer._keep_order(order, consumer.lost)
         sent = take_estimates(estimates, fresh)
+        if rights.unsure:
+            layer._look_around(sent)
         if not tracking.under:
             layer._choose_parcel()
         track(step_ms, sync_ms)
@@ -395,32 +463,34 @@ def _updating(layer, consumer, track, judge):
         if consumer.lost:
             programs.outdate(identity)
         program = programs.complete(identity)
+        verdict = compare(identity, program, sent)
         ahead = look_ahead(program) if under else 0
-        needs = ahead & 0xFF
+        needs = beat[_NEEDS] = ahead & 0xFF
         over = identity if under or tracking.is_over() else 0
         if over and right[_RIGHT_STATE] != _UNDER and tracking.is_of_another():
             # A parcel that stands before what nobody knows would come over it mm by mm.
             over = 0
         occupied = presence != 0
         beat[_OVER] = over
-        beat[_NEEDS] = needs
         beat[_OCCUPIED] = occupied
         decide(over, needs, occupied)
         judge(needs if right[_RIGHT_STATE] == _UNDER else 0)
         if first_suspect() != beat[_SUSPECT]:
             layer._report()
         skipped = beat[_SKIPPED]
-        lead(program, step_ms, skipped)
+        outdated = verdict == _OUTDATED
+        lead(None if outdated and not consumer.lost else program, step_ms, skipped)
         flags = _CONTRADICTED if beat[_SUSPECT] >= 0 else 0
         if steered[_STEERING_ARRIVED] and has_arrived(steered):
             flags |= _ARRIVED
-        if program is None or not program.whole:
+        shown = None if pages.asked or outdated else program
+        if shown is None or not shown.whole:
             flags |= _LACKING
         beat[_WANTS] = ahead >> 8
-        beat[_SEQUENCE] = 0 if program is None else program.sequence
+        beat[_SEQUENCE] = 0 if shown is None else shown.sequence
         beat[_FLAGS] = flags
         write_estimate(step_ms)
-        if sent and under and program is not None:
+        if sent and under and program is not None and not verdict:
             hand_on(program, sent, skipped)
         beat[_SKIPPED] = 0
 
@@ -491,3 +561,8 @@ def _write_right(fields: ptr32, right: ptr16):
     fields[_HOLD] = right[_RIGHT_HOLD]
     if right[_RIGHT_STATE] != _UNDER:
         fields[_WANTS] = 0
+
+
+def _age(beat, came):
+    """How many beats ago something came; many if it never has."""
+    return NEVER if came == NEVER else beat - came & 0xFFFFFF

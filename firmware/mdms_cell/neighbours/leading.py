@@ -81,7 +81,8 @@ _ALONE_MS = const(21)  # what of a program's time has passed without a host
 _WAITED_MS = const(22)  # for how long the parcel stood meanwhile for want of a promise
 _PLANNED_MS = const(23)  # all the time that its way takes; 0: not found yet
 _ENDED = const(24)  # 1 once that was too long
-_REGISTERS = const(25)
+_IDENTITY = const(25)  # of the parcel that the four before are about
+_REGISTERS = const(26)
 #: Times without a host are counted up to this.
 _LONG_MS = const(1 << 20)
 assert _DRIVING == steering.REGISTERS
@@ -90,7 +91,7 @@ assert _DRIVING == steering.REGISTERS
 class Leading:
     """The wheels of one cell under one parcel, by its program.
 
-    Its `registers` begin with those of a steering.
+    Its `registers` begin with those of a steering, and are all that it remembers.
     """
 
     def __init__(self, place, footprint, tracking, axes):
@@ -99,13 +100,19 @@ class Leading:
         self._parcel = tracking.belief.registers
         self._axes = axes
         self.registers = array("i", [0] * _REGISTERS)
-        self._identity = 0
 
-    def begin(self):
-        """A new program has come."""
-        for number in range(_ALONE_MS, _REGISTERS):
+    def reset(self):
+        """Switch the wheels off in good order, and forget everything."""
+        self.stop()
+        for number in range(_REGISTERS):
             self.registers[number] = 0
-        self.next_leg()
+
+    def begin(self, identity):
+        """A new program of this parcel has come, which may be on its way here only."""
+        if identity == self.registers[_IDENTITY]:
+            for number in range(_ALONE_MS, _IDENTITY):
+                self.registers[number] = 0
+            self.next_leg()
 
     def next_leg(self):
         """The next leg of the same way begins: time for it was planned, and goes on."""
@@ -155,11 +162,11 @@ class Leading:
         over, or the host of one that is not to go on was gone, a new program has to come: that the
         host is back moves nothing.
         """
-        if program.identity != self._identity:
-            # What another parcel took of its time is its own.
-            self._identity = program.identity
-            self.begin()
         registers = self.registers
+        if program.identity != registers[_IDENTITY]:
+            # What another parcel took of its time is its own.
+            registers[_IDENTITY] = program.identity
+            self.begin(program.identity)
         if alone:
             if held and registers[_ALONE_MS] and registers[_WAITED_MS] < _WAIT_MS:
                 registers[_WAITED_MS] += step_ms

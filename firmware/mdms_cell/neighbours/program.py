@@ -5,11 +5,16 @@ try:
 except ImportError:
     from mdms_protocol.cpython import micropython
 
+from array import array
+
 from mdms_cell.neighbours.geometry.angle import TURN_UM
 from mdms_protocol.neighbours import frames as wire
 
-#: A cell is near one parcel, and may be asked for by a few more.
-SLOTS = 4
+#: Programs that a cell keeps of all that the host sends: those that come nearest to it, and the one
+#: that came last, of which it is to be seen yet how near that comes.
+SLOTS = 13
+#: Of a program of which nothing says where it leads; no way is so far [steps of the wire].
+_UNKNOWN = 1 << 20
 # Numbers of pages; those of legs follow.
 _PARCEL = 0
 _GOAL = 1
@@ -30,11 +35,13 @@ class Program:
 
     def __init__(self):
         self.pages = bytearray(wire.LENGTH * (2 + wire.LEGS_MAX))
+        self._box = array("i", [0] * 4)  # around the way: lowest x, highest x, and so for y
         self.clear(0)
 
     def clear(self, identity):
         """Begin anew, for this identity."""
         self.identity = identity
+        self._boxed = False
         self.sequence = self.legs = 0
         self.complete = self.whole = False
         for place in range(len(self.pages)):
@@ -49,6 +56,10 @@ class Program:
     def has_goal(self):
         """Whether the goal is there."""
         return self._has(_GOAL)
+
+    def has_goal_of(self, fields):
+        """Whether the goal of this page is there, and no other that has its number."""
+        return self.sequence == fields[wire.PROGRAM_SEQUENCE] and self._is_at(fields, _GOAL)
 
     @property
     def goes_on(self):
@@ -73,13 +84,36 @@ class Program:
             return self._take_leg(fields, leg)
         else:
             self._take_goal(fields, leg == wire.JOINS)
+            self._reach(fields)
         self._look()
         return True
+
+    def begin_at(self, fields):
+        """The parcel is where this page says, and its way begins there."""
+        self._boxed = False
+        self._reach(fields)
+
+    def _reach(self, fields):
+        """The way leads to the place of this page."""
+        box = self._box
+        for axis in range(2):
+            place = fields[wire.PLACE_X + axis]
+            low, high = (box[2 * axis], box[2 * axis + 1]) if self._boxed else (place, place)
+            box[2 * axis] = min(low, place)
+            box[2 * axis + 1] = max(high, place)
+        self._boxed = True
+
+    def away(self, x, y):
+        """How far a point is from the box around the way, along x or y [steps of the wire]."""
+        if not self._boxed:
+            return _UNKNOWN
+        box = self._box
+        return max(box[0] - x, x - box[1], box[2] - y, y - box[3], 0)
 
     def _take_goal(self, fields, joins):
         sequence, legs = fields[wire.PROGRAM_SEQUENCE], fields[wire.LEGS]
         follows = self.has_goal and next_sequence(self.sequence) == sequence
-        again = self._is_at(fields, _GOAL) and (sequence, legs) == (self.sequence, self.legs)
+        again = self.has_goal_of(fields) and legs == self.legs
         if joins and follows and self._has(_GOAL + 1):
             if self._is_at(fields, _GOAL + 1):
                 self._shift()
@@ -95,6 +129,7 @@ class Program:
         if not of_this or leg > self.legs or self._has(_GOAL + leg):
             return False
         self._put(fields, _GOAL + leg)
+        self._reach(fields)
         self._look()
         return True
 
@@ -180,9 +215,15 @@ class Program:
 
 
 class Programs:
-    """The programs that a cell keeps; the one longest unused makes room for another."""
+    """The programs that a cell keeps; the one that stays farthest from it makes room for another.
 
-    def __init__(self):
+    `x` and `y` are the cell's place [steps of the wire; table frame], and `own` returns the
+    identities of the parcels that it is at or promised to: their programs stay.
+    """
+
+    def __init__(self, own=tuple):
+        self.x = self.y = 0
+        self._own = own
         # The one that was used last comes first.
         self._slots = [Program() for _ in range(SLOTS)]
 
@@ -215,9 +256,19 @@ class Programs:
         """The program of an identity, begun anew if there is none."""
         found = self.find(identity)
         if found is None:
-            found = self._slots[-1]
+            found = self._to_replace()
             found.clear(identity)
             self._move(found, 0)
+        return found
+
+    def _to_replace(self):
+        """A slot that is free, else the one of the farthest way, of several the longest unused."""
+        own = self._own()
+        found, farthest = self._slots[-1], -1
+        for slot in self._slots:
+            away = slot.away(self.x, self.y)
+            if away >= farthest and not (slot.identity and slot.identity in own):
+                found, farthest = slot, away
         return found
 
     def go_on(self):
@@ -235,7 +286,7 @@ class Programs:
         found = self.find(identity)
         if found is not None:
             found.clear(0)
-            self._move(found, SLOTS)
+            self._move(found, SLOTS)  # the last place, which is taken first
 
 
 def next_sequence(sequence):

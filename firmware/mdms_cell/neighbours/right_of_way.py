@@ -9,7 +9,10 @@ whatever a neighbour said is taken as said at most `late_beats` SYNCs ago, so th
 its arrival for `lease_beats - late_beats` beats and never beyond `lease_beats` after it was sent.
 A cell that stopped announcing a promise makes none to another parcel before every wheel that may
 have turned by it stands: the lease, and the time that `hold` takes to the last cell under the
-parcel. After a reset it has no record of whom it was promised to, and waits as long.
+parcel. After a reset it has no record of whom it was promised to, and waits as long. Nor does it
+know what lies over its square: until its first promise it goes by what its neighbours report
+(`hear`), from when all that it may have let come stands, and promises nothing while one of them
+that lives has not been heard.
 """
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
@@ -69,6 +72,12 @@ LEFT = const(24)
 _COLUMNS = const(32)
 
 
+#: In the place of an identity: a neighbour reports a parcel, and not whether it lies here.
+UNKNOWN = const(255)
+#: A neighbour that has been silent for so long is dead [beats].
+DEAD_BEATS = const(200)
+
+
 class RightOfWay:
     """Promises, leases and identity of one cell, in its `registers`.
 
@@ -83,7 +92,8 @@ class RightOfWay:
 
     To be sent: `identity`, `state`, `hold`. For the wheels: `drive_beats`, the number of beats
     for which they may turn without another update (0: they may not). To be reported: `blocked`;
-    `lacking`, the mask of neighbours whose promise is wanted and not held.
+    `lacking`, the mask of neighbours whose promise is wanted and not held. `unsure` is whether the
+    cell has promised nothing since its restart.
     """
 
     def __init__(
@@ -101,23 +111,39 @@ class RightOfWay:
         registers[_PATIENCE_BEATS] = patience_beats
         registers[_BLOCKED_BEATS] = blocked_beats
         self.said = bytearray(_COLUMNS)
+        self.unsure = False
+        self._neighbours = 0
+        #: For so long what neighbours report may have been sent before all stood.
+        self.unheeded_beats = 0
+        self.silent_beats = bytearray(DIRECTIONS)
+        self.reported = bytearray(DIRECTIONS)
         self.set_lease(lease_beats, late_beats, hold_beats)
         self.restart()
 
     def set_lease(self, lease_beats, late_beats=2, hold_beats=3):
         """Set how long promises count; a restart is to follow."""
         registers = self.registers
+        self._late_beats = late_beats
         valid_beats = registers[_VALID_BEATS] = lease_beats - late_beats
         registers[_STALE_BEATS] = max(0, valid_beats - hold_beats)
         registers[_BOUND_BEATS] = lease_beats + registers[_HOPS] * (late_beats + hold_beats)
 
-    def restart(self):
-        """Begin after a reset: belong to no parcel, and be silent about promises for a while."""
+    def restart(self, neighbours=0):
+        """Begin after a reset: belong to no parcel, and be silent about promises for a while.
+
+        `neighbours` is the mask of those that there are, and that are to be heard before.
+        """
+        self.unsure = True
+        self._neighbours = neighbours
         registers = self.registers
+        for direction in range(DIRECTIONS):
+            self.silent_beats[direction] = registers[_VALID_BEATS]
+            self.reported[direction] = 0
         for number in range(_VALID_BEATS):
             registers[number] = 0
         registers[HOLD] = CLEAR
         registers[BOUND] = registers[_BOUND_BEATS] + 1  # beats; the last promise is unknown
+        self.unheeded_beats = registers[BOUND] + self._late_beats
         self._drop_others()
 
     @property
@@ -155,6 +181,9 @@ class RightOfWay:
         registers = self.registers
         for direction in range(DIRECTIONS):
             self.said[LEFT + direction] = 0
+            silent_beats = self.silent_beats[direction]
+            self.silent_beats[direction] = max(silent_beats, registers[_VALID_BEATS])
+        self.unheeded_beats = registers[_BOUND_BEATS] + 1 + self._late_beats
         registers[DRIVE_BEATS] = 0
         if registers[BOUND]:
             registers[BOUND] = registers[_BOUND_BEATS] + 1
@@ -169,6 +198,21 @@ class RightOfWay:
         """
         return _take_in(self.registers, self.said, estimates, fresh)
 
+    def hear(self, direction, over):
+        """A neighbour is heard in this beat, which counts while the cell is `unsure`.
+
+        `over` is the parcel that it reports over this cell's square, 0 for none, UNKNOWN for one
+        of which it cannot be told.
+        """
+        if self.unheeded_beats == 0:
+            self.silent_beats[direction] = 0
+            self.reported[direction] = over
+
+    def approach(self, identity):
+        """Be near this parcel, for something of it is to be known."""
+        self.registers[_NEAR] = identity
+        self.registers[_NEAR_LEFT] = self.registers[_VALID_BEATS]
+
     @micropython.native
     def on_beat(self, over, wants, occupied):
         """Decide for the next beat.
@@ -178,11 +222,42 @@ class RightOfWay:
         `occupied`: a presence sensor of this cell is covered.
         """
         registers, said = self.registers, self.said
+        here = 0
+        if self.unsure:
+            here = self._by_report(over)
+            if over != here:
+                if over and not registers[_NEAR]:
+                    self.approach(over)
+                over = 0
         if not _stays_under(registers, said, over):
-            self._change(over, occupied)
+            self._change(over, occupied, here)
+            if registers[STATE] >= PROMISED:
+                # From now on the cell knows whom it lets come.
+                self.unsure = False
         _clear_the_wheels(registers, said, wants)
 
-    def _change(self, over, occupied):
+    def _by_report(self, over):
+        """A beat has passed: what lies over the square by neighbours too, UNKNOWN if they differ.
+
+        Or if one of them has not been heard, and may live.
+        """
+        if self.unheeded_beats:
+            self.unheeded_beats -= 1
+        here = over
+        for direction in range(DIRECTIONS):
+            silent_beats = self.silent_beats[direction]
+            if silent_beats < DEAD_BEATS:
+                self.silent_beats[direction] = silent_beats + 1
+            if not self._neighbours >> direction & 1:
+                continue
+            if self.registers[_VALID_BEATS] <= silent_beats < DEAD_BEATS:
+                here = UNKNOWN
+            reported = self.reported[direction]
+            if reported and here != reported:
+                here = UNKNOWN if here else reported
+        return here
+
+    def _change(self, over, occupied, here):
         """The cell is not under the parcel that it is promised to, or was not before."""
         registers = self.registers
         before = registers[STATE]
@@ -192,7 +267,7 @@ class RightOfWay:
             registers[IDENTITY] = registers[PROMISED_TO]
             registers[STATE] = PROMISED
         else:
-            self._be_free(occupied)
+            self._be_free(occupied, here)
         if (before == UNDER) != (registers[STATE] == UNDER):
             self._drop_others()
 
@@ -234,16 +309,18 @@ class RightOfWay:
         patience_beats = registers[_PATIENCE_BEATS]
         return registers[WAITING] < (patience_beats >> 2 if other < promised else patience_beats)
 
-    def _be_free(self, occupied):
+    def _be_free(self, occupied, here):
         """No parcel stands here by belief, and no promise is to be kept: promise to who asks.
 
         The parcel that had the promise before goes last. What covers a sensor and belongs to no
-        parcel keeps all others away.
+        parcel keeps all others away; so does what is `here` by report.
         """
         registers = self.registers
         registers[WAITING] = 0
         asker = self._asker(registers[_PREVIOUS]) or self._asker(0)
         bound = registers[BOUND]
+        if here:
+            asker, occupied = here if self._asks(here) else 0, False
         if asker and (asker == registers[PROMISED_TO] or not (bound or occupied)):
             self._promise(asker)
             registers[IDENTITY] = asker

@@ -34,6 +34,8 @@ _TOLERANCE_TURN_UM = const(1_500)
 _SETTLED_BEATS = const(30)
 #: The same as a time [ms].
 SETTLED_MS = const(300)
+#: A beat may change the twist by at least this, whatever the program says: every ramp ends [um/s].
+_CHANGE_MIN_UM_S = const(100)
 #: Near the goal the speed is so many times the way left a second.
 _STIFFNESS_PER_S = const(3)
 #: Parts of a corner's way, in which turning and going are one motion.
@@ -145,6 +147,7 @@ def approach(registers: ptr32, parcel: ptr32, may_go: int, step_ms: int) -> bool
         corner = parcel[_REACH] * _SHARE // _ARM_UM
         size = int(length(x, y, turn * (corner if corner else 1) // _SHARE))
         most = registers[ACCELERATION] * _ACCELERATION_MM_S2 * step_ms
+        most = most if most > _CHANGE_MIN_UM_S else _CHANGE_MIN_UM_S
         clipped = size > most
         size = size >> 4 if size >> 4 else 1
         most >>= 4

@@ -13,10 +13,13 @@ _TIMEOUT_MS = ENTRIES[indices.SETPOINT_TIMEOUT, 0].default
 #: The code of an emergency about a neighbour, whose node id is in the first byte of details.
 SUSPICION = 0xFF01
 
+#: The code of a motors' supply below its limit: an emergency stop, a fuse, a battery.
+LOW_SUPPLY = 0x3220
+
 #: What each code means.
 CODES: Mapping[int, str] = {
     0x2310: "over-current, or the bridge has shut off",
-    0x3220: "supply below the undervoltage limit",
+    LOW_SUPPLY: "supply below the undervoltage limit",
     0x6100: "exception in the cell's program; it restarts",
     0x6310: "saved settings that this firmware cannot take",
     0x7121: "wheel stands under voltage: stalled",

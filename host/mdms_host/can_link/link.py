@@ -183,6 +183,10 @@ class Link:
         self.check()
         hand_over(self._arrived, timeout_s, handle)
 
+    def leave_gone(self) -> bool:
+        """Whether any bus is left without those whose devices are gone: here, none."""
+        return False
+
     def check(self) -> None:
         """Start a reader that has died anew. Raises DeviceGoneError when there is no device."""
         if self._gone:
@@ -342,6 +346,9 @@ class AnyLink(Protocol):
 
     def receive(self, timeout_s: float, handle: Any) -> None:
         """Hand over what has arrived; wait for the first frame at most so long."""
+
+    def leave_gone(self) -> bool:
+        """Go on without buses whose devices are gone; whether any other is left."""
 
 
 def drive(participant: Any, link: AnyLink, clock: Clock, over: Callable[[], bool]) -> None:

@@ -23,7 +23,8 @@ Handle = Callable[[Frame, float, int], object]
 class Links:
     """A link for each of the buses, numbered from 0; messages call them by their `names`.
 
-    When one device is gone, all is over: a parcel over a border cannot be carried by half.
+    When one device is gone, all is over: a parcel over a border cannot be carried by half. The
+    others can be left to bring their cells to rest.
     """
 
     def __init__(self, buses: Sequence[can.BusABC], names: Sequence[str], clock: Clock) -> None:
@@ -31,6 +32,8 @@ class Links:
         self._clock = clock
         self._names = names
         self._arrived: SimpleQueue[tuple[Frame, float, int]] = SimpleQueue()
+        self._left: set[int] = set()
+        self._gone: set[int] = set()
         self._links = []
         for number, (bus, name) in enumerate(zip(buses, names, strict=True)):
             incidents = Incidents(clock, self.incidents, f"{name}: ")
@@ -75,9 +78,12 @@ class Links:
         until_s = self._clock.now_s() + QUEUE_WAIT_S
         gone: DeviceGoneError | None = None
         for bus, frame in frames:
+            if bus in self._left:
+                continue
             try:
                 self._links[bus].send(frame, until_s)
             except DeviceGoneError as error:
+                self._gone.add(bus)
                 gone = DeviceGoneError(f"{self._names[bus]}: {error}")
         if gone is not None:
             raise gone
@@ -96,14 +102,25 @@ class Links:
             for link in self._links:
                 stack.callback(link.close)
 
+    def leave_gone(self) -> bool:
+        """Go on without the buses whose devices are gone; whether any other is left.
+
+        Frames for them are dropped from now on.
+        """
+        self._left |= self._gone
+        return len(self._left) < len(self._links)
+
     def _deliver_from(self, bus: int) -> Callable[[Frame, float], object]:
         return lambda frame, now_s: self._arrived.put((frame, now_s, bus))
 
     def _check(self) -> None:
-        for name, link in zip(self._names, self._links, strict=True):
+        for bus, (name, link) in enumerate(zip(self._names, self._links, strict=True)):
+            if bus in self._left:
+                continue
             try:
                 link.check()
             except DeviceGoneError as error:
+                self._gone.add(bus)
                 raise DeviceGoneError(f"{name}: {error}") from None
 
 

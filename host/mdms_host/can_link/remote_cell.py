@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 
-from mdms_host.can_link.emergencies import SUSPICION
+from mdms_host.can_link.emergencies import LOW_SUPPLY, SUSPICION
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cia402, cob, nmt
 
@@ -16,9 +16,11 @@ Handler = Callable[[bytes, float], None]
 class RemoteCell:
     """The last known state of the cell with this number (from 1), node id and bus (None: the only).
 
-    Everything is None until the cell has reported it; `garbage` counts its frames that could not
-    be decoded and were dropped. `errors` has the code of each error that stands, by its source;
-    `suspect` is the node id of the neighbour that it suspects, 0 for none.
+    Everything is None until the cell has reported it, and again once it sends no PDOs any more.
+    `garbage` counts its frames that could not be decoded and were dropped. `errors` has the code of
+    each error that stands, by its source; `suspect` is the node id of the neighbour that it
+    suspects, 0 for none. `lacks_supply` is whether its motors' supply is below the limit, or its
+    drives have shut off for that.
     `handlers` has the function for each identifier. Speeds come often and are read seldom, so they
     are kept as they came (`speeds_data`) and decoded when read.
     """
@@ -37,6 +39,9 @@ class RemoteCell:
         self.errors: dict[int, int] = {}
         self.suspect = 0
         self.garbage = 0
+        self._voltage = True
+        #: Whether a PDO has come since the last heartbeat that left the cell no more of them.
+        self._told = False
         self.handlers: dict[int, Handler] = {
             cob.HEARTBEAT_BASE + node_id: self.on_heartbeat,
             pdo.STATUS.can_id(node_id): self.on_status,
@@ -59,6 +64,11 @@ class RemoteCell:
     def emergency(self) -> int | None:
         """The code of the error that came last of those that stand; None if there is none."""
         return next(reversed(self.errors.values()), None)
+
+    @property
+    def lacks_supply(self) -> bool:
+        """See above."""
+        return not self._voltage or LOW_SUPPLY in self.errors.values()
 
     @property
     def moving(self) -> bool:
@@ -85,6 +95,13 @@ class RemoteCell:
             # It has restarted, and reports anew what is wrong.
             self.errors.clear()
             self.suspect = 0
+            self._voltage = True
+            self.drive_states = None
+        if state != nmt.OPERATIONAL and self._told:
+            # It sends no PDOs, and no drive runs: a fault alone may still stand.
+            self._told, self.speeds_data, self.presence = False, None, None
+            if self.moving:
+                self.drive_states = None
         self.last_heartbeat_s, self.nmt_state = now_s, state
 
     def on_status(self, data: bytes, now_s: float) -> None:
@@ -95,11 +112,13 @@ class RemoteCell:
             return
         *statuswords, self.presence = values
         self.drive_states = tuple(map(cia402.state, statuswords))
+        self._voltage = all(word & cia402.VOLTAGE_ENABLED for word in statuswords)
+        self._told = True
 
     def on_speeds(self, data: bytes, now_s: float) -> None:
         """Its first TPDO: the speeds at the last SYNC."""
         if len(data) == pdo.ACTUAL_VELOCITY.length:
-            self.speeds_data = data
+            self.speeds_data, self._told = data, True
         else:
             self.garbage += 1
 

@@ -1,6 +1,7 @@
 """Sends to a python-can bus whose transmit queue may be full: it is waited for, for a while."""
 
 import errno
+from re import search
 
 import can
 
@@ -25,7 +26,9 @@ def is_full(error: BaseException | None) -> bool:
         number = getattr(error, "error_code", None) or getattr(error, "errno", None)
         if number in _FULL or isinstance(error, TimeoutError):
             return True
-        if "full" in str(error).lower() or type(error).__name__ == "SerialTimeoutException":
+        if type(error).__name__ == "SerialTimeoutException":
+            return True
+        if search(r"\bfull\b", str(error).lower()):
             return True
         error = error.__cause__
     return False

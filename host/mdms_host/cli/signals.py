@@ -8,8 +8,10 @@ from types import FrameType
 from typing import NoReturn
 from weakref import WeakSet
 
-#: The signals that end a service in order.
-ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+#: The signals that end a service in order, as far as the system has them.
+ENDS = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
 #: An exception that a signal raised and that was lost is raised again after so long [s].
 AGAIN_S = 0.5
 
@@ -49,21 +51,30 @@ def ended_by_signals() -> Iterator[None]:
 
 
 @contextmanager
-def interrupted() -> Iterator[Callable[[], bool]]:
-    """Whether the end was asked for by a signal: no step of the simulation is broken off.
+def interrupted() -> Iterator[Callable[[], KeyboardInterrupt | None]]:
+    """What asks for the end by a signal, None while nothing does: no step is broken off meanwhile.
 
-    A second signal breaks it off.
+    A second signal breaks it off. Where SIGHUP is ignored, as under nohup, it stays ignored.
     """
-    pressed = threading.Event()
+    asked: list[KeyboardInterrupt] = []
 
-    def on_signal(*_: object) -> None:
-        if pressed.is_set():
-            raise KeyboardInterrupt
-        pressed.set()
+    def on_signal(number: int, _frame: FrameType | None) -> None:
+        end = Interrupted() if number == signal.SIGINT else Terminated()
+        if asked:
+            raise end
+        asked.append(end)
 
-    before = {number: signal.signal(number, on_signal) for number in ENDS}
+    def first() -> KeyboardInterrupt | None:
+        return asked[0] if asked else None
+
+    if threading.current_thread() is not threading.main_thread():
+        yield first
+        return
+    kept = [number for number in _numbers("SIGHUP") if signal.getsignal(number) == signal.SIG_IGN]
+    numbers = (number for number in ENDS if number not in kept)
+    before = {number: signal.signal(number, on_signal) for number in numbers}
     try:
-        yield pressed.is_set
+        yield first
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -60,9 +60,15 @@ def open_streams() -> None:
 
 
 def say(message: str) -> None:
-    """One line for people on stderr; where it has no room, nobody reads it."""
+    """One line for people on stderr; where it has no room, nobody reads it.
+
+    Names in it may come from files and other programs: what controls a terminal is spelled out.
+    """
+    shown = "".join(
+        each if each.isprintable() or each in "\n\t" else ascii(each)[1:-1] for each in message
+    )
     with suppress(OSError):
-        print(message, file=sys.stderr)
+        print(shown, file=sys.stderr)
 
 
 def flushed(code: int) -> int:

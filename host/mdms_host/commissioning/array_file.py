@@ -1,4 +1,4 @@
-"""A file (TOML) that describes an array: grid, wheels, sensors, bus; cells with their settings.
+"""A file (TOML) of an array: grid, wheels, sensors, bus, emergency stop; cells with settings.
 
 `mdms configure dump` writes its cells; `load` and `assign --from` read them. `mdms run --array`
 reads all of it. Whatever is left out is as the reader's own defaults have it.
@@ -14,7 +14,7 @@ from mdms_host.commissioning.cell_settings import CellSettings
 from mdms_host.commissioning.parameters import BY_NAME, Parameter, ParameterError
 from mdms_model.errors import InputError
 from mdms_model.scenario.limit import LENGTH, Limit
-from mdms_model.scenario.scenario import ScenarioError, Wheel
+from mdms_model.scenario.scenario import ScenarioError, Stop, Wheel
 from mdms_model.scenario.tree import build
 from mdms_protocol.codecs import cob
 
@@ -74,11 +74,12 @@ class FiledCell:
 
 @dataclass(frozen=True, slots=True)
 class ArrayFile:
-    """All that a file says."""
+    """All that a file says; `stop` is what the table's emergency stop holds, None if not stated."""
 
     path: Path
     table: FiledTable
     cells: tuple[FiledCell, ...]
+    stop: Stop | None = None
 
     @property
     def bus_count(self) -> int:
@@ -137,16 +138,19 @@ def read_array(path: Path) -> ArrayFile:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ArrayFileError(f"{path}: {error}") from None
     try:
-        unknown = document.keys() - {"array", "cell"}
+        unknown = document.keys() - {"array", "stop", "cell"}
         if unknown:
-            raise ArrayFileError(f"unknown key {min(unknown)}; expected [array], [[cell]] tables")
+            raise ArrayFileError(
+                f"unknown key {min(unknown)}; expected [array], [stop], [[cell]] tables"
+            )
         table: FiledTable = build(FiledTable, document.get("array", {}), "array")
+        stop: Stop | None = build(Stop, document["stop"], "stop") if "stop" in document else None
         cells = tuple(_cell(each) for each in _tables(document))
         _refuse_duplicates(cells)
         _check_buses(table, cells)
     except (ArrayFileError, ParameterError, ScenarioError) as error:
         raise ArrayFileError(f"{path}: {error}") from None
-    return ArrayFile(path, table, cells)
+    return ArrayFile(path, table, cells, stop)
 
 
 def filed_cells(path: Path, channel: str | None = None) -> tuple[FiledCell, ...]:

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 from mdms_host.commissioning.array_file import ArrayFile, FiledCell, FiledTable
 from mdms_host.commissioning.filed_places import without_places
+from mdms_model.scenario.scenario import Stop
 
 #: The first line of every such file, by which it is known for one that may be written over.
 MARK = "# Array, commissioned by `mdms commission`."
@@ -16,6 +17,8 @@ _HEAD = f"""{MARK} It takes the same file again: --from FILE.
 def array_document(file: ArrayFile) -> str:
     """All that a file says, cells by their numbers, without what their places imply."""
     lines = [_HEAD, "[array]", *_table(file.table)]
+    if file.stop is not None:
+        lines += ["", *_stop(file.stop)]
     for cell in sorted(file.cells, key=lambda each: (each.number or each.node_id, each.serial)):
         lines += ["", *_cell(without_places(cell))]
     return "\n".join(lines) + "\n"
@@ -35,6 +38,13 @@ def _table(table: FiledTable) -> Iterator[str]:
         yield "[[array.wheel]]"
         yield f"direction_rad = {wheel.direction_rad}"
         yield f"offset_m = {_vector(wheel.offset_m)}"
+
+
+def _stop(stop: Stop) -> Iterator[str]:
+    yield "[stop]"
+    yield f'form = "{stop.form}"'
+    yield f"mass_kg = {stop.mass_kg}"
+    yield f"speed_m_s = {stop.speed_m_s}"
 
 
 def _cell(cell: FiledCell) -> Iterator[str]:

@@ -148,8 +148,12 @@ class Commissioning:
         return int.from_bytes(data, "little", signed=entry.type.low < 0)
 
     def read_text(self, node_id: int, index: int, sub: int = 0) -> str:
-        """A text of the object table. Raises SilentError, RefusedError, KeyError."""
-        return self._upload(node_id, _entry(index, sub)).decode("ascii", "replace")
+        """A text of the object table. Raises SilentError, RefusedError, KeyError.
+
+        Any node may say anything: what no person can read becomes a question mark.
+        """
+        text = self._upload(node_id, _entry(index, sub)).decode("ascii", "replace")
+        return "".join(each if each.isprintable() else "?" for each in text)
 
     def write(self, node_id: int, index: int, sub: int, value: int) -> None:
         """Write an integer. Raises OutOfRangeError before sending, SilentError, RefusedError."""

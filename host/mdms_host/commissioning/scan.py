@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import can
+from rich.markup import escape
 from rich.table import Table
 
 from mdms_host.clock import Clock
@@ -49,10 +50,10 @@ def scan_table(nodes: list[FoundNode]) -> Table:
         table.add_row(
             str(node.node_id),
             node.state or "no heartbeat",
-            identity.name if identity else "?",
-            identity.software if identity else "",
+            escape(identity.name) if identity else "?",
+            escape(identity.software) if identity else "",
             f"{identity.serial:08X}" if identity else "",
-            node.problem or "",
+            escape(node.problem or ""),
         )
     return table
 

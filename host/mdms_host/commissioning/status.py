@@ -11,7 +11,7 @@ from mdms_host.can_link.remote_cell import RemoteCell
 from mdms_host.can_link.sdo_client import Read, SdoClient
 from mdms_host.commissioning.scan import STATE_NAMES
 from mdms_protocol import indices, pdo
-from mdms_protocol.codecs import cia402, cob
+from mdms_protocol.codecs import cia402, cob, nmt
 from mdms_protocol.codecs.frame import Frame
 
 _STATUSWORDS = (indices.STATUSWORD, indices.STATUSWORD + indices.AXIS_OFFSET)
@@ -52,8 +52,9 @@ class CellStatus:
 class StatusModel:
     """A participant that keeps the last state of every node on the bus.
 
-    It sends little: the statuswords, presence bits and suspect of a node are read once, since a
-    node reports changes by itself, and one that is being flashed must not be disturbed.
+    It sends little: the statuswords, presence bits and suspect of a node are read when it appears,
+    and when it is pre-operational again. A node that is operational reports changes by itself, and
+    one that is being flashed must not be disturbed.
     """
 
     def __init__(self) -> None:
@@ -76,7 +77,11 @@ class StatusModel:
             self._reading[node_id] = SdoClient(node_id, _READS)
         if node_id not in self._cells:
             return
-        self._cells[node_id].on_frame(frame.can_id, frame.data, now_s)
+        cell = self._cells[node_id]
+        before = cell.nmt_state
+        cell.on_frame(frame.can_id, frame.data, now_s)
+        if cell.nmt_state == nmt.PRE_OPERATIONAL and before not in (None, nmt.PRE_OPERATIONAL):
+            self._reading[node_id] = SdoClient(node_id, _READS)
         if base == cob.SDO_RESPONSE_BASE and node_id in self._reading:
             self._on_answer(node_id, frame.data)
 
@@ -98,7 +103,7 @@ class StatusModel:
         if not client.done:
             return
         del self._reading[node_id]
-        if cell.drive_states is None:
+        if cell.drive_states is None or cell.nmt_state != nmt.OPERATIONAL:
             words = (client.answers[index, 0] for index in _STATUSWORDS)
             cell.drive_states = tuple(cia402.state(word) for word in words)
             cell.presence = client.answers[indices.PRESENCE, 0]

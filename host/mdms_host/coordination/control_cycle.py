@@ -172,7 +172,7 @@ class ControlCycle:
             self._journal.warn(now_s, text)
         for text in self.watch.arrivals(now_s):
             self._journal.note(now_s, text)
-        for text in self.watch.parcels(found, self._step_s):
+        for text in self.watch.parcels(self._program.awaits, found, self._step_s):
             self._journal.warn(now_s, text)
 
     def _report_standings(self, time_s: float, now_s: float) -> None:

@@ -49,11 +49,12 @@ class Coordinator:
     `fault` is what has ended the run, None as long as nothing has; `events` is what happened, as
     (time [s], text); `troubles` are those of the events that a person should look after, though
     the run goes on. `settings` are written to every cell, `own_settings` to the cell of that number
-    besides; all other stored settings must be at their defaults. Cells that steer (the program is a
-    `ByCells`) are written their places, too; others may have any. `policy` is what is done
-    about cells that fall out of action; `centres_of_mass_m` are those of parcels that have them
-    beside their origins, in their frames. Raises ValueError for cells of more wheels than the wire
-    has axes.
+    besides; all other stored settings must be at their defaults. The cell of a number in `serials`
+    must have that serial number, or the run ends before any wheel is driven. Cells that steer (the
+    program is a `ByCells`) are written their places, too; others may have any. `policy` is what is
+    done about cells that fall out of action; `centres_of_mass_m` are those of parcels that have
+    them beside their origins, in their frames. Raises ValueError for cells of more wheels than the
+    wire has axes.
     """
 
     def __init__(
@@ -64,6 +65,7 @@ class Coordinator:
         parcels: tuple[Parcel, ...] = (),
         settings: tuple[Setting, ...] = (),
         own_settings: Mapping[int, tuple[Setting, ...]] = MappingProxyType({}),
+        serials: Mapping[int, int] = MappingProxyType({}),
         timing: Timing | None = None,
         host_node_id: int = cob.NODE_MAX,
         policy: Policy | None = None,
@@ -81,6 +83,7 @@ class Coordinator:
             layout,
             settings,
             own_settings,
+            serials,
             status_period_s=timing.status_period_s,
             steered_beside=host_node_id if by_cells else None,
         )
@@ -236,6 +239,11 @@ class Coordinator:
     def goals(self) -> Mapping[str, Goal]:
         """The goal of each parcel that is steered to one."""
         return {name: one.goal for name, one in self._program.controllers.items()}
+
+    @property
+    def arrived(self) -> Mapping[str, Goal]:
+        """The goals of the parcels that are there, as it believes."""
+        return {name: one.goal for name, one in self._program.controllers.items() if one.arrived}
 
     def set_goal(self, parcel: str, goal: Goal) -> None:
         """Steer a parcel to another goal from the next setpoints on.

@@ -71,8 +71,18 @@ class Course:
             self._look_after_cells(now_s)
         elif fault := self._supervision.fault(self.phase, self._roster.taking_part, now_s):
             self._fail(fault, now_s)
+        elif low := self._without_supply(now_s):
+            text = self._supervision.low_supply_text(low)
+            if not self._care.do_without(low, text, now_s):
+                self._fail(text, now_s)
         elif self._roster.out:
             self._care.bring_back(now_s)
+
+    def _without_supply(self, now_s: float) -> list[BringUpCell]:
+        """The cells that come up without a supply of their motors, in time before any may drive."""
+        if self.phase not in BRING_UP:
+            return []
+        return self._supervision.without_supply(self._roster.taking_part, now_s)
 
     def _look_after_cells(self, now_s: float) -> None:
         decision = self._care.step(self.phase, now_s, self._unsure())

@@ -33,7 +33,7 @@ class Operation:
     """A run that has ended: how, after how long [s], with which fault, and what its bus was like.
 
     A fault names what was held up at that time, if anything was. `interrupt` is what ended it
-    early, if a person did.
+    early, if anybody did.
     """
 
     ending: Ending
@@ -51,17 +51,27 @@ def operate(
     on_event: Callable[[float, str], object] = lambda _time_s, _text: None,
     *,
     participant: Participant | None = None,
+    interrupted: Callable[[], KeyboardInterrupt | None] = lambda: None,
 ) -> Operation:
     """Run the program until it is finished, for `limit_s` at most, then turn the array off.
 
     `participant` is on the bus in the coordinator's place, if given, and drives it: a recorder.
-    `on_event(time_s, text)` is called for events, and for incidents of the link, as they happen. An
-    interrupt (Ctrl-C) ends the run in order; so does any error, which is raised when the array is
-    off. A second interrupt breaks the ending off. Raises DeviceGoneError.
+    `on_event(time_s, text)` is called for events, and for incidents of the link, as they happen.
+    `interrupted` is asked between two cycles for what ends the run early (Ctrl-C), which it does in
+    order; so does any error, which is raised when the array is off. A KeyboardInterrupt that is
+    raised may leave a cycle half done: all cells are taken out of 'operational', and nothing else
+    is done. Where one device of several is gone, the cells on the others are stopped in order.
+    Raises DeviceGoneError.
     """
     with punctual(clock):
         return _operate(
-            coordinator, participant or coordinator, link, clock, limit_s=limit_s, on_event=on_event
+            coordinator,
+            participant or coordinator,
+            link,
+            clock,
+            limit_s=limit_s,
+            on_event=on_event,
+            interrupted=interrupted,
         )
 
 
@@ -73,6 +83,7 @@ def _operate(
     *,
     limit_s: float | None,
     on_event: Callable[[float, str], object],
+    interrupted: Callable[[], KeyboardInterrupt | None],
 ) -> Operation:
     start_s = clock.now_s()
     watch = _Watch(coordinator, link, clock, on_event)
@@ -81,19 +92,21 @@ def _operate(
         watch.look()
         late = limit_s is not None and clock.now_s() - start_s > limit_s
         over = coordinator.stopped or coordinator.finished or coordinator.stuck is not None
-        return not (over or late)
+        return not (over or late or interrupted())
 
-    interrupt: KeyboardInterrupt | None = None
     try:
         drive(participant, link, clock, lambda: not running())
-    except KeyboardInterrupt as caught:
-        interrupt = caught
+    except KeyboardInterrupt:
+        _all_off(link)
+        raise
     except DeviceGoneError:
+        if link.leave_gone():
+            _turn_off(coordinator, participant, link, clock)
         raise
     except BaseException:
         _turn_off(coordinator, participant, link, clock)
         raise
-    finished = coordinator.finished
+    finished, interrupt = coordinator.finished, interrupted()
     _turn_off(coordinator, participant, link, clock)
     watch.look()
     ending = _ending(coordinator, interrupt is not None, finished, limit_s)
@@ -146,15 +159,28 @@ class _Watch:
 def _turn_off(
     coordinator: Coordinator, participant: Participant, link: AnyLink, clock: Clock
 ) -> None:
-    """Stop the array in order; where that fails, take all cells out of 'operational' at once."""
+    """Stop the array in order; where that fails, take all cells out of 'operational' at once.
+
+    Cells are stopped on all buses whose devices are there. Raises DeviceGoneError after that.
+    """
     coordinator.stop()
-    try:
-        drive(participant, link, clock, lambda: coordinator.stopped)
-    except DeviceGoneError:
-        raise
-    except BaseException:
-        link.send(nmt.command(nmt.ENTER_PRE_OPERATIONAL))
-        raise
+    gone: DeviceGoneError | None = None
+    while not coordinator.stopped:
+        try:
+            drive(participant, link, clock, lambda: coordinator.stopped)
+        except DeviceGoneError as error:
+            gone = gone or error
+            if not link.leave_gone():
+                raise
+        except BaseException:
+            _all_off(link)
+            raise
+    if gone is not None:
+        raise gone
+
+
+def _all_off(link: AnyLink) -> None:
+    link.send(nmt.command(nmt.ENTER_PRE_OPERATIONAL))
 
 
 def _ending(

@@ -22,6 +22,8 @@ class Event(StrEnum):
     CLEARED = "cleared"
     #: What was unknown is a parcel that has been found.
     EXPLAINED = "explained"
+    #: What was taken for a parcel that was to come is something else.
+    WITHDRAWN = "withdrawn"
     #: What was to be a parcel does not have its outline.
     MISFIT = "misfit"
 

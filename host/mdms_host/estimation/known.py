@@ -10,7 +10,7 @@ from mdms_host.estimation.gate import Gate
 from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.estimation.parcel import Parcel, Region
 from mdms_host.estimation.pose.confirmation import Standing
-from mdms_host.estimation.pose.estimator import ParcelEstimator
+from mdms_host.estimation.pose.estimator import ParcelEstimator, View
 from mdms_host.estimation.presence.surroundings import Surroundings
 from mdms_host.estimation.search.locate import Location
 from mdms_host.estimation.search.roll_call import Sought
@@ -21,6 +21,13 @@ from mdms_model.arrays import Bools, Floats
 #: [m].
 _LEARNED_M = 0.002
 _DEVIATIONS = 3.0
+#: One that came and is lost so soon after it was found first was none: something else was taken for
+#: it [s].
+_PROVEN_S = 2.0
+#: What it was taken for is looked at again for so long after it was found, by sensors up to so far
+#: beside it [s, m].
+_REOPENED_S = 0.4
+_OUTSIDE_M = 0.15
 
 
 class Known:
@@ -41,6 +48,11 @@ class Known:
         self.parcel = parcel
         self.estimator = ParcelEstimator(surroundings, parcel.bottom, parcel.spread_m)
         self.region = region
+        #: Where it was announced.
+        self.infeed = region if unknown is None else None
+        #: Sensors (S,) that contradicted where it was found, and are not believed.
+        self.disbelieved: Bools | None = None
+        self._found_s: float | None = None
         self.unknown = unknown
         self.gate: Gate | None = None
         self.expected = region is not None
@@ -119,18 +131,43 @@ class Known:
             feel_rad,
         )
 
-    def keep_place(self) -> None:
+    def keep_place(self, now_s: float) -> None:
         """Remember where it is, as long as that is sure; once found, it may be anywhere later."""
         if self.standing is Standing.FOUND and self.estimator.pose is not None:
+            self._found_s = now_s if self._found_s is None else self._found_s
             self.place, self.region, self.expected = self.estimator.pose.copy(), None, False
 
-    def has_left(self) -> bool:
-        """Whether it is past its gate, or was on its way through when sensors lost it."""
+    def was_none(self, now_s: float) -> bool:
+        """Whether something else was taken for it as it was to come."""
+        came = self.infeed is not None and self._found_s is not None
+        lost = came and self.standing is Standing.LOST
+        return lost and now_s < (self._found_s or 0.0) + _PROVEN_S
+
+    def judged_early(self, now_s: float, view: View, covered: Bools, late_s: Floats) -> bool:
+        """Whether one that has just come has another outline than it was taken for.
+
+        `covered` and `late_s` are of the sensors of the view, (N,): a change that is learned late
+        was there when the parcel was found, and contradicts it.
+        """
+        if self.infeed is None or self._found_s is None or now_s > self._found_s + _REOPENED_S:
+            return False
+        deep = abs(view.distance_m) > self.estimator.unsure_m
+        near = view.distance_m < _OUTSIDE_M
+        wrong = (view.distance_m < 0.0) != covered
+        return bool((deep & near & wrong & (late_s > self._found_s)).any())
+
+    def has_left(self, shown: bool) -> bool:
+        """Whether it is past its gate, or was on its way through when sensors lost it.
+
+        `shown` is whether any sensor is covered where it is believed to be: then one that is
+        doubtful is still there.
+        """
         if self.gate is None or self.place is None or self.expected:
             return False
         if self.standing is Standing.FOUND:
             return self.gate.left_by(self.place)
-        return self.gate.reached_by(self.estimator.bottom, self.place)
+        through = self.gate.reached_by(self.estimator.bottom, self.place)
+        return through and not (self.standing is Standing.DOUBTFUL and shown)
 
     def take_change(self) -> Change | None:
         """That its standing is another than at the last call."""

@@ -4,6 +4,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from math import inf
 
+import numpy as np
+
 from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.change import Change, Event
 from mdms_host.estimation.gain import Gain
@@ -22,6 +24,7 @@ from mdms_host.estimation.strangers.strangers import Strangers
 from mdms_host.estimation.strangers.unknowns import Unknown, Unknowns
 from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats, Ints
+from mdms_model.scenario.scenario import name_fault
 
 __all__ = ["Estimate", "Gate", "Parcel", "Region", "Tracker"]
 
@@ -65,6 +68,7 @@ class Tracker:
         self._now_s = 0.0
         self._faulty: list[tuple[int, list[int]]] = []
         self._changes: list[Change] = []
+        self._withdrawn: list[tuple[Parcel, Region | None]] = []
 
     # Parcels come and go
 
@@ -72,7 +76,7 @@ class Tracker:
         """Expect a parcel: it is found once sensors show it, in `region` only if there is one.
 
         Those that look the same are found in the order in which they were announced. Raises
-        ValueError for a name that is taken.
+        ValueError for a name that is taken, or that no parcel can have.
         """
         self._add(Known(parcel, self._surroundings, region=region))
 
@@ -87,10 +91,20 @@ class Tracker:
         else:
             self._known[name].gate = gate
 
+    def take_withdrawn(self) -> list[tuple[Parcel, Region | None]]:
+        """Parcels that have not come after all, with the regions where they were announced.
+
+        Something else was taken for each. They are no parcels of this tracker any more, and may be
+        announced again.
+        """
+        withdrawn, self._withdrawn = self._withdrawn, []
+        return withdrawn
+
     def name(self, unknown: str, parcel: Parcel) -> None:
         """Take what is unknown for a parcel, which is then found there, if it has that outline.
 
-        Raises KeyError where nothing of that name is there, ValueError for a name that is taken.
+        Raises KeyError where nothing of that name is there, ValueError for a name that is taken or
+        that no parcel can have.
         """
         corners_m = self._unknowns.all[unknown].corners_m
         low_m, high_m = corners_m.min(axis=0).tolist(), corners_m.max(axis=0).tolist()
@@ -111,6 +125,8 @@ class Tracker:
 
     def _add(self, known: Known) -> None:
         name = known.parcel.name
+        if fault := name_fault(name):
+            raise ValueError(f"the name {name!r} {fault}")
         if name in self._known or name in self._unknowns.all:
             raise ValueError(f"there is a parcel {name!r} already; give each a name of its own")
         self._known[name] = known
@@ -169,8 +185,11 @@ class Tracker:
         self._agree(now_s, valid, views, coverage)
         self._watch_unknown(now_s, valid, coverage, groups)
         self._judge(now_s, coverage, groups)
-        for name in [name for name, each in self._known.items() if each.has_left()]:
-            self._leave(name)
+        for name, each in list(self._known.items()):
+            if each.has_left(name in views and self._shows(views[name])):
+                self._leave(name)
+            elif each.was_none(now_s) or self._is_misjudged(now_s, name, views, coverage):
+                self._withdraw(name)
         misfits = self._seeking.take_misfits()
         self._changes += misfits
         return found
@@ -281,7 +300,7 @@ class Tracker:
                 sensors = views[name].near.sensors
                 mine = usable[sensors] & (coverage.owner[sensors] == number)
                 each.estimator.agree(now_s, views[name], covered[sensors], mine)
-                each.keep_place()
+                each.keep_place(now_s)
 
     def _watch_unknown(
         self, now_s: float, valid: Bools, coverage: Coverage, groups: tuple[Ints, ...]
@@ -306,6 +325,32 @@ class Tracker:
             if each.region is not None:
                 other |= each.region.holds(self._sensors_m)
         self._faulty += self._presence.judge(now_s, coverage.distance_m, other)
+
+    def _shows(self, view: View) -> bool:
+        """Whether any sensor under a parcel is covered."""
+        under = view.near.sensors[view.distance_m < 0.0]
+        return bool(self._presence.covered[under].any())
+
+    def _is_misjudged(
+        self, now_s: float, name: str, views: Mapping[str, View], coverage: Coverage
+    ) -> bool:
+        """Whether reports that were late show that something else has come."""
+        if name not in views:
+            return False
+        view = views[name]
+        sensors = view.near.sensors
+        own = coverage.owner[sensors] == coverage.number[name]
+        late_s = np.where(own, self._presence.late_s[sensors], -inf)
+        covered = self._presence.covered[sensors]
+        return self._known[name].judged_early(now_s, view, covered, late_s)
+
+    def _withdraw(self, name: str) -> None:
+        """A parcel has not come; sensors that contradicted it are believed again."""
+        none = self._known.pop(name)
+        if none.disbelieved is not None:
+            self._presence.believe(none.disbelieved)
+        self._withdrawn.append((none.parcel, none.infeed))
+        self._changes.append(Change(name, Event.WITHDRAWN, none.place))
 
     def _leave(self, name: str) -> None:
         """A parcel is none of this table any more, nor are sensors that still show it."""

@@ -22,6 +22,11 @@ from mdms_model.arrays import Floats
 
 #: A parcel that stands is pressed by one that is believed to be so near.
 _NEAR_M = 0.015
+#: One that does not get on is tried so often, each time after so long [s], unless it has got on by
+#: so much since the first time [m].
+_TRIES = 5
+_REST_S = 0.5
+_GOT_ON_M = 0.05
 
 
 class Steered(Protocol):
@@ -58,6 +63,11 @@ class AnyProgram(Protocol):
     @property
     def endless(self) -> bool:
         """Whether the program has no end of its own."""
+        ...
+
+    @property
+    def awaits(self) -> Collection[str]:
+        """Parcels without which the program does not go on: those with goals, for example."""
         ...
 
     @property
@@ -119,6 +129,11 @@ class FieldProgram:
         return True
 
     @property
+    def awaits(self) -> Collection[str]:
+        """None: a field needs no parcel."""
+        return ()
+
+    @property
     def near(self) -> Collection[str]:
         """None: a field has no goals."""
         return ()
@@ -157,8 +172,8 @@ class GoalProgram:
     What is believed to be there and is none of the parcels is an obstacle: those wait before it.
 
     A parcel that is not found holds the wheels where it was last, or where it was put. Two that
-    press each other, and one that does not get on, are stopped for good. A parcel whose mass is not
-    among `masses` is taken for an even plate.
+    press each other are stopped for good, and one that does not get on after some tries. A parcel
+    whose mass is not among `masses` is taken for an even plate.
     """
 
     def __init__(
@@ -183,24 +198,43 @@ class GoalProgram:
         self._given = dict(self._bottoms)
         self._obstacles = Obstacles()
         self._found: set[str] = set()
+        #: Parcels that were unknown: edges still show how large they are.
+        self._named: set[str] = set()
         self._contacts = Contacts()
         self._standstills = {name: Standstill() for name in self._controllers}
+        self._now_s = 0.0
+        #: How often each has not got on, from how far off its goal [m], and until when it rests.
+        self._stood: dict[str, tuple[int, float, float]] = {}
         self._notices: list[str] = []
         self._reasons: dict[str, str] = {}
         self._slips = dict.fromkeys(self._controllers, 0)
 
     def set_goal(self, name: str, goal: Goal) -> None:
-        """Steer a parcel to this goal from now on, stopped or not. KeyError for one of no program.
+        """Steer a parcel to this goal from now on, stopped or not.
 
-        One that moves is brought to rest on its way first.
+        One that moves is brought to rest on its way first. What was unknown is steered once it has
+        been named and found. KeyError for anything else that is no parcel of the program.
         """
+        if name not in self._given:
+            self._take_in(name)
         before = self._controllers.get(name)
         after = self._controller_of(name, goal)
         if before is not None:
             after.go_over_from(before)
         self._controllers[name] = after
         self._standstills[name] = Standstill()
+        self._stood.pop(name, None)
         self._reasons.pop(name, None)
+
+    def _take_in(self, name: str) -> None:
+        """A named parcel is no obstacle any more; its outline is the one last believed."""
+        if not self._obstacles.all[name].named:
+            raise KeyError(name)
+        belief = self._obstacles.all.pop(name)
+        self._given[name] = self._bottoms[name] = belief.outline
+        self._places[name] = belief.pose
+        self._found.add(name)
+        self._named.add(name)
 
     def on_lost_cells(self, cells: frozenset[int]) -> None:
         """The wheels of these cells (from 1) do not push any more; ways are planned anew."""
@@ -234,6 +268,11 @@ class GoalProgram:
         return False
 
     @property
+    def awaits(self) -> Collection[str]:
+        """See `Program`."""
+        return self._controllers.keys()
+
+    @property
     def near(self) -> Collection[str]:
         """See `Program`."""
         return [name for name, one in self._controllers.items() if one.near]
@@ -250,8 +289,12 @@ class GoalProgram:
 
     def references_m_s(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
         """References that take every parcel on its way as one rigid body, shape (W,)."""
+        self._now_s += step_s
         self._places.update(
             (name, belief.pose) for name, belief in beliefs.items() if name in self._given
+        )
+        self._bottoms.update(
+            (name, belief.outline) for name, belief in beliefs.items() if name in self._named
         )
         self._found.update(beliefs.keys() & self._given.keys())
         self._see_obstacles(beliefs)
@@ -294,7 +337,8 @@ class GoalProgram:
             if belief is None:
                 controller.lose()
                 continue
-            controller.paused = belief.doubtful or self._must_wait(belief, controller)
+            rests = name in self._stood and self._now_s < self._stood[name][2]
+            controller.paused = belief.doubtful or rests or self._must_wait(belief, controller)
             felt = belief.feel_rad is not None and has_room(name, self._places, self._bottoms)
             controller.feel_rad = belief.feel_rad if felt else None
             yield name, controller.step(belief, step_s)
@@ -329,7 +373,7 @@ class GoalProgram:
                 # One that is doubtful time and again gets on no better for it.
                 continue
             elif standstill.step(controller.left_m, controller.speed_m_s, step_s, controller.leg):
-                self._stop((name, *self._near(name, bodies)))
+                self._stand((name, *self._near(name, bodies)))
 
     def _body(self, name: str, carried: Carried | None) -> Body:
         if carried is None:
@@ -347,6 +391,23 @@ class GoalProgram:
             if gap_m(mine.outline, mine.pose, body.outline, body.pose) < _NEAR_M:
                 yield other
 
+    def _stand(self, names: tuple[str, ...]) -> None:
+        """The first does not get on: it rests and is tried again, unless others may hold it."""
+        name, left_m = names[0], self._controllers[names[0]].left_m
+        times, first_m, _ = self._stood.get(name, (0, left_m, 0.0))
+        if left_m < first_m - _GOT_ON_M:
+            times, first_m = 0, left_m
+        self._stood[name] = times + 1, first_m, self._now_s + _REST_S
+        if len(names) > 1 or times + 1 >= _TRIES:
+            self._stop(names)
+            return
+        self._standstills[name].clear()
+        if not times:
+            left_mm = 1e3 * left_m
+            self._notices.append(
+                f"{name} does not get on, {left_mm:.0f} mm from its goal: it is tried again"
+            )
+
     def _stop(self, names: tuple[str, ...]) -> None:
         """Stop these parcels, and report it unless all of them have been stopped before."""
         steered = [self._controllers[name] for name in names if name in self._controllers]
@@ -356,7 +417,10 @@ class GoalProgram:
             controller.stop()
         if len(names) == 1:
             left_mm = 1e3 * self._controllers[names[0]].left_m
-            reason = f"{names[0]} does not get on, {left_mm:.0f} mm from its goal: stopped"
+            reason = (
+                f"{names[0]} does not get on, {left_mm:.0f} mm from its goal, "
+                f"tried {_TRIES} times: stopped"
+            )
         else:
             reason = f"{' and '.join(names)} press each other: stopped"
         self._notices.append(reason)

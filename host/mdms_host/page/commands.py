@@ -11,7 +11,7 @@ from typing import Any, TypeAlias, get_args, get_origin, get_type_hints
 from mdms_host.estimation.outlines.bottom import DRAWN_M
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.limit import ANGLE, LENGTH, PLACE, Limit
-from mdms_model.scenario.scenario import ScenarioError
+from mdms_model.scenario.scenario import ScenarioError, name_fault
 from mdms_model.scenario.tree import build
 
 CELL = Limit(at_least=1, at_most=1_000_000)
@@ -190,6 +190,8 @@ def command_from(message: Any) -> Command:
         command: Command = build(COMMANDS[name], values)
     except ScenarioError as error:
         raise RefusedError(str(error)) from None
+    if isinstance(command, Name) and (fault := name_fault(command.name)):
+        raise RefusedError(f"name is {command.name!r:.60}, but {fault}")
     return command
 
 

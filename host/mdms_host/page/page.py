@@ -4,11 +4,12 @@ import asyncio
 import socket
 from collections.abc import Callable
 from concurrent.futures import Future
-from queue import Empty, Full, Queue
+from queue import Empty, Queue
 from threading import Event, Thread
 from typing import Any, Self
 
 import uvicorn
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from mdms_host.clock import Clock
 from mdms_host.page.commands import Command, RefusedError, StopAll
@@ -20,18 +21,33 @@ from mdms_host.page.web.server import PageApp
 FRAMES_PER_S = 60.0
 #: Events and the like are passed on this often where nobody looks [s].
 _NEWS_S = 0.1
-#: Commands that may wait for the table; of more, the sender is told so.
+#: Commands that may wait for the table; of more, the sender is told so. What anybody may ask for
+#: takes half of the room.
 MOST_COMMANDS = 64
 #: A table that does not answer within this has more to do than it can [s].
 ANSWER_LIMIT_S = 5.0
 #: A message of a client is no longer than this [bytes].
 _LONGEST = 16_384
 _PING_S = 5.0
-#: A browser opens up to six connections besides its WebSocket; requests beyond are refused.
-_MOST_CONNECTIONS = 128
+#: A browser opens up to six connections besides its WebSocket; of more, the oldest is closed.
+MOST_CONNECTIONS = 128
 
 #: What is to be done, its answer, and whether it is a command, which a stop calls off.
 Work = tuple[Callable[[], Any], "Future[Any]", bool]
+
+
+class _Connection(H11Protocol):
+    """A connection before it is a WebSocket; one that is new closes the oldest of too many."""
+
+    _since_s = 0.0
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """See `asyncio.Protocol`."""
+        super().connection_made(transport)
+        self._since_s = self.loop.time()
+        open_now = [each for each in self.connections if isinstance(each, _Connection)]
+        if len(open_now) > MOST_CONNECTIONS:
+            min(open_now, key=lambda each: each._since_s).transport.abort()
 
 
 class PageError(OSError):
@@ -73,7 +89,7 @@ class Page:
                 log_config=None,
                 access_log=False,
                 server_header=False,
-                limit_concurrency=_MOST_CONNECTIONS,
+                http=_Connection,
                 ws="websockets-sansio",
                 ws_max_size=_LONGEST,
                 ws_per_message_deflate=False,
@@ -173,12 +189,14 @@ class Page:
     def _on_vacant(self) -> None:
         self._vacated = True
 
-    async def _story(self) -> list[dict[str, Any]]:
-        table = self._table
-        return await self._asked(lambda: [table.description(), *table.story()])  # type: ignore[no-any-return]
+    async def _story(self, has_token: bool) -> list[dict[str, Any]]:
+        def told() -> list[dict[str, Any]]:
+            return [self._table.description(), *self._table.story()]
+
+        return await self._asked(told, has_token=has_token)  # type: ignore[no-any-return]
 
     async def _history(self) -> bytes:
-        return await self._asked(self._table.history)  # type: ignore[no-any-return]
+        return await self._asked(self._table.history, has_token=False)  # type: ignore[no-any-return]
 
     async def _ask(self, command: Command) -> str | None:
         if isinstance(command, StopAll):
@@ -196,16 +214,18 @@ class Page:
         except TimeoutError:
             raise RefusedError("the table is busy, and stops as soon as it is not") from None
 
-    async def _asked(self, ask: Callable[[], Any], *, is_command: bool = False) -> Any:
+    async def _asked(
+        self, ask: Callable[[], Any], *, is_command: bool = False, has_token: bool = True
+    ) -> Any:
         """Have the thread of the table do something; what is too late for its answer is not done.
 
         Raises `RefusedError` where it cannot.
         """
         answer: Future[Any] = Future()
-        try:
-            self._work.put_nowait((ask, answer, is_command))
-        except Full:
-            raise RefusedError("too many commands at once; this one is dropped") from None
+        room = MOST_COMMANDS if has_token else MOST_COMMANDS // 2
+        if self._work.qsize() >= room:
+            raise RefusedError("too many commands at once; this one is dropped")
+        self._work.put_nowait((ask, answer, is_command))
         try:
             return await asyncio.wait_for(asyncio.wrap_future(answer), ANSWER_LIMIT_S)
         except TimeoutError:

@@ -34,13 +34,10 @@ class ParcelsByHand:
         if command.held and command.parcel in self._held:
             self._held[command.parcel] = self._wall_s()
         goal = _goal_of(coordinator, command)
-        parcel = coordinator.tracker.parcels.get(command.parcel)
         try:
             coordinator.set_goal(command.parcel, goal)
         except KeyError:
-            if parcel is not None:
-                raise RefusedError(f"the program that runs does not steer {parcel.name}") from None
-            raise RefusedError(f"there is no parcel {command.parcel!r:.60}") from None
+            raise RefusedError(_not_steered(coordinator, command.parcel)) from None
         except ValueError as error:
             raise RefusedError(str(error)) from None
         self._held.pop(command.parcel, None)
@@ -66,8 +63,6 @@ class ParcelsByHand:
 
     def name(self, coordinator: Coordinator, command: commands.Name) -> None:
         """Take what is unknown for a parcel. Raises `RefusedError`."""
-        if not command.name.strip():
-            raise RefusedError("name is empty; a parcel needs one")
         parcel = Parcel(
             command.name,
             command.length_m,
@@ -81,6 +76,17 @@ class ParcelsByHand:
             raise RefusedError(f"nothing unknown is called {command.parcel!r:.60}") from None
         except ValueError as error:
             raise RefusedError(str(error)) from None
+
+
+def _not_steered(coordinator: Coordinator, name: str) -> str:
+    """Why the program that runs steers nothing of this name."""
+    if name in coordinator.tracker.unknown:
+        return f"{name} is unknown, and is not steered; give it a name first"
+    if name not in coordinator.tracker.parcels:
+        return f"there is no parcel {name!r:.60}"
+    if coordinator.estimate(name) is None:
+        return f"{name} has not been found yet; ask again when it has"
+    return f"the program that runs does not steer {name}"
 
 
 def _goal_of(coordinator: Coordinator, command: commands.Goal) -> Goal:

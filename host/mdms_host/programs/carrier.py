@@ -45,6 +45,10 @@ class Traffic(Orders, Protocol):
         """Parcels that have left the table since the last call."""
         ...
 
+    def withdraw(self, name: str) -> None:
+        """A parcel was never there: any order for it is done, and it is taken for one that left."""
+        ...
+
     def on_lost_cells(self, cells: frozenset[int]) -> None:
         """These cells (from 1) are lost, and no others."""
         ...

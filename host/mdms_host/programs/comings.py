@@ -66,6 +66,11 @@ class Comings:
         #: Who is expected next, by infeed and kind.
         self._expected: dict[tuple[str, str], str] = {}
 
+    def brings(self, name: str) -> bool:
+        """Whether a parcel of that name is of any stock."""
+        stocks = (parcels for infeed in self._infeeds for parcels in infeed.stock.values())
+        return any(name == parcel.name for parcels in stocks for parcel in parcels)
+
     def step(self, register: Register, there: Collection[str]) -> None:
         """Announce what may come next; `there` are all that are believed to be on the table."""
         expected = {key: name for key, name in self._expected.items() if name not in there}

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection, Coroutine, Mapping, Sequence
 from dataclasses import dataclass
+from math import inf
 from typing import Any
 
 from mdms_host.estimation.belief import Belief
@@ -11,7 +12,7 @@ from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import Steered
 from mdms_host.motion.trajectory.mass import Mass
 from mdms_host.programs.carrier import Traffic
-from mdms_host.programs.comings import Comings, Register, tracker_gate
+from mdms_host.programs.comings import Comings, tracker_gate
 from mdms_host.programs.newcomers import NamingRegister, TrackedNewcomers
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.script import ScriptError, Task, place_of
@@ -56,7 +57,7 @@ class TableProgram:
     ) -> None:
         self._main = main
         self._comings = comings
-        self._register: Register | None = None
+        self._register: NamingRegister | None = None
         self._members = {member.name: member for member in members}
         self._awaited = {member.name for member in members if member.lies}
         self._traffic = traffic
@@ -64,16 +65,18 @@ class TableProgram:
         self.driver = TableDriver(self.table)
         self.table.expects = any(not member.lies for member in members)
         self._left: set[str] = set()
+        #: The last order for each parcel that a person has given beside the program.
+        self._by_hand: dict[str, Order] = {}
         self._task: Task[None] | None = None
         self._failure: str | None = None
         self._raised = False
         self._rested_s = 0.0
         self._notices: list[str] = []
 
-    def attend(self, register: NamingRegister) -> None:
-        """Announce what may come, and what leaves, from now on."""
+    def attend(self, register: NamingRegister, heaviest_kg: float = inf) -> None:
+        """Announce what may come, and what leaves, from now on; nothing heavier may come."""
         self._register = register
-        self.table.newcomers = TrackedNewcomers(register, self._know)
+        self.table.newcomers = TrackedNewcomers(register, self._know, heaviest_kg)
 
     def _know(self, parcel: Parcel, mass: Mass, kind: str, comes: bool) -> None:
         """There is to be a parcel that has not been drawn before; it `comes`, or is there."""
@@ -93,8 +96,10 @@ class TableProgram:
 
     @property
     def finished(self) -> bool:
-        """Whether the program has come to its end."""
-        return self._task is not None and self._task.done and self._failure is None
+        """Whether the program has come to its end, and parcels to where a person wants them."""
+        if self._task is None or not self._task.done or self._failure is not None:
+            return False
+        return all(order.over for order in self._by_hand.values())
 
     @property
     def stuck(self) -> str | None:
@@ -115,6 +120,11 @@ class TableProgram:
     def endless(self) -> bool:
         """Whether it waits for what comes, and would do so for ever."""
         return self._failure is None and self.driver.waits_for_outside
+
+    @property
+    def awaits(self) -> Collection[str]:
+        """Parcels that must be found before the program begins; none once it has begun."""
+        return self._awaited if self._task is None else ()
 
     @property
     def near(self) -> Collection[str]:
@@ -158,7 +168,8 @@ class TableProgram:
         """
         if name not in {parcel.name for parcel in self.table.parcels}:
             raise KeyError(name)
-        self._traffic.give(Order(name, goal))
+        self._by_hand[name] = order = Order(name, goal)
+        self._traffic.give(order)
 
     def take_notices(self) -> list[str]:
         """What has happened to parcels since the last call."""
@@ -167,6 +178,7 @@ class TableProgram:
 
     def references_m_s(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
         """References of shape (W,) for the next step, given what is believed at its beginning."""
+        self._withdraw()
         self._take_out(beliefs)
         self._take_in(beliefs)
         if self._task is None and self._awaited <= beliefs.keys():
@@ -192,6 +204,16 @@ class TableProgram:
     def gains(self) -> Mapping[str, Gain]:
         """What the wheels under parcels gained in the step before these, and pushed them to."""
         return self._traffic.gains
+
+    def _withdraw(self) -> None:
+        """Parcels that have not come after all are no more on the table, and expected again."""
+        if self._register is None:
+            return
+        for parcel, region in self._register.take_withdrawn():
+            if any(parcel.name == each.name for each in self.table.parcels):
+                self._traffic.withdraw(parcel.name)
+            if self._comings is None or not self._comings.brings(parcel.name):
+                self._register.announce(parcel, region)
 
     def _take_out(self, beliefs: Mapping[str, Belief]) -> None:
         """Parcels that have left are no more on the table, though they may still be believed."""

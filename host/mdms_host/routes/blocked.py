@@ -23,8 +23,9 @@ class Blocker:
 class Blocked:
     """A parcel without a route. `by` are the fewest parcels, without which it would have one.
 
-    Where there are none, `closed` is whether closed cells are what is in the way; else its start or
-    goal cannot be left or come to on this table at all.
+    Where there are none, `closed` is whether closed cells are what is in the way, and `passing`
+    whether parcels that are under way are; else its start or goal cannot be left or come to on this
+    table at all.
     """
 
     parcel: str
@@ -32,15 +33,28 @@ class Blocked:
     goal: Floats | None
     by: tuple[Blocker, ...] = ()
     closed: bool = False
+    passing: bool = False
+
+    @property
+    def may_pass(self) -> bool:
+        """Whether what is in the way may go away."""
+        return bool(self.by) or self.closed or self.passing
+
+    @property
+    def way(self) -> str:
+        """Which way there is none of, in words."""
+        goal = "" if self.goal is None else f" to its goal {place(self.goal)}"
+        return f"parcel {self.parcel!r} has no way from {place(self.start)}{goal}"
 
     def __str__(self) -> str:
-        goal = "" if self.goal is None else f" to its goal {place(self.goal)}"
-        way = f"parcel {self.parcel!r} has no way from {place(self.start)}{goal}"
+        way = self.way
         if self.by:
             names = " and ".join(map(str, self.by))
             return f"{way}: blocked by {names}; move what stands there, or give another goal"
         if self.closed:
             return f"{way}: blocked by closed cells; give a goal that is reached around them"
+        if self.passing:
+            return f"{way}: parcels that are under way are before it"
         return (
             f"{way}: on this table it would hang over the edge or tip, at its start, at its goal "
             "or between; give a goal farther from the edge"
@@ -54,13 +68,13 @@ def place(pose: Floats) -> str:
 
 def blockers(
     places: Sequence[tuple[Blocker, Ints]], closed: Bools, free: Callable[[Bools], bool]
-) -> tuple[tuple[Blocker, ...], bool]:
-    """Which of these places have to be free for a way, none of them in vain; whether tiles must.
+) -> tuple[tuple[Blocker, ...], bool, bool]:
+    """What bars the way: places, none of them in vain, or closed tiles, or none of these for good.
 
     `free` is whether there is a way past these tiles.
     """
     if not free(closed):
-        return (), bool(closed.any()) and free(closed & False)
+        return (), bool(closed.any()) and free(closed & False), False
     blocked, by = closed.copy(), []
     for blocker, tiles in places:
         more = blocked.copy()
@@ -69,4 +83,4 @@ def blockers(
             blocked = more
         else:
             by.append(blocker)
-    return tuple(by), False
+    return tuple(by), False, not by

@@ -11,6 +11,7 @@ from mdms_protocol.dictionary import AXIS_OFFSET, OBJECTS, PDOS
 _SHORT = {
     0x1003: "ERROR_HISTORY",
     0x1005: "SYNC_COB_ID",
+    0x1006: "CYCLE_PERIOD",
     0x1008: "DEVICE_NAME",
     0x1009: "HARDWARE_VERSION",
     0x100A: "SOFTWARE_VERSION",

@@ -71,8 +71,8 @@ PROGRAM_SEQUENCE = const(2)  # 1 to 3
 SHAPE = const(3)  # RECTANGLE or DISC, 2 bits
 PARCEL_LENGTH = const(4)  # [STEP_UM], 12 bits
 PARCEL_WIDTH = const(5)
-ACCELERATION = const(6)  # [ACCELERATION_MM_S2], 8 bits
-SPEED = const(7)  # [SPEED_MM_S], 8 bits
+ACCELERATION = const(6)  # [ACCELERATION_MM_S2], 8 bits, at least 1: with 0 no ramp would end
+SPEED = const(7)  # [SPEED_MM_S], 8 bits, at least 1
 PROGRAM_FLAGS = const(8)  # below, 6 bits
 # ... and these in pages PLACE and GOAL ...
 PLACE_X = const(3)  # [STEP_UM; table frame], 18 bits, signed
@@ -236,7 +236,8 @@ def pack_program(
 def unpack_program(frame: "Sequence[int]", fields: "MutableSequence[int]", base: int) -> bool:
     """Read the frame of a page into the fields that it has; returns False if it is none.
 
-    A page is of an identity and has a sequence; the bits that its fields leave mean nothing.
+    A page is of an identity and has a sequence, and a parcel has a speed and an acceleration; the
+    bits that its fields leave mean nothing.
     """
     if len(frame) != LENGTH:
         return False
@@ -246,6 +247,9 @@ def unpack_program(frame: "Sequence[int]", fields: "MutableSequence[int]", base:
         return False
     middle = frame[3] | frame[4] << 8 | frame[5] << 16
     high = frame[6] | frame[7] << 8
+    speed = middle >> 20 | (high & 0xF) << 4
+    if page == PARCEL and not (speed and middle >> 12 & 0xFF):
+        return False
     if page == GOAL and (high >> 13 > LEGS_MAX or high >> 13 < high >> 10 & 7 < JOINS):
         return False
     fields[base + PARCEL_IDENTITY] = low & 63
@@ -256,7 +260,7 @@ def unpack_program(frame: "Sequence[int]", fields: "MutableSequence[int]", base:
         fields[base + PARCEL_LENGTH] = low >> 12
         fields[base + PARCEL_WIDTH] = middle & 0xFFF
         fields[base + ACCELERATION] = middle >> 12 & 0xFF
-        fields[base + SPEED] = middle >> 20 | (high & 0xF) << 4
+        fields[base + SPEED] = speed
         fields[base + PROGRAM_FLAGS] = high >> 4 & 63
     elif page != END:
         fields[base + PLACE_X] = ((low >> 10 | (middle & 0xF) << 14) ^ 0x20000) - 0x20000

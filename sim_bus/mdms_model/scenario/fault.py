@@ -33,7 +33,8 @@ class Fault:
     - off: they lose power, and start again at the end, as `node_id` if that is given
     - hang: their program stops, and the watchdog resets them at the end
     - drift: their clock is fast by `drift_ppm`
-    - supply: the supply of their motors is `supply_v`, 0 behind an open emergency stop
+    - supply: the supply of their motors is `supply_v`, 0 behind an emergency stop; with `brake`
+      its contacts short the motors too, and without it the wheels coast below 4.5 V
     - bridge_fault: their bridges report a fault and have shut off
     - sensor_stuck: their presence `sensors` read `covered`, or free, whatever lies over them
     - encoder_stuck: the encoders of their `axes` count no more
@@ -72,7 +73,9 @@ class Fault:
     overload_frames: int = field(default=1, metadata=Limit(at_least=1, at_most=2))
     """Overload frames after each frame, of overload."""
     supply_v: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=60.0))
-    """Supply of the motors, of supply; 0: an open emergency stop."""
+    """Supply of the motors, of supply; 0: an emergency stop."""
+    brake: bool = False
+    """Whether the motors are shorted, of supply, whatever `supply_v` is."""
     drift_ppm: int = field(default=0, metadata=Limit(at_least=-500_000, at_most=500_000))
     """How much the clock is fast, of drift."""
     sensors: tuple[int, ...] = field(default=(), metadata=Limit(at_least=0, at_most=4))

@@ -6,6 +6,7 @@ by their types and by the `Limit` beside each field.
 """
 
 from dataclasses import dataclass, field
+from re import fullmatch
 from typing import Any
 
 from mdms_model.errors import InputError
@@ -32,6 +33,7 @@ __all__ = [
     "Run",
     "Scenario",
     "ScenarioError",
+    "Stop",
     "Wheel",
     "Wire",
 ]
@@ -44,6 +46,7 @@ class ScenarioError(InputError):
 FIDELITIES = ("row", "ideal", "firmware")
 SHAPES = ("rectangle", "disc", "polygon")
 ON_LOST_CELL = ("go_on", "hold", "stop")
+STOP_FORMS = ("short", "category_1")
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,6 +242,21 @@ class Wire:
 
 
 @dataclass(frozen=True, slots=True)
+class Stop:
+    """What the table's emergency stop holds: lighter and slower parcels stay on the table.
+
+    It is measured on the table, or taken from 'Emergency stop' in firmware/README.md.
+    """
+
+    form: str = field(metadata=Limit(choices=STOP_FORMS))
+    """A contact shorts each motor, or its bridge does for 1 s before the supply is cut."""
+    mass_kg: float = field(metadata=POSITIVE)
+    """The heaviest parcel; heavier ones are refused."""
+    speed_m_s: float = field(metadata=POSITIVE)
+    """The fastest motion; faster ones are refused."""
+
+
+@dataclass(frozen=True, slots=True)
 class Scenario:
     """One experiment."""
 
@@ -268,9 +286,23 @@ class Scenario:
     """A program, task by task."""
     signal: tuple[Signal, ...] = ()
     """What comes to the program from outside."""
+    stop: Stop | None = None
+    """What the emergency stop holds; none: nothing is refused for it."""
     #: What the host takes for true where it is not; see `belief`.
     belief: dict[str, Any] = field(default_factory=dict, hash=False)
     """What the host takes for true: keys of `cell`, and tables of parcels by name."""
+
+
+def name_fault(name: str) -> str | None:
+    """Why no parcel can have this name; None where one can.
+
+    `unknown-1` and so on are the host's names for things that nobody has named.
+    """
+    if not name.strip() or not name.isprintable():
+        return "must be a word to name it by"
+    if fullmatch(r"unknown-\d+", name):
+        return "is a name that the host gives to unknown things; take another"
+    return None
 
 
 def in_stock(scenario: Scenario) -> set[str]:

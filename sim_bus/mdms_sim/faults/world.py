@@ -26,7 +26,8 @@ class WorldFaults:
     """Faults of a world, and of what its cells measure of it; `kinds` by name.
 
     `places` has the place of each node, both from 0.
-    Where two faults of wheels, sensors or parcels overlap, the last to end sets things right.
+    Where two faults of wheels, sensors or parcels overlap, the last to end sets things right; of
+    two of the supply the one that began last counts.
     """
 
     def __init__(self, world: World, bank: CellBank, places: NDArray[np.intp]) -> None:
@@ -35,6 +36,7 @@ class WorldFaults:
         self._places = places
         self._bridges = world.bridges
         self._nominal_supply_v = world.bridges.supply_v.copy()
+        self._supplies: list[Fault] = []
         self.kinds: Mapping[str, Kind] = {
             "supply": self._supply,
             "bridge_fault": self._bridge_fault,
@@ -49,19 +51,27 @@ class WorldFaults:
         return cells_with(fault, len(self._nominal_supply_v))
 
     def _supply(self, fault: Fault, random: Random) -> Course:
-        def set_supply(cell: int, supply_v: float) -> None:
-            self._bridges.supply_v[cell] = supply_v
-            self._bank.set_supply(cell, round(supply_v * UV_PER_V))
-
-        def begin() -> None:
-            for cell in self._cells(fault):
-                set_supply(cell, fault.supply_v)
+        def begin() -> str | None:
+            self._supplies.append(fault)
+            self._supply_cells(fault)
+            return "the motors are shorted" if fault.brake else None
 
         def end() -> None:
-            for cell in self._cells(fault):
-                set_supply(cell, self._nominal_supply_v[cell])
+            self._supplies.remove(fault)
+            self._supply_cells(fault)
 
         return Course(begin, end)
+
+    def _supply_cells(self, changed: Fault) -> None:
+        """Give the cells of a fault what the last of those at work says, or their own supply."""
+        for cell in self._cells(changed):
+            supply_v, shorted = self._nominal_supply_v[cell], False
+            for fault in self._supplies:
+                if cell in self._cells(fault):
+                    supply_v, shorted = fault.supply_v, fault.brake
+            self._bridges.supply_v[cell] = supply_v
+            self._bridges.shorted[cell] = shorted
+            self._bank.set_supply(cell, round(supply_v * UV_PER_V))
 
     def _bridge_fault(self, fault: Fault, random: Random) -> Course:
         def shut_off(value: int) -> None:

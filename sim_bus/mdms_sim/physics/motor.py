@@ -39,6 +39,8 @@ def _spread(cell: Cell, off: Sequence[float]) -> Cell:
 @compiled
 def applied_voltage(voltage_v: float, supply_v: float, pwm_steps: int) -> float:
     """What the bridge makes of a wanted voltage: within the supply, in whole PWM steps [V]."""
+    if supply_v <= 0.0:
+        return 0.0
     duty = min(max(voltage_v / supply_v, -1.0), 1.0)
     return round(duty * pwm_steps) / pwm_steps * supply_v
 

@@ -1,33 +1,277 @@
 """The rules about parcels: one parcel a cell, and parcels apart."""
 
-from collections.abc import Set
+from collections.abc import Iterator, Set
+from dataclasses import dataclass
+from math import inf
 
+import numpy as np
+
+from mdms_model.array import build_cells, cell_centres
+from mdms_model.arrays import Floats
+from mdms_model.outline import gap_m, outline_m, outline_of
+from mdms_model.run.record import Contact, Event
 from mdms_model.scenario.fault import Fault
+from mdms_model.scenario.scenario import Scenario
 from mdms_protocol.codecs.frame import Frame
-from mdms_sim.referee.truth import Note, Truth
+from mdms_protocol.neighbours import frames as wire
+from mdms_sim.physics.plane.control_step import Registers
+from mdms_sim.referee.truth import HostReport, Note, Truth
+from mdms_sim.referee.word import FRESH_NS, NS_PER_S, Word
+
+#: A promise counts for so long after the cell has sent it (firmware/README.md, 'Neighbour layer').
+LEASE_NS = 80_000_000
+#: A parcel that leaves a cell is noticed within this [s]; see 'What feeds the wheels' there.
+NOTICED_S = 0.3
+#: Wheels are looked at this often [s].
+_WHEELS_S = 0.05
+#: A wheel that turns at least so fast, and with its voltage, is driven [m/s].
+_TURNING_M_S = 0.005
+#: How long it takes until brakes are on: the heartbeat of a host counts for so long [s].
+REACTION_S = 0.1
+#: Wheels that slip when the power goes still drive a parcel on for a moment.
+_COASTING = 1.1
+#: Rounding of ways, and how far a parcel sinks into another [m].
+_SLACK_M = 0.001
+#: A parcel that a hand has pushed or set down rests below this [m/s], or after so long [s].
+_REST_M_S = 0.001
+_HANDLED_S = 3.0
+#: What an event makes parcels do is over after this [s].
+_KEPT_S = 10.0
+#: Parcels that touch again within this are still touching [s].
+_AGAIN_S = 1.0
+_HANDS = ("push", "lift")
+_POWER = ("supply", "bridge_fault", "off")
+
+
+@dataclass(frozen=True, slots=True)
+class _Snapshot:
+    """Where parcels were at an event, how far they cannot help going on, and who coasts."""
+
+    time_s: float
+    pose: Floats
+    speed_m_s: Floats
+    way_m: Floats
+    coasts: bool
 
 
 class Parcels:
-    """Judges where parcels are, and for whom cells drive."""
+    """Judges where parcels are, and for whom cells drive.
 
-    def __init__(self, truth: Truth, note: Note) -> None:
+    `unavoidable` has the touches and falls that full braking could not have avoided.
+    """
+
+    def __init__(self, truth: Truth, note: Note, word: Word) -> None:
+        scenario = truth.scenario
+        self.unavoidable: list[Event] = []
+        self._truth = truth
         self._world = truth.world
         self._note = note
+        self._word = word
+        self._names = {parcel.name: number for number, parcel in enumerate(scenario.parcel)}
+        self._now_s = 0.0
+        # Apart
+        self._steered = scenario.motion.field in ("goal", "program")
+        self._reach_m = np.array([outline_of(parcel).radius_m for parcel in scenario.parcel])
+        self._braking_m_s2 = _braking_m_s2(scenario)
         self._seen = 0
+        self._handled: dict[int, float] = {}
+        self._touching: dict[frozenset[int], float] = {}
+        self._snapshots: list[_Snapshot] = []
+        self._keep(0.0, coasts=False)
+        # One parcel a cell
+        self._centres_m = cell_centres(scenario.array)
+        self._promised: dict[int, tuple[int, int]] = {}
+        self._wrong_s: dict[int, float] = {}
 
     def watched(self, bus: int) -> Set[int]:
         """The identifiers that it wants to see on a bus, from 0."""
-        return frozenset()
+        return self._word.watched(bus)
 
     def on_frame(self, bus: int, frame: Frame, now_ns: int) -> None:
-        """A watched frame has got through on a bus."""
+        """A watched frame has got through on a bus, and `word` has it."""
+        cell = self._word.cells[bus].get(frame.can_id)
+        if cell is None or cell not in self._word.estimates:
+            return
+        estimate = self._word.estimates[cell]
+        if estimate.state < wire.PROMISED:
+            return
+        identity, time_ns = self._promised.get(cell, (estimate.identity, 0))
+        if identity != estimate.identity and now_ns - time_ns < LEASE_NS:
+            parcel = self._name_of(estimate.identity)
+            late_ms = (now_ns - time_ns) / 1e6
+            text = (
+                f"cell {cell + 1} promises itself to {parcel} {late_ms:.0f} ms after "
+                f"{self._name_of(identity)}"
+            )
+            self._note("one_parcel", text, cell=cell + 1, parcel=parcel)
+        self._promised[cell] = estimate.identity, now_ns
+
+    def _name_of(self, identity: int) -> str:
+        number = self._word.parcels.get(identity)
+        if number is None:
+            return f"identity {identity}"
+        return self._truth.scenario.parcel[number].name
 
     def on_fault(self, fault: Fault, begins: bool, now_ns: int) -> None:
         """A fault begins or ends."""
+        now_s = now_ns / NS_PER_S
+        if fault.kind in _HANDS:
+            self._handled[self._names[fault.parcel]] = now_s
+        # Motors without a supply, and open bridges, do not brake.
+        coasts = begins and fault.kind in _POWER and not fault.cells
+        self._keep(now_s, coasts=coasts)
 
     def look(self, now_ns: int) -> None:
-        """Look at the parcels as they are now."""
-        for event in self._world.events[self._seen :]:
-            if event.kind in ("touch", "tip"):
-                self._note("apart", f"{event.parcel} {event.detail}", parcel=event.parcel)
-        self._seen = len(self._world.events)
+        """Look at what has happened to the parcels."""
+        self._now_s = now_ns / NS_PER_S
+        events = self._world.events
+        for event in events[self._seen :]:
+            self._judge(event)
+        self._seen = len(events)
+
+    # Apart ---------------------------------------------------------------------------------------
+
+    def _judge(self, event: Event) -> None:
+        if event.kind == "arrival":
+            self._keep(event.time_s, coasts=False)
+        if event.kind not in ("touch", "tip") or not self._steered or event.parcel is None:
+            return
+        concerned = [self._names[event.parcel]]
+        if event.kind == "touch":
+            concerned.append(self._names[_touched(event)])
+            pair = frozenset(concerned)
+            last_s, self._touching[pair] = self._touching.get(pair, -inf), event.time_s
+            if event.time_s - last_s < _AGAIN_S:
+                return
+        if self._is_unavoidable(event.time_s, concerned):
+            self.unavoidable.append(event)
+            # What it has been pushed into is pushed, too.
+            self._handled.update(dict.fromkeys(concerned, event.time_s))
+        else:
+            self._note("apart", f"{event.parcel} {event.detail}", parcel=event.parcel)
+
+    def _is_unavoidable(self, time_s: float, concerned: list[int]) -> bool:
+        """Whether a hand has done it, or all were still within their braking ways since an event.
+
+        A parcel that has gone no farther than that would have come there under full braking, too.
+        """
+        if any(number in self._handled for number in concerned):
+            return True
+        pose = self._world.pose[concerned]
+        for event in self._snapshots:
+            turned_m = abs(pose - event.pose[concerned])[:, 2] * self._reach_m[concerned]
+            gone_m = np.hypot(*(pose - event.pose[concerned])[:, :2].T) + turned_m
+            way_m = event.way_m[concerned]
+            if event.coasts:
+                way_m = _COASTING * event.speed_m_s[concerned] * (time_s - event.time_s)
+            if (gone_m <= way_m + _SLACK_M).all():
+                return True
+        return False
+
+    def _keep(self, now_s: float, *, coasts: bool) -> None:
+        """Keep how parcels move at an event."""
+        pose, twist = self._world.motion
+        speed_m_s = np.hypot(*twist[:, :2].T) + abs(twist[:, 2]) * self._reach_m
+        braking_m = 1.3 * speed_m_s**2 / (2.0 * self._braking_m_s2) if self._braking_m_s2 else inf
+        way_m = speed_m_s * REACTION_S + braking_m
+        self._snapshots = [
+            *(each for each in self._snapshots if now_s - each.time_s < _KEPT_S),
+            _Snapshot(now_s, pose, speed_m_s, way_m, coasts),
+        ]
+
+    def _let_go(self) -> None:
+        """Parcels that a hand has moved are the run's own again once they rest."""
+        twist = self._world.twist
+        speed_m_s = np.hypot(*twist[:, :2].T) + abs(twist[:, 2]) * self._reach_m
+        lifted = self._world.scene.state.parcels["lifted"]
+        for number, since_s in list(self._handled.items()):
+            passed_s = self._now_s - since_s
+            rests = passed_s > _WHEELS_S and speed_m_s[number] < _REST_M_S
+            if not lifted[number] and (rests or passed_s > _HANDLED_S):
+                del self._handled[number]
+
+    # One parcel a cell ---------------------------------------------------------------------------
+
+    def look_at_wheels(self, now_ns: int, voltage_uv: Registers, report: HostReport | None) -> None:
+        """Note cells that have driven for another parcel than the one over them for some time.
+
+        Voltages are those of all cells, by their places.
+        """
+        if self._handled:
+            self._let_go()
+        left = self._unsteered(report)
+        if not (left or self._word.parcels):
+            return
+        wrong = dict(self._wrong(now_ns, voltage_uv, left))
+        self._wrong_s = {cell: self._wrong_s.get(cell, 0.0) + _WHEELS_S for cell in wrong}
+        for cell, since_s in self._wrong_s.items():
+            if NOTICED_S < since_s <= NOTICED_S + _WHEELS_S:
+                number, text = wrong[cell]
+                parcel = self._truth.scenario.parcel[number].name
+                self._note("one_parcel", f"{text} {parcel}", cell=cell + 1, parcel=parcel)
+
+    def _unsteered(self, report: HostReport | None) -> list[int]:
+        """The parcels that a host which steers to goals does not steer."""
+        if report is None or self._truth.scenario.motion.field != "goal":
+            return []
+        names = self._names.items()
+        return [number for name, number in names if name not in report.goals]
+
+    def _wrong(
+        self, now_ns: int, voltage_uv: Registers, left: list[int]
+    ) -> Iterator[tuple[int, tuple[int, str]]]:
+        """The cells (from 0) that drive for another parcel now, what is over them, and a text.
+
+        Parcels that are `left` are steered by nobody.
+        """
+        state, carried = self._world.scene.state, self._world.scene.scratch.wheels["parcel"]
+        wheels = self._world.wheels
+        axis = np.arange(len(wheels.cell)) - wheels.first[wheels.cell]
+        speed_m_s = state.wheels["speed_m_s"]
+        turning = (abs(speed_m_s) > _TURNING_M_S) & (
+            voltage_uv[wheels.cell, axis] * np.sign(speed_m_s) > 0
+        )
+        if not turning.any():
+            return
+        touching = state.wheels["contact"] != Contact.NONE
+        for number in left:
+            if number not in self._handled:
+                under = turning & touching & (carried == number)
+                for cell in set(wheels.cell[under].tolist()):
+                    yield cell, (number, f"cell {cell + 1} drives for another parcel under")
+        driven = set(wheels.cell[turning].tolist())
+        for node, estimate in self._word.estimates.items():
+            place = int(self._truth.places[node])
+            served = self._word.parcels.get(estimate.identity)
+            late = now_ns - estimate.time_ns > FRESH_NS
+            if place not in driven or late or estimate.state != wire.UNDER or served is None:
+                continue
+            over = self._over(place)
+            if over and served not in over and not self._handled.keys() & {*over, served}:
+                name = self._truth.scenario.parcel[served].name
+                yield node, (over[0], f"cell {node + 1} drives for {name} under")
+
+    def _over(self, cell: int) -> list[int]:
+        """The parcels whose outlines lie over the square of a cell (from 0)."""
+        pitch_m = self._truth.scenario.array.pitch_m
+        corners = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+        square_m = self._centres_m[cell] + pitch_m * corners
+        parcels = self._world.scene.state.parcels
+        return [
+            number
+            for number, (pose, parcel) in enumerate(
+                zip(self._world.pose, self._truth.scenario.parcel, strict=True)
+            )
+            if not parcels["lifted"][number] and gap_m(outline_m(pose, parcel), square_m) < 0.0
+        ]
+
+
+def _touched(event: Event) -> str:
+    """The other parcel of a touch."""
+    return event.detail.removeprefix("touches ").rsplit(" at x ", 1)[0]
+
+
+def _braking_m_s2(scenario: Scenario) -> float:
+    """What friction gives at least where the wheels along a way carry half of the weight."""
+    friction = min(cell.friction for cell in build_cells(scenario))
+    return friction * (1.0 - scenario.cell.friction_spread) * scenario.run.gravity_m_s2 / 2

@@ -13,12 +13,14 @@ from mdms_sim.referee.parcels import Parcels
 from mdms_sim.referee.rules import Violation
 from mdms_sim.referee.truth import Truth
 from mdms_sim.referee.wheels import Wheels
+from mdms_sim.referee.word import Word
 
 __all__ = ["Referee"]
 
 NS_PER_S = 1_000_000_000
-#: Poses and reports are looked at this often [ticks of 1 ms].
+#: Parcels are looked at this often, words and wheels under parcels that often [ticks of 1 ms].
 LOOK_TICKS = 10
+LISTEN_TICKS = 50
 
 
 class Referee:
@@ -33,18 +35,20 @@ class Referee:
         self._now_ns = 0
         self._ticks = 0
         self._wheels = Wheels(truth, self._note)
-        self._parcels = Parcels(truth, self._note)
-        self._claims = Claims(truth, self._note)
+        self._word = Word(truth)
+        self._parcels = Parcels(truth, self._note, self._word)
+        self._claims = Claims(truth, self._note, self._word)
         self._judges = self._wheels, self._parcels, self._claims
         buses = range(truth.addresses.bus_count)
-        self.watched = [set().union(*(each.watched(bus) for each in self._judges)) for bus in buses]
+        self._listening = [self._listeners_on(bus) for bus in buses]
+        self.watched = [listening.keys() for listening in self._listening]
         self.delivered = self._wheels.delivered
 
     def on_frame(self, bus: int, frame: Frame, now_ns: int) -> None:
         """A watched frame has got through on a bus, from 0."""
         self._now_ns = now_ns
-        for judge in self._judges:
-            judge.on_frame(bus, frame, now_ns)
+        for listener in self._listening[bus][frame.can_id]:
+            listener.on_frame(bus, frame, now_ns)
 
     def on_delivery(self, cell: int, frame: Frame, now_ns: int) -> None:
         """A frame of another node has reached a cell, from 0."""
@@ -62,15 +66,30 @@ class Referee:
         self._now_ns = now_ns
         self._wheels.on_tick(now_ns, voltage_uv)
         self._ticks += 1
-        if self._ticks == LOOK_TICKS:
-            self._ticks = 0
+        if self._ticks % LOOK_TICKS == 0:
             self._parcels.look(now_ns)
-            self._claims.look(now_ns)
+        if self._ticks % LISTEN_TICKS == 0:
+            report = self._claims.report()
+            self._parcels.look_at_wheels(now_ns, voltage_uv, report)
+            self._claims.look(now_ns, report)
 
     def finish(self) -> None:
         """The run is over."""
         self._parcels.look(self._now_ns)
         self._claims.finish(self._now_ns)
+
+    def _listeners_on(self, bus: int) -> dict[int, list[Word | Wheels | Parcels]]:
+        """What listens to each identifier of a bus; what has been said comes before its judges."""
+        listening: dict[int, list[Word | Wheels | Parcels]] = {}
+        for listener in (self._word, self._wheels, self._parcels):
+            for can_id in listener.watched(bus):
+                listening.setdefault(can_id, []).append(listener)
+        return listening
+
+    @property
+    def unavoidable(self) -> list[Event]:
+        """Touches and falls that full braking could not have avoided: no violations."""
+        return self._parcels.unavoidable
 
     @property
     def events(self) -> list[Event]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from math import inf
 from typing import Protocol
 
 import numpy as np
@@ -11,7 +12,10 @@ from mdms_model.buses import Addresses
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.physics.plane.world import World
 
-__all__ = ["HostReport", "Note", "Truth"]
+__all__ = ["HostReport", "Note", "Pose", "Truth"]
+
+#: Where a parcel is to be [m, m, rad; table frame]; the yaw is None where any will do.
+Pose = tuple[float, float, float | None]
 
 
 class Note(Protocol):
@@ -27,12 +31,15 @@ class Note(Protocol):
 class HostReport:
     """What the host says at one instant.
 
-    `arrived` has the goals [m, m, rad; yaw None where any will do] of the parcels that it says are
-    there. `reason` is why it cannot go on, if it says so, and `over` whether its job has ended.
+    `goals` are those of the parcels that it steers to one, and `arrived` of those that it says are
+    there. `reason` is why it cannot go on, if it says so; `trouble_s` is when it has reported a
+    trouble last [s]. `over` is whether its job has ended as it was asked for.
     """
 
-    arrived: Mapping[str, tuple[float, float, float | None]] = field(default_factory=dict)
+    goals: Mapping[str, Pose] = field(default_factory=dict)
+    arrived: Mapping[str, Pose] = field(default_factory=dict)
     reason: str | None = None
+    trouble_s: float = -inf
     over: bool = False
 
 
@@ -40,12 +47,12 @@ class HostReport:
 class Truth:
     """The run as it is, for the judges.
 
-    `places` has the place of each cell's node, both from 0. `host` says what the host says now;
-    None where no host says anything.
+    `places` has the place of each cell's node, both from 0. `host` returns what the host says now,
+    None while nobody runs; where it is None nobody knows what a host says.
     """
 
     scenario: Scenario
     addresses: Addresses
     world: World
     places: NDArray[np.intp]
-    host: Callable[[], HostReport] | None = None
+    host: Callable[[], HostReport | None] | None = None

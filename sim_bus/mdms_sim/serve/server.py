@@ -130,7 +130,7 @@ class Server:
         self.close()
 
     def run(
-        self, over: Callable[[], bool] = lambda: False, *, beyond_tipping: bool = False
+        self, over: Callable[[], object] = lambda: False, *, beyond_tipping: bool = False
     ) -> None:
         """Serve until it is over, which is asked about a thousand times a second.
 

@@ -22,11 +22,11 @@ import numpy as np
 
 from mdms_array.host import coordinator_of
 from mdms_array.source import open_program
-from mdms_host.cli.exits import CommandError
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_model.buses import address_cells
+from mdms_model.errors import InputError
 from mdms_model.run.cell_reports import CellReports
-from mdms_model.scenario.scenario import Scenario, ScenarioError
+from mdms_model.scenario.scenario import Scenario
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cob
 from mdms_protocol.codecs.frame import Frame
@@ -152,7 +152,7 @@ def scenario_of(seed: int, *overrides: str) -> Scenario:
                 [*keys, *SPREAD, f"run.seed={seed}", f"run.duration_s={LIMIT_S}", *overrides],
             )
             return scenario
-        except (CommandError, ScenarioError):
+        except InputError:
             continue
 
 

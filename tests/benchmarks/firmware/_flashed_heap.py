@@ -12,10 +12,9 @@ from mdms_host.flashing.firmware_build import compile_module, rom_image
 from mdms_host.flashing.firmware_sources import START, sources
 
 HEAP = Path(__file__).parent / "_firmware_heap.py"
-FAKES = tuple(
-    Path(__file__).parents[2] / "firmware" / "fakes" / f"{name}.py"
-    for name in ("machine", "pyb", "world", "can_controller", "can_stm32", "can_bx", "can_fd")
-)
+_FAKED = ("machine", "pyb", "stm", "world", "pin_names", "can_controller", "can_stm32", "can_bx")
+_FAKED += ("can_fd",)
+FAKES = tuple(Path(__file__).parents[2] / "firmware" / "fakes" / f"{name}.py" for name in _FAKED)
 BOARD = "pybv11"
 #: What only boards load that have room for a second firmware.
 ROOMY = ("mdms_cell.update.update", "mdms_cell.update.receipt", "mdms_cell.update.admission")

@@ -114,3 +114,46 @@ def test_node_that_is_watched_already_is_refused():
     assert bench.refused(2, HOST, 0) is None
     assert bench.refused(2, 0, 100) is None
     assert bench.refused(4, 0, 100) is None
+
+
+def test_write_to_one_entry_leaves_what_is_known_of_all_other_nodes():
+    bench = watching()
+    bench.hear(HOST, 0)
+    bench.hear(NEIGHBOUR, 100)
+    assert bench.consumer.poll(200)
+    for sub, node_id, limit_ms in ((2, 44, 75), (2, 0, 0), (4, HOST, 0)):
+        bench.watch(sub, node_id, limit_ms)
+        assert bench.consumer.lost == {HOST}
+    assert not bench.consumer.poll(399)
+    assert bench.consumer.poll(400)
+    assert bench.consumer.lost == {HOST, NEIGHBOUR}
+
+
+def test_entry_that_is_written_is_watched_from_the_next_heartbeat_on():
+    bench = watching()
+    bench.hear(HOST, 0)
+    assert bench.consumer.poll(200)
+    bench.watch(1, HOST, 50)
+    assert bench.consumer.lost == set()
+    assert not bench.consumer.poll(1000)
+    bench.hear(HOST, 1000)
+    assert bench.consumer.poll(1050)
+
+
+def test_node_of_an_entry_that_names_another_is_not_watched_any_more():
+    bench = watching()
+    bench.hear(HOST, 0)
+    bench.watch(1, 44, 50)
+    assert sorted(can_id for can_id, _ in bench.consumer.receivers()) == [0x706, 0x72C]
+    assert not bench.consumer.poll(1000)
+
+
+def test_nodes_may_change_places():
+    bench = watching()
+    bench.hear(HOST, 0)
+    bench.watch(1, 0, 0)
+    bench.watch(3, HOST, 300)
+    bench.watch(1, NEIGHBOUR, 200)
+    assert sorted(can_id for can_id, _ in bench.consumer.receivers()) == [0x706, 0x77F]
+    bench.hear(NEIGHBOUR, 0)
+    assert bench.consumer.poll(200)

@@ -368,3 +368,63 @@ def test_faults_of_the_speed_loop_are_told_by_their_codes():
         assert axis.tick() == code
         assert axis.drive.error_code == code
         assert axis.drive.state == c.FAULT
+
+
+# From the first of them the neighbour layer leads on by itself.
+ABOVE_READY = (
+    c.SWITCHED_ON,
+    c.OPERATION_ENABLED,
+    c.QUICK_STOP_ACTIVE,
+    c.FAULT_REACTION,
+)
+
+
+def test_low_supply_is_a_fault_in_every_state_above_ready_to_switch_on():
+    for state in ABOVE_READY:
+        axis = axis_in(state)
+        # A wheel that turns is stopped for long.
+        axis.registers[s.ACTUAL] = axis.registers[s.DEMAND] = 400_000
+        axis.registers[s.RATE] = 40 << 14
+        axis.registers[s.QUICK_STOP] = 1
+        axis.registers[s.SUPPLY_MIN] = 10_000_000
+        axis.registers[s.SUPPLY] = 9_999_999
+        codes = [axis.tick() for _ in range(s.LOW_TICKS)]
+        assert codes == [0] * (s.LOW_TICKS - 1) + [d.UNDERVOLTAGE], state
+        assert axis.drive.state == c.FAULT
+        axis.registers[s.SUPPLY] = 24_000_000
+        for word in (c.SHUTDOWN, c.SWITCH_ON, c.ENABLE_OPERATION):
+            axis.drive.control(word)
+            axis.drive.set_target(100_000)
+            axis.tick(10)
+            assert axis.voltage_uv() == 0
+        assert axis.drive.state == c.FAULT
+
+
+def test_low_supply_that_is_over_before_the_background_looks_is_a_fault_all_the_same():
+    for state in ABOVE_READY:
+        axis = axis_in(state)
+        axis.registers[s.SUPPLY_MIN] = 10_000_000
+        axis.registers[s.SUPPLY] = 0
+        for _ in range(s.LOW_TICKS):
+            s.step(axis.registers)
+        axis.registers[s.SUPPLY] = 24_000_000
+        s.step(axis.registers)
+        # As the layer does, before the drive has been polled.
+        axis.drive.control(c.ENABLE_OPERATION)
+        axis.drive.set_target(100_000)
+        s.step(axis.registers)
+        assert axis.voltage_uv() == 0
+        assert axis.drive.poll() == d.UNDERVOLTAGE
+        assert axis.drive.state == c.FAULT
+
+
+def test_axis_that_needs_a_controlword_has_no_fault_of_a_low_supply_until_it_is_switched_on():
+    for state in (c.SWITCH_ON_DISABLED, c.READY_TO_SWITCH_ON):
+        axis = axis_in(state)
+        axis.registers[s.SUPPLY_MIN] = 10_000_000
+        axis.registers[s.SUPPLY] = 0
+        assert axis.tick(100) == 0
+        assert axis.drive.state == state
+        axis.drive.control(c.SHUTDOWN)
+        axis.drive.control(c.SWITCH_ON)
+        assert axis.tick() == d.UNDERVOLTAGE

@@ -298,6 +298,21 @@ def test_an_axis_that_is_off_has_no_fault_for_want_of_a_supply():
     assert made[s.FAULTS] == made[s.AXIS + s.FAULTS] == 0
 
 
+def test_an_axis_that_is_switched_on_drives_nothing_and_has_a_fault_for_want_of_a_supply():
+    made = registers()
+    made[s.MODE] = s.SWITCHED_ON
+    made[s.TARGET] = 100_000
+    turn(made, 2000)
+    assert made[s.VOLTAGE] == made[s.FAULTS] == made[s.AWAKE] == 0
+    assert s.let_sleep(made)
+    made[s.SUPPLY] = 0
+    turn(made, 4)
+    assert made[s.FAULTS] == 0
+    turn(made, 1)
+    assert made[s.FAULTS] == s.UNDERVOLTAGE
+    assert made[s.AXIS + s.FAULTS] == 0
+
+
 def spinning(speed_um_s, ticks=300):
     """A wheel at a steady speed under no load, and the function that goes on turning it."""
     made = run(registers())

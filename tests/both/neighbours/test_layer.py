@@ -6,7 +6,7 @@ from layer_bench import IDENTITY, NEIGHBOURS, NODE, Middle
 
 from mdms_cell.drive import speed_loop
 from mdms_cell.neighbours.layer import UPDATE_MS
-from mdms_protocol import indices
+from mdms_protocol import indices, pdo
 from mdms_protocol.codecs import cia402, cob
 from mdms_protocol.neighbours import frames as wire
 
@@ -215,6 +215,51 @@ def test_parcel_that_others_held_for_too_long_without_its_host_moves_no_more():
     assert state(middle) != cia402.OPERATION_ENABLED
 
 
+def ended():
+    """A parcel whose time without its host is over; it has left the cell since."""
+    middle = watched(Middle(SPEED_UM_S), wire.GO_ON)
+    middle.speed_um_s = 0
+    for _ in range(60):
+        run(middle, 10)
+        middle.board.take()
+    assert targets_um_s(middle) == (0, 0)
+    return middle
+
+
+def fastest_while_it_rolls_over(middle, sequence):
+    """The same identity begins anew out of the cell's reach, and comes over it later."""
+    middle.x_um, middle.speed_um_s = -450_000, SPEED_UM_S
+    middle.sequence = middle.its_sequence = sequence
+    middle.program_flags = 0
+    heartbeat(middle)
+    middle._pages()
+    fastest = 0
+    while middle.x_um < 60_000:
+        heartbeat(middle)
+        middle.beat()
+        middle.board.take()
+        if middle.x_um > -60_000:
+            fastest = max(fastest, abs(targets_um_s(middle)[0]))
+    return fastest
+
+
+def test_parcel_that_had_its_time_moves_again_by_a_new_program_that_comes_before_it():
+    middle = ended()
+    middle._page((IDENTITY, wire.END, 2, 0, 0, 0, 0, 0, 0))
+    assert fastest_while_it_rolls_over(middle, 3) > 90_000
+
+
+def test_parcel_that_had_its_time_moves_again_after_the_cell_was_stopped_and_started():
+    middle = ended()
+    for command in (2, 1):
+        middle.cell.on_frame(cob.NMT, bytes((command, NODE)), middle.now_ms)
+    for word in (0x80, cia402.SHUTDOWN, cia402.SWITCH_ON):
+        middle.cell.on_frame(
+            cob.RPDO_BASES[1] + NODE, pdo.CONTROLWORD.encode((word, word)), middle.now_ms
+        )
+    assert fastest_while_it_rolls_over(middle, 2) > 90_000
+
+
 #: Where the parcel is put, and north of that, in steps of the wire.
 NEAR, NORTH = (-240, 0, 0), (-240, 400, 0)
 
@@ -293,6 +338,7 @@ def test_cell_that_lacks_the_next_leg_says_so_and_stays_until_a_neighbour_hands_
 def test_cell_without_a_host_follows_a_neighbour_onto_the_next_leg():
     middle = standing()
     leg(middle)
+    middle.its_sequence = 2
     beats(middle, 12, with_host=True)
     middle.its_sequence = 3
     last = beats(middle, 4, with_host=True)
@@ -370,3 +416,95 @@ def test_state_of_sensors_that_no_cell_has_is_counted_and_dropped():
         run(middle, 2)
     assert middle.cell.dropped == dropped + 2
     assert targets_um_s(middle)[0] > 0
+
+
+def test_parcel_page_without_a_speed_or_an_acceleration_leaves_every_stop_as_it_was():
+    middle = Middle(SPEED_UM_S)
+    run(middle, 40)
+    dropped = middle.cell.dropped
+    for limits in ((0, 20), (44, 0), (0, 0)):
+        middle._page(
+            (IDENTITY, wire.PARCEL, 1, wire.RECTANGLE, 1440, 1200, limits[0], limits[1], 0)
+        )
+    assert middle.cell.dropped == dropped + 3
+    middle.silent = NEIGHBOURS[0]
+    run(middle, 40)
+    assert max(map(abs, targets_um_s(middle))) == 0
+
+
+def handed_on(middle):
+    """How many pages the cell has handed on since the last call."""
+    return [can_id for can_id, _ in middle.board.take()].count(cob.TPDO_BASES[3] + NODE)
+
+
+def goal_of_sequence(middle, sequence, x=400):
+    middle._page((IDENTITY, wire.GOAL, sequence, x, 0, 0, 0, 0, 0))
+
+
+def test_cell_that_has_missed_two_goals_rests_and_hands_its_old_one_to_nobody():
+    middle = Middle(SPEED_UM_S)
+    run(middle, 20)
+    for middle.its_sequence in (2, 3):
+        run(middle, 10)
+    assert targets_um_s(middle) == (0, 0)
+    assert state(middle) != cia402.OPERATION_ENABLED
+    assert estimates(middle)[-1][wire.FLAGS] & wire.LACKING
+    run(middle, 10)
+    assert not handed_on(middle)
+    # The host's next page has it go on.
+    goal_of_sequence(middle, 3)
+    run(middle, 60)
+    assert targets_um_s(middle)[0] > 90_000
+
+
+def test_goal_of_a_neighbour_that_looks_newer_and_never_had_the_one_before_is_not_taken():
+    middle = Middle(0)
+    for sequence in (2, 3, 1, 2):
+        goal_of_sequence(middle, sequence)
+        middle.its_sequence = sequence
+        run(middle, 5)
+    frame = bytearray(8)
+    fields = (IDENTITY, wire.GOAL, 3, -700, 300, 0, 0, 0, 0)
+    wire.pack_program(array("i", fields), 0, frame)
+    middle.cell.on_frame(cob.TPDO_BASES[3] + NEIGHBOURS[0], bytes(frame), middle.now_ms)
+    run(middle, 2)
+    assert estimates(middle)[-1][wire.SEQUENCE] == 2
+    assert targets_um_s(middle)[0] >= 0
+
+
+def test_goal_of_the_host_with_the_number_of_another_three_before_is_a_new_one():
+    middle = ended()
+    goal_of_sequence(middle, 2, x=800)
+    heartbeat(middle)
+    middle.speed_um_s, middle.its_sequence = SPEED_UM_S, 2
+    for _ in range(30):
+        heartbeat(middle)
+        middle.beat()
+    assert targets_um_s(middle)[0] > 90_000
+
+
+def test_goal_of_a_neighbour_that_had_the_one_before_is_taken():
+    middle = Middle(0)
+    run(middle, 5)
+    middle.its_sequence = 3
+    run(middle, 1)
+    frame = bytearray(8)
+    wire.pack_program(array("i", (IDENTITY, wire.GOAL, 3, 400, 0, 0, 0, 0, 0)), 0, frame)
+    middle.cell.on_frame(cob.TPDO_BASES[3] + NEIGHBOURS[0], bytes(frame), middle.now_ms)
+    run(middle, 2)
+    assert estimates(middle)[-1][wire.SEQUENCE] == 3
+
+
+def test_cell_that_was_without_its_neighbours_for_long_asks_for_the_program_that_it_has():
+    """Three goals later its number is the same."""
+    middle = Middle(SPEED_UM_S)
+    run(middle, 20)
+    silence(middle, 20)
+    middle.board.take()
+    run(middle, 8)
+    last = estimates(middle)[-1]
+    assert (last[wire.SEQUENCE], last[wire.FLAGS] & wire.LACKING) == (0, wire.LACKING)
+    goal_of_sequence(middle, 1)
+    run(middle, 2)
+    last = estimates(middle)[-1]
+    assert (last[wire.SEQUENCE], last[wire.FLAGS] & wire.LACKING) == (1, 0)

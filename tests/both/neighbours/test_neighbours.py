@@ -102,6 +102,9 @@ def test_frame_that_no_sender_makes_is_dropped():
     no_identity, no_sequence, no_shape = b"\x00\x01", b"\x01\x00", b"\x01\x09"
     for head in (no_identity, no_sequence, no_shape):
         assert not n.unpack_program(head + bytes(6), fields, 0)
+    # Without an acceleration, and without a speed, of which no ramp would end.
+    for last in (b"\x00\x40\x01\x00", b"\xc0\x02\x00\x00"):
+        assert not n.unpack_program(b"\x01\x01\xfa\xe8" + last, fields, 0)
     # Seven legs that follow, and the third of two.
     for last in (b"\xe0", b"\x4c"):
         assert not n.unpack_program(b"\x81\x01" + bytes(5) + last, fields, 0)

@@ -2,15 +2,17 @@
 
 from array import array
 
-from layer_bench import NODE, Middle
+from layer_bench import NODE, STEPS, Middle
 
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours.precedence import is_precedence, pack_precedence
 
-FIRST, SECOND = 9, 7
+FIRST, SECOND, OTHER = 9, 7, 6
 EAST, WEST = 0, 4
+#: From a neighbour's centre to that of a parcel of 0.3 m, away from the cell [steps of the wire].
+ASIDE = 400
 NMT_START, NMT_PRE_OPERATIONAL = 1, 128
 #: So long a promise that nobody asks for any more is kept, and then nobody is promised anything.
 LAPSED = 60
@@ -26,10 +28,13 @@ class Asked(Middle):
         self.standing = {}
         super().__init__(0)
         self._write(indices.CONSUMER_TIMES, 1, 4, (cob.HOST_NODE << 16) | 75)
-        for identity in (FIRST, SECOND):
-            self._page((identity, wire.PARCEL, 1, wire.DISC, 1200, 1200, 44, 20, wire.GO_ON))
-            self._page((identity, wire.GOAL, 1, 0, 0, 0, 0, 0, 0))
+        for identity in (FIRST, SECOND, OTHER):
+            self.program(identity)
         self.beats(60, with_host=True)
+
+    def program(self, identity):
+        self._page((identity, wire.PARCEL, 1, wire.DISC, 1200, 1200, 44, 20, wire.GO_ON))
+        self._page((identity, wire.GOAL, 1, 0, 0, 0, 0, 0, 0))
 
     def _pages(self):
         """No parcel lies on the cell."""
@@ -43,6 +48,10 @@ class Asked(Middle):
         if not identity:
             return None
         fields = array("i", [0] * wire.ESTIMATE_FIELDS)
+        # It lies beside the cell's square.
+        dx, dy = STEPS[direction]
+        fields[wire.X], fields[wire.Y] = dx * ASIDE, dy * ASIDE
+        fields[wire.CERTAINTY] = self.certainty
         fields[wire.IDENTITY], fields[wire.STATE] = identity, wire.UNDER
         fields[wire.WANTS] = 1 << (direction ^ 4) if asks else 0
         fields[wire.HOLD], fields[wire.SEQUENCE] = wire.HOLD_NONE, 1
@@ -134,14 +143,15 @@ def test_order_is_none_after_a_restart():
     for command in (NMT_PRE_OPERATIONAL, NMT_START):
         asked.cell.on_frame(cob.NMT, bytes((command, NODE)), asked.now_ms)
         asked.beats(5)
+    asked.program(SECOND)
     asked.asking = {EAST: SECOND}
     assert asked.beats(60) == SECOND
 
 
 def test_parcel_that_is_in_no_order_is_promised_the_cell():
     asked = alone()
-    asked.asking = {EAST: SECOND - 1}
-    assert asked.beats(60) == SECOND - 1
+    asked.asking = {EAST: OTHER}
+    assert asked.beats(60) == OTHER
 
 
 def test_next_one_waits_until_the_one_before_has_gone():

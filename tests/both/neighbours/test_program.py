@@ -2,7 +2,7 @@
 
 from array import array
 
-from mdms_cell.neighbours.program import Program, Programs
+from mdms_cell.neighbours.program import SLOTS, Program, Programs
 from mdms_protocol.neighbours import frames as wire
 
 IDENTITY = 5
@@ -10,8 +10,8 @@ IDENTITY = 5
 WAY = ((100, 0, 0), (100, 200, 0), (-300, 200, 512))
 
 
-def parcel_page(sequence=1, flags=wire.GO_ON):
-    fields = (IDENTITY, wire.PARCEL, sequence, wire.RECTANGLE, 1200, 1120, 44, 20, flags)
+def parcel_page(sequence=1, flags=wire.GO_ON, identity=IDENTITY):
+    fields = (identity, wire.PARCEL, sequence, wire.RECTANGLE, 1200, 1120, 44, 20, flags)
     return array("i", fields)
 
 
@@ -187,3 +187,85 @@ def test_goal_that_others_may_have_passed_is_none_until_it_is_handed_on():
     assert (goal(program), program.whole) == ((7, 8), True)
     programs.drop(IDENTITY)
     assert not programs.go_on()
+
+
+def kept(programs):
+    return [each for each in range(1, wire.IDENTITY_MAX + 1) if programs.find(each)]
+
+
+def give(programs, identity, way):
+    """A whole program of this way [steps]: the pages of parcel, place, goal and legs."""
+    (x, y), *goals = way
+    programs.place_for(identity).take(parcel_page(identity=identity))
+    page = array("i", (identity, wire.PLACE, 1, x, y, 0, 0, 0, 0))
+    programs.find(identity).begin_at(page)
+    for leg, (goal_x, goal_y) in enumerate(goals):
+        page = array("i", (identity, wire.GOAL, 1, goal_x, goal_y, 0, leg, len(goals) - 1, 0))
+        programs.place_for(identity).take(page)
+
+
+#: Far from a cell at the origin, and ways that come near it.
+FAR = ((9000, 9000), (9500, 9000))
+BY_IT = ((-2000, 0), (2000, 10))
+
+
+def far_parcels(programs, first=1):
+    for identity in range(first, wire.IDENTITY_MAX + 1):
+        give(programs, identity, FAR)
+
+
+def test_programs_of_parcels_that_come_near_are_kept_whatever_comes_after_them():
+    programs = Programs()
+    near = range(1, SLOTS)
+    for identity in near:
+        give(programs, identity, BY_IT)
+    far_parcels(programs, SLOTS)
+    assert kept(programs)[:-1] == list(near)
+    assert all(programs.find(identity).complete for identity in near)
+
+
+def test_parcel_that_comes_near_at_the_end_of_its_legs_only_is_near():
+    programs = Programs()
+    give(programs, 1, ((9000, 9000), (9500, 9000), (9000, 0), (100, 0)))
+    far_parcels(programs, 2)
+    assert programs.find(1).whole
+
+
+def test_parcel_that_comes_near_finds_a_place_among_those_that_do_not():
+    programs = Programs()
+    far_parcels(programs)
+    give(programs, 1, BY_IT)
+    far_parcels(programs, 2)
+    assert programs.find(1).complete
+
+
+def test_program_of_which_nobody_says_where_it_leads_makes_room_first():
+    programs = Programs()
+    programs.place_for(1).take(parcel_page(identity=1))
+    far_parcels(programs, wire.IDENTITY_MAX - SLOTS + 1)
+    assert 1 not in kept(programs)
+
+
+def test_parcel_that_is_said_to_lie_elsewhere_is_near_no_more():
+    programs = Programs()
+    for identity in range(1, SLOTS + 1):
+        give(programs, identity, BY_IT)
+    give(programs, 3, FAR)
+    give(programs, SLOTS + 1, BY_IT)
+    assert kept(programs) == [each for each in range(1, SLOTS + 2) if each != 3]
+
+
+def test_own_programs_stay_however_far_they_lead():
+    own = [1, 40]
+    programs = Programs(lambda: own)
+    give(programs, 1, FAR)
+    give(programs, 40, FAR)
+    for identity in range(2, 40):
+        give(programs, identity, BY_IT)
+    assert programs.find(1).complete
+    assert programs.find(40).complete
+    own.clear()
+    give(programs, 41, BY_IT)
+    give(programs, 42, BY_IT)
+    assert not programs.find(1)
+    assert not programs.find(40)

@@ -3,6 +3,7 @@
 import binascii
 
 import micropython
+import stm
 import world
 from bench import NODE, Bench
 
@@ -27,6 +28,31 @@ def test_is_made_with_everything_off(bench):
         + [(timer, channel, 11) for timer in bench.encoders for channel in (1, 2)]
     )
     assert world.periods[pwm] == bench.full - 1
+
+
+def test_spikes_on_an_encoders_wires_are_filtered_out(bench):
+    if bench.name == "teensy41":
+        return
+    for timer in bench.encoders:
+        inputs = world.registers[stm.TIMERS[timer] + stm.TIM_CCMR1]
+        # Both inputs count, with the longest filter.
+        assert inputs == 0xF1F1, hex(inputs)
+
+
+def test_bits_are_read_as_near_to_seven_eighths_as_the_clock_allows(bench):
+    can = bench.can
+
+    def off(segments):
+        return abs(8 * (1 + segments[0]) - 7 * (1 + sum(segments))) / (1 + sum(segments))
+
+    allowed = [
+        segments
+        for prescaler, *segments in can.timings(1_000_000)
+        if prescaler * (1 + sum(segments)) * 1_000_000 == can.CLOCK_HZ
+        and segments[1] >= can.PROCESSING_QUANTA
+    ]
+    assert list(can.segments) in allowed
+    assert off(can.segments) == min([off(segments) for segments in allowed]), can.segments
 
 
 def test_has_a_serial_number_that_every_byte_of_the_chips_own_counts_for(bench):

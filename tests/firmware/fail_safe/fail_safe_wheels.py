@@ -38,6 +38,59 @@ def undervoltage(bench):
     comes_back(bench, *RESET)
 
 
+def undervoltage_switched_on(bench):
+    # As `undervoltage`, while the drives wait in 'switched on'.
+    for word in (0x00, UP[0], UP[1]):
+        bench.can.deliver(0x300 + NODE, bytes((word, 0, word, 0)))
+        bench.pass_ms()
+    bench.pass_ms(20)
+    assert bench.off()
+    assert not emergencies()
+    world.analog[bench.supply] = 0
+    for _ in range(5):
+        world.advance()
+    world.analog[bench.supply] = SUPPLY_24_V
+    bench.pass_ms(10)
+    assert emergencies() == [0x3220, 0x3220], emergencies()
+    enable_without_reset(bench, UP[2])
+    comes_back(bench, *RESET)
+
+
+def undervoltage_off(bench):
+    # In 'switch on disabled' and 'ready to switch on' it is no fault, and reported.
+    for word in (0x00, UP[0]):
+        bench.can.deliver(0x300 + NODE, bytes((word, 0, word, 0)))
+        bench.pass_ms(20)
+        world.sent.clear()
+        world.analog[bench.supply] = 0
+        bench.pass_ms(20)
+        assert emergencies() == [0x3220, 0x3220], emergencies()
+        world.analog[bench.supply] = SUPPLY_24_V
+        for _ in range(100):
+            bench.target(TARGET)
+            bench.pass_ms()
+            assert bench.off()
+        assert emergencies() == [0x3220, 0x3220, 0, 0], emergencies()
+    # Switched on while it is low, they have the fault.
+    world.analog[bench.supply] = 0
+    bench.pass_ms(20)
+    bench.can.deliver(0x300 + NODE, bytes((UP[1], 0, UP[1], 0)))
+    bench.pass_ms(20)
+    world.analog[bench.supply] = SUPPLY_24_V
+    bench.pass_ms(20)
+    enable_without_reset(bench, UP[2])
+    comes_back(bench, *RESET)
+
+
+def enable_without_reset(bench, word):
+    """It turns no wheel of a drive that has a fault."""
+    for _ in range(100):
+        bench.can.deliver(0x300 + NODE, bytes((word, 0, word, 0)))
+        bench.target(TARGET)
+        bench.pass_ms()
+        assert bench.off()
+
+
 def runaway(bench):
     # The encoder counts the other way round: -0.2 m/s for a target of 0.1 m/s.
     keep(bench, 20)

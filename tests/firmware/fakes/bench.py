@@ -96,7 +96,7 @@ class Bench:
         board = BOARDS[name]
         for each, fake in board["machine"].items():
             setattr(machine, each, fake)
-        self.name = name
+        self.name = world.board = name
         self.wake, self.fault, self.supply = board["wake"], board["fault"], board["supply"]
         self.phases, self.currents, self.encoders = (
             board["phases"],

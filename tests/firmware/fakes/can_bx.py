@@ -19,9 +19,10 @@ class BxCan(Stm32Controller):
 
     FILTERS_MAX = 14
     RECEIVE_PIN = "Y3"
+    CLOCK_HZ = 42_000_000  # of APB1
 
-    def __init__(self, id, bitrate):
-        super().__init__(id, bitrate)
+    def __init__(self, id, bitrate, **timing):
+        super().__init__(id, bitrate, **timing)
         self._armed = [False, False]
         self._full_armed = [False, False]
         self._overrun_armed = [False, False]

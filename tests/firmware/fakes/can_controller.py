@@ -1,10 +1,10 @@
 """What `machine.CAN` of MicroPython 1.29 has on every port (extmod/machine_can.c), and its bus.
 
 A controller of a chip family derives from this and says what its own sources do.
-Left out: modes but the normal one, cancelling, timings; counters but those of errors, which do not
-move by themselves; the states between active and bus-off; frames that come, and get lost, while
-`set_filters` is at work. An uncaught exception in the handler goes on to the test; the port would
-print it, and never call the handler again.
+Left out: modes but the normal one, cancelling, segments that are given; counters but those of
+errors, which do not move by themselves; the states between active and bus-off; frames that come,
+and get lost, while `set_filters` is at work. An uncaught exception in the handler goes on to the
+test; the port would print it, and never call the handler again.
 """
 
 import sys
@@ -61,9 +61,18 @@ class Controller:
     STATE_BUS_OFF = 4
     #: Recessive bits until the controller leaves bus-off unasked, None if it never does.
     UNASKED_BITS = None
+    #: What the controller makes time quanta of, and what it has for the segments of a bit.
+    CLOCK_HZ = 0
+    PRESCALER_MAX = 1024
+    SEGMENT_1 = (1, 16)
+    SEGMENT_2 = (1, 8)
+    #: Quanta that the controller needs behind the sample point, though the port asks for less.
+    PROCESSING_QUANTA = 1
 
-    def __init__(self, id, bitrate):
+    def __init__(self, id, bitrate, *, sample_point=75):
         world.told.append(("can", id, bitrate))
+        self.segments = self.timing(bitrate, sample_point)
+        assert self.segments[1] >= self.PROCESSING_QUANTA, "the bit would be read wrong"
         world.levels.setdefault(self.RECEIVE_PIN, 1)
         if not self.opens():
             raise OSError("CAN init failed")
@@ -78,6 +87,30 @@ class Controller:
         self._state_changed = False
         self._serving = False
         self._sizes = {}  # of the buffers that `recv` was given, by their view
+
+    def timings(self, bitrate):
+        """Prescaler and both segments of all bits of about this rate."""
+        for prescaler in range(1, self.PRESCALER_MAX + 1):
+            quanta = (self.CLOCK_HZ // prescaler + bitrate // 2) // bitrate
+            for segment_1 in range(self.SEGMENT_1[0], min(self.SEGMENT_1[1], quanta - 2) + 1):
+                segment_2 = quanta - 1 - segment_1
+                if self.SEGMENT_2[0] <= segment_2 <= self.SEGMENT_2[1]:
+                    yield prescaler, segment_1, segment_2
+
+    def timing(self, bitrate, sample_point):
+        """Both segments that the port chooses: first by the rate, then by the sample point."""
+        if not 0 < sample_point < 100:
+            raise ValueError("sample_point")
+        best = None
+        for prescaler, segment_1, segment_2 in self.timings(bitrate):
+            quanta = 1 + segment_1 + segment_2
+            off_rate = abs(bitrate - self.CLOCK_HZ // prescaler // quanta)
+            off_point = abs(10_000 * (1 + segment_1) // quanta - 100 * sample_point)
+            found = (off_rate, off_point, prescaler, -segment_1, segment_2)
+            best = found if best is None else min(best, found)
+        if best is None:
+            raise ValueError("unable to calculate BRP for baudrate")
+        return -best[3], best[4]
 
     # What extmod/machine_can.c does
 

@@ -27,9 +27,11 @@ class FdCan(Stm32Controller):
     EXTENDED_FILTERS = 8
     FILTERS_MAX = STANDARD_FILTERS + EXTENDED_FILTERS
     RECEIVE_PIN = "A11"
+    CLOCK_HZ = 24_000_000  # the crystal of the NUCLEO-G474RE
+    PRESCALER_MAX = 512
 
-    def __init__(self, id, bitrate):
-        super().__init__(id, bitrate)
+    def __init__(self, id, bitrate, **timing):
+        super().__init__(id, bitrate, **timing)
         self._enabled = [0, 0]
         self._noted = [0, 0]
         self.extended_filters = ()
@@ -98,6 +100,7 @@ class FdCanH7(FdCan):
     """That of an STM32H7, with more room."""
 
     RECEIVE_PIN = "B8"
+    CLOCK_HZ = 25_000_000  # the crystal of the WeAct board
     STANDARD_FILTERS = 64
     EXTENDED_FILTERS = 31
     FILTERS_MAX = STANDARD_FILTERS + EXTENDED_FILTERS

@@ -25,10 +25,14 @@ class FlexCan(Controller):
     MAILBOXES = 8
     FIFO = 6
     RECEIVE_PIN = "D23"
+    CLOCK_HZ = 40_000_000
+    PRESCALER_MAX = 255
+    SEGMENT_1 = (2, 16)
+    PROCESSING_QUANTA = 2
     UNASKED_BITS = RECOVERY_BITS
 
-    def __init__(self, id, bitrate):
-        super().__init__(id, bitrate)
+    def __init__(self, id, bitrate, **timing):
+        super().__init__(id, bitrate, **timing)
         self._mailboxes = [None] * self.MAILBOXES
         self._finished = []
         self._fifo = []

@@ -18,8 +18,8 @@ class Stm32Controller(Controller):
     MAILBOXES = 3
     FIFO = 3
 
-    def __init__(self, id, bitrate):
-        super().__init__(id, bitrate)
+    def __init__(self, id, bitrate, **timing):
+        super().__init__(id, bitrate, **timing)
         self._mailboxes = {}
         self._fifos = ([], [])
         self._errors = 0

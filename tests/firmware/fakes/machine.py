@@ -4,6 +4,7 @@ import sys
 
 import world
 from can_bx import BxCan
+from pin_names import found
 
 
 class Micropython:
@@ -50,7 +51,7 @@ def enable_irq(before):
 
 
 class Pin:
-    """A pin whose level stands in `world.levels`."""
+    """A pin whose level stands in `world.levels`; it goes by one name alone here."""
 
     IN = 0
     OUT = 1
@@ -58,6 +59,9 @@ class Pin:
     PULL_DOWN = 2
 
     def __init__(self, name, mode=-1, pull=-1, value=None):
+        if world.board is not None:
+            pin = found(world.board, name)
+            assert world.names.setdefault(pin, name) == name, (pin, world.names[pin], name)
         self.name = name
         self.output = mode == Pin.OUT
         if value is not None:
@@ -115,7 +119,19 @@ class Memory16:
         return 0xFFFF if world.flash is None else world.flash.half_word(address)
 
 
+class Memory32:
+    """Registers of peripherals that have been set up, by their addresses."""
+
+    def __getitem__(self, address):
+        return world.registers[address]
+
+    def __setitem__(self, address, value):
+        assert address in world.registers, "a peripheral without a clock takes nothing"
+        world.registers[address] = value & 0xFFFFFFFF
+
+
 mem16 = Memory16()
+mem32 = Memory32()
 
 #: That of a PYBv1.1; `bench` puts another board's in its place.
 CAN = BxCan

@@ -1,5 +1,6 @@
 """The part of `pyb` that the boards use."""
 
+import stm
 import world
 
 
@@ -34,6 +35,9 @@ class Timer:
     def channel(self, number, mode, pin, pulse_width=None):
         """Give the channel a pin."""
         world.told.append(("channel", self.id, number, mode, pin.name))
+        if mode == Timer.ENC_AB:
+            # Both inputs are set up by each call, without a filter.
+            world.registers[stm.TIMERS[self.id] + stm.TIM_CCMR1] = 0x0101
         channel = Channel(self.id, number)
         if pulse_width is not None:
             channel.pulse_width(pulse_width)

@@ -1,12 +1,15 @@
 """What the faked peripherals are connected to: levels, counts, a bus, and a stepped clock."""
 
 now_ms = 0
+board = None  # whose pins these are; None: whatever is asked for is there
+names = {}  # of pins in use, by what the processor calls them
 levels = {}  # of pins, by name
 analog = {}  # readings of ADCs [u16], by pin
 conversions = 0  # of ADCs so far
 counts = {}  # of encoders, by timer
 pulses = {}  # widths of PWM pulses, by (timer, channel)
 periods = {}  # of timers
+registers = {}  # of peripherals, by address
 sent = []  # frames that went over the bus: (identifier, data)
 events = {}  # functions to call at a time, by millisecond
 timers = []  # that have a callback

@@ -15,6 +15,8 @@ ALONE = Table(2, 1, ((0,),), Rules(lease=3, late=1))
 LONG_PARCEL = Table(4, 1, ((0, 1),), Rules(lease=3, late=1, disturbed=1), crash=False)
 PAIR = Table(3, 1, ((0,), (2,)), Rules(lease=2, late=0, disturbed=1))
 
+OVERHANG = Table(3, 1, ((0, 1), (2,)), Rules(lease=1, late=0))
+
 #: What is replaced, by what, the table on which that is missed, and what is then seen.
 MUTANTS = {
     "late estimates count for the whole lease": (
@@ -39,6 +41,24 @@ MUTANTS = {
         "not (bound or occupied)",
         "not bound",
         PAIR,
+        "while another stands",
+    ),
+    "nothing lies over a cell that has restarted": (
+        "if self.unsure:\n            here",
+        "if False:\n            here",
+        OVERHANG,
+        "while another stands",
+    ),
+    "a neighbour that is not heard reports nothing": (
+        "here = UNKNOWN\n            reported",
+        "pass\n            reported",
+        OVERHANG,
+        "while another stands",
+    ),
+    "what lies here by report keeps nobody away": (
+        "if here:\n            asker",
+        "if False:\n            asker",
+        OVERHANG,
         "while another stands",
     ),
     "the wait begins before the last announcement": (

@@ -57,3 +57,16 @@ def test_goal_beyond_what_lengths_are_exact_for_is_gone_to_as_fast_as_may_be():
     registers = steered(-120_000, 90_000, 100)
     assert registers[VX] == pytest.approx(-1_020_000, rel=5e-3)
     assert registers[VY] == pytest.approx(765_000, rel=5e-3)
+
+
+@pytest.mark.parametrize("acceleration", [0, 1])
+@pytest.mark.parametrize("step_ms", [1, STEP_MS])
+def test_no_acceleration_makes_a_ramp_that_never_ends(acceleration, step_ms):
+    registers, parcel = array("i", [0] * REGISTERS), Outline().registers
+    parcel[REACH] = 250_000
+    registers[steering.ACCELERATION] = acceleration
+    registers[VX], registers[VY], registers[steering.TURN] = 100_000, -50_000, 20_000
+    beats = 0
+    while not approach(registers, parcel, 0, step_ms):
+        beats += 1
+        assert beats < 2_000

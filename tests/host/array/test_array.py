@@ -69,6 +69,11 @@ def test_program_that_does_not_fit_the_array_is_refused(believed):
     assert exit_of(told.value) == 2
 
 
+def test_file_says_which_board_each_cell_is(believed):
+    belief = believed(GRID + cell(0xC0FFEE, 40, "number = 1") + cell(2, 2))
+    assert belief.cells.serials == {1: 0xC0FFEE, 2: 2}
+
+
 @pytest.mark.parametrize(
     ("text", "error", "told"),
     [
@@ -97,6 +102,8 @@ def test_cells_of_a_file_are_set_and_driven_by_their_own_node_ids(believed, roll
     coordinator = coordinator_of(belief.scenario, belief.cells)
     layout = layout_of(belief.scenario, belief.cells)
     array = rolling_array(layout, Rectangle(0.36, 0.3), (0.0, 0.0, 0.0))
+    for serial, each in enumerate(array.cells, 1):
+        each.objects.put(indices.IDENTITY, 4, serial)
     array.run(coordinator, 2.0, lambda: coordinator.phase == Phase.RUNNING and array.now_s > 1.0)
     assert coordinator.fault is None
     gains = [each.objects.number(indices.GAIN) for each in array.cells]

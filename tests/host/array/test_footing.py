@@ -56,3 +56,16 @@ def test_every_verb_that_moves_parcels_refuses(verb, capsys):
     options = [text for each in SMALL for text in ("--set", each)]
     assert main([verb, "array18", *options]) == Exit.USAGE
     assert "would tip" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("keys", "width"),
+    [
+        (["parcel.0.length_m=0.20", "parcel.0.width_m=0.20"], "0.2"),
+        (["parcel.0.width_m=0.25"], "0.25"),
+        (["parcel.0.shape='disc'", "parcel.0.length_m=0.24", "parcel.0.width_m=0.24"], "0.24"),
+    ],
+)
+def test_a_parcel_too_small_for_cells_that_steer_is_refused_with_the_least_width(keys, width):
+    with pytest.raises(InputError, match=rf"is {width} m wide, .* none below 0\.254 m"):
+        open_program("neighbours", keys)

@@ -1,8 +1,38 @@
 from types import SimpleNamespace
 
+import pytest
+
 from mdms_array.run import Finished
-from mdms_array.simulation import timed
+from mdms_array.simulation import run_scenario, timed
 from mdms_host.clock import MonotonicClock
+from mdms_model.scenario.file import load_scenario
+from mdms_model.scenario.scenario import ScenarioError
+
+
+async def goes_a_little(table):
+    await table.move(table["box"], 0.0, 0.0)
+
+
+@pytest.mark.parametrize("field", ["goal", "inward", "program"])
+def test_program_that_is_given_runs_whatever_motion_the_scenario_has(field):
+    called = []
+
+    async def main(table):
+        called.append(table["box"].name)
+        await goes_a_little(table)
+
+    keys = [f"motion.field={field}", "run.duration_s=4", "run.fidelity=firmware"]
+    finished = run_scenario(load_scenario("array18", keys), main=main)
+    assert called == ["box"]
+    assert finished.record.pose[-1, 0, :2] == pytest.approx([0.0, 0.0], abs=0.01)
+    assert not finished.unfinished
+
+
+@pytest.mark.parametrize("fidelity", ["ideal", "row"])
+def test_program_that_is_given_is_refused_without_cells(fidelity):
+    keys = [f"run.fidelity={fidelity}", "run.duration_s=1"]
+    with pytest.raises(ScenarioError, match=r"set run.fidelity to 'firmware'"):
+        run_scenario(load_scenario("paper-fig7", keys), main=goes_a_little)
 
 
 def compile_something():

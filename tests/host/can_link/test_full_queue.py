@@ -148,6 +148,7 @@ def caused(error, cause):
     [
         (can.CanOperationError("Failed to transmit: No buffer space", errno.ENOBUFS), True),
         (can.CanOperationError("Transmit buffer full"), True),
+        (can.CanOperationError("Not transmitted successfully: device disconnected"), False),
         (can.CanTimeoutError("no room"), True),
         (caused(can.CanOperationError("serial"), serial.SerialTimeoutException()), True),
         (caused(can.CanOperationError("not sent"), USBError("timed out", -7, 110)), True),

@@ -99,6 +99,25 @@ def test_device_that_is_gone_is_named_and_the_others_get_their_frames():
     assert well.sent[-1] == (0, b"\x80\x00")
 
 
+def test_buses_whose_devices_are_there_go_on_without_the_one_that_is_gone():
+    clock, tool = MonotonicClock(), Tool()
+    gone = ScriptedBus(*[OSError("unplugged") for _ in range(5)])
+    well = ScriptedBus()
+    with Links([gone, well], ("left", "right"), clock) as links:
+        with pytest.raises(DeviceGoneError):
+            driven(tool, links, clock, lambda: False)
+        assert links.leave_gone()
+        tool.wake_s = 0.0
+        well.script.put(message(0x182))
+        driven(tool, links, clock, lambda: tool.heard == [(1, 0x182)])
+        assert well.sent[-1] == (0x81, b"")
+        for _ in range(5):
+            well.script.put(OSError("unplugged"))
+        with pytest.raises(DeviceGoneError, match="right"):
+            driven(tool, links, clock, lambda: False)
+        assert not links.leave_gone()
+
+
 def test_pause_of_one_bus_is_named():
     with Links([ScriptedBus(), ScriptedBus()], ("left", "right"), MonotonicClock()) as links:
         for time_s in (0.0, 0.01, 0.02):

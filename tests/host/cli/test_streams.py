@@ -53,6 +53,15 @@ def test_closed_or_full_stream_is_no_traceback(line, code, told):
     assert done.stderr.count("\n") == bool(told)
 
 
+def test_names_of_a_file_do_not_control_the_terminal(tmp_path, capsys):
+    path = tmp_path / "odd.toml"
+    path.write_text('title = "odd"\n"\\u001b]0;title\\u0007\\u001b[2J" = 1\n', "utf-8")
+    assert main(["simulate", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert said.rstrip("\n").isprintable()
+    assert "\\x1b]0;title\\x07\\x1b[2J" in said
+
+
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 def test_exit_code_stands_though_nobody_reads(unbuffered):
     """A run that tips ends in 1, with a reader or without."""

@@ -8,8 +8,10 @@ from mdms_host.commissioning.array_file import (
     filed_cells,
     read_array,
 )
+from mdms_host.commissioning.array_writing import array_document
 from mdms_host.commissioning.cell_settings import CellSettings
 from mdms_host.commissioning.parameters import BY_NAME, PARAMETERS
+from mdms_model.scenario.scenario import Stop
 
 
 def read(folder, text):
@@ -204,3 +206,26 @@ def test_cells_of_several_buses_are_set_up_one_bus_after_the_other(tmp_path):
 def test_buses_of_a_file_that_do_not_fit_are_refused(tmp_path, text, told):
     with pytest.raises(ArrayFileError, match=rf"array.toml: {told}"):
         read_all(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ('[stop]\nform = "relay"', "stop.form is 'relay', but must be one of short, category_1"),
+        ('[stop]\nform = "short"\nmass_kg = 0', "stop.mass_kg is 0, but must be above 0"),
+        ('[stop]\nform = "short"\nmass_kg = 2', "stop.speed_m_s is missing"),
+    ],
+)
+def test_a_stop_that_cannot_be_is_refused_by_its_key(tmp_path, text, told):
+    path = tmp_path / "array.toml"
+    path.write_text(f"{text}\n[array]\ncolumns = 6\n")
+    with pytest.raises(ArrayFileError, match=told):
+        read_array(path)
+
+
+def test_what_the_stop_holds_is_written_and_read_back(tmp_path):
+    path = tmp_path / "array.toml"
+    path.write_text('[array]\n[stop]\nform = "category_1"\nmass_kg = 2\nspeed_m_s = 0.4\n')
+    file = read_array(path)
+    path.write_text(array_document(file))
+    assert read_array(path).stop == file.stop == Stop("category_1", 2.0, 0.4)

@@ -1,5 +1,9 @@
+import io
+
 import canopen
 import pytest
+from canopen.objectdictionary import ODRecord, ODVariable
+from rich.console import Console
 from tests.virtual_array import StandingArray, virtual_time
 
 from mdms_host.clock import MonotonicClock
@@ -38,6 +42,31 @@ def test_a_stranger_is_found_and_told_from_cells() -> None:
         (stranger,) = scan_bus(None, MonotonicClock())
     assert (stranger.node_id, stranger.is_cell, stranger.state) == (9, False, None)
     assert stranger.problem.startswith("node 9, 0x1008:0")
+
+
+def test_name_of_a_stranger_controls_no_terminal() -> None:
+    nobody = StandingArray(None, 0)
+    network = canopen.Network()
+    send = nobody.attach(
+        lambda frame, now_s: network.notify(frame.can_id, bytearray(frame.data), now_s)
+    )
+    network.send_message = lambda can_id, data, **_: send(Frame(can_id, bytes(data)))
+    objects = canopen.ObjectDictionary()
+    for index in (0x1008, 0x100A):
+        objects.add_object(ODVariable(f"text {index:X}", index))
+    objects.add_object(record := ODRecord("identity", 0x1018))
+    for sub in range(1, 5):
+        record.add_member(ODVariable(f"number {sub}", 0x1018, sub))
+    node = network.create_node(9, objects)
+    texts = {0x1008: b"\x1b[2J[/red]\x07", 0x100A: b"\x9b31m"}
+    node.add_read_callback(lambda index, **_: texts.get(index, bytes(4)))
+    with virtual_time(nobody):
+        (stranger,) = scan_bus(None, MonotonicClock())
+    assert stranger.identity.name == "?[2J[/red]?"
+    shown = Console(file=io.StringIO(), width=120)
+    shown.print(scan_table([stranger]))
+    assert "?[2J[/red]?" in shown.file.getvalue()
+    assert "\x9b" not in stranger.identity.software
 
 
 def test_what_is_written_is_read_back(commissioning) -> None:

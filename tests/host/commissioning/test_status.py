@@ -70,6 +70,28 @@ def test_a_cell_that_falls_silent_is_shown_so() -> None:
     assert "silent 1.1 s" in text(model, 1.1)
 
 
+def test_a_cell_that_was_stopped_is_read_anew_and_not_shown_as_it_was() -> None:
+    speeds = (250_000).to_bytes(4, "little") * 2
+    model = after(
+        Frame(0x705, b"\x05"),
+        Frame(0x285, bytes((0x27, 0, 0x27, 0, 0b11111))),
+        Frame(0x185, speeds),
+        Frame(0x705, b"\x7f"),
+    )
+    (row,) = model.rows(0.1)
+    assert (row.drives, row.speeds_m_s, row.presence) == (None, None, None)
+    replies = {WORD: 0x40, 0x6841: 0x40, PRESENCE: 1, 0x603F: 0, 0x683F: 0, SUSPECT: 0}
+    for step in range(30):
+        now_s = 0.1 + step / 100
+        model.on_frame(Frame(0x705, b"\x7f"), now_s)
+        for frame in model.poll(now_s):
+            index = frame.data[1] | frame.data[2] << 8
+            model.on_frame(answer(index, replies.pop(index)), now_s)
+    (row,) = model.rows(0.5)
+    assert (row.state, row.drives) == ("pre-operational", ("switch on disabled",) * 2)
+    assert (row.speeds_m_s, row.presence) == (None, 1)
+
+
 def test_what_is_no_cells_frame_adds_no_row() -> None:
     model = after(Frame(0x77F, b"\x05"), Frame(0x205, bytes(8)), Frame(0x000, b"\x01\x00"))
     assert model.rows(0.1) == []

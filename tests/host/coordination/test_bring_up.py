@@ -64,9 +64,10 @@ def started() -> Coordinator:
 
 
 def controlwords(coordinator: Coordinator, *statuswords: int) -> list[bytes]:
-    """What is commanded while both axes of cell 1 tell these statuswords one after another."""
+    """What is commanded while both axes of cell 1 tell these states one after another."""
     sent = []
-    for step, word in enumerate(statuswords):
+    for step, state in enumerate(statuswords):
+        word = state | cia402.VOLTAGE_ENABLED
         now_s = 0.02 + 0.002 * step
         coordinator.on_frame(Frame(0x281, bytes((word, 0, word, 0, 0))), now_s)
         for _ in range(3):
@@ -108,7 +109,7 @@ def test_a_cell_that_answers_gets_on_and_the_others_are_not_told_again() -> None
     assert coordinator.poll(0.02)
     assert coordinator.phase == Phase.ENABLING
     for node_id in layout.node_ids:
-        coordinator.on_frame(Frame(0x280 + node_id, bytes((0x21, 0, 0x21, 0, 0))), 0.021)
+        coordinator.on_frame(Frame(0x280 + node_id, bytes((0x31, 0, 0x31, 0, 0))), 0.021)
         assert coordinator.wake_s == 0.021
         assert coordinator.poll(0.021) == [Frame(0x300 + node_id, b"\x07\x00\x07\x00")]
     assert len([each for each in coordinator.poll(0.071) if each.can_id & 0x780 == 0x300]) == 3
@@ -225,3 +226,17 @@ def test_a_cell_that_does_not_say_who_it_is_is_a_fault() -> None:
         "cell 1 (node 1) cannot be identified: it refuses a read of 0x1018:3 "
         "(abort code 0x06020000)"
     )
+
+
+def test_a_cell_whose_answers_get_lost_for_half_a_second_comes_up_all_the_same() -> None:
+    layout = Layout(1, 1)
+    coordinator = Coordinator(layout, still(layout))
+    for cycle in range(50):
+        coordinator.on_frame(Frame(0x701, b"\x7f"), 0.01 * cycle)
+        coordinator.poll(0.01 * cycle)
+    assert coordinator.fault is None
+    for answer in (REVISION, SERIAL):
+        coordinator.on_frame(Frame(0x581, answer), 0.5)
+        coordinator.poll(0.5)
+    coordinator.poll(0.5)
+    assert coordinator.phase == Phase.CONFIGURING

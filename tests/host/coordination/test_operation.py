@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from tests.host.cells_link import CellsLink
 
+from mdms_host.can_link.link import DeviceGoneError
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, operate
 from mdms_host.coordination.phase import Phase
@@ -35,15 +36,88 @@ def test_a_field_runs_for_its_time_on_real_cells_and_leaves_them_off(link) -> No
 
 
 def test_an_interrupt_ends_in_order(link) -> None:
-    one = coordinator()
+    one, asked = coordinator(), []
 
     def interrupt(_now_s: float, text: str) -> None:
         if text == Phase.RUNNING:
-            raise KeyboardInterrupt
+            asked.append(KeyboardInterrupt())
 
-    done = operate(one, link, link, 10.0, on_event=interrupt)
-    assert done.ending == Ending.INTERRUPTED
+    done = operate(
+        one, link, link, 10.0, on_event=interrupt, interrupted=lambda: asked[0] if asked else None
+    )
+    assert (done.ending, done.interrupt) == (Ending.INTERRUPTED, asked[0])
     assert one.phase == Phase.STOPPED
+
+
+class Broken(FieldProgram):
+    """A signal breaks one of its steps off; whoever goes on with it is noted."""
+
+    steps = 0
+    entered_again = False
+
+    def references_m_s(self, beliefs, step_s):
+        self.steps += 1
+        self.entered_again |= self.steps > 20
+        if self.steps == 20:
+            raise KeyboardInterrupt
+        return super().references_m_s(beliefs, step_s)
+
+
+def test_a_cycle_that_was_broken_off_is_not_entered_again_and_cells_are_off(link) -> None:
+    program = Broken(np.full(6, 0.05))
+    one = Coordinator(LAYOUT, program)
+    polls = []
+    poll, one.poll = one.poll, lambda now_s: polls.append(now_s) or poll(now_s)
+    with pytest.raises(KeyboardInterrupt):
+        operate(one, link, link, 10.0)
+    broken_off_s = link.now_s()
+    link.sleep(0.3)
+    assert polls[-1] <= broken_off_s
+    assert not program.entered_again
+    assert set(link.states.values()) == {nmt.PRE_OPERATIONAL}
+    assert [link.targets_um_s(cell) for cell in range(3)] == [[0, 0]] * 3
+
+
+class HalfGone(CellsLink):
+    """Two buses as one link: that of cell 3 loses its device, for which nothing gets through."""
+
+    gone = left = False
+
+    def send_polled(self, participant, now_s):
+        for bus, frame in participant.poll_buses(now_s):
+            if bus == 0:
+                self.send(frame)
+            elif self.gone and not self.left:
+                raise DeviceGoneError("right: the CAN device is gone")
+            elif not self.gone:
+                self.send(frame)
+
+    def leave_gone(self):
+        self.left = True
+        return True
+
+
+def test_cells_on_the_other_buses_are_stopped_in_order_when_one_device_is_gone() -> None:
+    link = HalfGone((1, 2, 3))
+    layout = Layout(3, 1, node_ids=(1, 2, 3), buses=(0, 0, 1))
+    one = Coordinator(layout, FieldProgram(np.full(6, 0.05)))
+    on_frame = one.on_frame
+    one.on_frame = lambda frame, now_s: on_frame(frame, now_s, int(frame.can_id & 0x7F == 3))
+    heard = []
+
+    def lose(_now_s: float, text: str) -> None:
+        heard.append(text)
+        if text == Phase.RUNNING:
+            link.gone, _ = True, link.cut.add(2)
+
+    with pytest.raises(DeviceGoneError, match="right"):
+        operate(one, link, link, 10.0, on_event=lose)
+    gone_s = next(time_s for time_s, text in one.events if text == Phase.RUNNING)
+    stopping_s = next(time_s for time_s, text in one.events if text == Phase.STOPPING)
+    assert stopping_s - gone_s < 0.05
+    assert one.stopped
+    assert not any(cell.moving for cell in one.cells[:2])
+    assert [link.targets_um_s(cell) for cell in range(2)] == [[0, 0]] * 2
 
 
 def test_an_array_of_no_cells_is_told_as_such(link) -> None:
@@ -57,6 +131,24 @@ def test_a_missing_cell_is_a_fault(link) -> None:
     done = operate(one, link, link, 10.0)
     assert done.ending == Ending.FAULT
     assert done.fault == "not heard within 0.5 s: cell 4 (node 4)"
+
+
+def test_a_board_that_is_not_the_one_that_is_listed_is_a_fault_before_any_drive_is_on(link) -> None:
+    listed = {1: 1, 2: 0xC0FFEE, 3: 3}
+    one = Coordinator(LAYOUT, FieldProgram(np.full(6, 0.05)), serials=listed)
+    done = operate(one, link, link, 10.0)
+    assert done.ending == Ending.FAULT
+    assert done.fault.startswith(
+        "cell 2 (node 2) has serial number 00000002, but the array file lists 00C0FFEE there; "
+    )
+    assert "mdms commission" in done.fault
+    assert not {Phase.STARTING, Phase.ENABLING} & {text for _, text in one.events}
+    assert (
+        operate(
+            Coordinator(LAYOUT, FieldProgram(np.zeros(6)), serials={2: 2}), link, link, 1.0
+        ).ending
+        == Ending.DONE
+    )
 
 
 def test_a_second_run_takes_the_array_over_from_one_that_broke_off(link) -> None:

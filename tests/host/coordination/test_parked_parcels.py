@@ -112,6 +112,7 @@ def test_a_parcel_that_goes_straight_at_a_parked_one_is_stopped(carried) -> None
     assert not [event for event in record.events if event.kind == "tip"]
 
 
+@pytest.mark.violates("apart")
 def test_two_that_want_one_place_are_both_stopped(carried) -> None:
     record, coordinator = carried(
         length=0.28,

@@ -5,7 +5,7 @@ import pytest
 from tests.host.motion.believing import beliefs
 from tests.host.motion.driving import traction_of
 
-from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.belief import Belief, Kind
 from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
@@ -80,17 +80,33 @@ def test_wheels_stand_still_where_a_parcel_was_put_that_is_not_found_yet() -> No
     assert references_m_s.any()
 
 
-def test_a_parcel_that_does_not_get_on_is_stopped_within_a_second_and_reported() -> None:
+def test_a_parcel_that_does_not_get_on_rests_within_a_second_and_is_stopped_after_five_tries() -> (
+    None
+):
     steered = program(left=Goal(0.4, 0.0))
     for _ in range(100):
-        steered.references_m_s(known(), 0.01)
-    assert steered.take_notices() == ["left does not get on, 800 mm from its goal: stopped"]
-    for _ in range(30):
         references_m_s = steered.references_m_s(known(), 0.01)
-    assert steered.take_notices() == []
+    assert steered.take_notices() == [
+        "left does not get on, 800 mm from its goal: it is tried again"
+    ]
+    assert not references_m_s.any()
+    assert steered.stuck is None
+    for _ in range(800):
+        references_m_s = steered.references_m_s(known(), 0.01)
     assert not references_m_s.any()
     assert not steered.finished
-    assert steered.stuck == "left does not get on, 800 mm from its goal: stopped"
+    stopped = "left does not get on, 800 mm from its goal, tried 5 times: stopped"
+    assert steered.take_notices() == [stopped]
+    assert steered.stuck == stopped
+
+
+def test_a_parcel_gets_on_once_what_held_it_is_gone() -> None:
+    steered = program(left=Goal(0.4, 0.0))
+    for _ in range(130):
+        steered.references_m_s(known(), 0.01)
+    begun = [steered.references_m_s(known(), 0.01).any() for _ in range(50)]
+    assert any(begun)
+    assert steered.stuck is None
 
 
 def test_wheels_that_slip_under_a_parcel_are_reported_once() -> None:
@@ -139,7 +155,7 @@ def test_a_parcel_gets_another_goal_on_its_way_and_is_taken_there() -> None:
 
 def test_a_parcel_that_was_stopped_is_steered_again_to_a_new_goal() -> None:
     steered = program(left=Goal(0.4, 0.0))
-    for _ in range(130):
+    for _ in range(900):
         steered.references_m_s(known(), 0.01)
     assert steered.stuck
     steered.set_goal("left", Goal(-0.4, 0.2))
@@ -155,6 +171,32 @@ def test_a_parcel_without_a_goal_gets_one_and_one_that_is_not_there_none() -> No
     assert references_m_s[LAYOUT.wheel_positions_m[:, 0] > 0].any()
     with pytest.raises(KeyError):
         steered.set_goal("crate", Goal(0.0, 0.0))
+
+
+def lying(kind: Kind) -> Belief:
+    pose = np.array([0.0, 0.0, 0.0])
+    return Belief("crate", Rectangle(0.3, 0.3), pose, np.zeros(3), np.zeros((3, 3)), kind=kind)
+
+
+@pytest.mark.parametrize("kind", [Kind.UNKNOWN, Kind.HEAP])
+def test_what_nobody_has_named_gets_no_goal(kind: Kind) -> None:
+    steered = program()
+    steered.references_m_s(known() | {"crate": lying(kind)}, 0.01)
+    with pytest.raises(KeyError):
+        steered.set_goal("crate", Goal(0.1, 0.0))
+    assert not steered.references_m_s(known() | {"crate": lying(kind)}, 0.01).any()
+
+
+def test_what_has_been_named_gets_a_goal_and_is_in_nobodys_way_but_others() -> None:
+    steered = program(left=Goal(0.4, 0.0))
+    there = known() | {"crate": lying(Kind.PARCEL)}
+    steered.references_m_s(there, 0.01)
+    steered.set_goal("crate", Goal(0.0, 0.2))
+    for _ in range(10):
+        references_m_s = steered.references_m_s(there, 0.01)
+    under = Rectangle(0.3, 0.3).distance_m(LAYOUT.wheel_positions_m, there["crate"].pose) < 0
+    assert references_m_s[under].any()
+    assert steered.take_notices() == []
 
 
 def test_a_field_takes_no_goal() -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from mdms_array.simulation import host_report_of
 from mdms_host.cli.simulation.live import seat_of, table_of
 from mdms_host.clock import MonotonicClock
 from mdms_host.estimation.size import Size
@@ -53,7 +54,13 @@ class Desk:
         self.scenario = scenario or load_scenario("array18")
         self.seat = seat_of(self.scenario)
         bank = PythonBank(addresses_of(self.scenario).node_ids)
-        self.simulation = Simulation(self.scenario, bank, [self.seat, *others], recorded=False)
+        self.simulation = Simulation(
+            self.scenario,
+            bank,
+            [self.seat, *others],
+            host_report=lambda: host_report_of(self.seat.coordinator),
+            recorded=False,
+        )
         self.table = table_of(self.scenario, self.seat, self.simulation, RealTime())
         self.messages: list[dict[str, Any]] = []
 

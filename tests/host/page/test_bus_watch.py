@@ -49,6 +49,23 @@ def test_cell_is_off_ready_running_at_fault_suspected_and_silent_by_its_frames(w
     assert state_of(watch, 0.5) is CellState.FAULT
 
 
+def test_what_a_cell_did_before_it_was_stopped_or_restarted_is_not_what_it_does(watch):
+    watch.on_frame(heartbeat(NODE), 0.0)
+    speeds = pdo.ACTUAL_VELOCITY.encode((100_000, -50_000))
+    watch.on_frame(Frame(pdo.ACTUAL_VELOCITY.can_id(NODE), speeds), 0.0)
+    watch.on_frame(status(NODE, cia402.OPERATION_ENABLED, presence=0b101), 0.0)
+    watch.on_frame(heartbeat(NODE, nmt.PRE_OPERATIONAL), 0.1)
+    assert np.isnan(watch.speeds_m_s(0.1)).all()
+    assert watch.presence(0.1) == bytes(2)
+    watch.on_frame(status(NODE, cia402.FAULT), 0.2)
+    # A fault stands where the cell is only stopped; a restart ends it.
+    watch.on_frame(heartbeat(NODE, nmt.PRE_OPERATIONAL), 0.2)
+    assert state_of(watch, 0.2) is CellState.FAULT
+    watch.on_frame(heartbeat(NODE, nmt.INITIALISING), 0.3)
+    watch.on_frame(heartbeat(NODE, nmt.PRE_OPERATIONAL), 0.3)
+    assert state_of(watch, 0.3) is CellState.READY
+
+
 def test_what_a_silent_cell_did_last_is_not_what_it_does(watch):
     watch.on_frame(heartbeat(NODE), 0.0)
     speeds = pdo.ACTUAL_VELOCITY.encode((100_000, -50_000))

@@ -93,3 +93,11 @@ def test_only_what_is_offered_is_in_the_schema():
 def test_values_arrive_as_they_were_given():
     command = command_from({"command": "goal", "parcel": "box", "x_m": 0.25, "y_m": 0})
     assert command == commands.Goal("box", 0.25, 0.0, None)
+
+
+@pytest.mark.parametrize("name", ["", " ", "\x1b]0;title\x07\x1b[2Jbox", "unknown-3", "a\nb"])
+def test_name_that_no_parcel_can_have_is_refused(name):
+    message = {"command": "name", "parcel": "unknown-1", "name": name}
+    with pytest.raises(RefusedError, match="name is ") as refusal:
+        command_from({**message, "length_m": 0.2, "width_m": 0.2})
+    assert str(refusal.value).isprintable()

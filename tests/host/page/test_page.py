@@ -7,7 +7,6 @@ import time
 import urllib.error
 import urllib.request
 from argparse import Namespace
-from contextlib import suppress
 
 import jsonschema
 import pytest
@@ -18,10 +17,10 @@ from websockets.sync.client import ClientConnection, connect
 from mdms_host.cli.paging import opened_page
 from mdms_host.clock import MonotonicClock
 from mdms_host.page import commands
-from mdms_host.page.page import Page, PageError
+from mdms_host.page.page import MOST_COMMANDS, MOST_CONNECTIONS, Page, PageError
 from mdms_host.page.web.gate import LOOPBACK
 from mdms_host.page.web.hub import MOST_CLIENTS
-from mdms_host.page.web.server import MOST_BAD, MOST_PER_S
+from mdms_host.page.web.server import MOST_AT_THE_DOOR, MOST_BAD, MOST_PER_S
 
 WITHIN_S = 10.0
 
@@ -247,22 +246,54 @@ def test_who_talks_without_end_is_listened_to_no_more_than_others(table, visit):
     assert table.done == [commands.StopAll()]
 
 
-def test_who_comes_and_says_nothing_leaves_room_for_others(page, visit):
+def test_who_comes_and_says_nothing_keeps_nobody_out(page, visit, table):
     at_the_door = [
         connect(f"ws://{LOOPBACK}:{page.gate.port}/api/live", legacy=True, close_timeout=0.2)
-        for _ in range(MOST_CLIENTS)
+        for _ in range(2 * MOST_AT_THE_DOOR)
     ]
-    with pytest.raises(ConnectionClosed, match="too many"):
-        visit().await_message("control")
+    assert visit().ask("stop_all")["ok"]
+    assert table.done == [commands.StopAll()]
     for socket_ in at_the_door:
         socket_.close()
 
-    def is_welcome() -> bool:
-        with suppress(ConnectionClosed):
-            return bool(visit().await_message("control"))
-        return False
 
-    wait_until(is_welcome)
+def test_connections_that_ask_for_nothing_keep_nobody_out(page, visit):
+    silent = [
+        socket.create_connection((LOOPBACK, page.gate.port)) for _ in range(2 * MOST_CONNECTIONS)
+    ]
+    assert fetched(page, "/")[0] == 200
+    assert visit().ask("stop_all")["ok"]
+    for each in silent:
+        each.close()
+
+
+def test_who_has_no_token_keeps_nobody_out_who_has(table, visit):
+    for _ in range(MOST_CLIENTS):
+        visit(token=None).await_message("control")
+    with pytest.raises(ConnectionClosed, match="too many"):
+        visit(token=None).await_message("control")
+    holder = visit()
+    assert holder.ask("start")["ok"]
+    assert holder.ask("stop_all")["ok"]
+    assert table.done == [commands.Start(), commands.StopAll()]
+
+
+def test_what_anybody_may_ask_for_leaves_room_for_commands(table):
+    with Page(table, MonotonicClock()) as page:
+        visitor = welcomed(page, page.gate.token)
+        asking = [
+            threading.Thread(target=fetched, args=(page, "/api/history"))
+            for _ in range(MOST_COMMANDS)
+        ]
+        for each in asking:
+            each.start()
+        wait_until(lambda: page._work.qsize() >= MOST_COMMANDS // 2)
+        visitor.say({"id": 5, "command": "start"})
+        wait_until(lambda: page._work.qsize() > MOST_COMMANDS // 2)
+        while any(each.is_alive() for each in asking):
+            page.attend()
+            time.sleep(0.01)
+        assert visitor.await_message("answer", id=5)["ok"]
 
 
 def test_message_that_is_too_long_ends_the_connection(visit):
@@ -296,11 +327,13 @@ def test_client_that_reads_nothing_holds_nobody_up(page, visit):
     assert seen == 30
 
 
-def test_no_more_clients_than_can_be_served(visit):
-    for _ in range(MOST_CLIENTS):
-        visit().await_message("control")
+def test_of_more_clients_than_can_be_served_the_first_that_only_watches_leaves(visit):
+    first, second, *_ = [visit() for _ in range(MOST_CLIENTS)]
+    first.await_message("control", yours=True, clients=MOST_CLIENTS)
+    visit().await_message("control", clients=MOST_CLIENTS)
     with pytest.raises(ConnectionClosed, match="too many"):
-        visit().await_message("control")
+        second.listen_for_ever()
+    assert first.ask("start")["ok"]
 
 
 def test_table_that_does_not_answer_keeps_its_page_and_says_so(monkeypatch, table):
@@ -330,11 +363,11 @@ def test_stop_overtakes_what_waits_and_calls_it_off(table):
     with Page(table, MonotonicClock()) as page:
         visitor, watcher = welcomed(page, page.gate.token), welcomed(page, None)
         visitor.say({"id": 1, "command": "start"})
-        # Whoever asks for the whole run, without any token, fills the queue at most.
+        # Whoever asks for the whole run, without any token, fills half of the queue at most.
         readers = [threading.Thread(target=fetched, args=(page, "/api/history")) for _ in range(70)]
         for reader in readers:
             reader.start()
-        wait_until(page._work.full)
+        wait_until(lambda: page._work.qsize() == MOST_COMMANDS // 2)
         watcher.say({"id": 2, "command": "stop_all"})
         wait_until(lambda: page._stop is not None)
         page.attend()

@@ -14,6 +14,12 @@ from mdms_host.page.shown.description import PARCEL_STATES, PHASES
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.file import load_scenario
 
+BESIDE = (
+    "[{name='box', mass_kg=1.0, length_m=0.28, width_m=0.28, x_m=-0.35, y_m=0.19,"
+    " goal={x_m=-0.30, y_m=0.19}},"
+    " {name='thing', mass_kg=1.0, length_m=0.28, width_m=0.28, x_m=0.2, y_m=-0.1}]"
+)
+
 
 def fault(kind, **values):
     return commands.BeginFault(Fault(kind, **values))
@@ -67,6 +73,25 @@ def test_goal_of_nothing_is_refused(desk, running):
         running.table.do(commands.Goal("crate", 0.0, 0.0))
 
 
+def test_unknown_thing_gets_a_goal_only_once_it_has_a_name(monkeypatch):
+    keys = ["motion.field=goal", "belief.thing.known=false"]
+    keys += [f"parcel={BESIDE}"]
+    desk = Desk(monkeypatch, load_scenario("array54", keys))
+    desk.table.do(commands.Start())
+    desk.run_until(lambda: any("unknown-1 appeared" in text for text in desk.texts), 4.0)
+    with pytest.raises(RefusedError, match="unknown-1 is unknown, and is not steered"):
+        desk.table.do(commands.Goal("unknown-1", 0.0, -0.1))
+    for name in ("unknown-7", "\x1b[2Jbox"):
+        with pytest.raises(RefusedError, match="name"):
+            desk.table.do(commands.Name("unknown-1", name, 0.28, 0.28))
+    desk.table.do(commands.Name("unknown-1", "crate", 0.28, 0.28))
+    desk.run_until(lambda: "unknown-1 is crate" in desk.texts, 1.0)
+    desk.table.do(commands.Goal("crate", 0.0, -0.1))
+    desk.run_until(lambda: "crate has arrived" in desk.texts, 6.0)
+    assert not [text for text in desk.texts if "crate waits" in text]
+    assert desk.simulation.world.pose[1, :2] == pytest.approx([0.0, -0.1], abs=0.01)
+
+
 def test_killed_cell_falls_silent_and_comes_back(desk):
     desk.run(0.3)
     assert desk.table.do(fault("off", cells=(3,))) == "fault 1"
@@ -84,6 +109,23 @@ def test_killed_cell_falls_silent_and_comes_back(desk):
     assert desk.faults == []
     with pytest.raises(RefusedError, match="no fault 1"):
         desk.table.do(commands.EndFault(1))
+
+
+def test_an_emergency_stop_by_hand_shorts_motors_until_it_is_released(running):
+    world = running.simulation.world
+    assert running.table.do(fault("supply", brake=True)) == "fault 1"
+    (one,) = running.faults
+    assert one["fault"] == {"kind": "supply", "brake": True}
+    running.table.do(fault("supply", cells=(3,), brake=True))
+    running.run(1.0)
+    assert np.abs(world.twist[0]).max() < 0.02
+    # Cell 3 has been stopped twice, so one release does not release it.
+    running.table.do(commands.EndFault(1))
+    assert np.flatnonzero(world.bridges.shorted).tolist() == [2]
+    running.table.do(commands.EndFault(2))
+    assert not world.bridges.shorted.any()
+    running.run(0.5)
+    assert not (running.shown["cell_state"] == CellState.RUNNING).any()
 
 
 def test_fault_with_a_duration_ends_by_itself(running):
@@ -234,7 +276,7 @@ def test_what_nobody_has_announced_is_shown_as_unknown_and_gets_a_name(monkeypat
     size = unknown["size"]
     assert (size["length_m"], size["width_m"]) == pytest.approx((0.28, 0.26), abs=0.03)
     assert 0.001 < size["spread_m"] < 0.02
-    with pytest.raises(RefusedError, match="name is empty"):
+    with pytest.raises(RefusedError, match="must be a word"):
         desk.table.do(commands.Name(unknown["name"], " ", 0.28, 0.26))
     shown = desk.shown
     assert PARCEL_STATES[shown["parcel_state"][2]] == "unknown"

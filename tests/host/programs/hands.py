@@ -45,6 +45,11 @@ class Hands:
     def on_lost_cells(self, cells):
         self.lost_cells = cells
 
+    def withdraw(self, name):
+        if name in self.orders:
+            self.orders.pop(name).done = True
+        self._left.append(name)
+
     def know(self, parcel, mass):
         self.known[parcel.name] = parcel, mass
 

@@ -17,7 +17,7 @@ class Register:
     """Refuses as the tracker does; what it takes is found when a test puts it on the stage."""
 
     def __init__(self, stage, size=SEEN):
-        self.stage, self.expected, self.gone = stage, {}, []
+        self.stage, self.expected, self.gone, self.withdrawn = stage, {}, [], []
         self._size = size
         stage.program.attend(self)
 
@@ -31,6 +31,10 @@ class Register:
 
     def size(self, name):
         return self._size
+
+    def take_withdrawn(self):
+        withdrawn, self.withdrawn = self.withdrawn, []
+        return withdrawn
 
     def depart(self, name, gate=None):
         del self.expected[name]
@@ -118,4 +122,50 @@ def test_a_parcel_that_is_announced_arrives():
     assert stage.program.endless
     stage.come("crate")
     assert seen == ["crate"]
+    assert stage.program.finished
+
+
+def test_a_parcel_that_is_heavier_than_the_emergency_stop_holds_is_not_taken():
+    stage, register = naming(CRATE)
+    stage.program.attend(register, 1.4)
+    lay_unknown(stage)
+    stage.run(0.5)
+    told = "crate has 1.5 kg, but the table's emergency stop holds 1.4 kg at most (stop.mass_kg)"
+    assert told in stage.program.stuck
+    assert not register.expected
+
+
+def test_a_parcel_as_heavy_as_the_emergency_stop_holds_is_taken():
+    stage, register = naming(CRATE)
+    stage.program.attend(register, 1.5)
+    lay_unknown(stage)
+    stage.run(0.1)
+    assert "crate" in register.expected
+
+
+def test_what_was_taken_for_a_parcel_to_come_is_none_and_the_parcel_is_expected_again():
+    came = []
+
+    async def main(table):
+        table.announce(CRATE, (-0.4, 0.0))
+        for _ in range(2):
+            crate = await table.arrival()
+            came.append(table.now_s)
+            await table.move(crate, 0.2, 0.0)
+
+    stage = Stage(main)
+    register = Register(stage)
+    stage.run()
+    stage.put("crate")
+    stage.run(0.1)
+    parcel, region = register.expected.pop("crate")
+    del stage.beliefs["crate"]
+    register.withdrawn.append((parcel, region))
+    stage.run(0.1)
+    assert register.expected == {"crate": (parcel, region)}
+    assert stage.program.table.parcels == ()
+    stage.put("crate")
+    stage.run(0.1)
+    stage.arrive("crate")
+    assert len(came) == 2
     assert stage.program.finished

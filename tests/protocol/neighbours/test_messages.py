@@ -61,7 +61,9 @@ def test_garbage_decodes_to_nothing_or_to_what_gives_its_fields_again(data):
     [
         (messages.Goal(1, 1, 131_072, 0, 0, 0, 0), r"Goal\.x: 131072 is not in -131072\.\.131071"),
         (messages.Place(64, 1, 0, 0, 0), r"Place\.identity: 64 is not in 1\.\.63"),
-        (messages.Parcel(1, 1, 2, 0, 0, 0, 0, 0), r"Parcel\.shape: 2 is not in 0\.\.1"),
+        (messages.Parcel(1, 1, 2, 0, 0, 1, 1, 0), r"Parcel\.shape: 2 is not in 0\.\.1"),
+        (messages.Parcel(1, 1, 0, 9, 9, 0, 1, 0), r"Parcel\.acceleration: 0 is not in 1\.\.255"),
+        (messages.Parcel(1, 1, 0, 9, 9, 1, 0, 0), r"Parcel\.speed: 0 is not in 1\.\.255"),
         (messages.Goal(1, 1, 0, 0, 0, leg=3, legs=2), r"Goal\.leg: 3 is not in 0\.\.2, and not 7"),
         (messages.End(1, 0), r"End\.sequence: 0 is not in 1\.\.3"),
         (messages.Precedence(0, 0, 1, ()), r"Precedence\.column: 0 is not in 1\.\.255"),

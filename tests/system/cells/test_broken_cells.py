@@ -4,7 +4,7 @@ import numpy as np
 from tests.system.cells.neighbour_host import Box, run, scenario_of
 
 BOX = Box((-0.10, 0.0, 0.0), (0.03, 0.01, 0.2), 0.36, 0.30)
-START_S = 1.34
+START_S = 1.37
 #: Cells and wheels of a cell.
 CELLS, AXES = 18, 2
 

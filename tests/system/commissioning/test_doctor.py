@@ -65,6 +65,8 @@ EXPECTED = {
 OF_WHEELS = {"opposed": [(5,)], "stands": [(6,)], "scale": [(7,)], "no-drive": [(8,)]}
 OF_LIST = {"missing", "unlisted", "settings"}
 ELSEWHERE = {"silence", "other-host"}
+#: In `test_doctor_stop`.
+OF_STOP = {"stop-welded", "stop-delay", "stop-silent", "stop-stays", "stop-restarts"}
 
 
 class Bank(PythonBank):
@@ -127,6 +129,8 @@ def spoil(bank):
     bank.set_bus_off(13, False)
     cells[14].not_sent = 7
     bank._boards[13].inbox = SimpleNamespace(lost=3)
+    for sub in (1, 2):
+        objects[3].tie(indices.MEMORY, sub, refused)  # as while its wheels are on: no finding
     objects[14].tie(indices.MEMORY, 1, lambda: 1000)
     objects[14].tie(indices.MEMORY, 2, lambda: 2000)
     objects[17].tie(indices.FLASH_STATUS, 1, lambda: codes.status(codes.ROLLED_BACK, False))
@@ -136,6 +140,10 @@ def spoil(bank):
         for sub, value in enumerate(spot, 1):
             objects[number].put(indices.PLACE, sub, value)
     objects[16].put(indices.NEIGHBOURS, 1, 13)
+
+
+def refused():
+    raise sdo.AbortError(sdo.WRONG_STATE)
 
 
 def found(capsys):
@@ -175,7 +183,7 @@ def test_cells_and_settings_are_compared_with_a_file(array, tmp_path, capsys):
     assert "     node 5: 00000005 is in no place\n" in printed.out
     assert "     node 2: 00000002 is to be node 3\n" in printed.out
     assert "     node 6: axis1.gain is 7 V s/m, the file has 13 V s/m\n" in printed.out
-    assert "   cure:  Release the stop; measure 24 V at the cell's terminals.\n" in printed.out
+    assert "   cure:  Release the stop and reset its module; measure 24 V at the" in printed.out
     assert "wheels were not turned" in printed.err
 
 
@@ -206,7 +214,7 @@ def test_a_served_array_is_examined_over_its_bus(tmp_path, capsys):
 
 
 def test_every_kind_of_finding_is_provoked_here():
-    assert {*EXPECTED, *OF_WHEELS, *OF_LIST, *ELSEWHERE} == {*KINDS}
+    assert {*EXPECTED, *OF_WHEELS, *OF_LIST, *ELSEWHERE, *OF_STOP} == {*KINDS}
 
 
 def test_each_pain_of_others_names_tests_that_exist():

@@ -5,6 +5,10 @@ import pytest
 from tests.micropython_builds import skipping_without_micropython
 
 from mdms_array.host import coordinator_of
+from mdms_array.run import Finished
+from mdms_array.simulation import run_scenario
+from mdms_host.cli.exits import Exit
+from mdms_host.cli.simulation.simulate import verdict
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cia402, cob
@@ -89,3 +93,73 @@ def test_coordinator_reports_a_lost_supply_and_stops_the_array() -> None:
     wanted = "cell 9 (node 9) sends emergency 0x3220: "
     assert any(text.startswith(wanted) for _, text in coordinator.events)
     assert not np.abs(record.voltage_v[record.time_s > CUT_S + 0.6]).any()
+
+
+def run_of(control: str, fault: str, *more: str, until_s: float = 2.0) -> Finished:
+    """A box on 12 cells on its way, and a fault."""
+    overrides = (
+        *("array.columns=4", f"motion.control='{control}'", f"run.duration_s={until_s}"),
+        *("parcel.0.length_m=0.30", "parcel.0.width_m=0.28", "parcel.0.x_m=-0.06"),
+        "parcel.0.goal={x_m=0.05, y_m=0.0, yaw_rad=0.3}",
+        f"fault=[{{{fault}}}]",
+    )
+    scenario = load_scenario("array18", [*overrides, *more])
+    finished = run_scenario(scenario)
+    assert finished.fault is not None
+    tips = any(event.kind == "tip" for event in finished.record.events)
+    assert verdict(scenario, finished) is (Exit.FAILURE if tips else Exit.NODE_FAULT)
+    return finished
+
+
+def driven_s(finished: Finished) -> np.ndarray:
+    """The instants at which any wheel has a voltage [s]."""
+    record = finished.record
+    return record.time_s[np.abs(record.voltage_v).max(axis=1) > 0]
+
+
+@pytest.mark.parametrize("control", ["host", "cells"])
+@pytest.mark.parametrize("pressed", ["start_s=0.0", "start_s=0.1, duration_s=0.2"])
+def test_run_that_finds_the_emergency_stop_pressed_ends_with_that_reason(control, pressed) -> None:
+    finished = run_of(control, f"kind='supply', {pressed}", until_s=1.5)
+    assert finished.fault == (
+        "the motors' supply is below its limit on all 12 cells (0x3220): "
+        "release the emergency stop, or mend the supply, then start again"
+    )
+    assert not len(driven_s(finished))
+
+
+def test_cells_without_a_supply_are_named_and_may_be_done_without() -> None:
+    fault = "kind='supply', start_s=0.0, cells=[3, 4]"
+    finished = run_of("host", fault, until_s=1.5)
+    assert finished.fault is not None
+    assert "on cell 3 (node 3), cell 4 (node 4) (0x3220)" in finished.fault
+    scenario = load_scenario(
+        "array18",
+        ["run.on_lost_cell='go_on'", "run.duration_s=1.5", f"fault=[{{{fault}, duration_s=0.6}}]"],
+    )
+    finished = run_scenario(scenario)
+    # They have their supply again, and only a person takes them back.
+    assert finished.lost_cells == (3, 4)
+    assert not np.abs(finished.record.voltage_v[:, 4:8]).any()
+    assert len(driven_s(finished))
+
+
+@pytest.mark.parametrize("control", ["host", "cells"])
+@pytest.mark.parametrize("policy", ["stop", "hold"])
+def test_releasing_the_emergency_stop_lets_no_host_go_on(control, policy) -> None:
+    pressed = f"kind='supply', start_s={CUT_S}, duration_s=0.2"
+    more = (f"run.on_lost_cell='{policy}'", "run.hold_s=0.5")
+    finished = run_of(control, pressed, *more, until_s=2.5)
+    times_s = driven_s(finished)
+    assert times_s.min() < CUT_S
+    assert times_s.max() < CUT_S + 0.02
+    assert "0x3220" in str(finished.fault)
+
+
+@pytest.mark.parametrize("control", ["host", "cells"])
+@pytest.mark.parametrize("policy", ["stop", "hold", "go_on"])
+def test_host_does_not_go_on_after_a_power_cut_of_most_cells(control, policy) -> None:
+    cut = f"kind='off', start_s={CUT_S}, duration_s=0.2"
+    finished = run_of(control, cut, f"run.on_lost_cell='{policy}'", until_s=2.5)
+    assert driven_s(finished).max() < CUT_S + 0.1
+    assert finished.fault == "12 of 12 cells have restarted: their supply was cut; start again"

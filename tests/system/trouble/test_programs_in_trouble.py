@@ -73,9 +73,9 @@ ROWS = (
     Row(
         "parcel lifted away",
         "kind='lift', parcel='box'",
-        5.2,
+        8.2,
         ends=Exit.FAILURE,
-        says="the program was broken off: box is lost: no sensor shows it",
+        says="the program was broken off: box is lost: no sensor has shown it for 6 s",
     ),
     Row(
         "parcel set down elsewhere",
@@ -138,6 +138,22 @@ def test_a_program_that_cannot_go_on_ends_with_a_message_and_all_at_rest(
     assert verdict(scenario, finished) is ends
     assert says in capsys.readouterr().err
     assert np.abs(finished.record.speed_m_s[-1]).max() < 0.003
+
+
+@pytest.mark.parametrize("control", ["host", "cells"])
+def test_a_program_whose_parcel_is_not_there_says_soon_what_it_waits_for(
+    control: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    gone = "fault=[{kind='lift', parcel='crate', start_s=0.0}]"
+    keys = (*CRATE[:2], gone, f"motion.control='{control}'", "run.duration_s=4.0")
+    scenario = load_scenario("array18", [*TABLE, *keys])
+    finished = run_scenario(scenario, main=waits_for_ever)
+    said_s = [time_s for time_s, text in finished.troubles if "crate has not been found" in text]
+    assert len(said_s) == 1
+    assert said_s[0] < 3.0
+    assert verdict(scenario, finished) is Exit.TIME_LIMIT
+    says = "it has not begun, for crate cannot be found on the table"
+    assert says in capsys.readouterr().err
 
 
 def moved_without_command_m_s(finished: Finished, row: Row) -> float:

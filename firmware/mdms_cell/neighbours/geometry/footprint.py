@@ -82,12 +82,10 @@ class Footprint:
         for sensor in range(SENSORS):
             point = AXES + sensor
             self._put(POINT_X + point, POINT_Y + point, place.sensor_um(sensor))
-        registers[PRESENT] = 0
+        registers[PRESENT] = place.present()
         for direction in range(DIRECTIONS):
             at = SHIFT + 2 * direction
             self._put(at, at + 1, place.shift_um(direction))
-            if place.nodes[direction]:
-                registers[PRESENT] |= 1 << direction
         registers[HALF] = place.pitch_um // (2 * STEP_UM) + CLEARANCE
 
     def _put(self, x_at, y_at, place_um):

@@ -70,6 +70,14 @@ class Place:
         for direction in range(DIRECTIONS):
             self.nodes[direction] = number(indices.NEIGHBOURS, direction + 1)
 
+    def present(self):
+        """The mask of the directions in which there is a neighbour."""
+        mask = 0
+        for direction in range(DIRECTIONS):
+            if self.nodes[direction]:
+                mask |= 1 << direction
+        return mask
+
     def shift_um(self, direction):
         """Where the centre of a neighbour is [from the cell's own centre]."""
         return tuple((STEPS[2 * direction + place] - 1) * self.pitch_um for place in (0, 1))

@@ -51,7 +51,7 @@ def show(belief: Belief, arguments: Namespace, main: Main | None = None) -> Exit
             def over() -> bool:
                 attended()
                 late = arguments.limit is not None and clock.now_s() > arguments.limit
-                return late or pressed()
+                return late or pressed() is not None
 
             _drive_and_end(seat, link, clock, over, attended)
     if seat.coordinator is not None and seat.coordinator.fault is not None:
@@ -100,12 +100,35 @@ def _drive_and_end(
 
     try:
         with punctual(clock):
-            drive(seat, link, clock, over)
-            if seat.busy:
-                seat.stop()
-                drive(seat, link, clock, ended)
+            try:
+                drive(seat, link, clock, over)
+            except DeviceGoneError:
+                if link.leave_gone():
+                    _stop(seat, link, clock, ended)
+                raise
+            _stop(seat, link, clock, ended)
     except DeviceGoneError:
         raise
     except BaseException:
         link.send(nmt.command(nmt.ENTER_PRE_OPERATIONAL))
         raise
+
+
+def _stop(seat: Seat, link: AnyLink, clock: Clock, ended: Callable[[], bool]) -> None:
+    """Turn the array off in order, on the buses whose devices are there.
+
+    Raises DeviceGoneError after that where one has gone meanwhile.
+    """
+    if not seat.busy:
+        return
+    seat.stop()
+    gone: DeviceGoneError | None = None
+    while seat.busy:
+        try:
+            drive(seat, link, clock, ended)
+        except DeviceGoneError as error:
+            gone = gone or error
+            if not link.leave_gone():
+                raise
+    if gone is not None:
+        raise gone

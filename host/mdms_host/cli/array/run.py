@@ -9,16 +9,17 @@ from math import isnan
 from typing import Any
 
 from mdms_array.array import Belief, believe
-from mdms_array.checks import check_load
+from mdms_array.checks import check_load, refuse_tipping
 from mdms_array.connection import open_links
 from mdms_array.extras import PAGE, RECORDING, require
-from mdms_array.host import coordinator_of, estimates_of, has_failed, waits_text
+from mdms_array.host import coordinator_of, estimates_of, has_failed, refuse_unstoppable, waits_text
 from mdms_array.recording import PlanLog, keep_run, lasting
 from mdms_array.source import open_program
 from mdms_host.can_link.link import DeviceGoneError
 from mdms_host.cli.exits import CommandError, Exit, exit_of
 from mdms_host.cli.files import writing
 from mdms_host.cli.records.bus_log import LogWriter
+from mdms_host.cli.signals import interrupted
 from mdms_host.cli.streams import say
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, Operation, operate
@@ -27,6 +28,7 @@ from mdms_host.coordination.recorder import Recorder
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.outcome import GoalOutcome, missed_text, outcome_of
 from mdms_host.programs.traffic.planning import ThreadDesk
+from mdms_model.errors import InputError
 from mdms_model.run.folder import BUS_LOG, fresh_folder
 from mdms_model.scenario.scenario import Scenario
 
@@ -60,7 +62,7 @@ def run(arguments: Namespace) -> int:
         overrides.append(f"wire.bitrate={arguments.bitrate}")
     scenario, main = open_program(arguments.program, overrides)
     belief = believe(scenario, arguments.array, arguments)
-    check_load(belief.scenario, arguments)
+    _check(belief, arguments)
     if arguments.page is not None:
         # The page is an extra.
         from mdms_host.cli.array.live import show  # noqa: PLC0415
@@ -82,6 +84,28 @@ def run(arguments: Namespace) -> int:
         print(f"{scenario.title}: {operation.ending} after {operation.duration_s:.1f} s")
     missed = missed_text(goals_of(belief.scenario, coordinator))
     return _verdict(operation, coordinator, missed)
+
+
+def _check(belief: Belief, arguments: Namespace) -> None:
+    """Raises `InputError` for what the table does not bear; warns of what it does not state."""
+    if arguments.array is not None:
+        _refuse_tipping_on(belief, arguments)
+    check_load(belief.scenario, arguments)
+    refuse_unstoppable(belief.scenario)
+    if arguments.array is not None and belief.scenario.stop is None:
+        say(
+            f"mdms: {arguments.array} does not say which parcels the emergency stop holds; add "
+            "[stop] with form, mass_kg and speed_m_s"
+        )
+
+
+def _refuse_tipping_on(belief: Belief, arguments: Namespace) -> None:
+    """Raises `InputError` for a parcel that fits the scenario's table, but not the file's."""
+    try:
+        refuse_tipping(belief.scenario)
+    except InputError as error:
+        where = f"{belief.scenario.title!r} on {arguments.array}"
+        raise InputError(f"{where}: {error}") from None
 
 
 @contextmanager
@@ -134,9 +158,16 @@ def _operate(
     with open_links(arguments, belief.channels) as (link, clock), _broken_off():
         refuse_other_host(link, clock)
         try:
-            operation = operate(
-                coordinator, link, clock, arguments.limit, _print_event, participant=recorder
-            )
+            with interrupted() as pressed:
+                operation = operate(
+                    coordinator,
+                    link,
+                    clock,
+                    arguments.limit,
+                    _print_event,
+                    participant=recorder,
+                    interrupted=pressed,
+                )
         except DeviceGoneError as error:
             operation = Operation(Ending.DEVICE_GONE, clock.now_s(), str(error), link.counts)
         return operation, link.incidents

@@ -1,7 +1,11 @@
-"""Cells are placed by a person: one after the other blinks, and a key says where it is."""
+"""What a person is asked: where a cell is that blinks, how a wheel has turned, and single keys."""
 
+import os
 import re
+import select
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 from mdms_host.cli.commission.identify import blink
@@ -16,6 +20,8 @@ from mdms_host.commissioning.wheels.wheel_turn import REVERSED
 
 #: Longer than a person looks for a light; the answer ends it.
 _BLINK_S = 60.0
+#: Keys that end what was begun.
+LEAVE = ("q", "\x1b", "\x04")
 _NUMBER = re.compile(r"(\d+)(?:\s*[, ]\s*(\d+))?")
 
 
@@ -52,6 +58,52 @@ def ask_direction(commissioning: Commissioning, cell: FiledCell) -> FiledCell:
         backwards = _line(question).lower() in ("n", "no")
         values[parameter] = before ^ REVERSED if backwards else before
     return replace(cell, values=values)
+
+
+@contextmanager
+def pressed_keys(without: str) -> Iterator[Callable[[], str]]:
+    """Single keys of the terminal since the last call, without waiting.
+
+    Raises `CommandError` with the text `without` where there is no terminal.
+    """
+    if not sys.stdin.isatty() or os.name != "posix":
+        raise CommandError(without, Exit.USAGE)
+    import termios  # noqa: PLC0415 - of POSIX alone
+    import tty  # noqa: PLC0415
+
+    descriptor = sys.stdin.fileno()
+    before = termios.tcgetattr(descriptor)
+
+    def pressed() -> str:
+        if not select.select([descriptor], [], [], 0)[0]:
+            return ""
+        # The end of the input ends all as q does.
+        return os.read(descriptor, 64).decode("ascii", "replace") or LEAVE[0]
+
+    try:
+        tty.setcbreak(descriptor)
+        yield pressed
+    finally:
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+
+
+class AtTerminal:
+    """Who does with their hands what they are asked, and says so by Enter; `pressed()` has keys."""
+
+    def __init__(self, pressed: Callable[[], str]) -> None:
+        self._pressed = pressed
+
+    def ask(self, text: str) -> None:
+        """Ask; keys that were pressed before count no more."""
+        self._pressed()
+        say(text)
+
+    def answered(self) -> bool:
+        """Whether Enter was pressed. Raises `CommandError` for q."""
+        keys = self._pressed()
+        if any(key in LEAVE for key in keys):
+            raise CommandError("the test was broken off", Exit.FAILURE)
+        return "\n" in keys or "\r" in keys
 
 
 def _stored(commissioning: Commissioning, roll: RollCall, grid: Spot) -> dict[int, Spot]:

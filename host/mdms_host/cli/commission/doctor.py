@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
 from mdms_array.checks import motor_of
-from mdms_host.cli.configure.cells import open_commissioning, ranges
+from mdms_host.cli.commission.asking import AtTerminal, pressed_keys
+from mdms_host.cli.configure.cells import open_commissioning, present_nodes, ranges
 from mdms_host.cli.configure.options import nodes_of
 from mdms_host.cli.console import progress
 from mdms_host.cli.exits import Exit
@@ -14,8 +15,9 @@ from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning import commissioner as steps
 from mdms_host.commissioning.array_file import FiledCell, read_array
-from mdms_host.commissioning.cell_settings import read_settings
+from mdms_host.commissioning.cell_settings import check_identity, read_settings
 from mdms_host.commissioning.doctor.diagnosis import diagnose
+from mdms_host.commissioning.doctor.emergency_stop import SHORT, StopTest
 from mdms_host.commissioning.doctor.examination import Examination, examine
 from mdms_host.commissioning.doctor.findings import KINDS, Finding
 from mdms_host.commissioning.doctor.wheel_examination import examine_wheels
@@ -27,6 +29,8 @@ from mdms_model.scenario.file import load_scenario
 
 def run(arguments: Namespace) -> Exit:
     """Examine the bus and its cells, and print what was found; exit code 5 if any is serious."""
+    if arguments.stop:
+        return _stop(arguments)
     listed = None if arguments.array is None else _listed(arguments)
     with open_commissioning(arguments) as commissioning:
         examined = examine(commissioning, MonotonicClock())
@@ -39,7 +43,7 @@ def run(arguments: Namespace) -> Exit:
     if arguments.json:
         print(json.dumps({"cells": sorted(examined.cells), "findings": list(map(_row, findings))}))
     else:
-        _print(examined, findings)
+        _print(len(examined.cells), findings)
         if not arguments.turn:
             say("wheels were not turned, so motors and encoders are not checked (--turn)")
     return Exit.NODE_FAULT if any(each.row.serious for each in findings) else Exit.OK
@@ -96,7 +100,35 @@ def _row(finding: Finding) -> dict[str, object]:
     return {**asdict(finding), "nodes": list(finding.nodes), **asdict(finding.row)}
 
 
-def _print(examined: Examination, findings: Sequence[Finding]) -> None:
+def _stop(arguments: Namespace) -> Exit:
+    """Test the emergency stop with a person, and print what was found; exit code 1 for anything."""
+    form, wanted = SHORT, nodes_of(arguments.nodes)
+    if arguments.array is not None:
+        stop = read_array(arguments.array).stop
+        form = SHORT if stop is None else stop.form
+        wanted = wanted or sorted(cell.node_id for cell in _listed(arguments).values())
+    nobody = "mdms doctor --stop needs a person at a terminal, who presses the emergency stop"
+    with pressed_keys(nobody) as pressed, open_commissioning(arguments) as commissioning:
+        node_ids = present_nodes(commissioning, wanted)
+        for node_id in node_ids:
+            check_identity(node_id, commissioning.identity(node_id))
+        refuse_busy(commissioning, node_ids)
+        test = StopTest(commissioning, MonotonicClock(), AtTerminal(pressed), form, arguments.limit)
+        findings = test.run(node_ids)
+    if arguments.json:
+        figures = {"cells": node_ids, "form": form, "fell_s": test.fell_s}
+        print(json.dumps({**figures, "findings": list(map(_row, findings))}))
+    elif findings:
+        _print(len(node_ids), findings)
+    else:
+        print(
+            f"{len(node_ids)} cells: the last lost its supply {max(test.fell_s.values()):.2f} s "
+            "after the first, and all stayed off after the release"
+        )
+    return Exit.FAILURE if findings else Exit.OK
+
+
+def _print(cells: int, findings: Sequence[Finding]) -> None:
     kinds: dict[str, list[Finding]] = {}
     for finding in findings:
         kinds.setdefault(finding.kind, []).append(finding)
@@ -108,7 +140,4 @@ def _print(examined: Examination, findings: Sequence[Finding]) -> None:
             print(f"     {where}{finding.text}")
         print(f"   cause: {kind.cause}\n   cure:  {kind.cure}\n")
     serious = sum(finding.row.serious for finding in findings)
-    print(
-        f"{len(examined.cells)} cells: {serious} serious findings, "
-        f"{len(findings) - serious} warnings"
-    )
+    print(f"{cells} cells: {serious} serious findings, {len(findings) - serious} warnings")

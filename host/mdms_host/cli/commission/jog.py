@@ -1,15 +1,12 @@
 """`mdms jog`: one wheel turns for a time, or while a key is held down."""
 
 import json
-import os
-import select
-import sys
 from argparse import Namespace
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 
+from mdms_host.cli.commission.asking import LEAVE, pressed_keys
 from mdms_host.cli.configure.cells import open_commissioning, present_nodes
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import Exit
 from mdms_host.cli.streams import say
 from mdms_host.clock import Clock, MonotonicClock
 from mdms_host.commissioning.cell_settings import check_identity
@@ -27,7 +24,6 @@ KEY_S = 0.6
 #: How long a jog by keys goes on that nobody ends.
 _KEYS_S = 600.0
 _KEYS = {"+": 1, "f": 1, "-": -1, "b": -1}
-_LEAVE = ("q", "\x1b", "\x04")
 
 
 def run(arguments: Namespace) -> Exit:
@@ -40,7 +36,7 @@ def run(arguments: Namespace) -> Exit:
         refuse_steering(commissioning, node_id)
         limit_mv = limit_for(commissioning, node_id, axis, arguments.speed)
         if arguments.keys:
-            with _keys() as pressed:
+            with pressed_keys("--keys needs a terminal; give --seconds") as pressed:
                 say("hold + or - to turn the wheel, q to end")
                 jog = Jog(node_id, axis, 0.0, _KEYS_S, limit_mv=limit_mv)
                 jog.resets = arguments.reset
@@ -73,7 +69,7 @@ class ByKeys:
         """Do what the keys say; any other key, and none for a while, stops the wheel."""
         now_s = self._clock.now_s()
         for key in self._pressed():
-            if key in _LEAVE:
+            if key in LEAVE:
                 self._jog.end()
             self._jog.steer(_KEYS.get(key, 0) * self._speed_m_s)
             self._until_s = now_s + KEY_S
@@ -90,27 +86,3 @@ def _report(arguments: Namespace, turn: Turn) -> None:
         f"node {arguments.node}, axis {arguments.axis}: {turn.distance_m * 1e3:.1f} mm by its "
         f"encoder, {turn.peak_m_s:.3f} m/s at most; off again"
     )
-
-
-@contextmanager
-def _keys() -> Iterator[Callable[[], str]]:
-    """Single keys of the terminal, without waiting. Raises `CommandError` where there is none."""
-    if not sys.stdin.isatty() or os.name != "posix":
-        raise CommandError("--keys needs a terminal; give --seconds", Exit.USAGE)
-    import termios  # noqa: PLC0415 - of POSIX alone
-    import tty  # noqa: PLC0415
-
-    descriptor = sys.stdin.fileno()
-    before = termios.tcgetattr(descriptor)
-
-    def pressed() -> str:
-        if not select.select([descriptor], [], [], 0)[0]:
-            return ""
-        # The end of the input ends the jog as q does.
-        return os.read(descriptor, 64).decode("ascii", "replace") or _LEAVE[0]
-
-    try:
-        tty.setcbreak(descriptor)
-        yield pressed
-    finally:
-        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)

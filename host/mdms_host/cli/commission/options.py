@@ -108,10 +108,24 @@ def _add_doctor(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--empty", action="store_true", help="nothing lies on the table: no sensor may see anything"
     )
-    parser.add_argument(
+    way = parser.add_mutually_exclusive_group()
+    way.add_argument(
         "--turn",
         action="store_true",
         help="wheels may turn, by some centimetres each: directions and scales are checked",
+    )
+    way.add_argument(
+        "--stop",
+        action="store_true",
+        help="test the emergency stop: you are asked to press and to release it; its form is that "
+        "of the array file, else short",
+    )
+    parser.add_argument(
+        "--limit",
+        metavar="S",
+        type=_limit_s,
+        default=60.0,
+        help="of --stop: how long each hand may take (default 60)",
     )
     add_nodes(parser)
     parser.add_argument(

@@ -5,7 +5,7 @@ from argparse import Namespace
 from pathlib import Path
 
 from mdms_host.cli.array.bus import NO_NODES
-from mdms_host.cli.configure.cells import open_commissioning
+from mdms_host.cli.configure.cells import open_commissioning, refuse_other_host
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.streams import say
 from mdms_host.commissioning.array_file import filed_cells
@@ -33,6 +33,7 @@ def run(arguments: Namespace) -> Exit:
             for move in moves:
                 _report(move, arguments)
         else:
+            refuse_other_host(commissioning)
             passing = carry_out(commissioning, moves, lambda move: _report(move, arguments))
     if passing:
         nodes = ", ".join(str(move.node_id) for move in passing)

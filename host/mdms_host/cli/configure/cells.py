@@ -20,6 +20,8 @@ from mdms_host.commissioning.cell_settings import (
 )
 from mdms_host.commissioning.network import Commissioning, CommissioningError
 from mdms_host.commissioning.parameters import Parameter
+from mdms_host.coordination.care.supervision import OTHER_HOST
+from mdms_host.coordination.other_host import OtherHostError
 
 BLANK = "no cell has a node id yet, but blank ones are there: mdms configure assign"
 
@@ -30,14 +32,21 @@ def open_commissioning(arguments: Namespace) -> Commissioning:
 
 
 def read_cells(
-    commissioning: Commissioning, arguments: Namespace, parameters: Sequence[Parameter]
+    commissioning: Commissioning,
+    arguments: Namespace,
+    parameters: Sequence[Parameter],
+    *,
+    to_write: bool = False,
 ) -> list[CellSettings]:
     """The cells that `--node` names, and their settings. Raises `CommandError` for absent ones.
 
-    Without `--node`, nodes that are no cells are left alone.
+    Without `--node`, nodes that are no cells are left alone. Where they are read `to_write` them,
+    raises OtherHostError beside another host.
     """
     wanted = nodes_of(arguments.nodes)
     node_ids = present_nodes(commissioning, wanted)
+    if to_write:
+        refuse_other_host(commissioning)
     cells = []
     with progress("reading") as share:
         for done, node_id in enumerate(node_ids, 1):
@@ -53,6 +62,12 @@ def read_cells(
     return cells
 
 
+def refuse_other_host(commissioning: Commissioning) -> None:
+    """Raises OtherHostError where another host was heard: it has set the cells up for its run."""
+    if commissioning.other_host:
+        raise OtherHostError(OTHER_HOST)
+
+
 def write_cells(
     commissioning: Commissioning,
     changes: Sequence[Change],
@@ -60,7 +75,11 @@ def write_cells(
     *,
     save: bool,
 ) -> None:
-    """Write, read back, and store if that is wanted; an error is preceded by how far it got."""
+    """Write, read back, and store if that is wanted; an error is preceded by how far it got.
+
+    Raises OtherHostError beside another host, with nothing written.
+    """
+    refuse_other_host(commissioning)
     done = 0.0
 
     with progress("writing") as share:

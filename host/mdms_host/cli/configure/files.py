@@ -11,6 +11,7 @@ from mdms_host.cli.configure.cells import (
     open_commissioning,
     ranges,
     read_cells,
+    refuse_other_host,
     show_changes,
     write_cells,
 )
@@ -67,6 +68,7 @@ def load(arguments: Namespace) -> Exit:
         if arguments.dry_run or not (changes or arguments.save):
             print(f"{len(changes)} settings differ")
             return Exit.OK
+        refuse_other_host(commissioning)
         if not agreed(arguments, f"Write {len(changes)} settings?"):
             raise CommandError("nothing was written", Exit.FAILURE)
         node_ids = [cell.node_id for cell in cells]

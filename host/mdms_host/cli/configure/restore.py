@@ -7,6 +7,7 @@ from mdms_host.cli.configure.cells import (
     open_commissioning,
     ranges,
     read_cells,
+    refuse_other_host,
     show_changes,
 )
 from mdms_host.cli.exits import CommandError, Exit
@@ -17,7 +18,7 @@ def run(arguments: Namespace) -> Exit:
     """Show what is not at its default; when that is agreed, restore, restart, and verify."""
     every = (*PARAMETERS, *WIRING)
     with open_commissioning(arguments) as commissioning:
-        cells = read_cells(commissioning, arguments, every)
+        cells = read_cells(commissioning, arguments, every, to_write=not arguments.dry_run)
         node_ids = [cell.node_id for cell in cells]
         changes = [
             change
@@ -28,6 +29,7 @@ def run(arguments: Namespace) -> Exit:
         if arguments.dry_run:
             print(f"{len(changes)} settings are not at their defaults")
             return Exit.OK
+        refuse_other_host(commissioning)
         if not agreed(arguments, f"Restore the defaults of node {ranges(node_ids)}, and restart?"):
             raise CommandError("nothing was changed", Exit.FAILURE)
         for node_id in node_ids:

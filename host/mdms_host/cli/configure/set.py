@@ -31,7 +31,7 @@ def run(arguments: Namespace) -> Exit:
     """Change settings."""
     wanted = parse_assignments(arguments.assignments)
     with open_commissioning(arguments) as commissioning:
-        cells = read_cells(commissioning, arguments, to_read(wanted))
+        cells = read_cells(commissioning, arguments, to_read(wanted), to_write=True)
         check_margins(arguments.scenario, cells, [wanted] * len(cells))
         changes = [change for cell in cells for change in cell.changes(wanted)]
         node_ids = [cell.node_id for cell in cells]

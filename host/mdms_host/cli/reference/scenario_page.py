@@ -12,6 +12,7 @@ from mdms_model.scenario.scenario import (
     Patch,
     Run,
     Scenario,
+    Stop,
     Wheel,
     Wire,
 )
@@ -56,6 +57,7 @@ _TABLES = (
     ("`region`", Region, ""),
     ("`[run]`", Run, ""),
     ("`[wire]`", Wire, "Two SYNC periods fit into the 50 ms for which a cell keeps a setpoint."),
+    ("`[stop]`", Stop, "Counts with `firmware`. An array file has the same table."),
     ("`[[stream]]`", Stream, "Needs `firmware`. A parcel that has left is in stock again."),
     ("`[[exit]]`", Exit, "It takes a parcel once no support holds it any more."),
     ("`[[signal]]`", Signal, "A program waits for it by `await table.signal(name)`."),

@@ -11,6 +11,7 @@ from mdms_array.host import (
     layout_of,
     parcels_of,
 )
+from mdms_array.simulation import host_report_of
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.paging import opened_page
 from mdms_host.cli.signals import interrupted
@@ -65,13 +66,13 @@ def attended(
     seat: Seat,
     server: Server,
     arguments: Namespace,
-    over: Callable[[], bool],
-) -> Iterator[Callable[[], bool]]:
+    over: Callable[[], object],
+) -> Iterator[Callable[[], object]]:
     """The page of a served table; what is to be asked instead of `over` looks after it."""
     table = table_of(scenario, seat, server.simulation, server.time)
     with opened_page(table, arguments) as page:
 
-        def over_or_attended() -> bool:
+        def over_or_attended() -> object:
             page.attend()
             table.look()
             return over()
@@ -83,7 +84,13 @@ def show(scenario: Scenario, arguments: Namespace, main: Main | None = None) -> 
     """Run a scenario's program in real time with its page, until Ctrl-C."""
     seat = seat_of(scenario, main)
     with closing(open_bank("cpython", addresses_of(scenario).node_ids)) as bank:
-        simulation = Simulation(scenario, bank, [seat], recorded=False)
+        simulation = Simulation(
+            scenario,
+            bank,
+            [seat],
+            host_report=lambda: host_report_of(seat.coordinator),
+            recorded=False,
+        )
         # Whatever is compiled at its first use is so before anybody looks and time counts.
         simulation.kernel.run_until(SLICE_NS)
         table = table_of(scenario, seat, simulation, RealTime())

@@ -2,6 +2,7 @@
 
 import signal
 from argparse import Namespace
+from collections.abc import Callable
 from contextlib import ExitStack, closing
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -9,6 +10,7 @@ from mdms_array.extras import PAGE, require
 from mdms_array.figures import figures_of
 from mdms_array.recording import HostLog, keep_run, lasting
 from mdms_array.run import Finished
+from mdms_array.simulation import host_report_of
 from mdms_array.source import open_program
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.files import writing
@@ -61,7 +63,13 @@ def _serve_and_keep(
             outcome = simulation.outcome()
         host.add_to(outcome.record)
         lasted = lasting(scenario, float(outcome.record.time_s[-1]))
-        finished = Finished(outcome.record, arguments.nodes, outcome.bus, wall_s=clock.now_s())
+        finished = Finished(
+            outcome.record,
+            arguments.nodes,
+            outcome.bus,
+            violations=outcome.violations,
+            wall_s=clock.now_s(),
+        )
         figures = figures_of(lasted, finished) | {"run": str(arguments.out)}
         with writing(arguments.out):
             keep_run(folder, lasted, outcome.record, figures)
@@ -83,6 +91,7 @@ def _serve(
             bank,
             [seat] if seat else [],
             bus_log=log,
+            host_report=(lambda: host_report_of(seat.coordinator)) if seat else None,
             estimates=lambda: host.sample(simulation.kernel.now_ns / NS_PER_S),
             recorded=log is not None,
             most_samples=MOST_SAMPLES,
@@ -92,7 +101,7 @@ def _serve(
             server = opened.enter_context(
                 Server(simulation, name, arguments.tcp, arguments.speed, report=say)
             )
-            over = opened.enter_context(interrupted())
+            over: Callable[[], object] = opened.enter_context(interrupted())
             if seat:
                 # The page is an extra.
                 from mdms_host.cli.simulation.live import attended  # noqa: PLC0415

@@ -117,7 +117,7 @@ def _of_cell(cell: Examined, cells: Mapping[int, Examined]) -> Iterator[Finding]
     if _UNKNOWN not in errors and max(errors) >= _ERRORS_LEAST:
         yield Finding("node-errors", f"{errors[0]} in sending, {errors[1]} in receiving", node)
     for sub, kind, least in ((1, "heap", _HEAP_LEAST), (2, "flash", _FLASH_LEAST)):
-        free = cell[indices.MEMORY, sub]
+        free = cell.objects.get((indices.MEMORY, sub), _UNKNOWN)
         if free != _UNKNOWN and free < least:
             yield Finding(kind, f"{free} bytes are free", node)
     if codes.reason_of(cell.objects.get((indices.FLASH_STATUS, 1), 0)) == codes.ROLLED_BACK:

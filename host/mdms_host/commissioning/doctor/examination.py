@@ -33,12 +33,14 @@ _PLACES = tuple(
 )
 _OF_CELL = (
     *((indices.PRODUCER_TIME, 0), (indices.SUPPLY, 0), (indices.UNDERVOLTAGE_LIMIT, 0)),
-    *((indices.PRESENCE, 0), (indices.SUSPECT, 0), (indices.MEMORY, 1), (indices.MEMORY, 2)),
+    *((indices.PRESENCE, 0), (indices.SUSPECT, 0)),
     *((indices.TRAFFIC, sub) for sub in (3, 4, 5, 6)),
     *((indices.ERROR_CODE + axis * AXIS_OFFSET, 0) for axis in range(AXES)),
     *((indices.STATUSWORD + axis * AXIS_OFFSET, 0) for axis in range(AXES)),
     *_PLACES,
 )
+#: What a cell whose wheels are on does not tell.
+_AT_REST = ((indices.MEMORY, 1), (indices.MEMORY, 2))
 #: What firmware that came over USB alone does not have.
 _OF_UPDATE = ((indices.FLASH_STATUS, 1), (indices.UPDATE, 8))
 
@@ -141,8 +143,9 @@ def _examine_node(
         return
     try:
         objects = {place: commissioning.read(node_id, *place) for place in _OF_CELL}
-        with suppress(RefusedError):
-            objects |= {place: commissioning.read(node_id, *place) for place in _OF_UPDATE}
+        for places in (_AT_REST, _OF_UPDATE):
+            with suppress(RefusedError):
+                objects |= {place: commissioning.read(node_id, *place) for place in places}
         count = commissioning.read(node_id, indices.ERROR_HISTORY)
         history = [
             commissioning.read(node_id, indices.ERROR_HISTORY, sub) & 0xFFFF

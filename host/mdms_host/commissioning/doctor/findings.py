@@ -148,8 +148,9 @@ KINDS: Mapping[str, Kind] = {
     ),
     "supply-low": Kind(
         "The motors' supply is below the limit; wheels do not turn (0x3220).",
-        "The emergency stop is pressed, a fuse blown, or the supply too weak.",
-        "Release the stop; measure 24 V at the cell's terminals.",
+        "The emergency stop is pressed, a fuse blown, the supply too weak, or a stop relay stuck.",
+        "Release the stop and reset its module; measure 24 V at the bridges, then at S of the stop "
+        "circuit.",
     ),
     "supply-uneven": Kind(
         "A cell measures another supply than the rest.",
@@ -231,5 +232,33 @@ KINDS: Mapping[str, Kind] = {
         "A drive does not come on.",
         "As its error says, or it steers by itself.",
         "As of a drive in fault.",
+    ),
+    # The emergency stop, where a person presses and releases it
+    "stop-welded": Kind(
+        "The emergency stop is pressed, and a cell still measures its supply.",
+        "One cell: a contact of its stop relay is welded, or its sense wire is off. All: the "
+        "contacts of the emergency stop or of its module are bridged or welded.",
+        "Do not run the table. Exchange the relay, or the module; then test again.",
+    ),
+    "stop-delay": Kind(
+        "The supply is still there when the time relay should have cut it (category 1).",
+        "The contact of the time relay is welded, or its time is set too long.",
+        "Do not run the table. Set the time to 1 s, or exchange the module; then test again.",
+    ),
+    "stop-silent": Kind(
+        "A cell falls silent when the emergency stop is pressed.",
+        "Its controller is supplied behind the emergency stop.",
+        "Give controllers the 5 V supply that stays on.",
+    ),
+    "stop-stays": Kind(
+        "The emergency stop is released, and a cell has no supply.",
+        "A coil or wire of its stop relay is broken, or a contact that shorts a motor is welded.",
+        "Measure 24 V at the coil; exchange the relay.",
+    ),
+    "stop-restarts": Kind(
+        "The emergency stop is released, and a wheel is driven before anybody has asked for it.",
+        "Another host enables the cell, its firmware is not of this version, or its bridge is "
+        "damaged.",
+        "Do not run the table. End other hosts, mdms flash, then test again; else another bridge.",
     ),
 }

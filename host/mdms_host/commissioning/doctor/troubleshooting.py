@@ -12,7 +12,9 @@ _HEAD = """\
 By symptom, in the order in which it pays to look. `mdms doctor` checks all of this, names the
 nodes, and ends with exit code 5 if anything serious is found: wheels with `--turn`, which turns
 each by some centimetres; sensors best with `--empty`, on an empty table; who is there, and
-settings, with `--array FILE`. `make generate` makes this page from the same tables.
+settings, with `--array FILE`. The emergency stop is tested with `--stop`, which asks you to press
+and to release it, and ends with exit code 1 if it fails. `make generate` makes this page from the
+same tables.
 """
 _LINES = TextWrapper(100, subsequent_indent="  ", break_on_hyphens=False, break_long_words=False)
 _PAINS = """\

@@ -167,7 +167,7 @@ class Care:
     # While they are held
 
     def _while_held(self, phase: Phase, now_s: float, unsure: bool) -> Decision | None:
-        if refusal := self._refusal(now_s):
+        if refusal := self._power_cut() or self._refusal(now_s):
             return Decision(Signal.FAULT, refusal)
         awaited = self._roster.awaited
         held_s = now_s - self._since_s
@@ -177,6 +177,17 @@ class Care:
         if heard is not (phase is Phase.RECOVERING):
             return Decision(Signal.DONE if heard else Signal.TROUBLE)
         return self._settle(unsure, held_s, now_s) if heard else None
+
+    def _power_cut(self) -> str | None:
+        """Why a run ends in which most cells restart: somebody has cut their supply.
+
+        That may have been an emergency stop, and letting go of it is to move nothing.
+        """
+        restarted = sum(way.has_restarted for way in self._roster.out.values())
+        cells = len(self._roster.cells)
+        if 2 * restarted <= cells:
+            return None
+        return f"{restarted} of {cells} cells have restarted: their supply was cut; start again"
 
     def _refusal(self, now_s: float) -> str | None:
         """Why a run ends whose cells are refused; where it need not, it waits for them no more."""

@@ -1,5 +1,6 @@
 """The way back of one cell that is out of action, through the phases of a bring-up of its own."""
 
+from mdms_host.can_link.emergencies import LOW_SUPPLY, code_text
 from mdms_host.coordination.cell_setup.bring_up import BringUpCell
 from mdms_host.coordination.phase import TRANSITIONS, Phase, Signal
 
@@ -12,7 +13,7 @@ class Comeback:
 
     Settings are written and verified as when it came up first, and every target begins at 0. `text`
     is why the cell is out, `refused` why it is not taken back, None as long as it may be. It is
-    asked again only when it has restarted.
+    asked again only when it has restarted; `has_restarted` is whether it has since it is out.
     """
 
     def __init__(self, cell: BringUpCell, text: str, now_s: float) -> None:
@@ -21,6 +22,7 @@ class Comeback:
         self.since_s = now_s
         self.phase = Phase.WAITING
         self.refused: str | None = None
+        self.has_restarted = cell.restarted
         self._step_s = now_s
         cell.begin_again()
 
@@ -36,12 +38,15 @@ class Comeback:
 
     def step(self, now_s: float, silent: bool) -> None:
         """Look how far the cell is by now."""
+        self.has_restarted |= self.cell.restarted
         if self.refused is not None:
             if self.cell.restarted or silent:
                 self._begin_again(now_s)
             return
         if self._is_stuck(now_s, silent):
             self._begin_again(now_s)
+        if self.heard and self.cell.lacks_supply:
+            self._refuse(code_text(LOW_SUPPLY))
         while self.refused is None and not self.back and self.cell.has_reached(self.phase):
             self._advance(now_s)
 
@@ -53,8 +58,11 @@ class Comeback:
             cell.restarted = False
         reason = {Phase.IDENTIFYING: cell.refusal, Phase.CONFIGURING: cell.mismatch}.get(reached)
         if reason is not None:
-            self.refused = f"{cell.name} is not taken back: {reason}"
-            self.phase = Phase.WAITING
+            self._refuse(reason)
+
+    def _refuse(self, reason: str) -> None:
+        self.refused = f"{self.cell.name} is not taken back: {reason}"
+        self.phase = Phase.WAITING
 
     def _is_stuck(self, now_s: float, silent: bool) -> bool:
         """Whether the cell has fallen silent or restarted on its way, or takes too long."""

@@ -1,8 +1,9 @@
 """Supervision of the cells: heartbeats, and states that the phase requires."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from math import inf
 
+from mdms_host.can_link.emergencies import LOW_SUPPLY
 from mdms_host.can_link.remote_cell import RemoteCell
 from mdms_host.coordination.care.trouble import Trouble, nature_of
 from mdms_host.coordination.cell_setup.bring_up import BringUpCell
@@ -16,8 +17,14 @@ OTHER_HOST = (
     "let it come to its end, or end it, first"
 )
 
+#: The cells of one supply report that it is low within this time [s].
+_GATHER_S = 0.05
+
 #: What is wrong where another program has taken cells out of 'operational': a stop is a stop.
 SWITCHED_OFF = "somebody else has switched cells off on this bus (network management)"
+
+#: Of more cells with another serial number than they are to have, the others are counted.
+_MOST_NAMED = 3
 
 
 class Supervision:
@@ -31,6 +38,8 @@ class Supervision:
         self._count = len(cells)
         self._timing = timing
         self._valid_until_s = -inf
+        self._low: dict[BringUpCell, None] = {}
+        self._low_since_s = inf
 
     def recheck(self) -> None:
         """The phase, the cells that take part, or a state that a cell reports, has changed."""
@@ -40,6 +49,27 @@ class Supervision:
         """The fault of the first cell that has one while all come up, or end; None without any."""
         texts = (self._silence_of(cell, now_s) or cell.fault(phase) for cell in taking_part)
         return next(filter(None, texts), None)
+
+    def without_supply(
+        self, taking_part: Collection[BringUpCell], now_s: float
+    ) -> list[BringUpCell]:
+        """The cells whose motors' supply has been low since they come up; none until all are known.
+
+        One that is back counts, too: somebody has pressed an emergency stop since the start.
+        """
+        self._low.update(dict.fromkeys(cell for cell in taking_part if cell.lacks_supply))
+        low = [cell for cell in taking_part if cell in self._low]
+        if low and self._low_since_s == inf:
+            self._low_since_s = now_s
+        return low if now_s >= self._low_since_s + _GATHER_S else []
+
+    def low_supply_text(self, low: Sequence[BringUpCell]) -> str:
+        """What is wrong with the supply of these cells."""
+        where = f"all {len(low)} cells" if len(low) == self._count > 1 else names(low)
+        return (
+            f"the motors' supply is below its limit on {where} (0x{LOW_SUPPLY:04X}): "
+            "release the emergency stop, or mend the supply, then start again"
+        )
 
     def troubles(self, taking_part: Collection[BringUpCell], now_s: float) -> list[Trouble]:
         """What is wrong with cells that are up and take part in the run."""
@@ -80,7 +110,7 @@ class Supervision:
     def misfits_text(self, phase: Phase, taking_part: Collection[BringUpCell]) -> str | None:
         """All cells that are not as a run expects them at the end of a phase, None without any.
 
-        They speak another protocol than the host, or have other settings stored.
+        They speak another protocol than the host, have another serial number, or other settings.
         """
         if phase is Phase.CONFIGURING:
             found = (f"{cell.name} is {cell.mismatch}" for cell in taking_part if cell.mismatch)
@@ -93,7 +123,7 @@ class Supervision:
             f"{', '.join(name for name, text in others.items() if text == each)}: each {each}"
             for each in sorted(texts)
         )
-        return "; ".join(listed) or None
+        return "; ".join((*listed, *_other_boards(taking_part))) or None
 
     def _trouble_of(self, cell: BringUpCell, now_s: float) -> Trouble | None:
         if silence := self._silence_of(cell, now_s):
@@ -106,6 +136,19 @@ class Supervision:
         if not self.silent(cell, now_s):
             return None
         return f"{cell.name} has fallen silent: no heartbeat for {self._timing.silence_s:.3g} s"
+
+
+def _other_boards(cells: Iterable[BringUpCell]) -> Iterator[str]:
+    """Cells that are not the boards that they are to be, and what to do."""
+    found = [f"{cell.name} {cell.other_board}" for cell in cells if cell.other_board]
+    yield from found[:_MOST_NAMED]
+    if len(found) > _MOST_NAMED:
+        yield f"and {len(found) - _MOST_NAMED} more cells"
+    if found:
+        yield (
+            "boards were exchanged or moved: put them back, or write their places anew with "
+            "mdms commission"
+        )
 
 
 def names(cells: Sequence[RemoteCell]) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from mdms_host.can_link.emergencies import error_text
 from mdms_host.can_link.remote_cell import RemoteCell
-from mdms_host.can_link.sdo_client import SdoClient, Setting
+from mdms_host.can_link.sdo_client import PATIENT, SdoClient, Setting
 from mdms_host.coordination.cell_setup.configuration import NOTHING, Configuration
 from mdms_host.coordination.cell_setup.identification import Identification
 from mdms_host.coordination.cell_setup.set_up import SetUp
@@ -42,6 +42,7 @@ class BringUpCell(RemoteCell):
         settings: Iterable[Setting],
         *,
         spare: Mapping[Place, int] = NOTHING,
+        serial: int | None = None,
         bus: int | None = None,
         steers: bool = False,
     ) -> None:
@@ -50,10 +51,10 @@ class BringUpCell(RemoteCell):
         self.steers = steers
         self._ready = _LED if steers else _ENABLED
         self._towards_ready = _TOWARDS_SWITCHED_ON if steers else _TOWARDS_ENABLED
-        self._set_back = SdoClient(node_id, taken_back() if steers else ())
+        self._set_back = SdoClient(node_id, taken_back() if steers else (), attempts=PATIENT)
         self._settings = tuple(settings)
         self._configuration = Configuration(node_id, self._settings, spare)
-        self._identification = Identification(node_id, axes)
+        self._identification = Identification(node_id, axes, serial)
         self._set_up = SetUp(node_id, self._settings, self._configuration)
         self.restarted = False
         self._written = False
@@ -87,6 +88,11 @@ class BringUpCell(RemoteCell):
     def other_protocol(self) -> str | None:
         """What there is to say of a cell that speaks another revision of the protocol."""
         return self._identification.other_protocol
+
+    @property
+    def other_board(self) -> str | None:
+        """What there is to say of a cell that has another serial number than it is to have."""
+        return self._identification.other_board
 
     @property
     def refusal(self) -> str | None:
@@ -164,7 +170,8 @@ class BringUpCell(RemoteCell):
             yield from self._set_up.poll(now_s)
         elif phase == Phase.STARTING and self.nmt_state != nmt.OPERATIONAL:
             yield nmt.command(nmt.START, self.node_id)
-        elif phase == Phase.ENABLING and not self.enabled:
+        elif phase == Phase.ENABLING and not self.enabled and not self.lacks_supply:
+            # A person presses an emergency stop: no program resets that fault in the same run.
             yield from self._enable()
         elif phase in (Phase.STOPPING, Phase.FAILING):
             yield self._control(cia402.QUICK_STOP)

@@ -15,14 +15,16 @@ def cells_of(
     layout: Layout,
     settings: tuple[Setting, ...],
     own_settings: Mapping[int, tuple[Setting, ...]],
+    serials: Mapping[int, int],
     *,
     status_period_s: float,
     steered_beside: int | None,
 ) -> tuple[BringUpCell, ...]:
     """All cells, cell 1 first; they steer beside the host of a node id, if that is given.
 
-    `settings` are written to every cell, `own_settings` to the cell of that number besides. Raises
-    `OutOfRangeError` for a place that does not fit the wire, where cells steer.
+    `settings` are written to every cell, `own_settings` to the cell of that number besides;
+    `serials` are those that cells must have, by number. Raises `OutOfRangeError` for a place that
+    does not fit the wire, where cells steer.
     """
     # Cells report their state on change, and repeat it, which makes up for a lost frame.
     repeat = Setting(indices.TPDO_PARAMETERS + 1, 5, round(status_period_s * 1e3))
@@ -43,6 +45,7 @@ def cells_of(
                 *steering,
             ),
             spare={} if steers else _spare(layout, number),
+            serial=serials.get(number),
             bus=bus if layout.bus_count > 1 else None,
             steers=steers,
         )

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 from mdms_host.can_link.emergencies import error_text
 from mdms_host.can_link.protocol_revision import other_protocol
-from mdms_host.can_link.sdo_client import Read, SdoClient
+from mdms_host.can_link.sdo_client import PATIENT, Read, SdoClient
 from mdms_host.places import Place
 from mdms_protocol import indices
 from mdms_protocol.codecs.frame import Frame
@@ -23,16 +23,18 @@ class Identification:
     """Reads a cell's revision and serial number; after `begin_again` its errors besides.
 
     `done` is whether all answers are there, `failure` why they do not come, None as long as they
-    may. `refusal` is why a cell that comes back is not to be taken, None for one that is.
+    may. `refusal` is why a cell that comes back is not to be taken, None for one that is. `serial`
+    is the serial number that it is to have, None where any will do.
     """
 
-    def __init__(self, node_id: int, axes: int) -> None:
+    def __init__(self, node_id: int, axes: int, serial: int | None = None) -> None:
         self._node_id = node_id
+        self._serial = serial
         self._errors = tuple(
             Read(indices.ERROR_CODE + axis * indices.AXIS_OFFSET, 0) for axis in range(axes)
         )
         self._first: Mapping[Place, int] = {}
-        self._client = SdoClient(node_id, _IDENTITY)
+        self._client = SdoClient(node_id, _IDENTITY, attempts=PATIENT)
 
     @property
     def done(self) -> bool:
@@ -51,10 +53,20 @@ class Identification:
         return None if revision is None else other_protocol(revision)
 
     @property
+    def other_board(self) -> str | None:
+        """What there is to say of a cell that has another serial number than it is to have."""
+        serial = self._client.answers.get((SERIAL.index, SERIAL.sub))
+        if None in (serial, self._serial) or serial == self._serial:
+            return None
+        return f"has serial number {serial:08X}, but the array file lists {self._serial:08X} there"
+
+    @property
     def refusal(self) -> str | None:
         """See above; an error stays in a cell's drive until it is reset, or the cell restarts."""
         if self.other_protocol:
             return f"it {self.other_protocol}"
+        if self.other_board:
+            return f"it {self.other_board}"
         answers = self._client.answers
         for read, meaning in ((SERIAL, "serial number"), (REVISION, "firmware revision")):
             before, now = (each.get((read.index, read.sub)) for each in (self._first, answers))
@@ -70,7 +82,7 @@ class Identification:
         """Ask anew; who the cell was when it was asked first is kept."""
         if self._client.done and not self._first:
             self._first = dict(self._client.answers)
-        self._client = SdoClient(self._node_id, (*_IDENTITY, *self._errors))
+        self._client = SdoClient(self._node_id, (*_IDENTITY, *self._errors), attempts=PATIENT)
 
     def poll(self, now_s: float) -> Iterator[Frame]:
         """The request to send now, if any."""

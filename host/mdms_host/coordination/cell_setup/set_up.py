@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from mdms_host.can_link.sdo_client import Read, SdoClient, Setting
+from mdms_host.can_link.sdo_client import PATIENT, Read, SdoClient, Setting
 from mdms_host.coordination.cell_setup.configuration import SIGNATURE, Configuration
 from mdms_host.coordination.cell_setup.steering_settings import PLACES
 from mdms_protocol.codecs.frame import Frame
@@ -22,7 +22,7 @@ class SetUp:
         self.verified = False
         self.mismatch: str | None = None
         self._configuration = configuration
-        self._client = SdoClient(node_id, (*settings, SIGNATURE))
+        self._client = SdoClient(node_id, (*settings, SIGNATURE), attempts=PATIENT)
         self._corrected = False
 
     @property

@@ -1,20 +1,23 @@
-"""Parcels that have goals and are not found."""
+"""Parcels that a program awaits and that are not found."""
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator
 
 #: A parcel is looked for so long before that is reported [s].
 _FOUND_WITHIN_S = 1.5
 
 
 class Missing:
-    """Watches the parcels of these names, and reports once each that is not found."""
+    """Reports once each parcel that is awaited and not found."""
 
-    def __init__(self, names: Iterable[str]) -> None:
-        self._missing_s = dict.fromkeys(names, 0.0)
+    def __init__(self) -> None:
+        self._missing_s: dict[str, float] = {}
 
-    def step(self, found: Collection[str], step_s: float) -> Iterator[str]:
+    def step(
+        self, awaited: Collection[str], found: Collection[str], step_s: float
+    ) -> Iterator[str]:
         """Take in which parcels have been found; those that have been looked for too long."""
-        for name, before_s in self._missing_s.items():
+        for name in sorted(awaited):
+            before_s = self._missing_s.get(name, 0.0)
             self._missing_s[name] = before_s + step_s if name not in found else 0.0
             if before_s < _FOUND_WITHIN_S <= self._missing_s[name]:
                 since = f"for {_FOUND_WITHIN_S:g} s"

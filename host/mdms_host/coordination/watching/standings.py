@@ -17,6 +17,7 @@ _TEXTS = {
     ),
     Event.CLEARED: "{name} is not there any more",
     Event.EXPLAINED: "{name} is {other}",
+    Event.WITHDRAWN: "{name} has not come: something else was taken for it",
     Event.MISFIT: "{name} is not {other}: sensors contradict its outline",
 }
 _TROUBLES = (Event.LOST, Event.MISFIT)
@@ -42,7 +43,7 @@ class Standings:
             name = change.name
             if change.event is Event.LOST:
                 self._lost_s[name] = time_s
-            elif change.event in (Event.FOUND, Event.DEPARTED):
+            elif change.event in (Event.FOUND, Event.DEPARTED, Event.WITHDRAWN):
                 self._lost_s.pop(name, None)
             pose = poses.get(name, change.pose)
             where = "" if pose is None else _where(pose)

@@ -32,7 +32,7 @@ class Watch:
         self._axes = axes
         self._controllers = controllers
         self._following = Following(axes * len(cells))
-        self._missing = Missing(controllers)
+        self._missing = Missing()
 
     @property
     def standing(self) -> Bools:
@@ -58,6 +58,8 @@ class Watch:
                 self.arrived_s[name] = now_s
                 yield f"{name} has arrived"
 
-    def parcels(self, found: Collection[str], step_s: float) -> Iterator[str]:
-        """Troubles of parcels, given those that have been found."""
-        yield from self._missing.step(found, step_s)
+    def parcels(
+        self, awaited: Collection[str], found: Collection[str], step_s: float
+    ) -> Iterator[str]:
+        """Troubles of parcels, given those that the program awaits, and those that are found."""
+        yield from self._missing.step(awaited, found, step_s)

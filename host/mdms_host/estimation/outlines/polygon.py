@@ -10,8 +10,9 @@ from mdms_host.estimation.outlines.bottom import local_m, turned_m
 from mdms_model.arrays import Floats
 from mdms_model.outline import polygon_outline
 
-#: Corners that come this near to others after a turn are taken for the same [m].
-_SAME_M = 1e-6
+#: Corners that come this near to others after a turn are taken for the same [m]: drawings give them
+#: in whole millimetres, and no sensor at rest tells such poses apart.
+_SAME_M = 0.002
 #: How far beyond its corners a sensor may be that reads wrong, and the search goes on [m].
 _SPARE_M = 0.02
 

@@ -23,7 +23,8 @@ _AGREEING = 0.8
 class PresenceMap:
     """The presence sensors of so many cells, all in a row, shape (S,).
 
-    `covered` is what they show, `changed_s` (S,) when each of them changed last.
+    `covered` is what they show, `changed_s` (S,) when each of them changed last, and `late_s` (S,)
+    when a change was last learned after a report had got lost.
     Cells repeat what they show every `status_period_s`, and report changes `debounce_s` late.
     """
 
@@ -32,6 +33,7 @@ class PresenceMap:
     ) -> None:
         self.covered: Bools = np.zeros(cells * sensors, dtype=bool)
         self.changed_s: Floats = np.full(cells * sensors, -inf)
+        self.late_s: Floats = np.full(cells * sensors, -inf)
         self._sensors = sensors
         self._bits: list[int | None] = [None] * cells
         self._reported_s = np.full(cells, -inf)
@@ -74,6 +76,8 @@ class PresenceMap:
                 continue
             self.covered[first + place] = bits >> place & 1
             self.changed_s[first + place] = now_s
+            if not timely:
+                self.late_s[first + place] = now_s
             if before is not None and timely and self._worth.believed[first + place]:
                 yield now_s - self._debounce_s[cell - 1], first + place
 
@@ -106,6 +110,10 @@ class PresenceMap:
     def disbelieve(self, sensors: Bools) -> list[tuple[int, list[int]]]:
         """Believe these sensors (S,) no more for now; returns as `judge` does."""
         return self._by_cell(self._worth.disbelieve(sensors))
+
+    def believe(self, sensors: Bools) -> None:
+        """Believe these sensors (S,) again: what they contradicted was not there."""
+        self._worth.believe(sensors)
 
     def _by_cell(self, sensors: list[int]) -> list[tuple[int, list[int]]]:
         cells: dict[int, list[int]] = {}

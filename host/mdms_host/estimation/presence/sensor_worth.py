@@ -27,6 +27,10 @@ class SensorWorth:
         """These have been found wrong; those of them that were believed until now."""
         return self._settle(np.where(sensors, _MOST_S, self._wrong_s))
 
+    def believe(self, sensors: Bools) -> None:
+        """These have been found right."""
+        self._settle(np.where(sensors, 0.0, self._wrong_s))
+
     def _settle(self, wrong_s: Floats) -> list[int]:
         self._wrong_s = wrong_s
         believed = wrong_s < _WRONG_S

@@ -17,7 +17,7 @@ class Coverage:
     """All sensors (S,): the number of the parcel nearest to each, and how far its edge is [m].
 
     What is covered is `explained` where a parcel that is found is, or may be. `disputed` is what
-    lies around one that is doubtful.
+    lies around one that is doubtful. `number` is that of each parcel, by name.
     """
 
     def __init__(self, sensors: int, known: Mapping[str, Known], views: Mapping[str, View]) -> None:
@@ -25,6 +25,7 @@ class Coverage:
         self.owner: Ints = np.full(sensors, NOBODY, dtype=np.int64)
         self.explained: Bools = np.zeros(sensors, dtype=bool)
         self.disputed: Bools = np.zeros(sensors, dtype=bool)
+        self.number = {name: number for number, name in enumerate(known)}
         for number, (name, each) in enumerate(known.items()):
             if name in views:
                 self._take(number, each, views[name])

@@ -106,10 +106,11 @@ class Seeking:
             allowed = self._unknowns.rectangles(unknown, valid & ~covered, yaw_rad)
             location = known.of_any_size(location, *allowed)
         estimator.start(now_s, location)
-        known.keep_place()
+        known.keep_place(now_s)
         mine = valid & ~covered
         mine[found.group] = True
         wrong = estimator.contradicting(covered, mine) | found.left_out
+        known.disbelieved = wrong
         self._faulty += self._presence.disbelieve(wrong)
         view = estimator.view(now_s)
         assert view is not None

@@ -15,15 +15,18 @@ _SHAPES = {"rectangle": wire.RECTANGLE, "disc": wire.DISC}
 def parcel_page(
     identity: int, sequence: int, parcel: Parcel, limits: Limits, flags: int
 ) -> messages.Parcel:
-    """Outline and limits of a parcel. Raises KeyError for a shape that no page has."""
+    """Outline and limits of a parcel; limits below a step of the wire are one step.
+
+    Raises KeyError for a shape that no page has.
+    """
     return messages.Parcel(
         identity,
         sequence,
         _SHAPES[parcel.shape],
         round(parcel.length_m / _STEP_M),
         round((parcel.length_m if parcel.shape == "disc" else parcel.width_m) / _STEP_M),
-        round(limits.acceleration_m_s2 * 1e3 / wire.ACCELERATION_MM_S2),
-        round(limits.speed_m_s * 1e3 / wire.SPEED_MM_S),
+        max(round(limits.acceleration_m_s2 * 1e3 / wire.ACCELERATION_MM_S2), 1),
+        max(round(limits.speed_m_s * 1e3 / wire.SPEED_MM_S), 1),
         flags,
     )
 

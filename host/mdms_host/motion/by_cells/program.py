@@ -34,8 +34,9 @@ class CellsProgram:
     """The goals of parcels for cells that steer; identities count from 1 in the parcels' order.
 
     A parcel without a goal gets an identity too, so that its cells keep others away. One that does
-    not get on although nothing holds it is stopped for good: its identity is dropped. `goes_on` is
-    whether the cells bring it to its goal without the host.
+    not get on although nothing holds it is stopped for good: its identity is dropped. Where all are
+    taken, a parcel gets that of one that is on the table no more. `goes_on` is whether the cells
+    bring it to its goal without the host.
     """
 
     def __init__(
@@ -54,7 +55,10 @@ class CellsProgram:
         self.goes_on = go_on
         self._reports = Reports(layout)
         self._precedences = Precedences(layout)
+        self._parcels: dict[str, Parcel] = {}
         self._bottoms: dict[str, Bottom] = {}
+        #: Parcels that have been believed anywhere.
+        self._seen: set[str] = set()
         self._sendings: dict[str, Sending] = {}
         self._observed: dict[str, Observed] = {}
         self._followed: dict[str, Followed] = {}
@@ -87,6 +91,11 @@ class CellsProgram:
         return all(followed.arrived for followed in self._followed.values())
 
     @property
+    def awaits(self) -> Collection[str]:
+        """See `Program`: parcels that have goals."""
+        return self._followed.keys()
+
+    @property
     def near(self) -> Collection[str]:
         """See `Program`: parcels of which the host leads their cells place by place."""
         return [
@@ -106,9 +115,10 @@ class CellsProgram:
         Its cells get a program of the next sequence number, which takes the place of the old one;
         but not before they have that, for they tell apart no more than three.
         """
+        sending = self._sendings[name]
         self._followed[name] = Followed(goal, self._limits, self._bottoms[name].reach_m)
         self._stages[name] = self._stages_to(name, goal)
-        self._sendings[name].want(None)
+        sending.want(None)
 
     def lead(self, name: str, goal: Goal, legs: Sequence[Goal] = ()) -> Followed:
         """The same, on a way that is the caller's; returns what follows the parcel to this goal.
@@ -119,7 +129,8 @@ class CellsProgram:
         self._stages.pop(name, None)
         self._followed[name] = Followed(goal, self._limits, self._bottoms[name].reach_m)
         way = Way((goal, *legs[: wire.LEGS_MAX]) if self.goes_on else (goal,))
-        self._sendings[name].want(way)
+        if name in self._sendings:
+            self._sendings[name].want(way)
         return self._followed[name]
 
     def set_orders(self, orders: Mapping[int, tuple[Turn, ...]]) -> None:
@@ -131,29 +142,23 @@ class CellsProgram:
 
     def add(self, parcel: Parcel) -> None:
         """There is to be another parcel, without a goal as yet."""
-        name, note = parcel.name, self._notices.append
-        self._bottoms[name] = parcel.bottom
+        name = parcel.name
+        self._parcels[name], self._bottoms[name] = parcel, parcel.bottom
+        self._seen.discard(name)
         if name in self._sendings:
             # One of this name has been here before: cells have its identity, and its last program.
             self._sendings[name].parcel = parcel
             self._sendings[name].begin_again()
+            self._observe(name)
         else:
-            self._sendings[name] = Sending(
-                parcel,
-                len(self._sendings) + 1,
-                self._reports,
-                note,
-                limits=self._limits,
-                go_on=self.goes_on,
-            )
-        identity = self._sendings[name].identity
-        self._observed[name] = Observed(name, identity, parcel.bottom, self._reports, note)
+            self._give_identity(parcel)
 
     def end(self, name: str) -> None:
         """Have the cells bring a parcel to rest, and steer it no more; they keep others away."""
         self._followed.pop(name, None)
         self._stages.pop(name, None)
-        self._sendings[name].end()
+        if name in self._sendings:
+            self._sendings[name].end()
 
     def take_notices(self) -> list[str]:
         """What has happened to parcels since the last call."""
@@ -170,6 +175,7 @@ class CellsProgram:
         # A doubtful place is neither sent nor compared with what cells report.
         sure = {name: each for name, each in beliefs.items() if not each.doubtful}
         self._poses = {name: each.pose for name, each in beliefs.items() if name in self._bottoms}
+        self._take_in(beliefs)
         asked = self.near
         self._reports.age(now_s)
         pages: list[Page] = []
@@ -181,7 +187,9 @@ class CellsProgram:
                 pages += [sending.end_page] * ENDS
             if name in self._stages and belief is not None:
                 self._guide(name, _felt(name, beliefs), name in asked)
-            if self._observed[name].is_elsewhere(belief, now_s):
+            observed = self._observed[name]
+            if observed.is_elsewhere(belief, now_s) or (name in self._followed and observed.apart):
+                observed.apart = False
                 sending.give_anew()
             shown = belief if self._may_send(name) else None
             pages += sending.pages(None if shown is None else shown.pose, now_s)
@@ -206,6 +214,50 @@ class CellsProgram:
     def ends(self) -> list[Page]:
         """The pages that end all programs."""
         return [sending.end_page for sending in self._sendings.values()]
+
+    # Identities
+
+    def _give_identity(self, parcel: Parcel) -> None:
+        """Give a parcel an identity: one of its own, or that of a parcel that is there no more."""
+        used = len(self._sendings)
+        if used < wire.IDENTITY_MAX:
+            self._sendings[parcel.name] = Sending(
+                parcel,
+                used + 1,
+                self._reports,
+                self._notices.append,
+                limits=self._limits,
+                go_on=self.goes_on,
+            )
+        elif (gone := self._gone()) is not None:
+            sending = self._sendings[parcel.name] = self._sendings.pop(gone)
+            del self._observed[gone]
+            sending.hand_on(parcel)
+        else:
+            return
+        self._observe(parcel.name)
+
+    def _observe(self, name: str) -> None:
+        identity, note = self._sendings[name].identity, self._notices.append
+        self._observed[name] = Observed(name, identity, self._bottoms[name], self._reports, note)
+
+    def _gone(self) -> str | None:
+        """A parcel that was on the table, and is neither believed, steered nor reported now."""
+        for name, sending in self._sendings.items():
+            there = name in self._poses or name in self._followed or name not in self._seen
+            if not there and not self._reports.of(sending.identity):
+                return name
+        return None
+
+    def _take_in(self, beliefs: Mapping[str, Belief]) -> None:
+        """Note what is on the table; what had to give its identity away gets another."""
+        present = beliefs.keys() & self._parcels.keys()
+        for name in sorted(present - self._sendings.keys()):
+            self._give_identity(self._parcels[name])
+            if name not in self._sendings and name not in self._seen:
+                most = wire.IDENTITY_MAX
+                self._notices.append(f"{name} is not steered: cells tell {most} parcels apart")
+        self._seen |= present
 
     # Parcels on their way
 

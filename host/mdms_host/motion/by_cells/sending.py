@@ -19,6 +19,9 @@ REPEAT_S = 0.05
 LEG_S = 0.02
 #: Once most have, for so long for the sake of the rest; they are handed on by the others.
 _REST_S = 0.5
+#: Cells that lack something of a program get it from their neighbours within this, else from here
+#: [s].
+_LACKING_S = 0.2
 #: No cell has the parcel any more when none has reported its identity for so long [s].
 _GONE_S = 0.3
 #: A parcel's first program; each change of its goal counts on, round and round.
@@ -31,7 +34,8 @@ class Sending:
     """The program of one `parcel`, under the identity by which cells have the parcel.
 
     `way` is what they get or have, None where the parcel is to stay; `done` is whether they have
-    all of it. What a person is to know is passed to `note`.
+    all of it, but for single cells that go on reporting that they lack it: those get it repeated.
+    What a person is to know is passed to `note`.
     """
 
     def __init__(
@@ -68,6 +72,7 @@ class Sending:
         self._leg = 0
         self._mostly_s: float | None = None
         self._gone_s: float | None = None
+        self._lacked_s: float | None = None
 
     @property
     def latest(self) -> Way | None:
@@ -100,6 +105,12 @@ class Sending:
         """Take the parcel from the cells that have it, and give it where it lies by then."""
         self._ends = ENDS
 
+    def hand_on(self, parcel: Parcel) -> None:
+        """Send for another parcel from now on; cells lose what they have of the one before."""
+        self.parcel = parcel
+        self.end()
+        self.begin_again()
+
     def overtaken(self) -> bool:
         """Whether cells that missed the host have gone on to the next leg; then so has the way."""
         way = self.way
@@ -119,7 +130,7 @@ class Sending:
             yield self._last_page()
         elif pose is not None:
             self._check_acknowledged(pose, now_s)
-            if not self.done:
+            if not self.done or self._is_lacked(now_s):
                 yield from self._program(pose, now_s)
 
     @property
@@ -177,6 +188,15 @@ class Sending:
         unanswered = self._unanswered.step(bool(cells) and not mostly, now_s)
         if unanswered or (self.done and lacking):
             self._note(f"{cells_text(lacking)} under {self.parcel.name}: no answer to its program")
+
+    def _is_lacked(self, now_s: float) -> bool:
+        """Whether a cell at the parcel has reported for long that it lacks this program."""
+        at_it = self._reports.of(self.identity)
+        if self.way is None or at_it.keys() <= self._cells_having():
+            self._lacked_s = None
+            return False
+        self._lacked_s = now_s if self._lacked_s is None else self._lacked_s
+        return now_s - self._lacked_s >= _LACKING_S
 
     def _check_gone(self, now_s: float) -> None:
         if self._reports.of(self.identity):

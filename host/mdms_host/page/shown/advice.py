@@ -5,6 +5,8 @@ _ADVICE = (
     ("no cell was heard", "Check that the bus is connected and terminated and the cells powered."),
     ("fallen silent", "Check the cell's power and its bus plug."),
     ("no longer operational", "The cell has restarted: check its supply, then start again."),
+    ("supply is below its limit", "Release the emergency stop, or mend the supply; start again."),
+    ("supply was cut", "Release the emergency stop, look around, then start again."),
     ("disabled its drives", "Click on the cell for its errors; remove the cause and start again."),
     ("does not follow", "See whether the wheel is held or its encoder unplugged."),
     ("contradict all others", "Clean the cell's sensors, and look whether something lies on them."),

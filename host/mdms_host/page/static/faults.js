@@ -10,7 +10,8 @@ const KINDS = {
   cut: ["the bus is cut", "The wire is cut between these cells and the rest.", false],
   off: ["cells lose power", "They start again at the end.", false],
   hang: ["cells hang", "Their watchdogs reset them at the end.", false],
-  supply: ["the motors' supply fails", "Their motors have no supply, as behind an open emergency stop.", false],
+  supply: ["the motors' supply fails", "Their motors have no supply, and their wheels coast.", false],
+  "supply brake": ["the emergency stop is pressed", "Its contacts cut their motors off and short them.", false],
   bridge_fault: ["bridges shut off", "Their bridges report a fault.", false],
   sensor_stuck: ["sensors read covered", "Whatever lies over them.", false],
   encoder_stuck: ["encoders stand still", "They count no more.", false],
@@ -47,7 +48,9 @@ export class Faults {
 
   begin() {
     const { kind, cells, probability, duration_s } = this.form.elements;
-    const fault = { kind: kind.value };
+    const [name, brake] = kind.value.split(" ");
+    const fault = { kind: name };
+    if (brake) fault.brake = true;
     const numbers = cells.value.split(/[\s,]+/).filter(Boolean).map(Number);
     if (numbers.length && !OF_NO_CELL.includes(kind.value)) fault.cells = numbers;
     if (KINDS[kind.value][2]) fault.probability = probability.valueAsNumber;
@@ -75,7 +78,8 @@ export class Faults {
 }
 
 function textOf(fault) {
-  const what = fault.kind === "lift" ? "lifted" : KINDS[fault.kind]?.[0] ?? fault.kind;
+  const kind = fault.brake ? `${fault.kind} brake` : fault.kind;
+  const what = kind === "lift" ? "lifted" : KINDS[kind]?.[0] ?? kind;
   const whom = fault.parcel ?? (fault.cells ? `${fault.cells.length > 1 ? "cells" : "cell"} ${fault.cells.join(", ")}` : "all");
   const share = fault.probability === undefined ? "" : ` (${(100 * fault.probability).toFixed(0)} %)`;
   return `${whom}: ${what}${share}`;

@@ -11,8 +11,8 @@ MOST_WAITING = 256
 MOST_UNSEEN = 3
 
 
-class BehindError(Exception):
-    """A client is so slow that it has missed messages: what it shows is not so any more."""
+class LeaveError(Exception):
+    """A client has to leave; the message says why."""
 
 
 class Client:
@@ -25,7 +25,7 @@ class Client:
     def __init__(self, name: str) -> None:
         self.name = name
         self.may_control = False
-        self.behind = False
+        self._leave: str | None = None
         self._messages: deque[str] = deque()
         self._snapshot: bytes | None = None
         self._unseen = 0
@@ -38,10 +38,16 @@ class Client:
     def send_text(self, text: str) -> None:
         """The same of one that is JSON already."""
         if len(self._messages) == MOST_WAITING:
-            self._messages.clear()
-            self.behind = True
-        if not self.behind:
+            # It has missed messages: what it shows is not so any more.
+            self.send_away("too slow; come again")
+        if self._leave is None:
             self._messages.append(text)
+        self._ready.set()
+
+    def send_away(self, reason: str) -> None:
+        """Have it leave next, whatever else waits for it."""
+        self._messages.clear()
+        self._leave = reason
         self._ready.set()
 
     def show(self, snapshot: bytes) -> None:
@@ -62,10 +68,10 @@ class Client:
             self._ready.set()
 
     async def next(self) -> str | bytes:
-        """What is to be sent next; waits for it. Raises `BehindError`."""
+        """What is to be sent next; waits for it. Raises `LeaveError`."""
         while True:
-            if self.behind:
-                raise BehindError
+            if self._leave is not None:
+                raise LeaveError(self._leave)
             if self._messages:
                 return self._messages.popleft()
             if self._snapshot is not None and self._unseen < MOST_UNSEEN:

@@ -12,6 +12,8 @@ _LOOPBACKS = ("127.0.0.1", "localhost", "[::1]")
 #: Stand for all addresses that this machine has.
 _ALL = ("0.0.0.0", "::")
 _TOKEN_BYTES = 18
+#: A browser leaves this port out.
+_HTTP_PORT = 80
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,22 +43,22 @@ class Gate:
 
     def admits(self, host: str | None, origin: str | None) -> bool:
         """Whether a request with these headers may be answered."""
-        if host is None or not self._is_own(host):
+        if host is None or not self._is_own(_with_port(host)):
             return False
         if origin is None:
             return True
         parts = urlsplit(origin)
-        return parts.scheme == "http" and parts.netloc == host
+        return parts.scheme == "http" and _with_port(parts.netloc) == _with_port(host)
 
     def _is_own(self, host: str) -> bool:
         name, _, port = host.rpartition(":")
         if port != str(self.port):
             return False
-        if name in (*_LOOPBACKS, _bracketed(self.host)):
+        if name in (*_LOOPBACKS, _bracketed(self.host).lower()):
             return True
         if self.is_loopback:
             return False
-        return name == socket.gethostname() or _is_in_numbers(name)
+        return name == socket.gethostname().lower() or _is_in_numbers(name)
 
     def accepts(self, token: object) -> bool:
         """Whether this is the token."""
@@ -68,6 +70,12 @@ class Gate:
 def _bracketed(host: str) -> str:
     """A host as it stands before a port."""
     return f"[{host}]" if ":" in host else host
+
+
+def _with_port(host: str) -> str:
+    """A host as browsers compare it: no capitals, and with the port that they leave out."""
+    named = host.rpartition("]")[2].count(":") == 1
+    return host.lower() if named else f"{host.lower()}:{_HTTP_PORT}"
 
 
 def _is_in_numbers(name: str) -> bool:

@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable
 from typing import Any
 
+from mdms_host.page.commands import RefusedError
 from mdms_host.page.web.client import Client
 
 #: Each costs time at every snapshot.
@@ -25,7 +26,7 @@ class Hub:
 
     @property
     def full(self) -> bool:
-        """Whether no more can come."""
+        """Whether no more can come without the token."""
         return len(self.clients) >= MOST_CLIENTS
 
     @property
@@ -34,14 +35,25 @@ class Hub:
         return any(client.looks for client in self.clients)
 
     def come(self, client: Client) -> None:
-        """A client has come; the first that may is in control."""
+        """A client has come; the first that may is in control.
+
+        One with the token finds room: who is not in control leaves, those without it first. Raises
+        `RefusedError` for any other where there is no room.
+        """
+        if self.full:
+            if not client.may_control:
+                raise RefusedError("too many pages are open")
+            others = [each for each in self.clients if each is not self.controller]
+            self._dismiss(min(others, key=lambda each: each.may_control))
         self.clients.append(client)
         if client.may_control and self.controller is None:
             self.controller = client
         self._tell()
 
     def leave(self, client: Client) -> None:
-        """A client has gone."""
+        """A client has gone; one that was sent away has been taken off before."""
+        if client not in self.clients:
+            return
         self.clients.remove(client)
         if self.controller is client:
             self.controller = None
@@ -74,6 +86,10 @@ class Hub:
         """A snapshot for everybody."""
         for client in self.clients:
             client.show(snapshot)
+
+    def _dismiss(self, client: Client) -> None:
+        self.clients.remove(client)
+        client.send_away("too many pages are open")
 
     def _tell(self) -> None:
         for client in self.clients:

@@ -18,9 +18,9 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from mdms_host.page import commands
 from mdms_host.page.commands import Command, RefusedError
-from mdms_host.page.web.client import BehindError, Client
+from mdms_host.page.web.client import Client, LeaveError
 from mdms_host.page.web.gate import Gate
-from mdms_host.page.web.hub import MOST_CLIENTS, Hub
+from mdms_host.page.web.hub import Hub
 
 _STATIC = files("mdms_host.page") / "static"
 _TYPES = {
@@ -49,11 +49,15 @@ MOST_BAD = 50
 MOST_PER_S = 200
 #: A client's first message comes within this [s].
 HELLO_LIMIT_S = 5.0
+#: Clients that have not said hello; of more, the one that came first is sent away. A client that
+#: has the token says hello at once.
+MOST_AT_THE_DOOR = 32
 
 #: Has a command carried out by whoever drives the table; returns its answer.
 Ask = Callable[[Command], Awaitable[str | None]]
 History = Callable[[], Awaitable[bytes]]
-Story = Callable[[], Awaitable[list[dict[str, Any]]]]
+#: What a new client needs, asked for by one that has the token, or by one that has not.
+Story = Callable[[bool], Awaitable[list[dict[str, Any]]]]
 
 
 class PageApp:
@@ -75,7 +79,7 @@ class PageApp:
         self._story = story
         self._past = history
         self._ask = ask
-        self._at_the_door = 0
+        self._at_the_door: list[asyncio.Task[Any]] = []
         routes = [
             Route("/", self._index),
             Route("/static/{name}", self._file),
@@ -103,34 +107,52 @@ class PageApp:
 
     async def _live(self, socket: WebSocket) -> None:
         await socket.accept()
-        if self._hub.full or self._at_the_door >= MOST_CLIENTS:
-            await socket.close(1013, "too many pages are open")
-            return
         client = Client(str(socket.client))
-        with suppress(WebSocketDisconnect, TimeoutError, ConnectionError, RuntimeError):
-            self._at_the_door += 1
+        with suppress(WebSocketDisconnect, ConnectionError, RuntimeError):
             try:
                 await self._welcome(client, socket)
             except RefusedError as refusal:
                 await socket.close(1013, str(refusal))
                 return
-            finally:
-                self._at_the_door -= 1
-            sending = asyncio.create_task(self._send(client, socket))
+            both = [
+                asyncio.create_task(self._send(client, socket)),
+                asyncio.create_task(self._receive(client, socket)),
+            ]
             try:
-                await self._receive(client, socket)
+                await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
             finally:
-                sending.cancel()
+                for task in both:
+                    task.cancel()
                 self._hub.leave(client)
+                await asyncio.gather(*both, return_exceptions=True)
 
     async def _welcome(self, client: Client, socket: WebSocket) -> None:
-        """Its first message has the token, if it has one."""
-        hello = await asyncio.wait_for(_message(socket), HELLO_LIMIT_S)
+        """Its first message has the token, if it has one. Raises `RefusedError`."""
+        hello = await self._hello(socket)
         token = hello.get("token") if isinstance(hello, dict) else None
         client.may_control = self._gate.accepts(token)
-        for message in await self._story():
+        if self._hub.full and not client.may_control:
+            raise RefusedError("too many pages are open")
+        for message in await self._story(client.may_control):
             client.send(message)
         self._hub.come(client)
+
+    async def _hello(self, socket: WebSocket) -> Any:
+        """The first message. Raises `RefusedError` without one in time."""
+        hello = asyncio.create_task(_message(socket))
+        self._at_the_door.append(hello)
+        if len(self._at_the_door) > MOST_AT_THE_DOOR:
+            self._at_the_door.pop(0).cancel()
+        try:
+            await asyncio.wait((hello,), timeout=HELLO_LIMIT_S)
+        finally:
+            if hello in self._at_the_door:
+                self._at_the_door.remove(hello)
+            if not hello.done():
+                hello.cancel()
+        if hello.cancelled() or not hello.done():
+            raise RefusedError("too many pages come at once; come again")
+        return hello.result()
 
     async def _send(self, client: Client, socket: WebSocket) -> None:
         """Send what waits, until the client takes nothing any more."""
@@ -138,8 +160,8 @@ class PageApp:
             while True:
                 try:
                     message = await client.next()
-                except BehindError:
-                    await socket.close(1013, "too slow; come again")
+                except LeaveError as reason:
+                    await socket.close(1013, str(reason))
                     return
                 is_text = isinstance(message, str)
                 form = {"type": "websocket.send", "text" if is_text else "bytes": message}
@@ -151,14 +173,15 @@ class PageApp:
 
     async def _receive(self, client: Client, socket: WebSocket) -> None:
         bad, pace = 0, _Pace()
-        while bad < MOST_BAD:
-            await pace.wait()
-            message = await _message(socket)
-            if message == "seen":
-                client.seen()
-            else:
-                bad = 0 if await self._obey(client, message) else bad + 1
-        await socket.close(1008, "too much that is no command")
+        with suppress(WebSocketDisconnect, ConnectionError, RuntimeError):
+            while bad < MOST_BAD:
+                await pace.wait()
+                message = await _message(socket)
+                if message == "seen":
+                    client.seen()
+                else:
+                    bad = 0 if await self._obey(client, message) else bad + 1
+            await socket.close(1008, "too much that is no command")
 
     async def _obey(self, client: Client, message: Any) -> bool:
         """Do what a message asks for, and answer; returns whether it was a command."""

@@ -6,11 +6,13 @@ from functools import partial
 
 import numpy as np
 
+from mdms_host.motion.contact import gap_m
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.traffic.planning import Desk
 from mdms_host.programs.traffic.ride import Load
 from mdms_host.programs.traffic.timetable import Timetable
 from mdms_host.programs.traffic.whereabouts import Whereabouts, shape_of
+from mdms_host.routes.blocked import Blocked
 from mdms_host.routes.errand import Task
 from mdms_host.routes.planner import Plan, Planner
 from mdms_host.routes.route import Route
@@ -19,10 +21,16 @@ from mdms_model.arrays import Bools, Floats, Ints
 
 #: A parcel that leaves is taken so soon after it has come to the end of its route [s].
 _LEAVES_S = 0.3
-#: How far beyond the last support its route ends [m]: before it, for it has wheels there.
+#: How far beyond the last support its route ends [m]: before it, for it has wheels there. One that
+#: is as far out already has so much more to go.
 _OUT_M = -0.01
+_FARTHER_M = 0.02
 #: A move that is planned for practice [m], with so little of a turn [rad].
 _LITTLE_M, _LITTLE_RAD = 0.1, 0.01
+#: Two that stand on the same tile come no nearer than this, or by so little, when one goes; its way
+#: is looked at in steps of so much [m].
+_APART_M, _NEARER_M = 0.01, 0.001
+_LOOKED_M = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +40,18 @@ class KeptFree:
     name: str
     pose: Floats
     shape: Shape
+
+
+@dataclass(frozen=True, slots=True)
+class NoWay:
+    """Why a parcel has no way; `may_pass` is whether what is in the way may go away.
+
+    `by_unknown` is whether something unknown is.
+    """
+
+    text: str
+    may_pass: bool
+    by_unknown: bool = False
 
 
 class Dispatch:
@@ -51,7 +71,7 @@ class Dispatch:
         kept_free: Sequence[KeptFree] = (),
         over_lost: bool = True,
     ) -> None:
-        self.blocked: dict[str, str] = {}
+        self.blocked: dict[str, NoWay] = {}
         self._planner = planner
         self._desk = desk
         self._loads = loads
@@ -104,9 +124,18 @@ class Dispatch:
             if order.over:
                 continue
             if name in plan.blocked:
-                self.blocked[name] = str(plan.blocked[name])
-            elif not plan.routes[name].meets(late):
+                self.blocked[name] = self._no_way(plan.blocked[name])
+            elif name in plan.routes and not plan.routes[name].meets(late):
                 yield order, plan.routes[name]
+
+    def _no_way(self, blocked: Blocked) -> NoWay:
+        unknown = [name for name in self._where.places if name not in self._loads]
+        by = {blocker.parcel for blocker in blocked.by}
+        if blocked.closed and unknown and not self._closed.any():
+            # Places that something unknown may reach to are closed to one that it may touch.
+            text = f"{blocked.way}: blocked by {' and '.join(unknown)}, which may reach to it"
+            return NoWay(text, may_pass=True, by_unknown=True)
+        return NoWay(str(blocked), blocked.may_pass, by_unknown=not by.isdisjoint(unknown))
 
     def ask(
         self, wanting: Mapping[str, Order], riding_m: Mapping[str, float], now_s: float
@@ -136,7 +165,31 @@ class Dispatch:
     def _planned(
         self, tasks: list[Task], now_s: float, kept: dict[str, Route], never: Bools, lost: Bools
     ) -> Plan:
-        """A plan around the tiles of lost cells; see above."""
+        """A plan around the tiles of lost cells; see above.
+
+        Where two stand on the same tile neither has a way. Then one goes first, by a way on which
+        it comes no nearer to the other, which is planned for when it has gone.
+        """
+        plan = self._around(tasks, now_s, kept, never, lost)
+        under = {task.parcel: self._planner.stand(task.shape, task.start) for task in tasks}
+        for name in plan.blocked:
+            beside = [task for task in tasks if task.parcel != name and _meet(under, name, task)]
+            if not beside:
+                continue
+            shut = never.copy()
+            for task in beside:
+                shut[under[task.parcel]] = True
+            stay = {task.parcel for task in beside}
+            others = [task for task in tasks if task.parcel not in stay]
+            rest = {other: route for other, route in kept.items() if other not in stay}
+            first = self._around(others, now_s, rest, shut, lost)
+            if name not in first.blocked and _parts(first.routes[name], name, tasks, beside):
+                return first
+        return plan
+
+    def _around(
+        self, tasks: list[Task], now_s: float, kept: dict[str, Route], never: Bools, lost: Bools
+    ) -> Plan:
         plan = self._planner.plan(tasks, now_s, closed=never | lost, kept=kept)
         if plan.blocked and self._over_lost and lost.any():
             over = self._planner.plan(tasks, now_s, closed=never, kept=kept)
@@ -188,4 +241,23 @@ class Dispatch:
         half_m = float(abs(corners_m[:, axis]).max())
         low_m, high_m = gate.from_m + half_m, gate.to_m - half_m
         along_m = gate.middle_m if low_m > high_m else min(max(float(pose[axis]), low_m), high_m)
-        return np.array([*gate.place_m(_OUT_M, along_m), float(pose[2])])
+        out_m = gate.out_m(*pose[:2].tolist())
+        end_m = out_m + _FARTHER_M if out_m > _OUT_M - _FARTHER_M else _OUT_M
+        return np.array([*gate.place_m(end_m, along_m), float(pose[2])])
+
+
+def _meet(under: Mapping[str, Ints], name: str, other: Task) -> bool:
+    """Whether two stand on the same tile."""
+    return bool(np.isin(under[name], under[other.parcel]).any())
+
+
+def _parts(route: Route, name: str, tasks: Sequence[Task], beside: Sequence[Task]) -> bool:
+    """Whether a parcel comes no nearer to those beside it on its route than it may be."""
+    (outline,) = (task.shape.bottom for task in tasks if task.parcel == name)
+    count = int(route.length_m / _LOOKED_M) + 2
+    poses = [route.pose_at(along_m) for along_m in np.linspace(0.0, route.length_m, count).tolist()]
+    for other in beside:
+        gaps_m = [gap_m(outline, pose, other.shape.bottom, other.start) for pose in poses]
+        if min(gaps_m) < min(gaps_m[0], _APART_M) - _NEARER_M:
+            return False
+    return True

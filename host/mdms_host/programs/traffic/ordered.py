@@ -9,7 +9,7 @@ from how far all have come.
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import inf
+from math import hypot, inf
 from typing import Generic, TypeVar
 
 from mdms_host.estimation.belief import Belief
@@ -17,7 +17,7 @@ from mdms_host.estimation.parcel import Parcel
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.trajectory.mass import Mass
 from mdms_host.programs.order import Gate, Order
-from mdms_host.programs.traffic.dispatch import Dispatch, KeptFree
+from mdms_host.programs.traffic.dispatch import Dispatch, KeptFree, NoWay
 from mdms_host.programs.traffic.planning import Desk
 from mdms_host.programs.traffic.ride import Load
 from mdms_host.programs.traffic.riding import Riding, due_in_s_of, reserved_by, ways_of
@@ -28,11 +28,19 @@ from mdms_host.routes.route import Route
 from mdms_model.arrays import Floats
 
 #: A parcel that is not found for so long is lost to its order [s].
-_LOST_S = 3.0
-#: Nothing has moved for so long when a way that is blocked is given up [s].
+_LOST_S = 6.0
+#: Nothing has moved for so long when a way that is blocked for good is given up [s], and one before
+#: which something lies that may go away: a parcel, or something unknown.
 _IDLE_S = 1.0
+_PATIENCE_S = 5.0
+_UNKNOWN_S = 60.0
 #: Blocked ways are looked at again so often [s].
 _AGAIN_S = 0.25
+#: A parcel that does not get on is tried so often, each time after so long [s], unless it has got
+#: on by so much since the first time [m].
+_TRIES = 5
+_REST_S = 0.5
+_GOT_ON_M = 0.05
 
 
 @dataclass
@@ -41,6 +49,16 @@ class Steered:
 
     goal: Goal
     arrived: bool = False
+
+
+@dataclass
+class _Stood:
+    """How often a parcel has not got on with an order, where that was first, and when last."""
+
+    order: Order
+    place: Floats
+    times: int
+    last_s: float
 
 
 Ride = TypeVar("Ride", bound=Riding)
@@ -82,7 +100,14 @@ class OrderedTraffic(ABC, Generic[Ride]):
         self._rides: dict[str, Ride] = {}
         self._again_s = 0.0
         self._moved_s = 0.0
+        #: Who has been said to wait, and who has not got on.
+        self._waiting: set[str] = set()
+        self._stood: dict[str, _Stood] = {}
         self._left: list[str] = []
+        #: Who has set out to leave, on a way that may have been broken off.
+        self._gone_out: set[str] = set()
+        #: Who has left, and is believed to be there a moment longer.
+        self._lingering: set[str] = set()
         self._leaving: list[tuple[str, Gate]] = []
         self._notices: list[str] = []
 
@@ -124,6 +149,12 @@ class OrderedTraffic(ABC, Generic[Ride]):
         lost = self._dispatch.close(cells)
         for ride in self._rides.values():
             ride.stopping |= not ride.has_come and ride.route.meets(lost, ride.progress_m)
+
+    def withdraw(self, name: str) -> None:
+        """A parcel was never there: any order for it is done, and it is taken for one that left."""
+        if name in self._rides:
+            self._end_ride(name)
+        self._remove(name)
 
     def take_left(self) -> list[str]:
         """Parcels that have left the table since the last call."""
@@ -181,6 +212,9 @@ class OrderedTraffic(ABC, Generic[Ride]):
         """Take in what is believed, end what is over, begin what is ready, and ask for more."""
         self._now_s += step_s
         self._where.see(beliefs, self._now_s)
+        for name in self._lingering - beliefs.keys():
+            self._where.drop(name)
+        self._lingering &= beliefs.keys()
         self._where.find_obstacles(self._is_planned)
         self._settle(beliefs)
         self._begin()
@@ -196,22 +230,47 @@ class OrderedTraffic(ABC, Generic[Ride]):
             if ride.has_left(belief, self._where.places[name]):
                 self._remove(name)
             elif ride.stands and not ride.stopping:
-                self._refuse(name, f"{name} does not get on: stopped")
+                self._stand(name, order)
                 ride.stopping = True
             elif ride.arrived:
-                self.steered[name].arrived = True
                 order.done = True
                 if self._orders.get(name) is order:
                     del self._orders[name]
+                # Who has been ordered elsewhere since is not there yet.
+                if name not in self._orders:
+                    self.steered[name].arrived = True
             elif name in self.steered:
                 self.steered[name].arrived = False
             # Whoever has to find another way begins it at rest.
             away = belief is None or ride.off_path or ride.obstructed
             if (ride.stopping or away) and ride.at_rest and name in self._rides:
                 self._end_ride(name)
-        for name in list(self._orders):
-            if self._now_s - self._where.seen_s(name) > _LOST_S:
-                self._refuse(name, f"{name} is lost: no sensor shows it")
+        for name, order in list(self._orders.items()):
+            if name not in beliefs and self._reaches_out(name, order):
+                self._remove(name)
+            elif self._now_s - self._where.seen_s(name) > _LOST_S:
+                self._refuse(name, f"{name} is lost: no sensor has shown it for {_LOST_S:g} s")
+
+    def _reaches_out(self, name: str, order: Order) -> bool:
+        """Whether a parcel that is to leave was last where it hangs over its exit."""
+        gate, place = order.goal, self._where.places.get(name)
+        if not isinstance(gate, Gate) or place is None or name not in self._gone_out:
+            return False
+        corners_m = self._loads[name].bottom.outline_m(place)
+        return any(gate.out_m(*corner) > 0.0 for corner in corners_m.tolist())
+
+    def _stand(self, name: str, order: Order) -> None:
+        """A parcel does not get on: it is tried again from where it stands, some times."""
+        place, stood = self._where.places[name], self._stood.get(name)
+        got_on = stood is not None and hypot(*(place - stood.place)[:2].tolist()) > _GOT_ON_M
+        if stood is None or got_on or stood.order is not order:
+            stood = self._stood[name] = _Stood(order, place.copy(), 0, 0.0)
+        stood.times, stood.last_s = stood.times + 1, self._now_s
+        if stood.times < _TRIES:
+            if stood.times == 1:
+                self._notices.append(f"{name} does not get on: it is tried again")
+        else:
+            self._refuse(name, f"{name} does not get on, tried {_TRIES} times: stopped")
 
     def _end_ride(self, name: str) -> None:
         """A parcel goes no further on its route."""
@@ -219,14 +278,19 @@ class OrderedTraffic(ABC, Generic[Ride]):
 
     def _remove(self, name: str) -> None:
         """A parcel has left the table."""
-        ride = self._rides.pop(name)
-        ride.order.done = True
-        if self._orders.get(name) is ride.order:
-            del self._orders[name]
+        ride = self._rides.pop(name, None)
+        order = self._orders.get(name) if ride is None else ride.order
+        if order is not None:
+            order.done = True
+        if self._orders.get(name) is order:
+            self._orders.pop(name, None)
         self.steered.pop(name, None)
+        self._stood.pop(name, None)
+        self._gone_out.discard(name)
         self._where.drop(name)
         self._timetable.leave(name)
         self._left.append(name)
+        self._lingering.add(name)
         self._again_s = self._now_s
 
     def _refuse(self, name: str, reason: str) -> None:
@@ -243,6 +307,7 @@ class OrderedTraffic(ABC, Generic[Ride]):
             self._rides[order.parcel] = self._set_out(order, route)
             if isinstance(order.goal, Gate):
                 self._leaving.append((order.parcel, order.goal))
+                self._gone_out.add(order.parcel)
         if self.plan is not before:
             self._again_s = self._now_s + _AGAIN_S
 
@@ -255,18 +320,32 @@ class OrderedTraffic(ABC, Generic[Ride]):
         }
         if not wanting or self._dispatch.is_busy or self._now_s < self._again_s:
             return
-        blocked = self._dispatch.blocked
-        if wanting.keys() <= blocked.keys() and self._now_s - self._moved_s > _IDLE_S:
-            for name, reason in blocked.items():
-                self._refuse(name, reason)
-            blocked.clear()
+        if self._give_up(wanting):
             return
         riding_m = {
             name: ride.progress_m for name, ride in self._rides.items() if not ride.has_come
         }
         self._dispatch.ask(wanting, riding_m, self._now_s)
 
+    def _give_up(self, wanting: Collection[str]) -> bool:
+        """Refuse those without a way that have waited long enough, if none has one; whether any."""
+        blocked, idle_s = self._dispatch.blocked, self._now_s - self._moved_s
+        self._waiting &= blocked.keys()
+        if not blocked.keys() >= set(wanting) or idle_s <= _IDLE_S:
+            return False
+        over = [name for name, one in blocked.items() if idle_s > _patience_s(one)]
+        for name in over:
+            self._refuse(name, blocked.pop(name).text)
+        for name in blocked.keys() - self._waiting:
+            limit_s, text = _patience_s(blocked[name]), blocked[name].text
+            self._notices.append(f"{name} waits, for {limit_s:g} s at most: {text}")
+        self._waiting |= blocked.keys()
+        return bool(over)
+
     def _is_standing(self, name: str) -> bool:
+        stood = self._stood.get(name)
+        if stood is not None and self._now_s < stood.last_s + _REST_S:
+            return False
         ride = self._rides.get(name)
         if ride is None:
             return True
@@ -292,3 +371,10 @@ class OrderedTraffic(ABC, Generic[Ride]):
                 free_m = self._where.free_m(name, ride.route, ride.progress_m)
                 ride.obstructed = free_m < ride.route.length_m or name in held
                 yield name, ride, belief, min(limits_m.get(name, inf), free_m)
+
+
+def _patience_s(no_way: NoWay) -> float:
+    """How long a parcel waits that has no way, while nothing moves [s]."""
+    if not no_way.may_pass:
+        return _IDLE_S
+    return _UNKNOWN_S if no_way.by_unknown else _PATIENCE_S

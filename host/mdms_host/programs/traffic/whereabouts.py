@@ -42,9 +42,7 @@ class Whereabouts:
         self.places: dict[str, Floats] = {}
         self._loads = loads
         self._stand = stand
-        self._shapes = {
-            name: Shape(load.bottom, load.mass.centre_m) for name, load in loads.items()
-        }
+        self._shapes: dict[str, tuple[Load, Shape]] = {}
         self._beliefs: Mapping[str, Belief] = {}
         self._seen_s: dict[str, float] = {}
         self._obstacles: dict[str, Obstacle] = {}
@@ -79,9 +77,11 @@ class Whereabouts:
     def shape(self, name: str) -> Shape | None:
         """The shape of a parcel, or of something unknown as far as it may reach, if it is seen."""
         if name in self._loads:
-            if name not in self._shapes:
-                self._shapes[name] = shape_of(self._loads[name])
-            return self._shapes[name]
+            # Another parcel may come under the name of one that has left.
+            load = self._loads[name]
+            if name not in self._shapes or self._shapes[name][0] is not load:
+                self._shapes[name] = load, shape_of(load)
+            return self._shapes[name][1]
         return Shape(self._beliefs[name].outline) if name in self._beliefs else None
 
     def under(self) -> dict[str, Ints]:

@@ -11,7 +11,7 @@ from mdms_model.scenario.rules.field import check_field
 from mdms_model.scenario.rules.on_table import check_over, half_table_m
 from mdms_model.scenario.rules.stream import check_streams
 from mdms_model.scenario.rules.task import check_tasks
-from mdms_model.scenario.scenario import Parcel, Scenario, ScenarioError
+from mdms_model.scenario.scenario import Parcel, Scenario, ScenarioError, name_fault
 
 MOST_STEPS = 100_000_000
 #: A sample of a wheel takes about 50 bytes.
@@ -93,8 +93,8 @@ def _check_names(scenario: Scenario) -> None:
     seen: dict[str, int] = {}
     for number, parcel in enumerate(scenario.parcel):
         key = f"parcel.{number}.name"
-        if not parcel.name.strip() or not parcel.name.isprintable():
-            raise ScenarioError(f"{key} is {parcel.name!r}, but must be a word to name it by")
+        if fault := name_fault(parcel.name):
+            raise ScenarioError(f"{key} is {parcel.name!r}, but {fault}")
         if parcel.name in seen:
             raise ScenarioError(
                 f"{key} is {parcel.name!r}, but parcel.{seen[parcel.name]} has that name already; "

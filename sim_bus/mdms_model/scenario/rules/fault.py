@@ -32,6 +32,11 @@ def check_faults(scenario: Scenario) -> None:
                 f"{key}.cells has {fault.cells[0]}, but {fault.kind!r} is of no cell; leave it out"
             )
         _check_bus(scenario, fault, key)
+        if fault.brake and fault.kind != "supply":
+            raise ScenarioError(
+                f"{key}.brake is true, but {fault.kind!r} shorts no motor; leave it out, or take "
+                "kind 'supply'"
+            )
         if fault.kind == "wrong_place":
             _check_place(scenario, fault, key)
         if fault.kind in _OF_PARCELS:

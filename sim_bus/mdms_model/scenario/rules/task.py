@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 
 from mdms_model.scenario.rules.on_table import check_over, half_table_m
-from mdms_model.scenario.scenario import Scenario, ScenarioError, in_stock
+from mdms_model.scenario.scenario import Scenario, ScenarioError, in_stock, name_fault
 from mdms_model.scenario.task import Task
 
 #: What each kind of task needs, and what it may have besides.
@@ -69,6 +69,8 @@ def _check_names(scenario: Scenario, task: Task, key: str, named: list[str]) -> 
     """Parcels lie on the table, or have been `named` by a task before; exits are there."""
     lying = [each.name for each in scenario.parcel if each.name not in in_stock(scenario)]
     lying += named
+    if task.do == "name" and (fault := name_fault(task.parcel)):
+        raise ScenarioError(f"{key}.parcel is {task.parcel!r}, but {fault}")
     names = [("parcel", task.parcel)] if task.parcel and task.do != "name" else []
     names += [(f"parcels.{item}", name) for item, name in enumerate(task.parcels)]
     for name, parcel in names:

@@ -32,7 +32,8 @@ class Sampled(NamedTuple):
 class Bridges(NamedTuple):
     """The state of each cell's bridges, of shape (cells,).
 
-    A motor is driven, or shorted at 0 V, by a bridge that is awake, has a supply, and has not shut
+    Contacts of the emergency stop come first: they cut a motor off its bridge, and short it. A
+    motor is driven, or shorted at 0 V, by a bridge that is awake, has a supply, and has not shut
     off by a fault of its own; any other leaves it open, and the wheel coasts. The same table stands
     in firmware/README.md, 'Fail safe'.
     """
@@ -40,6 +41,7 @@ class Bridges(NamedTuple):
     awake: Registers
     shut_off: Registers
     supply_v: Floats
+    shorted: Registers
 
 
 @compiled
@@ -52,12 +54,15 @@ def step_cells(
     for cell in range(first.size - 1):
         supplied = bridges.supply_v[cell] >= BRIDGE_SUPPLY_MIN_V
         closed = supplied and bridges.awake[cell] != 0 and bridges.shut_off[cell] == 0
+        shorted = bridges.shorted[cell] != 0
         for w in range(first[cell], first[cell + 1]):
             wheel = wheels[w]
             volts = voltage_uv[cell, w - first[cell]] / UV_PER_V
+            if shorted:
+                volts = 0.0
             voltage_v[w] = -volts if wheel.reversed else volts
             wheel.supply_v = bridges.supply_v[cell]
-            wheel.coasting = 0 if closed else 1
+            wheel.coasting = 0 if closed or shorted else 1
             if wheel.encoder_stuck:
                 wheel.missed_m -= wheel.travel_m
     report = step_voltage(scene, voltage_v, step_s)
@@ -73,5 +78,7 @@ def step_cells(
             current_ma = int(wheel.current_a * MA_PER_A)
             if wheel.reversed:
                 current_ma = -current_ma
+            if bridges.shorted[cell]:
+                current_ma = 0
             sampled.current_ma[cell, axis] = SHUT_OFF_MA if bridges.shut_off[cell] else current_ma
     return report

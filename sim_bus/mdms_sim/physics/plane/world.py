@@ -73,8 +73,9 @@ class World:
         counts, current_ma = np.zeros((2, len(self.scene.model.first) - 1, 2), np.int32)
         self.sampled = Sampled(counts_per_m(scenario.cell), counts, current_ma)
         supply_v = np.array([cell.supply_v for cell in build_cells(scenario)])
-        awake, shut_off = np.ones(len(counts), np.int32), np.zeros(len(counts), np.int32)
-        self.bridges = Bridges(awake, shut_off, supply_v)
+        awake = np.ones(len(counts), np.int32)
+        shut_off, shorted = np.zeros((2, len(counts)), np.int32)
+        self.bridges = Bridges(awake, shut_off, supply_v, shorted)
 
     # To come back to -----------------------------------------------------------------------------
 

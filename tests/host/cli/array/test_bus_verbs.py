@@ -143,7 +143,7 @@ def test_run_ends_by_itself(channel, monkeypatch, capsys, options, limit_s):
     """After the program's own duration and what the bring-up takes, unless something is said."""
     limits_s = []
 
-    def operated(_coordinator, _link, _clock, limit_s, _on_event, participant):
+    def operated(_coordinator, _link, _clock, limit_s, _on_event, participant, **_others):
         limits_s.append(limit_s)
         return Operation(Ending.TIME_LIMIT, 13.0, None, LinkCounts(0, 0, 0, 0))
 

@@ -19,7 +19,7 @@ from mdms_model.run.folder import read_run
 def on_a_bus_that_ends(monkeypatch, request):
     """Runs the verb on a bus whose device is gone after three polls."""
 
-    def operate(coordinator, _link, _clock, _limit_s, _on_event, *, participant):
+    def operate(coordinator, _link, _clock, _limit_s, _on_event, *, participant, **_others):
         for poll in range(3):
             (participant or coordinator).poll(0.05 * poll)
         raise DeviceGoneError("the CAN device is gone: unplugged")
@@ -100,4 +100,66 @@ def test_array_file_that_does_not_do_is_refused(on_a_bus_that_ends, tmp_path, ca
     message = capsys.readouterr().err
     assert told in message
     assert str(path) in message
+    assert message.count("\n") == 1
+
+
+STOP = '[array]\ncolumns = 6\nrows = 3\n\n[stop]\nform = "short"\nmass_kg = 5.0\nspeed_m_s = 0.4\n'
+SLOW = ("--set", "motion.speed_m_s=0.4")
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        (
+            (*SLOW, "--set", "parcel.0.mass_kg=5.1"),
+            "parcel.0.mass_kg is 5.1, but the table's emergency stop holds 5 kg at most",
+        ),
+        (
+            ("--set", "motion.speed_m_s=0.41"),
+            "motion.speed_m_s is 0.41, but the table's emergency stop holds parcels at 0.4 m/s at",
+        ),
+        (
+            # Both wheels of a cell at 0.4 m/s make a parcel faster than that.
+            ("--set", "motion={field='uniform', speed_m_s=0.8, heading_rad=0.785}"),
+            "motion.field moves parcels at [m/s] 0.62, but the table's emergency stop holds",
+        ),
+    ],
+)
+def test_parcels_that_the_stop_does_not_hold_are_refused(
+    on_a_bus_that_ends, tmp_path, capsys, settings, told
+):
+    path = tmp_path / "array.toml"
+    path.write_text(STOP)
+    assert on_a_bus_that_ends("--array", str(path), *settings) == Exit.USAGE
+    assert f"mdms: {told}" in capsys.readouterr().err
+
+
+def test_parcels_that_the_stop_holds_run_and_nothing_is_said(on_a_bus_that_ends, tmp_path, capsys):
+    path = tmp_path / "array.toml"
+    path.write_text(STOP)
+    at_the_limit = (*SLOW, "--set", "parcel.0.mass_kg=5")
+    assert on_a_bus_that_ends("--array", str(path), *at_the_limit) == Exit.NO_DEVICE
+    assert capsys.readouterr().err == "mdms: the CAN device is gone: unplugged\n"
+
+
+def test_an_array_file_that_states_no_stop_is_taken_with_one_warning(
+    on_a_bus_that_ends, tmp_path, capsys
+):
+    path = tmp_path / "array.toml"
+    path.write_text("[array]\ncolumns = 6\nrows = 3\n")
+    assert on_a_bus_that_ends("--array", str(path)) == Exit.NO_DEVICE
+    warning, *rest = capsys.readouterr().err.splitlines()
+    assert warning.startswith(f"mdms: {path} does not say which parcels the emergency stop holds")
+    assert rest == ["mdms: the CAN device is gone: unplugged"]
+
+
+@pytest.mark.parametrize("more", [(), ("--page",)])
+def test_goal_beyond_the_grid_of_the_array_file_is_refused(tmp_path, capsys, more):
+    path = tmp_path / "small.toml"
+    cells = "".join(f'[[cell]]\nserial = "{n:08X}"\nnode = {n}\n' for n in range(1, 19))
+    path.write_text(f"[array]\ncolumns = 6\nrows = 3\n{cells}")
+    command = ["run", "array54", "--array", str(path), "-i", "virtual", "-c", "small"]
+    assert main([*command, *more]) == Exit.USAGE
+    message = capsys.readouterr().err
+    assert f"on {path}: parcel.0" in message
     assert message.count("\n") == 1

@@ -369,3 +369,39 @@ def test_load_gives_cells_their_places_in_the_table(configure, capsys, tmp_path)
     assert values(configure, capsys, "sync_takeover_rank") == {"1": 1, "2": 2, "3": 3}
     assert configure("load", file, "--dry-run") == Exit.OK
     assert "0 settings differ" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "action",
+    [
+        ("set", "axis1.gain=12"),
+        ("restore-defaults", "--yes"),
+        ("load", "{file}", "--yes"),
+        ("assign",),
+    ],
+)
+def test_nothing_is_written_beside_another_host(action, cells, configure, capsys, tmp_path):
+    path = tmp_path / "array.toml"
+    assert configure("dump", path) == Exit.OK
+    capsys.readouterr()
+    path.write_text(path.read_text().replace("axis1.gain = 13", "axis1.gain = 12"))
+    before = values(configure, capsys, "axis1.gain")
+    capsys.readouterr()
+    sent = cells.array.attach(lambda _frame, _now_s: None)
+    beat = [0]
+
+    def host() -> None:
+        if cells.array.now_ns >= beat[0]:
+            sent(nmt.heartbeat(cob.HOST_NODE, nmt.OPERATIONAL))
+            beat[0] = cells.array.now_ns + 100_000_000
+
+    cells.array.hand = host
+    wrote = []
+    cells.before_send = lambda frame: wrote.extend(
+        [frame] if frame.data[:1] in (b"\x2f", b"\x2b", b"\x27", b"\x23") else []
+    )
+    assert configure(*(each.format(file=path) for each in action)) == Exit.FAILURE
+    assert "another host runs on this bus (a heartbeat of node 127)" in capsys.readouterr().err
+    assert [frame for frame in wrote if frame.can_id >> 7 == 0x600 >> 7] == []
+    cells.array.hand = lambda: None
+    assert values(configure, capsys, "axis1.gain") == before

@@ -111,3 +111,42 @@ def test_box_that_might_tip_beside_its_way_leaves_it_only_where_no_other_is_near
         sent += program.step(beliefs(poses, [small, other]), beat * STEP_S, STEP_S)
     legs = {page.legs for page in sent if isinstance(page, messages.Goal)}
     assert legs == {corners}
+
+
+def test_sixty_fourth_newcomer_gets_the_identity_of_one_that_has_left():
+    program, now_s, sent = CellsProgram(LAYOUT, (), {}), 0.0, []
+    for number in range(1, 66):
+        parcel = Parcel(f"parcel-{number}", 0.28, 0.28)
+        program.add(parcel)
+        for _ in range(20):
+            now_s += STEP_S
+            there = beliefs({parcel.name: np.zeros(3)}, [parcel])
+            pages = program.step(there, now_s, STEP_S)
+            sent += [(number, page) for page in pages]
+            for page in pages:
+                messages.encode_page(page)
+    assert {page.identity for _, page in sent} == set(range(1, 64))
+    # Cells lose the parcel that has left before they get the other.
+    reused = [page for number, page in sent if number == 64]
+    assert [type(page) for page in reused[:4]] == [*[messages.End] * 3, messages.Parcel]
+    assert {page.identity for page in reused} == {1}
+    assert {page.identity for number, page in sent if number == 65} == {2}
+
+
+def test_parcel_beyond_those_that_cells_tell_apart_is_not_steered_and_named_until_one_leaves():
+    parcels = [Parcel(f"parcel-{number}", 0.2, 0.2) for number in range(1, 65)]
+    program, now_s = CellsProgram(LAYOUT, tuple(parcels), {}), 0.0
+    poses = {parcel.name: np.array([0.3 * n, 0.0, 0.0]) for n, parcel in enumerate(parcels)}
+    for _ in range(3):
+        now_s += STEP_S
+        pages = program.step(beliefs(poses, parcels), now_s, STEP_S)
+    assert program.take_notices() == ["parcel-64 is not steered: cells tell 63 parcels apart"]
+    with pytest.raises(KeyError):
+        program.set_goal("parcel-64", Goal(0.0, 0.0))
+    del poses["parcel-7"]
+    for _ in range(10):
+        now_s += STEP_S
+        pages += program.step(beliefs(poses, parcels), now_s, STEP_S)
+    program.set_goal("parcel-64", Goal(0.0, 0.0))
+    # It comes back, and there is none for it.
+    assert {page.identity for page in pages} == set(range(1, 64))

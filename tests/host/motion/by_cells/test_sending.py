@@ -1,14 +1,17 @@
 """What the cells of a parcel are sent, and until when."""
 
 from tests.host.motion.by_cells.table import (
+    BOX,
     STEP_S,
     THERE,
     UNDER,
     Table,
+    estimate,
     reports,
 )
 
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.by_cells.pages import parcel_page
+from mdms_host.motion.goal import Goal, Limits
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import messages
 
@@ -18,6 +21,12 @@ def test_pages_are_what_parcel_and_goal_are():
     assert parcel == messages.Parcel(1, 1, wire.RECTANGLE, 1440, 1200, 44, 20, wire.GO_ON)
     assert place == messages.Place(1, 1, -400, 0, 0)
     assert goal == messages.Goal(1, 1, 400, 0, 326, 0, 0)
+
+
+def test_limits_below_a_step_of_the_wire_are_one_step():
+    page = parcel_page(1, 1, BOX, Limits(speed_m_s=0.001, friction=0.002), 0)
+    assert (page.speed, page.acceleration) == (1, 1)
+    assert messages.decode_page(messages.encode_page(page)) == page
 
 
 def test_yaw_at_the_goal_does_not_matter_where_none_is_given():
@@ -49,6 +58,26 @@ def test_a_cell_that_never_answers_is_named_and_does_not_hold_up_the_rest():
     table.run(2.0, reports=rest)
     assert table.notices == ["cell 9 under box: no answer to its program"]
     assert not table.run(1.0, reports=rest)
+
+
+def test_pages_are_repeated_while_a_cell_at_the_parcel_lacks_the_program():
+    for lack in ({"flags": wire.LACKING}, {"sequence": 0, "flags": wire.LACKING}, {"sequence": 3}):
+        table = Table()
+        table.run(0.5, reports=reports(UNDER))
+        lacking = {**reports(UNDER), 11: estimate(state=wire.PROMISED, **lack)}
+        # Its neighbours hand it on.
+        assert not table.run(0.15, reports=lacking)
+        assert len(table.run(1.0, reports=lacking)) >= 3 * 18
+        table.run(0.1, reports=reports(UNDER))
+        assert not table.run(0.5, reports=reports(UNDER))
+        assert not table.notices
+
+
+def test_cells_at_a_parcel_without_a_goal_lack_nothing():
+    table = Table(None)
+    there = reports(UNDER, sequence=0, flags=wire.LACKING)
+    table.run(0.5, reports=there)
+    assert not table.run(1.0, reports=there)
 
 
 def test_repeated_pages_have_the_place_where_the_parcel_is_by_then():

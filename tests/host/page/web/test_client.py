@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from mdms_host.page.web.client import MOST_UNSEEN, MOST_WAITING, BehindError, Client
+from mdms_host.page.web.client import MOST_UNSEEN, MOST_WAITING, Client, LeaveError
 from mdms_host.page.web.hub import Hub
 
 
@@ -69,7 +69,7 @@ def test_client_that_misses_messages_has_to_come_again(drained):
     assert len(drained(client)) == MOST_WAITING
     for number in range(MOST_WAITING + 1):
         client.send({"number": number})
-    with pytest.raises(BehindError):
+    with pytest.raises(LeaveError):
         drained(client)
     # Nor does anything pile up for it meanwhile.
     client.send({"number": 0})

@@ -37,6 +37,22 @@ def test_foreign_names_and_foreign_pages_are_not(host, origin):
     assert not GATE.admits(host, origin)
 
 
+def test_machine_s_name_is_admitted_without_the_capitals_that_browsers_leave_out(monkeypatch):
+    monkeypatch.setattr(socket, "gethostname", lambda: "Johns-MacBook.local")
+    for gate in (Gate(8642, "0.0.0.0"), Gate(8642, "Johns-MacBook.local")):
+        assert gate.admits("johns-macbook.local:8642", "http://johns-macbook.local:8642")
+        assert not gate.admits("johns-macbook.example:8642", None)
+
+
+def test_port_80_is_admitted_without_its_number_as_browsers_name_it():
+    gate = Gate(80, "0.0.0.0")
+    for host in ("127.0.0.1", "LOCALHOST", "[::1]", "192.168.0.5", "[fe80::1]"):
+        assert gate.admits(host, f"http://{host}")
+        assert gate.admits(f"{host}:80", f"http://{host}")
+        assert not gate.admits(host, f"http://{host}:8080")
+    assert not gate.admits("evil.example", None)
+
+
 def test_page_that_is_open_to_others_is_asked_for_by_numbers_or_the_machine_s_name(monkeypatch):
     monkeypatch.setattr(socket, "gethostname", lambda: "table")
     gate = Gate(80, "0.0.0.0", "secret")

@@ -3,10 +3,11 @@
 import numpy as np
 from tests.host.programs.traffic.test_legs import BOX
 
+from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.layout import Layout
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.trajectory.mass import uniform_mass
-from mdms_host.programs.order import Order
+from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.traffic.dispatch import Dispatch
 from mdms_host.programs.traffic.planning import DELAY_CYCLES, VirtualDesk
 from mdms_host.programs.traffic.ride import Load
@@ -26,6 +27,19 @@ def taken(dispatch):
     return routes
 
 
+def test_newcomer_is_planned_with_its_own_shape_under_the_name_of_one_that_has_left():
+    planner = Planner(Tiles(Layout(6, 6)))
+    small, large = Rectangle(0.16, 0.16), Rectangle(0.40, 0.30)
+    loads = {"box": Load(small, uniform_mass(small))}
+    where = Whereabouts(loads, planner.stand)
+    where.places = {"box": np.zeros(3)}
+    before = len(where.under()["box"])
+    where.drop("box")
+    loads["box"] = Load(large, uniform_mass(large))
+    where.places = {"box": np.zeros(3)}
+    assert len(where.under()["box"]) > 2 * before
+
+
 def test_who_stopped_before_a_gap_passes_it_before_another_comes_to_stay_there():
     planner = Planner(Tiles(Layout(15, 8)))
     loads = dict.fromkeys(("far", "near"), Load(BOX, uniform_mass(BOX)))
@@ -38,3 +52,14 @@ def test_who_stopped_before_a_gap_passes_it_before_another_comes_to_stay_there()
     assert taken(dispatch) == {"far", "near"}
     dispatch.ask({"far": far}, {"near": 0.0}, 0.0)
     assert taken(dispatch) == {"far"}
+
+
+def test_one_on_the_edge_of_its_exit_goes_on_outward_and_not_back_towards_one_beside_it():
+    planner = Planner(Tiles(Layout(15, 8)))
+    loads = dict.fromkeys(("out", "beside"), Load(BOX, uniform_mass(BOX)))
+    where = Whereabouts(loads, planner.stand)
+    north = Gate("north", (1, 1), 0.4445, -0.6, 0.6)
+    where.places = {"out": np.array([0.0, 0.445, 0.0]), "beside": np.array([0.0, 0.157, 0.0])}
+    dispatch = Dispatch(planner, VirtualDesk(), loads, where, Timetable())
+    dispatch.ask({"out": Order("out", north)}, {}, 0.0)
+    assert taken(dispatch) == {"out"}

@@ -241,3 +241,9 @@ def test_a_file_that_is_based_on_itself_is_refused(tmp_path):
     path = tmp_path / "loop.toml"
     path.write_text('scenario = "loop.toml"\n')
     assert "scenario is 'loop.toml', but must be the name of a scenario" in refusal(path)
+
+
+@pytest.mark.parametrize("name", ["unknown-1", "unknown-20"])
+def test_name_that_the_host_gives_to_unknown_things_is_refused(row, name):
+    row.write_text(ROW.replace('name = "box"', f'name = "{name}"'))
+    assert f"parcel.0.name is {name!r}, but is a name that the host gives" in refusal(row)

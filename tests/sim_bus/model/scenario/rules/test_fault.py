@@ -57,6 +57,10 @@ def refusal(**keys):
             {"kind": "lift", "parcel": "box", "y_m": 0.1},
             "fault.0.duration_s is missing, so 'box' is never set down",
         ),
+        (
+            {"kind": "bridge_fault", "brake": True},
+            "fault.0.brake is true, but 'bridge_fault' shorts no motor",
+        ),
         ({"kind": "host", "cells": [1]}, "fault.0.cells has 1, but 'host' is of no cell"),
         ({"kind": "host", "fidelity": "ideal"}, "motion.field is 'goal', but run.fidelity is"),
     ],

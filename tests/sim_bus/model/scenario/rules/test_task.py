@@ -35,6 +35,10 @@ def test_tasks_of_all_kinds_are_taken(task):
 @pytest.mark.parametrize(
     ("task", "text"),
     [
+        (
+            {"do": "name", "parcel": "unknown-3", "x_m": 0.1, "y_m": 0.0},
+            "task.0.parcel is 'unknown-3', but is a name that the host gives to unknown things",
+        ),
         ({"do": "fly"}, "task.0.do is 'fly', but must be one of transport, name, swap"),
         ({"do": "transport", "parcel": "box", "x_m": 0.1}, "task.0.y_m is missing"),
         ({"do": "sort", "parcel": "box"}, "task.0.parcel is given, but 'sort' has only count"),

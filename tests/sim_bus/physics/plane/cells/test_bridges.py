@@ -55,6 +55,26 @@ def test_without_a_supply_or_after_a_fault_of_its_own_a_bridge_neither_drives_no
     assert (read_ma == (0 if cause == "supply" else 6000)).all()
 
 
+@pytest.mark.parametrize("cause", ["no supply", "asleep", "driven", "reversed"])
+def test_contacts_of_an_emergency_stop_brake_whatever_the_bridge_does(cause: str) -> None:
+    world, braked = moving_world(), moving_world()
+    world.bridges.shorted[:] = 1
+    wanted = DRIVEN if cause == "driven" else ZERO
+    if cause == "no supply":
+        world.bridges.supply_v[:] = 0.0
+    elif cause == "asleep":
+        world.bridges.awake[:] = 0
+    elif cause == "reversed":
+        world.scene.state.wheels["reversed"] = 1
+    for _ in range(600):
+        world.step_cells(wanted, 1e-3)
+        braked.step_cells(ZERO, 1e-3)
+        # What flows in the short does not pass the bridge, which measures nothing.
+        assert not world.sampled.current_ma.any()
+    assert world.pose == pytest.approx(braked.pose, abs=1e-12)
+    assert np.abs(world.twist[0]).max() < 0.06
+
+
 @pytest.mark.parametrize(("mass_kg", "speed_m_s", "went_m"), [(2, 0.0, 0.103), (10, 0.034, 0.267)])
 def test_from_0_4_m_s_a_shorted_motor_brakes_as_the_design_has_it(
     mass_kg: float, speed_m_s: float, went_m: float

@@ -1,0 +1,275 @@
+"""What the referee remembers of cells and wheels, and what it looks at in every tick.
+
+Cells are those of nodes, not of places. All times are of the simulation [ns].
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mdms_model.arrays import Floats, Ints, Records
+from mdms_model.compiled import compiled
+from mdms_sim.physics.motor import applied_voltage
+from mdms_sim.physics.plane.control_step import BRIDGE_SUPPLY_MIN_V, UV_PER_V, Registers
+from mdms_sim.referee.squares import NOBODY
+
+NS_PER_MS = 1_000_000
+#: A time that does not come.
+NEVER = 1 << 62
+
+# What a controlword has last asked for.
+OFF, SWITCHED_ON, ENABLED = range(3)
+# How a wheel that is not to be driven stops: voltage 0, quick stop, or the reaction to silence.
+CUT, RAMP, REACTION = range(3)
+
+# Bits of what is noticed of a cell ...
+NO_SETPOINT, NO_HEARTBEAT, NO_SYNC, LOW_SUPPLY, SHUT_OFF = (1 << bit for bit in range(5))
+# ... and of a wheel.
+DRIVEN, SPINS, COASTS, PUSHED_ALONE, PUSHED_AFTER_LEASE, PUSHED_AFTER_END, PUSHED_HUNG = (
+    1 << bit for bit in range(7)
+)
+
+#: A supply below the limit for more ticks than this is a fault.
+LOW_TICKS = 5
+#: A wheel that got no voltage for so many ticks has stopped.
+REST_TICKS = 20
+#: A push onward counts when it lasts this long: encoder steps and the loop's lag make shorter ones.
+ONWARD_TICKS = 10
+#: A wheel is about to stand below this [m/s], and a voltage up to the next holds it.
+SLOW_M_S = 0.01
+HOLD_V = 1.3
+#: Share of the back-EMF, and rounding of voltages [V].
+SHARE, LEAST_V = 0.5, 0.02
+#: A wheel that is slower hardly turns [m/s].
+TURNS_M_S = 0.05
+#: From then on a wheel without a parcel rests.
+QUIET_NS = 500 * NS_PER_MS
+#: A voltage that turns a wheel which is to rest [V].
+QUIET_V = 0.3
+
+CELL = np.dtype(
+    [
+        ("setpoint_ns", "i8"),  # the last valid one, NEVER where none is due
+        ("timeout_ns", "i8"),
+        ("heartbeat_ns", "i8"),  # the host's last, NEVER where none is due
+        ("consumer_ns", "i8"),
+        ("sync_ns", "i8"),
+        ("sync_limit_ns", "i8"),
+        ("supply_min_v", "f8"),
+        ("low_ticks", "i8"),
+        ("shut_ticks", "i8"),
+        ("shut_limit", "i8"),
+        ("slow", "f8"),  # how much longer its milliseconds are
+        ("steers", "i8"),  # 0x3013
+        ("hung", "i8"),
+        ("watchdog_ns", "i8"),
+        ("lease_ns", "i8"),  # from then on no push onward, for want of estimates
+        ("ended_ns", "i8"),  # from then on no voltage, for its program has ended
+        ("noticed", "i8"),
+    ],
+    align=True,
+)
+WHEEL = np.dtype(
+    [
+        ("asked", "i8"),  # OFF, SWITCHED_ON or ENABLED
+        ("stop", "i8"),  # CUT, RAMP or REACTION
+        ("drove", "i8"),  # 1: it had voltage when it was stopped
+        ("loose_ns", "i8"),  # any voltage is allowed until then
+        ("braking_ns", "i8"),  # and braking until then
+        ("awake_ns", "i8"),  # its bridge is to be awake until then
+        ("idle_ns", "i8"),  # since when the target is 0
+        ("from_m", "f8"),  # its travel when it was stopped
+        ("way_m", "f8"),  # how far it may go on, if it carries nothing
+        ("loaded", "i8"),  # 1: it has carried something since
+        ("applied_v", "f8"),
+        ("rest_ticks", "i8"),
+        ("onward_ticks", "i8"),
+        ("rested", "i8"),  # 1: it has had no voltage for a while since it was stopped
+        ("noted", "i8"),  # bits that are noted already
+        ("noticed", "i8"),
+    ],
+    align=True,
+)
+
+
+class Watched(NamedTuple):
+    """Arrays of all cells (cells,), and of their axes (cells, 2)."""
+
+    cells: Records
+    wheels: Records
+
+
+class Truths(NamedTuple):
+    """What is true: by node its place, by place what lies there since when, bridges and wheels."""
+
+    places: NDArray[np.intp]
+    parcel: Ints
+    free_ns: Ints
+    awake: Registers
+    shut_off: Registers
+    supply_v: Floats
+    first: Ints
+    model: Records
+    state: Records
+
+
+@compiled
+def look_at_tick(watched: Watched, truths: Truths, now_ns: int, voltage_uv: Registers) -> int:
+    """Take in the voltages (cells, 2), by places, of a tick; returns whether anything is noticed.
+
+    What that is stands in `noticed` of cells and wheels.
+    """
+    noticed = 0
+    for c in range(watched.cells.size):
+        cell, p = watched.cells[c], truths.places[c]
+        cell.noticed = 0
+        if not cell.hung:
+            _look_at_cell(cell, truths.supply_v[c], truths.shut_off[c], now_ns)
+            if cell.noticed and not (watched.wheels[c, 0].asked or watched.wheels[c, 1].asked):
+                cell.noticed &= ~(LOW_SUPPLY | SHUT_OFF | NO_SYNC)
+        noticed |= cell.noticed
+        closed = truths.awake[p] != 0 and truths.shut_off[p] == 0
+        closed = closed and truths.supply_v[p] >= BRIDGE_SUPPLY_MIN_V
+        for axis in range(truths.first[p + 1] - truths.first[p]):
+            wheel, w = watched.wheels[c, axis], truths.first[p] + axis
+            constants, now = truths.model[w], truths.state[w]
+            volts = 0.0
+            if closed and voltage_uv[p, axis] != 0:
+                volts = voltage_uv[p, axis] / UV_PER_V
+                volts = applied_voltage(volts, truths.supply_v[p], constants.pwm_steps)
+            _take_in(wheel, volts, constants, now.speed_m_s)
+            if cell.hung:
+                if now_ns > cell.watchdog_ns and wheel.onward_ticks >= ONWARD_TICKS:
+                    wheel.noticed |= PUSHED_HUNG
+            elif wheel.asked == ENABLED or (wheel.asked == SWITCHED_ON and cell.steers):
+                _look_at_driven(cell, wheel, truths.free_ns[p], now_ns)
+            else:
+                _look_at_stopped(wheel, now_ns)
+                _look_at_stopping(wheel, now, closed, truths.awake[p] != 0, now_ns)
+            if wheel.noticed == 0 and wheel.rest_ticks >= REST_TICKS:
+                wheel.noted = 0
+            wheel.noticed &= ~wheel.noted
+            noticed |= wheel.noticed
+    return noticed
+
+
+@compiled
+def _take_in(wheel: Records, volts: float, constants: Records, speed_m_s: float) -> None:
+    """Count for how long a wheel has had no voltage, or has been pushed onward.
+
+    A motor of swapped leads is judged by what its cell means: it has a time to see it.
+    """
+    wheel.applied_v, wheel.noticed = volts, 0
+    wheel.rest_ticks = 0 if volts != 0.0 else wheel.rest_ticks + 1
+    if wheel.rest_ticks >= REST_TICKS:
+        wheel.rested = 1
+    ke = (constants.loss - constants.damping) / constants.force_per_volt
+    onward = _pushes_onward(volts, speed_m_s, ke)
+    wheel.onward_ticks = wheel.onward_ticks + 1 if onward else 0
+
+
+@compiled
+def _look_at_cell(cell: Records, supply_v: float, shut_off: int, now_ns: int) -> None:
+    """Find out what the cell itself must notice."""
+    if now_ns - cell.setpoint_ns > cell.timeout_ns and not cell.steers:
+        cell.noticed |= NO_SETPOINT
+    if now_ns - cell.heartbeat_ns > cell.consumer_ns:
+        cell.noticed |= NO_HEARTBEAT
+    if cell.steers and now_ns - cell.sync_ns > cell.sync_limit_ns:
+        cell.noticed |= NO_SYNC
+    cell.low_ticks = cell.low_ticks + 1 if supply_v < cell.supply_min_v else 0
+    if cell.low_ticks > LOW_TICKS * cell.slow:
+        cell.noticed |= LOW_SUPPLY
+    cell.shut_ticks = cell.shut_ticks + 1 if shut_off else 0
+    if cell.shut_ticks > cell.shut_limit * cell.slow:
+        cell.noticed |= SHUT_OFF
+
+
+@compiled
+def _pushes_onward(volts: float, speed_m_s: float, ke: float) -> bool:
+    """Whether a motor is driven on in the direction in which it turns, or out of standstill.
+
+    Its current is against its motion while its voltage is below its back-EMF. A free wheel that is
+    driven needs no more than that, so what counts is a voltage that keeps it going at half the
+    speed: one that is braked gets less, whatever drags it.
+    """
+    if abs(speed_m_s) > SLOW_M_S:
+        along_v = volts if speed_m_s > 0.0 else -volts
+        return bool(along_v > SHARE * ke * abs(speed_m_s) + LEAST_V)
+    return bool(abs(volts) > HOLD_V and volts * speed_m_s >= 0.0)
+
+
+@compiled
+def _look_at_driven(cell: Records, wheel: Records, free_ns: int, now_ns: int) -> None:
+    """Find out whether a wheel that may be driven is driven for no reason."""
+    volts, onward = abs(wheel.applied_v), wheel.onward_ticks >= ONWARD_TICKS
+    if cell.steers:
+        if volts > QUIET_V and now_ns - free_ns > QUIET_NS:
+            wheel.noticed |= PUSHED_ALONE
+        if onward and now_ns > cell.lease_ns:
+            wheel.noticed |= PUSHED_AFTER_LEASE
+        if volts > 0.0 and now_ns > cell.ended_ns:
+            wheel.noticed |= PUSHED_AFTER_END
+    elif onward and now_ns - max(free_ns, wheel.idle_ns) > QUIET_NS:
+        wheel.noticed |= PUSHED_ALONE
+
+
+@compiled
+def _look_at_stopped(wheel: Records, now_ns: int) -> None:
+    """Find out whether a wheel that is to have no voltage has one that is more than braking."""
+    if wheel.applied_v == 0.0 or now_ns <= wheel.loose_ns:
+        return
+    braking = wheel.stop != CUT and now_ns <= wheel.braking_ns
+    if not braking or wheel.onward_ticks >= ONWARD_TICKS:
+        wheel.noticed |= DRIVEN
+
+
+@compiled
+def _look_at_stopping(wheel: Records, now: Records, closed: bool, awake: bool, now_ns: int) -> None:
+    """Find out whether a wheel that is to stop is braked, and does stop."""
+    if not awake and now_ns < wheel.awake_ns and abs(now.speed_m_s) > TURNS_M_S:
+        wheel.noticed |= COASTS
+    # One that carries something goes as far as that slides, or others push it.
+    if now.normal_n > 0.0 or not closed:
+        wheel.loaded = 1
+    ramped = wheel.stop != CUT and not (wheel.loaded or wheel.rested)
+    if ramped and abs(now.travel_m - wheel.from_m) > wheel.way_m:
+        wheel.noticed |= SPINS
+
+
+class Lease(NamedTuple):
+    """A lease ends `limit_ns` after the last estimate; then the reference ramps to 0."""
+
+    columns: int
+    limit_ns: int
+    gain_vs_per_m: float
+    acceleration_m_s2: float
+
+
+@compiled
+def find_lapsed(watched: Watched, truths: Truths, said_ns: Ints, lease: Lease, now_ns: int) -> None:
+    """Set from when on a cell may push no more, for it has no lease of another under its parcel.
+
+    `said_ns` has when each place's cell has sent its last estimate.
+    """
+    rows = said_ns.size // lease.columns
+    for c in range(watched.cells.size):
+        cell, p = watched.cells[c], truths.places[c]
+        silent = False
+        if truths.parcel[p] != NOBODY:
+            row, column = p // lease.columns, p % lease.columns
+            for r in range(max(row - 1, 0), min(row + 2, rows)):
+                for k in range(max(column - 1, 0), min(column + 2, lease.columns)):
+                    q = r * lease.columns + k
+                    same = q != p and truths.parcel[q] == truths.parcel[p]
+                    silent = silent or (same and now_ns - said_ns[q] > lease.limit_ns)
+        if not silent:
+            cell.lease_ns = NEVER
+        elif cell.lease_ns == NEVER:
+            ramp_m_s = 0.0
+            for axis in range(truths.first[p + 1] - truths.first[p]):
+                speed_m_s = abs(truths.state[truths.first[p] + axis].speed_m_s)
+                error_m_s = abs(watched.wheels[c, axis].applied_v) / lease.gain_vs_per_m
+                ramp_m_s = max(ramp_m_s, speed_m_s + error_m_s)
+            cell.lease_ns = now_ns + int(ramp_m_s / lease.acceleration_m_s2 * 1e9)

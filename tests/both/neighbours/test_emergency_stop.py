@@ -1,0 +1,200 @@
+"""The motors' supply goes while cells steer, and comes back: wheels wait for a command."""
+
+from layer_bench import NEIGHBOURS, NODE, Middle
+
+from mdms_cell.drive import speed_loop
+from mdms_protocol import indices, pdo
+from mdms_protocol.codecs import cia402, cob
+
+COUNTS_PER_METRE = 37_596
+SPEED_UM_S = 100_000
+SUPPLY_UV = 24_000_000
+BASES = (0, speed_loop.AXIS)
+UNDERVOLTAGE = 0x3220
+#: How long the button stays pressed [beats]: less than a rest, and more.
+PRESSED_BEATS = (20, 300)
+
+
+class Powered(Middle):
+    """Its tick runs, its first wheel follows its reference, and its supply may go."""
+
+    supply_uv = SUPPLY_UV
+    travel_nm = 0
+    #: Whether any wheel has had a voltage since this was set to False.
+    driven = False
+
+    def __init__(self, speed_um_s):
+        #: The codes of the emergencies that it has sent since this was emptied.
+        self.codes = set()
+        super().__init__(speed_um_s)
+
+    def _pass(self, time_ms):
+        registers = self.cell._registers
+        for _ in range(time_ms):
+            registers[speed_loop.SUPPLY] = self.supply_uv
+            self.travel_nm += registers[speed_loop.DEMAND]
+            registers[speed_loop.COUNT] = self.travel_nm * COUNTS_PER_METRE // 1_000_000_000
+            self.cell.tick()
+            self.driven |= any(registers[base + speed_loop.VOLTAGE] for base in BASES)
+            super()._pass(1)
+
+    def beat(self, moving=True):
+        super().beat(moving)
+        self.listen()
+
+    def listen(self):
+        for can_id, data in self.board.take():
+            if can_id == cob.EMCY_BASE + NODE:
+                self.codes.add(data[0] | data[1] << 8)
+
+    def beats(self, count, moving):
+        for _ in range(count):
+            self.beat(moving)
+
+    def control(self, *words):
+        for word in words:
+            frame = pdo.CONTROLWORD.encode((word, word))
+            self.cell.on_frame(cob.RPDO_BASES[1] + NODE, frame, self.now_ms)
+
+    def states(self):
+        word = self.cell._objects.reader
+        offsets = (0, indices.AXIS_OFFSET)
+        return [word(indices.STATUSWORD + offset, 0)[0]() & 0x6F for offset in offsets]
+
+
+def moving():
+    middle = Powered(SPEED_UM_S)
+    middle.beats(40, moving=True)
+    assert middle.states()[0] == cia402.OPERATION_ENABLED
+    return middle
+
+
+def waiting():
+    """The wheels rest, for a promise is lacking."""
+    middle = moving()
+    middle.silent = NEIGHBOURS[0]
+    middle.beats(150, moving=False)
+    assert middle.states() == [cia402.SWITCHED_ON] * 2
+    return middle
+
+
+def ramped_down():
+    middle = moving()
+    middle.silent = NEIGHBOURS[0]
+    middle.beats(15, moving=True)
+    assert 0 < middle.cell._registers[speed_loop.DEMAND] < SPEED_UM_S
+    return middle
+
+
+def held():
+    """The wheels hold the parcel, which stands."""
+    middle = moving()
+    middle.silent = NEIGHBOURS[0]
+    middle.beats(50, moving=False)
+    assert middle.states()[0] == cia402.OPERATION_ENABLED
+    assert middle.cell._registers[speed_loop.DEMAND] == 0
+    return middle
+
+
+def braking():
+    """SYNC is gone, and the tick has begun to brake."""
+    middle = moving()
+    middle._pass(52)
+    assert middle.states()[0] == cia402.FAULT_REACTION
+    return middle
+
+
+def emergencies(middle):
+    """The codes of those that it has sent since the last call."""
+    middle.listen()
+    codes, middle.codes = middle.codes, set()
+    return codes
+
+
+def test_releasing_the_emergency_stop_turns_no_wheel_whatever_the_cell_did():
+    for begin in (waiting, moving, ramped_down, held, braking):
+        for pressed_beats in PRESSED_BEATS:
+            middle = begin()
+            emergencies(middle)
+            middle.supply_uv = 0
+            middle._pass(6)
+            assert middle.states() == [cia402.FAULT] * 2, begin
+            middle.driven = False
+            middle.beats(pressed_beats, moving=False)
+            # The button is released, and the promise comes.
+            middle.supply_uv = SUPPLY_UV
+            middle.silent = None
+            middle.beats(100, moving=False)
+            assert not middle.driven, begin
+            assert UNDERVOLTAGE in emergencies(middle)
+            # Nor by what would enable a drive that has no fault.
+            middle.control(cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION)
+            middle.beats(20, moving=False)
+            assert not middle.driven, begin
+
+
+def test_wheels_turn_again_once_another_node_has_reset_the_fault_and_switched_them_on():
+    middle = waiting()
+    middle.supply_uv = 0
+    middle.beats(20, moving=False)
+    middle.supply_uv = SUPPLY_UV
+    middle.silent = None
+    middle.beats(20, moving=False)
+    middle.driven = False
+    middle.control(cia402.DISABLE_VOLTAGE, cia402.FAULT_RESET)
+    middle.beats(20, moving=False)
+    assert not middle.driven
+    middle.control(cia402.SHUTDOWN, cia402.SWITCH_ON)
+    middle.beats(20, moving=False)
+    assert middle.driven
+
+
+def test_reset_of_the_fault_while_the_button_is_pressed_leads_to_the_fault_again():
+    middle = waiting()
+    middle.silent = None
+    middle.supply_uv = 0
+    middle.beats(20, moving=False)
+    middle.driven = False
+    for _ in range(3):
+        words = (cia402.DISABLE_VOLTAGE, cia402.FAULT_RESET, cia402.SHUTDOWN, cia402.SWITCH_ON)
+        middle.control(*words)
+        middle._pass(2)
+        assert middle.states() == [cia402.FAULT] * 2
+        middle.beats(5, moving=False)
+    middle.supply_uv = SUPPLY_UV
+    middle.beats(100, moving=False)
+    assert not middle.driven
+
+
+def test_cell_that_the_button_restarts_is_off_until_it_is_commanded():
+    middle = moving()
+    middle.supply_uv = 0
+    middle._pass(10)
+    # Its own supply goes, too: all that it had in memory is lost.
+    middle.cell.on_frame(cob.NMT, bytes((129, NODE)), middle.now_ms)
+    middle.driven = False
+    middle.supply_uv = SUPPLY_UV
+    middle.beats(100, moving=False)
+    assert middle.states() == [cia402.SWITCH_ON_DISABLED] * 2
+    middle.cell.on_frame(cob.NMT, bytes((1, NODE)), middle.now_ms)
+    middle._pages()
+    middle.beats(100, moving=False)
+    assert middle.states() == [cia402.SWITCH_ON_DISABLED] * 2
+    assert not middle.driven
+
+
+def test_low_supply_of_a_cell_that_is_off_is_reported_and_is_no_fault():
+    for words, state in (
+        ((), cia402.SWITCH_ON_DISABLED),
+        ((cia402.SHUTDOWN,), cia402.READY_TO_SWITCH_ON),
+    ):
+        middle = waiting()
+        middle.control(cia402.DISABLE_VOLTAGE, *words)
+        emergencies(middle)
+        middle.supply_uv = 0
+        middle._pass(20)
+        assert UNDERVOLTAGE in emergencies(middle)
+        middle.supply_uv = SUPPLY_UV
+        middle._pass(20)
+        assert emergencies(middle) == {0}
+        assert middle.states() == [state] * 2

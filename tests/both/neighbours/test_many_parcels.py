@@ -1,0 +1,97 @@
+"""A cell at one of 63 parcels, on every interpreter: it keeps what it needs of all their pages."""
+
+from array import array
+
+from layer_bench import IDENTITY, NEIGHBOURS, NODE, STEPS, Middle
+
+from mdms_cell.drive import speed_loop
+from mdms_protocol.codecs import cob
+from mdms_protocol.neighbours import frames as wire
+
+SPEED_UM_S = 100_000
+OTHERS = [each for each in range(1, wire.IDENTITY_MAX + 1) if each != IDENTITY]
+#: Where others lie and are to go, in steps of the wire: far from the cell, and over it.
+FAR = ((20_000, 20_000), (21_000, 20_000))
+NEAR = ((0, 1400), (0, -1400))
+
+
+def targets_um_s(middle):
+    registers = middle.cell._registers
+    return registers[speed_loop.TARGET], registers[speed_loop.AXIS + speed_loop.TARGET]
+
+
+def last_estimate(middle):
+    found = None
+    for can_id, data in middle.board.take():
+        if can_id == cob.TPDO_BASES[2] + NODE:
+            fields = array("i", [0] * wire.ESTIMATE_FIELDS)
+            assert wire.unpack_estimate(data, fields, 0)
+            found = list(fields)
+    return found
+
+
+def give(middle, identities, way):
+    """The pages of other parcels, as a host sends them."""
+    (x, y), (goal_x, goal_y) = way
+    for identity in identities:
+        middle._page((identity, wire.PARCEL, 1, wire.RECTANGLE, 1000, 1000, 44, 20, 0))
+        middle._page((identity, wire.PLACE, 1, x, y, 0, 0, 0, 0))
+        middle._page((identity, wire.GOAL, 1, goal_x, goal_y, 0, 0, 0, 0))
+
+
+def run(middle, count):
+    for _ in range(count):
+        middle.beat()
+        middle.board.sent = middle.board.sent[-20:]
+
+
+def test_pages_of_62_others_leave_the_program_of_the_parcel_that_the_cell_drives():
+    for way in (FAR, NEAR):
+        middle = Middle(SPEED_UM_S)
+        run(middle, 20)
+        give(middle, OTHERS, way)
+        run(middle, 20)
+        assert targets_um_s(middle)[0] > 90_000
+        assert not last_estimate(middle)[wire.FLAGS] & wire.LACKING
+
+
+def test_parcel_that_comes_over_the_cell_has_a_program_there_whatever_came_in_between():
+    middle = Middle(SPEED_UM_S)
+    middle._page((IDENTITY, wire.END, 1, 0, 0, 0, 0, 0, 0))
+    middle.x_um = -420_000
+    middle._pages()
+    give(middle, OTHERS, FAR)
+    while middle.x_um < -60_000:
+        run(middle, 1)
+    assert targets_um_s(middle)[0] > 90_000
+
+
+class Asked(Middle):
+    """A parcel west of the cell that comes east; it asks for the cell, and does not come yet."""
+
+    neighbours = (0, 0, 0, 0, NEIGHBOURS[4], 0, 0, 0)
+    placed_x_um = -330_000
+
+    def _estimate(self, direction):
+        if direction != 4:
+            return None
+        fields = array("i", [0] * wire.ESTIMATE_FIELDS)
+        fields[wire.X] = (self.x_um - STEPS[4][0] * 127_000) // wire.STEP_UM
+        fields[wire.IDENTITY] = IDENTITY
+        fields[wire.STATE] = wire.UNDER
+        fields[wire.WANTS] = 1
+        fields[wire.CERTAINTY] = self.certainty
+        fields[wire.SEQUENCE] = 1
+        frame = bytearray(8)
+        wire.pack_estimate(fields, 0, frame, 0)
+        return bytes(frame)
+
+
+def test_pages_of_62_others_leave_the_program_of_the_parcel_that_the_cell_is_promised_to():
+    middle = Asked(0)
+    run(middle, 20)
+    give(middle, OTHERS, NEAR)
+    run(middle, 2)
+    last = last_estimate(middle)
+    assert (last[wire.IDENTITY], last[wire.STATE]) == (IDENTITY, wire.PROMISED)
+    assert (last[wire.SEQUENCE], last[wire.FLAGS] & wire.LACKING) == (1, 0)

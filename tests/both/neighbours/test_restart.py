@@ -1,0 +1,201 @@
+"""A cell that has restarted: whom it promises itself to, by what its neighbours report."""
+
+from array import array
+
+from layer_bench import IDENTITY, NEIGHBOURS, NODE, PITCH_UM, STEPS, Middle
+
+from mdms_cell.neighbours.right_of_way import DEAD_BEATS
+from mdms_protocol.codecs import cob
+from mdms_protocol.neighbours import frames as wire
+
+EAST, WEST = 0, 4
+#: One that overhangs the cell by 20 mm, where there is no sensor and no wheel, and one that waits.
+LYING, WAITING = IDENTITY, 3
+LENGTH_UM, WIDTH_UM = 200_000, 100_000
+EDGE_UM = PITCH_UM // 2
+#: A cell is silent about promises for so long after a restart.
+BOUND_BEATS = 31
+PLENTY = 100
+
+
+class Restarted(Middle):
+    """The cell, just up; `reports` has who of its neighbours reports which parcel, and where.
+
+    By direction: identity, x of its centre from the cell's own, and whether it asks for the cell.
+    `known` are the parcels whose pages the host has sent, `alive` the neighbours that are heard.
+    """
+
+    certainty = 9
+
+    def __init__(self, reports, known=(LYING, WAITING), alive=range(8)):
+        self.reports = dict(reports)
+        self.known = known
+        self.alive = set(alive)
+        #: What the cell has announced: identity and state, when they changed.
+        self.said = []
+        #: The flags of its last estimate.
+        self.flags = 0
+        super().__init__(0)
+
+    def _pages(self):
+        for identity in self.known:
+            self.parcel_page(identity)
+
+    def parcel_page(self, identity, direction=None):
+        size = (LENGTH_UM // wire.STEP_UM, WIDTH_UM // wire.STEP_UM)
+        head = (identity, wire.PARCEL, 1, wire.RECTANGLE)
+        fields = array("i", head + size + (44, 20, 0))
+        frame = bytearray(8)
+        wire.pack_program(fields, 0, frame)
+        node = None if direction is None else NEIGHBOURS[direction]
+        can_id = cob.PROGRAM if node is None else cob.TPDO_BASES[3] + node
+        self.cell.on_frame(can_id, bytes(frame), self.now_ms)
+
+    def _covered(self, _x_um, _y_um):
+        return 0
+
+    def _presence(self, direction):
+        if direction in self.alive:
+            super()._presence(direction)
+
+    def beat(self, moving=False):
+        self.unheard = [each for each in range(8) if each not in self.alive]
+        super().beat(moving)
+        for can_id, data in self.board.take():
+            if can_id == cob.TPDO_BASES[2] + NODE:
+                fields = array("i", [0] * wire.ESTIMATE_FIELDS)
+                assert wire.unpack_estimate(data, fields, 0)
+                self.flags = fields[wire.FLAGS]
+                said = (fields[wire.IDENTITY], fields[wire.STATE])
+                if not self.said or self.said[-1] != said:
+                    self.said.append(said)
+
+    def _estimate(self, direction):
+        if direction not in self.alive or direction not in self.reports:
+            return None
+        identity, x_um, asks = self.reports[direction]
+        fields = array("i", [0] * wire.ESTIMATE_FIELDS)
+        fields[wire.X] = (x_um - STEPS[direction][0] * PITCH_UM) // wire.STEP_UM
+        fields[wire.IDENTITY], fields[wire.STATE] = identity, wire.UNDER
+        fields[wire.CERTAINTY] = self.certainty
+        fields[wire.WANTS] = 1 << (direction ^ 4) if asks else 0
+        fields[wire.SEQUENCE] = 1
+        frame = bytearray(8)
+        wire.pack_estimate(fields, 0, frame, 0)
+        return bytes(frame)
+
+    def promised(self, beats):
+        """Whom the cell is promised to after so many beats, 0 for nobody."""
+        for _ in range(beats):
+            self.beat()
+        identity, state = self.said[-1] if self.said else (0, 0)
+        return identity if state >= wire.PROMISED else 0
+
+    def promises(self):
+        """All that it has been promised to."""
+        return {identity for identity, state in self.said if state >= wire.PROMISED}
+
+
+class Vague(Restarted):
+    """Its neighbours have no poses."""
+
+    certainty = 0
+
+
+def overhangs(identity, side, by_um=20_000):
+    """It lies over the cell's edge, from a side."""
+    sign = 1 if side == EAST else -1
+    return identity, sign * (EDGE_UM - by_um + LENGTH_UM // 2), True
+
+
+def waits(identity, side):
+    """It stands beside the cell, and asks for it."""
+    sign = 1 if side == EAST else -1
+    return identity, sign * (EDGE_UM + 5_000 + LENGTH_UM // 2), True
+
+
+def test_square_belongs_to_the_parcel_that_lies_over_it_though_another_asks():
+    for side in (EAST, WEST):
+        for lying, waiting in ((LYING, WAITING), (WAITING, LYING)):
+            reports = {side: overhangs(lying, side), side ^ 4: waits(waiting, side ^ 4)}
+            middle = Restarted(reports)
+            assert middle.promised(PLENTY) == lying
+            assert middle.promises() == {lying}
+            # Once it has left, the other may come.
+            middle.reports = {side ^ 4: waits(waiting, side ^ 4)}
+            assert middle.promised(PLENTY) == waiting
+
+
+def test_square_that_two_parcels_lie_over_is_promised_to_none():
+    middle = Restarted({EAST: overhangs(LYING, EAST), WEST: overhangs(WAITING, WEST)})
+    assert middle.promised(PLENTY) == 0
+    assert not middle.promises()
+
+
+def test_free_square_is_promised_to_the_one_that_asks():
+    middle = Restarted({WEST: waits(WAITING, WEST)})
+    assert middle.promised(PLENTY) == WAITING
+
+
+def test_nothing_is_promised_before_every_living_neighbour_is_heard():
+    for silent in range(8):
+        alive = [each for each in range(8) if each != silent]
+        asks_from = WEST if silent != WEST else EAST
+        middle = Restarted({asks_from: waits(WAITING, asks_from)}, alive=alive)
+        assert middle.promised(PLENTY) == 0
+        # It comes up late, with a parcel or without.
+        middle.alive.add(silent)
+        assert middle.promised(PLENTY) == WAITING
+
+
+def test_parcel_of_a_neighbour_that_is_heard_late_counts():
+    reports = {EAST: overhangs(LYING, EAST), WEST: waits(WAITING, WEST)}
+    middle = Restarted(reports, alive=[each for each in range(8) if each != EAST])
+    assert middle.promised(PLENTY) == 0
+    middle.alive.add(EAST)
+    assert middle.promised(PLENTY) == LYING
+    assert middle.promises() == {LYING}
+
+
+def test_neighbour_that_is_silent_for_two_seconds_is_dead():
+    alive = [each for each in range(8) if each != EAST]
+    middle = Restarted({WEST: waits(WAITING, WEST)}, alive=alive)
+    # 40 beats have passed while it came up.
+    assert middle.promised(DEAD_BEATS - 60) == 0
+    assert middle.promised(30) == WAITING
+
+
+def test_report_of_a_neighbour_that_dies_after_it_counts():
+    middle = Restarted({EAST: overhangs(LYING, EAST), WEST: overhangs(WAITING, WEST)})
+    middle.alive.discard(EAST)
+    assert middle.promised(DEAD_BEATS + PLENTY) == 0
+
+
+def test_parcel_of_unknown_size_is_asked_for_and_nothing_is_promised_meanwhile():
+    reports = {EAST: overhangs(LYING, EAST), WEST: waits(WAITING, WEST)}
+    middle = Restarted(reports, known=(WAITING,))
+    assert middle.promised(PLENTY) == 0
+    assert middle.said[-1] == (LYING, wire.NEAR)
+    assert middle.flags & wire.LACKING
+    middle.parcel_page(LYING, EAST)
+    assert middle.promised(PLENTY) == LYING
+    assert middle.promises() == {LYING}
+
+
+def test_parcel_of_which_nobody_has_a_pose_keeps_others_away():
+    middle = Vague({EAST: overhangs(LYING, EAST), WEST: waits(WAITING, WEST)})
+    assert middle.promised(PLENTY) == 0
+
+
+def test_cell_is_as_unsure_after_each_restart():
+    reports = {WEST: waits(WAITING, WEST)}
+    middle = Restarted(reports)
+    assert middle.promised(PLENTY) == WAITING
+    for command in (128, 1):
+        middle.cell.on_frame(cob.NMT, bytes((command, NODE)), middle.now_ms)
+    middle._pages()
+    middle.said = []
+    middle.reports[EAST] = overhangs(LYING, EAST)
+    assert middle.promised(BOUND_BEATS - 2) == 0
+    assert middle.promised(PLENTY) == LYING
+    assert middle.promises() == {LYING}

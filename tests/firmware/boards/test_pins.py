@@ -1,0 +1,71 @@
+"""Each pin of a board is the one that the wiring table names, as MicroPython finds its name."""
+
+import ast
+import re
+import runpy
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[3]
+BOARDS = ROOT / "firmware" / "boards"
+README = (ROOT / "firmware" / "README.md").read_text()
+FAKES = ROOT / "tests" / "firmware" / "fakes"
+#: The processor's pin of a board's name.
+found = runpy.run_path(str(FAKES / "pin_names.py"))["found"]
+COLUMNS = ("teensy41", "weact_h743", "nucleo_g474re", "pybv11")
+CAN_ROW = "CAN RX, TX (transceiver at 3.3 V, its standby pin low)"
+LED_ROW = "run LED, error LED"
+
+
+def pins(board):
+    """All pins of a board's wiring but CAN's, by what they are for."""
+    for node in ast.parse((BOARDS / f"{board}.py").read_text()).body:
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call):
+            values = {each.arg: each.value for each in node.value.keywords}
+            values = {
+                key: ast.literal_eval(value)
+                for key, value in values.items()
+                if key not in {"filters", "receive"}
+            }
+            return dict(named_in(values))
+    raise AssertionError(board)
+
+
+def named_in(values):
+    """Names of pins and what each is for, without what is a number."""
+    for key, value in values.items():
+        items = value if isinstance(value, tuple) else (value,)
+        flat = [each for item in items for each in (item if isinstance(item, tuple) else (item,))]
+        for number, name in enumerate(each for each in flat if isinstance(each, str)):
+            yield f"{key} {number}", name
+
+
+def wired(board):
+    """The pins in the wiring table, by row, as the processor's."""
+    rows = {}
+    for line in README.split("## Wiring")[1].split("\n## ")[0].splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        if len(cells) == len(COLUMNS) + 1:
+            cell = cells[1 + COLUMNS.index(board)]
+            names = re.findall(r"\bP[A-E]\d+\b", cell) or re.findall(r"\b[DXY]\d+\b", cell)
+            rows[cells[0]] = [
+                name if name.startswith("P") else found(board, name) for name in names
+            ]
+    return rows
+
+
+@pytest.mark.parametrize("board", COLUMNS)
+def test_no_two_signals_share_a_pin(board):
+    used = [found(board, name) for name in pins(board).values()] + wired(board)[CAN_ROW]
+    assert len(used) == len({*used}), sorted(used)
+
+
+@pytest.mark.parametrize("board", COLUMNS)
+def test_pins_are_those_of_the_wiring_table(board):
+    rows, named = wired(board), pins(board)
+    told = {pin for row in rows.values() for pin in row} - {*rows[CAN_ROW]}
+    told -= {found(board, "D32")} if board == "teensy41" else set()
+    leds = {found(board, named.pop(key)) for key in ("run_led 0", "error_led 0")}
+    assert leds == {*rows[LED_ROW]} or (board == "pybv11" and leds == {"PA13", "PA14"})
+    assert {found(board, name) for name in named.values()} == told - {*rows[LED_ROW]}

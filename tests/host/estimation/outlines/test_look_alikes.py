@@ -1,0 +1,34 @@
+"""Of poses that look alike a parcel is found at the one nearest to what was told."""
+
+from math import degrees, pi, radians
+
+import numpy as np
+import pytest
+from tests.host.estimation.lying import WHEELS, Lying
+
+from mdms_host.estimation.parcel import Parcel
+from mdms_host.layout import Layout
+
+#: A hexagon as a drawing has it, in whole millimetres.
+HEXAGON = (
+    (0.17, 0.0),
+    (0.085, 0.147),
+    (-0.085, 0.147),
+    (-0.17, 0.0),
+    (-0.085, -0.147),
+    (0.085, -0.147),
+)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_hexagon_is_found_turned_as_was_told_within_half_a_side(seed) -> None:
+    random = np.random.default_rng(seed)
+    for _ in range(4):
+        x_m, y_m, yaw_rad = random.uniform((-0.3, -0.2, -pi), (0.3, 0.2, pi)).tolist()
+        told_rad = yaw_rad + random.uniform(-radians(15.0), radians(15.0))
+        parcel = Parcel("hexagon", 0.34, 0.294, (x_m, y_m), told_rad, "polygon", HEXAGON)
+        table = Lying(Layout(9, 6, wheels=WHEELS), (parcel,))
+        table.put("hexagon", parcel.bottom, x_m, y_m, yaw_rad)
+        table.run(0.5)
+        found = table.tracker.estimate("hexagon", table.now_s)
+        assert abs(degrees(found.yaw_rad - yaw_rad)) < 30.0

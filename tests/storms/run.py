@@ -1,0 +1,446 @@
+"""Runs a storm, and tells what the referee has noted, and how the run has ended.
+
+`python -m tests.storms.run SEED` draws a storm, prints it, and runs it; a file in place of a seed
+is read.
+"""
+
+import re
+import sys
+import traceback
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import partial
+from math import inf
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from mdms_array.host import coordinator_of
+from mdms_array.simulation import host_report_of
+from mdms_host.commissioning.stop import StopAll
+from mdms_host.commissioning.wheels.jog import Jog
+from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.motion.goal import Goal
+from mdms_host.motion.outcome import outcome_of
+from mdms_model.buses import Addresses
+from mdms_model.scenario.scenario import Scenario
+from mdms_protocol.codecs import cob, sdo
+from mdms_protocol.codecs.frame import Frame
+from mdms_protocol.dictionary import ENTRIES
+from mdms_sim.driver import Driver
+from mdms_sim.faults.node import PRIORITY
+from mdms_sim.nodes.python_bank import PythonBank
+from mdms_sim.referee.rules import Violation
+from mdms_sim.referee.truth import HostReport
+from mdms_sim.simulation import NS_PER_S, Simulation, addresses_of
+from tests.storms.storm import Storm, Table, draw, load, parts_of, scenario_of, written
+
+__all__ = ["Ended", "run"]
+
+#: A host that waits for nothing looks so often whether it is to begin [s].
+IDLE_S = 0.01
+#: A run in which nothing more is to happen goes on for so long [s].
+SETTLED_S = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """How a storm has ended.
+
+    `reached` is whether all has happened that the scenario asks for: goals by truth, tasks by the
+    program. `reason` is what the host says in place of it, and `explained` whether that, or one of
+    its messages, names a trouble of the storm. `crash` is an exception that has ended the run.
+    """
+
+    violations: tuple[Violation, ...]
+    reached: bool
+    reason: str | None
+    explained: bool
+    log_sha256: str
+    lasted_s: float
+    wall_s: float
+    crash: str | None = None
+    troubles: tuple[tuple[float, str], ...] = ()
+
+    @property
+    def rules(self) -> set[str]:
+        """The names of the broken rules."""
+        return {violation.rule for violation in self.violations}
+
+
+def run(storm: Storm) -> Ended:
+    """Run a storm in virtual time; the same storm gives the same bytes."""
+    scenario = scenario_of(storm)
+    before_s = perf_counter()
+    with closing(PythonBank(addresses_of(scenario).node_ids)) as bank:
+        host = Host(partial(coordinator_of, scenario))
+        simulation = Simulation(
+            scenario, bank, [host], host_report=lambda: host.report, recorded=False
+        )
+        _Events(simulation, bank, scenario, host).schedule(storm.events)
+        crash = None
+        try:
+            simulation.run_until(scenario.run.duration_s, over=_Over(simulation, storm, host))
+        except Exception:
+            # Whatever it is, the storm has found it.
+            crash = traceback.format_exc()
+        simulation.referee.finish()
+        reason = host.reason
+        reached = crash is None and _reached(scenario, simulation, host)
+        return Ended(
+            tuple(simulation.referee.violations),
+            reached,
+            reason,
+            _explained(storm, host.said),
+            simulation.log.log_sha256,
+            simulation.kernel.now_ns / NS_PER_S,
+            perf_counter() - before_s,
+            crash,
+            tuple(host.troubles),
+        )
+
+
+class Host:
+    """The host's place on the buses: one coordinator after another, or nobody."""
+
+    def __init__(self, make: Callable[[], Coordinator]) -> None:
+        self._make = make
+        self._now_s = 0.0
+        self._again_s = inf
+        self._pause_s: float | None = None
+        self._before: list[Coordinator] = []
+        self.coordinator: Coordinator | None = make()
+
+    def kill(self, pause_s: float, now_s: float) -> None:
+        """The process, if there is one, ends at once; the next begins after a pause."""
+        if self.coordinator is not None:
+            self._before.append(self.coordinator)
+        self.coordinator, self._pause_s = None, None
+        self._again_s = now_s + pause_s
+
+    def begin_again(self, pause_s: float) -> None:
+        """The program ends in order, and the next begins so long after its end."""
+        if self.coordinator is not None:
+            self.coordinator.stop()
+            self._pause_s = pause_s
+
+    @property
+    def busy(self) -> bool:
+        """Whether a program runs, or is to begin."""
+        waits = self._pause_s is not None or self._again_s < inf
+        return waits or (self.coordinator is not None and not self.coordinator.stopped)
+
+    @property
+    def reason(self) -> str | None:
+        """Why the program cannot go on, if it says so."""
+        one = self.coordinator
+        return None if one is None else one.fault or one.lost or one.stuck
+
+    @property
+    def report(self) -> HostReport:
+        """What it says now; of a killed program whoever has killed it knows."""
+        if self.coordinator is not None:
+            # What a program has said before it was killed has been said.
+            told_s = max((time_s for time_s, _ in self.troubles), default=-inf)
+            return replace(host_report_of(self.coordinator), trouble_s=told_s)
+        goals = host_report_of(self._before[-1]).goals
+        return HostReport(goals, reason="the program has been killed")
+
+    @property
+    def troubles(self) -> list[tuple[float, str]]:
+        """What all programs have found amiss."""
+        programs = [*self._before, *filter(None, [self.coordinator])]
+        return [trouble for one in programs for trouble in one.troubles]
+
+    @property
+    def said(self) -> list[str]:
+        """What a person is told: troubles, why it cannot go on, and that it stops."""
+        programs = [*self._before, *filter(None, [self.coordinator])]
+        stops = [text for one in programs for _, text in one.events if "stop" in text]
+        reasons = [one.fault or one.lost or one.stuck for one in programs]
+        return [*stops, *(text for _, text in self.troubles), *filter(None, reasons)]
+
+    # As a participant
+
+    @property
+    def wake_s(self) -> float:
+        """When to poll next [s]."""
+        wake_s = self._now_s + IDLE_S
+        return wake_s if self.coordinator is None else min(wake_s, self.coordinator.wake_s)
+
+    def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
+        """A frame was on a bus."""
+        if self.coordinator is not None:
+            self.coordinator.on_frame(frame, now_s, bus)
+
+    def poll(self, now_s: float) -> Iterable[Frame]:
+        """What to send now, where there is one bus."""
+        return [frame for _, frame in self.poll_buses(now_s)]
+
+    def poll_buses(self, now_s: float) -> Iterable[tuple[int, Frame]]:
+        """What to send now, each frame with its bus."""
+        self._now_s = now_s
+        one = self.coordinator
+        if one is not None and one.stopped and self._pause_s is not None:
+            self.kill(self._pause_s, now_s)
+        if self._again_s <= now_s:
+            self._again_s = inf
+            self.coordinator = self._make()
+        if self.coordinator is None or self.coordinator.wake_s > now_s:
+            return ()
+        return self.coordinator.poll_buses(now_s)
+
+
+class _Events:
+    """What people and other programs do during a storm."""
+
+    def __init__(
+        self, simulation: Simulation, bank: PythonBank, scenario: Scenario, host: Host
+    ) -> None:
+        self._simulation = simulation
+        self._bank = bank
+        self._scenario = scenario
+        self._host = host
+        self._addresses: Addresses = addresses_of(scenario)
+
+    def schedule(self, events: Iterable[Table]) -> None:
+        """Have each happen at its time."""
+        for event in events:
+            values = {key: event[key] for key in event if key not in ("kind", "time_s")}
+            action = partial(getattr(self, f"_{event['kind']}"), **values)
+            self._at(event["time_s"], action)
+
+    def _at(self, time_s: float, action: Callable[[], object]) -> None:
+        self._simulation.kernel.at(round(time_s * NS_PER_S), PRIORITY, action)
+
+    @property
+    def _now_s(self) -> float:
+        return self._simulation.kernel.now_ns / NS_PER_S
+
+    def _join(self, participant: Any) -> Driver:
+        return Driver(self._simulation.kernel, self._simulation.buses, participant)
+
+    def _empty(self) -> None:
+        self._host.kill(inf, self._now_s)
+
+    def _jog(self, cell: int, axis: int, speed_m_s: float, duration_s: float) -> None:
+        """A jog of 2 s, whose tool may be killed before it has ended in order."""
+        jog = Jog(self._addresses.node_ids[cell - 1], axis, speed_m_s, 2.0)
+        jog.wake_s = self._now_s
+        driver = self._join(jog)
+        self._at(self._now_s + duration_s, driver.leave)
+
+    def _start(self) -> None:
+        if not self._host.busy:
+            self._host.kill(0.0, self._now_s)
+
+    def _stop(self) -> None:
+        if self._host.coordinator is not None:
+            self._host.coordinator.stop()
+
+    def _stop_all(self) -> None:
+        self._join(_OnAllBuses(StopAll(), self._now_s, self._addresses.bus_count))
+
+    def _restart(self, pause_s: float) -> None:
+        self._host.kill(pause_s, self._now_s)
+
+    def _again(self, pause_s: float) -> None:
+        self._host.begin_again(pause_s)
+
+    def _second_host(self, duration_s: float) -> None:
+        driver = self._join(Host(partial(coordinator_of, self._scenario)))
+        self._at(self._now_s + duration_s, driver.leave)
+
+    def _goal(self, parcel: str, x_m: float, y_m: float, yaw_rad: float | None = None) -> None:
+        coordinator = self._host.coordinator
+        if coordinator is None or coordinator.stopped:
+            return
+        try:
+            coordinator.set_goal(parcel, Goal(x_m, y_m, yaw_rad))
+        except (KeyError, ValueError):
+            # The page shows why, and the parcel keeps its goal.
+            return
+
+    def _write(self, cell: int, index: int, value: int) -> None:
+        entry = ENTRIES[index, 0]
+        data = sdo.write_request(index, 0, value.to_bytes(entry.type.size, "little"))
+        frame = Frame(cob.SDO_REQUEST_BASE + self._addresses.node_ids[cell - 1], data)
+        self._join(_Once(frame, self._addresses.buses[cell - 1], self._now_s))
+
+    def _reading_high(self, cell: int) -> None:
+        """From now on the cell's measurement stays as it is."""
+        measure = self._bank.set_supply
+
+        def measured(other: int, supply_uv: int) -> None:
+            if other != cell - 1:
+                measure(other, supply_uv)
+
+        self._bank.set_supply = measured  # type: ignore[method-assign]
+
+
+class _Once:
+    """Sends one frame on one bus."""
+
+    def __init__(self, frame: Frame, bus: int, now_s: float) -> None:
+        self._frames = [(bus, frame)]
+        self.wake_s = now_s
+
+    def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
+        """Receives nothing."""
+
+    def poll_buses(self, now_s: float) -> Iterable[tuple[int, Frame]]:
+        """The frame, once."""
+        self.wake_s = inf
+        frames, self._frames = self._frames, []
+        return frames
+
+
+class _OnAllBuses:
+    """A participant of one bus that sends the same on all."""
+
+    def __init__(self, one: StopAll, now_s: float, buses: int) -> None:
+        self._one = one
+        self._buses = range(buses)
+        one.wake_s = now_s
+
+    @property
+    def wake_s(self) -> float:
+        return self._one.wake_s
+
+    def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
+        """Pass it on."""
+        self._one.on_frame(frame, now_s)
+
+    def poll_buses(self, now_s: float) -> Iterable[tuple[int, Frame]]:
+        """Each of its frames on each bus."""
+        return [(bus, frame) for frame in self._one.poll(now_s) for bus in self._buses]
+
+
+class _Over:
+    """Whether nothing more is to happen, and nothing has for a while."""
+
+    def __init__(self, simulation: Simulation, storm: Storm, host: Host) -> None:
+        self._simulation = simulation
+        self._host = host
+        self._steered = storm.tables["motion"]["field"] == "goal"
+        self._last_s = max((_end_s(each) for _, each in parts_of(storm)), default=0.0)
+        self._since_s: float | None = None
+
+    def __call__(self) -> bool:
+        now_s = self._simulation.kernel.now_ns / NS_PER_S
+        if now_s < self._last_s or not self._settled():
+            self._since_s = None
+            return False
+        self._since_s = now_s if self._since_s is None else self._since_s
+        return now_s - self._since_s >= SETTLED_S
+
+    def _settled(self) -> bool:
+        coordinator = self._host.coordinator
+        if not self._host.busy or coordinator is None:
+            return not self._host.busy
+        if self._steered:
+            return set(coordinator.goals) <= set(coordinator.arrived_s)
+        return coordinator.finished
+
+
+def _end_s(trouble: Table) -> float:
+    begun_s = trouble.get("start_s", trouble.get("time_s", 0.0))
+    return begun_s + trouble.get("duration_s", 0.0) + trouble.get("pause_s", 0.0)
+
+
+def _reached(scenario: Scenario, simulation: Simulation, host: Host) -> bool:
+    coordinator = host.coordinator
+    if coordinator is None:
+        # Nobody has asked for anything.
+        return True
+    if scenario.motion.field == "program":
+        # Where a sort has no count it has no end, and no goal to miss.
+        return coordinator.finished or (coordinator.endless and coordinator.fault is None)
+    names = [parcel.name for parcel in scenario.parcel]
+    poses = simulation.world.pose
+    return all(
+        outcome_of(name, goal, tuple(poses[names.index(name)]), None).reached
+        for name, goal in coordinator.goals.items()
+    )
+
+
+#: What a message has that names a trouble, by its kind; {cell} and {parcel} are those struck.
+_NAMED: Mapping[str, str] = {
+    "supply": r"supply|voltage|0x3[0-9A-F]{3}",
+    "host": r"host|heartbeat|late|silent|setpoint",
+    "loss": r"silent|lost|heartbeat|answer|held",
+    "corruption": r"bus off|silent|lost|answer|0x81",
+    "overload": r"silent|lost|answer",
+    "delay": r"cell {cell}\b",
+    "cut": r"silent|answer",
+    "off": r"cell {cell}\b",
+    "hang": r"cell {cell}\b",
+    "bridge_fault": r"cell {cell}\b",
+    "sensor_stuck": r"cell {cell}\b",
+    "motor_reversed": r"cell {cell}\b",
+    "encoder_stuck": r"cell {cell}\b",
+    "wheel_jammed": r"cell {cell}\b",
+    "wrong_place": r"cell ({cell}|{as_cell})\b",
+    "push": r"{parcel}",
+    "lift": r"{parcel}",
+    "empty": r"$.",
+    "jog": r"cell {cell}\b|another host",
+    "start": r"$.",
+    "stop": r"stop",
+    "stop_all": r"another host|somebody else|mdms stop|operational",
+    "restart": r"another host|restart|cell \d+",
+    "again": r"another host|restart|stop",
+    "second_host": r"another host",
+    "goal": r"{parcel}",
+    "write": r"cell {cell}\b",
+    "reading_high": r"cell {cell}\b",
+}
+
+
+def _explained(storm: Storm, said: Iterable[str]) -> bool:
+    """Whether what a person is told names a trouble of the storm."""
+    if any(fault["kind"] == "host" and "duration_s" not in fault for fault in storm.faults):
+        # Nobody is left to say anything.
+        return True
+    text = "\n".join(said)
+    return any(re.search(_pattern(part), text) for _, part in parts_of(storm))
+
+
+def _pattern(part: Table) -> str:
+    cells = part.get("cells") or [part.get("cell", r"\d+")]
+    struck = {
+        "cell": f"({'|'.join(map(str, cells))})",
+        "as_cell": part.get("as_cell", ""),
+        "parcel": re.escape(part.get("parcel", "")),
+    }
+    return _NAMED[part["kind"]].replace("{3}", "\0").format(**struck).replace("\0", "{3}")
+
+
+def report(storm: Storm, ended: Ended) -> Iterable[str]:
+    """How it ended, for people."""
+    for time_s, text in ended.troubles:
+        yield f"{time_s:8.3f} s  {text}"
+    for each in ended.violations:
+        where = f" cell {each.cell}" if each.cell else f" {each.parcel}" if each.parcel else ""
+        yield f"{each.time_s:8.3f} s  rule '{each.rule}'{where}: {each.text}"
+    if ended.crash:
+        yield ended.crash
+    yield (
+        f"storm {storm.seed}: {'reached' if ended.reached else 'not reached'}, "
+        f"reason {ended.reason!r}, {'explained' if ended.explained else 'not explained'}, "
+        f"{ended.lasted_s:.1f} s in {ended.wall_s:.1f} s, log {ended.log_sha256[:12]}"
+    )
+
+
+def main(arguments: list[str]) -> None:
+    """Run one storm and print it."""
+    for argument in arguments:
+        path = Path(argument)
+        storm = load(path.read_text("utf-8")) if path.exists() else draw(int(argument))
+        print(written(storm))
+        print(*report(storm, run(storm)), sep="\n", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
