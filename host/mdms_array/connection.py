@@ -38,7 +38,7 @@ from mdms_host.programs.table import Table
 from mdms_host.programs.traffic.planning import ThreadDesk
 from mdms_model.errors import InputError
 
-__all__ = ["connect", "open_link", "open_links"]
+__all__ = ["connect"]
 
 Result = TypeVar("Result")
 #: Bring-up, and finding the parcels, take no longer, or something is wrong [s].

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 __all__ = [
     "FailedError",
     "FaultError",
-    "Finished",
     "Incident",
     "LostError",
     "ParcelRun",
@@ -120,7 +119,7 @@ class ParcelRun:
 
     @property
     def columns(self) -> dict[str, Floats]:
-        """All of it as columns of equal length, as `pandas.DataFrame` takes them."""
+        """All of it [SI] as columns of equal length, as `pandas.DataFrame` takes them."""
         names = "x_m", "y_m", "yaw_rad"
         true = {name: self.true[:, axis] for axis, name in enumerate(names)}
         believed = {f"believed_{name}": self.believed[:, axis] for axis, name in enumerate(names)}
@@ -140,7 +139,7 @@ class WheelRun:
 
     @property
     def columns(self) -> dict[str, Floats]:
-        """All of it as columns of equal length, as `pandas.DataFrame` takes them."""
+        """All of it [SI] as columns of equal length, as `pandas.DataFrame` takes them."""
         return {name: getattr(self, name) for name in self.__slots__}
 
 

@@ -174,7 +174,7 @@ def _add_events(record: Record, coordinator: Coordinator) -> None:
     record.events = sorted(events, key=lambda event: event.time_s)
 
 
-__all__ = ["Finished", "run_scenario", "simulate", "virtual"]
+__all__ = ["simulate", "virtual"]
 
 Result = TypeVar("Result")
 Signals = Mapping[str, Sequence[tuple[float, Any]]]

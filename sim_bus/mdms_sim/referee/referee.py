@@ -15,8 +15,6 @@ from mdms_sim.referee.truth import Truth
 from mdms_sim.referee.wheels import Wheels
 from mdms_sim.referee.word import Word
 
-__all__ = ["Referee"]
-
 NS_PER_S = 1_000_000_000
 #: Parcels are looked at this often, words and wheels under parcels that often [ticks of 1 ms].
 LOOK_TICKS = 10

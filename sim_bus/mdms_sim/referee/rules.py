@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-__all__ = ["RULES", "Rule", "Violation"]
-
 
 @dataclass(frozen=True, slots=True)
 class Rule:

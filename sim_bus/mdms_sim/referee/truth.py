@@ -12,8 +12,6 @@ from mdms_model.buses import Addresses
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.physics.plane.world import World
 
-__all__ = ["HostReport", "Note", "Pose", "Truth"]
-
 #: Where a parcel is to be [m, m, rad; table frame]; the yaw is None where any will do.
 Pose = tuple[float, float, float | None]
 

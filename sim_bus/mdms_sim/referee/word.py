@@ -15,8 +15,6 @@ from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours.messages import Goal, Parcel, Place, decode_page
 from mdms_sim.referee.truth import Pose, Truth
 
-__all__ = ["NS_PER_S", "Estimate", "Word"]
-
 NS_PER_S = 1_000_000_000
 #: An estimate comes with every SYNC; one that is older counts for nothing.
 FRESH_NS = 50_000_000

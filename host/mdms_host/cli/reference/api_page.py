@@ -6,10 +6,16 @@ from mdms_host.cli.reference.names import Name, module_words, names_of
 
 #: What is public, by what it is for; each module lists its names in `__all__`.
 MODULES = {
-    "Scenarios and runs": (
+    "`import mdms_array as mdms`": (
+        "mdms_array.simulation",
+        "mdms_array.connection",
+        "mdms_array.table",
+        "mdms_array.run",
+        "mdms_model.errors",
+    ),
+    "Scenarios and records": (
         "mdms_model.scenario.file",
         "mdms_model.scenario.scenario",
-        "mdms_array.simulation",
         "mdms_array.figures",
         "mdms_model.run.record",
         "mdms_model.run.folder",
