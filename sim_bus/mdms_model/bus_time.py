@@ -32,9 +32,8 @@ def worst_bits(data_bytes: int) -> int:
     return stuffed + PLAIN_BITS + (stuffed - 1) // STUFF_EVERY
 
 
-#: Where cells steer, they miss the host after five of its heartbeats: of two frames lost in a
-#: hundred, that happens once in a day by chance.
-WATCHED_HEARTBEAT_S = 0.015
+#: Where cells steer, they miss the host after three of its heartbeats.
+WATCHED_HEARTBEAT_S = 0.025
 
 
 @dataclass(frozen=True, slots=True)

@@ -187,9 +187,7 @@ class CellsProgram:
                 pages += [sending.end_page] * ENDS
             if name in self._stages and belief is not None:
                 self._guide(name, _felt(name, beliefs), name in asked)
-            observed = self._observed[name]
-            if observed.is_elsewhere(belief, now_s) or (name in self._followed and observed.apart):
-                observed.apart = False
+            if self._observed[name].is_elsewhere(belief, now_s):
                 sending.give_anew()
             shown = belief if self._may_send(name) else None
             pages += sending.pages(None if shown is None else shown.pose, now_s)

@@ -74,14 +74,3 @@ def test_what_a_cell_reported_long_ago_counts_for_nothing(age_s):
     assert table.program.finished
     table.run(age_s, poses=THERE)
     assert table.program.finished == (age_s < 0.05)
-
-
-def test_cells_that_take_the_parcel_for_arrived_elsewhere_get_it_anew_where_it_is_believed():
-    table, beside = Table(), {"box": THERE["box"] - (0.0, 0.0, 0.04)}
-    ends = []
-    for _ in range(7):
-        table.run(0.2, poses=beside, reports=reports())
-        sent = table.run(0.8, poses=beside, reports=reports(flags=wire.ARRIVED))
-        ends.append(sum(isinstance(page, messages.End) for _, page in sent))
-    assert ends == [3, 3, 3, 3, 3, 0, 0]
-    assert len(table.notices) == 1
