@@ -215,7 +215,9 @@ class ThreadDriver:
         if self._error is not None:
             return "fault", str(self._error)
         if coordinator.fault is not None:
-            return "fault", coordinator.fault
+            # How the run ended names what was held up, too.
+            told = None if self._operation is None else self._operation.fault
+            return "fault", told or coordinator.fault
         if coordinator.lost is not None:
             return "lost", coordinator.lost
         if coordinator.stuck is not None:
