@@ -214,6 +214,9 @@ class Parcels:
         """The parcels that a host which steers to goals does not steer."""
         if report is None or self._truth.scenario.motion.field != "goal":
             return []
+        if report.goals.keys() - self._names.keys():
+            # A person has given a parcel another name: nobody can tell which one is meant.
+            return []
         names = self._names.items()
         return [number for name, number in names if name not in report.goals]
 

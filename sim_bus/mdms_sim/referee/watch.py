@@ -231,7 +231,8 @@ def _look_at_stopping(wheel: Records, now: Records, closed: bool, awake: bool, n
     if not awake and now_ns < wheel.awake_ns and abs(now.speed_m_s) > TURNS_M_S:
         wheel.noticed |= COASTS
     # One that carries something goes as far as that slides, or others push it.
-    if now.normal_n > 0.0 or not closed:
+    # A reversed motor speeds up where its cell brakes, until the cell finds it (0x7302).
+    if now.normal_n > 0.0 or not closed or now.reversed:
         wheel.loaded = 1
     ramped = wheel.stop != CUT and not (wheel.loaded or wheel.rested)
     if ramped and abs(now.travel_m - wheel.from_m) > wheel.way_m:

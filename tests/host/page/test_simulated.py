@@ -232,7 +232,9 @@ def test_objects_of_a_cell_are_read_by_name_and_unit_while_the_program_runs(runn
     }
     assert rows["2000:0"]["unit"]
     assert any(row["name"].startswith("Axis 1") and row["unit"] == "m/s" for row in rows.values())
-    assert not [row for row in rows.values() if "problem" in row]
+    # A cell does not measure its memory while its wheels are on.
+    refused = {place for place, row in rows.items() if "problem" in row}
+    assert refused == {"3008:1", "3008:2"}
     assert [m["over"] for m in running.messages if m["kind"] == "objects"][-1]
     assert PHASES[running.shown["phase"][0]] == "running"
 
