@@ -10,7 +10,7 @@ from mdms_model.scenario.scenario import ScenarioError
 
 
 async def goes_a_little(table):
-    await table.move(table["box"], 0.0, 0.0)
+    await table["box"].move(0.0, 0.0)
 
 
 @pytest.mark.parametrize("field", ["goal", "inward", "program"])

@@ -4,9 +4,10 @@ import tomllib
 
 import pytest
 
+from mdms_array import extras
 from mdms_array.recording import keep_run, lasting
 from mdms_array.simulation import run_scenario
-from mdms_host.cli import extras, main
+from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
 from mdms_model.run.folder import read_run
 from mdms_model.scenario.file import load_scenario

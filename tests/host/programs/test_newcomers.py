@@ -151,7 +151,7 @@ def test_what_was_taken_for_a_parcel_to_come_is_none_and_the_parcel_is_expected_
         for _ in range(2):
             crate = await table.arrival()
             came.append(table.now_s)
-            await table.move(crate, 0.2, 0.0)
+            await crate.move(0.2, 0.0)
 
     stage = Stage(main)
     register = Register(stage)

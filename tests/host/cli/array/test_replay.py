@@ -7,13 +7,13 @@ import can
 import cantools
 import pytest
 
+from mdms_array.recording import convert_log
 from mdms_host.cli import main
 from mdms_host.cli.exits import CommandError
 from mdms_host.cli.records.bus_log import (
     LogPlayer,
     LogWriter,
     chosen,
-    convert_log,
     is_from_host,
     read_log,
 )

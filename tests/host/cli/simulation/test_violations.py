@@ -60,8 +60,8 @@ def test_a_violation_is_among_the_events_of_the_page(hasty, monkeypatch):
 
 def test_a_parcel_that_is_ordered_on_at_once_is_not_said_to_be_there():
     async def there_and_on(table):
-        await table.move(table["box"], 0.0, 0.0, 0.0)
-        await table.move(table["box"], 0.06, 0.0, 0.0)
+        await table["box"].move(0.0, 0.0, 0.0)
+        await table["box"].move(0.06, 0.0, 0.0)
 
     scenario = load_scenario(
         "array18", ["motion={field='program', speed_m_s=0.2}", "run.duration_s=4"]

@@ -264,7 +264,7 @@ def test_what_is_planned_is_kept_for_the_record_as_it_changes_and_as_tiles_are_l
 def test_one_of_two_that_stand_on_the_same_tile_goes_first_and_then_the_other():
     async def main(table):
         box, disc = table["box"], table["disc"]
-        await table.together(table.move(box, 0.35, 0.0), table.move(disc, 0.0, 0.0))
+        await table.together(box.move(0.35, 0.0), disc.move(0.0, 0.0))
 
     near = "parcel.0.x_m=0.0", "parcel.0.y_m=0.0", "parcel.0.yaw_rad=0.0", "parcel.1.y_m=0.0"
     # They are 8 mm apart.
