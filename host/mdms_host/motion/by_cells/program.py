@@ -35,7 +35,8 @@ class CellsProgram:
 
     A parcel without a goal gets an identity too, so that its cells keep others away. One that does
     not get on although nothing holds it is stopped for good: its identity is dropped. `goes_on` is
-    whether the cells bring it to its goal without the host.
+    whether the cells bring it to its goal without the host, `planned` whether the caller plans ways
+    around each other; else the cells also keep others from where a parcel may lie that stands.
     """
 
     def __init__(
@@ -46,12 +47,14 @@ class CellsProgram:
         limits: Limits | None = None,
         *,
         go_on: bool = False,
+        planned: bool = True,
         centres_of_mass_m: Places = MappingProxyType({}),
     ) -> None:
         self._layout = layout
         self._centres_of_mass_m = centres_of_mass_m
         self._limits = limits or Limits()
         self.goes_on = go_on
+        self._planned = planned
         self._reports = Reports(layout)
         self._precedences = Precedences(layout)
         self._bottoms: dict[str, Bottom] = {}
@@ -145,6 +148,7 @@ class CellsProgram:
                 note,
                 limits=self._limits,
                 go_on=self.goes_on,
+                planned=self._planned,
             )
         identity = self._sendings[name].identity
         self._observed[name] = Observed(name, identity, parcel.bottom, self._reports, note)
