@@ -500,7 +500,13 @@ def _program(
         limits = limits_of(scenario)
         centres_m, go_on = centres_of_mass_m(scenario), scenario.motion.go_on
         return CellsProgram(
-            layout, parcels, goals, limits, go_on=go_on, centres_of_mass_m=centres_m
+            layout,
+            parcels,
+            goals,
+            limits,
+            go_on=go_on,
+            planned=len(parcels) < 2,
+            centres_of_mass_m=centres_m,
         )
     return GoalProgram(traction_of(scenario, layout, cells), parcels, goals, masses_of(scenario))
 

@@ -33,6 +33,12 @@ CONTRADICTION = const(32 * 32)
 _START = const(128 * 128)
 _MOST = const(384 * 384)
 _LEAST = const(6 * 6)
+#: Of a parcel no edge has been seen while its variances along both axes are at least this. Between
+#: the sensors of two cells an edge may lie 32 mm from where it is believed; a parcel comes so much
+#: nearer to squares [steps], the clearance of 4 mm included. The certainty is that on the wire.
+UNSEEN = const(_START // 2)
+UNSEEN_ROOM = const(28_000 // 16)
+UNSEEN_CERTAINTY = const(3)
 #: A way so long adds one to the variances: a tenth of it is slip, in steps of 25 mm.
 _WAY_UM = const(15)
 #: An edge so many standard deviations away is not believed, nor one so far [steps of 16 um].
@@ -109,6 +115,11 @@ class Belief(Outline):
         """The mean of the three variances."""
         registers = self.registers
         return (registers[_XX] + registers[_YY] + registers[_TT]) // 3
+
+    def is_unseen(self):
+        """Whether no edge of the parcel has been seen since it was put there."""
+        registers = self.registers
+        return registers[_XX] >= UNSEEN and registers[_YY] >= UNSEEN
 
     def correct(self, x, y, error, exact=True):
         """The parcel's edge is over a point [steps]; returns False if that is not believed.

@@ -16,6 +16,7 @@ from array import array
 
 from mdms_cell.canopen.objects import find
 from mdms_cell.neighbours import precedence, right_of_way
+from mdms_cell.neighbours.belief import UNSEEN_CERTAINTY, UNSEEN_ROOM
 from mdms_cell.neighbours.geometry import place
 from mdms_cell.neighbours.geometry.footprint import Footprint
 from mdms_cell.neighbours.geometry.outline import Outline
@@ -336,14 +337,17 @@ class Layer:
         if program is None or not program.has_parcel:
             self._pages.asked = identity
             return UNKNOWN
-        if not estimates[at + wire.CERTAINTY]:
+        certainty = estimates[at + wire.CERTAINTY]
+        if not certainty:
             return 0 if self._has_pose(identity) else UNKNOWN
         x_um, y_um = self._place.shift_um(direction)
         x_um += estimates[at + wire.X] * wire.STEP_UM
         y_um += estimates[at + wire.Y] * wire.STEP_UM
         self._outline.set(*program.size())
         self._outline.place(x_um, y_um, turn_um(estimates[at + wire.YAW]))
-        return identity if self._footprint.reaches(self._outline) else 0
+        unseen = program.unplanned and certainty <= UNSEEN_CERTAINTY
+        room = UNSEEN_ROOM if unseen else 0
+        return identity if self._footprint.reaches(self._outline, room) else 0
 
     def _has_pose(self, identity):
         """Whether any neighbour has said lately where this parcel is."""

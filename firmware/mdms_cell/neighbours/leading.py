@@ -54,6 +54,8 @@ assert _ACCELERATION_MM_S2 == wire.ACCELERATION_MM_S2
 _CENTRE = const(0)
 _BELIEF = const(10)
 _TWIST = const(23)
+_UNSEEN_ROOM = const(1750)
+assert _UNSEEN_ROOM == belief.UNSEEN_ROOM
 assert (_CENTRE, _BELIEF, _TWIST) == (outline.X, belief.X, twist.VX)
 # ... in those of a steering ...
 _COMMANDED = const(0)
@@ -98,6 +100,7 @@ class Leading:
         self._place = place
         self._footprint = footprint.registers
         self._parcel = tracking.belief.registers
+        self._tracking = tracking
         self._axes = axes
         self.registers = array("i", [0] * _REGISTERS)
 
@@ -140,18 +143,27 @@ class Leading:
     def look_ahead(self, program):
         """Masks of the neighbours that the parcel covers or will before it can stand and, from bit
         8 on, of those that it will cover soon.
+
+        It asks for those that it may lie over as long as no edge of it has been seen, too, and
+        needs them where another parcel has them.
         """
         footprint, parcel = self._footprint, self._parcel
         present = footprint[_PRESENT]
         if program is None:
-            here = squares_overlapped(parcel, footprint, present)
-            return here | here << 8
-        registers = self.registers
-        read_way(program.pages, registers, _WAY)
-        room = _ROOM if registers[_ALONE_MS] else 0
-        footprint[_HALF] += room
-        ahead = _look_ahead(parcel, parcel, registers, footprint, present)
-        footprint[_HALF] -= room
+            ahead = squares_overlapped(parcel, footprint, present)
+            ahead |= ahead << 8
+        else:
+            registers = self.registers
+            read_way(program.pages, registers, _WAY)
+            room = _ROOM if registers[_ALONE_MS] else 0
+            footprint[_HALF] += room
+            ahead = _look_ahead(parcel, parcel, registers, footprint, present)
+            footprint[_HALF] -= room
+        if self._tracking.may_be_elsewhere():
+            footprint[_HALF] += _UNSEEN_ROOM
+            near = squares_overlapped(parcel, footprint, present)
+            footprint[_HALF] -= _UNSEEN_ROOM
+            ahead |= near & self._tracking.others | near << 8
         return ahead
 
     @micropython.native

@@ -66,6 +66,11 @@ class Program:
         """Whether the host's silence does not end the motion."""
         return bool(self.pages[_FLAGS_AT] >> _FLAGS_BIT & wire.GO_ON)
 
+    @property
+    def unplanned(self):
+        """Whether nobody plans ways of parcels around each other."""
+        return bool(self.pages[_FLAGS_AT] >> _FLAGS_BIT & wire.UNPLANNED)
+
     def size(self):
         """RECTANGLE or DISC, length or diameter, and width."""
         fields = self._page(_PARCEL)

@@ -78,6 +78,7 @@ class Tracking:
         """There is no parcel."""
         self.identity = 0
         self.shaped = False
+        self.unplanned = False
         self.under = False
         self.missing_beats = 0
         self._followed_beats = 0
@@ -98,6 +99,7 @@ class Tracking:
         """The parcel's outline is known now."""
         self.belief.set(*program.size())
         self.shaped = True
+        self.unplanned = program.unplanned
         self.look()
 
     def place(self, x_um, y_um, turn):
@@ -113,6 +115,13 @@ class Tracking:
     def miss(self):
         """The parcel is not seen in this beat."""
         self.missing_beats = min(self.missing_beats + 1, LOST_BEATS)
+
+    def may_be_elsewhere(self):
+        """Whether the parcel may lie over cells by its edges, none of which has been seen yet.
+
+        Where ways are planned the plan keeps others away from it.
+        """
+        return self.unplanned and self.belief.is_unseen()
 
     def is_witnessed(self):
         """Whether two neighbours or more have the parcel where this cell believes it."""

@@ -6,14 +6,19 @@ from itertools import combinations
 from math import hypot
 
 from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_host.motion.trajectory.path import Path
 from mdms_model import outline
 from mdms_model.arrays import Floats
 
 #: Beliefs that overlap by less may be of parcels that pass each other; by more they are not.
 _OVERLAP_M = 0.005
 _DEEP_M = 0.02
-#: Between the two it must be at least this share of the way to a stop that brings them closer.
+#: Between the two it must be at least this share of the way ahead that brings them closer.
 _CLOSING_SHARE = 0.3
+#: A way to a stop may be longer by this factor, and beliefs may be off: a parcel looks so much
+#: farther ahead along its way [m].
+_LONGER = 1.3
+_AHEAD_M = 0.02
 #: Room that a parcel needs around it to turn on the spot, and beside its way to go around [m].
 _NEAR_M = 0.015
 _BESIDE_M = 0.05
@@ -23,17 +28,35 @@ _PRESSING_S = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A parcel's outline, believed pose, commanded twist, and the time it takes to stop [s]."""
+    """A parcel's outline, believed pose, commanded twist, and the time it takes to stop [s].
+
+    `way` is what is left of its way, which begins where it is; None where it only comes to rest.
+    """
 
     outline: Bottom
     pose: Floats
     twist: Floats
     stopping_s: float
+    way: Path | None = None
 
     @property
-    def stopped_pose(self) -> Floats:
-        """Where it lies if it is stopped now, shape (3,)."""
-        return self.pose + self.twist * (self.stopping_s / 2)
+    def moves(self) -> bool:
+        """Whether it moves, or is about to."""
+        return self.way is not None or bool(self.twist.any())
+
+    @property
+    def ahead_m(self) -> float:
+        """How far it looks ahead, turning counted by the way of a corner [m]."""
+        if self.way is None:
+            return self.stopping_m
+        return min(_LONGER * self.stopping_m + _AHEAD_M, self.way.length_m)
+
+    @property
+    def ahead_pose(self) -> Floats:
+        """Where it comes so far ahead: where it lies once it stands, or farther, shape (3,)."""
+        if self.way is None:
+            return self.pose + self.twist * (self.stopping_s / 2)
+        return self.way.pose_at(self.ahead_m)
 
     @property
     def stopping_m(self) -> float:
@@ -60,17 +83,18 @@ class Contacts:
 
 
 def _press(one: Body, other: Body) -> bool:
-    """Whether two parcels overlap once they have stopped, and more than they do now."""
-    if not (one.twist.any() or other.twist.any()):
+    """Whether two parcels overlap ahead, where they may still stop before, and more than now."""
+    if not (one.moves or other.moves):
         return False
+    one_pose, other_pose = one.ahead_pose, other.ahead_pose
     way_m = one.outline.reach_m + other.outline.reach_m
-    if hypot(*(one.stopped_pose - other.stopped_pose)[:2].tolist()) > way_m:
+    if hypot(*(one_pose - other_pose)[:2].tolist()) > way_m:
         return False
-    later_m = gap_m(one.outline, one.stopped_pose, other.outline, other.stopped_pose)
+    later_m = gap_m(one.outline, one_pose, other.outline, other_pose)
     closing_m = gap_m(one.outline, one.pose, other.outline, other.pose) - later_m
     if closing_m <= 0.0 or later_m >= -_OVERLAP_M:
         return False
-    return later_m < -_DEEP_M or closing_m > _CLOSING_SHARE * (one.stopping_m + other.stopping_m)
+    return later_m < -_DEEP_M or closing_m > _CLOSING_SHARE * (one.ahead_m + other.ahead_m)
 
 
 def gap_m(one: Bottom, one_pose: Floats, other: Bottom, other_pose: Floats) -> float:

@@ -299,7 +299,7 @@ class GoalProgram:
         self._found.update(beliefs.keys() & self._given.keys())
         self._see_obstacles(beliefs)
         carried = dict(self._steer(beliefs, step_s))
-        self._stop_blocked(carried, step_s)
+        self._stop_blocked(carried, beliefs, step_s)
         moving = {name: one for name, one in carried.items() if one is not None}
         return self._carrying.references_m_s(moving, self._bottoms, self._places)
 
@@ -353,13 +353,18 @@ class GoalProgram:
             )
         self._slips[name] = grip.slips
 
-    def _stop_blocked(self, carried: Mapping[str, Carried | None], step_s: float) -> None:
-        """Stop parcels that press each other, and those that do not get on, and report them.
+    def _stop_blocked(
+        self,
+        carried: Mapping[str, Carried | None],
+        beliefs: Mapping[str, Belief],
+        step_s: float,
+    ) -> None:
+        """Stop parcels before they press each other, and those that do not get on; report them.
 
         Where a parcel was put is too rough to be judged by; where it was found last is not.
         """
         bodies = {
-            name: self._body(name, carried.get(name))
+            name: self._body(name, carried.get(name), beliefs.get(name))
             for name in self._bottoms
             if name in self._found
         }
@@ -375,11 +380,13 @@ class GoalProgram:
             elif standstill.step(controller.left_m, controller.speed_m_s, step_s, controller.leg):
                 self._stand((name, *self._near(name, bodies)))
 
-    def _body(self, name: str, carried: Carried | None) -> Body:
-        if carried is None:
+    def _body(self, name: str, carried: Carried | None, belief: Belief | None) -> Body:
+        if carried is None or belief is None:
             return Body(self._bottoms[name], self._places[name], np.zeros(3), 0.0)
-        stopping_s = self._controllers[name].stopping_s
-        return Body(self._bottoms[name], self._places[name], carried.reference, stopping_s)
+        one = self._controllers[name]
+        comes_to_rest = one.arrived or one.stopped or one.paused
+        way = None if comes_to_rest else one.way_from(belief)
+        return Body(self._bottoms[name], self._places[name], carried.reference, one.stopping_s, way)
 
     @staticmethod
     def _near(name: str, bodies: Mapping[str, Body]) -> Iterable[str]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from math import inf
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mdms_model.array import build_cells, cell_centres
 from mdms_model.arrays import Floats
@@ -32,7 +33,8 @@ REACTION_S = 0.1
 _COASTING = 1.1
 #: Rounding of ways, and how far a parcel sinks into another [m].
 _SLACK_M = 0.001
-#: A parcel that a hand has pushed or set down rests below this [m/s], or after so long [s].
+#: A parcel that a hand has pushed or set down rests below this [m/s]. Once wheels drive it, it is
+#: the run's own after so long at most [s]; on wheels that coast it rolls for as long as it may.
 _REST_M_S = 0.001
 _HANDLED_S = 3.0
 #: What an event makes parcels do is over after this [s].
@@ -75,6 +77,7 @@ class Parcels:
         self._braking_m_s2 = _braking_m_s2(scenario)
         self._seen = 0
         self._handled: dict[int, float] = {}
+        self._driven: set[int] = set()
         self._touching: dict[frozenset[int], float] = {}
         self._snapshots: list[_Snapshot] = []
         self._keep(0.0, coasts=False)
@@ -117,6 +120,7 @@ class Parcels:
         now_s = now_ns / NS_PER_S
         if fault.kind in _HANDS:
             self._handled[self._names[fault.parcel]] = now_s
+            self._driven.discard(self._names[fault.parcel])
         # Motors without a supply, and open bridges, do not brake.
         coasts = begins and fault.kind in _POWER and not fault.cells
         self._keep(now_s, coasts=coasts)
@@ -147,6 +151,7 @@ class Parcels:
             self.unavoidable.append(event)
             # What it has been pushed into is pushed, too.
             self._handled.update(dict.fromkeys(concerned, event.time_s))
+            self._driven.difference_update(concerned)
         else:
             self._note("apart", f"{event.parcel} {event.detail}", parcel=event.parcel)
 
@@ -179,15 +184,19 @@ class Parcels:
             _Snapshot(now_s, pose, speed_m_s, way_m, coasts),
         ]
 
-    def _let_go(self) -> None:
-        """Parcels that a hand has moved are the run's own again once they rest."""
+    def _let_go(self, voltage_uv: Registers) -> None:
+        """Parcels that a hand has moved are the run's own again once they rest, or are driven."""
+        touching = self._world.scene.state.wheels["contact"] != Contact.NONE
+        carried = self._world.scene.scratch.wheels["parcel"]
+        self._driven.update(carried[self._turning(voltage_uv) & touching].tolist())
         twist = self._world.twist
         speed_m_s = np.hypot(*twist[:, :2].T) + abs(twist[:, 2]) * self._reach_m
         lifted = self._world.scene.state.parcels["lifted"]
         for number, since_s in list(self._handled.items()):
             passed_s = self._now_s - since_s
             rests = passed_s > _WHEELS_S and speed_m_s[number] < _REST_M_S
-            if not lifted[number] and (rests or passed_s > _HANDLED_S):
+            late = passed_s > _HANDLED_S and number in self._driven
+            if not lifted[number] and (rests or late):
                 del self._handled[number]
 
     # One parcel a cell ---------------------------------------------------------------------------
@@ -198,7 +207,7 @@ class Parcels:
         Voltages are those of all cells, by their places.
         """
         if self._handled:
-            self._let_go()
+            self._let_go(voltage_uv)
         left = self._unsteered(report)
         if not (left or self._word.parcels):
             return
@@ -229,11 +238,7 @@ class Parcels:
         """
         state, carried = self._world.scene.state, self._world.scene.scratch.wheels["parcel"]
         wheels = self._world.wheels
-        axis = np.arange(len(wheels.cell)) - wheels.first[wheels.cell]
-        speed_m_s = state.wheels["speed_m_s"]
-        turning = (abs(speed_m_s) > _TURNING_M_S) & (
-            voltage_uv[wheels.cell, axis] * np.sign(speed_m_s) > 0
-        )
+        turning = self._turning(voltage_uv)
         if not turning.any():
             return
         touching = state.wheels["contact"] != Contact.NONE
@@ -253,6 +258,14 @@ class Parcels:
             if over and served not in over and not self._handled.keys() & {*over, served}:
                 name = self._truth.scenario.parcel[served].name
                 yield node, (over[0], f"cell {node + 1} drives for {name} under")
+
+    def _turning(self, voltage_uv: Registers) -> NDArray[np.bool_]:
+        """Which wheels turn, and with their voltage, shape (W,)."""
+        wheels = self._world.wheels
+        axis = np.arange(len(wheels.cell)) - wheels.first[wheels.cell]
+        speed_m_s = self._world.scene.state.wheels["speed_m_s"]
+        pushed = voltage_uv[wheels.cell, axis] * np.sign(speed_m_s) > 0
+        return np.asarray((abs(speed_m_s) > _TURNING_M_S) & pushed)
 
     def _over(self, cell: int) -> list[int]:
         """The parcels whose outlines lie over the square of a cell (from 0)."""

@@ -103,16 +103,14 @@ def test_a_parcel_that_goes_straight_at_a_parked_one_is_stopped(carried) -> None
         second=(-0.27, 0.0),
         goal=(0.28, 0.0),
     )
-    stopped = stopped_s(coordinator)
-    touched = [event.time_s for event in record.events if event.kind == "touch"]
-    assert stopped < (touched or [np.inf])[0] + 1.0
-    assert way_m(record, 0) < 0.01
+    assert stopped_s(coordinator) < 4.0
+    assert not [event for event in record.events if event.kind == "touch"]
+    assert way_m(record, 0) < 0.0005
     assert np.abs(record.twist[-1]).max() < 1e-3
     assert not coordinator.finished
     assert not [event for event in record.events if event.kind == "tip"]
 
 
-@pytest.mark.violates("apart")
 def test_two_that_want_one_place_are_both_stopped(carried) -> None:
     record, coordinator = carried(
         length=0.28,
@@ -126,8 +124,7 @@ def test_two_that_want_one_place_are_both_stopped(carried) -> None:
         goal=(0.0, 0.0),
     )
     stopped = stopped_s(coordinator)
-    (touched, *_) = [event.time_s for event in record.events if event.kind == "touch"]
-    assert stopped < touched + 1.0
+    assert not [event for event in record.events if event.kind == "touch"]
     assert np.abs(record.twist[-1]).max() < 1e-3
     after = record.time_s > stopped + 0.6
     assert np.ptp(record.pose[after], axis=0).max() < 1e-3

@@ -3,6 +3,7 @@ import pytest
 
 from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.motion.contact import Body, Contacts, gap_m, has_room_to
+from mdms_host.motion.trajectory.path import straight
 
 BOX = Rectangle(0.30, 0.20)
 STEP_S = 0.01
@@ -32,6 +33,30 @@ def test_a_parcel_on_its_way_into_another_is_reported() -> None:
 
 def test_a_parcel_that_can_still_stop_is_not_reported() -> None:
     assert pairs(body(0.0, speed_m_s=0.1), body(0.32)) == []
+
+
+def on_its_way(x_m: float, to_x_m: float, speed_m_s: float) -> Body:
+    way = straight(np.array([x_m, 0.0, 0.0]), np.array([to_x_m, 0.0, 0.0]), BOX.reach_m)
+    return Body(BOX, way.start, np.array([speed_m_s, 0.0, 0.0]), 0.2, way)
+
+
+def test_a_parcel_on_its_way_is_reported_before_it_is_too_late() -> None:
+    # It stops within 10 mm as planned, within 13 mm at worst, and 20 mm are for what is believed.
+    other = body(0.327)
+    assert ("a", "b") in pairs(on_its_way(0.0, 0.5, 0.1), other)
+    assert pairs(on_its_way(-0.01, 0.5, 0.1), other) == []
+    # Two that go towards each other look ahead each.
+    assert ("a", "b") in pairs(on_its_way(0.0, 0.5, 0.1), on_its_way(0.354, 0.0, -0.1))
+    # It need not have begun to move.
+    assert ("a", "b") in pairs(on_its_way(0.0, 0.5, 0.0), body(0.304))
+
+
+def test_a_parcel_may_be_taken_close_to_another() -> None:
+    assert pairs(on_its_way(0.0, 0.01, 0.05), body(0.312)) == []
+
+
+def test_a_parcel_behind_another_that_goes_on_as_fast_is_not_reported() -> None:
+    assert pairs(on_its_way(0.0, 0.5, 0.1), on_its_way(0.31, 0.8, 0.1)) == []
 
 
 def test_a_parcel_that_passes_by_is_not_reported() -> None:

@@ -18,6 +18,7 @@ from tests.sim_bus.referee.stand_ins import (
 
 from mdms_model.run.record import Event
 from mdms_protocol.neighbours import messages
+from mdms_sim.referee import parcels
 from mdms_sim.referee.truth import HostReport
 
 pytestmark = pytest.mark.violates(*ABOUT_WHEELS)
@@ -110,6 +111,21 @@ def test_what_a_hand_pushes_into_another_parcel_or_sets_down_on_it_is_the_hands_
     for fault in (push, lift):
         simulation = judged(table(LEFT, RIGHT, faults=[fault]), 1.5)
         assert [each.kind for each in simulation.referee.unavoidable] == ["touch"]
+
+
+@pytest.mark.violates("apart")
+def test_a_pushed_parcel_is_the_hands_until_it_rests_unless_wheels_drive_it(monkeypatch):
+    monkeypatch.setattr(parcels, "_HANDLED_S", 0.3)
+    push = '{kind="push", start_s=0.2, parcel="box1", impulse_n_s=[0.4, 0.0]}'
+    rolling = judged(table(LEFT, RIGHT, faults=[push]), 2.0)
+    assert [each.kind for each in rolling.referee.unavoidable] == ["touch"]
+    assert not noted(rolling)
+    driven = judged(
+        table(LEFT, RIGHT, faults=[push]),
+        2.0,
+        drive=lambda time_s: along_x(1.0 if time_s > 0.4 else 0.0, [7, 8, 9]),
+    )
+    assert [(rule, parcel) for rule, _, _, parcel in noted(driven)] == [("apart", "box1")]
 
 
 @pytest.mark.violates("apart")

@@ -108,9 +108,12 @@ class Footprint:
         """The mask of that cell's points that are less than `limit` outside the outline [steps]."""
         return points_within(outline.registers, self.registers, direction, POINTS, limit)
 
-    def reaches(self, outline):
-        """Whether the parcel lies over the cell's own square, or nearly."""
-        return squares_overlapped(outline.registers, self.registers, 1 << DIRECTIONS) != 0
+    def reaches(self, outline, room=0):
+        """Whether the parcel lies over the cell's own square, or nearly; with room around it."""
+        self.registers[HALF] += room
+        over = squares_overlapped(outline.registers, self.registers, 1 << DIRECTIONS) != 0
+        self.registers[HALF] -= room
+        return over
 
 
 @micropython.viper

@@ -31,10 +31,11 @@ def parcel_page(
     )
 
 
-def flags_of(goal: Goal | None, go_on: bool) -> int:
+def flags_of(goal: Goal | None, *, go_on: bool, planned: bool) -> int:
     """The flags of a parcel on its way to a goal."""
     any_yaw = goal is not None and goal.yaw_rad is None
-    return (wire.GO_ON if go_on else 0) | (wire.ANY_YAW if any_yaw else 0)
+    flags = (wire.GO_ON if go_on else 0) | (wire.ANY_YAW if any_yaw else 0)
+    return flags | (0 if planned else wire.UNPLANNED)
 
 
 def place_page(identity: int, sequence: int, pose: Floats) -> messages.Place:

@@ -36,7 +36,8 @@ class CellsProgram:
     A parcel without a goal gets an identity too, so that its cells keep others away. One that does
     not get on although nothing holds it is stopped for good: its identity is dropped. Where all are
     taken, a parcel gets that of one that is on the table no more. `goes_on` is whether the cells
-    bring it to its goal without the host.
+    bring it to its goal without the host, `planned` whether the caller plans ways around each
+    other; else the cells also keep others from where a parcel may lie that stands.
     """
 
     def __init__(
@@ -47,12 +48,14 @@ class CellsProgram:
         limits: Limits | None = None,
         *,
         go_on: bool = False,
+        planned: bool = True,
         centres_of_mass_m: Places = MappingProxyType({}),
     ) -> None:
         self._layout = layout
         self._centres_of_mass_m = centres_of_mass_m
         self._limits = limits or Limits()
         self.goes_on = go_on
+        self._planned = planned
         self._reports = Reports(layout)
         self._precedences = Precedences(layout)
         self._parcels: dict[str, Parcel] = {}
@@ -226,6 +229,7 @@ class CellsProgram:
                 self._notices.append,
                 limits=self._limits,
                 go_on=self.goes_on,
+                planned=self._planned,
             )
         elif (gone := self._gone()) is not None:
             sending = self._sendings[parcel.name] = self._sendings.pop(gone)

@@ -47,6 +47,7 @@ class Sending:
         *,
         limits: Limits,
         go_on: bool,
+        planned: bool,
     ) -> None:
         self.identity = identity
         self.way: Way | None = None
@@ -55,6 +56,7 @@ class Sending:
         self._note = note
         self._limits = limits
         self._go_on = go_on
+        self._planned = planned
         self._wanted: Way | None = None
         self._sequence = _FIRST
         self._ends = 0
@@ -163,7 +165,8 @@ class Sending:
                 yield way.page(self.identity, sequence, self._leg)
             return
         self._due_s = now_s + REPEAT_S
-        flags = flags_of(None if way is None else way.goal, self._go_on)
+        goal = None if way is None else way.goal
+        flags = flags_of(goal, go_on=self._go_on, planned=self._planned)
         yield parcel_page(self.identity, sequence, self.parcel, self._limits, flags)
         yield place_page(self.identity, sequence, pose)
         if way is not None:
