@@ -468,7 +468,7 @@ class Wheels:
 
     def _on_estimate(self, cell: int, data: bytes) -> None:
         self._estimates[cell] = data
-        self._said_ns[self._truths.places[cell]] = self._now_ns
+        self._said_ns[cell] = self._now_ns
 
     def _fail(self, cell: int, axis: int, kind: int, cause: str) -> None:
         self._failed[cell, axis] = True
