@@ -66,7 +66,7 @@ REVERSAL_COUNT = const(38)  # ticks against the voltage so far
 REVERSAL_PEAK = const(39)  # largest speed in these [um/s]
 FOLLOWING_COUNT = const(40)  # ticks of following error so far
 NEAR_COUNT = const(41)  # ticks near the target so far, up to WINDOW_TICKS
-SLOW_COUNT = const(42)  # ticks of standstill so far, up to WINDOW_TICKS
+SLOW_COUNT = const(42)  # ticks of standstill so far, up to WINDOW_TICKS + HOLD_TICKS
 STOP_COUNT = const(43)  # ticks in STOP or BRAKE so far, up to BRAKE_TICKS
 BRAKE_COUNT = const(44)  # ticks of braking since the axis went off, up to BRAKE_TICKS
 LAST_COUNT = const(45)  # the low 16 bits of COUNT in the last tick
@@ -367,12 +367,16 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
                 ticks += 1
         registers[base + NEAR_COUNT] = ticks
         ticks = 0
+        held = 0
         if speed < SLOW_UM_S:
             ticks = registers[base + SLOW_COUNT]
-            if ticks >= registers[base + WINDOW_TICKS]:
+            limit = registers[base + WINDOW_TICKS]
+            if ticks >= limit:
                 signs |= STANDING
-            else:
+            if ticks < limit + HOLD_TICKS:
                 ticks += 1
+            else:
+                held = 1
             if mode == STOP and demand == 0:
                 signs |= STOPPED
         registers[base + SLOW_COUNT] = ticks
@@ -393,10 +397,8 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         ticks = 0
         if off:
             ticks = registers[base + BRAKE_COUNT]
-            if registers[AWAKE] == 0:
+            if registers[AWAKE] == 0 or (held != 0 and ticks >= HOLD_TICKS):
                 ticks = limit
-            elif signs & STANDING != 0 and ticks < limit - HOLD_TICKS:
-                ticks = limit - HOLD_TICKS
             if ticks < limit:
                 ticks += 1
                 awake = 1

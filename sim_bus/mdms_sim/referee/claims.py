@@ -28,6 +28,8 @@ SAID_S = 2.0
 WHY_S = 30.0
 #: A reason may be given by so much before the parcel has come to rest [s].
 _EARLY_S = 2.0
+#: A parcel that has stood for so long since a fault and goes on is not stopped by it [s].
+_PAUSE_S = 0.5
 #: A parcel goes from this speed on, and has moved if it is so far from where it was.
 _GOING_M_S = 0.005
 _MOVED_M = 0.002
@@ -201,7 +203,8 @@ class Claims:
         for fault in self._stoppings:
             for number in fault.going & set(left):
                 if not stands[number]:
-                    fault.stands_s.pop(number, None)
+                    if now_s - fault.stands_s.pop(number, now_s) > _PAUSE_S:
+                        fault.going.discard(number)
                     continue
                 since_s = fault.stands_s.setdefault(number, now_s)
                 if now_s - since_s < SAID_S:

@@ -82,7 +82,8 @@ RULES = {
             "quiet",
             True,
             "From 0.5 s after its parcel has left, a wheel gets no voltage that turns it, unless "
-            "somebody asked: a setpoint that is not 0, where the host steers.",
+            "somebody asked: a setpoint that is not 0, where the host steers. A cell in another's "
+            "place may drive for a parcel at its own place, of which its neighbours tell it.",
         ),
     )
 }

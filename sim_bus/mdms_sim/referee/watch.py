@@ -143,7 +143,9 @@ def look_at_tick(watched: Watched, truths: Truths, now_ns: int, voltage_uv: Regi
                 if now_ns > cell.watchdog_ns and wheel.onward_ticks >= ONWARD_TICKS:
                     wheel.noticed |= PUSHED_HUNG
             elif wheel.asked == ENABLED or (wheel.asked == SWITCHED_ON and cell.steers):
-                _look_at_driven(cell, wheel, truths.free_ns[p], now_ns)
+                # A cell in another's place cannot know: it goes by what its neighbours tell it.
+                free_ns = max(truths.free_ns[p], truths.free_ns[c])
+                _look_at_driven(cell, wheel, free_ns, now_ns)
             else:
                 _look_at_stopped(wheel, now_ns)
                 _look_at_stopping(wheel, now, closed, truths.awake[p] != 0, now_ns)
@@ -252,18 +254,19 @@ class Lease(NamedTuple):
 def find_lapsed(watched: Watched, truths: Truths, said_ns: Ints, lease: Lease, now_ns: int) -> None:
     """Set from when on a cell may push no more, for it has no lease of another under its parcel.
 
-    `said_ns` has when each place's cell has sent its last estimate.
+    `said_ns` has when each cell has sent its last estimate. A cell hears those about the place that
+    it takes for its own, whatever place it stands in.
     """
     rows = said_ns.size // lease.columns
     for c in range(watched.cells.size):
         cell, p = watched.cells[c], truths.places[c]
         silent = False
-        if truths.parcel[p] != NOBODY:
-            row, column = p // lease.columns, p % lease.columns
+        if truths.parcel[c] != NOBODY:
+            row, column = c // lease.columns, c % lease.columns
             for r in range(max(row - 1, 0), min(row + 2, rows)):
                 for k in range(max(column - 1, 0), min(column + 2, lease.columns)):
                     q = r * lease.columns + k
-                    same = q != p and truths.parcel[q] == truths.parcel[p]
+                    same = q != c and truths.parcel[q] == truths.parcel[c]
                     silent = silent or (same and now_ns - said_ns[q] > lease.limit_ns)
         if not silent:
             cell.lease_ns = NEVER

@@ -55,6 +55,8 @@ LEAST_WAY_M = 0.002
 _FAILED = (cia402.FAULT, cia402.FAULT_REACTION)
 #: Emergencies after which motors brake first, and those of a cell that concern no motor.
 STALE_SETPOINT, HEARTBEAT_LOST = 0x8250, 0x8130
+#: Too low a supply, which axes that are off report too. Of those that are on the state tells it.
+UNDERVOLTAGE = 0x3220
 #: Emergencies of the cell, not of one axis, that switch both motors off.
 _OF_BOTH = (0x6100, 0x8140, 0x8150)
 _TARGETS = struct.Struct(pdo.TARGET_VELOCITY.format)
@@ -449,8 +451,12 @@ class Wheels:
         axes = range(AXES) if code in _OF_BOTH else range(source - 1, source)
         for axis in axes if code else ():
             if 0 <= axis < AXES:
-                kind = REACTION if code in (STALE_SETPOINT, HEARTBEAT_LOST) else CUT
-                self._fail(cell, axis, kind, f"emergency 0x{code:04X}")
+                cause = f"emergency 0x{code:04X}"
+                if code == UNDERVOLTAGE:
+                    self._stop(cell, axis, CUT, cause, hard=True)
+                else:
+                    kind = REACTION if code in (STALE_SETPOINT, HEARTBEAT_LOST) else CUT
+                    self._fail(cell, axis, kind, cause)
 
     def _on_status(self, cell: int, data: bytes) -> None:
         if len(data) >= _STATUS.size:
@@ -462,7 +468,7 @@ class Wheels:
 
     def _on_estimate(self, cell: int, data: bytes) -> None:
         self._estimates[cell] = data
-        self._said_ns[self._truths.places[cell]] = self._now_ns
+        self._said_ns[cell] = self._now_ns
 
     def _fail(self, cell: int, axis: int, kind: int, cause: str) -> None:
         self._failed[cell, axis] = True

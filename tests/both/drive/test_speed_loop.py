@@ -370,6 +370,19 @@ def test_an_axis_that_goes_off_brakes_until_it_stands_and_then_the_bridges_sleep
     assert made[s.AWAKE] == 0
 
 
+def test_a_wheel_that_is_pushed_on_soon_after_it_stood_is_braked_until_it_stands_again():
+    made, go_on = spinning(200_000)
+    made[s.WINDOW_TICKS] = 10
+    made[s.BRAKE_TICKS] = 3000
+    made[s.AXIS + s.MODE] = s.OFF
+    made[s.MODE] = s.OFF
+    for speed_um_s, ticks in ((0, 100), (200_000, 900), (0, 800)):
+        go_on(ticks, speed_um_s)
+        assert made[s.AWAKE] == 1
+    go_on(60, 0)
+    assert made[s.AWAKE] == 0
+
+
 def test_braking_of_a_wheel_that_is_pushed_ends_with_its_time():
     made, go_on = spinning(200_000)
     made[s.AXIS + s.MODE] = s.OFF

@@ -148,14 +148,26 @@ def test_an_empty_bus_is_told_from_a_missing_cell() -> None:
     assert coordinator.fault.startswith("no cell was heard within 1 s")
 
 
-def test_a_drive_that_cannot_be_enabled_is_named_with_its_state(rolling_array) -> None:
+@pytest.mark.parametrize(
+    ("emergency", "named"),
+    [
+        (None, ""),
+        ("1023020100000000", "; 0x2310: over-current, or the bridge has shut off (axis 1)"),
+    ],
+)
+def test_a_drive_that_cannot_be_enabled_is_named_with_its_state(
+    rolling_array, emergency, named
+) -> None:
     coordinator = Coordinator(LAYOUT, still(), timing=Timing(phase_limit_s=1.0))
     array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
     array.cells[8].stuck = True
+    if emergency is not None:
+        array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.ENABLING)
+        coordinator.on_frame(Frame(0x089, bytes.fromhex(emergency)), array.now_s)
     array.run(coordinator, 3.0, lambda: coordinator.stopped)
     assert coordinator.fault == (
         "drives not enabled within 1 s: cell 9 (node 9) "
-        "(axis 1 switch on disabled, axis 2 switch on disabled)"
+        f"(axis 1 switch on disabled, axis 2 switch on disabled{named})"
     )
 
 

@@ -146,6 +146,26 @@ def test_one_that_is_reported_in_time_is_not(host):
     assert not noted(judged(table(BOX, faults=[JAM]), 3.5, drive=goes_until(0.6), host=host))
 
 
+def pauses(stop_s, again_s):
+    """The box is driven, held, driven on for a moment, and stopped again."""
+
+    def drive(time_s):
+        on_s = time_s - again_s
+        if time_s < stop_s or 0 <= on_s < 0.1:
+            return along_x(1.0)
+        return along_x(-1.0) if 0.1 <= on_s < 0.18 else REST
+
+    return drive
+
+
+@pytest.mark.violates("said")
+@pytest.mark.parametrize(("again_s", "silent"), [(0.9, True), (1.5, False)])
+def test_a_parcel_that_has_stood_and_gone_on_stands_later_for_another_reason(again_s, silent):
+    scenario = table(BOX, faults=[JAM.replace("start_s=0.5", "start_s=0.5, duration_s=0.3")])
+    found = noted(judged(scenario, 4.4, drive=pauses(0.6, again_s), host=steers()))
+    assert bool(found) == silent
+
+
 def test_a_fault_beside_which_a_parcel_goes_on_stops_none():
     scenario = table(BOX, faults=[JAM.replace("[8]", "[18]")])
     assert not noted(judged(scenario, 3.5, drive=goes_until(0.6), host=steers()))

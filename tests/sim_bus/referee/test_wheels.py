@@ -76,6 +76,11 @@ def test_firmware_with_this_fault_violates_nothing(fault, silent_s):
     assert judge(fault, silent_s=silent_s, targets_um_s=(100_000, 0)) == []
 
 
+def test_supply_that_is_low_while_the_axes_are_off_is_no_fault_that_is_to_be_reset():
+    fault = Fault("supply", start_s=0.1, duration_s=0.1, supply_v=8.0)
+    assert judge(fault, until_s=0.6) == []
+
+
 # Asked --------------------------------------------------------------------------------------------
 
 
@@ -96,13 +101,20 @@ def test_cell_that_drives_on_when_its_supply_is_back(monkeypatch):
 
 
 @pytest.mark.violates("asked")
-def test_cell_whose_fault_a_new_target_ends(monkeypatch):
+@pytest.mark.parametrize(
+    "fault",
+    [
+        Fault("loss", start_s=1.0, duration_s=0.1),
+        Fault("supply", start_s=1.0, duration_s=0.1, supply_v=8.0),
+    ],
+    ids=lambda fault: fault.kind,
+)
+def test_cell_whose_fault_a_new_target_ends(monkeypatch, fault):
     """A state machine that latches nothing."""
     again = cia402.FAULT | cia402.ENABLE_OPERATION << 8
     monkeypatch.setitem(TRANSITIONS, again, cia402.OPERATION_ENABLED)
     word = cia402.ENABLE_OPERATION
     more = [(1.6, control(node_id, word)) for node_id in range(1, CELLS + 1)]
-    fault = Fault("loss", start_s=1.0, duration_s=0.1)
     violations = judge(fault, more=more, until_s=2.0)
     assert of_all(violations, "asked", 1.6)
 

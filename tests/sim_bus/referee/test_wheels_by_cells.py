@@ -88,6 +88,7 @@ CELL_OFF = f'{{kind="off", start_s={UNDER_WAY_S}, cells=[9]}}'
 LOST = f'{{kind="loss", start_s={UNDER_WAY_S}, duration_s=0.3}}'
 SUPPLY_LOW = f'{{kind="supply", start_s={UNDER_WAY_S}, duration_s=0.3, supply_v=8.0}}'
 LIFTED = f'{{kind="lift", start_s={UNDER_WAY_S + BEAT_S}, parcel="box1"}}'
+EXCHANGED = f'{{kind="wrong_place", start_s={UNDER_WAY_S - BEAT_S}, cells=[%d], as_cell=18}}'
 
 
 @pytest.mark.parametrize(
@@ -100,9 +101,10 @@ LIFTED = f'{{kind="lift", start_s={UNDER_WAY_S + BEAT_S}, parcel="box1"}}'
         (LIFTED, {}),
         (LOST, {}),
         (SUPPLY_LOW, {}),
+        (EXCHANGED % 9, {}),
         (HOST_GONE, {"flags": wire.GO_ON, "host": OnlyBeat}),
     ],
-    ids=["ends", "host gone", "goes on", "off", "lifted", "lost", "supply", "no SYNC"],
+    ids=["ends", "host gone", "goes on", "off", "lifted", "lost", "supply", "exchanged", "no SYNC"],
 )
 def test_cells_that_steer_as_documented_violate_nothing(fault, doing):
     faults = () if fault is None else (fault,)
@@ -163,3 +165,9 @@ def test_cells_that_drive_on_though_one_under_their_parcel_is_silent(monkeypatch
 def test_wheel_that_turns_beside_the_parcel():
     violations, _ = judge(held=(18, 2.0, PUSH_UV), until_s=UNDER_WAY_S + BEAT_S)
     assert [each[:2] for each in violations][:1] == [("quiet", 18)]
+
+
+@pytest.mark.violates("quiet")
+def test_wheel_of_a_cell_in_anothers_place_that_turns_though_no_parcel_is_at_either():
+    violations, _ = judge(EXCHANGED % 6, held=(18, UNDER_WAY_S, PUSH_UV))
+    assert [each[:2] for each in violations][:1] == [("quiet", 6)]

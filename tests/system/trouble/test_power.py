@@ -128,6 +128,36 @@ def test_run_that_finds_the_emergency_stop_pressed_ends_with_that_reason(control
     assert not len(driven_s(finished))
 
 
+class Listener:
+    """Keeps the data of controlwords and of emergencies."""
+
+    def __init__(self) -> None:
+        self.wake_s = float("inf")
+        self.words: list[bytes] = []
+        self.emergencies: list[bytes] = []
+
+    def on_frame(self, frame: Frame, now_s: float) -> None:
+        if frame.can_id - 0x300 in range(1, 19):
+            self.words.append(frame.data)
+        if frame.can_id - cob.EMCY_BASE in range(1, 19):
+            self.emergencies.append(frame.data)
+
+    def poll(self, now_s: float) -> list[Frame]:
+        return []
+
+
+@pytest.mark.parametrize("start_s", [0.2, 0.358])
+def test_bring_up_resets_no_fault_while_the_emergency_stop_is_pressed(start_s) -> None:
+    fault = f"fault=[{{kind='supply', start_s={start_s}, supply_v=0, brake=true}}]"
+    scenario = load_scenario("array18", ["run.duration_s=1.0", fault])
+    coordinator, listener = coordinator_of(scenario), Listener()
+    simulate(scenario, [coordinator, listener])
+    assert "motors' supply is below its limit on all 18 cells" in str(coordinator.fault)
+    assert listener.words
+    assert not any(cia402.FAULT_RESET in data[::2] for data in listener.words)
+    assert len(listener.emergencies) == 36
+
+
 def test_cells_without_a_supply_are_named_and_may_be_done_without() -> None:
     fault = "kind='supply', start_s=0.0, cells=[3, 4]"
     finished = run_of("host", fault, until_s=1.5)

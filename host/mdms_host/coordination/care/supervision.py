@@ -105,7 +105,7 @@ class Supervision:
             case Phase.STARTING:
                 return f"not operational {limit}: {names(late)}"
             case _:
-                return f"drives not enabled {limit}: {names(late)} ({late[0].drive_text})"
+                return f"drives not enabled {limit}: {names(late)} ({late[0].drives_text})"
 
     def misfits_text(self, phase: Phase, taking_part: Collection[BringUpCell]) -> str | None:
         """All cells that are not as a run expects them at the end of a phase, None without any.

@@ -154,9 +154,13 @@ class BringUpCell(RemoteCell):
         if phase in (Phase.ENABLING, Phase.RUNNING) and self.nmt_state != nmt.OPERATIONAL:
             return f"{self.name} is no longer operational: it has restarted or was stopped"
         if phase == Phase.RUNNING and not self.enabled:
-            errors = "".join(f"; {error_text(*error)}" for error in self.errors.items())
-            return f"{self.name} has disabled its drives: {self.drive_text}{errors}"
+            return f"{self.name} has disabled its drives: {self.drives_text}"
         return None
+
+    @property
+    def drives_text(self) -> str:
+        """The states of the drives in words, and the errors that stand."""
+        return "; ".join([self.drive_text, *(error_text(*error) for error in self.errors.items())])
 
     def commands(self, phase: Phase, now_s: float) -> Iterator[Frame]:
         """The commands that the cell still needs in a phase."""
