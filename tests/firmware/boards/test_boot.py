@@ -11,6 +11,7 @@ FAKES = ROOT / "tests" / "firmware" / "fakes"
 FILES = (
     ROOT / "firmware" / "main.py",
     FAKES / "machine.py",
+    FAKES / "pin_names.py",
     FAKES / "world.py",
     FAKES / "can_bx.py",
     FAKES / "can_controller.py",
