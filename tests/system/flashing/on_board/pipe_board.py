@@ -21,6 +21,9 @@ from mdms_cell.queues import Inbox
 from mdms_cell.runner import FRAMES_PER_TURN
 from mdms_protocol.update import codes
 
+#: Of a Teensy 4.1: MicroPython's heap there is 768 KB (ports/mimxrt/boards/MIMXRT1062.ld), and
+#: `boards.cell_board` leaves 128 KB of it. Code of 64 bits takes 1.4 times as much as a board's.
+IMAGE_ROOM = (768 - 128) * 1024
 RECORD = "<HBB8s"
 SIZE = 12
 
@@ -116,7 +119,7 @@ class PipeBoard:
         return 256 * 1024
 
     def image_room(self):
-        return 256 * 1024
+        return IMAGE_ROOM
 
     def restart(self):
         """The other process sees to it, as a reset does: nothing here goes on."""
