@@ -39,7 +39,8 @@ _HOLD_BEATS = const(50)
 _WAIT_MS = const(30_000)
 #: Without its host a parcel asks for cells that it comes so much nearer to [steps]: it stands that
 #: far from one that it has to wait for, and does not come over it by a hair before its turn.
-_ROOM = const(12)
+_ROOM = const(187)
+assert _ROOM == 3_000 // STEP_UM
 #: To a wheel that is to join in the parcel's motion, fewer wheels do not show it, nor wheels that
 #: are off what is known of it by more than this [um/s].
 _JOIN_WHEELS = const(4)

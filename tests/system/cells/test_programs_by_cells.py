@@ -34,11 +34,11 @@ TWO = (
 
 
 def test_what_is_under_way_arrives_without_the_host_if_it_is_to_go_on() -> None:
-    gone = ("motion.go_on=true", "fault=[{kind='host', start_s=1.0}]", "run.duration_s=3.4")
+    gone = ("motion.go_on=true", "fault=[{kind='host', start_s=1.1}]", "run.duration_s=3.4")
     scenario = load_scenario("array18", [*ONE, *gone])
     record = run_scenario(scenario).record
     at_m = record.pose[:, 0, 0]
-    assert -0.05 < at_m[record.time_s >= 1.0][0] < 0.03
+    assert -0.05 < at_m[record.time_s >= 1.1][0] < 0.03
     assert np.hypot(*(record.pose[-1, 0, :2] - (0.06, 0.0))) < 0.004
     assert np.abs(record.speed_m_s[-1]).max() < 0.003
 
