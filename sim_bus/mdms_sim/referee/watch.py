@@ -34,6 +34,8 @@ DRIVEN, SPINS, COASTS, PUSHED_ALONE, PUSHED_AFTER_LEASE, PUSHED_AFTER_END, PUSHE
 LOW_TICKS = 5
 #: A wheel that got no voltage for so many ticks has stopped.
 REST_TICKS = 20
+#: Bridges may sleep when their wheels have stood for 0.8 s; below this [m/s] a wheel stands.
+STOOD_TICKS, STOOD_M_S = 780, 0.02
 #: A push onward counts when it lasts this long: encoder steps and the loop's lag make shorter ones.
 ONWARD_TICKS = 10
 #: A wheel is about to stand below this [m/s], and a voltage up to the next holds it.
@@ -84,6 +86,7 @@ WHEEL = np.dtype(
         ("loaded", "i8"),  # 1: it has carried something since
         ("applied_v", "f8"),
         ("rest_ticks", "i8"),
+        ("stood_ticks", "i8"),  # it has stood for so long since it was stopped
         ("onward_ticks", "i8"),
         ("rested", "i8"),  # 1: it has had no voltage for a while since it was stopped
         ("noted", "i8"),  # bits that are noted already
@@ -230,6 +233,9 @@ def _look_at_stopped(wheel: Records, now_ns: int) -> None:
 @compiled
 def _look_at_stopping(wheel: Records, now: Records, closed: bool, awake: bool, now_ns: int) -> None:
     """Find out whether a wheel that is to stop is braked, and does stop."""
+    wheel.stood_ticks = wheel.stood_ticks + 1 if abs(now.speed_m_s) < STOOD_M_S else 0
+    if wheel.stood_ticks >= STOOD_TICKS:
+        wheel.awake_ns = 0
     if not awake and now_ns < wheel.awake_ns and abs(now.speed_m_s) > TURNS_M_S:
         wheel.noticed |= COASTS
     # One that carries something goes as far as that slides, or others push it.

@@ -489,7 +489,7 @@ class Wheels:
         if kind == CUT and not hard and self._reacts(cell, axis, driven):
             kind = REACTION
         braking_ns = self._setting(cell, indices.BRAKING_TIME) * NS_PER_MS * self._cells[cell].slow
-        wheel.stop, wheel.rested, wheel.noted = kind, 0, 0
+        wheel.stop, wheel.rested, wheel.noted, wheel.stood_ticks = kind, 0, 0, 0
         wheel.drove = wheel.rest_ticks < watch.REST_TICKS
         wheel.awake_ns = now_ns + int(braking_ns) - MARGIN_NS if wheel.drove else 0
         wheel.loose_ns = now_ns + LATE_NS
