@@ -47,7 +47,7 @@ BOOT_S = 0.5
 # The flash of a Teensy 4.1 and of a WeAct board, at its slowest.
 BLOCK, PAGE = 4096, 256
 ERASE_MS, PROGRAM_MS = 400.0, 3.0
-#: Cuts of the whole firmware, of some 320 operations and 11,500 frames.
+#: Cuts of the whole firmware, of some 480 operations and 16,100 frames.
 CUTS = 24
 SEED = 16
 
