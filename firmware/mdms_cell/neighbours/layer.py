@@ -69,10 +69,12 @@ _RIGHT_IDENTITY = const(0)
 _RIGHT_STATE = const(1)
 _RIGHT_HOLD = const(2)
 _DRIVE_BEATS = const(3)
+_LACKING_CELLS = const(4)
 _STEERING_ARRIVED = const(12)
 assert _STEERING_ARRIVED == ARRIVED
 assert (_RIGHT_IDENTITY, _RIGHT_STATE) == (right_of_way.IDENTITY, right_of_way.STATE)
 assert (_RIGHT_HOLD, _DRIVE_BEATS) == (right_of_way.HOLD, right_of_way.DRIVE_BEATS)
+assert _LACKING_CELLS == right_of_way.LACKING
 _OUTDATED = const(2)
 assert _OUTDATED == OUTDATED
 _FIRST_OF_ORDER = const(6)
@@ -468,7 +470,7 @@ def _updating(layer, consumer, track, judge):  # noqa: PLR0915 - one algorithm, 
             programs.outdate(identity)
         program = programs.complete(identity)
         verdict = compare(identity, program, sent)
-        ahead = look_ahead(program) if under else 0
+        ahead = look_ahead(program, right[_LACKING_CELLS]) if under else 0
         needs = beat[_NEEDS] = ahead & 0xFF
         over = identity if under or tracking.is_over() else 0
         if over and right[_RIGHT_STATE] != _UNDER and tracking.is_of_another():

@@ -41,6 +41,9 @@ _WAIT_MS = const(30_000)
 #: far from one that it has to wait for, and does not come over it by a hair before its turn.
 _ROOM = const(187)
 assert _ROOM == 3_000 // STEP_UM
+#: A parcel that stands for want of a cell goes no nearer to it where it would come over it within
+#: this way; what it gained would be a fraction of that, again and again.
+_NEARER_UM = const(10_000)
 #: To a wheel that is to join in the parcel's motion, fewer wheels do not show it, nor wheels that
 #: are off what is known of it by more than this [um/s].
 _JOIN_WHEELS = const(4)
@@ -141,10 +144,11 @@ class Leading:
         return has_arrived(self.registers)
 
     @micropython.native
-    def look_ahead(self, program):
+    def look_ahead(self, program, lacking=0):
         """Masks of the neighbours that the parcel covers or will before it can stand and, from bit
         8 on, of those that it will cover soon.
 
+        Of those in the mask `lacking`, for want of which it stands, it needs the nearest already.
         It asks for those that it may lie over as long as no edge of it has been seen, too, and
         needs them where another parcel has them.
         """
@@ -155,11 +159,18 @@ class Leading:
             ahead |= ahead << 8
         else:
             registers = self.registers
-            read_way(program.pages, registers, _WAY)
             room = _ROOM if registers[_ALONE_MS] else 0
             footprint[_HALF] += room
+            # By the way that was left when the wish was found, before it is read anew.
+            nearest = (
+                _look_nearer(parcel, parcel, registers, footprint, lacking & present)
+                if lacking
+                else 0
+            )
+            read_way(program.pages, registers, _WAY)
             ahead = _look_ahead(parcel, parcel, registers, footprint, present)
             footprint[_HALF] -= room
+            ahead |= nearest | nearest << 8
         if self._tracking.may_be_elsewhere():
             footprint[_HALF] += _UNSEEN_ROOM
             near = squares_overlapped(parcel, footprint, present)
@@ -291,6 +302,45 @@ def _look_ahead(bottom, parcel: ptr32, registers: ptr32, footprint, asked: int) 
             covered |= int(squares_overlapped(bottom, footprint, rest))
     place(bottom, x, y, around)
     return needs | covered << 8
+
+
+@micropython.viper
+def _look_nearer(bottom, parcel: ptr32, registers: ptr32, footprint, asked: int) -> int:
+    """The mask of those of the cells in a mask that the parcel comes over within `_NEARER_UM`.
+
+    Or on the way that is left, where that is less.
+    """
+    widen = int(WIDEN)
+    speed = 0
+    for axis in range(3):
+        speed |= registers[_WISH + axis]
+    if speed == 0:
+        return 0
+    vx = registers[_WISH] << widen >> widen
+    vy = registers[_WISH + 1] << widen >> widen
+    turn = registers[_WISH + 2] << widen >> widen
+    speed = int(length(vx, vy, turn))
+    # Slower than this are those alone that have less to go.
+    time_ms = _NEARER_UM * 1000 // speed if speed > _NEARER_UM else 1000
+    for axis in range(3):
+        wish = registers[_WISH + axis] << widen >> widen
+        left = registers[_WAY + axis] << widen >> widen
+        way = wish // 1000 * time_ms + wish % 1000 * time_ms // 1000
+        if (left if left > 0 else 0 - left) < (way if way > 0 else 0 - way):
+            way = left
+        if axis == 0:
+            vx = way
+        elif axis == 1:
+            vy = way
+        else:
+            turn = way
+    x = parcel[_BELIEF] << widen >> widen
+    y = parcel[_BELIEF + 1] << widen >> widen
+    around = parcel[_BELIEF + 2] << widen >> widen
+    place(bottom, x + vx, y + vy, around + turn)
+    mask = int(squares_overlapped(bottom, footprint, asked))
+    place(bottom, x, y, around)
+    return mask
 
 
 @micropython.viper

@@ -508,3 +508,55 @@ def test_cell_that_was_without_its_neighbours_for_long_asks_for_the_program_that
     run(middle, 2)
     last = estimates(middle)[-1]
     assert (last[wire.SEQUENCE], last[wire.FLAGS] & wire.LACKING) == (1, 0)
+
+
+class Before(Middle):
+    """The parcel moves as the cell leads it, before cells that have promised it nothing."""
+
+    def __init__(self, placed_x_um):
+        self.placed_x_um = placed_x_um
+        super().__init__()
+
+    #: Whether they promise it.
+    promising = False
+
+    def _estimate(self, direction):
+        if direction not in (0, 1, 7):
+            return super()._estimate(direction)
+        if not self.promising:
+            return None
+        fields = array("i", [0] * wire.ESTIMATE_FIELDS)
+        fields[wire.IDENTITY] = IDENTITY
+        fields[wire.STATE] = wire.PROMISED
+        fields[wire.HOLD] = wire.HOLD_NONE
+        frame = bytearray(8)
+        wire.pack_estimate(fields, 0, frame, 0)
+        return bytes(frame)
+
+    def goes(self, beats):
+        """Whether its first wheel is to turn in any of them."""
+        went = False
+        for _ in range(beats):
+            self.speed_um_s = targets_um_s(self)[0]
+            went |= self.speed_um_s != 0
+            self.beat()
+        return went
+
+
+def test_parcel_that_stands_for_want_of_a_cell_goes_no_nearer_until_it_is_promised():
+    middle = Before(-126_000)
+    middle.goes(60)
+    assert not middle.goes(300)
+    assert middle.x_um < -121_000
+    middle.promising = True
+    assert middle.goes(20)
+
+
+def test_parcel_that_stands_for_want_of_a_cell_goes_to_a_goal_that_is_before_it():
+    middle = Before(-126_000)
+    middle.goes(100)
+    middle.sequence = middle.its_sequence = 2
+    middle._page((IDENTITY, wire.GOAL, 2, -121_500 // wire.STEP_UM, 0, 0, 0, 0, 0))
+    middle.goes(200)
+    assert estimates(middle)[-1][wire.FLAGS] & wire.ARRIVED
+    assert abs(middle.x_um + 121_500) < 1_000
