@@ -539,14 +539,15 @@ class Before(Middle):
         for _ in range(beats):
             self.speed_um_s = targets_um_s(self)[0]
             went |= self.speed_um_s != 0
+            self.board.take()
             self.beat()
         return went
 
 
 def test_parcel_that_stands_for_want_of_a_cell_goes_no_nearer_until_it_is_promised():
     middle = Before(-126_000)
-    middle.goes(60)
-    assert not middle.goes(300)
+    middle.goes(40)
+    assert not middle.goes(60)
     assert middle.x_um < -121_000
     middle.promising = True
     assert middle.goes(20)
@@ -554,9 +555,9 @@ def test_parcel_that_stands_for_want_of_a_cell_goes_no_nearer_until_it_is_promis
 
 def test_parcel_that_stands_for_want_of_a_cell_goes_to_a_goal_that_is_before_it():
     middle = Before(-126_000)
-    middle.goes(100)
+    middle.goes(30)
     middle.sequence = middle.its_sequence = 2
     middle._page((IDENTITY, wire.GOAL, 2, -121_500 // wire.STEP_UM, 0, 0, 0, 0, 0))
-    middle.goes(200)
+    middle.goes(100)
     assert estimates(middle)[-1][wire.FLAGS] & wire.ARRIVED
     assert abs(middle.x_um + 121_500) < 1_000

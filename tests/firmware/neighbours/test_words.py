@@ -177,3 +177,4 @@ def test_steering_fits_wherever_the_goal_is(goals, poses, place_um, limits, half
         # With less the parcel moves on for tens of metres, where squares leave words and are apart.
         registers[steering.ACCELERATION] = Word(255)
         leading._look_ahead(parcel, parcel, registers, cells, Word(3))
+        leading._look_nearer(parcel, parcel, registers, cells, Word(3))
