@@ -33,12 +33,8 @@ CONTRADICTION = const(32 * 32)
 _START = const(128 * 128)
 _MOST = const(384 * 384)
 _LEAST = const(6 * 6)
-#: Of a parcel no edge has been seen while its variances along both axes are at least this. Between
-#: the sensors of two cells an edge may lie 32 mm from where it is believed; a parcel comes so much
-#: nearer to squares [steps], the clearance of 4 mm included. The certainty is that on the wire.
+#: Of a parcel no edge has been seen while its variances along both axes are at least this.
 UNSEEN = const(_START // 2)
-UNSEEN_ROOM = const(28_000 // 16)
-UNSEEN_CERTAINTY = const(3)
 #: A way so long adds one to the variances: a tenth of it is slip, in steps of 25 mm.
 _WAY_UM = const(15)
 #: An edge so many standard deviations away is not believed, nor one so far [steps of 16 um].

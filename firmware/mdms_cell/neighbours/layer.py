@@ -16,9 +16,8 @@ from array import array
 
 from mdms_cell.canopen.objects import find
 from mdms_cell.neighbours import precedence, right_of_way
-from mdms_cell.neighbours.belief import UNSEEN_CERTAINTY, UNSEEN_ROOM
 from mdms_cell.neighbours.geometry import place
-from mdms_cell.neighbours.geometry.footprint import Footprint
+from mdms_cell.neighbours.geometry.footprint import UNSEEN_CERTAINTY, UNSEEN_ROOM, Footprint
 from mdms_cell.neighbours.geometry.outline import Outline
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, Place
 from mdms_cell.neighbours.heard import NEVER, OWN, SEEN, Heard

@@ -20,6 +20,7 @@ from mdms_cell.neighbours.geometry.footprint import (
     POINT_X,
     POINT_Y,
     PRESENT,
+    UNSEEN_ROOM,
     squares_overlapped,
 )
 from mdms_cell.neighbours.geometry.outline import STEP_UM, place
@@ -59,7 +60,7 @@ _CENTRE = const(0)
 _BELIEF = const(10)
 _TWIST = const(23)
 _UNSEEN_ROOM = const(1750)
-assert _UNSEEN_ROOM == belief.UNSEEN_ROOM
+assert _UNSEEN_ROOM == UNSEEN_ROOM
 assert (_CENTRE, _BELIEF, _TWIST) == (outline.X, belief.X, twist.VX)
 # ... in those of a steering ...
 _COMMANDED = const(0)

@@ -233,7 +233,7 @@ class Standing(Middle):
 
     def _page(self, fields):
         if fields[1] == wire.PARCEL:
-            super()._page((*fields[:8], self.flags))
+            super()._page(tuple(fields[:8]) + (self.flags,))  # noqa: RUF005 - not in MicroPython
         elif fields[1] != wire.GOAL:
             super()._page(fields)
 

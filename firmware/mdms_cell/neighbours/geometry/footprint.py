@@ -44,6 +44,10 @@ assert (_HALF_LENGTH, _HALF_WIDTH, _DISC) == (HALF_LENGTH, HALF_WIDTH, DISC)
 MARGIN = 10_000 // STEP_UM
 #: A parcel keeps this away from the squares of cells that are not promised to it [steps].
 CLEARANCE = 4_000 // STEP_UM
+#: An edge that no sensor has seen may lie 32 mm from where it is believed: so much more than that
+#: [steps]. An estimate says so by a certainty of this at most.
+UNSEEN_ROOM = 28_000 // STEP_UM
+UNSEEN_CERTAINTY = const(3)
 POINTS = const(7)
 assert POINTS == AXES + SENSORS
 
