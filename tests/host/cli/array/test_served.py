@@ -80,7 +80,8 @@ def test_status_shows_drives_and_presence(served, capsys):
 BARE = """
 import sys
 sys.modules.update(dict.fromkeys(("mdms_sim", "mdms_cell", "numba", "matplotlib")))
-from mdms_host.cli import extras, main
+from mdms_array import extras
+from mdms_host.cli import main
 extras.find_spec = lambda name: name == "mcap" or None
 sys.exit(main(sys.argv[1:]))
 """
