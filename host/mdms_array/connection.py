@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mdms_array.array import Belief, believe
-from mdms_array.checks import check_load
+from mdms_array.checks import check_load, refuse_tipping
 from mdms_array.host import coordinator_of, estimates_of
 from mdms_array.run import (
     FaultError,
@@ -95,13 +95,15 @@ def connect(
 
     A thread drives the table from enter to exit, so the program may take its time. Raises
     `InputError`, `LinkError` where there is no way to the bus, and `RunError` for a table that does
-    not come up.
+    not come up. Leaving the block raises `FaultError` for a fault that no call has raised yet.
     """
     path = None if array_file is None else Path(array_file)
     checked, _ = open_source(_scenario_of(path, scenario), wait_for_ever)
     given = {"interface": interface, "channel": channel} | bus_options
     options = Namespace(**{name: value for name, value in given.items() if value is not None})
     belief = believe(checked, path, options)
+    # The file's table may be smaller than the scenario's.
+    refuse_tipping(belief.scenario)
     check_load(belief.scenario, options)
     with open_links(options, belief.channels) as (link, clock):
         refuse_other_host(link, clock)
@@ -159,6 +161,9 @@ class ThreadDriver:
         finally:
             self._asked.put(self._coordinator.stop)
             thread.join()
+        if self._error is not None or self._coordinator.fault is not None:
+            # It came while the script was thinking, and no call has said so.
+            raise self._ended()
 
     @property
     def table(self) -> Table:

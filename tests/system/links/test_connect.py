@@ -7,6 +7,7 @@ from tests.held_up import CHANCES, HELD_UP
 from tests.system.links.serving import serving
 
 import mdms_array as mdms
+from mdms_model.scenario.file import load_scenario
 from mdms_sim.simulation import open_bank
 
 pytestmark = pytest.mark.real_time
@@ -68,6 +69,27 @@ def test_leaving_the_block_turns_the_cells_off_also_by_an_error(tmp_path):
         not stood[-1].world.wheel_speed_m_s.any()
         or abs(stood[-1].world.wheel_speed_m_s).max() < 1e-3
     )
+
+
+def test_a_fault_while_the_script_thinks_is_raised_when_it_leaves(tmp_path):
+    channel, fault = str(tmp_path / "bus"), 'fault=[{kind="off", start_s=4.0, cells=[3]}]'
+    scenario = load_scenario("array18", ["run.pauses=0"])
+    with (
+        serving(open_bank("cpython", 18), channel, "array18", fault),
+        pytest.raises(mdms.FaultError, match=r"cell 3|held up"),
+        mdms.connect(scenario=scenario, interface="mdms", channel=channel),
+    ):
+        sleep(5.0)
+
+
+def test_a_parcel_beyond_the_table_of_the_array_file_is_refused_before_any_bus_is_opened(tmp_path):
+    path = tmp_path / "small.toml"
+    path.write_text("[array]\ncolumns = 4\nrows = 3\n")
+    with (
+        pytest.raises(mdms.InputError, match="box"),
+        mdms.connect(path, "mdms", str(tmp_path / "none"), scenario="array54"),
+    ):
+        pass
 
 
 def test_a_table_that_nobody_serves_is_said_to_be_no_bus(tmp_path):
