@@ -110,12 +110,15 @@ class Host:
         self._again_s = inf
         self._pause_s: float | None = None
         self._before: list[Coordinator] = []
+        self._told_s = -inf
         self.coordinator: Coordinator | None = make()
 
     def kill(self, pause_s: float, now_s: float) -> None:
         """The process, if there is one, ends at once; the next begins after a pause."""
         if self.coordinator is not None:
             self._before.append(self.coordinator)
+            if self.reason is not None:
+                self._told_s = now_s
         self.coordinator, self._pause_s = None, None
         self._again_s = now_s + pause_s
 
@@ -142,7 +145,7 @@ class Host:
         """What it says now; of a killed program whoever has killed it knows."""
         if self.coordinator is not None:
             # What a program has said before it was killed has been said.
-            told_s = max((time_s for time_s, _ in self.troubles), default=-inf)
+            told_s = max([self._told_s, *(time_s for time_s, _ in self.troubles)])
             return replace(host_report_of(self.coordinator), trouble_s=told_s)
         goals = host_report_of(self._before[-1]).goals
         return HostReport(goals, reason="the program has been killed")

@@ -534,7 +534,8 @@ class _Troubles:
         if kind == "bridge":
             return self._fault("bridge_fault", self._time(0.01, 1.0), cells=[cell])
         other = self._random.choice([each for each in range(1, self._cells + 1) if each != cell])
-        return self._fault("wrong_place", None, cells=[cell], as_cell=other)
+        # Nobody moves a cell while it has power: it has been put there before.
+        return self._fault("wrong_place", None, cells=[cell], as_cell=other) | {"start_s": 0.0}
 
     def _wire(self) -> Table:
         kind = self._random.choice(["loss", "loss", "delay", "cut", "corruption", "overload"])

@@ -23,7 +23,7 @@ _TURNS = 3
 #: A target that differs by less is the same.
 _SAME_M = 1e-6
 #: A parcel that is farther from where it was a step before has been put there by hand [m].
-_PUT_M = 0.02
+PUT_M = 0.02
 #: At the end of its way a parcel is drawn to the goal by what is left, so much at most [m].
 _CREEP_M = 0.006
 
@@ -160,7 +160,7 @@ class GoalController:
 
     def step(self, belief: Belief, step_s: float) -> Carried | None:
         """What the parcel's wheels are to do in the next step; None: stand still."""
-        if self._pose is not None and hypot(*(belief.pose - self._pose)[:2].tolist()) > _PUT_M:
+        if self._pose is not None and hypot(*(belief.pose - self._pose)[:2].tolist()) > PUT_M:
             self._put_elsewhere()
         self._pose = belief.pose
         off = self._target(belief.pose) - belief.pose

@@ -85,6 +85,10 @@ class Traffic(Orders, Protocol):
         """What follows each parcel that has been ordered to a place; the same mapping always."""
         ...
 
+    def forget(self, name: str) -> None:
+        """Nobody asks for this parcel to be where it was ordered to any more."""
+        ...
+
     @property
     def under_way(self) -> Collection[str]:
         """See `TableProgram`."""

@@ -186,6 +186,7 @@ class TableProgram:
         if self._task is not None and self._failure is None:
             self._go_on(step_s)
         references_m_s = self._traffic.step(beliefs, step_s)
+        self._drop_refused()
         self._rested_s = self._rested_s + step_s if self._traffic.at_rest else 0.0
         if self._register is not None:
             for name, gate in self._traffic.take_leaving():
@@ -214,6 +215,14 @@ class TableProgram:
                 self._traffic.withdraw(parcel.name)
             if self._comings is None or not self._comings.brings(parcel.name):
                 self._register.announce(parcel, region)
+
+    def _drop_refused(self) -> None:
+        """Say of places given by hand that no parcel will come there; nothing is at fault then."""
+        for name, order in list(self._by_hand.items()):
+            if order.refused is not None:
+                del self._by_hand[name]
+                self._traffic.forget(name)
+                self._notices.append(f"{name} is not taken to the given place: {order.refused}")
 
     def _take_out(self, beliefs: Mapping[str, Belief]) -> None:
         """Parcels that have left are no more on the table, though they may still be believed."""

@@ -35,6 +35,8 @@ _GOING_M_S = 0.005
 _MOVED_M = 0.002
 #: Corners of an outline that are this near to each other are the same [m].
 _SAME_M = 0.001
+#: What a person does to a parcel.
+_BY_HAND = ("push", "lift")
 #: What is noticed at once, and stops what it concerns.
 _STOPPING = (
     *("off", "hang", "cut", "host", "supply", "bridge_fault"),
@@ -69,6 +71,8 @@ class Claims:
         self._hosts_out = 0
         # True
         self._arrived: Mapping[str, Pose] = {}
+        #: Who has been pushed or lifted since it arrived.
+        self._handled: set[str] = set()
         self._over = False
         self._cells_say: dict[tuple[int, int], float] = {}
         # Said
@@ -83,6 +87,8 @@ class Claims:
         """A fault begins or ends."""
         if fault.kind == "host" and fault.bus is None:
             self._hosts_out += 1 if begins else -1
+        if fault.kind in _BY_HAND and fault.parcel is not None:
+            self._handled.add(fault.parcel)
         if begins and fault.kind in _STOPPING:
             going = {
                 number
@@ -118,10 +124,13 @@ class Claims:
         if arrived != self._arrived:
             for name, goal in arrived.items():
                 if self._arrived.get(name) != goal:
+                    self._handled.discard(name)
                     self._check(name, goal, "has arrived, says the host,")
             self._arrived = dict(arrived)
         if report.over and not self._over:
             for name, goal in report.goals.items():
+                if name in self._handled and arrived.get(name) == goal:
+                    continue
                 self._check(name, goal, "was asked for, and all is done, says the host, but it")
         self._over = report.over
 

@@ -69,7 +69,8 @@ RULES = {
             False,
             "'Arrived' is said at a believed 3 mm and 1 degree, and means a truth within 5 mm and "
             "2 degrees at that instant. Without a host it is the word of most cells under the "
-            "parcel for 0.5 s. Exit code 0 means that everything asked for has happened.",
+            "parcel for 0.5 s. Exit code 0 means that everything asked for has happened. What a "
+            "hand moves after it has arrived had arrived.",
         ),
         Rule(
             "said",

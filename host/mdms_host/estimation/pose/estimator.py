@@ -4,11 +4,12 @@ Wheels that roll give the twist; a sensor that changes shows that the parcel's e
 """
 
 from dataclasses import dataclass
-from math import cos, hypot, inf, log, sin, sqrt
+from math import cos, hypot, inf, log, pi, sin, sqrt
 
 import numpy as np
 
 from mdms_host.estimation.outlines.bottom import DRAWN_M, Bottom
+from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.estimation.pose.confirmation import Confirmation, Standing
 from mdms_host.estimation.pose.feeling import turn_to_feel_rad
 from mdms_host.estimation.pose.pose_cloud import PoseCloud
@@ -51,6 +52,10 @@ _COVERED_SHARE = 0.5
 _CARRIED_S = 0.1
 #: A larger outline is worked out again from this change on [m].
 _GROWN_M = 5e-5
+#: A box that has grown into itself turned a quarter is that: where its sides differ by so much [m],
+#: and both are as the other was drawn, give or take such a part of it.
+_UNLIKE_M = 0.004
+_ALIKE = 0.25
 _KEPT_S = 0.5
 
 
@@ -85,6 +90,7 @@ class ParcelEstimator:
         # lifted off is not to be kept.
         self._kept_growths = (self._growth, self._growth)
         self._kept_s = 0.0
+        self._begun_rad = 0.0
         self._filter: PoseFilter | None = None
         # All poses that the sensors allow, as long as these are far apart.
         self._cloud: PoseCloud | None = None
@@ -113,6 +119,7 @@ class ParcelEstimator:
     def start(self, now_s: float, found: Location) -> None:
         """Begin from a place, at rest."""
         reach_m = self._drawn.reach_m
+        self._begun_rad = float(found.pose[2])
         self._filter = PoseFilter(
             found.pose, found.covariance, reach_m, self._growth, self._spread_m
         )
@@ -370,9 +377,31 @@ class ParcelEstimator:
     def _corrected(self) -> None:
         self.corrected = True
         assert self._filter is not None
+        if self._cloud is None and self._is_turned(self._filter):
+            self._turn(self._filter)
         growth = self._filter.mean[3:]
         if abs(growth - self._growth).max() > _GROWN_M:
             self._grow(growth.copy())
+
+    def _is_turned(self, one: PoseFilter) -> bool:
+        """Whether edges have shown a box as long as it is wide, and as wide as it is long."""
+        if not isinstance(self._drawn, Rectangle):
+            return False
+        half_m = (self._drawn.length_m - self._drawn.width_m) / 2
+        off_m = np.abs(one.mean[3:] - (-half_m, half_m))
+        unsure_m = np.sqrt(one.covariance.diagonal()[3:])
+        alike_m = _ALIKE * abs(half_m)
+        return 2 * abs(half_m) >= _UNLIKE_M and bool((off_m + unsure_m <= alike_m).all())
+
+    def _turn(self, one: PoseFilter) -> None:
+        """It lay a quarter turn from where it was believed: its sides are each other's."""
+        assert isinstance(self._drawn, Rectangle)
+        half_m = (self._drawn.length_m - self._drawn.width_m) / 2
+        along_m, across_m = one.mean[3:].tolist()
+        other = [0, 1, 2, 4, 3]
+        one.covariance = one.covariance[np.ix_(other, other)]
+        turned_rad = self._drawn.nearest_yaw_rad(one.mean[2] + pi / 2, self._begun_rad)
+        one.mean = np.array([*one.mean[:2], turned_rad, across_m - half_m, along_m + half_m])
 
     def _grow(self, growth: Floats) -> None:
         self._growth = growth

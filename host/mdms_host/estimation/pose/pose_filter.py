@@ -27,6 +27,8 @@ _BOUND_M = 0.003
 _LEAST_SPREAD_M = 0.001
 #: No variance becomes smaller [m2, rad2].
 _LEAST_M2 = 1e-12
+#: However often it is surprised: a parcel is somewhere about here, turned somehow [m, rad].
+_UNSURE_M, _UNSURE_RAD = 1.0, pi
 
 
 class PoseFilter:
@@ -49,7 +51,8 @@ class PoseFilter:
         self.covariance[:3, :3] = covariance
         self.covariance[3, 3] = self.covariance[4, 4] = spread_m**2
         self._extent_m = extent_m
-        self._spread_m = max(spread_m, _LEAST_SPREAD_M)
+        size_m = max(spread_m, _LEAST_SPREAD_M)
+        self._most = np.array([_UNSURE_M, _UNSURE_M, _UNSURE_RAD, size_m, size_m])
         self._walk = np.array([1.0, 1.0, 1.0 / extent_m**2])
 
     def move(self, moved: Floats, step_s: float, slip_m2_s: float = 0.0) -> None:
@@ -118,20 +121,21 @@ class PoseFilter:
             larger = (variance_m2 - sigma_m**2) / believed_m2
             # What rounding has made unlike its mirror image would grow with every surprise.
             self.covariance = (self.covariance + self.covariance.T) * (larger / 2)
-            self._limit_growth()
+            self._limit()
             # Without what went with growth, the distance may be less sure than by the surprise.
             believed_m2 = float(slope @ self.covariance @ slope)
             variance_m2 = max(variance_m2, believed_m2 + sigma_m**2)
         return variance_m2
 
-    def _limit_growth(self) -> None:
-        """A surprise is sooner the wheels' slip than another size: this is not unsurer than told.
+    def _limit(self) -> None:
+        """A surprise makes nothing unsurer than it can be.
 
-        Of a size that is told far too well each edge shows a little more.
+        It is sooner the wheels' slip than another size, so that a size stays as sure as told: of
+        one that is told far too well each edge shows a little more. And what no edge shows, as
+        how a disc is turned, would grow with every surprise.
         """
-        deviations = np.sqrt(self.covariance.diagonal()[3:])
-        scale = np.ones(5)
-        scale[3:] = np.minimum(1.0, self._spread_m / np.maximum(deviations, 1e-9))
+        deviations = np.sqrt(self.covariance.diagonal())
+        scale = np.minimum(1.0, self._most / np.maximum(deviations, 1e-9))
         self.covariance *= np.outer(scale, scale)
 
     def _correct(self, gain: Floats, toward_m: float, less_m2: float) -> None:

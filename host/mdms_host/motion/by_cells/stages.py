@@ -12,7 +12,7 @@ import numpy as np
 
 from mdms_host.estimation.belief import Belief
 from mdms_host.motion.footholds import Footholds
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import PUT_M, Goal
 from mdms_host.motion.outcome import miss_of
 from mdms_host.motion.way_search import WaySearch
 from mdms_model.arrays import Floats
@@ -43,6 +43,7 @@ class Stages:
         self._has_room = has_room
         self._search: WaySearch | None = None
         self._turns = 0
+        self._pose: Floats | None = None
         self.turned = False
 
     @property
@@ -53,8 +54,12 @@ class Stages:
     def step(self, belief: Belief, there: bool) -> bool:
         """Take in what is believed, and whether the cells report the parcel at the first place.
 
-        Returns whether it is at its goal, as surely as can be.
+        Returns whether it is at its goal, as surely as can be. A parcel that is elsewhere at once
+        has been put there, or never was where it was believed: its way is sought anew.
         """
+        if self._pose is not None and hypot(*(belief.pose - self._pose)[:2].tolist()) > PUT_M:
+            self.places, self.turned, self._search = (), False, None
+        self._pose = belief.pose
         if not self.places:
             self._seek(belief)
         elif self.turned:

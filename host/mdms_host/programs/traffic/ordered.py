@@ -156,6 +156,10 @@ class OrderedTraffic(ABC, Generic[Ride]):
             self._end_ride(name)
         self._remove(name)
 
+    def forget(self, name: str) -> None:
+        """Nobody asks for this parcel to be where it was ordered to any more."""
+        self.steered.pop(name, None)
+
     def take_left(self) -> list[str]:
         """Parcels that have left the table since the last call."""
         left, self._left = self._left, []
@@ -237,7 +241,7 @@ class OrderedTraffic(ABC, Generic[Ride]):
                 if self._orders.get(name) is order:
                     del self._orders[name]
                 # Who has been ordered elsewhere since is not there yet.
-                if name not in self._orders:
+                if name not in self._orders and name in self.steered:
                     self.steered[name].arrived = True
             elif name in self.steered:
                 self.steered[name].arrived = False

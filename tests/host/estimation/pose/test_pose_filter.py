@@ -43,6 +43,16 @@ def test_a_surprise_takes_from_no_variance_more_than_there_is() -> None:
     assert np.linalg.eigvalsh(one.covariance).min() > -1e-15
 
 
+def test_surprises_without_end_leave_what_they_do_not_show_finite() -> None:
+    """No edge shows how a disc is turned, nor where it is along the edge."""
+    one = believing(0.001)
+    for way in range(500):
+        one.on_edge(0.011 if way % 2 else -0.011, ACROSS, 0.0002)
+    assert np.isfinite(one.covariance).all()
+    assert one.covariance[1, 1] ** 0.5 <= 1.0 + 1e-9
+    assert one.covariance[2, 2] ** 0.5 <= np.pi + 1e-9
+
+
 def test_wheels_that_slip_make_a_place_less_sure() -> None:
     rolled, slipped = believing(0.001), believing(0.001)
     for _ in range(10):

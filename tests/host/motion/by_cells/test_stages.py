@@ -23,12 +23,20 @@ def at(*pose: float, parcel: Parcel = BOX, **others: Any) -> Belief:
     return beliefs({"box": np.array(pose)}, [parcel], **others)["box"]
 
 
+def goes(box: Stages, start: Belief, end: Belief) -> None:
+    """It is believed ever nearer to the end, as it moves there."""
+    for share in np.linspace(0.0, 1.0, 20):
+        pose = start.pose + share * (end.pose - start.pose)
+        box.step(replace(end, pose=pose), there=False)
+
+
 def test_a_box_that_tips_nowhere_is_taken_straight_to_its_goal() -> None:
     box = stages()
     assert not box.step(at(0.14, -0.008, 0.3), there=False)
     assert box.places == (GOAL,)
-    assert not box.step(at(0.0, 0.0, 0.0), there=False)
-    assert box.step(at(*AT_GOAL), there=True)
+    assert not box.step(at(0.14, 0.0, 0.2), there=False)
+    assert box.places == (GOAL,)
+    assert box.step(at(0.13, 0.0, 0.1), there=True)
 
 
 def test_a_box_that_would_tip_is_taken_around_corner_by_corner() -> None:
@@ -40,8 +48,21 @@ def test_a_box_that_would_tip_is_taken_around_corner_by_corner() -> None:
     assert not box.step(start, there=False)
     assert box.places == (corner, goal)
     assert corner.yaw_rad is not None
-    box.step(at(corner.x_m, corner.y_m + 0.005, corner.yaw_rad, parcel=SMALL), there=False)
+    goes(box, start, at(corner.x_m, corner.y_m + 0.005, corner.yaw_rad, parcel=SMALL))
     assert box.places == (goal,)
+
+
+def test_a_box_that_is_elsewhere_at_once_is_taken_on_from_there() -> None:
+    """It was never where it was believed, and the corner on the way from there is no place."""
+    box, start = stages(SMALL), at(0.14, -0.008, 0.3, parcel=SMALL)
+    while not box.places:
+        box.step(start, there=False)
+    assert len(box.places) == 2
+    elsewhere = at(*AT_GOAL, parcel=SMALL)
+    box.step(elsewhere, there=False)
+    while not box.places:
+        box.step(elsewhere, there=False)
+    assert box.places == (GOAL,)
 
 
 def test_a_box_has_not_arrived_before_a_turn_has_made_its_place_sure() -> None:

@@ -110,6 +110,17 @@ def test_a_person_sets_another_goal_and_the_run_goes_on_until_the_parcel_is_ther
         table.program.set_goal("bag", Goal(0.0, 0.0))
 
 
+def test_a_place_given_by_hand_that_has_no_way_is_said_and_asked_for_no_more():
+    table = two_boxes(main=go_east)
+    table.run(0.5)
+    table.program.set_goal("box", Goal(5.0, 0.0, None))
+    table.run_until(8.0, lambda: table.program.finished)
+    assert table.program.finished
+    assert "box" not in table.program.controllers
+    said = [each for each in table.program.take_notices() if "given place" in each]
+    assert len(said) == 1 and said[0].startswith("box is not taken to the given place: ")
+
+
 def test_a_parcel_that_nothing_shows_stands_and_is_lost_to_the_program():
     seen = []
 
