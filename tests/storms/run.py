@@ -117,7 +117,7 @@ class Host:
         """The process, if there is one, ends at once; the next begins after a pause."""
         if self.coordinator is not None:
             self._before.append(self.coordinator)
-            if self.reason is not None:
+            if self.report.reason is not None:
                 self._told_s = now_s
         self.coordinator, self._pause_s = None, None
         self._again_s = now_s + pause_s

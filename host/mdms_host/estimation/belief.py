@@ -22,8 +22,8 @@ class Belief:
 
     `pose` is (x, y, yaw), `twist` its rate, shape (3,), `covariance` that of the pose, (3, 3), and
     `outline` is as large as edges have shown it to be. `corrected` is whether a sensor has
-    corrected the pose since the last belief. `feel_rad` is the turn that would make the place sure
-    enough, where that was asked for; None where it is.
+    corrected the pose since the last belief. `feel` is the move (x, y, yaw) from here that would
+    make the place sure enough, where that was asked for; None where it is.
 
     What is not of the kind PARCEL is an obstacle, and never steered: its outline contains whatever
     lies there, as far as sensors show, and it rests.
@@ -36,7 +36,7 @@ class Belief:
     covariance: Floats
     standing: Standing = Standing.FOUND
     corrected: bool = True
-    feel_rad: float | None = None
+    feel: Floats | None = None
     kind: Kind = Kind.PARCEL
 
     @property

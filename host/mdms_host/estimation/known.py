@@ -112,14 +112,14 @@ class Known:
     def belief(self, at_s: float, usable: Bools | None) -> Belief | None:
         """What is believed of it at a time near now; None without a pose.
 
-        Where `usable` sensors (S,) are given, with the turn that would make the place sure enough.
+        Where `usable` sensors (S,) are given, with the move that would make the place sure enough.
         """
         one = self.estimator
         corrected, one.corrected = one.corrected, False
         pose = one.pose_at(at_s)
         if pose is None:
             return None
-        feel_rad = None if usable is None else one.turn_to_feel_rad(usable)
+        feel = None if usable is None else one.move_to_feel(usable)
         return Belief(
             self.parcel.name,
             one.bottom,
@@ -128,7 +128,7 @@ class Known:
             one.covariance,
             one.standing,
             corrected,
-            feel_rad,
+            feel,
         )
 
     def keep_place(self, now_s: float) -> None:

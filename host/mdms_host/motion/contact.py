@@ -102,9 +102,12 @@ def gap_m(one: Bottom, one_pose: Floats, other: Bottom, other_pose: Floats) -> f
     return outline.gap_m(one.outline_m(one_pose), other.outline_m(other_pose))
 
 
-def has_room(name: str, places: Mapping[str, Floats], outlines: Mapping[str, Bottom]) -> bool:
-    """Whether a parcel may turn where it is without coming near any other that has a place."""
-    mine, reach_m = places[name], outlines[name].reach_m + _NEAR_M
+def has_room(
+    name: str, move: Floats, places: Mapping[str, Floats], outlines: Mapping[str, Bottom]
+) -> bool:
+    """Whether a parcel may turn, and move so, without coming near any other that has a place."""
+    mine = places[name]
+    reach_m = outlines[name].reach_m + _NEAR_M + hypot(*move[:2].tolist())
     return not any(
         hypot(*(place - mine)[:2].tolist()) < reach_m + outlines[other].reach_m
         for other, place in places.items()

@@ -6,10 +6,12 @@ planner asks that, and what may be asked within a cycle is here. The first and t
 is covered in each row span what all of them do.
 """
 
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 
+from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_host.layout import Layout
 from mdms_host.motion.trajectory.pushes import by_parts
@@ -21,6 +23,10 @@ from mdms_model.statics.support_margin import TIP_M
 MARGIN_M = 0.010
 #: Wheels count as supports only this far under the parcel, which may be as much beside its way [m].
 INSET_M = 0.002
+#: A parcel is taken to be within so many deviations of where it is believed to be, and a shift is
+#: looked at in so many places.
+_DEVIATIONS = 2.5
+_SHIFTS = 8
 #: Wheels at one place are one support; rows nearer to each other than this are one [m].
 _SAME_M = 1e-9
 
@@ -79,6 +85,12 @@ class Footholds:
             )
             at += max(len(part) - 1, 1)
         return margins_m
+
+    def stand(self, belief: Belief, move: Floats) -> bool:
+        """Whether a parcel that is shifted so from where it is believed to be tips nowhere."""
+        unsure_m = _DEVIATIONS * sqrt(np.linalg.eigvalsh(belief.covariance[:2, :2])[1])
+        poses = belief.pose + np.linspace(0.0, 1.0, _SHIFTS)[:, None] * move
+        return bool((self.margins_m(poses, unsure_m) >= max(MARGIN_M, unsure_m)).all())
 
     def _seen(self, poses: Floats) -> Seen:
         low_m = poses[:, :2].min(axis=0) - self._bottom.reach_m

@@ -18,8 +18,8 @@ from mdms_model.arrays import Floats
 
 #: A parcel is about to be at its goal within so many tolerances.
 _NEAR = 5.0
-#: So often a parcel turns to have its place made sure; a goal without a yaw is where it is then.
-_TURNS = 3
+#: So often a parcel moves to have its place made sure; a goal without a yaw is where it is then.
+_MOVES = 3
 #: A target that differs by less is the same.
 _SAME_M = 1e-6
 #: A parcel that is farther from where it was a step before has been put there by hand [m].
@@ -70,7 +70,7 @@ class GoalController:
     held until a sensor shows it outside twice the tolerance; one that is `stopped` is brought to
     rest and not steered any more, and one that is `paused` is brought to rest meanwhile. One that
     has left its way comes to rest, and takes another from there. A place is not sure enough while a
-    turn by `feel_rad` would show it better: a parcel there turns so first, three times at most, and
+    move by `feel` would show it better: a parcel there moves so first, three times at most, and
     back; `leg` counts these ways, and where the parcel has been put elsewhere. Where it might tip
     on the straight way it stands until another has been found; `has_room` is whether one may lead
     around, given the pose to go to.
@@ -87,13 +87,13 @@ class GoalController:
         self.arrived = False
         self.stopped = False
         self.paused = False
-        self.feel_rad: float | None = None
+        self.feel: Floats | None = None
         self.grip = Grip()
         self._traction = traction
         self._mass = mass
         self._has_room = has_room
-        self._turned_rad: float | None = None
-        self._turns = 0
+        self._felt: Floats | None = None
+        self._moves = 0
         self.leg = 0
         self._follower: Follower | None = None
         self._search: WaySearch | None = None
@@ -119,7 +119,7 @@ class GoalController:
     @property
     def near(self) -> bool:
         """Whether the parcel is at its goal, or about to be."""
-        return self._left_m <= _NEAR * self.goal.tolerance_m or self._turned_rad is not None
+        return self._left_m <= _NEAR * self.goal.tolerance_m or self._felt is not None
 
     @property
     def speed_m_s(self) -> float:
@@ -149,7 +149,7 @@ class GoalController:
         """Where the parcel is is not known: it is not steered, and begins anew from rest."""
         self.arrived, self._within_s, self._left_m = False, 0.0, inf
         self._follower = None
-        self._turned_rad, self._turns = None, 0
+        self._felt, self._moves = None, 0
         self._put_elsewhere()
 
     def _put_elsewhere(self) -> None:
@@ -166,7 +166,7 @@ class GoalController:
         off = self._target(belief.pose) - belief.pose
         self._left_m = self._left_along_m(off, belief)
         if belief.corrected or not self.arrived:
-            self._check_arrival(off, float(belief.pose[2]), step_s)
+            self._check_arrival(off, belief, step_s)
         follower = self._following(belief)
         if follower is None:
             return None
@@ -227,8 +227,9 @@ class GoalController:
 
     def _target(self, pose: Floats) -> Floats:
         """The pose to be at, in the turn nearest to a pose, shape (3,)."""
-        wanted_rad = self.goal.yaw_rad if self._turned_rad is None else self._turned_rad
-        yaw_rad = float(pose[2])
+        if self._felt is not None:
+            return self._felt
+        wanted_rad, yaw_rad = self.goal.yaw_rad, float(pose[2])
         if wanted_rad is None:
             # However the parcel is turned when it sets out.
             follower = self._follower
@@ -237,28 +238,35 @@ class GoalController:
             turned_rad = yaw_rad + shorter_turn_rad(yaw_rad, wanted_rad)
         return np.array([self.goal.x_m, self.goal.y_m, turned_rad])
 
-    def _check_arrival(self, off: Floats, yaw_rad: float, step_s: float) -> None:
+    def _check_arrival(self, off: Floats, belief: Belief, step_s: float) -> None:
         """Arrived after a while within the tolerance; gone again outside twice of it."""
         slack = 2.0 if self.arrived else 1.0
         x_m, y_m, turn_rad = off.tolist()
-        if self.goal.yaw_rad is None and self._turned_rad is None:
+        if self.goal.yaw_rad is None and self._felt is None:
             turn_rad = 0.0
         within = (
             hypot(x_m, y_m) <= slack * self.goal.tolerance_m
             and abs(turn_rad) <= slack * self.goal.tolerance_rad
         )
         self._within_s = self._within_s + step_s if within else 0.0
-        self._feel(yaw_rad, settled=self._within_s >= self.goal.settle_s)
-        within &= self._turned_rad is None
+        self._feel(belief, settled=self._within_s >= self.goal.settle_s)
+        within &= self._felt is None
         self.arrived = within and (self.arrived or self._within_s >= self.goal.settle_s)
 
-    def _feel(self, yaw_rad: float, settled: bool) -> None:
-        """Turn away from the goal while that shows the place better, and back when it is sure."""
-        if self.feel_rad is None or (settled and self._turns >= _TURNS):
-            if self._turned_rad is not None:
-                self._turned_rad, self._within_s = None, 0.0
+    def _feel(self, belief: Belief, *, settled: bool) -> None:
+        """Move away from the goal while that shows the place better, and back when it is sure."""
+        if self.feel is None or (settled and self._moves >= _MOVES):
+            if self._felt is not None:
+                self._felt, self._within_s = None, 0.0
                 self.leg += 1
-        elif settled and not self.arrived:
-            self._turned_rad, self._within_s = yaw_rad + self.feel_rad, 0.0
-            self._turns += 1
+        elif settled and not self.arrived and self._stands_on(belief, self.feel):
+            x_m, y_m, turn_rad = self.feel.tolist()
+            end = self.goal.x_m + x_m, self.goal.y_m + y_m, float(belief.pose[2]) + turn_rad
+            self._felt, self._within_s = np.array(end), 0.0
+            self._moves += 1
             self.leg += 1
+
+    def _stands_on(self, belief: Belief, move: Floats) -> bool:
+        """Whether a parcel may be moved so; a turn is not told where it might tip."""
+        footholds = Footholds(self._traction.layout, belief.outline, self._mass.centre_m)
+        return not move[:2].any() or footholds.stand(belief, move)

@@ -339,8 +339,9 @@ class GoalProgram:
                 continue
             rests = name in self._stood and self._now_s < self._stood[name][2]
             controller.paused = belief.doubtful or rests or self._must_wait(belief, controller)
-            felt = belief.feel_rad is not None and has_room(name, self._places, self._bottoms)
-            controller.feel_rad = belief.feel_rad if felt else None
+            feel = belief.feel
+            felt = feel is not None and has_room(name, feel, self._places, self._bottoms)
+            controller.feel = feel if felt else None
             yield name, controller.step(belief, step_s)
             self._report_slip(name, controller.grip)
 

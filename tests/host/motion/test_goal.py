@@ -125,13 +125,13 @@ def test_a_goal_without_a_yaw_turns_nothing_and_is_reached_however_the_parcel_is
 
 def test_a_parcel_whose_place_is_not_sure_turns_before_it_has_arrived_and_turns_back() -> None:
     controller, table = controller_of(Goal(0.0, 0.0, 0.0)), Table(np.zeros(3))
-    controller.feel_rad = 0.1
+    controller.feel = np.array([0.0, 0.0, 0.1])
     most_rad = 0.0
     for _ in range(500):
         table.step(controller.step)
         most_rad = max(most_rad, float(table.pose[2]))
         if table.pose[2] > 0.08:
-            controller.feel_rad = None
+            controller.feel = None
     assert most_rad > 0.08
     assert controller.arrived
     assert abs(table.pose[2]) < 0.01
@@ -140,7 +140,7 @@ def test_a_parcel_whose_place_is_not_sure_turns_before_it_has_arrived_and_turns_
 
 def test_a_parcel_whose_place_no_turn_makes_sure_arrives_after_three() -> None:
     controller = controller_of(Goal(0.0, 0.0, 0.0))
-    controller.feel_rad = 0.05
+    controller.feel = np.array([0.0, 0.0, 0.05])
     drive(controller, Table(np.zeros(3)), 10.0)
     assert controller.arrived
     assert controller.leg == 4

@@ -11,7 +11,7 @@ import numpy as np
 from mdms_host.estimation.outlines.bottom import DRAWN_M, Bottom
 from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.estimation.pose.confirmation import Confirmation, Standing
-from mdms_host.estimation.pose.feeling import turn_to_feel_rad
+from mdms_host.estimation.pose.feeling import move_to_feel
 from mdms_host.estimation.pose.pose_cloud import PoseCloud
 from mdms_host.estimation.pose.pose_filter import PoseFilter
 from mdms_host.estimation.pose.sliding import Sliding
@@ -215,13 +215,13 @@ class ParcelEstimator:
             wrong[numbers] = shows & (abs(distance_m) > self._deep_m)
         return wrong
 
-    def turn_to_feel_rad(self, usable: Bools) -> float | None:
-        """The turn that would make the place sure enough [rad]; None where it is, or none does."""
+    def move_to_feel(self, usable: Bools) -> Floats | None:
+        """The move, (3,), that would make the place sure enough; None where it is, or none does."""
         if self._filter is None:
             return None
         pose, covariance = self._filter.mean[:3], self._filter.covariance[:3, :3]
         near = self.near(pose)
-        return turn_to_feel_rad(self.bottom, near.sensors_m, usable[near.sensors], pose, covariance)
+        return move_to_feel(self.bottom, near.sensors_m, usable[near.sensors], pose, covariance)
 
     def roll(self, now_s: float, twist: Floats | None) -> None:
         """Go on to a time at which this was the twist; None where no wheel shows it.

@@ -104,7 +104,7 @@ class CellsProgram:
         return [
             name
             for name, stages in self._stages.items()
-            if stages.turned or self._followed[name].left_m <= _NEAR_M
+            if stages.felt or self._followed[name].left_m <= _NEAR_M
         ]
 
     @property
@@ -312,10 +312,10 @@ class CellsProgram:
 
 
 def _felt(name: str, beliefs: Mapping[str, Belief]) -> Belief:
-    """What is believed of a parcel, without the wish to turn it where that has no room."""
+    """What is believed of a parcel, without the wish to move it where that has no room."""
     poses = {other: each.pose for other, each in beliefs.items()}
     outlines = {other: each.outline for other, each in beliefs.items()}
     belief = beliefs[name]
-    if belief.feel_rad is None or has_room(name, poses, outlines):
+    if belief.feel is None or has_room(name, belief.feel, poses, outlines):
         return belief
-    return replace(belief, feel_rad=None)
+    return replace(belief, feel=None)

@@ -2,7 +2,7 @@
 
 Cells go straight at one place, and report a parcel at its goal by what they believe. So the host
 gives them the corners of a safe way one after another, and where the place at the goal is not sure
-enough, has them turn the parcel until an edge has shown it, as `motion.goal` does.
+enough, has them move the parcel until an edge has shown it, as `motion.goal` does.
 """
 
 from collections.abc import Callable
@@ -19,15 +19,15 @@ from mdms_model.arrays import Floats
 
 #: A parcel is at a corner, from where it goes on to the next place, within this [m].
 _CORNER_M = 0.008
-#: So often a parcel turns to have its place made sure; a goal without a yaw is where it is then.
-_TURNS = 3
+#: So often a parcel moves to have its place made sure; a goal without a yaw is where it is then.
+_MOVES = 3
 
 
 class Stages:
     """The places that a parcel is still to be taken to; `places` is empty while they are sought.
 
-    The goal is the last of them; `turned` is whether it is to be turned there now. A belief that
-    says by which turn it would be surer (`feel_rad`) does so only where there is room for that;
+    The goal is the last of them; `felt` is whether it is moved there now to be felt. A belief that
+    says by which move it would be surer (`feel`) does so only where there is room for that;
     `has_room` is whether a way may lead around, given the pose to go to.
     """
 
@@ -42,9 +42,9 @@ class Stages:
         self._footholds = footholds
         self._has_room = has_room
         self._search: WaySearch | None = None
-        self._turns = 0
+        self._moves = 0
         self._pose: Floats | None = None
-        self.turned = False
+        self.felt = False
 
     @property
     def final(self) -> bool:
@@ -58,24 +58,24 @@ class Stages:
         has been put there, or never was where it was believed: its way is sought anew.
         """
         if self._pose is not None and hypot(*(belief.pose - self._pose)[:2].tolist()) > PUT_M:
-            self.places, self.turned, self._search = (), False, None
+            self.places, self.felt, self._search = (), False, None
         self._pose = belief.pose
         if not self.places:
             self._seek(belief)
-        elif self.turned:
-            self._turn_back(belief, there)
+        elif self.felt:
+            self._move_back(belief, there)
         elif not self.final:
             if there or _away_m(self.places[0], belief) <= _CORNER_M:
                 self.places = self.places[1:]
-        elif there and belief.feel_rad is not None and self._turns < _TURNS:
-            self._turn(belief, belief.feel_rad)
+        elif there and belief.feel is not None and self._may_feel(belief, belief.feel):
+            self._move(belief, belief.feel)
         else:
             return there
         return False
 
     def overtaken(self) -> None:
         """The cells have gone on to the next place by themselves."""
-        self.places, self.turned = self.places[1:] or self.places, False
+        self.places, self.felt = self.places[1:] or self.places, False
 
     def _seek(self, belief: Belief) -> None:
         goal, pose = self._goal, belief.pose
@@ -88,15 +88,20 @@ class Stages:
             corners = (path.pose_at(s_m).tolist() for s_m in path.corners_m[:-1])
             self.places = (*(Goal(*corner) for corner in corners), goal)
 
-    def _turn(self, belief: Belief, turn_rad: float) -> None:
-        goal, yaw_rad = self._goal, float(belief.pose[2])
-        self.places = (Goal(goal.x_m, goal.y_m, yaw_rad + turn_rad), goal)
-        self.turned = True
-        self._turns += 1
+    def _may_feel(self, belief: Belief, move: Floats) -> bool:
+        stands = not move[:2].any() or self._footholds.stand(belief, move)
+        return stands and self._moves < _MOVES
 
-    def _turn_back(self, belief: Belief, there: bool) -> None:
-        if there or belief.feel_rad is None:
-            self.places, self.turned = (self._goal,), False
+    def _move(self, belief: Belief, move: Floats) -> None:
+        goal, yaw_rad = self._goal, float(belief.pose[2])
+        x_m, y_m, turn_rad = move.tolist()
+        self.places = (Goal(goal.x_m + x_m, goal.y_m + y_m, yaw_rad + turn_rad), goal)
+        self.felt = True
+        self._moves += 1
+
+    def _move_back(self, belief: Belief, there: bool) -> None:
+        if there or belief.feel is None:
+            self.places, self.felt = (self._goal,), False
 
 
 def _away_m(place: Goal, belief: Belief) -> float:

@@ -80,7 +80,7 @@ class TableTraffic(OrderedTraffic[Ride]):
     def _drive(self, beliefs: Mapping[str, Belief], step_s: float) -> Iterator[tuple[str, Carried]]:
         """How each parcel that is under way is carried."""
         for name, ride, belief, limit_m in self._under_way(beliefs):
-            room = belief.feel_rad is not None and self._where.has_room(name)
+            room = belief.feel is not None and self._where.has_room(name, belief.feel)
             carried = ride.step(belief, step_s, limit_m, room)
             if carried is not None:
                 yield name, carried

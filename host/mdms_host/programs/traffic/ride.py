@@ -106,11 +106,11 @@ class Ride:
     def step(self, belief: Belief, step_s: float, limit_m: float, room: bool) -> Carried | None:
         """What its wheels are to do, with the way free up to `limit_m`; None: they stand.
 
-        `room` is whether it may turn on the spot to be felt.
+        `room` is whether it may move to be felt.
         """
         if self.controller is not None:
             self.controller.paused = belief.doubtful
-            self.controller.feel_rad = belief.feel_rad if room else None
+            self.controller.feel = belief.feel if room else None
             carried = self.controller.step(belief, step_s)
             self._look(belief)
             return carried

@@ -91,9 +91,9 @@ class Whereabouts:
             name: self._stand(shape, place) for name, shape, place in lying if shape is not None
         }
 
-    def has_room(self, name: str) -> bool:
-        """Whether a parcel may turn where it is without coming near any other."""
-        return has_room(name, self.places, self.outlines)
+    def has_room(self, name: str, move: Floats) -> bool:
+        """Whether a parcel may turn, and move so, without coming near any other."""
+        return has_room(name, move, self.places, self.outlines)
 
     def find_obstacles(self, is_planned: Callable[[str, Floats], bool]) -> None:
         """Find what lies where the plan has nothing."""

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -66,7 +67,7 @@ def test_a_box_that_is_elsewhere_at_once_is_taken_on_from_there() -> None:
 
 
 def test_a_box_has_not_arrived_before_a_turn_has_made_its_place_sure() -> None:
-    box, unsure = stages(), at(*AT_GOAL, feel_rad=0.2)
+    box, unsure = stages(), at(*AT_GOAL, feel=np.array([0.0, 0.0, 0.2]))
     box.step(unsure, there=False)
     assert not box.step(unsure, there=True)
     turned, goal = box.places
@@ -78,7 +79,7 @@ def test_a_box_has_not_arrived_before_a_turn_has_made_its_place_sure() -> None:
 
 
 def test_a_box_that_no_turn_makes_sure_has_arrived_after_three() -> None:
-    box, unsure = stages(), at(*AT_GOAL, feel_rad=0.2)
+    box, unsure = stages(), at(*AT_GOAL, feel=np.array([0.0, 0.0, 0.2]))
     turns = 0
     for _ in range(20):
         arrived = box.step(unsure, there=True)

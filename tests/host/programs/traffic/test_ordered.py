@@ -118,7 +118,8 @@ def test_a_place_given_by_hand_that_has_no_way_is_said_and_asked_for_no_more():
     assert table.program.finished
     assert "box" not in table.program.controllers
     said = [each for each in table.program.take_notices() if "given place" in each]
-    assert len(said) == 1 and said[0].startswith("box is not taken to the given place: ")
+    assert len(said) == 1
+    assert said[0].startswith("box is not taken to the given place: ")
 
 
 def test_a_parcel_that_nothing_shows_stands_and_is_lost_to_the_program():
