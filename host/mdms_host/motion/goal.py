@@ -122,6 +122,11 @@ class GoalController:
         return self._left_m <= _NEAR * self.goal.tolerance_m or self._felt is not None
 
     @property
+    def settling(self) -> bool:
+        """Whether the parcel is within its tolerance, and has not been there for long enough."""
+        return self._within_s > 0.0 and not self.arrived
+
+    @property
     def speed_m_s(self) -> float:
         """How fast the parcel is commanded to go there, a corner's way included [m/s]."""
         if self._follower is None:

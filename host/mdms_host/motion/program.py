@@ -373,7 +373,8 @@ class GoalProgram:
             self._stop(pair)
         for name, standstill in self._standstills.items():
             controller = self._controllers[name]
-            if name not in carried or controller.arrived or controller.stopped:
+            done = controller.arrived or controller.settling or controller.stopped
+            if name not in carried or done:
                 standstill.clear()
             elif controller.paused:
                 # One that is doubtful time and again gets on no better for it.
