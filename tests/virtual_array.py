@@ -35,10 +35,19 @@ class SimulatedArray:
 
     def __init__(self, bank: CellBank, *overrides: str) -> None:
         scenario = load_scenario("array18", overrides)
-        self.bank = bank
-        self.simulation = Simulation(scenario, bank, recorded=False)
+        self._surround(Simulation(scenario, bank, recorded=False), bank)
+
+    @classmethod
+    def around(cls, simulation: Simulation, bank: CellBank) -> "SimulatedArray":
+        """The array of a simulation that runs already."""
+        array = cls.__new__(cls)
+        array._surround(simulation, bank)
+        return array
+
+    def _surround(self, simulation: Simulation, bank: CellBank) -> None:
+        self.bank, self.simulation = bank, simulation
         self.error_frames = 0
-        self.simulation.bus.observe_errors(self._on_error)
+        simulation.bus.observe_errors(self._on_error)
 
     @property
     def now_ns(self) -> int:

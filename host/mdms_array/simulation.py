@@ -154,6 +154,11 @@ def host_report_of(coordinator: Coordinator | None) -> HostReport | None:
     return HostReport(
         goals=_poses(coordinator.goals),
         arrived=_poses(coordinator.arrived),
+        believed={
+            name: (pose.x_m, pose.y_m, pose.yaw_rad)
+            for name in coordinator.arrived
+            if (pose := coordinator.estimate(name)) is not None
+        },
         reason=coordinator.fault or coordinator.stuck or coordinator.lost or stopped,
         trouble_s=troubles[-1][0] if troubles else -inf,
         over=coordinator.finished,

@@ -10,19 +10,26 @@ import traceback
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from math import inf
 from pathlib import Path
+from random import Random
 from time import perf_counter
 from typing import Any
 
 from mdms_array.host import coordinator_of
 from mdms_array.simulation import host_report_of
+from mdms_host.clock import MonotonicClock
+from mdms_host.commissioning import commissioner
+from mdms_host.commissioning.network import Commissioning, CommissioningError
 from mdms_host.commissioning.stop import StopAll
 from mdms_host.commissioning.wheels.jog import Jog
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.outcome import outcome_of
+from mdms_host.updating.bundles import Bundle, pack_image, sign
+from mdms_host.updating.cell_update import CellUpdate
+from mdms_host.updating.updater import Updater
 from mdms_model.buses import Addresses
 from mdms_model.scenario.scenario import Scenario
 from mdms_protocol.codecs import cob, sdo
@@ -31,13 +38,18 @@ from mdms_protocol.dictionary import ENTRIES
 from mdms_sim.driver import Driver
 from mdms_sim.faults.node import PRIORITY
 from mdms_sim.nodes.python_bank import PythonBank
+from mdms_sim.nodes.virtual_board import VirtualBoard
 from mdms_sim.referee.rules import Violation
 from mdms_sim.referee.truth import HostReport
 from mdms_sim.simulation import NS_PER_S, Simulation, addresses_of
 from tests.storms.storm import Storm, Table, draw, load, parts_of, scenario_of, written
+from tests.virtual_array import SimulatedArray, virtual_time
 
 __all__ = ["Ended", "run"]
 
+#: The key that the cells have, and the bit rate of their bus.
+KEY = bytes(range(32))
+BITRATE = 1_000_000
 #: A host that waits for nothing looks so often whether it is to begin [s].
 IDLE_S = 0.01
 #: A run in which nothing more is to happen goes on for so long [s].
@@ -234,6 +246,40 @@ class _Events:
         driver = self._join(jog)
         self._at(self._now_s + duration_s, driver.leave)
 
+    def _commission(self, cell: int, duration_s: float) -> None:
+        """What `mdms commission` does to a cell; its process may be killed before it is done.
+
+        It waits for its answers, so the simulation goes on within this call.
+        """
+        node_id = self._addresses.node_ids[cell - 1]
+        columns = self._scenario.array.columns
+        place = (cell - 1) % columns + 1, (cell - 1) // columns + 1
+        array = SimulatedArray.around(self._simulation, self._bank)
+        with virtual_time(array) as time, Commissioning(None, MonotonicClock()) as commissioning:
+            self._at(self._now_s + duration_s, partial(setattr, time, "mute", True))
+            try:
+                commissioner.tell_place(commissioning, node_id, place)
+                commissioner.nudge_wheels(commissioning, node_id)
+            except CommissioningError:
+                # The person is told why.
+                return
+
+    def _update(self, cells: list[int], duration_s: float) -> None:
+        """Firmware for cells of one bus that have the array's key already."""
+        for cell in cells:
+            self._bank._boards[cell - 1].slots.keep_key(KEY)
+        nodes = [self._addresses.node_ids[cell - 1] for cell in cells]
+        updater = Updater([CellUpdate(node_id, _bundle()) for node_id in nodes], BITRATE)
+        driver = self._join(updater)
+        self._at(self._now_s + duration_s, driver.leave)
+
+    def _gateway(self, number: int, duration_s: float) -> None:
+        for bus in self._simulation.buses:
+            for controller in self._simulation.gateways[number].controllers:
+                if controller in bus.controllers:
+                    bus.switch_off(controller)
+                    self._at(self._now_s + duration_s, partial(bus.switch_on, controller))
+
     def _start(self) -> None:
         if not self._host.busy:
             self._host.kill(0.0, self._now_s)
@@ -280,6 +326,13 @@ class _Events:
                 measure(other, supply_uv)
 
         self._bank.set_supply = measured  # type: ignore[method-assign]
+
+
+@cache
+def _bundle() -> Bundle:
+    """Firmware of 8 KB, which no cell runs: simulated ones have theirs."""
+    image = Random(1).randbytes(8000)
+    return sign(pack_image(image), KEY, 1, VirtualBoard.bytecode)
 
 
 class _Once:
@@ -389,6 +442,9 @@ _NAMED: Mapping[str, str] = {
     "lift": r"{parcel}",
     "empty": r"$.",
     "jog": r"cell {cell}\b|another host",
+    "commission": r"$.",
+    "update": r"$.",
+    "gateway": r"cell \d+|silent",
     "start": r"$.",
     "stop": r"stop",
     "stop_all": r"another host|somebody else|mdms stop|operational",

@@ -46,6 +46,9 @@ _TRIES = 300
 EVENTS = {
     "empty": "no program runs at first",
     "jog": "`axis` of `cell` is jogged at `speed_m_s`; the tool is killed after `duration_s`",
+    "commission": "`cell` is told its place, and its wheels are nudged; killed after `duration_s`",
+    "update": "firmware is sent to `cells` over the bus; the tool is killed after `duration_s`",
+    "gateway": "the gateway with this `number` has no power for `duration_s`",
     "start": "a person begins the program again, if none runs",
     "stop": "the program is ended in order",
     "stop_all": "another program sends what `mdms stop` sends",
@@ -148,7 +151,7 @@ SETTINGS = (
     Setting("small host sort", 4, "infeed", 6, 3, "host", "sort", (4, 4), 14.0),
     Setting("small cells goal", 6, "neighbours", 6, 3, "cells", "goal", (1, 2), 12.0),
     Setting("small cells tasks", 3, "neighbours", 6, 3, "cells", "program", (1, 2), 12.0),
-    Setting("small jog", 1.5, "array18", 6, 3, "host", "jog", (1, 1), 6.0),
+    Setting("small service", 2, "array18", 6, 3, "host", "service", (1, 1), 6.0),
     Setting("middle host goal", 2, "array54", 9, 6, "host", "goal", (1, 4), 10.0),
     Setting("middle host tasks", 3, "array54", 9, 6, "host", "program", (2, 6), 12.0),
     Setting("middle host sort", 1.5, "sort54", 9, 6, "host", "sort", (12, 12), 14.0),
@@ -226,7 +229,7 @@ def _drawn(seed: int, random: Random, setting: Setting) -> Storm:
         tables |= _sorting(random, setting)
     else:
         tables |= _parcels(random, setting)
-    motion["field"] = "goal" if setting.field in ("goal", "jog") else "program"
+    motion["field"] = "goal" if setting.field in ("goal", "service") else "program"
     tables["motion"] = motion
     if (setting.columns, setting.rows) == (12, 10):
         tables["array"] = {"columns": 12, "rows": 10, "buses": _buses(12, 10)}
@@ -301,7 +304,7 @@ def _parcels(random: Random, setting: Setting) -> Table:
         parcel |= {"x_m": start[0], "y_m": start[1], "yaw_rad": start[2]}
         starts.append((parcel, start))
         goals.append((parcel, goal))
-    if setting.field in ("goal", "jog"):
+    if setting.field in ("goal", "service"):
         for parcel, goal in goals:
             parcel["goal"] = _goal(parcel, goal)
         return {"parcel": [parcel for parcel, _ in starts]}
@@ -425,6 +428,8 @@ class _Troubles:
         self._buses = len(tables.get("array", {}).get("buses", ())) or (
             1 if self._cells <= 18 else 3
         )
+        #: Cells that steer have a gateway between each two buses; the host needs none.
+        self._gateways = self._buses - 1 if setting.control == "cells" else 0
 
     def draw(self, count: int) -> tuple[list[Table], list[Table]]:
         """So many of them, as faults of the scenario and as events beside it, by their times."""
@@ -444,12 +449,12 @@ class _Troubles:
         for _ in range(self._random.choice((0, 1, 1, 2))):
             start_s = self._time(BROUGHT_UP_S, 0.8 * self._setting.lasts_s)
             events.append({"kind": "start", "time_s": start_s})
-        if self._setting.field == "jog":
-            # Whoever jogs runs no program, and jogs no wheel under a parcel.
+        if self._setting.field == "service":
+            # No program runs beside these tools, and they turn no wheel under a parcel.
             events = [each for each in events if each["kind"] not in _OF_PROGRAMS]
             events.append({"kind": "empty", "time_s": 0.0})
             beside = [cell for cell in range(1, self._cells + 1) if self._is_beside(cell)]
-            events += [self._jog(self._random.choice(beside)) for _ in (1, 2) if beside]
+            events += [self._service(self._random.choice(beside)) for _ in (1, 2) if beside]
         faults.sort(key=lambda each: each["start_s"])
         events.sort(key=lambda each: each["time_s"])
         return faults, events
@@ -469,7 +474,9 @@ class _Troubles:
         yield "second_host", (0.7, self._second_host)
         yield "write", (1.0, self._write)
         yield "reading_high", (0.4, lambda: self._event("reading_high", cell=self._one_cell()))
-        if not self._sorted and self._setting.field != "jog":
+        if self._gateways:
+            yield "gateway", (1.0, self._gateway)
+        if not self._sorted and self._setting.field != "service":
             yield "hand", (1.5, self._hand)
             yield "push", (1.0, self._push)
             alone = len(self._tables["parcel"]) == 1
@@ -579,6 +586,21 @@ class _Troubles:
         return self._event(
             "write", cell=self._one_cell(), index=index, value=self._random.choice(values)
         )
+
+    def _gateway(self) -> Table:
+        number = self._random.randrange(self._gateways)
+        return self._event("gateway", number=number, duration_s=self._time(0.05, 3.0))
+
+    def _service(self, cell: int) -> Table:
+        """A tool that turns wheels, or writes firmware, with no program beside it."""
+        kind = self._random.choice(("jog", "commission", "update"))
+        if kind == "jog":
+            return self._jog(cell)
+        duration_s = self._time(0.1, 4.0)
+        if kind == "commission":
+            return self._event(kind, cell=cell, duration_s=duration_s)
+        cells = sorted(self._random.sample(range(1, self._cells + 1), self._random.randint(1, 6)))
+        return self._event(kind, cells=cells, duration_s=duration_s)
 
     def _jog(self, cell: int) -> Table:
         jogged = {"cell": cell, "axis": self._random.randint(1, 2)}

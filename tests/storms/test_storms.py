@@ -4,11 +4,16 @@ That no rule is broken is asked of every simulated run by `tests/conftest.py`.
 """
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from mdms_protocol.codecs import cob, nmt
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.referee.referee import Referee
+from mdms_sim.simulation import NS_PER_S, Simulation
 from tests.storms.run import Ended, run
 from tests.storms.shrink import shrink
 from tests.storms.storm import Storm, draw, load, parts_of, scenario_of, written
@@ -68,6 +73,65 @@ def test_a_storm_reports_what_the_referee_notes_and_what_raises(monkeypatch) -> 
 
 def raising(*_: object) -> None:
     raise RuntimeError("planted error")
+
+
+@pytest.fixture
+def simulations(monkeypatch) -> list[Simulation]:
+    """The simulations that storms of this test run in."""
+    built = []
+
+    def build(*arguments, **options) -> Simulation:
+        one = Simulation(*arguments, **options)
+        one.boots = []
+        one.bus.observe(partial(note_boot, one.boots))
+        built.append(one)
+        return one
+
+    monkeypatch.setattr("tests.storms.run.Simulation", build)
+    return built
+
+
+def note_boot(boots: list[tuple[float, int]], frame: Frame, now_ns: int) -> None:
+    node_id = frame.can_id - cob.HEARTBEAT_BASE
+    if node_id > 0 and frame.data == bytes([nmt.INITIALISING]):
+        boots.append((now_ns / NS_PER_S, node_id))
+
+
+def service(*events) -> Storm:
+    """A storm of a table that nobody drives, with these events alone."""
+    storm = draw(1, "small service").with_faults(())
+    return replace(storm, events=({"kind": "empty", "time_s": 0.0}, *events))
+
+
+def test_commissioning_within_a_storm_turns_both_wheels_of_its_cell_alone(simulations) -> None:
+    event = {"kind": "commission", "time_s": 0.5, "cell": 6, "duration_s": 3.0}
+    assert run(service(event)).crash is None
+    travel_m = simulations[0].world.scene.state.wheels["travel_m"].reshape(-1, 2)
+    assert (abs(travel_m[5]) > 0.0005).all()
+    assert not np.delete(travel_m, 5, axis=0).any()
+
+
+def test_commissioning_that_is_killed_turns_nothing_more(simulations) -> None:
+    event = {"kind": "commission", "time_s": 0.5, "cell": 6, "duration_s": 0.01}
+    assert run(service(event)).crash is None
+    assert not simulations[0].world.scene.state.wheels["travel_m"].any()
+
+
+def test_an_update_within_a_storm_restarts_one_cell_after_the_other(simulations) -> None:
+    event = {"kind": "update", "time_s": 0.5, "cells": [3, 4], "duration_s": 8.0}
+    assert run(with_duration(service(event), 8.0)).crash is None
+    boots = [node for time_s, node in simulations[0].boots if time_s > 0.5]
+    assert boots == [3, 4]
+
+
+def test_a_gateway_without_power_forwards_nothing_until_it_has_it_again(simulations) -> None:
+    silent = {"kind": "gateway", "time_s": 0.5, "number": 0, "duration_s": 1.0}
+    for events, ends_s in (((), 1.4), ((silent,), 1.4), ((silent,), 2.0)):
+        storm = replace(draw(1, "middle cells goal").with_faults(()), events=events)
+        assert run(with_duration(storm, ends_s)).crash is None
+    calm, cut, back = (sum(way.forwarded for way in one.gateways[0].ways) for one in simulations)
+    assert cut < 0.7 * calm
+    assert back > cut
 
 
 def with_duration(storm: Storm, duration_s: float) -> Storm:

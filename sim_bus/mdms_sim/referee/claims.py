@@ -15,9 +15,9 @@ from mdms_protocol.neighbours import frames as wire
 from mdms_sim.referee.truth import HostReport, Note, Pose, Truth
 from mdms_sim.referee.word import FRESH_NS, NS_PER_S, Word
 
-#: 'Arrived' means a truth within this.
-TRUE_M = 0.005
-TRUE_RAD = radians(2.0)
+#: 'Arrived' means a truth within this, and is said where the host believes the parcel within that.
+TRUE_M, TRUE_RAD = 0.005, radians(2.0)
+BELIEVED_M, BELIEVED_RAD = 0.003, radians(1.0)
 #: Most cells under a parcel say for so long that it has arrived: that is their word [s].
 _CELLS_SAY_S = 0.5
 _LOOK_S = 0.05
@@ -126,6 +126,7 @@ class Claims:
                 if self._arrived.get(name) != goal:
                     self._handled.discard(name)
                     self._check(name, goal, "has arrived, says the host,")
+                    self._check_belief(name, goal, report.believed.get(name))
             self._arrived = dict(arrived)
         if report.over and not self._over:
             for name, goal in report.goals.items():
@@ -144,9 +145,23 @@ class Claims:
             text = f"{name} {claim} is {1e3 * off_m:.1f} mm and {degrees(off_rad):.1f} degrees off"
             self._note("true", text, parcel=name)
 
-    def _off(self, number: int, goal: Pose) -> tuple[float, float]:
-        """How far a parcel is from a goal in truth, its symmetry allowed [m, rad]."""
-        x_m, y_m, yaw_rad = self._world.pose[number].tolist()
+    def _check_belief(self, name: str, goal: Pose, believed: Pose | None) -> None:
+        """Note an arrival that the host itself takes for too far from the goal."""
+        number = self._names.get(name)
+        if number is None or believed is None:
+            return
+        off_m, off_rad = self._off(number, goal, believed)
+        if not (off_m <= BELIEVED_M and off_rad <= BELIEVED_RAD):
+            self._note(
+                "true",
+                f"{name} has arrived, says the host, and believes it {1e3 * off_m:.1f} mm and "
+                f"{degrees(off_rad):.1f} degrees off",
+                parcel=name,
+            )
+
+    def _off(self, number: int, goal: Pose, pose: Pose | None = None) -> tuple[float, float]:
+        """How far a parcel is from a goal, in truth or at a pose, its symmetry allowed [m, rad]."""
+        x_m, y_m, yaw_rad = self._world.pose[number].tolist() if pose is None else pose
         same_rad = self._symmetries[number]
         wanted_rad = goal[2]
         if wanted_rad is None or same_rad == 0.0:

@@ -30,12 +30,14 @@ class HostReport:
     """What the host says at one instant.
 
     `goals` are those of the parcels that it steers to one, and `arrived` of those that it says are
-    there. `reason` is why it cannot go on, if it says so; `trouble_s` is when it has reported a
-    trouble last [s]. `over` is whether its job has ended as it was asked for.
+    there; `believed` is where it takes these for. `reason` is why it cannot go on, if it says so;
+    `trouble_s` is when it has reported a trouble last [s]. `over` is whether its job has ended as
+    it was asked for.
     """
 
     goals: Mapping[str, Pose] = field(default_factory=dict)
     arrived: Mapping[str, Pose] = field(default_factory=dict)
+    believed: Mapping[str, Pose] = field(default_factory=dict)
     reason: str | None = None
     trouble_s: float = -inf
     over: bool = False

@@ -49,6 +49,21 @@ def test_an_arrival_that_is_not_true_is_noted_when_it_is_said(goal, over):
     assert noted(simulation)[0] == ("true", pytest.approx(0.325, abs=0.026), None, "box1")
 
 
+@pytest.mark.violates("true")
+def test_an_arrival_that_the_host_itself_takes_for_too_far_off_is_noted():
+    """The truth is within 5 mm and 2 degrees, the belief not within 3 mm and 1 degree."""
+    goal = (-0.2, 0.0, 0.0)
+    for believed in ((-0.2029, 0.0, 0.017), (-0.2031, 0.0, 0.0), (-0.2, 0.0, 0.018)):
+
+        def said(simulation, pose=believed):
+            there = simulation.kernel.now_ns >= 3e8
+            arrived, places = ({"box1": goal}, {"box1": pose}) if there else ({}, {})
+            return HostReport(goals={"box1": goal}, arrived=arrived, believed=places)
+
+        found = noted(judged(table(BOX), 0.5, host=said))
+        assert [rule for rule, *_ in found] == ([] if believed[0] == -0.2029 else ["true"])
+
+
 @pytest.mark.parametrize("turns", [0, 1, 2, 3])
 def test_a_square_is_there_however_often_it_is_turned_by_90_degrees(turns):
     goal = (-0.204, 0.0, 0.03 + turns * pi / 2)
