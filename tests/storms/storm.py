@@ -454,7 +454,9 @@ class _Troubles:
             events = [each for each in events if each["kind"] not in _OF_PROGRAMS]
             events.append({"kind": "empty", "time_s": 0.0})
             beside = [cell for cell in range(1, self._cells + 1) if self._is_beside(cell)]
-            events += [self._service(self._random.choice(beside)) for _ in (1, 2) if beside]
+            tools = [self._service(self._random.choice(beside)) for _ in (1, 2) if beside]
+            events += tools
+            faults += self._stop_within(tools, faults)
         faults.sort(key=lambda each: each["start_s"])
         events.sort(key=lambda each: each["time_s"])
         return faults, events
@@ -601,6 +603,15 @@ class _Troubles:
             return self._event(kind, cell=cell, duration_s=duration_s)
         cells = sorted(self._random.sample(range(1, self._cells + 1), self._random.randint(1, 6)))
         return self._event(kind, cells=cells, duration_s=duration_s)
+
+    def _stop_within(self, tools: list[Table], faults: list[Table]) -> list[Table]:
+        """An emergency stop while one of these tools is at work, unless the supply fails anyhow."""
+        if not tools:
+            return []
+        tool = self._random.choice(tools)
+        start_s = round(tool["time_s"] + self._time(0.0, tool["duration_s"]), 3)
+        stop = self._emergency_stop() | {"start_s": start_s}
+        return [] if _clashes(stop, faults) else [stop]
 
     def _jog(self, cell: int) -> Table:
         jogged = {"cell": cell, "axis": self._random.randint(1, 2)}
