@@ -2,7 +2,7 @@
 
 import json
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -56,9 +56,12 @@ def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Sc
 
 
 def scenario_from(tree: Any) -> Scenario:
-    """The checked scenario that plain tables describe. Raises `ScenarioError`."""
+    """The checked scenario that plain tables describe. Raises `ScenarioError`.
+
+    Tables may name another `scenario`, as a file may.
+    """
     try:
-        scenario: Scenario = build(Scenario, tree)
+        scenario: Scenario = build(Scenario, _on_base(tree, None, _MOST_BASES))
     except RecursionError:
         raise ScenarioError("motion.part is nested too deeply; take fewer parts in parts") from None
     check_rules(scenario)
@@ -75,17 +78,23 @@ def read_tree(name_or_path: str | Path) -> Any:
 
 
 def _read_tree(name_or_path: str | Path, bases: int) -> Any:
-    tree, path = _tables(_locate(name_or_path)), _locate(name_or_path)
-    if not isinstance(tree, dict) or "scenario" not in tree:
+    path = _locate(name_or_path)
+    return _on_base(_tables(path), path, bases)
+
+
+def _on_base(tree: Any, path: Path | None, bases: int) -> Any:
+    """The tables of a file, or of none, with those of the scenario that they name."""
+    if not isinstance(tree, Mapping) or "scenario" not in tree:
         return tree
-    base = tree.pop("scenario")
+    base, own = tree["scenario"], {key: tree[key] for key in tree if key != "scenario"}
     if not isinstance(base, str) or not bases:
+        where = "" if path is None else f"{path}: "
         raise ScenarioError(
-            f"{path}: scenario is {base!r}, but must be the name of a scenario, or of a file "
+            f"{where}scenario is {base!r}, but must be the name of a scenario, or of a file "
             f"beside this one, that is based on {_MOST_BASES} others at most"
         )
-    beside = path.parent / base
-    return _merged(_read_tree(beside if beside.is_file() else base, bases - 1), tree)
+    beside = Path(base) if path is None else path.parent / base
+    return _merged(_read_tree(beside if beside.is_file() else base, bases - 1), own)
 
 
 def _merged(base: Any, own: Any) -> Any:

@@ -237,6 +237,15 @@ def test_a_file_may_be_based_on_another_and_has_what_differs(row, tmp_path):
     assert scenario.parcel == load_scenario(row).parcel
 
 
+def test_tables_in_python_may_be_based_on_a_scenario_too():
+    own = {"scenario": "array18", "cell": {"friction": 0.2}}
+    scenario = scenario_from(own)
+    assert scenario == load_scenario("array18", ["cell.friction=0.2"])
+    assert own == {"scenario": "array18", "cell": {"friction": 0.2}}
+    with pytest.raises(ScenarioError, match="scenario is 18, but must be the name"):
+        scenario_from({"scenario": 18})
+
+
 def test_a_file_that_is_based_on_itself_is_refused(tmp_path):
     path = tmp_path / "loop.toml"
     path.write_text('scenario = "loop.toml"\n')
