@@ -68,11 +68,11 @@ class TableParcel:
             raise ProgramError(f"{self.name} has left the table")
         await self._orders[1](self, exit)
 
-    def carried_by(self, orders: tuple[Move, Leave] | None) -> None:
+    def _carried_by(self, orders: tuple[Move, Leave] | None) -> None:
         """Take orders from this table; None once the parcel has left it."""
         self._orders = orders
 
-    def see(self, belief: Belief | None) -> None:
+    def _see(self, belief: Belief | None) -> None:
         """Take in what is believed of it now."""
         self._belief = belief
 
