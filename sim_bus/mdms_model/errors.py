@@ -1,7 +1,5 @@
 """What a user can mend: every such error is one line with the value, the limit and the way out."""
 
-__all__ = ["Error", "InputError"]
-
 
 class Error(Exception):
     """Base of all errors that a user of the packages can do something about."""

@@ -22,8 +22,6 @@ from mdms_model.scenario.file import scenario_from
 from mdms_model.scenario.scenario import Scenario, ScenarioError
 from mdms_model.scenario.tree import plain
 
-__all__ = ["RunFolderError", "StoredRun", "read_run", "write_run"]
-
 FORMAT = "mdms-run"
 FORMAT_VERSION = 1
 META, RECORD = "meta.json", "run.mcap"
@@ -112,7 +110,7 @@ def fresh_folder(folder: Path) -> Iterator[Path]:
 
 
 def write_run(
-    folder: Path,
+    folder: str | Path,
     scenario: Scenario,
     record: Record,
     figures: dict[str, Any],
@@ -123,6 +121,8 @@ def write_run(
     A picture is drawn of any run, an animation where cells steered, or the host several parcels;
     `save_picture` goes by the name of its file.
     """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
     # A record file needs an extra; who only names the files of a run folder does without it.
     from mdms_model.run.mcap.file import write_record
 
@@ -149,8 +149,9 @@ def _is_lively(record: Record) -> bool:
     return record.identity is not None or len(steered) > 1
 
 
-def read_run(folder: Path) -> StoredRun:
+def read_run(folder: str | Path) -> StoredRun:
     """Read a run back. Raises `RunFolderError` when the folder holds none."""
+    folder = Path(folder)
     if not folder.exists():
         raise RunFolderError(f"{folder}: no such run folder")
     meta = _read_meta(folder)

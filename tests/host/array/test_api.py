@@ -128,3 +128,22 @@ def test_the_import_is_light():
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=True)
     assert {"numba", "matplotlib", "mdms_sim", "numpy"}.isdisjoint(json.loads(done.stdout))
+
+
+def test_every_name_can_be_imported_and_helps_to_write_programs():
+    names = {}
+    exec("from mdms_array import *", names)
+    assert set(mdms.__all__) <= names.keys()
+    assert mdms.tasks.swap.__name__ == "swap"
+    with pytest.raises(AttributeError, match="no attribute 'simulat'"):
+        mdms.simulat  # noqa: B018
+
+
+def test_run_folders_are_named_by_strings_or_paths(tmp_path):
+    run = mdms.simulate("paper-fig7", limit_s=0.5, record=str(tmp_path / "run"))
+    stored = mdms.read_run(str(tmp_path / "run"))
+    assert stored.record.time_s.tolist() == run.record.time_s.tolist()
+    mdms.write_run(str(tmp_path / "again"), stored.scenario, stored.record, stored.figures)
+    assert mdms.read_run(tmp_path / "again").figures == stored.figures
+    with pytest.raises(mdms.InputError, match="no such run folder"):
+        mdms.read_run("nowhere")
