@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 from numba.core.event import Event, Listener, install_listener
 
+from mdms_array.figures import REPORTED_S
 from mdms_host.clock import MonotonicClock
 from mdms_model.log import LOG
 
-#: Less is not reported.
-REPORTED_S = 0.5
 NOTICE = "Compiling the simulator's inner loops; this happens once per installation."
 
 

@@ -78,6 +78,8 @@ class Recorder:
         """What was recorded so far, with the coordinator's events and the link's incidents."""
         events = [Event(time_s, "coordinator", text) for time_s, text in self._coordinator.events]
         events += [Event(time_s, "link", text) for time_s, text in incidents]
+        if not len(self._history.time_s):
+            self._sample(0.0)
         columns = self._history.columns()
         if not self._reports.any:
             columns = without_reports(columns)
