@@ -2,6 +2,7 @@
 
 from argparse import Namespace
 from collections.abc import Callable, Coroutine, Iterator, Sequence
+from concurrent.futures import Future, wait
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -142,18 +143,18 @@ class ThreadDriver:
         self._calls: list[tuple[Task[Any], Event]] = []
         self._operation: Operation | None = None
         self._error: BaseException | None = None
+        self._thread = Thread(target=self._operate, name="table", daemon=True)
 
     @contextmanager
     def driven(self) -> Iterator[None]:
         """Bring the table up, and stop it in order at the end. Raises `RunError`."""
-        thread = Thread(target=self._operate, name="table", daemon=True)
-        thread.start()
+        self._thread.start()
         try:
             self._wait_for(lambda: self._program.began, FOUND_S)
             yield
         finally:
             self._asked.put(self._coordinator.stop)
-            thread.join()
+            self._thread.join()
         if self._error is not None or self._coordinator.fault is not None:
             # It came while the script was thinking, and no call has said so.
             raise self._ended()
@@ -195,12 +196,34 @@ class ThreadDriver:
     def run_so_far(self) -> Run:
         """The run up to now, as it is believed."""
         record = self._recorder.record(list(self._link.incidents))
-        return believed_run(self._belief.scenario, record, self._coordinator, fault=self._fault())
+        # The coordinator belongs to the thread; the record is too long for a cycle.
+        return self._in_thread(
+            lambda: believed_run(
+                self._belief.scenario, record, self._coordinator, fault=self._fault()
+            )
+        )
+
+    def _in_thread(self, work: Callable[[], Result]) -> Result:
+        """Do something short between two cycles; what it returns. Raises what it raises."""
+        done: Future[Result] = Future()
+
+        def do() -> None:
+            try:
+                done.set_result(work())
+            except Exception as error:
+                done.set_exception(error)
+
+        self._asked.put(do)
+        while not done.done():
+            if not self._thread.is_alive():
+                return work()
+            wait((done,), LOOK_S)
+        return done.result()
 
     def _fault(self) -> str | None:
         """Why the table cannot go on."""
         if self._error is not None:
-            return str(self._error)
+            return str(self._error) or type(self._error).__name__
         # How the run ended names what was held up, too.
         told = None if self._operation is None else self._operation.fault
         return told or self._coordinator.fault
