@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from mdms_array.compiling import compiling_watched
+from mdms_array.extras import COMPILER, RECORDING, require
 from mdms_array.figures import simulated_run
 from mdms_array.host import (
     coordinator_of,
@@ -198,8 +199,11 @@ def simulate(
     to it from outside: by name, pairs of time [s] and value. `limit_s` takes the place of the
     scenario's duration. `record` is a folder that keeps the run.
 
-    Raises `InputError` for what cannot be run.
+    Raises `InputError` for what cannot be run, and `Error` where an extra is not installed.
     """
+    require(COMPILER, "mdms_array.simulate")
+    if record is not None:
+        require(RECORDING, "mdms_array.simulate with a record")
     checked, main = open_source(scenario, program)
     if limit_s is not None:
         duration_s = check_time("limit_s", limit_s, SHORTEST_S)
@@ -249,9 +253,10 @@ def virtual(scenario: Source, signals: Signals | None = None) -> Iterator[Blocki
     """A table by hand, in virtual time: time passes only inside its calls.
 
     The scenario's goals, tasks and duration do not count. Entering brings the cells up and finds
-    the parcels. Raises `InputError` for what cannot be run, and `RunError` for a table that does
-    not come up.
+    the parcels. Raises `InputError` for what cannot be run, `Error` where an extra is not
+    installed, and `RunError` for a table that does not come up.
     """
+    require(COMPILER, "mdms_array.virtual")
     checked, _ = open_source(scenario, wait_for_ever)
     checked = replace(checked, signal=(*checked.signal, *_listed(signals)))
     with closing(open_bank("cpython", addresses_of(checked).node_ids)) as bank:

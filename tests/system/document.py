@@ -10,6 +10,7 @@ REASONS = {
     "installs packages": r"pip install '?mdms-array\[[a-z,]+\]'?( .*)?",
     "needs root and an adapter": r"sudo ip link set can\d up type can bitrate \d+",
     "needs a person at the button": r"mdms doctor --array array\.toml --stop",
+    "needs a scanner and a broker": ".*",
     "runs this test too": r"make (test|quick|check)( +#.*)?",
 }
 _NOT_RUN = re.compile(r"<!-- not run: (.*) -->")

@@ -11,11 +11,13 @@ import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
-from mdms_model.errors import InputError
+from mdms_model.errors import Error, InputError
 from mdms_model.run.mcap.lichtblick import layout_of
 from mdms_model.run.record import Record, RecordFileError
 from mdms_model.scenario.file import scenario_from
@@ -123,10 +125,7 @@ def write_run(
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    # A record file needs an extra; who only names the files of a run folder does without it.
-    from mdms_model.run.mcap.file import write_record
-
-    write_record(folder / RECORD, scenario, record)
+    _record_file().write_record(folder / RECORD, scenario, record)
     layout = json.dumps(layout_of(scenario, record), indent=1, ensure_ascii=False)
     (folder / LAYOUT).write_text(layout + "\n", "utf-8")
     if save_picture is not None:
@@ -141,6 +140,19 @@ def write_run(
         "figures": figures,
     }
     (folder / META).write_text(json.dumps(meta, indent=2) + "\n", "utf-8")
+
+
+def _record_file() -> ModuleType:
+    """What reads and writes record files. Raises `Error` without its extra.
+
+    A caller that only names the files of a run folder does without it.
+    """
+    try:
+        return import_module("mdms_model.run.mcap.file")
+    except ModuleNotFoundError as error:
+        raise Error(
+            f"a run folder needs pip install 'mdms-array[record]'; not installed: {error.name}"
+        ) from None
 
 
 def _is_lively(record: Record) -> bool:
@@ -162,11 +174,10 @@ def read_run(folder: str | Path) -> StoredRun:
             f"{folder}: written in format {meta['format_version']}, but this version reads "
             f"{FORMAT_VERSION}; use the version named in {META}"
         )
-    from mdms_model.run.mcap.file import read_record  # see `write_run`
-
+    file = _record_file()
     try:
         scenario = scenario_from(meta["scenario"])
-        record = read_record(folder / RECORD, scenario)
+        record = file.read_record(folder / RECORD, scenario)
         return StoredRun(folder, scenario, record, meta["figures"])
     except (ScenarioError, RecordFileError, KeyError) as error:
         raise RunFolderError(f"{folder}: damaged run folder: {error}") from None

@@ -2,6 +2,7 @@
 
 import json
 import pickle
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -194,6 +195,29 @@ def test_a_fault_of_the_cells_ends_the_calls_that_wait():
 def test_what_cannot_be_run_is_refused(arguments, told):
     with pytest.raises(mdms.InputError, match=told):
         mdms.simulate(**arguments)
+
+
+@pytest.mark.parametrize(
+    ("missing", "call", "told"),
+    [
+        ("numba", "mdms.simulate('array18')", "mdms_array.simulate needs pip install .*\\[sim\\]"),
+        ("numba", "mdms.virtual('array18').__enter__()", "mdms_array.virtual needs .*numba"),
+        ("mcap", "mdms.simulate('array18', record='run')", "with a record needs .*\\[record\\]"),
+        ("mcap", "mdms.write_run('run', None, None, {})", "a run folder needs .*\\[record\\]"),
+    ],
+)
+def test_what_needs_an_extra_names_it(missing, call, told, tmp_path):
+    script = (
+        f"import sys; sys.modules[{missing!r}] = None\n"
+        "import mdms_array as mdms\n"
+        "mdms.connect, mdms.Table, mdms.tasks, mdms.read_run\n"
+        f"try: {call}\n"
+        "except mdms.Error as error: print(error)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, check=True, text=True, cwd=tmp_path
+    )
+    assert re.search(told, done.stdout)
 
 
 def test_the_import_is_light():
