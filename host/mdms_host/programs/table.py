@@ -133,6 +133,8 @@ class Table:
         """
         if newcomer.length_m is None:
             raise ProgramError(f"{newcomer.name} needs a size to be announced")
+        if near_m is not None:
+            _check_numbers(newcomer.name, x_m=near_m[0], y_m=near_m[1])
         self._taken_in().announce(newcomer, near_m)
         self.expects = True
 
@@ -226,10 +228,7 @@ class Table:
     async def _move(
         self, parcel: TableParcel, x_m: float, y_m: float, yaw_rad: float | None
     ) -> None:
-        for each, value in (("x_m", x_m), ("y_m", y_m), ("yaw_rad", yaw_rad or 0.0)):
-            # What is no number would break the cycle of the whole table.
-            if not (isinstance(value, Real) and isfinite(value)):
-                raise ProgramError(f"{each} of {parcel.name} is {value!r}, but must be a number")
+        _check_numbers(parcel.name, x_m=x_m, y_m=y_m, yaw_rad=yaw_rad or 0.0)
         if parcel.is_round and yaw_rad:
             raise ProgramError(f"{parcel.name} is round: no sensor shows how it is turned")
         await self._order(parcel, Goal(x_m, y_m, None if parcel.is_round else yaw_rad))
@@ -310,6 +309,13 @@ class TableDriver:
     def receive(self, name: str, value: Any) -> None:
         """A signal has come whose time is that of the run."""
         self.table._signals.setdefault(name, deque()).append(value)
+
+
+def _check_numbers(name: str, **values: object) -> None:
+    """Raises ProgramError for what is no number: it would break the cycle of the whole table."""
+    for key, value in values.items():
+        if not (isinstance(value, Real) and isfinite(value)):
+            raise ProgramError(f"{key} of {name} is {value!r}, but must be a number")
 
 
 def _place(pose: Floats) -> tuple[float, float]:
