@@ -42,3 +42,26 @@ def test_nothing_is_felt_for_with_no_sensors_or_where_a_shift_is_not_worth_it() 
     pose = np.array([0.01, 0.012, 0.0])
     assert move_to_feel(BOX, SENSORS_M, ~ALL, pose, UNSURE_ACROSS) is None
     assert move_to_feel(Disc(0.34), SENSORS_M, ALL, pose, np.diag([1e-8, 4e-6, 1e-6])) is None
+
+
+def test_a_turn_that_is_not_known_is_felt_where_the_place_is() -> None:
+    pose, within_2_degrees = np.array([0.01, 0.012, 0.0]), np.diag([1e-7, 1e-7, 2.5e-4])
+    turn = move_to_feel(BOX, SENSORS_M, ALL, pose, within_2_degrees)
+    assert turn is not None
+    assert not turn[:2].any()
+    assert passes(BOX, pose, turn)
+    # What no edge shows is not felt for.
+    assert move_to_feel(Disc(0.34), SENSORS_M, ALL, pose, within_2_degrees) is None
+
+
+def test_a_place_is_shifted_that_is_not_known_to_5_mm() -> None:
+    pose = np.array([0.01, 0.012, 0.0])
+    assert move_to_feel(Disc(0.34), SENSORS_M, ALL, pose, np.diag([1e-8, 4.4e-6, 1e-6])) is not None
+
+
+def test_what_takes_two_edges_is_felt_one_after_the_other() -> None:
+    """No edge alone tells a shift from a turn."""
+    pose, unsure = np.array([0.019, -0.024, 1.02]), np.diag([8e-6, 8e-6, 2.5e-4])
+    turn = move_to_feel(BOX, SENSORS_M, ALL, pose, unsure)
+    assert turn is not None
+    assert passes(BOX, pose, turn)
