@@ -4,14 +4,14 @@ Wheels that roll give the twist; a sensor that changes shows that the parcel's e
 """
 
 from dataclasses import dataclass
-from math import cos, hypot, inf, log, pi, sin, sqrt
+from math import hypot, inf, log, pi, sqrt
 
 import numpy as np
 
 from mdms_host.estimation.outlines.bottom import DRAWN_M, Bottom
 from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.estimation.pose.confirmation import Confirmation, Standing
-from mdms_host.estimation.pose.feeling import move_to_feel
+from mdms_host.estimation.pose.feeling import edge_of, move_to_feel
 from mdms_host.estimation.pose.pose_cloud import PoseCloud
 from mdms_host.estimation.pose.pose_filter import PoseFilter
 from mdms_host.estimation.pose.sliding import Sliding
@@ -219,7 +219,7 @@ class ParcelEstimator:
         """The move, (3,), that would make the place sure enough; None where it is, or none does."""
         if self._filter is None:
             return None
-        pose, covariance = self._filter.mean[:3], self._filter.covariance[:3, :3]
+        pose, covariance = self._filter.mean[:3], self._filter.covariance
         near = self.near(pose)
         return move_to_feel(self.bottom, near.sensors_m, usable[near.sensors], pose, covariance)
 
@@ -360,11 +360,7 @@ class ParcelEstimator:
 
     def _off(self, pose: Floats, point_m: Floats) -> tuple[float, Floats]:
         """Distance of a sensor from the edge [m], and its derivative by pose and growth, (5,)."""
-        off_m, slope = self.bottom.edge(point_m, pose)
-        x, y, _ = slope.tolist()
-        cosine, sine = cos(pose[2]), sin(pose[2])
-        along, across = cosine * x + sine * y, cosine * y - sine * x
-        return off_m, np.array([*slope, -along * along, -across * across])
+        return edge_of(self.bottom, point_m, pose)
 
     def _settle(self, cloud: PoseCloud) -> None:
         """Take the place over from the poses that the sensors allow."""

@@ -190,7 +190,9 @@ class CellsProgram:
                 pages += [sending.end_page] * ENDS
             if name in self._stages and belief is not None:
                 self._guide(name, _felt(name, beliefs), name in asked)
-            if self._observed[name].is_elsewhere(belief, now_s):
+            observed = self._observed[name]
+            if observed.is_elsewhere(belief, now_s) or (name in self._followed and observed.apart):
+                observed.apart = False
                 sending.give_anew()
             shown = belief if self._may_send(name) else None
             pages += sending.pages(None if shown is None else shown.pose, now_s)
@@ -296,8 +298,9 @@ class CellsProgram:
         It is at its goal only where it was `asked` whether that is sure.
         """
         stages, followed, sending = self._stages[name], self._followed[name], self._sendings[name]
-        sure = asked if stages.final else sending.is_latest_there
-        followed.arrived = stages.step(belief, followed.there and sure)
+        reported = followed.reported and sending.is_latest_there
+        there = followed.there and (asked if stages.final else sending.is_latest_there)
+        followed.arrived = stages.step(belief, reported, there)
         if not stages.places:
             return
         way = Way(stages.places[: wire.LEGS_MAX + 1] if self.goes_on else stages.places[:1])

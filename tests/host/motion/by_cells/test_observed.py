@@ -74,3 +74,21 @@ def test_what_a_cell_reported_long_ago_counts_for_nothing(age_s):
     assert table.program.finished
     table.run(age_s, poses=THERE)
     assert table.program.finished == (age_s < 0.05)
+
+
+def test_cells_that_take_the_parcel_for_arrived_elsewhere_get_it_anew_where_it_is_believed():
+    table, beside = Table(), {"box": THERE["box"] - (0.0, 0.0, 0.04)}
+    ends = []
+    for _ in range(7):
+        table.run(0.2, poses=beside, reports=reports())
+        sent = table.run(0.8, poses=beside, reports=reports(flags=wire.ARRIVED))
+        ends.append(sum(isinstance(page, messages.End) for _, page in sent))
+    assert ends == [3, 3, 3, 3, 3, 0, 0]
+    assert len(table.notices) == 1
+
+
+@pytest.mark.parametrize(("off", "arrived"), [(0.0029, True), (0.0031, False)])
+def test_parcel_has_arrived_within_3_mm_of_its_goal_as_the_host_believes(off, arrived):
+    table, beside = Table(), {"box": THERE["box"] - (off, 0.0, 0.0)}
+    table.run(0.3, poses=beside, reports=reports(flags=wire.ARRIVED))
+    assert table.program.finished == arrived
