@@ -13,7 +13,7 @@ from mdms_host.estimation.gate import Gate
 from mdms_host.estimation.known import Known
 from mdms_host.estimation.parcel import Parcel, Region
 from mdms_host.estimation.pose.confirmation import Standing
-from mdms_host.estimation.pose.estimator import BESIDE_M, View
+from mdms_host.estimation.pose.estimator import BESIDE_M, Shown, View
 from mdms_host.estimation.pose.rolling import Speeds, roll_on
 from mdms_host.estimation.presence.presence_map import PresenceMap
 from mdms_host.estimation.presence.surroundings import Surroundings
@@ -293,13 +293,15 @@ class Tracker:
         self, now_s: float, valid: Bools, views: Mapping[str, View], coverage: Coverage
     ) -> None:
         """Correct every parcel by its own sensors, and take in whether they show it."""
-        covered = self._presence.covered
+        covered, changed_s = self._presence.covered, self._presence.changed_s
+        silent_s = self._presence.silent_s(now_s)
         usable = valid & ~self._strangers.foreign & ~self._unknowns.sensors
         for number, (name, each) in enumerate(self._known.items()):
             if name in views:
                 sensors = views[name].near.sensors
                 mine = usable[sensors] & (coverage.owner[sensors] == number)
-                each.estimator.agree(now_s, views[name], covered[sensors], mine)
+                seen = Shown(covered[sensors], mine, silent_s[sensors], now_s - changed_s[sensors])
+                each.estimator.agree(now_s, views[name], seen)
                 each.keep_place(now_s)
 
     def _watch_unknown(

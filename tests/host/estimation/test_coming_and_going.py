@@ -312,3 +312,39 @@ def test_a_newcomer_that_a_late_report_shows_larger_is_found_anew_as_the_larger(
     assert ("small", Event.WITHDRAWN) in table.events()
     assert table.events()[-1] == ("large", Event.FOUND)
     assert table.off_m("large") < 0.03
+
+
+@pytest.mark.parametrize("cell", [14, 15, 24, 31, 32, 33])
+def test_a_cell_whose_reports_get_lost_for_a_moment_takes_no_parcel_away(cell) -> None:
+    table, twist = boxed(), {"box": (0.3, -0.2, 0.0)}
+    table.run(0.4, twist)
+    report, until_s = table.tracker.on_presence, table.now_s + 0.19
+
+    def without_one(now_s, reporting, bits):
+        if reporting != cell or now_s > until_s:
+            report(now_s, reporting, bits)
+
+    table.tracker.on_presence = without_one
+    off_m = []
+    table.run(0.3, twist, lambda: off_m.append(table.off_m("box")))
+    assert max(off_m) < 0.008
+    assert table.events() == [("box", Event.FOUND)]
+
+
+def test_another_kind_is_not_found_in_the_place_of_one_that_is_doubtful_and_still_moves() -> None:
+    large, medium = Parcel("large", 0.40, 0.30), Parcel("medium", 0.36, 0.30)
+    table = Lying(LAYOUT)
+    for parcel in (large, medium):
+        table.tracker.announce(parcel, INFEED)
+    table.put("large", large.bottom, -0.35, 0.0, 0.0)
+    table.run(0.3)
+    table.run(0.2, {"large": (0.3, -0.1, 0.0)})
+    x_m, y_m, _ = table.things["large"][1]
+    table.put("large", large.bottom, x_m - 0.05, y_m, 0.0)
+    table.run(0.3, {"large": (0.006, 0.0, 0.0)})
+    table.run(0.3)
+    assert table.events() == [
+        ("large", Event.FOUND),
+        ("large", Event.DOUBTFUL),
+        ("large", Event.FOUND),
+    ]
