@@ -175,7 +175,7 @@ class Tracker:
         views = self._views(now_s)
         coverage = self._coverage(views)
         groups = self._groups(now_s, valid, coverage)
-        found = self._seeking.step(now_s, valid, self._known, groups)
+        found = self._seeking.step(now_s, valid, self._known, groups, coverage.taken)
         if found:
             # What contradicts them is not believed any more.
             valid = self._presence.valid(now_s)
@@ -287,7 +287,8 @@ class Tracker:
         return Coverage(len(self._sensors_m), self._known, views)
 
     def _groups(self, now_s: float, valid: Bools, coverage: Coverage) -> tuple[Ints, ...]:
-        return self._strangers.groups(now_s, self._presence.covered, valid, coverage)
+        covered, silent_s = self._presence.covered, self._presence.silent_s(now_s)
+        return self._strangers.groups(now_s, covered, valid, coverage, silent_s)
 
     def _agree(
         self, now_s: float, valid: Bools, views: Mapping[str, View], coverage: Coverage

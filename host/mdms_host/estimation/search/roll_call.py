@@ -71,12 +71,14 @@ class Found:
 class Scene:
     """What sensors show, (S,) each, and the groups of those that no found parcel covers.
 
-    `disputed` (S,) are around where doubtful parcels were shown last.
+    `taken` (S,) are for sure under parcels that are found, and `disputed` (S,) around where doubtful
+    ones were shown last.
     """
 
     covered: Bools
     valid: Bools
     groups: tuple[Ints, ...]
+    taken: Bools
     disputed: Bools
 
 
@@ -182,11 +184,12 @@ class RollCall:
         if key not in self._searches:
             mine = np.zeros(len(scene.covered), dtype=bool)
             near = self._near(one, group)
-            mine[near] = scene.valid[near] & ~scene.covered[near]
+            # Where another is, this one is not.
+            covered = scene.covered & ~scene.taken
+            covered[group] = True
+            mine[near] = scene.valid[near] & ~covered[near]
             mine[group] = True
-            self._searches[key] = Search(
-                one.bottom, self._layout, scene.covered.copy(), mine, one.yaw_hint_rad
-            )
+            self._searches[key] = Search(one.bottom, self._layout, covered, mine, one.yaw_hint_rad)
         return self._searches[key]
 
     def _near(self, one: Sought, group: Ints) -> Ints:

@@ -55,9 +55,17 @@ class Seeking:
         return misfits
 
     def step(
-        self, now_s: float, valid: Bools, known: dict[str, Known], groups: tuple[Ints, ...]
+        self,
+        now_s: float,
+        valid: Bools,
+        known: dict[str, Known],
+        groups: tuple[Ints, ...],
+        taken: Bools,
     ) -> list[str]:
-        """Search on for those that are not found, once all cells have reported; who is now."""
+        """Search on for those that are not found, once all cells have reported; who is now.
+
+        None is found over sensors (S,) that are `taken` by those that are.
+        """
         missing = [each for each in known.values() if each.standing is not Standing.FOUND]
         sought = [each.sought for each in missing if each.estimator.rests]
         if not sought or not self._presence.complete:
@@ -69,7 +77,8 @@ class Seeking:
         still = self._parted(now_s, missing, still)
         if not still:
             return []
-        scene = Scene(self._presence.covered, valid, still, self._disputed(now_s, missing))
+        disputed = self._disputed(now_s, missing)
+        scene = Scene(self._presence.covered, valid, still, taken, disputed)
         found = self._roll_call.step(sought, scene)
         for one in found:
             self._start(now_s, valid, known[one.name], one)
