@@ -71,8 +71,8 @@ class Found:
 class Scene:
     """What sensors show, (S,) each, and the groups of those that no found parcel covers.
 
-    `taken` (S,) are for sure under parcels that are found, and `disputed` (S,) around where doubtful
-    ones were shown last.
+    `taken` (S,) are for sure under parcels that are found, and `disputed` (S,) around where
+    doubtful ones were shown last.
     """
 
     covered: Bools
