@@ -374,7 +374,7 @@ class ParcelEstimator:
         passed them since would be known but for a lost report, and most others have told of theirs.
         Where few have, the parcel does not move as its wheels do.
         """
-        wrong = seen.mine & ((view.distance_m < 0) != seen.covered)
+        wrong: Bools = seen.mine & ((view.distance_m < 0) != seen.covered)
         if not wrong.any():
             return wrong
         told = seen.mine & ~wrong & (seen.same_s < _TOLD_S)
@@ -393,7 +393,7 @@ class ParcelEstimator:
         sign = np.where(seen.covered[wrong], 1.0, -1.0)
         off_m = sign * self.bottom.distance_m(pose[:2] + then_m, pose)
         agreed = off_m < np.minimum(_TOLD_M, sign * view.distance_m[wrong] - off_m)
-        unheard = np.zeros_like(wrong)
+        unheard: Bools = np.zeros(len(wrong), dtype=bool)
         if _TOLD * agreed.sum() <= told.sum():
             unheard[wrong] = agreed
         return unheard
