@@ -57,7 +57,7 @@ class Observed:
         now_s: float,
         step_s: float,
     ) -> bool:
-        """Compare its way with its program, which its cells have; whether it is to be stopped."""
+        """Compare its way with its program, which its cells have; whether it stands."""
         if belief is None:
             followed.lose()
             return False
@@ -66,8 +66,6 @@ class Observed:
         under = self._reports.under(self._identity).values()
         clear = bool(under) and all(each.hold == wire.HOLD_NONE for each in under)
         stands = followed.see(belief.pose, arrived, has_program and clear, step_s)
-        if stands:
-            self._note(f"{self._name} does not move as its cells command: stopped")
         if self._blocked.step(self._reports.held(self._identity), followed.left_m, now_s):
             self._note_blocked()
         if followed.there:

@@ -58,13 +58,33 @@ def test_box_that_is_held_is_reported_with_who_wants_whom():
     assert not table.program.controllers["box"].stopped
 
 
-def test_standstill_against_the_plan_stops_the_parcel_within_a_second():
-    table = Table()
+def test_a_parcel_that_stands_against_the_plan_is_rested_within_a_second_and_tried_again():
+    table, standing = Table(), reports(hold=wire.HOLD_NONE)
     table.run(0.1, reports=reports())
-    sent = table.run(1.0, reports=reports(hold=wire.HOLD_NONE))
-    assert table.notices == ["box does not move as its cells command: stopped"]
+    sent = table.run(1.0, reports=standing)
+    assert table.notices == ["box does not move as its cells command: it is tried again"]
     assert {page for _, page in sent} == {messages.End(1, 1)}
+    again = {type(page) for _, page in table.run(0.5, reports={})}
+    assert again == {messages.Parcel, messages.Place, messages.Goal}
+    assert table.program.stuck is None
+
+
+def test_a_parcel_that_never_moves_as_its_cells_command_is_stopped_after_five_tries():
+    table = Table()
+    table.run(12.0, reports=reports(hold=wire.HOLD_NONE))
+    stopped = "box does not move as its cells command, tried 5 times: stopped"
+    first = "box does not move as its cells command: it is tried again"
+    assert table.notices == [first, stopped]
+    assert table.program.stuck == stopped
     assert not table.run(1.0, reports={})
+
+
+def test_a_parcel_that_moves_again_in_time_is_not_stopped():
+    table = Table()
+    table.run(4.0, reports=reports(hold=wire.HOLD_NONE))
+    table.run(1.0, poses=THERE, reports=reports(flags=wire.ARRIVED))
+    assert table.program.finished
+    assert not table.program.controllers["box"].stopped
 
 
 @pytest.mark.parametrize("age_s", [0.03, 0.1])
