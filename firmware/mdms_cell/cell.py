@@ -6,12 +6,6 @@ frame has left something to look after; while it is 0, there are only timers and
 """
 
 try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython
-
-try:
     from typing import TYPE_CHECKING
 except ImportError:
     TYPE_CHECKING = False
@@ -39,6 +33,7 @@ from mdms_cell.presence import Presence
 from mdms_cell.update.no_room import NoRoom
 from mdms_protocol import indices, record, signature
 from mdms_protocol.codecs import cob, nmt, sdo
+from mdms_protocol.compat import const, micropython
 from mdms_protocol.update import codes
 
 #: What `fail` is reported to come from; axes count from 1, and then come those of `guard`.

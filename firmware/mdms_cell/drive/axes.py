@@ -1,15 +1,10 @@
 """All axes of a cell: commanded, stopped and watched together."""
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython
-
 from mdms_cell.drive import speed_loop
 from mdms_cell.drive.axis import Axis
 from mdms_cell.drive.state_machine import UNDERVOLTAGE
 from mdms_protocol.codecs import cia402
+from mdms_protocol.compat import const, micropython
 
 _SWITCHED_ON = const(0x23)
 assert _SWITCHED_ON == cia402.SWITCHED_ON

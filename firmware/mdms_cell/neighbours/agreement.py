@@ -7,12 +7,6 @@ more agree with one another than with it.
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr8, ptr16, ptr32
-
 from array import array
 
 from mdms_cell.neighbours.belief import SENT
@@ -20,8 +14,8 @@ from mdms_cell.neighbours.geometry.angle import TURN_UM, wrapped
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, STEPS
 from mdms_cell.neighbours.program import turn_um
 from mdms_cell.neighbours.suspicion import CASES, MISLEADING, POSE, POSE_BEATS
+from mdms_protocol.compat import WIDEN, const, micropython, ptr8, ptr16, ptr32
 from mdms_protocol.neighbours import frames as wire
-from mdms_protocol.words import WIDEN
 
 #: A belief of one's own weighs as much as so many of others.
 OWN_WEIGHT = const(1280)

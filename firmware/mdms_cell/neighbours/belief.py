@@ -6,12 +6,6 @@ A Kalman filter over the pose (x, y, turn) [um; from the cell's own centre, turn
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr32
-
 from mdms_cell.neighbours.geometry.angle import TURN_UM
 from mdms_cell.neighbours.geometry.outline import (
     LEVER,
@@ -23,8 +17,8 @@ from mdms_cell.neighbours.geometry.outline import (
     place,
 )
 from mdms_cell.neighbours.twist import BEFORE, TWIST_END, VX
+from mdms_protocol.compat import WIDEN, const, micropython, ptr32
 from mdms_protocol.neighbours import frames as wire
-from mdms_protocol.words import WIDEN
 
 #: How well an edge is known at the instant a sensor changes, and while one contradicts.
 EDGE = const(16 * 16)

@@ -2,12 +2,6 @@
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr8, ptr32
-
 from array import array
 from struct import pack_into
 
@@ -15,6 +9,7 @@ from mdms_cell.drive import speed_loop
 from mdms_cell.mailboxes import LENGTH, STAMP, Mailboxes
 from mdms_cell.neighbours.geometry.place import DIRECTIONS, SENSORS
 from mdms_cell.ticks import diff
+from mdms_protocol.compat import const, micropython, ptr8, ptr32
 from mdms_protocol.neighbours import frames as wire
 
 #: A neighbour's TPDO 2 holds statuswords before the presence bits.

@@ -6,12 +6,6 @@ of its neighbours have come, and `update` runs in the background. What it decide
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr16, ptr32
-
 from array import array
 
 from mdms_cell.canopen.objects import find
@@ -30,6 +24,7 @@ from mdms_cell.neighbours.suspicion import CODE, SOURCE, Suspicion, judging
 from mdms_cell.neighbours.tracking import LOST_BEATS, Tracking, updater
 from mdms_cell.ticks import IDLE_MS, after, diff
 from mdms_protocol import indices
+from mdms_protocol.compat import const, micropython, ptr16, ptr32
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours.frames import pack_estimate
 

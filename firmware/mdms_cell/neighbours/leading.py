@@ -2,12 +2,6 @@
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr32
-
 from array import array
 
 from mdms_cell.neighbours import belief, steering, twist
@@ -26,9 +20,9 @@ from mdms_cell.neighbours.geometry.footprint import (
 from mdms_cell.neighbours.geometry.outline import STEP_UM, place
 from mdms_cell.neighbours.steering import approach, find_wish, has_arrived, length
 from mdms_cell.neighbours.twist import OFF, WHEELS
+from mdms_protocol.compat import WIDEN, const, micropython, ptr32
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours.frames import read_way
-from mdms_protocol.words import WIDEN
 
 #: From the wish to brake until all cells under the parcel do: HOPS times the beats that `hold` may
 #: take and counts. And how far ahead a cell asks [ms].

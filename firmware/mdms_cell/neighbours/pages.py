@@ -3,12 +3,6 @@
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr16, ptr32
-
 from array import array
 
 from mdms_cell.canopen.objects import find
@@ -17,6 +11,7 @@ from mdms_cell.neighbours.geometry.place import DIRECTIONS, HOST
 from mdms_cell.neighbours.program import Programs, next_sequence, turn_um
 from mdms_cell.neighbours.right_of_way import IDENTITY, PROMISED_TO
 from mdms_protocol import indices
+from mdms_protocol.compat import const, micropython, ptr16, ptr32
 from mdms_protocol.neighbours import frames as wire
 
 _PROGRAM_PDO = 3

@@ -11,12 +11,7 @@ The order is kept in a few bytes, see `BYTES`.
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr8, ptr16
-
+from mdms_protocol.compat import const, micropython, ptr8, ptr16
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import precedence as frame
 

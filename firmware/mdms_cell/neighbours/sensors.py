@@ -2,12 +2,6 @@
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr8, ptr32
-
 from mdms_cell.neighbours.belief import CONTRADICTION, EDGE
 from mdms_cell.neighbours.geometry.footprint import POINT_X, POINT_Y, POINTS, PRESENT, SHIFT
 from mdms_cell.neighbours.geometry.outline import (
@@ -27,7 +21,7 @@ from mdms_cell.neighbours.geometry.place import AXES, DIRECTIONS
 from mdms_cell.neighbours.heard import BITS, OWN, SEEN
 from mdms_cell.neighbours.suspicion import CASES, PRESENCE
 from mdms_cell.ticks import diff
-from mdms_protocol.words import WIDEN
+from mdms_protocol.compat import WIDEN, const, micropython, ptr8, ptr32
 
 #: A frame may be this late; the parcel has moved on meanwhile.
 _LATENCY_MS = const(3)

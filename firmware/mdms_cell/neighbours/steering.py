@@ -2,17 +2,11 @@
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr32
-
 from mdms_cell.neighbours import belief
 from mdms_cell.neighbours.geometry.angle import ARM_UM, ROOT_MAX, TURN_UM, root
 from mdms_cell.neighbours.geometry.outline import REACH
+from mdms_protocol.compat import WIDEN, const, micropython, ptr32
 from mdms_protocol.neighbours import frames as wire
-from mdms_protocol.words import WIDEN
 
 # Registers of a steering
 VX = const(0)  # the commanded twist [um/s], changed no faster than the program allows

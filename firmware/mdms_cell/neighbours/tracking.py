@@ -7,12 +7,6 @@ parcel. A cell beside the parcel follows those that are under it.
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr8, ptr16, ptr32
-
 from mdms_cell.neighbours.agreement import OWN_WEIGHT, Agreement, near_mask, sum_up
 from mdms_cell.neighbours.belief import SENT, TURN, Belief, X, Y, agree, roll, send
 from mdms_cell.neighbours.geometry.outline import place as place_outline
@@ -23,6 +17,7 @@ from mdms_cell.neighbours.sensors import Sensors, checker
 from mdms_cell.neighbours.suspicion import WHEELS
 from mdms_cell.neighbours.twist import WHEELS as TWIST_WHEELS
 from mdms_cell.neighbours.twist import fit
+from mdms_protocol.compat import const, micropython, ptr8, ptr16, ptr32
 from mdms_protocol.neighbours import frames as wire
 
 _FEW_WHEELS = const(5)

@@ -2,12 +2,6 @@
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr8, ptr32
-
 from mdms_cell.neighbours.geometry.angle import ARM_UM
 from mdms_cell.neighbours.geometry.footprint import ALONG_X, ALONG_Y, POINT_X, POINT_Y, SHIFT
 from mdms_cell.neighbours.geometry.outline import (
@@ -21,7 +15,7 @@ from mdms_cell.neighbours.geometry.outline import (
     X,
     Y,
 )
-from mdms_protocol.words import WIDEN
+from mdms_protocol.compat import WIDEN, const, micropython, ptr8, ptr32
 
 # What is used in every beat; constants of another module would be looked up.
 _X = const(0)

@@ -4,11 +4,7 @@ An angle is the way of a point at `ARM_UM` from the centre [um], so that a pose 
 a twist three speeds.
 """
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython
+from mdms_protocol.compat import const, micropython
 
 ARM_UM = const(128_000)
 #: Sine and cosine are in parts of this.

@@ -6,12 +6,6 @@ needs those whose squares it lies over, which are what it may move within.
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr32
-
 from array import array
 
 from mdms_cell.neighbours.geometry.outline import (
@@ -26,7 +20,7 @@ from mdms_cell.neighbours.geometry.outline import (
     Y,
 )
 from mdms_cell.neighbours.geometry.place import AXES, DIRECTIONS, SENSORS
-from mdms_protocol.words import WIDEN
+from mdms_protocol.compat import WIDEN, const, micropython, ptr32
 
 # What is used in every beat; constants of another module would be looked up.
 _X = const(0)

@@ -5,16 +5,10 @@ Lengths are whole steps of 16 um, so that a product with a cosine fits 30 bits w
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr32
-
 from array import array
 
 from mdms_cell.neighbours.geometry.angle import ARM_UM, ONE, QUARTER_UM, root
-from mdms_protocol.words import WIDEN
+from mdms_protocol.compat import WIDEN, const, micropython, ptr32
 
 STEP_UM = const(16)
 # What is used in every beat; constants of another module would be looked up.
