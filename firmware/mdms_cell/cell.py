@@ -24,11 +24,11 @@ from mdms_cell.canopen.pdo.pdos import Pdos
 from mdms_cell.canopen.rules import check_plain
 from mdms_cell.canopen.sdo.server import SdoServer
 from mdms_cell.canopen.storage.store import Parameters, Store
+from mdms_cell.canopen.sync import Beat
 from mdms_cell.drive import speed_loop, tuning
 from mdms_cell.drive.axes import Axes
 from mdms_cell.identification import Identification
-from mdms_cell.neighbours.beat import Beat
-from mdms_cell.neighbours.layer import Layer
+from mdms_cell.neighbour_layer import Layer
 from mdms_cell.presence import Presence
 from mdms_cell.update.no_room import NoRoom
 from mdms_protocol import indices, record, signature

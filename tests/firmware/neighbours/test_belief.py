@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdms_cell.neighbours import belief as beliefs
-from mdms_cell.neighbours import sensors
-from mdms_cell.neighbours.belief import CONTRADICTION, EDGE, TURN, Belief, X
-from mdms_cell.neighbours.geometry.angle import ARM_UM, ONE, TURN_UM, root, wrapped
-from mdms_cell.neighbours.geometry.footprint import (
+from mdms_cell.perception import belief as beliefs
+from mdms_cell.perception import sensors
+from mdms_cell.perception.angle import ARM_UM, ONE, TURN_UM, root, wrapped
+from mdms_cell.perception.belief import CONTRADICTION, EDGE, TURN, Belief, X
+from mdms_cell.perception.footprint import (
     HALF,
     MARGIN,
     POINTS,
@@ -18,7 +18,7 @@ from mdms_cell.neighbours.geometry.footprint import (
     points_within,
     squares_overlapped,
 )
-from mdms_cell.neighbours.geometry.outline import (
+from mdms_cell.perception.outline import (
     COSINE,
     DISC,
     REACH,
@@ -27,8 +27,8 @@ from mdms_cell.neighbours.geometry.outline import (
     STEP_UM,
     Outline,
 )
-from mdms_cell.neighbours.geometry.place import AXES, SENSORS
-from mdms_cell.neighbours.twist import BEFORE, VX
+from mdms_cell.perception.place import AXES, SENSORS
+from mdms_cell.perception.twist import BEFORE, VX
 
 SMALL_INT = 1 << 30
 SENSORS_MASK = (1 << SENSORS) - 1

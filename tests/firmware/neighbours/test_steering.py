@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdms_cell.neighbours import steering
-from mdms_cell.neighbours.geometry.angle import ROOT_MAX, root
-from mdms_cell.neighbours.geometry.outline import REACH, Outline
-from mdms_cell.neighbours.program import Program
-from mdms_cell.neighbours.steering import REGISTERS, VX, VY, approach, find_wish, length
+from mdms_cell.motion import steering
+from mdms_cell.motion.program import Program
+from mdms_cell.motion.steering import REGISTERS, VX, VY, approach, find_wish, length
+from mdms_cell.perception.angle import ROOT_MAX, root
+from mdms_cell.perception.outline import REACH, Outline
 from mdms_protocol.neighbours import frames as wire
 
 ways = st.integers(-3_000_000, 3_000_000)

@@ -6,11 +6,11 @@ Where it does, bytecode and the machine code of any board compute the same.
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mdms_cell.neighbours import agreement, belief, leading, sensors, steering, twist
-from mdms_cell.neighbours.geometry import footprint, outline
-from mdms_cell.neighbours.geometry.angle import TURN_UM, root
-from mdms_cell.neighbours.geometry.outline import DISC, RECTANGLE, STEP_UM
-from mdms_cell.neighbours.geometry.place import STEPS
+from mdms_cell.motion import leading, steering
+from mdms_cell.perception import agreement, belief, footprint, outline, sensors, twist
+from mdms_cell.perception.angle import TURN_UM, root
+from mdms_cell.perception.outline import DISC, RECTANGLE, STEP_UM
+from mdms_cell.perception.place import STEPS
 
 WORD = 1 << 31
 #: Half of the largest parcel, and how far wheels and sensors of neighbours are [steps].

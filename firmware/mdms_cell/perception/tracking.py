@@ -7,16 +7,15 @@ parcel. A cell beside the parcel follows those that are under it.
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
-from mdms_cell.neighbours.agreement import OWN_WEIGHT, Agreement, near_mask, sum_up
-from mdms_cell.neighbours.belief import SENT, TURN, Belief, X, Y, agree, roll, send
-from mdms_cell.neighbours.geometry.outline import place as place_outline
-from mdms_cell.neighbours.geometry.place import DIRECTIONS, STEPS
-from mdms_cell.neighbours.heard import NEVER, OWN
-from mdms_cell.neighbours.right_of_way import PROMISED, UNDER
-from mdms_cell.neighbours.sensors import Sensors, checker
-from mdms_cell.neighbours.suspicion import WHEELS
-from mdms_cell.neighbours.twist import WHEELS as TWIST_WHEELS
-from mdms_cell.neighbours.twist import fit
+from mdms_cell.perception.agreement import OWN_WEIGHT, Agreement, near_mask, sum_up
+from mdms_cell.perception.belief import SENT, TURN, Belief, X, Y, agree, roll, send
+from mdms_cell.perception.heard import NEVER, OWN
+from mdms_cell.perception.outline import place as place_outline
+from mdms_cell.perception.place import DIRECTIONS, STEPS
+from mdms_cell.perception.sensors import Sensors, checker
+from mdms_cell.perception.suspicion import WHEELS
+from mdms_cell.perception.twist import WHEELS as TWIST_WHEELS
+from mdms_cell.perception.twist import fit
 from mdms_protocol.compat import const, micropython, ptr8, ptr16, ptr32
 from mdms_protocol.neighbours import frames as wire
 
@@ -43,7 +42,7 @@ _WHEELS_SHOWN = const(26)
 _OWN_WEIGHT = const(1280)
 assert (_OWN, _DIRECTIONS, _NEVER) == (OWN, DIRECTIONS, NEVER)
 assert (_FIELDS, _IDENTITY, _STATE) == (wire.ESTIMATE_FIELDS, wire.IDENTITY, wire.STATE)
-assert (_CERTAINTY, _PROMISED, _UNDER) == (wire.CERTAINTY, PROMISED, UNDER)
+assert (_CERTAINTY, _PROMISED, _UNDER) == (wire.CERTAINTY, wire.PROMISED, wire.UNDER)
 assert (_WHEEL, _WHEELS_SHOWN) == (WHEELS, TWIST_WHEELS)
 _X = const(10)  # of a belief
 _Y = const(11)

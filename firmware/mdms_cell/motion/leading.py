@@ -4,10 +4,11 @@
 
 from array import array
 
-from mdms_cell.neighbours import belief, steering, twist
-from mdms_cell.neighbours.geometry import outline
-from mdms_cell.neighbours.geometry.angle import ARM_UM, wrapped
-from mdms_cell.neighbours.geometry.footprint import (
+from mdms_cell.motion import steering
+from mdms_cell.motion.steering import approach, find_wish, has_arrived, length
+from mdms_cell.perception import belief, outline, twist
+from mdms_cell.perception.angle import ARM_UM, wrapped
+from mdms_cell.perception.footprint import (
     ALONG_X,
     ALONG_Y,
     HALF,
@@ -17,9 +18,8 @@ from mdms_cell.neighbours.geometry.footprint import (
     UNSEEN_ROOM,
     squares_overlapped,
 )
-from mdms_cell.neighbours.geometry.outline import STEP_UM, place
-from mdms_cell.neighbours.steering import approach, find_wish, has_arrived, length
-from mdms_cell.neighbours.twist import OFF, WHEELS
+from mdms_cell.perception.outline import STEP_UM, place
+from mdms_cell.perception.twist import OFF, WHEELS
 from mdms_protocol.compat import WIDEN, const, micropython, ptr32
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours.frames import read_way

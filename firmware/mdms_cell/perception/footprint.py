@@ -8,7 +8,7 @@ needs those whose squares it lies over, which are what it may move within.
 
 from array import array
 
-from mdms_cell.neighbours.geometry.outline import (
+from mdms_cell.perception.outline import (
     COSINE,
     DISC,
     HALF_LENGTH,
@@ -19,7 +19,7 @@ from mdms_cell.neighbours.geometry.outline import (
     X,
     Y,
 )
-from mdms_cell.neighbours.geometry.place import AXES, DIRECTIONS, SENSORS
+from mdms_cell.perception.place import AXES, DIRECTIONS, SENSORS
 from mdms_protocol.compat import WIDEN, const, micropython, ptr32
 
 # What is used in every beat; constants of another module would be looked up.

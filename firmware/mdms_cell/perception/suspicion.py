@@ -6,10 +6,10 @@ taken in again when it has agreed for as long. A beat without evidence counts fo
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
-from mdms_cell.neighbours.geometry.footprint import PRESENT, points_within
-from mdms_cell.neighbours.geometry.place import AXES, DIRECTIONS
-from mdms_cell.neighbours.twist import SLIPS, against
-from mdms_cell.neighbours.twist import WHEELS as TWIST_WHEELS
+from mdms_cell.perception.footprint import PRESENT, points_within
+from mdms_cell.perception.place import AXES, DIRECTIONS
+from mdms_cell.perception.twist import SLIPS, against
+from mdms_cell.perception.twist import WHEELS as TWIST_WHEELS
 from mdms_protocol.compat import const, micropython, ptr8
 
 # What a neighbour is suspected of; in an emergency, bits

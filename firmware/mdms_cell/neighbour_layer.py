@@ -9,19 +9,20 @@ of its neighbours have come, and `update` runs in the background. What it decide
 from array import array
 
 from mdms_cell.canopen.objects import find
-from mdms_cell.neighbours import precedence, right_of_way
-from mdms_cell.neighbours.geometry import place
-from mdms_cell.neighbours.geometry.footprint import UNSEEN_CERTAINTY, UNSEEN_ROOM, Footprint
-from mdms_cell.neighbours.geometry.outline import Outline
-from mdms_cell.neighbours.geometry.place import DIRECTIONS, Place
-from mdms_cell.neighbours.heard import NEVER, OWN, SEEN, Heard
-from mdms_cell.neighbours.leading import Leading
-from mdms_cell.neighbours.pages import AHEAD, OUTDATED, Pages
-from mdms_cell.neighbours.program import next_sequence, turn_um
-from mdms_cell.neighbours.right_of_way import NONE, UNDER, UNKNOWN, RightOfWay
-from mdms_cell.neighbours.steering import ARRIVED, has_arrived
-from mdms_cell.neighbours.suspicion import CODE, SOURCE, Suspicion, judging
-from mdms_cell.neighbours.tracking import LOST_BEATS, Tracking, updater
+from mdms_cell.motion.leading import Leading
+from mdms_cell.motion.pages import AHEAD, OUTDATED, Pages
+from mdms_cell.motion.program import next_sequence
+from mdms_cell.motion.steering import ARRIVED, has_arrived
+from mdms_cell.perception import place
+from mdms_cell.perception.angle import turn_um
+from mdms_cell.perception.footprint import UNSEEN_CERTAINTY, UNSEEN_ROOM, Footprint
+from mdms_cell.perception.heard import NEVER, OWN, SEEN, Heard
+from mdms_cell.perception.outline import Outline
+from mdms_cell.perception.place import DIRECTIONS, Place
+from mdms_cell.perception.suspicion import CODE, SOURCE, Suspicion, judging
+from mdms_cell.perception.tracking import LOST_BEATS, Tracking, updater
+from mdms_cell.rights import precedence, right_of_way
+from mdms_cell.rights.right_of_way import NONE, UNDER, UNKNOWN, RightOfWay
 from mdms_cell.ticks import IDLE_MS, after, diff
 from mdms_protocol import indices
 from mdms_protocol.compat import const, micropython, ptr16, ptr32

@@ -2,9 +2,9 @@
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
-from mdms_cell.neighbours import belief
-from mdms_cell.neighbours.geometry.angle import ARM_UM, ROOT_MAX, TURN_UM, root
-from mdms_cell.neighbours.geometry.outline import REACH
+from mdms_cell.perception import belief
+from mdms_cell.perception.angle import ARM_UM, ROOT_MAX, TURN_UM, root
+from mdms_cell.perception.outline import REACH
 from mdms_protocol.compat import WIDEN, const, micropython, ptr32
 from mdms_protocol.neighbours import frames as wire
 
@@ -73,7 +73,7 @@ def find_wish(  # noqa: PLR0915 - it is one thought
     x -= parcel[_BELIEF_X] << widen >> widen
     y = (registers[LEFT + 1] << widen >> widen) * _STEP_UM - y_um
     y -= parcel[_BELIEF_Y] << widen >> widen
-    # As `program.turn_um`, within half a turn.
+    # As `angle.turn_um`, within half a turn.
     turn = (registers[LEFT + 2] << widen >> widen) * (_TURN_UM // 8) // (_TURN // 8)
     turn += _TURN_UM // 2 - (parcel[_BELIEF_TURN] << widen >> widen)
     turn = turn % _TURN_UM - _TURN_UM // 2

@@ -6,10 +6,11 @@
 from array import array
 
 from mdms_cell.canopen.objects import find
-from mdms_cell.neighbours import precedence
-from mdms_cell.neighbours.geometry.place import DIRECTIONS, HOST
-from mdms_cell.neighbours.program import Programs, next_sequence, turn_um
-from mdms_cell.neighbours.right_of_way import IDENTITY, PROMISED_TO
+from mdms_cell.motion.program import Programs, next_sequence
+from mdms_cell.perception.angle import turn_um
+from mdms_cell.perception.place import DIRECTIONS, HOST
+from mdms_cell.rights import precedence
+from mdms_cell.rights.right_of_way import IDENTITY, PROMISED_TO
 from mdms_protocol import indices
 from mdms_protocol.compat import const, micropython, ptr16, ptr32
 from mdms_protocol.neighbours import frames as wire

@@ -7,7 +7,7 @@ Lengths are whole steps of 16 um, so that a product with a cosine fits 30 bits w
 
 from array import array
 
-from mdms_cell.neighbours.geometry.angle import ARM_UM, ONE, QUARTER_UM, root
+from mdms_cell.perception.angle import ARM_UM, ONE, QUARTER_UM, root
 from mdms_protocol.compat import WIDEN, const, micropython, ptr32
 
 STEP_UM = const(16)

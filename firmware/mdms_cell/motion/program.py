@@ -2,7 +2,7 @@
 
 from array import array
 
-from mdms_cell.neighbours.geometry.angle import TURN_UM
+from mdms_cell.perception.angle import turn_um
 from mdms_protocol.compat import micropython
 from mdms_protocol.neighbours import frames as wire
 
@@ -293,8 +293,3 @@ class Programs:
 def next_sequence(sequence):
     """The sequence of the program that follows."""
     return sequence % wire.SEQUENCE_MAX + 1
-
-
-def turn_um(yaw):
-    """An angle of the wire as the way of a point at the arm [um]."""
-    return yaw * (TURN_UM // 8) // (wire.TURN // 8)

@@ -9,11 +9,10 @@ more agree with one another than with it.
 
 from array import array
 
-from mdms_cell.neighbours.belief import SENT
-from mdms_cell.neighbours.geometry.angle import TURN_UM, wrapped
-from mdms_cell.neighbours.geometry.place import DIRECTIONS, STEPS
-from mdms_cell.neighbours.program import turn_um
-from mdms_cell.neighbours.suspicion import CASES, MISLEADING, POSE, POSE_BEATS
+from mdms_cell.perception.angle import TURN_UM, turn_um, wrapped
+from mdms_cell.perception.belief import SENT
+from mdms_cell.perception.place import DIRECTIONS, STEPS
+from mdms_cell.perception.suspicion import CASES, MISLEADING, POSE, POSE_BEATS
 from mdms_protocol.compat import WIDEN, const, micropython, ptr8, ptr16, ptr32
 from mdms_protocol.neighbours import frames as wire
 
@@ -177,7 +176,7 @@ def near_mask(  # noqa: PLR0917 - viper takes words
             t = (estimates[at + _YAW_AT] & 0xFFFF ^ 0x8000) - 0x8000
             x = x * _STEP_UM + (steps[2 * peer] - 1) * pitch_um - x_um
             y = y * _STEP_UM + (steps[2 * peer + 1] - 1) * pitch_um - y_um
-            # As in `program.turn_um`.
+            # As in `angle.turn_um`.
             t = t * (_FULL // 8) // (_YAW_FULL // 8) - turn
             t = (t + _FULL // 2) % _FULL - _FULL // 2
             is_near = -_FAR_UM < x < _FAR_UM and -_FAR_UM < y < _FAR_UM

@@ -2,9 +2,10 @@
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
-from mdms_cell.neighbours.belief import CONTRADICTION, EDGE
-from mdms_cell.neighbours.geometry.footprint import POINT_X, POINT_Y, POINTS, PRESENT, SHIFT
-from mdms_cell.neighbours.geometry.outline import (
+from mdms_cell.perception.belief import CONTRADICTION, EDGE
+from mdms_cell.perception.footprint import POINT_X, POINT_Y, POINTS, PRESENT, SHIFT
+from mdms_cell.perception.heard import BITS, OWN, SEEN
+from mdms_cell.perception.outline import (
     COSINE,
     DISC,
     HALF_LENGTH,
@@ -17,9 +18,8 @@ from mdms_cell.neighbours.geometry.outline import (
     X,
     Y,
 )
-from mdms_cell.neighbours.geometry.place import AXES, DIRECTIONS
-from mdms_cell.neighbours.heard import BITS, OWN, SEEN
-from mdms_cell.neighbours.suspicion import CASES, PRESENCE
+from mdms_cell.perception.place import AXES, DIRECTIONS
+from mdms_cell.perception.suspicion import CASES, PRESENCE
 from mdms_cell.ticks import diff
 from mdms_protocol.compat import WIDEN, const, micropython, ptr8, ptr32
 

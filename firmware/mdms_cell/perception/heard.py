@@ -7,7 +7,7 @@ from struct import pack_into
 
 from mdms_cell.drive import speed_loop
 from mdms_cell.mailboxes import LENGTH, STAMP, Mailboxes
-from mdms_cell.neighbours.geometry.place import DIRECTIONS, SENSORS
+from mdms_cell.perception.place import DIRECTIONS, SENSORS
 from mdms_cell.ticks import diff
 from mdms_protocol.compat import const, micropython, ptr8, ptr32
 from mdms_protocol.neighbours import frames as wire

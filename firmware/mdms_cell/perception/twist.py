@@ -2,9 +2,9 @@
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
-from mdms_cell.neighbours.geometry.angle import ARM_UM
-from mdms_cell.neighbours.geometry.footprint import ALONG_X, ALONG_Y, POINT_X, POINT_Y, SHIFT
-from mdms_cell.neighbours.geometry.outline import (
+from mdms_cell.perception.angle import ARM_UM
+from mdms_cell.perception.footprint import ALONG_X, ALONG_Y, POINT_X, POINT_Y, SHIFT
+from mdms_cell.perception.outline import (
     COSINE,
     DISC,
     HALF_LENGTH,

@@ -6,8 +6,8 @@ A Kalman filter over the pose (x, y, turn) [um; from the cell's own centre, turn
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
-from mdms_cell.neighbours.geometry.angle import TURN_UM
-from mdms_cell.neighbours.geometry.outline import (
+from mdms_cell.perception.angle import TURN_UM
+from mdms_cell.perception.outline import (
     LEVER,
     NORMAL_X,
     NORMAL_Y,
@@ -16,7 +16,7 @@ from mdms_cell.neighbours.geometry.outline import (
     Outline,
     place,
 )
-from mdms_cell.neighbours.twist import BEFORE, TWIST_END, VX
+from mdms_cell.perception.twist import BEFORE, TWIST_END, VX
 from mdms_protocol.compat import WIDEN, const, micropython, ptr32
 from mdms_protocol.neighbours import frames as wire
 
@@ -156,7 +156,7 @@ def send(belief: ptr32, per_s: int, fields: ptr32) -> int:
     belief[SENT + 2] = (turn + _FULL // 2) % _FULL - _FULL // 2
     fields[_X_AT] = (x + _STEP_UM // 2) // _STEP_UM
     fields[_Y_AT] = (y + _STEP_UM // 2) // _STEP_UM
-    # The nearest angle of the wire; as in `program.turn_um`.
+    # The nearest angle of the wire; as in `angle.turn_um`.
     fields[_YAW_AT] = (turn * (_YAW_FULL // 8) + _FULL // 16) // (_FULL // 8)
     variance = (belief[_XX] + belief[_YY] + belief[_TT]) // 3
     certainty = 17

@@ -5,6 +5,7 @@ a twist three speeds.
 """
 
 from mdms_protocol.compat import const, micropython
+from mdms_protocol.neighbours import frames as wire
 
 ARM_UM = const(128_000)
 #: Sine and cosine are in parts of this.
@@ -19,6 +20,11 @@ ROOT_MAX = const(2_000_000_000)
 def wrapped(turn_um):
     """The same angle within half a turn of 0 [um]."""
     return (turn_um + TURN_UM // 2) % TURN_UM - TURN_UM // 2
+
+
+def turn_um(yaw):
+    """An angle of the wire as the way of a point at the arm [um]."""
+    return yaw * (TURN_UM // 8) // (wire.TURN // 8)
 
 
 @micropython.viper
