@@ -3,31 +3,26 @@
 At SYNC the cell sends its speeds and, if it is at a parcel, its estimate; `UPDATE_MS` later those
 of its neighbours have come, and `update` runs in the background. What it decides holds for a beat.
 """
-# Viper takes any buffer, and the stubs bytes alone.
-# pyright: reportArgumentType=false
 
 from array import array
 
 from mdms_cell.canopen.objects import find
 from mdms_cell.motion.leading import Leading
-from mdms_cell.motion.pages import AHEAD, OUTDATED, Pages
+from mdms_cell.motion.pages import OUTDATED, Pages
 from mdms_cell.motion.program import next_sequence
-from mdms_cell.motion.steering import ARRIVED, has_arrived
 from mdms_cell.perception import place
 from mdms_cell.perception.angle import turn_um
 from mdms_cell.perception.footprint import UNSEEN_CERTAINTY, UNSEEN_ROOM, Footprint
-from mdms_cell.perception.heard import NEVER, OWN, SEEN, Heard
+from mdms_cell.perception.heard import SEEN, SPEEDS_AT, Heard
 from mdms_cell.perception.outline import Outline
-from mdms_cell.perception.place import DIRECTIONS, Place
-from mdms_cell.perception.suspicion import CODE, SOURCE, Suspicion, judging
-from mdms_cell.perception.tracking import LOST_BEATS, Tracking, updater
-from mdms_cell.rights import precedence, right_of_way
+from mdms_cell.perception.place import DIRECTIONS, OWN, Place
+from mdms_cell.perception.suspicion import CODE, SOURCE, Suspicion
+from mdms_cell.perception.tracking import LOST_BEATS, Tracking
 from mdms_cell.rights.right_of_way import NONE, UNDER, UNKNOWN, RightOfWay
 from mdms_cell.ticks import IDLE_MS, after, diff
 from mdms_protocol import indices
-from mdms_protocol.compat import const, micropython, ptr16, ptr32
+from mdms_protocol.compat import const, micropython
 from mdms_protocol.neighbours import frames as wire
-from mdms_protocol.neighbours.frames import pack_estimate
 
 #: From SYNC until speeds and estimates of all cells of a bus have come.
 UPDATE_MS = const(7)
@@ -38,60 +33,6 @@ _LEFT_BEATS = const(30)
 #: A step between two SYNCs is counted as no more than this.
 _STEP_MAX_MS = const(50)
 _ESTIMATE_PDO = const(2)
-# Constants of other modules that are used in every beat; they would be looked up.
-_IDLE_MS = const(1000)
-_OWN = const(8)
-_SEEN = const(0x80)
-_LOST_BEATS = const(100)
-_UNDER = const(3)
-assert (_IDLE_MS, _OWN, _SEEN) == (IDLE_MS, OWN, SEEN)
-assert (_LOST_BEATS, _UNDER) == (LOST_BEATS, UNDER)
-# Fields of an estimate, ...
-_IDENTITY = const(3)
-_STATE = const(4)
-_WANTS = const(5)
-_HOLD = const(7)
-_SEQUENCE = const(8)
-_FLAGS = const(9)
-assert (_IDENTITY, _STATE, _WANTS) == (wire.IDENTITY, wire.STATE, wire.WANTS)
-assert (_HOLD, _SEQUENCE, _FLAGS) == (wire.HOLD, wire.SEQUENCE, wire.FLAGS)
-_ARRIVED = const(1)
-_LACKING = const(2)
-_CONTRADICTED = const(4)
-assert (_ARRIVED, _LACKING, _CONTRADICTED) == (wire.ARRIVED, wire.LACKING, wire.CONTRADICTED)
-# ... and registers of a right of way and of a steering.
-_RIGHT_IDENTITY = const(0)
-_RIGHT_STATE = const(1)
-_RIGHT_HOLD = const(2)
-_DRIVE_BEATS = const(3)
-_LACKING_CELLS = const(4)
-_STEERING_ARRIVED = const(12)
-assert _STEERING_ARRIVED == ARRIVED
-assert (_RIGHT_IDENTITY, _RIGHT_STATE) == (right_of_way.IDENTITY, right_of_way.STATE)
-assert (_RIGHT_HOLD, _DRIVE_BEATS) == (right_of_way.HOLD, right_of_way.DRIVE_BEATS)
-assert _LACKING_CELLS == right_of_way.LACKING
-_OUTDATED = const(2)
-assert _OUTDATED == OUTDATED
-_FIRST_OF_ORDER = const(6)
-assert precedence.FIRST == _FIRST_OF_ORDER
-# The clock wraps, see `ticks`; a difference of two instants is negative from here on.
-_WRAP = const((1 << 30) - 1)
-_BEFORE = const(1 << 29)
-
-# What a layer keeps from beat to beat, behind the fields of the estimate that is to be sent
-_DUE = const(10)  # 1 while an update is to follow
-_SKIPPED = const(11)  # beats since the last one
-_OVER = const(12)  # what it passed to the right of way, three numbers
-_NEEDS = const(13)
-_OCCUPIED = const(14)
-_STEP_MS = const(15)  # the time that the last update was of
-_CAME_MS = const(16)  # the last SYNC, and the one of the last update
-_UPDATED_MS = const(17)
-_PERIOD_MS = const(18)
-_SUSPECT = const(19)  # the direction that is reported, -1 for none
-_NONSENSE = const(20)
-_REGISTERS = const(21)
-assert _DUE == wire.ESTIMATE_FIELDS
 
 
 class Layer:
@@ -130,14 +71,18 @@ class Layer:
         )
         #: Scratch: a parcel as a neighbour reports it.
         self._outline = Outline()
-        self._beat = array("i", [0] * _REGISTERS)
-        self._beat[_STEP_MS] = self._beat[_PERIOD_MS] = 10
-        self._beat[_SUSPECT] = -1
-        self._lead = _leading_on(self, consumer)
-        self._write_estimate = _announcing(self)
-        parts = self._footprint, self._heard, self._suspicion
-        track = updater(self._tracking, self._place, *parts)
-        self._update = _updating(self, consumer, track, judging(self._tracking, *parts))
+        self._consumer = consumer
+        #: The estimate that is to be sent, by the fields of the wire, and where its frame is.
+        self._estimate = array("i", [0] * wire.ESTIMATE_FIELDS)
+        self._frame_at = find(indices.ESTIMATE, 1).place
+        #: How many frames of neighbours were no estimates.
+        self.nonsense = 0
+        #: The direction that is reported as a suspect, -1 for none.
+        self._suspect = -1
+        # The period of SYNC, the last SYNC, and the one of the last update with the time before it.
+        self._period_ms = self._step_ms = 10
+        self._came_ms = self._updated_ms = 0
+        self._forget_beat()
         objects.watch(indices.CONTROL, self._on_place)
 
     def start(self, node_id):
@@ -145,7 +90,7 @@ class Layer:
         # A cell that finds itself among its neighbours has been given another's place.
         self.active = self.wanted and not self._place.names(node_id)
         self._rights.set_lease(self._objects.number(indices.LEASE, 1))
-        self._beat[_PERIOD_MS] = self._objects.number(indices.LEASE, 2)
+        self._period_ms = self._objects.number(indices.LEASE, 2)
         self._heard.repeat_ms = self._objects.number(indices.TPDO_PARAMETERS + 1, 5)
         # A millisecond passes until the frame with the edge has come.
         self._tracking.sensors.edge_late_ms = 1 + self._objects.number(indices.PRESENCE_DEBOUNCE)
@@ -168,8 +113,18 @@ class Layer:
         self._tracking.drop()
         self._pages.reset()
         self._leading.reset()
-        for number in range(_STEP_MS):
-            self._beat[number] = 0
+        self._forget_beat()
+
+    def _forget_beat(self):
+        """No update is due, and there is no estimate to send."""
+        for field in range(wire.ESTIMATE_FIELDS):
+            self._estimate[field] = 0
+        self._due = False
+        self._skipped_beats = 0
+        # What the last update has told the right of way: the parcel over the cell, the neighbours
+        # that it needs, and whether a sensor is covered.
+        self._over = self._needs = 0
+        self._occupied = False
 
     def load(self):
         """Take over everything from the dictionary."""
@@ -201,11 +156,6 @@ class Layer:
         return self._heard.boxes
 
     @property
-    def nonsense(self):
-        """How many of those were no estimates."""
-        return self._beat[_NONSENSE]
-
-    @property
     def wanted(self):
         """Whether the cell is to be led by the layer, and has been given its place."""
         return self._objects.number(indices.CONTROL) == 1 and self._place.known
@@ -219,7 +169,7 @@ class Layer:
     def _receiver(self, kind, direction):
         heard = self._heard
         if kind == place.SPEEDS:
-            return DIRECTIONS + direction
+            return SPEEDS_AT + direction
         if kind == place.STATE:
             return lambda data: heard.on_state(direction, data, self._now())
         if kind == place.ESTIMATE:
@@ -237,29 +187,27 @@ class Layer:
         """
         if not self.active:
             return
-        beat = self._beat
-        due = beat[_DUE]
-        came_ms = now_ms - waited_ms & _WRAP
-        beat_ms = (came_ms - beat[_CAME_MS] + _BEFORE & _WRAP) - _BEFORE
+        came_ms = after(now_ms, -waited_ms)
+        beat_ms = diff(came_ms, self._came_ms)
         # Or two beats meet, and what has come is of either.
-        gap = beat_ms > 2 * beat[_PERIOD_MS] or (due and beat_ms < UPDATE_MS)
+        gap = beat_ms > 2 * self._period_ms or (self._due and beat_ms < UPDATE_MS)
         if gap:
-            beat[_UPDATED_MS] = beat[_CAME_MS]
-        elif due:
+            self._updated_ms = self._came_ms
+        elif self._due:
             self._skip(came_ms)
-        beat[_CAME_MS] = came_ms
-        if beat[_IDENTITY]:
+        self._came_ms = came_ms
+        if self._estimate[wire.IDENTITY]:
             self._pdos.trigger(_ESTIMATE_PDO)
         if gap:
             self._rights.on_gap()
-            self._pages.on_gap(beat_ms // beat[_PERIOD_MS])
-            beat[_NONSENSE] += self._heard.read()
+            self._pages.comparison.on_gap(beat_ms // self._period_ms)
+            self.nonsense += self._heard.read()
             # What has come may be of any age: it is not passed on.
             self._heard.passed_on()
         self._heard.begin_beat(self._registers)
-        beat[_DUE] = waited_ms <= LATE_MS
-        if not beat[_DUE]:
-            self._skip(after(came_ms, beat[_PERIOD_MS]))
+        self._due = waited_ms <= LATE_MS
+        if not self._due:
+            self._skip(after(came_ms, self._period_ms))
             return
         self._wake(UPDATE_MS - waited_ms)
 
@@ -269,40 +217,153 @@ class Layer:
         What came since the last one still waits. So for right of way nothing has come, and a lease
         that ends with this beat ends the motion now; the estimate is of where the parcel will be.
         """
-        beat = self._beat
-        beat[_SKIPPED] += 1
-        self._rights.on_beat(beat[_OVER], beat[_NEEDS], beat[_OCCUPIED])
-        if not self._rights.registers[_DRIVE_BEATS]:
+        self._skipped_beats += 1
+        self._rights.on_beat(self._over, self._needs, self._occupied)
+        if not self._rights.drive_beats:
             program = self._pages.programs.complete(self._tracking.identity)
-            self._lead(program, beat[_STEP_MS], beat[_SKIPPED])
-        self._write_estimate(diff(next_ms, beat[_UPDATED_MS]))
+            self._lead(program, self._step_ms)
+        self._write_estimate(diff(next_ms, self._updated_ms))
 
     @micropython.native
     def poll(self, now_ms, presence):
         """Update when it is time; return in how many milliseconds the next update is due."""
         if not self.active:
-            return _IDLE_MS
+            return IDLE_MS
         heard = self._heard
-        if presence | _SEEN != heard.presence[_OWN]:
-            heard.take_presence(_OWN, presence, now_ms)
-        beat = self._beat
-        if not beat[_DUE]:
-            return _IDLE_MS
-        wait_ms = UPDATE_MS - (now_ms - beat[_CAME_MS] + _BEFORE & _WRAP) + _BEFORE
+        if presence | SEEN != heard.presence[OWN]:
+            heard.take_presence(OWN, presence, now_ms)
+        if not self._due:
+            return IDLE_MS
+        wait_ms = UPDATE_MS - diff(now_ms, self._came_ms)
         if wait_ms > 0:
             return wait_ms
-        beat[_DUE] = 0
+        self._due = False
         self._update(presence)
-        return _IDLE_MS
+        return IDLE_MS
 
-    def _keep_order(self, order, alone):
+    @micropython.native
+    def _update(self, presence):
+        """The algorithm of a beat, in its order; see firmware/README.md, 'Neighbour layer'."""
+        step_ms = self._begin_update()
+        # Take in what neighbours have sent, and choose the parcel to be at.
+        sent = self._take_in()
+        if not self._tracking.under:
+            self._choose_parcel()
+        # Believe: where the parcel is and how it moves.
+        self._tracking.update(step_ms, self._came_ms)
+        if self._tracking.missing_beats >= LOST_BEATS:
+            self._tracking.drop()
+        program, verdict = self._find_program(sent)
+        # Decide: which cells the parcel needs, and whether all are promised to it.
+        self._look_ahead(program)
+        self._claim(presence)
+        # Judge the neighbours.
+        self._tracking.judge(self._needs if self._rights.state == UNDER else 0)
+        if self._suspicion.first() != self._suspect:
+            self._report()
+        # Lead the wheels, and say so at the next SYNC.
+        outdated = verdict == OUTDATED
+        self._lead(None if outdated and not self._consumer.lost else program, step_ms)
+        self._announce(None if self._pages.asked or outdated else program, step_ms)
+        if sent and self._tracking.under and program is not None and not verdict:
+            self._pages.hand_on(program, sent, self._skipped_beats)
+        self._skipped_beats = 0
+
+    @micropython.native
+    def _begin_update(self):
+        """Return the time since the SYNC of the last update [ms]."""
+        step_ms = max(1, min(diff(self._came_ms, self._updated_ms), _STEP_MAX_MS))
+        self._step_ms = step_ms
+        self._updated_ms = self._came_ms
+        return step_ms
+
+    @micropython.native
+    def _take_in(self):
+        """Take in the estimates that have come; returns the mask of their directions."""
+        heard, rights = self._heard, self._rights
+        self.nonsense += heard.read()
+        if self._pages.precedence.exists():
+            self._keep_order(self._pages.precedence)
+        sent = rights.on_estimates(heard.estimates, heard.boxes.fresh)
+        if rights.unsure:
+            self._look_around(sent)
+        return sent
+
+    @micropython.native
+    def _find_program(self, sent):
+        """Return the program of the parcel, None without one, and what is against it."""
+        identity, pages = self._tracking.identity, self._pages
+        if self._consumer.lost:
+            pages.programs.outdate(identity)
+        program = pages.programs.complete(identity)
+        return program, pages.compare(identity, program, sent)
+
+    @micropython.native
+    def _look_ahead(self, program):
+        """Find which neighbours the parcel needs, and which it wants soon."""
+        leading = self._leading
+        self._needs = self._estimate[wire.WANTS] = 0
+        if self._tracking.under:
+            leading.look_ahead(program, self._rights.lacking)
+            self._needs, self._estimate[wire.WANTS] = leading.needs, leading.wants
+
+    @micropython.native
+    def _claim(self, presence):
+        """Have the right of way decide for the next beat; DESIGN.md, 'Right of way'."""
+        tracking, rights = self._tracking, self._rights
+        over = tracking.identity if tracking.is_over() else 0
+        if over and rights.state != UNDER and tracking.is_of_another():
+            # A parcel that stands before what nobody knows would come over it mm by mm.
+            over = 0
+        self._over, self._occupied = over, presence != 0
+        rights.on_beat(over, self._needs, self._occupied)
+
+    @micropython.native
+    def _lead(self, program, step_ms):
+        """Lead the wheels towards the goal of a program while all is clear; else they rest."""
+        rights, tracking, leading = self._rights, self._tracking, self._leading
+        under = rights.state == UNDER and tracking.under
+        if program is None or not under or tracking.is_doubtful():
+            leading.stop()
+            return
+        alone = self._consumer.lost
+        # As many beats as were skipped before this update may be before the next.
+        held = rights.drive_beats <= self._skipped_beats
+        allowed = leading.may_go_on(program, step_ms, alone, held)
+        if alone and allowed:
+            self._go_on(program)
+        leading.step(program, allowed and not held, step_ms)
+
+    @micropython.native
+    def _announce(self, program, step_ms):
+        """Write the estimate that the next SYNC is to send; the program may be lacked or None."""
+        flags = wire.CONTRADICTED if self._suspect >= 0 else 0
+        if self._leading.steering.has_arrived():
+            flags |= wire.ARRIVED
+        if program is None or not program.whole:
+            flags |= wire.LACKING
+        self._estimate[wire.SEQUENCE] = 0 if program is None else program.sequence
+        self._estimate[wire.FLAGS] = flags
+        self._write_estimate(step_ms)
+
+    @micropython.native
+    def _write_estimate(self, ahead_ms):
+        """Write the frame, so long after the SYNC that the belief is of."""
+        estimate, rights = self._estimate, self._rights
+        self._tracking.announce(estimate, ahead_ms)
+        estimate[wire.IDENTITY] = rights.identity
+        estimate[wire.STATE] = rights.state
+        estimate[wire.HOLD] = rights.hold
+        if rights.state != UNDER:
+            estimate[wire.WANTS] = 0
+        wire.pack_estimate(estimate, 0, self._objects.data, self._frame_at)
+
+    def _keep_order(self, precedence):
         """Parcels come over the cell in an order, which counts for the time without the host."""
         estimates, fresh = self._heard.estimates, self._heard.boxes.fresh
-        right = self._rights.registers
-        here, state = right[_RIGHT_IDENTITY], right[_RIGHT_STATE]
-        turn = precedence.turn(order, here, state, estimates, fresh)
-        if alone:
-            precedence.keep(order, turn, estimates, fresh)
+        turn = precedence.turn(self._rights.identity, self._rights.state, estimates, fresh)
+        if self._consumer.lost:
+            precedence.keep(turn, estimates, fresh)
 
     def _look_around(self, sent):
         """After a restart: what lies over the square, by the neighbours that are heard.
@@ -311,14 +372,13 @@ class Layer:
         not known is asked for.
         """
         heard, rights = self._heard, self._rights
-        stamps = heard.boxes.stamps
         self._pages.asked = 0
         for direction in range(DIRECTIONS):
             if sent >> direction & 1:
                 rights.hear(direction, self._reported_over(direction))
-            elif _age(heard.beat, stamps[DIRECTIONS + direction]) <= 1 and (
-                heard.estimates[direction * wire.ESTIMATE_FIELDS + _STATE] != _UNDER
-                or _age(heard.beat, heard.estimate_beat[direction]) > _LEFT_BEATS
+            elif heard.speeds_age(direction) <= 1 and (
+                heard.estimates[direction * wire.ESTIMATE_FIELDS + wire.STATE] != wire.UNDER
+                or heard.age(direction) > _LEFT_BEATS
             ):
                 rights.hear(direction, 0)
         if self._pages.asked:
@@ -327,8 +387,8 @@ class Layer:
     def _reported_over(self, direction):
         """The parcel that a neighbour reports over this cell's square, as in `hear`."""
         estimates, at = self._heard.estimates, direction * wire.ESTIMATE_FIELDS
-        identity = estimates[at + _IDENTITY]
-        if not identity or estimates[at + _STATE] != _UNDER:
+        identity = estimates[at + wire.IDENTITY]
+        if not identity or estimates[at + wire.STATE] != wire.UNDER:
             return 0
         program = self._pages.programs.find(identity)
         if program is None or not program.has_parcel:
@@ -352,9 +412,9 @@ class Layer:
         for direction in range(DIRECTIONS):
             at = direction * wire.ESTIMATE_FIELDS
             if (
-                _age(heard.beat, heard.estimate_beat[direction]) <= 1
-                and heard.estimates[at + _IDENTITY] == identity
-                and heard.estimates[at + _STATE] == _UNDER
+                heard.age(direction) <= 1
+                and heard.estimates[at + wire.IDENTITY] == identity
+                and heard.estimates[at + wire.STATE] == wire.UNDER
                 and heard.estimates[at + wire.CERTAINTY]
             ):
                 return True
@@ -362,11 +422,11 @@ class Layer:
 
     def _choose_parcel(self):
         """Be at the parcel that lies here, or else at the one that the right of way says."""
-        tracking, right = self._tracking, self._rights.registers
-        identity = right[_RIGHT_IDENTITY]
+        tracking, rights = self._tracking, self._rights
+        identity = rights.identity
         if identity and identity != tracking.identity:
             tracking.adopt(identity)
-        elif not identity and right[_RIGHT_STATE] == NONE and not tracking.belief.known:
+        elif not identity and rights.state == NONE and not tracking.belief.known:
             tracking.drop()
         if tracking.identity and not tracking.shaped:
             program = self._pages.programs.find(tracking.identity)
@@ -381,15 +441,17 @@ class Layer:
         """
         if not program.legs:
             return
-        follows = self._leading.arrived() or self._is_another_at(next_sequence(program.sequence))
+        follows = self._leading.steering.has_arrived() or self._is_another_at(
+            next_sequence(program.sequence)
+        )
         if follows and program.advance():
             self._leading.next_leg()
 
     def _is_another_at(self, sequence):
         """Whether a neighbour that had the cell's program has gone on to this sequence."""
-        estimates, ahead = self._heard.estimates, self._pages.registers[AHEAD]
+        estimates, ahead = self._heard.estimates, self._pages.comparison.ahead
         for direction in range(DIRECTIONS):
-            its = estimates[direction * wire.ESTIMATE_FIELDS + _SEQUENCE]
+            its = estimates[direction * wire.ESTIMATE_FIELDS + wire.SEQUENCE]
             if ahead >> direction & 1 and its == sequence:
                 return True
         return False
@@ -398,7 +460,7 @@ class Layer:
 
     def _report(self):
         """Report another suspect than before, in an emergency and in its object."""
-        direction = self._beat[_SUSPECT] = self._suspicion.first()
+        direction = self._suspect = self._suspicion.first()
         self._emcy.clear(SOURCE)
         node_id = 0
         if direction >= 0:
@@ -409,161 +471,5 @@ class Layer:
     def _acquit(self):
         """Suspect nobody."""
         self._suspicion.reset()
-        if self._beat[_SUSPECT] >= 0:
+        if self._suspect >= 0:
             self._report()
-
-
-def _updating(layer, consumer, track, judge):  # noqa: PLR0915 - one algorithm, in its order
-    """What updates a layer after SYNC, with little to be looked up."""
-    heard, rights, tracking = layer._heard, layer._rights, layer._tracking
-
-    @micropython.native
-    def update(  # noqa: PLR0917 - all is at hand
-        presence,
-        layer=layer,
-        beat=layer._beat,
-        tracking=tracking,
-        right=rights.registers,
-        estimates=heard.estimates,
-        fresh=heard.boxes.fresh,
-        read=heard.read,
-        rights=rights,
-        take_estimates=rights.on_estimates,
-        track=track,
-        consumer=consumer,
-        pages=layer._pages,
-        programs=layer._pages.programs,
-        look_ahead=layer._leading.look_ahead,
-        decide=rights.on_beat,
-        judge=judge,
-        first_suspect=layer._suspicion.first,
-        lead=layer._lead,
-        steered=layer._leading.registers,
-        write_estimate=layer._write_estimate,
-        compare=layer._pages.compare,
-        hand_on=layer._pages.hand_on,
-        order=layer._pages.order,
-    ):
-        sync_ms = beat[_CAME_MS]
-        step_ms = diff(sync_ms, beat[_UPDATED_MS])
-        step_ms = 1 if step_ms < 1 else _STEP_MAX_MS if step_ms > _STEP_MAX_MS else step_ms
-        beat[_STEP_MS] = step_ms
-        beat[_UPDATED_MS] = sync_ms
-        beat[_NONSENSE] += read()
-        if order[_FIRST_OF_ORDER]:
-            layer._keep_order(order, consumer.lost)
-        sent = take_estimates(estimates, fresh)
-        if rights.unsure:
-            layer._look_around(sent)
-        if not tracking.under:
-            layer._choose_parcel()
-        track(step_ms, sync_ms)
-        if tracking.missing_beats >= _LOST_BEATS:
-            tracking.drop()
-        identity, under = tracking.identity, tracking.under
-        if consumer.lost:
-            programs.outdate(identity)
-        program = programs.complete(identity)
-        verdict = compare(identity, program, sent)
-        ahead = look_ahead(program, right[_LACKING_CELLS]) if under else 0
-        needs = beat[_NEEDS] = ahead & 0xFF
-        over = identity if under or tracking.is_over() else 0
-        if over and right[_RIGHT_STATE] != _UNDER and tracking.is_of_another():
-            # A parcel that stands before what nobody knows would come over it mm by mm.
-            over = 0
-        occupied = presence != 0
-        beat[_OVER] = over
-        beat[_OCCUPIED] = occupied
-        decide(over, needs, occupied)
-        judge(needs if right[_RIGHT_STATE] == _UNDER else 0)
-        if first_suspect() != beat[_SUSPECT]:
-            layer._report()
-        skipped = beat[_SKIPPED]
-        outdated = verdict == _OUTDATED
-        lead(None if outdated and not consumer.lost else program, step_ms, skipped)
-        flags = _CONTRADICTED if beat[_SUSPECT] >= 0 else 0
-        if steered[_STEERING_ARRIVED] and has_arrived(steered):
-            flags |= _ARRIVED
-        shown = None if pages.asked or outdated else program
-        if shown is None or not shown.whole:
-            flags |= _LACKING
-        beat[_WANTS] = ahead >> 8
-        beat[_SEQUENCE] = 0 if shown is None else shown.sequence
-        beat[_FLAGS] = flags
-        write_estimate(step_ms)
-        if sent and under and program is not None and not verdict:
-            hand_on(program, sent, skipped)
-        beat[_SKIPPED] = 0
-
-    return update
-
-
-def _leading_on(layer, consumer):
-    """What leads the wheels towards the goal of a program while all is clear; else they rest."""
-    tracking, leading = layer._tracking, layer._leading
-
-    @micropython.native
-    def lead(  # noqa: PLR0917 - all is at hand
-        program,
-        step_ms,
-        skipped,
-        layer=layer,
-        right=layer._rights.registers,
-        tracking=tracking,
-        is_doubtful=tracking.is_doubtful,
-        stop=leading.stop,
-        may_go_on=leading.may_go_on,
-        step=leading.step,
-        consumer=consumer,
-    ):
-        under = right[_RIGHT_STATE] == _UNDER and tracking.under
-        if program is None or not under or is_doubtful():
-            stop()
-            return
-        alone = consumer.lost
-        # As many beats as were skipped before this update may be before the next.
-        held = right[_DRIVE_BEATS] <= skipped
-        allowed = may_go_on(program, step_ms, alone, held)
-        if alone and allowed:
-            layer._go_on(program)
-        step(program, allowed and not held, step_ms)
-
-    return lead
-
-
-def _announcing(layer):
-    """What writes the estimate that the next SYNC is to send."""
-    at = find(indices.ESTIMATE, 1).place
-
-    @micropython.native
-    def write(  # noqa: PLR0917 - all is at hand
-        ahead_ms,
-        fields=layer._beat,
-        right=layer._rights.registers,
-        announce=layer._tracking.announce,
-        put_right=_write_right,
-        pack=pack_estimate,
-        frames=layer._objects.data,
-        at=at,
-    ):
-        """So long after the SYNC that the belief is of."""
-        announce(fields, ahead_ms)
-        put_right(fields, right)
-        pack(fields, 0, frames, at)
-
-    return write
-
-
-@micropython.viper
-def _write_right(fields: ptr32, right: ptr16):
-    """Write into an estimate what a right of way has to say."""
-    fields[_IDENTITY] = right[_RIGHT_IDENTITY]
-    fields[_STATE] = right[_RIGHT_STATE]
-    fields[_HOLD] = right[_RIGHT_HOLD]
-    if right[_RIGHT_STATE] != _UNDER:
-        fields[_WANTS] = 0
-
-
-def _age(beat, came):
-    """How many beats ago something came; many if it never has."""
-    return NEVER if came == NEVER else beat - came & 0xFFFFFF

@@ -4,25 +4,13 @@
 
 from array import array
 
-from mdms_cell.motion import steering
-from mdms_cell.motion.steering import approach, find_wish, has_arrived, length
-from mdms_cell.perception import belief, outline, twist
+from mdms_cell.motion.steering import SETTLED_MS, Steering, length
 from mdms_cell.perception.angle import ARM_UM, wrapped
-from mdms_cell.perception.footprint import (
-    ALONG_X,
-    ALONG_Y,
-    HALF,
-    POINT_X,
-    POINT_Y,
-    PRESENT,
-    UNSEEN_ROOM,
-    squares_overlapped,
-)
-from mdms_cell.perception.outline import STEP_UM, place
+from mdms_cell.perception.footprint import UNSEEN_ROOM
+from mdms_cell.perception.outline import STEP_UM, Outline
+from mdms_cell.perception.place import AXES, OWN
 from mdms_cell.perception.twist import OFF, WHEELS
 from mdms_protocol.compat import WIDEN, const, micropython, ptr32
-from mdms_protocol.neighbours import frames as wire
-from mdms_protocol.neighbours.frames import read_way
 
 #: From the wish to brake until all cells under the parcel do: HOPS times the beats that `hold` may
 #: take and counts. And how far ahead a cell asks [ms].
@@ -34,8 +22,7 @@ _HOLD_BEATS = const(50)
 _WAIT_MS = const(30_000)
 #: Without its host a parcel asks for cells that it comes so much nearer to [steps]: it stands that
 #: far from one that it has to wait for, and does not come over it by a hair before its turn.
-_ROOM = const(187)
-assert _ROOM == 3_000 // STEP_UM
+_ROOM = 3_000 // STEP_UM
 #: A parcel that stands for want of a cell goes no nearer to it where it would come over it within
 #: this way; what it gained would be a fraction of that, again and again.
 _NEARER_UM = const(10_000)
@@ -43,135 +30,142 @@ _NEARER_UM = const(10_000)
 #: are off what is known of it by more than this [um/s].
 _JOIN_WHEELS = const(4)
 _JOIN_OFF_UM_S = const(25_000)
-_ARM = const(8000)
-assert _ARM * STEP_UM == ARM_UM
-
-# Shared constants, which would be looked up: of a program, ...
-_ACCELERATION_MM_S2 = const(10)
-assert _ACCELERATION_MM_S2 == wire.ACCELERATION_MM_S2
-# ... where three numbers begin in the registers of a parcel ...
-_CENTRE = const(0)
-_BELIEF = const(10)
-_TWIST = const(23)
-_UNSEEN_ROOM = const(1750)
-assert _UNSEEN_ROOM == UNSEEN_ROOM
-assert (_CENTRE, _BELIEF, _TWIST) == (outline.X, belief.X, twist.VX)
-# ... in those of a steering ...
-_COMMANDED = const(0)
-_WISH = const(3)
-_WAY = const(6)
-_ACCELERATION = const(9)
-_ARRIVED = const(12)
-assert (_COMMANDED, _WISH, _ARRIVED) == (steering.VX, steering.WISH, steering.ARRIVED)
-assert (_WAY, _ACCELERATION) == (steering.LEFT, steering.ACCELERATION)
-
-# ... and in those of a footprint.
-_POINT_Y = const(7)
-_ALONG_X = const(14)
-_ALONG_Y = const(16)
-_PRESENT = const(36)
-_HALF = const(37)
-assert (0, _POINT_Y, _PRESENT, _HALF) == (POINT_X, POINT_Y, PRESENT, HALF)
-assert (_ALONG_X, _ALONG_Y) == (ALONG_X, ALONG_Y)
-
-# Registers of a cell's wheels, after those of its steering
-_DRIVING = const(17)  # 1 while the wheels are on
-_HELD_BEATS = const(18)  # for so long they have held, up to _HOLD_BEATS
-_TARGETS = const(19)  # of the two wheels [um/s]
-_ALONE_MS = const(21)  # what of a program's time has passed without a host
-_WAITED_MS = const(22)  # for how long the parcel stood meanwhile for want of a promise
-_PLANNED_MS = const(23)  # all the time that its way takes; 0: not found yet
-_ENDED = const(24)  # 1 once that was too long
-_IDENTITY = const(25)  # of the parcel that the four before are about
-_REGISTERS = const(26)
 #: Times without a host are counted up to this.
 _LONG_MS = const(1 << 20)
-assert _DRIVING == steering.REGISTERS
 
 
 class Leading:
     """The wheels of one cell under one parcel, by its program.
 
-    Its `registers` begin with those of a steering, and are all that it remembers.
+    `needs` is the mask of the neighbours that the parcel covers, or will before it can stand, and
+    `wants` that of those that it will cover soon, too.
     """
 
     def __init__(self, place, footprint, tracking, axes):
         self._place = place
-        self._footprint = footprint.registers
-        self._parcel = tracking.belief.registers
+        self._footprint = footprint
         self._tracking = tracking
+        self._parcel = tracking.belief
         self._axes = axes
-        self.registers = array("i", [0] * _REGISTERS)
+        self.steering = Steering()
+        self._targets = array("i", [0] * AXES)
+        #: Scratch: the parcel where it will be.
+        self._there = Outline()
+        self._driving = False
+        self.reset()
 
     def reset(self):
         """Switch the wheels off in good order, and forget everything."""
         self.stop()
-        for number in range(_REGISTERS):
-            self.registers[number] = 0
+        self.needs = self.wants = 0
+        #: The parcel that the times without a host are about.
+        self._identity = 0
+        self._begin_times()
+
+    def _begin_times(self):
+        # What of a program's time has passed without a host, for how long the parcel stood
+        # meanwhile for want of a promise, all the time that its way takes (0: not found yet), and
+        # whether that was too long.
+        self.alone_ms = self._waited_ms = self._planned_ms = 0
+        self._ended = False
 
     def begin(self, identity):
         """A new program of this parcel has come, which may be on its way here only."""
-        if identity == self.registers[_IDENTITY]:
-            for number in range(_ALONE_MS, _IDENTITY):
-                self.registers[number] = 0
+        if identity == self._identity:
+            self._begin_times()
             self.next_leg()
 
     def next_leg(self):
         """The next leg of the same way begins: time for it was planned, and goes on."""
-        self.registers[_HELD_BEATS] = 0
-        self.registers[_ARRIVED] = 0
+        self._held_beats = 0
+        self.steering.arrived = False
 
     def plan_again(self):
         """More of the way has come: the time that is planned for it counts anew."""
-        self.registers[_PLANNED_MS] = 0
+        self._planned_ms = 0
 
-    @micropython.native
     def stop(self):
         """Switch the wheels off in good order, if they are on."""
-        registers = self.registers
-        if registers[_DRIVING]:
+        if self._driving:
             self._axes.rest()
-        for number in range(_ALONE_MS):
-            registers[number] = 0
+        #: Whether the wheels are on, and for how long they have held, up to _HOLD_BEATS.
+        self._driving = False
+        self._held_beats = 0
+        self.steering.reset()
 
-    def arrived(self):
-        """Whether the parcel stands at its goal."""
-        return has_arrived(self.registers)
+    # Looking ahead
 
     @micropython.native
     def look_ahead(self, program, lacking=0):
-        """Masks of the neighbours that the parcel covers or will before it can stand and, from bit
-        8 on, of those that it will cover soon.
+        """Find what the parcel `needs` and `wants`.
 
-        Of those in the mask `lacking`, for want of which it stands, it needs the nearest already.
-        It asks for those that it may lie over as long as no edge of it has been seen, too, and
-        needs them where another parcel has them.
+        Of the cells in the mask `lacking`, for want of which it stands, it needs the nearest
+        already. It asks for those that it may lie over as long as no edge of it has been seen, too,
+        and needs them where another parcel has them.
         """
-        footprint, parcel = self._footprint, self._parcel
-        present = footprint[_PRESENT]
+        footprint, parcel, tracking = self._footprint, self._parcel, self._tracking
+        present = footprint.present
         if program is None:
-            ahead = squares_overlapped(parcel, footprint, present)
-            ahead |= ahead << 8
+            needs = wants = footprint.squares(parcel, present)
         else:
-            registers = self.registers
-            room = _ROOM if registers[_ALONE_MS] else 0
-            footprint[_HALF] += room
-            # By the way that was left when the wish was found, before it is read anew.
-            nearest = (
-                _look_nearer(parcel, parcel, registers, footprint, lacking & present)
-                if lacking
-                else 0
-            )
-            read_way(program.pages, registers, _WAY)
-            ahead = _look_ahead(parcel, parcel, registers, footprint, present)
-            footprint[_HALF] -= room
-            ahead |= nearest | nearest << 8
-        if self._tracking.may_be_elsewhere():
-            footprint[_HALF] += _UNSEEN_ROOM
-            near = squares_overlapped(parcel, footprint, present)
-            footprint[_HALF] -= _UNSEEN_ROOM
-            ahead |= near & self._tracking.others | near << 8
-        return ahead
+            room = _ROOM if self.alone_ms else 0
+            # By the way that was left when the wish was found.
+            nearest = self._look_nearer(lacking & present, room) if lacking else 0
+            steering = self.steering
+            steering.read(program)
+            needs = footprint.squares(parcel, present, room)
+            needs |= self._comes_over(parcel.twist.speeds, _REACTION_MS, present ^ needs, room)
+            wants = needs
+            if steering.wishes():
+                wants |= self._comes_over(steering.wish, _ASK_MS, present ^ needs, room)
+            needs |= nearest
+            wants |= nearest
+        if tracking.may_be_elsewhere():
+            near = footprint.squares(parcel, present, UNSEEN_ROOM)
+            needs |= near & tracking.others
+            wants |= near
+        self.needs, self.wants = needs, wants
+
+    @micropython.native
+    def _comes_over(self, twist, time_ms, asked, room):
+        """The mask of those of the cells asked for that the parcel comes over before it stands.
+
+        It moves on for this time until it brakes, and then by half as much as it would meanwhile.
+        """
+        if not asked:
+            return 0
+        twice_mm_s2 = 2 * self.steering.acceleration_mm_s2() or 2
+        time_ms += length(twist[0], twist[1], twist[2]) // twice_mm_s2
+        x_um, y_um = _way_um(twist[0], time_ms), _way_um(twist[1], time_ms)
+        return self._covers_at(x_um, y_um, _way_um(twist[2], time_ms), asked, room)
+
+    @micropython.native
+    def _covers_at(self, x_um, y_um, turn_um, asked, room):
+        """The mask of those of the cells asked for that it lies over where it has gone so far."""
+        there, parcel = self._there, self._parcel
+        pose = parcel.pose
+        there.take_shape_of(parcel)
+        there.place(pose[0] + x_um, pose[1] + y_um, pose[2] + turn_um)
+        return self._footprint.squares(there, asked, room)
+
+    def _look_nearer(self, asked, room):
+        """The mask of those of the cells asked for that the parcel comes over within `_NEARER_UM`.
+
+        Or on the way that is left, where that is less.
+        """
+        steering = self.steering
+        wish, left = steering.wish, steering.left
+        if not steering.wishes():
+            return 0
+        speed_um_s = length(wish[0], wish[1], wish[2])
+        # Slower than this are those alone that have less to go.
+        time_ms = _NEARER_UM * 1000 // speed_um_s if speed_um_s > _NEARER_UM else 1000
+        x_um = _nearer(left[0], _way_um(wish[0], time_ms))
+        y_um = _nearer(left[1], _way_um(wish[1], time_ms))
+        turn_um = _nearer(left[2], _way_um(wish[2], time_ms))
+        return self._covers_at(x_um, y_um, turn_um, asked, room)
+
+    # The beat
 
     @micropython.native
     def may_go_on(self, program, step_ms, alone, held):
@@ -181,74 +175,73 @@ class Leading:
         over, or the host of one that is not to go on was gone, a new program has to come: that the
         host is back moves nothing.
         """
-        registers = self.registers
-        if program.identity != registers[_IDENTITY]:
+        if program.identity != self._identity:
             # What another parcel took of its time is its own.
-            registers[_IDENTITY] = program.identity
+            self._identity = program.identity
             self.begin(program.identity)
         if alone:
-            if held and registers[_ALONE_MS] and registers[_WAITED_MS] < _WAIT_MS:
-                registers[_WAITED_MS] += step_ms
+            if held and self.alone_ms and self._waited_ms < _WAIT_MS:
+                self._waited_ms += step_ms
             else:
-                registers[_ALONE_MS] = min(registers[_ALONE_MS] + step_ms, _LONG_MS)
-            planned_ms = registers[_PLANNED_MS]
-            in_time = not planned_ms or registers[_ALONE_MS] < 2 * planned_ms
+                self.alone_ms = min(self.alone_ms + step_ms, _LONG_MS)
+            in_time = not self._planned_ms or self.alone_ms < 2 * self._planned_ms
             if not (program.goes_on and in_time):
-                registers[_ENDED] = 1
-        elif registers[_ALONE_MS]:
-            registers[_ALONE_MS] = registers[_WAITED_MS] = registers[_PLANNED_MS] = 0
-        return not registers[_ENDED]
+                self._ended = True
+        elif self.alone_ms:
+            self.alone_ms = self._waited_ms = self._planned_ms = 0
+        return not self._ended
 
     @micropython.native
     def step(self, program, may_go, step_ms):
         """Lead the wheels for a beat; without `may_go` bring the parcel to rest, and switch off."""
-        registers, parcel, here = self.registers, self._parcel, self._place
-        if not registers[_DRIVING]:
+        parcel, here, steering = self._parcel, self._place, self.steering
+        if not self._driving:
             self._join(may_go)
-        read_way(program.pages, registers, _WAY)
-        find_wish(registers, parcel, here.x_um, here.y_um)
-        stands = approach(registers, parcel, may_go, step_ms)
+        steering.read(program)
+        steering.find_wish(parcel, here.x_um, here.y_um)
+        stands = steering.approach(parcel.reach_um, may_go, step_ms)
         # A cell that the parcel comes to when the host is gone counts from there.
-        if registers[_ALONE_MS] and not registers[_PLANNED_MS]:
+        if self.alone_ms and not self._planned_ms:
             self._plan(program)
-        if stands and (registers[_ARRIVED] or not may_go):
+        if stands and (steering.arrived or not may_go):
             if self._has_held():
                 return
         else:
-            registers[_HELD_BEATS] = 0
-        if not registers[_DRIVING]:
-            if parcel[WHEELS] < _JOIN_WHEELS or parcel[OFF] >= _JOIN_OFF_UM_S:
+            self._held_beats = 0
+        if not self._driving:
+            shown = parcel.twist.shown
+            if shown[WHEELS] < _JOIN_WHEELS or shown[OFF] >= _JOIN_OFF_UM_S:
                 # Off it rolls along; with a speed of its own it would turn the parcel.
                 return
-            registers[_DRIVING] = 1
-        _aim(registers, parcel, self._footprint)
-        self._axes.lead(registers, _TARGETS)
+            self._driving = True
+        footprint = self._footprint
+        footprint.find_levers(parcel, 1 << OWN)
+        aim(steering.commanded, footprint.along, footprint.levers, self._targets)
+        self._axes.lead(self._targets)
 
     def _join(self, may_go):
         """Begin with the twist that the parcel has; a wheel without anywhere to go stays off."""
-        registers = self.registers
-        going = may_go and not registers[_ARRIVED]
+        steering = self.steering
+        going = may_go and not steering.arrived
         for axis in range(3):
-            registers[_COMMANDED + axis] = self._parcel[_TWIST + axis] if going else 0
+            steering.commanded[axis] = self._parcel.twist.speeds[axis] if going else 0
 
     def _has_held(self):
         """The wheels hold the parcel, which stands; returns whether for long, and they are off."""
-        registers = self.registers
-        registers[_HELD_BEATS] = min(registers[_HELD_BEATS] + 1, _HOLD_BEATS)
-        if registers[_DRIVING] and registers[_HELD_BEATS] < _HOLD_BEATS:
+        self._held_beats = min(self._held_beats + 1, _HOLD_BEATS)
+        if self._driving and self._held_beats < _HOLD_BEATS:
             return False
-        if registers[_DRIVING]:
-            registers[_DRIVING] = 0
+        if self._driving:
+            self._driving = False
             self._axes.rest()
         return True
 
     def _plan(self, program):
         """Find how long the way takes, to the goal and along the legs that follow."""
-        registers, reach_um = self.registers, self._parcel[outline.REACH]
-        speed_mm_s = max(registers[steering.SPEED] * wire.SPEED_MM_S, 1)
-        acceleration_mm_s2 = registers[_ACCELERATION] * _ACCELERATION_MM_S2
-        ramps_ms = 2 * speed_mm_s * 1000 // max(acceleration_mm_s2, 1)
-        x_um, y_um, turn = registers[_WAY : _WAY + 3]
+        reach_um, steering = self._parcel.reach_um, self.steering
+        speed_mm_s = max(steering.speed_mm_s(), 1)
+        ramps_ms = 2 * speed_mm_s * 1000 // max(steering.acceleration_mm_s2(), 1)
+        x_um, y_um, turn = steering.left
         way_um = length(x_um, y_um, turn * reach_um // ARM_UM)
         planned_ms = way_um // speed_mm_s + ramps_ms
         for leg in range(program.known_legs()):
@@ -256,103 +249,31 @@ class Leading:
             to_x_um, to_y_um, to_turn = program.place(leg + 1)
             turning_um = wrapped(to_turn - turn) * reach_um // ARM_UM
             way_um = length(to_x_um - x_um, to_y_um - y_um, turning_um)
-            planned_ms += way_um // speed_mm_s + ramps_ms + steering.SETTLED_MS
-        registers[_PLANNED_MS] = min(planned_ms, _LONG_MS)
+            planned_ms += way_um // speed_mm_s + ramps_ms + SETTLED_MS
+        self._planned_ms = min(planned_ms, _LONG_MS)
+
+
+def _nearer(left_um, way_um):
+    """The shorter of two ways, of equal ones the second."""
+    return left_um if abs(left_um) < abs(way_um) else way_um
+
+
+def _way_um(speed_um_s, time_ms):
+    """The way of a speed in some time, in pieces that small ints have room for."""
+    return speed_um_s // 1000 * time_ms + speed_um_s % 1000 * time_ms // 1000
 
 
 @micropython.viper
-def _look_ahead(bottom, parcel: ptr32, registers: ptr32, footprint, asked: int) -> int:
-    """See `Leading.look_ahead`; of the cells in the mask `asked`.
-
-    `bottom` is the parcel's registers too, to be passed on.
-    """
-    widen = int(WIDEN)
-    x = parcel[_BELIEF] << widen >> widen
-    y = parcel[_BELIEF + 1] << widen >> widen
-    around = parcel[_BELIEF + 2] << widen >> widen
-    twice_mm_s2 = 2 * _ACCELERATION_MM_S2 * registers[_ACCELERATION]
-    twice_mm_s2 = twice_mm_s2 if twice_mm_s2 else 2
-    covered = int(squares_overlapped(bottom, footprint, asked))
-    needs = covered
-    for ahead in range(2):
-        vx = parcel[_TWIST] << widen >> widen
-        vy = parcel[_TWIST + 1] << widen >> widen
-        turn = parcel[_TWIST + 2] << widen >> widen
-        time_ms = _REACTION_MS
-        if ahead:
-            needs = covered
-            vx = registers[_WISH] << widen >> widen
-            vy = registers[_WISH + 1] << widen >> widen
-            turn = registers[_WISH + 2] << widen >> widen
-            time_ms = _ASK_MS
-        rest = asked ^ covered
-        if rest and (ahead == 0 or vx or vy or turn):
-            # It moves on until it brakes, and then by half as much as it would in that time.
-            time_ms += int(length(vx, vy, turn)) // twice_mm_s2
-            # Ways in pieces, for speeds times that time may be more than a word has room for.
-            ahead_x = x + vx // 1000 * time_ms + vx % 1000 * time_ms // 1000
-            ahead_y = y + vy // 1000 * time_ms + vy % 1000 * time_ms // 1000
-            ahead_turn = around + turn // 1000 * time_ms + turn % 1000 * time_ms // 1000
-            place(bottom, ahead_x, ahead_y, ahead_turn)
-            covered |= int(squares_overlapped(bottom, footprint, rest))
-    place(bottom, x, y, around)
-    return needs | covered << 8
-
-
-@micropython.viper
-def _look_nearer(bottom, parcel: ptr32, registers: ptr32, footprint, asked: int) -> int:
-    """The mask of those of the cells in a mask that the parcel comes over within `_NEARER_UM`.
-
-    Or on the way that is left, where that is less.
-    """
-    widen = int(WIDEN)
-    speed = 0
-    for axis in range(3):
-        speed |= registers[_WISH + axis]
-    if speed == 0:
-        return 0
-    vx = registers[_WISH] << widen >> widen
-    vy = registers[_WISH + 1] << widen >> widen
-    turn = registers[_WISH + 2] << widen >> widen
-    speed = int(length(vx, vy, turn))
-    # Slower than this are those alone that have less to go.
-    time_ms = _NEARER_UM * 1000 // speed if speed > _NEARER_UM else 1000
-    for axis in range(3):
-        wish = registers[_WISH + axis] << widen >> widen
-        left = registers[_WAY + axis] << widen >> widen
-        way = wish // 1000 * time_ms + wish % 1000 * time_ms // 1000
-        if (left if left > 0 else 0 - left) < (way if way > 0 else 0 - way):
-            way = left
-        if axis == 0:
-            vx = way
-        elif axis == 1:
-            vy = way
-        else:
-            turn = way
-    x = parcel[_BELIEF] << widen >> widen
-    y = parcel[_BELIEF + 1] << widen >> widen
-    around = parcel[_BELIEF + 2] << widen >> widen
-    place(bottom, x + vx, y + vy, around + turn)
-    mask = int(squares_overlapped(bottom, footprint, asked))
-    place(bottom, x, y, around)
-    return mask
-
-
-@micropython.viper
-def _aim(registers: ptr32, parcel: ptr32, footprint: ptr32):
+def aim(commanded: ptr32, along: ptr32, levers: ptr32, targets: ptr32):
     """Find the speeds of wheels that move with the parcel as commanded [um/s]."""
     widen = int(WIDEN)
-    vx = registers[_COMMANDED] << widen >> widen
-    vy = registers[_COMMANDED + 1] << widen >> widen
-    turn = registers[_COMMANDED + 2] << widen >> widen
-    centre_x = parcel[_CENTRE] << widen >> widen
-    centre_y = parcel[_CENTRE + 1] << widen >> widen
+    vx = commanded[0] << widen >> widen
+    vy = commanded[1] << widen >> widen
+    turn = commanded[2] << widen >> widen
     for axis in range(2):
-        along_x = footprint[_ALONG_X + axis] << widen >> widen
-        along_y = footprint[_ALONG_Y + axis] << widen >> widen
-        x = (footprint[axis] << widen >> widen) - centre_x
-        y = (footprint[_POINT_Y + axis] << widen >> widen) - centre_y
-        lever = (along_y * x - along_x * y) // _ARM
+        along_x = along[2 * axis] << widen >> widen
+        along_y = along[2 * axis + 1] << widen >> widen
+        lever = levers[2 * int(OWN) + axis] << widen >> widen
         # The product of lever and turn alone may be more than a word.
         speed = along_x * vx + along_y * vy + lever * (turn & 0x1FF) >> 9
-        registers[_TARGETS + axis] = speed + lever * (turn >> 9)
+        targets[axis] = speed + lever * (turn >> 9)

@@ -17,14 +17,22 @@ TURN_UM = const(804_248)
 ROOT_MAX = const(2_000_000_000)
 
 
-def wrapped(turn_um):
+@micropython.viper
+def wrapped(turn_um: int) -> int:
     """The same angle within half a turn of 0 [um]."""
     return (turn_um + TURN_UM // 2) % TURN_UM - TURN_UM // 2
 
 
-def turn_um(yaw):
+@micropython.viper
+def turn_um(yaw: int) -> int:
     """An angle of the wire as the way of a point at the arm [um]."""
-    return yaw * (TURN_UM // 8) // (wire.TURN // 8)
+    return yaw * (TURN_UM // 8) // (int(wire.TURN) // 8)
+
+
+@micropython.viper
+def yaw(turn_um: int) -> int:
+    """The nearest angle of the wire, for the way of a point at the arm [um]."""
+    return (turn_um * (int(wire.TURN) // 8) + TURN_UM // 16) // (TURN_UM // 8)
 
 
 @micropython.viper

@@ -1,34 +1,18 @@
 """Corrects a belief by sensors: by edges that pass over them, and by those that contradict it."""
-# Viper takes any buffer, and the stubs bytes alone.
-# pyright: reportArgumentType=false
 
 from mdms_cell.perception.belief import CONTRADICTION, EDGE
-from mdms_cell.perception.footprint import POINT_X, POINT_Y, POINTS, PRESENT, SHIFT
-from mdms_cell.perception.heard import BITS, OWN, SEEN
-from mdms_cell.perception.outline import (
-    COSINE,
-    DISC,
-    HALF_LENGTH,
-    HALF_WIDTH,
-    LEVER,
-    NORMAL_X,
-    NORMAL_Y,
-    SHAPE,
-    SINE,
-    X,
-    Y,
-)
-from mdms_cell.perception.place import AXES, DIRECTIONS
-from mdms_cell.perception.suspicion import CASES, PRESENCE
+from mdms_cell.perception.footprint import MARGIN
+from mdms_cell.perception.heard import BITS, SEEN
+from mdms_cell.perception.outline import X, Y
+from mdms_cell.perception.place import AXES, DIRECTIONS, OWN
+from mdms_cell.perception.suspicion import PRESENCE
 from mdms_cell.ticks import diff
-from mdms_protocol.compat import WIDEN, const, micropython, ptr8, ptr32
+from mdms_protocol.compat import const, micropython
 
 #: A frame may be this late; the parcel has moved on meanwhile.
 _LATENCY_MS = const(3)
 #: An edge passes over a sensor no slower.
 _PASSING_UM_S = const(1_000)
-#: A sensor so far inside the outline has to be covered, one so far outside free, 10 mm [steps].
-_CLEAR = const(625)
 #: A sensor so far outside is not covered by this parcel, whatever its place is off, 30 mm [steps].
 _ELSEWHERE = const(1875)
 #: A parcel moves on by no more than this while a state is lost, 32 mm [1/16 mm].
@@ -36,38 +20,31 @@ _MOST_LATE = const(512)
 #: Sensors that one frame shows to have changed are as far from the edge, 2 mm [steps].
 _TOGETHER = const(125)
 
-# What is used in every beat; constants of another module would be looked up.
-_OWN = const(8)
-_PRESENCE = const(0)
-_CASES = const(45)
-_AXES = const(2)
-_POINTS = const(7)
-_X = const(0)
-_Y = const(1)
-_COSINE = const(2)
-_SINE = const(3)
-_SHAPE = const(4)
-_HALF_LENGTH = const(5)
-_HALF_WIDTH = const(6)
-_DISC = const(1)
-_POINT_Y = const(7)
-_SHIFT = const(18)
-_SEEN = const(0x80)
-_BITS = const(0x1F)
-assert (_SEEN, _BITS) == (SEEN, BITS)
-_PRESENT = const(36)
-assert (0, _POINT_Y, _SHIFT, _PRESENT) == (POINT_X, POINT_Y, SHIFT, PRESENT)
-assert (_OWN, _PRESENCE, _CASES) == (OWN, PRESENCE, CASES)
-assert (_AXES, _POINTS) == (AXES, POINTS)
-assert (_X, _Y, _COSINE, _SINE, _SHAPE) == (X, Y, COSINE, SINE, SHAPE)
-assert (_HALF_LENGTH, _HALF_WIDTH, _DISC) == (HALF_LENGTH, HALF_WIDTH, DISC)
 
-# What `_compare` finds: the mask of sensors on the wrong side of the outline, and bits
-_WRONG = const(31)
-_MISSING = const(32)  # all sensors deep under it are free
-_FAR = const(64)  # a sensor far from it is covered
-_CLEARLY = const(128)  # there are sensors deep under it, or far from it
-_NEARLY = const(256)  # it covers a wheel or a sensor, or nearly, as by `Footprint.covers`
+class Comparison:
+    """A cell's presence bits beside the outline of a parcel.
+
+    `wrong` is the mask of the sensors on the wrong side of it. Whether: all sensors deep under it
+    are free (`missing`); a sensor far from it is covered (`far`); there are sensors deep under it,
+    or far from it (`clearly`); it covers a wheel or a sensor, or nearly, as by `Footprint.covers`
+    (`nearly`).
+    """
+
+    def __init__(self):
+        self.wrong = 0
+        self.missing = self.far = self.clearly = self.nearly = False
+
+    @micropython.native
+    def find(self, outline, footprint, direction, bits):
+        """Compare the bits of a cell."""
+        bits &= BITS
+        deep = footprint.within(outline, direction, -MARGIN) >> AXES
+        outside = BITS & ~(footprint.within(outline, direction, MARGIN + 1) >> AXES)
+        self.wrong = footprint.within(outline, direction, 0) >> AXES ^ bits
+        self.missing = deep != 0 and deep & bits == 0
+        self.far = outside & bits != 0
+        self.clearly = (deep | outside) != 0
+        self.nearly = footprint.within(outline, direction, MARGIN) != 0
 
 
 class Sensors:
@@ -82,7 +59,55 @@ class Sensors:
         self._heard = heard
         self._suspicion = suspicion
         self.edge_late_ms = 1
+        self._own = Comparison()
+        self._other = Comparison()
+        self.reset()
+
+    def reset(self):
+        """Another parcel, or none."""
+        #: Whose sensors are compared in this beat, beside the cell's own: a direction, or OWN.
         self.turn = 0
+
+    # The beat
+
+    @micropython.native
+    def check(self, sync_ms):
+        """Correct the belief of a cell under a parcel, until the last SYNC.
+
+        Contradictions count of the cell's own sensors and, in turns, of a neighbour's. The parcel
+        is seen by the cell's own sensors or, where it covers none of them, by any around.
+        """
+        heard, tracking, suspicion = self._heard, self._tracking, self._suspicion
+        if heard.edges:
+            self.take_edges(sync_ms)
+        cases = suspicion.cases >> PRESENCE & 1
+        turn = self.turn = self.turn + 1 if self.turn < OWN else 0
+        bits = heard.presence[OWN]
+        own = self._compare(self._own, OWN)
+        missing = bits & SEEN and own.missing
+        moved = False
+        if bits & SEEN and not turn & 3 and (own.wrong or cases):
+            moved = self.weigh(OWN, own, 0)
+        if turn != OWN and self._footprint.present >> turn & 1 and not tracking.others >> turn & 1:
+            its = self._compare(self._other, turn)
+            age_ms = heard.age_ms(turn, sync_ms) if its.wrong or cases else -1
+            if age_ms >= 0:
+                moved |= self.weigh(turn, its, age_ms)
+        if moved:
+            self._compare(own, OWN)
+        tracking.under = own.nearly
+        if missing:
+            missing = not (tracking.is_witnessed() and suspicion.has(OWN, PRESENCE))
+        if missing or not (bits & BITS or self.is_anything_there()):
+            tracking.miss()
+        else:
+            tracking.missing_beats = 0
+
+    @micropython.native
+    def _compare(self, comparison, direction):
+        bits = self._heard.presence[direction]
+        comparison.find(self._tracking.belief, self._footprint, direction, bits)
+        return comparison
 
     # Edges
 
@@ -109,7 +134,7 @@ class Sensors:
         centre = tracking.belief.registers
         direction, sensor, _ = self._heard.edge(number)
         x, y = self._footprint.point(direction, AXES + sensor)
-        vx, vy, turn = tracking.belief.speeds()
+        vx, vy, turn = tracking.belief.twist.speeds
         turned = turn * ago_ms // 128_000
         return (
             x + vx * ago_ms // 16_000 - (y - centre[Y]) * turned // 1000,
@@ -120,7 +145,7 @@ class Sensors:
     def _is_late(self, number, ago_ms):
         """Whether that edge may be older: others of its frame are elsewhere, so one was lost."""
         heard, outline = self._heard, self._tracking.belief
-        others = _of_one_frame(heard.edge_bytes, heard.edge_ms, heard.edges, number)
+        others = self._of_one_frame(number)
         if not others:
             return False
         off = outline.edge(*self._edge_at(number, ago_ms))
@@ -132,17 +157,28 @@ class Sensors:
         return False
 
     @micropython.native
+    def _of_one_frame(self, number):
+        """The mask of the edges that came in the same frame as this one; the cell's own in none."""
+        heard, mask = self._heard, 0
+        direction = heard.edge_bytes[number] >> 4
+        for other in range(heard.edges if direction != OWN else 0):
+            together = heard.edge_ms[other] == heard.edge_ms[number]
+            if other != number and together and heard.edge_bytes[other] >> 4 == direction:
+                mask |= 1 << other
+        return mask
+
+    @micropython.native
     def _passes(self, x, y, covered):
         """Whether the parcel's edge passes over a point in the sense in which its sensor changed.
 
         An edge at rest, or against the motion, comes from the sensor, not from the parcel.
         """
         tracking = self._tracking
-        vx, vy, turn = tracking.belief.speeds()
-        edge = tracking.belief.registers
+        vx, vy, turn = tracking.belief.twist.speeds
+        normal = tracking.belief.normal
         tracking.belief.edge(x, y)
-        outwards = edge[NORMAL_X] * vx + edge[NORMAL_Y] * vy >> 10
-        outwards += edge[LEVER] * turn >> 10
+        outwards = normal[0] * vx + normal[1] * vy >> 10
+        outwards += normal[2] * turn >> 10
         return outwards > _PASSING_UM_S if covered else outwards < -_PASSING_UM_S
 
     def drop_edges(self, sync_ms):
@@ -159,7 +195,7 @@ class Sensors:
 
     def show_another(self):
         """Whether something else covers a sensor of the cell: one far from the parcel."""
-        bits = self._heard.presence[OWN] & _BITS
+        bits = self._heard.presence[OWN] & BITS
         if not bits or not self._suspicion.trusts(OWN):
             return False
         near = self._footprint.within(self._tracking.belief, OWN, _ELSEWHERE) >> AXES
@@ -173,7 +209,7 @@ class Sensors:
         presence, tracking = self._heard.presence, self._tracking
         for direction in range(DIRECTIONS):
             if (
-                presence[direction] & _BITS
+                presence[direction] & BITS
                 and not tracking.others >> direction & 1
                 and self._suspicion.trusts(direction)
             ):
@@ -185,9 +221,9 @@ class Sensors:
 
         Returns whether that may have moved it.
         """
-        if found & _CLEARLY and (direction != OWN or self.turn == OWN):
-            self._judge(direction, found & (_MISSING | _FAR) != 0)
-        wrong = found & _WRONG
+        if found.clearly and (direction != OWN or self.turn == OWN):
+            self._judge(direction, found.missing or found.far)
+        wrong = found.wrong
         if not wrong or not self._suspicion.trusts(direction):
             return False
         self._pull(direction, wrong, age_ms)
@@ -217,120 +253,3 @@ class Sensors:
                 tracking.belief.correct(x, y, CONTRADICTION + late * late, False)
             wrong >>= 1
             point += 1
-
-
-def checker(sensors, tracking, footprint, heard, suspicion):
-    """What corrects the belief of a cell under a parcel, until the last SYNC.
-
-    It looks up what changes, and nothing else. Contradictions count of the cell's own sensors and,
-    in turns, of a neighbour's. The parcel is seen by the cell's own sensors or, where it covers
-    none of them, by any around.
-    """
-
-    @micropython.native
-    def check(  # noqa: PLR0917 - all is at hand
-        sync_ms,
-        sensors=sensors,
-        tracking=tracking,
-        footprint=footprint.registers,
-        heard=heard,
-        suspicion=suspicion,
-        out=suspicion.out,
-        registers=tracking.belief.registers,
-        presence=heard.presence,
-        compare=_compare,
-    ):
-        if heard.edges:
-            sensors.take_edges(sync_ms)
-        cases = out[_CASES] >> _PRESENCE & 1
-        turn = sensors.turn
-        turn = sensors.turn = turn + 1 if turn < _OWN else 0
-        moved = missing = False
-        bits = presence[_OWN]
-        own = compare(registers, footprint, _OWN, bits)
-        if bits & _SEEN:
-            missing = own & _MISSING != 0
-            if not turn & 3 and (own & _WRONG or cases):
-                moved = sensors.weigh(_OWN, own, 0)
-        if turn != _OWN and footprint[_PRESENT] >> turn & 1 and not tracking.others >> turn & 1:
-            its = compare(registers, footprint, turn, presence[turn])
-            if its & _WRONG or cases:
-                age_ms = heard.age_ms(turn, sync_ms)
-                if age_ms >= 0:
-                    moved |= sensors.weigh(turn, its, age_ms)
-        if moved:
-            own = compare(registers, footprint, _OWN, bits)
-        tracking.under = own & _NEARLY != 0
-        if missing:
-            missing = not (tracking.is_witnessed() and suspicion.has(_OWN, _PRESENCE))
-        if missing or not (bits & _BITS or sensors.is_anything_there()):
-            tracking.miss()
-        else:
-            tracking.missing_beats = 0
-
-    return check
-
-
-@micropython.viper
-def _of_one_frame(edges: ptr8, edge_ms: ptr32, count: int, number: int) -> int:
-    """The mask of the edges that came in the same frame as this one; the cell's own in none."""
-    direction = edges[number] >> 4
-    mask = 0
-    if direction != int(OWN):
-        for other in range(count):
-            if edge_ms[other] == edge_ms[number] and edges[other] >> 4 == direction:
-                mask |= 1 << other
-    return mask & ~(1 << number)
-
-
-@micropython.viper
-def _compare(outline: ptr32, footprint: ptr32, direction: int, bits: int) -> int:
-    """Compare a cell's presence bits with an outline; returns what is found, as above."""
-    widen = int(WIDEN)
-    shift_x = footprint[_SHIFT + 2 * direction] << widen >> widen
-    shift_y = footprint[_SHIFT + 2 * direction + 1] << widen >> widen
-    shift_x -= outline[_X] << widen >> widen
-    shift_y -= outline[_Y] << widen >> widen
-    disc = outline[_SHAPE] == _DISC
-    cosine = outline[_COSINE] << widen >> widen
-    sine = outline[_SINE] << widen >> widen
-    length = outline[_HALF_LENGTH]
-    width = outline[_HALF_WIDTH]
-    deep = -_CLEAR
-    inside = 0
-    nearly = _CLEAR
-    near = _CLEAR + 1
-    if disc:
-        # Squares of distances from its centre, in 64 um.
-        deep = length - _CLEAR + 3 >> 2
-        deep = deep * deep if deep > 0 else 0
-        inside = (length + 3 >> 2) * (length + 3 >> 2)
-        nearly = (length + _CLEAR + 3 >> 2) * (length + _CLEAR + 3 >> 2)
-        near = (length + _CLEAR + 4 >> 2) * (length + _CLEAR + 4 >> 2)
-    found = 0
-    covered = 0
-    sensor = 0 - _AXES
-    for point in range(_POINTS):
-        x = (footprint[point] << widen >> widen) + shift_x
-        y = (footprint[_POINT_Y + point] << widen >> widen) + shift_y
-        if disc:
-            outside = (x >> 2) * (x >> 2) + (y >> 2) * (y >> 2)
-        else:
-            along = cosine * x + sine * y >> 13
-            across = cosine * y - sine * x >> 13
-            along = (along if along > 0 else 0 - along) - length
-            across = (across if across > 0 else 0 - across) - width
-            outside = along if along > across else across
-        if outside < nearly:
-            found |= _NEARLY
-        if sensor >= 0:
-            shown = bits >> sensor & 1
-            if (1 if outside < inside else 0) != shown:
-                found |= 1 << sensor
-            if outside < deep:
-                found |= _CLEARLY | _MISSING
-                covered |= shown
-            elif outside >= near:
-                found |= _CLEARLY | (_FAR if shown else 0)
-        sensor += 1
-    return found & ~_MISSING if covered else found

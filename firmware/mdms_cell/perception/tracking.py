@@ -4,51 +4,28 @@ A cell under the parcel keeps a belief of its own: it rolls it on by the wheels 
 neighbourhood, corrects it where sensors see an edge, and agrees with the neighbours under the same
 parcel. A cell beside the parcel follows those that are under it.
 """
-# Viper takes any buffer, and the stubs bytes alone.
-# pyright: reportArgumentType=false
 
-from mdms_cell.perception.agreement import OWN_WEIGHT, Agreement, near_mask, sum_up
-from mdms_cell.perception.belief import SENT, TURN, Belief, X, Y, agree, roll, send
-from mdms_cell.perception.heard import NEVER, OWN
-from mdms_cell.perception.outline import place as place_outline
-from mdms_cell.perception.place import DIRECTIONS, STEPS
-from mdms_cell.perception.sensors import Sensors, checker
-from mdms_cell.perception.suspicion import WHEELS
-from mdms_cell.perception.twist import WHEELS as TWIST_WHEELS
-from mdms_cell.perception.twist import fit
-from mdms_protocol.compat import const, micropython, ptr8, ptr16, ptr32
+from mdms_cell.perception.agreement import Agreement
+from mdms_cell.perception.belief import Belief
+from mdms_cell.perception.heard import NEVER
+from mdms_cell.perception.place import DIRECTIONS, OWN
+from mdms_cell.perception.sensors import Sensors
+from mdms_cell.perception.suspicion import SILENCE, WHEELS
+from mdms_cell.perception.twist import SLIPS, against, fit
+from mdms_cell.perception.twist import WHEELS as WHEELS_SHOWN
+from mdms_protocol.compat import const, micropython
 from mdms_protocol.neighbours import frames as wire
 
+#: Fewer wheels, all on one side, do not show how a parcel turns, nor that one of them is wrong.
 _FEW_WHEELS = const(5)
 #: A pose is announced no longer after the SYNC of the belief that it was made of.
 _AHEAD_MAX_MS = const(50)
 #: A cell beside a parcel follows its neighbours for so long after the last of them.
 _FOLLOW_BEATS = const(5)
-# What is used in every beat; constants of another module would be looked up.
-_OWN = const(8)
-_DIRECTIONS = const(8)
-_OTHERS = const(17)
-_ALL = const(255)  # the mask of all directions
-_CELLS = const(511)  # and of the cell itself
-_NEVER = const(1 << 24)
-_FIELDS = const(10)
-_IDENTITY = const(3)
-_STATE = const(4)
-_CERTAINTY = const(6)
-_PROMISED = const(2)
-_UNDER = const(3)
-_WHEEL = const(1)
-_WHEELS_SHOWN = const(26)
-_OWN_WEIGHT = const(1280)
-assert (_OWN, _DIRECTIONS, _NEVER) == (OWN, DIRECTIONS, NEVER)
-assert (_FIELDS, _IDENTITY, _STATE) == (wire.ESTIMATE_FIELDS, wire.IDENTITY, wire.STATE)
-assert (_CERTAINTY, _PROMISED, _UNDER) == (wire.CERTAINTY, wire.PROMISED, wire.UNDER)
-assert (_WHEEL, _WHEELS_SHOWN) == (WHEELS, TWIST_WHEELS)
-_X = const(10)  # of a belief
-_Y = const(11)
-_TURN = const(12)
-_SENT = const(20)
-assert (_OWN_WEIGHT, _X, _Y, _TURN, _SENT) == (OWN_WEIGHT, X, Y, TURN, SENT)
+#: Whoever has been silent for less has lost a frame.
+_LATE_BEATS = const(3)
+#: A wheel has to be so far inside the outline to be found wrong, 10 mm [steps].
+_INSIDE = const(625)
 #: A cell whose sensors miss the parcel for so long steers no more, and then has it no longer.
 DOUBT_BEATS = const(20)
 LOST_BEATS = const(100)
@@ -58,10 +35,14 @@ class Tracking:
     """The belief of one parcel; `identity` is 0 without one, `missing_beats` since it was seen.
 
     `others` is the mask of the directions of cells whose wheels and sensors serve another parcel.
+    `under` is whether the cell is under the parcel, or nearly; `follows` whether it makes its pose
+    of what neighbours believe. `sent` is how certain the pose was that was sent last, -1 if none.
     """
 
     def __init__(self, place, footprint, heard, suspicion):
         self._footprint = footprint
+        self._heard = heard
+        self._suspicion = suspicion
         self.agreement = Agreement(place, heard, suspicion)
         self.others = 0
         self.belief = Belief()
@@ -77,11 +58,9 @@ class Tracking:
         self.missing_beats = 0
         self._followed_beats = 0
         self.follows = False
-        # How certain the pose was that was sent last; -1 if none was.
         self.sent = -1
-        self.sensors.turn = 0
-        self.belief.drop()
-        self.belief.rest()
+        self.sensors.reset()
+        self.belief.reset()
         self.agreement.reset()
 
     def adopt(self, identity):
@@ -99,7 +78,7 @@ class Tracking:
     def place(self, x_um, y_um, turn):
         """The parcel was put there [um; from the cell's own centre]."""
         self.belief.start(x_um, y_um, turn)
-        self.belief.rest()
+        self.belief.twist.reset()
         self.look()
 
     def look(self):
@@ -164,117 +143,144 @@ class Tracking:
         That is no pose where it is too long.
         """
         if self.under and not self.follows and ahead_ms <= _AHEAD_MAX_MS:
-            certainty = send(self.belief.registers, 1000 // ahead_ms, fields)
+            certainty = self.belief.send(fields, ahead_ms)
             if self.is_doubtful():
                 certainty = 0
-            fields[_CERTAINTY] = self.sent = certainty
+            fields[wire.CERTAINTY] = self.sent = certainty
         else:
-            fields[_CERTAINTY] = 0
+            fields[wire.CERTAINTY] = 0
             self.sent = -1
 
-
-def updater(tracking, place, footprint, heard, suspicion):
-    """What updates a belief; it looks up what changes, and nothing else.
-
-    It brings it to the last SYNC, so many milliseconds after that of the last update.
-    """
-    check = checker(tracking.sensors, tracking, footprint, heard, suspicion)
+    # The beat
 
     @micropython.native
-    def update(  # noqa: PLR0917 - all is at hand
-        step_ms,
-        sync_ms,
-        tracking=tracking,
-        agreement=tracking.agreement,
-        heard=heard,
-        belief=tracking.belief,
-        registers=tracking.belief.registers,
-        sums=tracking.agreement.registers,
-        out=suspicion.out,
-        place=place,
-        steps=STEPS,
-        footprint=footprint.registers,
-        estimates=heard.estimates,
-        estimate_beat=heard.estimate_beat,
-        frames=heard.boxes.frames,
-        stamps=heard.boxes.stamps,
-        sort=_sort,
-        fit=fit,
-        near_mask=near_mask,
-        roll=roll,
-        sum_up=sum_up,
-        agree=agree,
-        place_outline=place_outline,
-        check=check,
-    ):
-        identity = tracking.identity
-        if identity and tracking.shaped:
-            masks = sort(estimates, estimate_beat, stamps, heard.beat, identity, out)
-            tracking.others = masks >> _OTHERS
+    def update(self, step_ms, sync_ms):
+        """Bring the belief to the last SYNC, so many milliseconds after that of the last update.
+
+        It is rolled on by the wheels, moved towards those of neighbours, and corrected by sensors.
+        """
+        if self.identity and self.shaped:
+            belief = self.belief
+            self._find_others()
             if belief.known:
                 # By the belief of before.
-                fit(registers, footprint, frames, masks >> _OWN & _CELLS)
+                self._fit_twist()
             else:
-                belief.rest()
-            pitch_um = place.pitch_um
-            peers = masks & _ALL
-            if not (peers or belief.known):
-                # Over a border between two buses they may come when the update has begun.
-                beat = heard.beat - 1
-                peers = sort(estimates, estimate_beat, stamps, beat, identity, out) & _ALL
-            agreement.peers = peers
-            # A few wheels, all on one side, do not show how a parcel turns.
-            under = tracking.under
-            follows = tracking.follows = not under or registers[_WHEELS_SHOWN] < _FEW_WHEELS
-            agrees = not follows and tracking.sent >= 0
-            near = near_mask(estimates, steps, pitch_um, peers, registers, _SENT) if agrees else 0
-            agreement.near = near
-            outvoted = agrees and agreement.is_outvoted()
-            if not (follows or outvoted) or not tracking.follow():
-                roll(registers, 2000 // step_ms)
-                if agrees and sum_up(
-                    estimates, steps, pitch_um, near, registers, out, tracking.sent, sums
-                ):
-                    agree(registers, sums, _OWN_WEIGHT)
-                place_outline(registers, registers[_X], registers[_Y], registers[_TURN])
-            if under:
-                check(sync_ms)
+                belief.twist.reset()
+            outvoted = self._compare_poses()
+            if not (self.follows or outvoted) or not self.follow():
+                belief.roll(step_ms)
+                if self._agrees():
+                    self.agreement.move(belief, self.sent)
+                belief.move_outline()
+            if self.under:
+                self.sensors.check(sync_ms)
             else:
-                tracking.look()
-        if heard.edges:
-            tracking.sensors.drop_edges(sync_ms)
+                self.look()
+        if self._heard.edges:
+            self.sensors.drop_edges(sync_ms)
 
-    return update
+    @micropython.native
+    def _find_others(self):
+        """Find the cells that are at another parcel than this cell."""
+        heard, others = self._heard, 0
+        estimates, at = heard.estimates, 0
+        for direction in range(DIRECTIONS):
+            if (
+                estimates[at + wire.IDENTITY] != self.identity
+                and heard.estimate_beat[direction] != NEVER
+                and estimates[at + wire.STATE] >= wire.PROMISED
+            ):
+                others |= 1 << direction
+            at += wire.ESTIMATE_FIELDS
+        self.others = others
 
+    @micropython.native
+    def _fit_twist(self):
+        """Find how the parcel moves, by the wheels under it whose speeds came in this beat."""
+        heard, belief, footprint = self._heard, self.belief, self._footprint
+        stamps, out = heard.boxes.stamps, self._suspicion.out
+        cells = wheels = 0
+        for cell in range(DIRECTIONS + 1):
+            if (
+                stamps[DIRECTIONS + cell] == heard.beat
+                and not self.others >> cell & 1
+                and not out[cell] >> WHEELS & 1
+            ):
+                cells |= 1 << cell
+                wheels |= footprint.wheels_within(belief, cell, 0) << 2 * cell
+        footprint.find_levers(belief, cells)
+        twist, frames = belief.twist, heard.boxes.frames
+        fit(
+            twist.speeds,
+            twist.before,
+            twist.shown,
+            footprint.along,
+            footprint.levers,
+            frames,
+            wheels,
+        )
 
-@micropython.viper
-def _sort(  # noqa: PLR0917 - viper takes words
-    estimates: ptr16,
-    estimate_beat: ptr32,
-    stamps: ptr32,
-    beat: int,
-    parcel: int,
-    out: ptr8,
-) -> int:
-    """The mask of the directions whose estimate of this parcel came in this beat.
+    @micropython.native
+    def _compare_poses(self):
+        """Compare what cells under the parcel believe; returns whether this cell is outvoted."""
+        belief = self.belief
+        peers = self._peers(self._heard.beat)
+        if not (peers or belief.known):
+            # Over a border between two buses they may come when the update has begun.
+            peers = self._peers(self._heard.beat - 1)
+        self.follows = not self.under or belief.twist.shown[WHEELS_SHOWN] < _FEW_WHEELS
+        return self.agreement.compare(peers, belief.sent if self._agrees() else None)
 
-    From bit 8 on that of the cells whose speeds came in this beat, and count; from bit 17 on that
-    of those who are at another parcel.
-    """
-    masks = 0
-    at = 0
-    for direction in range(_OWN + 1):
-        other = 0
-        if direction != _OWN:
-            came = estimate_beat[direction]
-            state = estimates[at + _STATE]
-            if estimates[at + _IDENTITY] != parcel:
-                if came != _NEVER and state >= _PROMISED:
-                    other = 1
-            elif came == beat and state == _UNDER and estimates[at + _CERTAINTY] > 0:
-                masks |= 1 << direction
-            masks |= other << _OTHERS + direction
-            at += _FIELDS
-        if stamps[_DIRECTIONS + direction] == beat and not other | out[direction] >> _WHEEL & 1:
-            masks |= 1 << _OWN + direction
-    return masks
+    @micropython.native
+    def _agrees(self):
+        """Whether this cell has sent a pose of its own, which others may be compared with."""
+        return not self.follows and self.sent >= 0
+
+    @micropython.native
+    def _peers(self, beat):
+        """The mask of the directions whose pose of this parcel came in this beat."""
+        heard, peers = self._heard, 0
+        estimates, at = heard.estimates, 0
+        for direction in range(DIRECTIONS):
+            if (
+                heard.estimate_beat[direction] == beat
+                and estimates[at + wire.IDENTITY] == self.identity
+                and estimates[at + wire.STATE] == wire.UNDER
+                and estimates[at + wire.CERTAINTY] > 0
+            ):
+                peers |= 1 << direction
+            at += wire.ESTIMATE_FIELDS
+        return peers
+
+    @micropython.native
+    def judge(self, asked):
+        """Compare what a cell sends and measures with the belief of this one under its parcel.
+
+        One cell a beat; `asked` is the mask of those asked for the parcel.
+        """
+        suspicion, heard = self._suspicion, self._heard
+        cell = suspicion.turn = suspicion.turn + 1 if suspicion.turn < OWN else 0
+        if not self.is_sure():
+            return
+        if cell != OWN:
+            if not self._footprint.present >> cell & 1:
+                return
+            silent = heard.age(cell) > _LATE_BEATS
+            if asked >> cell & 1 if silent else suspicion.has_case(SILENCE):
+                suspicion.judge(cell, SILENCE, silent)
+            if heard.boxes.stamps[DIRECTIONS + cell] != heard.beat or self.others >> cell & 1:
+                return
+        if self.belief.twist.shown[WHEELS_SHOWN] >= _FEW_WHEELS:
+            self._judge_wheels(cell)
+
+    @micropython.native
+    def _judge_wheels(self, cell):
+        """A wheel well under the parcel is wrong if it does not turn with it."""
+        footprint, belief = self._footprint, self.belief
+        axes = footprint.wheels_within(belief, cell, -_INSIDE)
+        footprint.find_levers(belief, 1 << cell)
+        speeds, frames = belief.twist.speeds, self._heard.boxes.frames
+        shown = against(speeds, footprint.along, footprint.levers, frames, cell, axes)
+        if shown & SLIPS or (shown and self._suspicion.has_case(WHEELS)):
+            self._suspicion.judge(cell, WHEELS, shown & SLIPS != 0)

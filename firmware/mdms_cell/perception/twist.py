@@ -1,43 +1,16 @@
-"""How a parcel moves, from the speeds of the wheels under it; wheels that slip count little."""
+"""How a parcel moves, from the speeds of the wheels under it; wheels that slip count little.
+
+A weighted least-squares fit of three speeds to those of all wheels, by a few sweeps of Gauss-Seidel
+with a little damping. A wheel's weight falls with its error, as in Cauchy's estimator.
+"""
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
-from mdms_cell.perception.angle import ARM_UM
-from mdms_cell.perception.footprint import ALONG_X, ALONG_Y, POINT_X, POINT_Y, SHIFT
-from mdms_cell.perception.outline import (
-    COSINE,
-    DISC,
-    HALF_LENGTH,
-    HALF_WIDTH,
-    SHAPE,
-    SINE,
-    STEP_UM,
-    X,
-    Y,
-)
-from mdms_protocol.compat import WIDEN, const, micropython, ptr8, ptr32
+from array import array
 
-# What is used in every beat; constants of another module would be looked up.
-_X = const(0)
-_Y = const(1)
-_COSINE = const(2)
-_SINE = const(3)
-_SHAPE = const(4)
-_HALF_LENGTH = const(5)
-_HALF_WIDTH = const(6)
-_DISC = const(1)
-assert (_X, _Y, _COSINE, _SINE, _SHAPE) == (X, Y, COSINE, SINE, SHAPE)
-assert (_HALF_LENGTH, _HALF_WIDTH, _DISC) == (HALF_LENGTH, HALF_WIDTH, DISC)
-_POINT_Y = const(7)
-_ALONG_X = const(14)
-_ALONG_Y = const(16)
-_SHIFT = const(18)
-assert (0, _POINT_Y, _SHIFT) == (POINT_X, POINT_Y, SHIFT)
-assert (_ALONG_X, _ALONG_Y) == (ALONG_X, ALONG_Y)
-#: Where frames of speeds begin, see `heard`.
-_SPEEDS = const(64)
-_ARM = const(8000)
-assert _ARM * STEP_UM == ARM_UM
+from mdms_cell.perception.heard import speed_um_s
+from mdms_protocol.compat import WIDEN, const, micropython, ptr32
+
 #: An error of this size halves a wheel's weight, at least [um/s].
 _SLIPPING_UM_S = const(3_000)
 #: Errors above this count no more than it [um/s].
@@ -59,100 +32,82 @@ _WILD_UM_S = const(100_000_000)
 TURNS = const(1)
 SLIPS = const(2)
 
-# Registers of a twist, behind those of the parcel's outline and belief
-VX = const(23)  # speeds [um/s], the last one that of a point at the arm of `angle`
-VY = const(24)
-TURN = const(25)
-WHEELS = const(26)  # how many wheels showed it at last
-OFF = const(27)  # how far these were off the twist before, on the average [um/s]
-BEFORE = const(28)  # the three speeds before
-TWIST_END = const(31)
+# Numbers of what the last fit has `shown`
+WHEELS = const(0)  # how many wheels there were
+OFF = const(1)  # how far these were off the twist before, on the average [um/s]
+
+
+class Twist:
+    """The three `speeds` of a parcel, the last one that of a point at the arm of `angle` [um/s].
+
+    `before` are those of the beat before, `shown` what the wheels have shown at last.
+    """
+
+    def __init__(self):
+        self.speeds = array("i", [0] * 3)
+        self.before = array("i", [0] * 3)
+        self.shown = array("i", [0] * 2)
+
+    def reset(self):
+        """The parcel does not move, for all that is known."""
+        for axis in range(3):
+            self.speeds[axis] = self.before[axis] = 0
+        self.shown[WHEELS] = self.shown[OFF] = 0
 
 
 @micropython.viper
-def fit(  # noqa: PLR0912, PLR0915 - it is one thought
-    twist: ptr32, footprint: ptr32, frames: ptr8, mask: int
+def fit(  # noqa: PLR0915, PLR0917 - one thought, and viper takes words
+    speeds: ptr32, before: ptr32, shown: ptr32, along: ptr32, levers: ptr32, frames, wheels: int
 ):
-    """Move the twist towards what those wheels show that lie under the parcel.
+    """Move the twist towards what the wheels in a mask show, by their frames in a `Heard`.
 
-    That is of the directions of a mask; the frames are those of a `Heard`. A direction that no
-    wheel shows stays as it was.
+    A direction that no wheel shows stays as it was.
     """
     widen = int(WIDEN)
-    vx = twist[VX] << widen >> widen
-    vy = twist[VY] << widen >> widen
-    turn = twist[TURN] << widen >> widen
-    twist[BEFORE] = vx
-    twist[BEFORE + 1] = vy
-    twist[BEFORE + 2] = turn
-    # As in `footprint.points_within`.
-    centre_x = twist[_X] << widen >> widen
-    centre_y = twist[_Y] << widen >> widen
-    cosine = twist[_COSINE] << widen >> widen
-    sine = twist[_SINE] << widen >> widen
-    length = twist[_HALF_LENGTH]
-    width = twist[_HALF_WIDTH]
-    disc = twist[_SHAPE] == _DISC
-    radius = length + 3 >> 2
-    slip = twist[OFF] * 3 // 2
+    vx = speeds[0] << widen >> widen
+    vy = speeds[1] << widen >> widen
+    turn = speeds[2] << widen >> widen
+    before[0] = vx
+    before[1] = vy
+    before[2] = turn
+    slip = shown[OFF] * 3 // 2
     slip = slip if slip > _SLIPPING_UM_S else _SLIPPING_UM_S
     # Sums of the normal equations: of products of directions, and of directions with errors.
     xx = xy = xt = yy = yt = tt = 0
     rx = ry = rt = 0
     errors = count = 0
     wheel = 0
-    while mask >> (wheel >> 1):
-        if mask >> (wheel >> 1) & 1:
+    while wheels >> wheel:
+        if wheels >> wheel & 1:
             axis = wheel & 1
-            at = _SHIFT + wheel - axis
-            x = (footprint[axis] << widen >> widen) - centre_x
-            y = (footprint[_POINT_Y + axis] << widen >> widen) - centre_y
-            x += footprint[at] << widen >> widen
-            y += footprint[at + 1] << widen >> widen
-            if disc:
-                under = (x >> 2) * (x >> 2) + (y >> 2) * (y >> 2) < radius * radius
-            else:
-                along = cosine * x + sine * y >> 13
-                across = cosine * y - sine * x >> 13
-                under = 0 - length < along < length and 0 - width < across < width
-            if under:
-                along_x = footprint[_ALONG_X + axis] << widen >> widen
-                along_y = footprint[_ALONG_Y + axis] << widen >> widen
-                lever = (along_y * x - along_x * y) // _ARM
-                at = _SPEEDS + 4 * wheel
-                speed = frames[at] | frames[at + 1] << 8 | frames[at + 2] << 16
-                speed |= ((frames[at + 3] ^ 0x80) - 0x80) << 24
-                if speed > _MOST_UM_S:
-                    speed = _MOST_UM_S
-                elif speed < -_MOST_UM_S:
-                    speed = -_MOST_UM_S
-                error = speed - (along_x * vx + along_y * vy + lever * turn >> 9)
-                size = error if error > 0 else 0 - error
-                errors += size
-                count += 1
-                weight = 64 * slip // (slip + size) * slip // (slip + size)
-                if error > _CLIP_UM_S:
-                    error = _CLIP_UM_S
-                elif error < -_CLIP_UM_S:
-                    error = -_CLIP_UM_S
-                error = weight * error >> 6
-                # Wheels that lie along an axis, as nearly all do, add nothing to the other's sums.
-                if along_x:
-                    xx += weight * along_x * along_x >> 15
-                    xt += weight * along_x * lever >> 15
-                    rx += along_x * error
-                if along_y:
-                    xy += weight * along_x * along_y >> 15
-                    yy += weight * along_y * along_y >> 15
-                    yt += weight * along_y * lever >> 15
-                    ry += along_y * error
-                tt += weight * lever * lever >> 15
-                rt += lever * error
+            along_x = along[2 * axis] << widen >> widen
+            along_y = along[2 * axis + 1] << widen >> widen
+            lever = levers[wheel] << widen >> widen
+            error = int(speed_um_s(frames, wheel, _MOST_UM_S))
+            error -= along_x * vx + along_y * vy + lever * turn >> 9
+            size = error if error > 0 else 0 - error
+            errors += size
+            count += 1
+            weight = 64 * slip // (slip + size) * slip // (slip + size)
+            if error > _CLIP_UM_S:
+                error = _CLIP_UM_S
+            elif error < -_CLIP_UM_S:
+                error = -_CLIP_UM_S
+            error = weight * error >> 6
+            xx += weight * along_x * along_x >> 15
+            xy += weight * along_x * along_y >> 15
+            xt += weight * along_x * lever >> 15
+            yy += weight * along_y * along_y >> 15
+            yt += weight * along_y * lever >> 15
+            tt += weight * lever * lever >> 15
+            rx += along_x * error
+            ry += along_y * error
+            rt += lever * error
         wheel += 1
-    twist[WHEELS] = count
+    shown[WHEELS] = count
     dx = dy = dt = 0
     if count:
-        twist[OFF] = errors // count
+        shown[OFF] = errors // count
         for _ in range(_SWEEPS):
             dx = (rx - xy * dy - xt * dt) // (xx + _RIDGE)
             dy = (ry - xy * dx - yt * dt) // (yy + _RIDGE)
@@ -166,40 +121,30 @@ def fit(  # noqa: PLR0912, PLR0915 - it is one thought
         vx = vy = turn = 0
     if turn > _MOST_TURN_UM_S or turn < -_MOST_TURN_UM_S:
         turn = 0
-    twist[VX] = vx
-    twist[VY] = vy
-    twist[TURN] = turn
+    speeds[0] = vx
+    speeds[1] = vy
+    speeds[2] = turn
 
 
 @micropython.viper
-def against(twist: ptr32, footprint: ptr32, frames: ptr8, direction: int, mask: int) -> int:
+def against(  # noqa: PLR0917 - viper takes words
+    speeds: ptr32, along: ptr32, levers: ptr32, frames, direction: int, axes: int
+) -> int:
     """What those wheels of a cell show that are in a mask: TURNS, SLIPS, or both; see `fit`."""
     widen = int(WIDEN)
-    vx = twist[VX] << widen >> widen
-    vy = twist[VY] << widen >> widen
-    turn = twist[TURN] << widen >> widen
-    shift_x = footprint[_SHIFT + 2 * direction] << widen >> widen
-    shift_y = footprint[_SHIFT + 2 * direction + 1] << widen >> widen
-    shift_x -= twist[_X] << widen >> widen
-    shift_y -= twist[_Y] << widen >> widen
+    vx = speeds[0] << widen >> widen
+    vy = speeds[1] << widen >> widen
+    turn = speeds[2] << widen >> widen
     shown = 0
     axis = 0
-    while mask >> axis:
-        if mask >> axis & 1:
-            along_x = footprint[_ALONG_X + axis] << widen >> widen
-            along_y = footprint[_ALONG_Y + axis] << widen >> widen
-            x = (footprint[axis] << widen >> widen) + shift_x
-            y = (footprint[_POINT_Y + axis] << widen >> widen) + shift_y
-            lever = (along_y * x - along_x * y) // _ARM
-            expected = along_x * vx + along_y * vy + lever * turn >> 9
-            at = _SPEEDS + 8 * direction + 4 * axis
-            speed = frames[at] | frames[at + 1] << 8 | frames[at + 2] << 16
-            speed |= ((frames[at + 3] ^ 0x80) - 0x80) << 24
+    while axes >> axis:
+        if axes >> axis & 1:
+            wheel = 2 * direction + axis
+            expected = (along[2 * axis] << widen >> widen) * vx
+            expected += (along[2 * axis + 1] << widen >> widen) * vy
+            expected = expected + (levers[wheel] << widen >> widen) * turn >> 9
             # What a broken neighbour sends may be anything.
-            if speed > _WILD_UM_S:
-                speed = _WILD_UM_S
-            elif speed < -_WILD_UM_S:
-                speed = -_WILD_UM_S
+            speed = int(speed_um_s(frames, wheel, _WILD_UM_S))
             off = speed - expected if speed > expected else expected - speed
             speed = speed if speed > 0 else 0 - speed
             expected = expected if expected > 0 else 0 - expected
