@@ -6,10 +6,7 @@ of its neighbours have come, and `update` runs in the background. What it decide
 
 from array import array
 
-from mdms_cell.canopen.objects import find
-from mdms_cell.motion.leading import Leading
-from mdms_cell.motion.pages import OUTDATED, Pages
-from mdms_cell.motion.program import next_sequence
+# What others import comes first: an import within an import takes stack.
 from mdms_cell.perception import place
 from mdms_cell.perception.angle import turn_um
 from mdms_cell.perception.footprint import UNSEEN_CERTAINTY, UNSEEN_ROOM, Footprint
@@ -18,6 +15,12 @@ from mdms_cell.perception.outline import Outline
 from mdms_cell.perception.place import DIRECTIONS, OWN, Place
 from mdms_cell.perception.suspicion import CODE, SOURCE, Suspicion
 from mdms_cell.perception.tracking import LOST_BEATS, Tracking
+
+# isort: split
+from mdms_cell.canopen.objects import find
+from mdms_cell.motion.leading import Leading
+from mdms_cell.motion.pages import OUTDATED, Pages
+from mdms_cell.motion.program import next_sequence
 from mdms_cell.rights.right_of_way import NONE, UNDER, UNKNOWN, RightOfWay
 from mdms_cell.ticks import IDLE_MS, after, diff
 from mdms_protocol import indices

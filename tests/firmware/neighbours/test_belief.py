@@ -7,12 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.firmware.neighbours.some_place import SomePlace
 
-from mdms_cell.perception.angle import ARM_UM, ONE, TURN_UM, root, wrapped
+from mdms_cell.perception.angle import ARM_UM, ONE, TURN_UM, root, turn_um, wrapped, yaw
 from mdms_cell.perception.belief import CONTRADICTION, EDGE, Belief
 from mdms_cell.perception.footprint import MARGIN, OWN, Footprint
 from mdms_cell.perception.outline import COSINE, DISC, RECTANGLE, SINE, STEP_UM, Outline
 from mdms_cell.perception.place import AXES, SENSORS
 from mdms_cell.perception.sensors import Comparison
+from mdms_protocol.neighbours import frames as wire
 
 SMALL_INT = 1 << 30
 SENSORS_MASK = (1 << SENSORS) - 1
@@ -217,3 +218,8 @@ def test_numbers_stay_small_whatever_sensors_say(sensors_um, x_um, y_um, turn_um
 
 def test_full_turn_is_a_full_turn():
     assert abs(TURN_UM - 2 * pi * ARM_UM) < 1
+
+
+@given(st.integers(-wire.TURN // 2, wire.TURN // 2))
+def test_angle_of_the_wire_comes_back_from_the_way_at_the_arm(angle):
+    assert yaw(turn_um(angle)) == angle
