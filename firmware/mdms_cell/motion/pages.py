@@ -155,16 +155,15 @@ class Pages:
         self._consumer = consumer
         self._pdos = pdos
         self._frame_at = find(indices.PROGRAM, 1).place
-        self._turn = 0
         self.node_id = 0
-        self.asked = 0
         self.programs = Programs(self._own)
         self.precedence = Precedence()
         self.comparison = Comparison(heard)
+        self.reset()
 
     def reset(self):
         """Keep no program and no order; the cell may stand elsewhere from now on."""
-        self.asked = 0
+        self.asked = self._turn = 0
         programs, place = self.programs, self._place
         programs.clear()
         programs.x, programs.y = place.x_um // wire.STEP_UM, place.y_um // wire.STEP_UM

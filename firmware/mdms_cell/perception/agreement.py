@@ -35,13 +35,12 @@ class Agreement:
         #: Scratch: poses of peers, x, y and turn [um; from this cell's centre].
         self._pose, self._middle_pose = array("i", [0] * 3), array("i", [0] * 3)
         self._sums = array("i", [0] * 5)
-        self.peers = 0
         self.reset()
 
     def reset(self):
         """Another parcel, or none."""
         self.outvoted_beats = 0
-        self.near = 0
+        self.peers = self.near = 0
 
     @micropython.native
     def compare(self, peers, sent):

@@ -42,12 +42,11 @@ class Suspicion:
     def __init__(self):
         self.out = bytearray(CELLS)
         self.evidence = bytearray(CELLS * KINDS)
-        self.turn = 0
         self.reset()
 
     def reset(self):
         """Nobody is suspected."""
-        self.cases = 0
+        self.cases = self.turn = 0
         for cell in range(CELLS):
             self.out[cell] = 0
         for place in range(CELLS * KINDS):

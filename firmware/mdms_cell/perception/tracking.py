@@ -44,14 +44,13 @@ class Tracking:
         self._heard = heard
         self._suspicion = suspicion
         self.agreement = Agreement(place, heard, suspicion)
-        self.others = 0
         self.belief = Belief()
         self.sensors = Sensors(self, footprint, heard, suspicion)
         self.drop()
 
     def drop(self):
         """There is no parcel."""
-        self.identity = 0
+        self.identity = self.others = 0
         self.shaped = False
         self.unplanned = False
         self.under = False
