@@ -15,8 +15,8 @@ from tests.system.cells.neighbour_host import (
 from mdms_array.host import layout_of
 from mdms_cell.canopen.guard import Guard
 from mdms_cell.drive import tuning
-from mdms_cell.neighbours.pages import Pages
-from mdms_cell.neighbours.right_of_way import DRIVE_BEATS, RightOfWay
+from mdms_cell.motion.pages import Pages
+from mdms_cell.rights.right_of_way import DRIVE_BEATS, RightOfWay
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob
 from mdms_protocol.codecs.frame import Frame
