@@ -62,7 +62,9 @@ class Layer:
         self._footprint = Footprint(self._place)
         self._suspicion = Suspicion()
         self._tracking = Tracking(self._place, self._footprint, self._heard, self._suspicion)
-        self._leading = Leading(self._place, self._footprint, self._tracking, axes)
+        self._leading = Leading(
+            self._place, self._footprint, self._tracking, axes, self._reported_outline
+        )
         self._rights = RightOfWay()
         self._pages = Pages(
             objects,
@@ -402,14 +404,30 @@ class Layer:
         certainty = estimates[at + wire.CERTAINTY]
         if not certainty:
             return 0 if self._has_pose(identity) else UNKNOWN
+        self._place_reported(direction, program)
+        unseen = program.unplanned and certainty <= UNSEEN_CERTAINTY
+        room = UNSEEN_ROOM if unseen else 0
+        return identity if self._footprint.reaches(self._outline, room) else 0
+
+    def _reported_outline(self, direction):
+        """Return the outline of the parcel over a neighbour, None where it is not known."""
+        estimates, at = self._heard.estimates, direction * wire.ESTIMATE_FIELDS
+        if estimates[at + wire.STATE] != wire.UNDER or not estimates[at + wire.CERTAINTY]:
+            return None
+        program = self._pages.programs.find(estimates[at + wire.IDENTITY])
+        if program is None or not program.has_parcel:
+            return None
+        self._place_reported(direction, program)
+        return self._outline
+
+    def _place_reported(self, direction, program):
+        """Have the scratch outline be the parcel of a program as a neighbour reports its place."""
+        estimates, at = self._heard.estimates, direction * wire.ESTIMATE_FIELDS
         x_um, y_um = self._place.shift_um(direction)
         x_um += estimates[at + wire.X] * wire.STEP_UM
         y_um += estimates[at + wire.Y] * wire.STEP_UM
         self._outline.set(*program.size())
         self._outline.place(x_um, y_um, turn_um(estimates[at + wire.YAW]))
-        unseen = program.unplanned and certainty <= UNSEEN_CERTAINTY
-        room = UNSEEN_ROOM if unseen else 0
-        return identity if self._footprint.reaches(self._outline, room) else 0
 
     def _has_pose(self, identity):
         """Whether any neighbour has said lately where this parcel is."""

@@ -7,8 +7,8 @@ from array import array
 from mdms_cell.motion.steering import SETTLED_MS, Steering, length
 from mdms_cell.perception.angle import ARM_UM, wrapped
 from mdms_cell.perception.footprint import UNSEEN_ROOM
-from mdms_cell.perception.outline import STEP_UM, Outline
-from mdms_cell.perception.place import AXES, OWN
+from mdms_cell.perception.outline import STEP_UM, Outline, gap
+from mdms_cell.perception.place import AXES, DIRECTIONS, OWN
 from mdms_cell.perception.twist import OFF, WHEELS
 from mdms_protocol.compat import WIDEN, const, micropython, ptr32
 
@@ -26,6 +26,10 @@ _ROOM = 3_000 // STEP_UM
 #: A parcel that stands for want of a cell goes no nearer to it where it would come over it within
 #: this way; what it gained would be a fraction of that, again and again.
 _NEARER_UM = const(10_000)
+#: A parcel keeps this away from another whose edge lies over one of its squares, or from where that
+#: may lie; where no square is shared it is farther anyhow. Nearer than that it may part [steps].
+_APART = 6_000 // STEP_UM
+_PARTING = 500 // STEP_UM
 #: To a wheel that is to join in the parcel's motion, fewer wheels do not show it, nor wheels that
 #: are off what is known of it by more than this [um/s].
 _JOIN_WHEELS = const(4)
@@ -38,11 +42,13 @@ class Leading:
     """The wheels of one cell under one parcel, by its program.
 
     `needs` is the mask of the neighbours that the parcel covers, or will before it can stand, and
-    `wants` that of those that it will cover soon, too.
+    `wants` that of those that it will cover soon, too. `reported(direction)` returns the outline of
+    the parcel that a neighbour is under, None where its place or its size is not known.
     """
 
-    def __init__(self, place, footprint, tracking, axes):
+    def __init__(self, place, footprint, tracking, axes, reported):
         self._place = place
+        self._reported = reported
         self._footprint = footprint
         self._tracking = tracking
         self._parcel = tracking.belief
@@ -141,12 +147,33 @@ class Leading:
 
     @micropython.native
     def _covers_at(self, x_um, y_um, turn_um, asked, room):
-        """The mask of those of the cells asked for that it lies over where it has gone so far."""
+        """The mask of those of the cells asked for that it lies over where it has gone so far.
+
+        Or whose parcel it has come near to by then.
+        """
         there, parcel = self._there, self._parcel
         pose = parcel.pose
         there.take_shape_of(parcel)
         there.place(pose[0] + x_um, pose[1] + y_um, pose[2] + turn_um)
-        return self._footprint.squares(there, asked, room)
+        covered = self._footprint.squares(there, asked, room)
+        others = self._tracking.others & asked & ~covered
+        return covered | self._meets(others) if others else covered
+
+    def _meets(self, asked):
+        """The mask of those of the cells asked for whose parcel is too near to where this will be.
+
+        Two parcels that share a square, as they were set down, may part, but come no nearer.
+        """
+        room = _APART + (UNSEEN_ROOM if self._tracking.may_be_elsewhere() else 0)
+        here, there, mask = self._parcel.registers, self._there.registers, 0
+        for direction in range(DIRECTIONS):
+            if asked >> direction & 1:
+                other = self._reported(direction)
+                if other is not None:
+                    left = gap(there, other.registers)
+                    nearer = left < gap(here, other.registers) - _PARTING
+                    mask |= (nearer and left < room) << direction
+        return mask
 
     def _look_nearer(self, asked, room):
         """The mask of those of the cells asked for that the parcel comes over within `_NEARER_UM`.

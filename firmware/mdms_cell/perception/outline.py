@@ -24,6 +24,8 @@ SHAPE = const(4)  # RECTANGLE or DISC
 HALF_LENGTH = const(5)  # of a disc its radius [steps]
 HALF_WIDTH = const(6)
 REGISTERS = const(7)
+#: Farther than any outline reaches [steps].
+_FAR = const(1 << 20)
 
 
 class Outline:
@@ -66,6 +68,36 @@ class Outline:
         Leaves the direction of the edge that is nearest to it in `normal`.
         """
         return edge(self.registers, self.normal, x, y)
+
+
+@micropython.native
+def gap(one, other):
+    """How far two outlines are apart by their sides; negative where these show no gap [steps].
+
+    Where a corner is next to a corner, it is less than the distance.
+    """
+    x, y = other[X] - one[X], other[Y] - one[Y]
+    if one[SHAPE] == DISC and other[SHAPE] == DISC:
+        between = root((x >> 2) * (x >> 2) + (y >> 2) * (y >> 2)) * 4
+        return between - one[HALF_LENGTH] - other[HALF_LENGTH]
+    return max(_beyond(one, other, x, y), _beyond(other, one, x, y))
+
+
+def _beyond(one, other, x, y):
+    """How far another outline, with its centre there, lies beyond the sides of a rectangle."""
+    if one[SHAPE] == DISC:
+        return -_FAR
+    cosine, sine = one[COSINE], one[SINE]
+    if other[SHAPE] == DISC:
+        reach_along = reach_across = other[HALF_LENGTH]
+    else:
+        upright = abs(cosine * other[COSINE] + sine * other[SINE]) >> 13
+        aslant = abs(sine * other[COSINE] - cosine * other[SINE]) >> 13
+        length, width = other[HALF_LENGTH], other[HALF_WIDTH]
+        reach_along = upright * length + aslant * width >> 13
+        reach_across = aslant * length + upright * width >> 13
+    along, across = abs(cosine * x + sine * y) >> 13, abs(cosine * y - sine * x) >> 13
+    return max(along - one[HALF_LENGTH] - reach_along, across - one[HALF_WIDTH] - reach_across)
 
 
 @micropython.viper
