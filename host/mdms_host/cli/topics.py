@@ -14,10 +14,10 @@ from mdms_host.cli.exits import CommandError, Exit
 #: Documents by topic: where they are in the project, and what they are about.
 TOPICS = {
     "start": ("README.md", "the project in short, and the first steps"),
+    "newcomer": ("docs/newcomer.md", "from parts to the first moving parcel"),
     "guide": ("docs/index.md", "all pages of the guide, by task"),
     "install": ("docs/install.md", "install and first run"),
     "page": ("docs/page.md", "the live page in a browser"),
-    "newcomer": ("docs/newcomer.md", "from parts to the first moving parcel"),
     "commissioning": ("docs/commissioning.md", "node ids, settings, doctor, the array file"),
     "integrator": ("docs/integrator.md", "from a sorter to a program"),
     "parcels": ("docs/parcels.md", "many parcels: programs, traffic, routes"),
